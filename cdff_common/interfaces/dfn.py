@@ -1,0 +1,80 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The interface of a Data Fusion Node: ``configure()``, then ``process()``."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar, Generic, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from cdff_common.errors import ConfigurationError
+
+
+class StrictModel(BaseModel):
+    """Base of every configuration: frozen, unknown keys refused, numbers never taken from strings."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class DfnConfig(StrictModel):
+    """Parameters of a DFN implementation; each field has bounds, and its unit in its name or description."""
+
+
+ConfigT = TypeVar("ConfigT", bound=DfnConfig)
+InputsT = TypeVar("InputsT")
+OutputsT = TypeVar("OutputsT")
+
+
+class Dfn(ABC, Generic[ConfigT, InputsT, OutputsT]):
+    """An atomic processing unit with one data fusion function.
+
+    A DFN holds no clock, file, socket or global state. ``process`` depends on its inputs, its configuration and
+    what earlier calls left in the instance, on nothing else; inputs are not modified. A DFN raises (InputError,
+    RefusedError, DegenerateGeometryError); the DFPC decides what that means.
+    """
+
+    #: The configuration model of this implementation.
+    Config: ClassVar[type[DfnConfig]] = DfnConfig
+
+    config: ConfigT
+
+    def configure(self, config: ConfigT | dict[str, Any] | None = None) -> None:
+        """Validate and take the configuration, allocate, compile.
+
+        Raises
+        ------
+        ConfigurationError
+            On an unknown key or a value out of bounds, naming it.
+        """
+        self.config = validated(self.Config, config, type(self).__name__)  # type: ignore[assignment]
+        self.setup()
+
+    def setup(self) -> None:
+        """Allocate and warm up; called by ``configure`` with ``self.config`` set."""
+
+    @abstractmethod
+    def process(self, inputs: InputsT) -> OutputsT:
+        """Compute the outputs of one call."""
+
+
+ModelT = TypeVar("ModelT", bound=BaseModel)
+
+
+def validated(model: type[ModelT], config: Any, owner: str) -> ModelT:
+    """Return ``config`` as an instance of ``model``, or raise ConfigurationError naming owner, key and value."""
+    if config is None:
+        config = {}
+    if isinstance(config, model):
+        return config
+    if isinstance(config, BaseModel):
+        raise ConfigurationError(f"{owner}: got a {type(config).__name__}, expected {model.__name__}")
+    try:
+        return model.model_validate(config)
+    except ValidationError as error:
+        faults = "; ".join(
+            f"{'.'.join(str(p) for p in e['loc']) or 'value'}={e.get('input')!r}: {e['msg']}" for e in error.errors()
+        )
+        known = ", ".join(model.model_fields)
+        raise ConfigurationError(f"{owner}: {faults}. Known keys: {known or 'none'}") from error

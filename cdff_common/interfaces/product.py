@@ -1,0 +1,227 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The product envelope: who made it, when, where, from what, and how far it can be trusted.
+
+The same fields travel as the Zenoh attachment, lie in the DPM's rows, in HTTP answers and in logs (contract §5).
+"""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Any
+
+import msgpack
+
+from cdff_common.errors import CodecError, InputError
+from cdff_common.geometry import checked_frame
+
+WIRE_VERSION = 1
+#: Namespace of product ids: UUIDv5 of ``robot/dfpc/port/t1_ns/seq/config_hash``.
+PRODUCT_NAMESPACE = uuid.uuid5(uuid.NAMESPACE_URL, "urn:cdff:product")
+_MAX_ATTACHMENT_BYTES = 1 << 20
+
+
+class Status(StrEnum):
+    """What a result may be used for."""
+
+    OK = "OK"
+    DEGRADED = "DEGRADED"
+    FAILED = "FAILED"
+
+
+class CovarianceKind(StrEnum):
+    """How a covariance was come by."""
+
+    CALIBRATED = "calibrated"
+    FORMAL = "formal"
+    NONE = "none"
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """How far a result can be trusted.
+
+    Attributes
+    ----------
+    status : Status
+        OK, DEGRADED (usable with the reasons in mind) or FAILED (no value).
+    reasons : tuple of str
+        Short codes, as ``few_inliers:12<30``.
+    covariance_kind : CovarianceKind
+        How the covariance was come by.
+    metrics : mapping of str to float
+        Counts, residuals, conditioning; units in the names. Never a run time.
+    """
+
+    status: Status = Status.OK
+    reasons: tuple[str, ...] = ()
+    covariance_kind: CovarianceKind = CovarianceKind.NONE
+    metrics: Mapping[str, float] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for msgpack and JSON."""
+        return {
+            "status": str(self.status),
+            "reasons": list(self.reasons),
+            "covariance_kind": str(self.covariance_kind),
+            "metrics": {k: float(self.metrics[k]) for k in sorted(self.metrics)},
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Quality:
+        """Inverse of ``to_dict``; raises InputError on a wrong field."""
+        try:
+            return cls(
+                status=Status(data["status"]),
+                reasons=tuple(str(r) for r in data.get("reasons", ())),
+                covariance_kind=CovarianceKind(data.get("covariance_kind", "none")),
+                metrics={str(k): float(v) for k, v in data.get("metrics", {}).items()},
+            )
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise InputError(f"quality {dict(data)!r}: {error}") from error
+
+
+def worst(*statuses: Status) -> Status:
+    """The worst of several statuses."""
+    order = [Status.OK, Status.DEGRADED, Status.FAILED]
+    return max(statuses, key=order.index, default=Status.OK)
+
+
+def product_id(robot: str, dfpc: str, port: str, t1_ns: int, seq: int, config_hash: str) -> str:
+    """Return the id of contract §5: equal for retries and replays of the same result."""
+    return str(uuid.uuid5(PRODUCT_NAMESPACE, f"{robot}/{dfpc}/{port}/{t1_ns}/{seq}/{config_hash}"))
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """Metadata of one product or sensor sample.
+
+    Attributes
+    ----------
+    id : str
+        UUID; for products as ``product_id`` makes it.
+    seq : int
+        Counts the samples of one producer and port from 0.
+    t0_ns, t1_ns : int
+        Begin and end of capture of what it was made from, mission time, multiples of 1000.
+    frame : str
+        Frame of the values; for a pose the parent.
+    child : str or None
+        For a pose the child frame.
+    producer : str
+        ``dfpc/implementation/version``, or the sensor's name.
+    config_hash : str
+        Of the resolved configuration.
+    inputs : tuple of str
+        Ids of what it was made from.
+    quality : Quality
+    box_m : tuple of 6 floats or None
+        ``xmin ymin zmin xmax ymax zmax`` in ``frame``, metres: what the store indexes.
+    resolution_m : float or None
+        Cell or voxel size, metres.
+    sha256 : str or None
+        Of the payload, where hashing is on.
+    """
+
+    id: str
+    seq: int
+    t0_ns: int
+    t1_ns: int
+    frame: str
+    producer: str
+    child: str | None = None
+    config_hash: str = ""
+    inputs: tuple[str, ...] = ()
+    quality: Quality = field(default_factory=Quality)
+    box_m: tuple[float, float, float, float, float, float] | None = None
+    resolution_m: float | None = None
+    sha256: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.t0_ns % 1000 or self.t1_ns % 1000 or self.t0_ns > self.t1_ns:
+            raise InputError(f"capture {self.t0_ns}..{self.t1_ns}: expected multiples of 1000 ns, t0 <= t1")
+        checked_frame(self.frame)
+        if self.child is not None:
+            checked_frame(self.child, "child")
+
+    def with_sha256(self, digest: str) -> Header:
+        """A copy that carries the payload's digest."""
+        return replace(self, sha256=digest)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data in the contract's field names; absent fields left out."""
+        data: dict[str, Any] = {
+            "v": WIRE_VERSION, "id": self.id, "seq": self.seq, "t0_ns": self.t0_ns, "t1_ns": self.t1_ns,
+            "frame": self.frame, "producer": self.producer, "config_hash": self.config_hash,
+            "inputs": list(self.inputs), "quality": self.quality.to_dict(),
+        }
+        optional = {"child": self.child, "box_m": None if self.box_m is None else list(self.box_m),
+                    "resolution_m": self.resolution_m, "sha256": self.sha256}
+        data.update({k: v for k, v in optional.items() if v is not None})
+        return data
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Header:
+        """Inverse of ``to_dict``; raises InputError on a wrong field or another wire version."""
+        if data.get("v") != WIRE_VERSION:
+            raise InputError(f"header version {data.get('v')!r}: expected {WIRE_VERSION}")
+        try:
+            box = data.get("box_m")
+            if box is not None and len(box) != 6:
+                raise InputError(f"box_m {box!r}: expected 6 numbers")
+            return cls(
+                id=str(uuid.UUID(data["id"])), seq=int(data["seq"]), t0_ns=int(data["t0_ns"]), t1_ns=int(data["t1_ns"]),
+                frame=str(data["frame"]), child=data.get("child"), producer=str(data["producer"]),
+                config_hash=str(data.get("config_hash", "")), inputs=tuple(str(i) for i in data.get("inputs", ())),
+                quality=Quality.from_dict(data["quality"]),
+                box_m=None if box is None else tuple(float(x) for x in box),  # type: ignore[arg-type]  # length checked above
+                resolution_m=None if data.get("resolution_m") is None else float(data["resolution_m"]),
+                sha256=data.get("sha256"),
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"header: {type(error).__name__} {error}") from error
+
+    def to_attachment(self) -> bytes:
+        """MessagePack bytes for the Zenoh attachment."""
+        return bytes(msgpack.packb(self.to_dict()))
+
+    @classmethod
+    def from_attachment(cls, data: bytes) -> Header:
+        """Inverse of ``to_attachment``; raises CodecError on bytes that are no header."""
+        if len(data) > _MAX_ATTACHMENT_BYTES:
+            raise CodecError(f"attachment of {len(data)} bytes: expected at most {_MAX_ATTACHMENT_BYTES}")
+        try:
+            unpacked = msgpack.unpackb(data)
+        except (ValueError, msgpack.UnpackException, msgpack.ExtraData) as error:
+            raise CodecError(f"attachment is not MessagePack: {error}") from error
+        if not isinstance(unpacked, dict):
+            raise CodecError(f"attachment holds a {type(unpacked).__name__}, expected a map")
+        return cls.from_dict(unpacked)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Product:
+    """A result of a DFPC with its header.
+
+    Attributes
+    ----------
+    robot, dfpc, port : str
+        Where it comes from: the parts of its key.
+    product : str
+        What it is to a requester: ``pose``, ``dem``, … (contract §5).
+    type_name : str
+        ASN.1 type of the value.
+    value : Any
+        A ``cdff_common.types`` object; None where the status is FAILED.
+    """
+
+    robot: str
+    dfpc: str
+    port: str
+    product: str
+    type_name: str
+    header: Header
+    value: Any
