@@ -1,0 +1,225 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Where the cells of a grid lie: row 0 at the top (ymax), edges on multiples of the cell size from the frame's origin.
+
+A cell has an integer address in its frame, ``floor(x / resolution)`` and ``floor(y / resolution)``. Two grids of one
+frame and resolution therefore share their cells exactly, wherever their windows lie, and pool without resampling.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil, floor, isfinite
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cdff_common.errors import InputError
+from cdff_common.geometry import checked_frame
+
+#: How far, in cells, an edge may lie off a multiple of the cell size and still count as on it.
+ALIGNMENT_TOLERANCE_CELLS = 1e-4
+#: Grids above this many cells are refused: a region was mistyped, or the cell size.
+MAX_CELLS = 1 << 30
+
+
+class Bounds(NamedTuple):
+    """A rectangle in a frame, metres."""
+
+    xmin: float
+    ymin: float
+    xmax: float
+    ymax: float
+
+
+@dataclass(frozen=True, slots=True)
+class GridGeometry:
+    """Frame, cell size and window of a grid.
+
+    Attributes
+    ----------
+    frame : str
+        Frame of x and y.
+    resolution_m : float
+        Edge of a cell, metres, above 0.
+    xmin_m, ymax_m : float
+        Outer corner of cell (0, 0): the left edge of column 0 and the top edge of row 0, metres; both multiples of
+        ``resolution_m`` (stored snapped to them).
+    rows, cols : int
+        Size, at least 1 each. y falls with the row, x grows with the column.
+
+    Raises
+    ------
+    InputError
+        On a value out of range or an edge that is no multiple of the cell size.
+    """
+
+    frame: str
+    resolution_m: float
+    xmin_m: float
+    ymax_m: float
+    rows: int
+    cols: int
+
+    def __post_init__(self) -> None:
+        checked_frame(self.frame)
+        resolution = float(self.resolution_m)
+        if not (isfinite(resolution) and resolution > 0.0):
+            raise InputError(f"resolution_m={self.resolution_m}: expected metres above 0")
+        rows, cols = int(self.rows), int(self.cols)
+        if rows < 1 or cols < 1 or rows * cols > MAX_CELLS:
+            raise InputError(f"grid of {rows} x {cols} cells: expected at least 1 x 1 and at most {MAX_CELLS} cells")
+        object.__setattr__(self, "resolution_m", resolution)
+        object.__setattr__(self, "rows", rows)
+        object.__setattr__(self, "cols", cols)
+        object.__setattr__(self, "xmin_m", _snapped(float(self.xmin_m), resolution, "xmin_m"))
+        object.__setattr__(self, "ymax_m", _snapped(float(self.ymax_m), resolution, "ymax_m"))
+
+    @classmethod
+    def aligned(cls, frame: str, resolution_m: float, bounds: tuple[float, float, float, float]) -> GridGeometry:
+        """Return the smallest grid that covers ``bounds`` = (xmin, ymin, xmax, ymax), metres.
+
+        Raises
+        ------
+        InputError
+            If the bounds are not finite, reversed, or give too many cells.
+        """
+        xmin, ymin, xmax, ymax = (float(b) for b in bounds)
+        if not all(isfinite(b) for b in (xmin, ymin, xmax, ymax)) or xmin > xmax or ymin > ymax:
+            raise InputError(f"bounds {bounds}: expected finite xmin <= xmax and ymin <= ymax")
+        if not (isfinite(resolution_m) and resolution_m > 0.0):
+            raise InputError(f"resolution_m={resolution_m}: expected metres above 0")
+        tolerance = ALIGNMENT_TOLERANCE_CELLS
+        left, bottom = floor(xmin / resolution_m + tolerance), floor(ymin / resolution_m + tolerance)
+        right = max(ceil(xmax / resolution_m - tolerance), left + 1)
+        top = max(ceil(ymax / resolution_m - tolerance), bottom + 1)
+        return cls.from_cells(frame, resolution_m, left=left, top=top, rows=top - bottom, cols=right - left)
+
+    @classmethod
+    def from_cells(cls, frame: str, resolution_m: float, *, left: int, top: int, rows: int, cols: int) -> GridGeometry:
+        """Return a grid from integer edge addresses, in cells from the frame's origin."""
+        return cls(frame, resolution_m, left * resolution_m, top * resolution_m, rows, cols)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """``(rows, cols)``, as of the layers' arrays."""
+        return self.rows, self.cols
+
+    @property
+    def left(self) -> int:
+        """Address of the left edge, cells from the frame's origin."""
+        return round(self.xmin_m / self.resolution_m)
+
+    @property
+    def top(self) -> int:
+        """Address of the top edge, cells from the frame's origin."""
+        return round(self.ymax_m / self.resolution_m)
+
+    @property
+    def xmax_m(self) -> float:
+        """Right edge, metres."""
+        return (self.left + self.cols) * self.resolution_m
+
+    @property
+    def ymin_m(self) -> float:
+        """Bottom edge, metres."""
+        return (self.top - self.rows) * self.resolution_m
+
+    @property
+    def bounds(self) -> Bounds:
+        """Outer edges, metres."""
+        return Bounds(self.xmin_m, self.ymin_m, self.xmax_m, self.ymax_m)
+
+    def x_centres_m(self) -> NDArray[np.float64]:
+        """x of the columns' centres ``(cols,)``, metres."""
+        return np.asarray((self.left + np.arange(self.cols) + 0.5) * self.resolution_m, dtype=np.float64)
+
+    def y_centres_m(self) -> NDArray[np.float64]:
+        """y of the rows' centres ``(rows,)``, metres, falling."""
+        return np.asarray((self.top - np.arange(self.rows) - 0.5) * self.resolution_m, dtype=np.float64)
+
+    def centres_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """x and y ``(rows, cols)`` of all cell centres, metres."""
+        x, y = np.meshgrid(self.x_centres_m(), self.y_centres_m())
+        return x, y
+
+    def cells_of(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+        """Rows and columns of points, and which of them lie inside the window.
+
+        Parameters
+        ----------
+        x_m, y_m : array_like, shape (n,)
+            In ``frame``, metres. A point on an edge belongs to the cell right of or above it.
+
+        Returns
+        -------
+        rows, cols : NDArray[np.int64], shape (n,)
+            Meaningful where ``inside``; 0 elsewhere.
+        inside : NDArray[np.bool_], shape (n,)
+            False also for coordinates that are not finite.
+        """
+        x, y = np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64)
+        col = np.floor(x / self.resolution_m) - self.left
+        row = self.top - 1 - np.floor(y / self.resolution_m)
+        inside = (col >= 0) & (col < self.cols) & (row >= 0) & (row < self.rows)
+        return np.where(inside, row, 0).astype(np.int64), np.where(inside, col, 0).astype(np.int64), inside
+
+    def shares_cells_with(self, other: GridGeometry) -> bool:
+        """Tell whether both grids have one frame and one cell size."""
+        return self.frame == other.frame and bool(
+            abs(self.resolution_m - other.resolution_m) <= 1e-9 * self.resolution_m
+        )
+
+    def union(self, other: GridGeometry) -> GridGeometry:
+        """Smallest grid that covers both; raises InputError if they do not share cells."""
+        self._check_shares(other)
+        left, top = min(self.left, other.left), max(self.top, other.top)
+        right = max(self.left + self.cols, other.left + other.cols)
+        bottom = min(self.top - self.rows, other.top - other.rows)
+        return self._window(left, top, right, bottom)
+
+    def intersection(self, other: GridGeometry) -> GridGeometry | None:
+        """The grid both cover, None where they do not meet; raises InputError if they do not share cells."""
+        self._check_shares(other)
+        left, top = max(self.left, other.left), min(self.top, other.top)
+        right = min(self.left + self.cols, other.left + other.cols)
+        bottom = max(self.top - self.rows, other.top - other.rows)
+        return self._window(left, top, right, bottom) if right > left and top > bottom else None
+
+    def slices_of(self, part: GridGeometry) -> tuple[slice, slice]:
+        """Row and column slices of this grid's arrays that ``part`` occupies; raises InputError if it sticks out."""
+        self._check_shares(part)
+        row, col = self.top - part.top, part.left - self.left
+        if row < 0 or col < 0 or row + part.rows > self.rows or col + part.cols > self.cols:
+            raise InputError(f"window {part.bounds} sticks out of the grid {self.bounds}")
+        return slice(row, row + part.rows), slice(col, col + part.cols)
+
+    def coarsened(self, factor: int) -> GridGeometry:
+        """Smallest grid of cells ``factor`` times as large that covers this one; its edges are aligned again."""
+        if factor < 1:
+            raise InputError(f"factor={factor}: expected 1 or more; cells are never made smaller")
+        left, right = floor(self.left / factor), ceil((self.left + self.cols) / factor)
+        bottom, top = floor((self.top - self.rows) / factor), ceil(self.top / factor)
+        return GridGeometry.from_cells(
+            self.frame, self.resolution_m * factor, left=left, top=top, rows=top - bottom, cols=right - left
+        )
+
+    def _window(self, left: int, top: int, right: int, bottom: int) -> GridGeometry:
+        return GridGeometry.from_cells(
+            self.frame, self.resolution_m, left=left, top=top, rows=top - bottom, cols=right - left
+        )
+
+    def _check_shares(self, other: GridGeometry) -> None:
+        if not self.shares_cells_with(other):
+            raise InputError(
+                f"grids in {self.frame} at {self.resolution_m} m and in {other.frame} at {other.resolution_m} m: "
+                "expected one frame and one cell size; aggregate to the coarser first"
+            )
+
+
+def _snapped(value: float, resolution: float, name: str) -> float:
+    cells = value / resolution
+    if not isfinite(cells) or abs(cells - round(cells)) > ALIGNMENT_TOLERANCE_CELLS:
+        raise InputError(f"{name}={value}: expected a multiple of the cell size {resolution} m from the frame's origin")
+    return round(cells) * resolution
