@@ -1,2 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
+"""The only place that talks Zenoh: keys, sessions, publish/subscribe, remote calls, liveliness, the mission clock."""
+
+from cdff_common.bus.bus import Bus
+from cdff_common.bus.message import Message, Reply, Request
+from cdff_common.bus.qos import Qos
+from cdff_common.bus.subscription import Subscription
+
+__all__ = ["Bus", "Message", "Qos", "Reply", "Request", "Subscription"]

@@ -1,0 +1,156 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Remote calls: handlers in a bounded pool on one side, typed errors and a deadline on the other.
+
+Every query gets at least one reply or one ``reply_err``; no reply at all means that nobody is there (UNAVAILABLE).
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+
+import zenoh
+
+from cdff_common.bus.message import (
+    Message,
+    Reply,
+    Request,
+    error_body,
+    error_of,
+    format_parameters,
+    pack,
+    parse_parameters,
+    unpack,
+)
+from cdff_common.errors import CdffError, DeadlineError, OverloadedError, UnavailableError
+
+logger = logging.getLogger(__name__)
+
+Handler = Callable[[Request], Reply | Iterable[Reply]]
+
+
+class Served:
+    """A key expression that answers calls in a pool of its own.
+
+    At most ``workers`` handlers run and ``backlog`` calls wait; more are answered with OVERLOADED at once.
+    """
+
+    def __init__(self, session: zenoh.Session, key: str, handler: Handler, workers: int, backlog: int) -> None:
+        self._key = key
+        self._handler = handler
+        self._slots = threading.BoundedSemaphore(workers + backlog)
+        self._pool = ThreadPoolExecutor(workers, thread_name_prefix=f"rpc {key}")
+        self._queryable = session.declare_queryable(key, self._take, complete=True)
+
+    def close(self) -> None:
+        """Stop answering; calls that wait are dropped, which their callers see as UNAVAILABLE."""
+        self._queryable.undeclare()
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def _take(self, query: zenoh.Query) -> None:
+        if not self._slots.acquire(blocking=False):
+            with query:
+                error = OverloadedError(f"{self._key}: too many calls at once", retry_after_s=1.0)
+                query.reply_err(pack(error_body(error)), encoding="application/msgpack")
+            return
+        try:
+            self._pool.submit(self._answer, query)
+        except RuntimeError:  # the pool is shutting down
+            self._slots.release()
+            query.drop()
+
+    def _answer(self, query: zenoh.Query) -> None:
+        request_id = ""
+        with query:
+            try:
+                request = _request_of(query)
+                request_id = request.parameters.get("request", "")
+                replies = self._handler(request)
+                # The key asked for, not ours: a queryable on a wildcard answers with the caller's concrete key.
+                key = str(query.key_expr)
+                for reply in [replies] if isinstance(replies, Reply) else replies:
+                    query.reply(
+                        reply.key or key, reply.payload, encoding=reply.encoding or None,
+                        attachment=pack({"kind": "result", "final": True, **reply.attachment}),
+                    )
+            except CdffError as error:
+                query.reply_err(pack(error_body(error, request_id)), encoding="application/msgpack")
+            except Exception as error:  # noqa: BLE001  # the caller must hear INTERNAL rather than nothing
+                logger.exception("handler of %s failed", self._key)
+                query.reply_err(pack(error_body(error, request_id)), encoding="application/msgpack")
+            finally:
+                self._slots.release()
+
+
+def _request_of(query: zenoh.Query) -> Request:
+    return Request(
+        key=str(query.key_expr),
+        parameters=parse_parameters(str(query.parameters)),
+        payload=b"" if query.payload is None else query.payload.to_bytes(),
+        encoding="" if query.encoding is None else str(query.encoding),
+        attachment=b"" if query.attachment is None else query.attachment.to_bytes(),
+    )
+
+
+def call_stream(
+    session: zenoh.Session,
+    key: str,
+    parameters: Mapping[str, object] | None,
+    *,
+    payload: bytes,
+    encoding: str,
+    attachment: bytes,
+    timeout_s: float,
+) -> Iterator[Reply]:
+    """Yield the replies to a call as they come, the final one last.
+
+    Raises
+    ------
+    UnavailableError
+        If nobody answers, or the answers stop before the final one.
+    DeadlineError
+        If ``timeout_s`` passes first.
+    CdffError
+        As the other side's error code says.
+    """
+    selector = f"{key}?{format_parameters(parameters)}" if parameters else key
+    replies = session.get(
+        selector,
+        payload=payload or None,
+        encoding=encoding or None,
+        attachment=attachment or None,
+        timeout=timeout_s,
+        consolidation=zenoh.ConsolidationMode.NONE,
+        target=zenoh.QueryTarget.BEST_MATCHING,
+        priority=zenoh.Priority.INTERACTIVE_HIGH,
+        congestion_control=zenoh.CongestionControl.BLOCK,
+        express=True,
+    )
+    answered = False
+    for item in replies:
+        if item.ok is None:
+            assert item.err is not None
+            data = item.err.payload.to_bytes()
+            if data == b"Timeout":
+                raise DeadlineError(f"{key}: no final answer within {timeout_s:g} s")
+            raise error_of(unpack(data))
+        sample = item.ok
+        extra = unpack(sample.attachment.to_bytes()) if sample.attachment is not None else {}
+        reply = Reply(sample.payload.to_bytes(), str(sample.encoding), extra, str(sample.key_expr))
+        answered = True
+        yield reply
+        if reply.final:
+            return
+    what = "the answer broke off before the final reply" if answered else "nobody answers"
+    raise UnavailableError(f"{key}: {what}; is the service running?")
+
+
+def message_of(sample: zenoh.Sample) -> Message:
+    """A sample as a message."""
+    return Message(
+        str(sample.key_expr), sample.payload.to_bytes(), str(sample.encoding),
+        b"" if sample.attachment is None else sample.attachment.to_bytes(),
+    )

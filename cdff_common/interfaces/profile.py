@@ -1,0 +1,255 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The mission profile: robots, sensors, frames, limits, DFPCs and processes of one mission (contract §9).
+
+Host values stay out of it: endpoints, keys and folders are process settings (``CDFF_*``).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import yaml
+from pydantic import Field, model_validator
+
+from cdff_common.errors import ConfigurationError
+from cdff_common.geometry import FrameGraph, UncertainTransform, se3
+from cdff_common.interfaces.dfn import StrictModel, validated
+from cdff_common.interfaces.dfpc import DfpcContext
+from cdff_common.interfaces.registry import Registry
+
+RobotId = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,31}$")]
+Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
+FrameId = Annotated[str, Field(pattern=r"^[a-z0-9_]+(/[a-z0-9_]+)*$", max_length=128)]
+Vector3 = tuple[float, float, float]
+
+RESERVED_SCOPES = frozenset({"ground", "any"})
+
+
+class FrameEdge(StrictModel):
+    """A fixed transform ``T_parent_child``.
+
+    Rotation is given by ``quaternion_xyzw`` or by ``rpy_deg`` (roll, pitch, yaw about x, y, z, applied in that order).
+    ``sigma_m`` and ``sigma_deg`` are one standard deviation per axis; both 0 means known exactly.
+    """
+
+    parent: FrameId
+    child: FrameId
+    translation_m: Vector3 = (0.0, 0.0, 0.0)
+    quaternion_xyzw: tuple[float, float, float, float] | None = None
+    rpy_deg: Vector3 | None = None
+    sigma_m: Annotated[float, Field(ge=0)] = 0.0
+    sigma_deg: Annotated[float, Field(ge=0)] = 0.0
+
+    @model_validator(mode="after")
+    def _one_rotation(self) -> FrameEdge:
+        if self.quaternion_xyzw is not None and self.rpy_deg is not None:
+            raise ValueError("give quaternion_xyzw or rpy_deg, not both")
+        return self
+
+    @property
+    def transform(self) -> UncertainTransform:
+        """``T_parent_child`` with its covariance."""
+        if self.quaternion_xyzw is not None:
+            R = se3.matrix_from_quaternion_xyzw(self.quaternion_xyzw)
+        else:
+            roll, pitch, yaw = np.deg2rad(self.rpy_deg or (0.0, 0.0, 0.0))
+            R = se3.exp_so3([0, 0, yaw]) @ se3.exp_so3([0, pitch, 0]) @ se3.exp_so3([roll, 0, 0])
+        sigma = [self.sigma_m] * 3 + [float(np.deg2rad(self.sigma_deg))] * 3
+        return UncertainTransform(se3.transform(R, self.translation_m), np.diag(np.square(sigma)))
+
+
+class SensorMode(StrictModel):
+    """One state of a sensor that the ICU can set."""
+
+    on: bool = True
+    rate_hz: Annotated[float, Field(ge=0)] | None = None
+    doc: str = ""
+
+
+class Sensor(StrictModel):
+    """A sensor of a robot: what it is, where it sits, what it streams, which modes it has.
+
+    ``streams`` maps a stream's name to the type of its samples. ``switch_s`` is how long a mode change takes.
+    """
+
+    kind: Literal["stereo_camera", "camera", "lidar", "imu", "wheels", "other"]
+    frame: FrameId
+    streams: dict[Name, str]
+    modes: dict[Name, SensorMode] = {"off": SensorMode(on=False), "nominal": SensorMode()}
+    initial_mode: Name = "nominal"
+    switch_s: Annotated[float, Field(ge=0)] = 0.5
+    refuses: tuple[Name, ...] = ()
+    calibration: dict[str, Any] = {}
+
+    @model_validator(mode="after")
+    def _initial_mode_exists(self) -> Sensor:
+        for mode in (self.initial_mode, *self.refuses):
+            if mode not in self.modes:
+                raise ValueError(f"mode {mode!r} is not among modes {sorted(self.modes)}")
+        return self
+
+
+class DfpcEntry(StrictModel):
+    """A DFPC of a robot.
+
+    Attributes
+    ----------
+    inputs : mapping of port to source
+        ``sensor/{sensor}/{stream}`` or ``product/{dfpc}/{port}``, of the same robot.
+    modes : mapping of sensor to mode
+        Sensor modes it needs while active.
+    activation : "on_request" or "always"
+        Whether the orchestrator switches it on for requests or keeps it on from the start.
+    linger_s : float
+        How long it stays on after its last holder let go, seconds.
+    """
+
+    name: Name
+    implementation: str | None = None
+    parameters: dict[str, Any] = {}
+    inputs: dict[Name, Annotated[str, Field(pattern=r"^(sensor|product)/[a-z0-9_]+/[a-z0-9_]+$")]]
+    modes: dict[Name, Name] = {}
+    activation: Literal["on_request", "always"] = "on_request"
+    linger_s: Annotated[float, Field(ge=0)] = 30.0
+    process: Name | None = None
+    seed: int = 0
+    queue: Annotated[int, Field(ge=1, le=10_000)] = 64
+    reorder_s: Annotated[float, Field(ge=0, le=5)] = 0.05
+    step_timeout_s: Annotated[float, Field(gt=0)] = 10.0
+
+
+class Robot(StrictModel):
+    """A robot: frames, sensors, limits, DFPCs."""
+
+    id: RobotId
+    doc: str = ""
+    frames: tuple[FrameEdge, ...] = ()
+    sensors: dict[Name, Sensor] = {}
+    limits: dict[Name, float] = {}
+    dfpcs: tuple[DfpcEntry, ...] = ()
+
+    @model_validator(mode="after")
+    def _names_are_wired(self) -> Robot:
+        if self.id in RESERVED_SCOPES:
+            raise ValueError(f"robot id {self.id!r} is reserved")
+        names = [d.name for d in self.dfpcs]
+        if len(set(names)) != len(names):
+            raise ValueError(f"robot {self.id} names a DFPC twice: {names}")
+        for entry in self.dfpcs:
+            for sensor, mode in entry.modes.items():
+                if sensor not in self.sensors or mode not in self.sensors[sensor].modes:
+                    raise ValueError(f"{self.id}.{entry.name} needs mode {sensor}:{mode}, which no sensor has")
+            for port, source in entry.inputs.items():
+                kind, owner, item = source.split("/")
+                if kind == "sensor" and item not in self.sensors.get(owner, _NO_SENSOR).streams:
+                    raise ValueError(f"{self.id}.{entry.name}.{port}: no sensor stream {owner}/{item}")
+                if kind == "product" and owner not in names:
+                    raise ValueError(f"{self.id}.{entry.name}.{port}: no DFPC {owner!r} in this robot")
+        return self
+
+    def dfpc(self, name: str) -> DfpcEntry:
+        """Return the entry of a DFPC; raises ConfigurationError with what is known."""
+        for entry in self.dfpcs:
+            if entry.name == name:
+                return entry
+        raise ConfigurationError(f"robot {self.id} has no DFPC {name!r}; it has {', '.join(d.name for d in self.dfpcs)}")
+
+    def frame_graph(self) -> FrameGraph:
+        """The robot's fixed frames."""
+        graph = FrameGraph()
+        for edge in self.frames:
+            graph.set_static(edge.parent, edge.child, edge.transform)
+        return graph
+
+    def context(self, entry: DfpcEntry) -> DfpcContext:
+        """What the DFPC of an entry is told of where it runs."""
+        sensors = {name: sensor.model_dump() for name, sensor in self.sensors.items()}
+        return DfpcContext(self.id, self.frame_graph(), dict(self.limits), sensors, entry.seed)
+
+
+_NO_SENSOR = Sensor(kind="other", frame="none", streams={})
+
+
+class Body(StrictModel):
+    """The body that the site lies on, and where; absent where the site is not anchored."""
+
+    name: str = "mars"
+    crs: str | None = None
+    site_lon_deg: float | None = None
+    site_lat_deg: float | None = None
+
+
+class Retention(StrictModel):
+    """How long products of a type are kept; absent types are kept for ever."""
+
+    product: str
+    max_age_s: Annotated[float, Field(gt=0)] | None = None
+    max_bytes: Annotated[int, Field(gt=0)] | None = None
+
+
+class Profile(StrictModel):
+    """One mission."""
+
+    name: Name
+    doc: str = ""
+    body: Body = Body()
+    robots: Annotated[tuple[Robot, ...], Field(min_length=1)]
+    retention: tuple[Retention, ...] = ()
+    threads_per_process: Annotated[int, Field(ge=1, le=64)] = 1
+
+    @model_validator(mode="after")
+    def _robots_are_unique(self) -> Profile:
+        ids = [r.id for r in self.robots]
+        if len(set(ids)) != len(ids):
+            raise ValueError(f"a robot is named twice: {ids}")
+        return self
+
+    def robot(self, robot_id: str) -> Robot:
+        """Return a robot; raises ConfigurationError with what is known."""
+        for robot in self.robots:
+            if robot.id == robot_id:
+                return robot
+        raise ConfigurationError(f"no robot {robot_id!r} in profile {self.name}; it has {', '.join(self.robot_ids)}")
+
+    @property
+    def robot_ids(self) -> tuple[str, ...]:
+        """Ids of all robots."""
+        return tuple(r.id for r in self.robots)
+
+    def processes(self) -> dict[str, list[tuple[str, DfpcEntry]]]:
+        """DFPCs by process: ``{robot}_{process or dfpc}`` to ``[(robot, entry), …]``."""
+        groups: dict[str, list[tuple[str, DfpcEntry]]] = {}
+        for robot in self.robots:
+            for entry in robot.dfpcs:
+                groups.setdefault(f"{robot.id}_{entry.process or entry.name}", []).append((robot.id, entry))
+        return groups
+
+
+def load_profile(path: str | Path) -> Profile:
+    """Read and check a profile, ports and DFPC names included.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the file, the key, the value and what was expected.
+    """
+    path = Path(path)
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, yaml.YAMLError) as error:
+        raise ConfigurationError(f"profile {path}: {error}") from error
+    profile = validated(Profile, data, f"profile {path}")
+    registry = Registry.default()
+    for robot in profile.robots:
+        for entry in robot.dfpcs:
+            description = registry.dfpc(entry.name)
+            known = {p.attribute for p in description.input_ports}
+            for port in entry.inputs:
+                if port not in known:
+                    raise ConfigurationError(
+                        f"profile {path}: {robot.id}.{entry.name} has no input port {port!r}; it has {', '.join(sorted(known))}"
+                    )
+    return profile
