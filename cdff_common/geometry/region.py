@@ -1,17 +1,16 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Regions of contract §6: the text that a requester writes, and which points lie inside.
+"""Regions of contract §6 as text and as geometry: who is inside, what box to search, how much is covered.
 
-``bbox:xmin,ymin,xmax,ymax`` | ``box:xmin,ymin,zmin,xmax,ymax,zmax`` | ``circle:x,y,r`` | ``polygon:x1,y1,…`` |
-``near:{frame},r``, metres in a frame that is named beside the region. All but ``box`` leave z free.
+``bbox:xmin,ymin,xmax,ymax`` · ``box:xmin,ymin,zmin,xmax,ymax,zmax`` · ``circle:x,y,r`` · ``polygon:x1,y1,x2,y2,…`` ·
+``near:{frame},r``, metres in a frame that is named beside the region. ``near`` is around a frame that moves and becomes
+a circle once somebody says where that frame is (``resolved``).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,160 +18,135 @@ from numpy.typing import ArrayLike, NDArray
 from cdff_common.errors import InputError
 from cdff_common.geometry.frame_graph import checked_frame
 
-MAX_VERTICES = 1000
+#: A polygon with more corners than this is refused: it belongs in a file, not in a query.
+MAX_CORNERS = 1024
 _COUNTS = {"bbox": 4, "box": 6, "circle": 3}
-_FORMS = "bbox:xmin,ymin,xmax,ymax | box:xmin,ymin,zmin,xmax,ymax,zmax | circle:x,y,r | polygon:x1,y1,x2,y2,… | near:frame,r"
+_FORMS = "bbox:xmin,ymin,xmax,ymax | box:xmin,ymin,zmin,xmax,ymax,zmax | circle:x,y,r | polygon:x1,y1,… | near:frame,r"
 
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """A region in some frame.
+    """A region of the x-y plane, or a box of space, in a frame named elsewhere.
 
     Attributes
     ----------
     kind : str
-        bbox, box, circle, polygon or near.
-    numbers : tuple of float
-        As in the text, metres; for ``near`` the radius alone.
-    centre_frame : str or None
-        For ``near`` the frame whose origin is the centre.
+        ``bbox``, ``box``, ``circle``, ``polygon`` or ``near``.
+    values : tuple of float
+        The numbers of the text, metres; for ``near`` the radius alone.
+    near_frame : str or None
+        Of ``near``: the frame in the middle.
     """
 
     kind: str
-    numbers: tuple[float, ...]
-    centre_frame: str | None = None
-
-    def __post_init__(self) -> None:
-        if not all(math.isfinite(v) for v in self.numbers):
-            raise InputError(f"region {self}: expected finite numbers")
-        _checked_shape(self)
-
-    def __str__(self) -> str:
-        values = ",".join(f"{v:.15g}" for v in self.numbers)
-        return f"near:{self.centre_frame},{values}" if self.kind == "near" else f"{self.kind}:{values}"
-
-    def around(self, centre_m: ArrayLike) -> Region:
-        """Return the circle that ``near`` means once its frame's origin ``(2,) or (3,)`` is known; others themselves."""
-        if self.kind != "near":
-            return self
-        c = np.asarray(centre_m, dtype=np.float64)
-        return Region("circle", (float(c[0]), float(c[1]), self.numbers[0]))
+    values: tuple[float, ...]
+    near_frame: str | None = None
 
     @property
-    def bounds_m(self) -> tuple[float, float, float, float, float, float]:
-        """``xmin ymin zmin xmax ymax zmax``; z infinite where it is free. Raises InputError for an unresolved ``near``."""
-        n, inf = self.numbers, math.inf
-        match self.kind:
-            case "bbox":
-                return (n[0], n[1], -inf, n[2], n[3], inf)
-            case "box":
-                return (n[0], n[1], n[2], n[3], n[4], n[5])
-            case "circle":
-                return (n[0] - n[2], n[1] - n[2], -inf, n[0] + n[2], n[1] + n[2], inf)
-            case "polygon":
-                return (min(n[0::2]), min(n[1::2]), -inf, max(n[0::2]), max(n[1::2]), inf)
-        raise InputError(f"region {self}: its centre is not known yet; resolve it with around()")
+    def text(self) -> str:
+        """The region as a request writes it."""
+        head = [] if self.near_frame is None else [self.near_frame]
+        return f"{self.kind}:" + ",".join([*head, *(f"{v:.9g}" for v in self.values)])
 
     @property
-    def vertices_m(self) -> NDArray[np.float64]:
-        """Corners ``(n, 2)`` of the outline in the xy plane (none for a circle)."""
-        if self.kind == "polygon":
-            return np.array(self.numbers, dtype=np.float64).reshape(-1, 2)
-        x0, y0, _, x1, y1, _ = self.bounds_m
-        return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]) if self.kind != "circle" else np.empty((0, 2))
+    def is_resolved(self) -> bool:
+        """False for ``near``, whose place is not known yet."""
+        return self.kind != "near"
 
-    def contains(self, points_m: ArrayLike) -> NDArray[np.bool_]:
-        """Tell which points ``(n, 2)`` or ``(n, 3)`` are inside; the border of a box or circle belongs to it."""
-        p = np.asarray(points_m, dtype=np.float64)
-        x, y = p[:, 0], p[:, 1]
-        x0, y0, z0, x1, y1, z1 = self.bounds_m
-        inside = (x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)
-        if p.shape[1] > 2 and self.kind == "box":
-            inside &= (p[:, 2] >= z0) & (p[:, 2] <= z1)
+    def resolved(self, x_m: float, y_m: float) -> Region:
+        """This region with ``near`` turned into a circle around where its frame is; others unchanged."""
+        return self if self.is_resolved else Region("circle", (float(x_m), float(y_m), self.values[0]))
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """``(xmin, ymin, xmax, ymax)``, metres."""
+        self._check_resolved()
+        v = self.values
+        if self.kind == "bbox":
+            return v[0], v[1], v[2], v[3]
+        if self.kind == "box":
+            return v[0], v[1], v[3], v[4]
         if self.kind == "circle":
-            inside &= (x - self.numbers[0]) ** 2 + (y - self.numbers[1]) ** 2 <= self.numbers[2] ** 2
-        elif self.kind == "polygon":
-            inside &= _in_polygon(self.vertices_m, x, y)
-        return np.asarray(inside, dtype=np.bool_)
+            return v[0] - v[2], v[1] - v[2], v[0] + v[2], v[1] + v[2]
+        return min(v[0::2]), min(v[1::2]), max(v[0::2]), max(v[1::2])
 
-    def overlaps_box(self, box_m: Sequence[float]) -> bool:
-        """Tell whether an axis-aligned box (6 numbers, same frame) shares a point with the region's outline box."""
-        b = self.bounds_m
-        return all(box_m[i] <= b[i + 3] and box_m[i + 3] >= b[i] for i in range(3))
+    @property
+    def box_m(self) -> tuple[float, float, float, float, float, float]:
+        """``(xmin, ymin, zmin, xmax, ymax, zmax)``, metres; z is unbounded except in a ``box``."""
+        x0, y0, x1, y1 = self.bounds
+        z0, z1 = (self.values[2], self.values[5]) if self.kind == "box" else (-math.inf, math.inf)
+        return x0, y0, z0, x1, y1, z1
+
+    def contains(self, x_m: ArrayLike, y_m: ArrayLike, z_m: ArrayLike | None = None) -> NDArray[np.bool_]:
+        """Tell which points lie inside; edges of boxes and circles belong to it.
+
+        Parameters
+        ----------
+        x_m, y_m : array_like, any one shape
+            Metres, in the region's frame.
+        z_m : array_like, optional
+            Looked at by ``box`` only.
+        """
+        self._check_resolved()
+        x, y, v = np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64), self.values
+        if self.kind == "circle":
+            return np.asarray(np.hypot(x - v[0], y - v[1]) <= v[2])
+        if self.kind == "polygon":
+            return _in_polygon(x, y, np.array(v).reshape(-1, 2))
+        x0, y0, z0, x1, y1, z1 = self.box_m
+        inside = (x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)
+        if self.kind == "box" and z_m is not None:
+            z = np.asarray(z_m, dtype=np.float64)
+            inside &= (z >= z0) & (z <= z1)
+        return np.asarray(inside)
+
+    def _check_resolved(self) -> None:
+        if not self.is_resolved:
+            raise InputError(f"region {self.text}: where {self.near_frame} is must be looked up first")
 
 
 def parse_region(text: str) -> Region:
-    """Parse the text of a region.
+    """Parse a region.
 
     Raises
     ------
     InputError
-        On an unknown form, a wrong count of numbers, values that are not finite, an empty or self-crossing shape.
+        On an unknown form, a wrong count of numbers, numbers that are not finite, or an empty region.
     """
-    kind, separator, rest = text.partition(":")
-    if not separator or (kind not in _COUNTS and kind not in ("polygon", "near")):
-        raise InputError(f"region={text[:80]!r}: expected {_FORMS}")
-    fields = rest.split(",")
-    if len(fields) > 2 * MAX_VERTICES:
-        raise InputError(f"region={kind}: {len(fields)} numbers, expected at most {2 * MAX_VERTICES}")
-    centre = None
-    if kind == "near":
-        if len(fields) != 2:
-            raise InputError(f"region={text[:80]!r}: expected near:frame,radius")
-        centre, fields = checked_frame(fields[0], "near"), fields[1:]
+    kind, colon, rest = text.partition(":")
+    if not colon or kind not in {*_COUNTS, "polygon", "near"}:
+        raise InputError(f"region={text!r}: expected {_FORMS}")
+    parts = rest.split(",")
+    near_frame = checked_frame(parts.pop(0), "region's frame") if kind == "near" else None
     try:
-        numbers = tuple(float(f) for f in fields)
+        values = tuple(float(p) for p in parts)
     except ValueError as error:
-        raise InputError(f"region={text[:80]!r}: {error}; expected {_FORMS}") from error
-    return Region(kind, numbers, centre)
+        raise InputError(f"region={text!r}: {error}; expected {_FORMS}") from error
+    if not all(math.isfinite(v) for v in values):
+        raise InputError(f"region={text!r}: holds numbers that are not finite")
+    _check_numbers(text, kind, values)
+    return Region(kind, values, near_frame)
 
 
-def _checked_shape(region: Region) -> None:
-    kind, n = region.kind, region.numbers
-    problem = ""
-    if kind in _COUNTS and len(n) != _COUNTS[kind]:
-        problem = f"{len(n)} numbers, expected {_COUNTS[kind]}"
-    elif kind == "bbox" and not (n[0] < n[2] and n[1] < n[3]):
-        problem = "expected xmin < xmax and ymin < ymax"
-    elif kind == "box" and not (n[0] < n[3] and n[1] < n[4] and n[2] < n[5]):
-        problem = "expected each minimum below its maximum"
-    elif kind in ("circle", "near") and not n[-1] > 0:
-        problem = "expected a radius above 0"
-    elif kind == "near" and (region.centre_frame is None or len(n) != 1):
-        problem = "expected a frame and a radius"
-    elif kind == "polygon":
-        problem = _polygon_problem(n)
-    elif kind not in _COUNTS and kind != "near":
-        problem = f"unknown kind, expected {_FORMS}"
-    if problem:
-        raise InputError(f"region={str(region)[:120]}: {problem}")
+def _check_numbers(text: str, kind: str, values: tuple[float, ...]) -> None:
+    count = 1 if kind == "near" else _COUNTS.get(kind)
+    if count is not None and len(values) != count:
+        raise InputError(f"region={text!r}: {len(values)} numbers, expected {count}")
+    if kind == "polygon" and (len(values) % 2 or not 6 <= len(values) <= 2 * MAX_CORNERS):
+        raise InputError(f"region={text!r}: expected x,y of 3 to {MAX_CORNERS} corners")
+    if kind in ("circle", "near") and values[-1] <= 0:
+        raise InputError(f"region={text!r}: radius {values[-1]}, expected metres above 0")
+    half = len(values) // 2
+    if kind in ("bbox", "box") and any(low >= high for low, high in zip(values[:half], values[half:], strict=True)):
+        raise InputError(f"region={text!r}: expected each minimum below its maximum")
 
 
-def _polygon_problem(numbers: Sequence[float]) -> str:
-    if len(numbers) % 2 or not 6 <= len(numbers) <= 2 * MAX_VERTICES:
-        return f"{len(numbers)} numbers, expected 3 to {MAX_VERTICES} pairs"
-    p = np.array(numbers).reshape(-1, 2)
-    q = np.roll(p, -1, axis=0)
-    if np.any(np.all(p == q, axis=1)):
-        return "expected no repeated vertex (the outline closes by itself)"
-    # Edge i crosses edge j when the ends of each lie on opposite sides of the other; neighbours share a vertex.
-    side_start = _cross(q[:, None] - p[:, None], p[None] - p[:, None])
-    side_end = _cross(q[:, None] - p[:, None], q[None] - p[:, None])
-    opposite = side_start * side_end < 0
-    if np.any(opposite & opposite.T):
-        return "the outline crosses itself"
-    return "" if abs(float(np.sum(_cross(p, q)))) > 0 else "the outline encloses nothing"
-
-
-def _cross(a: Any, b: Any) -> NDArray[np.float64]:
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], dtype=np.float64)
-
-
-def _in_polygon(vertices: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
-    inside = np.zeros(x.shape, dtype=np.bool_)
-    for (xa, ya), (xb, yb) in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
-        if ya == yb:
+def _in_polygon(x: NDArray[np.float64], y: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Even-odd rule; one pass per edge over all points."""
+    inside = np.zeros(np.broadcast_shapes(x.shape, y.shape), dtype=bool)
+    for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        if y0 == y1:
             continue
-        straddles = (ya > y) != (yb > y)
-        inside ^= straddles & (x < (xb - xa) * (y - ya) / (yb - ya) + xa)
+        crosses = (y0 > y) != (y1 > y)
+        inside ^= crosses & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
     return inside

@@ -1,0 +1,277 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""From a wanted product to the cheapest set of DFPCs and sensor modes that makes it.
+
+A plan is *sound* when one of its makers has the product, every input of every maker that is not optional is fed (by a
+sensor in a mode that streams, or by a maker of the plan), each maker has at least one input fed if it is wired at all,
+no sensor is in two modes, and nothing waits for itself. Its cost is the sum of the makers that do not run yet,
+``MODE_COST`` for each sensor that has to change, and ``UNFED_COST`` for each optional input that the mission wires and
+the plan leaves out: what a mission wires is wanted where it can be had.
+
+The search is depth first over the inputs still to feed, cheapest alternative first, cut where the cost so far reaches
+the best plan known; it is exact, as tests check against enumeration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+from cdff_core.orchestration.world import Input, Maker, MakerId, SensorId, Source, World
+
+MODE_COST = 0.5
+UNFED_COST = 100.0
+#: Steps of the search after which the best plan so far is taken: a bound on time, not met by missions of 100 DFPCs.
+MAX_STEPS = 20_000
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What to run and which modes to set.
+
+    Attributes
+    ----------
+    maker : MakerId
+        The one that has the product.
+    port : str
+        Its output port.
+    order : tuple of MakerId
+        All makers, those that feed others first.
+    modes : mapping of SensorId to str
+        Sensors and the mode each must be in.
+    cost : float
+    unfed : tuple of str
+        Optional inputs left out, ``robot/dfpc.port``.
+    """
+
+    maker: MakerId
+    port: str
+    order: tuple[MakerId, ...]
+    modes: Mapping[SensorId, str]
+    cost: float
+    unfed: tuple[str, ...] = ()
+
+    def describe(self) -> dict[str, object]:
+        """Plain data for the journal and for answers."""
+        return {
+            "maker": str(self.maker), "port": self.port, "order": [str(m) for m in self.order],
+            "modes": {str(s): mode for s, mode in sorted(self.modes.items())}, "cost": round(self.cost, 6),
+            "unfed": list(self.unfed),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class NoPlan:
+    """Why nothing can make the product; ``nearest`` names what could be asked for instead."""
+
+    reasons: tuple[str, ...]
+    nearest: tuple[str, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """One line for an error's detail."""
+        line = "; ".join(self.reasons) or "no DFPC makes it"
+        return line + (f"; what can be made: {', '.join(self.nearest)}" if self.nearest else "")
+
+
+@dataclass(slots=True)
+class _State:
+    """A partial plan during the search."""
+
+    makers: dict[MakerId, Maker] = field(default_factory=dict)
+    feeds: dict[MakerId, set[MakerId]] = field(default_factory=dict)
+    modes: dict[SensorId, str] = field(default_factory=dict)
+    streams: frozenset[SensorId] = frozenset()
+    fed: dict[MakerId, int] = field(default_factory=dict)
+    unfed: tuple[str, ...] = ()
+    cost: float = 0.0
+
+    def copy(self) -> _State:
+        return _State(
+            dict(self.makers), {k: set(v) for k, v in self.feeds.items()}, dict(self.modes), self.streams,
+            dict(self.fed), self.unfed, self.cost,
+        )
+
+    def depends(self, on: MakerId, maker: MakerId) -> bool:
+        """Whether ``maker`` (transitively) feeds ``on``, or is it."""
+        stack, seen = [on], set()
+        while stack:
+            m = stack.pop()
+            if m == maker:
+                return True
+            if m not in seen:
+                seen.add(m)
+                stack.extend(self.feeds.get(m, ()))
+        return False
+
+
+class _Search:
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.best: _State | None = None
+        self.best_root: tuple[MakerId, str] | None = None
+        self.reasons: dict[str, None] = {}
+        self.steps = 0
+
+    def root(self, maker: Maker, port: str) -> None:
+        state = _State()
+        todo: list[tuple[MakerId, Input]] = []
+        if self._add_maker(state, todo, maker):
+            self._extend(state, todo, (maker.id, port))
+
+    def _extend(self, state: _State, todo: list[tuple[MakerId, Input]], root: tuple[MakerId, str]) -> None:
+        self.steps += 1
+        if self.steps > MAX_STEPS or (self.best is not None and state.cost >= self.best.cost):
+            return
+        if not todo:
+            self._finish(state, root)
+            return
+        (owner, port), rest = todo[0], todo[1:]
+        for source in port.sources:
+            for next_state, next_todo in self._feed(state, rest, owner, source):
+                self._extend(next_state, next_todo, root)
+        if port.optional:
+            skipped = state.copy()
+            if port.sources:
+                skipped.cost += UNFED_COST
+                skipped.unfed = (*skipped.unfed, f"{owner}.{port.port}")
+            self._extend(skipped, rest, root)
+        elif not port.sources:
+            self.reasons[f"input {port.port} of {owner} is not wired"] = None
+
+    def _finish(self, state: _State, root: tuple[MakerId, str]) -> None:
+        """Take a plan whose inputs are all decided, once sensors of which only samples are wanted have a mode."""
+        starved = next((m for m in state.makers.values() if state.fed[m.id] == 0 and _wired(m)), None)
+        if starved is not None:
+            self.reasons[f"none of the inputs of {starved.id} can be fed"] = None
+            return
+        state = state.copy()
+        if all([self._stream(state, sensor) for sensor in sorted(state.streams)]) and (
+            self.best is None or state.cost < self.best.cost
+        ):
+            self.best, self.best_root = state, root
+
+    def _feed(
+        self, state: _State, rest: list[tuple[MakerId, Input]], owner: MakerId, source: Source
+    ) -> Iterator[tuple[_State, list[tuple[MakerId, Input]]]]:
+        """The partial plan with one input fed from ``source``, or nothing where that cannot be."""
+        state, todo = state.copy(), list(rest)
+        state.fed[owner] += 1
+        if source.kind == "sensor":
+            sensor = SensorId(source.robot, source.owner)
+            if sensor in self.world.sensors:
+                state.streams |= {sensor}
+                yield state, todo
+            else:
+                self.reasons[f"there is no sensor {sensor}"] = None
+            return
+        maker = self.world.makers.get(MakerId(source.robot, source.owner))
+        if maker is None or source.item not in maker.outputs:
+            self.reasons[f"{owner} needs {source}, which nobody makes"] = None
+        elif state.depends(maker.id, owner):
+            self.reasons[f"{owner} and {maker.id} wait for each other"] = None
+        elif maker.id in state.makers or self._add_maker(state, todo, maker):
+            state.feeds[owner].add(maker.id)
+            yield state, todo
+
+    def _add_maker(self, state: _State, todo: list[tuple[MakerId, Input]], maker: Maker) -> bool:
+        if not maker.available:
+            self.reasons[f"{maker.id} is not available: {maker.why_not or 'its process does not answer'}"] = None
+            return False
+        state.makers[maker.id] = maker
+        state.feeds[maker.id] = set()
+        state.fed[maker.id] = 0
+        state.cost += 0.0 if maker.active else maker.cost
+        todo.extend((maker.id, port) for port in maker.inputs)
+        return all(self._mode(state, SensorId(maker.id.robot, s), mode) for s, mode in maker.modes.items())
+
+    def _stream(self, state: _State, sensor: SensorId) -> bool:
+        """Have samples of a sensor: in the mode the plan names, else in whichever streams."""
+        known = self.world.sensors[sensor]
+        if sensor in state.modes:
+            if not known.modes.get(state.modes[sensor]):
+                self.reasons[f"sensor {sensor} does not stream in mode {state.modes[sensor]}"] = None
+                return False
+            return True
+        mode = known.streaming_mode()
+        if mode is None:
+            self.reasons[f"sensor {sensor} cannot be set to any mode that streams"] = None
+            return False
+        return self._mode(state, sensor, mode)
+
+    def _mode(self, state: _State, sensor: SensorId, mode: str) -> bool:
+        known = self.world.sensors.get(sensor)
+        obstacle = f"there is no sensor {sensor}" if known is None else known.obstacle(mode)
+        if obstacle is None and state.modes.get(sensor, mode) != mode:
+            obstacle = f"sensor {sensor} would have to be in modes {state.modes[sensor]} and {mode} at once"
+        if obstacle is not None or known is None:
+            self.reasons[str(obstacle)] = None
+            return False
+        if sensor not in state.modes:
+            state.modes[sensor] = mode
+            state.cost += 0.0 if known.current == mode else MODE_COST
+        return True
+
+
+def plan(world: World, product: str, robots: Iterable[str], exclude: frozenset[MakerId] = frozenset()) -> Plan | NoPlan:
+    """Return the cheapest sound plan for ``product`` on one of ``robots``, or why there is none.
+
+    Parameters
+    ----------
+    world : World
+    product : str
+        ``pose``, ``dem``, … (contract §5).
+    robots : iterable of str
+        Robots whose product would do.
+    exclude : frozenset of MakerId
+        Makers that failed already for this request.
+    """
+    wanted = set(robots)
+    usable = World({k: m for k, m in world.makers.items() if k not in exclude}, world.sensors)
+    search = _Search(usable)
+    roots = [(m, port) for m in usable.makers.values() if m.id.robot in wanted
+             for port, made in sorted(m.outputs.items()) if made == product]
+    roots.sort(key=lambda r: (0.0 if r[0].active else r[0].cost, r[0].id))
+    for maker, port in roots:
+        search.root(maker, port)
+    if search.best is None or search.best_root is None:
+        reasons = tuple(search.reasons) or (f"no DFPC of {', '.join(sorted(wanted)) or 'any robot'} makes {product}",)
+        tried = tuple(f"{m} failed for this request" for m in sorted(exclude) if product in world.makers[m].products)
+        return NoPlan(reasons + tried, possible_products(usable, wanted))
+    state = search.best
+    return Plan(
+        search.best_root[0], search.best_root[1], _dependency_order(state.feeds), dict(state.modes), state.cost, state.unfed
+    )
+
+
+def possible_products(world: World, robots: Iterable[str]) -> tuple[str, ...]:
+    """``product of robot`` for everything that some sound plan makes."""
+    found = []
+    for robot in sorted(robots):
+        for product in sorted({p for m in world.makers.values() if m.id.robot == robot for p in m.products}):
+            search = _Search(world)
+            for maker in world.makers.values():
+                for port, made in maker.outputs.items():
+                    if maker.id.robot == robot and made == product:
+                        search.root(maker, port)
+            if search.best is not None:
+                found.append(f"{product} of {robot}")
+    return tuple(found)
+
+
+def _wired(maker: Maker) -> bool:
+    return any(port.sources for port in maker.inputs)
+
+
+def _dependency_order(feeds: Mapping[MakerId, set[MakerId]]) -> tuple[MakerId, ...]:
+    """Makers so that each comes after those that feed it; names decide among equals."""
+    order: list[MakerId] = []
+    waiting = {m: set(f) for m, f in feeds.items()}
+    while waiting:
+        ready = sorted(m for m, f in waiting.items() if not f)
+        for m in ready:
+            del waiting[m]
+        order.extend(ready)
+        for f in waiting.values():
+            f.difference_update(ready)
+    return tuple(order)
