@@ -4,8 +4,28 @@
 
 from __future__ import annotations
 
+import argparse
+from pathlib import Path
 from typing import Any
 
 
 def register(nouns: Any) -> None:
     """Add the parser of ``cdff new``."""
+    parser = nouns.add_parser("new", help="start a DFN or DFPC: description, interface, skeleton, test")
+    parser.add_argument("kind", choices=["dfn", "dfpc"])
+    parser.add_argument("name", help="LaserFilter or laser_filter")
+    parser.add_argument("--root", type=Path, default=None, help="the checkout (default: where this command lies)")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the files and say what comes next."""
+    from cdff_dev.generate.tree import Tree
+    from cdff_dev.new.scaffold import scaffold
+
+    tree = Tree(args.root.resolve()) if args.root else Tree.here()
+    made = scaffold(tree, args.kind, args.name)
+    for path in made:
+        print(f"wrote {path.relative_to(tree.root)}")
+    print(f"next: edit {made[0].name}, run cdff generate, write the implementation and its test, run cdff check")
+    return 0

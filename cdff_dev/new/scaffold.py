@@ -1,0 +1,57 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""A new DFN or DFPC: description, interface, skeleton and test, all passing lint and their own tests."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from cdff_common.errors import ConflictError, InputError
+from cdff_common.interfaces.description import read_dfn_description, read_dfpc_description, snake_case
+from cdff_dev.generate import interfaces, skeletons
+from cdff_dev.generate.artefacts import Artefact
+from cdff_dev.generate.python_source import render
+from cdff_dev.generate.tree import Tree
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}\Z")
+
+
+def scaffold(tree: Tree, kind: str, name: str) -> list[Path]:
+    """Write a new DFN or DFPC and return the files made.
+
+    Parameters
+    ----------
+    tree : Tree
+    kind : str
+        ``dfn`` or ``dfpc``.
+    name : str
+        ``LaserFilter`` or ``laser_filter``; the folder is the one, the class the other.
+
+    Raises
+    ------
+    InputError
+        If the name is no identifier.
+    ConflictError
+        If a DFN or DFPC of that name exists: names are unique over both.
+    """
+    if not _NAME.match(name):
+        raise InputError(f"name {name!r}: expected an identifier as LaserFilter or laser_filter")
+    folder = snake_case(name)
+    title = name if name[0].isupper() else "".join(part.capitalize() for part in name.split("_"))
+    for other in ("dfn", "dfpc"):
+        if tree.folder(other, folder).exists():
+            raise ConflictError(f"{tree.folder(other, folder)} exists; choose another name or remove it first")
+    path = tree.folder(kind, folder) / f"{kind}.yaml"
+    description = Artefact(path, render(f"new_{kind}.yaml.j2", name=title, folder=folder), once=True)
+    description.write()
+    made = [description]
+    if kind == "dfn":
+        dfn = read_dfn_description(path)
+        made += [interfaces.dfn_interface(tree, dfn), *skeletons.dfn_skeleton(tree, dfn)]
+    else:
+        dfpc = read_dfpc_description(path)
+        made += [interfaces.dfpc_interface(tree, dfpc), *skeletons.dfpc_skeleton(tree, dfpc)]
+    for artefact in made[1:]:
+        artefact.write()
+    return [artefact.path for artefact in made]
