@@ -3,5 +3,26 @@
 """Georeferenced grids, pooled statistics, aggregation, windows, slope and regions: the only raster algebra."""
 
 from cdff_common.raster.geometry import Bounds, GridGeometry
+from cdff_common.raster.region import Region
+from cdff_common.raster.resample import aggregate, aggregate_to, delivered_resolution
+from cdff_common.raster.slope import hillshade, horn_gradient, slope_rad
+from cdff_common.raster.statistics import ELEVATION_LAYERS, NEVER_NS, CellStatistics, pool
+from cdff_common.raster.window import WindowAssembler, assemble
 
-__all__ = ["Bounds", "GridGeometry"]
+__all__ = [
+    "ELEVATION_LAYERS",
+    "NEVER_NS",
+    "Bounds",
+    "CellStatistics",
+    "GridGeometry",
+    "Region",
+    "WindowAssembler",
+    "aggregate",
+    "aggregate_to",
+    "assemble",
+    "delivered_resolution",
+    "hillshade",
+    "horn_gradient",
+    "pool",
+    "slope_rad",
+]

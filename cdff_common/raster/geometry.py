@@ -132,19 +132,21 @@ class GridGeometry:
         return Bounds(self.xmin_m, self.ymin_m, self.xmax_m, self.ymax_m)
 
     def x_centres_m(self) -> NDArray[np.float64]:
-        """x of the columns' centres ``(cols,)``, metres."""
+        """X of the columns' centres ``(cols,)``, metres."""
         return np.asarray((self.left + np.arange(self.cols) + 0.5) * self.resolution_m, dtype=np.float64)
 
     def y_centres_m(self) -> NDArray[np.float64]:
-        """y of the rows' centres ``(rows,)``, metres, falling."""
+        """Y of the rows' centres ``(rows,)``, metres, falling."""
         return np.asarray((self.top - np.arange(self.rows) - 0.5) * self.resolution_m, dtype=np.float64)
 
     def centres_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """x and y ``(rows, cols)`` of all cell centres, metres."""
+        """X and y ``(rows, cols)`` of all cell centres, metres."""
         x, y = np.meshgrid(self.x_centres_m(), self.y_centres_m())
         return x, y
 
-    def cells_of(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+    def cells_of(
+        self, x_m: ArrayLike, y_m: ArrayLike
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
         """Rows and columns of points, and which of them lie inside the window.
 
         Parameters
