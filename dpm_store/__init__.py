@@ -1,2 +1,19 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
+"""The spatial product store as a library: the only SQL of the framework.
+
+>>> from dpm_store import Query, open_store
+>>> with open_store("sqlite:///data") as store:  # doctest: +SKIP
+...     page = store.search(Query(types=("dem",), robot="mana"))
+"""
+
+from dpm_store.events import Event
+from dpm_store.frames import FrameRevision
+from dpm_store.poses import StampedPose, Track
+from dpm_store.records import Insertion, Page, ProductRecord, Query
+from dpm_store.store import Store, open_store
+
+__all__ = [
+    "Event", "FrameRevision", "Insertion", "Page", "ProductRecord", "Query", "StampedPose", "Store", "Track",
+    "open_store",
+]  # fmt: skip

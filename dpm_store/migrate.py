@@ -1,0 +1,51 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Bring a database to the schema of this version, by Alembic; a current one is left alone without importing it."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+from sqlalchemy import inspect, text
+
+from cdff_common.errors import ConfigurationError
+from dpm_store.database import Database
+
+#: The newest revision under ``migrations/versions``; a test holds it to that.
+HEAD = "0001"
+
+
+def revision_of(database: Database) -> str | None:
+    """Revision of the schema in the file; None for an empty one."""
+    with database.read() as connection:
+        if not inspect(connection).has_table("alembic_version"):
+            return None
+        found: str | None = connection.execute(text("SELECT version_num FROM alembic_version")).scalar()
+        return found
+
+
+def migrate(database: Database) -> None:
+    """Run the migrations that are missing, in one transaction.
+
+    Raises
+    ------
+    ConfigurationError
+        If the database was made by a newer version.
+    """
+    revision = revision_of(database)
+    if revision == HEAD:
+        return
+    from alembic import command
+    from alembic.config import Config
+    from alembic.util import CommandError
+
+    config = Config()
+    config.set_main_option("script_location", str(files("dpm_store") / "migrations"))
+    try:
+        with database.write() as connection:
+            config.attributes["connection"] = connection
+            command.upgrade(config, "head")
+    except CommandError as error:
+        raise ConfigurationError(
+            f"the store has schema {revision}, this version knows up to {HEAD}; open it with a newer version"
+        ) from error

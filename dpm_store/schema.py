@@ -1,0 +1,138 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The tables, as SQLAlchemy Core describes them. What one engine needs beyond them is in its dialect module.
+
+Times are integer nanoseconds of mission time. ``ordinal`` is the store's own number of a product: cursors and the
+spatial index use it. Matrices are 16 or 36 little-endian float64. The migrations under ``migrations/`` make these
+tables; a test compares the two.
+"""
+
+from __future__ import annotations
+
+from sqlalchemy import (
+    BigInteger,
+    Column,
+    Float,
+    ForeignKey,
+    Index,
+    Integer,
+    LargeBinary,
+    MetaData,
+    String,
+    Table,
+    UniqueConstraint,
+)
+
+metadata = MetaData()
+
+#: SQLite gives a rowid only to a column that is literally INTEGER.
+_Ordinal = BigInteger().with_variant(Integer, "sqlite")
+
+meta = Table(
+    "meta",
+    metadata,
+    Column("name", String(64), primary_key=True),
+    Column("value", String, nullable=False),
+)
+
+frame_names = Table(
+    "frame_names",
+    metadata,
+    Column("ordinal", _Ordinal, primary_key=True, autoincrement=True),
+    Column("frame", String(128), nullable=False, unique=True),
+)
+
+#: One row per revision of a fixed edge parent -> frame; nothing is ever overwritten.
+frames = Table(
+    "frames",
+    metadata,
+    Column("frame", String(128), primary_key=True),
+    Column("revision", Integer, primary_key=True),
+    Column("parent", String(128), nullable=False),
+    Column("matrix", LargeBinary, nullable=False),
+    Column("covariance", LargeBinary),
+    Column("valid_from_ns", BigInteger),
+    Column("valid_until_ns", BigInteger),
+    Column("inserted_ns", BigInteger, nullable=False),
+    Column("producer", String(256), nullable=False),
+)
+
+blobs = Table(
+    "blobs",
+    metadata,
+    Column("sha256", String(64), primary_key=True),
+    Column("size", BigInteger, nullable=False),
+    Column("chunk_sums", LargeBinary, nullable=False),
+    Column("content", LargeBinary),
+)
+
+products = Table(
+    "products",
+    metadata,
+    Column("ordinal", _Ordinal, primary_key=True, autoincrement=True),
+    Column("id", String(36), nullable=False, unique=True),
+    Column("robot", String(64), nullable=False),
+    Column("dfpc", String(64), nullable=False),
+    Column("port", String(64), nullable=False),
+    Column("product", String(64), nullable=False),
+    Column("type_name", String(64), nullable=False),
+    Column("codec", String(16), nullable=False),
+    Column("frame", String(128), nullable=False),
+    Column("child", String(128)),
+    Column("config_hash", String(64), nullable=False),
+    Column("t0_ns", BigInteger, nullable=False),
+    Column("t1_ns", BigInteger, nullable=False),
+    Column("xmin_m", Float),
+    Column("ymin_m", Float),
+    Column("zmin_m", Float),
+    Column("xmax_m", Float),
+    Column("ymax_m", Float),
+    Column("zmax_m", Float),
+    Column("resolution_m", Float),
+    Column("status", String(16), nullable=False),
+    Column("header", LargeBinary, nullable=False),
+    Column("sha256", String(64), ForeignKey("blobs.sha256")),
+    Column("size", BigInteger, nullable=False),
+    Column("inserted_ns", BigInteger, nullable=False),
+    Column("deleted_ns", BigInteger),
+)
+Index("products_by_time", products.c.t1_ns, products.c.ordinal)
+Index("products_by_type", products.c.product, products.c.t1_ns, products.c.ordinal)
+Index("products_by_robot", products.c.robot, products.c.product, products.c.t1_ns, products.c.ordinal)
+Index("products_by_blob", products.c.sha256)
+
+#: Who was made from what: an input may be a sensor sample that is not stored.
+provenance = Table(
+    "provenance",
+    metadata,
+    Column("product_id", String(36), primary_key=True),
+    Column("input_id", String(64), primary_key=True),
+)
+Index("provenance_by_input", provenance.c.input_id)
+
+poses = Table(
+    "poses",
+    metadata,
+    Column("ordinal", _Ordinal, primary_key=True, autoincrement=True),
+    Column("parent", String(128), nullable=False),
+    Column("child", String(128), nullable=False),
+    Column("source", String(160), nullable=False),
+    Column("stamp_ns", BigInteger, nullable=False),
+    Column("robot", String(64), nullable=False),
+    Column("matrix", LargeBinary, nullable=False),
+    Column("covariance", LargeBinary),
+    Column("product_id", String(36), nullable=False),
+    UniqueConstraint("child", "parent", "source", "stamp_ns", name="poses_by_track"),
+)
+Index("poses_by_product", poses.c.product_id)
+
+events = Table(
+    "events",
+    metadata,
+    Column("ordinal", _Ordinal, primary_key=True, autoincrement=True),
+    Column("stamp_ns", BigInteger, nullable=False),
+    Column("scope", String(64), nullable=False),
+    Column("kind", String(64), nullable=False),
+    Column("body", LargeBinary, nullable=False),
+)
+Index("events_by_kind", events.c.kind, events.c.ordinal)

@@ -1,0 +1,131 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The store as a whole: opened once, used from any thread, closed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from cdff_common.clock import Clock, WallClock
+from cdff_common.interfaces.product import Header
+from dpm_store.blobs import BlobFiles
+from dpm_store.database import Database, directory_of
+from dpm_store.events import EventTable
+from dpm_store.frames import FrameTable
+from dpm_store.lock import DirectoryLock
+from dpm_store.maintenance import Problem, Statistics, collect, statistics, verify
+from dpm_store.migrate import migrate
+from dpm_store.poses import PoseTable
+from dpm_store.products import ProductTable
+from dpm_store.records import Insertion, Page, ProductRecord, Query
+from dpm_store.search import Search
+
+_DATABASE = "store.sqlite"
+_BLOBS = "blobs"
+
+
+def open_store(url: str, clock: Clock | None = None) -> Store:
+    """Open or make a store.
+
+    Parameters
+    ----------
+    url : str
+        ``sqlite:///directory``; made if it is not there.
+    clock : Clock, optional
+        Mission clock for insertion times; the wall clock by default.
+
+    Raises
+    ------
+    ConfigurationError
+        On another kind of URL, or a store made by a newer version.
+    UnavailableError
+        If another process has it open.
+    StorageError
+        If the disk is full or fails.
+    """
+    return Store(directory_of(url), clock or WallClock())
+
+
+class Store:
+    """Products, frames, poses and events of a mission; a context manager.
+
+    Attributes
+    ----------
+    frames : FrameTable
+        Revisioned fixed edges.
+    poses : PoseTable
+        Moving edges, and lookups over both.
+    events : EventTable
+        Append-only history.
+    """
+
+    def __init__(self, directory: Path, clock: Clock) -> None:
+        directory.mkdir(parents=True, exist_ok=True)
+        self.directory = directory
+        self.clock = clock
+        self._lock = DirectoryLock(directory)
+        try:
+            self._database = Database(directory / _DATABASE)
+            migrate(self._database)
+            self._files = BlobFiles(directory / _BLOBS)
+        except BaseException:
+            self._lock.release()
+            raise
+        self.events = EventTable(self._database, clock)
+        self.frames = FrameTable(self._database, clock)
+        self.poses = PoseTable(self._database, self.frames)
+        self._products = ProductTable(self._database, self._files, self.events, clock)
+        self._search = Search(self._database, self._products, self.frames, self.poses)
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def put(
+        self, header: Header, payload: bytes, *, robot: str, dfpc: str, port: str, product: str, type_name: str,
+        codec: str = "uper", value: Any = None,
+    ) -> Insertion:  # fmt: skip
+        """Insert a product; durable when this returns. See ``ProductTable.put``."""
+        return self._products.put(
+            header, payload, robot=robot, dfpc=dfpc, port=port, product=product, type_name=type_name, codec=codec,
+            value=value,
+        )  # fmt: skip
+
+    def get(self, product_id: str, *, deleted: bool = False) -> ProductRecord:
+        """Metadata by id. See ``ProductTable.get``."""
+        return self._products.get(product_id, deleted=deleted)
+
+    def payload(self, product_id: str, offset: int = 0, length: int | None = None) -> bytes:
+        """Bytes of a payload, checked against what was written. See ``ProductTable.payload``."""
+        return self._products.payload(product_id, offset, length)
+
+    def search(self, query: Query | None = None) -> Page:
+        """One page of products. See ``Query`` and ``Search.run``."""
+        return self._search.run(query or Query())
+
+    def delete(self, product_id: str) -> bool:
+        """Leave a tombstone. See ``ProductTable.delete``."""
+        return self._products.delete(product_id)
+
+    def verify(self) -> tuple[Problem, ...]:
+        """Look at everything that is stored; what was found wrong, empty when sound."""
+        return verify(self._database, self._files)
+
+    def collect(self) -> int:
+        """Remove payloads that no live product names; returns the bytes freed."""
+        return collect(self._database, self._files)
+
+    def statistics(self) -> Statistics:
+        """Counts and sizes."""
+        return statistics(self._database)
+
+    def close(self) -> None:
+        """Close the database and let another process open it."""
+        self._database.close()
+        self._lock.release()
