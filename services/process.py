@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import logging
 import os
 import signal
@@ -17,6 +18,7 @@ from cdff_common.log import configure_logging
 logger = logging.getLogger(__name__)
 
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+_PR_SET_PDEATHSIG = 1
 
 
 def cap_threads(threads: int) -> None:
@@ -40,12 +42,23 @@ def stop_event() -> threading.Event:
     return stop
 
 
+def follow_supervisor() -> None:
+    """Have the kernel send SIGTERM when the supervisor dies, however it dies (Linux; elsewhere nothing happens)."""
+    supervisor = os.environ.get("CDFF_SUPERVISOR")
+    if supervisor is None or not sys.platform.startswith("linux"):
+        return
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != int(supervisor):  # it died before we asked
+        os._exit(0)
+
+
 def run_service(name: str, body: Callable[[threading.Event], None]) -> int:
     """Run a service until it is told to stop; the exit code is 0, or 1 after a known error.
 
     ``body`` gets the stop event and returns once it is set and everything is closed.
     """
     stop = stop_event()
+    follow_supervisor()
     configure_logging(name, os.environ.get("CDFF_LOG_LEVEL", "INFO"))
     try:
         body(stop)

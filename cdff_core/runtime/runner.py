@@ -1,0 +1,150 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The loop that orders samples and steps a DFPC: the same for the host process and for replay.
+
+Samples are stepped in (stamp_ns, port, seq) order as far as they have arrived. Within a port time only goes forward: an
+older or repeated sample is dropped and counted. Across ports a sample that comes after newer ones were stepped is
+stepped all the same and counted as out of order, since delayed measurements are the rule on a robot.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from cdff_common.errors import CdffError, ConfigurationError
+from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
+from cdff_common.interfaces.product import Header, Product, Status, product_id
+
+
+@dataclass(slots=True)
+class Counters:
+    """What went in and out of a DFPC since it was configured."""
+
+    samples: int = 0
+    outputs: int = 0
+    degraded: int = 0
+    failed: int = 0
+    late: int = 0
+    out_of_order: int = 0
+    errors: int = 0
+    last_error: str = ""
+    samples_by_port: dict[str, int] = field(default_factory=dict)
+    outputs_by_port: dict[str, int] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return asdict(self)
+
+
+class Runner:
+    """Steps one configured DFPC and gives its outputs their identity.
+
+    Parameters
+    ----------
+    dfpc : Dfpc
+        Configured.
+    """
+
+    def __init__(self, dfpc: Dfpc) -> None:
+        self._dfpc = dfpc
+        self._robot = dfpc.context.robot
+        self._ports = {p.attribute: p for p in dfpc.description.output_ports}
+        self._inputs = {p.attribute for p in dfpc.description.input_ports}
+        self._config_hash = dfpc.config_hash
+        self._producer = f"{dfpc.name}/{dfpc.implementation}/{dfpc.description.version}"
+        self._heap: list[tuple[int, str, int, int, Sample]] = []
+        self._arrivals = 0
+        self._newest_ns: dict[str, int] = {}
+        self._stepped_ns = -(1 << 62)
+        self._next_seq: dict[str, int] = {}
+        self.counters = Counters()
+
+    @property
+    def pending(self) -> int:
+        """Samples that wait to be stepped."""
+        return len(self._heap)
+
+    def push(self, sample: Sample) -> bool:
+        """Queue a sample; False if it is not newer than the port's newest one, and dropped.
+
+        Raises
+        ------
+        ConfigurationError
+            If the DFPC has no such port.
+        """
+        if sample.port not in self._inputs:
+            raise ConfigurationError(f"{self._dfpc.name} has no input port {sample.port!r}; it has {sorted(self._inputs)}")
+        if sample.stamp_ns <= self._newest_ns.get(sample.port, -(1 << 62)):
+            self.counters.late += 1
+            return False
+        self._newest_ns[sample.port] = sample.stamp_ns
+        heapq.heappush(self._heap, (sample.stamp_ns, sample.port, sample.seq, self._arrivals, sample))
+        self._arrivals += 1
+        return True
+
+    def step_one(self) -> list[Product]:
+        """Step the earliest queued sample and return the products it leads to; nothing queued, nothing returned.
+
+        A ``CdffError`` of the DFPC is counted and kept as ``last_error``: one bad sample does not end a mission.
+        Any other exception is a bug and passes through.
+        """
+        if not self._heap:
+            return []
+        sample = heapq.heappop(self._heap)[-1]
+        if sample.stamp_ns < self._stepped_ns:
+            self.counters.out_of_order += 1
+        self._stepped_ns = max(self._stepped_ns, sample.stamp_ns)
+        self.counters.samples += 1
+        by_port = self.counters.samples_by_port
+        by_port[sample.port] = by_port.get(sample.port, 0) + 1
+        try:
+            return list(self._products(self._dfpc.step(sample)))
+        except CdffError as error:
+            self.counters.errors += 1
+            self.counters.last_error = f"{type(error).__name__}: {error}"
+            return []
+
+    def drain(self) -> Iterator[Product]:
+        """Step everything queued."""
+        while self._heap:
+            yield from self.step_one()
+
+    def finish(self) -> list[Product]:
+        """Step what is queued and collect what the DFPC still owes."""
+        products = list(self.drain())
+        products.extend(self._products(self._dfpc.finish()))
+        return products
+
+    def _products(self, outputs: Iterable[Output]) -> Iterator[Product]:
+        for output in outputs:
+            yield self._product(output)
+
+    def _product(self, output: Output) -> Product:
+        port = self._ports.get(output.port)
+        if port is None:
+            raise ConfigurationError(f"{self._dfpc.name} emitted on {output.port!r}, which its description does not have")
+        status = output.quality.status
+        if (output.value is None) != (status is Status.FAILED):
+            raise ConfigurationError(f"{self._dfpc.name}.{output.port}: status {status} with value {type(output.value).__name__}")
+        seq = self._next_seq.get(output.port, 0)
+        self._next_seq[output.port] = seq + 1
+        self.counters.outputs += 1
+        self.counters.degraded += status is Status.DEGRADED
+        self.counters.failed += status is Status.FAILED
+        by_port = self.counters.outputs_by_port
+        by_port[output.port] = by_port.get(output.port, 0) + 1
+        extent = None if output.value is None else output.value.extent_m()
+        geometry = getattr(output.value, "geometry", None)
+        header = Header(
+            id=product_id(self._robot, self._dfpc.name, output.port, output.t1_ns, seq, self._config_hash),
+            seq=seq, t0_ns=output.t0_ns, t1_ns=output.t1_ns, frame=output.frame, child=output.child,
+            producer=self._producer, config_hash=self._config_hash, inputs=output.inputs, quality=output.quality,
+            box_m=None if extent is None else tuple(float(x) for x in extent),
+            resolution_m=None if geometry is None else float(geometry.resolution_m),
+        )
+        return Product(
+            self._robot, self._dfpc.name, output.port, port.product or "", port.type_name, header, output.value
+        )

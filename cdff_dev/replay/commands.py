@@ -1,0 +1,117 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``cdff replay LOG --dfpc NAME``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+
+def register(nouns: Any) -> None:
+    """Add ``cdff replay``."""
+    parser = nouns.add_parser("replay", help="replay a log through a DFPC, without middleware, repeatably")
+    parser.add_argument("log", help="a log file, a folder, a _*.msg pattern, or a KITTI folder")
+    parser.add_argument("--dfpc", required=True)
+    parser.add_argument("--implementation")
+    parser.add_argument("--config", help="YAML file with the DFPC's parameters")
+    parser.add_argument("--profile", help="take frames, limits, wiring and parameters from this profile")
+    parser.add_argument("--robot", help="which robot of the log; not needed where it holds one")
+    parser.add_argument("--map", action="append", default=[], metavar="PORT=STREAM")
+    parser.add_argument("--speed", default="max", help="a factor, or max (the default)")
+    parser.add_argument("--seed", type=int, default=None)
+    parser.add_argument("--out", metavar="DIR", help="write outputs.msg, summary.json and <port>.tum there")
+    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Replay; 0 when it ran, 3 when every output was FAILED."""
+    import dataclasses  # noqa: PLC0415
+
+    from cdff_common.errors import ConfigurationError, InputError, RefusedError  # noqa: PLC0415
+    from cdff_common.interfaces.dfpc import DfpcContext, Sample  # noqa: PLC0415
+    from cdff_common.interfaces.profile import load_profile  # noqa: PLC0415
+    from cdff_common.interfaces.registry import Registry  # noqa: PLC0415
+    from cdff_dev.logs import open_log  # noqa: PLC0415
+    from cdff_dev.replay.engine import paced, replay, samples_of  # noqa: PLC0415
+    from cdff_dev.replay.wiring import robot_of, wire  # noqa: PLC0415
+
+    speed = _speed(args.speed)
+    mapping = dict(item.split("=", 1) for item in args.map if "=" in item)
+    if len(mapping) != len(args.map):
+        raise InputError(f"--map {args.map}: expected PORT=STREAM, each port once")
+    log = open_log(args.log)
+    streams = {name: info.type_name for name, info in log.streams.items()}
+    robot = robot_of(streams, args.robot)
+    dfpc = Registry.default().make_dfpc(args.dfpc)
+    context, entry, implementation = DfpcContext(robot), None, args.implementation
+    parameters: dict[str, Any] = {}
+    if args.profile:
+        described = load_profile(args.profile).robot(robot)
+        entry = described.dfpc(dfpc.name)
+        context, parameters = described.context(entry), dict(entry.parameters)
+        implementation = implementation or entry.implementation
+    if args.seed is not None:
+        context = dataclasses.replace(context, seed=args.seed)
+    if args.config:
+        parameters.update(_parameters(Path(args.config)))
+    dfpc.configure(parameters, context, implementation)
+    wired = wire(dfpc.description, streams, robot, mapping, entry)
+    total = sum(log.streams[s].count for s in wired.values())
+    seen = 0
+
+    def progress(_sample: Sample) -> None:
+        nonlocal seen
+        seen += 1
+        if sys.stderr.isatty():
+            print(f"\r{seen}/{total} samples", end="", file=sys.stderr)
+
+    summary = replay(dfpc, paced(samples_of(log, wired, robot), speed), Path(args.out) if args.out else None, progress)
+    if sys.stderr.isatty():
+        print(file=sys.stderr)
+    if args.json:
+        print(json.dumps(summary, sort_keys=True))
+    else:
+        print(
+            f"{dfpc.name}: {summary['samples']} samples, {summary['outputs']} outputs, {summary['degraded']} degraded, "
+            f"{summary['failed']} failed, {summary['dropped']} dropped, {summary['cpu_s']:.2f} s CPU"
+        )
+    if summary["errors"]:
+        print(f"{summary['errors']} samples were refused; the last: {summary['last_error']}", file=sys.stderr)
+    if not summary["samples"]:
+        raise ConfigurationError(f"{args.log}: no sample reached {dfpc.name}")
+    if summary["outputs"] and summary["failed"] == summary["outputs"]:
+        raise RefusedError(f"{dfpc.name}: every output is FAILED")
+    return 0
+
+
+def _speed(text: str) -> float | None:
+    from cdff_common.errors import InputError  # noqa: PLC0415
+
+    if text == "max":
+        return None
+    try:
+        speed = float(text)
+    except ValueError as error:
+        raise InputError(f"--speed {text!r}: expected a factor above 0 or max") from error
+    if not 0 < speed < 1e6:
+        raise InputError(f"--speed {text}: expected a factor above 0 or max")
+    return speed
+
+
+def _parameters(path: Path) -> dict[str, Any]:
+    import yaml  # noqa: PLC0415
+
+    from cdff_common.errors import ConfigurationError  # noqa: PLC0415
+
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, yaml.YAMLError) as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+    if not isinstance(data, dict):
+        raise ConfigurationError(f"{path}: holds a {type(data).__name__}, expected a mapping of parameters")
+    return data

@@ -1,0 +1,55 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""A DFPC host process.
+
+    python -m services.dfpc_host --profile FILE --process NAME      the DFPCs that a profile puts in one process
+    python -m services.dfpc_host --profile FILE --robot ID --dfpc NAME    one DFPC of a profile
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import threading
+
+from cdff_common.bus import Bus
+from cdff_common.errors import ConfigurationError
+from cdff_common.interfaces.profile import DfpcEntry, Profile, Robot, load_profile
+from services.process import cap_threads, run_service
+
+
+def entries_of(profile: Profile, process: str | None, robot: str | None, dfpc: str | None) -> list[tuple[Robot, DfpcEntry]]:
+    """Return what to host; raises ConfigurationError where the profile has no such process or DFPC."""
+    if process is not None:
+        groups = profile.processes()
+        if process not in groups:
+            raise ConfigurationError(f"profile {profile.name} has no process {process!r}; it has {', '.join(groups)}")
+        return [(profile.robot(robot_id), entry) for robot_id, entry in groups[process]]
+    if robot is None or dfpc is None:
+        raise ConfigurationError("give --process NAME, or --robot ID and --dfpc NAME")
+    return [(profile.robot(robot), profile.robot(robot).dfpc(dfpc))]
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Host until SIGTERM."""
+    parser = argparse.ArgumentParser(prog="dfpc_host", description=__doc__)
+    parser.add_argument("--profile", default=os.environ.get("CDFF_PROFILE"), required="CDFF_PROFILE" not in os.environ)
+    parser.add_argument("--process", default=os.environ.get("CDFF_PROCESS"))
+    parser.add_argument("--robot")
+    parser.add_argument("--dfpc")
+    args = parser.parse_args(argv)
+    cap_threads(1)
+
+    def body(stop: threading.Event) -> None:
+        profile = load_profile(args.profile)
+        entries = entries_of(profile, args.process, args.robot, args.dfpc)
+        with Bus.open(name=args.process or args.dfpc, wait_s=None) as bus:
+            from services.dfpc_host.host import DfpcHost  # noqa: PLC0415  # heavy: after the thread caps
+
+            DfpcHost(bus, entries).run(stop)
+
+    return run_service(args.process or f"{args.robot}_{args.dfpc}", body)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

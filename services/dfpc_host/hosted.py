@@ -1,0 +1,272 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""One DFPC in its host: subscriptions while active, a thread that steps it, products out, state and counters."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from cdff_common.bus import Bus, Message, Qos, Subscription, keys
+from cdff_common.clock import monotonic_s
+from cdff_common.codecs import encode
+from cdff_common.codecs.encoding import encoding_string
+from cdff_common.errors import CdffError, NotActiveError, OverloadedError
+from cdff_common.interfaces.dfpc import Dfpc
+from cdff_common.interfaces.product import Product
+from cdff_common.interfaces.profile import DfpcEntry, Robot
+from cdff_common.interfaces.registry import Registry
+from cdff_core.runtime import Runner
+from services.dfpc_host.inputs import sample_of
+from services.dfpc_host.lifecycle import State, next_state
+from services.dfpc_host.outbox import Outbox, Parcel
+
+logger = logging.getLogger(__name__)
+
+
+class HostedDfpc:
+    """A DFPC, its life cycle and its thread.
+
+    Steps, operations and store queries never run at the same time: a DFPC is single-threaded.
+    """
+
+    def __init__(self, bus: Bus, outbox: Outbox, robot: Robot, entry: DfpcEntry) -> None:
+        self.robot, self.entry = robot, entry
+        self.state = State.UNCONFIGURED
+        self.step_started_s: float | None = None
+        self.malformed = 0
+        self.refused_inputs = 0
+        self.last_error = ""
+        self._bus, self._outbox = bus, outbox
+        self._dfpc: Dfpc = Registry.default().make_dfpc(entry.name)
+        self._runner: Runner | None = None
+        self._subscriptions: list[Subscription] = []
+        self._dropped_before = 0
+        self._use = threading.Lock()
+        self._life = threading.RLock()
+        self._queue = threading.Condition()
+        self._times_s: dict[str, float] = {"last_step_s": 0.0, "max_step_s": 0.0, "step_cpu_s": 0.0}
+        self._thread: threading.Thread | None = None
+        self._stopping = threading.Event()
+
+    # -- life cycle ---------------------------------------------------------------------------------------------
+
+    def configure(self, parameters: Mapping[str, Any] | None = None) -> None:
+        """Make the DFPC anew with the profile's parameters, overridden by ``parameters``."""
+        with self._life, self._use:
+            target = next_state("configure", self.state, self.entry.name)
+            dfpc = Registry.default().make_dfpc(self.entry.name)
+            merged = {**self.entry.parameters, **(parameters or {})}
+            try:
+                dfpc.configure(merged, self.robot.context(self.entry), self.entry.implementation)
+            except CdffError as error:
+                self.last_error = str(error)
+                raise
+            self._dfpc, self._runner = dfpc, Runner(dfpc)
+            self.state = target
+
+    def activate(self) -> None:
+        """Subscribe the inputs and start stepping; nothing to do where it is active."""
+        with self._life:
+            if self.state is State.ERROR:
+                self.configure()
+            target = next_state("activate", self.state, self.entry.name)
+            if self.state is State.ACTIVE:
+                return
+            self._stopping.clear()
+            self._thread = threading.Thread(target=self._run, name=f"step {self.entry.name}", daemon=True)
+            self._thread.start()
+            types = {p.attribute: p.type_name for p in self._dfpc.description.input_ports}
+            for port, wiring in self.entry.inputs.items():
+                self._subscribe(port, types[port], keys.source(self.robot.id, wiring))
+            self.state = target
+        self._announce("activated")
+
+    def deactivate(self) -> None:
+        """Unsubscribe, step what has arrived, publish what is owed; nothing to do where it is inactive."""
+        with self._life:
+            target = next_state("deactivate", self.state, self.entry.name)
+            if self.state is State.INACTIVE:
+                return
+            self._unsubscribe()
+            self._stop_thread()
+            self.state = target
+            with self._use:
+                assert self._runner is not None
+                self._publish_all(self._runner.finish())
+        self._announce("deactivated")
+
+    def close(self) -> None:
+        """Let go of everything without publishing more."""
+        with self._life:
+            self._unsubscribe()
+            self._stop_thread()
+
+    # -- asked from outside ---------------------------------------------------------------------------------------
+
+    def call(self, operation: str, parameters: Mapping[str, str], timeout_s: float) -> tuple[str, Any]:
+        """Run an operation; return the type's name and the value."""
+        if self.state not in (State.ACTIVE, State.INACTIVE):
+            raise NotActiveError(f"{self.entry.name} is {self.state}: {self.last_error or 'configure it first'}")
+        self._acquire(timeout_s, operation)
+        try:
+            value = self._dfpc.call(operation, parameters)
+        finally:
+            self._use.release()
+        return type(value).__name__, value
+
+    def store_item(self, item: str, timeout_s: float) -> tuple[str, Any]:
+        """Return the type's name and the value of an item of the local store."""
+        if self.state is State.UNCONFIGURED:
+            raise NotActiveError(f"{self.entry.name} is {self.state}")
+        self._acquire(timeout_s, f"store/{item}")
+        try:
+            value = self._dfpc.store.get(item)
+        finally:
+            self._use.release()
+        return type(value).__name__, value
+
+    def describe(self) -> dict[str, Any]:
+        """Ports, wiring, needs, cost and state, for the orchestrator's catalogue."""
+        description = Registry.default().dfpc(self.entry.name)
+        wiring = self.entry.inputs
+        return {
+            "name": self.entry.name, "robot": self.robot.id, "version": description.version, "state": str(self.state),
+            "implementation": self.entry.implementation or description.implementations[0].name,
+            "doc": description.doc, "config_hash": "" if self._runner is None else self._dfpc.config_hash,
+            "inputs": [
+                {"port": p.attribute, "type": p.type_name, "optional": p.optional, "source": wiring.get(p.attribute, "")}
+                for p in description.input_ports
+            ],
+            "outputs": [
+                {"port": p.attribute, "type": p.type_name, "product": p.product or "",
+                 "key": keys.product(self.robot.id, self.entry.name, p.attribute)}
+                for p in description.output_ports
+            ],
+            "operations": [op.name for op in description.operations],
+            "store": [] if self._runner is None else list(self._dfpc.store.items),
+            "modes": dict(self.entry.modes), "activation": self.entry.activation, "linger_s": self.entry.linger_s,
+            "cost": {k: c.model_dump() for k, c in description.cost.items()},
+        }
+
+    def status(self) -> dict[str, Any]:
+        """State, counters, run times, last error."""
+        counters = {} if self._runner is None else self._runner.counters.to_dict()
+        step_error = str(counters.pop("last_error", ""))
+        samples = max(int(counters.get("samples", 0)), 1)
+        return {
+            "name": self.entry.name, "robot": self.robot.id, "state": str(self.state), **counters,
+            "pending": 0 if self._runner is None else self._runner.pending,
+            "dropped": self._dropped_before + sum(s.dropped for s in self._subscriptions),
+            "malformed": self.malformed, "refused_inputs": self.refused_inputs,
+            "mean_step_cpu_s": self._times_s["step_cpu_s"] / samples, **self._times_s,
+            "last_error": self.last_error or step_error,
+        }
+
+    # -- inside -----------------------------------------------------------------------------------------------------
+
+    def _acquire(self, timeout_s: float, what: str) -> None:
+        if not self._use.acquire(timeout=timeout_s):
+            raise OverloadedError(f"{self.entry.name} is busy; {what} waited {timeout_s:g} s", retry_after_s=timeout_s)
+
+    def _subscribe(self, port: str, type_name: str, key: str) -> None:
+        def on_message(message: Message) -> None:
+            self._take(message, port, type_name)
+
+        self._subscriptions.append(self._bus.subscribe(key, on_message, depth=self.entry.queue))
+
+    def _unsubscribe(self) -> None:
+        for subscription in self._subscriptions:
+            subscription.close()
+            self._dropped_before += subscription.dropped
+        self._subscriptions.clear()
+
+    def _stop_thread(self) -> None:
+        self._stopping.set()
+        with self._queue:
+            self._queue.notify_all()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join(timeout=self.entry.step_timeout_s)
+        self._thread = None
+
+    def _take(self, message: Message, port: str, type_name: str) -> None:
+        """Decode in the subscription's thread; wait there while the queue is full, so that the ring counts drops."""
+        try:
+            sample = sample_of(message, port, type_name)
+        except CdffError as error:
+            if isinstance(error, NotActiveError) or "FAILED" in str(error):
+                self.refused_inputs += 1
+            else:
+                self.malformed += 1
+                self.last_error = f"{port}: {error}"
+                logger.warning("%s.%s: malformed input on %s: %s", self.entry.name, port, message.key, error)
+            return
+        assert self._runner is not None
+        with self._queue:
+            while self._runner.pending >= self.entry.queue and not self._stopping.is_set():
+                self._queue.wait(0.1)
+            if not self._stopping.is_set():
+                self._runner.push(sample)
+                self._queue.notify_all()
+
+    def _run(self) -> None:
+        assert self._runner is not None
+        runner, stopping = self._runner, self._stopping
+        while not stopping.is_set():
+            with self._queue:
+                self._queue.wait_for(lambda: runner.pending or stopping.is_set(), timeout=1.0)
+            if not runner.pending:
+                continue
+            stopping.wait(self.entry.reorder_s)
+            while not stopping.is_set() and self._step(runner):
+                pass
+
+    def _step(self, runner: Runner) -> bool:
+        """Step one sample; False when nothing is queued or the DFPC broke."""
+        with self._use:
+            with self._queue:
+                if not runner.pending:
+                    return False
+            started_s, cpu_s = monotonic_s(), time.thread_time()
+            self.step_started_s = started_s
+            try:
+                products = runner.step_one()
+                self._publish_all(products)
+            except Exception as error:  # noqa: BLE001  # a bug in a DFPC must not take its neighbours along
+                logger.exception("%s raised; it is switched to error", self.entry.name)
+                self.last_error = f"{type(error).__name__}: {error}"
+                self.state = State.ERROR
+                self._stopping.set()
+                self._announce("alarm", reason=self.last_error)
+                return False
+            finally:
+                self.step_started_s = None
+            took_s = monotonic_s() - started_s
+            self._times_s["last_step_s"] = took_s
+            self._times_s["max_step_s"] = max(self._times_s["max_step_s"], took_s)
+            self._times_s["step_cpu_s"] += time.thread_time() - cpu_s
+        with self._queue:
+            self._queue.notify_all()
+        return True
+
+    def _publish_all(self, products: list[Product]) -> None:
+        for product in products:
+            payload = b"" if product.value is None else encode(product.value, "uper")
+            encoding = encoding_string(product.type_name, "uper")
+            attachment = product.header.to_attachment()
+            qos = Qos.POSE if product.type_name == "TransformWithCovariance" else Qos.PRODUCT
+            self._bus.publish(
+                keys.product(product.robot, product.dfpc, product.port), payload,
+                encoding=encoding, attachment=attachment, qos=qos,
+            )
+            if payload and product.product:
+                self._outbox.put(
+                    Parcel(product.robot, product.dfpc, product.port, product.product, payload, encoding, attachment)
+                )
+
+    def _announce(self, kind: str, **more: Any) -> None:
+        body = {"robot": self.robot.id, "dfpc": self.entry.name, "state": str(self.state), **more}
+        self._bus.publish_map(keys.event(self.robot.id, kind), body)

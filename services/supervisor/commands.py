@@ -1,0 +1,68 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``cdff up`` and ``cdff service``."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+DEFAULT_DATA_DIR = Path("~/.local/share/cdff")
+DEFAULT_HTTP = "127.0.0.1:8080"
+SERVICES = ("router", "dpm", "orchestrator", "icu")
+
+
+def data_dir_of(argument: str | None) -> Path:
+    """The data folder: the argument, else ``CDFF_DATA_DIR``, else the default."""
+    return Path(argument or os.environ.get("CDFF_DATA_DIR") or DEFAULT_DATA_DIR).expanduser()
+
+
+def register_up(nouns: Any) -> None:
+    """Add ``cdff up``."""
+    parser = nouns.add_parser("up", help="run every service of a profile on this machine until Ctrl-C")
+    parser.add_argument("--profile", default=os.environ.get("CDFF_PROFILE"), help="deploy/profiles/*.yaml; CDFF_PROFILE")
+    parser.add_argument("--connect", default=None, help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
+    parser.add_argument("--http", default=DEFAULT_HTTP, help="host:port of the DPM's HTTP server")
+    parser.add_argument("--data-dir", default=None, help="CDFF_DATA_DIR, ~/.local/share/cdff")
+    parser.add_argument("--log-dir", default=None, help="one log file per process there; default: standard error")
+    parser.set_defaults(run=run_up)
+
+
+def run_up(args: argparse.Namespace) -> int:
+    """Run the services of a profile; 0 after SIGTERM or Ctrl-C."""
+    from cdff_common.bus.session import endpoint  # noqa: PLC0415
+    from cdff_common.errors import ConfigurationError  # noqa: PLC0415
+    from cdff_common.interfaces.profile import load_profile  # noqa: PLC0415
+    from services.process import run_service  # noqa: PLC0415
+    from services.supervisor.plan import plan  # noqa: PLC0415
+    from services.supervisor.supervisor import Supervisor  # noqa: PLC0415
+
+    if not args.profile:
+        raise ConfigurationError("no profile: give --profile FILE or set CDFF_PROFILE, as deploy/profiles/rover_traverse.yaml")
+    path = Path(args.profile)
+    profile = load_profile(path)
+    data_dir = data_dir_of(args.data_dir)
+    data_dir.mkdir(parents=True, exist_ok=True)
+    log_dir = None if args.log_dir is None else Path(args.log_dir)
+    if log_dir is not None:
+        log_dir.mkdir(parents=True, exist_ok=True)
+    specs = plan(profile, path, connect=endpoint(args.connect), http=args.http, data_dir=data_dir)
+    return run_service("supervisor", Supervisor(specs, log_dir).run)
+
+
+def register_service(nouns: Any) -> None:
+    """Add ``cdff service NAME``."""
+    parser = nouns.add_parser("service", help="run one service in the foreground")
+    parser.add_argument("name", choices=SERVICES)
+    parser.add_argument("options", nargs=argparse.REMAINDER, help="of the service; `cdff service NAME --help` lists them")
+    parser.set_defaults(run=run_one)
+
+
+def run_one(args: argparse.Namespace) -> int:
+    """Become the service's process, so that signals and the exit code are its own."""
+    sys.stdout.flush()
+    os.execv(sys.executable, [sys.executable, "-m", f"services.{args.name}", *args.options])  # noqa: S606
+    return 1

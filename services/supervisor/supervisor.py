@@ -1,0 +1,120 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Keeps processes running: starts them staggered, starts dead ones again, ends them all within a few seconds."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import subprocess
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from cdff_common.clock import monotonic_s
+from services.supervisor.plan import ProcessSpec
+
+logger = logging.getLogger(__name__)
+
+POLL_S = 0.05
+#: Time between two starts, so that imports do not pile up on few cores.
+STAGGER_S = 0.4
+#: Back-off of a process that keeps dying: first and longest wait; it starts over after ``STABLE_S`` of running.
+BACKOFF_FIRST_S = 0.2
+BACKOFF_LONGEST_S = 3.0
+STABLE_S = 10.0
+#: How long processes get to end by themselves after SIGTERM.
+GRACE_S = 3.5
+
+
+@dataclass(slots=True)
+class Child:
+    """A process and its history."""
+
+    spec: ProcessSpec
+    process: subprocess.Popen[bytes] | None = None
+    started_s: float = 0.0
+    start_at_s: float = 0.0
+    backoff_s: float = BACKOFF_FIRST_S
+    restarts: int = 0
+    log: Path | None = None
+
+
+@dataclass(slots=True)
+class Supervisor:
+    """Runs the processes of a plan until told to stop.
+
+    Parameters
+    ----------
+    specs : sequence of ProcessSpec
+        In the order to start them.
+    log_dir : Path or None
+        A file per process; None lets them write to this process's standard error.
+    """
+
+    specs: Sequence[ProcessSpec]
+    log_dir: Path | None = None
+    children: dict[str, Child] = field(default_factory=dict)
+
+    def run(self, stop: threading.Event) -> None:
+        """Start, watch and start again until ``stop``; then end every process. Call it from the main thread.
+
+        The kernel sends SIGTERM to the children when the thread that started them ends, so that not even a SIGKILL of
+        the supervisor leaves an orphan.
+        """
+        begin_s = monotonic_s()
+        for i, spec in enumerate(self.specs):
+            log = None if self.log_dir is None else self.log_dir / f"{spec.name}.log"
+            self.children[spec.name] = Child(spec, start_at_s=begin_s + i * STAGGER_S, log=log)
+        try:
+            while not stop.wait(POLL_S):
+                for child in self.children.values():
+                    self._tend(child)
+        finally:
+            self.end()
+
+    def end(self) -> None:
+        """SIGTERM to all, clients first and the router last; SIGKILL to those that stay."""
+        running = [c.process for c in reversed(self.children.values()) if c.process is not None and c.process.poll() is None]
+        for process in running:
+            process.send_signal(signal.SIGTERM)
+        deadline_s = monotonic_s() + GRACE_S
+        for process in running:
+            try:
+                process.wait(max(deadline_s - monotonic_s(), 0.05))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+    def _tend(self, child: Child) -> None:
+        now_s = monotonic_s()
+        if child.process is None:
+            if now_s >= child.start_at_s:
+                self._start(child)
+            return
+        code = child.process.poll()
+        if code is None:
+            return
+        if now_s - child.started_s > STABLE_S:
+            child.backoff_s = BACKOFF_FIRST_S
+        logger.warning("%s ended with code %s; starting it again in %.1f s", child.spec.name, code, child.backoff_s)
+        child.process = None
+        child.restarts += 1
+        child.start_at_s = now_s + child.backoff_s
+        child.backoff_s = min(child.backoff_s * 2, BACKOFF_LONGEST_S)
+
+    def _start(self, child: Child) -> None:
+        environment = {**os.environ, **child.spec.environment, "CDFF_SUPERVISOR": str(os.getpid())}
+        output = None if child.log is None else child.log.open("ab")
+        try:
+            child.process = subprocess.Popen(  # noqa: S603  # argv is ours
+                child.spec.argv, env=environment, stdin=subprocess.DEVNULL, stdout=output, stderr=output,
+                start_new_session=True,
+            )
+        finally:
+            if output is not None:
+                output.close()
+        child.started_s = monotonic_s()
+        logger.info("started %s (pid %d)", child.spec.name, child.process.pid)
