@@ -16,6 +16,8 @@ from cdff_core.orchestration.request import ProductRequest
 
 #: A resolution within this factor of the asked one counts as what was asked.
 RESOLUTION_TOLERANCE = 1.001
+#: A capture further ahead of the mission clock than this, seconds, is of an earlier run of the same log.
+AHEAD_TOLERANCE_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +88,9 @@ def judge(candidate: Candidate, request: ProductRequest, now_ns: int) -> Judgeme
     if candidate.status == "FAILED":
         missing.append("status: FAILED")
     age_s = candidate.age_s(now_ns)
+    ahead_s = (candidate.t1_ns - now_ns) / NS_PER_S
+    if request.t_ns is None and ahead_s > AHEAD_TOLERANCE_S:
+        missing.append(f"time: captured {ahead_s:.3f} s ahead of the mission clock")
     if request.t_ns is None and age_s > request.max_age_s:
         missing.append(f"age: {age_s:.3f} s old, asked at most {request.max_age_s:g} s")
     if request.region is not None and candidate.coverage is not None:

@@ -68,6 +68,8 @@ class Observed:
         Whose process answers.
     active : set of MakerId
         That are known to be active.
+    owned : set of MakerId
+        That this orchestrator activated: only those does it ever deactivate.
     modes : dict of SensorId to str
         Confirmed modes.
     attempts : dict
@@ -76,6 +78,7 @@ class Observed:
 
     alive: set[MakerId] = field(default_factory=set)
     active: set[MakerId] = field(default_factory=set)
+    owned: set[MakerId] = field(default_factory=set)
     modes: dict[SensorId, str] = field(default_factory=dict)
     attempts: dict[MakerId | SensorId, Attempt] = field(default_factory=dict)
 
@@ -129,7 +132,7 @@ def next_actions(
         waits = (uses.get(maker, frozenset()) & pending) or (feeds.get(maker, frozenset()) & coming)
         if maker in observed.alive and maker not in observed.active and may(maker) and not waits:
             actions.append(Activate(maker))
-    surplus = (observed.active & observed.alive) - on
+    surplus = (observed.active & observed.alive & observed.owned) - on
     for maker in sorted(surplus):
         fed = {m for m in surplus if maker in feeds.get(m, frozenset())}
         if not fed and may(maker):

@@ -1,0 +1,68 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the orchestrator's journal says, as plain records, and what is left of them after a restart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from cdff_core.orchestration.lifecycle import FINAL_STATES
+from cdff_core.orchestration.world import MakerId
+
+#: Kinds of records: job (state changes), lease (acquire, release), mode, activation, decision, start.
+KINDS = frozenset({"start", "job", "lease", "mode", "activation", "decision"})
+
+
+@dataclass(slots=True)
+class Recovered:
+    """State that the records lead to.
+
+    Attributes
+    ----------
+    open_jobs : dict of str to mapping
+        Jobs without a final state, by id, with their last record.
+    held : set of MakerId
+        Makers that some holder had not let go of.
+    owned : set of MakerId
+        Makers that were activated and not deactivated.
+    jobs : int
+        How many were ever accepted.
+    """
+
+    open_jobs: dict[str, Mapping[str, Any]] = field(default_factory=dict)
+    held: set[MakerId] = field(default_factory=set)
+    owned: set[MakerId] = field(default_factory=set)
+    jobs: int = 0
+
+
+def recover(records: Iterable[Mapping[str, Any]]) -> Recovered:
+    """Replay records in order; records of unknown kinds are passed over, since a newer version may have written them."""
+    state = Recovered()
+    leases: dict[str, set[MakerId]] = {}
+    for record in records:
+        kind = record.get("kind")
+        if kind == "job":
+            job = str(record["job"])
+            state.jobs += record["state"] == "received"
+            if record["state"] in FINAL_STATES:
+                state.open_jobs.pop(job, None)
+            else:
+                state.open_jobs[job] = {**state.open_jobs.get(job, {}), **record}
+        elif kind == "lease":
+            if record["action"] == "acquire":
+                leases.setdefault(str(record["holder"]), set()).update(maker_id(m) for m in record["makers"])
+            else:
+                leases.pop(str(record["holder"]), None)
+        elif kind == "activation" and record.get("ok"):
+            change = state.owned.add if record["action"] == "activate" else state.owned.discard
+            change(maker_id(str(record["dfpc"])))
+    state.held = {m for makers in leases.values() for m in makers}
+    return state
+
+
+def maker_id(text: str) -> MakerId:
+    """Inverse of ``str(MakerId)``."""
+    robot, _, dfpc = text.partition("/")
+    return MakerId(robot, dfpc)

@@ -1,0 +1,257 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""From what was produced to what was asked for: frame, extent, resolution, type (paper §2.2, function 2).
+
+Covariance is transformed with the frame, never dropped without a reason code saying so (contract §6). What cannot be
+expressed exactly in the asked frame (a grid seen from a turned one) is refused rather than resampled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.errors import InputError
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry.region import Region
+from cdff_common.raster import GridGeometry
+from cdff_common.types import (
+    Array3D,
+    Array3DDepthT,
+    ElevationMap,
+    Map,
+    MapMetadataT,
+    MapTypeT,
+    NavigationMap,
+    Pointcloud,
+    PointCloudData,
+    PoseTrajectory,
+    RigidBodyState,
+    Time,
+    TransformWithCovariance,
+)
+
+FloatArray = NDArray[np.float64]
+
+#: Reason code of a RigidBodyState: it has no room for the covariance between position and orientation.
+CROSS_COVARIANCE_DROPPED = "cross_covariance_dropped"
+#: Largest tilt between two frames for which a plane region of one means something in the other: cosine of 10 degrees.
+_MIN_COS_TILT = 0.985
+#: Most rows and columns of an InFuse ``Map`` (its Array3D); beyond them a DEM goes by reference as tif (contract §7).
+MAP_MAX_ROWS, MAP_MAX_COLS = 1080, 1920
+
+
+def pose_as(
+    T: UncertainTransform, parent: str, child: str, stamp_ns: int, type_name: str, producer: str
+) -> tuple[TransformWithCovariance | RigidBodyState, tuple[str, ...]]:
+    """Return ``T_parent_child`` as the asked type, and reason codes for what that type cannot say.
+
+    A ``RigidBodyState`` has the parent as target and the child as source frame (contract §6); its velocities are not
+    known and therefore NaN.
+    """
+    if type_name == "TransformWithCovariance":
+        value = TransformWithCovariance.from_transform(T, parent=parent, child=child, stamp_ns=stamp_ns, producer=producer)
+        return value, ()
+    if type_name != "RigidBodyState":
+        raise InputError(f"as={type_name!r}: a pose comes as TransformWithCovariance or RigidBodyState")
+    state = RigidBodyState.from_transform(T, parent=parent, child=child, stamp_ns=stamp_ns)
+    c = T.covariance
+    crossed = c is not None and bool(np.any(c[:3, 3:] != 0.0))
+    return state, (CROSS_COVARIANCE_DROPPED,) if crossed else ()
+
+
+def trajectory_in(trajectory: PoseTrajectory, T_frame_parent: UncertainTransform, frame: str) -> PoseTrajectory:
+    """Return a trajectory with its poses, and their covariances, in another parent frame that is fixed to the old one."""
+    if frame == trajectory.parent_frame:
+        return trajectory
+    matrices = T_frame_parent.matrix @ trajectory.matrices
+    covariances = None
+    if trajectory.covariances is not None and T_frame_parent.covariance is not None:
+        poses = zip(trajectory.matrices, trajectory.covariances, strict=True)
+        covariances = np.stack([_composed(T_frame_parent, matrix, c) for matrix, c in poses])
+    return PoseTrajectory.from_arrays(
+        trajectory.stamps_ns, matrices, covariances, parent=frame, child=trajectory.child_frame
+    )
+
+
+def _composed(T: UncertainTransform, matrix: FloatArray, covariance: FloatArray) -> FloatArray:
+    if not np.all(np.isfinite(covariance)):
+        return np.full((6, 6), np.nan)
+    result = (T @ UncertainTransform(matrix, covariance)).covariance
+    return np.full((6, 6), np.nan) if result is None else result
+
+
+def region_in(region: Region, T_frame_region: FloatArray) -> Region:
+    """Return a region as seen from another frame.
+
+    Parameters
+    ----------
+    region : Region
+        Resolved.
+    T_frame_region : NDArray[np.float64], shape (4, 4)
+
+    Raises
+    ------
+    InputError
+        If the frames are tilted against each other: a plane region of one is none of the other.
+    """
+    if np.allclose(T_frame_region, np.eye(4), atol=1e-12):
+        return region
+    if T_frame_region[2, 2] < _MIN_COS_TILT:
+        raise InputError(f"region={region.text!r}: its frame is tilted against the product's; give a region_frame that is level")
+    if region.kind == "circle":
+        x, y, r = region.values
+        centre = T_frame_region @ np.array([x, y, 0.0, 1.0])
+        return Region("circle", (float(centre[0]), float(centre[1]), r))
+    if region.kind == "polygon":
+        corners = np.array(region.values).reshape(-1, 2)
+    else:
+        x0, y0, x1, y1 = region.bounds
+        corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+    seen = se3.transform_points(T_frame_region, np.column_stack([corners, np.zeros(len(corners))]))
+    return Region("polygon", tuple(float(v) for v in seen[:, :2].ravel()))
+
+
+def cloud_in(cloud: Pointcloud, T_frame_cloud: UncertainTransform, frame: str) -> Pointcloud:
+    """Return a cloud with its points in another frame; where its robot stood is said as it was, in its own frame."""
+    if frame == cloud.frame:
+        return cloud
+    return _rebuilt(cloud, T_frame_cloud.apply(cloud.points_m), np.ones(len(cloud.points_m), dtype=bool), frame)
+
+
+def cropped_cloud(cloud: Pointcloud, region: Region) -> Pointcloud:
+    """Return the points of a cloud that lie in a region of the cloud's frame."""
+    p = cloud.points_m
+    inside = region.contains(p[:, 0], p[:, 1], p[:, 2])
+    return cloud if inside.all() else _rebuilt(cloud, p, inside, cloud.frame)
+
+
+def thinned_cloud(cloud: Pointcloud, resolution_m: float) -> Pointcloud:
+    """Return a cloud with one point for each cube of ``resolution_m``: the one nearest to the mean of those in it."""
+    p = cloud.points_m
+    if len(p) == 0:
+        return cloud
+    cells = np.floor(p / resolution_m).astype(np.int64)
+    _, which, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    which = which.reshape(-1)
+    mean = np.stack([np.bincount(which, p[:, i]) for i in range(3)], axis=1) / counts[:, None]
+    order = np.lexsort((np.linalg.norm(p - mean[which], axis=1), which))
+    first = np.searchsorted(which[order], np.arange(len(counts)))
+    keep = np.zeros(len(p), dtype=bool)
+    keep[order[first]] = True
+    return _rebuilt(cloud, p, keep, cloud.frame)
+
+
+def merged_clouds(clouds: Sequence[Pointcloud]) -> Pointcloud:
+    """Return the points of several clouds of one frame as one; its stamp is the newest.
+
+    Raises
+    ------
+    InputError
+        If there is no cloud, or their frames differ.
+    """
+    frames = {c.frame for c in clouds}
+    if len(frames) != 1:
+        raise InputError(f"clouds to merge: frames {sorted(frames)}, expected exactly one")
+    if len(clouds) == 1:
+        return clouds[0]
+    intensities = [c.intensity for c in clouds]
+    known = [i for i in intensities if i is not None]
+    intensity = np.concatenate(known) if len(known) == len(clouds) else None
+    return Pointcloud.from_points(
+        np.concatenate([c.points_m for c in clouds]), frame=clouds[0].frame, stamp_ns=max(c.stamp_ns for c in clouds),
+        intensity=intensity,
+    )
+
+
+def _rebuilt(cloud: Pointcloud, points_m: FloatArray, keep: NDArray[np.bool_], frame: str) -> Pointcloud:
+    """The points of ``keep`` with what belongs to them; poses in the metadata name their own frames and stay."""
+    n = int(keep.sum())
+    metadata = replace(cloud.metadata, frame_id=frame, height=1, width=n, is_ordered=False)
+    data = PointCloudData(
+        points_m[keep],
+        cloud.data.colors[keep] if len(cloud.data.colors) else cloud.data.colors,
+        cloud.data.intensity[keep] if len(cloud.data.intensity) else cloud.data.intensity,
+    )
+    return Pointcloud(metadata, data)
+
+
+def elevation_as_map(elevation: ElevationMap, T_frame_map_frame: UncertainTransform, frame: str, producer: str) -> Map:
+    """Return the mean heights as an InFuse ``Map`` of type DEM, its place said in ``frame`` (contract §7).
+
+    The grid stays as it is: only the pose of its outer corner is composed with ``T_frame_map_frame``, covariance
+    included, so any frame is exact.
+
+    Raises
+    ------
+    InputError
+        If the grid has more rows or columns than a ``Map`` may have.
+    """
+    g = elevation.geometry
+    if g.rows > MAP_MAX_ROWS or g.cols > MAP_MAX_COLS:
+        raise InputError(
+            f"a DEM of {g.rows} x {g.cols} cells is no InFuse Map (at most {MAP_MAX_ROWS} x {MAP_MAX_COLS}): "
+            "ask for format=tif, a smaller region or a larger resolution_m"
+        )
+    corner = UncertainTransform(se3.transform(np.eye(3), [g.xmin_m, g.ymax_m, 0.0]), np.zeros((6, 6)))
+    mean = np.ascontiguousarray(elevation.layer("mean"), dtype="<f4")
+    stamp = Time.from_ns(elevation.stamp_ns)
+    return Map(
+        metadata=MapMetadataT(
+            time_stamp=stamp, type=MapTypeT.MAP_DEM, scale=g.resolution_m,
+            pose_fixed_frame_map_frame=TransformWithCovariance.from_transform(
+                T_frame_map_frame @ corner, parent=frame, child=f"{g.frame}/map", stamp_ns=elevation.stamp_ns, producer=producer,
+            ),
+        ),
+        data=Array3D(
+            rows=g.rows, cols=g.cols, channels=1, depth=Array3DDepthT.DEPTH_32F, row_size=4 * g.cols,
+            data=mean.reshape(-1).view(np.uint8),
+        ),
+    )
+
+
+def masked_map(value: ElevationMap | NavigationMap, region: Region) -> ElevationMap | NavigationMap:
+    """Return a map cut to the window of a region, cells whose centre lies outside it unobserved (contract §6)."""
+    old = value.geometry
+    wanted = GridGeometry.aligned(old.frame, old.resolution_m, region.bounds)
+    window = old.intersection(wanted)
+    if window is None:
+        raise InputError(f"region {region.text} does not meet the map {old.bounds} in {old.frame}")
+    rows, cols = old.slices_of(window)
+    outside = ~region.contains(*window.centres_m())
+    layers = {}
+    for name in value.layer_names:
+        layer = np.array(value.layer(name)[rows, cols])
+        layer[outside] = np.nan if np.issubdtype(layer.dtype, np.floating) else 0
+        layers[name] = layer
+    return type(value).from_layers(window, layers, t0_ns=value.t0_ns, t1_ns=value.t1_ns)
+
+
+def observed_cells(value: ElevationMap | NavigationMap) -> NDArray[np.bool_]:
+    """Which cells of a map hold something: ``(rows, cols)``."""
+    if isinstance(value, ElevationMap):
+        return np.isfinite(value.layer("mean"))
+    return np.asarray(value.layer("class") != 0)
+
+
+def grid_coverage(geometry: GridGeometry, observed: NDArray[np.bool_], region: Region) -> float:
+    """Part of a region's cells, those whose centre is inside, that are observed; cells off the grid are not."""
+    whole = GridGeometry.aligned(geometry.frame, geometry.resolution_m, region.bounds)
+    inside = region.contains(*whole.centres_m())
+    total = int(inside.sum())
+    common = whole.intersection(geometry)
+    if total == 0 or common is None:
+        return 0.0
+    return float((inside[whole.slices_of(common)] & observed[geometry.slices_of(common)]).sum()) / total
+
+
+def cloud_coverage(cloud: Pointcloud, region: Region, cell_m: float) -> float:
+    """Part of a region's cells of ``cell_m`` that hold a point of the cloud."""
+    grid = GridGeometry.aligned(cloud.frame, cell_m, region.bounds)
+    rows, cols, inside = grid.cells_of(cloud.points_m[:, 0], cloud.points_m[:, 1])
+    observed = np.zeros(grid.shape, dtype=bool)
+    observed[rows[inside], cols[inside]] = True
+    return grid_coverage(grid, observed, region)

@@ -1,0 +1,76 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The simulated Instrument Control Unit as a process: ``icu/@rpc/{modes|set_mode}`` for every robot of a profile.
+
+    python -m services.icu --profile FILE [--connect tcp/127.0.0.1:7447]
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import os
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+
+from cdff_common.bus import Bus, Reply, Request, keys
+from cdff_common.errors import InputError
+from cdff_common.interfaces.profile import load_profile
+from cdff_core.orchestration.request import parse_robot
+from services.icu.unit import SimulatedIcu
+from services.process import run_service
+
+logger = logging.getLogger(__name__)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Serve sensor modes until SIGTERM."""
+    parser = argparse.ArgumentParser(prog="icu", description=__doc__)
+    parser.add_argument("--profile", type=Path, default=os.environ.get("CDFF_PROFILE"), required="CDFF_PROFILE" not in os.environ)
+    parser.add_argument("--connect", default=None)
+    args = parser.parse_args(argv)
+
+    def body(stop: threading.Event) -> None:
+        profile = load_profile(args.profile)
+        with Bus.open(args.connect, name="icu", wait_s=None) as bus:
+            unit = SimulatedIcu(profile, lambda robot, event: _tell(bus, robot, event))
+            for scope in (*profile.robot_ids, keys.GROUND):
+                bus.serve(keys.icu_rpc(scope, "modes"), lambda r: _modes(unit, r))
+                bus.serve(keys.icu_rpc(scope, "set_mode"), lambda r: _set_mode(unit, r), workers=8)
+            for scope in (*profile.robot_ids, keys.GROUND):
+                bus.declare_alive(scope, "icu")
+            logger.info("instrument control unit of %s", ", ".join(unit.robots))
+            stop.wait()
+            unit.close()
+
+    return run_service("icu", body)
+
+
+def _tell(bus: Bus, robot: str, event: Mapping[str, object]) -> None:
+    logger.info("sensor mode", extra={"robot": robot, **event})
+    bus.publish_map(keys.event(robot, "sensor_mode"), event)
+
+
+def _modes(unit: SimulatedIcu, request: Request) -> Reply:
+    _check(request, {"robot"}, set())
+    return Reply.of(unit.modes(parse_robot(request.parameters.get("robot"), request.scope)))
+
+
+def _set_mode(unit: SimulatedIcu, request: Request) -> Reply:
+    _check(request, {"robot", "sensor", "mode", "holder"}, {"sensor", "mode"})
+    p = request.parameters
+    robot = parse_robot(p.get("robot"), request.scope)
+    return Reply.of(unit.set_mode(robot, p["sensor"], p["mode"], p.get("holder", "")))
+
+
+def _check(request: Request, known: set[str], required: set[str]) -> None:
+    unknown, missing = sorted(set(request.parameters) - known), sorted(required - set(request.parameters))
+    if unknown:
+        raise InputError(f"unknown parameter {unknown[0]!r}; known are {', '.join(sorted(known))}")
+    if missing:
+        raise InputError(f"parameter {missing[0]!r} is missing")
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,84 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The append-only journal on disk: one JSON object a line, on the disk before anything relies on it."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from cdff_common.clock import wall_ns
+from cdff_common.errors import StorageError
+
+logger = logging.getLogger(__name__)
+
+
+class Journal:
+    """Appends records durably; a torn last line, which a kill leaves, is cut off when the journal is opened.
+
+    Parameters
+    ----------
+    path : Path
+        Made with its folder where it is missing.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._lock = threading.Lock()
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._cut_torn_line()
+            self._file = path.open("ab", buffering=0)
+        except OSError as error:
+            raise StorageError(f"journal {path}: {error}") from error
+
+    def append(self, kind: str, **record: Any) -> None:
+        """Add a record and return once it is on the disk; raises StorageError."""
+        line = json.dumps({"at_ns": wall_ns(), "kind": kind, **record}, default=str, separators=(",", ":"))
+        with self._lock:
+            try:
+                self._file.write(line.encode() + b"\n")
+                os.fsync(self._file.fileno())
+            except (OSError, ValueError) as error:
+                raise StorageError(f"journal {self._path}: {error}") from error
+
+    def records(self) -> Iterator[dict[str, Any]]:
+        """All records, oldest first; lines that are no JSON objects are logged and passed over."""
+        with self._path.open("rb") as file:
+            for number, line in enumerate(file, 1):
+                try:
+                    record = json.loads(line)
+                except ValueError:
+                    record = None
+                if isinstance(record, dict):
+                    yield record
+                else:
+                    logger.warning("journal %s: line %d is no record; it is passed over", self._path, number)
+
+    def close(self) -> None:
+        """Close the file."""
+        with self._lock:
+            self._file.close()
+
+    def _cut_torn_line(self) -> None:
+        if not self._path.exists():
+            return
+        with self._path.open("rb+") as file:
+            size = file.seek(0, os.SEEK_END)
+            end = size
+            while end > 0:
+                start = max(end - 65536, 0)
+                file.seek(start)
+                at = file.read(end - start).rfind(b"\n")
+                if at >= 0:
+                    end = start + at + 1
+                    break
+                end = start
+            if end != size:
+                logger.warning("journal %s: %d bytes of a torn last line are cut off", self._path, size - end)
+                file.truncate(end)
