@@ -1,0 +1,101 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+
+from cdff_common.errors import ConfigurationError, InputError
+from cdff_common.types import LaserRangeErrors, LaserScan, RigidBodyState
+from cdff_core.dfns.laser_filter._interface import LaserFilterInputs
+from cdff_core.dfns.laser_filter.box_filter import BoxFilter
+
+HALF_TURN_ABOUT_Z = [0.0, 0.0, 1.0, 0.0]
+QUARTER_TURN_ABOUT_Z = [0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]
+NO_TURN = [0.0, 0.0, 0.0, 1.0]
+
+
+def _scan(ranges_m: ArrayLike, start_angle: float = 0.0) -> LaserScan:
+    """Four beams: forward, left, back, right of the laser."""
+    ranges = np.round(np.asarray(ranges_m) * 1000).astype(np.int32)
+    return LaserScan(
+        ranges=ranges, remission=np.ones(len(ranges)), start_angle=start_angle, angular_resolution=np.pi / 2
+    )
+
+
+def _pose(pos: ArrayLike = (0, 0, 0), orient: ArrayLike = NO_TURN) -> RigidBodyState:
+    return RigidBodyState(
+        source_frame="laser", target_frame="body", pos=np.asarray(pos, float), orient=np.asarray(orient, float)
+    )
+
+
+def _removed(scan: LaserScan, pose: RigidBodyState, **config: object) -> list[int]:
+    dfn = BoxFilter()
+    dfn.configure(config)
+    filtered = dfn.process(LaserFilterInputs(scan_samples=scan, laser_2_body_tf=pose)).filtered_scans
+    kept = np.delete(np.arange(len(scan.ranges)), gone := np.flatnonzero(filtered.ranges != scan.ranges))
+    assert (filtered.ranges[gone] == LaserRangeErrors.OTHER_RANGE_ERRORS).all()
+    np.testing.assert_array_equal(filtered.ranges[kept], scan.ranges[kept])
+    return gone.tolist()
+
+
+@pytest.mark.req("CDFF-CORE-040")
+def test_points_inside_the_box_are_taken_out() -> None:
+    assert _removed(_scan([0.3, 2.0, 0.4, 3.0]), _pose()) == [0, 2]
+
+
+def test_points_outside_the_box_are_taken_out_when_asked() -> None:
+    assert _removed(_scan([0.3, 2.0, 0.4, 3.0]), _pose(), remove="outside") == [1, 3]
+
+
+def test_box_is_fixed_to_the_body_not_to_the_laser() -> None:
+    """The laser sits 1 m ahead of the body's origin: what it sees 1 m behind itself is the body."""
+    assert _removed(_scan([1.0, 1.0, 1.0, 1.0]), _pose(pos=[1, 0, 0])) == [2]
+
+
+def test_transform_is_the_pose_of_the_laser_in_the_body() -> None:
+    """Turned left by a quarter, the laser's first beam points to the body's left: T_body_laser, not its inverse."""
+    box = {"min_corner_m": (-0.1, 0.9, -0.1), "max_corner_m": (0.1, 1.1, 0.1)}
+    assert _removed(_scan([1.0, 1.0, 1.0, 1.0]), _pose(orient=QUARTER_TURN_ABOUT_Z), **box) == [0]
+
+
+def test_rotation_acts_before_translation() -> None:
+    box = {"min_corner_m": (0.9, -0.1, -0.1), "max_corner_m": (1.1, 0.1, 0.1)}
+    assert _removed(_scan([1.0, 1.0, 1.0, 1.0]), _pose(pos=[2, 0, 0], orient=HALF_TURN_ABOUT_Z), **box) == [0]
+
+
+def test_height_of_the_laser_counts() -> None:
+    assert _removed(_scan([0.3, 0.3, 0.3, 0.3]), _pose(pos=[0, 0, 0.6])) == []
+
+
+def test_faces_belong_to_the_box() -> None:
+    assert _removed(_scan([0.5, 0.501, 2, 2]), _pose()) == [0]
+
+
+def test_error_codes_stay_what_they_are_on_both_sides_of_the_box() -> None:
+    scan = _scan([0.002, 2.0, 0.004, 0.3])
+    assert _removed(scan, _pose()) == [3]
+    assert _removed(scan, _pose(), remove="outside") == [1]
+
+
+@pytest.mark.parametrize(
+    "pose",
+    [_pose(pos=[np.nan, 0, 0]), _pose(orient=[0, 0, 0, 0]), _pose(orient=[0, 0, 0, 2]), _pose(orient=[np.nan] * 4)],
+)
+def test_transform_that_is_none_is_refused(pose: RigidBodyState) -> None:
+    with pytest.raises(InputError, match="laser_2_body_tf"):
+        _removed(_scan([1, 1, 1, 1]), pose)
+
+
+def test_scan_with_unknown_start_is_refused() -> None:
+    with pytest.raises(InputError, match="start_angle nan"):
+        _removed(_scan([1, 1, 1, 1], start_angle=np.nan), _pose())
+
+
+@pytest.mark.parametrize(
+    "config", [{"min_corner_m": (1, 0, 0), "max_corner_m": (0, 1, 1)}, {"remove": "all"}, {"box": 1}]
+)
+def test_bad_configuration_is_refused(config: dict[str, object]) -> None:
+    with pytest.raises(ConfigurationError, match="BoxFilter"):
+        BoxFilter().configure(config)
