@@ -1,0 +1,72 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Run the tests: what computes on all cores, what starts processes one after the other, and sum both up.
+
+``run_tests.py`` runs what is not marked slow, ``run_tests.py --slow`` everything; further arguments go to pytest.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from xml.etree import ElementTree
+
+ROOT = Path(__file__).resolve().parent.parent
+BUILD = ROOT / "build"
+NO_TESTS_COLLECTED = 5
+PROCESSES = "integration or e2e"
+
+
+def main() -> int:
+    """Run both parts and print one line over both; exit 0 only if both passed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--slow", action="store_true", help="also what is marked slow")
+    parser.add_argument("--workers", default="2", help="processes for the computing part")
+    args, rest = parser.parse_known_args()
+    BUILD.mkdir(exist_ok=True)
+    (BUILD / "traceability.json").unlink(missing_ok=True)
+    fast = "" if args.slow else " and not slow"
+    started = time.monotonic()
+    parts = {
+        "compute": ["-m", f"not ({PROCESSES}){fast}", "-n", args.workers, "--dist", "loadfile", *rest],
+        "processes": ["-m", f"({PROCESSES}){fast}", "-p", "no:xdist", *rest],
+    }
+    codes = {name: _pytest(name, arguments) for name, arguments in parts.items()}
+    counts = _counts(BUILD / f"junit-{name}.xml" for name in parts)
+    seconds = time.monotonic() - started
+    words = [f"{counts[word]} {word}" for word in ("failed", "passed", "skipped", "errors") if counts[word]]
+    print(f"\n==== {', '.join(words) or 'no tests ran'} in {seconds:.2f}s ====")
+    return next((code for code in codes.values() if code), 0)
+
+
+def _pytest(name: str, arguments: list[str]) -> int:
+    """One pytest run; threads are capped, since the processes already fill the cores."""
+    caps = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
+    report = BUILD / f"junit-{name}.xml"
+    report.unlink(missing_ok=True)
+    command = [sys.executable, "-m", "pytest", f"--junitxml={report}", *arguments]
+    code = subprocess.run(command, cwd=ROOT, env=caps | os.environ, stdin=subprocess.DEVNULL, check=False).returncode
+    return 0 if code == NO_TESTS_COLLECTED else code
+
+
+def _counts(reports: Iterable[Path]) -> dict[str, int]:
+    counts = {"passed": 0, "failed": 0, "skipped": 0, "errors": 0}
+    for report in reports:
+        if not report.is_file():
+            continue
+        for suite in ElementTree.parse(report).getroot().iter("testsuite"):
+            failed, errors, skipped = (int(suite.get(k, "0")) for k in ("failures", "errors", "skipped"))
+            counts["failed"] += failed
+            counts["errors"] += errors
+            counts["skipped"] += skipped
+            counts["passed"] += int(suite.get("tests", "0")) - failed - errors - skipped
+    return counts
+
+
+if __name__ == "__main__":
+    sys.exit(main())
