@@ -15,8 +15,9 @@ Renderer = Callable[[Tree], list[Artefact]]
 
 def _types(tree: Tree) -> list[Artefact]:
     from cdff_dev.generate import types
+    from cdff_dev.generate.python_source import formatted
 
-    return [Artefact(tree.root / path, text) for path, text in types.render().items()]
+    return [Artefact(tree.root / path, formatted(text, path)) for path, text in types.render().items()]
 
 
 def _interfaces(tree: Tree) -> list[Artefact]:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import subprocess
+import textwrap
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from ruff.__main__ import find_ruff_bin
 from cdff_common.errors import ConfigurationError
 from cdff_common.interfaces.description import ARRAY_TYPE, Port, snake_case
 
+_LINE_LENGTH = 120
 _OPERATION_TYPES = {"void": "None", "float": "float", "int": "int", "string": "str", "bool": "bool"}
 
 
@@ -78,6 +80,13 @@ def sentence(text: str) -> str:
     return line and line[0].upper() + line[1:] + ("" if line.endswith((".", "?", "!")) else ".")
 
 
+def docstring(text: str, indent: int) -> str:
+    """``text`` as a docstring that is indented by ``indent`` spaces, its quotes included, its first line bare."""
+    margin = " " * indent
+    lines = textwrap.wrap(sentence(text), width=_LINE_LENGTH - indent - 6)
+    return f'"""{lines[0]}"""' if len(lines) == 1 else f"\n{margin}".join([f'"""{lines[0]}', *lines[1:], '"""'])
+
+
 def _operation_type(name: str) -> str:
     return _OPERATION_TYPES.get(name, class_name(name))
 
@@ -96,6 +105,7 @@ def _environment() -> Environment:
         annotation=annotation,
         shape=shape,
         sentence=sentence,
+        docstring=docstring,
         snake_case=snake_case,
         operation_type=_operation_type,
     )
