@@ -1,0 +1,380 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+# GENERATED from cdff_common/asn1/eigen.asn by cdff generate; do not edit.
+# ruff: noqa: E501
+
+"""Types of ``asn1/eigen.asn``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.types import validation as check
+from cdff_common.types.message import Message
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Vector2d(Message):
+    """What a ``Vector2d`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    values : NDArray[np.float64], shape (2,)
+    """
+
+    ASN1_NAME: ClassVar[str] = "Vector2d"
+    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((2,), np.float64))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "values", check.real_array(self.values, "Vector2d.values", ((2, 2),)))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Vector3d(Message):
+    """What a ``Vector3d`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    values : NDArray[np.float64], shape (3,)
+    """
+
+    ASN1_NAME: ClassVar[str] = "Vector3d"
+    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3,), np.float64))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "values", check.real_array(self.values, "Vector3d.values", ((3, 3),)))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Vector4d(Message):
+    """What a ``Vector4d`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    values : NDArray[np.float64], shape (4,)
+    """
+
+    ASN1_NAME: ClassVar[str] = "Vector4d"
+    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4,), np.float64))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "values", check.real_array(self.values, "Vector4d.values", ((4, 4),)))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Vector6d(Message):
+    """What a ``Vector6d`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    values : NDArray[np.float64], shape (6,)
+    """
+
+    ASN1_NAME: ClassVar[str] = "Vector6d"
+    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((6,), np.float64))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "values", check.real_array(self.values, "Vector6d.values", ((6, 6),)))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class VectorXd(Message):
+    """What a ``VectorXd`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    values : NDArray[np.float64], shape (0..100,)
+    """
+
+    ASN1_NAME: ClassVar[str] = "VectorXd"
+    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0,), np.float64))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "values", check.real_array(self.values, "VectorXd.values", ((0, 100),)))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Quaterniond(Message):
+    """x, y, z, w.
+
+    Attributes
+    ----------
+    values : NDArray[np.float64], shape (4,)
+    """
+
+    ASN1_NAME: ClassVar[str] = "Quaterniond"
+    values: NDArray[np.float64] = field(default_factory=lambda: np.array([0.0, 0.0, 0.0, 1.0]))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "values", check.real_array(self.values, "Quaterniond.values", ((4, 4),)))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class AngleAxisd(Message):
+    """What an ``AngleAxisd`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    values : NDArray[np.float64], shape (4,)
+    """
+
+    ASN1_NAME: ClassVar[str] = "AngleAxisd"
+    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4,), np.float64))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "values", check.real_array(self.values, "AngleAxisd.values", ((4, 4),)))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Matrix2d(Message):
+    """What a ``Matrix2d`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    values : NDArray[np.float64], shape (2, 2)
+    """
+
+    ASN1_NAME: ClassVar[str] = "Matrix2d"
+    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((2, 2), np.float64))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "values", check.real_array(self.values, "Matrix2d.values", ((2, 2), (2, 2))))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Matrix3d(Message):
+    """What a ``Matrix3d`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    values : NDArray[np.float64], shape (3, 3)
+    """
+
+    ASN1_NAME: ClassVar[str] = "Matrix3d"
+    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3), np.float64))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "values", check.real_array(self.values, "Matrix3d.values", ((3, 3), (3, 3))))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Matrix4d(Message):
+    """What a ``Matrix4d`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    values : NDArray[np.float64], shape (4, 4)
+    """
+
+    ASN1_NAME: ClassVar[str] = "Matrix4d"
+    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4), np.float64))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "values", check.real_array(self.values, "Matrix4d.values", ((4, 4), (4, 4))))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Matrix6d(Message):
+    """What a ``Matrix6d`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    values : NDArray[np.float64], shape (6, 6)
+    """
+
+    ASN1_NAME: ClassVar[str] = "Matrix6d"
+    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((6, 6), np.float64))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "values", check.real_array(self.values, "Matrix6d.values", ((6, 6), (6, 6))))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class MatrixXd(Message):
+    """What a ``MatrixXd`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    values : NDArray[np.float64], shape (0..20, 0..20)
+    """
+
+    ASN1_NAME: ClassVar[str] = "MatrixXd"
+    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0), np.float64))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "values", check.real_array(self.values, "MatrixXd.values", ((0, 20), (0, 20))))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Affine3d(Message):
+    """What an ``Affine3d`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    values : NDArray[np.float64], shape (4, 4)
+    """
+
+    ASN1_NAME: ClassVar[str] = "Affine3d"
+    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4), np.float64))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "values", check.real_array(self.values, "Affine3d.values", ((4, 4), (4, 4))))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Isometry3d(Message):
+    """What an ``Isometry3d`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    values : NDArray[np.float64], shape (4, 4)
+    """
+
+    ASN1_NAME: ClassVar[str] = "Isometry3d"
+    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4), np.float64))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "values", check.real_array(self.values, "Isometry3d.values", ((4, 4), (4, 4))))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Transform3d(Message):
+    """What a ``Transform3d`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    values : NDArray[np.float64], shape (4, 4)
+    """
+
+    ASN1_NAME: ClassVar[str] = "Transform3d"
+    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4), np.float64))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "values", check.real_array(self.values, "Transform3d.values", ((4, 4), (4, 4))))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Covariance(Message):
+    """Order x y z rx ry rz; metres and radians; perturbation in the parent frame. NaN where unknown.
+
+    Attributes
+    ----------
+    values : NDArray[np.float64], shape (6, 6)
+    """
+
+    ASN1_NAME: ClassVar[str] = "Covariance"
+    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((6, 6), np.float64))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "values", check.real_array(self.values, "Covariance.values", ((6, 6), (6, 6))))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Point(Message):
+    """What a ``Point`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    values : NDArray[np.float64], shape (3,)
+    """
+
+    ASN1_NAME: ClassVar[str] = "Point"
+    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3,), np.float64))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "values", check.real_array(self.values, "Point.values", ((3, 3),)))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Point2D(Message):
+    """What a ``Point2D`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    values : NDArray[np.float64], shape (2,)
+    """
+
+    ASN1_NAME: ClassVar[str] = "Point2D"
+    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((2,), np.float64))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "values", check.real_array(self.values, "Point2D.values", ((2, 2),)))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Point3D(Message):
+    """What a ``Point3D`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    values : NDArray[np.float64], shape (3,)
+    """
+
+    ASN1_NAME: ClassVar[str] = "Point3D"
+    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3,), np.float64))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "values", check.real_array(self.values, "Point3D.values", ((3, 3),)))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Angle(Message):
+    """What an ``Angle`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    rad : float
+        rad.
+    """
+
+    ASN1_NAME: ClassVar[str] = "Angle"
+    rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "rad", check.real(self.rad, "Angle.rad"))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class AngleSegment(Message):
+    """What an ``AngleSegment`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    start_rad : float
+        rad.
+    width : float
+        rad, counter-clockwise from startRad.
+    """
+
+    ASN1_NAME: ClassVar[str] = "AngleSegment"
+    start_rad: float = 0.0
+    width: float = 0.0
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "start_rad", check.real(self.start_rad, "AngleSegment.start_rad"))
+        put(self, "width", check.real(self.width, "AngleSegment.width"))

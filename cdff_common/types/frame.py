@@ -1,0 +1,386 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+# GENERATED from cdff_common/asn1/frame.asn by cdff generate; do not edit.
+# ruff: noqa: E501
+
+"""Types of ``asn1/frame.asn``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.types import validation as check
+from cdff_common.types.frame_ext import Array3DExt, FrameExt, FramePairExt
+from cdff_common.types.message import Message
+from cdff_common.types.pose import TransformWithCovariance
+from cdff_common.types.time import Time
+
+
+class Array3DDepthT(IntEnum):
+    """Element type; the values are OpenCV's depth numbers."""
+
+    DEPTH_8U = 0
+    DEPTH_8S = 1
+    DEPTH_16U = 2
+    DEPTH_16S = 3
+    DEPTH_32S = 4
+    DEPTH_32F = 5
+    DEPTH_64F = 6
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Array3D(Array3DExt):
+    """What an ``Array3D`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    msg_version : int, 0..4294967295
+    rows : int, 0..4294967295
+    cols : int, 0..4294967295
+    channels : int, 0..4294967295
+    depth : Array3DDepthT
+    row_size : int, 0..4294967295
+        octets from one row to the next.
+    data : NDArray[np.uint8], shape (n,)
+        row-major, channels interleaved, little-endian.
+    """
+
+    ASN1_NAME: ClassVar[str] = "Array3D"
+    msg_version: int = 1
+    rows: int = 0
+    cols: int = 0
+    channels: int = 0
+    depth: Array3DDepthT = Array3DDepthT.DEPTH_8U
+    row_size: int = 0
+    data: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "msg_version", check.integer(self.msg_version, "Array3D.msg_version", 0, 4294967295))
+        put(self, "rows", check.integer(self.rows, "Array3D.rows", 0, 4294967295))
+        put(self, "cols", check.integer(self.cols, "Array3D.cols", 0, 4294967295))
+        put(self, "channels", check.integer(self.channels, "Array3D.channels", 0, 4294967295))
+        put(self, "depth", check.enumeration(self.depth, "Array3D.depth", Array3DDepthT))
+        put(self, "row_size", check.integer(self.row_size, "Array3D.row_size", 0, 4294967295))
+        put(self, "data", check.octets(self.data, "Array3D.data", 66355200))
+        self._check_together()
+
+
+class FramePixelModelT(IntEnum):
+    """``Frame-pixelModel-t``."""
+
+    PIX_UNDEF = 0
+    PIX_POLY = 1
+    PIX_DISP = 2
+
+
+class FrameErrorTypeT(IntEnum):
+    """``Frame-errorType-t``."""
+
+    ERROR_UNDEFINED = 0
+    ERROR_DEAD = 1
+    ERROR_FILTERED = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class FrameErrorT(Message):
+    """What a ``Frame-error-t`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    type : FrameErrorTypeT
+    value : float
+        pixel value that stands for this error.
+    """
+
+    ASN1_NAME: ClassVar[str] = "Frame-error-t"
+    type: FrameErrorTypeT = FrameErrorTypeT.ERROR_UNDEFINED
+    value: float = 0.0
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "type", check.enumeration(self.type, "FrameErrorT.type", FrameErrorTypeT))
+        put(self, "value", check.real(self.value, "FrameErrorT.value"))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class FrameAttribT(Message):
+    """What a ``Frame-attrib-t`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    name : str, at most 256 octets
+    data : str, at most 256 octets
+    """
+
+    ASN1_NAME: ClassVar[str] = "Frame-attrib-t"
+    name: str = ""
+    data: str = ""
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "name", check.text(self.name, "FrameAttribT.name", 256))
+        put(self, "data", check.text(self.data, "FrameAttribT.data", 256))
+
+
+class FrameModeT(IntEnum):
+    """``Frame-mode-t``."""
+
+    MODE_UNDEF = 0
+    MODE_GRAY = 1
+    MODE_RGB = 2
+    MODE_RGBA = 3
+    MODE_BGR = 4
+    MODE_BGRA = 5
+    MODE_HSV = 6
+    MODE_HLS = 7
+    MODE_YUV = 8
+    MODE_UYVY = 9
+    MODE_LAB = 10
+    MODE_LUV = 11
+    MODE_XYZ = 12
+    MODE_YCRCB = 13
+    MODE_RGB32 = 14
+    MODE_BAYER_RGGB = 15
+    MODE_BAYER_GRBG = 16
+    MODE_BAYER_BGGR = 17
+    MODE_BAYER_GBRG = 18
+    MODE_PJPG = 19
+    MODE_JPEG = 20
+    MODE_PNG = 21
+
+
+class FrameStatusT(IntEnum):
+    """``Frame-status-t``."""
+
+    STATUS_EMPTY = 0
+    STATUS_VALID = 1
+    STATUS_INVALID = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class FrameMetadataT(Message):
+    """What a ``Frame-metadata-t`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    msg_version : int, 0..4294967295
+    time_stamp : Time
+        of capture.
+    received_time : Time
+    pixel_model : FramePixelModelT
+        how a pixel becomes a physical value.
+    pixel_coeffs : NDArray[np.float64], shape (0..100,)
+    err_values : tuple[FrameErrorT, ...]
+    attributes : tuple[FrameAttribT, ...]
+    mode : FrameModeT
+    status : FrameStatusT
+    """
+
+    ASN1_NAME: ClassVar[str] = "Frame-metadata-t"
+    msg_version: int = 1
+    time_stamp: Time = field(default_factory=Time)
+    received_time: Time = field(default_factory=Time)
+    pixel_model: FramePixelModelT = FramePixelModelT.PIX_UNDEF
+    pixel_coeffs: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0,), np.float64))
+    err_values: tuple[FrameErrorT, ...] = ()
+    attributes: tuple[FrameAttribT, ...] = ()
+    mode: FrameModeT = FrameModeT.MODE_UNDEF
+    status: FrameStatusT = FrameStatusT.STATUS_EMPTY
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "msg_version", check.integer(self.msg_version, "FrameMetadataT.msg_version", 0, 4294967295))
+        put(self, "time_stamp", check.instance(self.time_stamp, "FrameMetadataT.time_stamp", Time))
+        put(self, "received_time", check.instance(self.received_time, "FrameMetadataT.received_time", Time))
+        put(self, "pixel_model", check.enumeration(self.pixel_model, "FrameMetadataT.pixel_model", FramePixelModelT))
+        put(self, "pixel_coeffs", check.real_array(self.pixel_coeffs, "FrameMetadataT.pixel_coeffs", ((0, 100),)))
+        put(self, "err_values", check.items(self.err_values, "FrameMetadataT.err_values", 0, 3, lambda v, w: check.instance(v, w, FrameErrorT)))
+        put(self, "attributes", check.items(self.attributes, "FrameMetadataT.attributes", 0, 5, lambda v, w: check.instance(v, w, FrameAttribT)))
+        put(self, "mode", check.enumeration(self.mode, "FrameMetadataT.mode", FrameModeT))
+        put(self, "status", check.enumeration(self.status, "FrameMetadataT.status", FrameStatusT))
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time, nanoseconds."""
+        return self.time_stamp.ns
+
+
+class FrameCameraModelT(IntEnum):
+    """``Frame-cameraModel-t``."""
+
+    CAM_UNDEF = 0
+    CAM_PINHOLE = 1
+    CAM_FISHEYE = 2
+    CAM_MAPS = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class FrameIntrinsicT(Message):
+    """What a ``Frame-intrinsic-t`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    msg_version : int, 0..4294967295
+    sensor_id : str, at most 256 octets
+    camera_matrix : NDArray[np.float64], shape (3, 3)
+        px.
+    camera_model : FrameCameraModelT
+    dist_coeffs : NDArray[np.float64], shape (0..100,)
+        k1 k2 p1 p2 k3 ... as OpenCV.
+    """
+
+    ASN1_NAME: ClassVar[str] = "Frame-intrinsic-t"
+    msg_version: int = 1
+    sensor_id: str = ""
+    camera_matrix: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3), np.float64))
+    camera_model: FrameCameraModelT = FrameCameraModelT.CAM_UNDEF
+    dist_coeffs: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0,), np.float64))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "msg_version", check.integer(self.msg_version, "FrameIntrinsicT.msg_version", 0, 4294967295))
+        put(self, "sensor_id", check.text(self.sensor_id, "FrameIntrinsicT.sensor_id", 256))
+        put(self, "camera_matrix", check.real_array(self.camera_matrix, "FrameIntrinsicT.camera_matrix", ((3, 3), (3, 3))))
+        put(self, "camera_model", check.enumeration(self.camera_model, "FrameIntrinsicT.camera_model", FrameCameraModelT))
+        put(self, "dist_coeffs", check.real_array(self.dist_coeffs, "FrameIntrinsicT.dist_coeffs", ((0, 100),)))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class FrameExtrinsicT(Message):
+    """What a ``Frame-extrinsic-t`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    msg_version : int, 0..4294967295
+    has_fixed_transform : bool
+        whether pose-fixedFrame-robotFrame is known.
+    pose_robot_frame_sensor_frame : TransformWithCovariance
+    pose_fixed_frame_robot_frame : TransformWithCovariance
+    """
+
+    ASN1_NAME: ClassVar[str] = "Frame-extrinsic-t"
+    msg_version: int = 1
+    has_fixed_transform: bool = False
+    pose_robot_frame_sensor_frame: TransformWithCovariance = field(default_factory=TransformWithCovariance)
+    pose_fixed_frame_robot_frame: TransformWithCovariance = field(default_factory=TransformWithCovariance)
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "msg_version", check.integer(self.msg_version, "FrameExtrinsicT.msg_version", 0, 4294967295))
+        put(self, "has_fixed_transform", check.boolean(self.has_fixed_transform, "FrameExtrinsicT.has_fixed_transform"))
+        put(self, "pose_robot_frame_sensor_frame", check.instance(self.pose_robot_frame_sensor_frame, "FrameExtrinsicT.pose_robot_frame_sensor_frame", TransformWithCovariance))
+        put(self, "pose_fixed_frame_robot_frame", check.instance(self.pose_fixed_frame_robot_frame, "FrameExtrinsicT.pose_fixed_frame_robot_frame", TransformWithCovariance))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Frame(FrameExt):
+    """One image: camera frame x right, y down, z forward.
+
+    Attributes
+    ----------
+    msg_version : int, 0..4294967295
+    metadata : FrameMetadataT
+    intrinsic : FrameIntrinsicT
+    extrinsic : FrameExtrinsicT
+    data : Array3D
+    """
+
+    ASN1_NAME: ClassVar[str] = "Frame"
+    msg_version: int = 1
+    metadata: FrameMetadataT = field(default_factory=FrameMetadataT)
+    intrinsic: FrameIntrinsicT = field(default_factory=FrameIntrinsicT)
+    extrinsic: FrameExtrinsicT = field(default_factory=FrameExtrinsicT)
+    data: Array3D = field(default_factory=Array3D)
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "msg_version", check.integer(self.msg_version, "Frame.msg_version", 0, 4294967295))
+        put(self, "metadata", check.instance(self.metadata, "Frame.metadata", FrameMetadataT))
+        put(self, "intrinsic", check.instance(self.intrinsic, "Frame.intrinsic", FrameIntrinsicT))
+        put(self, "extrinsic", check.instance(self.extrinsic, "Frame.extrinsic", FrameExtrinsicT))
+        put(self, "data", check.instance(self.data, "Frame.data", Array3D))
+        self._check_together()
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class FramePair(FramePairExt):
+    """What a ``FramePair`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    msg_version : int, 0..4294967295
+    baseline : float
+        m, from the left to the right camera.
+    left : Frame
+    right : Frame
+    """
+
+    ASN1_NAME: ClassVar[str] = "FramePair"
+    msg_version: int = 1
+    baseline: float = 0.0
+    left: Frame = field(default_factory=Frame)
+    right: Frame = field(default_factory=Frame)
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "msg_version", check.integer(self.msg_version, "FramePair.msg_version", 0, 4294967295))
+        put(self, "baseline", check.real(self.baseline, "FramePair.baseline"))
+        put(self, "left", check.instance(self.left, "FramePair.left", Frame))
+        put(self, "right", check.instance(self.right, "FramePair.right", Frame))
+        self._check_together()
+
+
+class FrameCompressedModeT(IntEnum):
+    """``Frame-compressed-mode-t``."""
+
+    MODE_COMPRESSED_UNDEFINED = 0
+    MODE_PJPG = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class CompressedFrame(Message):
+    """What a ``CompressedFrame`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    ref_time : Time
+    received_time : Time
+    image : NDArray[np.uint8], shape (1..262144,)
+    attributes : tuple[FrameAttribT, ...]
+    rows : int, 0..4294967295
+    cols : int, 0..4294967295
+    frame_mode : FrameCompressedModeT
+    frame_status : FrameStatusT
+    """
+
+    ASN1_NAME: ClassVar[str] = "CompressedFrame"
+    ref_time: Time = field(default_factory=Time)
+    received_time: Time = field(default_factory=Time)
+    image: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((1,), np.uint8))
+    attributes: tuple[FrameAttribT, ...] = field(default_factory=lambda: (FrameAttribT(),) * 1)
+    rows: int = 0
+    cols: int = 0
+    frame_mode: FrameCompressedModeT = FrameCompressedModeT.MODE_COMPRESSED_UNDEFINED
+    frame_status: FrameStatusT = FrameStatusT.STATUS_EMPTY
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "ref_time", check.instance(self.ref_time, "CompressedFrame.ref_time", Time))
+        put(self, "received_time", check.instance(self.received_time, "CompressedFrame.received_time", Time))
+        put(self, "image", check.integer_array(self.image, "CompressedFrame.image", ((1, 262144),), 0, 255, "uint8"))
+        put(self, "attributes", check.items(self.attributes, "CompressedFrame.attributes", 1, 10, lambda v, w: check.instance(v, w, FrameAttribT)))
+        put(self, "rows", check.integer(self.rows, "CompressedFrame.rows", 0, 4294967295))
+        put(self, "cols", check.integer(self.cols, "CompressedFrame.cols", 0, 4294967295))
+        put(self, "frame_mode", check.enumeration(self.frame_mode, "CompressedFrame.frame_mode", FrameCompressedModeT))
+        put(self, "frame_status", check.enumeration(self.frame_status, "CompressedFrame.frame_status", FrameStatusT))
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time, nanoseconds."""
+        return self.ref_time.ns

@@ -1,0 +1,256 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Behaviour of images: arrays in and out of the octets of ``Array3D``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cdff_common.errors import InputError
+from cdff_common.geometry.uncertain import UncertainTransform
+from cdff_common.types.message import Message
+from cdff_common.types.pointcloud_ext import mounting
+from cdff_common.types.time import Time
+
+if TYPE_CHECKING:
+    from cdff_common.types.frame import (
+        Array3D,
+        Array3DDepthT,
+        Frame,
+        FrameExtrinsicT,
+        FrameIntrinsicT,
+        FrameMetadataT,
+        FrameModeT,
+        FramePair,
+    )
+
+#: Element types in the order of ``Array3D-depth-t``.
+DEPTH_DTYPES = ("|u1", "|i1", "<u2", "<i2", "<i4", "<f4", "<f8")
+_MODE_CHANNELS = {"GRAY": (1,), "RGB": (3,), "BGR": (3,), "RGBA": (4,), "BGRA": (4,), "HSV": (3,), "HLS": (3,)}
+
+
+def depth_of(dtype: np.dtype[Any], where: str) -> Array3DDepthT:
+    """The depth that stands for a dtype; raises InputError for one the wire has not."""
+    from cdff_common.types.frame import Array3DDepthT
+
+    name = dtype.newbyteorder("<").str
+    if name not in DEPTH_DTYPES:
+        raise InputError(f"{where}: dtype {dtype}, expected one of {', '.join(DEPTH_DTYPES)}")
+    return Array3DDepthT(DEPTH_DTYPES.index(name))
+
+
+class Array3DExt(Message):
+    """An image-like array."""
+
+    __slots__ = ()
+    if TYPE_CHECKING:
+        rows: int
+        cols: int
+        channels: int
+        depth: Array3DDepthT
+        row_size: int
+        data: NDArray[np.uint8]
+
+    @classmethod
+    def from_array(cls, array: NDArray[Any]) -> Array3D:
+        """Array of ``(rows, cols)`` or ``(rows, cols, channels)``, rows without gaps."""
+        from cdff_common.types.frame import Array3D
+
+        if array.ndim not in (2, 3):
+            raise InputError(f"Array3D: shape {array.shape}, expected (rows, cols) or (rows, cols, channels)")
+        depth = depth_of(array.dtype, "Array3D")
+        dense = np.ascontiguousarray(array, dtype=DEPTH_DTYPES[depth])
+        channels = 1 if array.ndim == 2 else array.shape[2]
+        row_size = array.shape[1] * channels * dense.itemsize
+        return Array3D(
+            rows=array.shape[0], cols=array.shape[1], channels=channels, depth=depth, row_size=row_size,
+            data=dense.reshape(-1).view(np.uint8),
+        )
+
+    @property
+    def array(self) -> NDArray[Any]:
+        """Read-only view ``(rows, cols)``, or ``(rows, cols, channels)`` where there are several.
+
+        Raises
+        ------
+        InputError
+            If the octets are not as many as rows, columns, channels, depth and row size say.
+        """
+        dtype = np.dtype(DEPTH_DTYPES[self.depth])
+        dense = self.cols * self.channels * dtype.itemsize
+        stride = self.row_size or dense
+        needed = 0 if self.rows == 0 else (self.rows - 1) * stride + dense
+        if stride < dense or len(self.data) < needed or (dtype.itemsize and stride % dtype.itemsize):
+            raise InputError(
+                f"Array3D: {len(self.data)} octets, row size {self.row_size}: expected {needed} for "
+                f"{self.rows}x{self.cols}x{self.channels} of {dtype.name}"
+            )
+        shape = (self.rows, self.cols) if self.channels == 1 else (self.rows, self.cols, self.channels)
+        if needed == 0:
+            return np.zeros(shape, dtype)
+        strides = (stride, self.channels * dtype.itemsize, dtype.itemsize)[: len(shape)]
+        view: NDArray[Any] = np.ndarray(shape, dtype, self.data.data, 0, strides)
+        view.flags.writeable = False
+        return view
+
+
+class FrameExt(Message):
+    """One image with its camera."""
+
+    __slots__ = ()
+    if TYPE_CHECKING:
+        metadata: FrameMetadataT
+        intrinsic: FrameIntrinsicT
+        extrinsic: FrameExtrinsicT
+        data: Array3D
+
+    @classmethod
+    def from_image(
+        cls, image: NDArray[Any], *, stamp_ns: int, mode: str = "GRAY", camera_matrix: ArrayLike | None = None,
+        dist_coeffs: Sequence[float] = (), sensor: str = "", T_robot_sensor: UncertainTransform | None = None,
+    ) -> Frame:
+        """Message of an image ``(rows, cols[, channels])``.
+
+        Parameters
+        ----------
+        mode : str
+            Colour order: GRAY, RGB, BGR, ... (``Frame-mode-t`` without ``mode-``).
+        camera_matrix : array_like, shape (3, 3), optional
+            Pixels. Without it the camera model is undefined.
+        dist_coeffs : sequence of float
+            k1 k2 p1 p2 k3 ... as OpenCV.
+        sensor : str
+            Frame of the camera.
+
+        Raises
+        ------
+        InputError
+            On a shape, dtype or mode that do not fit.
+        """
+        from cdff_common.types.frame import (
+            Array3D,
+            Frame,
+            FrameCameraModelT,
+            FrameExtrinsicT,
+            FrameIntrinsicT,
+            FrameMetadataT,
+            FrameStatusT,
+        )
+
+        data = Array3D.from_array(image)
+        wire_mode = _mode(mode, data.channels)
+        time = Time.from_ns(stamp_ns)
+        robot_sensor, fixed_robot = mounting(T_robot_sensor, None, sensor, stamp_ns)
+        known = camera_matrix is not None
+        return Frame(
+            metadata=FrameMetadataT(
+                time_stamp=time, received_time=time, mode=wire_mode, status=FrameStatusT.STATUS_VALID
+            ),
+            intrinsic=FrameIntrinsicT(
+                sensor_id=sensor, camera_matrix=np.array(camera_matrix if known else np.zeros((3, 3)), dtype=np.float64),
+                camera_model=FrameCameraModelT.CAM_PINHOLE if known else FrameCameraModelT.CAM_UNDEF,
+                dist_coeffs=np.array(dist_coeffs, dtype=np.float64),
+            ),
+            extrinsic=FrameExtrinsicT(
+                pose_robot_frame_sensor_frame=robot_sensor, pose_fixed_frame_robot_frame=fixed_robot
+            ),
+            data=data,
+        )
+
+    @property
+    def image(self) -> NDArray[Any]:
+        """Read-only view of the pixels ``(rows, cols[, channels])``."""
+        return self.data.array
+
+    @property
+    def camera_matrix(self) -> NDArray[np.float64]:
+        """Camera matrix ``(3, 3)``, pixels; zeros where unknown."""
+        return self.intrinsic.camera_matrix
+
+    @property
+    def frame(self) -> str:
+        """Frame of the camera."""
+        return self.intrinsic.sensor_id
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time of capture, nanoseconds."""
+        return self.metadata.time_stamp.ns
+
+    @property
+    def T_robot_sensor(self) -> UncertainTransform | None:
+        """Where the camera sat on the robot; None where it is not stated."""
+        pose = self.extrinsic.pose_robot_frame_sensor_frame
+        return pose.transform if pose.is_set else None
+
+
+def _mode(mode: str, channels: int) -> FrameModeT:
+    from cdff_common.types.frame import FrameModeT
+
+    name = f"MODE_{mode.upper().replace('-', '_')}"
+    if name not in FrameModeT.__members__:
+        raise InputError(f"Frame mode {mode!r}: expected one of {', '.join(m.name[5:] for m in FrameModeT)}")
+    if channels not in _MODE_CHANNELS.get(mode.upper(), (channels,)):
+        raise InputError(f"Frame mode {mode!r}: image has {channels} channels, expected {_MODE_CHANNELS[mode.upper()][0]}")
+    return FrameModeT[name]
+
+
+class FramePairExt(Message):
+    """A stereo pair."""
+
+    __slots__ = ()
+    if TYPE_CHECKING:
+        baseline: float
+        left: Frame
+        right: Frame
+
+    @classmethod
+    def from_images(
+        cls, left: NDArray[Any], right: NDArray[Any], *, baseline_m: float, camera_matrix: ArrayLike, stamp_ns: int,
+        sensor: str = "", mode: str = "GRAY", T_robot_sensor: UncertainTransform | None = None,
+    ) -> FramePair:
+        """Rectified pair of one camera matrix; ``sensor`` and ``T_robot_sensor`` are those of the left camera.
+
+        Raises
+        ------
+        InputError
+            If the images differ in shape or dtype.
+        """
+        from cdff_common.types.frame import Frame, FramePair
+
+        if left.shape != right.shape or left.dtype != right.dtype:
+            raise InputError(
+                f"FramePair: left {left.dtype} {left.shape}, right {right.dtype} {right.shape}: expected alike"
+            )
+        right_sensor = sensor.replace("left", "right")
+        T_right = None
+        if T_robot_sensor is not None:
+            shift = np.eye(4)
+            shift[0, 3] = baseline_m
+            T_right = T_robot_sensor @ UncertainTransform(shift, np.zeros((6, 6)))
+        return FramePair(
+            baseline=baseline_m,
+            left=Frame.from_image(left, stamp_ns=stamp_ns, mode=mode, camera_matrix=camera_matrix, sensor=sensor,
+                                  T_robot_sensor=T_robot_sensor),
+            right=Frame.from_image(right, stamp_ns=stamp_ns, mode=mode, camera_matrix=camera_matrix,
+                                   sensor=right_sensor, T_robot_sensor=T_right),
+        )
+
+    @property
+    def camera_matrix(self) -> NDArray[np.float64]:
+        """Camera matrix ``(3, 3)`` of the left camera, pixels."""
+        return self.left.intrinsic.camera_matrix
+
+    @property
+    def frame(self) -> str:
+        """Frame of the left camera."""
+        return self.left.intrinsic.sensor_id
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time of capture of the left image, nanoseconds."""
+        return self.left.metadata.time_stamp.ns

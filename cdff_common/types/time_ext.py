@@ -1,0 +1,59 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Behaviour of ``Time``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cdff_common.errors import InputError
+from cdff_common.types.message import Message
+
+if TYPE_CHECKING:
+    from cdff_common.types.time import Time
+
+NS_PER_S = 1_000_000_000
+
+
+class TimeExt(Message):
+    """Conversion between the wire's microseconds and ``stamp_ns``."""
+
+    __slots__ = ()
+    if TYPE_CHECKING:
+        microseconds: int
+        usec_per_sec: int
+
+    @classmethod
+    def from_ns(cls, ns: int) -> Time:
+        """Time of ``ns`` nanoseconds since the UNIX epoch, a multiple of 1000.
+
+        Raises
+        ------
+        InputError
+            If the wire's microseconds cannot hold it exactly.
+        """
+        from cdff_common.types.time import Time
+
+        if isinstance(ns, bool) or int(ns) != ns or ns % 1000:
+            raise InputError(f"stamp {ns} ns: expected a multiple of 1000 ns (the wire carries microseconds)")
+        return Time(int(ns) // 1000)
+
+    @property
+    def ns(self) -> int:
+        """Nanoseconds since the UNIX epoch, a multiple of 1000.
+
+        Raises
+        ------
+        InputError
+            If ``usec_per_sec`` is not positive.
+        """
+        if self.usec_per_sec == 1_000_000:
+            return self.microseconds * 1000
+        if self.usec_per_sec <= 0:
+            raise InputError(f"Time.usec_per_sec={self.usec_per_sec}: expected 1000000")
+        return self.microseconds * NS_PER_S // self.usec_per_sec // 1000 * 1000
+
+    @property
+    def stamp_ns(self) -> int:
+        """Same as ``ns``."""
+        return self.ns
