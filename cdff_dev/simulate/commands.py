@@ -1,0 +1,47 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``cdff simulate``: a scenario to a log."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+
+def register(nouns: Any) -> None:
+    """Add ``cdff simulate`` to the command line."""
+    parser = nouns.add_parser("simulate", help="make the log of a simulated mission")
+    parser.add_argument("scenario", help="a shipped scenario's name (rover_traverse) or a scenario file (.yaml)")
+    parser.add_argument("--out", required=True, type=Path, metavar="LOG", help="folder of the log; made")
+    parser.add_argument("--seed", type=int, help="replaces the scenario's seed")
+    parser.add_argument("--force", action="store_true", help="replace LOG and do not use the cache")
+    parser.add_argument(
+        "--workers", type=int, default=2, help="processes that cast rays (the log does not depend on it)"
+    )
+    parser.set_defaults(run=_run, parser=parser)
+
+
+def progress_line(done: int, total: int) -> None:
+    """Write progress on one line of a terminal's standard error."""
+    if sys.stderr.isatty():
+        print(
+            f"\rcasting rays: {done}/{total} images and scans",
+            end="\n" if done == total else "",
+            file=sys.stderr,
+            flush=True,
+        )
+
+
+def _run(args: argparse.Namespace) -> int:
+    from cdff_dev.simulate.scenario import load_scenario
+    from cdff_dev.simulate.store import deliver, simulated_log
+
+    scenario = load_scenario(args.scenario, args.seed)
+    log = simulated_log(scenario, max(args.workers, 0), progress_line, fresh=args.force)
+    deliver(log, args.out, args.force)
+    print(
+        f"{args.out}: {scenario.name}, seed {scenario.seed}, {scenario.duration_s:g} s of {', '.join(scenario.robots)}"
+    )
+    return 0

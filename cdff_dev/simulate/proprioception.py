@@ -1,0 +1,123 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a rover feels: IMU at its own mount, and the dead reckoning of wheels that slip."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cdff_common.geometry import se3
+from cdff_common.geometry.covariance import compose_covariance
+from cdff_common.geometry.se3 import FloatArray
+from cdff_dev.simulate.drive import Motion
+from cdff_dev.simulate.scenario import Imu, Wheels
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImuTrack:
+    """Readings ``(n, 3)`` in the IMU's axes: specific force in m/s^2 and angular rate in rad/s."""
+
+    acc_m_s2: FloatArray
+    gyro_rad_s: FloatArray
+
+
+def imu_readings(
+    model: Imu, motion: Motion, t_s: FloatArray, gravity_m_s2: float, rng: np.random.Generator
+) -> ImuTrack:
+    """Readings at times ``(n,)``, evenly spaced at the model's rate.
+
+    Specific force ``R^T (a_imu - g)`` with the lever arm's tangential and centripetal parts; white noise of density
+    sigma has a standard deviation of ``sigma sqrt(rate)`` per sample (IEEE Std 952).
+    """
+    T_base_imu = model.mount.matrix()
+    R_base_imu, lever = T_base_imu[:3, :3], T_base_imu[:3, 3]
+    R_site_base = motion.poses(t_s)[:, :3, :3]
+    rate, rate_dot = motion.body_rates(t_s), motion.body_accelerations(t_s)
+    swing = np.cross(rate_dot, lever) + np.cross(rate, np.cross(rate, lever))
+    up = np.array([0.0, 0.0, gravity_m_s2])
+    force_base = np.einsum("nji,nj->ni", R_site_base, motion.acceleration(t_s) + up) + swing
+    n, root_hz, dt = len(t_s), math.sqrt(model.rate_hz), 1.0 / model.rate_hz
+
+    def errors(bias_sigma: float, noise: float, walk: float) -> FloatArray:
+        bias = bias_sigma * rng.standard_normal(3)
+        drift = np.cumsum(walk * math.sqrt(dt) * rng.standard_normal((n, 3)), axis=0)
+        return bias + drift + noise * root_hz * rng.standard_normal((n, 3))
+
+    gyro = rate @ R_base_imu + errors(
+        model.gyro_bias_sigma_rad_s, model.gyro_noise_rad_s_sqrt_hz, model.gyro_walk_rad_s2_sqrt_hz
+    )
+    acc = force_base @ R_base_imu + errors(
+        model.acc_bias_sigma_m_s2, model.acc_noise_m_s2_sqrt_hz, model.acc_walk_m_s3_sqrt_hz
+    )
+    return ImuTrack(acc, gyro)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WheelTrack:
+    """Cumulative ``T_odom_base`` ``(n, 4, 4)`` of a planar dead reckoning and its reported covariance ``(n, 6, 6)``."""
+
+    poses: FloatArray
+    covariances: FloatArray
+
+
+def wheel_odometry(model: Wheels, motion: Motion, t_s: FloatArray, rng: np.random.Generator) -> WheelTrack:
+    """Dead reckoning at times ``(n,)``.
+
+    The wheels turn further than the rover moves by the slip, which grows uphill and wanders (an Ornstein-Uhlenbeck
+    process); sideways slip on cross slopes is not seen at all; the skid-steered heading has a gain error and noise.
+    The odometry is planar: it starts as identity and knows no tilt, and its covariance says so.
+    """
+    poses = motion.poses(t_s)
+    n = len(t_s)
+    body = se3.inverse(poses[:-1]) @ poses[1:]
+    forward = body[:, 0, 3]
+    yaw = np.arctan2(body[:, 1, 0], body[:, 0, 0])
+    uphill = poses[:-1, 2, 0]
+    cross = poses[:-1, 2, 1]
+    slip = model.slip_mean + model.slip_per_slope * np.maximum(uphill, -0.05) + _wander(model, t_s, rng)
+    slip = np.clip(slip, -0.05, 0.6)
+    moved = np.abs(forward)
+    dx = forward / (1.0 - slip)
+    # The rover slides down the cross slope; a straight wheel reads none of it, so the reading lacks the slide.
+    dy = body[:, 1, 3] + model.side_slip_per_slope * cross * moved
+    gain = 1.0 + model.yaw_gain_sigma * rng.standard_normal()
+    dyaw = gain * yaw + model.yaw_noise_rad_sqrt_m * np.sqrt(moved) * rng.standard_normal(n - 1)
+    return _accumulate(model, dx, dy, dyaw)
+
+
+def _wander(model: Wheels, t_s: FloatArray, rng: np.random.Generator) -> FloatArray:
+    keep = np.exp(-np.diff(t_s) / model.slip_correlation_s)
+    kicks = rng.standard_normal(len(keep))
+    out = np.empty(len(keep))
+    state = 0.0
+    for i, (k, kick) in enumerate(zip(keep, kicks, strict=True)):
+        state = k * state + model.slip_sigma * math.sqrt(1.0 - k * k) * kick
+        out[i] = state
+    return out
+
+
+def _accumulate(model: Wheels, dx: FloatArray, dy: FloatArray, dyaw: FloatArray) -> WheelTrack:
+    n = len(dx) + 1
+    poses = np.tile(np.eye(4), (n, 1, 1))
+    covariances = np.zeros((n, 6, 6))
+    way = 0.0
+    for i in range(1, n):
+        step = se3.transform(se3.exp_so3([0, 0, dyaw[i - 1]]), [dx[i - 1], dy[i - 1], 0.0])
+        poses[i] = poses[i - 1] @ step
+        length = abs(float(dx[i - 1]))
+        # The scale error is one draw for the whole way, so its variance grows with the square of the way:
+        # each increment is given the difference of the squares.
+        square = (way + length) ** 2 - way**2
+        way += length
+        increment = np.diag([
+            model.reported_distance_sigma**2 * square, model.reported_side_sigma**2 * square,
+            model.reported_tilt_sigma_rad**2 * square, 0.0, 0.0, model.reported_yaw_sigma_rad_sqrt_m**2 * length,
+        ])  # fmt: skip
+        covariances[i] = compose_covariance(poses[i - 1], covariances[i - 1], step, increment)
+    # Tilt is never measured: the same variance at every time but the first, where the frame is defined.
+    covariances[1:, 3, 3] += model.reported_tilt_sigma_rad**2
+    covariances[1:, 4, 4] += model.reported_tilt_sigma_rad**2
+    return WheelTrack(poses, covariances)

@@ -1,0 +1,256 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""A simulated mission's description: one strict model of ``deploy/simulation/*.yaml``."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import yaml
+from pydantic import Field
+
+from cdff_common.clock import parse_stamp
+from cdff_common.errors import ConfigurationError
+from cdff_common.geometry import se3
+from cdff_common.geometry.se3 import FloatArray
+from cdff_common.interfaces.dfn import StrictModel, validated
+
+#: Where the shipped scenarios lie.
+SCENARIO_FOLDER = Path(__file__).resolve().parents[2] / "deploy" / "simulation"
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Vector3 = tuple[float, float, float]
+
+
+class Spectrum(StrictModel):
+    """Fractal relief: power spectrum ``k^-(2 hurst + 2)`` between two wavelengths, scaled to a slope."""
+
+    hurst: Annotated[float, Field(gt=0, lt=1)]
+    longest_m: Positive
+    split_m: Positive
+    shortest_m: Positive
+    rms_slope_deg: Annotated[float, Field(ge=0, le=30, description="of the relief longer than split_m")]
+    rms_slope_fine_deg: Annotated[float, Field(ge=0, le=30, description="of the relief shorter than split_m")]
+
+
+class Craters(StrictModel):
+    """Simple craters: parabolic bowl, rim, ejecta falling with the cube of distance."""
+
+    count: Annotated[int, Field(ge=0, le=2000)]
+    diameter_min_m: Positive
+    diameter_max_m: Positive
+    slope: Annotated[float, Field(gt=0, description="cumulative size-frequency exponent")]
+    depth_ratio: tuple[Positive, Positive]
+    rim_ratio: Positive
+    half_width_m: Positive
+
+
+class Rocks(StrictModel):
+    """Rocks as convex meshes, half sunk, none on the rovers' tracks."""
+
+    count: Annotated[int, Field(ge=0, le=5000)]
+    diameter_min_m: Positive
+    diameter_max_m: Positive
+    slope: Annotated[float, Field(gt=0, description="cumulative size-frequency exponent")]
+    half_width_m: Positive
+    track_clearance_m: NotNegative
+
+
+class Surface(StrictModel):
+    """How the ground and the sun look."""
+
+    texel_m: Positive
+    albedo_contrast: Annotated[float, Field(ge=0, le=1)]
+    detail_texel_m: Positive
+    detail_contrast: Annotated[float, Field(ge=0, le=1)]
+    pebbles_per_m2: NotNegative
+    sun_elevation_deg: Annotated[float, Field(gt=5, le=90)]
+    sun_azimuth_deg: float
+    ambient: Annotated[float, Field(ge=0, le=1)]
+    haze_distance_m: Positive
+
+
+class TerrainModel(StrictModel):
+    """The ground both rovers drive on."""
+
+    fine_half_width_m: Positive
+    resolution_m: Positive
+    far_half_width_m: Positive
+    growth: Annotated[float, Field(gt=1, le=1.5)]
+    spectrum: Spectrum
+    craters: Craters
+    rocks: Rocks
+    surface: Surface
+
+
+class Mount(StrictModel):
+    """Where a sensor sits: ``T_base_sensor`` of a body-like sensor frame (x forward, y left, z up)."""
+
+    xyz_m: Vector3
+    rpy_deg: Vector3 = (0.0, 0.0, 0.0)
+
+    def matrix(self) -> FloatArray:
+        """``T_base_mount``, shape (4, 4); roll, pitch, yaw about fixed x, y, z."""
+        roll, pitch, yaw = (math.radians(a) for a in self.rpy_deg)
+        R = se3.exp_so3([0, 0, yaw]) @ se3.exp_so3([0, pitch, 0]) @ se3.exp_so3([roll, 0, 0])
+        return se3.transform(R, self.xyz_m)
+
+
+#: Columns: the optical axes (x right, y down, z forward) in a body-like frame.
+_BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
+
+class Navcam(StrictModel):
+    """A rectified stereo pair; the mount is that of the left camera."""
+
+    mount: Mount
+    rows: Annotated[int, Field(ge=16, le=4096)]
+    columns: Annotated[int, Field(ge=16, le=4096)]
+    focal_px: Positive
+    baseline_m: Positive
+    rate_hz: Positive
+    psf_sigma_px: NotNegative
+    read_noise_dn: NotNegative
+    shot_noise_dn2_per_dn: NotNegative
+    exposure_sigma: Annotated[float, Field(ge=0, le=0.5, description="relative, per pair")]
+    balance_sigma: Annotated[float, Field(ge=0, le=0.1, description="relative, between the two cameras")]
+    vignetting: Annotated[float, Field(ge=0, le=0.9, description="relative loss in the corners")]
+    gain_dn: Positive
+
+    @property
+    def camera_matrix(self) -> FloatArray:
+        """Intrinsics ``(3, 3)``, pixels; pixel centres at integers."""
+        cx, cy = (self.columns - 1) / 2, (self.rows - 1) / 2
+        return np.array([[self.focal_px, 0, cx], [0, self.focal_px, cy], [0, 0, 1.0]])
+
+    @property
+    def T_base_left(self) -> FloatArray:
+        """Extrinsics of the left camera, shape (4, 4)."""
+        return self.mount.matrix() @ se3.transform(_BODY_OPTICAL, [0, 0, 0])
+
+    @property
+    def T_base_right(self) -> FloatArray:
+        """Extrinsics of the right camera, shape (4, 4)."""
+        return self.T_base_left @ se3.transform(np.eye(3), [self.baseline_m, 0, 0])
+
+
+class Lidar(StrictModel):
+    """A spinning lidar: rings by elevation, columns by time."""
+
+    mount: Mount
+    rings: Annotated[int, Field(ge=1, le=256)]
+    columns: Annotated[int, Field(ge=8, le=8192)]
+    elevation_min_deg: float
+    elevation_max_deg: float
+    rate_hz: Positive
+    range_min_m: Positive
+    range_max_m: Positive
+    range_sigma_m: NotNegative
+    dropout: Annotated[float, Field(ge=0, lt=1)]
+
+
+class Imu(StrictModel):
+    """Rate gyro and accelerometer: white noise, constant bias per run, slow random walk."""
+
+    mount: Mount
+    rate_hz: Positive
+    gyro_noise_rad_s_sqrt_hz: NotNegative
+    gyro_bias_sigma_rad_s: NotNegative
+    gyro_walk_rad_s2_sqrt_hz: NotNegative
+    acc_noise_m_s2_sqrt_hz: NotNegative
+    acc_bias_sigma_m_s2: NotNegative
+    acc_walk_m_s3_sqrt_hz: NotNegative
+
+
+class Wheels(StrictModel):
+    """Planar dead reckoning of a slipping rover, and the covariance its driver reports."""
+
+    rate_hz: Positive
+    slip_mean: Annotated[float, Field(ge=0, lt=0.9)]
+    slip_per_slope: Annotated[float, Field(ge=0, description="added slip per unit of uphill sine")]
+    slip_sigma: NotNegative
+    slip_correlation_s: Positive
+    side_slip_per_slope: NotNegative
+    yaw_gain_sigma: NotNegative
+    yaw_noise_rad_sqrt_m: NotNegative
+    reported_distance_sigma: Annotated[float, Field(ge=0, description="relative, of each increment (fully correlated)")]
+    reported_side_sigma: Annotated[float, Field(ge=0, description="relative, of each increment (fully correlated)")]
+    reported_yaw_sigma_rad_sqrt_m: NotNegative
+    reported_tilt_sigma_rad: NotNegative
+
+
+class Chassis(StrictModel):
+    """Wheel contact geometry; the base frame lies ``base_height_m`` above the plane of the contacts."""
+
+    wheelbase_m: Positive
+    track_m: Positive
+    wheel_footprint_m: Positive
+    base_height_m: NotNegative
+
+
+class Drive(StrictModel):
+    """One rover's way: a start, curvature along the way, rest before and after."""
+
+    start_xy_m: tuple[float, float]
+    heading_deg: float
+    curvature_1pm: Annotated[tuple[tuple[float, float], ...], Field(min_length=2)]
+    speed_m_s: Positive
+    rest_before_s: NotNegative
+    rest_after_s: NotNegative
+    ramp_s: Positive
+
+
+class Scenario(StrictModel):
+    """Contents of a scenario file."""
+
+    name: str
+    seed: Annotated[int, Field(ge=0)]
+    epoch: str
+    duration_s: Positive
+    gravity_m_s2: Positive
+    terrain: TerrainModel
+    chassis: Chassis
+    navcam: Navcam
+    lidar: Lidar
+    imu: Imu
+    wheels: Wheels
+    truth_rate_hz: Positive
+    robots: Annotated[dict[str, Drive], Field(min_length=1)]
+
+    @property
+    def epoch_ns(self) -> int:
+        """Mission time at the start, nanoseconds."""
+        return parse_stamp(self.epoch, "epoch")
+
+    @property
+    def digest(self) -> str:
+        """First 16 hex digits of the SHA-256 of everything in the scenario."""
+        text = json.dumps(self.model_dump(mode="json"), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def load_scenario(name: str, seed: int | None = None) -> Scenario:
+    """Read a shipped scenario by name, or a scenario file by path; ``seed`` replaces the file's.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such scenario, or a key or value in it is wrong.
+    """
+    path = Path(name) if name.endswith((".yaml", ".yml")) else SCENARIO_FOLDER / f"{name}.yaml"
+    if not path.is_file():
+        known = ", ".join(sorted(p.stem for p in SCENARIO_FOLDER.glob("*.yaml")))
+        raise ConfigurationError(f"scenario {name!r}: no file {path}; shipped are {known or 'none'}")
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except yaml.YAMLError as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+    if isinstance(data, dict) and seed is not None:
+        data["seed"] = seed
+    return validated(Scenario, data, str(path))

@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Simulated logs on disk: made once for a scenario, seed and version of the simulator, then linked where asked."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from cdff_common.errors import ConflictError
+from cdff_common.geometry import se3
+from cdff_common.geometry.se3 import FloatArray
+from cdff_dev.simulate.scenario import Scenario
+
+#: Written beside the chunks: what a profile needs to know of the rovers, and what made the log.
+SIDECAR = "scenario.json"
+
+
+def cache_folder() -> Path:
+    """``$XDG_CACHE_HOME/cdff/simulate``, by default below ``~/.cache``."""
+    root = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(root) / "cdff" / "simulate"
+
+
+def code_digest() -> str:
+    """First 16 hex digits of the SHA-256 of the simulator's sources and the versions of what they compute with."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    for package in ("numpy", "scipy", "open3d"):
+        digest.update(f"{package}={version(package)}\0".encode())
+    return digest.hexdigest()[:16]
+
+
+def cached_log(scenario: Scenario) -> Path:
+    """Where the log of a scenario lies in the cache, made or not."""
+    key = hashlib.sha256(f"{scenario.digest}/{code_digest()}".encode()).hexdigest()[:16]
+    return cache_folder() / f"{scenario.name}-{key}"
+
+
+def _edge(parent: str, child: str, T: FloatArray) -> dict[str, Any]:
+    quaternion = se3.quaternion_xyzw_from_matrix(T[:3, :3])
+    return {
+        "parent": parent, "child": child, "translation_m": [float(v) for v in T[:3, 3]],
+        "quaternion_xyzw": [float(v) for v in quaternion],
+    }  # fmt: skip
+
+
+def describe(scenario: Scenario, starts: dict[str, FloatArray]) -> dict[str, Any]:
+    """Frames and calibration in the profile's terms, for the sidecar; ``starts`` holds each ``T_site_odom``."""
+    robots = {}
+    for robot, T_site_odom in starts.items():
+        base = f"{robot}/base"
+        robots[robot] = {
+            "frames": [
+                _edge("site", f"{robot}/odom", T_site_odom),
+                _edge(base, f"{robot}/navcam_left", scenario.navcam.T_base_left),
+                _edge(base, f"{robot}/navcam_right", scenario.navcam.T_base_right),
+                _edge(base, f"{robot}/lidar", scenario.lidar.mount.matrix()),
+                _edge(base, f"{robot}/imu", scenario.imu.mount.matrix()),
+            ]
+        }
+    return {
+        "scenario": scenario.name,
+        "seed": scenario.seed,
+        "scenario_digest": scenario.digest,
+        "code_digest": code_digest(),
+        "epoch_ns": str(scenario.epoch_ns),
+        "duration_s": scenario.duration_s,
+        "gravity_m_s2": scenario.gravity_m_s2,
+        "camera_matrix": scenario.navcam.camera_matrix.tolist(),
+        "baseline_m": scenario.navcam.baseline_m,
+        "robots": robots,
+    }
+
+
+def make_log(scenario: Scenario, target: Path, workers: int, progress: Any = None) -> None:
+    """Simulate into the folder ``target``, which appears whole or not at all."""
+    from cdff_dev.logs import LogWriter
+    from cdff_dev.simulate.traverse import simulate, start_pose
+    from cdff_dev.simulate.world import make_world
+
+    target.parent.mkdir(parents=True, exist_ok=True)
+    part = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
+    try:
+        world = make_world(scenario)
+        with LogWriter(part) as writer:
+            for entry, value in simulate(scenario, workers, progress, world):
+                writer.write(entry.stream, value, entry.stamp_ns, entry.header)
+        starts = {robot: start_pose(world, robot) for robot in scenario.robots}
+        (part / SIDECAR).write_text(json.dumps(describe(scenario, starts), indent=1) + "\n", encoding="utf-8")
+        part.chmod(0o755)
+        if target.exists():
+            shutil.rmtree(target)
+        part.rename(target)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def simulated_log(scenario: Scenario, workers: int = 2, progress: Any = None, fresh: bool = False) -> Path:
+    """The folder of a scenario's log in the cache, made now where it is not there or ``fresh``."""
+    target = cached_log(scenario)
+    if fresh or not (target / SIDECAR).is_file():
+        make_log(scenario, target, workers, progress)
+    return target
+
+
+def deliver(log: Path, out: Path, force: bool) -> None:
+    """Link the files of a cached log into the folder ``out``, or copy them where linking is not possible.
+
+    Raises
+    ------
+    ConflictError
+        If ``out`` exists and ``force`` is not given, or is no log folder.
+    """
+    if out.exists():
+        if not force:
+            raise ConflictError(f"{out} exists; name another --out or add --force to replace it")
+        if not out.is_dir() or any(
+            p.name != SIDECAR and not (p.name.startswith("_") and p.suffix == ".msg") for p in out.iterdir()
+        ):
+            raise ConflictError(f"{out} is not a folder of log chunks; it is left alone")
+        shutil.rmtree(out)
+    out.mkdir(parents=True)
+    for path in sorted(log.iterdir()):
+        try:
+            os.link(path, out / path.name)
+        except OSError:
+            shutil.copy2(path, out / path.name)

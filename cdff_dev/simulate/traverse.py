@@ -1,0 +1,260 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""From a scenario to the samples of all sensors of all rovers, in the order of a log."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cdff_common.clock import NS_PER_S
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry.se3 import FloatArray
+from cdff_common.interfaces.product import CovarianceKind, Header, Quality, product_id
+from cdff_common.raster.geometry import GridGeometry
+from cdff_common.types import ElevationMap, FramePair, IMUSensors, LidarScan, Time, TransformWithCovariance
+from cdff_dev.simulate.camera import StereoCamera
+from cdff_dev.simulate.lidar import scan
+from cdff_dev.simulate.proprioception import imu_readings, wheel_odometry
+from cdff_dev.simulate.scenario import Scenario
+from cdff_dev.simulate.world import World, cast_scene, generator, make_world, true_heights
+
+PRODUCER = "simulator"
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Entry:
+    """One sample of the log that is to be: a value, or what a worker needs to make it.
+
+    Attributes
+    ----------
+    render : tuple of (str, str, int) or None
+        Kind (``navcam`` or ``lidar``), robot and index, where ray casting makes the value.
+    """
+
+    stream: str
+    stamp_ns: int
+    header: Header
+    value: Any = None
+    render: tuple[str, str, int] | None = None
+
+
+def sample_times_us(rate_hz: float, duration_s: float) -> np.ndarray:
+    """Microseconds ``(n,)`` int64 since the epoch at which a sensor of this rate samples, the end included."""
+    return np.round(np.arange(int(duration_s * rate_hz + 1e-6) + 1) / rate_hz * 1e6).astype(np.int64)
+
+
+def start_pose(world: World, robot: str) -> FloatArray:
+    """``T_site_odom``, shape (4, 4): the base at the epoch, levelled, its heading kept."""
+    T = world.motions[robot].poses(np.zeros(1))[0]
+    heading = np.arctan2(T[1, 0], T[0, 0])
+    return se3.transform(se3.exp_so3([0.0, 0.0, heading]), T[:3, 3])
+
+
+class _Renderer:
+    """What a worker process holds: the scene, its look and the cameras."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._scene = cast_scene(world.relief, world.rocks)
+        vertices, triangles = world.relief.mesh()
+        meshes = (triangles, world.rocks.triangles) if len(world.rocks.triangles) else (triangles,)
+        self._camera = StereoCamera(world.scenario.navcam, self._scene, world.look, len(vertices), meshes)
+
+    def render(self, job: tuple[str, str, int]) -> Any:
+        kind, robot, index = job
+        scenario = self._world.scenario
+        motion = self._world.motions[robot]
+        rng = generator(scenario, kind, sorted(scenario.robots).index(robot), index)
+        if kind == "navcam":
+            t_s = sample_times_us(scenario.navcam.rate_hz, scenario.duration_s)[index] * 1e-6
+            return self._camera.pair(motion.poses(np.array([t_s]))[0], rng)
+        t0_s = sample_times_us(scenario.lidar.rate_hz, scenario.duration_s)[index] * 1e-6
+        return scan(scenario.lidar, self._scene, motion, t0_s, rng)
+
+
+#: A worker process's own renderer, set once when it starts.
+_HELD: list[_Renderer] = []
+
+
+def _start_worker(world: World) -> None:
+    _HELD[:] = [_Renderer(world)]
+
+
+def _work(job: tuple[str, str, int]) -> Any:
+    return _HELD[0].render(job)
+
+
+def _header(
+    scenario: Scenario, stream: str, seq: int, t0_ns: int, t1_ns: int, frame: str, child: str | None = None
+) -> Header:
+    robot, _, rest = stream[1:].partition("/")
+    sensor, _, port = rest.partition(".")
+    known = child is not None
+    return Header(
+        id=product_id(robot, sensor, port, t1_ns, seq, scenario.digest),
+        seq=seq,
+        t0_ns=t0_ns,
+        t1_ns=t1_ns,
+        frame=frame,
+        child=child,
+        producer=PRODUCER,
+        config_hash=scenario.digest,
+        quality=Quality(
+            reasons=("simulated",), covariance_kind=CovarianceKind.FORMAL if known else CovarianceKind.NONE
+        ),
+    )
+
+
+def _pose(
+    T: FloatArray, covariance: FloatArray | None, parent: str, child: str, stamp_ns: int
+) -> TransformWithCovariance:
+    pose: TransformWithCovariance = TransformWithCovariance.from_transform(
+        UncertainTransform(T, covariance), parent=parent, child=child, stamp_ns=stamp_ns, producer=PRODUCER
+    )
+    return pose
+
+
+def _felt(world: World, robot: str) -> Iterator[Entry]:
+    """IMU, wheels and truth of one rover."""
+    scenario, motion = world.scenario, world.motions[robot]
+    index = sorted(scenario.robots).index(robot)
+    epoch_ns = scenario.epoch_ns
+
+    t_us = sample_times_us(scenario.imu.rate_hz, scenario.duration_s)
+    imu = imu_readings(scenario.imu, motion, t_us * 1e-6, scenario.gravity_m_s2, generator(scenario, "imu", index))
+    stream = f"/{robot}/imu.sample"
+    for i, us in enumerate(t_us):
+        at = epoch_ns + int(us) * 1000
+        value = IMUSensors(Time.from_ns(at), imu.acc_m_s2[i], imu.gyro_rad_s[i], np.zeros(3))
+        yield Entry(stream, at, _header(scenario, stream, i, at, at, f"{robot}/imu"), value)
+
+    t_us = sample_times_us(scenario.wheels.rate_hz, scenario.duration_s)
+    wheels = wheel_odometry(scenario.wheels, motion, t_us * 1e-6, generator(scenario, "wheels", index))
+    yield from _poses(
+        scenario, f"/{robot}/wheels.odometry", t_us, wheels.poses, wheels.covariances, f"{robot}/odom", f"{robot}/base"
+    )
+
+    t_us = sample_times_us(scenario.truth_rate_hz, scenario.duration_s)
+    truth = motion.poses(t_us * 1e-6)
+    zero = np.zeros((len(truth), 6, 6))
+    yield from _poses(scenario, f"/{robot}/truth.pose", t_us, truth, zero, "site", f"{robot}/base")
+
+
+def _poses(
+    scenario: Scenario, stream: str, t_us: np.ndarray, T: FloatArray, covariance: FloatArray, parent: str, child: str
+) -> Iterator[Entry]:
+    for i, us in enumerate(t_us):
+        at = scenario.epoch_ns + int(us) * 1000
+        yield Entry(
+            stream,
+            at,
+            _header(scenario, stream, i, at, at, parent, child),
+            _pose(T[i], covariance[i], parent, child, at),
+        )
+
+
+def _seen(scenario: Scenario, robot: str) -> Iterator[Entry]:
+    """Stereo pairs and lidar scans of one rover, not yet rendered."""
+    stream = f"/{robot}/navcam.pair"
+    for i, us in enumerate(sample_times_us(scenario.navcam.rate_hz, scenario.duration_s)):
+        at = scenario.epoch_ns + int(us) * 1000
+        yield Entry(
+            stream, at, _header(scenario, stream, i, at, at, f"{robot}/navcam_left"), render=("navcam", robot, i)
+        )
+    stream = f"/{robot}/lidar.scan"
+    period_us = round(1e6 / scenario.lidar.rate_hz)
+    for i, us in enumerate(sample_times_us(scenario.lidar.rate_hz, scenario.duration_s)[:-1]):
+        t0_ns = scenario.epoch_ns + int(us) * 1000
+        t1_ns = t0_ns + period_us * 1000
+        yield Entry(
+            stream, t1_ns, _header(scenario, stream, i, t0_ns, t1_ns, f"{robot}/lidar"), render=("lidar", robot, i)
+        )
+
+
+def _true_map(world: World) -> Entry:
+    scenario, model = world.scenario, world.scenario.terrain
+    resolution_m = 0.05
+    layers = true_heights(world, resolution_m)
+    n = layers["mean"].shape[0]
+    layers["count"] = np.full((n, n), 9.0, dtype=np.float32)
+    layers["age_s"] = np.zeros((n, n), dtype=np.float32)
+    grid = GridGeometry("site", resolution_m, -model.fine_half_width_m, model.fine_half_width_m, n, n)
+    at = scenario.epoch_ns
+    value = ElevationMap.from_layers(grid, layers, t0_ns=at, t1_ns=at)
+    return Entry("/site/truth.terrain", at, _header(scenario, "/site/truth.terrain", 0, at, at, "site"), value)
+
+
+def _value(scenario: Scenario, entry: Entry, made: Any) -> Any:
+    """The typed sample of what a worker made."""
+    if entry.render is None:
+        return entry.value
+    if entry.render[0] == "navcam":
+        return FramePair.from_images(
+            *made,
+            baseline_m=scenario.navcam.baseline_m,
+            camera_matrix=scenario.navcam.camera_matrix,
+            stamp_ns=entry.stamp_ns,
+            sensor=entry.header.frame,
+        )
+    return LidarScan.from_arrays(
+        made.points_m,
+        made.time_offset_us,
+        frame=entry.header.frame,
+        t0_ns=entry.header.t0_ns,
+        t1_ns=entry.header.t1_ns,
+        intensity=made.intensity,
+        ring=made.ring,
+        sensor=entry.header.frame,
+    )
+
+
+def simulate(
+    scenario: Scenario, workers: int = 2, progress: Progress | None = None, world: World | None = None
+) -> Iterator[tuple[Entry, Any]]:
+    """Yield every sample of a scenario with its value, in (stamp, stream) order.
+
+    Parameters
+    ----------
+    workers : int
+        Processes that cast rays; 0 casts in this one. The samples do not depend on it.
+    progress : callable, optional
+        Told how many of how many ray-cast samples are done.
+    world : World, optional
+        Made from the scenario where not given.
+    """
+    world = world or make_world(scenario)
+    entries = [_true_map(world)]
+    for robot in scenario.robots:
+        entries += _felt(world, robot)
+        entries += _seen(scenario, robot)
+    last_ns = scenario.epoch_ns + round(scenario.duration_s * NS_PER_S)
+    entries = sorted((e for e in entries if e.stamp_ns <= last_ns), key=lambda e: (e.stamp_ns, e.stream))
+    jobs = [e.render for e in entries if e.render is not None]
+    if workers == 0:
+        renderer = _Renderer(world)
+        yield from _joined(scenario, entries, map(renderer.render, jobs), len(jobs), progress)
+        return
+    with ProcessPoolExecutor(
+        workers, mp_context=multiprocessing.get_context("spawn"), initializer=_start_worker, initargs=(world,)
+    ) as pool:
+        yield from _joined(scenario, entries, pool.map(_work, jobs, chunksize=4), len(jobs), progress)
+
+
+def _joined(
+    scenario: Scenario, entries: list[Entry], made: Iterator[Any], total: int, progress: Progress | None
+) -> Iterator[tuple[Entry, Any]]:
+    done = 0
+    for entry in entries:
+        value = _value(scenario, entry, next(made) if entry.render is not None else None)
+        if entry.render is not None:
+            done += 1
+            if progress is not None:
+                progress(done, total)
+        yield entry, value
