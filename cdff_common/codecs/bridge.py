@@ -58,7 +58,7 @@ def class_of(class_name: str) -> Any:
 def integer_dtype(node: Integer) -> np.dtype[Any]:
     """Smallest dtype that holds low..high."""
     for bits in (8, 16, 32, 64):
-        if 0 <= node.low and node.high < 1 << bits:
+        if node.low >= 0 and node.high < 1 << bits:
             return np.dtype(f"uint{bits}")
         if -(1 << (bits - 1)) <= node.low and node.high < 1 << (bits - 1):
             return np.dtype(f"int{bits}")
@@ -88,7 +88,7 @@ def to_asn1(value: Any, node: Node | Alias) -> Any:
         case Text():
             return value.encode("utf-8", "surrogateescape")
         case Enumeration():
-            return dict((v, n) for n, v in node.members)[int(value)]
+            return node.members[[v for _, v in node.members].index(int(value))][0]
         case Choice():
             field = next(f for f in node.alternatives if f.attribute == value.kind)
             return (field.name, to_asn1(value.value, field.node))

@@ -33,8 +33,15 @@ def unpack(data: bytes) -> Any:
     size = len(data)
     try:
         return msgpack.unpackb(
-            data, raw=False, strict_map_key=True, unicode_errors="surrogateescape", max_str_len=size, max_bin_len=size,
-            max_array_len=size, max_map_len=size, max_ext_len=size,
+            data,
+            raw=False,
+            strict_map_key=True,
+            unicode_errors="surrogateescape",
+            max_str_len=size,
+            max_bin_len=size,
+            max_array_len=size,
+            max_map_len=size,
+            max_ext_len=size,
         )
     except (ValueError, msgpack.UnpackException, msgpack.ExtraData, RecursionError, TypeError) as error:
         raise CodecError(f"{size} octets are not MessagePack: {type(error).__name__} {error}") from error

@@ -40,6 +40,17 @@ def decode(type_name: str, data: bytes, codec: str) -> Any:
         return from_asn1(_specification(codec).decode(node.name, data), node)
     except CodecError:
         raise
-    except (asn1tools.DecodeError, InputError, ValueError, IndexError, KeyError, TypeError, OverflowError,
-            ArithmeticError, MemoryError, RecursionError, struct.error) as error:
+    except (
+        asn1tools.DecodeError,
+        InputError,
+        ValueError,
+        IndexError,
+        KeyError,
+        TypeError,
+        OverflowError,
+        ArithmeticError,
+        MemoryError,
+        RecursionError,
+        struct.error,
+    ) as error:
         raise CodecError(f"{node.name} as {codec}, {len(data)} octets: {type(error).__name__} {error}") from error

@@ -1,7 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
 # GENERATED from cdff_common/asn1/*.asn by cdff generate; do not edit.
-# ruff: noqa: E501
 
 """The types as the codecs see them."""
 
@@ -23,11 +22,15 @@ from cdff_common.codecs.schema import (
     Text,
 )
 
-_0 = Struct("Asn1Bitstream", "Asn1Bitstream", (
-    Field("type", "type", Text(256)),
-    Field("serialization-method", "serialization_method", Integer(0, 4294967295)),
-    Field("data", "data", Octets(1073741824, "|u1", 0)),
-))
+_0 = Struct(
+    "Asn1Bitstream",
+    "Asn1Bitstream",
+    (
+        Field("type", "type", Text(256)),
+        Field("serialization-method", "serialization_method", Integer(0, 4294967295)),
+        Field("data", "data", Octets(1073741824, "|u1", 0)),
+    ),
+)
 _1 = Alias("Vector2d", "Vector2d", "values", Array(Real(), ((2, 2),)))
 _2 = Alias("Vector3d", "Vector3d", "values", Array(Real(), ((3, 3),)))
 _3 = Alias("Vector4d", "Vector4d", "values", Array(Real(), ((4, 4),)))
@@ -47,450 +50,840 @@ _16 = Alias("Covariance", "Covariance", "values", Array(Real(), ((6, 6), (6, 6))
 _17 = Alias("Point", "Point", "values", Array(Real(), ((3, 3),)))
 _18 = Alias("Point2D", "Point2D", "values", Array(Real(), ((2, 2),)))
 _19 = Alias("Point3D", "Point3D", "values", Array(Real(), ((3, 3),)))
-_20 = Struct("Angle", "Angle", (
-    Field("rad", "rad", Real()),
-))
-_21 = Struct("AngleSegment", "AngleSegment", (
-    Field("startRad", "start_rad", Real()),
-    Field("width", "width", Real()),
-))
-_22 = Struct("Correspondence2D", "Correspondence2D", (
-    Field("source", "source", Array(Real(), ((2, 2),))),
-    Field("sink", "sink", Array(Real(), ((2, 2),))),
-    Field("probability", "probability", Real()),
-))
+_20 = Struct("Angle", "Angle", (Field("rad", "rad", Real()),))
+_21 = Struct(
+    "AngleSegment",
+    "AngleSegment",
+    (
+        Field("startRad", "start_rad", Real()),
+        Field("width", "width", Real()),
+    ),
+)
+_22 = Struct(
+    "Correspondence2D",
+    "Correspondence2D",
+    (
+        Field("source", "source", Array(Real(), ((2, 2),))),
+        Field("sink", "sink", Array(Real(), ((2, 2),))),
+        Field("probability", "probability", Real()),
+    ),
+)
 _23 = Alias("CorrespondenceMap2D", "CorrespondenceMap2D", "items", ListOf(_22, 0, 1024))
-_24 = Struct("Correspondence3D", "Correspondence3D", (
-    Field("source", "source", Array(Real(), ((3, 3),))),
-    Field("sink", "sink", Array(Real(), ((3, 3),))),
-    Field("probability", "probability", Real()),
-))
+_24 = Struct(
+    "Correspondence3D",
+    "Correspondence3D",
+    (
+        Field("source", "source", Array(Real(), ((3, 3),))),
+        Field("sink", "sink", Array(Real(), ((3, 3),))),
+        Field("probability", "probability", Real()),
+    ),
+)
 _25 = Alias("CorrespondenceMap3D", "CorrespondenceMap3D", "items", ListOf(_24, 0, 51200))
-_26 = Struct("VisualPointFeature2D", "VisualPointFeature2D", (
-    Field("point", "point", Array(Real(), ((2, 2),))),
-    Field("descriptor", "descriptor", Array(Real(), ((0, 128),))),
-))
+_26 = Struct(
+    "VisualPointFeature2D",
+    "VisualPointFeature2D",
+    (
+        Field("point", "point", Array(Real(), ((2, 2),))),
+        Field("descriptor", "descriptor", Array(Real(), ((0, 128),))),
+    ),
+)
 _27 = Alias("VisualPointFeatureVector2D", "VisualPointFeatureVector2D", "items", ListOf(_26, 0, 1024))
-_28 = Struct("Point3DReference", "Point3DReference", (
-    Field("pointCloudIdentifier", "point_cloud_identifier", Integer(0, 65535)),
-    Field("index", "index", Integer(0, 9223372036854775807)),
-))
-_29 = Choice("VisualPointFeature3DPoint", (
-    Field("position", "position", Array(Real(), ((3, 3),))),
-    Field("reference", "reference", _28),
-))
-_30 = Struct("VisualPointFeature3D", "VisualPointFeature3D", (
-    Field("point", "point", _29),
-    Field("descriptor", "descriptor", Array(Real(), ((0, 352),))),
-))
-_31 = Enumeration("VisualPointFeatureVector3DType", (("all-positions", 0), ("all-references", 1), ("hybrid-vector", 2), ))
-_32 = Enumeration("VisualPointFeature3DType", (("histogram", 0), ("shot", 1), ("pfh", 2), ))
-_33 = Struct("VisualPointFeatureVector3D", "VisualPointFeatureVector3D", (
-    Field("list", "list", ListOf(_30, 0, 51200)),
-    Field("list-type", "list_type", _31),
-    Field("feature-type", "feature_type", _32),
-))
-_34 = Enumeration("Array3DDepthT", (("depth-8U", 0), ("depth-8S", 1), ("depth-16U", 2), ("depth-16S", 3), ("depth-32S", 4), ("depth-32F", 5), ("depth-64F", 6), ))
-_35 = Struct("Array3D", "Array3D", (
-    Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-    Field("rows", "rows", Integer(0, 4294967295)),
-    Field("cols", "cols", Integer(0, 4294967295)),
-    Field("channels", "channels", Integer(0, 4294967295)),
-    Field("depth", "depth", _34),
-    Field("rowSize", "row_size", Integer(0, 4294967295)),
-    Field("data", "data", Octets(66355200, "|u1", 0)),
-))
-_36 = Enumeration("FramePixelModelT", (("pix-UNDEF", 0), ("pix-POLY", 1), ("pix-DISP", 2), ))
-_37 = Enumeration("FrameErrorTypeT", (("error-UNDEFINED", 0), ("error-DEAD", 1), ("error-FILTERED", 2), ))
-_38 = Struct("Frame-error-t", "FrameErrorT", (
-    Field("type", "type", _37),
-    Field("value", "value", Real()),
-))
-_39 = Struct("Frame-attrib-t", "FrameAttribT", (
-    Field("name", "name", Text(256)),
-    Field("data", "data", Text(256)),
-))
-_40 = Enumeration("FrameModeT", (("mode-UNDEF", 0), ("mode-GRAY", 1), ("mode-RGB", 2), ("mode-RGBA", 3), ("mode-BGR", 4), ("mode-BGRA", 5), ("mode-HSV", 6), ("mode-HLS", 7), ("mode-YUV", 8), ("mode-UYVY", 9), ("mode-Lab", 10), ("mode-Luv", 11), ("mode-XYZ", 12), ("mode-YCrCb", 13), ("mode-RGB32", 14), ("mode-Bayer-RGGB", 15), ("mode-Bayer-GRBG", 16), ("mode-Bayer-BGGR", 17), ("mode-Bayer-GBRG", 18), ("mode-PJPG", 19), ("mode-JPEG", 20), ("mode-PNG", 21), ))
-_41 = Enumeration("FrameStatusT", (("status-EMPTY", 0), ("status-VALID", 1), ("status-INVALID", 2), ))
-_42 = Struct("Time", "Time", (
-    Field("microseconds", "microseconds", Integer(-9223372036854775807, 9223372036854775807)),
-    Field("usecPerSec", "usec_per_sec", Integer(-2147483648, 2147483647)),
-))
-_43 = Struct("Frame-metadata-t", "FrameMetadataT", (
-    Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-    Field("timeStamp", "time_stamp", _42),
-    Field("receivedTime", "received_time", _42),
-    Field("pixelModel", "pixel_model", _36),
-    Field("pixelCoeffs", "pixel_coeffs", Array(Real(), ((0, 100),))),
-    Field("errValues", "err_values", ListOf(_38, 0, 3)),
-    Field("attributes", "attributes", ListOf(_39, 0, 5)),
-    Field("mode", "mode", _40),
-    Field("status", "status", _41),
-))
-_44 = Enumeration("FrameCameraModelT", (("cam-UNDEF", 0), ("cam-PINHOLE", 1), ("cam-FISHEYE", 2), ("cam-MAPS", 3), ))
-_45 = Struct("Frame-intrinsic-t", "FrameIntrinsicT", (
-    Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-    Field("sensorId", "sensor_id", Text(256)),
-    Field("cameraMatrix", "camera_matrix", Array(Real(), ((3, 3), (3, 3)))),
-    Field("cameraModel", "camera_model", _44),
-    Field("distCoeffs", "dist_coeffs", Array(Real(), ((0, 100),))),
-))
-_46 = Struct("TransformWithCovariance-Metadata", "TransformWithCovarianceMetadata", (
-    Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-    Field("producerId", "producer_id", Text(256)),
-    Field("dataEstimated", "data_estimated", Array(Boolean(), ((7, 7),))),
-    Field("parentFrameId", "parent_frame_id", Text(256)),
-    Field("parentTime", "parent_time", _42),
-    Field("childFrameId", "child_frame_id", Text(256)),
-    Field("childTime", "child_time", _42),
-))
-_47 = Struct("TransformWithCovariance-Data", "TransformWithCovarianceData", (
-    Field("translation", "translation", Array(Real(), ((3, 3),))),
-    Field("orientation", "orientation", Array(Real(), ((4, 4),))),
-    Field("cov", "cov", Array(Real(), ((6, 6), (6, 6)))),
-))
-_48 = Struct("TransformWithCovariance", "TransformWithCovariance", (
-    Field("metadata", "metadata", _46),
-    Field("data", "data", _47),
-))
-_49 = Struct("Frame-extrinsic-t", "FrameExtrinsicT", (
-    Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-    Field("hasFixedTransform", "has_fixed_transform", Boolean()),
-    Field("pose-robotFrame-sensorFrame", "pose_robot_frame_sensor_frame", _48),
-    Field("pose-fixedFrame-robotFrame", "pose_fixed_frame_robot_frame", _48),
-))
-_50 = Struct("Frame", "Frame", (
-    Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-    Field("metadata", "metadata", _43),
-    Field("intrinsic", "intrinsic", _45),
-    Field("extrinsic", "extrinsic", _49),
-    Field("data", "data", _35),
-))
-_51 = Struct("FramePair", "FramePair", (
-    Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-    Field("baseline", "baseline", Real()),
-    Field("left", "left", _50),
-    Field("right", "right", _50),
-))
-_52 = Enumeration("FrameCompressedModeT", (("mode-compressed-undefined", 0), ("mode-pjpg", 1), ))
-_53 = Struct("CompressedFrame", "CompressedFrame", (
-    Field("ref-time", "ref_time", _42),
-    Field("received-time", "received_time", _42),
-    Field("image", "image", Array(Integer(0, 255), ((1, 262144),))),
-    Field("attributes", "attributes", ListOf(_39, 1, 10)),
-    Field("rows", "rows", Integer(0, 4294967295)),
-    Field("cols", "cols", Integer(0, 4294967295)),
-    Field("frame-mode", "frame_mode", _52),
-    Field("frame-status", "frame_status", _41),
-))
-_54 = Struct("JointState", "JointState", (
-    Field("position", "position", Real()),
-    Field("speed", "speed", Real()),
-    Field("effort", "effort", Real()),
-    Field("raw", "raw", Real()),
-    Field("acceleration", "acceleration", Real()),
-))
-_55 = Struct("JointLimitRange", "JointLimitRange", (
-    Field("min", "min", _54),
-    Field("max", "max", _54),
-))
-_56 = Struct("OutOfBounds", "OutOfBounds", (
-    Field("error-name", "error_name", Text(256)),
-    Field("min", "min", Real()),
-    Field("max", "max", Real()),
-    Field("value", "value", Real()),
-))
-_57 = Struct("JointLimits", "JointLimits", (
-    Field("vector-name", "vector_name", Text(256)),
-    Field("ranges", "ranges", ListOf(_55, 1, 60)),
-))
-_58 = Struct("Joints", "Joints", (
-    Field("timestamp", "timestamp", _42),
-    Field("names", "names", ListOf(Text(256), 0, 50)),
-    Field("elements", "elements", ListOf(_54, 0, 50)),
-))
+_28 = Struct(
+    "Point3DReference",
+    "Point3DReference",
+    (
+        Field("pointCloudIdentifier", "point_cloud_identifier", Integer(0, 65535)),
+        Field("index", "index", Integer(0, 9223372036854775807)),
+    ),
+)
+_29 = Choice(
+    "VisualPointFeature3DPoint",
+    (
+        Field("position", "position", Array(Real(), ((3, 3),))),
+        Field("reference", "reference", _28),
+    ),
+)
+_30 = Struct(
+    "VisualPointFeature3D",
+    "VisualPointFeature3D",
+    (
+        Field("point", "point", _29),
+        Field("descriptor", "descriptor", Array(Real(), ((0, 352),))),
+    ),
+)
+_31 = Enumeration(
+    "VisualPointFeatureVector3DType",
+    (
+        ("all-positions", 0),
+        ("all-references", 1),
+        ("hybrid-vector", 2),
+    ),
+)
+_32 = Enumeration(
+    "VisualPointFeature3DType",
+    (
+        ("histogram", 0),
+        ("shot", 1),
+        ("pfh", 2),
+    ),
+)
+_33 = Struct(
+    "VisualPointFeatureVector3D",
+    "VisualPointFeatureVector3D",
+    (
+        Field("list", "list", ListOf(_30, 0, 51200)),
+        Field("list-type", "list_type", _31),
+        Field("feature-type", "feature_type", _32),
+    ),
+)
+_34 = Enumeration(
+    "Array3DDepthT",
+    (
+        ("depth-8U", 0),
+        ("depth-8S", 1),
+        ("depth-16U", 2),
+        ("depth-16S", 3),
+        ("depth-32S", 4),
+        ("depth-32F", 5),
+        ("depth-64F", 6),
+    ),
+)
+_35 = Struct(
+    "Array3D",
+    "Array3D",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("rows", "rows", Integer(0, 4294967295)),
+        Field("cols", "cols", Integer(0, 4294967295)),
+        Field("channels", "channels", Integer(0, 4294967295)),
+        Field("depth", "depth", _34),
+        Field("rowSize", "row_size", Integer(0, 4294967295)),
+        Field("data", "data", Octets(66355200, "|u1", 0)),
+    ),
+)
+_36 = Enumeration(
+    "FramePixelModelT",
+    (
+        ("pix-UNDEF", 0),
+        ("pix-POLY", 1),
+        ("pix-DISP", 2),
+    ),
+)
+_37 = Enumeration(
+    "FrameErrorTypeT",
+    (
+        ("error-UNDEFINED", 0),
+        ("error-DEAD", 1),
+        ("error-FILTERED", 2),
+    ),
+)
+_38 = Struct(
+    "Frame-error-t",
+    "FrameErrorT",
+    (
+        Field("type", "type", _37),
+        Field("value", "value", Real()),
+    ),
+)
+_39 = Struct(
+    "Frame-attrib-t",
+    "FrameAttribT",
+    (
+        Field("name", "name", Text(256)),
+        Field("data", "data", Text(256)),
+    ),
+)
+_40 = Enumeration(
+    "FrameModeT",
+    (
+        ("mode-UNDEF", 0),
+        ("mode-GRAY", 1),
+        ("mode-RGB", 2),
+        ("mode-RGBA", 3),
+        ("mode-BGR", 4),
+        ("mode-BGRA", 5),
+        ("mode-HSV", 6),
+        ("mode-HLS", 7),
+        ("mode-YUV", 8),
+        ("mode-UYVY", 9),
+        ("mode-Lab", 10),
+        ("mode-Luv", 11),
+        ("mode-XYZ", 12),
+        ("mode-YCrCb", 13),
+        ("mode-RGB32", 14),
+        ("mode-Bayer-RGGB", 15),
+        ("mode-Bayer-GRBG", 16),
+        ("mode-Bayer-BGGR", 17),
+        ("mode-Bayer-GBRG", 18),
+        ("mode-PJPG", 19),
+        ("mode-JPEG", 20),
+        ("mode-PNG", 21),
+    ),
+)
+_41 = Enumeration(
+    "FrameStatusT",
+    (
+        ("status-EMPTY", 0),
+        ("status-VALID", 1),
+        ("status-INVALID", 2),
+    ),
+)
+_42 = Struct(
+    "Time",
+    "Time",
+    (
+        Field("microseconds", "microseconds", Integer(-9223372036854775807, 9223372036854775807)),
+        Field("usecPerSec", "usec_per_sec", Integer(-2147483648, 2147483647)),
+    ),
+)
+_43 = Struct(
+    "Frame-metadata-t",
+    "FrameMetadataT",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("timeStamp", "time_stamp", _42),
+        Field("receivedTime", "received_time", _42),
+        Field("pixelModel", "pixel_model", _36),
+        Field("pixelCoeffs", "pixel_coeffs", Array(Real(), ((0, 100),))),
+        Field("errValues", "err_values", ListOf(_38, 0, 3)),
+        Field("attributes", "attributes", ListOf(_39, 0, 5)),
+        Field("mode", "mode", _40),
+        Field("status", "status", _41),
+    ),
+)
+_44 = Enumeration(
+    "FrameCameraModelT",
+    (
+        ("cam-UNDEF", 0),
+        ("cam-PINHOLE", 1),
+        ("cam-FISHEYE", 2),
+        ("cam-MAPS", 3),
+    ),
+)
+_45 = Struct(
+    "Frame-intrinsic-t",
+    "FrameIntrinsicT",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("sensorId", "sensor_id", Text(256)),
+        Field("cameraMatrix", "camera_matrix", Array(Real(), ((3, 3), (3, 3)))),
+        Field("cameraModel", "camera_model", _44),
+        Field("distCoeffs", "dist_coeffs", Array(Real(), ((0, 100),))),
+    ),
+)
+_46 = Struct(
+    "TransformWithCovariance-Metadata",
+    "TransformWithCovarianceMetadata",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("producerId", "producer_id", Text(256)),
+        Field("dataEstimated", "data_estimated", Array(Boolean(), ((7, 7),))),
+        Field("parentFrameId", "parent_frame_id", Text(256)),
+        Field("parentTime", "parent_time", _42),
+        Field("childFrameId", "child_frame_id", Text(256)),
+        Field("childTime", "child_time", _42),
+    ),
+)
+_47 = Struct(
+    "TransformWithCovariance-Data",
+    "TransformWithCovarianceData",
+    (
+        Field("translation", "translation", Array(Real(), ((3, 3),))),
+        Field("orientation", "orientation", Array(Real(), ((4, 4),))),
+        Field("cov", "cov", Array(Real(), ((6, 6), (6, 6)))),
+    ),
+)
+_48 = Struct(
+    "TransformWithCovariance",
+    "TransformWithCovariance",
+    (
+        Field("metadata", "metadata", _46),
+        Field("data", "data", _47),
+    ),
+)
+_49 = Struct(
+    "Frame-extrinsic-t",
+    "FrameExtrinsicT",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("hasFixedTransform", "has_fixed_transform", Boolean()),
+        Field("pose-robotFrame-sensorFrame", "pose_robot_frame_sensor_frame", _48),
+        Field("pose-fixedFrame-robotFrame", "pose_fixed_frame_robot_frame", _48),
+    ),
+)
+_50 = Struct(
+    "Frame",
+    "Frame",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("metadata", "metadata", _43),
+        Field("intrinsic", "intrinsic", _45),
+        Field("extrinsic", "extrinsic", _49),
+        Field("data", "data", _35),
+    ),
+)
+_51 = Struct(
+    "FramePair",
+    "FramePair",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("baseline", "baseline", Real()),
+        Field("left", "left", _50),
+        Field("right", "right", _50),
+    ),
+)
+_52 = Enumeration(
+    "FrameCompressedModeT",
+    (
+        ("mode-compressed-undefined", 0),
+        ("mode-pjpg", 1),
+    ),
+)
+_53 = Struct(
+    "CompressedFrame",
+    "CompressedFrame",
+    (
+        Field("ref-time", "ref_time", _42),
+        Field("received-time", "received_time", _42),
+        Field("image", "image", Array(Integer(0, 255), ((1, 262144),))),
+        Field("attributes", "attributes", ListOf(_39, 1, 10)),
+        Field("rows", "rows", Integer(0, 4294967295)),
+        Field("cols", "cols", Integer(0, 4294967295)),
+        Field("frame-mode", "frame_mode", _52),
+        Field("frame-status", "frame_status", _41),
+    ),
+)
+_54 = Struct(
+    "JointState",
+    "JointState",
+    (
+        Field("position", "position", Real()),
+        Field("speed", "speed", Real()),
+        Field("effort", "effort", Real()),
+        Field("raw", "raw", Real()),
+        Field("acceleration", "acceleration", Real()),
+    ),
+)
+_55 = Struct(
+    "JointLimitRange",
+    "JointLimitRange",
+    (
+        Field("min", "min", _54),
+        Field("max", "max", _54),
+    ),
+)
+_56 = Struct(
+    "OutOfBounds",
+    "OutOfBounds",
+    (
+        Field("error-name", "error_name", Text(256)),
+        Field("min", "min", Real()),
+        Field("max", "max", Real()),
+        Field("value", "value", Real()),
+    ),
+)
+_57 = Struct(
+    "JointLimits",
+    "JointLimits",
+    (
+        Field("vector-name", "vector_name", Text(256)),
+        Field("ranges", "ranges", ListOf(_55, 1, 60)),
+    ),
+)
+_58 = Struct(
+    "Joints",
+    "Joints",
+    (
+        Field("timestamp", "timestamp", _42),
+        Field("names", "names", ListOf(Text(256), 0, 50)),
+        Field("elements", "elements", ListOf(_54, 0, 50)),
+    ),
+)
 _59 = Alias("JointTrajectory", "JointTrajectory", "items", ListOf(_54, 1, 60))
-_60 = Struct("JointsTrajectory", "JointsTrajectory", (
-    Field("vector-name", "vector_name", ListOf(Text(256), 1, 60)),
-    Field("timetags", "timetags", ListOf(_42, 1, 60)),
-    Field("trajectory", "trajectory", ListOf(ListOf(_54, 1, 60), 1, 60)),
-))
-_61 = Struct("InvalidTimeStep", "InvalidTimeStep", (
-    Field("time-step", "time_step", Integer(0, 4294967295)),
-))
-_62 = Struct("InvalidName", "InvalidName", (
-    Field("nameString", "name_string", Text(256)),
-))
-_63 = Struct("Wrench", "Wrench", (
-    Field("timestamp", "timestamp", _42),
-    Field("force", "force", Array(Real(), ((3, 3),))),
-    Field("torque", "torque", Array(Real(), ((3, 3),))),
-))
-_64 = Struct("Wrenches", "Wrenches", (
-    Field("vector-name", "vector_name", Text(256)),
-    Field("timestamp", "timestamp", _42),
-    Field("wrenches", "wrenches", ListOf(_63, 1, 60)),
-))
-_65 = Struct("Pressure", "Pressure", (
-    Field("timestamp", "timestamp", _42),
-    Field("pascals", "pascals", Real()),
-))
-_66 = Struct("Temperature", "Temperature", (
-    Field("kelvin", "kelvin", Real()),
-))
-_67 = Struct("IMUSensors", "IMUSensors", (
-    Field("timestamp", "timestamp", _42),
-    Field("acc", "acc", Array(Real(), ((3, 3),))),
-    Field("gyro", "gyro", Array(Real(), ((3, 3),))),
-    Field("mag", "mag", Array(Real(), ((3, 3),))),
-))
-_68 = Struct("LidarScan-Metadata", "LidarScanMetadata", (
-    Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-    Field("sensorId", "sensor_id", Text(256)),
-    Field("frameId", "frame_id", Text(256)),
-    Field("startTime", "start_time", _42),
-    Field("endTime", "end_time", _42),
-))
-_69 = Struct("LidarScan-Data", "LidarScanData", (
-    Field("points", "points", Octets(1073741824, "<f4", 3)),
-    Field("timeOffsets", "time_offsets", Octets(1073741824, "<u4", 0)),
-    Field("intensity", "intensity", Octets(1073741824, "<u2", 0)),
-    Field("ring", "ring", Octets(1073741824, "<u2", 0)),
-))
-_70 = Struct("LidarScan", "LidarScan", (
-    Field("metadata", "metadata", _68),
-    Field("data", "data", _69),
-))
-_71 = Enumeration("MapTypeT", (("map-UNDEF", 0), ("map-DEM", 1), ("map-NAV", 2), ))
-_72 = Struct("Map-metadata-t", "MapMetadataT", (
-    Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-    Field("timeStamp", "time_stamp", _42),
-    Field("type", "type", _71),
-    Field("errValues", "err_values", ListOf(_38, 0, 5)),
-    Field("scale", "scale", Real()),
-    Field("pose-fixedFrame-mapFrame", "pose_fixed_frame_map_frame", _48),
-))
-_73 = Struct("Map", "Map", (
-    Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-    Field("metadata", "metadata", _72),
-    Field("data", "data", _35),
-))
-_74 = Struct("GridMap-Metadata", "GridMapMetadata", (
-    Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-    Field("frameId", "frame_id", Text(256)),
-    Field("startTime", "start_time", _42),
-    Field("endTime", "end_time", _42),
-    Field("resolution", "resolution", Real()),
-    Field("xMin", "x_min", Real()),
-    Field("yMax", "y_max", Real()),
-    Field("rows", "rows", Integer(0, 4294967295)),
-    Field("cols", "cols", Integer(0, 4294967295)),
-))
-_75 = Struct("GridLayer", "GridLayer", (
-    Field("name", "name", Text(256)),
-    Field("depth", "depth", _34),
-    Field("data", "data", Octets(1073741824, "|u1", 0)),
-))
-_76 = Struct("ElevationMap", "ElevationMap", (
-    Field("metadata", "metadata", _74),
-    Field("layers", "layers", ListOf(_75, 0, 64)),
-))
-_77 = Struct("NavigationMap", "NavigationMap", (
-    Field("metadata", "metadata", _74),
-    Field("layers", "layers", ListOf(_75, 0, 64)),
-))
-_78 = Struct("PointCloud-Metadata", "PointCloudMetadata", (
-    Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-    Field("sensorId", "sensor_id", Text(256)),
-    Field("frameId", "frame_id", Text(256)),
-    Field("timeStamp", "time_stamp", _42),
-    Field("height", "height", Integer(0, 4294967295)),
-    Field("width", "width", Integer(0, 4294967295)),
-    Field("isRegistered", "is_registered", Boolean()),
-    Field("isOrdered", "is_ordered", Boolean()),
-    Field("hasFixedTransform", "has_fixed_transform", Boolean()),
-    Field("pose-robotFrame-sensorFrame", "pose_robot_frame_sensor_frame", _48),
-    Field("pose-fixedFrame-robotFrame", "pose_fixed_frame_robot_frame", _48),
-))
-_79 = Struct("PointCloud-Data", "PointCloudData", (
-    Field("points", "points", Array(Real(), ((0, 400000), (3, 3)))),
-    Field("colors", "colors", Array(Real(), ((0, 400000), (3, 3)))),
-    Field("intensity", "intensity", Array(Integer(-2147483648, 2147483647), ((0, 400000),))),
-))
-_80 = Struct("Pointcloud", "Pointcloud", (
-    Field("metadata", "metadata", _78),
-    Field("data", "data", _79),
-))
-_81 = Struct("Octree", "Octree", (
-    Field("resolution", "resolution", Real()),
-    Field("pointCloud", "point_cloud", _80),
-))
+_60 = Struct(
+    "JointsTrajectory",
+    "JointsTrajectory",
+    (
+        Field("vector-name", "vector_name", ListOf(Text(256), 1, 60)),
+        Field("timetags", "timetags", ListOf(_42, 1, 60)),
+        Field("trajectory", "trajectory", ListOf(ListOf(_54, 1, 60), 1, 60)),
+    ),
+)
+_61 = Struct("InvalidTimeStep", "InvalidTimeStep", (Field("time-step", "time_step", Integer(0, 4294967295)),))
+_62 = Struct("InvalidName", "InvalidName", (Field("nameString", "name_string", Text(256)),))
+_63 = Struct(
+    "Wrench",
+    "Wrench",
+    (
+        Field("timestamp", "timestamp", _42),
+        Field("force", "force", Array(Real(), ((3, 3),))),
+        Field("torque", "torque", Array(Real(), ((3, 3),))),
+    ),
+)
+_64 = Struct(
+    "Wrenches",
+    "Wrenches",
+    (
+        Field("vector-name", "vector_name", Text(256)),
+        Field("timestamp", "timestamp", _42),
+        Field("wrenches", "wrenches", ListOf(_63, 1, 60)),
+    ),
+)
+_65 = Struct(
+    "Pressure",
+    "Pressure",
+    (
+        Field("timestamp", "timestamp", _42),
+        Field("pascals", "pascals", Real()),
+    ),
+)
+_66 = Struct("Temperature", "Temperature", (Field("kelvin", "kelvin", Real()),))
+_67 = Struct(
+    "IMUSensors",
+    "IMUSensors",
+    (
+        Field("timestamp", "timestamp", _42),
+        Field("acc", "acc", Array(Real(), ((3, 3),))),
+        Field("gyro", "gyro", Array(Real(), ((3, 3),))),
+        Field("mag", "mag", Array(Real(), ((3, 3),))),
+    ),
+)
+_68 = Struct(
+    "LidarScan-Metadata",
+    "LidarScanMetadata",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("sensorId", "sensor_id", Text(256)),
+        Field("frameId", "frame_id", Text(256)),
+        Field("startTime", "start_time", _42),
+        Field("endTime", "end_time", _42),
+    ),
+)
+_69 = Struct(
+    "LidarScan-Data",
+    "LidarScanData",
+    (
+        Field("points", "points", Octets(1073741824, "<f4", 3)),
+        Field("timeOffsets", "time_offsets", Octets(1073741824, "<u4", 0)),
+        Field("intensity", "intensity", Octets(1073741824, "<u2", 0)),
+        Field("ring", "ring", Octets(1073741824, "<u2", 0)),
+    ),
+)
+_70 = Struct(
+    "LidarScan",
+    "LidarScan",
+    (
+        Field("metadata", "metadata", _68),
+        Field("data", "data", _69),
+    ),
+)
+_71 = Enumeration(
+    "MapTypeT",
+    (
+        ("map-UNDEF", 0),
+        ("map-DEM", 1),
+        ("map-NAV", 2),
+    ),
+)
+_72 = Struct(
+    "Map-metadata-t",
+    "MapMetadataT",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("timeStamp", "time_stamp", _42),
+        Field("type", "type", _71),
+        Field("errValues", "err_values", ListOf(_38, 0, 5)),
+        Field("scale", "scale", Real()),
+        Field("pose-fixedFrame-mapFrame", "pose_fixed_frame_map_frame", _48),
+    ),
+)
+_73 = Struct(
+    "Map",
+    "Map",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("metadata", "metadata", _72),
+        Field("data", "data", _35),
+    ),
+)
+_74 = Struct(
+    "GridMap-Metadata",
+    "GridMapMetadata",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("frameId", "frame_id", Text(256)),
+        Field("startTime", "start_time", _42),
+        Field("endTime", "end_time", _42),
+        Field("resolution", "resolution", Real()),
+        Field("xMin", "x_min", Real()),
+        Field("yMax", "y_max", Real()),
+        Field("rows", "rows", Integer(0, 4294967295)),
+        Field("cols", "cols", Integer(0, 4294967295)),
+    ),
+)
+_75 = Struct(
+    "GridLayer",
+    "GridLayer",
+    (
+        Field("name", "name", Text(256)),
+        Field("depth", "depth", _34),
+        Field("data", "data", Octets(1073741824, "|u1", 0)),
+    ),
+)
+_76 = Struct(
+    "ElevationMap",
+    "ElevationMap",
+    (
+        Field("metadata", "metadata", _74),
+        Field("layers", "layers", ListOf(_75, 0, 64)),
+    ),
+)
+_77 = Struct(
+    "NavigationMap",
+    "NavigationMap",
+    (
+        Field("metadata", "metadata", _74),
+        Field("layers", "layers", ListOf(_75, 0, 64)),
+    ),
+)
+_78 = Struct(
+    "PointCloud-Metadata",
+    "PointCloudMetadata",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("sensorId", "sensor_id", Text(256)),
+        Field("frameId", "frame_id", Text(256)),
+        Field("timeStamp", "time_stamp", _42),
+        Field("height", "height", Integer(0, 4294967295)),
+        Field("width", "width", Integer(0, 4294967295)),
+        Field("isRegistered", "is_registered", Boolean()),
+        Field("isOrdered", "is_ordered", Boolean()),
+        Field("hasFixedTransform", "has_fixed_transform", Boolean()),
+        Field("pose-robotFrame-sensorFrame", "pose_robot_frame_sensor_frame", _48),
+        Field("pose-fixedFrame-robotFrame", "pose_fixed_frame_robot_frame", _48),
+    ),
+)
+_79 = Struct(
+    "PointCloud-Data",
+    "PointCloudData",
+    (
+        Field("points", "points", Array(Real(), ((0, 400000), (3, 3)))),
+        Field("colors", "colors", Array(Real(), ((0, 400000), (3, 3)))),
+        Field("intensity", "intensity", Array(Integer(-2147483648, 2147483647), ((0, 400000),))),
+    ),
+)
+_80 = Struct(
+    "Pointcloud",
+    "Pointcloud",
+    (
+        Field("metadata", "metadata", _78),
+        Field("data", "data", _79),
+    ),
+)
+_81 = Struct(
+    "Octree",
+    "Octree",
+    (
+        Field("resolution", "resolution", Real()),
+        Field("pointCloud", "point_cloud", _80),
+    ),
+)
 _82 = Alias("Position", "Position", "values", Array(Real(), ((3, 3),)))
 _83 = Alias("Position2D", "Position2D", "values", Array(Real(), ((2, 2),)))
 _84 = Alias("Orientation", "Orientation", "values", Array(Real(), ((4, 4),)))
-_85 = Struct("PoseUpdateThreshold", "PoseUpdateThreshold", (
-    Field("distance", "distance", Real()),
-    Field("angle", "angle", Real()),
-))
-_86 = Struct("Pose", "Pose", (
-    Field("pos", "pos", Array(Real(), ((3, 3),))),
-    Field("orient", "orient", Array(Real(), ((4, 4),))),
-))
-_87 = Struct("Pose2D", "Pose2D", (
-    Field("position", "position", Array(Real(), ((2, 2),))),
-    Field("orientation", "orientation", Real()),
-))
-_88 = Struct("Motion2D", "Motion2D", (
-    Field("translation", "translation", Real()),
-    Field("rotation", "rotation", Real()),
-))
-_89 = Struct("TwistWithCovariance-metadata", "TwistWithCovarianceMetadata", (
-    Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-    Field("timeStamp", "time_stamp", _42),
-))
-_90 = Struct("TwistWithCovariance-data", "TwistWithCovarianceData", (
-    Field("vel", "vel", Array(Real(), ((3, 3),))),
-    Field("rot", "rot", Array(Real(), ((3, 3),))),
-    Field("cov", "cov", Array(Real(), ((6, 6), (6, 6)))),
-))
-_91 = Struct("TwistWithCovariance", "TwistWithCovariance", (
-    Field("metadata", "metadata", _89),
-    Field("data", "data", _90),
-))
-_92 = Struct("BodyState", "BodyState", (
-    Field("ref-time", "ref_time", _42),
-    Field("pose", "pose", _48),
-    Field("velocity", "velocity", _91),
-))
-_93 = Struct("RigidBodyState", "RigidBodyState", (
-    Field("timestamp", "timestamp", _42),
-    Field("sourceFrame", "source_frame", Text(256)),
-    Field("targetFrame", "target_frame", Text(256)),
-    Field("pos", "pos", Array(Real(), ((3, 3),))),
-    Field("cov-position", "cov_position", Array(Real(), ((3, 3), (3, 3)))),
-    Field("orient", "orient", Array(Real(), ((4, 4),))),
-    Field("cov-orientation", "cov_orientation", Array(Real(), ((3, 3), (3, 3)))),
-    Field("velocity", "velocity", Array(Real(), ((3, 3),))),
-    Field("cov-velocity", "cov_velocity", Array(Real(), ((3, 3), (3, 3)))),
-    Field("angular-velocity", "angular_velocity", Array(Real(), ((3, 3),))),
-    Field("cov-angular-velocity", "cov_angular_velocity", Array(Real(), ((3, 3), (3, 3)))),
-))
-_94 = Struct("RigidBodyAcceleration", "RigidBodyAcceleration", (
-    Field("ref-time", "ref_time", _42),
-    Field("acceleration", "acceleration", Array(Real(), ((3, 3),))),
-    Field("cov-acceleration", "cov_acceleration", Array(Real(), ((3, 3), (3, 3)))),
-))
-_95 = Struct("Waypoint", "Waypoint", (
-    Field("position", "position", Array(Real(), ((3, 3),))),
-    Field("heading", "heading", Real()),
-    Field("tol-position", "tol_position", Real()),
-    Field("tol-heading", "tol_heading", Real()),
-))
-_96 = Struct("Trajectory", "Trajectory", (
-    Field("speed", "speed", Real()),
-    Field("points", "points", Array(Real(), ((1, 50), (3, 3)))),
-))
-_97 = Struct("Path", "Path", (
-    Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-    Field("timeStamp", "time_stamp", _42),
-    Field("waypoints", "waypoints", ListOf(_48, 0, 100)),
-))
-_98 = Struct("PoseTrajectory-Metadata", "PoseTrajectoryMetadata", (
-    Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-    Field("producerId", "producer_id", Text(256)),
-    Field("parentFrameId", "parent_frame_id", Text(256)),
-    Field("childFrameId", "child_frame_id", Text(256)),
-))
-_99 = Struct("PoseTrajectory-Data", "PoseTrajectoryData", (
-    Field("stamps", "stamps", Octets(1073741824, "<i8", 0)),
-    Field("poses", "poses", Octets(1073741824, "<f8", 7)),
-    Field("covariances", "covariances", Octets(1073741824, "<f8", 36)),
-))
-_100 = Struct("PoseTrajectory", "PoseTrajectory", (
-    Field("metadata", "metadata", _98),
-    Field("data", "data", _99),
-))
-_101 = Enumeration("LaserRangeErrors", (("too-far", 0), ("too-near", 1), ("measurement-error", 2), ("other-range-errors", 3), ("max-range-error", 4), ("end-laser-range-errors", 5), ))
-_102 = Struct("LaserScan", "LaserScan", (
-    Field("ref-time", "ref_time", _42),
-    Field("start-angle", "start_angle", Real()),
-    Field("angular-resolution", "angular_resolution", Real()),
-    Field("speed", "speed", Real()),
-    Field("ranges", "ranges", Array(Integer(-2147483648, 2147483647), ((1, 2000),))),
-    Field("minRange", "min_range", Integer(0, 4294967295)),
-    Field("maxRange", "max_range", Integer(0, 4294967295)),
-    Field("remission", "remission", Array(Real(), ((1, 2000),))),
-))
-_103 = Enumeration("UnitAxis", (("unit-x", 0), ("unit-y", 1), ("unit-z", 2), ))
-_104 = Enumeration("DepthMeasurementState", (("valid-measurement", 0), ("too-far", 1), ("too-near", 2), ("measurement-error", 3), ))
-_105 = Enumeration("ProjectionType", (("polar", 0), ("planar", 1), ))
-_106 = Struct("DepthMap", "DepthMap", (
-    Field("ref-time", "ref_time", _42),
-    Field("timestamps", "timestamps", ListOf(_42, 1, 30000)),
-    Field("vertical-projection", "vertical_projection", _105),
-    Field("horizontal-projection", "horizontal_projection", _105),
-    Field("vertical-interval", "vertical_interval", Array(Real(), ((1, 30000),))),
-    Field("horizontal-interval", "horizontal_interval", Array(Real(), ((1, 30000),))),
-    Field("vertical-size", "vertical_size", Integer(0, 4294967295)),
-    Field("horizontal-size", "horizontal_size", Integer(0, 4294967295)),
-    Field("distances", "distances", Array(Real(), ((1, 30000),))),
-    Field("remissions", "remissions", Array(Real(), ((1, 30000),))),
-))
-_107 = Struct("DistanceImage", "DistanceImage", (
-    Field("ref-time", "ref_time", _42),
-    Field("width", "width", Integer(0, 65535)),
-    Field("height", "height", Integer(0, 65535)),
-    Field("scale-x", "scale_x", Real()),
-    Field("scale-y", "scale_y", Real()),
-    Field("center-x", "center_x", Real()),
-    Field("center-y", "center_y", Real()),
-    Field("data", "data", Array(Real(), ((1, 60),))),
-))
-_108 = Struct("Sonar", "Sonar", (
-    Field("ref-time", "ref_time", _42),
-    Field("timestamps", "timestamps", ListOf(_42, 1, 60)),
-    Field("bin-duration", "bin_duration", _42),
-    Field("beam-width", "beam_width", _20),
-    Field("beam-height", "beam_height", _20),
-    Field("bearings", "bearings", ListOf(_20, 1, 60)),
-    Field("speed-of-sound", "speed_of_sound", Real()),
-    Field("bin-count", "bin_count", Integer(0, 4294967295)),
-    Field("beam-count", "beam_count", Integer(0, 4294967295)),
-    Field("bins", "bins", Array(Real(), ((1, 60),))),
-))
-_109 = Struct("SonarBeam", "SonarBeam", (
-    Field("ref-time", "ref_time", _42),
-    Field("bearing", "bearing", _20),
-    Field("sampling-interval", "sampling_interval", Real()),
-    Field("speed-of-sound", "speed_of_sound", Real()),
-    Field("beamwidth-horizontal", "beamwidth_horizontal", Real()),
-    Field("beamwidth-vertical", "beamwidth_vertical", Real()),
-    Field("beam", "beam", Array(Integer(0, 255), ((1, 60),))),
-))
-_110 = Struct("SonarScan", "SonarScan", (
-    Field("ref-time", "ref_time", _42),
-    Field("data", "data", Array(Integer(0, 255), ((1, 60),))),
-    Field("time-beams", "time_beams", ListOf(_42, 1, 60)),
-    Field("number-of-beams", "number_of_beams", Integer(0, 65535)),
-    Field("number-of-bins", "number_of_bins", Integer(0, 65535)),
-    Field("start-bearing", "start_bearing", _20),
-    Field("angular-resolution", "angular_resolution", _20),
-    Field("sampling-interval", "sampling_interval", Real()),
-    Field("speed-of-sound", "speed_of_sound", Real()),
-    Field("beamwidth-horizontal", "beamwidth_horizontal", _20),
-    Field("beamwidth-vertical", "beamwidth_vertical", _20),
-    Field("memory-layout-column", "memory_layout_column", Boolean()),
-    Field("polar-coordinates", "polar_coordinates", Boolean()),
-))
+_85 = Struct(
+    "PoseUpdateThreshold",
+    "PoseUpdateThreshold",
+    (
+        Field("distance", "distance", Real()),
+        Field("angle", "angle", Real()),
+    ),
+)
+_86 = Struct(
+    "Pose",
+    "Pose",
+    (
+        Field("pos", "pos", Array(Real(), ((3, 3),))),
+        Field("orient", "orient", Array(Real(), ((4, 4),))),
+    ),
+)
+_87 = Struct(
+    "Pose2D",
+    "Pose2D",
+    (
+        Field("position", "position", Array(Real(), ((2, 2),))),
+        Field("orientation", "orientation", Real()),
+    ),
+)
+_88 = Struct(
+    "Motion2D",
+    "Motion2D",
+    (
+        Field("translation", "translation", Real()),
+        Field("rotation", "rotation", Real()),
+    ),
+)
+_89 = Struct(
+    "TwistWithCovariance-metadata",
+    "TwistWithCovarianceMetadata",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("timeStamp", "time_stamp", _42),
+    ),
+)
+_90 = Struct(
+    "TwistWithCovariance-data",
+    "TwistWithCovarianceData",
+    (
+        Field("vel", "vel", Array(Real(), ((3, 3),))),
+        Field("rot", "rot", Array(Real(), ((3, 3),))),
+        Field("cov", "cov", Array(Real(), ((6, 6), (6, 6)))),
+    ),
+)
+_91 = Struct(
+    "TwistWithCovariance",
+    "TwistWithCovariance",
+    (
+        Field("metadata", "metadata", _89),
+        Field("data", "data", _90),
+    ),
+)
+_92 = Struct(
+    "BodyState",
+    "BodyState",
+    (
+        Field("ref-time", "ref_time", _42),
+        Field("pose", "pose", _48),
+        Field("velocity", "velocity", _91),
+    ),
+)
+_93 = Struct(
+    "RigidBodyState",
+    "RigidBodyState",
+    (
+        Field("timestamp", "timestamp", _42),
+        Field("sourceFrame", "source_frame", Text(256)),
+        Field("targetFrame", "target_frame", Text(256)),
+        Field("pos", "pos", Array(Real(), ((3, 3),))),
+        Field("cov-position", "cov_position", Array(Real(), ((3, 3), (3, 3)))),
+        Field("orient", "orient", Array(Real(), ((4, 4),))),
+        Field("cov-orientation", "cov_orientation", Array(Real(), ((3, 3), (3, 3)))),
+        Field("velocity", "velocity", Array(Real(), ((3, 3),))),
+        Field("cov-velocity", "cov_velocity", Array(Real(), ((3, 3), (3, 3)))),
+        Field("angular-velocity", "angular_velocity", Array(Real(), ((3, 3),))),
+        Field("cov-angular-velocity", "cov_angular_velocity", Array(Real(), ((3, 3), (3, 3)))),
+    ),
+)
+_94 = Struct(
+    "RigidBodyAcceleration",
+    "RigidBodyAcceleration",
+    (
+        Field("ref-time", "ref_time", _42),
+        Field("acceleration", "acceleration", Array(Real(), ((3, 3),))),
+        Field("cov-acceleration", "cov_acceleration", Array(Real(), ((3, 3), (3, 3)))),
+    ),
+)
+_95 = Struct(
+    "Waypoint",
+    "Waypoint",
+    (
+        Field("position", "position", Array(Real(), ((3, 3),))),
+        Field("heading", "heading", Real()),
+        Field("tol-position", "tol_position", Real()),
+        Field("tol-heading", "tol_heading", Real()),
+    ),
+)
+_96 = Struct(
+    "Trajectory",
+    "Trajectory",
+    (
+        Field("speed", "speed", Real()),
+        Field("points", "points", Array(Real(), ((1, 50), (3, 3)))),
+    ),
+)
+_97 = Struct(
+    "Path",
+    "Path",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("timeStamp", "time_stamp", _42),
+        Field("waypoints", "waypoints", ListOf(_48, 0, 100)),
+    ),
+)
+_98 = Struct(
+    "PoseTrajectory-Metadata",
+    "PoseTrajectoryMetadata",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("producerId", "producer_id", Text(256)),
+        Field("parentFrameId", "parent_frame_id", Text(256)),
+        Field("childFrameId", "child_frame_id", Text(256)),
+    ),
+)
+_99 = Struct(
+    "PoseTrajectory-Data",
+    "PoseTrajectoryData",
+    (
+        Field("stamps", "stamps", Octets(1073741824, "<i8", 0)),
+        Field("poses", "poses", Octets(1073741824, "<f8", 7)),
+        Field("covariances", "covariances", Octets(1073741824, "<f8", 36)),
+    ),
+)
+_100 = Struct(
+    "PoseTrajectory",
+    "PoseTrajectory",
+    (
+        Field("metadata", "metadata", _98),
+        Field("data", "data", _99),
+    ),
+)
+_101 = Enumeration(
+    "LaserRangeErrors",
+    (
+        ("too-far", 0),
+        ("too-near", 1),
+        ("measurement-error", 2),
+        ("other-range-errors", 3),
+        ("max-range-error", 4),
+        ("end-laser-range-errors", 5),
+    ),
+)
+_102 = Struct(
+    "LaserScan",
+    "LaserScan",
+    (
+        Field("ref-time", "ref_time", _42),
+        Field("start-angle", "start_angle", Real()),
+        Field("angular-resolution", "angular_resolution", Real()),
+        Field("speed", "speed", Real()),
+        Field("ranges", "ranges", Array(Integer(-2147483648, 2147483647), ((1, 2000),))),
+        Field("minRange", "min_range", Integer(0, 4294967295)),
+        Field("maxRange", "max_range", Integer(0, 4294967295)),
+        Field("remission", "remission", Array(Real(), ((1, 2000),))),
+    ),
+)
+_103 = Enumeration(
+    "UnitAxis",
+    (
+        ("unit-x", 0),
+        ("unit-y", 1),
+        ("unit-z", 2),
+    ),
+)
+_104 = Enumeration(
+    "DepthMeasurementState",
+    (
+        ("valid-measurement", 0),
+        ("too-far", 1),
+        ("too-near", 2),
+        ("measurement-error", 3),
+    ),
+)
+_105 = Enumeration(
+    "ProjectionType",
+    (
+        ("polar", 0),
+        ("planar", 1),
+    ),
+)
+_106 = Struct(
+    "DepthMap",
+    "DepthMap",
+    (
+        Field("ref-time", "ref_time", _42),
+        Field("timestamps", "timestamps", ListOf(_42, 1, 30000)),
+        Field("vertical-projection", "vertical_projection", _105),
+        Field("horizontal-projection", "horizontal_projection", _105),
+        Field("vertical-interval", "vertical_interval", Array(Real(), ((1, 30000),))),
+        Field("horizontal-interval", "horizontal_interval", Array(Real(), ((1, 30000),))),
+        Field("vertical-size", "vertical_size", Integer(0, 4294967295)),
+        Field("horizontal-size", "horizontal_size", Integer(0, 4294967295)),
+        Field("distances", "distances", Array(Real(), ((1, 30000),))),
+        Field("remissions", "remissions", Array(Real(), ((1, 30000),))),
+    ),
+)
+_107 = Struct(
+    "DistanceImage",
+    "DistanceImage",
+    (
+        Field("ref-time", "ref_time", _42),
+        Field("width", "width", Integer(0, 65535)),
+        Field("height", "height", Integer(0, 65535)),
+        Field("scale-x", "scale_x", Real()),
+        Field("scale-y", "scale_y", Real()),
+        Field("center-x", "center_x", Real()),
+        Field("center-y", "center_y", Real()),
+        Field("data", "data", Array(Real(), ((1, 60),))),
+    ),
+)
+_108 = Struct(
+    "Sonar",
+    "Sonar",
+    (
+        Field("ref-time", "ref_time", _42),
+        Field("timestamps", "timestamps", ListOf(_42, 1, 60)),
+        Field("bin-duration", "bin_duration", _42),
+        Field("beam-width", "beam_width", _20),
+        Field("beam-height", "beam_height", _20),
+        Field("bearings", "bearings", ListOf(_20, 1, 60)),
+        Field("speed-of-sound", "speed_of_sound", Real()),
+        Field("bin-count", "bin_count", Integer(0, 4294967295)),
+        Field("beam-count", "beam_count", Integer(0, 4294967295)),
+        Field("bins", "bins", Array(Real(), ((1, 60),))),
+    ),
+)
+_109 = Struct(
+    "SonarBeam",
+    "SonarBeam",
+    (
+        Field("ref-time", "ref_time", _42),
+        Field("bearing", "bearing", _20),
+        Field("sampling-interval", "sampling_interval", Real()),
+        Field("speed-of-sound", "speed_of_sound", Real()),
+        Field("beamwidth-horizontal", "beamwidth_horizontal", Real()),
+        Field("beamwidth-vertical", "beamwidth_vertical", Real()),
+        Field("beam", "beam", Array(Integer(0, 255), ((1, 60),))),
+    ),
+)
+_110 = Struct(
+    "SonarScan",
+    "SonarScan",
+    (
+        Field("ref-time", "ref_time", _42),
+        Field("data", "data", Array(Integer(0, 255), ((1, 60),))),
+        Field("time-beams", "time_beams", ListOf(_42, 1, 60)),
+        Field("number-of-beams", "number_of_beams", Integer(0, 65535)),
+        Field("number-of-bins", "number_of_bins", Integer(0, 65535)),
+        Field("start-bearing", "start_bearing", _20),
+        Field("angular-resolution", "angular_resolution", _20),
+        Field("sampling-interval", "sampling_interval", Real()),
+        Field("speed-of-sound", "speed_of_sound", Real()),
+        Field("beamwidth-horizontal", "beamwidth_horizontal", _20),
+        Field("beamwidth-vertical", "beamwidth_vertical", _20),
+        Field("memory-layout-column", "memory_layout_column", Boolean()),
+        Field("polar-coordinates", "polar_coordinates", Boolean()),
+    ),
+)
 _111 = Alias("FramesSequence", "FramesSequence", "items", ListOf(_50, 0, 10))
 _112 = Alias("PosesSequence", "PosesSequence", "items", ListOf(_86, 0, 10))
-_113 = Alias("CorrespondenceMaps2DSequence", "CorrespondenceMaps2DSequence", "items", ListOf(ListOf(_22, 0, 1024), 0, 56))
-_114 = Alias("CorrespondenceMaps3DSequence", "CorrespondenceMaps3DSequence", "items", ListOf(ListOf(_24, 0, 51200), 0, 56))
+_113 = Alias(
+    "CorrespondenceMaps2DSequence", "CorrespondenceMaps2DSequence", "items", ListOf(ListOf(_22, 0, 1024), 0, 56)
+)
+_114 = Alias(
+    "CorrespondenceMaps3DSequence", "CorrespondenceMaps3DSequence", "items", ListOf(ListOf(_24, 0, 51200), 0, 56)
+)
 _115 = Alias("PointSequence", "PointSequence", "values", Array(Real(), ((0, 327680), (3, 3))))
 _116 = Alias("DoubleSequence", "DoubleSequence", "values", Array(Real(), ((0, 327680),)))
 _117 = Alias("StringSequence", "StringSequence", "items", ListOf(Text(256), 0, 100))
 _118 = Alias("VectorXdSequence", "VectorXdSequence", "items", ListOf(Array(Real(), ((0, 100),)), 0, 327680))
-_119 = Enumeration("Resolution", (("seconds", 0), ("milliseconds", 1), ("microseconds", 2), ))
+_119 = Enumeration(
+    "Resolution",
+    (
+        ("seconds", 0),
+        ("milliseconds", 1),
+        ("microseconds", 2),
+    ),
+)
 
 #: ASN.1 name -> node, of every type that can be a message.
 MESSAGES: dict[str, Message] = {

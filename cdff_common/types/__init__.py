@@ -1,7 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
 # GENERATED from cdff_common/asn1/*.asn by cdff generate; do not edit.
-# ruff: noqa: E501
 
 """All types of the wire: frozen dataclasses over numpy, one per ASN.1 type."""
 
@@ -69,10 +68,10 @@ from cdff_common.types.joints import (
     InvalidTimeStep,
     JointLimitRange,
     JointLimits,
-    JointState,
-    JointTrajectory,
     Joints,
+    JointState,
     JointsTrajectory,
+    JointTrajectory,
     OutOfBounds,
     Pressure,
     Temperature,
@@ -81,7 +80,8 @@ from cdff_common.types.joints import (
 )
 from cdff_common.types.lidar_scan import LidarScan, LidarScanData, LidarScanMetadata
 from cdff_common.types.map import ElevationMap, GridLayer, GridMapMetadata, Map, MapMetadataT, MapTypeT, NavigationMap
-from cdff_common.types.pointcloud import Octree, PointCloudData, PointCloudMetadata, Pointcloud
+from cdff_common.types.message import Box, Message
+from cdff_common.types.pointcloud import Octree, Pointcloud, PointCloudData, PointCloudMetadata
 from cdff_common.types.pose import (
     BodyState,
     Motion2D,
@@ -127,7 +127,6 @@ from cdff_common.types.sequences import (
     VectorXdSequence,
 )
 from cdff_common.types.time import Resolution, Time
-from cdff_common.types.message import Box, Message
 
 __all__ = [
     "Affine3d",

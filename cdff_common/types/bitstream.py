@@ -1,7 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
 # GENERATED from cdff_common/asn1/bitstream.asn by cdff generate; do not edit.
-# ruff: noqa: E501
 
 """Types of ``asn1/bitstream.asn``."""
 
@@ -39,5 +38,9 @@ class Asn1Bitstream(Message):
     def __post_init__(self) -> None:
         put = object.__setattr__
         put(self, "type", check.text(self.type, "Asn1Bitstream.type", 256))
-        put(self, "serialization_method", check.integer(self.serialization_method, "Asn1Bitstream.serialization_method", 0, 4294967295))
+        put(
+            self,
+            "serialization_method",
+            check.integer(self.serialization_method, "Asn1Bitstream.serialization_method", 0, 4294967295),
+        )
         put(self, "data", check.octets(self.data, "Asn1Bitstream.data", 1073741824))

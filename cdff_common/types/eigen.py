@@ -1,7 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
 # GENERATED from cdff_common/asn1/eigen.asn by cdff generate; do not edit.
-# ruff: noqa: E501
 
 """Types of ``asn1/eigen.asn``."""
 

@@ -1,7 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
 # GENERATED from cdff_common/asn1/features.asn by cdff generate; do not edit.
-# ruff: noqa: E501
 
 """Types of ``asn1/features.asn``."""
 
@@ -58,7 +57,13 @@ class CorrespondenceMap2D(Message):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "items", check.items(self.items, "CorrespondenceMap2D.items", 0, 1024, lambda v, w: check.instance(v, w, Correspondence2D)))
+        put(
+            self,
+            "items",
+            check.items(
+                self.items, "CorrespondenceMap2D.items", 0, 1024, lambda v, w: check.instance(v, w, Correspondence2D)
+            ),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -100,7 +105,13 @@ class CorrespondenceMap3D(Message):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "items", check.items(self.items, "CorrespondenceMap3D.items", 0, 51200, lambda v, w: check.instance(v, w, Correspondence3D)))
+        put(
+            self,
+            "items",
+            check.items(
+                self.items, "CorrespondenceMap3D.items", 0, 51200, lambda v, w: check.instance(v, w, Correspondence3D)
+            ),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -138,7 +149,17 @@ class VisualPointFeatureVector2D(Message):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "items", check.items(self.items, "VisualPointFeatureVector2D.items", 0, 1024, lambda v, w: check.instance(v, w, VisualPointFeature2D)))
+        put(
+            self,
+            "items",
+            check.items(
+                self.items,
+                "VisualPointFeatureVector2D.items",
+                0,
+                1024,
+                lambda v, w: check.instance(v, w, VisualPointFeature2D),
+            ),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -157,7 +178,11 @@ class Point3DReference(Message):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "point_cloud_identifier", check.integer(self.point_cloud_identifier, "Point3DReference.point_cloud_identifier", 0, 65535))
+        put(
+            self,
+            "point_cloud_identifier",
+            check.integer(self.point_cloud_identifier, "Point3DReference.point_cloud_identifier", 0, 65535),
+        )
         put(self, "index", check.integer(self.index, "Point3DReference.index", 0, 9223372036854775807))
 
 
@@ -183,7 +208,7 @@ class VisualPointFeature3DPoint(Message):
         elif self.kind == "reference":
             put(self, "value", check.instance(self.value, "VisualPointFeature3DPoint.reference", Point3DReference))
         else:
-            raise InputError(f'VisualPointFeature3DPoint.kind={self.kind!r}: expected one of position, reference')
+            raise InputError(f"VisualPointFeature3DPoint.kind={self.kind!r}: expected one of position, reference")
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -240,6 +265,24 @@ class VisualPointFeatureVector3D(Message):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "list", check.items(self.list, "VisualPointFeatureVector3D.list", 0, 51200, lambda v, w: check.instance(v, w, VisualPointFeature3D)))
-        put(self, "list_type", check.enumeration(self.list_type, "VisualPointFeatureVector3D.list_type", VisualPointFeatureVector3DType))
-        put(self, "feature_type", check.enumeration(self.feature_type, "VisualPointFeatureVector3D.feature_type", VisualPointFeature3DType))
+        put(
+            self,
+            "list",
+            check.items(
+                self.list,
+                "VisualPointFeatureVector3D.list",
+                0,
+                51200,
+                lambda v, w: check.instance(v, w, VisualPointFeature3D),
+            ),
+        )
+        put(
+            self,
+            "list_type",
+            check.enumeration(self.list_type, "VisualPointFeatureVector3D.list_type", VisualPointFeatureVector3DType),
+        )
+        put(
+            self,
+            "feature_type",
+            check.enumeration(self.feature_type, "VisualPointFeatureVector3D.feature_type", VisualPointFeature3DType),
+        )

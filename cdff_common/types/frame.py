@@ -1,7 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
 # GENERATED from cdff_common/asn1/frame.asn by cdff generate; do not edit.
-# ruff: noqa: E501
 
 """Types of ``asn1/frame.asn``."""
 
@@ -200,8 +199,20 @@ class FrameMetadataT(Message):
         put(self, "received_time", check.instance(self.received_time, "FrameMetadataT.received_time", Time))
         put(self, "pixel_model", check.enumeration(self.pixel_model, "FrameMetadataT.pixel_model", FramePixelModelT))
         put(self, "pixel_coeffs", check.real_array(self.pixel_coeffs, "FrameMetadataT.pixel_coeffs", ((0, 100),)))
-        put(self, "err_values", check.items(self.err_values, "FrameMetadataT.err_values", 0, 3, lambda v, w: check.instance(v, w, FrameErrorT)))
-        put(self, "attributes", check.items(self.attributes, "FrameMetadataT.attributes", 0, 5, lambda v, w: check.instance(v, w, FrameAttribT)))
+        put(
+            self,
+            "err_values",
+            check.items(
+                self.err_values, "FrameMetadataT.err_values", 0, 3, lambda v, w: check.instance(v, w, FrameErrorT)
+            ),
+        )
+        put(
+            self,
+            "attributes",
+            check.items(
+                self.attributes, "FrameMetadataT.attributes", 0, 5, lambda v, w: check.instance(v, w, FrameAttribT)
+            ),
+        )
         put(self, "mode", check.enumeration(self.mode, "FrameMetadataT.mode", FrameModeT))
         put(self, "status", check.enumeration(self.status, "FrameMetadataT.status", FrameStatusT))
 
@@ -246,8 +257,16 @@ class FrameIntrinsicT(Message):
         put = object.__setattr__
         put(self, "msg_version", check.integer(self.msg_version, "FrameIntrinsicT.msg_version", 0, 4294967295))
         put(self, "sensor_id", check.text(self.sensor_id, "FrameIntrinsicT.sensor_id", 256))
-        put(self, "camera_matrix", check.real_array(self.camera_matrix, "FrameIntrinsicT.camera_matrix", ((3, 3), (3, 3))))
-        put(self, "camera_model", check.enumeration(self.camera_model, "FrameIntrinsicT.camera_model", FrameCameraModelT))
+        put(
+            self,
+            "camera_matrix",
+            check.real_array(self.camera_matrix, "FrameIntrinsicT.camera_matrix", ((3, 3), (3, 3))),
+        )
+        put(
+            self,
+            "camera_model",
+            check.enumeration(self.camera_model, "FrameIntrinsicT.camera_model", FrameCameraModelT),
+        )
         put(self, "dist_coeffs", check.real_array(self.dist_coeffs, "FrameIntrinsicT.dist_coeffs", ((0, 100),)))
 
 
@@ -274,8 +293,24 @@ class FrameExtrinsicT(Message):
         put = object.__setattr__
         put(self, "msg_version", check.integer(self.msg_version, "FrameExtrinsicT.msg_version", 0, 4294967295))
         put(self, "has_fixed_transform", check.boolean(self.has_fixed_transform, "FrameExtrinsicT.has_fixed_transform"))
-        put(self, "pose_robot_frame_sensor_frame", check.instance(self.pose_robot_frame_sensor_frame, "FrameExtrinsicT.pose_robot_frame_sensor_frame", TransformWithCovariance))
-        put(self, "pose_fixed_frame_robot_frame", check.instance(self.pose_fixed_frame_robot_frame, "FrameExtrinsicT.pose_fixed_frame_robot_frame", TransformWithCovariance))
+        put(
+            self,
+            "pose_robot_frame_sensor_frame",
+            check.instance(
+                self.pose_robot_frame_sensor_frame,
+                "FrameExtrinsicT.pose_robot_frame_sensor_frame",
+                TransformWithCovariance,
+            ),
+        )
+        put(
+            self,
+            "pose_fixed_frame_robot_frame",
+            check.instance(
+                self.pose_fixed_frame_robot_frame,
+                "FrameExtrinsicT.pose_fixed_frame_robot_frame",
+                TransformWithCovariance,
+            ),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -374,7 +409,13 @@ class CompressedFrame(Message):
         put(self, "ref_time", check.instance(self.ref_time, "CompressedFrame.ref_time", Time))
         put(self, "received_time", check.instance(self.received_time, "CompressedFrame.received_time", Time))
         put(self, "image", check.integer_array(self.image, "CompressedFrame.image", ((1, 262144),), 0, 255, "uint8"))
-        put(self, "attributes", check.items(self.attributes, "CompressedFrame.attributes", 1, 10, lambda v, w: check.instance(v, w, FrameAttribT)))
+        put(
+            self,
+            "attributes",
+            check.items(
+                self.attributes, "CompressedFrame.attributes", 1, 10, lambda v, w: check.instance(v, w, FrameAttribT)
+            ),
+        )
         put(self, "rows", check.integer(self.rows, "CompressedFrame.rows", 0, 4294967295))
         put(self, "cols", check.integer(self.cols, "CompressedFrame.cols", 0, 4294967295))
         put(self, "frame_mode", check.enumeration(self.frame_mode, "CompressedFrame.frame_mode", FrameCompressedModeT))

@@ -67,7 +67,11 @@ class Array3DExt(Message):
         channels = 1 if array.ndim == 2 else array.shape[2]
         row_size = array.shape[1] * channels * dense.itemsize
         return Array3D(
-            rows=array.shape[0], cols=array.shape[1], channels=channels, depth=depth, row_size=row_size,
+            rows=array.shape[0],
+            cols=array.shape[1],
+            channels=channels,
+            depth=depth,
+            row_size=row_size,
             data=dense.reshape(-1).view(np.uint8),
         )
 
@@ -110,8 +114,15 @@ class FrameExt(Message):
 
     @classmethod
     def from_image(
-        cls, image: NDArray[Any], *, stamp_ns: int, mode: str = "GRAY", camera_matrix: ArrayLike | None = None,
-        dist_coeffs: Sequence[float] = (), sensor: str = "", T_robot_sensor: UncertainTransform | None = None,
+        cls,
+        image: NDArray[Any],
+        *,
+        stamp_ns: int,
+        mode: str = "GRAY",
+        camera_matrix: ArrayLike | None = None,
+        dist_coeffs: Sequence[float] = (),
+        sensor: str = "",
+        T_robot_sensor: UncertainTransform | None = None,
     ) -> Frame:
         """Message of an image ``(rows, cols[, channels])``.
 
@@ -151,7 +162,8 @@ class FrameExt(Message):
                 time_stamp=time, received_time=time, mode=wire_mode, status=FrameStatusT.STATUS_VALID
             ),
             intrinsic=FrameIntrinsicT(
-                sensor_id=sensor, camera_matrix=np.array(camera_matrix if known else np.zeros((3, 3)), dtype=np.float64),
+                sensor_id=sensor,
+                camera_matrix=np.array(camera_matrix if known else np.zeros((3, 3)), dtype=np.float64),
                 camera_model=FrameCameraModelT.CAM_PINHOLE if known else FrameCameraModelT.CAM_UNDEF,
                 dist_coeffs=np.array(dist_coeffs, dtype=np.float64),
             ),
@@ -195,7 +207,9 @@ def _mode(mode: str, channels: int) -> FrameModeT:
     if name not in FrameModeT.__members__:
         raise InputError(f"Frame mode {mode!r}: expected one of {', '.join(m.name[5:] for m in FrameModeT)}")
     if channels not in _MODE_CHANNELS.get(mode.upper(), (channels,)):
-        raise InputError(f"Frame mode {mode!r}: image has {channels} channels, expected {_MODE_CHANNELS[mode.upper()][0]}")
+        raise InputError(
+            f"Frame mode {mode!r}: image has {channels} channels, expected {_MODE_CHANNELS[mode.upper()][0]}"
+        )
     return FrameModeT[name]
 
 
@@ -210,8 +224,16 @@ class FramePairExt(Message):
 
     @classmethod
     def from_images(
-        cls, left: NDArray[Any], right: NDArray[Any], *, baseline_m: float, camera_matrix: ArrayLike, stamp_ns: int,
-        sensor: str = "", mode: str = "GRAY", T_robot_sensor: UncertainTransform | None = None,
+        cls,
+        left: NDArray[Any],
+        right: NDArray[Any],
+        *,
+        baseline_m: float,
+        camera_matrix: ArrayLike,
+        stamp_ns: int,
+        sensor: str = "",
+        mode: str = "GRAY",
+        T_robot_sensor: UncertainTransform | None = None,
     ) -> FramePair:
         """Rectified pair of one camera matrix; ``sensor`` and ``T_robot_sensor`` are those of the left camera.
 
@@ -234,10 +256,22 @@ class FramePairExt(Message):
             T_right = T_robot_sensor @ UncertainTransform(shift, np.zeros((6, 6)))
         return FramePair(
             baseline=baseline_m,
-            left=Frame.from_image(left, stamp_ns=stamp_ns, mode=mode, camera_matrix=camera_matrix, sensor=sensor,
-                                  T_robot_sensor=T_robot_sensor),
-            right=Frame.from_image(right, stamp_ns=stamp_ns, mode=mode, camera_matrix=camera_matrix,
-                                   sensor=right_sensor, T_robot_sensor=T_right),
+            left=Frame.from_image(
+                left,
+                stamp_ns=stamp_ns,
+                mode=mode,
+                camera_matrix=camera_matrix,
+                sensor=sensor,
+                T_robot_sensor=T_robot_sensor,
+            ),
+            right=Frame.from_image(
+                right,
+                stamp_ns=stamp_ns,
+                mode=mode,
+                camera_matrix=camera_matrix,
+                sensor=right_sensor,
+                T_robot_sensor=T_right,
+            ),
         )
 
     @property

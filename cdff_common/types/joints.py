@@ -1,7 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
 # GENERATED from cdff_common/asn1/joints.asn by cdff generate; do not edit.
-# ruff: noqa: E501
 
 """Types of ``asn1/joints.asn``."""
 
@@ -115,7 +114,11 @@ class JointLimits(Message):
     def __post_init__(self) -> None:
         put = object.__setattr__
         put(self, "vector_name", check.text(self.vector_name, "JointLimits.vector_name", 256))
-        put(self, "ranges", check.items(self.ranges, "JointLimits.ranges", 1, 60, lambda v, w: check.instance(v, w, JointLimitRange)))
+        put(
+            self,
+            "ranges",
+            check.items(self.ranges, "JointLimits.ranges", 1, 60, lambda v, w: check.instance(v, w, JointLimitRange)),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -139,7 +142,11 @@ class Joints(Message):
         put = object.__setattr__
         put(self, "timestamp", check.instance(self.timestamp, "Joints.timestamp", Time))
         put(self, "names", check.items(self.names, "Joints.names", 0, 50, lambda v, w: check.text(v, w, 256)))
-        put(self, "elements", check.items(self.elements, "Joints.elements", 0, 50, lambda v, w: check.instance(v, w, JointState)))
+        put(
+            self,
+            "elements",
+            check.items(self.elements, "Joints.elements", 0, 50, lambda v, w: check.instance(v, w, JointState)),
+        )
 
     @property
     def stamp_ns(self) -> int:
@@ -161,7 +168,11 @@ class JointTrajectory(Message):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "items", check.items(self.items, "JointTrajectory.items", 1, 60, lambda v, w: check.instance(v, w, JointState)))
+        put(
+            self,
+            "items",
+            check.items(self.items, "JointTrajectory.items", 1, 60, lambda v, w: check.instance(v, w, JointState)),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -182,9 +193,27 @@ class JointsTrajectory(Message):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "vector_name", check.items(self.vector_name, "JointsTrajectory.vector_name", 1, 60, lambda v, w: check.text(v, w, 256)))
-        put(self, "timetags", check.items(self.timetags, "JointsTrajectory.timetags", 1, 60, lambda v, w: check.instance(v, w, Time)))
-        put(self, "trajectory", check.items(self.trajectory, "JointsTrajectory.trajectory", 1, 60, lambda v, w: check.items(v, w, 1, 60, lambda v, w: check.instance(v, w, JointState))))
+        put(
+            self,
+            "vector_name",
+            check.items(self.vector_name, "JointsTrajectory.vector_name", 1, 60, lambda v, w: check.text(v, w, 256)),
+        )
+        put(
+            self,
+            "timetags",
+            check.items(self.timetags, "JointsTrajectory.timetags", 1, 60, lambda v, w: check.instance(v, w, Time)),
+        )
+        put(
+            self,
+            "trajectory",
+            check.items(
+                self.trajectory,
+                "JointsTrajectory.trajectory",
+                1,
+                60,
+                lambda v, w: check.items(v, w, 1, 60, lambda v, w: check.instance(v, w, JointState)),
+            ),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -271,7 +300,11 @@ class Wrenches(Message):
         put = object.__setattr__
         put(self, "vector_name", check.text(self.vector_name, "Wrenches.vector_name", 256))
         put(self, "timestamp", check.instance(self.timestamp, "Wrenches.timestamp", Time))
-        put(self, "wrenches", check.items(self.wrenches, "Wrenches.wrenches", 1, 60, lambda v, w: check.instance(v, w, Wrench)))
+        put(
+            self,
+            "wrenches",
+            check.items(self.wrenches, "Wrenches.wrenches", 1, 60, lambda v, w: check.instance(v, w, Wrench)),
+        )
 
     @property
     def stamp_ns(self) -> int:

@@ -1,7 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
 # GENERATED from cdff_common/asn1/lidar_scan.asn by cdff generate; do not edit.
-# ruff: noqa: E501
 
 """Types of ``asn1/lidar_scan.asn``."""
 
@@ -76,7 +75,11 @@ class LidarScanData(LidarScanDataExt):
     def __post_init__(self) -> None:
         put = object.__setattr__
         put(self, "points", check.typed_octets(self.points, "LidarScanData.points", 1073741824, "<f4", 3))
-        put(self, "time_offsets", check.typed_octets(self.time_offsets, "LidarScanData.time_offsets", 1073741824, "<u4", 0))
+        put(
+            self,
+            "time_offsets",
+            check.typed_octets(self.time_offsets, "LidarScanData.time_offsets", 1073741824, "<u4", 0),
+        )
         put(self, "intensity", check.typed_octets(self.intensity, "LidarScanData.intensity", 1073741824, "<u2", 0))
         put(self, "ring", check.typed_octets(self.ring, "LidarScanData.ring", 1073741824, "<u2", 0))
         self._check_together()

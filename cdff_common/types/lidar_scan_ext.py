@@ -48,8 +48,16 @@ class LidarScanExt(Message):
 
     @classmethod
     def from_arrays(
-        cls, points_m: ArrayLike, time_offset_us: ArrayLike, *, frame: str, t0_ns: int, t1_ns: int,
-        intensity: ArrayLike | None = None, ring: ArrayLike | None = None, sensor: str = "",
+        cls,
+        points_m: ArrayLike,
+        time_offset_us: ArrayLike,
+        *,
+        frame: str,
+        t0_ns: int,
+        t1_ns: int,
+        intensity: ArrayLike | None = None,
+        ring: ArrayLike | None = None,
+        sensor: str = "",
     ) -> LidarScan:
         """Sweep of points ``(n, 3)`` in metres (kept as float32), each ``time_offset_us`` after ``t0_ns``.
 
@@ -66,7 +74,8 @@ class LidarScanExt(Message):
         if offsets.size and int(offsets.max()) * 1000 > t1_ns - t0_ns:
             raise InputError(f"LidarScan: offset {int(offsets.max())} us lies after t1, {(t1_ns - t0_ns) // 1000} us")
         data = LidarScanData(
-            np.asarray(points_m, dtype=np.float32), offsets,
+            np.asarray(points_m, dtype=np.float32),
+            offsets,
             np.zeros(0, np.uint16) if intensity is None else np.asarray(intensity),
             np.zeros(0, np.uint16) if ring is None else np.asarray(ring),
         )

@@ -1,7 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
 # GENERATED from cdff_common/asn1/map.asn by cdff generate; do not edit.
-# ruff: noqa: E501
 
 """Types of ``asn1/map.asn``."""
 
@@ -59,9 +58,21 @@ class MapMetadataT(Message):
         put(self, "msg_version", check.integer(self.msg_version, "MapMetadataT.msg_version", 0, 4294967295))
         put(self, "time_stamp", check.instance(self.time_stamp, "MapMetadataT.time_stamp", Time))
         put(self, "type", check.enumeration(self.type, "MapMetadataT.type", MapTypeT))
-        put(self, "err_values", check.items(self.err_values, "MapMetadataT.err_values", 0, 5, lambda v, w: check.instance(v, w, FrameErrorT)))
+        put(
+            self,
+            "err_values",
+            check.items(
+                self.err_values, "MapMetadataT.err_values", 0, 5, lambda v, w: check.instance(v, w, FrameErrorT)
+            ),
+        )
         put(self, "scale", check.real(self.scale, "MapMetadataT.scale"))
-        put(self, "pose_fixed_frame_map_frame", check.instance(self.pose_fixed_frame_map_frame, "MapMetadataT.pose_fixed_frame_map_frame", TransformWithCovariance))
+        put(
+            self,
+            "pose_fixed_frame_map_frame",
+            check.instance(
+                self.pose_fixed_frame_map_frame, "MapMetadataT.pose_fixed_frame_map_frame", TransformWithCovariance
+            ),
+        )
 
     @property
     def stamp_ns(self) -> int:
@@ -182,7 +193,11 @@ class ElevationMap(ElevationMapExt):
     def __post_init__(self) -> None:
         put = object.__setattr__
         put(self, "metadata", check.instance(self.metadata, "ElevationMap.metadata", GridMapMetadata))
-        put(self, "layers", check.items(self.layers, "ElevationMap.layers", 0, 64, lambda v, w: check.instance(v, w, GridLayer)))
+        put(
+            self,
+            "layers",
+            check.items(self.layers, "ElevationMap.layers", 0, 64, lambda v, w: check.instance(v, w, GridLayer)),
+        )
         self._check_together()
 
 
@@ -203,5 +218,9 @@ class NavigationMap(NavigationMapExt):
     def __post_init__(self) -> None:
         put = object.__setattr__
         put(self, "metadata", check.instance(self.metadata, "NavigationMap.metadata", GridMapMetadata))
-        put(self, "layers", check.items(self.layers, "NavigationMap.layers", 0, 64, lambda v, w: check.instance(v, w, GridLayer)))
+        put(
+            self,
+            "layers",
+            check.items(self.layers, "NavigationMap.layers", 0, 64, lambda v, w: check.instance(v, w, GridLayer)),
+        )
         self._check_together()

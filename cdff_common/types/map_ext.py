@@ -62,9 +62,7 @@ class _LayeredMap(Message):
             raise InputError(f"{type(self).__name__} layers {self.layer_names}: expected distinct names")
 
     @classmethod
-    def from_layers(
-        cls, geometry: GridGeometry, layers: Mapping[str, NDArray[Any]], *, t0_ns: int, t1_ns: int
-    ) -> Self:
+    def from_layers(cls, geometry: GridGeometry, layers: Mapping[str, NDArray[Any]], *, t0_ns: int, t1_ns: int) -> Self:
         """Map of layers ``(rows, cols)`` of captures between ``t0_ns`` and ``t1_ns``.
 
         Raises
@@ -78,9 +76,14 @@ class _LayeredMap(Message):
             if array.shape != (geometry.rows, geometry.cols):
                 raise InputError(f"layer {name!r}: shape {array.shape}, expected ({geometry.rows}, {geometry.cols})")
         metadata = GridMapMetadata(
-            frame_id=geometry.frame, start_time=Time.from_ns(t0_ns), end_time=Time.from_ns(t1_ns),
-            resolution=geometry.resolution_m, x_min=geometry.xmin_m, y_max=geometry.ymax_m,
-            rows=geometry.rows, cols=geometry.cols,
+            frame_id=geometry.frame,
+            start_time=Time.from_ns(t0_ns),
+            end_time=Time.from_ns(t1_ns),
+            resolution=geometry.resolution_m,
+            x_min=geometry.xmin_m,
+            y_max=geometry.ymax_m,
+            rows=geometry.rows,
+            cols=geometry.cols,
         )
         made = tuple(GridLayer.from_array(name, array) for name, array in layers.items())
         return cls(metadata, made)  # type: ignore[call-arg]  # the generated dataclass takes metadata and layers

@@ -1,7 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
 # GENERATED from cdff_common/asn1/pointcloud.asn by cdff generate; do not edit.
-# ruff: noqa: E501
 
 """Types of ``asn1/pointcloud.asn``."""
 
@@ -67,9 +66,29 @@ class PointCloudMetadata(Message):
         put(self, "width", check.integer(self.width, "PointCloudMetadata.width", 0, 4294967295))
         put(self, "is_registered", check.boolean(self.is_registered, "PointCloudMetadata.is_registered"))
         put(self, "is_ordered", check.boolean(self.is_ordered, "PointCloudMetadata.is_ordered"))
-        put(self, "has_fixed_transform", check.boolean(self.has_fixed_transform, "PointCloudMetadata.has_fixed_transform"))
-        put(self, "pose_robot_frame_sensor_frame", check.instance(self.pose_robot_frame_sensor_frame, "PointCloudMetadata.pose_robot_frame_sensor_frame", TransformWithCovariance))
-        put(self, "pose_fixed_frame_robot_frame", check.instance(self.pose_fixed_frame_robot_frame, "PointCloudMetadata.pose_fixed_frame_robot_frame", TransformWithCovariance))
+        put(
+            self,
+            "has_fixed_transform",
+            check.boolean(self.has_fixed_transform, "PointCloudMetadata.has_fixed_transform"),
+        )
+        put(
+            self,
+            "pose_robot_frame_sensor_frame",
+            check.instance(
+                self.pose_robot_frame_sensor_frame,
+                "PointCloudMetadata.pose_robot_frame_sensor_frame",
+                TransformWithCovariance,
+            ),
+        )
+        put(
+            self,
+            "pose_fixed_frame_robot_frame",
+            check.instance(
+                self.pose_fixed_frame_robot_frame,
+                "PointCloudMetadata.pose_fixed_frame_robot_frame",
+                TransformWithCovariance,
+            ),
+        )
 
     @property
     def stamp_ns(self) -> int:
@@ -100,7 +119,13 @@ class PointCloudData(PointCloudDataExt):
         put = object.__setattr__
         put(self, "points", check.real_array(self.points, "PointCloudData.points", ((0, 400000), (3, 3))))
         put(self, "colors", check.real_array(self.colors, "PointCloudData.colors", ((0, 400000), (3, 3))))
-        put(self, "intensity", check.integer_array(self.intensity, "PointCloudData.intensity", ((0, 400000),), -2147483648, 2147483647, "int32"))
+        put(
+            self,
+            "intensity",
+            check.integer_array(
+                self.intensity, "PointCloudData.intensity", ((0, 400000),), -2147483648, 2147483647, "int32"
+            ),
+        )
         self._check_together()
 
 

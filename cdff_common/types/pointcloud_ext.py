@@ -60,7 +60,9 @@ class PointCloudDataExt(Message):
         """Colours and intensities are none, or one for each point."""
         for name, array in (("colors", self.colors), ("intensity", self.intensity)):
             if len(array) not in (0, len(self.points)):
-                raise InputError(f"PointCloudData.{name}: {len(array)} for {len(self.points)} points, expected 0 or as many")
+                raise InputError(
+                    f"PointCloudData.{name}: {len(array)} for {len(self.points)} points, expected 0 or as many"
+                )
 
 
 class PointcloudExt(Message):
@@ -73,8 +75,15 @@ class PointcloudExt(Message):
 
     @classmethod
     def from_points(
-        cls, points_m: ArrayLike, *, frame: str, stamp_ns: int, intensity: ArrayLike | None = None,
-        colors: ArrayLike | None = None, sensor: str = "", T_robot_sensor: UncertainTransform | None = None,
+        cls,
+        points_m: ArrayLike,
+        *,
+        frame: str,
+        stamp_ns: int,
+        intensity: ArrayLike | None = None,
+        colors: ArrayLike | None = None,
+        sensor: str = "",
+        T_robot_sensor: UncertainTransform | None = None,
         T_fixed_robot: UncertainTransform | None = None,
     ) -> Pointcloud:
         """Cloud of points ``(n, 3)`` in ``frame``, metres.
@@ -96,9 +105,15 @@ class PointcloudExt(Message):
         )
         robot_sensor, fixed_robot = mounting(T_robot_sensor, T_fixed_robot, frame, stamp_ns)
         metadata = PointCloudMetadata(
-            sensor_id=sensor, frame_id=frame, time_stamp=Time.from_ns(stamp_ns), height=1, width=len(data.points),
-            is_registered=T_robot_sensor is not None, has_fixed_transform=T_fixed_robot is not None,
-            pose_robot_frame_sensor_frame=robot_sensor, pose_fixed_frame_robot_frame=fixed_robot,
+            sensor_id=sensor,
+            frame_id=frame,
+            time_stamp=Time.from_ns(stamp_ns),
+            height=1,
+            width=len(data.points),
+            is_registered=T_robot_sensor is not None,
+            has_fixed_transform=T_fixed_robot is not None,
+            pose_robot_frame_sensor_frame=robot_sensor,
+            pose_fixed_frame_robot_frame=fixed_robot,
         )
         return Pointcloud(metadata, data)
 

@@ -49,12 +49,28 @@ class TransformWithCovarianceMetadata(Message):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "TransformWithCovarianceMetadata.msg_version", 0, 4294967295))
+        put(
+            self,
+            "msg_version",
+            check.integer(self.msg_version, "TransformWithCovarianceMetadata.msg_version", 0, 4294967295),
+        )
         put(self, "producer_id", check.text(self.producer_id, "TransformWithCovarianceMetadata.producer_id", 256))
-        put(self, "data_estimated", check.boolean_array(self.data_estimated, "TransformWithCovarianceMetadata.data_estimated", ((7, 7),)))
-        put(self, "parent_frame_id", check.text(self.parent_frame_id, "TransformWithCovarianceMetadata.parent_frame_id", 256))
+        put(
+            self,
+            "data_estimated",
+            check.boolean_array(self.data_estimated, "TransformWithCovarianceMetadata.data_estimated", ((7, 7),)),
+        )
+        put(
+            self,
+            "parent_frame_id",
+            check.text(self.parent_frame_id, "TransformWithCovarianceMetadata.parent_frame_id", 256),
+        )
         put(self, "parent_time", check.instance(self.parent_time, "TransformWithCovarianceMetadata.parent_time", Time))
-        put(self, "child_frame_id", check.text(self.child_frame_id, "TransformWithCovarianceMetadata.child_frame_id", 256))
+        put(
+            self,
+            "child_frame_id",
+            check.text(self.child_frame_id, "TransformWithCovarianceMetadata.child_frame_id", 256),
+        )
         put(self, "child_time", check.instance(self.child_time, "TransformWithCovarianceMetadata.child_time", Time))
 
 
@@ -79,8 +95,16 @@ class TransformWithCovarianceData(Message):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "translation", check.real_array(self.translation, "TransformWithCovarianceData.translation", ((3, 3),)))
-        put(self, "orientation", check.real_array(self.orientation, "TransformWithCovarianceData.orientation", ((4, 4),)))
+        put(
+            self,
+            "translation",
+            check.real_array(self.translation, "TransformWithCovarianceData.translation", ((3, 3),)),
+        )
+        put(
+            self,
+            "orientation",
+            check.real_array(self.orientation, "TransformWithCovarianceData.orientation", ((4, 4),)),
+        )
         put(self, "cov", check.real_array(self.cov, "TransformWithCovarianceData.cov", ((6, 6), (6, 6))))
 
 
@@ -100,7 +124,11 @@ class TransformWithCovariance(TransformWithCovarianceExt):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "metadata", check.instance(self.metadata, "TransformWithCovariance.metadata", TransformWithCovarianceMetadata))
+        put(
+            self,
+            "metadata",
+            check.instance(self.metadata, "TransformWithCovariance.metadata", TransformWithCovarianceMetadata),
+        )
         put(self, "data", check.instance(self.data, "TransformWithCovariance.data", TransformWithCovarianceData))
         self._check_together()
 
@@ -261,7 +289,11 @@ class TwistWithCovarianceMetadata(Message):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "TwistWithCovarianceMetadata.msg_version", 0, 4294967295))
+        put(
+            self,
+            "msg_version",
+            check.integer(self.msg_version, "TwistWithCovarianceMetadata.msg_version", 0, 4294967295),
+        )
         put(self, "time_stamp", check.instance(self.time_stamp, "TwistWithCovarianceMetadata.time_stamp", Time))
 
     @property
@@ -312,7 +344,9 @@ class TwistWithCovariance(Message):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "metadata", check.instance(self.metadata, "TwistWithCovariance.metadata", TwistWithCovarianceMetadata))
+        put(
+            self, "metadata", check.instance(self.metadata, "TwistWithCovariance.metadata", TwistWithCovarianceMetadata)
+        )
         put(self, "data", check.instance(self.data, "TwistWithCovariance.data", TwistWithCovarianceData))
 
 
@@ -392,11 +426,23 @@ class RigidBodyState(RigidBodyStateExt):
         put(self, "pos", check.real_array(self.pos, "RigidBodyState.pos", ((3, 3),)))
         put(self, "cov_position", check.real_array(self.cov_position, "RigidBodyState.cov_position", ((3, 3), (3, 3))))
         put(self, "orient", check.real_array(self.orient, "RigidBodyState.orient", ((4, 4),)))
-        put(self, "cov_orientation", check.real_array(self.cov_orientation, "RigidBodyState.cov_orientation", ((3, 3), (3, 3))))
+        put(
+            self,
+            "cov_orientation",
+            check.real_array(self.cov_orientation, "RigidBodyState.cov_orientation", ((3, 3), (3, 3))),
+        )
         put(self, "velocity", check.real_array(self.velocity, "RigidBodyState.velocity", ((3, 3),)))
         put(self, "cov_velocity", check.real_array(self.cov_velocity, "RigidBodyState.cov_velocity", ((3, 3), (3, 3))))
-        put(self, "angular_velocity", check.real_array(self.angular_velocity, "RigidBodyState.angular_velocity", ((3, 3),)))
-        put(self, "cov_angular_velocity", check.real_array(self.cov_angular_velocity, "RigidBodyState.cov_angular_velocity", ((3, 3), (3, 3))))
+        put(
+            self,
+            "angular_velocity",
+            check.real_array(self.angular_velocity, "RigidBodyState.angular_velocity", ((3, 3),)),
+        )
+        put(
+            self,
+            "cov_angular_velocity",
+            check.real_array(self.cov_angular_velocity, "RigidBodyState.cov_angular_velocity", ((3, 3), (3, 3))),
+        )
         self._check_together()
 
 
@@ -422,7 +468,11 @@ class RigidBodyAcceleration(Message):
         put = object.__setattr__
         put(self, "ref_time", check.instance(self.ref_time, "RigidBodyAcceleration.ref_time", Time))
         put(self, "acceleration", check.real_array(self.acceleration, "RigidBodyAcceleration.acceleration", ((3, 3),)))
-        put(self, "cov_acceleration", check.real_array(self.cov_acceleration, "RigidBodyAcceleration.cov_acceleration", ((3, 3), (3, 3))))
+        put(
+            self,
+            "cov_acceleration",
+            check.real_array(self.cov_acceleration, "RigidBodyAcceleration.cov_acceleration", ((3, 3), (3, 3))),
+        )
 
     @property
     def stamp_ns(self) -> int:
@@ -502,7 +552,13 @@ class Path(Message):
         put = object.__setattr__
         put(self, "msg_version", check.integer(self.msg_version, "Path.msg_version", 0, 4294967295))
         put(self, "time_stamp", check.instance(self.time_stamp, "Path.time_stamp", Time))
-        put(self, "waypoints", check.items(self.waypoints, "Path.waypoints", 0, 100, lambda v, w: check.instance(v, w, TransformWithCovariance)))
+        put(
+            self,
+            "waypoints",
+            check.items(
+                self.waypoints, "Path.waypoints", 0, 100, lambda v, w: check.instance(v, w, TransformWithCovariance)
+            ),
+        )
 
     @property
     def stamp_ns(self) -> int:

@@ -28,7 +28,9 @@ if TYPE_CHECKING:
 QUATERNION_NORM_TOLERANCE = 0.01
 
 
-def matrix_of(translation_m: NDArray[np.float64], orientation_xyzw: NDArray[np.float64], where: str) -> NDArray[np.float64]:
+def matrix_of(
+    translation_m: NDArray[np.float64], orientation_xyzw: NDArray[np.float64], where: str
+) -> NDArray[np.float64]:
     """``T (4, 4)`` of a translation and a quaternion x, y, z, w, normalised.
 
     Raises
@@ -99,12 +101,18 @@ class TransformWithCovarianceExt(Message):
 
         time = Time.from_ns(stamp_ns)
         metadata = TransformWithCovarianceMetadata(
-            producer_id=producer, data_estimated=np.ones(7, dtype=np.bool_),
-            parent_frame_id=parent, parent_time=time, child_frame_id=child, child_time=time,
+            producer_id=producer,
+            data_estimated=np.ones(7, dtype=np.bool_),
+            parent_frame_id=parent,
+            parent_time=time,
+            child_frame_id=child,
+            child_time=time,
         )
         covariance = np.full((6, 6), np.nan) if T.covariance is None else T.covariance
         q_xyzw = se3.quaternion_xyzw_from_matrix(T.matrix[:3, :3])
-        return TransformWithCovariance(metadata, TransformWithCovarianceData(T.matrix[:3, 3].copy(), q_xyzw, covariance))
+        return TransformWithCovariance(
+            metadata, TransformWithCovarianceData(T.matrix[:3, 3].copy(), q_xyzw, covariance)
+        )
 
     @property
     def transform(self) -> UncertainTransform:
@@ -159,14 +167,20 @@ class RigidBodyStateExt(Message):
 
     @classmethod
     def from_transform(cls, T: UncertainTransform, *, parent: str, child: str, stamp_ns: int) -> RigidBodyState:
-        """State of ``T_parent_child``; the cross-covariance of position and orientation is dropped, velocities are NaN."""
+        """State of ``T_parent_child``; cross-covariance of position and orientation is dropped, velocities are NaN."""
         from cdff_common.types.pose import RigidBodyState
 
         cov = np.full((6, 6), np.nan) if T.covariance is None else T.covariance
         return RigidBodyState(
-            timestamp=Time.from_ns(stamp_ns), source_frame=child, target_frame=parent, pos=T.matrix[:3, 3].copy(),
-            cov_position=cov[:3, :3], orient=se3.quaternion_xyzw_from_matrix(T.matrix[:3, :3]),
-            cov_orientation=cov[3:, 3:], velocity=np.full(3, np.nan), angular_velocity=np.full(3, np.nan),
+            timestamp=Time.from_ns(stamp_ns),
+            source_frame=child,
+            target_frame=parent,
+            pos=T.matrix[:3, 3].copy(),
+            cov_position=cov[:3, :3],
+            orient=se3.quaternion_xyzw_from_matrix(T.matrix[:3, :3]),
+            cov_orientation=cov[3:, 3:],
+            velocity=np.full(3, np.nan),
+            angular_velocity=np.full(3, np.nan),
         )
 
     @property

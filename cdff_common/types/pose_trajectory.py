@@ -1,7 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
 # GENERATED from cdff_common/asn1/pose_trajectory.asn by cdff generate; do not edit.
-# ruff: noqa: E501
 
 """Types of ``asn1/pose_trajectory.asn``."""
 
@@ -67,7 +66,11 @@ class PoseTrajectoryData(PoseTrajectoryDataExt):
         put = object.__setattr__
         put(self, "stamps", check.typed_octets(self.stamps, "PoseTrajectoryData.stamps", 1073741824, "<i8", 0))
         put(self, "poses", check.typed_octets(self.poses, "PoseTrajectoryData.poses", 1073741824, "<f8", 7))
-        put(self, "covariances", check.typed_octets(self.covariances, "PoseTrajectoryData.covariances", 1073741824, "<f8", 36))
+        put(
+            self,
+            "covariances",
+            check.typed_octets(self.covariances, "PoseTrajectoryData.covariances", 1073741824, "<f8", 36),
+        )
         self._check_together()
 
 

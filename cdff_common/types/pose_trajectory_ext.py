@@ -49,7 +49,13 @@ class PoseTrajectoryExt(Message):
 
     @classmethod
     def from_arrays(
-        cls, stamps_ns: ArrayLike, matrices: ArrayLike, covariances: ArrayLike | None = None, *, parent: str, child: str,
+        cls,
+        stamps_ns: ArrayLike,
+        matrices: ArrayLike,
+        covariances: ArrayLike | None = None,
+        *,
+        parent: str,
+        child: str,
         producer: str = "",
     ) -> PoseTrajectory:
         """Trajectory of ``T_parent_child``.
@@ -82,10 +88,10 @@ class PoseTrajectoryExt(Message):
         poses[:, 3:] = se3.quaternion_xyzw_from_matrix(T[:, :3, :3]) if len(T) else np.zeros((0, 4))
         packed = np.zeros((0, 36))
         if covariances is not None:
-            packed = np.asarray(covariances, dtype=np.float64)
-            if packed.shape != (len(T), 6, 6):
-                raise InputError(f"PoseTrajectory covariances: shape {packed.shape}, expected ({len(T)}, 6, 6)")
-            packed = packed.reshape(-1, 36)
+            cov = np.asarray(covariances, dtype=np.float64)
+            if cov.shape != (len(T), 6, 6):
+                raise InputError(f"PoseTrajectory covariances: shape {cov.shape}, expected ({len(T)}, 6, 6)")
+            packed = cov.reshape(-1, 36)
         metadata = PoseTrajectoryMetadata(producer_id=producer, parent_frame_id=parent, child_frame_id=child)
         return PoseTrajectory(metadata, PoseTrajectoryData(stamps // 1000, poses, packed))
 

@@ -1,7 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
 # GENERATED from cdff_common/asn1/range_sensors.asn by cdff generate; do not edit.
-# ruff: noqa: E501
 
 """Types of ``asn1/range_sensors.asn``."""
 
@@ -69,7 +68,11 @@ class LaserScan(Message):
         put(self, "start_angle", check.real(self.start_angle, "LaserScan.start_angle"))
         put(self, "angular_resolution", check.real(self.angular_resolution, "LaserScan.angular_resolution"))
         put(self, "speed", check.real(self.speed, "LaserScan.speed"))
-        put(self, "ranges", check.integer_array(self.ranges, "LaserScan.ranges", ((1, 2000),), -2147483648, 2147483647, "int32"))
+        put(
+            self,
+            "ranges",
+            check.integer_array(self.ranges, "LaserScan.ranges", ((1, 2000),), -2147483648, 2147483647, "int32"),
+        )
         put(self, "min_range", check.integer(self.min_range, "LaserScan.min_range", 0, 4294967295))
         put(self, "max_range", check.integer(self.max_range, "LaserScan.max_range", 0, 4294967295))
         put(self, "remission", check.real_array(self.remission, "LaserScan.remission", ((1, 2000),)))
@@ -139,11 +142,31 @@ class DepthMap(Message):
     def __post_init__(self) -> None:
         put = object.__setattr__
         put(self, "ref_time", check.instance(self.ref_time, "DepthMap.ref_time", Time))
-        put(self, "timestamps", check.items(self.timestamps, "DepthMap.timestamps", 1, 30000, lambda v, w: check.instance(v, w, Time)))
-        put(self, "vertical_projection", check.enumeration(self.vertical_projection, "DepthMap.vertical_projection", ProjectionType))
-        put(self, "horizontal_projection", check.enumeration(self.horizontal_projection, "DepthMap.horizontal_projection", ProjectionType))
-        put(self, "vertical_interval", check.real_array(self.vertical_interval, "DepthMap.vertical_interval", ((1, 30000),)))
-        put(self, "horizontal_interval", check.real_array(self.horizontal_interval, "DepthMap.horizontal_interval", ((1, 30000),)))
+        put(
+            self,
+            "timestamps",
+            check.items(self.timestamps, "DepthMap.timestamps", 1, 30000, lambda v, w: check.instance(v, w, Time)),
+        )
+        put(
+            self,
+            "vertical_projection",
+            check.enumeration(self.vertical_projection, "DepthMap.vertical_projection", ProjectionType),
+        )
+        put(
+            self,
+            "horizontal_projection",
+            check.enumeration(self.horizontal_projection, "DepthMap.horizontal_projection", ProjectionType),
+        )
+        put(
+            self,
+            "vertical_interval",
+            check.real_array(self.vertical_interval, "DepthMap.vertical_interval", ((1, 30000),)),
+        )
+        put(
+            self,
+            "horizontal_interval",
+            check.real_array(self.horizontal_interval, "DepthMap.horizontal_interval", ((1, 30000),)),
+        )
         put(self, "vertical_size", check.integer(self.vertical_size, "DepthMap.vertical_size", 0, 4294967295))
         put(self, "horizontal_size", check.integer(self.horizontal_size, "DepthMap.horizontal_size", 0, 4294967295))
         put(self, "distances", check.real_array(self.distances, "DepthMap.distances", ((1, 30000),)))
@@ -233,11 +256,19 @@ class Sonar(Message):
     def __post_init__(self) -> None:
         put = object.__setattr__
         put(self, "ref_time", check.instance(self.ref_time, "Sonar.ref_time", Time))
-        put(self, "timestamps", check.items(self.timestamps, "Sonar.timestamps", 1, 60, lambda v, w: check.instance(v, w, Time)))
+        put(
+            self,
+            "timestamps",
+            check.items(self.timestamps, "Sonar.timestamps", 1, 60, lambda v, w: check.instance(v, w, Time)),
+        )
         put(self, "bin_duration", check.instance(self.bin_duration, "Sonar.bin_duration", Time))
         put(self, "beam_width", check.instance(self.beam_width, "Sonar.beam_width", Angle))
         put(self, "beam_height", check.instance(self.beam_height, "Sonar.beam_height", Angle))
-        put(self, "bearings", check.items(self.bearings, "Sonar.bearings", 1, 60, lambda v, w: check.instance(v, w, Angle)))
+        put(
+            self,
+            "bearings",
+            check.items(self.bearings, "Sonar.bearings", 1, 60, lambda v, w: check.instance(v, w, Angle)),
+        )
         put(self, "speed_of_sound", check.real(self.speed_of_sound, "Sonar.speed_of_sound"))
         put(self, "bin_count", check.integer(self.bin_count, "Sonar.bin_count", 0, 4294967295))
         put(self, "beam_count", check.integer(self.beam_count, "Sonar.beam_count", 0, 4294967295))
@@ -335,14 +366,22 @@ class SonarScan(Message):
         put = object.__setattr__
         put(self, "ref_time", check.instance(self.ref_time, "SonarScan.ref_time", Time))
         put(self, "data", check.integer_array(self.data, "SonarScan.data", ((1, 60),), 0, 255, "uint8"))
-        put(self, "time_beams", check.items(self.time_beams, "SonarScan.time_beams", 1, 60, lambda v, w: check.instance(v, w, Time)))
+        put(
+            self,
+            "time_beams",
+            check.items(self.time_beams, "SonarScan.time_beams", 1, 60, lambda v, w: check.instance(v, w, Time)),
+        )
         put(self, "number_of_beams", check.integer(self.number_of_beams, "SonarScan.number_of_beams", 0, 65535))
         put(self, "number_of_bins", check.integer(self.number_of_bins, "SonarScan.number_of_bins", 0, 65535))
         put(self, "start_bearing", check.instance(self.start_bearing, "SonarScan.start_bearing", Angle))
         put(self, "angular_resolution", check.instance(self.angular_resolution, "SonarScan.angular_resolution", Angle))
         put(self, "sampling_interval", check.real(self.sampling_interval, "SonarScan.sampling_interval"))
         put(self, "speed_of_sound", check.real(self.speed_of_sound, "SonarScan.speed_of_sound"))
-        put(self, "beamwidth_horizontal", check.instance(self.beamwidth_horizontal, "SonarScan.beamwidth_horizontal", Angle))
+        put(
+            self,
+            "beamwidth_horizontal",
+            check.instance(self.beamwidth_horizontal, "SonarScan.beamwidth_horizontal", Angle),
+        )
         put(self, "beamwidth_vertical", check.instance(self.beamwidth_vertical, "SonarScan.beamwidth_vertical", Angle))
         put(self, "memory_layout_column", check.boolean(self.memory_layout_column, "SonarScan.memory_layout_column"))
         put(self, "polar_coordinates", check.boolean(self.polar_coordinates, "SonarScan.polar_coordinates"))

@@ -1,7 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
 # GENERATED from cdff_common/asn1/sequences.asn by cdff generate; do not edit.
-# ruff: noqa: E501
 
 """Types of ``asn1/sequences.asn``."""
 
@@ -34,7 +33,11 @@ class FramesSequence(Message):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "items", check.items(self.items, "FramesSequence.items", 0, 10, lambda v, w: check.instance(v, w, Frame)))
+        put(
+            self,
+            "items",
+            check.items(self.items, "FramesSequence.items", 0, 10, lambda v, w: check.instance(v, w, Frame)),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -51,7 +54,11 @@ class PosesSequence(Message):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "items", check.items(self.items, "PosesSequence.items", 0, 10, lambda v, w: check.instance(v, w, Pose)))
+        put(
+            self,
+            "items",
+            check.items(self.items, "PosesSequence.items", 0, 10, lambda v, w: check.instance(v, w, Pose)),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -68,7 +75,17 @@ class CorrespondenceMaps2DSequence(Message):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "items", check.items(self.items, "CorrespondenceMaps2DSequence.items", 0, 56, lambda v, w: check.items(v, w, 0, 1024, lambda v, w: check.instance(v, w, Correspondence2D))))
+        put(
+            self,
+            "items",
+            check.items(
+                self.items,
+                "CorrespondenceMaps2DSequence.items",
+                0,
+                56,
+                lambda v, w: check.items(v, w, 0, 1024, lambda v, w: check.instance(v, w, Correspondence2D)),
+            ),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -85,7 +102,17 @@ class CorrespondenceMaps3DSequence(Message):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "items", check.items(self.items, "CorrespondenceMaps3DSequence.items", 0, 56, lambda v, w: check.items(v, w, 0, 51200, lambda v, w: check.instance(v, w, Correspondence3D))))
+        put(
+            self,
+            "items",
+            check.items(
+                self.items,
+                "CorrespondenceMaps3DSequence.items",
+                0,
+                56,
+                lambda v, w: check.items(v, w, 0, 51200, lambda v, w: check.instance(v, w, Correspondence3D)),
+            ),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -153,4 +180,10 @@ class VectorXdSequence(Message):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "items", check.items(self.items, "VectorXdSequence.items", 0, 327680, lambda v, w: check.real_array(v, w, ((0, 100),))))
+        put(
+            self,
+            "items",
+            check.items(
+                self.items, "VectorXdSequence.items", 0, 327680, lambda v, w: check.real_array(v, w, ((0, 100),))
+            ),
+        )

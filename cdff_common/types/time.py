@@ -1,7 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
 # GENERATED from cdff_common/asn1/time.asn by cdff generate; do not edit.
-# ruff: noqa: E501
 
 """Types of ``asn1/time.asn``."""
 
@@ -33,7 +32,11 @@ class Time(TimeExt):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "microseconds", check.integer(self.microseconds, "Time.microseconds", -9223372036854775807, 9223372036854775807))
+        put(
+            self,
+            "microseconds",
+            check.integer(self.microseconds, "Time.microseconds", -9223372036854775807, 9223372036854775807),
+        )
         put(self, "usec_per_sec", check.integer(self.usec_per_sec, "Time.usec_per_sec", -2147483648, 2147483647))
         self._check_together()
 

@@ -78,17 +78,17 @@ def real_array(value: object, where: str, dims: tuple[Bounds, ...]) -> NDArray[n
     return read_only(_shaped(array, where, dims))
 
 
-def integer_array(
-    value: object, where: str, dims: tuple[Bounds, ...], low: int, high: int, dtype: str
-) -> NDArray[Any]:
+def integer_array(value: object, where: str, dims: tuple[Bounds, ...], low: int, high: int, dtype: str) -> NDArray[Any]:
     """Array of integers of ``dtype``, each within low..high."""
     array = _numbers(value, where, "iu", f"integers {low}..{high}")
     target = np.dtype(dtype)
     if array.size and array.dtype != target and not (low <= int(array.min()) and int(array.max()) <= high):
         raise InputError(f"{where}: values {array.min()}..{array.max()}, expected {low}..{high}")
     array = array.astype(target, copy=False)
-    if array.size and (low > np.iinfo(target).min or high < np.iinfo(target).max) and (
-        int(array.min()) < low or int(array.max()) > high
+    if (
+        array.size
+        and (low > np.iinfo(target).min or high < np.iinfo(target).max)
+        and (int(array.min()) < low or int(array.max()) > high)
     ):
         raise InputError(f"{where}: values {array.min()}..{array.max()}, expected {low}..{high}")
     return read_only(_shaped(array, where, dims))
@@ -191,9 +191,7 @@ def instance(value: object, where: str, cls: type[T]) -> T:
     return value
 
 
-def items(
-    value: object, where: str, low: int, high: int, check: Callable[[Any, str], T]
-) -> tuple[T, ...]:
+def items(value: object, where: str, low: int, high: int, check: Callable[[Any, str], T]) -> tuple[T, ...]:
     """A tuple of low..high checked elements, from a list or tuple."""
     if not isinstance(value, list | tuple):
         raise InputError(f"{where}={_brief(value)}: expected a list or tuple")

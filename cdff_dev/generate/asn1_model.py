@@ -12,7 +12,20 @@ from typing import Any
 import asn1tools
 
 from cdff_common.codecs.schema import (
-    Alias, Array, Boolean, Choice, Enumeration, Field, Integer, ListOf, Message, Node, Octets, Real, Struct, Text,
+    Alias,
+    Array,
+    Boolean,
+    Choice,
+    Enumeration,
+    Field,
+    Integer,
+    ListOf,
+    Message,
+    Node,
+    Octets,
+    Real,
+    Struct,
+    Text,
 )
 
 _TYPED_ARRAY = re.compile(r"(UInt|Int|Float)(\d+)(?:x(\d+))?-Array\Z")
@@ -172,9 +185,10 @@ class ModelReader:
 
     def _choice(self, declaration: dict[str, Any], owner: str) -> Choice:
         name = f"{owner}-{declaration['name']}"
-        node = Choice(class_name(name), tuple(
-            Field(m["name"], snake_case(m["name"]), self._node(m, owner)) for m in declaration["members"]
-        ))
+        node = Choice(
+            class_name(name),
+            tuple(Field(m["name"], snake_case(m["name"]), self._node(m, owner)) for m in declaration["members"]),
+        )
         comment = f"The {declaration['name']} of a {class_name(owner)}: one of several kinds."
         self.types[name] = TypeModel(name, node.class_name, self._types[owner][1], node, comment, {})
         return node

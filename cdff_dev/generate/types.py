@@ -14,12 +14,25 @@ from pathlib import Path
 import cdff_common
 from cdff_common.asn1 import asn1_files
 from cdff_common.codecs.schema import (
-    Alias, Array, Boolean, Choice, Enumeration, Field, Integer, ListOf, Node, Octets, Real, Struct, Text,
+    Alias,
+    Array,
+    Boolean,
+    Choice,
+    Enumeration,
+    Field,
+    Integer,
+    ListOf,
+    Node,
+    Octets,
+    Real,
+    Struct,
+    Text,
 )
 from cdff_dev.generate.asn1_model import ModelReader, TypeModel
 
 #: Fields that are the time of a message.
 _STAMPS = ("timestamp", "time_stamp", "ref_time")
+_NODES = "Alias, Array, Boolean, Choice, Enumeration, Field, Integer, ListOf, Message, Octets, Real, Struct, Text"
 _ROOT = Path(cdff_common.__file__).parent
 _LICENCE = "# SPDX-FileCopyrightText: 2026 the CDFF contributors\n# SPDX-License-Identifier: BSD-3-Clause\n"
 
@@ -29,7 +42,7 @@ def _mark(source: str) -> str:
 
 
 def render() -> dict[Path, str]:
-    """Return path and content of every file generated from the ASN.1 modules."""
+    """Return path and content of every file generated from the ASN.1 modules, not yet formatted."""
     models = ModelReader(asn1_files()).types
     families = sorted({m.module for m in models.values()})
     out: dict[Path, str] = {}
@@ -50,7 +63,7 @@ def _extensions(family: str) -> set[str]:
 
 def _int_dtype(node: Integer) -> str:
     for bits in (8, 16, 32, 64):
-        if 0 <= node.low and node.high < 1 << bits:
+        if node.low >= 0 and node.high < 1 << bits:
             return f"uint{bits}"
         if -(1 << (bits - 1)) <= node.low and node.high < 1 << (bits - 1):
             return f"int{bits}"
@@ -194,7 +207,8 @@ def _sentence(text: str) -> str:
 def _class_source(model: TypeModel, extensions: set[str]) -> list[str]:
     node = model.node
     if isinstance(node, Enumeration):
-        lines = [f"class {node.class_name}(IntEnum):", f'    """{_sentence(model.comment or f"``{model.name}``")}"""', ""]
+        summary = _sentence(model.comment or f"``{model.name}``")
+        lines = [f"class {node.class_name}(IntEnum):", f'    """{summary}"""', ""]
         return lines + [f"    {_member(name)} = {value}" for name, value in node.members]
     if isinstance(node, Choice):
         return _choice_source(model, node)
@@ -217,8 +231,13 @@ def _class_source(model: TypeModel, extensions: set[str]) -> list[str]:
         return [*lines, "        self._check_together()"]
     stamp = next((f for f in fields if f.attribute in _STAMPS and _annotation(f.node) == "Time"), None)
     if stamp is not None:
-        lines += ["", "    @property", "    def stamp_ns(self) -> int:", '        """Time, nanoseconds."""',
-                  f"        return self.{stamp.attribute}.ns"]
+        lines += [
+            "",
+            "    @property",
+            "    def stamp_ns(self) -> int:",
+            '        """Time, nanoseconds."""',
+            f"        return self.{stamp.attribute}.ns",
+        ]
     return lines
 
 
@@ -227,20 +246,36 @@ def _choice_source(model: TypeModel, node: Choice) -> list[str]:
     union = " | ".join(_annotation(f.node) for f in node.alternatives)
     first = node.alternatives[0]
     lines = [
-        "@dataclass(frozen=True, slots=True, eq=False, repr=False)", f"class {node.class_name}(Message):",
-        f'    """{_sentence(model.comment)}', "", "    Attributes", "    ----------", "    kind : str",
-        f"        Which alternative: {kinds.replace(chr(34), '``')}.", f"    value : {union}", '    """', "",
-        f'    ASN1_NAME: ClassVar[str] = "{model.name}"', f'    kind: str = "{first.attribute}"',
-        f"    value: {union} = {_default(first.node, first.name, '', 0)}", "",
-        "    def __post_init__(self) -> None:", "        put = object.__setattr__",
+        "@dataclass(frozen=True, slots=True, eq=False, repr=False)",
+        f"class {node.class_name}(Message):",
+        f'    """{_sentence(model.comment)}',
+        "",
+        "    Attributes",
+        "    ----------",
+        "    kind : str",
+        f"        Which alternative: {kinds.replace(chr(34), '``')}.",
+        f"    value : {union}",
+        '    """',
+        "",
+        f'    ASN1_NAME: ClassVar[str] = "{model.name}"',
+        f'    kind: str = "{first.attribute}"',
+        f"    value: {union} = {_default(first.node, first.name, '', 0)}",
+        "",
+        "    def __post_init__(self) -> None:",
+        "        put = object.__setattr__",
     ]
     for i, f in enumerate(node.alternatives):
         where = f'"{node.class_name}.{f.attribute}"'
-        lines += [f'        {"if" if i == 0 else "elif"} self.kind == "{f.attribute}":',
-                  f'            put(self, "value", {_check(f.node, "self.value", where)})']
-    return [*lines, "        else:",
-            f"            raise InputError(f'{node.class_name}.kind={{self.kind!r}}: expected one of "
-            f"{kinds.replace(chr(34), '')}')"]
+        lines += [
+            f'        {"if" if i == 0 else "elif"} self.kind == "{f.attribute}":',
+            f'            put(self, "value", {_check(f.node, "self.value", where)})',
+        ]
+    return [
+        *lines,
+        "        else:",
+        f"            raise InputError(f'{node.class_name}.kind={{self.kind!r}}: expected one of "
+        f"{kinds.replace(chr(34), '')}')",
+    ]
 
 
 def _references(node: Node | Alias) -> set[str]:
@@ -282,8 +317,13 @@ def _family_source(family: str, models: dict[str, TypeModel]) -> str:
     used = {n for n in extensions if f"({n})" in body}
     if used:
         imports[f"cdff_common.types.{family}_ext"] = used
-    head = [_mark(f"cdff_common/asn1/{family}.asn"), f'"""Types of ``asn1/{family}.asn``."""', "",
-            "from __future__ import annotations", ""]
+    head = [
+        _mark(f"cdff_common/asn1/{family}.asn"),
+        f'"""Types of ``asn1/{family}.asn``."""',
+        "",
+        "from __future__ import annotations",
+        "",
+    ]
     if "@dataclass" in body:
         head.append(f"from dataclasses import dataclass{', field' if 'field(' in body else ''}")
     if "IntEnum" in body:
@@ -295,30 +335,22 @@ def _family_source(family: str, models: dict[str, TypeModel]) -> str:
     if "NDArray" in body:
         head.append("from numpy.typing import NDArray")
     head += ["", *(f"from {module} import {', '.join(sorted(imports[module]))}" for module in sorted(imports))]
-    return _wrapped("\n".join(head) + f"\n\n\n{body}\n")
-
-
-def _wrapped(source: str) -> str:
-    """Break import lines of over 120 columns, as ruff would."""
-    lines = []
-    for line in source.splitlines():
-        if len(line) > 120 and line.startswith("from "):
-            module, names = line.split(" import ")
-            lines += [f"{module} import (", *(f"    {n}," for n in names.split(", ")), ")"]
-        else:
-            lines.append(line)
-    return "\n".join(lines) + "\n"
+    return "\n".join(head) + f"\n\n\n{body}\n"
 
 
 def _package_source(families: list[str], models: dict[str, TypeModel]) -> str:
     names = {f: sorted(m.class_name for m in models.values() if m.module == f) for f in families}
-    lines = [_mark("cdff_common/asn1/*.asn"),
-             '"""All types of the wire: frozen dataclasses over numpy, one per ASN.1 type."""', "",
-             "from __future__ import annotations", ""]
+    lines = [
+        _mark("cdff_common/asn1/*.asn"),
+        '"""All types of the wire: frozen dataclasses over numpy, one per ASN.1 type."""',
+        "",
+        "from __future__ import annotations",
+        "",
+    ]
     lines += [f"from cdff_common.types.{f} import {', '.join(names[f])}" for f in families]
     lines += ["from cdff_common.types.message import Box, Message", "", "__all__ = ["]
     every = sorted([n for f in families for n in names[f]] + ["Box", "Message"])
-    return _wrapped("\n".join([*lines, *(f'    "{n}",' for n in every), "]"]) + "\n")
+    return "\n".join([*lines, *(f'    "{n}",' for n in every), "]"]) + "\n"
 
 
 def _table_source(models: dict[str, TypeModel]) -> str:
@@ -352,10 +384,15 @@ def _table_source(models: dict[str, TypeModel]) -> str:
     def fields(items: tuple[Field, ...]) -> str:
         return "".join(f'\n    Field("{f.name}", "{f.attribute}", {source(f.node)}),' for f in items) + "\n"
 
-    lines = [_mark("cdff_common/asn1/*.asn"), '"""The types as the codecs see them."""', "",
-             "from __future__ import annotations", "",
-             "from cdff_common.codecs.schema import (\n    Alias,\n    Array,\n    Boolean,\n    Choice,\n    Enumeration,\n"
-             "    Field,\n    Integer,\n    ListOf,\n    Message,\n    Octets,\n    Real,\n    Struct,\n    Text,\n)", ""]
+    lines = [
+        _mark("cdff_common/asn1/*.asn"),
+        '"""The types as the codecs see them."""',
+        "",
+        "from __future__ import annotations",
+        "",
+        f"from cdff_common.codecs.schema import {_NODES}",
+        "",
+    ]
     messages = []
     for model in models.values():
         node = model.node
@@ -370,13 +407,3 @@ def _table_source(models: dict[str, TypeModel]) -> str:
     lines += ["", "#: ASN.1 name -> node, of every type that can be a message.", "MESSAGES: dict[str, Message] = {"]
     lines += [f'    "{m.name}": {variable[m.class_name]},' for m in messages]
     return "\n".join([*lines, "}"]) + "\n"
-
-
-def write() -> list[Path]:
-    """Write every generated file that differs; returns those written."""
-    written = []
-    for path, text in render().items():
-        if not path.exists() or path.read_text(encoding="utf-8") != text:
-            path.write_text(text, encoding="utf-8")
-            written.append(path)
-    return written

@@ -1,0 +1,236 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Reads logs in MessagePack: ours, and those of InFuse's robots with their quirks (contract §3)."""
+
+from __future__ import annotations
+
+import mmap
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import msgpack
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.codecs.bridge import message_node
+from cdff_common.codecs.messagepack import unpack
+from cdff_common.codecs.plain import from_plain
+from cdff_common.errors import CodecError, InputError
+from cdff_common.interfaces.product import Header
+from cdff_dev.logs import quirks as quirk
+from cdff_dev.logs._kernels import skip, skip_many
+from cdff_dev.logs.source import LogSample, StreamInfo
+
+
+@dataclass(slots=True)
+class _Part:
+    """Samples of one stream in one file."""
+
+    file: int
+    starts: NDArray[np.int64]
+    ends: NDArray[np.int64]
+    stamps_ns: NDArray[np.int64]
+    headers: list[Any]
+
+
+class LogReader:
+    """A log of one or several files.
+
+    Opening maps the files and indexes them: about 50 octets of memory a sample, and no sample is unpacked before it
+    is asked for.
+
+    Parameters
+    ----------
+    files : list of Path
+        In the order of writing.
+
+    Attributes
+    ----------
+    quirks : Quirks
+        Deviations that were read all the same, and how often.
+    """
+
+    def __init__(self, files: list[Path]) -> None:
+        self.files = files
+        self.quirks = quirk.Quirks(files[0].name if files else "log")
+        self._maps: list[mmap.mmap | bytes] = []
+        self._handles: list[Any] = []
+        self._parts: dict[str, list[_Part]] = {}
+        self._types: dict[str, str] = {}
+        try:
+            for path in files:
+                self._index(path)
+        except BaseException:
+            self.close()
+            raise
+        self.streams: dict[str, StreamInfo] = {name: self._info(name) for name in sorted(self._parts)}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the files."""
+        for mapped in self._maps:
+            if isinstance(mapped, mmap.mmap):
+                mapped.close()
+        for handle in self._handles:
+            handle.close()
+        self._maps, self._handles = [], []
+
+    def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
+        """Samples of all or some streams in the order (stamp_ns, stream, seq).
+
+        Raises
+        ------
+        InputError
+            If a stream is not in the log.
+        CodecError
+            If a sample is not of its stream's type.
+        """
+        names = sorted(self.streams if streams is None else set(streams))
+        unknown = [n for n in names if n not in self.streams]
+        if unknown:
+            raise InputError(f"stream {unknown[0]!r}: expected one of {', '.join(self.streams)}")
+        rows = []
+        for rank, name in enumerate(names):
+            seq = 0
+            for number, part in enumerate(self._parts[name]):
+                n = len(part.starts)
+                row = np.empty((n, 5), dtype=np.int64)
+                row[:, 0], row[:, 1], row[:, 2] = part.stamps_ns, rank, np.arange(seq, seq + n)
+                row[:, 3], row[:, 4] = number, np.arange(n)
+                rows.append(row)
+                seq += n
+        if not rows:
+            return
+        table = np.concatenate(rows)
+        for i in np.lexsort((table[:, 2], table[:, 1], table[:, 0])):
+            stamp_ns, rank, seq, number, at = (int(v) for v in table[i])
+            yield self._sample(names[rank], self._parts[names[rank]][number], at, stamp_ns, seq)
+
+    def _sample(self, name: str, part: _Part, at: int, stamp_ns: int, seq: int) -> LogSample:
+        octets = self._maps[part.file][int(part.starts[at]) : int(part.ends[at])]
+        type_name = self._types[name]
+        try:
+            plain = quirk.with_microseconds(unpack(octets), name, self.quirks)
+            value = from_plain(type_name, plain, lambda text: self.quirks.tell(f"{name}: {text}"))
+            header = Header.from_dict(part.headers[at]) if part.headers and part.headers[at] is not None else None
+        except InputError as error:
+            raise CodecError(f"{self.files[part.file]}: {name} sample {seq}: {error}") from error
+        return LogSample(name, type_name, stamp_ns, seq, value, header)
+
+    def _info(self, name: str) -> StreamInfo:
+        stamps = [p.stamps_ns for p in self._parts[name] if len(p.stamps_ns)]
+        if not stamps:
+            return StreamInfo(self._types[name], 0, 0, 0)
+        return StreamInfo(
+            self._types[name],
+            sum(len(s) for s in stamps),
+            min(int(s.min()) for s in stamps),
+            max(int(s.max()) for s in stamps),
+        )
+
+    def _index(self, path: Path) -> None:
+        """Note where the samples of a file lie."""
+        size = path.stat().st_size
+        if size == 0:
+            self.quirks.tell(f"{path.name}: empty file")
+            return
+        handle = path.open("rb")
+        self._handles.append(handle)
+        mapped = mmap.mmap(handle.fileno(), 0, access=mmap.ACCESS_READ)
+        self._maps.append(mapped)
+        file = len(self._maps) - 1
+        buffer = np.frombuffer(mapped, dtype=np.uint8)
+        try:
+            metas, found = _walk(buffer, path, self.quirks)
+        finally:
+            del buffer
+        for name, (starts, ends) in found.items():
+            self._add(path, file, name, metas.get(name), starts, ends)
+        for name in metas.keys() - found.keys():
+            self.quirks.tell(f"{path.name}: {name}.meta without {name}")
+
+    def _add(
+        self, path: Path, file: int, name: str, meta: Any, starts: NDArray[np.int64], ends: NDArray[np.int64]
+    ) -> None:
+        if not isinstance(meta, dict) or not isinstance(meta.get("type"), str):
+            raise CodecError(f"{path}: {name} has no {name}.meta with type and timestamps; this is no InFuse log")
+        times = meta.get("timestamps")
+        if not isinstance(times, list) or not all(type(t) is int for t in times):
+            raise CodecError(f"{path}: {name}.meta: timestamps are no list of integers")
+        n = len(starts)
+        if len(times) != n:
+            self.quirks.tell(f"{path.name}: {name} has {n} samples and {len(times)} timestamps; the rest is left out")
+            n = min(n, len(times))
+        type_name = message_node(meta["type"]).name
+        if self._types.setdefault(name, type_name) != type_name:
+            raise CodecError(f"{path}: {name} is a {type_name}, expected {self._types[name]} as before")
+        if meta["type"] != type_name:
+            self.quirks.tell(f"{name}.meta: type {meta['type']} read as {type_name}")
+        try:
+            stamps = np.array([quirk.stamp_ns(t, name, self.quirks) for t in times[:n]], dtype=np.int64)
+        except OverflowError as error:
+            raise CodecError(f"{path}: {name}.meta: timestamps are not within 64 bits") from error
+        headers = meta.get("headers", [])
+        if headers and (not isinstance(headers, list) or len(headers) < n):
+            raise CodecError(f"{path}: {name}.meta: headers are no list of {n}")
+        self._parts.setdefault(name, []).append(_Part(file, starts[:n], ends[:n], stamps, headers))
+
+
+_Samples = dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]]
+
+
+def _walk(buffer: NDArray[np.uint8], path: Path, quirks: quirk.Quirks) -> tuple[dict[str, Any], _Samples]:
+    """Metas, and begin and end of the samples of each stream, of a file's map."""
+    metas: dict[str, Any] = {}
+    found: _Samples = {}
+    pairs, at = _container(buffer, 0, path, "map")
+    for _ in range(pairs):
+        after = skip(buffer, at)
+        if after < 0:
+            quirks.tell(f"{path.name}: truncated; what followed is lost")
+            return metas, found
+        key = unpack(buffer[at:after].tobytes())
+        at = int(after)
+        if not isinstance(key, str):
+            raise CodecError(f"{path}: key {key!r}, expected a stream's name")
+        if key.endswith(".meta"):
+            after = skip(buffer, at)
+            if after < 0:
+                quirks.tell(f"{path.name}: truncated in {key}; what followed is lost")
+                return metas, found
+            metas[key.removesuffix(".meta")] = unpack(buffer[at:after].tobytes())
+            at = int(after)
+            continue
+        count, at = _container(buffer, at, path, "array")
+        if count > buffer.size - at:
+            quirks.tell(f"{path.name}: truncated in {key}; what followed is lost")
+            count = buffer.size - at
+        ends = np.zeros(count, dtype=np.int64)
+        whole = int(skip_many(buffer, at, ends))
+        found[key] = (np.concatenate([[at], ends[: max(whole - 1, 0)]]).astype(np.int64)[:whole], ends[:whole])
+        if whole < count:
+            quirks.tell(f"{path.name}: truncated in {key}: {whole} of {count} samples are whole; what followed is lost")
+            return metas, found
+        at = int(ends[-1]) if count else at
+    return metas, found
+
+
+def _container(buffer: NDArray[np.uint8], at: int, path: Path, kind: str) -> tuple[int, int]:
+    """Number of elements of the map or array at ``at``, and where its first element begins."""
+    unpacker = msgpack.Unpacker()
+    unpacker.feed(buffer[at : at + 5].tobytes())
+    try:
+        count = unpacker.read_map_header() if kind == "map" else unpacker.read_array_header()
+    except (ValueError, msgpack.UnpackException) as error:
+        raise CodecError(f"{path}: octet {at}: expected a MessagePack {kind}; this is no InFuse log") from error
+    return int(count), at + int(unpacker.tell())

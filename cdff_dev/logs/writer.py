@@ -1,0 +1,155 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Writes logs: chunks of whole MessagePack maps, each with ``.meta`` before its samples (contract §3)."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Self
+
+import msgpack
+
+from cdff_common.codecs.plain import to_plain
+from cdff_common.errors import InputError, StorageError
+from cdff_common.interfaces.product import Header
+
+#: Largest chunk, octets; a sample that is larger is a chunk by itself.
+CHUNK_BYTES = 64_000_000
+_CHUNK_GLOB = "_" + "[0-9]" * 9 + ".msg"
+
+
+class _Stream:
+    """Samples of one stream that wait for their chunk."""
+
+    def __init__(self, type_name: str) -> None:
+        self.type_name = type_name
+        self.samples: list[bytes] = []
+        self.stamps_us: list[int] = []
+        self.headers: list[dict[str, Any] | None] = []
+
+    def clear(self) -> None:
+        self.samples, self.stamps_us, self.headers = [], [], []
+
+
+class LogWriter:
+    """Writes samples to a log.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``NAME.msg`` for a log that is one file while it fits into one chunk, and else ``NAME_000000000.msg``,
+        ``NAME_000000001.msg``, …; any other name is a folder of such chunks (``log_000000000.msg``).
+        An older log of that name is replaced.
+    chunk_bytes : int
+        Largest chunk; what is held in memory.
+
+    Notes
+    -----
+    A chunk appears under its name when it is whole: a process that is killed loses the chunk it was filling, no more.
+    """
+
+    def __init__(self, path: str | Path, *, chunk_bytes: int = CHUNK_BYTES) -> None:
+        self.path = Path(path)
+        self._single = self.path.suffix == ".msg"
+        self._prefix = self.path.with_suffix("") if self._single else self.path / "log"
+        self._chunk_bytes = chunk_bytes
+        self._streams: dict[str, _Stream] = {}
+        self._size = 0
+        self._chunks: list[Path] = []
+        self._closed = False
+        try:
+            self._prefix.parent.mkdir(parents=True, exist_ok=True)
+            if self._single:
+                self.path.unlink(missing_ok=True)
+            for old in self._prefix.parent.glob(self._prefix.name + _CHUNK_GLOB):
+                old.unlink()
+        except OSError as error:
+            raise StorageError(f"log {self.path}: {error}") from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def write(self, stream: str, value: Any, stamp_ns: int, header: Header | None = None) -> None:
+        """Append a sample.
+
+        Parameters
+        ----------
+        stream : str
+            ``/{robot}/{sensor}.{stream}``; one type for each.
+        value : Any
+            A message of ``cdff_common.types``.
+        stamp_ns : int
+            A multiple of 1000.
+        header : Header, optional
+            Of a product.
+
+        Raises
+        ------
+        InputError
+            On a stamp that the log cannot hold, a name that ends in ``.meta``, or another type than before.
+        StorageError
+            If the disk is full.
+        """
+        if self._closed:
+            raise InputError(f"log {self.path}: closed")
+        if stamp_ns % 1000:
+            raise InputError(f"stamp {stamp_ns} of {stream}: expected a multiple of 1000 ns (logs carry microseconds)")
+        if not stream.startswith("/") or stream.endswith(".meta"):
+            raise InputError(f"stream {stream!r}: expected /robot/component.port, not ending in .meta")
+        type_name = type(value).ASN1_NAME
+        packed = msgpack.packb(to_plain(value), unicode_errors="surrogateescape")
+        entry = self._streams.setdefault(stream, _Stream(type_name))
+        if entry.type_name != type_name:
+            raise InputError(f"stream {stream}: a {type_name}, expected {entry.type_name} as before")
+        if self._size and self._size + len(packed) > self._chunk_bytes:
+            self._flush()
+        entry.samples.append(packed)
+        entry.stamps_us.append(stamp_ns // 1000)
+        entry.headers.append(None if header is None else header.to_dict())
+        self._size += len(packed)
+
+    def close(self) -> None:
+        """Write what waits. A log without samples is one file with an empty map."""
+        if self._closed:
+            return
+        self._closed = True
+        if self._size or not self._chunks:
+            self._flush()
+        if self._single and len(self._chunks) == 1:
+            os.replace(self._chunks[0], self.path)
+
+    def _flush(self) -> None:
+        path = self._prefix.with_name(f"{self._prefix.name}_{len(self._chunks):09d}.msg")
+        part = path.with_suffix(".part")
+        try:
+            with part.open("wb") as file:
+                self._write_chunk(file)
+            os.replace(part, path)
+        except OSError as error:
+            part.unlink(missing_ok=True)
+            raise StorageError(f"log {path}: {error}") from error
+        self._chunks.append(path)
+        self._size = 0
+        for stream in self._streams.values():
+            stream.clear()
+
+    def _write_chunk(self, file: BinaryIO) -> None:
+        packer = msgpack.Packer(unicode_errors="surrogateescape")
+        filled = {name: s for name, s in sorted(self._streams.items()) if s.samples}
+        file.write(packer.pack_map_header(2 * len(filled)))
+        for name, stream in filled.items():
+            meta: dict[str, Any] = {"type": stream.type_name, "timestamps": stream.stamps_us}
+            if any(h is not None for h in stream.headers):
+                meta["headers"] = stream.headers
+            file.write(packer.pack(f"{name}.meta"))
+            file.write(packer.pack(meta))
+            file.write(packer.pack(name))
+            file.write(packer.pack_array_header(len(stream.samples)))
+            file.writelines(stream.samples)
