@@ -1,0 +1,184 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""GeoTIFF of maps (contract §7) and of single-band float images.
+
+Float32 bands, nodata NaN, pixel-is-area, row 0 at ymax. The CRS is an engineering CRS named after the frame; times and
+layer names ride in the tags, so that what is written is read back the same.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.errors import CdffError, InputError
+from cdff_common.formats.source import Readable, Source, load
+from cdff_common.raster.geometry import MAX_CELLS, GridGeometry
+
+if TYPE_CHECKING:
+    from cdff_common.types import ElevationMap, NavigationMap
+
+#: Bands of a ``dem``, in order (contract §7).
+DEM_BANDS = ("mean", "variance", "min", "max", "count", "age_s")
+_FALLBACK_FRAME = "site"
+
+
+def engineering_crs(frame: str) -> str:
+    """WKT of a metric engineering CRS named after ``frame``: x east-like, y north-like."""
+    return f'LOCAL_CS["{frame}",UNIT["metre",1],AXIS["x",EAST],AXIS["y",NORTH]]'
+
+
+def write_map(value: ElevationMap | NavigationMap, *, wkt: str | None = None) -> bytes:
+    """Bytes of a GeoTIFF of a map.
+
+    Parameters
+    ----------
+    value : ElevationMap or NavigationMap
+        An elevation map's bands come in the order of ``DEM_BANDS``, absent ones left out, further layers after them.
+    wkt : str, optional
+        CRS where the frame is anchored on a body; an engineering CRS named after the frame without it.
+    """
+    names = [*(n for n in DEM_BANDS if n in value.layer_names), *(n for n in value.layer_names if n not in DEM_BANDS)]
+    bands = {name: value.layer(name).astype(np.float32) for name in names}
+    tags = {
+        "CDFF_TYPE": type(value).__name__,
+        "CDFF_FRAME": value.geometry.frame,
+        "CDFF_T0_NS": str(value.t0_ns),
+        "CDFF_T1_NS": str(value.t1_ns),
+    }
+    dtypes = ",".join(value.layer(name).dtype.str.lstrip("<|") for name in names)
+    return write_bands(bands, value.geometry, tags={**tags, "CDFF_DTYPES": dtypes}, wkt=wkt)
+
+
+def read_map(
+    source: Readable, type_name: str = "ElevationMap", *, frame: str | None = None
+) -> ElevationMap | NavigationMap:
+    """Read a map back; a foreign single-band GeoTIFF becomes an elevation map with the one layer ``mean``.
+
+    Parameters
+    ----------
+    source : bytes or path
+    type_name : str
+        ``ElevationMap`` or ``NavigationMap``.
+    frame : str, optional
+        Frame of a file that names none.
+
+    Raises
+    ------
+    CodecError
+        Naming the file, if it is no raster with square cells in rows from the top.
+    """
+    from cdff_common.types import ElevationMap, NavigationMap
+
+    s = load(source)
+    bands, (resolution_m, xmin_m, ymax_m), tags = read_bands(s)
+    if type_name not in ("ElevationMap", "NavigationMap"):
+        raise InputError(f"type {type_name!r}: expected ElevationMap or NavigationMap")
+    if tags.get("CDFF_TYPE", type_name) != type_name:
+        raise s.error(f"holds a {tags['CDFF_TYPE']}, expected a {type_name}")
+    if type_name == "ElevationMap" and "CDFF_TYPE" not in tags and "mean" not in bands:
+        bands = {"mean": next(iter(bands.values()))}
+    rows, cols = next(iter(bands.values())).shape
+    dtypes = tags.get("CDFF_DTYPES", "").split(",")
+    if len(dtypes) == len(bands) and all(re.fullmatch(r"[fiu][1248]", d) for d in dtypes):
+        bands = {n: b.astype(d) for (n, b), d in zip(bands.items(), dtypes, strict=True)}
+    try:
+        geometry = GridGeometry(
+            tags.get("CDFF_FRAME") or frame or _FALLBACK_FRAME, resolution_m, xmin_m, ymax_m, rows, cols
+        )
+        made = ElevationMap if type_name == "ElevationMap" else NavigationMap
+        t0_ns, t1_ns = int(tags.get("CDFF_T0_NS", "0")), int(tags.get("CDFF_T1_NS", "0"))
+        return made.from_layers(geometry, bands, t0_ns=t0_ns, t1_ns=t1_ns)
+    except (CdffError, ValueError) as error:
+        raise s.error(str(error)) from error
+
+
+def write_bands(
+    bands: Mapping[str, NDArray[Any]],
+    geometry: GridGeometry | None = None,
+    *,
+    tags: Mapping[str, str] | None = None,
+    wkt: str | None = None,
+) -> bytes:
+    """Bytes of a deflated GeoTIFF of float32 bands ``(rows, cols)``; without a geometry pixels are pixels."""
+    import rasterio
+    from rasterio.io import MemoryFile
+
+    if not bands:
+        raise InputError("no bands to write")
+    rows, cols = next(iter(bands.values())).shape
+    profile: dict[str, Any] = {
+        "driver": "GTiff",
+        "dtype": "float32",
+        "count": len(bands),
+        "height": rows,
+        "width": cols,
+        "nodata": np.nan,
+        "compress": "deflate",
+        "predictor": 3,
+        "tiled": True,
+        "blockxsize": 256,
+        "blockysize": 256,
+    }
+    if geometry is not None:
+        r = geometry.resolution_m
+        profile["transform"] = rasterio.Affine(r, 0.0, geometry.xmin_m, 0.0, -r, geometry.ymax_m)
+        profile["crs"] = rasterio.crs.CRS.from_wkt(wkt or engineering_crs(geometry.frame))
+    with _quietly(), MemoryFile() as memory:
+        with memory.open(**profile) as file:
+            for index, (name, band) in enumerate(bands.items(), start=1):
+                file.write(np.asarray(band, dtype=np.float32), index)
+                file.set_band_description(index, name)
+            file.update_tags(AREA_OR_POINT="Area", **(tags or {}))
+        return bytes(memory.read())
+
+
+def read_bands(
+    source: Readable | Source,
+) -> tuple[dict[str, NDArray[np.float32]], tuple[float, float, float], dict[str, str]]:
+    """Bands by name (``band1`` … where they have none; nodata as NaN), ``(resolution, xmin, ymax)``, and tags.
+
+    Raises
+    ------
+    CodecError
+        If it is no raster, has more than 2**30 cells, or its cells are not square and in rows from the top.
+    """
+    import rasterio
+    from rasterio.io import MemoryFile
+
+    s = load(source)
+    try:
+        with _quietly(), MemoryFile(s.data) as memory, memory.open() as file:
+            if file.width * file.height * file.count > MAX_CELLS:
+                raise s.error(
+                    f"{file.count} bands of {file.height} x {file.width}, expected at most {MAX_CELLS} values"
+                )
+            t = file.transform
+            if t.b or t.d or (abs(t.a + t.e) > 1e-9 * abs(t.a) and not t.is_identity):
+                raise s.error(f"transform {tuple(t)[:6]}: expected square cells, row 0 at the top")
+            names = [d or f"band{i}" for i, d in enumerate(file.descriptions, start=1)]
+            if len(set(names)) != len(names):
+                names = [f"band{i}" for i in range(1, file.count + 1)]
+            stack = file.read(masked=True).astype(np.float32).filled(np.nan)
+            tags = {str(k): str(v) for k, v in file.tags().items()}
+            # GDAL has turned pixel-is-point into areas already.
+            placement = (float(t.a), float(t.c), float(t.f))
+    except rasterio.errors.RasterioError as error:
+        raise s.error(f"no readable raster: {error}") from error
+    return dict(zip(names, stack, strict=True)), placement, tags
+
+
+@contextmanager
+def _quietly() -> Iterator[None]:
+    """Without rasterio's warning on rasters that lie nowhere."""
+    from rasterio.errors import NotGeoreferencedWarning
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        yield

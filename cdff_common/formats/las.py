@@ -1,0 +1,84 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""LAS 1.0 to 1.4, ASPRS's airborne lidar format, uncompressed: coordinates, intensity and colour of every point.
+
+LAS Specification 1.4-R15, American Society for Photogrammetry and Remote Sensing (2019).
+"""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.formats.cloud import CloudArrays
+from cdff_common.formats.source import Readable, load
+
+_COLOR_OFFSET = {2: 20, 3: 28, 5: 28, 7: 30, 8: 30, 10: 30}
+_LEAST_RECORD = {0: 20, 1: 28, 2: 26, 3: 34, 4: 57, 5: 63, 6: 30, 7: 36, 8: 38, 9: 59, 10: 67}
+_LEGACY_HEADER_BYTES = 227
+
+
+def read_las(source: Readable) -> CloudArrays:
+    """Read every point, metres as scale and offset of the header say; raises CodecError, also on compressed LAZ."""
+    s = load(source)
+    if not s.data.startswith(b"LASF") or len(s.data) < _LEGACY_HEADER_BYTES:
+        raise s.error("no LAS header")
+    minor = s.data[25]
+    (start,) = struct.unpack_from("<I", s.data, 96)
+    kind, record = struct.unpack_from("<BH", s.data, 104)
+    (count,) = struct.unpack_from("<I", s.data, 107)
+    scale, offset = struct.unpack_from("<3d", s.data, 131), struct.unpack_from("<3d", s.data, 155)
+    if kind & 0xC0:
+        raise s.error("compressed points (LAZ), expected LAS; decompress it first, with laszip or pdal translate")
+    if minor >= 4 and len(s.data) >= 375 and count == 0:
+        (count,) = struct.unpack_from("<Q", s.data, 247)
+    if kind not in _LEAST_RECORD or record < _LEAST_RECORD[kind]:
+        raise s.error(f"point format {kind} with records of {record} bytes, expected format 0 to 10")
+    if start + count * record > len(s.data):
+        raise s.error(f"ends after {len(s.data)} bytes, expected {start + count * record} for {count} points")
+    raw = np.frombuffer(s.data, np.uint8, count * record, start).reshape(count, record)
+    xyz = np.ascontiguousarray(raw[:, :12]).view("<i4").reshape(count, 3)
+    points = xyz * np.array(scale) + np.array(offset)
+    if not np.all(np.isfinite(points)):
+        raise s.error(f"scale {scale} and offset {offset}: expected finite numbers")
+    intensity = np.ascontiguousarray(raw[:, 12:14]).view("<u2").reshape(count).astype(np.float64)
+    return CloudArrays(points, intensity, _colors(raw, kind))
+
+
+def write_las(cloud: CloudArrays, *, scale_m: float = 0.001) -> bytes:
+    """Bytes of a LAS 1.2 file, point format 0 (2 with colours); coordinates rounded to ``scale_m``."""
+    n = len(cloud.points_m)
+    offset = np.floor(np.nan_to_num(cloud.points_m.min(axis=0))) if n else np.zeros(3)
+    ticks = np.rint((cloud.points_m - offset) / scale_m)
+    s = load(b"")
+    if not np.all(np.isfinite(ticks)) or (n and np.abs(ticks).max() >= 1 << 31):
+        raise s.error(f"points that are not finite or too far apart for LAS at {scale_m} m")
+    kind, record = (0, 20) if cloud.colors is None else (2, 26)
+    raw = np.zeros((n, record), np.uint8)
+    raw[:, :12] = ticks.astype("<i4").view(np.uint8).reshape(n, 12)
+    if cloud.intensity is not None:
+        raw[:, 12:14] = np.clip(cloud.intensity, 0, 65535).astype("<u2").view(np.uint8).reshape(n, 2)
+    raw[:, 14] = 0b00_001_001  # return 1 of 1
+    if cloud.colors is not None:
+        raw[:, 20:26] = (cloud.colors.astype("<u2") * 257).view(np.uint8).reshape(n, 6)
+    low = cloud.points_m.min(axis=0) if n else np.zeros(3)
+    high = cloud.points_m.max(axis=0) if n else np.zeros(3)
+    head = bytearray(_LEGACY_HEADER_BYTES)
+    head[0:4], head[24:26] = b"LASF", bytes((1, 2))
+    head[58:62] = b"CDFF"
+    struct.pack_into("<HII", head, 94, _LEGACY_HEADER_BYTES, _LEGACY_HEADER_BYTES, 0)
+    struct.pack_into("<BHI5I", head, 104, kind, record, n, n, 0, 0, 0, 0)
+    bounds = [v for axis in range(3) for v in (high[axis], low[axis])]
+    struct.pack_into("<12d", head, 131, scale_m, scale_m, scale_m, *offset, *bounds)
+    return bytes(head) + raw.tobytes()
+
+
+def _colors(raw: NDArray[np.uint8], kind: int) -> NDArray[np.uint8] | None:
+    if kind not in _COLOR_OFFSET:
+        return None
+    at = _COLOR_OFFSET[kind]
+    wide = np.ascontiguousarray(raw[:, at : at + 6]).view("<u2").reshape(-1, 3)
+    # Some writers put 8-bit colours into the 16-bit fields.
+    return (wide if wide.size and wide.max() < 256 else wide >> 8).astype(np.uint8)

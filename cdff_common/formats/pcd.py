@@ -1,0 +1,163 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""PCD 0.7, the Point Cloud Library's format: ascii, binary and binary_compressed (LZF).
+
+https://pointclouds.org/documentation/tutorials/pcd_file_format.html
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.formats.cloud import CloudArrays
+from cdff_common.formats.lzf import lzf_decompress
+from cdff_common.formats.source import Readable, Source, load
+
+_HEADER_LIMIT = 1 << 16
+_KINDS = {"F": "f", "I": "i", "U": "u"}
+
+
+@dataclass(frozen=True, slots=True)
+class _Header:
+    fields: tuple[tuple[str, str, int], ...]
+    points: int
+    layout: str
+    start: int
+
+    @property
+    def dtype(self) -> np.dtype[np.void]:
+        columns = [(f"{name}@{i}", f"<{kind}", (count,)) for i, (name, kind, count) in enumerate(self.fields)]
+        return np.dtype(columns)
+
+
+def read_pcd(source: Readable) -> CloudArrays:
+    """Read a PCD file; raises CodecError naming the file and what is wrong with it."""
+    s = load(source)
+    header = _header(s)
+    read = {"ascii": _ascii, "binary": _binary, "binary_compressed": _compressed}[header.layout]
+    return CloudArrays.from_columns(_with_colors(read(s, header)), s.name)
+
+
+def write_pcd(cloud: CloudArrays, *, layout: str = "binary") -> bytes:
+    """Bytes of a PCD 0.7 file, float32 coordinates; ``layout`` is ``binary`` or ``ascii``."""
+    columns = cloud.columns()
+    if cloud.colors is not None:
+        c = cloud.colors.astype(np.uint32)
+        for name in ("red", "green", "blue"):
+            del columns[name]
+        columns["rgb"] = (c[:, 0] << 16 | c[:, 1] << 8 | c[:, 2]).view(np.float32)
+    renamed = {{"nx": "normal_x", "ny": "normal_y", "nz": "normal_z"}.get(k, k): v for k, v in columns.items()}
+    n = len(cloud.points_m)
+    head = (
+        "\n".join(
+            [
+                "# .PCD v0.7 - Point Cloud Data file format",
+                "VERSION 0.7",
+                f"FIELDS {' '.join(renamed)}",
+                f"SIZE {' '.join('4' for _ in renamed)}",
+                f"TYPE {' '.join('F' for _ in renamed)}",
+                f"COUNT {' '.join('1' for _ in renamed)}",
+                f"WIDTH {n}",
+                "HEIGHT 1",
+                "VIEWPOINT 0 0 0 1 0 0 0",
+                f"POINTS {n}",
+                f"DATA {layout}",
+            ]
+        )
+        + "\n"
+    )
+    table = np.stack([np.asarray(v, dtype=np.float32) for v in renamed.values()], axis=1)
+    if layout == "ascii":
+        return (head + "".join(" ".join(f"{v:.9g}" for v in row) + "\n" for row in table.tolist())).encode()
+    return head.encode() + table.astype("<f4").tobytes()
+
+
+def _header(s: Source) -> _Header:
+    words: dict[str, list[str]] = {}
+    position = 0
+    while position < min(len(s.data), _HEADER_LIMIT) and "DATA" not in words:
+        end = s.data.find(b"\n", position)
+        if end < 0:
+            break
+        line = s.data[position:end].decode("latin-1").split("#")[0].split()
+        if line:
+            words[line[0]] = line[1:]
+        position = end + 1
+    if not {"FIELDS", "SIZE", "TYPE", "DATA"} <= set(words):
+        raise s.error("no PCD header with FIELDS, SIZE, TYPE and DATA")
+    names = words["FIELDS"]
+    try:
+        counts = [int(c) for c in words.get("COUNT", ["1"] * len(names))]
+        kinds = [f"{_KINDS[t]}{int(size)}" for t, size in zip(words["TYPE"], words["SIZE"], strict=True)]
+        points = int(words["POINTS"][0]) if "POINTS" in words else int(words["WIDTH"][0]) * int(words["HEIGHT"][0])
+        fields = tuple(zip(names, kinds, counts, strict=True))
+        header = _Header(fields, points, words["DATA"][0], position)
+        row_bytes = header.dtype.itemsize
+    except (KeyError, ValueError, IndexError, TypeError) as error:
+        raise s.error(f"PCD header cannot be understood: {error}") from error
+    if header.layout not in ("ascii", "binary", "binary_compressed"):
+        raise s.error(f"DATA {header.layout}, expected ascii, binary or binary_compressed")
+    if points < 0 or any(c < 1 for c in counts) or row_bytes == 0:
+        raise s.error(f"POINTS {points}, COUNT {counts}: expected none negative")
+    return header
+
+
+def _binary(s: Source, header: _Header) -> dict[str, NDArray[np.generic]]:
+    need = header.start + header.points * header.dtype.itemsize
+    if need > len(s.data):
+        raise s.error(f"ends after {len(s.data)} bytes, expected {need} for {header.points} points")
+    table = np.frombuffer(s.data, header.dtype, header.points, header.start)
+    return {name: table[f"{name}@{i}"][:, 0] for i, (name, _, _) in enumerate(header.fields)}
+
+
+def _compressed(s: Source, header: _Header) -> dict[str, NDArray[np.generic]]:
+    if header.start + 8 > len(s.data):
+        raise s.error("ends before the sizes of its compressed block")
+    packed, unpacked = struct.unpack_from("<II", s.data, header.start)
+    expected = header.points * header.dtype.itemsize
+    if unpacked != expected or header.start + 8 + packed > len(s.data):
+        raise s.error(f"block of {packed} bytes for {unpacked}, expected {expected} for {header.points} points")
+    block = lzf_decompress(s.data[header.start + 8 : header.start + 8 + packed], unpacked, s.name)
+    columns: dict[str, NDArray[np.generic]] = {}
+    offset = 0
+    for name, kind, count in header.fields:  # column by column
+        values = np.frombuffer(block, f"<{kind}", header.points * count, offset)
+        columns[name] = values.reshape(header.points, count)[:, 0]
+        offset += values.nbytes
+    return columns
+
+
+def _ascii(s: Source, header: _Header) -> dict[str, NDArray[np.generic]]:
+    width = sum(count for _, _, count in header.fields)
+    try:
+        values = np.array(s.data[header.start :].split(), dtype=np.float64)
+    except ValueError as error:
+        raise s.error(f"a point holds something that is no number: {error}") from error
+    if values.size != header.points * width:
+        raise s.error(f"{values.size} numbers, expected {header.points} points of {width}")
+    table = values.reshape(header.points, width)
+    columns: dict[str, NDArray[np.generic]] = {}
+    position = 0
+    for name, kind, count in header.fields:
+        columns[name] = table[:, position].astype(kind if name not in ("rgb", "rgba") else "f8")
+        position += count
+    return columns
+
+
+def _with_colors(columns: dict[str, NDArray[np.generic]]) -> dict[str, NDArray[np.generic]]:
+    """Unpack PCL's ``rgb``: 0x00RRGGBB as an integer, or those bits in a float32."""
+    packed = columns.get("rgb", columns.get("rgba"))
+    if packed is None:
+        return columns
+    if packed.dtype.itemsize == 8:  # ascii: an integer written out, or the float's value
+        as_float = np.asarray(packed, dtype=np.float64)
+        whole = bool(np.all(as_float == np.floor(as_float))) and bool(np.any(as_float >= 1.0))
+        bits = as_float.astype(np.uint32) if whole else as_float.astype(np.float32).view(np.uint32)
+    else:
+        bits = np.ascontiguousarray(packed).view(np.uint32)
+    channels = {"red": bits >> 16 & 255, "green": bits >> 8 & 255, "blue": bits & 255}
+    return {**columns, **{name: c.astype(np.uint8) for name, c in channels.items()}}

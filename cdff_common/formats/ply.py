@@ -1,0 +1,159 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""PLY, the Stanford polygon file format 1.0: vertices of ascii and binary files of either byte order.
+
+Elements before the vertices are skipped if they have no lists; what follows them (faces, PCL's camera) is not read.
+Turk, G. (1994), "The PLY polygon file format".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.formats.cloud import CloudArrays
+from cdff_common.formats.source import Readable, Source, load
+
+_TYPES = {
+    "char": "i1",
+    "int8": "i1",
+    "uchar": "u1",
+    "uint8": "u1",
+    "short": "i2",
+    "int16": "i2",
+    "ushort": "u2",
+    "uint16": "u2",
+    "int": "i4",
+    "int32": "i4",
+    "uint": "u4",
+    "uint32": "u4",
+    "float": "f4",
+    "float32": "f4",
+    "double": "f8",
+    "float64": "f8",
+}
+_NAMES = {
+    "i1": "char",
+    "u1": "uchar",
+    "i2": "short",
+    "u2": "ushort",
+    "i4": "int",
+    "u4": "uint",
+    "f4": "float",
+    "f8": "double",
+}
+_ORDER = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_HEADER_LIMIT = 1 << 16
+
+
+@dataclass(slots=True)
+class _Element:
+    name: str
+    count: int
+    properties: list[tuple[str, str]] = field(default_factory=list)
+    has_list: bool = False
+
+
+def read_ply(source: Readable) -> CloudArrays:
+    """Read the vertices of a PLY file.
+
+    Raises
+    ------
+    CodecError
+        Naming the file, if it is no PLY, has no vertices, or ends before they do.
+    """
+    s = load(source)
+    layout, elements, start = _header(s)
+    vertex = next((e for e in elements if e.name == "vertex"), None)
+    if vertex is None:
+        raise s.error(f"has the elements {', '.join(e.name for e in elements) or 'none'}, expected vertex among them")
+    if vertex.has_list:
+        raise s.error("vertices with list properties, expected scalars")
+    before = elements[: elements.index(vertex)]
+    if layout == "ascii":
+        columns = _ascii_columns(s, start, sum(e.count for e in before), vertex)
+    else:
+        if any(e.has_list for e in before):
+            raise s.error("an element with lists lies before the vertices, expected vertices first")
+        offset = start + sum(e.count * _dtype(e, layout).itemsize for e in before)
+        columns = _binary_columns(s, offset, _dtype(vertex, layout), vertex.count)
+    return CloudArrays.from_columns(columns, s.name)
+
+
+def write_ply(cloud: CloudArrays, *, ascii_text: bool = False, comments: Mapping[str, str] | None = None) -> bytes:
+    """Bytes of a PLY file: float32 coordinates, little-endian unless ``ascii_text``; comments as ``name value``."""
+    columns = cloud.columns()
+    lines = ["ply", f"format {'ascii' if ascii_text else 'binary_little_endian'} 1.0"]
+    lines += [f"comment {name} {' '.join(value.split())}" for name, value in (comments or {}).items()]
+    lines.append(f"element vertex {len(cloud.points_m)}")
+    lines += [f"property {_NAMES[c.dtype.str[1:]]} {name}" for name, c in columns.items()]
+    head = ("\n".join([*lines, "end_header"]) + "\n").encode("ascii", "replace")
+    if ascii_text:
+        rows = zip(*(c.tolist() for c in columns.values()), strict=True)
+        return head + "".join(" ".join(f"{v:.9g}" for v in row) + "\n" for row in rows).encode()
+    table = np.empty(len(cloud.points_m), dtype=[(name, c.dtype.newbyteorder("<")) for name, c in columns.items()])
+    for name, column in columns.items():
+        table[name] = column
+    return head + table.tobytes()
+
+
+def _header(s: Source) -> tuple[str, list[_Element], int]:
+    if not s.data.startswith((b"ply\n", b"ply\r")):
+        raise s.error("does not begin with ply")
+    end = s.data.find(b"end_header", 0, _HEADER_LIMIT)
+    newline = s.data.find(b"\n", end) if end >= 0 else -1
+    if newline < 0:
+        raise s.error(f"no end_header within {_HEADER_LIMIT} bytes")
+    layout, elements = "", []
+    for line in s.data[:end].decode("latin-1").splitlines():
+        words = line.split()
+        try:
+            if words[:1] == ["format"]:
+                layout = words[1]
+            elif words[:1] == ["element"]:
+                elements.append(_Element(words[1], int(words[2])))
+            elif words[:1] == ["property"] and words[1] == "list":
+                elements[-1].has_list = True
+            elif words[:1] == ["property"]:
+                elements[-1].properties.append((words[2], _TYPES[words[1]]))
+        except (IndexError, KeyError, ValueError) as error:
+            raise s.error(f"header line {line!r} cannot be understood") from error
+    if layout not in _ORDER:
+        raise s.error(f"format {layout!r}, expected one of {', '.join(_ORDER)}")
+    if any(e.count < 0 for e in elements):
+        raise s.error("an element has a negative count")
+    for e in elements:
+        if len({name for name, _ in e.properties}) != len(e.properties):
+            raise s.error(f"element {e.name} names a property twice")
+    return layout, elements, newline + 1
+
+
+def _dtype(element: _Element, layout: str) -> np.dtype[np.void]:
+    return np.dtype([(name, _ORDER[layout] + kind) for name, kind in element.properties])
+
+
+def _binary_columns(s: Source, offset: int, dtype: np.dtype[np.void], count: int) -> dict[str, NDArray[np.generic]]:
+    if offset + count * dtype.itemsize > len(s.data):
+        raise s.error(
+            f"ends after {len(s.data)} bytes, expected {offset + count * dtype.itemsize} for {count} vertices"
+        )
+    table = np.frombuffer(s.data, dtype, count, offset)
+    return {name: table[name] for name in dtype.names or ()}
+
+
+def _ascii_columns(s: Source, start: int, skip: int, vertex: _Element) -> dict[str, NDArray[np.generic]]:
+    lines = s.data[start:].split(b"\n", skip + vertex.count)[skip : skip + vertex.count]
+    if len(lines) < vertex.count:
+        raise s.error(f"ends after {len(lines)} of {vertex.count} vertices")
+    try:
+        values = np.array(b" ".join(lines).split(), dtype=np.float64)
+    except ValueError as error:
+        raise s.error(f"a vertex holds something that is no number: {error}") from error
+    width = len(vertex.properties)
+    if values.size != vertex.count * width:
+        raise s.error(f"{values.size} numbers, expected {vertex.count} vertices of {width}")
+    table = values.reshape(vertex.count, width)
+    return {name: table[:, i].astype(kind) for i, (name, kind) in enumerate(vertex.properties)}

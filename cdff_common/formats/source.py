@@ -1,0 +1,43 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Where the bytes of a file come from, and what messages call it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from cdff_common.errors import CodecError, InputError
+
+Readable = bytes | str | Path
+
+#: Larger files are refused: none of these formats is read in pieces.
+LIMIT_BYTES = 4 << 30
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Source:
+    """Bytes and the name that messages give them."""
+
+    data: bytes
+    name: str
+
+    def error(self, expected: str) -> CodecError:
+        """An error that names the file and what was expected of it."""
+        return CodecError(f"{self.name}: {expected}")
+
+
+def load(source: Readable | Source) -> Source:
+    """Read a path whole, or take bytes as they are; raises InputError naming the path."""
+    if isinstance(source, Source):
+        return source
+    if isinstance(source, bytes):
+        return Source(source, f"{len(source)} bytes")
+    path = Path(source)
+    try:
+        size = path.stat().st_size
+        if size > LIMIT_BYTES:
+            raise InputError(f"{path}: {size} bytes, expected at most {LIMIT_BYTES}")
+        return Source(path.read_bytes(), str(path))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error

@@ -1,0 +1,58 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Drop points that are too near, too far, or on the robot itself."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from cdff_common.errors import InputError
+from cdff_common.geometry.points import checked_points
+from cdff_common.interfaces.dfn import DfnConfig
+from cdff_core.dfns.point_cloud_filtering._interface import (
+    PointCloudFilteringInputs,
+    PointCloudFilteringInterface,
+    PointCloudFilteringOutputs,
+)
+
+
+class RangeFilterConfig(DfnConfig):
+    """Limits in the frame of the points."""
+
+    min_range_m: float = Field(0.0, ge=0.0, description="Nearest range kept, metres")
+    max_range_m: float = Field(1e6, gt=0.0, description="Farthest range kept, metres")
+    self_mask_m: tuple[float, float, float, float, float, float] | None = Field(
+        None, description="xmin ymin zmin xmax ymax zmax of the robot, metres"
+    )
+
+    @model_validator(mode="after")
+    def _in_order(self) -> RangeFilterConfig:
+        if self.min_range_m >= self.max_range_m:
+            raise ValueError(f"min_range_m {self.min_range_m} is not below max_range_m {self.max_range_m}")
+        box = self.self_mask_m
+        if box is not None and any(low >= high for low, high in zip(box[:3], box[3:], strict=True)):
+            raise ValueError(f"self_mask_m {box}: each minimum must lie below its maximum")
+        return self
+
+
+class RangeFilter(PointCloudFilteringInterface):
+    """Keep finite points within a range of the origin and outside the robot's box."""
+
+    Config: ClassVar[type[DfnConfig]] = RangeFilterConfig
+
+    def process(self, inputs: PointCloudFilteringInputs) -> PointCloudFilteringOutputs:
+        """Return the points within the limits; raises InputError if none is left."""
+        p = checked_points(inputs.points, finite=False)
+        with np.errstate(invalid="ignore", over="ignore"):
+            range_m = np.linalg.norm(p, axis=1)
+            keep = (range_m >= self.config.min_range_m) & (range_m <= self.config.max_range_m)
+            if self.config.self_mask_m is not None:
+                low, high = np.array(self.config.self_mask_m[:3]), np.array(self.config.self_mask_m[3:])
+                keep &= ~np.all((p >= low) & (p <= high), axis=1)
+        kept = np.flatnonzero(keep)
+        if not len(kept):
+            raise InputError(f"points: none of {len(p)} is finite and within the limits {self.config}")
+        return PointCloudFilteringOutputs(filtered_points=p[kept], kept=kept.astype(np.int64))

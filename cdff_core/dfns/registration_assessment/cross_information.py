@@ -1,0 +1,156 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Judge an alignment by the structure that both clouds agree on."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from cdff_common.errors import RefusedError
+from cdff_common.geometry import se3
+from cdff_common.geometry.points import checked_points, checked_transform
+from cdff_common.interfaces.dfn import DfnConfig
+from cdff_core.dfns.registration_assessment._interface import (
+    RegistrationAssessmentInputs,
+    RegistrationAssessmentInterface,
+    RegistrationAssessmentOutputs,
+)
+
+FloatArray = NDArray[np.float64]
+
+_LEAST_PAIRS = 20
+
+
+class CrossInformationConfig(DfnConfig):
+    """Gate of the overlap and what the covariance is made of."""
+
+    gate_m: float | None = Field(None, gt=0.0, description="Gate of the overlap, metres; absent: gate_spacings")
+    gate_spacings: float = Field(2.5, ge=1.0, le=50.0, description="Gate in median point spacings of the sparser cloud")
+    tukey: float = Field(3.0, ge=1.0, le=10.0, description="Tukey's constant in robust standard deviations")
+    cell_gates: float = Field(
+        4.0, ge=1.0, le=100.0, description="Edge of cells that count as one measurement, in gates"
+    )
+    covariance_inflation: float = Field(4.0, ge=1.0, le=1e4, description="Factor on the covariance")
+    floor_spacings: float = Field(0.02, ge=0.0, le=1.0, description="Least sigma of a translation, in spacings")
+
+
+class CrossInformation(RegistrationAssessmentInterface):
+    """Overlap from both sides, clustered covariance, and agreement of the two clouds along each direction of the pose.
+
+    Notes
+    -----
+    The information of point-to-plane pairs is ``H = E[J J^T]``, ``J = [n, (p-c)/r x n]``. Where the ground is flat,
+    noise of the normals feigns information in the free directions. Noise of two clouds is independent, so the
+    cross-information ``X = E[J_target J_source^T]``, with each cloud's own normals, is free of it: along an
+    eigenvector v of H the ratio ``v^T X v / v^T H v`` is near 1 for structure seen by both, near 0 for a free
+    direction and for a wrong alignment that slid along it. The covariance is the sandwich ``H^-1 B H^-1`` with B
+    summed over cells, since neighbouring residuals are not independent (Liang and Zeger 1986,
+    doi:10.1093/biomet/73.1.13), inflated.
+    """
+
+    Config: ClassVar[type[DfnConfig]] = CrossInformationConfig
+
+    def process(self, inputs: RegistrationAssessmentInputs) -> RegistrationAssessmentOutputs:
+        """Return the judgement; raises InputError, or RefusedError (no_overlap) when hardly a point has a neighbour."""
+        from scipy.spatial import cKDTree
+
+        cfg: Any = self.config
+        target = checked_points(inputs.target, "target", _LEAST_PAIRS)
+        target_normals = checked_points(inputs.target_normals, "target_normals", len(target))
+        T = checked_transform(inputs.transform)
+        source = se3.transform_points(T, checked_points(inputs.source, "source", _LEAST_PAIRS))
+        source_normals = checked_points(inputs.source_normals, "source_normals", len(source)) @ T[:3, :3].T
+        target_tree, source_tree = cKDTree(target), cKDTree(source)
+        spacing_m = max(_spacing_m(target_tree), _spacing_m(source_tree))
+        gate_m = cfg.gate_m or cfg.gate_spacings * spacing_m
+        distance_m, match = target_tree.query(source, distance_upper_bound=gate_m)
+        back_m, _ = source_tree.query(target, distance_upper_bound=gate_m)
+        paired = np.isfinite(distance_m)
+        if np.count_nonzero(paired) < _LEAST_PAIRS:
+            raise RefusedError(
+                f"{np.count_nonzero(paired)} of {len(source)} points overlap within {gate_m:.3g} m", ["no_overlap"]
+            )
+        p, match = source[paired], match[paired]
+        n_target, n_source = target_normals[match], source_normals[paired]
+        n_source = n_source * np.where(np.einsum("ij,ij->i", n_source, n_target) < 0.0, -1.0, 1.0)[:, None]
+        residual_m = np.einsum("ij,ij->i", p - target[match], n_target)
+        weight = _tukey(residual_m, cfg.tukey)
+        centre = np.average(p, axis=0, weights=weight)
+        offset = p - centre
+        radius_m = max(float(np.sqrt(np.average(np.sum(offset**2, axis=1), weights=weight))), 1e-9)
+        J_target, J_source = _jacobian(offset / radius_m, n_target), _jacobian(offset / radius_m, n_source)
+        information, directions, agreement = _agreement(J_target, J_source, weight)
+        covariance = _clustered_covariance(J_target, residual_m, weight, p, cfg.cell_gates * gate_m)
+        floor_m2 = (cfg.floor_spacings * spacing_m) ** 2
+        covariance = cfg.covariance_inflation * covariance + floor_m2 * np.eye(6)
+        return RegistrationAssessmentOutputs(
+            covariance=_about_origin(covariance, centre, radius_m, T),
+            overlap_source=np.array(np.mean(paired)),
+            overlap_target=np.array(np.mean(np.isfinite(back_m))),
+            inlier_ratio=np.array(np.mean(weight > 0.0)),
+            rms_m=np.array(np.sqrt(np.average(residual_m**2, weights=weight))),
+            gate_m=np.array(gate_m),
+            centre_m=centre,
+            radius_m=np.array(radius_m),
+            information=information,
+            agreement=agreement,
+            directions=directions,
+        )
+
+
+def _spacing_m(tree: Any) -> float:
+    distance_m, _ = tree.query(tree.data[:: max(1, tree.n // 5000)], k=2)
+    return max(float(np.median(distance_m[:, 1])), 1e-9)
+
+
+def _tukey(residual_m: FloatArray, constant: float) -> FloatArray:
+    scale_m = max(1.4826 * float(np.median(np.abs(residual_m))), 1e-9)
+    u = residual_m / (constant * scale_m)
+    return np.where(np.abs(u) < 1.0, (1.0 - u * u) ** 2, 0.0)
+
+
+def _jacobian(offset: FloatArray, normals: FloatArray) -> FloatArray:
+    """Rows ``[n, offset x n]`` (n, 6): derivatives of the plane distances by shift and turn about the centre."""
+    return np.hstack([normals, np.cross(offset, normals)])
+
+
+def _agreement(
+    J_target: FloatArray, J_source: FloatArray, weight: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Eigenvalues of the information, its eigenvectors as rows, and the share of each that both clouds agree on."""
+    share = weight / weight.sum()
+    mean = 0.5 * ((J_target * share[:, None]).T @ J_target + (J_source * share[:, None]).T @ J_source)
+    cross = (J_target * share[:, None]).T @ J_source
+    information, vectors = np.linalg.eigh(mean)
+    information = np.maximum(information, 1e-12)
+    agreement = np.einsum("ij,ik,kj->j", vectors, cross, vectors) / information
+    return information, np.ascontiguousarray(vectors.T), agreement
+
+
+def _clustered_covariance(
+    J: FloatArray, residual_m: FloatArray, weight: FloatArray, points: FloatArray, cell_m: float
+) -> FloatArray:
+    """Sandwich covariance (6, 6) about the centre, rotations in units of the radius, square metres."""
+    H = (J * weight[:, None]).T @ J
+    cells = np.floor((points - points.min(axis=0)) / cell_m).astype(np.int64)
+    _, cell = np.unique(cells, axis=0, return_inverse=True)
+    score = J * (weight * residual_m)[:, None]
+    summed = np.stack([np.bincount(cell.ravel(), weights=score[:, column]) for column in range(6)], axis=1)
+    H_inverse = np.linalg.inv(H + 1e-9 * np.trace(H) * np.eye(6))
+    return np.asarray(H_inverse @ (summed.T @ summed) @ H_inverse)
+
+
+def _about_origin(covariance: FloatArray, centre: FloatArray, radius_m: float, T: FloatArray) -> FloatArray:
+    """Covariance of ``[t, phi]`` of the transform from that of a shift and turn about the centre.
+
+    A shift d and turn phi about c move the translation by ``d + phi x (t - c)``.
+    """
+    S = np.diag([1.0, 1.0, 1.0, 1.0 / radius_m, 1.0 / radius_m, 1.0 / radius_m])
+    A = np.eye(6)
+    A[:3, 3:] = -se3.skew(T[:3, 3] - centre)
+    full = A @ S @ covariance @ S @ A.T
+    return np.asarray(0.5 * (full + full.T))

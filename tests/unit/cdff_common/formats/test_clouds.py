@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Point cloud files: what is written is read back, and what is broken is named."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdff_common.errors import CodecError, InputError
+from cdff_common.formats.cloud import CloudArrays
+from cdff_common.formats.detect import detect
+from cdff_common.formats.kitti_bin import read_kitti_bin, write_kitti_bin
+from cdff_common.formats.las import read_las, write_las
+from cdff_common.formats.lzf import lzf_decompress
+from cdff_common.formats.pcd import read_pcd, write_pcd
+from cdff_common.formats.ply import read_ply, write_ply
+
+
+@pytest.fixture
+def cloud(rng: np.random.Generator) -> CloudArrays:
+    return CloudArrays.of(
+        rng.uniform(-50, 50, (100, 3)),
+        rng.integers(0, 255, 100),
+        rng.integers(0, 256, (100, 3)),
+        rng.normal(size=(100, 3)),
+    )
+
+
+@pytest.mark.parametrize("ascii_text", [False, True])
+def test_a_ply_file_gives_back_what_was_written(cloud: CloudArrays, ascii_text: bool) -> None:
+    data = write_ply(cloud, ascii_text=ascii_text, comments={"frame": "site"})
+    back = read_ply(data)
+    assert detect(data) == "ply"
+    np.testing.assert_allclose(back.points_m, cloud.points_m, atol=1e-5)
+    np.testing.assert_array_equal(back.colors, cloud.colors)
+    np.testing.assert_allclose(back.intensity, cloud.intensity)
+    np.testing.assert_allclose(back.normals, cloud.normals, atol=1e-6)
+
+
+@pytest.mark.parametrize("layout", ["binary", "ascii"])
+def test_a_pcd_file_gives_back_what_was_written(cloud: CloudArrays, layout: str) -> None:
+    data = write_pcd(cloud, layout=layout)
+    back = read_pcd(data)
+    assert detect(data) == "pcd"
+    np.testing.assert_allclose(back.points_m, cloud.points_m, atol=1e-5)
+    np.testing.assert_allclose(back.intensity, cloud.intensity)
+    if layout == "binary":
+        np.testing.assert_array_equal(back.colors, cloud.colors)
+
+
+def test_a_las_file_keeps_millimetres_intensity_and_colour(cloud: CloudArrays) -> None:
+    data = write_las(cloud)
+    back = read_las(data)
+    assert detect(data) == "las"
+    np.testing.assert_allclose(back.points_m, cloud.points_m, atol=5.1e-4)
+    np.testing.assert_array_equal(back.intensity, cloud.intensity)
+    np.testing.assert_array_equal(back.colors, cloud.colors)
+
+
+def test_a_kitti_scan_is_recognised_without_a_header(cloud: CloudArrays) -> None:
+    scan = CloudArrays.of(cloud.points_m, np.linspace(0, 1, 100))
+    data = write_kitti_bin(scan)
+    assert detect(data) == "bin"
+    np.testing.assert_allclose(read_kitti_bin(data).points_m, cloud.points_m, atol=1e-5)
+
+
+def test_a_compressed_pcd_is_read() -> None:
+    xyz = np.arange(12, dtype="<f4").reshape(4, 3)
+    block = xyz.T.tobytes()  # column by column
+    packed = b"".join(bytes([len(block[i : i + 32]) - 1]) + block[i : i + 32] for i in range(0, len(block), 32))
+    head = b"VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 4\nHEIGHT 1\nDATA binary_compressed\n"
+    data = head + struct.pack("<II", len(packed), len(block)) + packed
+    np.testing.assert_array_equal(read_pcd(data).points_m, xyz)
+
+
+def test_lzf_repeats_what_a_reference_says() -> None:
+    assert lzf_decompress(bytes([1]) + b"ab" + bytes([0b100_00000, 1]), 8) == b"abababab"
+
+
+@pytest.mark.parametrize("packed", [bytes([0b100_00000, 1]), bytes([31]), bytes([1]) + b"ab"])
+def test_malformed_lzf_is_refused(packed: bytes) -> None:
+    with pytest.raises(CodecError, match="LZF"):
+        lzf_decompress(packed, 8)
+
+
+def test_a_header_that_promises_more_than_the_file_holds_allocates_nothing(cloud: CloudArrays) -> None:
+    data = write_ply(cloud).replace(b"vertex 100", b"vertex 99999999999")
+    with pytest.raises(CodecError, match="99999999999 vertices"):
+        read_ply(data)
+    with pytest.raises(CodecError, match="points"):
+        read_pcd(write_pcd(cloud).replace(b"POINTS 100", b"POINTS 99999999999"))
+
+
+def test_a_broken_file_is_named_with_its_path(tmp_path: Path) -> None:
+    path = tmp_path / "broken.ply"
+    path.write_bytes(b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nend_header\n")
+    with pytest.raises(CodecError, match=r"broken\.ply"):
+        read_ply(path)
+    with pytest.raises(InputError, match=r"absent\.ply"):
+        read_ply(tmp_path / "absent.ply")
+    (tmp_path / "noise").write_bytes(bytes(range(256)) * 3)
+    with pytest.raises(CodecError, match="not recognised"):
+        detect(tmp_path / "noise")
+
+
+def test_compressed_las_is_refused_with_what_to_do(cloud: CloudArrays) -> None:
+    data = bytearray(write_las(cloud))
+    data[104] |= 0x80
+    with pytest.raises(CodecError, match="laszip"):
+        read_las(bytes(data))
+
+
+@pytest.mark.parametrize(
+    ("name", "points"),
+    [
+        ("cdff_upstream/PointClouds/DevonIslandRoad1.ply", 201_028),
+        ("cdff_upstream/PointClouds/bunny0.ply", 40_256),
+        ("small_gicp_pair/source.ply", 69_792),
+        ("cdff_upstream/PointClouds/SatelliteWithNormals.pcd", 992),
+        ("kitti_velodyne/000094.bin", 121_618),
+        ("isprs_terrain/samp11-utm.pcd", None),
+        ("pcl_recognition/correspondence_grouping/milk.pcd", None),
+    ],
+)
+def test_real_files_are_detected_and_read(real_data: Callable[[str], Path], name: str, points: int | None) -> None:
+    path = real_data(name)
+    read = {"ply": read_ply, "pcd": read_pcd, "bin": read_kitti_bin}
+    cloud = read[detect(path)](path)
+    assert len(cloud.points_m) > 0
+    assert points is None or len(cloud.points_m) == points
