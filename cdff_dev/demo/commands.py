@@ -1,0 +1,93 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``cdff demo``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+#: Where profiles and scripts lie in a checkout; the demonstration runs from one.
+DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
+
+
+def register(nouns: Any) -> None:
+    """Add ``cdff demo``."""
+    parser = nouns.add_parser("demo", help="run the whole system on recorded data and ask it as an autonomy framework would")
+    parser.add_argument("--once", action="store_true", help="stop by itself; exit 0 only if every request was answered as asked")
+    source = parser.add_mutually_exclusive_group()
+    source.add_argument("--scenario", default="rover_traverse", help="simulated scenario (default: rover_traverse)")
+    source.add_argument("--log", help="a recorded log, as a KITTI folder, instead of a simulated one")
+    parser.add_argument("--http", default="127.0.0.1:8080", metavar="HOST:PORT")
+    parser.add_argument("--connect", default="tcp/127.0.0.1:7447", help="endpoint of the router")
+    parser.add_argument("--data-dir", help="keep the products there; default: a fresh folder, removed at the end")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the demonstration; 0 when every request was answered as asked, else 1, 130 when it was interrupted."""
+    import signal  # noqa: PLC0415
+    import threading  # noqa: PLC0415
+
+    from cdff_common.bus import Bus  # noqa: PLC0415
+    from cdff_common.errors import ConfigurationError  # noqa: PLC0415
+    from cdff_common.interfaces.profile import load_profile  # noqa: PLC0415
+    from cdff_dev.demo.run import run_script, wait_for_clock  # noqa: PLC0415
+    from cdff_dev.demo.script import load_script  # noqa: PLC0415
+    from cdff_dev.demo.stage import Stage  # noqa: PLC0415
+
+    name, log = _source(args)
+    script = load_script(DEPLOY / "demo" / f"{name}.yaml")
+    profile_path = DEPLOY / "profiles" / f"{script.profile}.yaml"
+    profile = load_profile(profile_path)
+    data_dir = None if args.data_dir is None else Path(args.data_dir)
+    if data_dir is not None and (data_dir / "dpm.sqlite").exists():
+        raise ConfigurationError(f"--data-dir {data_dir}: holds products of an earlier run, which a new run contradicts; name an empty folder")
+    # Both Ctrl-C and SIGTERM interrupt whatever the main thread does, and the stage is left in order.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    good = False
+    with Stage(profile, profile_path, args.connect, args.http, data_dir) as stage:
+        _say(f"starting {len(stage.expected)} services of profile {profile.name}; logs in {stage.log_dir}")
+        with Bus.open(args.connect, name="demo", wait_s=20.0) as bus:
+            stage.wait_ready(bus, lambda n, total: _say(f"  {n} of {total} ready"))
+            stage.play(str(log), script.rate)
+            clock, begin_ns = wait_for_clock(bus, stage.check_running)
+            _say(f"playing {log}; asking {len(script.requests)} questions over Zenoh, as OG2 would")
+            outcomes = run_script(script, clock, begin_ns, args.connect, args.http, _show)
+            good = bool(outcomes) and not any(o.faults for o in outcomes)
+            stage.check_running()
+            answered = sum(not o.faults for o in outcomes)
+            _say(f"{answered} of {len(outcomes)} requests were answered as asked")
+            if not args.once:
+                _say(f"browse http://{args.http} - Ctrl-C ends everything")
+                try:
+                    threading.Event().wait()
+                except KeyboardInterrupt:
+                    _say("ending")
+    return 0 if good else 1
+
+
+def _source(args: argparse.Namespace) -> tuple[str, Path]:
+    """Name of the script and path of the log: recorded, or simulated (and cached) now."""
+    from cdff_common.errors import InputError  # noqa: PLC0415
+    from cdff_dev.simulate import cached_log  # noqa: PLC0415
+
+    if args.log is not None:
+        path = Path(args.log)
+        if not (path / "image_l_kitti").is_dir() and not (path / "image_0").is_dir():
+            raise InputError(f"--log {path}: expected a KITTI folder with image_l_kitti or image_0 (use `cdff replay` for others)")
+        return "kitti", path
+    return args.scenario, cached_log(args.scenario, progress=_say)
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)
+
+
+def _show(outcome: Any) -> None:
+    mark = "ok  " if not outcome.faults else "FAIL"
+    what = outcome.summary if not outcome.faults else "; ".join(outcome.faults)
+    print(f"{mark} {outcome.took_s:5.1f} s  {outcome.ask.title}: {what}", flush=True)
+    sys.stdout.flush()

@@ -1,0 +1,132 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Runs a demonstration: asks by the script while the log plays, judges each answer, looks it up over HTTP."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from cdff_common.bus import Bus, keys
+from cdff_common.client import Answer, Client
+from cdff_common.clock import NS_PER_S, MissionClock
+from cdff_common.errors import CdffError, UnavailableError
+from cdff_common.raster.region import Region
+from cdff_dev.demo.script import Ask, Script
+from cdff_dev.demo.verdict import Delivered, faults
+
+#: The clock must tick within this after the player was started: it encodes ahead first.
+CLOCK_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """One request and what came of it; no faults means that it was answered as asked."""
+
+    ask: Ask
+    faults: tuple[str, ...]
+    took_s: float
+    product_id: str = ""
+    summary: str = ""
+
+
+def wait_for_clock(bus: Bus, check: Callable[[], None]) -> tuple[MissionClock, int]:
+    """Return the mission clock and the time at which it was first seen, once somebody publishes it."""
+    ticked = threading.Event()
+    bus.subscribe(keys.CLOCK, lambda _message: ticked.set(), depth=1)
+    clock = bus.mission_clock
+    deadline_s = time.monotonic() + CLOCK_S
+    while not ticked.wait(0.2):
+        check()
+        if time.monotonic() > deadline_s:
+            raise UnavailableError(f"the player's clock does not tick after {CLOCK_S:g} s")
+    while clock.now_ns() > time.time_ns() - 10 * NS_PER_S and time.monotonic() < deadline_s:
+        # Our own subscription to the clock may be a tick behind; a recorded log's time is far from the wall clock.
+        time.sleep(0.02)
+    return clock, clock.now_ns()
+
+
+def run_script(
+    script: Script, clock: MissionClock, begin_ns: int, connect: str, http: str, on_outcome: Callable[[Outcome], None]
+) -> list[Outcome]:
+    """Send every request at its time, each in a thread of its own, and return the outcomes in the script's order."""
+    outcomes: list[Outcome | None] = [None] * len(script.requests)
+
+    def ask_one(index: int, ask: Ask) -> None:
+        while clock.now_ns() < begin_ns + int(ask.at_s * NS_PER_S):
+            time.sleep(0.02)
+        outcomes[index] = outcome = _ask(ask, clock, connect, http)
+        on_outcome(outcome)
+
+    threads = [
+        threading.Thread(target=ask_one, args=item, name=f"ask {item[1].type}", daemon=True)
+        for item in enumerate(script.requests)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return [o for o in outcomes if o is not None]
+
+
+def _ask(ask: Ask, clock: MissionClock, connect: str, http: str) -> Outcome:
+    started_s = time.monotonic()
+    try:
+        with Client(connect) as client:
+            answer = client.request(ask.type, **ask.parameters)
+            now_ns = clock.now_ns()
+            took_s = time.monotonic() - started_s
+            delivered = Delivered(answer.value, answer.frame, answer.child, answer.t1_ns)
+            found = faults(ask, delivered, now_ns, _region(ask, answer, client))
+    except CdffError as error:
+        return Outcome(ask, (f"{type(error).__name__}: {error}",), time.monotonic() - started_s)
+    found += _http_faults(http, answer.product_id)
+    return Outcome(ask, tuple(found), took_s, answer.product_id, summary_of(answer))
+
+
+def _region(ask: Ask, answer: Answer, client: Client) -> Region | None:
+    """The region asked for; ``near`` is resolved at the end of capture, as the orchestrator is to do."""
+    if ask.region is None:
+        return None
+    region = Region.parse(ask.region)
+    if region.near_frame is None:
+        return region
+    pose = client.pose(robot=region.near_frame.split("/")[0], parent=ask.frame, child=region.near_frame, t=answer.t1_ns)
+    x, y, _ = pose.transform.matrix[:3, 3]
+    return region.resolved(float(x), float(y))
+
+
+def _http_faults(http: str, product_id: str) -> list[str]:
+    """What keeps a ground operator from finding the product behind an answer."""
+    if not product_id:
+        return ["the answer names no product"]
+    try:
+        with urllib.request.urlopen(f"http://{http}/api/v1/products/{product_id}", timeout=5) as response:  # noqa: S310
+            found = json.load(response)
+    except (urllib.error.URLError, TimeoutError, ValueError) as error:
+        return [f"product {product_id} is not found over HTTP: {error}"]
+    return [] if found.get("id") == product_id else [f"HTTP gave another product for {product_id}"]
+
+
+def summary_of(answer: Answer) -> str:
+    """The answer in a few words."""
+    value: Any = answer.value
+    delivered = answer.delivered
+    parts = [type(value).__name__]
+    if hasattr(value, "points_m"):
+        parts.append(f"{len(value.points_m)} points")
+    if hasattr(value, "stamps_ns"):
+        parts.append(f"{len(value.stamps_ns)} poses")
+    if "coverage" in delivered and delivered["coverage"] is not None:
+        parts.append(f"coverage {float(delivered['coverage']):.2f}")
+    if "age_s" in delivered and delivered["age_s"] is not None:
+        parts.append(f"{float(delivered['age_s']):.1f} s old")
+    if delivered.get("source"):
+        parts.append(f"from {delivered['source']}")
+    return ", ".join(parts)

@@ -1,0 +1,151 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The processes of a demonstration: the system and the player, started, watched and ended together."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from cdff_common.bus import Bus, keys
+from cdff_common.errors import ConfigurationError, UnavailableError
+from cdff_common.interfaces.profile import Profile
+
+#: How long the system may take to be ready, and to end, seconds.
+READY_S = 90.0
+END_S = 4.5
+
+
+def check_free(host: str, port: int, what: str) -> None:
+    """Raise ConfigurationError if something listens on a port already."""
+    with socket.socket() as probe:
+        probe.settimeout(0.3)
+        if probe.connect_ex((host, port)) == 0:
+            raise ConfigurationError(f"{what} {host}:{port} is in use: is another system running? End it or choose another port")
+
+
+def _split(text: str, what: str) -> tuple[str, int]:
+    host, _, port = text.removeprefix("tcp/").rpartition(":")
+    if not host or not port.isdigit():
+        raise ConfigurationError(f"{what} {text!r}: expected host:port")
+    return host, int(port)
+
+
+@dataclass(slots=True)
+class Stage:
+    """The running system of a profile, with a player; a context manager that leaves nothing behind.
+
+    Parameters
+    ----------
+    profile, profile_path
+        The mission.
+    connect : str
+        Endpoint of the router, as ``tcp/127.0.0.1:7447``.
+    http : str
+        ``host:port`` of the HTTP server.
+    data_dir : Path or None
+        None takes a fresh folder that is removed at the end.
+    """
+
+    profile: Profile
+    profile_path: Path
+    connect: str
+    http: str
+    data_dir: Path | None = None
+    _scratch: tempfile.TemporaryDirectory[str] | None = None
+    _processes: list[subprocess.Popen[bytes]] = field(default_factory=list)
+
+    def __enter__(self) -> Self:
+        check_free(*_split(self.connect, "router"), "the router's endpoint")
+        check_free(*_split(self.http, "http"), "the HTTP address")
+        self._scratch = tempfile.TemporaryDirectory(prefix="cdff-demo-", ignore_cleanup_errors=True)
+        if self.data_dir is None:
+            self.data_dir = Path(self._scratch.name)
+        self._spawn(
+            "up", "--profile", str(self.profile_path), "--connect", self.connect, "--http", self.http,
+            "--data-dir", str(self.data_dir), "--log-dir", str(self.log_dir),
+        )
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.end()
+        if self._scratch is not None:
+            self._scratch.cleanup()
+
+    @property
+    def log_dir(self) -> Path:
+        """Where each process writes its log."""
+        assert self.data_dir is not None
+        return self.data_dir / "logs"
+
+    @property
+    def expected(self) -> set[str]:
+        """Liveliness tokens of a system that is ready."""
+        services = {keys.alive("ground", s) for s in ("router", "dpm", "orchestrator", "icu")}
+        return services | {keys.alive(r.id, d.name) for r in self.profile.robots for d in r.dfpcs}
+
+    def wait_ready(self, bus: Bus, on_progress: object = None) -> None:
+        """Return when every service has announced itself; raises UnavailableError naming those that have not."""
+        deadline_s = time.monotonic() + READY_S
+        shown = -1
+        while True:
+            alive = bus.alive("cdff/@v1/*/@alive/*") & self.expected
+            if callable(on_progress) and len(alive) != shown:
+                shown = len(alive)
+                on_progress(shown, len(self.expected))
+            if alive == self.expected:
+                return
+            self.check_running()
+            if time.monotonic() > deadline_s:
+                missing = ", ".join(sorted(self.expected - alive))
+                raise UnavailableError(f"not ready after {READY_S:g} s: {missing}; their logs are in {self.log_dir}")
+            time.sleep(0.2)
+
+    def play(self, log: str, rate: float) -> None:
+        """Start the player."""
+        self._spawn("play", log, "--speed", str(rate))
+
+    def check_running(self) -> None:
+        """Raise UnavailableError if the system or the player has ended."""
+        for process in self._processes:
+            if process.poll() is not None:
+                raise UnavailableError(f"{process.args!r} ended with code {process.returncode}; see {self.log_dir}")
+
+    def end(self) -> None:
+        """SIGTERM to the player and the system; SIGKILL to what stays."""
+        for process in reversed(self._processes):
+            if process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+        deadline_s = time.monotonic() + END_S
+        for process in reversed(self._processes):
+            try:
+                process.wait(max(deadline_s - time.monotonic(), 0.05))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        self._processes.clear()
+
+    def _spawn(self, *arguments: str) -> None:
+        self.log_dir.mkdir(parents=True, exist_ok=True)
+        environment = {
+            **os.environ, "CDFF_CONNECT": self.connect, "CDFF_PROFILE": str(self.profile_path.resolve()),
+            "CDFF_SUPERVISOR": str(os.getpid()),
+        }
+        with (self.log_dir / f"{arguments[0]}.log").open("ab") as output:
+            self._processes.append(
+                subprocess.Popen(
+                    [sys.executable, "-m", "cdff_common.cli", *arguments], env=environment, stdin=subprocess.DEVNULL,
+                    stdout=output, stderr=output, start_new_session=True,
+                )
+            )

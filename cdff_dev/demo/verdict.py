@@ -1,0 +1,123 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Judges an answer by itself: type, frame, region, freshness, resolution and coverage, from the values delivered."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cdff_common.raster.geometry import GridGeometry
+from cdff_common.raster.region import Region
+from cdff_common.types import ElevationMap, Map, NavigationMap, Pointcloud, PoseTrajectory, RigidBodyState, TransformWithCovariance
+from cdff_dev.demo.script import Ask
+
+#: What a request for a product type delivers where no ``as`` is given (contract §7).
+DEFAULT_TYPE: dict[str, type] = {
+    "pose": TransformWithCovariance, "trajectory": PoseTrajectory, "pointcloud": Pointcloud, "dem": Map,
+    "navigation_map": NavigationMap,
+}
+#: Points may lie this far outside a region, metres: the rover moved while the answer was made.
+REGION_SLACK_M = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Delivered:
+    """What came back: the decoded value and what the header says.
+
+    ``value`` is a type of ``cdff_common.types``; a GeoTIFF is read back as an ElevationMap first.
+    """
+
+    value: Any
+    frame: str
+    child: str | None
+    t1_ns: int
+
+
+def faults(ask: Ask, delivered: Delivered, now_ns: int, region: Region | None) -> list[str]:
+    """Return what is wrong with an answer, nothing where it is as asked.
+
+    Parameters
+    ----------
+    now_ns : int
+        Mission time when the answer came.
+    region : Region or None
+        Of the request, ``near:`` resolved.
+    """
+    return list(_faults(ask, delivered, now_ns, region))
+
+
+def _faults(ask: Ask, delivered: Delivered, now_ns: int, region: Region | None) -> Iterator[str]:
+    value = delivered.value
+    expected = DEFAULT_TYPE[ask.type].__name__ if ask.as_ is None else ask.as_
+    if ask.format == "tif":
+        expected = ElevationMap.__name__
+    if type(value).__name__ != expected:
+        yield f"type {type(value).__name__}, expected {expected}"
+        return
+    if delivered.frame != ask.frame:
+        yield f"frame {delivered.frame}, expected {ask.frame}"
+    age_s = (now_ns - delivered.t1_ns) * 1e-9
+    if age_s > ask.max_age_s:
+        yield f"{age_s:.1f} s old, expected at most {ask.max_age_s:g} s"
+    if isinstance(value, (TransformWithCovariance, RigidBodyState)):
+        yield from _pose_faults(ask, value)
+    elif isinstance(value, PoseTrajectory):
+        if len(value.stamps_ns) < 2:
+            yield f"{len(value.stamps_ns)} poses, expected a trajectory"
+    elif isinstance(value, Pointcloud):
+        yield from _cloud_faults(value, region)
+    else:
+        geometry, observed = _grid_of(value)
+        yield from _grid_faults(ask, geometry, observed, region)
+
+
+def _pose_faults(ask: Ask, value: TransformWithCovariance | RigidBodyState) -> Iterator[str]:
+    if isinstance(value, RigidBodyState):
+        parent, child, position = value.target_frame, value.source_frame, np.asarray(value.pos)
+    else:
+        parent, child, position = value.parent_frame, value.child_frame, value.transform.matrix[:3, 3]
+    if (parent, child) != (ask.frame, f"{ask.robot}/base"):
+        yield f"pose of {child} in {parent}, expected {ask.robot}/base in {ask.frame}"
+    if not np.all(np.isfinite(position)):
+        yield f"position {position} is not finite"
+
+
+def _cloud_faults(value: Pointcloud, region: Region | None) -> Iterator[str]:
+    points = value.points_m
+    if len(points) < 100:
+        yield f"{len(points)} points, expected a cloud"
+    if region is not None and len(points):
+        low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+        b = region.bounds
+        outside = max(b.xmin - low[0], b.ymin - low[1], high[0] - b.xmax, high[1] - b.ymax)
+        if outside > REGION_SLACK_M:
+            yield f"points up to {outside:.2f} m outside the region"
+
+
+def _grid_of(value: Any) -> tuple[GridGeometry, np.ndarray[Any, np.dtype[np.bool_]]]:
+    """Geometry and observed cells of a map, whatever its type."""
+    if isinstance(value, ElevationMap):
+        return value.geometry, np.isfinite(value.layer("mean"))
+    if isinstance(value, NavigationMap):
+        return value.geometry, value.layer("class") != 0
+    heights = value.data.image
+    pose = value.metadata.pose_fixed_frame_map_frame
+    x, y, _ = pose.transform.matrix[:3, 3]
+    rows, cols = heights.shape[:2]
+    geometry = GridGeometry(pose.parent_frame, float(value.metadata.scale), float(x), float(y), rows, cols)
+    return geometry, np.isfinite(heights.reshape(rows, cols))
+
+
+def _grid_faults(ask: Ask, geometry: GridGeometry, observed: Any, region: Region | None) -> Iterator[str]:
+    if ask.resolution_m is not None and geometry.resolution_m > ask.resolution_m * (1 + 1e-6):
+        yield f"cells of {geometry.resolution_m:g} m, expected {ask.resolution_m:g} m or finer"
+    if not observed.any():
+        yield "no cell is observed"
+    if region is not None:
+        coverage = region.coverage(geometry, observed)
+        if coverage < (ask.min_coverage or 0.0):
+            yield f"coverage {coverage:.2f}, expected at least {ask.min_coverage:.2f}"

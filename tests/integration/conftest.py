@@ -1,0 +1,87 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Real processes for integration tests: a router of one's own, services, and waiting with a deadline."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PLUGIN = Path(__file__).parent / "plugin"
+
+Spawn = Callable[..., subprocess.Popen[bytes]]
+Eventually = Callable[..., None]
+
+
+def free_port() -> int:
+    """A TCP port nobody listens on now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+@pytest.fixture
+def eventually() -> Eventually:
+    """``eventually(condition, timeout_s=10)``: return once the condition holds, fail when time is up."""
+
+    def wait(condition: Callable[[], object], timeout_s: float = 10.0, what: str = "the condition") -> None:
+        deadline_s = time.monotonic() + timeout_s
+        while not condition():
+            if time.monotonic() > deadline_s:
+                pytest.fail(f"{what} did not hold within {timeout_s:g} s")
+            time.sleep(0.02)
+
+    return wait
+
+
+@pytest.fixture
+def endpoint() -> str:
+    """A router endpoint of this test's own."""
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+@pytest.fixture
+def spawn(endpoint: str, tmp_path: Path) -> Iterator[Spawn]:
+    """``spawn("services.router", …) -> Popen``: a Python module as a process, ended with the test.
+
+    The process connects to ``endpoint``, finds the test's DFPCs and writes its output to ``tmp_path/{module}.log``.
+    """
+    processes: list[subprocess.Popen[bytes]] = []
+    environment = {
+        **os.environ, "CDFF_CONNECT": endpoint, "CDFF_LISTEN": endpoint, "CDFF_DATA_DIR": str(tmp_path / "data"),
+        "PYTHONPATH": os.pathsep.join([str(ROOT), str(PLUGIN)]), "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1",
+    }
+
+    def start(module: str, *arguments: str) -> subprocess.Popen[bytes]:
+        with (tmp_path / f"{module}.log").open("ab") as log:
+            process = subprocess.Popen(
+                [sys.executable, "-m", module, *arguments], env=environment, stdout=log, stderr=log, cwd=ROOT,
+                stdin=subprocess.DEVNULL,
+            )
+        processes.append(process)
+        return process
+
+    yield start
+    for process in reversed(processes):
+        process.terminate()
+    for process in processes:
+        try:
+            process.wait(5)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def router(spawn: Spawn) -> subprocess.Popen[bytes]:
+    """A running router at ``endpoint``."""
+    return spawn("services.router")

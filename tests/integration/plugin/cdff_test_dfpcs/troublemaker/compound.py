@@ -1,0 +1,47 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The controller of the troublemaker."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from typing import Any
+
+from cdff_common.errors import RefusedError
+from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
+from cdff_common.interfaces.product import Quality, Status
+
+
+class Troublemaker(Dfpc):
+    """Echoes poses; the child frame ``trouble/refuse|raise|hang|fail|slow`` makes it misbehave."""
+
+    name = "troublemaker"
+
+    def setup(self) -> None:
+        """Offer the last pose."""
+        self._last: Any = None
+        self._count = 0
+        self.store.offer("last", lambda: self._last)
+
+    def step(self, sample: Sample) -> Iterable[Output]:
+        """Echo a pose."""
+        trouble = sample.child.removeprefix("trouble/")
+        if trouble == "refuse":
+            raise RefusedError("told to refuse")
+        if trouble == "raise":
+            raise ZeroDivisionError("told to raise")
+        if trouble == "hang":
+            time.sleep(3600)
+        if trouble == "slow":
+            time.sleep(0.05)
+        value, quality = sample.value, Quality()
+        if trouble == "fail":
+            value, quality = None, Quality(Status.FAILED, ("told_to_fail",))
+        self._last = sample.value
+        self._count += 1
+        return [Output("echo", value, sample.stamp_ns, sample.stamp_ns, sample.frame, sample.child, quality, (sample.id,))]
+
+    def count(self, factor: int) -> int:
+        """How many poses were echoed, times ``factor``."""
+        return self._count * factor

@@ -1,0 +1,106 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The tree of frames and pose tracks."""
+
+import numpy as np
+import pytest
+
+from cdff_common.errors import ConflictError, ExtrapolationError, FrameNotFoundError, InputError
+from cdff_common.geometry import FrameGraph, PoseTrack, UncertainTransform, checked_frame, interpolate, se3
+
+
+def at(x: float, yaw: float = 0.0, sigma: float | None = 0.0) -> UncertainTransform:
+    c = None if sigma is None else np.eye(6) * sigma**2
+    return UncertainTransform(se3.transform(se3.exp_so3([0, 0, yaw]), [x, 0, 0]), c)
+
+
+@pytest.fixture
+def graph() -> FrameGraph:
+    g = FrameGraph()
+    g.set_static("site", "mana/odom", at(1.0))
+    g.track("mana/odom", "mana/base").insert(0, at(0.0))
+    g.track("mana/odom", "mana/base").insert(1000, at(2.0))
+    g.set_static("mana/base", "mana/lidar", at(0.5))
+    g.set_static("site", "minnie/odom", at(10.0))
+    return g
+
+
+def test_a_lookup_composes_down_the_chain(graph: FrameGraph) -> None:
+    assert np.isclose(graph.lookup("site", "mana/lidar", 1000).matrix[0, 3], 3.5)
+
+
+def test_a_lookup_upwards_is_the_inverse(graph: FrameGraph) -> None:
+    down, up = graph.lookup("site", "mana/lidar", 1000), graph.lookup("mana/lidar", "site", 1000)
+    assert np.allclose(down.matrix @ up.matrix, np.eye(4))
+
+
+def test_a_lookup_goes_over_the_common_ancestor(graph: FrameGraph) -> None:
+    assert np.isclose(graph.lookup("minnie/odom", "mana/base", 0).matrix[0, 3], -9.0)
+
+
+def test_moving_edges_are_interpolated(graph: FrameGraph) -> None:
+    assert np.isclose(graph.lookup("mana/odom", "mana/base", 500).matrix[0, 3], 1.0)
+
+
+def test_a_time_outside_the_track_is_refused(graph: FrameGraph) -> None:
+    with pytest.raises(ExtrapolationError, match="known from 0 to 1000"):
+        graph.lookup("site", "mana/base", 5000)
+
+
+def test_the_nearest_pose_holds_within_the_limit() -> None:
+    track = PoseTrack(extrapolation_limit_ns=100)
+    track.insert(0, at(1.0))
+    assert track.at(100).matrix[0, 3] == 1.0
+    with pytest.raises(ExtrapolationError):
+        track.at(101)
+
+
+def test_unknown_frames_are_named_with_those_that_are_known(graph: FrameGraph) -> None:
+    with pytest.raises(FrameNotFoundError, match=r"venus.*mana/base"):
+        graph.lookup("site", "venus", 0)
+
+
+def test_a_frame_has_one_parent(graph: FrameGraph) -> None:
+    with pytest.raises(ConflictError, match="hangs under"):
+        graph.set_static("minnie/odom", "mana/base", at(0.0))
+
+
+def test_an_edge_that_closes_a_loop_is_refused(graph: FrameGraph) -> None:
+    with pytest.raises(InputError, match="loop"):
+        graph.set_static("mana/lidar", "site", at(0.0))
+
+
+def test_covariance_is_unknown_where_an_edge_has_none(graph: FrameGraph) -> None:
+    graph.set_static("mana/base", "mana/imu", at(0.0, sigma=None))
+    assert graph.lookup("site", "mana/imu", 0).covariance is None
+    assert graph.lookup("site", "mana/lidar", 0).covariance is not None
+
+
+def test_rotation_is_interpolated_along_the_geodesic() -> None:
+    half = interpolate(at(0.0, 0.0), at(0.0, 1.0), 0.5)
+    assert np.isclose(se3.log_so3(half.matrix[:3, :3])[2], 0.5)
+
+
+def test_interpolation_does_not_extrapolate() -> None:
+    with pytest.raises(InputError, match="fraction"):
+        interpolate(at(0.0), at(1.0), 1.5)
+
+
+def test_forgetting_keeps_the_last_pose_before_the_cut() -> None:
+    track = PoseTrack()
+    for stamp in range(5):
+        track.insert(stamp * 10, at(float(stamp)))
+    track.forget_before(25)
+    assert track.stamps_ns == [20, 30, 40]
+    assert track.at(25).matrix[0, 3] == 2.5
+
+
+@pytest.mark.parametrize("frame", ["", "Site", "a//b", "/a", "a/", "a b", "x" * 200, "a\n"])
+def test_frame_ids_outside_the_contract_are_refused(frame: str) -> None:
+    with pytest.raises(InputError):
+        checked_frame(frame)
+
+
+def test_a_transform_that_is_not_rigid_is_refused() -> None:
+    with pytest.raises(InputError, match="rigid"):
+        UncertainTransform(2 * np.eye(4))

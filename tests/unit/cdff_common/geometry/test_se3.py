@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""SO(3) and SE(3): inverses, round trips, conventions."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from cdff_common.errors import InputError
+from cdff_common.geometry import se3
+
+angles = arrays(np.float64, (3,), elements=st.floats(-1.8, 1.8))
+twists = arrays(np.float64, (6,), elements=st.floats(-1.7, 1.7))
+
+
+@given(angles)
+def test_log_undoes_exp_of_a_rotation(phi: np.ndarray) -> None:
+    assert np.allclose(se3.log_so3(se3.exp_so3(phi)), phi, atol=1e-9)
+
+
+@given(twists)
+def test_log_undoes_exp_of_a_transform(xi: np.ndarray) -> None:
+    assert np.allclose(se3.log_se3(se3.exp_se3(xi)), xi, atol=1e-8)
+
+
+@given(twists)
+def test_a_transform_times_its_inverse_is_identity(xi: np.ndarray) -> None:
+    T = se3.exp_se3(xi)
+    assert np.allclose(T @ se3.inverse(T), np.eye(4), atol=1e-12)
+
+
+@given(angles)
+def test_quaternion_round_trip_keeps_the_rotation_and_w_is_not_negative(phi: np.ndarray) -> None:
+    R = se3.exp_so3(phi)
+    q = se3.quaternion_xyzw_from_matrix(R)
+    assert q[3] >= 0
+    assert np.allclose(se3.matrix_from_quaternion_xyzw(q), R, atol=1e-12)
+
+
+def test_rotations_by_half_a_turn_survive_the_quaternion() -> None:
+    for axis in np.eye(3):
+        R = se3.exp_so3(np.pi * axis)
+        assert np.allclose(se3.matrix_from_quaternion_xyzw(se3.quaternion_xyzw_from_matrix(R)), R, atol=1e-12)
+        assert np.isclose(se3.rotation_angle(R), np.pi)
+
+
+def test_quaternions_are_x_y_z_w() -> None:
+    q = [0.0, 0.0, np.sin(np.pi / 4), np.cos(np.pi / 4)]
+    assert np.allclose(se3.matrix_from_quaternion_xyzw(q) @ [1, 0, 0], [0, 1, 0])
+
+
+def test_a_zero_quaternion_is_refused() -> None:
+    with pytest.raises(InputError, match="norm"):
+        se3.matrix_from_quaternion_xyzw([0.0, 0.0, 0.0, 0.0])
+
+
+def test_stacks_give_what_single_elements_give(rng: np.random.Generator) -> None:
+    xi = rng.normal(size=(5, 4, 6))
+    stacked = se3.exp_se3(xi)
+    assert np.allclose(stacked[3, 2], se3.exp_se3(xi[3, 2]))
+    assert np.allclose(se3.log_se3(stacked), xi, atol=1e-8) or stacked.shape == (5, 4, 4, 4)
+
+
+def test_T_a_b_maps_points_of_b_into_a() -> None:
+    T_a_b = se3.transform(se3.exp_so3([0, 0, np.pi / 2]), [1.0, 0.0, 0.0])
+    assert np.allclose(se3.transform_points(T_a_b, [[1.0, 0.0, 0.0]]), [[1.0, 1.0, 0.0]])
+
+
+def test_the_nearest_rotation_of_a_reflection_is_a_rotation() -> None:
+    R = se3.normalise_rotation(np.diag([1.0, 1.0, -1.0]))
+    assert np.isclose(np.linalg.det(R), 1.0)
+    assert not se3.is_transform(np.diag([1.0, 1.0, -1.0, 1.0]))

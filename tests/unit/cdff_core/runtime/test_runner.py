@@ -1,0 +1,122 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The loop that orders samples and gives outputs their identity."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdff_common.errors import ConfigurationError, InputError
+from cdff_common.geometry import UncertainTransform
+from cdff_common.interfaces import registry
+from cdff_common.interfaces.dfpc import Dfpc, DfpcContext, Sample
+from cdff_common.interfaces.product import Status, product_id
+from cdff_common.interfaces.registry import Registry
+from cdff_common.types import TransformWithCovariance
+from cdff_core.runtime import Runner
+
+PLUGIN = Path(__file__).parents[3] / "integration" / "plugin"
+
+
+@pytest.fixture
+def dfpc(monkeypatch: pytest.MonkeyPatch) -> Iterator[Dfpc]:
+    monkeypatch.syspath_prepend(str(PLUGIN))
+    found = Registry()
+    found.scan("cdff_test_dfpcs", "dfpc")
+    monkeypatch.setattr(registry, "_default_registry", lambda: found)
+    made = found.make_dfpc("troublemaker")
+    made.configure(context=DfpcContext(robot="mana"))
+    yield made
+    sys.modules.pop("cdff_test_dfpcs", None)
+
+
+def sample(stamp_ns: int, child: str = "mana/base", port: str = "poses", seq: int = 0) -> Sample:
+    value = TransformWithCovariance.from_transform(
+        UncertainTransform(np.eye(4)), parent="site", child=child, stamp_ns=stamp_ns
+    )
+    return Sample(port, stamp_ns, seq, value, id="in", frame="site", child=child)
+
+
+def test_samples_are_stepped_in_the_order_of_their_stamps(dfpc: Dfpc) -> None:
+    runner = Runner(dfpc)
+    runner.push(sample(1000))
+    runner.push(sample(3000))
+    assert [p.header.t1_ns for p in runner.drain()] == [1000, 3000]
+    assert [p.header.seq for p in runner.drain()] == []
+
+
+def test_an_older_or_repeated_sample_of_a_port_is_dropped_and_counted(dfpc: Dfpc) -> None:
+    runner = Runner(dfpc)
+    assert runner.push(sample(2000))
+    assert not runner.push(sample(2000))
+    assert not runner.push(sample(1000))
+    assert runner.counters.late == 2
+
+
+def test_an_output_has_the_id_of_the_contract_and_names_its_inputs(dfpc: Dfpc) -> None:
+    runner = Runner(dfpc)
+    runner.push(sample(1000))
+    (product,) = runner.drain()
+    assert product.header.id == product_id("mana", "troublemaker", "echo", 1000, 0, dfpc.config_hash)
+    assert product.header.inputs == ("in",)
+    assert product.product == "pose"
+    assert product.header.box_m == (0.0,) * 6
+
+
+def test_a_refusal_is_counted_and_the_next_sample_is_stepped(dfpc: Dfpc) -> None:
+    runner = Runner(dfpc)
+    runner.push(sample(1000, "trouble/refuse"))
+    runner.push(sample(2000))
+    assert len(list(runner.drain())) == 1
+    assert runner.counters.errors == 1
+    assert "told to refuse" in runner.counters.last_error
+
+
+def test_a_bug_passes_through(dfpc: Dfpc) -> None:
+    runner = Runner(dfpc)
+    runner.push(sample(1000, "trouble/raise"))
+    with pytest.raises(ZeroDivisionError):
+        list(runner.drain())
+
+
+def test_a_failed_output_has_no_value_and_is_counted(dfpc: Dfpc) -> None:
+    runner = Runner(dfpc)
+    runner.push(sample(1000, "trouble/fail"))
+    (product,) = runner.drain()
+    assert product.value is None
+    assert product.header.quality.status is Status.FAILED
+    assert runner.counters.failed == 1
+
+
+def test_an_unknown_port_is_refused(dfpc: Dfpc) -> None:
+    with pytest.raises(ConfigurationError, match="no input port"):
+        Runner(dfpc).push(sample(1000, port="clouds"))
+
+
+def test_two_runs_give_the_same_ids(dfpc: Dfpc) -> None:
+    ids = []
+    for _ in range(2):
+        dfpc.reset()
+        runner = Runner(dfpc)
+        for stamp in (1000, 2000, 3000):
+            runner.push(sample(stamp))
+        ids.append([p.header.id for p in runner.drain()])
+    assert ids[0] == ids[1]
+
+
+def test_operations_take_text_and_refuse_what_they_do_not_know(dfpc: Dfpc) -> None:
+    assert dfpc.call("count", {"factor": "2"}) == 0
+    with pytest.raises(InputError, match="factor='x'"):
+        dfpc.call("count", {"factor": "x"})
+    with pytest.raises(InputError, match="unknown parameter"):
+        dfpc.call("count", {"facto": "1"})
+
+
+def test_an_implementation_that_is_not_listed_is_refused(dfpc: Dfpc) -> None:
+    with pytest.raises(ConfigurationError, match="expected one of Troublemaker"):
+        dfpc.configure(implementation="Other")
+    with pytest.raises(ConfigurationError, match="Known keys"):
+        dfpc.configure({"speed": 1})
