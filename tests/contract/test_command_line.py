@@ -1,0 +1,48 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+
+import pytest
+
+from cdff_common import cli
+
+
+def _parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for child in action.choices.values():
+                yield child
+                yield from _parsers(child)
+
+
+def test_every_command_says_what_it_does_in_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["--help"]) == 0
+    listed = capsys.readouterr().out
+    for parser in cli.build_parser([])._actions:
+        if isinstance(parser, argparse._SubParsersAction):
+            for name in parser.choices:
+                assert f"    {name} " in listed, f"cdff {name} has no help text"
+
+
+def test_help_of_every_command_can_be_printed() -> None:
+    for parser in _parsers(cli.build_parser([])):
+        assert parser.format_help()
+
+
+def test_every_command_without_further_verbs_runs_something() -> None:
+    for parser in _parsers(cli.build_parser([])):
+        nested = any(isinstance(a, argparse._SubParsersAction) for a in parser._actions)
+        assert nested or callable(parser.get_default("run")), parser.prog
+
+
+NOUNS = """
+check demo dfn dfpc doctor dpm generate log new orchestrator replay request run service simulate up
+"""
+
+
+@pytest.mark.parametrize("noun", NOUNS.split())
+def test_command_of_the_contract_exists(noun: str) -> None:
+    assert cli.main([noun, "--help"]) == 0

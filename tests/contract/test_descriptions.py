@@ -1,0 +1,102 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""One suite over every DFN and DFPC that is discovered: a new one is tested without a new test."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cdff_common.errors import ConfigurationError
+from cdff_common.interfaces.description import read_dfn_description
+from cdff_common.interfaces.dfn import Dfn
+from cdff_common.interfaces.dfpc import Dfpc
+from cdff_common.interfaces.registry import Registry
+from cdff_dev.check import descriptions
+
+ROOT = Path(__file__).resolve().parents[2]
+REGISTRY = Registry.default()
+IMPLEMENTATIONS = [(name, i) for name, found in REGISTRY.dfns.items() for i in found.description.implementations]
+
+
+@pytest.mark.req("CDFF-CORE-030")
+def test_every_description_in_the_tree_loads() -> None:
+    assert REGISTRY.failures == {}
+    folders = {p.parent.name for kind in ("dfn", "dfpc") for p in (ROOT / "cdff_core").glob(f"{kind}s/*/{kind}.yaml")}
+    assert folders <= REGISTRY.dfns.keys() | REGISTRY.dfpcs.keys()
+
+
+@pytest.mark.req("CDFF-CORE-020", "CDFF-CORE-021", "CDFF-CORE-022")
+@pytest.mark.parametrize("name", sorted(REGISTRY.dfns))
+def test_dfn_is_what_its_description_says(name: str) -> None:
+    assert descriptions.dfn_faults(ROOT, REGISTRY.dfn(name), REGISTRY) == []
+
+
+@pytest.mark.req("CDFF-SUP-010", "CDFF-SUP-011")
+@pytest.mark.parametrize("name", sorted(REGISTRY.dfpcs))
+def test_dfpc_is_what_its_description_says(name: str) -> None:
+    assert descriptions.dfpc_faults(ROOT, REGISTRY.dfpc(name), REGISTRY) == []
+
+
+@pytest.mark.req("CDFF-CORE-010")
+@pytest.mark.parametrize(("name", "implementation"), IMPLEMENTATIONS)
+def test_dfn_is_controlled_by_configure_and_process_alone(name: str, implementation: str) -> None:
+    node = REGISTRY.make_dfn(name, implementation)
+    assert isinstance(node, Dfn)
+    public = {n for n in dir(type(node)) if not n.startswith("_")}
+    # setup() is what configure() calls; nothing else may be needed from outside.
+    operations = {n for n in public if callable(getattr(type(node), n)) and n != "Config"}
+    assert operations == {"configure", "process", "setup"}
+
+
+@pytest.mark.req("CDFF-CORE-011")
+@pytest.mark.parametrize(("name", "implementation"), IMPLEMENTATIONS)
+def test_unknown_parameter_of_a_dfn_is_refused_by_name(name: str, implementation: str) -> None:
+    with pytest.raises(ConfigurationError, match="no_such_parameter"):
+        REGISTRY.make_dfn(name, implementation).configure({"no_such_parameter": 1})
+
+
+@pytest.mark.parametrize(("name", "implementation"), IMPLEMENTATIONS)
+def test_configuration_of_a_dfn_is_frozen_and_described_with_bounds(name: str, implementation: str) -> None:
+    config: Any = type(REGISTRY.make_dfn(name, implementation)).Config
+    assert config.model_config["frozen"]
+    assert config.model_config["extra"] == "forbid"
+    for field, schema in config.model_json_schema().get("properties", {}).items():
+        if schema.get("type") in ("integer", "number"):
+            bounds = {"minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum"}
+            assert bounds & schema.keys(), f"{name}/{implementation}.{field} has no bound"
+
+
+@pytest.mark.parametrize("name", sorted(REGISTRY.dfpcs))
+def test_unknown_parameter_of_a_dfpc_is_refused_by_name(name: str) -> None:
+    with pytest.raises(ConfigurationError, match="no_such_parameter"):
+        REGISTRY.make_dfpc(name).configure({"no_such_parameter": 1})
+
+
+@pytest.mark.parametrize("name", sorted(REGISTRY.dfpcs))
+def test_dfpc_handles_every_input_port_and_operation_of_its_description(name: str) -> None:
+    dfpc = REGISTRY.make_dfpc(name)
+    assert isinstance(dfpc, Dfpc)
+    description = REGISTRY.dfpc(name)
+    for port in description.input_ports:
+        assert callable(getattr(dfpc, f"on_{port.attribute}"))
+    for operation in description.operations:
+        assert callable(getattr(dfpc, operation.name))
+
+
+@pytest.mark.req("CDFF-SUP-013")
+@pytest.mark.parametrize("name", sorted(REGISTRY.dfpcs))
+def test_dfpc_offers_the_items_that_its_description_lists(name: str) -> None:
+    dfpc = REGISTRY.make_dfpc(name)
+    dfpc.configure()
+    assert set(dfpc.store.items) == {m.item for m in REGISTRY.dfpc(name).product_management}
+
+
+@pytest.mark.req("CDFF-CORE-041")
+def test_file_of_fig_3_loads_unchanged_and_the_shipped_dfn_extends_it() -> None:
+    fig3 = read_dfn_description(ROOT / "tests" / "data" / "fig3_laser_filter.yaml")
+    shipped = REGISTRY.dfn("LaserFilter")
+    for field in fig3.model_fields_set:
+        assert getattr(shipped, field) == getattr(fig3, field)

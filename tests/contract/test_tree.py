@@ -1,0 +1,101 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""What holds for every file of the tree."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("cdff_common", "cdff_core", "cdff_dev", "dpm_store", "services")
+SPDX = ("SPDX-FileCopyrightText: 2026 the CDFF contributors", "SPDX-License-Identifier: BSD-3-Clause")
+WITH_LICENCE = {".py", ".asn", ".sh"}
+BINARY = {".png", ".jpg", ".pcd", ".ply", ".msg", ".npz", ".tif", ".bin", ".las"}
+#: Folders of one machine; in two halves, so that this file does not name them either.
+MACHINE_PATHS = re.compile("|".join(f"/{name}/" for name in ("work", "root", "tmp/bash" + "_jobs", "farm")))
+#: Under the GPL: for comparison in their own environment, never imported.
+GPL = {"evo", "visp", "orbslam", "pyqt5", "PyQt5"}
+MAX_LINES = 600
+
+
+def _tracked() -> list[Path]:
+    done = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False)
+    if done.returncode:
+        pytest.skip("not a git checkout: the list of files is not known")
+    return [p for name in done.stdout.split("\0") if name and (p := ROOT / name).is_file()]
+
+
+def _modules() -> list[Path]:
+    return [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
+
+
+def test_every_source_file_carries_both_licence_lines() -> None:
+    for path in _tracked():
+        if path.suffix in WITH_LICENCE:
+            head = path.read_text(encoding="utf-8")[:400]
+            assert all(line in head for line in SPDX), path.relative_to(ROOT)
+
+
+def test_no_file_names_a_path_of_one_machine() -> None:
+    for path in _tracked():
+        if path.suffix not in BINARY:
+            text = path.read_text(encoding="utf-8", errors="replace")
+            assert MACHINE_PATHS.search(text) is None, path.relative_to(ROOT)
+
+
+def test_no_tracked_file_is_over_one_megabyte() -> None:
+    assert [p.relative_to(ROOT) for p in _tracked() if p.stat().st_size > 1_000_000] == []
+
+
+def test_no_module_is_longer_than_a_reader_bears() -> None:
+    generated = "# GENERATED from"
+    for path in _modules():
+        lines = path.read_text(encoding="utf-8").splitlines()
+        if not any(line.startswith(generated) for line in lines[:4]):
+            assert len(lines) <= MAX_LINES, path.relative_to(ROOT)
+
+
+@pytest.mark.req("CDFF-DEV-010")
+def test_nothing_that_ships_imports_the_toolkit_or_anything_under_the_gpl() -> None:
+    for path in _modules():
+        package = path.relative_to(ROOT).parts[0]
+        for name in _imports(path):
+            assert name not in GPL, f"{path.relative_to(ROOT)} imports {name}"
+            if package != "cdff_dev":
+                assert name != "cdff_dev", f"{path.relative_to(ROOT)} imports the toolkit"
+
+
+@pytest.mark.req("CDFF-CORE-012", "CDFF-CORE-031")
+def test_imports_go_one_way() -> None:
+    command = Path(sys.executable).parent / "lint-imports"
+    done = subprocess.run([command, "--no-cache"], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+
+
+def test_algorithms_read_no_clock_no_environment_and_open_no_file() -> None:
+    forbidden = {"time", "datetime", "socket", "subprocess", "threading", "multiprocessing", "os", "random"}
+    for path in (p for part in ("dfns", "dfpcs") for p in (ROOT / "cdff_core" / part).rglob("*.py")):
+        assert forbidden.isdisjoint(_imports(path)), path.relative_to(ROOT)
+        calls = [n.func.id for n in ast.walk(_parsed(path)) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)]
+        assert not {"open", "print", "input"} & set(calls), path.relative_to(ROOT)
+
+
+def _parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def _imports(path: Path) -> set[str]:
+    """Top-level names that a module imports."""
+    names: set[str] = set()
+    for node in ast.walk(_parsed(path)):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            names.add(node.module.split(".")[0])
+    return names

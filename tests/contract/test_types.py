@@ -1,0 +1,68 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""One suite over every type of the wire."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cdff_common.types as types
+from cdff_common.codecs import decode, encode, schema_table
+from cdff_common.errors import CodecError
+
+#: A CHOICE is part of the type that holds it and does not travel alone.
+MESSAGES = [c for n in types.__all__ if getattr(c := getattr(types, n), "ASN1_NAME", "") in schema_table.MESSAGES]
+
+
+def _same(a: Any, b: Any) -> None:
+    if dataclasses.is_dataclass(a):
+        assert type(a) is type(b)
+        for field in dataclasses.fields(a):
+            _same(getattr(a, field.name), getattr(b, field.name))
+    elif isinstance(a, tuple):
+        assert len(a) == len(b)
+        for x, y in zip(a, b, strict=True):
+            _same(x, y)
+    else:
+        np.testing.assert_equal(a, b)
+
+
+@pytest.mark.req("CDFF-CORE-050", "CDFF-CORE-051")
+@pytest.mark.parametrize("codec", ["uper", "msgpack"])
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda m: m.__name__)
+def test_default_value_survives_the_wire(message: Any, codec: str) -> None:
+    value = message()
+    _same(value, decode(message.ASN1_NAME, encode(value, codec), codec))
+
+
+@pytest.mark.req("CDFF-CORE-053")
+@pytest.mark.parametrize("codec", ["uper", "msgpack"])
+@pytest.mark.parametrize(
+    "message", [m for m in MESSAGES if m.__name__ in ("Pointcloud", "Frame", "TransformWithCovariance")]
+)
+def test_malformed_bytes_are_refused_by_name(message: Any, codec: str) -> None:
+    data = encode(message(), codec)
+    with pytest.raises(CodecError, match=message.ASN1_NAME):
+        decode(message.ASN1_NAME, data[: len(data) // 2], codec)
+
+
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda m: m.__name__)
+def test_arrays_are_contiguous_and_read_only(message: Any) -> None:
+    value = message()
+    for field in dataclasses.fields(value):
+        array = getattr(value, field.name)
+        if isinstance(array, np.ndarray):
+            assert array.flags.c_contiguous
+            assert not array.flags.writeable
+
+
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda m: m.__name__)
+def test_fields_cannot_be_assigned(message: Any) -> None:
+    value = message()
+    field = dataclasses.fields(value)[0].name
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        setattr(value, field, getattr(value, field))
