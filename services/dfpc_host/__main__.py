@@ -11,6 +11,10 @@ from __future__ import annotations
 import argparse
 import os
 import threading
+from pathlib import Path
+from typing import Any
+
+import yaml
 
 from cdff_common.bus import Bus
 from cdff_common.errors import ConfigurationError
@@ -30,6 +34,17 @@ def entries_of(profile: Profile, process: str | None, robot: str | None, dfpc: s
     return [(profile.robot(robot), profile.robot(robot).dfpc(dfpc))]
 
 
+def read_parameters(path: str) -> dict[str, Any]:
+    """Return the mapping in a YAML file; raises ConfigurationError where it holds none."""
+    try:
+        data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except (OSError, yaml.YAMLError) as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+    if not isinstance(data, dict):
+        raise ConfigurationError(f"{path}: holds a {type(data).__name__}, expected a mapping of parameters")
+    return data
+
+
 def main(argv: list[str] | None = None) -> int:
     """Host until SIGTERM."""
     parser = argparse.ArgumentParser(prog="dfpc_host", description=__doc__)
@@ -37,12 +52,15 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--process", default=os.environ.get("CDFF_PROCESS"))
     parser.add_argument("--robot")
     parser.add_argument("--dfpc")
+    parser.add_argument("--config", help="YAML with parameters instead of the profile's; with --dfpc")
     args = parser.parse_args(argv)
     cap_threads(1)
 
     def body(stop: threading.Event) -> None:
         profile = load_profile(args.profile)
         entries = entries_of(profile, args.process, args.robot, args.dfpc)
+        if args.config:
+            entries = [(robot, entry.model_copy(update={"parameters": read_parameters(args.config)})) for robot, entry in entries]
         with Bus.open(name=args.process or args.dfpc, wait_s=None) as bus:
             from services.dfpc_host.host import DfpcHost  # noqa: PLC0415  # heavy: after the thread caps
 

@@ -1,0 +1,121 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``cdff dfn list|show`` and ``cdff dfpc list|show|run``: what is installed, and one DFPC as a service."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from typing import Any
+
+
+def register(nouns: Any) -> None:
+    """Add ``cdff dfn`` and ``cdff dfpc``."""
+    for kind in ("dfn", "dfpc"):
+        noun = nouns.add_parser(kind, help=f"{kind.upper()}s that are installed: descriptions, implementations, faults")
+        verbs = noun.add_subparsers(title="verbs", metavar="VERB", required=True)
+        listing = verbs.add_parser("list", help="all of them, and what did not load and why")
+        listing.add_argument("--json", action="store_true", help="for machines")
+        listing.set_defaults(run=run_list, kind=kind)
+        show = verbs.add_parser("show", help="one description with the parameters of its implementations")
+        show.add_argument("name", help="folder, class name or alias")
+        show.add_argument("--json", action="store_true", help="for machines")
+        show.set_defaults(run=run_show, kind=kind)
+        if kind == "dfpc":
+            run = verbs.add_parser("run", help="one DFPC of a profile as a service, in the foreground")
+            run.add_argument("name", help="folder, class name or alias")
+            run.add_argument("--robot", required=True, help="robot id of the profile")
+            run.add_argument("--config", help="YAML with parameters instead of the profile's")
+            run.add_argument(
+                "--profile", default=os.environ.get("CDFF_PROFILE"), help="deploy/profiles/*.yaml; CDFF_PROFILE"
+            )
+            run.set_defaults(run=run_service)
+
+
+def run_list(args: argparse.Namespace) -> int:
+    """Print every description; exit 1 if one did not load."""
+    from cdff_common.interfaces.registry import Registry
+
+    registry = Registry.default()
+    found = registry.dfns if args.kind == "dfn" else registry.dfpcs
+    rows = [
+        {
+            "name": folder,
+            "class": f.description.name,
+            "implementations": [getattr(i, "name", i) for i in f.description.implementations],
+            "aliases": list(f.description.aliases),
+            "doc": " ".join(f.description.doc.split()),
+        }
+        for folder, f in found.items()
+    ]
+    if args.json:
+        print(json.dumps({f"{args.kind}s": rows, "failures": registry.failures}, indent=1, ensure_ascii=False))
+    else:
+        width = max((len(r["name"]) for r in rows), default=0)
+        for row in rows:
+            print(f"{row['name']:{width}}  {', '.join(row['implementations'])}")
+        for folder, reason in sorted(registry.failures.items()):
+            print(f"cdff: {folder} did not load: {' '.join(reason.split())}", file=sys.stderr)
+    return 1 if registry.failures else 0
+
+
+def run_show(args: argparse.Namespace) -> int:
+    """Print one description and the parameters of its implementations."""
+    from cdff_common.errors import ConfigurationError
+    from cdff_common.interfaces.registry import Registry
+
+    registry = Registry.default()
+    description: Any = registry.dfn(args.name) if args.kind == "dfn" else registry.dfpc(args.name)
+    nodes = (
+        {implementation: registry.make_dfn(args.name, implementation) for implementation in description.implementations}
+        if args.kind == "dfn"
+        else {description.name: registry.make_dfpc(args.name)}
+    )
+    if not nodes:
+        raise ConfigurationError(f"{args.name} has no implementation")
+    print_description(description, nodes, as_json=args.json)
+    return 0
+
+
+def print_description(description: Any, nodes: dict[str, Any], *, as_json: bool) -> None:
+    """Write a description and the parameter rows of its configured classes to standard output."""
+    from dataclasses import asdict
+
+    from cdff_common.interfaces.parameters import parameter_rows
+
+    parameters = {name: [asdict(row) for row in parameter_rows(type(node).Config)] for name, node in nodes.items()}
+    data = description.model_dump(mode="json") | {"configuration": parameters}
+    if as_json:
+        print(json.dumps(data, indent=1, ensure_ascii=False))
+        return
+    print(f"{description.name} ({description.folder}), version {description.version}")
+    print(" ".join(description.doc.split()))
+    for title, ports in (("inputs", description.input_ports), ("outputs", description.output_ports)):
+        print(f"\n{title}")
+        for port in ports:
+            print(f"  {port.attribute}: {port.type_name}{' (optional)' if port.optional else ''}  {port.doc}")
+    for name, rows in parameters.items():
+        print(f"\nparameters of {name}" + ("" if rows else ": none"))
+        for row in rows:
+            bounds = f" {row['bounds']}" if row["bounds"] else ""
+            print(f"  {row['name']} = {row['default']}  ({row['type']}{bounds})  {row['doc']}")
+
+
+def run_service(args: argparse.Namespace) -> int:
+    """Become the host process, so that signals and the exit code are its own."""
+    from cdff_common.errors import ConfigurationError
+    from cdff_common.interfaces.registry import Registry
+
+    if not args.profile:
+        raise ConfigurationError(
+            "no profile: give --profile FILE or set CDFF_PROFILE, as deploy/profiles/rover_traverse.yaml"
+        )
+    _, folder = Registry.default().resolve(args.name)
+    options = ["--profile", args.profile, "--robot", args.robot, "--dfpc", folder]
+    if args.config:
+        options += ["--config", args.config]
+    sys.stdout.flush()
+    os.execv(sys.executable, [sys.executable, "-m", "services.dfpc_host", *options])
+    return 1
