@@ -25,7 +25,11 @@ def decode(type_name: str, data: bytes) -> Any:
     CodecError
         If the bytes are not MessagePack, or not of that type.
     """
-    return from_plain(type_name, unpack(data))
+    try:
+        plain = unpack(data)
+    except CodecError as error:
+        raise CodecError(f"{type_name} (msgpack): {error}") from error
+    return from_plain(type_name, plain)
 
 
 def unpack(data: bytes) -> Any:
