@@ -54,7 +54,7 @@ class Region:
         return self.kind != "near"
 
     def resolved(self, x_m: float, y_m: float) -> Region:
-        """This region with ``near`` turned into a circle around where its frame is; others unchanged."""
+        """The region with ``near`` turned into a circle around where its frame is; others unchanged."""
         return self if self.is_resolved else Region("circle", (float(x_m), float(y_m), self.values[0]))
 
     @property

@@ -18,16 +18,27 @@ from cdff_core.orchestration.world import Input, Maker, MakerId, SensorId, Senso
 def description_of(robot: str, entry: DfpcEntry, description: DfpcDescription) -> dict[str, Any]:
     """What ``dfpc/@rpc/describe`` would say of a DFPC whose process has not answered yet."""
     return {
-        "name": entry.name, "robot": robot, "doc": description.doc, "version": description.version,
-        "implementation": entry.implementation or description.implementations[0].name, "state": "unconfigured",
+        "name": entry.name,
+        "robot": robot,
+        "doc": description.doc,
+        "version": description.version,
+        "implementation": entry.implementation or description.implementations[0].name,
+        "state": "unconfigured",
         "inputs": [
-            {"port": p.attribute, "type": p.type_name, "optional": p.optional, "source": entry.inputs.get(p.attribute, "")}
+            {
+                "port": p.attribute,
+                "type": p.type_name,
+                "optional": p.optional,
+                "source": entry.inputs.get(p.attribute, ""),
+            }
             for p in description.input_ports
         ],
         "outputs": [
             {"port": p.attribute, "type": p.type_name, "product": p.product or ""} for p in description.output_ports
         ],
-        "modes": dict(entry.modes), "activation": entry.activation, "linger_s": entry.linger_s,
+        "modes": dict(entry.modes),
+        "activation": entry.activation,
+        "linger_s": entry.linger_s,
         "cost": {k: c.model_dump() for k, c in description.cost.items()},
     }
 
@@ -47,11 +58,16 @@ def maker_of(description: Mapping[str, Any], *, alive: bool, active: bool, why_n
             MakerId(robot, str(description["name"])),
             outputs={str(o["port"]): (str(o["product"]) or None) for o in description["outputs"]},
             inputs=tuple(
-                Input(str(i["port"]), _sources(robot, str(i["source"])), bool(i["optional"])) for i in description["inputs"]
+                Input(str(i["port"]), _sources(robot, str(i["source"])), bool(i["optional"]))
+                for i in description["inputs"]
             ),
             modes={str(s): str(m) for s, m in description["modes"].items()},
-            implementation=str(description["implementation"]), cost=cost[0], memory_mb=cost[1],
-            available=alive, active=active, why_not=why_not,
+            implementation=str(description["implementation"]),
+            cost=cost[0],
+            memory_mb=cost[1],
+            available=alive,
+            active=active,
+            why_not=why_not,
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"description of a DFPC: {type(error).__name__} {error}") from error
@@ -78,8 +94,10 @@ def world_of(
         for name, sensor in robot.sensors.items():
             sensor_id = SensorId(robot.id, name)
             sensors[sensor_id] = SensorState(
-                sensor_id, {m: mode.on for m, mode in sensor.modes.items()},
-                observed.modes.get(sensor_id, sensor.initial_mode), leases.held_mode(sensor_id),
+                sensor_id,
+                {m: mode.on for m, mode in sensor.modes.items()},
+                observed.modes.get(sensor_id, sensor.initial_mode),
+                leases.held_mode(sensor_id),
                 refused.get(sensor_id, frozenset()),
             )
     return World(makers, sensors)
@@ -88,9 +106,8 @@ def world_of(
 def feeds_of(world: World) -> dict[MakerId, frozenset[MakerId]]:
     """Which makers feed which, as wired."""
     return {
-        m.id: frozenset(
-            MakerId(s.robot, s.owner) for port in m.inputs for s in port.sources if s.kind == "product"
-        ) for m in world.makers.values()
+        m.id: frozenset(MakerId(s.robot, s.owner) for port in m.inputs for s in port.sources if s.kind == "product")
+        for m in world.makers.values()
     }
 
 
@@ -100,7 +117,8 @@ def uses_of(world: World) -> dict[MakerId, frozenset[SensorId]]:
         m.id: frozenset(
             {SensorId(s.robot, s.owner) for port in m.inputs for s in port.sources if s.kind == "sensor"}
             | {SensorId(m.id.robot, s) for s in m.modes}
-        ) for m in world.makers.values()
+        )
+        for m in world.makers.values()
     }
 
 

@@ -38,7 +38,7 @@ class Recovered:
 
 
 def recover(records: Iterable[Mapping[str, Any]]) -> Recovered:
-    """Replay records in order; records of unknown kinds are passed over, since a newer version may have written them."""
+    """Replay records in order; those of unknown kinds are passed over: a newer version may have written them."""
     state = Recovered()
     leases: dict[str, set[MakerId]] = {}
     for record in records:

@@ -98,9 +98,9 @@ def judge(candidate: Candidate, request: ProductRequest, now_ns: int) -> Judgeme
             missing.append("coverage: nothing in the region")
         elif candidate.coverage < request.min_coverage:
             missing.append(f"coverage: {candidate.coverage:.3f}, asked at least {request.min_coverage:g}")
-    if request.resolution_m is not None and candidate.resolution_m is not None:
-        if candidate.resolution_m > request.resolution_m * RESOLUTION_TOLERANCE:
-            short.append(f"resolution: {candidate.resolution_m:g} m, asked {request.resolution_m:g} m")
+    wanted_m, given_m = request.resolution_m, candidate.resolution_m
+    if wanted_m is not None and given_m is not None and given_m > wanted_m * RESOLUTION_TOLERANCE:
+        short.append(f"resolution: {given_m:g} m, asked {wanted_m:g} m")
     return Judgement(tuple(missing), tuple(short))
 
 
@@ -114,10 +114,17 @@ def best(candidates: Iterable[Candidate], request: ProductRequest, now_ns: int) 
     )
 
 
-def delivered(candidate: Candidate, judgement: Judgement, request: ProductRequest, now_ns: int, frame: str) -> dict[str, object]:
+def delivered(
+    candidate: Candidate, judgement: Judgement, request: ProductRequest, now_ns: int, frame: str
+) -> dict[str, object]:
     """The ``delivered`` map of an answer: what was given, and how it differs from what was asked."""
     return {
-        "robot": candidate.robot, "frame": frame, "resolution_m": candidate.resolution_m, "coverage": candidate.coverage,
-        "age_s": round(candidate.age_s(now_ns), 6), "oldest_age_s": round(candidate.oldest_age_s(now_ns), 6),
-        "status": candidate.status, "differences": [*judgement.missing, *judgement.short],
+        "robot": candidate.robot,
+        "frame": frame,
+        "resolution_m": candidate.resolution_m,
+        "coverage": candidate.coverage,
+        "age_s": round(candidate.age_s(now_ns), 6),
+        "oldest_age_s": round(candidate.oldest_age_s(now_ns), 6),
+        "status": candidate.status,
+        "differences": [*judgement.missing, *judgement.short],
     }

@@ -65,7 +65,8 @@ class Leases:
     def expire(self, now_s: float) -> tuple[MakerId, ...]:
         """Drop makers whose linger is over and return them."""
         gone = tuple(
-            m for m, lease in self._makers.items()
+            m
+            for m, lease in self._makers.items()
             if not lease.holders and lease.linger_until_s is not None and lease.linger_until_s <= now_s
         )
         for maker in gone:

@@ -89,8 +89,14 @@ class ModeMachine:
         """Plain data for ``icu/@rpc/modes``."""
         current = self.sensor.modes[self.mode]
         return {
-            "sensor": self.name, "mode": self.mode, "target": self.target, "state": self.state, "on": current.on,
-            "rate_hz": current.rate_hz, "holder": self.holder, "switch_s": self.sensor.switch_s,
+            "sensor": self.name,
+            "mode": self.mode,
+            "target": self.target,
+            "state": self.state,
+            "on": current.on,
+            "rate_hz": current.rate_hz,
+            "holder": self.holder,
+            "switch_s": self.sensor.switch_s,
             "modes": {name: _mode_map(mode) for name, mode in self.sensor.modes.items()},
         }
 

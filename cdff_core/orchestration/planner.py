@@ -54,8 +54,11 @@ class Plan:
     def describe(self) -> dict[str, object]:
         """Plain data for the journal and for answers."""
         return {
-            "maker": str(self.maker), "port": self.port, "order": [str(m) for m in self.order],
-            "modes": {str(s): mode for s, mode in sorted(self.modes.items())}, "cost": round(self.cost, 6),
+            "maker": str(self.maker),
+            "port": self.port,
+            "order": [str(m) for m in self.order],
+            "modes": {str(s): mode for s, mode in sorted(self.modes.items())},
+            "cost": round(self.cost, 6),
             "unfed": list(self.unfed),
         }
 
@@ -88,8 +91,13 @@ class _State:
 
     def copy(self) -> _State:
         return _State(
-            dict(self.makers), {k: set(v) for k, v in self.feeds.items()}, dict(self.modes), self.streams,
-            dict(self.fed), self.unfed, self.cost,
+            dict(self.makers),
+            {k: set(v) for k, v in self.feeds.items()},
+            dict(self.modes),
+            self.streams,
+            dict(self.fed),
+            self.unfed,
+            self.cost,
         )
 
     def depends(self, on: MakerId, maker: MakerId) -> bool:
@@ -146,7 +154,7 @@ class _Search:
             self.reasons[f"none of the inputs of {starved.id} can be fed"] = None
             return
         state = state.copy()
-        if all([self._stream(state, sensor) for sensor in sorted(state.streams)]) and (
+        if all(self._stream(state, sensor) for sensor in sorted(state.streams)) and (
             self.best is None or state.cost < self.best.cost
         ):
             self.best, self.best_root = state, root
@@ -229,8 +237,13 @@ def plan(world: World, product: str, robots: Iterable[str], exclude: frozenset[M
     wanted = set(robots)
     usable = World({k: m for k, m in world.makers.items() if k not in exclude}, world.sensors)
     search = _Search(usable)
-    roots = [(m, port) for m in usable.makers.values() if m.id.robot in wanted
-             for port, made in sorted(m.outputs.items()) if made == product]
+    roots = [
+        (m, port)
+        for m in usable.makers.values()
+        if m.id.robot in wanted
+        for port, made in sorted(m.outputs.items())
+        if made == product
+    ]
     roots.sort(key=lambda r: (0.0 if r[0].active else r[0].cost, r[0].id))
     for maker, port in roots:
         search.root(maker, port)
@@ -240,7 +253,12 @@ def plan(world: World, product: str, robots: Iterable[str], exclude: frozenset[M
         return NoPlan(reasons + tried, possible_products(usable, wanted))
     state = search.best
     return Plan(
-        search.best_root[0], search.best_root[1], _dependency_order(state.feeds), dict(state.modes), state.cost, state.unfed
+        search.best_root[0],
+        search.best_root[1],
+        _dependency_order(state.feeds),
+        dict(state.modes),
+        state.cost,
+        state.unfed,
     )
 
 

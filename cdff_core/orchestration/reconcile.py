@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What to do next so that what runs becomes what is wanted: one pure step, repeated by the service until nothing is left.
+"""What to do next so that what runs becomes what is wanted: one pure step, repeated until nothing is left to do.
 
 Modes come before the activations that rely on them, feeders before those they feed, deactivations in the opposite
 order. What failed is tried again after a back-off; what a restarted process forgot is simply wanted and not active.
@@ -121,12 +121,13 @@ def next_actions(
         return attempt is None or attempt.not_before_s <= now_s
 
     actions: list[Action] = [
-        SetMode(sensor, mode) for sensor, mode in sorted(wanted_modes.items())
+        SetMode(sensor, mode)
+        for sensor, mode in sorted(wanted_modes.items())
         if observed.modes.get(sensor) != mode and may(sensor)
     ]
     pending = {s for s, mode in wanted_modes.items() if observed.modes.get(s) != mode}
     on = set(wanted)
-    # A feeder that is dead or fails does not hold up what it feeds: the input may be optional, and the feeder come back.
+    # A feeder that is dead or fails does not hold up what it feeds: the input may be optional, the feeder come back.
     coming = {m for m in on & observed.alive - observed.active if m not in observed.attempts}
     for maker in wanted:
         waits = (uses.get(maker, frozenset()) & pending) or (feeds.get(maker, frozenset()) & coming)

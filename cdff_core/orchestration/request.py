@@ -29,8 +29,23 @@ PRODUCTS: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
 #: Products that have a place, so that ``region``, ``resolution_m`` and ``min_coverage`` mean something.
 SPATIAL = frozenset({"pointcloud", "dem", "navigation_map"})
 PARAMETERS = frozenset(
-    {"type", "robot", "region", "region_frame", "frame", "child", "t", "max_age_s", "resolution_m", "min_coverage",
-     "as", "format", "deliver", "deadline_ms", "request"}
+    {
+        "type",
+        "robot",
+        "region",
+        "region_frame",
+        "frame",
+        "child",
+        "t",
+        "max_age_s",
+        "resolution_m",
+        "min_coverage",
+        "as",
+        "format",
+        "deliver",
+        "deadline_ms",
+        "request",
+    }
 )
 #: Below the 10 s after which a Zenoh query stops by default, so that a plain ``get`` still sees the answer.
 DEFAULT_DEADLINE_MS = 8_000
@@ -99,11 +114,21 @@ class ProductRequest:
     def describe(self) -> dict[str, Any]:
         """What was asked, as plain data for the journal, job lists and answers."""
         return {
-            "request": self.id, "type": self.product, "robot": self.robot, "frame": self.frame, "child": self.child,
-            "region": None if self.region is None else self.region.text, "region_frame": self.region_frame,
-            "t_ns": self.t_ns, "max_age_s": None if math.isinf(self.max_age_s) else self.max_age_s,
-            "resolution_m": self.resolution_m, "min_coverage": self.min_coverage, "as": self.type_name,
-            "format": self.format, "deliver": self.deliver, "deadline_s": self.deadline_s,
+            "request": self.id,
+            "type": self.product,
+            "robot": self.robot,
+            "frame": self.frame,
+            "child": self.child,
+            "region": None if self.region is None else self.region.text,
+            "region_frame": self.region_frame,
+            "t_ns": self.t_ns,
+            "max_age_s": None if math.isinf(self.max_age_s) else self.max_age_s,
+            "resolution_m": self.resolution_m,
+            "min_coverage": self.min_coverage,
+            "as": self.type_name,
+            "format": self.format,
+            "deliver": self.deliver,
+            "deadline_s": self.deadline_s,
         }
 
 
@@ -142,13 +167,21 @@ def parse_request(parameters: Mapping[str, str], scope: str) -> ProductRequest:
     if deliver not in ("auto", "inline", "reference"):
         raise InputError(f"deliver={deliver!r}: expected auto, inline or reference")
     return ProductRequest(
-        id=request_id, product=product, robot=robot, frame=frame,
+        id=request_id,
+        product=product,
+        robot=robot,
+        frame=frame,
         child=checked_frame(parameters["child"], "child") if "child" in parameters else None,
-        region=region, region_frame=checked_frame(parameters.get("region_frame", frame), "region_frame"),
+        region=region,
+        region_frame=checked_frame(parameters.get("region_frame", frame), "region_frame"),
         t_ns=parse_stamp(parameters["t"]) if "t" in parameters else None,
         max_age_s=_number(parameters, "max_age_s", math.inf, 0.0, math.inf) or 0.0,
-        resolution_m=_number(parameters, "resolution_m", None, 1e-4, 1e4), min_coverage=min_coverage,
-        type_name=type_name, format=codec, deliver=deliver, deadline_s=(deadline_ms or 0.0) / 1000,
+        resolution_m=_number(parameters, "resolution_m", None, 1e-4, 1e4),
+        min_coverage=min_coverage,
+        type_name=type_name,
+        format=codec,
+        deliver=deliver,
+        deadline_s=(deadline_ms or 0.0) / 1000,
     )
 
 

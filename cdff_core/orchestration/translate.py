@@ -53,7 +53,9 @@ def pose_as(
     known and therefore NaN.
     """
     if type_name == "TransformWithCovariance":
-        value = TransformWithCovariance.from_transform(T, parent=parent, child=child, stamp_ns=stamp_ns, producer=producer)
+        value = TransformWithCovariance.from_transform(
+            T, parent=parent, child=child, stamp_ns=stamp_ns, producer=producer
+        )
         return value, ()
     if type_name != "RigidBodyState":
         raise InputError(f"as={type_name!r}: a pose comes as TransformWithCovariance or RigidBodyState")
@@ -101,7 +103,7 @@ def region_in(region: Region, T_frame_region: FloatArray) -> Region:
     if np.allclose(T_frame_region, np.eye(4), atol=1e-12):
         return region
     if T_frame_region[2, 2] < _MIN_COS_TILT:
-        raise InputError(f"region={region.text!r}: its frame is tilted against the product's; give a region_frame that is level")
+        raise InputError(f"region={region.text!r}: its frame is tilted against the product's; name a level one")
     if region.kind == "circle":
         x, y, r = region.values
         centre = T_frame_region @ np.array([x, y, 0.0, 1.0])
@@ -162,7 +164,9 @@ def merged_clouds(clouds: Sequence[Pointcloud]) -> Pointcloud:
     known = [i for i in intensities if i is not None]
     intensity = np.concatenate(known) if len(known) == len(clouds) else None
     return Pointcloud.from_points(
-        np.concatenate([c.points_m for c in clouds]), frame=clouds[0].frame, stamp_ns=max(c.stamp_ns for c in clouds),
+        np.concatenate([c.points_m for c in clouds]),
+        frame=clouds[0].frame,
+        stamp_ns=max(c.stamp_ns for c in clouds),
         intensity=intensity,
     )
 
@@ -201,13 +205,23 @@ def elevation_as_map(elevation: ElevationMap, T_frame_map_frame: UncertainTransf
     stamp = Time.from_ns(elevation.stamp_ns)
     return Map(
         metadata=MapMetadataT(
-            time_stamp=stamp, type=MapTypeT.MAP_DEM, scale=g.resolution_m,
+            time_stamp=stamp,
+            type=MapTypeT.MAP_DEM,
+            scale=g.resolution_m,
             pose_fixed_frame_map_frame=TransformWithCovariance.from_transform(
-                T_frame_map_frame @ corner, parent=frame, child=f"{g.frame}/map", stamp_ns=elevation.stamp_ns, producer=producer,
+                T_frame_map_frame @ corner,
+                parent=frame,
+                child=f"{g.frame}/map",
+                stamp_ns=elevation.stamp_ns,
+                producer=producer,
             ),
         ),
         data=Array3D(
-            rows=g.rows, cols=g.cols, channels=1, depth=Array3DDepthT.DEPTH_32F, row_size=4 * g.cols,
+            rows=g.rows,
+            cols=g.cols,
+            channels=1,
+            depth=Array3DDepthT.DEPTH_32F,
+            row_size=4 * g.cols,
             data=mean.reshape(-1).view(np.uint8),
         ),
     )
@@ -233,8 +247,8 @@ def masked_map(value: ElevationMap | NavigationMap, region: Region) -> Elevation
 def observed_cells(value: ElevationMap | NavigationMap) -> NDArray[np.bool_]:
     """Which cells of a map hold something: ``(rows, cols)``."""
     if isinstance(value, ElevationMap):
-        return np.isfinite(value.layer("mean"))
-    return np.asarray(value.layer("class") != 0)
+        return np.asarray(np.isfinite(value.layer("mean")), dtype=np.bool_)
+    return np.asarray(value.layer("class") != 0, dtype=np.bool_)
 
 
 def grid_coverage(geometry: GridGeometry, observed: NDArray[np.bool_], region: Region) -> float:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The simulated Instrument Control Unit as a process: ``icu/@rpc/{modes|set_mode}`` for every robot of a profile.
 
-    python -m services.icu --profile FILE [--connect tcp/127.0.0.1:7447]
+python -m services.icu --profile FILE [--connect tcp/127.0.0.1:7447]
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ logger = logging.getLogger(__name__)
 def main(argv: list[str] | None = None) -> int:
     """Serve sensor modes until SIGTERM."""
     parser = argparse.ArgumentParser(prog="icu", description=__doc__)
-    parser.add_argument("--profile", type=Path, default=os.environ.get("CDFF_PROFILE"), required="CDFF_PROFILE" not in os.environ)
+    parser.add_argument(
+        "--profile", type=Path, default=os.environ.get("CDFF_PROFILE"), required="CDFF_PROFILE" not in os.environ
+    )
     parser.add_argument("--connect", default=None)
     args = parser.parse_args(argv)
 

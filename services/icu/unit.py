@@ -29,7 +29,9 @@ class SimulatedIcu:
 
     def __init__(self, profile: Profile, on_mode: OnMode) -> None:
         self._machines = {
-            (robot.id, name): ModeMachine(name, sensor) for robot in profile.robots for name, sensor in robot.sensors.items()
+            (robot.id, name): ModeMachine(name, sensor)
+            for robot in profile.robots
+            for name, sensor in robot.sensors.items()
         }
         self._on_mode = on_mode
         self._changed = threading.Condition()
@@ -78,7 +80,9 @@ class SimulatedIcu:
                 if machine.target is None and machine.mode == mode:
                     return {"robot": robot, "confirmed": True, **machine.event()}
                 if machine.target != mode:
-                    raise ConflictError(f"sensor {sensor}: {machine.holder or 'somebody'} demanded another mode meanwhile")
+                    raise ConflictError(
+                        f"sensor {sensor}: {machine.holder or 'somebody'} demanded another mode meanwhile"
+                    )
                 self._changed.wait(max(machine.ready_at_s - monotonic_s(), 0.001))
 
     def close(self) -> None:

@@ -12,7 +12,7 @@ from typing import assert_never
 from cdff_common.bus import Bus, keys
 from cdff_common.clock import monotonic_s
 from cdff_common.errors import CdffError, DeniedError
-from cdff_core.orchestration.reconcile import Activate, Action, Deactivate, SetMode
+from cdff_core.orchestration.reconcile import Action, Activate, Deactivate, SetMode
 from services.orchestrator.journal import Journal
 from services.orchestrator.state import State
 
@@ -73,7 +73,7 @@ class Controller:
                 self._switch(action, "deactivate")
             else:
                 assert_never(action)
-        except Exception:  # noqa: BLE001  # the last line of defence of a pool: it is logged, and tried again
+        except Exception:  # the last line of defence of a pool: it is logged, and tried again
             logger.exception("%s failed", action)
         finally:
             with self._lock:
@@ -91,7 +91,9 @@ class Controller:
             error = denied
         except CdffError as known:
             error = known
-        self._journal.append("mode", sensor=str(sensor), mode=mode, ok=error is None, reason="" if error is None else str(error))
+        self._journal.append(
+            "mode", sensor=str(sensor), mode=mode, ok=error is None, reason="" if error is None else str(error)
+        )
         if error is None:
             self._state.succeeded(sensor)
             self._state.seen_mode(sensor, mode)

@@ -177,7 +177,9 @@ class State:
                 "missing": [str(m) for m in makers if m not in o.active],
                 "dead": [str(m) for m in makers if m not in o.alive],
                 "modes_missing": [str(s) for s, mode in modes.items() if o.modes.get(s) != mode],
-                "failures": {str(x): (a.failures, a.reason) for x, a in o.attempts.items() if x in makers or x in modes},
+                "failures": {
+                    str(x): (a.failures, a.reason) for x, a in o.attempts.items() if x in makers or x in modes
+                },
             }
 
     def catalogue(self, robots: Iterable[str]) -> dict[str, Any]:
@@ -186,14 +188,27 @@ class State:
         with self._changed:
             world, o = self._world(), self._observed
             makers = [
-                {**self._descriptions[m], "alive": m in o.alive, "active": m in o.active,
-                 "failures": o.attempts[m].failures if m in o.attempts else 0,
-                 "last_failure": o.attempts[m].reason if m in o.attempts else ""}
-                for m in sorted(world.makers) if m.robot in robots
+                {
+                    **self._descriptions[m],
+                    "alive": m in o.alive,
+                    "active": m in o.active,
+                    "failures": o.attempts[m].failures if m in o.attempts else 0,
+                    "last_failure": o.attempts[m].reason if m in o.attempts else "",
+                }
+                for m in sorted(world.makers)
+                if m.robot in robots
             ]
             sensors = [
-                {"robot": s.id.robot, "sensor": s.id.sensor, "mode": s.current, "held": s.held, "modes": sorted(s.modes),
-                 "refused": sorted(s.refused)} for s in world.sensors.values() if s.id.robot in robots
+                {
+                    "robot": s.id.robot,
+                    "sensor": s.id.sensor,
+                    "mode": s.current,
+                    "held": s.held,
+                    "modes": sorted(s.modes),
+                    "refused": sorted(s.refused),
+                }
+                for s in world.sensors.values()
+                if s.id.robot in robots
             ]
             leases = [x for x in self._leases.describe() if str(x["dfpc"]).partition("/")[0] in robots]
         products = []

@@ -72,7 +72,7 @@ class Watcher:
                 self._state.seen_alive(maker, alive=False)
 
     def _meet(self, maker: MakerId) -> None:
-        """Ask a DFPC that appeared what it is and which state it is in; a later heartbeat brings a failed try here again."""
+        """Ask a DFPC that appeared what it is and in which state; after a failed try a heartbeat leads here again."""
         if maker in self._met:
             return
         description = self._bus.call(keys.dfpc_rpc(*maker, "describe"), timeout_s=_CALL_S).body()

@@ -1,0 +1,47 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The orchestrator as a process.
+
+python -m services.orchestrator --profile FILE [--connect tcp/127.0.0.1:7447] [--data-dir DIR]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import threading
+from pathlib import Path
+
+from cdff_common.bus import Bus
+from cdff_common.interfaces.profile import load_profile
+from services.orchestrator.service import Orchestrator
+from services.process import cap_threads, run_service
+
+_DEFAULT_DATA = Path.home() / ".local" / "share" / "cdff"
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Orchestrate until SIGTERM."""
+    cap_threads(1)
+    parser = argparse.ArgumentParser(prog="orchestrator", description=__doc__)
+    parser.add_argument("--profile", default=os.environ.get("CDFF_PROFILE"), required="CDFF_PROFILE" not in os.environ)
+    parser.add_argument("--connect", default=None)
+    parser.add_argument("--data-dir", type=Path, default=Path(os.environ.get("CDFF_DATA_DIR", _DEFAULT_DATA)))
+    parser.add_argument("--capacity", type=int, default=64, help="most requests open at a time")
+    args = parser.parse_args(argv)
+
+    def body(stop: threading.Event) -> None:
+        profile = load_profile(args.profile)
+        with Bus.open(args.connect, name="orchestrator", wait_s=None) as bus:
+            orchestrator = Orchestrator(bus, profile, args.data_dir / "orchestrator" / "journal.jsonl", args.capacity)
+            try:
+                orchestrator.start()
+                stop.wait()
+            finally:
+                orchestrator.close()
+
+    return run_service("orchestrator", body)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,241 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""From what was found to the final reply: frame, type, bytes, header, inline or by reference."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from cdff_common.bus import Reply
+from cdff_common.bus.message import pack
+from cdff_common.clock import Clock
+from cdff_common.codecs import encode
+from cdff_common.codecs.encoding import encoding_string
+from cdff_common.errors import InputError, UnavailableError
+from cdff_common.geometry import UncertainTransform
+from cdff_common.interfaces.product import CovarianceKind, Header, Quality, product_id
+from cdff_core.orchestration import translate
+from cdff_core.orchestration.judge import Judgement, delivered
+from cdff_core.orchestration.request import CODECS, PRODUCTS, ProductRequest
+from services.orchestrator.dpm import Dpm
+from services.orchestrator.files import file_bytes
+from services.orchestrator.finder import Found
+
+#: Larger payloads go by reference unless ``deliver=inline`` (contract §5).
+INLINE_BYTES = 1_000_000
+_PRODUCER = "orchestrator/translate/1"
+#: Two lookups of one edge that differ by more than this are of a moving edge.
+_STILL_M = 1e-6
+#: Stands for the type of a DEM that has more cells than a ``Map`` may have: it goes by reference as tif (contract §7).
+_TOO_LARGE = "Map too large"
+#: Gives ``T_parent_child`` at a time.
+Lookup = Callable[[str, str, int], UncertainTransform]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Translated:
+    """A value as it was asked for.
+
+    Attributes
+    ----------
+    value : Any
+        A ``cdff_common.types`` object of ``type_name``.
+    frame, child : str
+    reasons : tuple of str
+        Codes of what the type cannot say.
+    moved_by : UncertainTransform or None
+        What its points were moved by: their error on top of their own.
+    """
+
+    value: Any
+    type_name: str
+    frame: str
+    child: str | None = None
+    reasons: tuple[str, ...] = ()
+    moved_by: UncertainTransform | None = None
+
+
+class Delivery:
+    """Makes the final reply of a job."""
+
+    def __init__(self, dpm: Dpm, clock: Clock) -> None:
+        self._dpm = dpm
+        self._clock = clock
+
+    def reply(self, job: str, request: ProductRequest, found: Found, judgement: Judgement, timeout_s: float) -> Reply:
+        """Translate, encode and, where it is large or asked for, store and refer.
+
+        Raises
+        ------
+        CdffError
+            As the DPM answers, or where the product cannot be had in the asked frame or type.
+        """
+        robot = found.candidate.robot
+
+        def lookup(parent: str, child: str, t_ns: int) -> UncertainTransform:
+            return self._dpm.pose(robot, parent, child, t_ns, timeout_s)
+
+        t = translated(request, found, lookup)
+        native = PRODUCTS[request.product][0]
+        as_is = t.type_name == native and t.frame == found.frame and not t.reasons
+        whole = found.whole and as_is
+        header = (
+            found.sources[0] if whole or (as_is and request.product == "dem") else derived_header(request, found, t)
+        )
+        what = delivered(found.candidate, judgement, request, self._clock.now_ns(), t.frame)
+        what["as"], what["differences"] = t.type_name, [*judgement.missing, *judgement.short, *t.reasons]
+        if t.moved_by is not None and t.moved_by.covariance is not None:
+            what["frame_covariance"] = t.moved_by.covariance.tolist()
+        extra = {"robot": robot, "job": job, "request": request.id, "final": True, "delivered": what}
+        payload, encoding = _inline(request, t)
+        if payload is not None:
+            digest = {"sha256": hashlib.sha256(payload).hexdigest()}
+            return Reply(payload, encoding, {**header.to_dict(), **digest, "kind": "product", **extra})
+        if not whole:
+            header = self._store(request, found, t, header, timeout_s)
+        form = request.format if t.type_name != _TOO_LARGE else "tif"
+        body = {
+            "id": header.id,
+            "type": native,
+            "encoding": encoding_string(native, "uper"),
+            "format": form,
+            "path": f"/api/v1/products/{header.id}/payload?format={form}",
+        }
+        return Reply(pack(body), "application/msgpack", {**header.to_dict(), "kind": "reference", **extra})
+
+    def _store(self, request: ProductRequest, found: Found, t: Translated, header: Header, timeout_s: float) -> Header:
+        """Have what was derived kept by the DPM, in the product's own type; the header it is kept with."""
+        robot = found.candidate.robot
+        if request.product == "dem":
+            if t.frame != found.frame:
+                raise UnavailableError(f"a DEM by reference stays in {found.frame}: ask for frame={found.frame}")
+            region = None if found.region is None else found.region.text
+            kept = self._dpm.stored_window(
+                timeout_s,
+                robot=robot if robot in found.robots else "any",
+                region=region,
+                frame=found.frame,
+                resolution_m=request.resolution_m,
+                t1=found.candidate.t1_ns,
+            )
+            return Header.from_dict(kept)
+        if request.product == "pose":
+            raise UnavailableError("a pose composed over the frame tree is not stored: ask for deliver=inline")
+        self._dpm.put(header, t.value, t.type_name, robot, request.product, timeout_s)
+        return header
+
+
+def _inline(request: ProductRequest, t: Translated) -> tuple[bytes | None, str]:
+    """The payload and its encoding, None where it goes by reference."""
+    if request.deliver == "reference" or t.type_name == _TOO_LARGE:
+        return None, ""
+    try:
+        payload, encoding = encoded(t.value, t.type_name, request.format)
+    except UnavailableError:
+        if request.deliver == "inline":
+            raise
+        return None, ""  # the DPM writes the file
+    return (None if len(payload) > INLINE_BYTES and request.deliver == "auto" else payload), encoding
+
+
+def translated(request: ProductRequest, found: Found, lookup: Lookup) -> Translated:
+    """Return what was found in the frame and type asked for.
+
+    Raises
+    ------
+    UnavailableError
+        If it cannot be had there without resampling; the message names what can.
+    """
+    value, wanted, frame, home = found.value, request.type_name, request.frame, found.frame
+    t_ns = found.candidate.t1_ns
+    if request.product == "pose":
+        T = value if isinstance(value, UncertainTransform) else value.transform
+        assert found.child is not None
+        made, reasons = translate.pose_as(T, home, found.child, t_ns, wanted, _PRODUCER)
+        whole = found.whole and wanted == "TransformWithCovariance"
+        return Translated(value if whole else made, wanted, home, found.child, reasons)
+    if request.product == "trajectory":
+        moved_by = None if home == frame else _still(lookup, frame, home, value)
+        moved = value if moved_by is None else translate.trajectory_in(value, moved_by, frame)
+        return Translated(moved, wanted, frame, found.child)
+    if request.product == "pointcloud":
+        moved_by = None if home == frame else lookup(frame, home, t_ns)
+        moved = value if moved_by is None else translate.cloud_in(value, moved_by, frame)
+        return Translated(moved, wanted, frame, moved_by=moved_by)
+    if wanted == "Map":
+        g = value.geometry
+        if g.rows > translate.MAP_MAX_ROWS or g.cols > translate.MAP_MAX_COLS:
+            return Translated(value, _TOO_LARGE, frame)
+        T = lookup(frame, home, t_ns)
+        return Translated(translate.elevation_as_map(value, T, frame, _PRODUCER), wanted, frame)
+    if frame != home and request.is_spatial:
+        raise UnavailableError(
+            f"a {request.product} made in {home} cannot be had in {frame} without resampling: ask for frame={home}"
+            + (" or as=Map" if request.product == "dem" else "")
+        )
+    return Translated(value, wanted, home, found.child)
+
+
+def _still(lookup: Lookup, frame: str, home: str, value: Any) -> UncertainTransform:
+    """``T_frame_home`` of an edge that does not move during a trajectory; raises UnavailableError for one that does."""
+    first, last = lookup(frame, home, int(value.stamps_ns[0])), lookup(frame, home, int(value.stamps_ns[-1]))
+    if abs(first.matrix - last.matrix).max() > _STILL_M:
+        raise UnavailableError(
+            f"a trajectory in {home} cannot be had in {frame}, which moves against it: ask for frame={home}"
+        )
+    return last
+
+
+def encoded(value: Any, type_name: str, form: str) -> tuple[bytes, str]:
+    """Return the bytes of a value in a codec or file format, and the encoding string."""
+    if form in CODECS:
+        return encode(value, form), encoding_string(type_name, form)
+    return file_bytes(value, form)
+
+
+def derived_header(request: ProductRequest, found: Found, t: Translated) -> Header:
+    """Header of what was translated: same times, quality with the reasons added, inputs are what it was made from."""
+    if not found.sources and request.t_ns is None:
+        raise InputError("nothing to derive a header from")
+    sources = found.sources
+    t1_ns = found.candidate.t1_ns
+    t0_ns = min((h.t0_ns for h in sources), default=t1_ns)
+    if request.product == "pose":
+        t0_ns = t1_ns
+    # A window that the DPM pooled is not kept: what it was made from is.
+    inputs = tuple(dict.fromkeys(i for h in sources for i in (h.inputs if h.producer.startswith("dpm/") else (h.id,))))
+    asked = [
+        request.product,
+        t.frame,
+        t.child,
+        t.type_name,
+        found.region.text if found.region else "",
+        request.resolution_m,
+        inputs,
+    ]
+    config_hash = hashlib.sha256(json.dumps(asked).encode()).hexdigest()[:16]
+    base = sources[0].quality if sources else Quality()
+    kind = base.covariance_kind
+    if request.product == "pose" and isinstance(found.value, UncertainTransform):
+        kind = CovarianceKind.NONE if found.value.covariance is None else CovarianceKind.FORMAL
+    all_reasons = tuple(dict.fromkeys([*(r for h in sources for r in h.quality.reasons), *t.reasons]))
+    quality = replace(base, reasons=all_reasons, covariance_kind=kind)
+    box = t.value.extent_m()
+    return Header(
+        id=product_id(found.candidate.robot, "orchestrator", request.product, t1_ns, 0, config_hash),
+        seq=0,
+        t0_ns=min(t0_ns, t1_ns),
+        t1_ns=t1_ns,
+        frame=t.frame,
+        child=t.child,
+        producer=_PRODUCER,
+        config_hash=config_hash,
+        inputs=inputs,
+        quality=quality,
+        box_m=box,
+        resolution_m=found.candidate.resolution_m,
+    )

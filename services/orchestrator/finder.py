@@ -1,0 +1,291 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Looks into the DPM for what answers a request now: one function for each kind of product."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from cdff_common.clock import Clock
+from cdff_common.errors import ExtrapolationError, FrameNotFoundError, ProductNotFoundError
+from cdff_common.geometry import UncertainTransform
+from cdff_common.geometry.region import Region
+from cdff_common.interfaces.product import Header
+from cdff_common.types import Pointcloud
+from cdff_core.orchestration import translate
+from cdff_core.orchestration.judge import Candidate, Judgement, best, judge
+from cdff_core.orchestration.request import ProductRequest
+from services.orchestrator.dpm import DERIVED_DFPC, Dpm, Stored
+
+#: Most clouds that are put together to cover a region.
+_CLOUDS = 8
+_MAPS = 8
+#: Cell in which a point counts as covering, metres, where no resolution was asked.
+_CLOUD_CELL_M = 0.5
+#: Longest a single call of the DPM may take, seconds.
+_CALL_S = 5.0
+#: ``dfpc`` of products that the DPM or the orchestrator derived from others: their sources are found instead.
+_DERIVED = ("dpm", DERIVED_DFPC)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """A possible answer, in the product's own type and frame, cut to the region.
+
+    Attributes
+    ----------
+    candidate : Candidate
+    sources : tuple of Header
+        Headers of what it was made from, newest first.
+    value : Any
+        A ``cdff_common.types`` object, or the ``UncertainTransform`` of a pose that the frame tree composed.
+    frame, child : str
+        Of the value.
+    whole : bool
+        Whether it is one stored product as it is.
+    region : Region or None
+        The region in ``frame``.
+    robots : tuple of str
+        Whose measurements were asked for; empty for all.
+    """
+
+    candidate: Candidate
+    sources: tuple[Header, ...]
+    value: Any
+    frame: str
+    child: str | None = None
+    whole: bool = False
+    region: Region | None = None
+    robots: tuple[str, ...] = ()
+
+
+class Finder:
+    """Finds candidates for requests.
+
+    ``find`` raises UnavailableError where the DPM is away, and InputError where a request cannot be met whatever comes.
+    """
+
+    def __init__(self, dpm: Dpm, clock: Clock) -> None:
+        self._dpm = dpm
+        self._clock = clock
+
+    def find(
+        self, request: ProductRequest, robots: Sequence[str], timeout_s: float
+    ) -> tuple[tuple[Found, Judgement] | None, str]:
+        """Return the best candidate with its judgement (None without any), and why there is no better one."""
+        kinds: dict[str, Callable[[ProductRequest, str, float], Found | None]] = {
+            "pose": self._pose,
+            "pointcloud": self._pointcloud,
+            "dem": self._dem,
+            "navigation_map": self._navigation_map,
+        }
+        look = kinds.get(request.product, self._newest)
+        found, reasons = [], []
+        # Elevation of several robots is pooled into one window; other products are one robot's.
+        for robot in ("any",) if request.product == "dem" and request.robot == "any" else robots:
+            try:
+                one = look(request, robot, min(timeout_s, _CALL_S))
+            except (FrameNotFoundError, ExtrapolationError, ProductNotFoundError) as error:
+                reasons.append(str(error))
+                continue
+            if one is None:
+                reasons.append(f"the DPM holds no {request.product} of {robot} for it")
+            else:
+                found.append(one)
+        now_ns = self._clock.now_ns()
+        choice = best([f.candidate for f in found], request, now_ns)
+        if choice is None:
+            return None, "; ".join(reasons)
+        chosen = next(f for f in found if f.candidate is choice[0])
+        return (chosen, choice[1]), "; ".join([*choice[1].missing, *choice[1].short])
+
+    # -- one for each product ---------------------------------------------------------------------------
+
+    def _newest(self, request: ProductRequest, robot: str, timeout_s: float) -> Found | None:
+        """Products without a place: the newest one."""
+        items = self._usable(self._dpm.search(timeout_s, type=request.product, robot=robot, limit=10))
+        if not items:
+            return None
+        stored = self._dpm.value(str(items[0]["id"]), robot, timeout_s)
+        return self._whole(stored)
+
+    def _pose(self, request: ProductRequest, robot: str, timeout_s: float) -> Found | None:
+        """The newest pose, or the one at the time asked for, in the frame asked for."""
+        items = self._usable(self._dpm.search(timeout_s, type="pose", robot=robot, limit=10))
+        if not items and request.t_ns is None:
+            return None
+        child = request.child or f"{robot}/base"
+        newest = self._dpm.value(str(items[0]["id"]), robot, timeout_s) if items else None
+        if (
+            request.t_ns is None
+            and newest is not None
+            and (newest.header.frame, newest.header.child) == (request.frame, child)
+        ):
+            return self._whole(newest)
+        t_ns = request.t_ns if request.t_ns is not None else int(items[0]["t1_ns"])
+        T = self._dpm.pose(robot, request.frame, child, t_ns, timeout_s)
+        source = () if newest is None else (newest.header,)
+        status = "OK" if newest is None else str(newest.header.quality.status)
+        candidate = Candidate(source[0].id if source else "", robot, t_ns, t_ns, status=status)
+        return Found(candidate, source, T, request.frame, child)
+
+    def _pointcloud(self, request: ProductRequest, robot: str, timeout_s: float) -> Found | None:
+        """The newest cloud of the region; several, newest first, where one does not cover it."""
+        if request.region is None:
+            return self._newest(request, robot, timeout_s)
+        region, frame = self._placed(request, robot, timeout_s)
+        found = self._dpm.search(
+            timeout_s,
+            type="pointcloud",
+            robot=robot,
+            region=region.text,
+            frame=frame,
+            limit=_CLOUDS,
+        )
+        now_ns = self._clock.now_ns()
+        cell_m = request.resolution_m or _CLOUD_CELL_M
+        parts: list[Pointcloud] = []
+        sources: list[Header] = []
+        merged, coverage = None, 0.0
+        target: tuple[str, Region] | None = None
+        for item in self._usable(found):
+            if sources and now_ns - int(item["t1_ns"]) > request.max_age_s * 1e9:
+                break
+            stored = self._dpm.value(str(item["id"]), robot, timeout_s)
+            if target is None:
+                home = stored.header.frame
+                target = home, self._seen_from(region, frame, home, robot, stored.header.t1_ns, timeout_s)
+            T = self._dpm.pose(robot, target[0], stored.header.frame, stored.header.t1_ns, timeout_s)
+            part = translate.cropped_cloud(translate.cloud_in(stored.value, T, target[0]), target[1])
+            if not len(part.points_m):
+                continue
+            parts.append(part)
+            sources.append(stored.header)
+            merged = translate.merged_clouds(parts)
+            coverage = translate.cloud_coverage(merged, target[1], cell_m)
+            if coverage >= max(request.min_coverage, 1e-12):
+                break
+        if merged is None or target is None:
+            return None
+        if request.resolution_m is not None:
+            merged = translate.thinned_cloud(merged, request.resolution_m)
+        return Found(
+            self._candidate(sources, robot, coverage, request.resolution_m),
+            tuple(sources),
+            merged,
+            target[0],
+            region=target[1],
+        )
+
+    def _dem(self, request: ProductRequest, robot: str, timeout_s: float) -> Found | None:
+        """The window that the DPM pools from all patches of the region; asked for only if something is new enough."""
+        if request.region is None:
+            stored = self._dpm.window(timeout_s, robot=robot, resolution_m=request.resolution_m)
+            return self._window(stored, None, robot)
+        region, frame = self._placed(request, robot, timeout_s)
+        items = self._usable(
+            self._dpm.search(timeout_s, type="dem", robot=robot, region=region.text, frame=frame, limit=5)
+        )
+        if not items:
+            return None
+        home = str(items[0]["frame"])
+        newest = Candidate(str(items[0]["id"]), robot, int(items[0]["t1_ns"]), int(items[0]["t1_ns"]))
+        placed = self._seen_from(region, frame, home, robot, newest.t1_ns, timeout_s)
+        if any(m.startswith(("age", "time")) for m in judge(newest, request, self._clock.now_ns()).missing):
+            header = Header.from_dict(items[0])
+            return Found(newest, (header,), None, home, region=placed)
+        stored = self._dpm.window(
+            timeout_s, robot=robot, region=placed.text, frame=home, resolution_m=request.resolution_m
+        )
+        return self._window(stored, placed, robot)
+
+    def _navigation_map(self, request: ProductRequest, robot: str, timeout_s: float) -> Found | None:
+        """The navigation map that covers most of the region, the newest of equals."""
+        if request.region is None:
+            return self._newest(request, robot, timeout_s)
+        region, frame = self._placed(request, robot, timeout_s)
+        items = self._usable(
+            self._dpm.search(
+                timeout_s, type="navigation_map", robot=robot, region=region.text, frame=frame, limit=_MAPS
+            )
+        )
+        found = []
+        for item in items:
+            stored = self._dpm.value(str(item["id"]), robot, timeout_s)
+            home = stored.header.frame
+            placed = self._seen_from(region, frame, home, robot, stored.header.t1_ns, timeout_s)
+            geometry = stored.value.geometry
+            coverage = translate.grid_coverage(geometry, translate.observed_cells(stored.value), placed)
+            if coverage > 0.0:
+                value = translate.masked_map(stored.value, placed)
+                candidate = self._candidate([stored.header], robot, coverage, geometry.resolution_m)
+                found.append(Found(candidate, (stored.header,), value, home, region=placed))
+            if coverage >= max(request.min_coverage, 1e-12):
+                break
+        choice = best([f.candidate for f in found], request, self._clock.now_ns())
+        return None if choice is None else next(f for f in found if f.candidate is choice[0])
+
+    # -- shared ------------------------------------------------------------------------------------------
+
+    def _placed(self, request: ProductRequest, robot: str, timeout_s: float) -> tuple[Region, str]:
+        """The request's region with ``near`` resolved where its frame was last known to be, and the region's frame."""
+        assert request.region is not None
+        region = request.region
+        if region.near_frame is None:
+            return region, request.region_frame
+        T = self._dpm.pose(robot, request.region_frame, region.near_frame, None, timeout_s)
+        return region.resolved(float(T.matrix[0, 3]), float(T.matrix[1, 3])), request.region_frame
+
+    def _seen_from(self, region: Region, frame: str, home: str, robot: str, t_ns: int, timeout_s: float) -> Region:
+        if home == frame:
+            return region
+        return translate.region_in(region, self._dpm.pose(robot, home, frame, t_ns, timeout_s).matrix)
+
+    def pose(self, robot: str, parent: str, child: str, t_ns: int, timeout_s: float) -> UncertainTransform:
+        """``T_parent_child`` at a time, from the DPM."""
+        return self._dpm.pose(robot, parent, child, t_ns, timeout_s)
+
+    @staticmethod
+    def _usable(items: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+        return [i for i in items if i.get("quality", {}).get("status") != "FAILED" and i.get("dfpc") not in _DERIVED]
+
+    @staticmethod
+    def _candidate(
+        sources: Sequence[Header], robot: str, coverage: float | None, resolution_m: float | None
+    ) -> Candidate:
+        degraded = any(h.quality.status != "OK" for h in sources)
+        return Candidate(
+            sources[0].id,
+            robot,
+            max(h.t1_ns for h in sources),
+            min(h.t1_ns for h in sources),
+            resolution_m,
+            coverage,
+            "DEGRADED" if degraded else "OK",
+        )
+
+    def _whole(self, stored: Stored) -> Found:
+        h = stored.header
+        candidate = self._candidate([h], stored.robot, None, h.resolution_m)
+        return Found(candidate, (h,), stored.value, h.frame, h.child, whole=True)
+
+    def _window(self, stored: Stored, region: Region | None, robot: str) -> Found:
+        robots = () if robot == "any" else (robot,)
+        h, manifest = stored.header, stored.manifest
+        coverage = float(h.quality.metrics.get("coverage", math.nan))
+        if region is None:
+            known: float | None = None
+        else:
+            known = (
+                translate.grid_coverage(stored.value.geometry, translate.observed_cells(stored.value), region)
+                if math.isnan(coverage)
+                else coverage
+            )
+        oldest_ns = int(manifest.get("oldest_ns", h.t0_ns))
+        candidate = Candidate(
+            h.id, stored.robot, h.t1_ns, min(oldest_ns, h.t1_ns), h.resolution_m, known, str(h.quality.status)
+        )
+        return Found(candidate, (h,), stored.value, h.frame, region=region, robots=robots)

@@ -1,0 +1,216 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""One request from arrival to its only final answer.
+
+Look into the DPM; deliver what is as asked. Else plan, hold the DFPCs and sensor modes of the plan, and look again at
+every change until something is as asked. Before the deadline the best that meets all that is mandatory is delivered, or
+an error says what is missing and why.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+from cdff_common.bus import Reply
+from cdff_common.clock import Clock, monotonic_s
+from cdff_common.errors import CdffError, DeadlineError, UnavailableError
+from cdff_core.orchestration.judge import Judgement
+from cdff_core.orchestration.lifecycle import FINAL_STATES, JobState
+from cdff_core.orchestration.planner import NoPlan, Plan, plan
+from cdff_core.orchestration.request import ProductRequest
+from cdff_core.orchestration.world import MakerId
+from services.orchestrator.delivery import Delivery
+from services.orchestrator.finder import Finder, Found
+from services.orchestrator.jobs import Job, JobBook
+from services.orchestrator.journal import Journal
+from services.orchestrator.state import State
+
+logger = logging.getLogger(__name__)
+
+#: Kept back from the deadline for translating and sending the answer: this part of it, at most so many seconds.
+_MARGIN_PART, _MARGIN_MAX_S = 0.15, 1.0
+#: Least time between two looks into the DPM, and longest wait without any change, seconds.
+_LOOK_EVERY_S, _IDLE_S = 0.1, 1.0
+#: A DFPC of a plan that failed this often in a row is planned around.
+_FAILURES = 3
+
+
+@dataclass(slots=True)
+class _Progress:
+    """What a job has come to so far."""
+
+    plan: Plan | None = None
+    excluded: set[MakerId] = field(default_factory=set)
+    best: tuple[Found, Judgement] | None = None
+    why: str = ""
+    dpm_error: str = ""
+    impossible: str = ""
+    started_ns: int = 0
+    told: str = ""
+
+
+class Flow:
+    """Runs jobs; one call of ``run`` for each, in the thread that serves its query."""
+
+    def __init__(
+        self, state: State, finder: Finder, delivery: Delivery, book: JobBook, journal: Journal, clock: Clock
+    ) -> None:
+        self._state = state
+        self._finder = finder
+        self._delivery = delivery
+        self._book = book
+        self._journal = journal
+        self._clock = clock
+
+    def run(self, request: ProductRequest) -> Iterator[Reply]:
+        """Yield progress, then the final reply; raises the typed error that is the final answer otherwise."""
+        job = self._book.open(request)
+        try:
+            yield self._tell(job)
+            self._book.move(job, JobState.LOOKING)
+            yield from self._serve(job, _Progress(started_ns=self._clock.now_ns()))
+        except CdffError as error:
+            state = JobState.CANCELLED if job.cancelled.is_set() else JobState.FAILED
+            self._book.move(job, state, str(error), error=type(error).__name__)
+            raise
+        finally:
+            if job.state not in FINAL_STATES:  # the requester went away, or a bug
+                self._book.move(job, JobState.FAILED, "the answer could not be sent")
+            if job.plan is not None:
+                self._journal.append("lease", action="release", holder=job.id, makers=[])
+                self._state.release(job.id)
+
+    def _serve(self, job: Job, p: _Progress) -> Iterator[Reply]:
+        request = job.request
+        robots = self._state.profile.robot_ids if request.robot == "any" else (request.robot,)
+        margin_s = min(_MARGIN_PART * request.deadline_s, _MARGIN_MAX_S)
+        seen = -1
+        while True:
+            job.check_cancelled()
+            looked_s = monotonic_s()
+            seen_now = self._state.version
+            self._look(job, robots, p)
+            if p.best is not None and (p.best[1].satisfies or (p.best[1].acceptable and self._is_all(p))):
+                yield self._deliver(job, p.best)
+                return
+            if job.remaining_s() <= margin_s:
+                yield self._last_word(job, p)
+                return
+            moved = self._advance(job, robots, p)
+            if p.impossible:
+                yield self._last_word(job, p)
+                return
+            if moved:
+                yield self._tell(job, p)
+            seen = max(seen, seen_now)
+            wait_s = min(_IDLE_S, job.remaining_s() - margin_s)
+            seen = self._state.wait(seen, wait_s)
+            pause_s = min(_LOOK_EVERY_S - (monotonic_s() - looked_s), job.remaining_s() - margin_s)
+            if pause_s > 0:
+                job.cancelled.wait(pause_s)
+
+    # -- steps ------------------------------------------------------------------------------------------------------
+
+    def _look(self, job: Job, robots: Sequence[str], p: _Progress) -> None:
+        """Look into the DPM; one that is away now may be back before the deadline."""
+        try:
+            p.best, p.why = self._finder.find(job.request, robots, max(job.remaining_s() - 0.1, 0.1))
+            p.dpm_error = ""
+        except UnavailableError as error:
+            p.dpm_error = f"the DPM: {error}"
+
+    def _is_all(self, p: _Progress) -> bool:
+        """Whether nothing better is to come: what lacks only a wish was made after the plan began."""
+        assert p.best is not None
+        return p.plan is not None and p.best[0].candidate.t1_ns > p.started_ns
+
+    def _advance(self, job: Job, robots: Sequence[str], p: _Progress) -> bool:
+        """Plan, plan around what fails, follow the plan's start; tells whether the job's state or reason changed."""
+        if p.plan is not None:
+            progress = self._state.progress(p.plan.order, p.plan.modes)
+            broken = {m for m in p.plan.order if progress["failures"].get(str(m), (0, ""))[0] >= _FAILURES}
+            refused = [r for s in p.plan.modes if (r := progress["failures"].get(str(s), (0, ""))[1])]
+            if broken or (refused and job.state is JobState.PREPARING):
+                p.excluded |= broken
+                p.plan = None
+                reasons = [progress["failures"][str(m)][1] for m in sorted(broken)] + refused
+                self._book.move(job, JobState.PLANNING, "; ".join(reasons))
+        if p.plan is None:
+            return self._make_plan(job, robots, p)
+        missing = [*progress["modes_missing"], *progress["missing"]]
+        state = JobState.PREPARING if missing else JobState.WAITING
+        reason = "starting " + ", ".join(missing) if missing else f"for {p.why or 'the product'}"
+        if p.dpm_error:
+            reason = p.dpm_error
+        if (state, reason) == (job.state, job.reason):
+            return False
+        if state is not job.state:
+            self._book.move(job, state, reason)
+            return True
+        job.reason = reason
+        return reason != p.told and bool(missing or p.dpm_error)
+
+    def _make_plan(self, job: Job, robots: Sequence[str], p: _Progress) -> bool:
+        if job.state is JobState.LOOKING:
+            self._book.move(job, JobState.PLANNING, p.dpm_error or p.why)
+        exclude = frozenset(p.excluded)
+        now = plan(self._state.world(), job.request.product, robots, exclude)
+        hopeful = plan(self._state.world(hopeful=True), job.request.product, robots, exclude)
+        if isinstance(hopeful, NoPlan):
+            p.impossible = hopeful.text
+            self._journal.append("decision", job=job.id, no_plan=hopeful.text)
+            return False
+        # What is only away for a moment is held too: its supervisor brings it back, the control loop switches it on.
+        chosen = hopeful if isinstance(now, NoPlan) or now.maker == hopeful.maker else now
+        self._state.release(job.id)
+        self._state.acquire(job.id, chosen.order, chosen.modes)
+        self._journal.append("lease", action="acquire", holder=job.id, makers=[str(m) for m in chosen.order])
+        p.plan = chosen
+        self._book.move(job, JobState.PREPARING, f"{chosen.maker} is to make it", plan=chosen.describe())
+        return True
+
+    def _last_word(self, job: Job, p: _Progress) -> Reply:
+        """The best that is acceptable, else the error that says why there is none."""
+        if p.best is not None and p.best[1].acceptable:
+            return self._deliver(job, p.best)
+        reasons = [r for r in (p.impossible, p.dpm_error, p.why) if r]
+        if p.plan is not None:
+            progress = self._state.progress(p.plan.order, p.plan.modes)
+            if progress["dead"]:
+                reasons.append(f"not there: {', '.join(progress['dead'])}")
+            elif progress["modes_missing"] or progress["missing"]:
+                reasons.append(f"not started: {', '.join([*progress['modes_missing'], *progress['missing']])}")
+            reasons += [reason for _, reason in progress["failures"].values()]
+        text = "; ".join(dict.fromkeys(reasons)) or "nothing was made in time"
+        what = f"no {job.request.product} of {job.request.robot} as asked: {text}"
+        if p.impossible or p.dpm_error or (p.best is not None and any("coverage" in m for m in p.best[1].missing)):
+            raise UnavailableError(what)
+        raise DeadlineError(f"{what} (deadline of {job.request.deadline_s:g} s)")
+
+    def _deliver(self, job: Job, best: tuple[Found, Judgement]) -> Reply:
+        found, judgement = best
+        self._book.move(job, JobState.DELIVERING)
+        reply = self._delivery.reply(job.id, job.request, found, judgement, max(job.remaining_s(), 0.5))
+        result = {
+            "kind": reply.attachment["kind"],
+            "id": reply.attachment["id"],
+            "delivered": reply.attachment["delivered"],
+        }
+        self._book.move(job, JobState.DONE, result=result)
+        return reply
+
+    def _tell(self, job: Job, p: _Progress | None = None) -> Reply:
+        """A progress reply."""
+        if p is not None:
+            p.told = job.reason
+        body = {
+            "job": job.id,
+            "request": job.request.id,
+            "state": str(job.state),
+            "reason": job.reason,
+            "remaining_s": round(job.remaining_s(), 3),
+            "plan": job.plan,
+        }
+        return Reply.of(body, kind="progress", job=job.id, final=False)

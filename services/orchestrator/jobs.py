@@ -1,0 +1,136 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The book of jobs: one for each request, bounded while open, remembered for a while when done."""
+
+from __future__ import annotations
+
+import threading
+import uuid
+from collections import OrderedDict
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from cdff_common.clock import monotonic_s, wall_ns
+from cdff_common.errors import InputError, OverloadedError, ProductNotFoundError, UnavailableError
+from cdff_core.orchestration.lifecycle import FINAL_STATES, JobState, next_job_state
+from cdff_core.orchestration.request import ProductRequest
+from services.orchestrator.journal import Journal
+
+#: Finished jobs that are still listed.
+_REMEMBERED = 200
+
+
+@dataclass(slots=True)
+class Job:
+    """One request on its way.
+
+    Attributes
+    ----------
+    id : str
+        UUID.
+    deadline_s : float
+        When the final answer is due, monotonic seconds.
+    reason : str
+        Why it is in its state.
+    result : mapping
+        Of a job that is done: kind, id, delivered.
+    """
+
+    id: str
+    request: ProductRequest
+    deadline_s: float
+    accepted_ns: int
+    state: JobState = JobState.RECEIVED
+    reason: str = ""
+    plan: Mapping[str, Any] | None = None
+    result: Mapping[str, Any] | None = None
+    cancelled: threading.Event = field(default_factory=threading.Event)
+
+    def remaining_s(self) -> float:
+        """Seconds until the answer is due."""
+        return self.deadline_s - monotonic_s()
+
+    def check_cancelled(self) -> None:
+        """Raise UnavailableError if somebody cancelled the job."""
+        if self.cancelled.is_set():
+            raise UnavailableError(f"job {self.id} was cancelled")
+
+    def describe(self) -> dict[str, Any]:
+        """Plain data for job lists."""
+        return {
+            "job": self.id,
+            "state": str(self.state),
+            "reason": self.reason,
+            "accepted_ns": self.accepted_ns,
+            "remaining_s": None if self.state in FINAL_STATES else round(self.remaining_s(), 3),
+            "request": self.request.describe(),
+            "plan": self.plan,
+            "result": self.result,
+        }
+
+
+class JobBook:
+    """All jobs of one orchestrator.
+
+    Parameters
+    ----------
+    journal : Journal
+        Each change of state is written there first.
+    capacity : int
+        Most jobs open at a time.
+    """
+
+    def __init__(self, journal: Journal, capacity: int) -> None:
+        self._journal = journal
+        self._capacity = capacity
+        self._lock = threading.Lock()
+        self._jobs: OrderedDict[str, Job] = OrderedDict()
+
+    def open(self, request: ProductRequest) -> Job:
+        """Accept a request.
+
+        Raises
+        ------
+        OverloadedError
+            If too many are open.
+        InputError
+            If a request of the same name is open.
+        """
+        with self._lock:
+            running = [j for j in self._jobs.values() if j.state not in FINAL_STATES]
+            if len(running) >= self._capacity:
+                soonest_s = max(min(j.remaining_s() for j in running), 0.1)
+                raise OverloadedError(f"{len(running)} requests are open, which is the most", retry_after_s=soonest_s)
+            if any(j.request.id == request.id for j in running):
+                raise InputError(f"request={request.id}: a request of that name is open; give each its own")
+            job = Job(str(uuid.uuid4()), request, monotonic_s() + request.deadline_s, wall_ns())
+            self._jobs[job.id] = job
+            done = [j.id for j in self._jobs.values() if j.state in FINAL_STATES]
+            for old in done[: max(len(done) - _REMEMBERED, 0)]:
+                del self._jobs[old]
+        self._journal.append("job", job=job.id, state=str(job.state), request=request.describe())
+        return job
+
+    def move(self, job: Job, state: JobState, reason: str = "", **more: Any) -> None:
+        """Put a job in another state, on the journal before anybody is told."""
+        with self._lock:
+            job.state = next_job_state(job.state, state)
+            job.reason = reason
+            job.plan = more.get("plan", job.plan)
+            job.result = more.get("result", job.result)
+        self._journal.append("job", job=job.id, state=str(state), reason=reason, **more)
+
+    def get(self, job_id: str) -> Job:
+        """Return a job by its id or its request's; raises ProductNotFoundError."""
+        with self._lock:
+            for job in reversed(self._jobs.values()):
+                if job_id in (job.id, job.request.id):
+                    return job
+        raise ProductNotFoundError(f"no job {job_id[:64]!r}: it never was, or is too long ago")
+
+    def listed(self, robots: set[str], limit: int) -> list[dict[str, Any]]:
+        """The newest jobs for any of ``robots``, newest first."""
+        with self._lock:
+            chosen = [j for j in reversed(self._jobs.values()) if j.request.robot in robots | {"any"}]
+            return [j.describe() for j in chosen[:limit]]

@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The orchestrator of some robots: its parts put together, its keys answered."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+
+from cdff_common.bus import Bus, Reply, Request, keys
+from cdff_common.errors import InputError, UnavailableError
+from cdff_common.interfaces.profile import Profile
+from cdff_core.orchestration.journal import recover
+from cdff_core.orchestration.request import parse_request, parse_robot
+from services.orchestrator.control import Controller
+from services.orchestrator.delivery import Delivery
+from services.orchestrator.dpm import Dpm
+from services.orchestrator.finder import Finder
+from services.orchestrator.flow import Flow
+from services.orchestrator.jobs import JobBook
+from services.orchestrator.journal import Journal
+from services.orchestrator.state import State
+from services.orchestrator.watcher import Watcher
+
+logger = logging.getLogger(__name__)
+
+_JOBS = {"robot", "job", "limit"}
+_MAX_LISTED = 200
+
+
+class Orchestrator:
+    """Answers ``request jobs cancel catalogue`` for every robot of a profile and for ``ground``.
+
+    Parameters
+    ----------
+    bus : Bus
+    profile : Profile
+    journal_path : Path
+    capacity : int
+        Most requests open at a time; more are answered OVERLOADED.
+    """
+
+    def __init__(self, bus: Bus, profile: Profile, journal_path: Path, capacity: int = 64) -> None:
+        self._bus = bus
+        self._profile = profile
+        self._capacity = capacity
+        self._journal = Journal(journal_path)
+        self._state = State(profile)
+        self._recover()
+        self._book = JobBook(self._journal, capacity)
+        clock, dpm = bus.mission_clock, Dpm(bus)
+        self._flow = Flow(self._state, Finder(dpm, clock), Delivery(dpm, clock), self._book, self._journal, clock)
+        self._watcher = Watcher(bus, self._state)
+        self._controller = Controller(bus, self._state, self._journal)
+
+    def start(self) -> None:
+        """Hear, control, answer; the tokens come last, when it can answer."""
+        scopes = (*self._profile.robot_ids, keys.GROUND)
+        for scope in scopes:
+            if any(key.endswith("/orchestrator") for key in self._bus.alive(keys.alive(scope, "orchestrator"))):
+                raise UnavailableError(f"another orchestrator leads {scope}; stop it first")
+        self._watcher.start()
+        self._controller.start()
+        for scope in scopes:
+            # No backlog: what finds no free thread is told OVERLOADED at once instead of waiting past its deadline.
+            self._bus.serve(
+                keys.orchestrator_rpc(scope, "request"), self._on_request, workers=self._capacity, backlog=0
+            )
+            self._bus.serve(keys.orchestrator_rpc(scope, "jobs"), self._on_jobs)
+            self._bus.serve(keys.orchestrator_rpc(scope, "cancel"), self._on_cancel)
+            self._bus.serve(keys.orchestrator_rpc(scope, "catalogue"), self._on_catalogue)
+        for scope in scopes:
+            self._bus.declare_alive(scope, "orchestrator")
+        logger.info("orchestrating %s", ", ".join(self._profile.robot_ids))
+
+    def close(self) -> None:
+        """Stop controlling; what runs keeps running, and the next orchestrator finds it in the journal."""
+        self._controller.close()
+        self._watcher.close()
+        self._journal.close()
+
+    def _recover(self) -> None:
+        """Replay the journal: jobs that were open have failed, what they held starts to linger."""
+        found = recover(self._journal.records())
+        for job in found.open_jobs:
+            self._journal.append("job", job=job, state="failed", reason="the orchestrator was restarted")
+        self._journal.append("start", open_jobs=len(found.open_jobs), owned=[str(m) for m in sorted(found.owned)])
+        for maker in found.owned:
+            self._state.own(maker, owned=True)
+        known = [m for m in found.owned if self._state.knows(m)]
+        self._state.acquire("restart", known, {})
+        self._state.release("restart")
+
+    # -- answers ------------------------------------------------------------------------------------------------------
+
+    def _on_request(self, call: Request) -> Iterator[Reply]:
+        request = parse_request(call.parameters, call.scope)
+        if request.robot not in (*self._profile.robot_ids, "any"):
+            raise InputError(f"robot={request.robot!r}: expected any or one of {', '.join(self._profile.robot_ids)}")
+        return self._flow.run(request)
+
+    def _on_jobs(self, call: Request) -> Reply:
+        _check(call, _JOBS)
+        if "job" in call.parameters:
+            return Reply.of({"jobs": [self._book.get(call.parameters["job"]).describe()]})
+        text = call.parameters.get("limit", "50")
+        if not text.isdigit() or not 1 <= int(text) <= _MAX_LISTED:
+            raise InputError(f"limit={text!r}: expected 1 to {_MAX_LISTED}")
+        return Reply.of({"jobs": self._book.listed(self._robots(call), int(text)), "leases": self._state.leases()})
+
+    def _on_cancel(self, call: Request) -> Reply:
+        _check(call, {"robot", "job"})
+        if "job" not in call.parameters:
+            raise InputError("parameter 'job' is missing: a job's or a request's id")
+        job = self._book.get(call.parameters["job"])
+        job.cancelled.set()
+        self._state.touch()
+        return Reply.of({"job": job.id, "state": str(job.state)})
+
+    def _on_catalogue(self, call: Request) -> Reply:
+        _check(call, {"robot"})
+        return Reply.of(self._state.catalogue(self._robots(call)))
+
+    def _robots(self, call: Request) -> set[str]:
+        """Robots that a listing is about: all of them under ``ground`` unless one is named."""
+        if call.scope == keys.GROUND and call.parameters.get("robot", "any") == "any":
+            return set(self._profile.robot_ids)
+        return {parse_robot(call.parameters.get("robot"), call.scope)}
+
+
+def _check(call: Request, known: set[str]) -> None:
+    unknown = sorted(set(call.parameters) - known)
+    if unknown:
+        raise InputError(f"unknown parameter {unknown[0]!r}; known are {', '.join(sorted(known))}")
