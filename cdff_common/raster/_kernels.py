@@ -18,8 +18,18 @@ Float = NDArray[np.float64]
 
 @njit(cache=True, fastmath=False)
 def accumulate(
-    points: Float, stamps: NDArray[np.int64], variances: Float, resolution: float, left: int, top: int,
-    count: Float, mean: Float, m2: Float, minimum: Float, maximum: Float, newest: NDArray[np.int64],
+    points: Float,
+    stamps: NDArray[np.int64],
+    variances: Float,
+    resolution: float,
+    left: int,
+    top: int,
+    count: Float,
+    mean: Float,
+    m2: Float,
+    minimum: Float,
+    maximum: Float,
+    newest: NDArray[np.int64],
 ) -> None:  # pragma: no cover - compiled
     """Fill empty statistics ``(rows, cols)`` from points ``(n, 3)``.
 

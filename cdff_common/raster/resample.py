@@ -60,8 +60,12 @@ def aggregate(statistics: CellStatistics, factor: int) -> CellStatistics:
     fine = statistics.geometry
     coarse = fine.coarsened(factor)
     frame = GridGeometry.from_cells(
-        fine.frame, fine.resolution_m, left=coarse.left * factor, top=coarse.top * factor,
-        rows=coarse.rows * factor, cols=coarse.cols * factor,
+        fine.frame,
+        fine.resolution_m,
+        left=coarse.left * factor,
+        top=coarse.top * factor,
+        rows=coarse.rows * factor,
+        cols=coarse.cols * factor,
     )
     padded = statistics if frame == fine else statistics.window(frame)
     n = _blocks(padded.count, factor)
@@ -74,8 +78,12 @@ def aggregate(statistics: CellStatistics, factor: int) -> CellStatistics:
     correction = (n * difference).sum(axis=(1, 3)) / divisor
     m2 = _blocks(padded.m2, factor).sum(axis=(1, 3)) + (n * difference**2).sum(axis=(1, 3)) - total * correction**2
     return CellStatistics(
-        coarse, total, pooled + correction, np.maximum(m2, 0.0),
-        _blocks(padded.minimum, factor).min(axis=(1, 3)), _blocks(padded.maximum, factor).max(axis=(1, 3)),
+        coarse,
+        total,
+        pooled + correction,
+        np.maximum(m2, 0.0),
+        _blocks(padded.minimum, factor).min(axis=(1, 3)),
+        _blocks(padded.maximum, factor).max(axis=(1, 3)),
         padded.newest_ns.reshape(coarse.rows, factor, coarse.cols, factor).max(axis=(1, 3)),
     )
 

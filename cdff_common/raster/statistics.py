@@ -70,8 +70,13 @@ class CellStatistics:
         """All cells unobserved."""
         shape = geometry.shape
         return cls(
-            geometry, np.zeros(shape), np.zeros(shape), np.zeros(shape),
-            np.full(shape, np.inf), np.full(shape, -np.inf), np.full(shape, NEVER_NS, dtype=np.int64),
+            geometry,
+            np.zeros(shape),
+            np.zeros(shape),
+            np.zeros(shape),
+            np.full(shape, np.inf),
+            np.full(shape, -np.inf),
+            np.full(shape, NEVER_NS, dtype=np.int64),
         )
 
     @classmethod
@@ -114,10 +119,18 @@ class CellStatistics:
         statistics = cls.empty(geometry)
         if n:
             accumulate(
-                points, np.ascontiguousarray(stamps), np.ascontiguousarray(variances),
-                geometry.resolution_m, geometry.left, geometry.top,
-                statistics.count, statistics.mean, statistics.m2,
-                statistics.minimum, statistics.maximum, statistics.newest_ns,
+                points,
+                np.ascontiguousarray(stamps),
+                np.ascontiguousarray(variances),
+                geometry.resolution_m,
+                geometry.left,
+                geometry.top,
+                statistics.count,
+                statistics.mean,
+                statistics.m2,
+                statistics.minimum,
+                statistics.maximum,
+                statistics.newest_ns,
             )
         return statistics
 
@@ -141,8 +154,12 @@ class CellStatistics:
         count = np.where(seen, arrays["count"], 0.0)
         age_ns = np.where(seen & np.isfinite(arrays["age_s"]), arrays["age_s"], 0.0) * 1e9
         return cls(
-            geometry, count, np.where(seen, arrays["mean"], 0.0), np.where(seen, arrays["variance"], 0.0) * count,
-            np.where(seen, arrays["min"], np.inf), np.where(seen, arrays["max"], -np.inf),
+            geometry,
+            count,
+            np.where(seen, arrays["mean"], 0.0),
+            np.where(seen, arrays["variance"], 0.0) * count,
+            np.where(seen, arrays["min"], np.inf),
+            np.where(seen, arrays["max"], -np.inf),
             np.where(seen, t1_ns - np.rint(age_ns).astype(np.int64), NEVER_NS),
         )
 
@@ -152,8 +169,12 @@ class CellStatistics:
         n = np.where(seen, self.count, 1.0)
         age_s = (t1_ns - np.where(seen, self.newest_ns, t1_ns)) / 1e9
         values = {
-            "mean": self.mean, "variance": self.m2 / n, "min": self.minimum, "max": self.maximum,
-            "count": self.count, "age_s": age_s,
+            "mean": self.mean,
+            "variance": self.m2 / n,
+            "min": self.minimum,
+            "max": self.maximum,
+            "count": self.count,
+            "age_s": age_s,
         }
         return {name: np.where(seen, values[name], np.nan).astype(np.float32) for name in ELEVATION_LAYERS}
 
@@ -216,9 +237,13 @@ class CellStatistics:
     def masked(self, keep: NDArray[np.bool_]) -> CellStatistics:
         """A copy in which only the cells of ``keep`` ``(rows, cols)`` are observed."""
         return CellStatistics(
-            self.geometry, np.where(keep, self.count, 0.0), np.where(keep, self.mean, 0.0),
-            np.where(keep, self.m2, 0.0), np.where(keep, self.minimum, np.inf),
-            np.where(keep, self.maximum, -np.inf), np.where(keep, self.newest_ns, NEVER_NS),
+            self.geometry,
+            np.where(keep, self.count, 0.0),
+            np.where(keep, self.mean, 0.0),
+            np.where(keep, self.m2, 0.0),
+            np.where(keep, self.minimum, np.inf),
+            np.where(keep, self.maximum, -np.inf),
+            np.where(keep, self.newest_ns, NEVER_NS),
         )
 
 

@@ -39,8 +39,12 @@ class WindowAssembler:
             return False
         # Whole cells of the window only, so that none is pooled from a part of its measurements.
         reach = GridGeometry.from_cells(
-            fine.frame, fine.resolution_m, left=common.left * factor, top=common.top * factor,
-            rows=common.rows * factor, cols=common.cols * factor,
+            fine.frame,
+            fine.resolution_m,
+            left=common.left * factor,
+            top=common.top * factor,
+            rows=common.rows * factor,
+            cols=common.cols * factor,
         )
         self.statistics.add(aggregate(patch if fine == reach else patch.window(reach), factor))
         self.patches += 1

@@ -85,14 +85,23 @@ def test_coarser_cells_cover_the_finer_and_are_aligned_themselves() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"resolution_m": 0.0}, "above 0"), ({"resolution_m": float("nan")}, "above 0"), ({"rows": 0}, "at least 1"),
-        ({"rows": 1 << 20, "cols": 1 << 20}, "at most"), ({"xmin_m": 0.013}, "multiple"), ({"frame": "Site"}, "frame"),
+        ({"resolution_m": 0.0}, "above 0"),
+        ({"resolution_m": float("nan")}, "above 0"),
+        ({"rows": 0}, "at least 1"),
+        ({"rows": 1 << 20, "cols": 1 << 20}, "at most"),
+        ({"xmin_m": 0.013}, "multiple"),
+        ({"frame": "Site"}, "frame"),
         ({"ymax_m": float("inf")}, "multiple"),
     ],
 )
 def test_a_wrong_value_is_refused_by_name(change: dict[str, object], message: str) -> None:
     good: dict[str, object] = {
-        "frame": "site", "resolution_m": 0.05, "xmin_m": 0.0, "ymax_m": 1.0, "rows": 2, "cols": 3
+        "frame": "site",
+        "resolution_m": 0.05,
+        "xmin_m": 0.0,
+        "ymax_m": 1.0,
+        "rows": 2,
+        "cols": 3,
     }
     with pytest.raises(InputError, match=message):
         GridGeometry(**{**good, **change})  # type: ignore[arg-type]

@@ -22,9 +22,24 @@ def test_a_region_reads_back_from_its_text(text: str) -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "", "bbox", "bbox:1,2,3", "bbox:0,0,0,1", "bbox:0,0,nan,1", "bbox:a,0,1,1", "box:0,0,5,1,1,5", "circle:0,0,0",
-        "circle:0,0,-1", "polygon:0,0,1,1", "polygon:0,0,1,1,2,2", "polygon:0,0,1,1,2", "near:mana/base",
-        "near:Mana,3", "near:,3", "near:mana/base,inf", "ellipse:0,0,1,2", "bbox:0,0,1,1,1",
+        "",
+        "bbox",
+        "bbox:1,2,3",
+        "bbox:0,0,0,1",
+        "bbox:0,0,nan,1",
+        "bbox:a,0,1,1",
+        "box:0,0,5,1,1,5",
+        "circle:0,0,0",
+        "circle:0,0,-1",
+        "polygon:0,0,1,1",
+        "polygon:0,0,1,1,2,2",
+        "polygon:0,0,1,1,2",
+        "near:mana/base",
+        "near:Mana,3",
+        "near:,3",
+        "near:mana/base,inf",
+        "ellipse:0,0,1,2",
+        "bbox:0,0,1,1,1",
     ],
 )
 def test_a_malformed_region_is_refused(text: str) -> None:

@@ -36,8 +36,14 @@ def test_a_coarse_cell_is_unobserved_only_where_all_its_cells_are() -> None:
 
 @pytest.mark.parametrize(
     ("known", "wanted", "delivered"),
-    [([0.05], 0.05, 0.05), ([0.05], 0.12, 0.1), ([0.05], 0.01, 0.05), ([0.05, 0.2], 0.05, 0.2), ([0.1], None, 0.1),
-     ([0.05], 0.15, 0.15)],
+    [
+        ([0.05], 0.05, 0.05),
+        ([0.05], 0.12, 0.1),
+        ([0.05], 0.01, 0.05),
+        ([0.05, 0.2], 0.05, 0.2),
+        ([0.1], None, 0.1),
+        ([0.05], 0.15, 0.15),
+    ],
 )
 def test_delivered_cells_are_never_finer_than_the_data_nor_coarser_than_asked(
     known: list[float], wanted: float | None, delivered: float

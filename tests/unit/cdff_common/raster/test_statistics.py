@@ -54,16 +54,14 @@ def test_pooling_parts_gives_the_statistics_of_all_points_at_once(rng: np.random
     whole = CellStatistics.from_points(grid(), points, stamps_ns=stamps, height_variance_m2=variances)
     pooled = CellStatistics.empty(grid())
     for part in np.array_split(rng.permutation(4000), 7):
-        pooled.add(CellStatistics.from_points(
-            grid(), points[part], stamps_ns=stamps[part], height_variance_m2=variances[part]
-        ))
+        pooled.add(
+            CellStatistics.from_points(grid(), points[part], stamps_ns=stamps[part], height_variance_m2=variances[part])
+        )
     assert_same(pooled, whole)
 
 
 def test_pooling_does_not_depend_on_order_or_window(rng: np.random.Generator) -> None:
-    left = CellStatistics.from_points(
-        GridGeometry.aligned("site", 0.25, (-2, -2, 0.5, 2)), cloud(rng), stamps_ns=T_NS
-    )
+    left = CellStatistics.from_points(GridGeometry.aligned("site", 0.25, (-2, -2, 0.5, 2)), cloud(rng), stamps_ns=T_NS)
     right = CellStatistics.from_points(
         GridGeometry.aligned("site", 0.25, (-0.5, -1, 2, 2)), cloud(rng), stamps_ns=T_NS + 1000
     )
@@ -86,9 +84,7 @@ def test_the_variance_of_a_height_adds_to_the_spread_of_the_heights() -> None:
 
 
 def test_layers_and_back_keep_the_statistics_to_float32(rng: np.random.Generator) -> None:
-    s = CellStatistics.from_points(
-        grid(), cloud(rng)[:200], stamps_ns=T_NS - 1_000_000 * rng.integers(0, 5000, 200)
-    )
+    s = CellStatistics.from_points(grid(), cloud(rng)[:200], stamps_ns=T_NS - 1_000_000 * rng.integers(0, 5000, 200))
     back = CellStatistics.from_layers(s.geometry, s.to_layers(T_NS), T_NS)
     np.testing.assert_array_equal(back.observed, s.observed)
     np.testing.assert_allclose(back.mean, s.mean, atol=1e-6)

@@ -1,0 +1,55 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Compiled loop over points; single-threaded, for replay must not depend on the number of threads."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+
+@njit(cache=True)
+def deskew(
+    points: Float, interval: Int, fraction: Float, R: Float, t: Float, phi: Float, cov: Float
+) -> tuple[Float, Float]:  # pragma: no cover - compiled
+    """Map point i by the pose ``fraction[i]`` of the way through ``interval[i]``.
+
+    Rotation ``R_k Exp(f phi_k)`` (Rodrigues), translation and covariance linearly. The variance of z is
+    ``J C J^T`` with J = [0 0 1 y -x 0] at the lever arm (x, y) of the point in the fixed frame.
+    """
+    out, variance = np.empty((len(points), 3)), np.empty(len(points))
+    for i in range(len(points)):
+        k, f = interval[i], fraction[i]
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        wx, wy, wz = f * phi[k, 0], f * phi[k, 1], f * phi[k, 2]
+        a2 = wx * wx + wy * wy + wz * wz
+        if a2 > 1e-16:
+            a = math.sqrt(a2)
+            s, c = math.sin(a) / a, (1.0 - math.cos(a)) / a2
+        else:
+            s, c = 1.0, 0.5
+        cx, cy, cz = wy * pz - wz * py, wz * px - wx * pz, wx * py - wy * px
+        dx, dy, dz = wy * cz - wz * cy, wz * cx - wx * cz, wx * cy - wy * cx
+        qx, qy, qz = px + s * cx + c * dx, py + s * cy + c * dy, pz + s * cz + c * dz
+        ax = R[k, 0, 0] * qx + R[k, 0, 1] * qy + R[k, 0, 2] * qz
+        ay = R[k, 1, 0] * qx + R[k, 1, 1] * qy + R[k, 1, 2] * qz
+        az = R[k, 2, 0] * qx + R[k, 2, 1] * qy + R[k, 2, 2] * qz
+        g = 1.0 - f
+        out[i, 0] = ax + g * t[k, 0] + f * t[k + 1, 0]
+        out[i, 1] = ay + g * t[k, 1] + f * t[k + 1, 1]
+        out[i, 2] = az + g * t[k, 2] + f * t[k + 1, 2]
+        czz = g * cov[k, 2, 2] + f * cov[k + 1, 2, 2]
+        czr = g * cov[k, 2, 3] + f * cov[k + 1, 2, 3]
+        czp = g * cov[k, 2, 4] + f * cov[k + 1, 2, 4]
+        crr = g * cov[k, 3, 3] + f * cov[k + 1, 3, 3]
+        crp = g * cov[k, 3, 4] + f * cov[k + 1, 3, 4]
+        cpp = g * cov[k, 4, 4] + f * cov[k + 1, 4, 4]
+        v = czz + 2.0 * ay * czr - 2.0 * ax * czp + ay * ay * crr - 2.0 * ax * ay * crp + ax * ax * cpp
+        variance[i] = 0.0 if v < 0.0 else v  # NaN, for an unknown covariance, passes
+    return out, variance

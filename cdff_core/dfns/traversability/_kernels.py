@@ -1,0 +1,73 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Compiled plane fits; single-threaded, for replay must not depend on the number of threads."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+
+#: Smallest ratio of product to squared mean of the two eigenvalues of the footprint's second moments: below it the
+#: observed cells lie along a line and leave the slope across it free.
+_MIN_SPREAD = 0.05
+
+
+@njit(cache=True)
+def fit_planes(z: Float, half: int, least: int) -> tuple[Float, Float]:  # pragma: no cover - compiled
+    """Least-squares plane of the observed heights in the square of ``2 half + 1`` cells around each cell.
+
+    Sums run along columns and then along the row, so that the cost does not depend on the size of the square.
+
+    Returns
+    -------
+    gradient : height per cell, NaN where fewer than ``least`` cells are observed or they lie along a line
+    rms : root mean square distance of the heights from the plane, measured along z
+    """
+    rows, cols = z.shape
+    gradient, rms = np.full((rows, cols), np.nan), np.full((rows, cols), np.nan)
+    column = np.zeros((cols, 6))  # n, z, zz, y, yy, yz over the rows of the window
+    for r in range(-half, rows):
+        for sign, row in ((1.0, r + half), (-1.0, r - half - 1)):
+            if 0 <= row < rows:
+                for c in range(cols):
+                    v = z[row, c]
+                    if math.isfinite(v):
+                        column[c, 0] += sign
+                        column[c, 1] += sign * v
+                        column[c, 2] += sign * v * v
+                        column[c, 3] += sign * row
+                        column[c, 4] += sign * row * row
+                        column[c, 5] += sign * row * v
+        if r < 0:
+            continue
+        n = sz = szz = sy = syy = syz = sx = sxx = sxy = sxz = 0.0
+        for c in range(-half, cols):
+            for sign, k in ((1.0, c + half), (-1.0, c - half - 1)):
+                if 0 <= k < cols:
+                    m = sign * column[k, 0]
+                    n += m
+                    sz += sign * column[k, 1]
+                    szz += sign * column[k, 2]
+                    sy += sign * column[k, 3]
+                    syy += sign * column[k, 4]
+                    syz += sign * column[k, 5]
+                    sx += m * k
+                    sxx += m * k * k
+                    sxy += sign * column[k, 3] * k
+                    sxz += sign * column[k, 1] * k
+            if c < 0 or n < least:
+                continue
+            xx, yy, xy = sxx - sx * sx / n, syy - sy * sy / n, sxy - sx * sy / n
+            xz, yz, zz = sxz - sx * sz / n, syz - sy * sz / n, szz - sz * sz / n
+            det, mean = xx * yy - xy * xy, 0.5 * (xx + yy)
+            if det <= _MIN_SPREAD * mean * mean:
+                continue
+            a, b = (xz * yy - yz * xy) / det, (yz * xx - xz * xy) / det
+            gradient[r, c] = math.sqrt(a * a + b * b)
+            rms[r, c] = math.sqrt(max(zz - a * xz - b * yz, 0.0) / n)
+    return gradient, rms

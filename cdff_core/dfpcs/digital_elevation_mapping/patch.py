@@ -1,0 +1,113 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""What has been measured since the last patch, and how to say how good it is."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.interfaces.dfpc import Sample
+from cdff_common.interfaces.product import CovarianceKind, Quality, Status
+from cdff_core.dfpcs.digital_elevation_mapping.pose_history import covariance_kind_of, degraded
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measurements:
+    """Points of one capture in the frame of the map.
+
+    Attributes
+    ----------
+    points_m : NDArray[np.float64], shape (n, 3)
+    stamps_ns : NDArray[np.int64], shape (n,)
+    height_variance_m2 : NDArray[np.float64], shape (n,)
+        What the pose's covariance puts on z, square metres; NaN where unknown.
+    sample : Sample
+        What they were measured in.
+    poses : list of Sample
+        What brought them into the frame.
+    """
+
+    points_m: NDArray[np.float64]
+    stamps_ns: NDArray[np.int64]
+    height_variance_m2: NDArray[np.float64]
+    sample: Sample
+    poses: list[Sample]
+
+
+@dataclass(slots=True)
+class Patch:
+    """Measurements not yet published.
+
+    Attributes
+    ----------
+    drops : Counter
+        Captures that were not used, by reason.
+    points_in : int
+        Points that came in; those outside the gates among them.
+    origin_m : NDArray[np.float64] or None
+        Where the robot was at the first capture; None where it was not asked.
+    """
+
+    captures: list[Measurements] = field(default_factory=list)
+    drops: Counter[str] = field(default_factory=Counter)
+    notes: set[str] = field(default_factory=set)
+    points_in: int = 0
+    origin_m: NDArray[np.float64] | None = None
+
+    @property
+    def points(self) -> int:
+        """Number of points held."""
+        return sum(len(c.points_m) for c in self.captures)
+
+    @property
+    def t0_ns(self) -> int:
+        """Stamp of the first point held."""
+        return min(int(c.stamps_ns.min()) for c in self.captures)
+
+    @property
+    def t1_ns(self) -> int:
+        """Stamp of the last point held."""
+        return max(int(c.stamps_ns.max()) for c in self.captures)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Ids of captures and poses, each once, in the order of their use."""
+        samples = [s for c in self.captures for s in (c.sample, *c.poses)]
+        return tuple(dict.fromkeys(s.id for s in samples if s.id))
+
+    def joined(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+        """Points ``(n, 3)``, stamps ``(n,)`` and height variances ``(n,)`` of all captures."""
+        return (
+            np.concatenate([c.points_m for c in self.captures]),
+            np.concatenate([c.stamps_ns for c in self.captures]),
+            np.concatenate([c.height_variance_m2 for c in self.captures]),
+        )
+
+    def quality(self, cells: int) -> Quality:
+        """DEGRADED where captures were dropped or poses were; the rest in metrics."""
+        poses = [p for c in self.captures for p in c.poses]
+        variance = np.concatenate([c.height_variance_m2 for c in self.captures])
+        known = variance[np.isfinite(variance)]
+        reasons = [f"dropped_{why}:{count}" for why, count in sorted(self.drops.items())]
+        if degraded(poses):
+            reasons.append("poses_degraded")
+        status = Status.DEGRADED if reasons or self.notes else Status.OK
+        if len(known) < len(variance):
+            reasons.append("pose_covariance_unknown")
+        return Quality(
+            status=status,
+            reasons=(*reasons, *sorted(self.notes)),
+            covariance_kind=covariance_kind_of(poses) if len(known) == len(variance) else CovarianceKind.NONE,
+            metrics={
+                "captures": len(self.captures),
+                "captures_dropped": sum(self.drops.values()),
+                "points": len(variance),
+                "points_gated": self.points_in - len(variance),
+                "cells": cells,
+                "pose_height_sigma_m": float(np.sqrt(known.mean())) if len(known) else 0.0,
+            },
+        )

@@ -1,0 +1,36 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+# GENERATED from dfpc.yaml by cdff generate; do not edit.
+"""Interface of the DFPC NavigationMapping."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterable
+
+from cdff_common.errors import InputError
+from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
+from cdff_common.types import NavigationMap
+
+
+class NavigationMappingInterface(Dfpc):
+    """Where the rover may drive around it, from elevation patches and the rover's limits."""
+
+    name = "navigation_mapping"
+    INPUT_PORTS = ("dem",)
+
+    def step(self, sample: Sample) -> Iterable[Output]:
+        """Hand the sample to the handler of its port; raises InputError on a port that is not there."""
+        match sample.port:
+            case "dem":
+                return self.on_dem(sample)
+            case _:
+                raise InputError(f"{self.name}: no input port {sample.port!r}; it has {', '.join(self.INPUT_PORTS)}")
+
+    @abstractmethod
+    def on_dem(self, sample: Sample) -> Iterable[Output]:
+        """Take a ElevationMap: Elevation patches that hold each measurement once."""
+
+    @abstractmethod
+    def get_map(self) -> NavigationMap:
+        """The navigation map as last computed."""
