@@ -25,7 +25,7 @@ from cdff_common.bus.message import (
     parse_parameters,
     unpack,
 )
-from cdff_common.errors import CdffError, DeadlineError, OverloadedError, UnavailableError
+from cdff_common.errors import CdffError, DeadlineError, NoAnswerError, OverloadedError
 
 logger = logging.getLogger(__name__)
 
@@ -109,7 +109,7 @@ def call_stream(
 
     Raises
     ------
-    UnavailableError
+    NoAnswerError
         If nobody answers, or the answers stop before the final one.
     DeadlineError
         If ``timeout_s`` passes first.
@@ -145,7 +145,7 @@ def call_stream(
         if reply.final:
             return
     what = "the answer broke off before the final reply" if answered else "nobody answers"
-    raise UnavailableError(f"{key}: {what}; is the service running?")
+    raise NoAnswerError(f"{key}: {what}; is the service running?")
 
 
 def message_of(sample: zenoh.Sample) -> Message:
