@@ -172,6 +172,29 @@ class PoseTable:
             row = connection.execute(statement.order_by(p.stamp_ns.desc()).limit(1)).first()
         return None if row is None else _stamped(row)
 
+    def newest_ns(self, *frames: str) -> int | None:
+        """Newest time at which every moving edge above these frames is known; None where none of them moves."""
+        with self._database.read() as connection:
+            return self.newest_in(connection, *frames)
+
+    def newest_in(self, connection: Connection, *frames: str) -> int | None:
+        """As ``newest_ns``, inside a transaction."""
+        p = schema.poses.c
+        found: list[int] = []
+        for name in frames:
+            for _ in range(_MAX_DEPTH):
+                fixed = self._frames.edge_in(connection, name, None, None)
+                if fixed is not None:
+                    name = fixed.parent
+                    continue
+                newest = select(p.stamp_ns, p.parent).where(p.child == name).order_by(p.stamp_ns.desc()).limit(1)
+                row = connection.execute(newest).first()
+                if row is None:
+                    break
+                found.append(row.stamp_ns)
+                name = row.parent
+        return min(found) if found else None
+
     def _moving(self, connection: Connection, child: str, stamp_ns: int, limit_ns: int) -> StampedPose | None:
         """The pose of a child at a time from the source whose poses lie closest around it; None without any track."""
         p = schema.poses.c

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import Connection, distinct, func, or_, select, tuple_
+from sqlalchemy import Connection, distinct, or_, select, tuple_
 
 from cdff_common.clock import NS_PER_S
 from cdff_common.errors import FrameNotFoundError
@@ -59,13 +59,19 @@ class Search:
                 return _page(query, [record_of(row) for row in rows], ())
             return self._run_spatial(connection, query, self.resolved(connection, query))
 
+    def resolved_region(self, query: Query) -> Region:
+        """The region of a query with ``near`` turned into a circle; see ``resolved``."""
+        with self._database.read() as connection:
+            return self.resolved(connection, query)
+
     def resolved(self, connection: Connection, query: Query) -> Region:
         """The region with ``near`` turned into a circle around its frame, where that was at ``t1_ns`` or is newest."""
         region = query.region
         assert region is not None  # callers ask for spatial searches only
         if region.near_frame is None:
             return region
-        stamp_ns = query.t1_ns if query.t1_ns is not None else self._newest_stamp(connection, region.near_frame)
+        newest_ns = self._poses.newest_in(connection, query.frame, region.near_frame) or 0
+        stamp_ns = newest_ns if query.t1_ns is None else min(query.t1_ns, newest_ns)
         T = self._poses.at_in(connection, stamp_ns, query.frame, region.near_frame)
         return region.resolved(float(T.matrix[0, 3]), float(T.matrix[1, 3]))
 
@@ -136,19 +142,6 @@ class Search:
         corners = _corners(np.array([box]))[0]
         inverse = T_query_frame.inverse().apply(corners)
         return (*inverse.min(axis=0), *inverse.max(axis=0))
-
-    def _newest_stamp(self, connection: Connection, child: str) -> int:
-        p = schema.poses.c
-        name = child
-        for _ in range(64):
-            newest: int | None = connection.execute(select(func.max(p.stamp_ns)).where(p.child == name)).scalar()
-            if newest is not None:
-                return newest
-            edge = self._frames.edge_in(connection, name, None, None)
-            if edge is None:
-                break
-            name = edge.parent
-        return 0
 
 
 def types_present(connection: Connection) -> list[str]:

@@ -16,6 +16,7 @@ from dpm_store.events import EventTable
 from dpm_store.frames import FrameTable
 from dpm_store.lock import DirectoryLock
 from dpm_store.maintenance import Problem, Statistics, collect, statistics, verify
+from dpm_store.maps import Maps
 from dpm_store.migrate import migrate
 from dpm_store.poses import PoseTable
 from dpm_store.products import ProductTable
@@ -59,6 +60,8 @@ class Store:
         Moving edges, and lookups over both.
     events : EventTable
         Append-only history.
+    maps : Maps
+        Windows pooled from patches.
     """
 
     def __init__(self, directory: Path, clock: Clock) -> None:
@@ -78,6 +81,7 @@ class Store:
         self.poses = PoseTable(self._database, self.frames)
         self._products = ProductTable(self._database, self._files, self.events, clock)
         self._search = Search(self._database, self._products, self.frames, self.poses)
+        self.maps = Maps(self._search, self._products)
 
     def __enter__(self) -> Store:
         return self

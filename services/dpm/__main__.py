@@ -1,0 +1,82 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``python -m services.dpm --data-dir DIR --http 127.0.0.1:8080 [--profile FILE]``: one process, store and all."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Sequence
+
+from cdff_common.bus import Bus
+from cdff_common.interfaces.profile import Profile, load_profile
+from dpm_store import Store, open_store
+from services.dpm.operations import Dpm
+from services.dpm.service import serve
+from services.dpm.settings import Settings, parse_settings
+from services.dpm.watch import Watch
+from services.process import run_service
+
+logger = logging.getLogger(__name__)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Serve until SIGTERM."""
+    return run_service("dpm", lambda stop: run(arguments, stop))
+
+
+def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
+    """Open the store, serve HTTP at once and the bus as soon as the router is there."""
+    from services.dpm.http.context import Context
+    from services.dpm.http.server import HttpServer
+
+    settings = parse_settings(arguments)
+    for noisy in ("alembic", "uvicorn", "uvicorn.error"):
+        logging.getLogger(noisy).setLevel(logging.WARNING)
+    profile = load_profile(settings.profile) if settings.profile is not None else None
+    with Bus.open(settings.connect, name="dpm", wait_s=None) as bus:
+        clock = bus.mission_clock
+        with open_store(settings.store_url, clock) as store:
+            if profile is not None:
+                anchor(store, profile)
+            dpm = Dpm(store, settings.max_body_bytes)
+            watch = Watch(bus, dpm)
+            with HttpServer(Context(dpm, settings, bus, watch, profile)):
+                serve(bus, dpm, served_robots(profile, store))
+                logger.info("serving", extra=_where(settings, store))
+                _warm()
+                stop.wait()
+
+
+def served_robots(profile: Profile | None, store: Store) -> tuple[str, ...]:
+    """Robots under whose keys the DPM answers: the profile's, without one those that the store knows."""
+    if profile is not None:
+        return profile.robot_ids
+    return tuple(sorted({robot for robot, _ in store.statistics().products} - {"ground"}))
+
+
+def anchor(store: Store, profile: Profile) -> None:
+    """Enter the fixed frames of a profile; one that the store has already, corrected or not, is left alone."""
+    known = {revision.frame for revision in store.frames.current()}
+    for robot in profile.robots:
+        graph = robot.frame_graph()
+        for frame in graph.frames:
+            parent = graph.parent_of(frame)
+            if parent is not None and frame not in known:
+                store.frames.set(frame, parent, graph.lookup(parent, frame, 0), producer=f"profile/{profile.name}")
+
+
+def _warm() -> None:
+    """Have the grammars compiled before the first product comes rather than while it waits."""
+    from cdff_common.codecs import encode
+    from cdff_common.types import Time
+
+    encode(Time.from_ns(0), "uper")
+
+
+def _where(settings: Settings, store: Store) -> dict[str, object]:
+    return {"http": f"{settings.host}:{settings.port}", "data_dir": str(store.directory)}
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,24 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The HTTP application, put together."""
+
+from __future__ import annotations
+
+from fastapi import FastAPI
+
+from services.dpm.http import problems
+from services.dpm.http.context import Context
+from services.dpm.http.guard import Guard
+from services.dpm.http.routes import frames, maps, page, products, requests, robots, status
+
+
+def create_app(context: Context) -> FastAPI:
+    """Return the application over a DPM."""
+    app = FastAPI(title="CDFF Data Product Manager", version="1", docs_url=None, redoc_url=None)
+    app.state.context = context
+    problems.install(app)
+    for module in (products, robots, frames, maps, requests, status):
+        app.include_router(module.router, responses=problems.RESPONSES)
+    app.include_router(page.router)
+    app.add_middleware(Guard, settings=context.settings)
+    return app

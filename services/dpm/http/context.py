@@ -1,0 +1,58 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""What routes depend on, as typed parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, cast
+
+from fastapi import Depends, Request
+
+from cdff_common.bus import Bus
+from cdff_common.errors import UnavailableError
+from cdff_common.interfaces.profile import Profile
+from services.dpm.operations import Dpm
+from services.dpm.settings import Settings
+from services.dpm.watch import Watch
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """The DPM and what surrounds it; ``bus`` and ``watch`` are None where HTTP runs without a router."""
+
+    dpm: Dpm
+    settings: Settings
+    bus: Bus | None = None
+    watch: Watch | None = None
+    profile: Profile | None = None
+
+    def connected(self) -> Bus:
+        """The bus; raises UnavailableError without one."""
+        if self.bus is None:
+            raise UnavailableError("this server runs without the bus; requests need the orchestrator")
+        return self.bus
+
+
+def context_of(request: Request) -> Context:
+    """The context of the application that a request came to."""
+    return cast(Context, request.app.state.context)
+
+
+Ctx = Annotated[Context, Depends(context_of)]
+
+
+def jsonable(data: Any) -> Any:
+    """Plain data for JSON: every ``…_ns`` as a decimal string (contract §6), bytes as hexadecimal, NaN as null."""
+    if isinstance(data, dict):
+        return {
+            str(k): str(v) if isinstance(v, int) and str(k).endswith("_ns") and v is not True else jsonable(v)
+            for k, v in data.items()
+        }
+    if isinstance(data, (list, tuple, set, frozenset)):
+        return [jsonable(v) for v in data]
+    if isinstance(data, bytes):
+        return data.hex()
+    if isinstance(data, float) and data != data:
+        return None
+    return data

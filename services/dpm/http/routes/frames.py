@@ -1,0 +1,77 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``/api/v1/frames`` and ``/api/v1/poses``: fixed edges with their revisions, moving edges as time series."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query
+from pydantic import BaseModel, ConfigDict, Field
+
+from cdff_common.clock import parse_stamp
+from cdff_common.errors import InputError
+from services.dpm.http.context import Ctx, jsonable
+
+router = APIRouter(prefix="/api/v1", tags=["frames"])
+
+Frame = Annotated[str, Query(max_length=128)]
+Stamp = Annotated[str | None, Query(max_length=40, description="Nanoseconds as a decimal, or RFC 3339")]
+Row4 = Annotated[list[float], Field(min_length=4, max_length=4)]
+Row6 = Annotated[list[float], Field(min_length=6, max_length=6)]
+
+
+class Revision(BaseModel):
+    """A new revision of a frame's fixed edge."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    parent: str
+    T: Annotated[list[Row4], Field(min_length=4, max_length=4)]
+    covariance: Annotated[list[Row6], Field(min_length=6, max_length=6)] | None = None
+    valid_from_ns: str | None = None
+    valid_until_ns: str | None = None
+    expected_revision: int | None = Field(default=None, ge=0)
+    producer: Annotated[str, Field(max_length=200)] = "http"
+
+
+@router.get("/frames")
+def frames(context: Ctx) -> dict[str, Any]:
+    """The last revision of every fixed frame, and the spans that moving ones are known in."""
+    tracks = [
+        {"parent": t.parent, "child": t.child, "source": t.source, "robot": t.robot, "t0_ns": t.t0_ns,
+         "t1_ns": t.t1_ns, "count": t.count}
+        for t in context.dpm.store.poses.tracks()
+    ]  # fmt: skip
+    return {"items": jsonable(context.dpm.frames()), "tracks": jsonable(tracks)}
+
+
+@router.get("/frames/{frame:path}/revisions")
+def revisions(context: Ctx, frame: str) -> dict[str, Any]:
+    """All revisions of a frame, oldest first."""
+    return {"items": jsonable([r.to_dict() for r in context.dpm.store.frames.revisions(frame)])}
+
+
+@router.post("/frames/{frame:path}/revisions", status_code=201)
+def revise(context: Ctx, frame: str, body: Revision) -> Any:
+    """Add a revision: every product of the frame and of those below moves with it."""
+    data = body.model_dump() | {"frame": frame}
+    for name in ("valid_from_ns", "valid_until_ns"):
+        data[name] = None if data[name] is None else parse_stamp(data[name], name)
+    return jsonable(context.dpm.set_frame(data))
+
+
+@router.get("/poses")
+def poses(
+    context: Ctx, robot: Annotated[str, Query(max_length=64)], t0: Stamp = None, t1: Stamp = None, t: Stamp = None,
+    frame: Frame = "site", child: Frame | None = None, limit: Annotated[int, Query(ge=1, le=10_000)] = 1000,
+) -> dict[str, Any]:  # fmt: skip
+    """Poses of a robot's base (or of ``child``) in ``frame``: the series of a span, or the one at ``t``."""
+    child = child or f"{robot}/base"
+    if t is not None:
+        if t0 is not None or t1 is not None:
+            raise InputError("t asks for one pose, t0 and t1 for a span: give one of the two")
+        return {"items": [jsonable(context.dpm.pose(frame, child, parse_stamp(t), robot=robot))]}
+    span = [None if text is None else parse_stamp(text, name) for name, text in (("t0", t0), ("t1", t1))]
+    found = context.dpm.store.poses.trajectory(robot, *span, parent=frame, child=child, limit=limit)
+    return {"items": jsonable([pose.to_dict() for pose in found])}

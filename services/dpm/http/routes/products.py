@@ -1,0 +1,163 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``/api/v1/products``: search, metadata, payloads in any format, insertion, deletion."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any
+from urllib.parse import urlencode
+
+import msgpack
+from fastapi import APIRouter, Header, Query, Request, Response
+from pydantic import BaseModel, ConfigDict
+
+from cdff_common.errors import InputError
+from dpm_store import Insertion, ProductRecord
+from services.dpm.convert import Converted, convert, formats_of
+from services.dpm.http.context import Context, Ctx, jsonable
+from services.dpm.http.ranges import parse_range
+from services.dpm.parameters import GROUND, search_query
+
+router = APIRouter(prefix="/api/v1/products", tags=["products"])
+
+Robot = Annotated[str, Query(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
+Name = Annotated[str, Query(pattern=r"^[a-z0-9_]{1,64}$")]
+
+
+class SearchParameters(BaseModel):
+    """Any mix of these; each narrows the search."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    type: str | None = None
+    robot: str | None = None
+    dfpc: str | None = None
+    port: str | None = None
+    status: str | None = None
+    region: str | None = None
+    frame: str | None = None
+    region_frame: str | None = None
+    child: str | None = None
+    t0: str | None = None
+    t1: str | None = None
+    resolution_max_m: str | None = None
+    after: str | None = None
+    order: str | None = None
+    limit: str | None = None
+    cursor: str | None = None
+
+
+@router.get("")
+def search(context: Ctx, request: Request, asked: Annotated[SearchParameters, Query()]) -> dict[str, Any]:
+    """Search metadata; newest end of capture first, ``links.next`` leads to the next page."""
+    parameters = asked.model_dump(exclude_none=True)
+    page = context.dpm.search(search_query(GROUND, parameters))
+    links = {"self": f"{request.url.path}?{urlencode(parameters)}"}
+    if page.cursor is not None:
+        links["next"] = f"{request.url.path}?{urlencode(parameters | {'cursor': page.cursor})}"
+    items = [described(record) for record in page.items]
+    return {"items": items, "links": links, "cursor": page.cursor, "unplaced_frames": list(page.unplaced_frames)}
+
+
+@router.post("", status_code=201)
+async def insert(
+    context: Ctx, request: Request, response: Response, robot: Robot, dfpc: Name, port: Name, product: Name,
+    cdff_header: Annotated[str, Header(description="The product's header, as JSON")],
+) -> dict[str, Any]:  # fmt: skip
+    """Insert a payload: its encoding string as ``Content-Type``, its header as JSON in ``CDFF-Header``."""
+    from starlette.concurrency import run_in_threadpool
+
+    payload = await request.body()
+    attachment = header_attachment(cdff_header)
+    names = {"robot": robot, "dfpc": dfpc, "port": port, "product": product}
+    encoding = request.headers.get("content-type", "")
+    insertion, header = await run_in_threadpool(context.dpm.put, names, payload, encoding, attachment)
+    response.status_code = 201 if insertion is Insertion.INSERTED else 200
+    response.headers["Location"] = f"/api/v1/products/{header.id}"
+    return {"id": header.id, "result": str(insertion)}
+
+
+@router.get("/{product_id}")
+def metadata(context: Ctx, product_id: str) -> dict[str, Any]:
+    """Metadata of one product, with the formats its payload can be had in."""
+    record = context.dpm.store.get(product_id)
+    return described(record) | {"formats": list(formats_of(record.type_name))}
+
+
+@router.delete("/{product_id}")
+def delete(context: Ctx, product_id: str) -> dict[str, Any]:
+    """Delete a product; its id is not free again."""
+    return {"id": product_id, "deleted": context.dpm.delete(product_id)}
+
+
+@router.get("/{product_id}/payload", response_class=Response)
+def payload(
+    context: Ctx, product_id: str, request: Request,
+    format: Annotated[str, Query(max_length=16)] = "native",
+    as_: Annotated[str | None, Query(alias="as", max_length=64)] = None,
+) -> Response:  # fmt: skip
+    """The payload, as it is stored (``Range`` allowed) or converted."""
+    record = context.dpm.store.get(product_id)
+    if format == "native" and as_ is None:
+        return native(context, record, request.headers.get("range"), request.headers.get("if-none-match"))
+    body = convert(record.type_name, record.codec, context.dpm.store.payload(product_id), format, as_, record.header)
+    return file_response(body, product_id)
+
+
+@router.get("/{product_id}/thumbnail.png", response_class=Response)
+def thumbnail(context: Ctx, product_id: str, request: Request) -> Response:
+    """A small picture of a map, cloud, path or image; products never change, so it may be cached."""
+    record = context.dpm.store.get(product_id)
+    etag = f'"{record.sha256[:16]}-thumbnail"'
+    headers = {"ETag": etag, "Cache-Control": "private, max-age=86400, immutable"}
+    if request.headers.get("if-none-match") == etag:
+        return Response(status_code=304, headers=headers)
+    from cdff_common.codecs import decode
+    from services.dpm.pictures import picture
+
+    value = decode(record.type_name, context.dpm.store.payload(product_id), record.codec)
+    return Response(picture(value, record.header, max_side_px=256), media_type="image/png", headers=headers)
+
+
+def native(context: Context, record: ProductRecord, range_header: str | None, if_none_match: str | None) -> Response:
+    """The stored bytes, or the part that ``Range`` names."""
+    body = convert(record.type_name, record.codec, b"", None, None, record.header)
+    headers = {"ETag": f'"{record.sha256}"', "Accept-Ranges": "bytes", "CDFF-Encoding": body.encoding}
+    if if_none_match == headers["ETag"]:
+        return Response(status_code=304, headers=headers)
+    part = parse_range(range_header, record.size)
+    if part is None:
+        return Response(context.dpm.store.payload(record.id), media_type="application/octet-stream", headers=headers)
+    first, last = part
+    headers["Content-Range"] = f"bytes {first}-{last}/{record.size}"
+    data = context.dpm.store.payload(record.id, first, last - first + 1)
+    return Response(data, 206, headers, "application/octet-stream")
+
+
+def file_response(body: Converted, name: str) -> Response:
+    """Bytes as a file named after the product."""
+    media_type = body.encoding if "vnd.cdff" not in body.encoding else "application/octet-stream"
+    headers = {"Content-Disposition": f'inline; filename="{name}.{body.suffix}"', "CDFF-Encoding": body.encoding}
+    return Response(body.data, media_type=media_type, headers=headers)
+
+
+def described(record: ProductRecord) -> dict[str, Any]:
+    """Metadata as JSON, with links."""
+    base = f"/api/v1/products/{record.id}"
+    links = {"self": base, "payload": f"{base}/payload", "thumbnail": f"{base}/thumbnail.png"}
+    data: dict[str, Any] = jsonable(record.to_dict())
+    return data | {"links": links}
+
+
+def header_attachment(text: str) -> bytes:
+    """The header's bytes from its JSON; times may be decimal strings. Raises InputError."""
+    try:
+        data = json.loads(text)
+        if not isinstance(data, dict):
+            raise InputError(f"CDFF-Header holds a {type(data).__name__}, expected an object")
+        for name in ("t0_ns", "t1_ns"):
+            data[name] = int(data[name])
+        return bytes(msgpack.packb(data))
+    except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
+        raise InputError(f"CDFF-Header: expected the product's header as JSON: {error!r}") from error

@@ -1,0 +1,51 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``/api/v1/robots``: who is there, where, and what their DFPCs do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter
+
+from cdff_common.errors import CdffError, ProductNotFoundError
+from services.dpm.http.context import Context, Ctx, jsonable
+
+router = APIRouter(prefix="/api/v1/robots", tags=["robots"])
+
+
+@router.get("")
+def robots(context: Ctx) -> dict[str, Any]:
+    """Every robot that the profile names, that has products, or that shows a sign of life."""
+    return {"items": [_robot(context, robot) for robot in sorted(_known(context))]}
+
+
+@router.get("/{robot}")
+def robot(context: Ctx, robot: str) -> dict[str, Any]:
+    """One robot."""
+    if robot not in _known(context):
+        raise ProductNotFoundError(f"no robot {robot[:64]!r}")
+    return _robot(context, robot)
+
+
+def _known(context: Context) -> set[str]:
+    found = {robot for robot, _ in context.dpm.store.statistics().products}
+    if context.profile is not None:
+        found |= set(context.profile.robot_ids)
+    if context.watch is not None:
+        found |= context.watch.robots()
+    return found - {"ground"}
+
+
+def _robot(context: Context, robot: str) -> dict[str, Any]:
+    try:
+        pose: dict[str, Any] | None = context.dpm.pose("site", f"{robot}/base", None, robot=robot)
+        missing = ""
+    except CdffError as error:
+        pose, missing = None, str(error)
+    services = context.watch.services().get(robot, []) if context.watch is not None else []
+    dfpcs = context.watch.dfpcs(robot) if context.watch is not None else []
+    data: dict[str, Any] = jsonable(
+        {"id": robot, "pose": pose, "pose_missing": missing, "dfpcs": dfpcs, "services": services}
+    )
+    return data

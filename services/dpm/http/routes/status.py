@@ -1,0 +1,96 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""How the DPM is: status, health, metrics, and the stream of events."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncIterator
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Request
+from fastapi.responses import PlainTextResponse, StreamingResponse
+
+from dpm_store import Event
+from services.dpm.http.context import Context, Ctx, jsonable
+
+router = APIRouter(tags=["status"])
+
+_KEEP_ALIVE_S = 15.0
+
+
+@router.get("/api/v1/status")
+def status(context: Ctx) -> dict[str, Any]:
+    """Counts and sizes, and the services that are alive."""
+    services = context.watch.services() if context.watch is not None else {}
+    mission = context.profile.name if context.profile is not None else None
+    data: dict[str, Any] = jsonable(context.dpm.status() | {"services": services, "mission": mission})
+    return data
+
+
+@router.get("/healthz", response_class=PlainTextResponse)
+def healthz() -> str:
+    """The process answers."""
+    return "ok\n"
+
+
+@router.get("/readyz", response_class=PlainTextResponse)
+def readyz(context: Ctx) -> str:
+    """The store answers."""
+    context.dpm.store.events.last_ordinal()
+    return "ready\n"
+
+
+@router.get("/metrics", response_class=PlainTextResponse)
+def metrics(context: Ctx) -> PlainTextResponse:
+    """Counters and gauges in Prometheus' text format."""
+    s = context.dpm.status()
+    lines = ["# TYPE cdff_dpm_products gauge"]
+    for robot, products in s["by_robot"].items():
+        lines += [f'cdff_dpm_products{{robot="{robot}",type="{t}"}} {n}' for t, n in products.items()]
+    lines += ["# TYPE cdff_dpm_payload_bytes gauge", f"cdff_dpm_payload_bytes {s['payload_bytes']}"]
+    lines += ["# TYPE cdff_dpm_events_total counter", f"cdff_dpm_events_total {s['events']}"]
+    lines += ["# TYPE cdff_dpm_operations_total counter"]
+    lines += [f'cdff_dpm_operations_total{{operation="{name}"}} {n}' for name, n in sorted(s["counters"].items())]
+    return PlainTextResponse("\n".join(lines) + "\n", media_type="text/plain; version=0.0.4")
+
+
+@router.get("/api/v1/events", response_class=StreamingResponse)
+async def events(
+    context: Ctx, request: Request, last_event_id: Annotated[str | None, Header()] = None
+) -> StreamingResponse:
+    """Events as they happen (SSE); with ``Last-Event-ID`` from there on, nothing left out."""
+    store = context.dpm.store
+    start = int(last_event_id) if last_event_id and last_event_id.isdigit() else store.events.last_ordinal()
+    headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+    return StreamingResponse(_stream(context, request, start), media_type="text/event-stream", headers=headers)
+
+
+async def _stream(context: Context, request: Request, last: int) -> AsyncIterator[str]:
+    loop, news = asyncio.get_running_loop(), asyncio.Event()
+
+    def on_event(_event: Event) -> None:
+        with contextlib.suppress(RuntimeError):  # the server's loop has ended before this stream
+            loop.call_soon_threadsafe(news.set)
+
+    context.dpm.listen(on_event)
+    try:
+        yield ": connected\n\n"
+        while not await request.is_disconnected():
+            news.clear()
+            for event in await asyncio.to_thread(context.dpm.store.events.since, last):
+                last = event.ordinal
+                yield _line(event)
+            try:
+                await asyncio.wait_for(news.wait(), _KEEP_ALIVE_S)
+            except TimeoutError:
+                yield ": still here\n\n"
+    finally:
+        context.dpm.unlisten(on_event)
+
+
+def _line(event: Event) -> str:
+    body = jsonable({"stamp_ns": event.stamp_ns, "scope": event.scope, "kind": event.kind, **event.body})
+    return f"id: {event.ordinal}\nevent: {event.kind}\ndata: {json.dumps(body)}\n\n"

@@ -1,0 +1,59 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""uvicorn in a thread of the DPM process, on a socket that is bound first so that a taken port is an error."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from types import TracebackType
+from typing import Self
+
+import uvicorn
+
+from cdff_common.errors import UnavailableError
+from services.dpm.http.app import create_app
+from services.dpm.http.context import Context
+
+_STOP_S = 3.0
+
+
+class HttpServer:
+    """Serves while the context is open.
+
+    Raises
+    ------
+    UnavailableError
+        If the port is taken.
+    """
+
+    def __init__(self, context: Context) -> None:
+        s = context.settings
+        family = socket.AF_INET6 if ":" in s.host else socket.AF_INET
+        self._socket = socket.socket(family, socket.SOCK_STREAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            self._socket.bind((s.host, s.port))
+        except OSError as error:
+            self._socket.close()
+            raise UnavailableError(f"HTTP on {s.host}:{s.port}: {error.strerror}; try another --http") from error
+        self.port: int = self._socket.getsockname()[1]
+        config = uvicorn.Config(
+            create_app(context), log_config=None, access_log=False, timeout_graceful_shutdown=1, server_header=False,
+            limit_concurrency=256, timeout_keep_alive=15, lifespan="off",
+        )  # fmt: skip
+        self._server = uvicorn.Server(config)
+        self._thread = threading.Thread(
+            target=self._server.run, kwargs={"sockets": [self._socket]}, name="http", daemon=True
+        )
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._server.should_exit = True
+        self._thread.join(_STOP_S)
+        self._socket.close()

@@ -1,0 +1,286 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the DPM does, whoever asks: Zenoh handlers and HTTP routes are thin covers of these."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from cdff_common.clock import Clock
+from cdff_common.codecs import decode, encode
+from cdff_common.codecs.encoding import parse_encoding
+from cdff_common.errors import CodecError, InputError, ProductNotFoundError, UnavailableError
+from cdff_common.geometry import checked_frame
+from cdff_common.interfaces.product import Header, Status
+from dpm_store import Event, Insertion, Page, ProductRecord, Query, Store
+from dpm_store.maps import DERIVED_DFPC, DERIVED_PORT, ElevationWindow
+from services.dpm.convert import Converted, convert
+from services.dpm.parameters import PRODUCT_TYPES, WindowRequest, transform_of
+
+logger = logging.getLogger(__name__)
+
+#: Events that this process makes and publishes; others it only keeps.
+OWN_EVENTS = frozenset({"inserted", "deleted", "reanchored"})
+#: Answers larger than this are handed over by reference where the asker leaves it open (contract §5).
+INLINE_BYTES = 1_000_000
+#: Payloads up to this size are decoded before they are stored, so that what cannot be read is refused.
+DECODED_BYTES = 16 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A product as it was asked for: bytes, encoding or media type, and metadata that go with them.
+
+    ``reference`` is the id to pull it by where it was too large to send at once.
+    """
+
+    body: Converted
+    metadata: dict[str, Any]
+    reference: str | None = None
+
+
+class Dpm:
+    """Operations on a store.
+
+    Parameters
+    ----------
+    store : Store
+    max_payload_bytes : int
+        Larger insertions are refused.
+    """
+
+    def __init__(self, store: Store, max_payload_bytes: int = 256 << 20) -> None:
+        self.store = store
+        self.max_payload_bytes = max_payload_bytes
+        self._lock = threading.Lock()
+        self._listeners: list[Callable[[Event], None]] = []
+        self._told = store.events.last_ordinal()
+        self.counters = {
+            "inserted": 0,
+            "already": 0,
+            "refused": 0,
+            "deleted": 0,
+            "searches": 0,
+            "gets": 0,
+            "windows": 0,
+        }
+
+    @property
+    def clock(self) -> Clock:
+        """Mission clock."""
+        return self.store.clock
+
+    def listen(self, listener: Callable[[Event], None]) -> None:
+        """Call ``listener`` with every event from now on, in order, after it is durable."""
+        with self._lock:
+            self._listeners.append(listener)
+
+    def unlisten(self, listener: Callable[[Event], None]) -> None:
+        """Stop calling ``listener``."""
+        with self._lock:
+            self._listeners = [known for known in self._listeners if known is not listener]
+
+    def put(
+        self, names: Mapping[str, str], payload: bytes, encoding: str, attachment: bytes
+    ) -> tuple[Insertion, Header]:
+        """Check and insert a product; durable when this returns.
+
+        Parameters
+        ----------
+        names : mapping
+            robot, dfpc, port, product.
+        encoding : str
+            As ``application/vnd.cdff+uper;Pointcloud/1``.
+        attachment : bytes
+            The header.
+
+        Raises
+        ------
+        CodecError
+            If header, encoding or payload cannot be read.
+        InputError, ConflictError, StorageError
+            As ``Store.put``.
+        """
+        try:
+            if len(payload) > self.max_payload_bytes:
+                raise InputError(f"payload of {len(payload)} bytes: expected at most {self.max_payload_bytes}")
+            header = Header.from_attachment(attachment)
+            type_name, codec = parse_encoding(encoding)
+            value = self._checked_value(names, header, type_name, codec, payload)
+            if header.box_m is None and value is not None and (extent := value.extent_m()) is not None:
+                header = _with_box(header, extent)
+            insertion = self.store.put(
+                header, payload, robot=names["robot"], dfpc=names["dfpc"], port=names["port"],
+                product=names["product"], type_name=type_name, codec=codec, value=value,
+            )  # fmt: skip
+        except (InputError, KeyError):
+            self._count("refused")
+            raise
+        self._count(str(insertion))
+        self._tell()
+        return insertion, header
+
+    def delete(self, product_id: str) -> bool:
+        """Leave a tombstone; False if it was deleted before."""
+        deleted = self.store.delete(product_id)
+        self._count("deleted")
+        self._tell()
+        return deleted
+
+    def search(self, query: Query) -> Page:
+        """One page of products."""
+        self._count("searches")
+        return self.store.search(query)
+
+    def product(self, product_id: str, format_name: str | None = None, as_type: str | None = None) -> Answer:
+        """A product by id, in a codec, file format or InFuse type."""
+        self._count("gets")
+        record = self.store.get(product_id)
+        payload = self.store.payload(product_id)
+        body = convert(record.type_name, record.codec, payload, format_name, as_type, record.header)
+        return Answer(body, record.to_dict())
+
+    def newest(self, query: Query, format_name: str | None = None, as_type: str | None = None) -> Answer:
+        """The newest product that a search finds and that has a value."""
+        for record in self.search(query).items:
+            if record.header.quality.status is not Status.FAILED:
+                return self.product(record.id, format_name, as_type)
+        raise ProductNotFoundError("no product of that kind" + (f" in {query.region.text}" if query.region else ""))
+
+    def window(
+        self, asked: WindowRequest, format_name: str | None = None, as_type: str | None = None, deliver: str = "auto"
+    ) -> Answer:
+        """An elevation window; stored and handed over by id where it is large or asked by reference.
+
+        Raises
+        ------
+        UnavailableError
+            If less of the region is covered than asked.
+        """
+        self._count("windows")
+        window = self.elevation(asked)
+        payload = encode(window.map, "uper")
+        body = convert("ElevationMap", "uper", payload, format_name, as_type, window.header, value=window.map)
+        metadata = window.header.to_dict() | window.manifest() | {"robot": window.robot}
+        if deliver == "inline" or (deliver == "auto" and len(body.data) <= INLINE_BYTES):
+            return Answer(body, metadata)
+        self.store.put(
+            window.header, payload, robot=window.robot, dfpc=DERIVED_DFPC, port=DERIVED_PORT, product="dem",
+            type_name="ElevationMap", codec="uper", value=window.map,
+        )  # fmt: skip
+        self._tell()
+        return Answer(Converted(b"", "", ""), metadata, window.header.id)
+
+    def elevation(self, asked: WindowRequest) -> ElevationWindow:
+        """An elevation window as a value; raises UnavailableError below the coverage asked."""
+        window = self.store.maps.elevation_window(
+            asked.region, resolution_m=asked.resolution_m, frame=asked.frame, robot=asked.robot,
+            newest_after_ns=asked.newest_after_ns, t1_ns=asked.t1_ns,
+        )  # fmt: skip
+        if window.coverage < asked.min_coverage:
+            raise UnavailableError(f"coverage {window.coverage:.3f} of the region, asked {asked.min_coverage:.3f}")
+        return window
+
+    def pose(
+        self, parent: str, child: str, t_ns: int | None, *, robot: str | None = None, limit_s: float | None = None
+    ) -> dict[str, Any]:
+        """``T_parent_child`` at a time (newest that is known without one), as plain data."""
+        checked_frame(parent, "parent")
+        checked_frame(child, "child")
+        if t_ns is None:
+            newest_ns = self.store.poses.newest_ns(parent, child)
+            t_ns = self.clock.now_ns() if newest_ns is None else newest_ns
+        limit_ns = None if limit_s is None else int(limit_s * 1e9)
+        T = self.store.poses.at(t_ns, parent, child, limit_ns=limit_ns)
+        covariance = None if T.covariance is None else T.covariance.tolist()
+        return {
+            "parent": parent, "child": child, "stamp_ns": t_ns, "T": T.matrix.tolist(), "covariance": covariance,
+            "robot": robot or "",
+        }  # fmt: skip
+
+    def record(self, scope: str, kind: str, body: Mapping[str, Any]) -> None:
+        """Enter an event of another service in the history; listeners hear of it as of ours."""
+        self.store.events.append(scope, kind, body)
+        self._tell()
+
+    def set_frame(self, body: Mapping[str, Any], producer: str = "") -> dict[str, Any]:
+        """Add a revision of a fixed frame; subscribers get a ``reanchored`` event."""
+        try:
+            frame, parent = str(body["frame"]), str(body["parent"])
+        except KeyError as error:
+            raise InputError(f"frame revision: {error} is missing") from error
+        revision = self.store.frames.set(
+            frame, parent, transform_of(body), producer=producer or str(body.get("producer", "")),
+            valid_from_ns=body.get("valid_from_ns"), valid_until_ns=body.get("valid_until_ns"),
+            expected_revision=body.get("expected_revision"),
+        )  # fmt: skip
+        scope = frame.split("/")[0] if "/" in frame else "ground"
+        self.store.events.append(scope, "reanchored", {"frame": frame, "parent": parent, "revision": revision.revision})
+        self._tell()
+        return revision.to_dict()
+
+    def frames(self) -> list[dict[str, Any]]:
+        """The last revision of every fixed frame."""
+        return [revision.to_dict() for revision in self.store.frames.current()]
+
+    def status(self) -> dict[str, Any]:
+        """Counts and sizes, as plain data."""
+        s = self.store.statistics()
+        by_robot: dict[str, dict[str, int]] = {}
+        for (robot, product), count in sorted(s.products.items()):
+            by_robot.setdefault(robot, {})[product] = count
+        return {
+            "products": s.count, "by_robot": by_robot, "payload_bytes": s.payload_bytes, "newest_t1_ns": s.newest_t1_ns,
+            "events": s.events, "now_ns": self.clock.now_ns(), "counters": dict(self.counters),
+        }  # fmt: skip
+
+    def payload(self, product_id: str, offset: int = 0, length: int | None = None) -> tuple[ProductRecord, bytes]:
+        """Bytes as they are stored, from an offset on."""
+        self._count("gets")
+        return self.store.get(product_id), self.store.payload(product_id, offset, length)
+
+    def _checked_value(
+        self, names: Mapping[str, str], header: Header, type_name: str, codec: str, payload: bytes
+    ) -> Any:
+        product = names["product"]
+        if product not in PRODUCT_TYPES:
+            raise InputError(f"product={product[:80]!r}: expected one of {', '.join(PRODUCT_TYPES)}")
+        wanted = PRODUCT_TYPES[product]
+        if wanted is not None and type_name != wanted:
+            raise InputError(f"a {product} is stored as {wanted}, this is a {type_name}")
+        if (header.quality.status is Status.FAILED) != (not payload):
+            raise InputError(
+                f"{header.quality.status} with {len(payload)} bytes: FAILED has no payload, others have one"
+            )
+        if not payload or len(payload) > DECODED_BYTES:
+            return None
+        value = decode(type_name, payload, codec)
+        if product == "pose" and (header.frame, header.child) != (value.parent_frame, value.child_frame):
+            raise CodecError(
+                f"pose of {value.child_frame} in {value.parent_frame}, its header says {header.child} in {header.frame}"
+            )
+        return value
+
+    def _count(self, what: str) -> None:
+        with self._lock:
+            self.counters[what] += 1
+
+    def _tell(self) -> None:
+        with self._lock:
+            events = self.store.events.since(self._told)
+            if events:
+                self._told = events[-1].ordinal
+            for event in events:
+                for listener in self._listeners:
+                    listener(event)
+
+
+def _with_box(header: Header, extent: Any) -> Header:
+    from dataclasses import replace
+
+    x0, y0, z0, x1, y1, z1 = (float(v) for v in extent)
+    return replace(header, box_m=(x0, y0, z0, x1, y1, z1))

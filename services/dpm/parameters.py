@@ -1,0 +1,154 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Parameters of queries as text, from Zenoh and from HTTP alike: checked, unknown ones refused."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from cdff_common.clock import parse_stamp
+from cdff_common.errors import InputError
+from cdff_common.geometry import UncertainTransform, checked_frame
+from cdff_common.geometry.region import Region, parse_region
+from dpm_store import Query
+
+GROUND = "ground"
+#: Product -> ASN.1 type it is stored as; None where no type is fixed yet (contract §5).
+PRODUCT_TYPES: dict[str, str | None] = {
+    "pose": "TransformWithCovariance", "trajectory": "PoseTrajectory", "pointcloud": "Pointcloud",
+    "dem": "ElevationMap", "navigation_map": "NavigationMap", "image": "Frame", "disparity": "Frame",
+    "pose_graph": None, "detections": None, "track": None, "mesh": None, "feature_matches": None, "landmarks": None,
+    "delivery": None,  # derived for one request by the orchestrator, fetched by id
+}  # fmt: skip
+SEARCH = frozenset(
+    {"type", "robot", "dfpc", "port", "status", "region", "frame", "region_frame", "child", "t0", "t1",
+     "resolution_max_m", "after", "order", "limit", "cursor", "request"}
+)  # fmt: skip
+_ROBOT = re.compile(r"[a-z][a-z0-9_]{0,63}\Z")
+
+
+@dataclass(frozen=True, slots=True)
+class WindowRequest:
+    """What a map window is asked with."""
+
+    region: Region | None
+    frame: str
+    resolution_m: float | None
+    robot: str | None
+    newest_after_ns: int | None
+    t1_ns: int | None
+    min_coverage: float = 0.0
+
+
+def check_names(parameters: Mapping[str, str], known: frozenset[str], required: frozenset[str] = frozenset()) -> None:
+    """Refuse unknown parameters, and ones that are missing."""
+    unknown, missing = sorted(set(parameters) - known), sorted(required - set(parameters))
+    if unknown:
+        raise InputError(f"unknown parameter {unknown[0]!r}; known are {', '.join(sorted(known))}")
+    if missing:
+        raise InputError(f"parameter {missing[0]!r} is missing")
+
+
+def robot_under(scope: str, parameters: Mapping[str, str]) -> str | None:
+    """The robot that a query means: ``robot=`` where it is given; None for all of them.
+
+    Raises
+    ------
+    InputError
+        If a robot's keys are asked for another robot.
+    """
+    robot = parameters.get("robot")
+    if robot is not None and not _ROBOT.match(robot):
+        raise InputError(f"robot={robot!r}: expected a robot id or any")
+    if scope == GROUND:
+        return None if robot == "any" else robot
+    if robot not in (None, scope):
+        raise InputError(f"robot={robot!r} asked under the keys of {scope}: ask there for it, or under ground")
+    return robot
+
+
+def search_query(scope: str, parameters: Mapping[str, str]) -> Query:
+    """The search that parameters ask for; answers do not depend on the scope asked."""
+    check_names(parameters, SEARCH)
+    p = parameters
+    frame = checked_frame(p.get("region_frame", p.get("frame", "site")))
+    order = p.get("order", "newest")
+    if order not in ("newest", "oldest"):
+        raise InputError(f"order={order!r}: expected newest or oldest")
+    return Query(
+        types=tuple(t for t in p.get("type", "").split(",") if t),
+        robot=robot_under(scope, p),
+        dfpc=p.get("dfpc"),
+        port=p.get("port"),
+        status=p.get("status"),
+        t0_ns=stamp(p, "t0"),
+        t1_ns=stamp(p, "t1"),
+        region=parse_region(p["region"]) if "region" in p else None,
+        frame=frame,
+        child=p.get("child"),
+        resolution_max_m=number(p, "resolution_max_m", low=0.0),
+        inserted_after=integer(p, "after", low=0),
+        oldest_first=order == "oldest",
+        limit=integer(p, "limit", low=1, high=1000) or 100,
+        cursor=p.get("cursor"),
+    )
+
+
+def window_request(scope: str, p: Mapping[str, str], now_ns: int) -> WindowRequest:
+    """What a window is asked with; ``max_age_s`` counts back from ``now_ns``."""
+    frame = checked_frame(p.get("frame", "site"))
+    region_frame = checked_frame(p.get("region_frame", frame), "region_frame")
+    if region_frame != frame:
+        raise InputError(f"region_frame={region_frame}, frame={frame}: a window's region is in the window's frame")
+    newest_after = stamp(p, "newest_after")
+    max_age_s = number(p, "max_age_s", low=0.0)
+    if max_age_s is not None:
+        newest_after = max(newest_after or 0, now_ns - int(max_age_s * 1e9))
+    return WindowRequest(
+        parse_region(p["region"]) if "region" in p else None, frame, number(p, "resolution_m", low=1e-4, high=1e4),
+        robot_under(scope, p), newest_after, stamp(p, "t1"), number(p, "min_coverage", low=0.0, high=1.0) or 0.0,
+    )  # fmt: skip
+
+
+def stamp(parameters: Mapping[str, str], name: str) -> int | None:
+    """A time, or None where it is not given."""
+    return parse_stamp(parameters[name], name) if name in parameters else None
+
+
+def number(parameters: Mapping[str, str], name: str, *, low: float = -math.inf, high: float = math.inf) -> float | None:
+    """A finite number, or None where it is not given."""
+    if name not in parameters:
+        return None
+    try:
+        value = float(parameters[name])
+    except ValueError as error:
+        raise InputError(f"{name}={parameters[name][:80]!r}: expected a number") from error
+    if not math.isfinite(value) or not low <= value <= high:
+        raise InputError(f"{name}={parameters[name][:80]}: expected a finite number from {low:g} to {high:g}")
+    return value
+
+
+def integer(parameters: Mapping[str, str], name: str, *, low: int = 0, high: int = 2**62) -> int | None:
+    """A whole number, or None where it is not given."""
+    if name not in parameters:
+        return None
+    text = parameters[name]
+    if not re.fullmatch(r"\d{1,19}", text) or not low <= int(text) <= high:
+        raise InputError(f"{name}={text[:80]!r}: expected a whole number from {low} to {high}")
+    return int(text)
+
+
+def transform_of(body: Mapping[str, Any]) -> UncertainTransform:
+    """``T`` (4x4 rows) and ``covariance`` (6x6 or absent) of a map; raises InputError."""
+    import numpy as np
+
+    try:
+        matrix = np.array(body["T"], dtype=np.float64)
+        covariance = body.get("covariance")
+        return UncertainTransform(matrix, None if covariance is None else np.array(covariance, dtype=np.float64))
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"transform: expected T as 4 rows of 4, covariance as 6 of 6 or none: {error}") from error

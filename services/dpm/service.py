@@ -1,0 +1,162 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The DPM on the bus: contract §5's ``dpm/@rpc/…`` and ``dpm/product/{id}`` under every scope it serves."""
+
+from __future__ import annotations
+
+import functools
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from cdff_common.bus import Bus, Qos, Reply, Request, keys
+from cdff_common.codecs.encoding import encoding_string
+from cdff_common.errors import InputError
+from dpm_store import Event
+from services.dpm.operations import OWN_EVENTS, Answer, Dpm
+from services.dpm.parameters import (
+    GROUND,
+    SEARCH,
+    check_names,
+    integer,
+    number,
+    robot_under,
+    search_query,
+    stamp,
+    window_request,
+)
+
+logger = logging.getLogger(__name__)
+
+_WORKERS = {"put": 4, "get": 4, "search": 4}
+_GET = SEARCH | {"id", "format", "as", "deliver", "resolution_m", "max_age_s", "newest_after", "min_coverage"}
+#: Parameters that make a get of dem a window rather than the newest patch.
+_WINDOW = frozenset(
+    {"type", "robot", "region", "frame", "region_frame", "resolution_m", "max_age_s", "newest_after", "min_coverage",
+     "t1", "format", "as", "deliver", "request"}
+)  # fmt: skip
+_PUT = frozenset({"robot", "dfpc", "port", "product", "request"})
+#: Longest part of a payload in one reply; a longer one is pulled in parts.
+MAX_PART_BYTES = 16 << 20
+
+
+def serve(bus: Bus, dpm: Dpm, robots: Sequence[str]) -> None:
+    """Declare everything on the bus, the liveliness tokens last; events go out from then on."""
+    handlers: dict[str, Callable[[Dpm, Request], Reply]] = {
+        "search": search, "get": get, "put": put, "delete": delete, "pose": pose, "frames": frames, "stat": stat,
+    }  # fmt: skip
+    scopes = [*robots, GROUND]
+    dpm.listen(functools.partial(_publish, bus))
+    for scope in scopes:
+        for verb, handler in handlers.items():
+            bus.serve(keys.dpm_rpc(scope, verb), functools.partial(handler, dpm), workers=_WORKERS.get(verb, 2))
+        bus.serve(keys.dpm_product(scope, "*"), functools.partial(payload, dpm))
+    for scope in scopes:
+        bus.declare_alive(scope, "dpm")
+
+
+def search(dpm: Dpm, request: Request) -> Reply:
+    """Metadata of products: ``{items, cursor, unplaced_frames}``."""
+    page = dpm.search(search_query(request.scope, request.parameters))
+    return Reply.of(
+        {
+            "items": [record.to_dict() for record in page.items],
+            "cursor": page.cursor,
+            "unplaced_frames": list(page.unplaced_frames),
+        }
+    )
+
+
+def get(dpm: Dpm, request: Request) -> Reply:
+    """One product: by ``id``, a window for ``type=dem``, else the newest that the search finds."""
+    p = dict(request.parameters)
+    check_names(p, _GET)
+    format_name, as_type, deliver = p.get("format"), p.get("as"), p.get("deliver", "inline")
+    if deliver not in ("auto", "inline", "reference"):
+        raise InputError(f"deliver={deliver!r}: expected auto, inline or reference")
+    if "id" in p:
+        check_names(p, frozenset({"id", "format", "as", "deliver", "robot", "request"}))
+        return _reply(dpm.product(p["id"], format_name, as_type))
+    if p.get("type") == "dem":
+        check_names(p, _WINDOW)
+        asked = window_request(request.scope, p, dpm.clock.now_ns())
+        return _reply(dpm.window(asked, format_name, as_type, deliver))
+    check_names(p, SEARCH | {"format", "as", "deliver"}, frozenset({"type"}))
+    query = search_query(request.scope, {k: v for k, v in p.items() if k in SEARCH})
+    return _reply(dpm.newest(query, format_name, as_type))
+
+
+def put(dpm: Dpm, request: Request) -> Reply:
+    """Insert; the reply ``{id, result}`` comes after the commit."""
+    check_names(request.parameters, _PUT, frozenset({"dfpc", "port", "product"}))
+    robot = robot_under(request.scope, request.parameters) or (None if request.scope == GROUND else request.scope)
+    if robot is None:
+        raise InputError("robot is missing: under scope ground it is required")
+    names = {"robot": robot, **{k: request.parameters[k] for k in ("dfpc", "port", "product")}}
+    insertion, header = dpm.put(names, request.payload, request.encoding, request.attachment)
+    return Reply.of({"id": header.id, "result": str(insertion)})
+
+
+def delete(dpm: Dpm, request: Request) -> Reply:
+    """Leave a tombstone; the reply is ``{id, deleted}``."""
+    check_names(request.parameters, frozenset({"id", "robot", "request"}), frozenset({"id"}))
+    product_id = request.parameters["id"]
+    return Reply.of({"id": product_id, "deleted": dpm.delete(product_id)})
+
+
+def pose(dpm: Dpm, request: Request) -> Reply:
+    """``T_parent_child`` at ``t``: ``{parent, child, stamp_ns, T, covariance}``."""
+    p = request.parameters
+    check_names(p, frozenset({"robot", "t", "parent", "child", "limit_s", "request"}))
+    robot = robot_under(request.scope, p) or (None if request.scope == GROUND else request.scope)
+    child = p.get("child") or (f"{robot}/base" if robot else "")
+    if not child:
+        raise InputError("child is missing: name a frame, or a robot whose base is meant")
+    t_ns = stamp(p, "t")
+    limit_s = number(p, "limit_s", low=0.0, high=3600.0)
+    return Reply.of(dpm.pose(p.get("parent", "site"), child, t_ns, robot=robot, limit_s=limit_s))
+
+
+def frames(dpm: Dpm, request: Request) -> Reply:
+    """Without a body the frames there are, ``frame=`` its revisions; with a MessagePack body a new revision."""
+    p = request.parameters
+    check_names(p, frozenset({"frame", "robot", "request"}))
+    if request.payload:
+        body = request.body()
+        if not isinstance(body, Mapping):
+            raise InputError(f"frame revision: a {type(body).__name__}, expected a map")
+        return Reply.of(dpm.set_frame(body, producer=f"{request.scope}/rpc"))
+    if "frame" in p:
+        return Reply.of({"revisions": [r.to_dict() for r in dpm.store.frames.revisions(p["frame"])]})
+    return Reply.of({"frames": dpm.frames()})
+
+
+def stat(dpm: Dpm, request: Request) -> Reply:
+    """Counts and sizes."""
+    check_names(request.parameters, frozenset({"robot", "request"}))
+    return Reply.of(dpm.status())
+
+
+def payload(dpm: Dpm, request: Request) -> Reply:
+    """Bytes of a product as they are stored, ``offset=`` and ``len=`` for a part."""
+    p = request.parameters
+    check_names(p, frozenset({"offset", "len", "request"}))
+    product_id = request.key.rsplit("/", 1)[-1]
+    offset = integer(p, "offset") or 0
+    length = integer(p, "len", low=1)
+    record, data = dpm.payload(product_id, offset, min(length or MAX_PART_BYTES, MAX_PART_BYTES))
+    attachment = record.to_dict() | {"kind": "product", "offset": offset, "len": len(data), "size": record.size}
+    return Reply(data, encoding_string(record.type_name, record.codec), attachment)
+
+
+def _reply(answer: Answer) -> Reply:
+    if answer.reference is not None:
+        return Reply.of({"id": answer.reference}, **answer.metadata | {"kind": "reference", "id": answer.reference})
+    return Reply(answer.body.data, answer.body.encoding, answer.metadata | {"kind": "product"})
+
+
+def _publish(bus: Bus, event: Event) -> None:
+    if event.kind not in OWN_EVENTS:
+        return
+    body: dict[str, Any] = {"ordinal": event.ordinal, "stamp_ns": event.stamp_ns, **event.body}
+    bus.publish_map(keys.event(event.scope, event.kind), body, qos=Qos.CONTROL)

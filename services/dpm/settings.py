@@ -1,0 +1,107 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""How the DPM process is set up: arguments first, then the environment, then defaults."""
+
+from __future__ import annotations
+
+import argparse
+import ipaddress
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cdff_common.errors import ConfigurationError
+
+DEFAULT_DATA_DIR = Path("~/.local/share/cdff")
+DEFAULT_HTTP = "127.0.0.1:8080"
+DEFAULT_MAX_BODY_MB = 256
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Settings of one DPM process.
+
+    Attributes
+    ----------
+    data_dir : Path
+        Where the store lies.
+    host, port : str, int
+        HTTP address.
+    connect : str or None
+        Endpoint of the router; None leaves it to the bus.
+    profile : Path or None
+        Mission: robots served and their fixed frames.
+    hosts : tuple of str
+        Further ``Host`` names that HTTP answers to, beside the address and localhost.
+    keys_file : Path or None
+        API keys as lines of ``sha256hex role name``; needed off loopback.
+    max_body_bytes : int
+        Of one insertion.
+    """
+
+    data_dir: Path
+    host: str = "127.0.0.1"
+    port: int = 8080
+    connect: str | None = None
+    profile: Path | None = None
+    hosts: tuple[str, ...] = ()
+    keys_file: Path | None = None
+    max_body_bytes: int = DEFAULT_MAX_BODY_MB << 20
+
+    @property
+    def store_url(self) -> str:
+        """URL for ``dpm_store.open_store``."""
+        return f"sqlite:///{self.data_dir}"
+
+    @property
+    def on_loopback(self) -> bool:
+        """Whether only this machine can reach the HTTP port."""
+        return is_loopback(self.host)
+
+
+def is_loopback(host: str) -> bool:
+    """Tell whether an address or ``localhost`` is of this machine alone."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def parse_settings(arguments: Sequence[str] | None, environment: Mapping[str, str] = os.environ) -> Settings:
+    """Read settings from the command line and the environment.
+
+    Raises
+    ------
+    ConfigurationError
+        If ``--http`` is no ``host:port``, or is off loopback without ``--keys``.
+    """
+    parser = argparse.ArgumentParser(prog="dpm", description="Data Product Manager: store, Zenoh queries, HTTP.")
+    parser.add_argument("--data-dir", type=Path, default=Path(environment.get("CDFF_DATA_DIR", DEFAULT_DATA_DIR)))
+    parser.add_argument("--http", default=environment.get("CDFF_HTTP", DEFAULT_HTTP), help="host:port")
+    parser.add_argument("--connect", default=None, help="router, as tcp/127.0.0.1:7447 (default: CDFF_CONNECT)")
+    parser.add_argument("--profile", type=Path, default=environment.get("CDFF_PROFILE") or None)
+    parser.add_argument(
+        "--host-name", action="append", default=[n for n in environment.get("CDFF_HTTP_HOSTS", "").split(",") if n],
+        help="further Host name that is answered (repeatable)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--keys", type=Path, default=environment.get("CDFF_HTTP_KEYS") or None,
+        help="file of API keys, lines of 'sha256hex role name'; needed off loopback",
+    )  # fmt: skip
+    parser.add_argument("--max-body-mb", type=int, default=DEFAULT_MAX_BODY_MB)
+    args = parser.parse_args(arguments)
+    host, separator, port = args.http.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]")
+    if not separator or not host or not port.isdigit() or int(port) > 65535:
+        raise ConfigurationError(f"--http {args.http!r}: expected host:port, as in {DEFAULT_HTTP}")
+    published = environment.get("CDFF_HTTP_PUBLISHED_ON_LOOPBACK") == "1"
+    if not is_loopback(host) and args.keys is None and not published:
+        raise ConfigurationError(
+            f"--http {args.http}: off loopback every call needs a key; name a file of keys with --keys "
+            "(in a container whose port is published on loopback only, set CDFF_HTTP_PUBLISHED_ON_LOOPBACK=1)"
+        )
+    return Settings(
+        Path(args.data_dir).expanduser(), host, int(port), args.connect,
+        None if args.profile is None else Path(args.profile), tuple(args.host_name), args.keys, args.max_body_mb << 20,
+    )  # fmt: skip
