@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import re
-from bisect import bisect_left, insort
+from bisect import bisect_left, bisect_right, insort
 from dataclasses import dataclass, field
 
 from cdff_common.errors import ConflictError, ExtrapolationError, FrameNotFoundError, InputError
@@ -47,6 +47,13 @@ class PoseTrack:
         for old in self.stamps_ns[:cut]:
             del self.poses[old]
         del self.stamps_ns[:cut]
+
+    def forget_after(self, stamp_ns: int) -> None:
+        """Drop every pose after ``stamp_ns``: for a time line whose end is estimated anew."""
+        cut = bisect_right(self.stamps_ns, stamp_ns)
+        for old in self.stamps_ns[cut:]:
+            del self.poses[old]
+        del self.stamps_ns[cut:]
 
     def at(self, stamp_ns: int, what: str = "pose") -> UncertainTransform:
         """Return the pose at ``stamp_ns``.

@@ -14,7 +14,13 @@ def register(nouns: Any) -> None:
     """Add ``cdff simulate`` to the command line."""
     parser = nouns.add_parser("simulate", help="make the log of a simulated mission")
     parser.add_argument("scenario", help="a shipped scenario's name (rover_traverse) or a scenario file (.yaml)")
-    parser.add_argument("--out", required=True, type=Path, metavar="LOG", help="folder of the log; made")
+    parser.add_argument(
+        "--out",
+        required=True,
+        type=Path,
+        metavar="LOG",
+        help="folder of the log, or NAME.msg for chunk files NAME_000000000.msg, …",
+    )
     parser.add_argument("--seed", type=int, help="replaces the scenario's seed")
     parser.add_argument("--force", action="store_true", help="replace LOG and do not use the cache")
     parser.add_argument(
@@ -36,9 +42,10 @@ def progress_line(done: int, total: int) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     from cdff_dev.simulate.scenario import load_scenario
-    from cdff_dev.simulate.store import deliver, simulated_log
+    from cdff_dev.simulate.store import check_free, deliver, simulated_log
 
     scenario = load_scenario(args.scenario, args.seed)
+    check_free(args.out, args.force)
     log = simulated_log(scenario, max(args.workers, 0), progress_line, fresh=args.force)
     deliver(log, args.out, args.force)
     print(

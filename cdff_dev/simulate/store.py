@@ -111,25 +111,53 @@ def simulated_log(scenario: Scenario, workers: int = 2, progress: Any = None, fr
     return target
 
 
-def deliver(log: Path, out: Path, force: bool) -> None:
-    """Link the files of a cached log into the folder ``out``, or copy them where linking is not possible.
+def _places(log: Path, out: Path) -> dict[Path, Path]:
+    """Where each file of a cached log goes: into a folder, or beside ``NAME.msg`` as ``NAME_000000000.msg``, …"""
+    if out.suffix != ".msg":
+        return {path: out / path.name for path in sorted(log.iterdir())}
+    chunks = sorted(log.glob("*.msg"))
+    places = {path: out.with_name(f"{out.stem}_{i:09d}.msg") for i, path in enumerate(chunks)}
+    return {**places, log / SIDECAR: out.with_name(f"{out.stem}.{SIDECAR}")}
+
+
+def check_free(out: Path, force: bool) -> None:
+    """Refuse a place where something lies.
 
     Raises
     ------
     ConflictError
-        If ``out`` exists and ``force`` is not given, or is no log folder.
+        If ``out`` exists and ``force`` is not given, or it is no log.
     """
-    if out.exists():
-        if not force:
-            raise ConflictError(f"{out} exists; name another --out or add --force to replace it")
-        if not out.is_dir() or any(
-            p.name != SIDECAR and not (p.name.startswith("_") and p.suffix == ".msg") for p in out.iterdir()
-        ):
-            raise ConflictError(f"{out} is not a folder of log chunks; it is left alone")
-        shutil.rmtree(out)
-    out.mkdir(parents=True)
-    for path in sorted(log.iterdir()):
+    taken = list(out.parent.glob(f"{out.stem}_*.msg")) if out.suffix == ".msg" else list(out.glob("*"))
+    if (taken or out.exists()) and not force:
+        raise ConflictError(f"{out} exists; name another --out or add --force to replace it")
+    strange = [p for p in taken if p.suffix != ".msg" and not p.name.endswith(SIDECAR)]
+    if strange or out.is_file():
+        raise ConflictError(f"{out} holds {strange[0].name if strange else 'no log'}; it is left alone")
+
+
+def deliver(log: Path, out: Path, force: bool = False) -> None:
+    """Link the files of a cached log to ``out``, or copy them where linking is not possible.
+
+    Parameters
+    ----------
+    out : Path
+        A folder, or ``NAME.msg`` for the chunk files ``NAME_000000000.msg``, …
+
+    Raises
+    ------
+    ConflictError
+        As ``check_free``.
+    """
+    check_free(out, force)
+    places = _places(log, out)
+    next(iter(places.values())).parent.mkdir(parents=True, exist_ok=True)
+    old = out.parent.glob(f"{out.stem}_*.msg") if out.suffix == ".msg" else out.glob("*.msg")
+    for path in list(old):
+        path.unlink()
+    for source, place in places.items():
+        place.unlink(missing_ok=True)
         try:
-            os.link(path, out / path.name)
+            os.link(source, place)
         except OSError:
-            shutil.copy2(path, out / path.name)
+            shutil.copy2(source, place)
