@@ -30,10 +30,18 @@ def encode(value: Any, codec: str = "uper") -> bytes:
         from cdff_common.codecs import messagepack
 
         return messagepack.encode(value)
-    if codec in ("uper", "ber"):
+    if codec == "uper":
+        from cdff_common.codecs import uper
+
+        return uper.encode(value)
+    if codec == "ber":
         from cdff_common.codecs import reference
 
         return reference.encode(value, codec)
+    if codec == "xer":
+        from cdff_common.codecs import xer
+
+        return xer.encode(value)
     raise CodecError(f"codec {codec!r}: expected one of {', '.join(CODECS)}")
 
 
@@ -49,8 +57,16 @@ def decode(type_name: str, data: bytes, codec: str = "uper") -> Any:
         from cdff_common.codecs import messagepack
 
         return messagepack.decode(type_name, data)
-    if codec in ("uper", "ber"):
+    if codec == "uper":
+        from cdff_common.codecs import uper
+
+        return uper.decode(type_name, data)
+    if codec == "ber":
         from cdff_common.codecs import reference
 
         return reference.decode(type_name, data, codec)
+    if codec == "xer":
+        from cdff_common.codecs import xer
+
+        return xer.decode(type_name, data)
     raise CodecError(f"codec {codec!r}: expected one of {', '.join(CODECS)}")

@@ -57,19 +57,24 @@ class Octets:
 
 @dataclass(frozen=True, slots=True)
 class Array:
-    """SEQUENCE OF (SEQUENCE OF …) numbers: one array; ``dims`` holds the size bounds, outermost first."""
+    """SEQUENCE OF (SEQUENCE OF …) numbers: one array.
+
+    ``dims`` holds the size bounds and ``tags`` the names of the elements' types in XML, outermost first.
+    """
 
     element: Real | Integer | Boolean
     dims: tuple[Bounds, ...]
+    tags: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class ListOf:
-    """SEQUENCE OF anything else: ``tuple``."""
+    """SEQUENCE OF anything else: ``tuple``; ``tag`` is the name of the element's type in XML."""
 
     element: Node
     low: int
     high: int
+    tag: str
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,25 +31,25 @@ _0 = Struct(
         Field("data", "data", Octets(1073741824, "|u1", 0)),
     ),
 )
-_1 = Alias("Vector2d", "Vector2d", "values", Array(Real(), ((2, 2),)))
-_2 = Alias("Vector3d", "Vector3d", "values", Array(Real(), ((3, 3),)))
-_3 = Alias("Vector4d", "Vector4d", "values", Array(Real(), ((4, 4),)))
-_4 = Alias("Vector6d", "Vector6d", "values", Array(Real(), ((6, 6),)))
-_5 = Alias("VectorXd", "VectorXd", "values", Array(Real(), ((0, 100),)))
-_6 = Alias("Quaterniond", "Quaterniond", "values", Array(Real(), ((4, 4),)))
-_7 = Alias("AngleAxisd", "AngleAxisd", "values", Array(Real(), ((4, 4),)))
-_8 = Alias("Matrix2d", "Matrix2d", "values", Array(Real(), ((2, 2), (2, 2))))
-_9 = Alias("Matrix3d", "Matrix3d", "values", Array(Real(), ((3, 3), (3, 3))))
-_10 = Alias("Matrix4d", "Matrix4d", "values", Array(Real(), ((4, 4), (4, 4))))
-_11 = Alias("Matrix6d", "Matrix6d", "values", Array(Real(), ((6, 6), (6, 6))))
-_12 = Alias("MatrixXd", "MatrixXd", "values", Array(Real(), ((0, 20), (0, 20))))
-_13 = Alias("Affine3d", "Affine3d", "values", Array(Real(), ((4, 4), (4, 4))))
-_14 = Alias("Isometry3d", "Isometry3d", "values", Array(Real(), ((4, 4), (4, 4))))
-_15 = Alias("Transform3d", "Transform3d", "values", Array(Real(), ((4, 4), (4, 4))))
-_16 = Alias("Covariance", "Covariance", "values", Array(Real(), ((6, 6), (6, 6))))
-_17 = Alias("Point", "Point", "values", Array(Real(), ((3, 3),)))
-_18 = Alias("Point2D", "Point2D", "values", Array(Real(), ((2, 2),)))
-_19 = Alias("Point3D", "Point3D", "values", Array(Real(), ((3, 3),)))
+_1 = Alias("Vector2d", "Vector2d", "values", Array(Real(), ((2, 2),), ("T-Double",)))
+_2 = Alias("Vector3d", "Vector3d", "values", Array(Real(), ((3, 3),), ("T-Double",)))
+_3 = Alias("Vector4d", "Vector4d", "values", Array(Real(), ((4, 4),), ("T-Double",)))
+_4 = Alias("Vector6d", "Vector6d", "values", Array(Real(), ((6, 6),), ("T-Double",)))
+_5 = Alias("VectorXd", "VectorXd", "values", Array(Real(), ((0, 100),), ("T-Double",)))
+_6 = Alias("Quaterniond", "Quaterniond", "values", Array(Real(), ((4, 4),), ("T-Double",)))
+_7 = Alias("AngleAxisd", "AngleAxisd", "values", Array(Real(), ((4, 4),), ("T-Double",)))
+_8 = Alias("Matrix2d", "Matrix2d", "values", Array(Real(), ((2, 2), (2, 2)), ("SEQUENCE_OF", "T-Double")))
+_9 = Alias("Matrix3d", "Matrix3d", "values", Array(Real(), ((3, 3), (3, 3)), ("SEQUENCE_OF", "T-Double")))
+_10 = Alias("Matrix4d", "Matrix4d", "values", Array(Real(), ((4, 4), (4, 4)), ("SEQUENCE_OF", "T-Double")))
+_11 = Alias("Matrix6d", "Matrix6d", "values", Array(Real(), ((6, 6), (6, 6)), ("SEQUENCE_OF", "T-Double")))
+_12 = Alias("MatrixXd", "MatrixXd", "values", Array(Real(), ((0, 20), (0, 20)), ("SEQUENCE_OF", "T-Double")))
+_13 = Alias("Affine3d", "Affine3d", "values", Array(Real(), ((4, 4), (4, 4)), ("SEQUENCE_OF", "T-Double")))
+_14 = Alias("Isometry3d", "Isometry3d", "values", Array(Real(), ((4, 4), (4, 4)), ("SEQUENCE_OF", "T-Double")))
+_15 = Alias("Transform3d", "Transform3d", "values", Array(Real(), ((4, 4), (4, 4)), ("SEQUENCE_OF", "T-Double")))
+_16 = Alias("Covariance", "Covariance", "values", Array(Real(), ((6, 6), (6, 6)), ("SEQUENCE_OF", "T-Double")))
+_17 = Alias("Point", "Point", "values", Array(Real(), ((3, 3),), ("T-Double",)))
+_18 = Alias("Point2D", "Point2D", "values", Array(Real(), ((2, 2),), ("T-Double",)))
+_19 = Alias("Point3D", "Point3D", "values", Array(Real(), ((3, 3),), ("T-Double",)))
 _20 = Struct("Angle", "Angle", (Field("rad", "rad", Real()),))
 _21 = Struct(
     "AngleSegment",
@@ -63,31 +63,33 @@ _22 = Struct(
     "Correspondence2D",
     "Correspondence2D",
     (
-        Field("source", "source", Array(Real(), ((2, 2),))),
-        Field("sink", "sink", Array(Real(), ((2, 2),))),
+        Field("source", "source", Array(Real(), ((2, 2),), ("T-Double",))),
+        Field("sink", "sink", Array(Real(), ((2, 2),), ("T-Double",))),
         Field("probability", "probability", Real()),
     ),
 )
-_23 = Alias("CorrespondenceMap2D", "CorrespondenceMap2D", "items", ListOf(_22, 0, 1024))
+_23 = Alias("CorrespondenceMap2D", "CorrespondenceMap2D", "items", ListOf(_22, 0, 1024, "Correspondence2D"))
 _24 = Struct(
     "Correspondence3D",
     "Correspondence3D",
     (
-        Field("source", "source", Array(Real(), ((3, 3),))),
-        Field("sink", "sink", Array(Real(), ((3, 3),))),
+        Field("source", "source", Array(Real(), ((3, 3),), ("T-Double",))),
+        Field("sink", "sink", Array(Real(), ((3, 3),), ("T-Double",))),
         Field("probability", "probability", Real()),
     ),
 )
-_25 = Alias("CorrespondenceMap3D", "CorrespondenceMap3D", "items", ListOf(_24, 0, 51200))
+_25 = Alias("CorrespondenceMap3D", "CorrespondenceMap3D", "items", ListOf(_24, 0, 51200, "Correspondence3D"))
 _26 = Struct(
     "VisualPointFeature2D",
     "VisualPointFeature2D",
     (
-        Field("point", "point", Array(Real(), ((2, 2),))),
-        Field("descriptor", "descriptor", Array(Real(), ((0, 128),))),
+        Field("point", "point", Array(Real(), ((2, 2),), ("T-Double",))),
+        Field("descriptor", "descriptor", Array(Real(), ((0, 128),), ("T-Float",))),
     ),
 )
-_27 = Alias("VisualPointFeatureVector2D", "VisualPointFeatureVector2D", "items", ListOf(_26, 0, 1024))
+_27 = Alias(
+    "VisualPointFeatureVector2D", "VisualPointFeatureVector2D", "items", ListOf(_26, 0, 1024, "VisualPointFeature2D")
+)
 _28 = Struct(
     "Point3DReference",
     "Point3DReference",
@@ -99,7 +101,7 @@ _28 = Struct(
 _29 = Choice(
     "VisualPointFeature3DPoint",
     (
-        Field("position", "position", Array(Real(), ((3, 3),))),
+        Field("position", "position", Array(Real(), ((3, 3),), ("T-Double",))),
         Field("reference", "reference", _28),
     ),
 )
@@ -108,7 +110,7 @@ _30 = Struct(
     "VisualPointFeature3D",
     (
         Field("point", "point", _29),
-        Field("descriptor", "descriptor", Array(Real(), ((0, 352),))),
+        Field("descriptor", "descriptor", Array(Real(), ((0, 352),), ("T-Float",))),
     ),
 )
 _31 = Enumeration(
@@ -131,7 +133,7 @@ _33 = Struct(
     "VisualPointFeatureVector3D",
     "VisualPointFeatureVector3D",
     (
-        Field("list", "list", ListOf(_30, 0, 51200)),
+        Field("list", "list", ListOf(_30, 0, 51200, "VisualPointFeature3D")),
         Field("list-type", "list_type", _31),
         Field("feature-type", "feature_type", _32),
     ),
@@ -244,9 +246,9 @@ _43 = Struct(
         Field("timeStamp", "time_stamp", _42),
         Field("receivedTime", "received_time", _42),
         Field("pixelModel", "pixel_model", _36),
-        Field("pixelCoeffs", "pixel_coeffs", Array(Real(), ((0, 100),))),
-        Field("errValues", "err_values", ListOf(_38, 0, 3)),
-        Field("attributes", "attributes", ListOf(_39, 0, 5)),
+        Field("pixelCoeffs", "pixel_coeffs", Array(Real(), ((0, 100),), ("T-Double",))),
+        Field("errValues", "err_values", ListOf(_38, 0, 3, "Frame-error-t")),
+        Field("attributes", "attributes", ListOf(_39, 0, 5, "Frame-attrib-t")),
         Field("mode", "mode", _40),
         Field("status", "status", _41),
     ),
@@ -266,9 +268,9 @@ _45 = Struct(
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("sensorId", "sensor_id", Text(256)),
-        Field("cameraMatrix", "camera_matrix", Array(Real(), ((3, 3), (3, 3)))),
+        Field("cameraMatrix", "camera_matrix", Array(Real(), ((3, 3), (3, 3)), ("SEQUENCE_OF", "T-Double"))),
         Field("cameraModel", "camera_model", _44),
-        Field("distCoeffs", "dist_coeffs", Array(Real(), ((0, 100),))),
+        Field("distCoeffs", "dist_coeffs", Array(Real(), ((0, 100),), ("T-Double",))),
     ),
 )
 _46 = Struct(
@@ -277,7 +279,7 @@ _46 = Struct(
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("producerId", "producer_id", Text(256)),
-        Field("dataEstimated", "data_estimated", Array(Boolean(), ((7, 7),))),
+        Field("dataEstimated", "data_estimated", Array(Boolean(), ((7, 7),), ("BOOLEAN",))),
         Field("parentFrameId", "parent_frame_id", Text(256)),
         Field("parentTime", "parent_time", _42),
         Field("childFrameId", "child_frame_id", Text(256)),
@@ -288,9 +290,9 @@ _47 = Struct(
     "TransformWithCovariance-Data",
     "TransformWithCovarianceData",
     (
-        Field("translation", "translation", Array(Real(), ((3, 3),))),
-        Field("orientation", "orientation", Array(Real(), ((4, 4),))),
-        Field("cov", "cov", Array(Real(), ((6, 6), (6, 6)))),
+        Field("translation", "translation", Array(Real(), ((3, 3),), ("T-Double",))),
+        Field("orientation", "orientation", Array(Real(), ((4, 4),), ("T-Double",))),
+        Field("cov", "cov", Array(Real(), ((6, 6), (6, 6)), ("SEQUENCE_OF", "T-Double"))),
     ),
 )
 _48 = Struct(
@@ -345,8 +347,8 @@ _53 = Struct(
     (
         Field("ref-time", "ref_time", _42),
         Field("received-time", "received_time", _42),
-        Field("image", "image", Array(Integer(0, 255), ((1, 262144),))),
-        Field("attributes", "attributes", ListOf(_39, 1, 10)),
+        Field("image", "image", Array(Integer(0, 255), ((1, 262144),), ("T-UInt8",))),
+        Field("attributes", "attributes", ListOf(_39, 1, 10, "Frame-attrib-t")),
         Field("rows", "rows", Integer(0, 4294967295)),
         Field("cols", "cols", Integer(0, 4294967295)),
         Field("frame-mode", "frame_mode", _52),
@@ -387,7 +389,7 @@ _57 = Struct(
     "JointLimits",
     (
         Field("vector-name", "vector_name", Text(256)),
-        Field("ranges", "ranges", ListOf(_55, 1, 60)),
+        Field("ranges", "ranges", ListOf(_55, 1, 60, "JointLimitRange")),
     ),
 )
 _58 = Struct(
@@ -395,18 +397,18 @@ _58 = Struct(
     "Joints",
     (
         Field("timestamp", "timestamp", _42),
-        Field("names", "names", ListOf(Text(256), 0, 50)),
-        Field("elements", "elements", ListOf(_54, 0, 50)),
+        Field("names", "names", ListOf(Text(256), 0, 50, "T-String")),
+        Field("elements", "elements", ListOf(_54, 0, 50, "JointState")),
     ),
 )
-_59 = Alias("JointTrajectory", "JointTrajectory", "items", ListOf(_54, 1, 60))
+_59 = Alias("JointTrajectory", "JointTrajectory", "items", ListOf(_54, 1, 60, "JointState"))
 _60 = Struct(
     "JointsTrajectory",
     "JointsTrajectory",
     (
-        Field("vector-name", "vector_name", ListOf(Text(256), 1, 60)),
-        Field("timetags", "timetags", ListOf(_42, 1, 60)),
-        Field("trajectory", "trajectory", ListOf(ListOf(_54, 1, 60), 1, 60)),
+        Field("vector-name", "vector_name", ListOf(Text(256), 1, 60, "T-String")),
+        Field("timetags", "timetags", ListOf(_42, 1, 60, "Time")),
+        Field("trajectory", "trajectory", ListOf(ListOf(_54, 1, 60, "JointState"), 1, 60, "JointTrajectory")),
     ),
 )
 _61 = Struct("InvalidTimeStep", "InvalidTimeStep", (Field("time-step", "time_step", Integer(0, 4294967295)),))
@@ -416,8 +418,8 @@ _63 = Struct(
     "Wrench",
     (
         Field("timestamp", "timestamp", _42),
-        Field("force", "force", Array(Real(), ((3, 3),))),
-        Field("torque", "torque", Array(Real(), ((3, 3),))),
+        Field("force", "force", Array(Real(), ((3, 3),), ("T-Double",))),
+        Field("torque", "torque", Array(Real(), ((3, 3),), ("T-Double",))),
     ),
 )
 _64 = Struct(
@@ -426,7 +428,7 @@ _64 = Struct(
     (
         Field("vector-name", "vector_name", Text(256)),
         Field("timestamp", "timestamp", _42),
-        Field("wrenches", "wrenches", ListOf(_63, 1, 60)),
+        Field("wrenches", "wrenches", ListOf(_63, 1, 60, "Wrench")),
     ),
 )
 _65 = Struct(
@@ -443,9 +445,9 @@ _67 = Struct(
     "IMUSensors",
     (
         Field("timestamp", "timestamp", _42),
-        Field("acc", "acc", Array(Real(), ((3, 3),))),
-        Field("gyro", "gyro", Array(Real(), ((3, 3),))),
-        Field("mag", "mag", Array(Real(), ((3, 3),))),
+        Field("acc", "acc", Array(Real(), ((3, 3),), ("T-Double",))),
+        Field("gyro", "gyro", Array(Real(), ((3, 3),), ("T-Double",))),
+        Field("mag", "mag", Array(Real(), ((3, 3),), ("T-Double",))),
     ),
 )
 _68 = Struct(
@@ -492,7 +494,7 @@ _72 = Struct(
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("timeStamp", "time_stamp", _42),
         Field("type", "type", _71),
-        Field("errValues", "err_values", ListOf(_38, 0, 5)),
+        Field("errValues", "err_values", ListOf(_38, 0, 5, "Frame-error-t")),
         Field("scale", "scale", Real()),
         Field("pose-fixedFrame-mapFrame", "pose_fixed_frame_map_frame", _48),
     ),
@@ -535,7 +537,7 @@ _76 = Struct(
     "ElevationMap",
     (
         Field("metadata", "metadata", _74),
-        Field("layers", "layers", ListOf(_75, 0, 64)),
+        Field("layers", "layers", ListOf(_75, 0, 64, "GridLayer")),
     ),
 )
 _77 = Struct(
@@ -543,7 +545,7 @@ _77 = Struct(
     "NavigationMap",
     (
         Field("metadata", "metadata", _74),
-        Field("layers", "layers", ListOf(_75, 0, 64)),
+        Field("layers", "layers", ListOf(_75, 0, 64, "GridLayer")),
     ),
 )
 _78 = Struct(
@@ -567,9 +569,9 @@ _79 = Struct(
     "PointCloud-Data",
     "PointCloudData",
     (
-        Field("points", "points", Array(Real(), ((0, 400000), (3, 3)))),
-        Field("colors", "colors", Array(Real(), ((0, 400000), (3, 3)))),
-        Field("intensity", "intensity", Array(Integer(-2147483648, 2147483647), ((0, 400000),))),
+        Field("points", "points", Array(Real(), ((0, 400000), (3, 3)), ("Point", "T-Double"))),
+        Field("colors", "colors", Array(Real(), ((0, 400000), (3, 3)), ("Vector3d", "T-Double"))),
+        Field("intensity", "intensity", Array(Integer(-2147483648, 2147483647), ((0, 400000),), ("T-Int32",))),
     ),
 )
 _80 = Struct(
@@ -588,9 +590,9 @@ _81 = Struct(
         Field("pointCloud", "point_cloud", _80),
     ),
 )
-_82 = Alias("Position", "Position", "values", Array(Real(), ((3, 3),)))
-_83 = Alias("Position2D", "Position2D", "values", Array(Real(), ((2, 2),)))
-_84 = Alias("Orientation", "Orientation", "values", Array(Real(), ((4, 4),)))
+_82 = Alias("Position", "Position", "values", Array(Real(), ((3, 3),), ("T-Double",)))
+_83 = Alias("Position2D", "Position2D", "values", Array(Real(), ((2, 2),), ("T-Double",)))
+_84 = Alias("Orientation", "Orientation", "values", Array(Real(), ((4, 4),), ("T-Double",)))
 _85 = Struct(
     "PoseUpdateThreshold",
     "PoseUpdateThreshold",
@@ -603,15 +605,15 @@ _86 = Struct(
     "Pose",
     "Pose",
     (
-        Field("pos", "pos", Array(Real(), ((3, 3),))),
-        Field("orient", "orient", Array(Real(), ((4, 4),))),
+        Field("pos", "pos", Array(Real(), ((3, 3),), ("T-Double",))),
+        Field("orient", "orient", Array(Real(), ((4, 4),), ("T-Double",))),
     ),
 )
 _87 = Struct(
     "Pose2D",
     "Pose2D",
     (
-        Field("position", "position", Array(Real(), ((2, 2),))),
+        Field("position", "position", Array(Real(), ((2, 2),), ("T-Double",))),
         Field("orientation", "orientation", Real()),
     ),
 )
@@ -635,9 +637,9 @@ _90 = Struct(
     "TwistWithCovariance-data",
     "TwistWithCovarianceData",
     (
-        Field("vel", "vel", Array(Real(), ((3, 3),))),
-        Field("rot", "rot", Array(Real(), ((3, 3),))),
-        Field("cov", "cov", Array(Real(), ((6, 6), (6, 6)))),
+        Field("vel", "vel", Array(Real(), ((3, 3),), ("T-Double",))),
+        Field("rot", "rot", Array(Real(), ((3, 3),), ("T-Double",))),
+        Field("cov", "cov", Array(Real(), ((6, 6), (6, 6)), ("SEQUENCE_OF", "T-Double"))),
     ),
 )
 _91 = Struct(
@@ -664,14 +666,16 @@ _93 = Struct(
         Field("timestamp", "timestamp", _42),
         Field("sourceFrame", "source_frame", Text(256)),
         Field("targetFrame", "target_frame", Text(256)),
-        Field("pos", "pos", Array(Real(), ((3, 3),))),
-        Field("cov-position", "cov_position", Array(Real(), ((3, 3), (3, 3)))),
-        Field("orient", "orient", Array(Real(), ((4, 4),))),
-        Field("cov-orientation", "cov_orientation", Array(Real(), ((3, 3), (3, 3)))),
-        Field("velocity", "velocity", Array(Real(), ((3, 3),))),
-        Field("cov-velocity", "cov_velocity", Array(Real(), ((3, 3), (3, 3)))),
-        Field("angular-velocity", "angular_velocity", Array(Real(), ((3, 3),))),
-        Field("cov-angular-velocity", "cov_angular_velocity", Array(Real(), ((3, 3), (3, 3)))),
+        Field("pos", "pos", Array(Real(), ((3, 3),), ("T-Double",))),
+        Field("cov-position", "cov_position", Array(Real(), ((3, 3), (3, 3)), ("SEQUENCE_OF", "T-Double"))),
+        Field("orient", "orient", Array(Real(), ((4, 4),), ("T-Double",))),
+        Field("cov-orientation", "cov_orientation", Array(Real(), ((3, 3), (3, 3)), ("SEQUENCE_OF", "T-Double"))),
+        Field("velocity", "velocity", Array(Real(), ((3, 3),), ("T-Double",))),
+        Field("cov-velocity", "cov_velocity", Array(Real(), ((3, 3), (3, 3)), ("SEQUENCE_OF", "T-Double"))),
+        Field("angular-velocity", "angular_velocity", Array(Real(), ((3, 3),), ("T-Double",))),
+        Field(
+            "cov-angular-velocity", "cov_angular_velocity", Array(Real(), ((3, 3), (3, 3)), ("SEQUENCE_OF", "T-Double"))
+        ),
     ),
 )
 _94 = Struct(
@@ -679,15 +683,15 @@ _94 = Struct(
     "RigidBodyAcceleration",
     (
         Field("ref-time", "ref_time", _42),
-        Field("acceleration", "acceleration", Array(Real(), ((3, 3),))),
-        Field("cov-acceleration", "cov_acceleration", Array(Real(), ((3, 3), (3, 3)))),
+        Field("acceleration", "acceleration", Array(Real(), ((3, 3),), ("T-Double",))),
+        Field("cov-acceleration", "cov_acceleration", Array(Real(), ((3, 3), (3, 3)), ("SEQUENCE_OF", "T-Double"))),
     ),
 )
 _95 = Struct(
     "Waypoint",
     "Waypoint",
     (
-        Field("position", "position", Array(Real(), ((3, 3),))),
+        Field("position", "position", Array(Real(), ((3, 3),), ("T-Double",))),
         Field("heading", "heading", Real()),
         Field("tol-position", "tol_position", Real()),
         Field("tol-heading", "tol_heading", Real()),
@@ -698,7 +702,7 @@ _96 = Struct(
     "Trajectory",
     (
         Field("speed", "speed", Real()),
-        Field("points", "points", Array(Real(), ((1, 50), (3, 3)))),
+        Field("points", "points", Array(Real(), ((1, 50), (3, 3)), ("Point", "T-Double"))),
     ),
 )
 _97 = Struct(
@@ -707,7 +711,7 @@ _97 = Struct(
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("timeStamp", "time_stamp", _42),
-        Field("waypoints", "waypoints", ListOf(_48, 0, 100)),
+        Field("waypoints", "waypoints", ListOf(_48, 0, 100, "TransformWithCovariance")),
     ),
 )
 _98 = Struct(
@@ -756,10 +760,10 @@ _102 = Struct(
         Field("start-angle", "start_angle", Real()),
         Field("angular-resolution", "angular_resolution", Real()),
         Field("speed", "speed", Real()),
-        Field("ranges", "ranges", Array(Integer(-2147483648, 2147483647), ((1, 2000),))),
+        Field("ranges", "ranges", Array(Integer(-2147483648, 2147483647), ((1, 2000),), ("T-Int32",))),
         Field("minRange", "min_range", Integer(0, 4294967295)),
         Field("maxRange", "max_range", Integer(0, 4294967295)),
-        Field("remission", "remission", Array(Real(), ((1, 2000),))),
+        Field("remission", "remission", Array(Real(), ((1, 2000),), ("T-Float",))),
     ),
 )
 _103 = Enumeration(
@@ -791,15 +795,15 @@ _106 = Struct(
     "DepthMap",
     (
         Field("ref-time", "ref_time", _42),
-        Field("timestamps", "timestamps", ListOf(_42, 1, 30000)),
+        Field("timestamps", "timestamps", ListOf(_42, 1, 30000, "Time")),
         Field("vertical-projection", "vertical_projection", _105),
         Field("horizontal-projection", "horizontal_projection", _105),
-        Field("vertical-interval", "vertical_interval", Array(Real(), ((1, 30000),))),
-        Field("horizontal-interval", "horizontal_interval", Array(Real(), ((1, 30000),))),
+        Field("vertical-interval", "vertical_interval", Array(Real(), ((1, 30000),), ("T-Double",))),
+        Field("horizontal-interval", "horizontal_interval", Array(Real(), ((1, 30000),), ("T-Double",))),
         Field("vertical-size", "vertical_size", Integer(0, 4294967295)),
         Field("horizontal-size", "horizontal_size", Integer(0, 4294967295)),
-        Field("distances", "distances", Array(Real(), ((1, 30000),))),
-        Field("remissions", "remissions", Array(Real(), ((1, 30000),))),
+        Field("distances", "distances", Array(Real(), ((1, 30000),), ("T-Float",))),
+        Field("remissions", "remissions", Array(Real(), ((1, 30000),), ("T-Float",))),
     ),
 )
 _107 = Struct(
@@ -813,7 +817,7 @@ _107 = Struct(
         Field("scale-y", "scale_y", Real()),
         Field("center-x", "center_x", Real()),
         Field("center-y", "center_y", Real()),
-        Field("data", "data", Array(Real(), ((1, 60),))),
+        Field("data", "data", Array(Real(), ((1, 60),), ("T-Float",))),
     ),
 )
 _108 = Struct(
@@ -821,15 +825,15 @@ _108 = Struct(
     "Sonar",
     (
         Field("ref-time", "ref_time", _42),
-        Field("timestamps", "timestamps", ListOf(_42, 1, 60)),
+        Field("timestamps", "timestamps", ListOf(_42, 1, 60, "Time")),
         Field("bin-duration", "bin_duration", _42),
         Field("beam-width", "beam_width", _20),
         Field("beam-height", "beam_height", _20),
-        Field("bearings", "bearings", ListOf(_20, 1, 60)),
+        Field("bearings", "bearings", ListOf(_20, 1, 60, "Angle")),
         Field("speed-of-sound", "speed_of_sound", Real()),
         Field("bin-count", "bin_count", Integer(0, 4294967295)),
         Field("beam-count", "beam_count", Integer(0, 4294967295)),
-        Field("bins", "bins", Array(Real(), ((1, 60),))),
+        Field("bins", "bins", Array(Real(), ((1, 60),), ("T-Float",))),
     ),
 )
 _109 = Struct(
@@ -842,7 +846,7 @@ _109 = Struct(
         Field("speed-of-sound", "speed_of_sound", Real()),
         Field("beamwidth-horizontal", "beamwidth_horizontal", Real()),
         Field("beamwidth-vertical", "beamwidth_vertical", Real()),
-        Field("beam", "beam", Array(Integer(0, 255), ((1, 60),))),
+        Field("beam", "beam", Array(Integer(0, 255), ((1, 60),), ("T-UInt8",))),
     ),
 )
 _110 = Struct(
@@ -850,8 +854,8 @@ _110 = Struct(
     "SonarScan",
     (
         Field("ref-time", "ref_time", _42),
-        Field("data", "data", Array(Integer(0, 255), ((1, 60),))),
-        Field("time-beams", "time_beams", ListOf(_42, 1, 60)),
+        Field("data", "data", Array(Integer(0, 255), ((1, 60),), ("T-UInt8",))),
+        Field("time-beams", "time_beams", ListOf(_42, 1, 60, "Time")),
         Field("number-of-beams", "number_of_beams", Integer(0, 65535)),
         Field("number-of-bins", "number_of_bins", Integer(0, 65535)),
         Field("start-bearing", "start_bearing", _20),
@@ -864,18 +868,29 @@ _110 = Struct(
         Field("polar-coordinates", "polar_coordinates", Boolean()),
     ),
 )
-_111 = Alias("FramesSequence", "FramesSequence", "items", ListOf(_50, 0, 10))
-_112 = Alias("PosesSequence", "PosesSequence", "items", ListOf(_86, 0, 10))
+_111 = Alias("FramesSequence", "FramesSequence", "items", ListOf(_50, 0, 10, "Frame"))
+_112 = Alias("PosesSequence", "PosesSequence", "items", ListOf(_86, 0, 10, "Pose"))
 _113 = Alias(
-    "CorrespondenceMaps2DSequence", "CorrespondenceMaps2DSequence", "items", ListOf(ListOf(_22, 0, 1024), 0, 56)
+    "CorrespondenceMaps2DSequence",
+    "CorrespondenceMaps2DSequence",
+    "items",
+    ListOf(ListOf(_22, 0, 1024, "Correspondence2D"), 0, 56, "CorrespondenceMap2D"),
 )
 _114 = Alias(
-    "CorrespondenceMaps3DSequence", "CorrespondenceMaps3DSequence", "items", ListOf(ListOf(_24, 0, 51200), 0, 56)
+    "CorrespondenceMaps3DSequence",
+    "CorrespondenceMaps3DSequence",
+    "items",
+    ListOf(ListOf(_24, 0, 51200, "Correspondence3D"), 0, 56, "CorrespondenceMap3D"),
 )
-_115 = Alias("PointSequence", "PointSequence", "values", Array(Real(), ((0, 327680), (3, 3))))
-_116 = Alias("DoubleSequence", "DoubleSequence", "values", Array(Real(), ((0, 327680),)))
-_117 = Alias("StringSequence", "StringSequence", "items", ListOf(Text(256), 0, 100))
-_118 = Alias("VectorXdSequence", "VectorXdSequence", "items", ListOf(Array(Real(), ((0, 100),)), 0, 327680))
+_115 = Alias("PointSequence", "PointSequence", "values", Array(Real(), ((0, 327680), (3, 3)), ("Point", "T-Double")))
+_116 = Alias("DoubleSequence", "DoubleSequence", "values", Array(Real(), ((0, 327680),), ("T-Double",)))
+_117 = Alias("StringSequence", "StringSequence", "items", ListOf(Text(256), 0, 100, "T-String"))
+_118 = Alias(
+    "VectorXdSequence",
+    "VectorXdSequence",
+    "items",
+    ListOf(Array(Real(), ((0, 100),), ("T-Double",)), 0, 327680, "VectorXd"),
+)
 _119 = Enumeration(
     "Resolution",
     (

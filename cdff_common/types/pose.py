@@ -1,7 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
 # GENERATED from cdff_common/asn1/pose.asn by cdff generate; do not edit.
-# ruff: noqa: E501
 
 """Types of ``asn1/pose.asn``."""
 
@@ -110,7 +109,8 @@ class TransformWithCovarianceData(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class TransformWithCovariance(TransformWithCovarianceExt):
-    """T_parent_child: maps coordinates in the child frame into the parent frame. With equal frames and two times it is the motion between them.
+    """T_parent_child: maps coordinates in the child frame into the parent frame. With equal frames and two times it
+    is the motion between them.
 
     Attributes
     ----------

@@ -176,12 +176,13 @@ class ModelReader:
     def _list(self, declaration: dict[str, Any], owner: str) -> Array | ListOf:
         element = self._node(declaration["element"], owner)
         low, high = self._bounds(declaration)
-        if isinstance(element, Real | Integer | Boolean):
-            return Array(element, ((low, high),))
         named = declaration["element"]["type"] in self._types
+        tag = declaration["element"]["type"].replace(" ", "_")
+        if isinstance(element, Real | Integer | Boolean):
+            return Array(element, ((low, high),), (tag,))
         if isinstance(element, Array) and (not named or all(a == b for a, b in element.dims)):
-            return Array(element.element, ((low, high), *element.dims))
-        return ListOf(element, low, high)
+            return Array(element.element, ((low, high), *element.dims), (tag, *element.tags))
+        return ListOf(element, low, high, tag)
 
     def _choice(self, declaration: dict[str, Any], owner: str) -> Choice:
         name = f"{owner}-{declaration['name']}"

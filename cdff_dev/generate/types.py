@@ -9,6 +9,7 @@ Each ``cdff_common/asn1/<family>.asn`` gives ``cdff_common/types/<family>.py``. 
 from __future__ import annotations
 
 import ast
+import textwrap
 from pathlib import Path
 
 import cdff_common
@@ -33,29 +34,31 @@ from cdff_dev.generate.asn1_model import ModelReader, TypeModel
 #: Fields that are the time of a message.
 _STAMPS = ("timestamp", "time_stamp", "ref_time")
 _NODES = "Alias, Array, Boolean, Choice, Enumeration, Field, Integer, ListOf, Message, Octets, Real, Struct, Text"
-_ROOT = Path(cdff_common.__file__).parent
+#: The package, and its place in the repository.
+_SOURCE = Path(cdff_common.__file__).parent
+_PACKAGE = Path("cdff_common")
 _LICENCE = "# SPDX-FileCopyrightText: 2026 the CDFF contributors\n# SPDX-License-Identifier: BSD-3-Clause\n"
 
 
 def _mark(source: str) -> str:
-    return f"{_LICENCE}# GENERATED from {source} by cdff generate; do not edit.\n# ruff: noqa: E501\n"
+    return f"{_LICENCE}# GENERATED from {source} by cdff generate; do not edit.\n"
 
 
 def render() -> dict[Path, str]:
-    """Return path and content of every file generated from the ASN.1 modules, not yet formatted."""
+    """Return path in the repository and content, not yet formatted, of every file generated from the ASN.1 modules."""
     models = ModelReader(asn1_files()).types
     families = sorted({m.module for m in models.values()})
     out: dict[Path, str] = {}
     for family in families:
-        out[_ROOT / "types" / f"{family}.py"] = _family_source(family, models)
-    out[_ROOT / "types" / "__init__.py"] = _package_source(families, models)
-    out[_ROOT / "codecs" / "schema_table.py"] = _table_source(models)
+        out[_PACKAGE / "types" / f"{family}.py"] = _family_source(family, models)
+    out[_PACKAGE / "types" / "__init__.py"] = _package_source(families, models)
+    out[_PACKAGE / "codecs" / "schema_table.py"] = _table_source(models)
     return out
 
 
 def _extensions(family: str) -> set[str]:
     """Names of the ``…Ext`` classes written by hand beside a family."""
-    path = _ROOT / "types" / f"{family}_ext.py"
+    path = _SOURCE / "types" / f"{family}_ext.py"
     if not path.exists():
         return set()
     return {n.name for n in ast.parse(path.read_text(encoding="utf-8")).body if isinstance(n, ast.ClassDef)}
@@ -192,7 +195,8 @@ def _doc_type(node: Node) -> str:
 def _docstring(model: TypeModel, fields: tuple[Field, ...]) -> list[str]:
     article = "an" if model.name[0] in "AEIOU" else "a"
     summary = model.comment or f"What {article} ``{model.name}`` of the ASN.1 modules holds."
-    lines = [f'    """{_sentence(summary)}', "", "    Attributes", "    ----------"]
+    text = textwrap.wrap(f'"""{_sentence(summary)}', 114)
+    lines = [*(f"    {line}" for line in text), "", "    Attributes", "    ----------"]
     for f in fields:
         lines.append(f"    {f.attribute} : {_doc_type(f.node)}")
         if f.name in model.field_comments:
@@ -366,14 +370,14 @@ def _table_source(models: dict[str, TypeModel]) -> str:
             case Choice():
                 return f'Choice("{node.class_name}", ({fields(node.alternatives)}))'
             case ListOf():
-                return f"ListOf({source(node.element)}, {node.low}, {node.high})"
+                return f'ListOf({source(node.element)}, {node.low}, {node.high}, "{node.tag}")'
             case Enumeration():
                 members = "".join(f'("{n}", {v}), ' for n, v in node.members)
                 return f'Enumeration("{node.class_name}", ({members}))'
             case Octets():
                 return f'Octets({node.high}, "{node.dtype}", {node.columns})'
             case Array():
-                return f"Array({source(node.element)}, {node.dims})"
+                return f"Array({source(node.element)}, {node.dims}, {node.tags})"
             case Integer():
                 return f"Integer({node.low}, {node.high})"
             case Text():

@@ -38,9 +38,8 @@ def open_log(path: str | Path) -> LogSource:
     elif any(c in str(path) for c in "*?["):
         files = [Path(p) for p in sorted(glob.glob(str(path)))]  # noqa: PTH207  # the pattern may hold folders
     else:
-        files = (
-            sorted(where.parent.glob(f"{glob.escape(where.stem)}_{'[0-9]' * 9}.msg")) if where.suffix == ".msg" else []
-        )
+        chunks = f"{glob.escape(where.stem)}_{'[0-9]' * 9}.msg"
+        files = sorted(where.parent.glob(chunks)) if where.suffix == ".msg" else []
     if not files:
         raise InputError(f"log {path}: no such file, folder of .msg files or pattern that matches any")
     return LogReader(files)

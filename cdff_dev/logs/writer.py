@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self
@@ -123,7 +122,7 @@ class LogWriter:
         if self._size or not self._chunks:
             self._flush()
         if self._single and len(self._chunks) == 1:
-            os.replace(self._chunks[0], self.path)
+            self._chunks[0].replace(self.path)
 
     def _flush(self) -> None:
         path = self._prefix.with_name(f"{self._prefix.name}_{len(self._chunks):09d}.msg")
@@ -131,7 +130,7 @@ class LogWriter:
         try:
             with part.open("wb") as file:
                 self._write_chunk(file)
-            os.replace(part, path)
+            part.replace(path)
         except OSError as error:
             part.unlink(missing_ok=True)
             raise StorageError(f"log {path}: {error}") from error

@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Contents octets of one REAL, every form that X.690 8.5 allows: exact, not fast."""
+
+from __future__ import annotations
+
+import re
+
+from cdff_common.errors import CodecError
+
+_SPECIAL = {0x40: float("inf"), 0x41: float("-inf"), 0x42: float("nan"), 0x43: -0.0}
+#: ISO 6093 NR1, NR2, NR3.
+_DECIMAL = {
+    1: re.compile(rb" *[+-]?\d{1,400}\Z"),
+    2: re.compile(rb" *[+-]?(\d{1,400}[.,]\d{0,400}|[.,]\d{1,400})\Z"),
+    3: re.compile(rb" *[+-]?(\d{1,400}[.,]?\d{0,400}|[.,]\d{1,400})[eE][+-]?\d{1,6}\Z"),
+}
+
+
+def decode_real(contents: bytes) -> float:
+    """Value of the contents octets of a REAL.
+
+    Raises
+    ------
+    CodecError
+        If they are malformed, or the number is larger than float64 holds.
+    """
+    if not contents:
+        return 0.0
+    head = contents[0]
+    if head & 0x80:
+        return _binary(contents)
+    if head & 0x40:
+        if head in _SPECIAL and len(contents) == 1:
+            return _SPECIAL[head]
+        raise CodecError(f"REAL {contents[:4].hex()}: expected a special value of one octet, 40 to 43")
+    pattern = _DECIMAL.get(head)
+    if pattern is None or not pattern.match(contents[1:]):
+        raise CodecError(f"REAL {contents[:16].hex()}: expected ISO 6093 NR1, NR2 or NR3")
+    return float(contents[1:].replace(b",", b"."))
+
+
+def _binary(contents: bytes) -> float:
+    head = contents[0]
+    base_bits = {0: 1, 1: 3, 2: 4}.get((head >> 4) & 3)
+    exponent_octets = (head & 3) + 1
+    first = 1
+    if exponent_octets == 4:
+        exponent_octets = contents[1] if len(contents) > 1 else 0
+        first = 2
+    mantissa_octets = contents[first + exponent_octets :]
+    if base_bits is None or exponent_octets == 0 or not mantissa_octets:
+        raise CodecError(f"REAL {contents[:4].hex()}: malformed binary encoding")
+    if exponent_octets > 4:
+        raise CodecError(f"REAL with an exponent of {exponent_octets} octets: expected at most 4")
+    exponent = int.from_bytes(contents[first : first + exponent_octets], "big", signed=True)
+    mantissa = int.from_bytes(mantissa_octets, "big")
+    value = _scaled(mantissa, exponent * base_bits + ((head >> 2) & 3))
+    return -value if head & 0x40 else value
+
+
+def _scaled(mantissa: int, exponent: int) -> float:
+    """``mantissa * 2 ** exponent`` rounded once, with bounded intermediate numbers."""
+    if mantissa == 0:
+        return 0.0
+    size = exponent + mantissa.bit_length()
+    if size > 1024:
+        raise CodecError(f"REAL of magnitude 2^{size}: larger than float64 holds")
+    if size < -1080:
+        return 0.0
+    try:
+        return float(mantissa << exponent) if exponent >= 0 else mantissa / (1 << -exponent)
+    except OverflowError as error:
+        raise CodecError(f"REAL of magnitude 2^{size}: larger than float64 holds") from error
