@@ -83,12 +83,16 @@ def build_parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     nouns = parser.add_subparsers(title="commands", metavar="NOUN")
     known = sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
     word = next((a for a in arguments if not a.startswith("-")), None)
+    done: set[str] = set()
     for entry in [e for e in known if e.name == word]:
         _register(entry, nouns)
+        done.add(entry.value)
     if word is None or word not in nouns.choices:
         for entry in known:
-            if entry.name != word:
+            # One function may stand under each of the nouns that it registers.
+            if entry.value not in done:
                 _register(entry, nouns, tolerant=True)
+                done.add(entry.value)
     return parser
 
 

@@ -48,7 +48,7 @@ def read_requirements(root: Path) -> list[Requirement]:
     return list(found.values())
 
 
-def tests_by_requirement(root: Path) -> dict[str, list[str]]:
+def named_by_tests(root: Path) -> dict[str, list[str]]:
     """Id -> tests that name it, as ``tests/unit/…/test_x.py::test_y``, sorted."""
     found: dict[str, list[str]] = {}
     for path in sorted((root / "tests").rglob("test_*.py")):
@@ -69,7 +69,7 @@ def faults(root: Path, *, verified: bool = False) -> list[str]:
         Also demand that the last test run passed a test of every built requirement.
     """
     requirements = {r.id: r for r in read_requirements(root)}
-    tests = tests_by_requirement(root)
+    tests = named_by_tests(root)
     wrong = [
         f"{tests[i][0]}: names the requirement {i}, which docs/requirements does not hold"
         for i in sorted(set(tests) - set(requirements))

@@ -77,7 +77,12 @@ def class_name(type_name: str) -> str:
 def sentence(text: str) -> str:
     """``text`` as one line that begins with a capital and ends with a full stop."""
     line = " ".join(text.split()).replace("\\", "\\\\").replace('"""', "'''")
-    return line and line[0].upper() + line[1:] + ("" if line.endswith((".", "?", "!")) else ".")
+    if not line:
+        return ""
+    # A path, a key or an identifier in front keeps its spelling.
+    first = line.split()[0]
+    begin = line[0] if any(c in first for c in "/_*`=") else line[0].upper()
+    return begin + line[1:] + ("" if line.endswith((".", "?", "!")) else ".")
 
 
 def docstring(text: str, indent: int) -> str:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from cdff_dev.check.requirements import Requirement, read_requirements, tests_by_requirement
+from cdff_dev.check.requirements import Requirement, read_requirements, named_by_tests
 from cdff_dev.generate.artefacts import Artefact
 from cdff_dev.generate.python_source import render
 from cdff_dev.generate.tree import Tree
@@ -18,7 +18,7 @@ def pages(tree: Tree) -> list[Artefact]:
     requirements = read_requirements(tree.root)
     if not requirements:
         return []
-    tests = tests_by_requirement(tree.root)
+    tests = named_by_tests(tree.root)
     groups = {title: [r for r in requirements if r.id.split("-")[1] == key] for key, title in _GROUPS.items()}
     text = render(
         "traceability.md.j2",

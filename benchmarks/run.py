@@ -1,0 +1,41 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Run every benchmark of this folder, one after the other, each into ``build/benchmarks/NAME.json``.
+
+    python benchmarks/run.py [NAME ...]
+
+Figures of one machine at one time: compare ratios and orders, and say on which machine they were taken.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+OUT = HERE.parent / "build" / "benchmarks"
+
+
+def main() -> int:
+    """Run them all, or those named; exit 1 if one failed."""
+    known = {p.stem: p for p in sorted(HERE.glob("*.py")) if p != Path(__file__).resolve()}
+    names = sys.argv[1:] or list(known)
+    unknown = [n for n in names if n not in known]
+    if unknown:
+        print(f"no benchmark {unknown[0]!r}; known are {', '.join(known)}", file=sys.stderr)
+        return 2
+    OUT.mkdir(parents=True, exist_ok=True)
+    failed = []
+    for name in names:
+        print(f"==== {name}", flush=True)
+        command = [sys.executable, str(known[name]), "--out", str(OUT / f"{name}.json")]
+        if subprocess.run(command, cwd=HERE.parent, check=False).returncode:
+            failed.append(name)
+    if failed:
+        print(f"failed: {', '.join(failed)}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

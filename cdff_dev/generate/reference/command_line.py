@@ -1,0 +1,75 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``cli.md``: every command, read from its parser; the layout is ours, so that no Python version changes the page."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from cdff_common import cli
+from cdff_dev.generate.python_source import render
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One command: its words, what it does, and ``(spelling, default, help)`` of its arguments."""
+
+    words: str
+    doc: str
+    arguments: tuple[tuple[str, str, str], ...]
+
+
+def page() -> str:
+    """Page of all commands that are installed."""
+    with _without_settings():
+        parser = cli.build_parser([])
+    return render("cli.md.j2", commands=list(_commands(parser, "cdff", "")))
+
+
+@contextmanager
+def _without_settings() -> Iterator[None]:
+    """Hide ``CDFF_*``: parsers take their defaults from there, and the page shall not show those of one machine."""
+    hidden = {name: os.environ.pop(name) for name in list(os.environ) if name.startswith("CDFF_")}
+    try:
+        yield
+    finally:
+        os.environ.update(hidden)
+
+
+def _commands(parser: argparse.ArgumentParser, words: str, doc: str) -> Iterator[Command]:
+    nested = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
+    if not nested:
+        yield Command(words, parser.description or doc, tuple(_argument(a) for a in parser._actions if _is_shown(a)))
+    for action in nested:
+        docs = {choice.dest: choice.help or "" for choice in action._choices_actions}
+        for name, child in sorted(action.choices.items()):
+            yield from _commands(child, f"{words} {name}", docs.get(name, ""))
+
+
+def _is_shown(action: argparse.Action) -> bool:
+    return action.help != argparse.SUPPRESS and not isinstance(action, argparse._HelpAction)
+
+
+def _argument(action: argparse.Action) -> tuple[str, str, str]:
+    value = action.metavar or (f"{{{','.join(map(str, action.choices))}}}" if action.choices else action.dest.upper())
+    value = " ".join(value) if isinstance(value, tuple) else value
+    if action.option_strings:
+        spelling = ", ".join(action.option_strings) + ("" if action.nargs == 0 else f" {value}")
+    else:
+        spelling = {"*": f"[{value} …]", "+": f"{value} …", "?": f"[{value}]"}.get(str(action.nargs), value)
+    return spelling, _default(action), " ".join((action.help or "").split()) % vars(action) if action.help else ""
+
+
+def _default(action: argparse.Action) -> str:
+    """The default as text; empty where there is none, or where it would name a folder of this machine."""
+    default = action.default
+    if default in (None, False, True, [], argparse.SUPPRESS):
+        return ""
+    if isinstance(default, Path) and default.is_absolute():
+        return ""
+    return str(default)
