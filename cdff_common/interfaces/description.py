@@ -13,11 +13,11 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import Field
 
 from cdff_common.errors import ConfigurationError, InputError
 from cdff_common.interfaces.dfn import StrictModel, validated
+from cdff_common.interfaces.yaml_file import read_mapping
 
 #: Array ports of DFNs: ``float64[n,3]``; anything else is the name of a type of ``cdff_common.types``.
 ARRAY_TYPE = re.compile(r"(?P<dtype>float32|float64|uint8|uint16|int32|int64|bool)\[(?P<shape>[a-z0-9,+* ]*)\]\Z")
@@ -177,16 +177,6 @@ class DfpcDescription(StrictModel):
         return snake_case(self.name)
 
 
-def _read_yaml(path: Path) -> Any:
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError) as error:
-        raise ConfigurationError(f"{path}: {error}") from error
-    if not isinstance(data, dict):
-        raise ConfigurationError(f"{path}: holds a {type(data).__name__}, expected a mapping with name, input_ports, …")
-    return data
-
-
 def _check_unique(path: Path, what: str, names: list[str]) -> None:
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
@@ -195,7 +185,7 @@ def _check_unique(path: Path, what: str, names: list[str]) -> None:
 
 def read_dfn_description(path: Path) -> DfnDescription:
     """Read and check a ``dfn.yaml``; raises ConfigurationError naming file and key."""
-    data = _read_yaml(path)
+    data = read_mapping(path)
     data.setdefault("implementations", [data.get("name")])
     description = validated(DfnDescription, data, str(path))
     ports = [*description.input_ports, *description.output_ports]
@@ -211,7 +201,7 @@ def read_dfn_description(path: Path) -> DfnDescription:
 
 def read_dfpc_description(path: Path) -> DfpcDescription:
     """Read and check a ``dfpc.yaml``; raises ConfigurationError naming file and key."""
-    description = validated(DfpcDescription, _read_yaml(path), str(path))
+    description = validated(DfpcDescription, read_mapping(path), str(path))
     for group in (description.input_ports, description.output_ports):
         _check_unique(path, "port", [p.attribute for p in group])
     _check_unique(path, "implementation", [i.name for i in description.implementations])

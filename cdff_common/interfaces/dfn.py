@@ -74,7 +74,13 @@ def validated(model: type[ModelT], config: Any, owner: str) -> ModelT:
         return model.model_validate(config)
     except ValidationError as error:
         faults = "; ".join(
-            f"{'.'.join(str(p) for p in e['loc']) or 'value'}={e.get('input')!r}: {e['msg']}" for e in error.errors()
+            f"{'.'.join(str(p) for p in e['loc']) or 'value'}={_short(e.get('input'))}: {e['msg']}" for e in error.errors()
         )
         known = ", ".join(model.model_fields)
         raise ConfigurationError(f"{owner}: {faults}. Known keys: {known or 'none'}") from error
+
+
+def _short(value: Any) -> str:
+    """At most 80 characters of a value's text."""
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import yaml
 from pydantic import Field, model_validator
 
 from cdff_common.errors import ConfigurationError
@@ -19,6 +18,7 @@ from cdff_common.geometry import FrameGraph, UncertainTransform, se3
 from cdff_common.interfaces.dfn import StrictModel, validated
 from cdff_common.interfaces.dfpc import DfpcContext
 from cdff_common.interfaces.registry import Registry
+from cdff_common.interfaces.yaml_file import read_mapping
 
 RobotId = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,31}$")]
 Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
@@ -237,11 +237,7 @@ def load_profile(path: str | Path) -> Profile:
         Naming the file, the key, the value and what was expected.
     """
     path = Path(path)
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError) as error:
-        raise ConfigurationError(f"profile {path}: {error}") from error
-    profile = validated(Profile, data, f"profile {path}")
+    profile = validated(Profile, read_mapping(path), f"profile {path}")
     registry = Registry.default()
     for robot in profile.robots:
         for entry in robot.dfpcs:

@@ -17,6 +17,7 @@ from cdff_common.bus import Bus, keys
 from cdff_common.client import Answer, Client
 from cdff_common.clock import NS_PER_S, MissionClock
 from cdff_common.errors import CdffError, UnavailableError
+from cdff_common.interfaces.product import Header
 from cdff_common.raster.region import Region
 from cdff_dev.demo.script import Ask, Script
 from cdff_dev.demo.verdict import Delivered, faults
@@ -82,12 +83,13 @@ def _ask(ask: Ask, clock: MissionClock, connect: str, http: str) -> Outcome:
             answer = client.request(ask.type, **ask.parameters)
             now_ns = clock.now_ns()
             took_s = time.monotonic() - started_s
-            delivered = Delivered(answer.value, answer.frame, answer.child, answer.t1_ns)
+            header = answer.header
+            delivered = Delivered(_value_of(answer), header.frame, header.child, header.t1_ns)
             found = faults(ask, delivered, now_ns, _region(ask, answer, client))
     except CdffError as error:
         return Outcome(ask, (f"{type(error).__name__}: {error}",), time.monotonic() - started_s)
-    found += _http_faults(http, answer.product_id)
-    return Outcome(ask, tuple(found), took_s, answer.product_id, summary_of(answer))
+    found += _http_faults(http, answer.header)
+    return Outcome(ask, tuple(found), took_s, answer.header.id, summary_of(answer, delivered.value))
 
 
 def _region(ask: Ask, answer: Answer, client: Client) -> Region | None:
@@ -97,26 +99,39 @@ def _region(ask: Ask, answer: Answer, client: Client) -> Region | None:
     region = Region.parse(ask.region)
     if region.near_frame is None:
         return region
-    pose = client.pose(robot=region.near_frame.split("/")[0], parent=ask.frame, child=region.near_frame, t=answer.t1_ns)
-    x, y, _ = pose.transform.matrix[:3, 3]
+    robot = region.near_frame.split("/")[0]
+    pose = client.pose(robot, parent=ask.frame, child=region.near_frame, t_ns=answer.header.t1_ns)
+    x, y, _ = pose.matrix[:3, 3]
     return region.resolved(float(x), float(y))
 
 
-def _http_faults(http: str, product_id: str) -> list[str]:
-    """What keeps a ground operator from finding the product behind an answer."""
-    if not product_id:
-        return ["the answer names no product"]
+def _value_of(answer: Answer) -> Any:
+    """The value in hand: decoded, or a GeoTIFF read back."""
+    if answer.value is not None:
+        return answer.value
+    from cdff_common.formats.geotiff import read_map
+
+    return read_map(answer.data)
+
+
+def _http_faults(http: str, header: Header) -> list[str]:
+    """What keeps a ground operator from finding what is behind an answer: the product itself or what it was made from."""
+    found = [product_id for product_id in (header.id, *header.inputs[:20]) if _is_found(http, product_id)]
+    if not found:
+        return [f"neither product {header.id} nor what it was made from is found over HTTP"]
+    return []
+
+
+def _is_found(http: str, product_id: str) -> bool:
     try:
         with urllib.request.urlopen(f"http://{http}/api/v1/products/{product_id}", timeout=5) as response:  # noqa: S310
-            found = json.load(response)
-    except (urllib.error.URLError, TimeoutError, ValueError) as error:
-        return [f"product {product_id} is not found over HTTP: {error}"]
-    return [] if found.get("id") == product_id else [f"HTTP gave another product for {product_id}"]
+            return bool(json.load(response).get("id") == product_id)
+    except (urllib.error.URLError, TimeoutError, ValueError):
+        return False
 
 
-def summary_of(answer: Answer) -> str:
+def summary_of(answer: Answer, value: Any) -> str:
     """The answer in a few words."""
-    value: Any = answer.value
     delivered = answer.delivered
     parts = [type(value).__name__]
     if hasattr(value, "points_m"):

@@ -7,11 +7,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import yaml
 from pydantic import Field
 
-from cdff_common.errors import ConfigurationError
 from cdff_common.interfaces.dfn import StrictModel, validated
+from cdff_common.interfaces.yaml_file import read_mapping
 
 
 class Ask(StrictModel):
@@ -32,11 +31,11 @@ class Ask(StrictModel):
     @property
     def parameters(self) -> dict[str, Any]:
         """Keyword arguments of ``Client.request``, the type aside."""
-        fields = ("robot", "frame", "region", "resolution_m", "max_age_s", "min_coverage", "format", "deadline_ms")
+        fields = ("robot", "frame", "region", "resolution_m", "max_age_s", "min_coverage", "format")
         parameters = {name: getattr(self, name) for name in fields if getattr(self, name) is not None}
         if self.as_ is not None:
-            parameters["as_"] = self.as_
-        return parameters
+            parameters["as_type"] = self.as_
+        return {**parameters, "deadline_s": self.deadline_ms / 1000}
 
     @property
     def title(self) -> str:
@@ -61,8 +60,4 @@ class Script(StrictModel):
 
 def load_script(path: Path) -> Script:
     """Read a script; raises ConfigurationError naming file and key."""
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError) as error:
-        raise ConfigurationError(f"{path}: {error}") from error
-    return validated(Script, data, str(path))
+    return validated(Script, read_mapping(path), str(path))

@@ -36,6 +36,7 @@ def run(args: argparse.Namespace) -> int:
     from cdff_common.interfaces.dfpc import DfpcContext, Sample  # noqa: PLC0415
     from cdff_common.interfaces.profile import load_profile  # noqa: PLC0415
     from cdff_common.interfaces.registry import Registry  # noqa: PLC0415
+    from cdff_common.interfaces.yaml_file import read_mapping  # noqa: PLC0415
     from cdff_dev.logs import open_log  # noqa: PLC0415
     from cdff_dev.replay.engine import paced, replay, samples_of  # noqa: PLC0415
     from cdff_dev.replay.wiring import robot_of, wire  # noqa: PLC0415
@@ -58,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     if args.seed is not None:
         context = dataclasses.replace(context, seed=args.seed)
     if args.config:
-        parameters.update(_parameters(Path(args.config)))
+        parameters.update(read_mapping(Path(args.config)))
     dfpc.configure(parameters, context, implementation)
     wired = wire(dfpc.description, streams, robot, mapping, entry)
     total = sum(log.streams[s].count for s in wired.values())
@@ -101,17 +102,3 @@ def _speed(text: str) -> float | None:
     if not 0 < speed < 1e6:
         raise InputError(f"--speed {text}: expected a factor above 0 or max")
     return speed
-
-
-def _parameters(path: Path) -> dict[str, Any]:
-    import yaml  # noqa: PLC0415
-
-    from cdff_common.errors import ConfigurationError  # noqa: PLC0415
-
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError) as error:
-        raise ConfigurationError(f"{path}: {error}") from error
-    if not isinstance(data, dict):
-        raise ConfigurationError(f"{path}: holds a {type(data).__name__}, expected a mapping of parameters")
-    return data
