@@ -16,6 +16,7 @@
     ├── ConflictError             same id, other content; or somebody else changed it first
     ├── NotActiveError            activate the DFPC first
     ├── UnavailableError          try again later, or ask somebody else
+    │   ├── NoAnswerError         nobody is there, or the answer broke off; asking again is safe
     │   ├── DeadlineError         give more time
     │   └── OverloadedError       come back after ``retry_after_s``
     ├── DeniedError               you lack the right
@@ -84,6 +85,10 @@ class NotActiveError(CdffError):
 
 class UnavailableError(CdffError):
     """Nobody can answer now."""
+
+
+class NoAnswerError(UnavailableError):
+    """Nobody is there to answer, or the answer broke off before its end; asking again is safe."""
 
 
 class DeadlineError(UnavailableError):

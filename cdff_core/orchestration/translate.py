@@ -66,7 +66,7 @@ def pose_as(
 
 
 def trajectory_in(trajectory: PoseTrajectory, T_frame_parent: UncertainTransform, frame: str) -> PoseTrajectory:
-    """Return a trajectory with its poses, and their covariances, in another parent frame that is fixed to the old one."""
+    """Return a trajectory, covariances included, in another parent frame that is fixed to the old one."""
     if frame == trajectory.parent_frame:
         return trajectory
     matrices = T_frame_parent.matrix @ trajectory.matrices

@@ -126,12 +126,10 @@ class SensorState:
         """Why the sensor cannot be relied on in ``mode``; None where it can."""
         if mode not in self.modes:
             return f"sensor {self.id} has no mode {mode}"
-        if mode == self.current:
-            return None
-        if mode in self.refused:
-            return f"sensor {self.id} refused mode {mode}"
         if self.held is not None and self.held != mode:
             return f"sensor {self.id} is kept in mode {self.held} by another request"
+        if mode in self.refused and mode != self.current:
+            return f"sensor {self.id} refused mode {mode}"
         return None
 
     def streaming_mode(self) -> str | None:

@@ -1,0 +1,258 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""A connection to a running system: ask for products, search and fetch them, look up poses, follow jobs."""
+
+from __future__ import annotations
+
+import threading
+import uuid
+from collections.abc import Callable, Iterator, Mapping
+from types import TracebackType
+from typing import Any, Self
+
+from cdff_common.bus import Bus, Reply, keys
+from cdff_common.client.answer import Answer
+from cdff_common.clock import monotonic_s
+from cdff_common.codecs import decode
+from cdff_common.codecs.encoding import parse_encoding
+from cdff_common.errors import CodecError, InputError, NoAnswerError, UnavailableError
+from cdff_common.geometry import UncertainTransform
+from cdff_common.interfaces.product import Header
+
+#: Told of every progress reply: job, state, reason, remaining_s, plan.
+OnProgress = Callable[[Mapping[str, Any]], None]
+
+_CODEC_PREFIX = "application/vnd.cdff+"
+#: What a DEM is asked ``as`` where the caller names neither type nor format: all layers instead of one.
+_DEFAULT_AS = {"dem": "ElevationMap"}
+#: Formats that the DPM writes from a stored product.
+_FILES = frozenset({"tif", "ply", "tum", "png"})
+_PART_BYTES = 4 << 20
+_RETRY_S = 0.3
+
+
+class Client:
+    """A client of the orchestrator and the DPM; a context manager.
+
+    Parameters
+    ----------
+    connect : str, optional
+        Endpoint of the router; default ``CDFF_CONNECT``, then ``tcp/127.0.0.1:7447``.
+    name : str
+        Of this process, for logs.
+
+    Raises
+    ------
+    UnavailableError
+        If no router answers within 5 s.
+
+    Notes
+    -----
+    Every method raises the subclass of ``CdffError`` that the answer's code stands for (``cdff_common.errors``).
+    """
+
+    def __init__(self, connect: str | None = None, *, name: str = "client") -> None:
+        self._bus = Bus.open(connect, name=name)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._bus.close()
+
+    def request(
+        self,
+        product: str,
+        *,
+        robot: str = "any",
+        region: str | None = None,
+        region_frame: str | None = None,
+        frame: str | None = None,
+        child: str | None = None,
+        t_ns: int | None = None,
+        max_age_s: float | None = None,
+        resolution_m: float | None = None,
+        min_coverage: float | None = None,
+        as_type: str | None = None,
+        format: str | None = None,
+        deliver: str | None = None,
+        deadline_s: float = 20.0,
+        on_progress: OnProgress | None = None,
+    ) -> Answer:
+        """Ask for a product and wait for it.
+
+        Parameters
+        ----------
+        product : str
+            ``pose trajectory pointcloud dem navigation_map image``.
+        robot : str
+            Robot id, or ``any``.
+        region : str, optional
+            ``bbox:… box:… circle:x,y,r polygon:… near:frame,r``, metres in ``region_frame`` (default ``frame``).
+        frame : str, optional
+            To have it in; default ``site``.
+        child, t_ns
+            Of a pose: which frame's, and when (mission time); default the robot's base, newest.
+        max_age_s : float, optional
+            Refuse what is older.
+        resolution_m : float, optional
+            Finer data are aggregated to it.
+        min_coverage : float, optional
+            Part of the region, 0 to 1, that must hold data.
+        as_type, format, deliver : str, optional
+            InFuse type, encoding (``uper ber xer msgpack tif ply tum png``), ``auto inline reference``.
+        deadline_s : float
+            The answer, or the reason why there is none, comes before this.
+        on_progress : callable, optional
+
+        Raises
+        ------
+        InputError
+            If the request itself is wrong.
+        DeadlineError, UnavailableError, OverloadedError
+            If it cannot be answered as asked; the message says why.
+        """
+        if as_type is None and format is None:
+            as_type = _DEFAULT_AS.get(product)
+        wishes = {
+            "type": product,
+            "robot": robot,
+            "region": region,
+            "region_frame": region_frame,
+            "frame": frame,
+            "child": child,
+            "t": t_ns,
+            "max_age_s": max_age_s,
+            "resolution_m": resolution_m,
+            "min_coverage": min_coverage,
+            "as": as_type,
+            "format": format,
+            "deliver": deliver,
+        }
+        parameters = {name: value for name, value in wishes.items() if value is not None}
+        final = self._ask(_scope(robot), parameters, monotonic_s() + deadline_s, on_progress)
+        if final.attachment.get("kind") != "reference":
+            return _answer(final)
+        reference = final.body()
+        if reference["format"] in _FILES:
+            asked = {"id": reference["id"], "format": reference["format"]}
+            reply = self._call(keys.dpm_rpc(keys.GROUND, "get"), asked, 30.0)
+            return _answer(Reply(reply.payload, reply.encoding, {**reply.attachment, **_of_request(final.attachment)}))
+        return self._fetched(str(reference["id"]), final.attachment)
+
+    def search(self, product: str | None = None, **parameters: object) -> list[dict[str, Any]]:
+        """Metadata of products in the DPM, newest first: ``robot= region= frame= t0= t1= limit= …`` (contract §5)."""
+        asked = {"type": product, **parameters}
+        body = self._call(keys.dpm_rpc(keys.GROUND, "search"), {k: v for k, v in asked.items() if v is not None}).body()
+        items: list[dict[str, Any]] = body["items"]
+        return items
+
+    def get(self, product_id: str) -> Answer:
+        """Return a product by id; raises ProductNotFoundError."""
+        return self._fetched(product_id, {})
+
+    def pose(
+        self, robot: str, *, parent: str = "site", child: str | None = None, t_ns: int | None = None
+    ) -> UncertainTransform:
+        """``T_parent_child`` from the DPM, interpolated at ``t_ns`` (mission time), newest without; base by default."""
+        asked: dict[str, object] = {"robot": robot, "parent": parent, "child": child or f"{robot}/base"}
+        if t_ns is not None:
+            asked["t"] = t_ns
+        body = self._call(keys.dpm_rpc(keys.GROUND, "pose"), asked).body()
+        return UncertainTransform(body["T"], body.get("covariance"))
+
+    def jobs(self, robot: str = "any", *, limit: int = 50) -> list[dict[str, Any]]:
+        """The orchestrator's newest jobs, and where they stand."""
+        body = self._call(keys.orchestrator_rpc(_scope(robot), "jobs"), {"limit": limit, **_named(robot)}).body()
+        jobs: list[dict[str, Any]] = body["jobs"]
+        return jobs
+
+    def cancel(self, job: str, robot: str = "any") -> None:
+        """Cancel a job by its id or its request's; whoever waits for it gets UNAVAILABLE."""
+        self._call(keys.orchestrator_rpc(_scope(robot), "cancel"), {"job": job})
+
+    def catalogue(self, robot: str = "any") -> dict[str, Any]:
+        """What could be asked for, what would make it, and why not."""
+        body: dict[str, Any] = self._call(keys.orchestrator_rpc(_scope(robot), "catalogue"), _named(robot)).body()
+        return body
+
+    # -- inside -----------------------------------------------------------------------------------------------------
+
+    def _ask(
+        self, scope: str, parameters: Mapping[str, object], deadline_s: float, on_progress: OnProgress | None
+    ) -> Reply:
+        """The final reply; asked again, under a new name, where nobody was there or the answer broke off."""
+        key, pause = keys.orchestrator_rpc(scope, "request"), threading.Event()
+        while True:
+            remaining_s = max(deadline_s - monotonic_s(), 0.2)
+            asked = {**parameters, "deadline_ms": int(remaining_s * 1000), "request": str(uuid.uuid4())}
+            try:
+                for reply in self._stream(key, asked, remaining_s + 1.0):
+                    if reply.final:
+                        return reply
+                    if on_progress is not None:
+                        on_progress(reply.body())
+                raise NoAnswerError(f"{key}: the answer broke off")
+            except NoAnswerError:
+                if deadline_s - monotonic_s() <= _RETRY_S:
+                    raise
+                pause.wait(_RETRY_S)
+
+    def _stream(self, key: str, parameters: Mapping[str, object], timeout_s: float) -> Iterator[Reply]:
+        return self._bus.call_stream(key, parameters, timeout_s=timeout_s)
+
+    def _call(self, key: str, parameters: Mapping[str, object], timeout_s: float = 10.0) -> Reply:
+        return self._bus.call(key, parameters, timeout_s=timeout_s)
+
+    def _fetched(self, product_id: str, attachment: Mapping[str, Any]) -> Answer:
+        """Pull a product in parts, each of which can be asked for again."""
+        parts: list[bytes] = []
+        have, size = 0, 1
+        while have < size:
+            reply = self._call(keys.dpm_product(keys.GROUND, product_id), {"offset": have, "len": _PART_BYTES}, 30.0)
+            size = int(reply.attachment["size"])
+            if not reply.payload and size:
+                raise UnavailableError(f"product {product_id}: the DPM sent nothing at {have} of {size} bytes")
+            parts.append(reply.payload)
+            have += len(reply.payload)
+        return _answer(Reply(b"".join(parts), reply.encoding, {**reply.attachment, **_of_request(attachment)}))
+
+
+def _scope(robot: str) -> str:
+    return keys.GROUND if robot == "any" else robot
+
+
+def _named(robot: str) -> dict[str, object]:
+    return {} if robot == "any" else {"robot": robot}
+
+
+def _of_request(attachment: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: attachment[k] for k in ("delivered", "job", "request") if k in attachment}
+
+
+def _answer(reply: Reply) -> Answer:
+    extra, value, type_name = reply.attachment, None, reply.encoding
+    if reply.encoding.startswith(_CODEC_PREFIX):
+        type_name, codec = parse_encoding(reply.encoding)
+        value = decode(type_name, reply.payload, codec) if reply.payload else None
+    try:
+        header = Header.from_dict(extra)
+    except InputError as error:
+        raise CodecError(f"the answer's attachment is no header: {error}") from error
+    return Answer(
+        value,
+        header,
+        type_name,
+        reply.payload,
+        reply.encoding,
+        str(extra.get("robot", "")),
+        extra.get("delivered", {}),
+        str(extra.get("job", "")),
+        str(extra.get("request", "")),
+    )

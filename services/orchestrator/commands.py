@@ -1,0 +1,156 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``cdff request`` and ``cdff orchestrator jobs|cancel|catalogue``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+_TYPES = ("pose", "trajectory", "pointcloud", "dem", "navigation_map", "image")
+
+
+def register_request(nouns: Any) -> None:
+    """Add ``cdff request``."""
+    parser = nouns.add_parser("request", help="ask the orchestrator for a product")
+    parser.add_argument("type", choices=_TYPES)
+    parser.add_argument("--robot", default="any", help="robot id, or any")
+    parser.add_argument("--region", help="bbox: box: circle: polygon: near:, metres")
+    parser.add_argument("--region-frame", help="frame of the region; default: --frame")
+    parser.add_argument("--frame", help="frame to have it in; default: site")
+    parser.add_argument("--child", help="of a pose: whose; default: the robot's base")
+    parser.add_argument("--max-age-s", type=float)
+    parser.add_argument("--resolution-m", type=float)
+    parser.add_argument("--min-coverage", type=float)
+    parser.add_argument("--as", dest="as_type", help="InFuse type, as Map or RigidBodyState")
+    parser.add_argument(
+        "--format", help="uper ber xer msgpack tif ply tum png; default: by the end of --out, else uper"
+    )
+    parser.add_argument("--deliver", choices=("auto", "inline", "reference"))
+    parser.add_argument("--deadline-s", type=float, default=20.0)
+    parser.add_argument("--out", type=Path, help="file for the payload")
+    parser.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
+    parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
+    parser.set_defaults(run=run_request)
+
+
+def register_orchestrator(nouns: Any) -> None:
+    """Add ``cdff orchestrator``."""
+    parser = nouns.add_parser("orchestrator", help="what the orchestrator does and could do")
+    verbs = parser.add_subparsers(metavar="VERB", required=True)
+    jobs = verbs.add_parser("jobs", help="requests and where they stand")
+    jobs.add_argument("--limit", type=int, default=20)
+    jobs.set_defaults(run=run_jobs)
+    cancel = verbs.add_parser("cancel", help="cancel a request")
+    cancel.add_argument("job", help="id of the job or of the request")
+    cancel.set_defaults(run=run_cancel)
+    catalogue = verbs.add_parser("catalogue", help="what could be asked for, and why not")
+    catalogue.set_defaults(run=run_catalogue)
+    for verb in (jobs, cancel, catalogue):
+        verb.add_argument("--robot", default="any")
+        verb.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
+        verb.add_argument("--json", action="store_true")
+
+
+def run_request(args: argparse.Namespace) -> int:
+    """Ask, show what came, write the payload where a file is named."""
+    from cdff_common.client import Client  # heavy: zenoh and the types
+
+    form = args.format or _format_of(args.out)
+    show = _progress if sys.stderr.isatty() and not args.json else None
+    with Client(args.connect, name="cdff request") as client:
+        answer = client.request(
+            args.type,
+            robot=args.robot,
+            region=args.region,
+            region_frame=args.region_frame,
+            frame=args.frame,
+            child=args.child,
+            max_age_s=args.max_age_s,
+            resolution_m=args.resolution_m,
+            min_coverage=args.min_coverage,
+            as_type=args.as_type,
+            format=form,
+            deliver=args.deliver,
+            deadline_s=args.deadline_s,
+            on_progress=show,
+        )
+    if args.out is not None:
+        args.out.write_bytes(answer.data)
+    summary = answer.summary()
+    if args.json:
+        print(json.dumps(summary))
+        return 0
+    delivered, quality = summary["delivered"], summary["header"]["quality"]
+    print(f"{summary['type']} of {summary['robot']}, {summary['size']} bytes, {quality['status']}")
+    for reason in quality["reasons"]:
+        print(f"  {reason}")
+    for name, value in delivered.items():
+        if value not in (None, []):
+            print(f"  {name}: {value}")
+    if args.out is not None:
+        print(f"  written to {args.out}")
+    return 0
+
+
+def run_jobs(args: argparse.Namespace) -> int:
+    """List jobs, newest first."""
+    from cdff_common.client import Client
+
+    with Client(args.connect, name="cdff orchestrator") as client:
+        jobs = client.jobs(args.robot, limit=args.limit)
+    if args.json:
+        print(json.dumps({"jobs": jobs}))
+        return 0
+    for job in jobs:
+        request = job["request"]
+        what = f"{request['type']} of {request['robot']}" + (f" {request['region']}" if request["region"] else "")
+        print(f"{job['job']}  {job['state']:10}  {what}" + (f"  ({job['reason']})" if job["reason"] else ""))
+    return 0
+
+
+def run_cancel(args: argparse.Namespace) -> int:
+    """Cancel one job."""
+    from cdff_common.client import Client
+
+    with Client(args.connect, name="cdff orchestrator") as client:
+        client.cancel(args.job, args.robot)
+    print(json.dumps({"cancelled": args.job}) if args.json else f"{args.job} is being cancelled")
+    return 0
+
+
+def run_catalogue(args: argparse.Namespace) -> int:
+    """List what can be made, by what, and why not."""
+    from cdff_common.client import Client
+
+    with Client(args.connect, name="cdff orchestrator") as client:
+        catalogue = client.catalogue(args.robot)
+    if args.json:
+        print(json.dumps(catalogue))
+        return 0
+    for product in catalogue["products"]:
+        plan = product.get("plan")
+        how = f"not now: {product.get('why_not')}" if plan is None else " -> ".join(plan["order"])
+        print(f"{product['robot']:12} {product['type']:16} {how}")
+    for dfpc in catalogue["dfpcs"]:
+        state = "active" if dfpc["active"] else "there" if dfpc["alive"] else "not there"
+        print(f"{dfpc['robot']:12} {dfpc['name']:28} {dfpc['implementation']:24} {state}")
+    for sensor in catalogue["sensors"]:
+        print(f"{sensor['robot']:12} {sensor['sensor']:28} {sensor['mode']}" + (" (held)" if sensor["held"] else ""))
+    return 0
+
+
+def _progress(body: Mapping[str, Any]) -> None:
+    print(f"  {body['state']}: {body['reason']}", file=sys.stderr)
+
+
+def _format_of(out: Path | None) -> str | None:
+    """The format that a file's name asks for."""
+    form = "" if out is None else out.suffix.lstrip(".").lower()
+    return (
+        {"tiff": "tif"}.get(form, form) if form in ("tif", "tiff", "ply", "tum", "png", "xer", "ber", "uper") else None
+    )

@@ -1,0 +1,56 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Regions of contract §6."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from cdff_common.errors import InputError
+from cdff_common.geometry.region import parse_region
+
+TEXTS = ["bbox:-10,-5,10,5", "box:0,0,0,1,2,3", "circle:1,2,3", "polygon:0,0,4,0,0,4", "near:mana/base,10"]
+
+
+@pytest.mark.parametrize("text", TEXTS)
+def test_a_region_is_written_as_it_was_read(text: str) -> None:
+    assert parse_region(text).text == text
+    assert parse_region(parse_region(text).text) == parse_region(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "bbox", "bbox:1,2,3", "bbox:0,0,0,1", "box:0,0,1,1,1,0", "circle:0,0,-1", "circle:0,0,nan", "circle:0,0,1e999",
+     "polygon:0,0,1,1", "polygon:0,0,1,1,2", "near:Mana,3", "near:mana/base", "near:mana/base,0", "blob:1,2"],
+)  # fmt: skip
+def test_a_malformed_region_is_refused(text: str) -> None:
+    with pytest.raises(InputError):
+        parse_region(text)
+
+
+def test_who_is_inside_is_told_for_each_form() -> None:
+    x, y = np.array([0.5, 3.0, 2.0]), np.array([0.5, 3.0, 1.0])
+    assert parse_region("bbox:0,0,2,2").contains(x, y).tolist() == [True, False, True]
+    assert parse_region("circle:0,0,1").contains(x, y).tolist() == [True, False, False]
+    assert parse_region("polygon:0,0,4,0,0,4").contains(x, y).tolist() == [True, False, True]
+    assert parse_region("box:0,0,0,2,2,1").contains(x, y, np.array([0.5, 0.5, 2.0])).tolist() == [True, False, False]
+
+
+def test_a_polygon_that_is_not_convex_leaves_its_notch_out() -> None:
+    notched = parse_region("polygon:0,0,4,0,4,4,2,1,0,4")
+    assert notched.contains([2.0, 2.0], [0.5, 2.0]).tolist() == [True, False]
+
+
+def test_near_has_no_place_until_it_is_resolved() -> None:
+    region = parse_region("near:mana/base,10")
+    with pytest.raises(InputError, match="mana/base"):
+        region.contains([0.0], [0.0])
+    assert region.resolved(1.0, 2.0).text == "circle:1,2,10"
+
+
+def test_the_box_to_search_is_unbounded_in_z_unless_the_region_is_a_box() -> None:
+    assert parse_region("circle:1,2,3").box_m == (-2, -1, -math.inf, 4, 5, math.inf)
+    assert parse_region("box:0,0,0,1,2,3").box_m == (0, 0, 0, 1, 2, 3)

@@ -1,0 +1,90 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Requests as contract §5 writes them."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from cdff_common.errors import InputError
+from cdff_core.orchestration.request import PRODUCTS, parse_request
+
+
+def test_the_contract_s_example_is_read_field_by_field() -> None:
+    request = parse_request(
+        {
+            "type": "dem", "robot": "mana", "region": "bbox:-10,-5,10,5", "frame": "site", "max_age_s": "60",
+            "resolution_m": "0.05", "format": "uper", "deadline_ms": "20000", "request": "a-b",
+        },
+        "ground",
+    )  # fmt: skip
+    assert (request.product, request.robot, request.frame, request.id) == ("dem", "mana", "site", "a-b")
+    assert request.region is not None
+    assert request.region.bounds == (-10.0, -5.0, 10.0, 5.0)
+    assert (request.max_age_s, request.resolution_m, request.deadline_s) == (60.0, 0.05, 20.0)
+    assert request.type_name == "Map"
+
+
+def test_a_dem_in_another_encoding_or_by_name_keeps_all_its_layers() -> None:
+    assert parse_request({"type": "dem", "format": "ber"}, "mana").type_name == "ElevationMap"
+    assert parse_request({"type": "dem", "as": "ElevationMap"}, "mana").type_name == "ElevationMap"
+
+
+def test_what_is_not_asked_is_not_a_limit() -> None:
+    request = parse_request({"type": "pose"}, "mana")
+    assert math.isinf(request.max_age_s)
+    assert request.region is None
+    assert request.robot == "mana"
+    assert request.deadline_s < 10.0, "a plain Zenoh query stops after 10 s"
+
+
+def test_under_a_robot_the_robot_must_match_and_under_ground_it_is_required() -> None:
+    assert parse_request({"type": "pose", "robot": "mana"}, "mana").robot == "mana"
+    assert parse_request({"type": "pose", "robot": "any"}, "ground").robot == "any"
+    for parameters, scope in (({"type": "pose", "robot": "minnie"}, "mana"), ({"type": "pose"}, "ground")):
+        with pytest.raises(InputError, match="robot"):
+            parse_request(parameters, scope)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "named"),
+    [
+        ({}, "type"),
+        ({"type": "painting"}, "painting"),
+        ({"type": "dem", "colour": "red"}, "colour"),
+        ({"type": "dem", "region": "circle:0,0"}, "circle:0,0"),
+        ({"type": "dem", "region": "bbox:0,0,-1,1"}, "bbox"),
+        ({"type": "dem", "resolution_m": "0"}, "resolution_m"),
+        ({"type": "dem", "max_age_s": "nan"}, "max_age_s"),
+        ({"type": "dem", "max_age_s": "soon"}, "soon"),
+        ({"type": "dem", "min_coverage": "0.5"}, "region"),
+        ({"type": "dem", "min_coverage": "2", "region": "circle:0,0,1"}, "min_coverage"),
+        ({"type": "dem", "format": "bmp"}, "bmp"),
+        ({"type": "dem", "format": "tif", "as": "Map"}, "Map"),
+        ({"type": "dem", "as": "RigidBodyState"}, "RigidBodyState"),
+        ({"type": "dem", "child": "mana/base"}, "child"),
+        ({"type": "pose", "region": "circle:0,0,1"}, "region"),
+        ({"type": "pose", "frame": "Site"}, "Site"),
+        ({"type": "pose", "t": "yesterday"}, "yesterday"),
+        ({"type": "pose", "deadline_ms": "1"}, "deadline_ms"),
+        ({"type": "pose", "deliver": "pigeon"}, "pigeon"),
+        ({"type": "pose", "request": "a b"}, "a b"),
+    ],
+)
+def test_a_wrong_parameter_is_named_in_the_error(parameters: dict[str, str], named: str) -> None:
+    with pytest.raises(InputError, match=named.replace("(", "\\(")):
+        parse_request(parameters, "mana")
+
+
+@pytest.mark.parametrize("product", sorted(PRODUCTS))
+def test_every_product_can_be_asked_for_in_every_codec(product: str) -> None:
+    for codec in ("uper", "ber", "xer", "msgpack", *PRODUCTS[product][2]):
+        assert parse_request({"type": product, "format": codec}, "mana").format == codec
+
+
+def test_a_description_of_a_request_is_plain_data() -> None:
+    described = parse_request({"type": "dem", "region": "near:mana/base,5"}, "mana").describe()
+    assert described["region"] == "near:mana/base,5"
+    assert described["max_age_s"] is None

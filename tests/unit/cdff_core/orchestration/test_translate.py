@@ -1,0 +1,157 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Frame, extent, resolution and type of what is delivered."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cdff_common.codecs import decode, encode
+from cdff_common.errors import InputError
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry.region import parse_region
+from cdff_common.raster import GridGeometry
+from cdff_common.types import ElevationMap, NavigationMap, Pointcloud, PoseTrajectory, RigidBodyState
+from cdff_core.orchestration import translate
+
+STAMP_NS = 1_500_000_000_000_000_000
+
+
+def some_transform(rng: np.random.Generator, *, level: bool = False) -> UncertainTransform:
+    phi = np.array([0.0, 0.0, 1.0]) if level else rng.normal(size=3)
+    root = rng.normal(size=(6, 6)) * 0.05
+    return UncertainTransform(se3.transform(se3.exp_so3(phi), rng.normal(size=3)), root @ root.T)
+
+
+def elevation(rows: int = 4, cols: int = 6) -> ElevationMap:
+    g = GridGeometry("site", 0.5, -1.0, 2.0, rows, cols)
+    mean = np.arange(rows * cols, dtype=np.float32).reshape(rows, cols)
+    mean[0, 0] = np.nan
+    layers = dict.fromkeys(("mean", "variance", "min", "max", "count", "age_s"), mean)
+    return ElevationMap.from_layers(g, layers, t0_ns=STAMP_NS - 1000, t1_ns=STAMP_NS)
+
+
+def test_a_pose_as_transform_keeps_its_whole_covariance(rng: np.random.Generator) -> None:
+    T = some_transform(rng)
+    value, reasons = translate.pose_as(T, "site", "mana/base", STAMP_NS, "TransformWithCovariance", "me")
+    assert reasons == ()
+    np.testing.assert_allclose(value.transform.covariance, T.covariance)
+    np.testing.assert_allclose(value.transform.matrix, T.matrix, atol=1e-12)
+
+
+def test_a_pose_as_rigid_body_state_names_target_and_source_and_says_what_is_dropped(rng: np.random.Generator) -> None:
+    T = some_transform(rng)
+    value, reasons = translate.pose_as(T, "site", "mana/base", STAMP_NS, "RigidBodyState", "me")
+    assert isinstance(value, RigidBodyState)
+    assert (value.target_frame, value.source_frame) == ("site", "mana/base")
+    assert reasons == ("cross_covariance_dropped",)
+    assert T.covariance is not None
+    np.testing.assert_allclose(value.cov_position, T.covariance[:3, :3])
+    np.testing.assert_allclose(value.cov_orientation, T.covariance[3:, 3:])
+    assert np.isnan(value.velocity).all()
+
+
+def test_an_unknown_covariance_stays_unknown(rng: np.random.Generator) -> None:
+    T = UncertainTransform(some_transform(rng).matrix)
+    value, reasons = translate.pose_as(T, "a", "b", STAMP_NS, "RigidBodyState", "me")
+    assert isinstance(value, RigidBodyState)
+    assert reasons == ()
+    assert np.isnan(value.cov_position).all()
+
+
+def test_a_trajectory_in_another_frame_carries_both_errors(rng: np.random.Generator) -> None:
+    T_site_odom, poses = some_transform(rng), [some_transform(rng) for _ in range(3)]
+    t = PoseTrajectory.from_arrays(
+        [STAMP_NS + i * 1000 for i in range(3)], [p.matrix for p in poses], [p.covariance for p in poses],
+        parent="odom", child="mana/base",
+    )  # fmt: skip
+    moved = translate.trajectory_in(t, T_site_odom, "site")
+    assert moved.parent_frame == "site"
+    assert moved.covariances is not None
+    for i, pose in enumerate(poses):
+        wanted = T_site_odom @ pose
+        np.testing.assert_allclose(moved.matrices[i], wanted.matrix, atol=1e-9)
+        np.testing.assert_allclose(moved.covariances[i], wanted.covariance, atol=1e-9)
+
+
+def test_clouds_are_moved_cropped_thinned_and_merged_with_what_belongs_to_their_points(
+    rng: np.random.Generator,
+) -> None:
+    points = rng.uniform(-5, 5, (500, 3))
+    cloud = Pointcloud.from_points(
+        points, frame="mana/lidar", stamp_ns=STAMP_NS, intensity=np.arange(500), sensor="lidar"
+    )
+    T = some_transform(rng)
+    moved = translate.cloud_in(cloud, T, "site")
+    np.testing.assert_allclose(moved.points_m, T.apply(points), atol=1e-9)
+    assert (moved.frame, moved.metadata.sensor_id) == ("site", "lidar")
+    region = parse_region("circle:0,0,2")
+    inside = translate.cropped_cloud(cloud, region)
+    keep = np.hypot(points[:, 0], points[:, 1]) <= 2
+    np.testing.assert_array_equal(inside.points_m, points[keep])
+    np.testing.assert_array_equal(inside.intensity, np.arange(500)[keep])
+    thin = translate.thinned_cloud(cloud, 2.0)
+    cells = {tuple(c) for c in np.floor(points / 2.0).astype(int)}
+    assert len(thin.points_m) == len(cells)
+    assert {tuple(p) for p in thin.points_m} <= {tuple(p) for p in points}
+    assert len(translate.merged_clouds([inside, thin]).points_m) == len(inside.points_m) + len(thin.points_m)
+    with pytest.raises(InputError, match="frames"):
+        translate.merged_clouds([cloud, moved])
+
+
+def test_a_dem_as_infuse_map_is_placed_by_the_corner_of_its_first_cell(rng: np.random.Generator) -> None:
+    T_odom_site = some_transform(rng, level=True)
+    made = translate.elevation_as_map(elevation(), T_odom_site, "mana/odom", "me")
+    corner = made.metadata.pose_fixed_frame_map_frame
+    assert corner.parent_frame == "mana/odom"
+    wanted = T_odom_site @ UncertainTransform(se3.transform(np.eye(3), [-1.0, 2.0, 0.0]), np.zeros((6, 6)))
+    np.testing.assert_allclose(corner.transform.matrix, wanted.matrix, atol=1e-9)
+    np.testing.assert_allclose(corner.transform.covariance, wanted.covariance, atol=1e-12)
+    back = decode("Map", encode(made, "uper"), "uper")
+    heights = back.data.data.view("<f4").reshape(back.data.rows, back.data.cols)
+    np.testing.assert_array_equal(heights, elevation().layer("mean"))
+    assert back.metadata.scale == 0.5
+
+
+def test_a_dem_that_is_too_large_for_an_infuse_map_is_refused_with_a_way_out() -> None:
+    g = GridGeometry("site", 1.0, 0.0, 0.0, 1081, 2)
+    big = ElevationMap.from_layers(g, {"mean": np.zeros(g.shape, np.float32)}, t0_ns=0, t1_ns=0)
+    with pytest.raises(InputError, match="tif"):
+        translate.elevation_as_map(big, UncertainTransform.identity(), "site", "me")
+
+
+def test_cells_outside_the_region_are_unobserved_and_inside_ones_are_kept() -> None:
+    region = parse_region("circle:0,1,0.8")
+    cut = translate.masked_map(elevation(), region)
+    x, y = cut.geometry.centres_m()
+    inside = np.hypot(x, y - 1.0) <= 0.8
+    assert np.isnan(cut.layer("mean")[~inside]).all()
+    assert np.isfinite(cut.layer("mean")[inside]).all()
+    g = GridGeometry("site", 1.0, 0.0, 2.0, 2, 2)
+    nav = NavigationMap.from_layers(g, {"class": np.ones((2, 2), np.uint8)}, t0_ns=0, t1_ns=0)
+    assert translate.masked_map(nav, parse_region("bbox:0,0,1,2")).layer("class").tolist() == [[1], [1]]
+
+
+def test_coverage_counts_cells_whose_centre_is_inside_also_those_off_the_grid() -> None:
+    e = elevation()
+    whole = parse_region("bbox:-1,0,2,2")
+    assert translate.grid_coverage(e.geometry, translate.observed_cells(e), whole) == pytest.approx(23 / 24)
+    twice = parse_region("bbox:-1,0,5,2")
+    assert translate.grid_coverage(e.geometry, translate.observed_cells(e), twice) == pytest.approx(23 / 48)
+    assert translate.grid_coverage(e.geometry, translate.observed_cells(e), parse_region("circle:50,50,1")) == 0.0
+
+
+def test_a_region_seen_from_a_turned_frame_holds_the_same_points(rng: np.random.Generator) -> None:
+    T = some_transform(rng, level=True).matrix
+    points = rng.uniform(-6, 6, (400, 2))
+    seen = se3.transform_points(T, np.column_stack([points, np.zeros(400)]))
+    for text in ("bbox:-2,-1,3,2", "circle:1,1,2", "polygon:0,0,4,0,0,4"):
+        region = parse_region(text)
+        moved = translate.region_in(region, T)
+        np.testing.assert_array_equal(
+            moved.contains(seen[:, 0], seen[:, 1]), region.contains(points[:, 0], points[:, 1])
+        )
+    tilted = se3.transform(se3.exp_so3([0.5, 0, 0]), [0, 0, 0])
+    with pytest.raises(InputError, match="tilted"):
+        translate.region_in(parse_region("circle:0,0,1"), tilted)
