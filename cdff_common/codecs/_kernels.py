@@ -186,7 +186,7 @@ def decode_reals(
         else:
             value = value * _POWERS[exponent + 1022]
         values[i] = -value if head & 0x40 else value
-        at += size + 1
+        at += int(size) + 1
     return values.size, at
 
 

@@ -1,0 +1,200 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Command line of ``cdff log``: look into logs, cut and merge them."""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import heapq
+import json
+import logging
+import math
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cdff_dev.logs.source import LogSample, LogSource
+
+_LOG_HELP = "a .msg file, a folder or pattern of them, or a KITTI folder"
+
+
+def register(nouns: Any) -> None:
+    """Add the parser of ``cdff log``."""
+    parser = nouns.add_parser("log", help="look into logs, cut and merge them")
+    parser.set_defaults(parser=parser)
+    verbs = parser.add_subparsers(metavar="VERB")
+
+    info = verbs.add_parser("info", help="streams, types, counts, times, and what is odd about the log")
+    info.add_argument("log", metavar="LOG", help=_LOG_HELP)
+    info.add_argument("--json", action="store_true", help="print JSON")
+    info.add_argument("--deep", action="store_true", help="also decode every sample")
+    info.set_defaults(run=_info)
+
+    cat = verbs.add_parser("cat", help="print samples, one a line, in the order of their stamps")
+    cat.add_argument("log", metavar="LOG", help=_LOG_HELP)
+    _add_choice(cat)
+    cat.add_argument("--limit", type=int, metavar="N", help="stop after N samples")
+    cat.add_argument("--json", action="store_true", help="print whole samples as JSON")
+    cat.set_defaults(run=_cat)
+
+    cut = verbs.add_parser("cut", help="copy some streams or a span of time into a new log")
+    cut.add_argument("log", metavar="LOG", help=_LOG_HELP)
+    cut.add_argument("--out", required=True, metavar="LOG", help="NAME.msg, or a folder for chunks")
+    _add_choice(cut)
+    cut.set_defaults(run=_cut)
+
+    merge = verbs.add_parser("merge", help="put several logs into one, in the order of their stamps")
+    merge.add_argument("logs", nargs="+", metavar="LOG", help=_LOG_HELP)
+    merge.add_argument("--out", required=True, metavar="LOG", help="NAME.msg, or a folder for chunks")
+    merge.set_defaults(run=_merge)
+
+
+def _add_choice(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--stream", action="append", metavar="NAME", help="only this stream; may be repeated")
+    parser.add_argument("--t0", metavar="TIME", help="not before: nanoseconds or RFC 3339")
+    parser.add_argument("--t1", metavar="TIME", help="not after")
+
+
+def _chosen(log: LogSource, args: argparse.Namespace) -> Any:
+    """Samples of the streams and the span that the arguments name."""
+    from cdff_common.clock import parse_stamp
+
+    t0 = None if args.t0 is None else parse_stamp(args.t0, "--t0")
+    t1 = None if args.t1 is None else parse_stamp(args.t1, "--t1")
+    for sample in log.samples(args.stream):
+        if t0 is not None and sample.stamp_ns < t0:
+            continue
+        if t1 is not None and sample.stamp_ns > t1:
+            break
+        yield sample
+
+
+def _info(args: argparse.Namespace) -> int:
+    from cdff_common.clock import format_stamp
+    from cdff_dev.logs import LogReader, open_log
+
+    if args.json:
+        logging.getLogger("cdff_dev.logs").setLevel(logging.ERROR)  # the quirks are in the JSON
+    log = open_log(args.log)
+    try:
+        if args.deep:
+            for _ in log.samples():
+                pass
+        quirks = dict(log.quirks.counts) if isinstance(log, LogReader) else {}
+        if args.json:
+            streams = {
+                name: {"type": s.type_name, "count": s.count, "t0_ns": str(s.t0_ns), "t1_ns": str(s.t1_ns)}
+                for name, s in log.streams.items()
+            }
+            print(json.dumps({"streams": streams, "quirks": quirks}))
+            return 0
+        width = max((len(name) for name in log.streams), default=0)
+        for name, s in log.streams.items():
+            span_s = (s.t1_ns - s.t0_ns) * 1e-9
+            rate = f"{(s.count - 1) / span_s:8.2f} Hz" if span_s > 0 else " " * 11
+            begin = format_stamp(s.t0_ns) if s.count else "empty"
+            print(f"{name:{width}}  {s.type_name:24} {s.count:8d} {rate}  {begin} + {span_s:.3f} s")
+    finally:
+        log.close()
+    return 0
+
+
+def _cat(args: argparse.Namespace) -> int:
+    from cdff_common.clock import format_stamp
+    from cdff_dev.logs import open_log
+
+    log = open_log(args.log)
+    try:
+        for i, sample in enumerate(_chosen(log, args)):
+            if args.limit is not None and i >= args.limit:
+                break
+            if args.json:
+                print(json.dumps(_as_json(sample), allow_nan=False))
+            else:
+                print(f"{format_stamp(sample.stamp_ns)} {sample.stream} #{sample.seq} {sample.value!r}")
+    finally:
+        log.close()
+    return 0
+
+
+def _as_json(sample: LogSample) -> dict[str, Any]:
+    """A whole sample: NaN as null, infinities as text, octets in base 64."""
+    from cdff_common.codecs.plain import to_plain
+
+    line = {
+        "stream": sample.stream,
+        "type": sample.type_name,
+        "stamp_ns": str(sample.stamp_ns),
+        "seq": sample.seq,
+        "value": _jsonable(to_plain(sample.value)),
+    }
+    if sample.header is not None:
+        line["header"] = _jsonable(sample.header.to_dict())
+    return line
+
+
+def _jsonable(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _jsonable(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [_jsonable(v) for v in value]
+    if isinstance(value, bytes):
+        return base64.b64encode(value).decode("ascii")
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else str(value)
+    if isinstance(value, str):
+        return value.encode("utf-8", "backslashreplace").decode("utf-8")
+    return value
+
+
+def _cut(args: argparse.Namespace) -> int:
+    from cdff_dev.logs import LogWriter, open_log
+
+    log = open_log(args.log)
+    try:
+        _refuse_own_input(log, args.out)
+        with LogWriter(args.out) as writer:
+            for sample in _chosen(log, args):
+                writer.write(sample.stream, sample.value, sample.stamp_ns, sample.header)
+    finally:
+        log.close()
+    return 0
+
+
+def _merge(args: argparse.Namespace) -> int:
+    from cdff_common.errors import InputError
+    from cdff_dev.logs import LogWriter, open_log
+
+    logs: list[LogSource] = []
+    try:
+        for path in args.logs:
+            logs.append(open_log(path))
+            _refuse_own_input(logs[-1], args.out)
+        seen: dict[str, str] = {}
+        for path, log in zip(args.logs, logs, strict=True):
+            for name in log.streams:
+                if name in seen:
+                    raise InputError(f"stream {name} is in {seen[name]} and in {path}: cut it out of one of them first")
+                seen[name] = path
+        with LogWriter(args.out) as writer:
+            ordered = heapq.merge(*(log.samples() for log in logs), key=lambda s: (s.stamp_ns, s.stream, s.seq))
+            for sample in ordered:
+                writer.write(sample.stream, sample.value, sample.stamp_ns, sample.header)
+    finally:
+        for log in logs:
+            log.close()
+    return 0
+
+
+def _refuse_own_input(log: LogSource, out: str) -> None:
+    """A log that is read must not be replaced."""
+    from pathlib import Path
+
+    from cdff_common.errors import InputError
+
+    target = Path(out).resolve()
+    for file in getattr(log, "files", []):
+        source = Path(file).resolve()
+        chunk = source.parent == target.parent and source.name.startswith(f"{target.stem}_")
+        if chunk or target in (source, source.parent):
+            raise InputError(f"--out {out}: would replace the log that is read; name another")
