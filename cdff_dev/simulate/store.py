@@ -38,7 +38,7 @@ def code_digest() -> str:
     return digest.hexdigest()[:16]
 
 
-def cached_log(scenario: Scenario) -> Path:
+def cache_place(scenario: Scenario) -> Path:
     """Where the log of a scenario lies in the cache, made or not."""
     key = hashlib.sha256(f"{scenario.digest}/{code_digest()}".encode()).hexdigest()[:16]
     return cache_folder() / f"{scenario.name}-{key}"
@@ -105,7 +105,7 @@ def make_log(scenario: Scenario, target: Path, workers: int, progress: Any = Non
 
 def simulated_log(scenario: Scenario, workers: int = 2, progress: Any = None, fresh: bool = False) -> Path:
     """The folder of a scenario's log in the cache, made now where it is not there or ``fresh``."""
-    target = cached_log(scenario)
+    target = cache_place(scenario)
     if fresh or not (target / SIDECAR).is_file():
         make_log(scenario, target, workers, progress)
     return target

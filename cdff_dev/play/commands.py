@@ -1,0 +1,47 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``cdff play``: a log onto the bus, in the foreground."""
+
+from __future__ import annotations
+
+import argparse
+import threading
+from typing import Any
+
+
+def register(nouns: Any) -> None:
+    """Add ``cdff play`` to the command line."""
+    parser = nouns.add_parser("play", help="play a log's sensors onto the bus, with the mission clock")
+    parser.add_argument("log", metavar="LOG", help="a log file, folder or pattern, or a KITTI folder")
+    parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="mission seconds per second (default 1)")
+    parser.add_argument("--robots", nargs="+", metavar="ID", help="only these robots (default: all in the log)")
+    parser.add_argument(
+        "--wait-for", nargs="+", default=[], metavar="KEYEXPR", help="start when these tokens are alive"
+    )
+    parser.add_argument(
+        "--wait-s", type=float, default=60.0, metavar="S", help="how long to wait for them (default 60)"
+    )
+    parser.add_argument(
+        "--exit-at-end", action="store_true", help="end with the log instead of keeping the clock running"
+    )
+    parser.add_argument("--connect", help="the router's endpoint (default: CDFF_CONNECT)")
+    parser.set_defaults(run=_run, parser=parser)
+
+
+def _run(args: argparse.Namespace) -> int:
+    from cdff_common.bus import Bus
+    from cdff_common.process import run_service
+    from cdff_dev.logs import open_log
+    from cdff_dev.play.player import Player, wait_for
+
+    def body(stop: threading.Event) -> None:
+        log = open_log(args.log)
+        try:
+            with Bus.open(args.connect, name="player") as bus:
+                wait_for(bus, args.wait_for, args.wait_s, stop)
+                if not stop.is_set():
+                    Player(bus, log, args.speed, args.robots).run(stop, stay=not args.exit_at_end)
+        finally:
+            log.close()
+
+    return run_service("player", body)

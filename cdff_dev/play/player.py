@@ -1,0 +1,201 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Plays a log: sets the mission clock, publishes each sample when that clock reaches it, tells how it goes."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Collection, Iterator
+from dataclasses import asdict, dataclass
+
+from cdff_common.bus import Bus, Message, Qos, keys
+from cdff_common.bus.message import unpack
+from cdff_common.clock import NS_PER_S, monotonic_s
+from cdff_common.errors import CdffError, InputError, UnavailableError
+from cdff_common.interfaces.registry import Registry
+from cdff_dev.logs import LogSource
+from cdff_dev.play.gate import SensorGate
+from cdff_dev.play.prefetch import Item, Prefetch, split_stream
+
+logger = logging.getLogger(__name__)
+
+CLOCK_PERIOD_S = 0.05
+PROGRESS_PERIOD_S = 1.0
+#: Mission time that is encoded before the clock starts, and how long that may take.
+AHEAD_NS, AHEAD_TIMEOUT_S = 3 * NS_PER_S, 30.0
+#: A sample that would go out later than this, seconds of the monotonic clock, is dropped: a sensor does not wait.
+LATE_LIMIT_S = 1.0
+
+
+@dataclass(slots=True)
+class Progress:
+    """How the playing goes; the body of ``event/playback``.
+
+    Attributes
+    ----------
+    published, gated, dropped : int
+        Samples sent; held back since their sensor is off or slow; dropped since they were too late.
+    lag_s, worst_lag_s : float
+        How much later than due the newest sample was sent, and the latest of all.
+    """
+
+    now_ns: int = 0
+    t_end_ns: int = 0
+    published: int = 0
+    gated: int = 0
+    dropped: int = 0
+    lag_s: float = 0.0
+    worst_lag_s: float = 0.0
+    ended: bool = False
+
+
+def playable(log: LogSource, robots: Collection[str] | None = None) -> list[str]:
+    """Streams that sensors made: no truth, no products; of ``robots`` where they are named.
+
+    Raises
+    ------
+    InputError
+        If a robot is not in the log, or nothing is left.
+    """
+    dfpcs = set(Registry.default().dfpcs)
+    found = {}
+    for stream in log.streams:
+        robot, sensor, _ = split_stream(stream)
+        if sensor != "truth" and sensor not in dfpcs:
+            found[stream] = robot
+    missing = sorted(set(robots or ()) - set(found.values()))
+    if missing:
+        raise InputError(f"robot {missing[0]!r}: the log holds {', '.join(sorted(set(found.values()))) or 'none'}")
+    chosen = [stream for stream, robot in found.items() if robots is None or robot in robots]
+    if not chosen:
+        raise InputError(f"no sensor streams to play; the log holds {', '.join(log.streams) or 'none'}")
+    return chosen
+
+
+def wait_for(bus: Bus, keyexprs: Collection[str], timeout_s: float, stop: threading.Event) -> None:
+    """Return once every key expression matches a liveliness token; raises UnavailableError after ``timeout_s``."""
+    deadline_s = monotonic_s() + timeout_s
+    missing = list(keyexprs)
+    while missing:
+        missing = [k for k in missing if not bus.alive(k)]
+        if missing and monotonic_s() > deadline_s:
+            raise UnavailableError(f"nobody answers to {', '.join(missing)} after {timeout_s:g} s")
+        if missing and stop.wait(0.2):
+            return
+
+
+class Player:
+    """Plays the sensor streams of a log onto a bus.
+
+    Parameters
+    ----------
+    speed : float
+        Seconds of mission time per second.
+    robots : collection of str, optional
+        All where it is not given.
+    """
+
+    def __init__(self, bus: Bus, log: LogSource, speed: float = 1.0, robots: Collection[str] | None = None) -> None:
+        if not speed > 0:
+            raise InputError(f"speed={speed}: expected above 0")
+        self._bus = bus
+        self._log = log
+        self._speed = speed
+        self._streams = playable(log, robots)
+        self._robots = sorted({split_stream(s)[0] for s in self._streams})
+        self.gate = SensorGate()
+        infos = [log.streams[s] for s in self._streams]
+        self.begin_ns = min(i.t0_ns for i in infos)
+        self.progress = Progress(now_ns=self.begin_ns, t_end_ns=max(i.t1_ns for i in infos))
+        self._started_s = 0.0
+
+    def now_ns(self) -> int:
+        """Mission time."""
+        return self.begin_ns + int((monotonic_s() - self._started_s) * self._speed * 1e6) * 1000
+
+    def run(self, stop: threading.Event, stay: bool = True) -> Progress:
+        """Play until the end and, if ``stay``, keep the clock running until ``stop`` is set."""
+        self._follow_modes(stop)
+        prefetch = Prefetch(self._log.samples(self._streams), self.gate.is_on)
+        prefetch.wait_filled(AHEAD_NS, AHEAD_TIMEOUT_S)
+        self._started_s = monotonic_s()
+        ticking = threading.Thread(target=self._tick, args=(stop,), name="clock", daemon=True)
+        ticking.start()
+        try:
+            self._play(iter(prefetch), stop)
+            self.progress.ended = not stop.is_set()
+            logger.info("played", extra=asdict(self.progress))
+            if stay:
+                stop.wait()
+        finally:
+            stop.set()
+            prefetch.close()
+            ticking.join(2.0)
+        return self.progress
+
+    def _play(self, items: Iterator[Item], stop: threading.Event) -> None:
+        for item in items:
+            due_s = self._started_s + (item.stamp_ns - self.begin_ns) / NS_PER_S / self._speed
+            if stop.wait(max(due_s - monotonic_s(), 0.0)) or stop.is_set():
+                return
+            if not self.gate.passes(item.robot, item.sensor, item.stream, item.stamp_ns):
+                self.progress.gated += 1
+                continue
+            if monotonic_s() - due_s > LATE_LIMIT_S:
+                self.progress.dropped += 1
+                continue
+            self._bus.publish(
+                item.key, item.encoded(), encoding=item.encoding, attachment=item.attachment, qos=Qos.STREAM
+            )
+            self.progress.published += 1
+            self.progress.lag_s = max(monotonic_s() - due_s, 0.0)
+            self.progress.worst_lag_s = max(self.progress.worst_lag_s, self.progress.lag_s)
+
+    def _tick(self, stop: threading.Event) -> None:
+        """The mission clock, and every second how it goes."""
+        told_s = monotonic_s()
+        while True:
+            self._bus.publish_map(keys.CLOCK, {"now_ns": self.now_ns(), "rate": self._speed}, qos=Qos.POSE)
+            if monotonic_s() - told_s >= PROGRESS_PERIOD_S:
+                told_s = monotonic_s()
+                self.progress.now_ns = self.now_ns()
+                self._bus.publish_map(keys.event(keys.GROUND, "playback"), asdict(self.progress))
+            if stop.wait(CLOCK_PERIOD_S):
+                return
+
+    def _follow_modes(self, stop: threading.Event) -> None:
+        """Follow the ICU of each robot: its events, and all its modes now and whenever it comes back."""
+        returned = threading.Event()
+        for robot in self._robots:
+            self._bus.subscribe(keys.event(robot, "sensor_mode"), self._on_mode)
+            self._bus.watch_alive(keys.alive(robot, "icu"), lambda _key, is_alive: is_alive and returned.set())
+        self._ask_modes()
+        threading.Thread(target=self._ask_again, args=(returned, stop), name="modes", daemon=True).start()
+
+    def _ask_again(self, returned: threading.Event, stop: threading.Event) -> None:
+        while not stop.is_set():
+            if returned.wait(0.5):
+                returned.clear()
+                self._ask_modes()
+
+    def _ask_modes(self) -> None:
+        for robot in self._robots:
+            try:
+                sensors = self._bus.call(keys.icu_rpc(robot, "modes"), timeout_s=2.0).body()["sensors"]
+                for sensor, body in sensors.items():
+                    self.gate.set(robot, sensor, body)
+            except UnavailableError:
+                logger.info(
+                    "no instrument control unit answers for %s: its sensors keep their modes (at first: on)", robot
+                )
+            except (CdffError, KeyError, TypeError, AttributeError) as error:
+                logger.warning("modes of %s: %s", robot, error)
+
+    def _on_mode(self, message: Message) -> None:
+        robot = message.key.split("/")[2]
+        try:
+            body = unpack(message.payload)
+            self.gate.set(robot, str(body["sensor"]), body)
+        except (CdffError, KeyError, TypeError) as error:
+            logger.warning("%s: %s", message.key, error)
