@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What both registrations need to know of a cloud's surface: spacing and normals."""
+"""What both registrations need of a cloud's surface: even density, spacing and normals."""
 
 from __future__ import annotations
 
@@ -10,12 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
+from cdff_common.geometry.voxels import voxel_for, voxel_means
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
 FloatArray = NDArray[np.float64]
 _SAMPLE = 5000
+
+
+def evened(source: FloatArray, target: FloatArray, wanted: int | None) -> tuple[FloatArray, FloatArray]:
+    """Both clouds thinned with the voxels that leave about ``wanted`` points of the bigger one; None leaves them."""
+    if wanted is None:
+        return source, target
+    voxel_m = max(voxel_for(source, wanted), voxel_for(target, wanted))
+    if voxel_m == 0.0:
+        return source, target
+    return voxel_means(source, voxel_m), voxel_means(target, voxel_m)
 
 
 def spacing_m(tree: cKDTree) -> float:

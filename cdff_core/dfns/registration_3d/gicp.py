@@ -18,7 +18,7 @@ from cdff_core.dfns.registration_3d._interface import (
     Registration3DInterface,
     Registration3DOutputs,
 )
-from cdff_core.dfns.registration_3d._surface import estimated_normals, spacing_m
+from cdff_core.dfns.registration_3d._surface import estimated_normals, evened, spacing_m
 
 _LEAST_PAIRS = 20
 
@@ -29,6 +29,7 @@ class GicpConfig(DfnConfig):
     max_distance_m: float | None = Field(None, gt=0.0, description="Gate of pairs, metres; absent: from the clouds")
     first_medians: float = Field(3.0, ge=1.0, le=20.0, description="Gate in median distances at the guess")
     gate_spacings: float = Field(5.0, ge=1.0, le=50.0, description="Smallest gate in median spacings of the target")
+    thin_to: int | None = Field(25_000, ge=100, description="Points left of bigger clouds given without normals")
     max_iterations: int = Field(50, ge=1, le=1000, description="Iterations at most")
     tolerance_m: float | None = Field(None, gt=0.0, description="Step that has converged, metres; absent: spacing/1000")
     neighbours: int = Field(12, ge=5, le=200, description="Neighbourhood of a covariance")
@@ -54,6 +55,9 @@ class Gicp(Registration3DInterface):
         source = checked_points(inputs.source, "source", max(_LEAST_PAIRS, cfg.neighbours))
         target = checked_points(inputs.target, "target", max(_LEAST_PAIRS, cfg.neighbours))
         T_guess = checked_transform(np.eye(4) if inputs.guess is None else inputs.guess, "guess")
+        if inputs.target_normals is None:
+            # Rings around the sensor meet themselves at the identity: uneven clouds are thinned first.
+            source, target = evened(source, target, cfg.thin_to)
         tree = cKDTree(target)
         distance_m, _ = tree.query(se3.transform_points(T_guess, source))
         step_m = spacing_m(tree)

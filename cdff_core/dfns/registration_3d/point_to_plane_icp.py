@@ -19,7 +19,7 @@ from cdff_core.dfns.registration_3d._interface import (
     Registration3DInterface,
     Registration3DOutputs,
 )
-from cdff_core.dfns.registration_3d._surface import estimated_normals, spacing_m
+from cdff_core.dfns.registration_3d._surface import estimated_normals, evened, spacing_m
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -40,6 +40,8 @@ class PointToPlaneIcpConfig(DfnConfig):
     first_medians: float = Field(3.0, ge=1.0, le=20.0, description="First gate in median distances at the guess")
     annealing: float = Field(0.8, gt=0.1, lt=1.0, description="Factor on the gate per iteration")
     tukey: float = Field(3.0, ge=1.0, le=10.0, description="Tukey's constant in robust standard deviations")
+    kernel_gates: float = Field(0.2, ge=0.0, le=1.0, description="Least width of the kernel, in gates")
+    thin_to: int | None = Field(25_000, ge=100, description="Points left of bigger clouds given without normals")
     max_iterations: int = Field(60, ge=1, le=1000, description="Iterations at most")
     tolerance_m: float | None = Field(None, gt=0.0, description="Step that has converged, metres; absent: spacing/1000")
     neighbours: int = Field(12, ge=4, le=200, description="Neighbourhood for normals where none are given")
@@ -71,6 +73,9 @@ class PointToPlaneIcp(Registration3DInterface):
         cfg: Any = self.config
         source = checked_points(inputs.source, "source", _LEAST_PAIRS)
         target = checked_points(inputs.target, "target", max(_LEAST_PAIRS, cfg.neighbours))
+        if inputs.target_normals is None:
+            # Rings around the sensor meet themselves at the identity: uneven clouds are thinned first.
+            source, target = evened(source, target, cfg.thin_to)
         tree = cKDTree(target)
         normals = estimated_normals(target, tree, cfg.neighbours, inputs.target_normals)
         T = checked_transform(np.eye(4) if inputs.guess is None else inputs.guess, "guess")
@@ -119,7 +124,8 @@ class PointToPlaneIcp(Registration3DInterface):
         p, n = moved[paired], normals[match[paired]]
         residual_m = np.einsum("ij,ij->i", p - target[match[paired]], n)
         scale_m = max(1.4826 * float(np.median(np.abs(residual_m))), 1e-9)
-        u = residual_m / (self.config.tukey * scale_m)
+        # A wide gate keeps the kernel wide: rings on the ground that meet themselves would else outvote all structure.
+        u = residual_m / max(self.config.tukey * scale_m, self.config.kernel_gates * gate_m)
         weight = np.where(np.abs(u) < 1.0, (1.0 - u * u) ** 2, 0.0)
         centre = p.mean(axis=0)
         offset = p - centre

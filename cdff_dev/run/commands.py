@@ -1,0 +1,82 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Command line of ``cdff run``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+
+def register(nouns: Any) -> None:
+    """Add ``cdff run``."""
+    parser = nouns.add_parser(
+        "run",
+        help="one DFN or DFPC, once, on files",
+        description="Run a DFN or DFPC once on files and write its outputs. The types of the ports decide how files "
+        "are read; formats are told by content. 'cdff dfn|dfpc show NAME' lists ports and parameters.",
+        epilog="exit codes: 0 for OK and DEGRADED, 3 for FAILED (outputs.json is written, without a value)",
+    )
+    parser.add_argument("name", help="folder, class name or alias, as icp_localisation or Registration3D")
+    parser.add_argument(
+        "inputs",
+        nargs="*",
+        metavar="PORT=FILE",
+        help="an input; LEFT,RIGHT,CAMERA for a stereo pair; a number for a port that is one",
+    )
+    parser.add_argument("--implementation", help="the first of the description without it")
+    parser.add_argument("--config", metavar="FILE", help="YAML or JSON mapping of parameters")
+    parser.add_argument(
+        "--set",
+        action="append",
+        nargs="+",
+        default=[],
+        metavar="KEY=VALUE",
+        dest="settings",
+        help="a parameter, over --config; dots reach into a DFN's: register_fine.tukey=2.5",
+    )
+    parser.add_argument("--out", required=True, metavar="DIR", help="where outputs.json and the outputs go")
+    parser.add_argument("--json", action="store_true", help="print outputs.json")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read, run, write; return 0, or 3 where the algorithm refused."""
+    from cdff_dev.run.execute import execute
+    from cdff_dev.run.outputs import write_outputs
+    from cdff_dev.run.parameters import parameters
+
+    config = parameters(args.config, [item for group in args.settings for item in group])
+    result = execute(args.name, split_inputs(args.inputs), config, args.implementation)
+    report = write_outputs(result, Path(args.out))
+    if args.json:
+        print(json.dumps(report, indent=1))
+    else:
+        quality = report["quality"]
+        print(f"{result.name}: {quality['status']} in {report['cpu_s']:.2f} s of CPU", file=sys.stderr)
+        for reason in quality["reasons"]:
+            print(f"  {reason}", file=sys.stderr)
+        for port, entry in report["outputs"].items():
+            if "file" in entry:
+                print(Path(args.out) / entry["file"])
+            elif "value" in entry:
+                print(f"{port} = {json.dumps(entry['value'])}")
+    return 3 if report["quality"]["status"] == "FAILED" else 0
+
+
+def split_inputs(items: list[str]) -> dict[str, str]:
+    """``PORT=FILE`` items as a mapping; raises InputError on one without = or named twice."""
+    from cdff_common.errors import InputError
+
+    inputs: dict[str, str] = {}
+    for item in items:
+        port, equals, file = item.partition("=")
+        if not equals or not port or not file:
+            raise InputError(f"input {item!r}: expected PORT=FILE")
+        if port in inputs:
+            raise InputError(f"input {port} is given twice")
+        inputs[port] = file
+    return inputs
