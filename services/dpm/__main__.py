@@ -10,12 +10,12 @@ from collections.abc import Sequence
 
 from cdff_common.bus import Bus
 from cdff_common.interfaces.profile import Profile, load_profile
+from cdff_common.process import run_service
 from dpm_store import Store, open_store
 from services.dpm.operations import Dpm
 from services.dpm.service import serve
 from services.dpm.settings import Settings, parse_settings
 from services.dpm.watch import Watch
-from services.process import run_service
 
 logger = logging.getLogger(__name__)
 

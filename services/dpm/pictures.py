@@ -18,6 +18,7 @@ RGBA = NDArray[np.uint8]
 #: Longest side of a picture, pixels; larger rasters are thinned.
 MAX_SIDE_PX = 1024
 _CLOUD_SIDE_PX = 320
+_FEW_POINTS = 20_000
 #: Low to high ground, ochre to pale: readable without telling red from green.
 _GROUND = np.array([[88, 62, 48], [150, 104, 72], [204, 158, 112], [240, 222, 190]], dtype=np.float64)
 #: Unknown, safe, caution, hazard.
@@ -39,9 +40,9 @@ def picture(value: Any, header: Header, max_side_px: int = MAX_SIDE_PX) -> bytes
         case "NavigationMap":
             pixels = _CLASSES[np.minimum(np.asarray(value.layer("class")), 3)]
         case "Pointcloud":
-            pixels = cloud_rgba(value.points_m)
+            pixels = cloud_rgba(value.points_m, side_px=min(_CLOUD_SIDE_PX, max_side_px))
         case "PoseTrajectory":
-            pixels = cloud_rgba(value.matrices[:, :3, 3], flat=True)
+            pixels = cloud_rgba(value.matrices[:, :3, 3], flat=True, side_px=min(_CLOUD_SIDE_PX, max_side_px))
         case "Frame":
             return _image(value.image, max_side_px)
         case _:
@@ -84,6 +85,11 @@ def cloud_rgba(points_m: NDArray[Any], *, flat: bool = False, side_px: int = _CL
     inside = (cols >= 0) & (cols < width) & (rows >= 0) & (rows < height)
     cols, rows, z = cols[inside], rows[inside], p[inside, 2]
     level = np.full(z.shape, 0.7) if flat else np.clip((z - low[2]) / max(float(high[2] - low[2]), 1e-9), 0.0, 1.0)
+    if len(z) < _FEW_POINTS:  # a point is drawn 3 x 3 where single pixels would be dust
+        steps = np.array([[i, j] for i in (-1, 0, 1) for j in (-1, 0, 1)])
+        rows = np.clip((rows[:, None] + steps[:, 0]).ravel(), 0, height - 1)
+        cols = np.clip((cols[:, None] + steps[:, 1]).ravel(), 0, width - 1)
+        z, level = np.repeat(z, 9), np.repeat(level, 9)
     order = np.argsort(z, kind="stable")
     out = np.zeros((height, width, 4), dtype=np.uint8)
     position = level[order] * (len(_GROUND) - 1)

@@ -1,0 +1,231 @@
+// SPDX-FileCopyrightText: 2026 the CDFF contributors
+// SPDX-License-Identifier: BSD-3-Clause
+// The operators' page: asks the interface that everybody else has, again whenever an event says that something changed.
+"use strict";
+
+const PAGE = 24;
+const PICTURED = new Set(["dem", "navigation_map", "pointcloud", "image", "trajectory"]);
+const FILES = { dem: ["tif", "npz"], navigation_map: ["tif", "npz"], pointcloud: ["ply", "las"], pose: ["tum"],
+  trajectory: ["tum"], image: ["png"] };
+const GOOD = new Set(["OK", "ACTIVE", "DONE", "SERVED", "active", "done", "served", "ready"]);
+const BAD = new Set(["FAILED", "ERROR", "failed", "error", "faulted", "FAULTED", "EXPIRED", "expired", "CANCELLED", "cancelled", "dead"]);
+const IDLE = new Set(["INACTIVE", "inactive", "CONFIGURED", "configured", "UNCONFIGURED", "unconfigured", "idle", "IDLE"]);
+
+const byId = (id) => document.getElementById(id);
+let items = [];
+let cursor = null;
+let asked = { type: "" };
+
+/** An element with text and attributes; text never becomes markup. */
+function make(tag, attributes, ...children) {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes || {})) {
+    if (value !== null && value !== undefined) element.setAttribute(name, value);
+  }
+  for (const child of children) element.append(child);
+  return element;
+}
+
+async function ask(path) {
+  const response = await fetch(path, { headers: { Accept: "application/json" } });
+  const body = await response.json();
+  if (!response.ok) throw new Error(body.detail || response.statusText);
+  return body;
+}
+
+function badge(state) {
+  const kind = GOOD.has(state) ? "ok" : BAD.has(state) ? "bad" : IDLE.has(state) ? "idle" : "warn";
+  return make("span", { class: `badge ${kind}` }, String(state).toLowerCase());
+}
+
+/** Time of day where the date is of this era, else seconds: simulated missions may begin at 0. */
+function time(ns) {
+  if (ns === null || ns === undefined) return "–";
+  const us = BigInt(ns) / 1000n;
+  const ms = Number(us / 1000n);
+  if (ms < 1e11) return `t = ${(ms / 1000).toFixed(2)} s`;
+  return new Date(ms).toISOString().replace("T", " ").slice(0, 21) + " UTC";
+}
+
+const metres = (value) => (Math.abs(value) < 0.0005 ? 0 : value).toFixed(2);
+function bytes(n) {
+  if (n >= 1e9) return `${(n / 1e9).toFixed(2)} GB`;
+  if (n >= 1e6) return `${(n / 1e6).toFixed(1)} MB`;
+  return n >= 1e3 ? `${(n / 1e3).toFixed(0)} kB` : `${n} B`;
+}
+const words = (name) => name.replaceAll("_", " ");
+
+async function showStatus() {
+  const status = await ask("/api/v1/status");
+  const list = [["Products", status.products], ["Stored", bytes(status.payload_bytes)], ["Mission time", time(status.now_ns)]];
+  if (status.mission) list.unshift(["Mission", status.mission]);
+  byId("summary").replaceChildren(...list.map(([name, value]) =>
+    make("div", null, make("dt", null, name), make("dd", null, String(value)))));
+  const types = new Set();
+  for (const products of Object.values(status.by_robot)) Object.keys(products).forEach((type) => types.add(type));
+  options("type", [...types].sort());
+  // Poses come several times a second and would hide everything else; deliveries are copies.
+  const maps = [...types].filter((type) => type !== "pose" && type !== "delivery").sort().join(",");
+  const first = byId("filter").elements.type.options[0];
+  if (first.value === asked.type && maps !== "") asked.type = maps;
+  first.value = maps;
+  options("robot", Object.keys(status.by_robot));
+}
+
+function options(name, values) {
+  const select = byId("filter").elements[name];
+  for (const value of values) {
+    if (![...select.options].some((option) => option.value === value)) {
+      select.append(make("option", { value }, words(value)));
+    }
+  }
+}
+
+function robotCard(robot) {
+  const card = make("article", { class: "robot" }, make("h3", null, robot.id));
+  if (robot.pose) {
+    const T = robot.pose.T;
+    const yaw = (Math.atan2(T[1][0], T[0][0]) * 180) / Math.PI;
+    const sigma = robot.pose.covariance ? ` ± ${metres(Math.sqrt(robot.pose.covariance[0][0] + robot.pose.covariance[1][1]))} m` : "";
+    card.append(make("p", null,
+      `x ${metres(T[0][3])}  y ${metres(T[1][3])}  z ${metres(T[2][3])} m${sigma}, heading ${yaw.toFixed(1)}° in ${robot.pose.parent}, ${time(robot.pose.stamp_ns)}`));
+  } else {
+    card.append(make("p", { title: robot.pose_missing }, "No pose known yet."));
+  }
+  const rows = robot.dfpcs.map((dfpc) => {
+    const counts = [];
+    if (dfpc.outputs) counts.push(`${dfpc.outputs} out`);
+    if (dfpc.dropped) counts.push(`${dfpc.dropped} dropped`);
+    const what = make("span", { class: "what" }, counts.join(", "), " ", badge(dfpc.alive ? dfpc.state : "dead"));
+    return make("li", { title: dfpc.last_error || null }, make("span", { class: "name" }, words(dfpc.name || "?")), what);
+  });
+  card.append(rows.length ? make("ul", { class: "dfpcs" }, ...rows) : make("p", { class: "empty" }, "No DFPC answers."));
+  return card;
+}
+
+async function showRobots() {
+  const { items: robots } = await ask("/api/v1/robots");
+  byId("robots").replaceChildren(...(robots.length ? robots.map(robotCard) : [make("p", { class: "empty" }, "No robot known.")]));
+}
+
+function requestRow(job) {
+  const request = job.request || {};
+  const result = job.result || {};
+  const last = result.id
+    ? make("a", { href: `/api/v1/products/${encodeURIComponent(result.id)}` }, result.kind || "product")
+    : make("span", null, job.reason || "");
+  const cells = [badge(job.state), words(request.type || "?"), request.robot || "", request.region || "–", time(job.accepted_ns), last];
+  return make("tr", null, ...cells.map((cell) => make("td", null, cell)));
+}
+
+async function showRequests() {
+  const body = byId("requests").tBodies[0];
+  let rows;
+  try {
+    const { jobs } = await ask("/api/v1/requests");
+    rows = jobs.length ? jobs.map(requestRow) : [nothing("No request yet.")];
+  } catch (error) {
+    rows = [nothing(`The orchestrator does not answer: ${error.message}`)];
+  }
+  body.replaceChildren(...rows);
+}
+
+const nothing = (text) => make("tr", null, make("td", { colspan: 6, class: "empty" }, text));
+
+function picture(product) {
+  const box = make("div", { class: "picture" });
+  if (PICTURED.has(product.product) && product.quality.status !== "FAILED") {
+    const image = make("img", { src: product.links.thumbnail, alt: `${words(product.product)} seen from above`, loading: "lazy" });
+    image.addEventListener("error", () => image.replaceWith(make("span", null, "no picture")));
+    box.append(image);
+  } else if (product.box_m) {
+    const [x, y, z] = product.box_m;
+    box.append(make("span", { class: "numbers" }, `x ${metres(x)}\ny ${metres(y)}\nz ${metres(z)} m`));
+  } else {
+    box.append(make("span", null, product.quality.status === "FAILED" ? "no value" : words(product.product)));
+  }
+  return box;
+}
+
+function productCard(product) {
+  const frame = product.child ? `${product.child} in ${product.frame}` : product.frame;
+  const detail = [bytes(product.size)];
+  if (product.resolution_m) detail.unshift(`${product.resolution_m * 100 < 100 ? +(product.resolution_m * 100).toFixed(1) + " cm" : product.resolution_m + " m"} cells`);
+  const metrics = product.quality.metrics || {};
+  if (metrics.coverage !== undefined) detail.push(`${(metrics.coverage * 100).toFixed(0)} % covered`);
+  const links = make("p", { class: "links" }, make("a", { href: product.links.self }, "details"));
+  if (product.quality.status !== "FAILED") {
+    for (const format of FILES[product.product] || []) {
+      links.append(make("a", { href: `${product.links.payload}?format=${format}`, download: `${product.id}.${format}` }, format));
+    }
+  }
+  const reasons = product.quality.reasons || [];
+  return make("li", { class: "card" }, picture(product),
+    make("div", { class: "text" },
+      make("h3", null, words(product.product), badge(product.quality.status)),
+      make("p", null, `${product.robot}, ${words(product.dfpc)}`),
+      make("p", null, frame), make("p", null, time(product.t1_ns)), make("p", null, detail.join(", ")),
+      ...(reasons.length ? [make("p", { class: "warn" }, reasons.join(", "))] : []), links));
+}
+
+async function showProducts(older) {
+  const query = new URLSearchParams({ ...asked, limit: PAGE });
+  if (query.get("type") === "") query.delete("type");
+  if (older && cursor) query.set("cursor", cursor);
+  const page = await ask(`/api/v1/products?${query}`);
+  const known = new Map([...byId("list").children].map((card) => [card.dataset.id, card]));
+  items = older ? items.concat(page.items) : page.items;
+  cursor = page.cursor;
+  // A card that is there already stays: its picture is not fetched again and the focus is not lost.
+  const cards = items.map((product) => {
+    const card = known.get(product.id) || productCard(product);
+    card.dataset.id = product.id;
+    return card;
+  });
+  byId("list").replaceChildren(...(cards.length ? cards : [make("li", { class: "empty" }, "No product matches.")]));
+  byId("more").hidden = cursor === null;
+}
+
+async function refresh() {
+  const others = [showRobots(), showRequests()];
+  await showStatus().catch(() => live("lost", "No answer, trying again …"));
+  if (items.length <= PAGE) others.push(showProducts(false));
+  await Promise.allSettled(others);
+}
+
+let pending = null;
+function soon() {
+  if (pending === null) pending = setTimeout(() => { pending = null; refresh(); }, 700);
+}
+
+function live(state, text) {
+  byId("live").dataset.state = state;
+  byId("live").textContent = text;
+}
+
+function follow() {
+  const source = new EventSource("/api/v1/events");
+  source.onopen = () => { live("live", "Live"); soon(); };
+  source.onerror = () => live("lost", "Connection lost, trying again …");
+  for (const kind of ["inserted", "deleted", "activated", "deactivated", "reanchored", "sensor_mode", "alarm"]) {
+    source.addEventListener(kind, soon);
+  }
+}
+
+byId("filter").addEventListener("submit", async (event) => {
+  event.preventDefault();
+  asked = Object.fromEntries([...new FormData(event.target)].filter(([name, value]) => value !== "" || name === "type"));
+  byId("filter-error").textContent = "";
+  try {
+    await showProducts(false);
+  } catch (error) {
+    byId("filter-error").textContent = error.message;
+  }
+});
+for (const name of ["type", "robot"]) {
+  byId("filter").elements[name].addEventListener("change", () => byId("filter").requestSubmit());
+}
+byId("more").addEventListener("click", () => showProducts(true));
+refresh();
+follow();
+setInterval(soon, 5000);

@@ -1,0 +1,224 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cdff_common.clock import ManualClock
+from cdff_common.errors import FrameNotFoundError, InputError
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry.region import Region, parse_region
+from cdff_common.interfaces.product import Quality, Status
+from dpm_store import Query, Store, open_store
+from dpm_store.search import touches
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from .conftest import header, put
+
+
+def found(store: Store, **query: object) -> list[int]:
+    """Sequence numbers of everything a search finds, over all pages."""
+    seqs: list[int] = []
+    cursor = None
+    while True:
+        page = store.search(Query(**{"limit": 7, **query, "cursor": cursor}))  # type: ignore[arg-type]
+        seqs += [record.header.seq for record in page.items]
+        cursor = page.cursor
+        if cursor is None:
+            return seqs
+
+
+def test_a_search_without_conditions_gives_everything_newest_first(store: Store) -> None:
+    for seq in (3, 1, 2, 0):
+        put(store, header(seq))
+    assert found(store) == [3, 2, 1, 0]
+    assert found(store, oldest_first=True) == [0, 1, 2, 3]
+
+
+def test_each_condition_narrows(store: Store) -> None:
+    put(store, header(0))
+    put(store, header(1), robot="minnie")
+    put(store, header(2), product="pointcloud", type_name="Pointcloud", port="cloud")
+    put(store, header(3, resolution_m=0.5, config_hash="other"), dfpc="other")
+    put(store, header(4, quality=Quality(Status.DEGRADED), child="mana/base"))
+    assert found(store, types=("dem",)) == [4, 3, 1, 0]
+    assert found(store, types=("dem", "pointcloud")) == [4, 3, 2, 1, 0]
+    assert found(store, robot="minnie") == [1]
+    assert found(store, port="cloud") == [2]
+    assert found(store, dfpc="other") == [3]
+    assert found(store, status="DEGRADED") == [4]
+    assert found(store, child="mana/base") == [4]
+    assert found(store, config_hash="other") == [3]
+    assert found(store, resolution_max_m=0.5) == [3]
+    assert found(store, resolution_max_m=0.4) == []
+    assert found(store, inserted_after=store.get(header(2).id).ordinal) == [4, 3]
+
+
+def test_time_finds_captures_that_overlap_ends_included(store: Store) -> None:
+    put(store, header(0, t1_ns=10_000, t0_ns=5_000))
+    put(store, header(1, t1_ns=20_000, t0_ns=15_000))
+    assert found(store, t0_ns=10_000, t1_ns=15_000) == [1, 0]
+    assert found(store, t0_ns=11_000, t1_ns=14_000) == []
+    assert found(store, t0_ns=16_000) == [1]
+    assert found(store, t1_ns=14_000) == [0]
+
+
+def test_pages_neither_repeat_nor_skip_while_products_come_and_go(store: Store) -> None:
+    for seq in range(20):
+        put(store, header(seq, t1_ns=(seq // 3) * 1000, box_m=(0, 0, 0, 1, 1, 1)))
+    seen: list[int] = []
+    cursor, region = None, parse_region("bbox:0,0,1,1")
+    for turn in itertools.count():
+        page = store.search(Query(limit=4, cursor=cursor, region=region))
+        seen += [record.header.seq for record in page.items]
+        put(store, header(100 + turn, t1_ns=10_000_000, box_m=(0, 0, 0, 1, 1, 1)))
+        if turn == 1:
+            store.delete(page.items[-1].id)
+        cursor = page.cursor
+        if cursor is None:
+            break
+    assert seen == sorted(range(20), key=lambda seq: (seq // 3, seq), reverse=True)
+
+
+@pytest.mark.parametrize("cursor", ["", "x", "AAAA", "%%%", "a" * 5000])
+def test_a_cursor_that_no_search_gave_is_refused(store: Store, cursor: str) -> None:
+    with pytest.raises(InputError, match="cursor"):
+        store.search(Query(cursor=cursor))
+
+
+def test_a_cursor_of_the_other_order_is_refused(store: Store) -> None:
+    for seq in range(3):
+        put(store, header(seq))
+    cursor = store.search(Query(limit=1)).cursor
+    with pytest.raises(InputError, match="order"):
+        store.search(Query(limit=1, cursor=cursor, oldest_first=True))
+
+
+@pytest.mark.parametrize("limit", [0, -1, 1001])
+def test_limits_are_bounded(limit: int) -> None:
+    with pytest.raises(InputError, match="limit"):
+        Query(limit=limit)
+
+
+coordinate = st.floats(-50, 50, allow_subnormal=False)
+size = st.floats(0, 20, allow_subnormal=False)
+boxes = st.builds(
+    lambda x, y, z, a, b, c: (x, y, z, x + a, y + b, z + c), coordinate, coordinate, coordinate, size, size, size
+)
+regions = st.one_of(
+    st.builds(lambda x, y, a, b: Region("bbox", (x, y, x + a + 0.1, y + b + 0.1)), coordinate, coordinate, size, size),
+    st.builds(lambda b: Region("box", (*b[:3], b[3] + 0.1, b[4] + 0.1, b[5] + 0.1)), boxes),
+    st.builds(lambda x, y, r: Region("circle", (x, y, r + 0.1)), coordinate, coordinate, size),
+    st.builds(
+        lambda x, y, a, b: Region("polygon", (x, y, x + a + 0.1, y, x + a / 2, y + b + 0.1)),
+        coordinate, coordinate, size, size,
+    ),
+)  # fmt: skip
+poses = st.builds(
+    lambda t, rpy: se3.transform(se3.exp_so3(rpy), t),
+    st.tuples(coordinate, coordinate, coordinate),
+    st.tuples(st.floats(-3, 3), st.floats(-3, 3), st.floats(-3, 3)),
+)
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    products=st.lists(st.tuples(boxes, st.integers(0, 20), st.sampled_from(["site", "mana/odom", "minnie/odom"])), max_size=25),
+    region=regions, span=st.tuples(st.integers(0, 20), st.integers(0, 20)), frame=st.sampled_from(["site", "mana/odom"]),
+    T_mana=poses, T_minnie=poses,
+)  # fmt: skip
+def test_a_search_by_region_and_time_finds_what_looking_at_each_product_finds(
+    tmp_path_factory: pytest.TempPathFactory, products: list, region: Region, span: tuple[int, int], frame: str,
+    T_mana: np.ndarray, T_minnie: np.ndarray,
+) -> None:  # fmt: skip
+    t0, t1 = sorted(span)
+    with open_store(f"sqlite:///{tmp_path_factory.mktemp('store')}", ManualClock()) as store:
+        store.frames.set("mana/odom", "site", UncertainTransform(T_mana))
+        store.frames.set("minnie/odom", "site", UncertainTransform(T_minnie))
+        for seq, (box, second, its_frame) in enumerate(products):
+            put(store, header(seq, box_m=box, t1_ns=second * 10**9, frame=its_frame))
+        expected = []
+        for seq, (box, second, its_frame) in enumerate(products):
+            T = store.frames.lookup(frame, its_frame).matrix
+            if t0 <= second <= t1 and touches(region, np.array([box]), T)[0]:
+                expected.append(seq)
+        got = found(store, region=region, frame=frame, t0_ns=t0 * 10**9, t1_ns=t1 * 10**9)
+    assert sorted(got) == expected
+
+
+@given(region=regions, box=boxes, T=poses)
+@settings(max_examples=150, deadline=None)
+def test_a_box_whose_points_lie_in_a_region_touches_it(region: Region, box: tuple[float, ...], T: np.ndarray) -> None:
+    rng = np.random.default_rng(1)
+    low, high = np.array(box[:3]), np.array(box[3:])
+    points = se3.transform_points(T, low + rng.uniform(size=(200, 3)) * (high - low))
+    inside = region.contains(points[:, 0], points[:, 1], points[:, 2])
+    if inside.any():
+        assert touches(region, np.array([box]), T)[0]
+
+
+def test_a_box_beside_a_circle_or_polygon_but_within_its_bounds_is_not_found(store: Store) -> None:
+    put(store, header(0, box_m=(0.9, 0.9, 0, 1.0, 1.0, 0)))
+    assert found(store, region=parse_region("circle:0,0,1")) == []
+    assert found(store, region=parse_region("circle:0,0,1.3")) == [0]
+    assert found(store, region=parse_region("polygon:0,0,1,0,0,1")) == []
+    assert found(store, region=parse_region("polygon:0,0,2,0,0,2")) == [0]
+
+
+def test_times_years_after_the_first_product_are_found_to_the_microsecond(store: Store) -> None:
+    first, year = 1_789_000_000 * 10**9, 365 * 86_400 * 10**9
+    put(store, header(0, t1_ns=first, box_m=(0, 0, 0, 1, 1, 1)))
+    put(store, header(1, t1_ns=first + year, box_m=(0, 0, 0, 1, 1, 1)))
+    region = parse_region("bbox:0,0,1,1")
+    assert found(store, region=region, t0_ns=first + year) == [1]
+    assert found(store, region=region, t0_ns=first + year + 1000) == []
+    assert found(store, region=region, t1_ns=first - 1000) == []
+
+
+def test_coordinates_far_from_the_origin_are_compared_exactly(store: Store) -> None:
+    put(store, header(0, box_m=(4_590_000.25, 0, 0, 4_590_000.5, 1, 1)))
+    assert found(store, region=parse_region("bbox:4590000.5,0,4590001,1")) == [0]
+    assert found(store, region=parse_region("bbox:4590000.5001,0,4590001,1")) == []
+
+
+def test_a_corrected_frame_moves_its_products(store: Store) -> None:
+    store.frames.set("mana/odom", "site", UncertainTransform.identity())
+    put(store, header(0, box_m=(0, 0, 0, 1, 1, 1), frame="mana/odom"))
+    here, there = parse_region("bbox:0,0,1,1"), parse_region("bbox:100,0,101,1")
+    assert (found(store, region=here), found(store, region=there)) == ([0], [])
+    store.frames.set("mana/odom", "site", UncertainTransform(se3.transform(np.eye(3), [100, 0, 0])))
+    assert (found(store, region=here), found(store, region=there)) == ([], [0])
+
+
+def test_frames_that_cannot_be_placed_are_named(store: Store) -> None:
+    put(store, header(0, box_m=(0, 0, 0, 1, 1, 1)))
+    put(store, header(1, box_m=(0, 0, 0, 1, 1, 1), frame="lost/base"))
+    page = store.search(Query(region=parse_region("bbox:0,0,1,1")))
+    assert [r.header.seq for r in page.items] == [0]
+    assert page.unplaced_frames == ("lost/base",)
+
+
+def test_products_without_a_box_are_not_found_by_region(store: Store) -> None:
+    put(store, header(0))
+    assert found(store, region=parse_region("bbox:-100,-100,100,100")) == []
+    assert found(store) == [0]
+
+
+def test_near_a_frame_means_around_where_it_is(store: Store) -> None:
+    put(store, header(0, box_m=(10, 0, 0, 11, 1, 1)))
+    put(store, header(1, box_m=(0, 0, 0, 1, 1, 1)))
+    store.frames.set("mana/odom", "site", UncertainTransform(se3.transform(np.eye(3), [9, 0, 0])))
+    assert found(store, region=parse_region("near:mana/odom,3")) == [0]
+    with pytest.raises(FrameNotFoundError):
+        found(store, region=parse_region("near:nowhere,3"))
+
+
+def test_the_index_survives_closing_and_opening(tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path}"
+    with open_store(url) as store:
+        put(store, header(0, box_m=(0, 0, 0, 1, 1, 1)))
+    with open_store(url) as store:
+        assert found(store, region=parse_region("bbox:0,0,1,1")) == [0]
+        assert store.verify() == ()
