@@ -185,8 +185,11 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
             in_map_frame = sample.port == "cloud" and sample.value.frame == self._poses.map_frame != ""
             if not in_map_frame and not self._poses.reaches(sample.stamp_ns):
                 break
+            begun_before = not in_map_frame and self._poses.begins_after(_begin_ns(sample))
+            if begun_before and self._poses.only_pose_ns is not None:
+                break  # should no second pose come, finish() takes the one for all of the capture
             self._waiting.popleft()
-            if not in_map_frame and self._poses.begins_after(_begin_ns(sample)):
+            if begun_before:
                 self._patch.drops["before_first_pose"] += 1
                 continue
             self._try(sample, in_map_frame=in_map_frame)
@@ -350,7 +353,7 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
         self._patch, self._last_report_ns = Patch(), self._newest_ns
         quality = Quality(status=Status.FAILED, reasons=tuple(reasons))
         now_ns, frame = self._newest_ns, self._poses.map_frame or "site"
-        return [Output("map", None, now_ns, now_ns, frame, quality=quality)]
+        return [Output(port, None, now_ns, now_ns, frame, quality=quality) for port in ("map", "cloud")]
 
 
 def _begin_ns(sample: Sample) -> int:

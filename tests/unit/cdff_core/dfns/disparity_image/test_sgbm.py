@@ -1,0 +1,133 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from cdff_common.errors import ConfigurationError, InputError
+from cdff_common.types import Frame
+from cdff_core.dfns.disparity_image._interface import DisparityImageInputs
+from cdff_core.dfns.disparity_image.sgbm import Sgbm
+
+K = np.array([[500.0, 0, 100], [0, 500, 60], [0, 0, 1]])
+
+
+def frame(image: np.ndarray, mode: str = "GRAY") -> Frame:
+    return Frame.from_image(image, stamp_ns=5000, mode=mode, camera_matrix=K, sensor="mana/navcam_left")
+
+
+def match(left: np.ndarray, right: np.ndarray, mode: str = "GRAY", **config: Any) -> np.ndarray:
+    node = Sgbm()
+    node.configure({"num_disparities": 32, **config})
+    return node.process(DisparityImageInputs(left=frame(left, mode), right=frame(right, mode))).disparity.image
+
+
+def texture(rng: np.random.Generator, rows: int = 120, cols: int = 240) -> np.ndarray:
+    noise = cv2.GaussianBlur(rng.uniform(0, 255, (rows, cols)).astype(np.float32), (0, 0), 1.2)
+    return cv2.normalize(noise, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+
+
+def shifted(image: np.ndarray, disparity_px: float) -> np.ndarray:
+    """Right image of a fronto-parallel plane: what is at column x in the left is at x - d."""
+    x, y = np.meshgrid(np.arange(image.shape[1], dtype=np.float32), np.arange(image.shape[0], dtype=np.float32))
+    return cv2.remap(image, x + np.float32(disparity_px), y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+
+
+@pytest.mark.parametrize("disparity_px", [3.0, 9.5, 20.25])
+def test_a_plane_parallel_to_the_images_has_one_disparity(rng: np.random.Generator, disparity_px: float) -> None:
+    left = texture(rng)
+    disparity = match(left, shifted(left, disparity_px))
+    inner = disparity[5:-5, 30:-30]
+    assert np.isfinite(inner).mean() > 0.95
+    assert np.nanmedian(inner) == pytest.approx(disparity_px, abs=0.15)
+
+
+def test_columns_that_the_right_camera_does_not_see_have_no_disparity(rng: np.random.Generator) -> None:
+    left = texture(rng)
+    disparity = match(left, shifted(left, 16.0), left_right_px=1.0)
+    assert np.isfinite(disparity[:, :14]).mean() < 0.2
+    assert np.isfinite(disparity[10:-10, 20:40]).mean() > 0.9
+
+
+def test_images_of_different_scenes_give_hardly_any_disparity(rng: np.random.Generator) -> None:
+    assert np.isfinite(match(texture(rng), texture(rng))).mean() < 0.1
+
+
+def test_a_black_pair_gives_no_disparity() -> None:
+    black = np.zeros((60, 120), np.uint8)
+    disparity = match(black, black)
+    assert not np.any(disparity > 0)
+
+
+@pytest.mark.parametrize("mode", ["RGB", "BGR"])
+def test_colour_is_matched_as_grey(rng: np.random.Generator, mode: str) -> None:
+    left = texture(rng)
+    right = shifted(left, 9.0)
+    colour = match(np.dstack([left] * 3), np.dstack([right] * 3), mode)
+    np.testing.assert_array_equal(colour, match(left, right))
+
+
+def test_sixteen_bit_images_are_scaled_alike(rng: np.random.Generator) -> None:
+    left = texture(rng)
+    right = shifted(left, 9.0)
+    deep = match(left.astype(np.uint16) * 16, right.astype(np.uint16) * 16)
+    assert np.nanmedian(deep) == pytest.approx(9.0, abs=0.1)
+
+
+def test_the_disparity_carries_the_camera_and_stamp_of_the_left_image(rng: np.random.Generator) -> None:
+    node = Sgbm()
+    node.configure({"num_disparities": 16})
+    image = texture(rng, 40, 60)
+    made = node.process(DisparityImageInputs(left=frame(image), right=frame(image))).disparity
+    assert (made.stamp_ns, made.frame, made.image.dtype) == (5000, "mana/navcam_left", np.float32)
+    np.testing.assert_array_equal(made.camera_matrix, K)
+
+
+def test_images_that_do_not_fit_each_other_are_refused() -> None:
+    with pytest.raises(InputError, match="one size"):
+        match(np.zeros((40, 60), np.uint8), np.zeros((40, 61), np.uint8))
+    with pytest.raises(InputError, match="uint8 or uint16"):
+        match(np.zeros((40, 60), np.float32), np.zeros((40, 60), np.float32))
+
+
+@pytest.mark.parametrize("config", [{"num_disparities": 20}, {"block_px": 4}, {"paths": 4}, {"speckles": 1}])
+def test_parameters_out_of_bounds_are_refused(config: dict[str, Any]) -> None:
+    with pytest.raises(ConfigurationError):
+        Sgbm().configure(config)
+
+
+@pytest.mark.parametrize(
+    ("name", "scale", "search", "bad_1", "density", "plain_bad_1"),
+    [("teddy", 4.0, 64, 0.075, 0.84, 0.10), ("tsukuba", 16.0, 16, 0.05, 0.94, 0.05)],
+)
+def test_middlebury_pairs_are_matched_better_than_by_plain_sgbm(
+    real_data: Callable[[str], Path],
+    name: str,
+    scale: float,
+    search: int,
+    bad_1: float,
+    density: float,
+    plain_bad_1: float,
+) -> None:
+    """bad-1: share of the given disparities off by more than 1 px, over all pixels with ground truth."""
+    folder = real_data(f"middlebury/{name}")
+    left, right = (cv2.imread(str(folder / f), cv2.IMREAD_GRAYSCALE) for f in ("im2.png", "im6.png"))
+    truth = cv2.imread(str(folder / "disp2.png"), cv2.IMREAD_GRAYSCALE).astype(np.float64) / scale
+
+    def score(disparity: np.ndarray) -> tuple[float, float]:
+        given = (truth > 0) & np.isfinite(disparity)
+        return float(np.mean(np.abs(disparity - truth)[given] > 1.0)), float(given.sum() / (truth > 0).sum())
+
+    plain = cv2.StereoSGBM.create(0, search, 5, 200, 800, 1, 31, 10).compute(left, right) / 16.0
+    plain_score = score(np.where(plain >= 0, plain, np.nan))
+    ours = score(match(left, right, num_disparities=search))
+    assert plain_score[0] > plain_bad_1
+    assert ours[0] < bad_1
+    assert ours[0] < plain_score[0]
+    assert ours[1] > density

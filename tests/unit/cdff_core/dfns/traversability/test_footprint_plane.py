@@ -1,0 +1,111 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdff_common.errors import ConfigurationError, InputError
+from cdff_common.raster import GridGeometry
+from cdff_common.types import ElevationMap, NavigationMap
+from cdff_core.dfns.traversability._interface import TraversabilityInputs
+from cdff_core.dfns.traversability.footprint_plane import CAUTION, HAZARD, SAFE, UNKNOWN, FootprintPlane
+
+GRID = GridGeometry.aligned("site", 0.1, (-5, -4, 5, 4))
+X, Y = GRID.centres_m()
+ROVER = {
+    "length_m": 1.0,
+    "width_m": 0.6,
+    "max_slope_deg": 20.0,
+    "max_step_m": 0.15,
+    "max_roughness_m": 0.05,
+    "margin_m": 0.1,
+}
+
+
+def rate(heights: np.ndarray, **config: Any) -> NavigationMap:
+    node = FootprintPlane()
+    node.configure({**ROVER, **config})
+    dem = ElevationMap.from_layers(GRID, {"mean": heights.astype(np.float32)}, t0_ns=1000, t1_ns=2000)
+    return node.process(TraversabilityInputs(dem=dem)).map
+
+
+@pytest.mark.parametrize(("slope_deg", "expected"), [(5.0, SAFE), (17.0, CAUTION), (23.0, HAZARD)])
+@pytest.mark.parametrize("azimuth_deg", [0.0, 70.0])
+@pytest.mark.parametrize("datum_m", [0.0, -2500.0])
+def test_a_plane_is_rated_by_its_slope_wherever_it_points(
+    slope_deg: float, expected: int, azimuth_deg: float, datum_m: float
+) -> None:
+    a = np.radians(azimuth_deg)
+    made = rate(datum_m + np.tan(np.radians(slope_deg)) * (np.cos(a) * X + np.sin(a) * Y), max_step_m=0.5)
+    inner = (slice(10, -10), slice(10, -10))
+    assert (made.layer("class")[inner] == expected).all()
+    np.testing.assert_allclose(made.layer("slope_deg")[inner], slope_deg, atol=0.15)
+    assert np.nanmax(made.layer("roughness_m")[inner]) < 2e-4
+
+
+def test_unobserved_ground_is_unknown_and_has_no_value(rng: np.random.Generator) -> None:
+    heights = np.where(X < 0, 0.0, np.nan)
+    made = rate(heights)
+    unseen = np.isnan(heights)
+    assert (made.layer("class")[unseen] == UNKNOWN).all()
+    for name in ("slope_deg", "step_m", "roughness_m", "cost"):
+        assert np.isnan(made.layer(name)[unseen]).all(), name
+    assert (made.layer("class")[:, :30] == SAFE).mean() > 0.9
+
+
+def test_too_little_observed_under_the_rover_is_unknown_though_the_cell_is_observed() -> None:
+    heights = np.full(GRID.shape, np.nan)
+    heights[:, 50] = 0.0
+    heights[40, :] = 0.0
+    assert (rate(heights).layer("class") == UNKNOWN).all()
+    assert (rate(np.full(GRID.shape, np.nan)).layer("class") == UNKNOWN).all()
+
+
+def test_a_rock_is_a_hazard_as_far_as_the_rovers_half_width_and_caution_as_far_as_it_turns() -> None:
+    made = rate(np.where((np.abs(X) < 0.15) & (np.abs(Y) < 0.15), 0.25, 0.0), max_roughness_m=1.0, max_slope_deg=60.0)
+    classes, distance = made.layer("class"), np.hypot(X, Y)
+    assert (classes[distance < 0.15 + 0.3 + 0.1] == HAZARD).all()
+    turning = 0.15 + 0.5 * np.hypot(1.0, 0.6) + 0.1
+    assert (classes[distance < turning] >= CAUTION).all()
+    far = (distance > turning + 0.5) & (np.abs(X) < 4.4) & (np.abs(Y) < 3.4)
+    assert (classes[far] == SAFE).all()
+
+
+def test_a_step_inside_one_cell_is_seen_in_full() -> None:
+    heights = np.where(X < 0, 0.0, 0.3)
+    heights[:, 50] = 0.15  # the cell through which the step runs holds the mean of both levels
+    made = rate(heights, max_roughness_m=1.0, max_slope_deg=60.0)
+    assert made.layer("step_m")[40, 51] == pytest.approx(0.3)
+    assert (made.layer("class")[10:-10, 48:53] == HAZARD).all()
+
+
+def test_rough_ground_is_rated_by_the_heights_distance_from_their_plane(rng: np.random.Generator) -> None:
+    made = rate(rng.normal(0.0, 0.06, GRID.shape), max_step_m=5.0)
+    inner = made.layer("roughness_m")[10:-10, 10:-10]
+    assert np.median(inner) == pytest.approx(0.06, rel=0.05)
+    assert np.median(made.layer("class")[10:-10, 10:-10]) == HAZARD
+
+
+def test_the_cost_is_the_worst_share_of_a_limit() -> None:
+    made = rate(np.tan(np.radians(10.0)) * X, max_step_m=1.0)
+    assert made.layer("cost")[40, 50] == pytest.approx(0.5, abs=0.01)
+    assert made.layer("cost").dtype == np.float32
+    assert made.layer("class").dtype == np.uint8
+
+
+def test_cells_and_times_are_those_of_the_elevation_map() -> None:
+    made = rate(np.zeros(GRID.shape))
+    assert (made.geometry, made.t0_ns, made.t1_ns) == (GRID, 1000, 2000)
+
+
+def test_a_map_without_heights_and_a_limit_out_of_bounds_are_refused() -> None:
+    node = FootprintPlane()
+    node.configure()
+    bare = ElevationMap.from_layers(GRID, {"count": np.zeros(GRID.shape, np.float32)}, t0_ns=0, t1_ns=0)
+    with pytest.raises(InputError, match="mean"):
+        node.process(TraversabilityInputs(dem=bare))
+    with pytest.raises(ConfigurationError, match="max_slope_deg"):
+        node.configure({"max_slope_deg": 90.0})
