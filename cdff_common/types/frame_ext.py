@@ -15,6 +15,7 @@ from cdff_common.geometry.uncertain import UncertainTransform
 from cdff_common.types.message import Message
 from cdff_common.types.pointcloud_ext import mounting
 from cdff_common.types.time import Time
+from cdff_common.types.validation import read_only
 
 if TYPE_CHECKING:
     from cdff_common.types.frame import (
@@ -95,7 +96,7 @@ class Array3DExt(Message):
             )
         shape = (self.rows, self.cols) if self.channels == 1 else (self.rows, self.cols, self.channels)
         if needed == 0:
-            return np.zeros(shape, dtype)
+            return read_only(np.zeros(shape, dtype))
         strides = (stride, self.channels * dtype.itemsize, dtype.itemsize)[: len(shape)]
         view: NDArray[Any] = np.ndarray(shape, dtype, self.data.data, 0, strides)
         view.flags.writeable = False

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import mmap
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
@@ -56,8 +57,7 @@ class LogReader:
     def __init__(self, files: list[Path]) -> None:
         self.files = files
         self.quirks = quirk.Quirks(files[0].name if files else "log")
-        self._maps: list[mmap.mmap | bytes] = []
-        self._handles: list[Any] = []
+        self._maps: list[mmap.mmap] = []
         self._parts: dict[str, list[_Part]] = {}
         self._types: dict[str, str] = {}
         try:
@@ -79,11 +79,10 @@ class LogReader:
     def close(self) -> None:
         """Let go of the files."""
         for mapped in self._maps:
-            if isinstance(mapped, mmap.mmap):
+            # an error on its way up may still hold a view; the file is then let go with the error
+            with contextlib.suppress(BufferError):
                 mapped.close()
-        for handle in self._handles:
-            handle.close()
-        self._maps, self._handles = [], []
+        self._maps = []
 
     def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
         """Samples of all or some streams in the order (stamp_ns, stream, seq).
@@ -144,9 +143,8 @@ class LogReader:
         if size == 0:
             self.quirks.tell(f"{path.name}: empty file")
             return
-        handle = path.open("rb")
-        self._handles.append(handle)
-        mapped = mmap.mmap(handle.fileno(), 0, access=mmap.ACCESS_READ)
+        with path.open("rb") as handle:
+            mapped = mmap.mmap(handle.fileno(), 0, access=mmap.ACCESS_READ)
         self._maps.append(mapped)
         file = len(self._maps) - 1
         buffer = np.frombuffer(mapped, dtype=np.uint8)

@@ -1,0 +1,181 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""UPER: numbers at their limits, fragments, odd offsets, padding, claims that the message cannot hold."""
+
+from __future__ import annotations
+
+import tracemalloc
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdff_common import types
+from cdff_common.codecs import decode, encode, reference, uper
+from cdff_common.codecs.bits import BitReader, BitWriter
+from cdff_common.codecs.real import decode_real
+from cdff_common.errors import CodecError
+from tests.messages import REALS
+
+
+def _bits(values: Any) -> np.ndarray:
+    return np.asarray(values, dtype=np.float64).view(np.int64)
+
+
+@pytest.mark.parametrize("shift", range(8))
+def test_reals_come_back_bit_for_bit_at_every_offset(shift: int, rng: np.random.Generator) -> None:
+    random = rng.integers(0, 2**64, 4000, dtype=np.uint64).view(np.float64)
+    values = np.concatenate([REALS, random[~np.isnan(random)], rng.normal(size=200), 2.0 ** np.arange(-1074, 1024)])
+    writer = BitWriter()
+    writer.put(0, shift)
+    writer.put_reals(values)
+    writer.put(5, 3)
+    reader = BitReader(writer.to_bytes())
+    reader.get(shift)
+    np.testing.assert_array_equal(_bits(reader.get_reals(len(values))), _bits(values))
+    assert reader.get(3) == 5
+
+
+def test_asn1tools_reads_our_reals_and_we_read_its(rng: np.random.Generator) -> None:
+    from asn1tools.codecs.ber import decode_real as read_theirs
+    from asn1tools.codecs.ber import encode_real as write_theirs
+
+    for value in [*REALS, *rng.normal(size=300), *rng.normal(size=50).astype(np.float32)]:
+        writer = BitWriter()
+        writer.put_reals(np.array([float(value)]))
+        octets = writer.to_bytes()
+        ours = octets[1 : 1 + octets[0]]
+        assert _bits(read_theirs(ours)) == _bits(float(value))
+        theirs = bytes(write_theirs(float(value)))
+        assert len(ours) <= len(theirs) or value == 0.0
+        assert decode_real(theirs) == value or np.isnan(value)
+
+
+def test_nan_loses_its_sign_and_payload_only() -> None:
+    nan = np.array([0xFFF8DEADBEEF0000], dtype=np.uint64).view(np.float64)
+    value = types.DoubleSequence(nan)
+    back = decode("DoubleSequence", encode(value))
+    assert np.isnan(back.values[0])
+    assert back == value
+
+
+@pytest.mark.parametrize("size", [0, 1, 127, 128, 16383, 16384, 16385, 65535, 65536, 65537, 81920, 131072, 200001])
+def test_fragments_agree_with_asn1tools(size: int) -> None:
+    cloud = types.Pointcloud.from_points(
+        np.zeros((size, 3)), frame="mana/lidar", stamp_ns=0, intensity=np.arange(size) - 1000
+    )
+    data = encode(cloud)
+    assert decode("Pointcloud", data) == cloud
+    bits = types.Asn1Bitstream("Pointcloud", 0, (np.arange(size) % 251).astype(np.uint8))
+    ours = encode(bits)
+    assert ours == reference.encode(bits, "uper")
+    assert decode("Asn1Bitstream", ours) == bits
+    if size <= 16385:
+        assert data == reference.encode(cloud, "uper")
+
+
+def test_integers_reach_their_limits() -> None:
+    time = types.Time(-(2**63) + 1, -(2**31))
+    assert decode("Time", encode(time)) == time
+    assert encode(time) == reference.encode(time, "uper")
+    cloud = types.Pointcloud.from_points(np.zeros((3, 3)), frame="a", stamp_ns=0, intensity=[-(2**31), 0, 2**31 - 1])
+    assert encode(cloud) == reference.encode(cloud, "uper")
+
+
+def test_padding_of_asn1scc_is_read_and_other_rest_is_refused() -> None:
+    data = encode(types.TransformWithCovariance())
+    assert decode("TransformWithCovariance", data.ljust(1360, b"\0")) == types.TransformWithCovariance()
+    with pytest.raises(CodecError, match="not zero behind"):
+        decode("TransformWithCovariance", data + b"\0\1")
+
+
+def test_mantissas_with_trailing_zeros_as_asn1scc_writes_them_are_read() -> None:
+    # the same coordinate of a real rover's message as asn1scc and as asn1tools write it
+    theirs, ours = bytes.fromhex("c0cf18902d900d8000"), bytes.fromhex("c0de31205b201b")
+    assert decode_real(theirs) == decode_real(ours)
+    writer = BitWriter()
+    for contents in (theirs, ours):
+        writer.put(len(contents), 8)
+        writer.put_octets(contents)
+    first, second = BitReader(writer.to_bytes()).get_reals(2)
+    assert first == second == pytest.approx(-12.281598, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("contents", "value"),
+    [
+        ("8000ff", 255.0),  # mantissa alone
+        ("800400000001", 16.0),  # leading zeros
+        ("8801", None),  # no mantissa
+        ("840101", 4.0),  # scale factor 1: 1 * 2^1 * 2^1
+        ("900103", 24.0),  # base 8
+        ("a00103", 48.0),  # base 16
+        ("8305000000000105", None),  # exponent of five octets
+        ("83010105", 10.0),  # exponent with its own length
+        ("82000001" + "05", 10.0),  # exponent of three octets
+        ("c000" + "20000000000001" + "00", -float(0x2000000000000100)),  # 62 bits, trailing zeros
+        ("8000" + "ffffffffffffffffff", float(0xFFFFFFFFFFFFFFFFFF)),  # nine octets: rounded
+        ("0331352e45" + "2d31", 1.5),  # decimal 15.E-1
+        ("0320312c35452b30", 1.5),  # decimal with a comma
+        ("b00001", None),  # reserved base
+        ("44", None),  # reserved special value
+        ("817fff01", None),  # 2^32767
+        ("818000" + "01", 0.0),  # 2^-32768
+    ],
+)
+def test_every_form_of_real_is_read_or_refused(contents: str, value: float | None) -> None:
+    octets = bytes.fromhex(contents)
+    writer = BitWriter()
+    writer.put(len(octets), 8)
+    writer.put_octets(octets)
+    if value is None:
+        with pytest.raises(CodecError):
+            BitReader(writer.to_bytes()).get_reals(1)
+    else:
+        assert BitReader(writer.to_bytes()).get_reals(1)[0] == value
+
+
+def test_denormals_are_rounded_once() -> None:
+    # 0x18000000000003 * 2^-1100: between two denormals
+    octets = bytes.fromhex("81fbb4" + "18000000000003")
+    writer = BitWriter()
+    writer.put(len(octets), 8)
+    writer.put_octets(octets)
+    assert BitReader(writer.to_bytes()).get_reals(1)[0] == decode_real(octets) == 0x18000000000003 / 2**1100
+
+
+def test_a_small_message_that_claims_much_is_refused_before_allocating() -> None:
+    bitstream = BitWriter()
+    for value, bits in ((0, 9), (0, 32), (0xC4, 8), (0, 64)):
+        bitstream.put(value, bits)
+    claims = {
+        "PointSequence": b"\xc4" + bytes(19),
+        "Asn1Bitstream": bitstream.to_bytes(),
+        "VectorXdSequence": b"\xc4" + b"\xff" * 19,
+        "CorrespondenceMap3D": b"\xff" * 20,
+    }
+    for name, data in claims.items():
+        tracemalloc.start()
+        with pytest.raises(CodecError, match=name):
+            decode(name, data)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert peak < 1_000_000
+
+
+def test_a_message_cut_anywhere_is_refused() -> None:
+    data = encode(types.RigidBodyState(source_frame="a", target_frame="b"))
+    for size in range(len(data) - 1):
+        with pytest.raises(CodecError, match="RigidBodyState as uper"):
+            decode("RigidBodyState", data[:size])
+
+
+def test_an_error_names_the_field() -> None:
+    data = encode(types.TransformWithCovariance())
+    with pytest.raises(CodecError, match=r"data: cov: "):
+        decode("TransformWithCovariance", data[:-5])
+
+
+def test_numbers_out_of_their_enumeration_are_refused() -> None:
+    with pytest.raises(CodecError, match="type: FrameErrorTypeT number 3: expected below 3"):
+        uper.decode("Frame-error-t", b"\xff" * 10)
