@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Iterator
 
 import pytest
@@ -24,7 +25,7 @@ def test_every_command_says_what_it_does_in_the_help(capsys: pytest.CaptureFixtu
     for parser in cli.build_parser([])._actions:
         if isinstance(parser, argparse._SubParsersAction):
             for name in parser.choices:
-                assert f"    {name} " in listed, f"cdff {name} has no help text"
+                assert re.search(rf"^    {name}\s+\S", listed, re.MULTILINE), f"cdff {name} has no help text"
 
 
 def test_help_of_every_command_can_be_printed() -> None:

@@ -65,7 +65,7 @@ def test_configuration_of_a_dfn_is_frozen_and_described_with_bounds(name: str, i
     assert config.model_config["extra"] == "forbid"
     for field, schema in config.model_json_schema().get("properties", {}).items():
         if schema.get("type") in ("integer", "number"):
-            bounds = {"minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum"}
+            bounds = {"minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum", "enum"}
             assert bounds & schema.keys(), f"{name}/{implementation}.{field} has no bound"
 
 

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from fastapi import FastAPI
 
 from services.dpm.http import problems
@@ -14,11 +16,21 @@ from services.dpm.http.routes import frames, maps, page, products, requests, rob
 
 def create_app(context: Context) -> FastAPI:
     """Return the application over a DPM."""
-    app = FastAPI(title="CDFF Data Product Manager", version="1", docs_url=None, redoc_url=None)
+    app = _routed()
     app.state.context = context
     problems.install(app)
+    app.add_middleware(Guard, settings=context.settings)
+    return app
+
+
+def openapi() -> dict[str, Any]:
+    """Return the OpenAPI document without a DPM: for the reference page (entry point ``cdff.openapi``)."""
+    return _routed().openapi()
+
+
+def _routed() -> FastAPI:
+    app = FastAPI(title="CDFF Data Product Manager", version="1", docs_url=None, redoc_url=None)
     for module in (products, robots, frames, maps, requests, status):
         app.include_router(module.router, responses=problems.RESPONSES)
     app.include_router(page.router)
-    app.add_middleware(Guard, settings=context.settings)
     return app
