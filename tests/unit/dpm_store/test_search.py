@@ -37,6 +37,7 @@ def test_a_search_without_conditions_gives_everything_newest_first(store: Store)
     assert found(store, oldest_first=True) == [0, 1, 2, 3]
 
 
+@pytest.mark.req("CDFF-SUP-031", "CDFF-SUP-035")
 def test_each_condition_narrows(store: Store) -> None:
     put(store, header(0))
     put(store, header(1), robot="minnie")

@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Opening, closing, locking, migrating, threads and crashes, each on real files."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from cdff_common.errors import ConfigurationError, UnavailableError
+from dpm_store import Query, Store, open_store
+from dpm_store.migrate import HEAD, revision_of
+from dpm_store.products import INLINE_BYTES
+from dpm_store.schema import metadata
+
+from .conftest import header, put
+
+WRITER = Path(__file__).with_name("writer.py")
+
+
+def test_only_one_process_opens_a_data_directory(tmp_path: Path) -> None:
+    with open_store(f"sqlite:///{tmp_path}"):
+        with pytest.raises(UnavailableError, match=str(os.getpid())):
+            open_store(f"sqlite:///{tmp_path}")
+    open_store(f"sqlite:///{tmp_path}").close()
+
+
+@pytest.mark.parametrize("url", ["postgresql://x/y", "sqlite://", "sqlite:///", "data"])
+def test_other_urls_are_refused(url: str) -> None:
+    with pytest.raises(ConfigurationError, match="sqlite"):
+        open_store(url)
+
+
+def test_a_store_of_a_newer_version_is_left_alone(tmp_path: Path) -> None:
+    with open_store(f"sqlite:///{tmp_path}") as store, store._database.write() as connection:
+        connection.exec_driver_sql("UPDATE alembic_version SET version_num = '9999'")
+    with pytest.raises(ConfigurationError, match="9999"):
+        open_store(f"sqlite:///{tmp_path}")
+
+
+def test_the_migrations_make_the_tables_that_the_code_expects(store: Store) -> None:
+    from alembic.autogenerate import compare_metadata
+    from alembic.migration import MigrationContext
+
+    assert revision_of(store._database) == HEAD
+    with store._database.read() as connection:
+        kept = {"include_object": lambda _o, name, kind, *_: not (kind == "table" and name.startswith("product_index"))}
+        differences = compare_metadata(MigrationContext.configure(connection, opts=kept), metadata)
+    assert differences == []
+
+
+def test_the_head_is_the_newest_migration() -> None:
+    versions = Path(sys.modules["dpm_store"].__file__ or "").parent / "migrations" / "versions"
+    assert max(path.name[:4] for path in versions.glob("[0-9]*.py")) == HEAD
+
+
+def test_the_database_is_in_wal_mode_and_syncs_every_commit(store: Store) -> None:
+    with store._database.read() as connection:
+        pragmas = {name: connection.exec_driver_sql(f"PRAGMA {name}").scalar() for name in ("journal_mode", "synchronous")}
+    assert pragmas == {"journal_mode": "wal", "synchronous": 2}
+
+
+def test_read_modify_writes_of_many_threads_lose_nothing(store: Store) -> None:
+    with store._database.write() as connection:
+        connection.exec_driver_sql("INSERT INTO meta VALUES ('counter', '0')")
+
+    def count() -> None:
+        for _ in range(25):
+            with store._database.write() as connection:
+                value = int(connection.exec_driver_sql("SELECT value FROM meta WHERE name = 'counter'").scalar())
+                connection.exec_driver_sql("UPDATE meta SET value = ? WHERE name = 'counter'", (str(value + 1),))
+
+    threads = [threading.Thread(target=count) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    with store._database.read() as connection:
+        assert connection.exec_driver_sql("SELECT value FROM meta WHERE name = 'counter'").scalar() == "100"
+
+
+def test_readers_do_not_wait_for_a_writer(store: Store) -> None:
+    put(store, header(0))
+    with store._database.write() as connection:
+        connection.exec_driver_sql("INSERT INTO meta VALUES ('x', 'y')")
+        answer: list[int] = []
+        reader = threading.Thread(target=lambda: answer.append(len(store.search(Query()).items)))
+        reader.start()
+        reader.join(5)
+        assert answer == [1]
+
+
+def test_the_same_product_from_many_threads_is_inserted_once(store: Store) -> None:
+    results: list[str] = []
+    payload = b"z" * (INLINE_BYTES + 1)
+    threads = [threading.Thread(target=lambda: results.append(str(put(store, header(0), payload)))) for _ in range(6)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(results) == ["already"] * 5 + ["inserted"]
+
+
+@pytest.mark.req("CDFF-SUP-032")
+@pytest.mark.parametrize("runs", [2, pytest.param(20, marks=pytest.mark.slow)])
+def test_what_was_acknowledged_before_a_kill_is_there_and_nothing_is_half_written(tmp_path: Path, runs: int) -> None:
+    rng = random.Random(runs)
+    for run in range(runs):
+        acknowledged = _run_and_kill(tmp_path, first=run * 10_000, after=rng.randrange(3, 20), pause_s=rng.random() * 0.01)
+        with open_store(f"sqlite:///{tmp_path}") as store:
+            assert store.verify() == ()
+            for seq in acknowledged:
+                assert store.payload(header(seq).id) == _payload(seq)
+            for record in store.search(Query(limit=1000)).items:
+                assert store.payload(record.id) == _payload(record.header.seq)
+
+
+def _payload(seq: int) -> bytes:
+    return seq.to_bytes(4, "big") * (10 if seq % 2 else INLINE_BYTES)
+
+
+def _run_and_kill(directory: Path, first: int, after: int, pause_s: float) -> list[int]:
+    command = [sys.executable, str(WRITER), str(directory), str(first)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as writer:
+        assert writer.stdout is not None
+        acknowledged = [int(writer.stdout.readline()) for _ in range(after)]
+        time.sleep(pause_s)  # the place of the kill within an insertion is what varies; nothing is awaited
+        writer.send_signal(signal.SIGKILL)
+        acknowledged += [int(line) for line in writer.stdout if line.endswith("\n")]
+    return acknowledged

@@ -1,0 +1,142 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+import numpy as np
+import pytest
+from cdff_common.codecs import decode
+from cdff_common.errors import CodecError, InputError, ProductNotFoundError, UnavailableError
+from cdff_common.interfaces.product import Quality, Status
+from dpm_store import Event, Insertion, Query
+from services.dpm.operations import Dpm
+from services.dpm.parameters import window_request
+
+from .conftest import S, cloud, elevation, parcel, pose
+
+
+def test_an_insertion_is_told_once_it_is_durable(dpm: Dpm) -> None:
+    told: list[Event] = []
+    dpm.listen(told.append)
+    names, payload, encoding, attachment = parcel(cloud(), "pointcloud")
+    assert dpm.put(names, payload, encoding, attachment)[0] is Insertion.INSERTED
+    assert dpm.put(names, payload, encoding, attachment)[0] is Insertion.ALREADY
+    assert [(e.kind, e.body["product"]) for e in told] == [("inserted", "pointcloud")]
+    assert dpm.counters["inserted"] == dpm.counters["already"] == 1
+
+
+def test_a_box_is_taken_from_the_value_where_the_header_has_none(dpm: Dpm) -> None:
+    _, header = dpm.put(*parcel(cloud(), "pointcloud"))
+    points = cloud().points_m
+    stored = dpm.store.get(header.id).header.box_m
+    assert stored == pytest.approx([*points.min(axis=0), *points.max(axis=0)], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "match"),
+    [
+        ({"attachment": b"\x00"}, CodecError, "map"),
+        ({"attachment": b""}, CodecError, "MessagePack"),
+        ({"encoding": "text/plain"}, CodecError, "encoding"),
+        ({"encoding": "application/vnd.cdff+uper;Pointcloud/9"}, CodecError, "version"),
+        ({"encoding": "application/vnd.cdff+uper;ElevationMap/1"}, InputError, "stored as Pointcloud"),
+        ({"payload": b"\xff" * 40}, CodecError, "Pointcloud"),
+        ({"payload": b""}, InputError, "FAILED"),
+        ({"payload": b"x" * (1 << 20) + b"x"}, InputError, "at most"),
+        ({"product": "nonsense"}, InputError, "expected one of"),
+        ({"robot": "../../etc"}, InputError, "robot"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_read_is_refused_and_not_stored(dpm: Dpm, change: dict, error: type, match: str) -> None:
+    names, payload, encoding, attachment = parcel(cloud(), "pointcloud")
+    names |= {k: v for k, v in change.items() if k in names}
+    with pytest.raises(error, match=match):
+        dpm.put(
+            names, change.get("payload", payload), change.get("encoding", encoding), change.get("attachment", attachment)
+        )
+    assert dpm.store.statistics().count == 0
+    assert dpm.counters["refused"] == 1
+
+
+def test_a_pose_that_its_header_contradicts_is_refused(dpm: Dpm) -> None:
+    with pytest.raises(CodecError, match="its header says"):
+        dpm.put(*parcel(pose(0, 1.0), "pose", child="minnie/base"))
+
+
+def test_a_failed_result_is_kept_without_a_value_and_is_not_the_newest(dpm: Dpm) -> None:
+    _, good = dpm.put(*parcel(cloud(), "pointcloud", 0))
+    names, _, encoding, attachment = parcel(cloud(), "pointcloud", 1, quality=Quality(Status.FAILED, ("black",)))
+    _, failed = dpm.put(names, b"", encoding, attachment)
+    assert [r.id for r in dpm.search(Query()).items] == [failed.id, good.id]
+    assert dpm.newest(Query(types=("pointcloud",))).metadata["id"] == good.id
+    with pytest.raises(InputError, match="FAILED"):
+        dpm.product(failed.id, "ply")
+
+
+def test_a_window_pools_patches_and_says_from_what(dpm: Dpm) -> None:
+    dpm.put(*parcel(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
+    dpm.put(*parcel(elevation(1.0, 2.0), "dem", 2, robot="minnie", resolution_m=0.1))
+    asked = window_request("ground", {"region": "bbox:0,0,4,2"}, dpm.clock.now_ns())
+    answer = dpm.window(asked)
+    value = decode("ElevationMap", answer.body.data, "uper")
+    mean = value.layer("mean")
+    assert mean.shape == (20, 40)
+    assert mean[5, 5] == pytest.approx(1.0)
+    assert mean[5, 15] == pytest.approx(1.5)
+    assert mean[5, 25] == pytest.approx(2.0)
+    assert np.isnan(mean[5, 35])
+    # Two sets of two heights each, 1 m apart: the disagreement is in the variance.
+    assert value.layer("variance")[5, 15] == pytest.approx(0.01 + 0.25)
+    m = answer.metadata
+    assert m["coverage"] == pytest.approx(0.75)
+    assert m["robots"] == ["mana", "minnie"]
+    assert (m["oldest_ns"], m["newest_ns"], len(m["patches"])) == (1 * S, 2 * S, 2)
+    assert m["inputs"] == m["patches"]
+
+
+def test_a_window_is_coarser_on_request_and_never_finer_than_its_patches(dpm: Dpm) -> None:
+    dpm.put(*parcel(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
+    for asked, delivered in (("0.2", 0.2), ("0.05", 0.1), ("0.25", 0.2)):
+        request = window_request("ground", {"region": "bbox:0,0,2,2", "resolution_m": asked}, 0)
+        assert dpm.window(request).metadata["resolution_m"] == pytest.approx(delivered)
+
+
+def test_a_window_by_reference_is_a_product_that_is_not_pooled_again(dpm: Dpm) -> None:
+    dpm.put(*parcel(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
+    request = window_request("ground", {"region": "bbox:0,0,2,2"}, 0)
+    first = dpm.window(request, deliver="reference")
+    again = dpm.window(request, deliver="reference")
+    assert first.reference == again.reference is not None
+    stored = decode("ElevationMap", dpm.product(str(first.reference)).body.data, "uper")
+    assert stored.layer("count").max() == 2
+    assert len(dpm.window(request).metadata["patches"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("parameters", "error"),
+    [
+        ({"region": "bbox:50,50,51,51"}, ProductNotFoundError),
+        ({"region": "bbox:0,0,2,2", "max_age_s": "98"}, ProductNotFoundError),
+        ({"region": "bbox:0,0,2,2", "robot": "minnie"}, ProductNotFoundError),
+        ({"region": "bbox:0,0,4,2", "min_coverage": "0.9"}, UnavailableError),
+        ({"region": "bbox:-3000,-3000,3000,3000"}, InputError),
+    ],
+)
+def test_a_window_that_would_not_be_as_asked_is_an_error(dpm: Dpm, parameters: dict[str, str], error: type) -> None:
+    dpm.put(*parcel(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
+    with pytest.raises(error):
+        dpm.window(window_request("ground", parameters, dpm.clock.now_ns()))
+
+
+def test_a_pose_is_given_at_a_time_or_newest(dpm: Dpm) -> None:
+    for second in (0, 2):
+        dpm.put(*parcel(pose(second, float(second)), "pose", second, child="mana/base"))
+    assert dpm.pose("site", "mana/base", 1 * S)["T"][0][3] == pytest.approx(1.0)
+    newest = dpm.pose("site", "mana/base", None)
+    assert (newest["stamp_ns"], newest["T"][0][3]) == (2 * S, 2.0)
+
+
+def test_events_of_others_are_kept_and_told(dpm: Dpm) -> None:
+    told: list[Event] = []
+    dpm.listen(told.append)
+    dpm.record("mana", "activated", {"dfpc": "x"})
+    dpm.unlisten(told.append)
+    assert [(e.scope, e.kind) for e in dpm.store.events.since()] == [("mana", "activated")]
+    assert [e.kind for e in told] == ["activated"]
