@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Whether services are there, by their liveliness tokens: the health check of containers.
 
-    python -m services.health ground/dpm mana/visual_odometry_sparse
+python -m services.health ground/dpm mana/visual_odometry_sparse
 """
 
 from __future__ import annotations

@@ -1,0 +1,43 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [*ROOT.glob("*.md"), *sorted((ROOT / "docs").rglob("*.md"))]
+_LINK = re.compile(r"\]\(([^)\s]+)\)")
+_COMMAND = re.compile(r"^(?:\.venv/bin/)?cdff ([a-z]+)", re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_every_link_inside_the_tree_leads_somewhere(page: Path) -> None:
+    for link in _LINK.findall(page.read_text(encoding="utf-8")):
+        if not link.startswith(("http://", "https://", "#", "mailto:")):
+            assert (page.parent / link.split("#")[0]).exists(), link
+
+
+def test_every_page_is_reached_from_the_index() -> None:
+    docs = ROOT / "docs"
+    seen: set[Path] = set()
+    waiting = [docs / "index.md"]
+    while waiting:
+        page = waiting.pop()
+        if page in seen or page.suffix != ".md" or not page.is_file():
+            continue
+        seen.add(page)
+        links = _LINK.findall(page.read_text(encoding="utf-8"))
+        waiting += [(page.parent / link.split("#")[0]).resolve() for link in links if "://" not in link]
+    assert sorted(p.relative_to(docs).as_posix() for p in docs.rglob("*.md") if p not in seen) == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_every_command_on_a_page_exists(page: Path) -> None:
+    from cdff_common import cli
+
+    nouns = {entry.name for entry in cli.entry_points(group=cli.GROUP)}
+    for noun in _COMMAND.findall(page.read_text(encoding="utf-8")):
+        assert noun in nouns, f"cdff {noun}"

@@ -1,0 +1,38 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from cdff_common.interfaces.dfn import DfnConfig, StrictModel
+from cdff_common.interfaces.parameters import ParameterRow, parameter_rows
+
+
+class _Part(StrictModel):
+    x: int = 0
+
+
+class _Config(DfnConfig):
+    window: Annotated[int, Field(ge=1, lt=50, description="beams on\n each side")] = 3
+    limit_m: Annotated[float, Field(gt=0)] | None = None
+    kind: Literal["a", "b"] = "a"
+    corner_m: tuple[float, float, float]
+    names: tuple[str, ...] = ()
+    part: _Part = _Part()
+
+
+def test_rows_give_type_default_bounds_and_meaning_in_the_order_of_the_model() -> None:
+    rows = parameter_rows(_Config)
+    assert [r.name for r in rows] == ["window", "limit_m", "kind", "corner_m", "names", "part"]
+    assert rows[0] == ParameterRow("window", "integer", "3", "≥ 1, < 50", "beams on each side")
+    assert (rows[1].type, rows[1].default, rows[1].bounds) == ("number or null", "null", "> 0")
+    assert rows[2].type == '"a" or "b"'
+    assert (rows[3].type, rows[3].default) == ("3 x number", "required")
+    assert rows[4].type == "list of string"
+    assert rows[5].type == "object"
+
+
+def test_configuration_without_fields_has_no_rows() -> None:
+    assert parameter_rows(DfnConfig) == []
