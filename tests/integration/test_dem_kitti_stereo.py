@@ -49,9 +49,8 @@ def test_the_road_of_a_real_drive_lies_where_the_camera_is_mounted_above_it(real
             left, right, baseline_m=baseline_m, camera_matrix=K, stamp_ns=stamp_ns, sensor="kitti/navcam_left"
         )
         covariance = np.diag([1e-4] * 3 + [1e-6] * 3)
-        pose = TransformWithCovariance.from_transform(
-            UncertainTransform(se3.transform(se3.normalise_rotation(T[:3, :3]), T[:3, 3]), covariance), parent="site", child="kitti/base", stamp_ns=stamp_ns,
-        )  # fmt: skip
+        T_exact = UncertainTransform(se3.transform(se3.normalise_rotation(T[:3, :3]), T[:3, 3]), covariance)
+        pose = TransformWithCovariance.from_transform(T_exact, parent="site", child="kitti/base", stamp_ns=stamp_ns)
         outputs += node.step(Sample("stereo", stamp_ns, i, pair))
         outputs += node.step(Sample("poses", stamp_ns, i, pose))
     outputs += node.finish()

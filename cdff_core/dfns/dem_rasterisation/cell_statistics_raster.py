@@ -26,7 +26,7 @@ class CellStatisticsRasterConfig(DfnConfig):
 
     frame: str = Field("map", description="Frame the points are in")
     resolution_m: float = Field(0.05, gt=0.0, le=1000.0, description="Edge of a cell, metres")
-    max_cells: int = Field(40_000_000, ge=1, le=1 << 30, description="Most cells of a grid")
+    max_cells: int = Field(16_000_000, ge=1, le=1 << 30, description="Most cells of a grid")
 
 
 class CellStatisticsRaster(DemRasterisationInterface):

@@ -46,9 +46,10 @@ class DigitalElevationMappingConfig(DfpcConfig):
     patch_distance_m: float = Field(2.0, gt=0.0, description="Distance after which a patch is published, metres")
     max_patch_points: int = Field(2_000_000, ge=1, description="Points after which a patch is published")
     min_range_m: float = Field(0.5, ge=0.0, description="Nearest point used, metres from the sensor")
-    max_range_m: float = Field(30.0, gt=0.0, description="Farthest point used, metres from the sensor")
-    min_height_m: float = Field(-20.0, description="Lowest point used, metres above the sensor")
-    max_height_m: float = Field(5.0, description="Highest point used, metres above the sensor")
+    max_range_m: float = Field(100.0, gt=0.0, description="Farthest point used, metres from the sensor")
+    min_height_m: float | None = Field(None, description="Lowest point used, metres above the sensor; absent: any")
+    max_height_m: float | None = Field(None, description="Highest point used, metres above the sensor; absent: any")
+    range_sigma_m: float = Field(0.02, ge=0.0, description="Noise of a lidar's or cloud's range, metres, one sigma")
     stereo_distance_m: float = Field(0.3, ge=0.0, description="Motion after which the next pair is used, metres")
     stereo_period_s: float = Field(2.0, ge=0.0, description="Time after which the next pair is used anyway, seconds")
     stereo_min_period_s: float = Field(0.5, ge=0.0, description="Time before which no other pair is used, seconds")
@@ -68,7 +69,8 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
 
     A patch holds each measurement once and shares none with another patch, so that patches pool to what all
     measurements at once would give. ``variance`` of a cell is the variance of the heights measured in it, plus the mean
-    of the variances that the poses' covariance puts on them; a cell no point fell into is NaN.
+    of the variances that the poses' covariance and the noise along the ray put on each; of many heights the noise is in
+    their spread too, so that the sum errs to the safe side. A cell no point fell into is NaN.
     """
 
     Config: ClassVar[type[DfpcConfig]] = DigitalElevationMappingConfig
@@ -77,8 +79,8 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
         """Make the DFNs and offer the local map."""
         if {"resolution_m", "frame"} & set(self.config.rasterisation):
             raise ConfigurationError(f"{self.name}: rasterisation: resolution_m is the DFPC's, frame that of the poses")
-        if self.config.min_range_m >= self.config.max_range_m or self.config.min_height_m >= self.config.max_height_m:
-            raise ConfigurationError(f"{self.name}: expected min_range_m < max_range_m and min_height_m < max_height_m")
+        if self.config.min_range_m >= self.config.max_range_m:
+            raise ConfigurationError(f"{self.name}: min_range_m={self.config.min_range_m}: expected below max_range_m")
         self._deskewing = self.dfn("deskewing")
         self._rasterisation = self.dfn("rasterisation")
         self._rasterise_in("map")
@@ -217,7 +219,7 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
         points = points[np.isfinite(points).all(axis=1)]
         self._patch.points_in += len(sample.value.points_m)
         stamps = np.full(len(points), sample.stamp_ns, dtype=np.int64)
-        return Measurements(points, stamps, np.zeros(len(points)), sample, [])
+        return Measurements(points, stamps, np.zeros(len(points)), np.zeros(len(points)), sample, [])
 
     def _measure(self, sample: Sample, at_ns: int | None) -> Measurements | None:
         """Points of a capture in the frame of the map, within the gates; None for a pair that is not needed."""
@@ -226,11 +228,11 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
         T_map_body = self._poses.at(t1_ns)
         if sample.port == "stereo" and not self._pair_is_due(t1_ns, T_map_body):
             return None
-        points, stamps = self._points_of(sample)
+        points, stamps, sigma_m = self._points_of(sample)
         self._patch.points_in += len(points)
         range_m = np.linalg.norm(points, axis=1)
         near_enough = (range_m >= self.config.min_range_m) & (range_m <= self.config.max_range_m)  # false for NaN
-        points, stamps = points[near_enough], stamps[near_enough]
+        points, stamps, sigma_m, range_m = (a[near_enough] for a in (points, stamps, sigma_m, range_m))
         if len(points) == 0:
             return None
         pose_stamps = stamps if at_ns is None else np.full(len(points), at_ns, dtype=np.int64)
@@ -239,10 +241,17 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
             PointCloudDeskewingInputs(points=T_body_sensor.apply(points), stamps_ns=pose_stamps, trajectory=trajectory)
         )
         above_m = moved.points[:, 2] - (T_map_body @ T_body_sensor).matrix[2, 3]
-        keep = (above_m >= self.config.min_height_m) & (above_m <= self.config.max_height_m)
+        noise_m2 = (sigma_m * above_m / range_m) ** 2  # the vertical part of the noise along the ray
+        keep = np.ones(len(above_m), dtype=np.bool_)
+        if self.config.min_height_m is not None:
+            keep &= above_m >= self.config.min_height_m
+        if self.config.max_height_m is not None:
+            keep &= above_m <= self.config.max_height_m
         if self._patch.origin_m is None:
             self._patch.origin_m = T_map_body.matrix[:3, 3].copy()
-        return Measurements(moved.points[keep], stamps[keep], moved.height_variance[keep], sample, poses)
+        return Measurements(
+            moved.points[keep], stamps[keep], moved.height_variance[keep], noise_m2[keep], sample, poses
+        )
 
     def _extrinsics(self, sample: Sample) -> UncertainTransform:
         """``T_body_sensor`` of the profile's frames, else as the sample states it; raises FrameNotFoundError."""
@@ -262,21 +271,23 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
                 raise
             return stated
 
-    def _points_of(self, sample: Sample) -> tuple[Points, Stamps]:
-        """Points ``(n, 3)`` in the sensor's frame and their stamps ``(n,)``."""
+    def _points_of(self, sample: Sample) -> tuple[Points, Stamps, Points]:
+        """Points ``(n, 3)`` in the sensor's frame, their stamps ``(n,)`` and noise along the ray ``(n,)``, metres."""
         value = sample.value
         if sample.port == "scan":
             behind_ns = (value.t1_ns - value.t0_ns) - value.time_offset_us.astype(np.int64) * 1000
-            return value.points_m.astype(np.float64), sample.stamp_ns - behind_ns
+            sigma_m = np.full(len(value.points_m), self.config.range_sigma_m)
+            return value.points_m.astype(np.float64), sample.stamp_ns - behind_ns, sigma_m
         if sample.port == "stereo":
             disparity = self._disparity.process(DisparityImageInputs(left=value.left, right=value.right)).disparity
             baseline_m = np.array(value.baseline, dtype=np.float64)
-            points = self._triangulation.process(
-                DisparityToPointCloudInputs(disparity=disparity, baseline_m=baseline_m)
-            ).points
+            seen = self._triangulation.process(DisparityToPointCloudInputs(disparity=disparity, baseline_m=baseline_m))
+            points = seen.points
+            sigma_m = seen.depth_sigma_m * np.linalg.norm(points, axis=1) / points[:, 2]
         else:
             points = value.points_m
-        return points, np.full(len(points), sample.stamp_ns, dtype=np.int64)
+            sigma_m = np.full(len(points), self.config.range_sigma_m)
+        return points, np.full(len(points), sample.stamp_ns, dtype=np.int64), sigma_m
 
     def _pair_is_due(self, stamp_ns: int, T_map_body: UncertainTransform) -> bool:
         position = T_map_body.matrix[:3, 3]
@@ -306,14 +317,13 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
     def _publish(self) -> list[Output]:
         """Rasterise the patch, thin its cloud, pool it into the local map, and start the next."""
         patch, self._patch, self._patch_asked_for = self._patch, Patch(), False
-        points, stamps, variance = patch.joined()
+        points, stamps, own_variance = patch.joined()
         t0_ns, t1_ns = patch.t0_ns, patch.t1_ns
         frame = self._poses.map_frame or patch.captures[0].sample.value.frame or "map"
         self._rasterise_in(frame)
-        known_variance = np.nan_to_num(variance, nan=0.0)
         try:
             made: ElevationMap = self._rasterisation.process(
-                DemRasterisationInputs(points=points, height_variance=known_variance, stamps_ns=stamps)
+                DemRasterisationInputs(points=points, height_variance=own_variance, stamps_ns=stamps)
             ).map
         except InputError as error:
             return self._failed(patch, str(error))

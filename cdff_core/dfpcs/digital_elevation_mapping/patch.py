@@ -23,8 +23,10 @@ class Measurements:
     ----------
     points_m : NDArray[np.float64], shape (n, 3)
     stamps_ns : NDArray[np.int64], shape (n,)
-    height_variance_m2 : NDArray[np.float64], shape (n,)
+    pose_variance_m2 : NDArray[np.float64], shape (n,)
         What the pose's covariance puts on z, square metres; NaN where unknown.
+    noise_variance_m2 : NDArray[np.float64], shape (n,)
+        What the sensor's noise puts on z, square metres.
     sample : Sample
         What they were measured in.
     poses : list of Sample
@@ -33,7 +35,8 @@ class Measurements:
 
     points_m: NDArray[np.float64]
     stamps_ns: NDArray[np.int64]
-    height_variance_m2: NDArray[np.float64]
+    pose_variance_m2: NDArray[np.float64]
+    noise_variance_m2: NDArray[np.float64]
     sample: Sample
     poses: list[Sample]
 
@@ -80,17 +83,20 @@ class Patch:
         return tuple(dict.fromkeys(s.id for s in samples if s.id))
 
     def joined(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-        """Points ``(n, 3)``, stamps ``(n,)`` and height variances ``(n,)`` of all captures."""
+        """Points ``(n, 3)``, stamps ``(n,)`` and own variances of the heights ``(n,)``, of all captures.
+
+        An unknown variance of the pose counts as 0 there; ``quality`` says so.
+        """
         return (
             np.concatenate([c.points_m for c in self.captures]),
             np.concatenate([c.stamps_ns for c in self.captures]),
-            np.concatenate([c.height_variance_m2 for c in self.captures]),
+            np.concatenate([np.nan_to_num(c.pose_variance_m2) + c.noise_variance_m2 for c in self.captures]),
         )
 
     def quality(self, cells: int) -> Quality:
         """DEGRADED where captures were dropped or poses were; the rest in metrics."""
         poses = [p for c in self.captures for p in c.poses]
-        variance = np.concatenate([c.height_variance_m2 for c in self.captures])
+        variance = np.concatenate([c.pose_variance_m2 for c in self.captures])
         known = variance[np.isfinite(variance)]
         reasons = [f"dropped_{why}:{count}" for why, count in sorted(self.drops.items())]
         if degraded(poses):
@@ -108,6 +114,9 @@ class Patch:
                 "points": len(variance),
                 "points_gated": self.points_in - len(variance),
                 "cells": cells,
+                "noise_height_sigma_m": float(
+                    np.sqrt(np.concatenate([c.noise_variance_m2 for c in self.captures]).mean())
+                ),
                 "pose_height_sigma_m": float(np.sqrt(known.mean())) if len(known) else 0.0,
             },
         )
