@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cdff_core.orchestration.lifecycle import FINAL_STATES
-from cdff_core.orchestration.world import MakerId
+from cdff_core.orchestration.world import MakerId, SensorId
 
 #: Kinds of records: job (state changes), lease (acquire, release), mode, activation, decision, start.
 KINDS = frozenset({"start", "job", "lease", "mode", "activation", "decision"})
@@ -27,6 +27,8 @@ class Recovered:
         Makers that some holder had not let go of.
     owned : set of MakerId
         Makers that were activated and not deactivated.
+    modes : set of SensorId
+        Sensors whose mode was changed.
     jobs : int
         How many were ever accepted.
     """
@@ -34,6 +36,7 @@ class Recovered:
     open_jobs: dict[str, Mapping[str, Any]] = field(default_factory=dict)
     held: set[MakerId] = field(default_factory=set)
     owned: set[MakerId] = field(default_factory=set)
+    modes: set[SensorId] = field(default_factory=set)
     jobs: int = 0
 
 
@@ -58,6 +61,8 @@ def recover(records: Iterable[Mapping[str, Any]]) -> Recovered:
         elif kind == "activation" and record.get("ok"):
             change = state.owned.add if record["action"] == "activate" else state.owned.discard
             change(maker_id(str(record["dfpc"])))
+        elif kind == "mode" and record.get("ok"):
+            state.modes.add(SensorId(*maker_id(str(record["sensor"]))))
     state.held = {m for makers in leases.values() for m in makers}
     return state
 

@@ -13,7 +13,9 @@ import threading
 from pathlib import Path
 
 from cdff_common.bus import Bus
+from cdff_common.codecs import encode
 from cdff_common.interfaces.profile import load_profile
+from cdff_common.types import TransformWithCovariance
 from services.orchestrator.service import Orchestrator
 from services.process import cap_threads, run_service
 
@@ -31,6 +33,9 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
 
     def body(stop: threading.Event) -> None:
+        encode(
+            TransformWithCovariance(), "uper"
+        )  # the codec reads its schema once: before the first request, not in it
         profile = load_profile(args.profile)
         with Bus.open(args.connect, name="orchestrator", wait_s=None) as bus:
             orchestrator = Orchestrator(bus, profile, args.data_dir / "orchestrator" / "journal.jsonl", args.capacity)

@@ -96,6 +96,7 @@ class Controller:
         )
         if error is None:
             self._state.succeeded(sensor)
+            self._state.changed_mode(sensor)
             self._state.seen_mode(sensor, mode)
             return
         logger.warning("mode %s of %s: %s", mode, sensor, error)

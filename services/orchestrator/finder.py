@@ -231,13 +231,18 @@ class Finder:
     # -- shared ------------------------------------------------------------------------------------------
 
     def _placed(self, request: ProductRequest, robot: str, timeout_s: float) -> tuple[Region, str]:
-        """The request's region with ``near`` resolved where its frame was last known to be, and the region's frame."""
+        """The request's region and its frame; ``near`` is resolved at the end of capture of the newest product."""
         assert request.region is not None
-        region = request.region
+        region, frame = request.region, request.region_frame
         if region.near_frame is None:
-            return region, request.region_frame
-        T = self._dpm.pose(robot, request.region_frame, region.near_frame, None, timeout_s)
-        return region.resolved(float(T.matrix[0, 3]), float(T.matrix[1, 3])), request.region_frame
+            return region, frame
+        newest = self._usable(self._dpm.search(timeout_s, type=request.product, robot=robot, limit=10))
+        t_ns = int(newest[0]["t1_ns"]) if newest else None
+        try:
+            T = self._dpm.pose(robot, frame, region.near_frame, t_ns, timeout_s)
+        except ProductNotFoundError:  # nobody knows it at that time
+            T = self._dpm.pose(robot, frame, region.near_frame, None, timeout_s)
+        return region.resolved(float(T.matrix[0, 3]), float(T.matrix[1, 3])), frame
 
     def _seen_from(self, region: Region, frame: str, home: str, robot: str, t_ns: int, timeout_s: float) -> Region:
         if home == frame:

@@ -141,7 +141,7 @@ class Flow:
             return self._make_plan(job, robots, p)
         missing = [*progress["modes_missing"], *progress["missing"]]
         state = JobState.PREPARING if missing else JobState.WAITING
-        reason = "starting " + ", ".join(missing) if missing else f"for {p.why or 'the product'}"
+        reason = "starting " + ", ".join(missing) if missing else (p.why or "for the product")
         if p.dpm_error:
             reason = p.dpm_error
         if (state, reason) == (job.state, job.reason):

@@ -88,6 +88,8 @@ class Orchestrator:
         self._journal.append("start", open_jobs=len(found.open_jobs), owned=[str(m) for m in sorted(found.owned)])
         for maker in found.owned:
             self._state.own(maker, owned=True)
+        for sensor in found.modes:
+            self._state.changed_mode(sensor)
         known = [m for m in found.owned if self._state.knows(m)]
         self._state.acquire("restart", known, {})
         self._state.release("restart")

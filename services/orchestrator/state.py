@@ -37,6 +37,7 @@ class State:
         self._changed = threading.Condition()
         self._observed = Observed()
         self._refused: dict[tuple[SensorId, str], float] = {}
+        self._changed_modes: set[SensorId] = set()
         self._active_since_s: dict[MakerId, float] = {}
         self._descriptions: dict[MakerId, Mapping[str, Any]] = {
             MakerId(robot, e.name): description_of(robot, e, registry.dfpc(e.name)) for robot, e in entries
@@ -129,6 +130,12 @@ class State:
             self._observed.succeeded(what)
             self._touch()
 
+    def changed_mode(self, sensor: SensorId) -> None:
+        """Remember that this orchestrator changed a sensor's mode: it sets it back when nobody needs the sensor."""
+        with self._changed:
+            if sensor.robot in self.profile.robot_ids and sensor.sensor in self.profile.robot(sensor.robot).sensors:
+                self._changed_modes.add(sensor)
+
     def own(self, maker: MakerId, owned: bool) -> None:
         """Remember whether this orchestrator activated a DFPC, which is what it may deactivate."""
         with self._changed:
@@ -156,7 +163,8 @@ class State:
             world = self._world(hopeful=True)
             feeds = feeds_of(world)
             wanted = dependency_order(sorted(self._leases.wanted), feeds)
-            actions = next_actions(wanted, self._leases.wanted_modes(), uses_of(world), feeds, self._observed, now_s)
+            modes = {**self._idle_modes(), **self._leases.wanted_modes()}
+            actions = next_actions(wanted, modes, uses_of(world), feeds, self._observed, now_s)
             times = [a.not_before_s for a in self._observed.attempts.values() if a.not_before_s > now_s]
             expiry_s = self._leases.next_expiry_s()
             return actions, min([*times, *([] if expiry_s is None else [expiry_s])], default=None)
@@ -224,6 +232,16 @@ class State:
         """Who holds what."""
         with self._changed:
             return self._leases.describe()
+
+    def _idle_modes(self) -> dict[SensorId, str]:
+        """Initial modes of the sensors that were changed, for those that nothing active or wanted uses any more."""
+        used = {
+            s
+            for m, sensors in uses_of(self._world(hopeful=True)).items()
+            for s in sensors
+            if m in self._observed.active or m in self._leases.wanted
+        }
+        return {s: self.profile.robot(s.robot).sensors[s.sensor].initial_mode for s in self._changed_modes - used}
 
     def _world(self, *, hopeful: bool = False) -> World:
         now_s = monotonic_s()

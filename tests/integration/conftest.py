@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -49,20 +50,20 @@ def endpoint() -> str:
     return f"tcp/127.0.0.1:{free_port()}"
 
 
-@pytest.fixture
-def spawn(endpoint: str, tmp_path: Path) -> Iterator[Spawn]:
-    """``spawn("services.router", …) -> Popen``: a Python module as a process, ended with the test.
+@contextmanager
+def process_starter(endpoint: str, folder: Path) -> Iterator[Spawn]:
+    """``start("services.router", …) -> Popen``: a Python module as a process, ended with the context.
 
-    The process connects to ``endpoint``, finds the test's DFPCs and writes its output to ``tmp_path/{module}.log``.
+    The process connects to ``endpoint``, finds the test's DFPCs and writes its output to ``folder/{module}.log``.
     """
     processes: list[subprocess.Popen[bytes]] = []
     environment = {
-        **os.environ, "CDFF_CONNECT": endpoint, "CDFF_LISTEN": endpoint, "CDFF_DATA_DIR": str(tmp_path / "data"),
+        **os.environ, "CDFF_CONNECT": endpoint, "CDFF_LISTEN": endpoint, "CDFF_DATA_DIR": str(folder / "data"),
         "PYTHONPATH": os.pathsep.join([str(ROOT), str(PLUGIN)]), "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1",
     }
 
     def start(module: str, *arguments: str) -> subprocess.Popen[bytes]:
-        with (tmp_path / f"{module}.log").open("ab") as log:
+        with (folder / f"{module}.log").open("ab") as log:
             process = subprocess.Popen(
                 [sys.executable, "-m", module, *arguments], env=environment, stdout=log, stderr=log, cwd=ROOT,
                 stdin=subprocess.DEVNULL,
@@ -70,15 +71,24 @@ def spawn(endpoint: str, tmp_path: Path) -> Iterator[Spawn]:
         processes.append(process)
         return process
 
-    yield start
-    for process in reversed(processes):
-        process.terminate()
-    for process in processes:
-        try:
-            process.wait(5)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+    try:
+        yield start
+    finally:
+        for process in reversed(processes):
+            process.terminate()
+        for process in processes:
+            try:
+                process.wait(5)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+@pytest.fixture
+def spawn(endpoint: str, tmp_path: Path) -> Iterator[Spawn]:
+    """``process_starter`` for one test."""
+    with process_starter(endpoint, tmp_path) as start:
+        yield start
 
 
 @pytest.fixture
