@@ -72,14 +72,17 @@ def run(args: argparse.Namespace) -> int:
 def _source(args: argparse.Namespace) -> tuple[str, Path]:
     """Name of the script and path of the log: recorded, or simulated (and cached) now."""
     from cdff_common.errors import InputError  # noqa: PLC0415
-    from cdff_dev.simulate import cached_log  # noqa: PLC0415
+    from cdff_dev.simulate.commands import progress_line  # noqa: PLC0415
+    from cdff_dev.simulate.scenario import load_scenario  # noqa: PLC0415
+    from cdff_dev.simulate.store import simulated_log  # noqa: PLC0415
 
     if args.log is not None:
         path = Path(args.log)
         if not (path / "image_l_kitti").is_dir() and not (path / "image_0").is_dir():
             raise InputError(f"--log {path}: expected a KITTI folder with image_l_kitti or image_0 (use `cdff replay` for others)")
         return "kitti", path
-    return args.scenario, cached_log(args.scenario, progress=_say)
+    _say(f"simulating {args.scenario} (kept for the next time)")
+    return args.scenario, simulated_log(load_scenario(args.scenario), progress=progress_line)
 
 
 def _say(text: str) -> None:

@@ -90,6 +90,11 @@ class Stage:
         return self.data_dir / "logs"
 
     @property
+    def supervisor_pid(self) -> int:
+        """Process id of ``cdff up``, whose children the services are."""
+        return self._processes[0].pid
+
+    @property
     def expected(self) -> set[str]:
         """Liveliness tokens of a system that is ready."""
         services = {keys.alive("ground", s) for s in ("router", "dpm", "orchestrator", "icu")}

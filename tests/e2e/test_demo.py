@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The demonstration as a user runs it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import psutil
+import pytest
+
+from tests.integration.conftest import ROOT, free_port
+
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(400)]
+
+
+def demo(*arguments: str) -> subprocess.Popen[str]:
+    addresses = ["--connect", f"tcp/127.0.0.1:{free_port()}", "--http", f"127.0.0.1:{free_port()}"]
+    return subprocess.Popen(
+        [sys.executable, "-m", "cdff_common.cli", "demo", *addresses, *arguments], cwd=ROOT, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+
+
+@pytest.mark.req("CDFF-SUP-028")
+def test_every_request_of_the_simulated_traverse_is_answered_as_asked(traverse: Path) -> None:
+    process = demo("--once")
+    output, _ = process.communicate(timeout=380)
+    assert process.returncode == 0, output
+    assert "8 of 8 requests were answered as asked" in output
+
+
+def test_the_same_chain_answers_on_a_real_drive(real_data: Callable[[str], Path]) -> None:
+    process = demo("--once", "--log", str(real_data("kitti_stereo/KITTI_sequence_1")))
+    output, _ = process.communicate(timeout=380)
+    assert process.returncode == 0, output
+    assert "4 of 4 requests were answered as asked" in output
+
+
+def test_ctrl_c_ends_every_process_within_five_seconds(traverse: Path) -> None:
+    process = demo()
+    assert process.stdout is not None
+    for line in process.stdout:
+        if "ready" in line and "14 of" in line:
+            break
+    family = psutil.Process(process.pid).children(recursive=True)
+    assert len(family) > 8
+    begin_s = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    process.wait(8)
+    took_s = time.monotonic() - begin_s
+    left = [p for p in family if p.is_running() and p.status() != psutil.STATUS_ZOMBIE]
+    assert not left, [p.cmdline() for p in left]
+    assert took_s < 5.0
+
+
+def test_a_taken_address_is_an_error_that_says_so() -> None:
+    import socket
+
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        process = subprocess.run(
+            [sys.executable, "-m", "cdff_common.cli", "demo", "--once", "--http", f"127.0.0.1:{taken.getsockname()[1]}",
+             "--connect", f"tcp/127.0.0.1:{free_port()}"], cwd=ROOT, capture_output=True, text=True, timeout=300, check=False,
+        )
+    assert process.returncode == 1
+    assert "is in use" in process.stderr
