@@ -50,6 +50,7 @@ def test_malformed_bytes_are_refused_by_name(message: Any, codec: str) -> None:
         decode(message.ASN1_NAME, data[: len(data) // 2], codec)
 
 
+@pytest.mark.req("CDFF-CORE-013")
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda m: m.__name__)
 def test_arrays_are_contiguous_and_read_only(message: Any) -> None:
     value = message()

@@ -66,7 +66,7 @@ def test_progress_comes_before_the_final_reply(pair: tuple[Bus, Bus], eventually
     assert client.call(STAT).body() == 2
 
 
-@pytest.mark.req("CDFF-SUP-ORC-001")
+@pytest.mark.req("CDFF-SUP-027")
 def test_nobody_there_is_unavailable_and_not_an_empty_answer(pair: tuple[Bus, Bus]) -> None:
     with pytest.raises(UnavailableError, match="nobody answers"):
         pair[1].call(STAT)
@@ -147,7 +147,7 @@ def test_handlers_run_side_by_side_and_too_many_calls_are_refused_at_once(
     assert results.count(1) == 3
 
 
-@pytest.mark.req("CDFF-SUP-FLT-005")
+@pytest.mark.req("CDFF-SUP-040")
 def test_a_slow_subscriber_loses_the_oldest_counts_them_and_blocks_nobody(
     pair: tuple[Bus, Bus], eventually: Eventually
 ) -> None:
@@ -224,7 +224,7 @@ def test_liveliness_comes_and_goes_with_the_service(pair: tuple[Bus, Bus], endpo
     eventually(lambda: (keys.alive("mana", "vo"), False) in changes)
 
 
-@pytest.mark.req("CDFF-SUP-FLT-002")
+@pytest.mark.req("CDFF-SUP-043")
 def test_calls_and_streams_work_again_after_the_router_was_killed(
     pair: tuple[Bus, Bus], router: subprocess.Popen[bytes], spawn: Spawn, eventually: Eventually
 ) -> None:

@@ -122,7 +122,7 @@ def test_an_inactive_dfpc_takes_nothing(robot: Robot) -> None:
     assert robot.rpc("status")["samples"] == 0
 
 
-@pytest.mark.req("CDFF-SUP-DFPC-001")
+@pytest.mark.req("CDFF-SUP-015")
 def test_products_carry_provenance_and_the_value(active: Robot, eventually: Eventually) -> None:
     sent = active.send(x=7.0)
 
@@ -137,6 +137,7 @@ def test_products_carry_provenance_and_the_value(active: Robot, eventually: Even
     assert decode("TransformWithCovariance", message.payload, "uper").transform.matrix[0, 3] == 7.0
 
 
+@pytest.mark.req("CDFF-SUP-012", "CDFF-SUP-013")
 def test_the_local_store_and_operations_are_asked_by_key(active: Robot, eventually: Eventually) -> None:
     reply = active.bus.call(keys.dfpc_store("mana", NAME, "last"))
     assert decode("TransformWithCovariance", reply.payload, "uper").parent_frame == "site"
@@ -156,7 +157,7 @@ def test_deactivation_stops_it_and_is_announced(active: Robot, eventually: Event
     assert active.rpc("status")["samples"] == before
 
 
-@pytest.mark.req("CDFF-SUP-FLT-004")
+@pytest.mark.req("CDFF-SUP-042")
 def test_malformed_bytes_are_counted_and_do_no_harm(active: Robot, eventually: Eventually) -> None:
     good = active.send().to_attachment()
     encoding = encoding_string("TransformWithCovariance", "uper")
@@ -180,7 +181,7 @@ def test_a_refused_sample_is_counted_and_the_next_one_is_taken(active: Robot, ev
     assert active.state() == "active"
 
 
-@pytest.mark.req("CDFF-SUP-FLT-004")
+@pytest.mark.req("CDFF-SUP-042")
 def test_a_dfpc_that_raises_goes_to_error_says_why_and_comes_back_when_activated(
     active: Robot, eventually: Eventually
 ) -> None:
@@ -200,7 +201,7 @@ def test_a_dfpc_that_raises_goes_to_error_says_why_and_comes_back_when_activated
     eventually(echoed)
 
 
-@pytest.mark.req("CDFF-SUP-FLT-004")
+@pytest.mark.req("CDFF-SUP-042")
 def test_a_dfpc_that_hangs_ends_its_process_for_the_supervisor_to_start_it_again(
     active: Robot, host: subprocess.Popen[bytes], eventually: Eventually
 ) -> None:
@@ -210,7 +211,7 @@ def test_a_dfpc_that_hangs_ends_its_process_for_the_supervisor_to_start_it_again
     eventually(lambda: not active.ready())
 
 
-@pytest.mark.req("CDFF-SUP-FLT-005")
+@pytest.mark.req("CDFF-SUP-040")
 def test_a_full_queue_drops_the_oldest_counts_them_and_answers_meanwhile(active: Robot, eventually: Eventually) -> None:
     for _ in range(120):
         active.send("trouble/slow")
@@ -219,6 +220,7 @@ def test_a_full_queue_drops_the_oldest_counts_them_and_answers_meanwhile(active:
     eventually(drained(active), timeout_s=20)
 
 
+@pytest.mark.req("CDFF-SUP-014")
 def test_a_failed_result_is_published_without_payload(active: Robot, eventually: Eventually) -> None:
     active.send("trouble/fail")
     eventually(lambda: active.products[-1].payload == b"")
@@ -241,7 +243,7 @@ def test_an_unknown_parameter_of_configure_is_refused_and_changes_nothing(robot:
     assert robot.rpc("activate") == {"state": "active"}
 
 
-@pytest.mark.req("CDFF-SUP-FLT-006")
+@pytest.mark.req("CDFF-SUP-044")
 def test_sigterm_ends_it_at_once_also_during_start_up(
     router: subprocess.Popen[bytes], spawn: Spawn, robot: Robot, host: subprocess.Popen[bytes]
 ) -> None:

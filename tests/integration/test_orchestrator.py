@@ -165,7 +165,7 @@ def client(system: System, driver: Driver) -> Iterator[Client]:
         yield made
 
 
-@pytest.mark.req("CDFF-SUP-027")
+@pytest.mark.req("CDFF-SUP-020", "CDFF-SUP-022", "CDFF-SUP-024", "CDFF-SUP-027")
 def test_a_request_sets_the_mode_activates_the_dfpc_delivers_and_lets_go(
     client: Client, driver: Driver, system: System
 ) -> None:
@@ -200,7 +200,7 @@ def test_what_is_fresh_in_the_dpm_is_served_without_running_anything(client: Cli
     assert client.jobs()[0]["plan"] is None
 
 
-@pytest.mark.req("CDFF-SUP-028")
+@pytest.mark.req("CDFF-SUP-021", "CDFF-SUP-028")
 def test_the_answer_comes_in_the_type_frame_and_encoding_asked_for(client: Client) -> None:
     plain = client.request("pose", robot="mana", max_age_s=600)
     state = client.request("pose", robot="mana", max_age_s=600, as_type="RigidBodyState", format="xer")
@@ -248,6 +248,8 @@ def test_a_mode_that_the_icu_refuses_is_the_reason_given(client: Client) -> None
         client.request("pose", robot="minnie", deadline_s=8)
 
 
+@pytest.mark.req("CDFF-SUP-026")
+@pytest.mark.req("CDFF-SUP-026")
 def test_a_deadline_that_passes_is_answered_before_it_with_the_reason(client: Client, driver: Driver) -> None:
     driver.stop()
     with pytest.raises(DeadlineError, match="pose"):

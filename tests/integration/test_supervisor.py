@@ -73,7 +73,7 @@ def routing(endpoint: str) -> Callable[[], bool]:
     return quietly
 
 
-@pytest.mark.req("CDFF-SUP-FLT-001")
+@pytest.mark.req("CDFF-SUP-041")
 def test_a_killed_service_is_back_within_five_seconds(
     supervisor: subprocess.Popen[bytes], endpoint: str, eventually: Eventually
 ) -> None:

@@ -37,7 +37,7 @@ def _run(tree: Tree, *command: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.req("CDFF-DEV-050")
+@pytest.mark.req("CDFF-DEV-041", "CDFF-DEV-050")
 def test_fresh_skeletons_pass_their_own_tests_and_lint(tree: Tree) -> None:
     scaffold(tree, "dfn", "EdgeKeeper")
     scaffold(tree, "dfpc", "edge_mapping")

@@ -56,6 +56,7 @@ def test_an_older_or_repeated_sample_of_a_port_is_dropped_and_counted(dfpc: Dfpc
     assert runner.counters.late == 2
 
 
+@pytest.mark.req("CDFF-SUP-015")
 def test_an_output_has_the_id_of_the_contract_and_names_its_inputs(dfpc: Dfpc) -> None:
     runner = Runner(dfpc)
     runner.push(sample(1000))
@@ -82,6 +83,7 @@ def test_a_bug_passes_through(dfpc: Dfpc) -> None:
         list(runner.drain())
 
 
+@pytest.mark.req("CDFF-SUP-014")
 def test_a_failed_output_has_no_value_and_is_counted(dfpc: Dfpc) -> None:
     runner = Runner(dfpc)
     runner.push(sample(1000, "trouble/fail"))
@@ -107,6 +109,7 @@ def test_two_runs_give_the_same_ids(dfpc: Dfpc) -> None:
     assert ids[0] == ids[1]
 
 
+@pytest.mark.req("CDFF-SUP-012")
 def test_operations_take_text_and_refuse_what_they_do_not_know(dfpc: Dfpc) -> None:
     assert dfpc.call("count", {"factor": "2"}) == 0
     with pytest.raises(InputError, match="factor='x'"):

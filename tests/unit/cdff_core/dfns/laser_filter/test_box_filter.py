@@ -54,6 +54,7 @@ def test_box_is_fixed_to_the_body_not_to_the_laser() -> None:
     assert _removed(_scan([1.0, 1.0, 1.0, 1.0]), _pose(pos=[1, 0, 0])) == [2]
 
 
+@pytest.mark.req("CDFF-CORE-060")
 def test_transform_is_the_pose_of_the_laser_in_the_body() -> None:
     """Turned left by a quarter, the laser's first beam points to the body's left: T_body_laser, not its inverse."""
     box = {"min_corner_m": (-0.1, 0.9, -0.1), "max_corner_m": (0.1, 1.1, 0.1)}

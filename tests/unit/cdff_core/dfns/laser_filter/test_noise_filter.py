@@ -99,6 +99,7 @@ def test_scan_of_nothing_but_errors_passes() -> None:
     assert _filter(_scan(np.full(5, 0.001))).ranges.tolist() == [1] * 5
 
 
+@pytest.mark.req("CDFF-CORE-013")
 def test_geometry_and_time_of_the_scan_are_kept_and_the_input_is_not_touched() -> None:
     ranges = _wall()
     ranges[50] = 9.0
