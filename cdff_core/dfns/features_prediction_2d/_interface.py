@@ -1,0 +1,65 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+# GENERATED from dfn.yaml by cdff generate; do not edit.
+"""Interface of the DFN FeaturesPrediction2D."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.interfaces.dfn import Dfn
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FeaturesPrediction2DInputs:
+    """Inputs of one call.
+
+    Attributes
+    ----------
+    points : ndarray of float64, shape (n,3)
+        Points in the reference camera's frame, metres.
+    pose : ndarray of float64, shape (4,4)
+        T_current_reference, the predicted motion of the camera.
+    camera_matrix : ndarray of float64, shape (3,3)
+        Rectified left camera, pixels.
+    baseline : ndarray of float64, shape (1)
+        Distance between the cameras, metres.
+    image : ndarray of uint8, shape (r,c)
+        Image in which the points are expected; gives the size only.
+    """
+
+    points: NDArray[np.float64]
+    pose: NDArray[np.float64]
+    camera_matrix: NDArray[np.float64]
+    baseline: NDArray[np.float64]
+    image: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FeaturesPrediction2DOutputs:
+    """Outputs of one call.
+
+    Attributes
+    ----------
+    features : ndarray of float64, shape (n,2)
+        Predicted column and row, pixels.
+    disparities : ndarray of float64, shape (n)
+        Predicted disparity, pixels.
+    magnification : ndarray of float64, shape (n)
+        Size in the predicted image over size in the reference.
+    visible : ndarray of bool, shape (n)
+        In front of the camera, inside the image, and not magnified beyond what a patch can follow.
+    """
+
+    features: NDArray[np.float64]
+    disparities: NDArray[np.float64]
+    magnification: NDArray[np.float64]
+    visible: NDArray[np.bool_]
+
+
+class FeaturesPrediction2DInterface(Dfn[Any, FeaturesPrediction2DInputs, FeaturesPrediction2DOutputs]):
+    """Say where known points will appear in the left and right image at a predicted pose, and how much larger."""

@@ -1,0 +1,197 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""ReprojectionLm: the motion that minimises the reprojection error in both images of two stereo pairs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from cdff_common.errors import DegenerateGeometryError, InputError, RefusedError
+from cdff_common.geometry import covariance as cov
+from cdff_common.geometry import se3
+from cdff_common.interfaces.dfn import DfnConfig
+from cdff_core.dfns.stereo_motion_estimation._interface import (
+    StereoMotionEstimationInputs,
+    StereoMotionEstimationInterface,
+    StereoMotionEstimationOutputs,
+)
+from cdff_core.imaging.rectified_camera import RectifiedCamera
+
+FloatArray = NDArray[np.float64]
+_DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
+
+
+class ReprojectionLmConfig(DfnConfig):
+    """Noise model and limits of ReprojectionLm."""
+
+    sigma_track_px: Annotated[float, Field(gt=0, le=10)] = 0.2
+    sigma_disparity_px: Annotated[float, Field(gt=0, le=10)] = 0.2
+    robust_scale: Annotated[float, Field(gt=0.5, le=100)] = 3.0
+    gate: Annotated[float, Field(gt=1, le=100)] = 3.4
+    max_iterations: Annotated[int, Field(ge=1, le=200)] = 30
+    min_unit_variance: Annotated[float, Field(ge=0, le=100)] = 0.25
+    max_conditioning: Annotated[float, Field(gt=1)] = 1e7
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Problem:
+    """Inputs with their shapes checked; without calibration parameters the bases have no columns."""
+
+    camera: RectifiedCamera
+    reference: FloatArray
+    current: FloatArray
+    reference_basis: FloatArray
+    current_basis: FloatArray
+    prior_mean: FloatArray
+    prior_information: FloatArray
+
+    @classmethod
+    def of(cls, inputs: StereoMotionEstimationInputs) -> _Problem:
+        """Check the shapes; raises InputError."""
+        reference, current = np.asarray(inputs.reference, np.float64), np.asarray(inputs.current, np.float64)
+        n = len(reference)
+        if reference.shape != (n, 3) or current.shape != (n, 3):
+            raise InputError(f"reference {reference.shape} and current {current.shape}: expected both (n, 3)")
+        mean = np.zeros(0) if inputs.calibration is None else np.asarray(inputs.calibration, np.float64)
+        k = len(mean)
+        first, second = (np.zeros((n, 0)) if b is None else b for b in (inputs.reference_basis, inputs.current_basis))
+        covariance = np.zeros((0, 0)) if inputs.calibration_covariance is None else inputs.calibration_covariance
+        if first.shape != (n, k) or second.shape != (n, k) or covariance.shape != (k, k):
+            text = f"bases {first.shape} and {second.shape}, calibration covariance {covariance.shape}"
+            raise InputError(f"{text}: expected ({n}, {k}), ({k}, {k})")
+        camera = RectifiedCamera.from_matrix(inputs.camera_matrix, inputs.baseline)
+        return cls(camera, reference, current, first, second, mean, np.linalg.inv(covariance))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _System:
+    """The linearised problem at one estimate: residuals, weights, normal equations, robust cost."""
+
+    residuals: FloatArray
+    squared: FloatArray
+    weights: FloatArray
+    normal: FloatArray
+    gradient: FloatArray
+    cost: float
+
+
+class ReprojectionLm(StereoMotionEstimationInterface):
+    """Motion-only adjustment with the points' own uncertainty carried along.
+
+    The residual of a point is its measured minus predicted ``(u, v, d)`` in the current pair. Its covariance is the
+    measurement's plus that of the triangulated reference point, projected: to first order this is two-view bundle
+    adjustment with the structure eliminated, and it weighs near and far points as their geometry deserves. Cauchy
+    weights; Levenberg-Marquardt on ``R3 x SO(3)``; covariance ``s2 (J^T W J)^-1`` [1]_.
+
+    What a calibration leaves over bends near and far depths differently and is therefore visible in the motion itself
+    [2]_: parameters to which the disparities respond as the two bases say are estimated along with the motion, held by
+    what is known of them, and the motion's covariance includes what stays unknown of them.
+
+    References
+    ----------
+    .. [1] B. Triggs et al., Bundle Adjustment - A Modern Synthesis, 2000, doi:10.1007/3-540-44480-7_21, §4 and §6
+    .. [2] I. Kreso, S. Segvic, Improving the Egomotion Estimation by Correcting the Calibration Bias, VISAPP 2015,
+       doi:10.5220/0005316103470356
+    """
+
+    Config = ReprojectionLmConfig
+    config: ReprojectionLmConfig
+
+    def process(self, inputs: StereoMotionEstimationInputs) -> StereoMotionEstimationOutputs:
+        """Estimate the motion; raises RefusedError or DegenerateGeometryError where the points do not say it."""
+        problem = _Problem.of(inputs)
+        if len(problem.reference) < 4:
+            n = len(problem.reference)
+            raise RefusedError(f"{n} points, expected at least 4", [f"few_inliers:{n}<4"])
+        T = se3.inverse(inputs.guess)  # T_current_reference
+        T[:3, :3] = se3.normalise_rotation(T[:3, :3])  # products of many estimates drift off the manifold
+        theta = problem.prior_mean.copy()
+        system = self._linearise(problem, T, theta)
+        if not system.weights.sum() * 3.0 > 6.0:
+            raise RefusedError("no point agrees with the guess, even loosely", ["diverged"])
+        damping = 1e-6
+        for _ in range(self.config.max_iterations):
+            step = np.linalg.solve(system.normal + damping * np.diag(np.diag(system.normal)), -system.gradient)
+            candidate = se3.transform(se3.exp_so3(step[3:6]) @ T[:3, :3], T[:3, 3] + step[:3])
+            trial = self._linearise(problem, candidate, theta + step[6:])
+            if trial.cost > system.cost * (1.0 + 1e-9):
+                damping *= 10.0
+                if damping > 1e6:
+                    break
+                continue
+            settled = float(step @ system.normal @ step) < 1e-8  # a ten-thousandth of the estimate's own sigma
+            T, theta, system, damping = candidate, theta + step[6:], trial, max(damping * 0.1, 1e-9)
+            if settled:
+                break
+        return self._outputs(T, theta, system)
+
+    def _linearise(self, problem: _Problem, T: FloatArray, theta: FloatArray) -> _System:
+        c, camera = self.config, problem.camera
+        reference, current = problem.reference.copy(), problem.current.copy()
+        reference[:, 2] = np.maximum(reference[:, 2] + problem.reference_basis @ theta, 0.05)
+        current[:, 2] += problem.current_basis @ theta
+        rotated = camera.triangulate(reference) @ T[:3, :3].T
+        moved = rotated + T[:3, 3]
+        behind = moved[:, 2] < 0.05
+        moved[behind, 2] = 0.05
+        residuals = current - camera.project(moved)
+        J_point = camera.projection_jacobian(moved)
+        # How the prediction follows the reference disparity: the depth error of the point, seen from here.
+        J_depth = (J_point @ T[:3, :3] @ camera.triangulation_jacobian(reference)[:, :, 2:])[:, :, 0]
+        measured = np.diag([c.sigma_track_px**2, c.sigma_track_px**2, c.sigma_disparity_px**2])
+        W = np.linalg.inv(measured + c.sigma_disparity_px**2 * J_depth[:, :, None] * J_depth[:, None, :])
+        squared = np.einsum("ni,nij,nj->n", residuals, W, residuals)
+        squared[behind] = 1e12
+        weights = 1.0 / (1.0 + squared / c.robust_scale**2)
+        J_calibration = J_depth[:, :, None] * problem.reference_basis[:, None, :]
+        J_calibration[:, 2, :] -= problem.current_basis
+        J = np.concatenate([J_point, -J_point @ se3.skew(rotated), J_calibration], axis=2)
+        JW = np.swapaxes(J, 1, 2) @ (W * weights[:, None, None])
+        normal, gradient = (JW @ J).sum(axis=0), -(JW @ residuals[:, :, None]).sum(axis=0)[:, 0]
+        surprise = theta - problem.prior_mean
+        normal[6:, 6:] += problem.prior_information
+        gradient[6:] += problem.prior_information @ surprise
+        cost = float(np.sum(np.log1p(squared / c.robust_scale**2))) * c.robust_scale**2
+        cost += float(surprise @ problem.prior_information @ surprise)
+        return _System(residuals, squared, weights, normal, gradient, cost)
+
+    def _outputs(self, T: FloatArray, theta: FloatArray, system: _System) -> StereoMotionEstimationOutputs:
+        c = self.config
+        inliers = system.squared < c.gate**2
+        if inliers.sum() < 4 or not np.all(np.isfinite(T)):
+            raise RefusedError(f"{inliers.sum()} points agree on a motion", [f"few_inliers:{inliers.sum()}<4"])
+        conditioning, direction = self._conditioning(system.normal)
+        if conditioning > c.max_conditioning:
+            text = f"the points leave {direction} free (condition {conditioning:.3g})"
+            raise DegenerateGeometryError(text, [direction])
+        freedom = max(3.0 * float(system.weights.sum()) - len(system.normal), 1.0)
+        unit_variance = float((system.weights * system.squared).sum()) / freedom
+        inverse = max(unit_variance, c.min_unit_variance) * np.linalg.inv(system.normal)
+        inverse = 0.5 * (inverse + inverse.T)
+        return StereoMotionEstimationOutputs(
+            motion=se3.inverse(T),
+            covariance=cov.inverse_covariance(T, inverse[:6, :6]),
+            inliers=inliers,
+            residuals=system.residuals,
+            unit_variance=np.array([unit_variance]),
+            conditioning=np.array([conditioning]),
+            calibration=theta,
+            calibration_covariance=inverse[6:, 6:],
+        )
+
+    @staticmethod
+    def _conditioning(normal: FloatArray) -> tuple[float, str]:
+        """Condition of the 6x6 normal matrix, rotations in the unit of translations, and its weakest direction."""
+        H = normal[:6, :6]
+        if len(normal) > 6:
+            H = H - normal[:6, 6:] @ np.linalg.solve(normal[6:, 6:], normal[6:, :6])
+        distance = np.sqrt(np.trace(H[3:, 3:]) / max(np.trace(H[:3, :3]), 1e-300))  # the points' effective distance
+        scale = np.array([1.0, 1.0, 1.0, *[1.0 / distance] * 3])
+        values, vectors = np.linalg.eigh(H * np.outer(scale, scale))
+        weakest = _DIRECTIONS[int(np.argmax(np.abs(vectors[:, 0])))]
+        return float(values[-1] / max(values[0], 1e-300)), weakest

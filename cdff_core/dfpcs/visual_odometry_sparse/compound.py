@@ -1,0 +1,270 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The controller of the DFPC VisualOdometrySparse: which DFN runs when.
+
+One pass of ``on_stereo`` is the control sequence of ``dfpc.yaml``: assess, anchor or predict, track, reject, measure
+disparities, refine, judge, renew the key frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from cdff_common.errors import InputError, RefusedError
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.interfaces.dfpc import DfpcConfig, Output, Sample
+from cdff_common.interfaces.product import CovarianceKind, Quality, Status
+from cdff_common.types import FramePair, PoseTrajectory, TransformWithCovariance
+from cdff_core.dfns.features_extraction_2d._interface import FeaturesExtraction2DInputs
+from cdff_core.dfns.features_prediction_2d._interface import FeaturesPrediction2DInputs
+from cdff_core.dfns.features_tracking_2d._interface import FeaturesTracking2DInputs
+from cdff_core.dfns.image_assessment._interface import ImageAssessmentInputs
+from cdff_core.dfns.perspective_n_point_solving._interface import PerspectiveNPointSolvingInputs
+from cdff_core.dfns.rectification_refinement._interface import RectificationRefinementInputs
+from cdff_core.dfns.stereo_matching_2d._interface import StereoMatching2DInputs
+from cdff_core.dfns.stereo_motion_estimation._interface import StereoMotionEstimationInputs
+from cdff_core.dfns.stereo_triangulation._interface import StereoTriangulationInputs
+from cdff_core.dfpcs.visual_odometry_sparse import _verdict as verdict
+from cdff_core.dfpcs.visual_odometry_sparse._interface import VisualOdometrySparseInterface
+from cdff_core.dfpcs.visual_odometry_sparse._state import Calibration, FloatArray, KeyFrame, Path, View, required
+
+
+class VisualOdometrySparseConfig(DfpcConfig):
+    """Parameters of VisualOdometrySparse: its own, and per DFN slot a mapping with that DFN's."""
+
+    limits: verdict.Limits = verdict.Limits()
+    keyframe_survival: Annotated[float, Field(gt=0, lt=1)] = 0.6
+    patience: Annotated[int, Field(ge=1, le=100)] = 2
+    sigma_calibration_walk_px: Annotated[float, Field(ge=0, le=1)] = 0.002
+    trajectory_length: Annotated[int, Field(ge=2)] = 100_000
+    assessment: dict[str, Any] = {}
+    extraction: dict[str, Any] = {}
+    stereo_matching: dict[str, Any] = {}
+    refinement: dict[str, Any] = {}
+    triangulation: dict[str, Any] = {}
+    prediction: dict[str, Any] = {}
+    tracking: dict[str, Any] = {}
+    pnp: dict[str, Any] = {}
+    motion: dict[str, Any] = {}
+
+
+class VisualOdometrySparse(VisualOdometrySparseInterface):
+    """Motion of a rectified stereo camera from points tracked against a key frame."""
+
+    Config = VisualOdometrySparseConfig
+    config: VisualOdometrySparseConfig
+
+    def setup(self) -> None:
+        """Make the DFNs, forget everything seen, offer the local store."""
+        self.assessment, self.extraction = self.dfn("assessment"), self.dfn("extraction")
+        self.stereo_matching, self.refinement = self.dfn("stereo_matching"), self.dfn("refinement")
+        self.triangulation = self.dfn("triangulation")
+        self.prediction, self.tracking = self.dfn("prediction"), self.dfn("tracking")
+        self.pnp, self.motion = self.dfn("pnp"), self.dfn("motion")
+        if "seed" not in self.config.pnp:
+            self.pnp.configure(self.pnp.config.model_copy(update={"seed": self.context.seed}))
+        c = self.config
+        self._parent, self._child = f"{self.context.robot}/vo", f"{self.context.robot}/navcam_left"
+        self._path = Path(c.trajectory_length)
+        self._calibration = Calibration(c.sigma_calibration_walk_px)
+        self._key: KeyFrame | None = None
+        self._last: View | None = None
+        self._lost, self._gaps, self._gap_open = 0, 0, False
+        self.store.offer("keyframe", lambda: self._key and self._key.view.pair)
+        self.store.offer("trajectory", lambda: self._path.trajectory(self._parent, self._child))
+
+    def on_stereo(self, sample: Sample) -> Iterable[Output]:
+        """Locate the camera at one pair; always one output."""
+        try:
+            view = self._take(sample)
+            repeated, sharpness = self._assess(view)
+            if repeated and self._path:
+                return [self._repeat(view)]
+            if self._key is None:
+                return [self._begin(view, sharpness)]
+            return [self._follow(view, self._key, sharpness)]
+        except RefusedError as refusal:
+            return [self._output(sample.stamp_ns, (sample.id,), None, Quality(Status.FAILED, refusal.reasons))]
+        except InputError as error:
+            return [self._output(sample.stamp_ns, (sample.id,), None, Quality(Status.FAILED, (f"input:{error}",)))]
+
+    def get_trajectory(self) -> PoseTrajectory:
+        """All poses since the start or reset, with covariance."""
+        trajectory: PoseTrajectory = self.store.get("trajectory")
+        return trajectory
+
+    def _take(self, sample: Sample) -> View:
+        if not isinstance(sample.value, FramePair):
+            raise InputError(f"stereo: got a {type(sample.value).__name__}, expected a FramePair")
+        view = View.of(sample.value, sample.stamp_ns, sample.id)
+        if self._last is not None and view.stamp_ns <= self._last.stamp_ns:
+            raise RefusedError("stamps must rise", [f"stamp_not_after:{self._last.stamp_ns}"])
+        if self._last is not None and view.left.shape != self._last.left.shape:
+            self.reset()  # another camera: nothing known so far applies to it
+        return view
+
+    def _assess(self, view: View) -> tuple[bool, float]:
+        """Whether the pair is the last one again, and how sharp it is; raises RefusedError on empty images."""
+        last, self._last = self._last, view
+        left, right = (
+            self.assessment.process(ImageAssessmentInputs(image=image, previous=previous))
+            for image, previous in (
+                (view.left, None if last is None else last.left),
+                (view.right, None if last is None else last.right),
+            )
+        )
+        verdict.judge_images(left, right, self.config.limits)
+        return bool(left.change[0] == 0.0), float(min(left.sharpness[0], right.sharpness[0]))
+
+    def _repeat(self, view: View) -> Output:
+        """The very same images: the camera is frozen, or simulated at rest; the last pose is all there is to say."""
+        pose = self._path.repeated(view.stamp_ns)
+        quality = Quality(Status.DEGRADED, ("repeated_image",), CovarianceKind.FORMAL, {"gaps": float(self._gaps)})
+        return self._output(view.stamp_ns, (view.sample_id,), pose, quality)
+
+    def _begin(self, view: View, sharpness: float) -> Output:
+        """Anchor at the first usable pair: the origin of the odometry."""
+        pose = UncertainTransform.identity()
+        self._key, reasons = self._anchor(view, pose, sharpness)
+        reasons += verdict.blur_reasons(sharpness, None, self.config.limits)
+        self._path.measured(view.stamp_ns, pose)
+        metrics = {"features": float(len(self._key.features)), "sharpness": sharpness, "gaps": 0.0}
+        return self._output(view.stamp_ns, (view.sample_id,), pose, self._quality(reasons, metrics))
+
+    def _anchor(self, view: View, pose: UncertainTransform, sharpness: float) -> tuple[KeyFrame, list[str]]:
+        """Make a key frame of a pair, with doubts about it; raises RefusedError where left and right differ."""
+        found = self.extraction.process(FeaturesExtraction2DInputs(image=view.left))
+        paired = self.stereo_matching.process(StereoMatching2DInputs(view.left, view.right, found.features))
+        doubts = verdict.judge_stereo(int(paired.valid.sum()), len(found.features), self.config.limits)
+        features, disparities = found.features[paired.valid], paired.disparities[paired.valid]
+        field = self.refinement.process(
+            RectificationRefinementInputs(features, disparities, view.camera_matrix, paired.row_offsets[paired.valid])
+        )
+        self._calibration.hand_over(field.open_covariance)
+        disparities = disparities + field.corrections
+        corrected = disparities + field.basis @ self._calibration.mean_px
+        ahead = corrected >= self.config.limits.min_disparity_px
+        triangulated = self.triangulation.process(
+            StereoTriangulationInputs(features[ahead], corrected[ahead], view.camera_matrix, view.baseline)
+        )
+        return KeyFrame(
+            view, pose, features[ahead], disparities[ahead], field.basis[ahead], triangulated.points, sharpness
+        ), doubts
+
+    def _follow(self, view: View, key: KeyFrame, sharpness: float) -> Output:
+        """Locate the camera against the key frame; re-anchor when that fails ``patience`` times in a row."""
+        try:
+            T_key_now, metrics, reasons = self._locate(view, key)
+        except RefusedError:
+            self._lost += 1
+            if self._lost >= self.config.patience:
+                self._key, _ = self._anchor(view, self._path.across_gap(view.stamp_ns), sharpness)
+                self._gaps, self._gap_open, self._lost = self._gaps + 1, True, 0
+            raise
+        reasons += verdict.blur_reasons(sharpness, key.sharpness, self.config.limits)
+        reasons += ["gap"] if self._gap_open else []
+        pose = key.pose @ T_key_now
+        self._path.measured(view.stamp_ns, pose, after_gap=self._gap_open)
+        self._lost, self._gap_open = 0, False
+        if metrics["inliers"] < self.config.keyframe_survival * len(key.features):
+            try:
+                self._key, _ = self._anchor(view, pose, sharpness)
+            except RefusedError as doubt:
+                reasons += doubt.reasons
+        offset_px, decentring_px = (float(p) for p in self._calibration.mean_px)
+        metrics |= {"sharpness": sharpness, "gaps": float(self._gaps)}
+        metrics |= {"disparity_offset_px": offset_px, "decentring_px": decentring_px}
+        return self._output(view.stamp_ns, (key.view.sample_id, view.sample_id), pose, self._quality(reasons, metrics))
+
+    def _locate(self, view: View, key: KeyFrame) -> tuple[UncertainTransform, dict[str, float], list[str]]:
+        """``T_key_now`` by tracking, outlier rejection, stereo matching and refinement; raises RefusedError."""
+        T_now_key = se3.inverse(self._path.predict(view.stamp_ns)) @ key.pose.matrix
+        tracked, matches, visible = self._track(view, key, T_now_key)
+        T_now_key, agreeing = self._agree(view, key, tracked, matches, T_now_key)
+        if len(tracked) < 0.5 * visible:
+            again, again_matches, _ = self._track(view, key, T_now_key)
+            if len(again) > len(tracked):
+                tracked, matches = again, again_matches
+                T_now_key, agreeing = self._agree(view, key, tracked, matches, T_now_key)
+        candidates, matches = tracked[agreeing], matches[agreeing]
+        expected = self._predict(view, key, T_now_key).disparities[candidates]
+        field = self.refinement.process(RectificationRefinementInputs(matches, expected, view.camera_matrix))
+        shift = field.corrections + field.basis @ self._calibration.mean_px
+        paired = self.stereo_matching.process(StereoMatching2DInputs(view.left, view.right, matches, expected - shift))
+        least = max(self.config.limits.min_inliers, int(self.config.limits.min_pairing_fraction * len(candidates)))
+        required(int(paired.valid.sum()), least, "stereo_mismatch")
+        kept, ok = candidates[paired.valid], paired.valid
+        reference = np.column_stack([key.features[kept], key.disparities[kept]])
+        current = np.column_stack([matches[ok], paired.disparities[ok] + field.corrections[ok]])
+        refined = self.motion.process(
+            StereoMotionEstimationInputs(
+                reference, current, view.camera_matrix, view.baseline, se3.inverse(T_now_key),
+                key.basis[kept], field.basis[ok], self._calibration.mean_px, self._calibration.covariance_px2,
+            )
+        )  # fmt: skip
+        near = reference[refined.inliers, 2] >= self.config.limits.near_disparity_px
+        metrics = {
+            "features": float(len(key.features)),
+            "visible": float(visible),
+            "tracked": float(len(tracked)),
+            "inliers": float(refined.inliers.sum()),
+            "inlier_fraction": float(refined.inliers.sum()) / max(len(tracked), 1),
+            "near_points": float(near.sum()),
+            "rms_px": float(np.sqrt(np.mean(refined.residuals[refined.inliers] ** 2))),
+            "unit_variance": float(refined.unit_variance[0]),
+            "conditioning": float(refined.conditioning[0]),
+            "moved_m": float(np.linalg.norm(refined.motion[:3, 3])),
+            "sigma_translation_m": verdict.largest_sigma(refined.covariance[:3, :3]),
+            "sigma_rotation_rad": verdict.largest_sigma(refined.covariance[3:, 3:]),
+        }
+        reasons = verdict.judge_motion(metrics, self.config.limits)
+        self._calibration.note(refined.calibration, refined.calibration_covariance)
+        return UncertainTransform(refined.motion, refined.covariance), metrics, reasons
+
+    def _predict(self, view: View, key: KeyFrame, T_now_key: FloatArray) -> Any:
+        return self.prediction.process(
+            FeaturesPrediction2DInputs(key.points, T_now_key, view.camera_matrix, view.baseline, view.left)
+        )
+
+    def _track(self, view: View, key: KeyFrame, T_now_key: FloatArray) -> tuple[Any, FloatArray, int]:
+        """Indices of the key frame's points that were found, where, and how many were expected to be visible."""
+        expected = self._predict(view, key, T_now_key)
+        visible = np.flatnonzero(expected.visible)
+        found = self.tracking.process(
+            FeaturesTracking2DInputs(
+                key.view.left,
+                view.left,
+                key.features[visible],
+                expected.features[visible],
+                expected.magnification[visible],
+            )
+        )
+        return visible[found.valid], found.matches[found.valid], len(visible)
+
+    def _agree(
+        self, view: View, key: KeyFrame, tracked: Any, matches: FloatArray, guess: FloatArray
+    ) -> tuple[FloatArray, Any]:
+        """``T_now_key`` that most tracked points agree on, and which do."""
+        solved = self.pnp.process(
+            PerspectiveNPointSolvingInputs(key.points[tracked], matches, view.camera_matrix, guess)
+        )
+        return solved.camera, solved.inliers
+
+    def _quality(self, reasons: list[str], metrics: dict[str, float]) -> Quality:
+        status = Status.DEGRADED if reasons else Status.OK
+        return Quality(status, tuple(reasons), CovarianceKind.FORMAL, metrics)
+
+    def _output(
+        self, stamp_ns: int, inputs: tuple[str, ...], pose: UncertainTransform | None, quality: Quality
+    ) -> Output:
+        value = None
+        if pose is not None:
+            value = TransformWithCovariance.from_transform(
+                pose, parent=self._parent, child=self._child, stamp_ns=stamp_ns, producer=self.name
+            )
+        named = tuple(dict.fromkeys(i for i in inputs if i))
+        return Output("pose", value, stamp_ns, stamp_ns, self._parent, self._child, quality, named)

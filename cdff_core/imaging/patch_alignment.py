@@ -1,0 +1,201 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Sub-pixel alignment of small patches, one compiled loop per point: what trackers and stereo matchers stand on.
+
+Patches are compared by zero-mean normalised cross-correlation and aligned after removing their mean and gain, so that
+exposure and vignetting do not move the result.
+
+References
+----------
+.. [1] S. Baker, I. Matthews, Lucas-Kanade 20 Years On, IJCV 56(3), 2004, doi:10.1023/B:VISI.0000011205.11775.fd
+"""
+
+from __future__ import annotations
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+FloatImage = NDArray[np.float32]
+FloatArray = NDArray[np.float64]
+
+_FLAT = 1e-3  # sum of squared grey-level deviations below which a patch holds no structure at all
+_MAX_STEP_PX = 2.0  # the linearisation does not hold for longer steps
+
+
+@nb.njit(cache=True, inline="always")
+def _bilinear(image, x, y):  # type: ignore[no-untyped-def]
+    column, row = int(x), int(y)
+    a, b = x - column, y - row
+    top = (1.0 - a) * image[row, column] + a * image[row, column + 1]
+    bottom = (1.0 - a) * image[row + 1, column] + a * image[row + 1, column + 1]
+    return (1.0 - b) * top + b * bottom
+
+
+@nb.njit(cache=True, fastmath={"reassoc", "contract", "arcp", "nsz"})
+def align_patches(reference, image, points, start, scales, half, iterations, tolerance_px):  # type: ignore[no-untyped-def]
+    """Find the patches around ``points`` of ``reference`` in ``image`` by inverse-compositional Gauss-Newton [1]_.
+
+    Parameters
+    ----------
+    reference, image : NDArray[np.float32], shape (rows, cols)
+    points : NDArray[np.float64], shape (n, 2)
+        Patch centres x, y in ``reference``, pixels.
+    start : NDArray[np.float64], shape (n, 2)
+        Where to begin in ``image``, pixels.
+    scales : NDArray[np.float64], shape (n,)
+        Expected magnification from ``reference`` to ``image``.
+    half : int
+        Patches are ``2 half + 1`` pixels wide.
+    iterations : int
+    tolerance_px : float
+        A step below this ends the search.
+
+    Returns
+    -------
+    found : NDArray[np.float64], shape (n, 2)
+        Where the search ended, pixels.
+    score : NDArray[np.float64], shape (n,)
+        Normalised cross-correlation there; -1 where the patch left the image, is flat, or the search did not settle.
+    """
+    n = len(points)
+    found, score = start.copy(), np.full(n, -1.0)
+    width = 2 * half + 1
+    m = width * width
+    T, gx, gy, patch = np.empty(m), np.empty(m), np.empty(m), np.empty(m)
+    block = np.empty((width + 2, width + 2))
+    for i in range(n):
+        px, py, s = points[i, 0], points[i, 1], scales[i]
+        margin = half + 2.0
+        if not (margin <= px < reference.shape[1] - margin - 1 and margin <= py < reference.shape[0] - margin - 1):
+            continue
+        for v in range(width + 2):
+            for u in range(width + 2):
+                block[v, u] = _bilinear(reference, px + (u - half - 1), py + (v - half - 1))
+        mean, mean_x, mean_y, k = 0.0, 0.0, 0.0, 0
+        for v in range(1, width + 1):
+            for u in range(1, width + 1):
+                T[k] = block[v, u]
+                gx[k] = 0.5 * (block[v, u + 1] - block[v, u - 1])
+                gy[k] = 0.5 * (block[v + 1, u] - block[v - 1, u])
+                mean += T[k]
+                mean_x += gx[k]
+                mean_y += gy[k]
+                k += 1
+        mean, mean_x, mean_y = mean / m, mean_x / m, mean_y / m
+        energy, hxx, hxy, hyy = 0.0, 0.0, 0.0, 0.0
+        for k in range(m):
+            T[k] -= mean
+            gx[k] -= mean_x
+            gy[k] -= mean_y
+            energy += T[k] * T[k]
+            hxx += gx[k] * gx[k]
+            hxy += gx[k] * gy[k]
+            hyy += gy[k] * gy[k]
+        determinant = hxx * hyy - hxy * hxy
+        if energy < _FLAT or determinant <= 1e-6 * (hxx + hyy) ** 2:
+            continue
+        x, y, reach, settled = start[i, 0], start[i, 1], half * s + 2.0, False
+        for _ in range(iterations + 1):
+            if not (reach <= x < image.shape[1] - reach - 1 and reach <= y < image.shape[0] - reach - 1):
+                settled = False
+                break
+            level, k = 0.0, 0
+            for v in range(-half, half + 1):
+                for u in range(-half, half + 1):
+                    patch[k] = _bilinear(image, x + s * u, y + s * v)
+                    level += patch[k]
+                    k += 1
+            level /= m
+            cross, other = 0.0, 0.0
+            for k in range(m):
+                patch[k] -= level
+                cross += patch[k] * T[k]
+                other += patch[k] * patch[k]
+            if other < _FLAT or cross <= 0.0:
+                settled = False
+                break
+            score[i] = cross / np.sqrt(other * energy)
+            if settled:
+                break
+            gain = energy / cross
+            bx, by = 0.0, 0.0
+            for k in range(m):
+                e = patch[k] * gain - T[k]
+                bx += gx[k] * e
+                by += gy[k] * e
+            dx, dy = (hyy * bx - hxy * by) / determinant, (hxx * by - hxy * bx) / determinant
+            length = np.sqrt(dx * dx + dy * dy)
+            if length > _MAX_STEP_PX:
+                dx, dy = dx * _MAX_STEP_PX / length, dy * _MAX_STEP_PX / length
+            x, y = x - s * dx, y - s * dy
+            settled = length < tolerance_px
+        if not settled:
+            score[i] = -1.0
+        found[i, 0], found[i, 1] = x, y
+    return found, score
+
+
+@nb.njit(cache=True, fastmath={"reassoc", "contract", "arcp", "nsz"})
+def search_rows(left, right, points, lowest, highest, half):  # type: ignore[no-untyped-def]
+    """Search each point of ``left`` along its row of ``right``, whole pixels, by normalised cross-correlation.
+
+    Parameters
+    ----------
+    left, right : NDArray[np.float32], shape (rows, cols)
+        Rectified images.
+    points : NDArray[np.float64], shape (n, 2)
+        x, y in ``left``, pixels.
+    lowest, highest : NDArray[np.int64], shape (n,)
+        First and last disparity to try, pixels.
+    half : int
+        Patches are ``2 half + 1`` pixels wide.
+
+    Returns
+    -------
+    disparity : NDArray[np.float64], shape (n,)
+        Best whole disparity, NaN where none could be tried.
+    best, second : NDArray[np.float64], shape (n,)
+        Correlation there, and the highest more than two pixels away from it.
+    """
+    n = len(points)
+    disparity, best, second = np.full(n, np.nan), np.full(n, -1.0), np.full(n, -1.0)
+    width = 2 * half + 1
+    m = width * width
+    T = np.empty((width, width), np.float32)
+    for i in range(n):
+        x, y = int(np.rint(points[i, 0])), int(np.rint(points[i, 1]))
+        first, last = max(lowest[i], x + half + 1 - right.shape[1]), min(highest[i], x - half)
+        if x < half or y < half or x >= left.shape[1] - half or y >= left.shape[0] - half or last < first:
+            continue
+        mean = np.float32(0.0)
+        for v in range(width):
+            for u in range(width):
+                T[v, u] = left[y + v - half, x + u - half]
+                mean += T[v, u]
+        mean /= np.float32(m)
+        energy = np.float32(0.0)
+        for v in range(width):
+            for u in range(width):
+                T[v, u] -= mean
+                energy += T[v, u] * T[v, u]
+        if energy < _FLAT:
+            continue
+        scores = np.full(last - first + 1, -1.0)
+        for d in range(first, last + 1):
+            total, squares, cross = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+            for v in range(width):
+                for u in range(width):
+                    w = right[y + v - half, x - d + u - half]
+                    total += w
+                    squares += w * w
+                    cross += w * T[v, u]
+            other = squares - total * total / np.float32(m)
+            if other > _FLAT:
+                scores[d - first] = cross / np.sqrt(other * energy)
+        top = np.argmax(scores)
+        disparity[i], best[i] = first + top, scores[top]
+        for j in range(len(scores)):
+            if abs(j - top) > 2 and scores[j] > second[i]:
+                second[i] = scores[j]
+    return disparity, best, second
