@@ -76,36 +76,46 @@ class Pinger:
         self._subscriber = self.raw.declare_subscriber("bench/raw/pong", lambda _s: self._pong.set())
         self.bus.subscribe("bench/ours/pong", lambda _m: self._pong.set())
         self._querier = self.raw.declare_querier(
-            "bench/raw/get", consolidation=zenoh.ConsolidationMode.NONE, timeout=10.0, express=True,
+            "bench/raw/get",
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=10.0,
+            express=True,
             priority=zenoh.Priority.INTERACTIVE_HIGH,
         )
 
     def raw_publish(self, payload: bytes) -> None:
+        """One way and back over raw Zenoh."""
         self._pong.clear()
         self.raw.put("bench/raw/ping", payload, congestion_control=zenoh.CongestionControl.BLOCK)
         assert self._pong.wait(10)
 
     def our_publish(self, payload: bytes) -> None:
+        """One way and back over our bus."""
         self._pong.clear()
         self.bus.publish("bench/ours/ping", payload)
         assert self._pong.wait(10)
 
     def raw_request(self, payload: bytes) -> None:
+        """A query over raw Zenoh."""
         for reply in self._querier.get(parameters=f"n={len(payload)}"):
             assert reply.ok is not None
             assert len(reply.ok.payload.to_bytes()) == len(payload)
 
     def our_request(self, payload: bytes) -> None:
+        """A call over our bus."""
         assert len(self.bus.call("bench/ours/get", {"n": len(payload)}, timeout_s=10.0).payload) == len(payload)
 
     def close(self) -> None:
+        """Close both sessions."""
         self._querier.undeclare()
         self._subscriber.undeclare()
         self.bus.close()
         self.raw.close()
 
 
-def measure(first: Callable[[bytes], None], second: Callable[[bytes], None], payload: bytes, rounds: int) -> dict[str, float]:
+def measure(
+    first: Callable[[bytes], None], second: Callable[[bytes], None], payload: bytes, rounds: int
+) -> dict[str, float]:
     """Alternate batches of both and return medians in microseconds, their ratio and CPU per call of this process."""
     times: tuple[list[float], list[float]] = ([], [])
     cpu = [0.0, 0.0]
@@ -123,8 +133,11 @@ def measure(first: Callable[[bytes], None], second: Callable[[bytes], None], pay
             cpu[which] += time.process_time() - cpu_s
     raw, ours = (statistics.median(t) for t in times)
     return {
-        "raw_us": round(raw, 1), "ours_us": round(ours, 1), "ratio": round(ours / raw, 3),
-        "raw_cpu_us": round(cpu[0] / len(times[0]) * 1e6, 1), "ours_cpu_us": round(cpu[1] / len(times[1]) * 1e6, 1),
+        "raw_us": round(raw, 1),
+        "ours_us": round(ours, 1),
+        "ratio": round(ours / raw, 3),
+        "raw_cpu_us": round(cpu[0] / len(times[0]) * 1e6, 1),
+        "ours_cpu_us": round(cpu[1] / len(times[1]) * 1e6, 1),
         "round_trips": len(times[0]),
     }
 
@@ -176,8 +189,13 @@ def main() -> None:
         echo()
         return
     report = {
-        "benchmark": "bus", "hashing": "none on either side", "zenoh": version("eclipse-zenoh"), "python": platform.python_version(),
-        "cores": os.cpu_count(), "shared_memory_on": run(256, args.scale), "shared_memory_off": run(0, args.scale),
+        "benchmark": "bus",
+        "hashing": "none on either side",
+        "zenoh": version("eclipse-zenoh"),
+        "python": platform.python_version(),
+        "cores": os.cpu_count(),
+        "shared_memory_on": run(256, args.scale),
+        "shared_memory_off": run(0, args.scale),
         "peak_rss_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1),
     }
     text = json.dumps(report, indent=2)

@@ -63,7 +63,7 @@ def run_service(name: str, body: Callable[[threading.Event], None]) -> int:
     try:
         body(stop)
     except CdffError as error:
-        logger.error("%s", error)  # noqa: TRY400  # a known error is one line, not a traceback
+        logger.error("%s", error)  # a known error is one line, not a traceback
         return 1
     sys.stdout.flush()
     return 0

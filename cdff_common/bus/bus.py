@@ -92,7 +92,13 @@ class Bus:
         return item
 
     def publish(
-        self, key: str, payload: bytes | bytearray, *, encoding: str = "", attachment: bytes = b"", qos: Qos = Qos.PRODUCT
+        self,
+        key: str,
+        payload: bytes | bytearray,
+        *,
+        encoding: str = "",
+        attachment: bytes = b"",
+        qos: Qos = Qos.PRODUCT,
     ) -> None:
         """Publish one message."""
         self._session.put(key, payload, encoding=encoding or None, attachment=attachment or None, **put_options(qos))
@@ -115,7 +121,7 @@ class Bus:
         return Reply(payload, encoding)
 
     def subscribe(self, keyexpr: str, callback: Callable[[Message], None], *, depth: int = 64) -> Subscription:
-        """Call ``callback`` for each message, in a thread of its own; beyond ``depth`` waiting the oldest is dropped."""
+        """Call ``callback`` for each message, in its own thread; beyond ``depth`` waiting the oldest is dropped."""
         subscription: Subscription = self._keep(Subscription(self._session, keyexpr, callback, depth))
         return subscription
 
@@ -136,8 +142,13 @@ class Bus:
     ) -> Iterator[Reply]:
         """Yield the replies to a call, the final one last; raises as ``rpc.call_stream`` says."""
         return rpc.call_stream(
-            self._session, key, parameters,
-            payload=payload, encoding=encoding, attachment=attachment, timeout_s=timeout_s,
+            self._session,
+            key,
+            parameters,
+            payload=payload,
+            encoding=encoding,
+            attachment=attachment,
+            timeout_s=timeout_s,
         )
 
     def call(

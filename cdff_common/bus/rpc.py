@@ -73,12 +73,14 @@ class Served:
                 key = str(query.key_expr)
                 for reply in [replies] if isinstance(replies, Reply) else replies:
                     query.reply(
-                        reply.key or key, reply.payload, encoding=reply.encoding or None,
+                        reply.key or key,
+                        reply.payload,
+                        encoding=reply.encoding or None,
                         attachment=pack({"kind": "result", "final": True, **reply.attachment}),
                     )
             except CdffError as error:
                 query.reply_err(pack(error_body(error, request_id)), encoding="application/msgpack")
-            except Exception as error:  # noqa: BLE001  # the caller must hear INTERNAL rather than nothing
+            except Exception as error:  # the caller must hear INTERNAL rather than nothing
                 logger.exception("handler of %s failed", self._key)
                 query.reply_err(pack(error_body(error, request_id)), encoding="application/msgpack")
             finally:
@@ -151,6 +153,8 @@ def call_stream(
 def message_of(sample: zenoh.Sample) -> Message:
     """A sample as a message."""
     return Message(
-        str(sample.key_expr), sample.payload.to_bytes(), str(sample.encoding),
+        str(sample.key_expr),
+        sample.payload.to_bytes(),
+        str(sample.encoding),
         b"" if sample.attachment is None else sample.attachment.to_bytes(),
     )

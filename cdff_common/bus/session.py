@@ -58,7 +58,9 @@ def open_client(connect: str | None, wait_s: float | None) -> zenoh.Session:
     config.insert_json5("connect/endpoints", json.dumps([where]))
     config.insert_json5("connect/timeout_ms", str(_ATTEMPT_MS))
     config.insert_json5("connect/exit_on_failure", "true")
-    config.insert_json5("connect/retry", '{"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5}')
+    config.insert_json5(
+        "connect/retry", '{"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5}'
+    )
     config.insert_json5("queries_default_timeout", "10000")
     deadline = None if wait_s is None else time.monotonic() + wait_s
     while True:

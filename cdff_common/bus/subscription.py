@@ -80,6 +80,6 @@ class Subscription:
             )
             try:
                 self._callback(message)
-            except Exception:  # noqa: BLE001  # the last line of defence of a thread: it is logged and counted
+            except Exception:  # the last line of defence of a thread: it is logged and counted
                 self.failed += 1
                 logger.exception("subscriber of %s failed", message.key)

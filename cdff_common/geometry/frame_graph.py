@@ -127,7 +127,9 @@ class FrameGraph:
         up_parent, up_child = self._chain(parent), self._chain(child)
         common = next((f for f in up_child if f in set(up_parent)), None)
         if common is None:
-            raise FrameNotFoundError(f"no chain joins {parent} and {child}: their roots are {up_parent[-1]} and {up_child[-1]}")
+            raise FrameNotFoundError(
+                f"no chain joins {parent} and {child}: their roots are {up_parent[-1]} and {up_child[-1]}"
+            )
         T_common_parent = self._down(common, up_parent, stamp_ns)
         T_common_child = self._down(common, up_child, stamp_ns)
         return T_common_parent.inverse() @ T_common_child

@@ -27,7 +27,7 @@ Identifier = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length
 
 
 def snake_case(name: str) -> str:
-    """``LaserFilter`` to ``laser_filter``, ``scanSamples`` to ``scan_samples``, ``Registration3D`` to ``registration_3d``."""
+    """``LaserFilter`` to ``laser_filter``, ``Registration3D`` to ``registration_3d``."""
     text = re.sub(r"([a-z])(\d+(?:[A-Z](?![a-z]))?)", r"\1_\2", name)
     text = re.sub(
         r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=\d)(?=[A-Z][a-z])|(?<=\d[A-Z])(?=[A-Z])", "_", text

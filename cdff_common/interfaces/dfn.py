@@ -74,7 +74,8 @@ def validated(model: type[ModelT], config: Any, owner: str) -> ModelT:
         return model.model_validate(config)
     except ValidationError as error:
         faults = "; ".join(
-            f"{'.'.join(str(p) for p in e['loc']) or 'value'}={_short(e.get('input'))}: {e['msg']}" for e in error.errors()
+            f"{'.'.join(str(p) for p in e['loc']) or 'value'}={_short(e.get('input'))}: {e['msg']}"
+            for e in error.errors()
         )
         known = ", ".join(model.model_fields)
         raise ConfigurationError(f"{owner}: {faults}. Known keys: {known or 'none'}") from error

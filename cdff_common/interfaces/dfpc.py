@@ -189,10 +189,13 @@ class Dfpc(ABC):
 
     @property
     def config_hash(self) -> str:
-        """First 16 hex digits of the SHA-256 of the resolved configuration: name, implementation, parameters, version."""
+        """First 16 hex digits of the SHA-256 of name, implementation, version, parameters and seed."""
         resolved = {
-            "name": self.name, "implementation": self.implementation, "version": self.description.version,
-            "config": self.config.model_dump(mode="json"), "seed": self.context.seed,
+            "name": self.name,
+            "implementation": self.implementation,
+            "version": self.description.version,
+            "config": self.config.model_dump(mode="json"),
+            "seed": self.context.seed,
         }
         return hashlib.sha256(json.dumps(resolved, sort_keys=True).encode()).hexdigest()[:16]
 
@@ -225,7 +228,9 @@ class Dfpc(ABC):
         """
         known = {op.name: op for op in self.description.operations}
         if operation not in known:
-            raise ProductNotFoundError(f"{self.name} has no operation {operation!r}; it has {', '.join(known) or 'none'}")
+            raise ProductNotFoundError(
+                f"{self.name} has no operation {operation!r}; it has {', '.join(known) or 'none'}"
+            )
         spec = known[operation]
         unknown = set(parameters) - {p.name for p in spec.inputs}
         if unknown:

@@ -154,12 +154,23 @@ class Header:
     def to_dict(self) -> dict[str, Any]:
         """Plain data in the contract's field names; absent fields left out."""
         data: dict[str, Any] = {
-            "v": WIRE_VERSION, "id": self.id, "seq": self.seq, "t0_ns": self.t0_ns, "t1_ns": self.t1_ns,
-            "frame": self.frame, "producer": self.producer, "config_hash": self.config_hash,
-            "inputs": list(self.inputs), "quality": self.quality.to_dict(),
+            "v": WIRE_VERSION,
+            "id": self.id,
+            "seq": self.seq,
+            "t0_ns": self.t0_ns,
+            "t1_ns": self.t1_ns,
+            "frame": self.frame,
+            "producer": self.producer,
+            "config_hash": self.config_hash,
+            "inputs": list(self.inputs),
+            "quality": self.quality.to_dict(),
         }
-        optional = {"child": self.child, "box_m": None if self.box_m is None else list(self.box_m),
-                    "resolution_m": self.resolution_m, "sha256": self.sha256}
+        optional = {
+            "child": self.child,
+            "box_m": None if self.box_m is None else list(self.box_m),
+            "resolution_m": self.resolution_m,
+            "sha256": self.sha256,
+        }
         data.update({k: v for k, v in optional.items() if v is not None})
         return data
 
@@ -173,9 +184,15 @@ class Header:
             if box is not None and len(box) != 6:
                 raise InputError(f"box_m {box!r}: expected 6 numbers")
             return cls(
-                id=str(uuid.UUID(data["id"])), seq=int(data["seq"]), t0_ns=int(data["t0_ns"]), t1_ns=int(data["t1_ns"]),
-                frame=str(data["frame"]), child=data.get("child"), producer=str(data["producer"]),
-                config_hash=str(data.get("config_hash", "")), inputs=tuple(str(i) for i in data.get("inputs", ())),
+                id=str(uuid.UUID(data["id"])),
+                seq=int(data["seq"]),
+                t0_ns=int(data["t0_ns"]),
+                t1_ns=int(data["t1_ns"]),
+                frame=str(data["frame"]),
+                child=data.get("child"),
+                producer=str(data["producer"]),
+                config_hash=str(data.get("config_hash", "")),
+                inputs=tuple(str(i) for i in data.get("inputs", ())),
                 quality=Quality.from_dict(data["quality"]),
                 box_m=None if box is None else tuple(float(x) for x in box),  # type: ignore[arg-type]  # length checked above
                 resolution_m=None if data.get("resolution_m") is None else float(data["resolution_m"]),

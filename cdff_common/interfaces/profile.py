@@ -155,7 +155,9 @@ class Robot(StrictModel):
         for entry in self.dfpcs:
             if entry.name == name:
                 return entry
-        raise ConfigurationError(f"robot {self.id} has no DFPC {name!r}; it has {', '.join(d.name for d in self.dfpcs)}")
+        raise ConfigurationError(
+            f"robot {self.id} has no DFPC {name!r}; it has {', '.join(d.name for d in self.dfpcs)}"
+        )
 
     def frame_graph(self) -> FrameGraph:
         """The robot's fixed frames."""
@@ -246,6 +248,7 @@ def load_profile(path: str | Path) -> Profile:
             for port in entry.inputs:
                 if port not in known:
                     raise ConfigurationError(
-                        f"profile {path}: {robot.id}.{entry.name} has no input port {port!r}; it has {', '.join(sorted(known))}"
+                        f"profile {path}: {robot.id}.{entry.name} has no input port {port!r}; "
+                        f"it has {', '.join(sorted(known))}"
                     )
     return profile

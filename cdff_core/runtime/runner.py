@@ -76,7 +76,9 @@ class Runner:
             If the DFPC has no such port.
         """
         if sample.port not in self._inputs:
-            raise ConfigurationError(f"{self._dfpc.name} has no input port {sample.port!r}; it has {sorted(self._inputs)}")
+            raise ConfigurationError(
+                f"{self._dfpc.name} has no input port {sample.port!r}; it has {sorted(self._inputs)}"
+            )
         if sample.stamp_ns <= self._newest_ns.get(sample.port, -(1 << 62)):
             self.counters.late += 1
             return False
@@ -125,10 +127,14 @@ class Runner:
     def _product(self, output: Output) -> Product:
         port = self._ports.get(output.port)
         if port is None:
-            raise ConfigurationError(f"{self._dfpc.name} emitted on {output.port!r}, which its description does not have")
+            raise ConfigurationError(
+                f"{self._dfpc.name} emitted on {output.port!r}, which its description does not have"
+            )
         status = output.quality.status
         if (output.value is None) != (status is Status.FAILED):
-            raise ConfigurationError(f"{self._dfpc.name}.{output.port}: status {status} with value {type(output.value).__name__}")
+            raise ConfigurationError(
+                f"{self._dfpc.name}.{output.port}: status {status} with value {type(output.value).__name__}"
+            )
         seq = self._next_seq.get(output.port, 0)
         self._next_seq[output.port] = seq + 1
         self.counters.outputs += 1
@@ -140,8 +146,15 @@ class Runner:
         geometry = getattr(output.value, "geometry", None)
         header = Header(
             id=product_id(self._robot, self._dfpc.name, output.port, output.t1_ns, seq, self._config_hash),
-            seq=seq, t0_ns=output.t0_ns, t1_ns=output.t1_ns, frame=output.frame, child=output.child,
-            producer=self._producer, config_hash=self._config_hash, inputs=output.inputs, quality=output.quality,
+            seq=seq,
+            t0_ns=output.t0_ns,
+            t1_ns=output.t1_ns,
+            frame=output.frame,
+            child=output.child,
+            producer=self._producer,
+            config_hash=self._config_hash,
+            inputs=output.inputs,
+            quality=output.quality,
             box_m=None if extent is None else tuple(float(x) for x in extent),
             resolution_m=None if geometry is None else float(geometry.resolution_m),
         )

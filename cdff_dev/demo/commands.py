@@ -15,8 +15,12 @@ DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
 
 def register(nouns: Any) -> None:
     """Add ``cdff demo``."""
-    parser = nouns.add_parser("demo", help="run the whole system on recorded data and ask it as an autonomy framework would")
-    parser.add_argument("--once", action="store_true", help="stop by itself; exit 0 only if every request was answered as asked")
+    parser = nouns.add_parser(
+        "demo", help="run the whole system on recorded data and ask it as an autonomy framework would"
+    )
+    parser.add_argument(
+        "--once", action="store_true", help="stop by itself; exit 0 only if every request was answered as asked"
+    )
     source = parser.add_mutually_exclusive_group()
     source.add_argument("--scenario", default="rover_traverse", help="simulated scenario (default: rover_traverse)")
     source.add_argument("--log", help="a recorded log, as a KITTI folder, instead of a simulated one")
@@ -28,23 +32,25 @@ def register(nouns: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the demonstration; 0 when every request was answered as asked, else 1, 130 when it was interrupted."""
-    import signal  # noqa: PLC0415
-    import threading  # noqa: PLC0415
+    import signal
+    import threading
 
-    from cdff_common.bus import Bus  # noqa: PLC0415
-    from cdff_common.errors import ConfigurationError  # noqa: PLC0415
-    from cdff_common.interfaces.profile import load_profile  # noqa: PLC0415
-    from cdff_dev.demo.run import run_script, wait_for_clock  # noqa: PLC0415
-    from cdff_dev.demo.script import load_script  # noqa: PLC0415
-    from cdff_dev.demo.stage import Stage  # noqa: PLC0415
+    from cdff_common.bus import Bus
+    from cdff_common.errors import ConfigurationError
+    from cdff_common.interfaces.profile import load_profile
+    from cdff_dev.demo.run import run_script, wait_for_clock
+    from cdff_dev.demo.script import load_script
+    from cdff_dev.demo.stage import Stage
 
     name, log = _source(args)
     script = load_script(DEPLOY / "demo" / f"{name}.yaml")
     profile_path = DEPLOY / "profiles" / f"{script.profile}.yaml"
     profile = load_profile(profile_path)
     data_dir = None if args.data_dir is None else Path(args.data_dir)
-    if data_dir is not None and (data_dir / "dpm.sqlite").exists():
-        raise ConfigurationError(f"--data-dir {data_dir}: holds products of an earlier run, which a new run contradicts; name an empty folder")
+    if data_dir is not None and (data_dir / "store.sqlite").exists():
+        raise ConfigurationError(
+            f"--data-dir {data_dir}: holds products of an earlier run; name an empty folder"
+        )
     # Both Ctrl-C and SIGTERM interrupt whatever the main thread does, and the stage is left in order.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     good = False
@@ -71,15 +77,17 @@ def run(args: argparse.Namespace) -> int:
 
 def _source(args: argparse.Namespace) -> tuple[str, Path]:
     """Name of the script and path of the log: recorded, or simulated (and cached) now."""
-    from cdff_common.errors import InputError  # noqa: PLC0415
-    from cdff_dev.simulate.commands import progress_line  # noqa: PLC0415
-    from cdff_dev.simulate.scenario import load_scenario  # noqa: PLC0415
-    from cdff_dev.simulate.store import simulated_log  # noqa: PLC0415
+    from cdff_common.errors import InputError
+    from cdff_dev.simulate.commands import progress_line
+    from cdff_dev.simulate.scenario import load_scenario
+    from cdff_dev.simulate.store import simulated_log
 
     if args.log is not None:
         path = Path(args.log)
         if not (path / "image_l_kitti").is_dir() and not (path / "image_0").is_dir():
-            raise InputError(f"--log {path}: expected a KITTI folder with image_l_kitti or image_0 (use `cdff replay` for others)")
+            raise InputError(
+                f"--log {path}: expected a KITTI folder with image_l_kitti or image_0 (use `cdff replay` for others)"
+            )
         return "kitti", path
     _say(f"simulating {args.scenario} (kept for the next time)")
     return args.scenario, simulated_log(load_scenario(args.scenario), progress=progress_line)

@@ -115,7 +115,7 @@ def _value_of(answer: Answer) -> Any:
 
 
 def _http_faults(http: str, header: Header) -> list[str]:
-    """What keeps a ground operator from finding what is behind an answer: the product itself or what it was made from."""
+    """What keeps a ground operator from finding the product behind an answer, or what that was made from."""
     found = [product_id for product_id in (header.id, *header.inputs[:20]) if _is_found(http, product_id)]
     if not found:
         return [f"neither product {header.id} nor what it was made from is found over HTTP"]
@@ -124,7 +124,7 @@ def _http_faults(http: str, header: Header) -> list[str]:
 
 def _is_found(http: str, product_id: str) -> bool:
     try:
-        with urllib.request.urlopen(f"http://{http}/api/v1/products/{product_id}", timeout=5) as response:  # noqa: S310
+        with urllib.request.urlopen(f"http://{http}/api/v1/products/{product_id}", timeout=5) as response:
             return bool(json.load(response).get("id") == product_id)
     except (urllib.error.URLError, TimeoutError, ValueError):
         return False

@@ -30,7 +30,9 @@ def check_free(host: str, port: int, what: str) -> None:
     with socket.socket() as probe:
         probe.settimeout(0.3)
         if probe.connect_ex((host, port)) == 0:
-            raise ConfigurationError(f"{what} {host}:{port} is in use: is another system running? End it or choose another port")
+            raise ConfigurationError(
+                f"{what} {host}:{port} is in use: is another system running? End it or choose another port"
+            )
 
 
 def _split(text: str, what: str) -> tuple[str, int]:
@@ -71,8 +73,17 @@ class Stage:
         if self.data_dir is None:
             self.data_dir = Path(self._scratch.name)
         self._spawn(
-            "up", "--profile", str(self.profile_path), "--connect", self.connect, "--http", self.http,
-            "--data-dir", str(self.data_dir), "--log-dir", str(self.log_dir),
+            "up",
+            "--profile",
+            str(self.profile_path),
+            "--connect",
+            self.connect,
+            "--http",
+            self.http,
+            "--data-dir",
+            str(self.data_dir),
+            "--log-dir",
+            str(self.log_dir),
         )
         return self
 
@@ -144,13 +155,19 @@ class Stage:
     def _spawn(self, *arguments: str) -> None:
         self.log_dir.mkdir(parents=True, exist_ok=True)
         environment = {
-            **os.environ, "CDFF_CONNECT": self.connect, "CDFF_PROFILE": str(self.profile_path.resolve()),
+            **os.environ,
+            "CDFF_CONNECT": self.connect,
+            "CDFF_PROFILE": str(self.profile_path.resolve()),
             "CDFF_SUPERVISOR": str(os.getpid()),
         }
         with (self.log_dir / f"{arguments[0]}.log").open("ab") as output:
             self._processes.append(
                 subprocess.Popen(
-                    [sys.executable, "-m", "cdff_common.cli", *arguments], env=environment, stdin=subprocess.DEVNULL,
-                    stdout=output, stderr=output, start_new_session=True,
+                    [sys.executable, "-m", "cdff_common.cli", *arguments],
+                    env=environment,
+                    stdin=subprocess.DEVNULL,
+                    stdout=output,
+                    stderr=output,
+                    start_new_session=True,
                 )
             )

@@ -12,12 +12,22 @@ import numpy as np
 
 from cdff_common.raster.geometry import GridGeometry
 from cdff_common.raster.region import Region
-from cdff_common.types import ElevationMap, NavigationMap, Pointcloud, PoseTrajectory, RigidBodyState, TransformWithCovariance
+from cdff_common.types import (
+    ElevationMap,
+    NavigationMap,
+    Pointcloud,
+    PoseTrajectory,
+    RigidBodyState,
+    TransformWithCovariance,
+)
 from cdff_dev.demo.script import Ask
 
 #: What ``Client.request`` delivers for a product type where neither ``as`` nor ``format`` is given.
 DEFAULT_TYPE: dict[str, type] = {
-    "pose": TransformWithCovariance, "trajectory": PoseTrajectory, "pointcloud": Pointcloud, "dem": ElevationMap,
+    "pose": TransformWithCovariance,
+    "trajectory": PoseTrajectory,
+    "pointcloud": Pointcloud,
+    "dem": ElevationMap,
     "navigation_map": NavigationMap,
 }
 #: Points may lie this far outside a region, metres: the rover moved while the answer was made.

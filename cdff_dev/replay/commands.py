@@ -30,16 +30,16 @@ def register(nouns: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay; 0 when it ran, 3 when every output was FAILED."""
-    import dataclasses  # noqa: PLC0415
+    import dataclasses
 
-    from cdff_common.errors import ConfigurationError, InputError, RefusedError  # noqa: PLC0415
-    from cdff_common.interfaces.dfpc import DfpcContext, Sample  # noqa: PLC0415
-    from cdff_common.interfaces.profile import load_profile  # noqa: PLC0415
-    from cdff_common.interfaces.registry import Registry  # noqa: PLC0415
-    from cdff_common.interfaces.yaml_file import read_mapping  # noqa: PLC0415
-    from cdff_dev.logs import open_log  # noqa: PLC0415
-    from cdff_dev.replay.engine import paced, replay, samples_of  # noqa: PLC0415
-    from cdff_dev.replay.wiring import robot_of, wire  # noqa: PLC0415
+    from cdff_common.errors import ConfigurationError, InputError, RefusedError
+    from cdff_common.interfaces.dfpc import DfpcContext, Sample
+    from cdff_common.interfaces.profile import load_profile
+    from cdff_common.interfaces.registry import Registry
+    from cdff_common.interfaces.yaml_file import read_mapping
+    from cdff_dev.logs import open_log
+    from cdff_dev.replay.engine import paced, replay, samples_of
+    from cdff_dev.replay.wiring import robot_of, wire
 
     speed = _speed(args.speed)
     mapping = dict(item.split("=", 1) for item in args.map if "=" in item)
@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _speed(text: str) -> float | None:
-    from cdff_common.errors import InputError  # noqa: PLC0415
+    from cdff_common.errors import InputError
 
     if text == "max":
         return None

@@ -46,9 +46,13 @@ def samples_of(log: LogReader, wired: Mapping[str, str], robot: str) -> Iterator
         component, _, stream = item.stream.rsplit("/", 1)[-1].partition(".")
         header = item.header
         return Sample(
-            port=port_of[item.stream], stamp_ns=item.stamp_ns, seq=item.seq, value=item.value,
+            port=port_of[item.stream],
+            stamp_ns=item.stamp_ns,
+            seq=item.seq,
+            value=item.value,
             id=header.id if header else product_id(robot, component, stream, item.stamp_ns, item.seq, ""),
-            frame=header.frame if header else "", child=(header.child or "") if header else "",
+            frame=header.frame if header else "",
+            child=(header.child or "") if header else "",
         )
 
     batch: list[Sample] = []
@@ -123,12 +127,21 @@ def replay(
             writer.close()
     counters = runner.counters.to_dict()
     summary = {
-        "dfpc": dfpc.name, "implementation": dfpc.implementation, "config_hash": dfpc.config_hash,
-        "samples": counters["samples"], "outputs": counters["outputs"], "dropped": counters["late"],
-        "degraded": counters["degraded"], "failed": counters["failed"], "errors": counters["errors"],
-        "last_error": counters["last_error"], "out_of_order": counters["out_of_order"],
-        "samples_by_port": counters["samples_by_port"], "outputs_by_port": counters["outputs_by_port"],
-        "wall_s": time.monotonic() - wall_s, "cpu_s": time.process_time() - cpu_s,
+        "dfpc": dfpc.name,
+        "implementation": dfpc.implementation,
+        "config_hash": dfpc.config_hash,
+        "samples": counters["samples"],
+        "outputs": counters["outputs"],
+        "dropped": counters["late"],
+        "degraded": counters["degraded"],
+        "failed": counters["failed"],
+        "errors": counters["errors"],
+        "last_error": counters["last_error"],
+        "out_of_order": counters["out_of_order"],
+        "samples_by_port": counters["samples_by_port"],
+        "outputs_by_port": counters["outputs_by_port"],
+        "wall_s": time.monotonic() - wall_s,
+        "cpu_s": time.process_time() - cpu_s,
         "peak_rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     }
     if out is not None:

@@ -80,5 +80,7 @@ def wire(
     if missing or not wired:
         what = ", ".join(f"{n} ({ports[n].type_name})" for n in missing) or "any port"
         held = ", ".join(f"{n} ({t})" for n, t in sorted(streams.items()))
-        raise InputError(f"{description.folder}: nothing in the log feeds {what}; use --map PORT=STREAM. The log has {held}")
+        raise InputError(
+            f"{description.folder}: nothing in the log feeds {what}; use --map PORT=STREAM. The log has {held}"
+        )
     return wired

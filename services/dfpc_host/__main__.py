@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A DFPC host process.
 
-    python -m services.dfpc_host --profile FILE --process NAME      the DFPCs that a profile puts in one process
-    python -m services.dfpc_host --profile FILE --robot ID --dfpc NAME    one DFPC of a profile
+python -m services.dfpc_host --profile FILE --process NAME      the DFPCs that a profile puts in one process
+python -m services.dfpc_host --profile FILE --robot ID --dfpc NAME    one DFPC of a profile
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ from cdff_common.interfaces.profile import DfpcEntry, Profile, Robot, load_profi
 from services.process import cap_threads, run_service
 
 
-def entries_of(profile: Profile, process: str | None, robot: str | None, dfpc: str | None) -> list[tuple[Robot, DfpcEntry]]:
+def entries_of(
+    profile: Profile, process: str | None, robot: str | None, dfpc: str | None
+) -> list[tuple[Robot, DfpcEntry]]:
     """Return what to host; raises ConfigurationError where the profile has no such process or DFPC."""
     if process is not None:
         groups = profile.processes()
@@ -60,9 +62,12 @@ def main(argv: list[str] | None = None) -> int:
         profile = load_profile(args.profile)
         entries = entries_of(profile, args.process, args.robot, args.dfpc)
         if args.config:
-            entries = [(robot, entry.model_copy(update={"parameters": read_parameters(args.config)})) for robot, entry in entries]
+            entries = [
+                (robot, entry.model_copy(update={"parameters": read_parameters(args.config)}))
+                for robot, entry in entries
+            ]
         with Bus.open(name=args.process or args.dfpc, wait_s=None) as bus:
-            from services.dfpc_host.host import DfpcHost  # noqa: PLC0415  # heavy: after the thread caps
+            from services.dfpc_host.host import DfpcHost  # heavy: after the thread caps
 
             DfpcHost(bus, entries).run(stop)
 

@@ -89,8 +89,13 @@ class DfpcHost:
         def store(request: Request) -> Reply:
             return _value(hosted.store_item(request.key.rsplit("/", 1)[1], BUSY_S))
 
-        verbs = {"describe": describe, "status": status, "configure": configure, "activate": activate,
-                 "deactivate": deactivate}
+        verbs = {
+            "describe": describe,
+            "status": status,
+            "configure": configure,
+            "activate": activate,
+            "deactivate": deactivate,
+        }
         for verb, handler in verbs.items():
             self._bus.serve(keys.dfpc_rpc(robot, name, verb), handler, workers=1)
         self._bus.serve(f"{keys.dfpc_rpc(robot, name, 'call')}/*", call, workers=2)
@@ -99,9 +104,13 @@ class DfpcHost:
     def _status(self, hosted: HostedDfpc) -> dict[str, object]:
         memory = self._process.memory_info()
         return {
-            **hosted.status(), "pid": self._process.pid, "rss_mb": memory.rss / 1e6,
-            "cpu_s": sum(self._process.cpu_times()[:2]), "outbox_pending": self._outbox.pending,
-            "outbox_dropped": self._outbox.dropped, "outbox_refused": self._outbox.refused,
+            **hosted.status(),
+            "pid": self._process.pid,
+            "rss_mb": memory.rss / 1e6,
+            "cpu_s": sum(self._process.cpu_times()[:2]),
+            "outbox_pending": self._outbox.pending,
+            "outbox_dropped": self._outbox.dropped,
+            "outbox_refused": self._outbox.refused,
             "outbox_error": self._outbox.last_error,
         }
 

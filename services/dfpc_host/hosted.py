@@ -134,21 +134,36 @@ class HostedDfpc:
         description = Registry.default().dfpc(self.entry.name)
         wiring = self.entry.inputs
         return {
-            "name": self.entry.name, "robot": self.robot.id, "version": description.version, "state": str(self.state),
+            "name": self.entry.name,
+            "robot": self.robot.id,
+            "version": description.version,
+            "state": str(self.state),
             "implementation": self.entry.implementation or description.implementations[0].name,
-            "doc": description.doc, "config_hash": "" if self._runner is None else self._dfpc.config_hash,
+            "doc": description.doc,
+            "config_hash": "" if self._runner is None else self._dfpc.config_hash,
             "inputs": [
-                {"port": p.attribute, "type": p.type_name, "optional": p.optional, "source": wiring.get(p.attribute, "")}
+                {
+                    "port": p.attribute,
+                    "type": p.type_name,
+                    "optional": p.optional,
+                    "source": wiring.get(p.attribute, ""),
+                }
                 for p in description.input_ports
             ],
             "outputs": [
-                {"port": p.attribute, "type": p.type_name, "product": p.product or "",
-                 "key": keys.product(self.robot.id, self.entry.name, p.attribute)}
+                {
+                    "port": p.attribute,
+                    "type": p.type_name,
+                    "product": p.product or "",
+                    "key": keys.product(self.robot.id, self.entry.name, p.attribute),
+                }
                 for p in description.output_ports
             ],
             "operations": [op.name for op in description.operations],
             "store": [] if self._runner is None else list(self._dfpc.store.items),
-            "modes": dict(self.entry.modes), "activation": self.entry.activation, "linger_s": self.entry.linger_s,
+            "modes": dict(self.entry.modes),
+            "activation": self.entry.activation,
+            "linger_s": self.entry.linger_s,
             "cost": {k: c.model_dump() for k, c in description.cost.items()},
         }
 
@@ -158,11 +173,16 @@ class HostedDfpc:
         step_error = str(counters.pop("last_error", ""))
         samples = max(int(counters.get("samples", 0)), 1)
         return {
-            "name": self.entry.name, "robot": self.robot.id, "state": str(self.state), **counters,
+            "name": self.entry.name,
+            "robot": self.robot.id,
+            "state": str(self.state),
+            **counters,
             "pending": 0 if self._runner is None else self._runner.pending,
             "dropped": self._dropped_before + sum(s.dropped for s in self._subscriptions),
-            "malformed": self.malformed, "refused_inputs": self.refused_inputs,
-            "mean_step_cpu_s": self._times_s["step_cpu_s"] / samples, **self._times_s,
+            "malformed": self.malformed,
+            "refused_inputs": self.refused_inputs,
+            "mean_step_cpu_s": self._times_s["step_cpu_s"] / samples,
+            **self._times_s,
             "last_error": self.last_error or step_error,
         }
 
@@ -235,7 +255,7 @@ class HostedDfpc:
             try:
                 products = runner.step_one()
                 self._publish_all(products)
-            except Exception as error:  # noqa: BLE001  # a bug in a DFPC must not take its neighbours along
+            except Exception as error:  # a bug in a DFPC must not take its neighbours along
                 logger.exception("%s raised; it is switched to error", self.entry.name)
                 self.last_error = f"{type(error).__name__}: {error}"
                 self.state = State.ERROR
@@ -259,8 +279,11 @@ class HostedDfpc:
             attachment = product.header.to_attachment()
             qos = Qos.POSE if product.type_name == "TransformWithCovariance" else Qos.PRODUCT
             self._bus.publish(
-                keys.product(product.robot, product.dfpc, product.port), payload,
-                encoding=encoding, attachment=attachment, qos=qos,
+                keys.product(product.robot, product.dfpc, product.port),
+                payload,
+                encoding=encoding,
+                attachment=attachment,
+                qos=qos,
             )
             if payload and product.product:
                 self._outbox.put(

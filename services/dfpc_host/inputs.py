@@ -29,6 +29,12 @@ def sample_of(message: Message, port: str, type_name: str) -> Sample:
     if name != type_name:
         raise CodecError(f"{message.key} carries {name}, port {port} takes {type_name}")
     return Sample(
-        port=port, stamp_ns=header.t1_ns, seq=header.seq, value=decode(name, message.payload, codec), id=header.id,
-        frame=header.frame, child=header.child or "", quality=header.quality,
+        port=port,
+        stamp_ns=header.t1_ns,
+        seq=header.seq,
+        value=decode(name, message.payload, codec),
+        id=header.id,
+        frame=header.frame,
+        child=header.child or "",
+        quality=header.quality,
     )

@@ -92,8 +92,12 @@ class Outbox:
         parameters = {"robot": parcel.robot, "dfpc": parcel.dfpc, "port": parcel.port, "product": parcel.product}
         try:
             self._bus.call(
-                keys.dpm_rpc(parcel.robot, "put"), parameters, payload=parcel.payload, encoding=parcel.encoding,
-                attachment=parcel.attachment, timeout_s=_PUT_TIMEOUT_S,
+                keys.dpm_rpc(parcel.robot, "put"),
+                parameters,
+                payload=parcel.payload,
+                encoding=parcel.encoding,
+                attachment=parcel.attachment,
+                timeout_s=_PUT_TIMEOUT_S,
             )
         except UnavailableError as error:
             self.last_error = str(error)
@@ -101,5 +105,5 @@ class Outbox:
         except CdffError as error:
             self.refused += 1
             self.last_error = str(error)
-            logger.error("the DPM refused %s/%s: %s", parcel.dfpc, parcel.port, error)  # noqa: TRY400
+            logger.error("the DPM refused %s/%s: %s", parcel.dfpc, parcel.port, error)
         return True

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The Zenoh router of one robot: a Python process in router mode, listening on loopback unless told otherwise.
 
-    python -m services.router [--listen tcp/127.0.0.1:7447]
+python -m services.router [--listen tcp/127.0.0.1:7447]
 """
 
 from __future__ import annotations

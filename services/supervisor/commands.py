@@ -23,7 +23,9 @@ def data_dir_of(argument: str | None) -> Path:
 def register_up(nouns: Any) -> None:
     """Add ``cdff up``."""
     parser = nouns.add_parser("up", help="run every service of a profile on this machine until Ctrl-C")
-    parser.add_argument("--profile", default=os.environ.get("CDFF_PROFILE"), help="deploy/profiles/*.yaml; CDFF_PROFILE")
+    parser.add_argument(
+        "--profile", default=os.environ.get("CDFF_PROFILE"), help="deploy/profiles/*.yaml; CDFF_PROFILE"
+    )
     parser.add_argument("--connect", default=None, help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
     parser.add_argument("--http", default=DEFAULT_HTTP, help="host:port of the DPM's HTTP server")
     parser.add_argument("--data-dir", default=None, help="CDFF_DATA_DIR, ~/.local/share/cdff")
@@ -33,15 +35,17 @@ def register_up(nouns: Any) -> None:
 
 def run_up(args: argparse.Namespace) -> int:
     """Run the services of a profile; 0 after SIGTERM or Ctrl-C."""
-    from cdff_common.bus.session import endpoint  # noqa: PLC0415
-    from cdff_common.errors import ConfigurationError  # noqa: PLC0415
-    from cdff_common.interfaces.profile import load_profile  # noqa: PLC0415
-    from services.process import run_service  # noqa: PLC0415
-    from services.supervisor.plan import plan  # noqa: PLC0415
-    from services.supervisor.supervisor import Supervisor  # noqa: PLC0415
+    from cdff_common.bus.session import endpoint
+    from cdff_common.errors import ConfigurationError
+    from cdff_common.interfaces.profile import load_profile
+    from services.process import run_service
+    from services.supervisor.plan import plan
+    from services.supervisor.supervisor import Supervisor
 
     if not args.profile:
-        raise ConfigurationError("no profile: give --profile FILE or set CDFF_PROFILE, as deploy/profiles/rover_traverse.yaml")
+        raise ConfigurationError(
+            "no profile: give --profile FILE or set CDFF_PROFILE, as deploy/profiles/rover_traverse.yaml"
+        )
     path = Path(args.profile)
     profile = load_profile(path)
     data_dir = data_dir_of(args.data_dir)
@@ -57,12 +61,14 @@ def register_service(nouns: Any) -> None:
     """Add ``cdff service NAME``."""
     parser = nouns.add_parser("service", help="run one service in the foreground")
     parser.add_argument("name", choices=SERVICES)
-    parser.add_argument("options", nargs=argparse.REMAINDER, help="of the service; `cdff service NAME --help` lists them")
+    parser.add_argument(
+        "options", nargs=argparse.REMAINDER, help="of the service; `cdff service NAME --help` lists them"
+    )
     parser.set_defaults(run=run_one)
 
 
 def run_one(args: argparse.Namespace) -> int:
     """Become the service's process, so that signals and the exit code are its own."""
     sys.stdout.flush()
-    os.execv(sys.executable, [sys.executable, "-m", f"services.{args.name}", *args.options])  # noqa: S606
+    os.execv(sys.executable, [sys.executable, "-m", f"services.{args.name}", *args.options])
     return 1

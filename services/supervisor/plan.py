@@ -49,9 +49,15 @@ def plan(profile: Profile, profile_path: Path, *, connect: str, http: str, data_
         Where the DPM and the orchestrator's journal keep their data.
     """
     environment = {
-        "CDFF_CONNECT": connect, "CDFF_LISTEN": connect, "CDFF_PROFILE": str(profile_path.resolve()),
-        "CDFF_DATA_DIR": str(data_dir.resolve()), "PYTHONUNBUFFERED": "1",
-        **{v: str(profile.threads_per_process) for v in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")},
+        "CDFF_CONNECT": connect,
+        "CDFF_LISTEN": connect,
+        "CDFF_PROFILE": str(profile_path.resolve()),
+        "CDFF_DATA_DIR": str(data_dir.resolve()),
+        "PYTHONUNBUFFERED": "1",
+        **{
+            v: str(profile.threads_per_process)
+            for v in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+        },
     }
 
     def spec(name: str, module: str, *arguments: str, tokens: tuple[tuple[str, str], ...]) -> ProcessSpec:

@@ -77,7 +77,9 @@ class Supervisor:
 
     def end(self) -> None:
         """SIGTERM to all, clients first and the router last; SIGKILL to those that stay."""
-        running = [c.process for c in reversed(self.children.values()) if c.process is not None and c.process.poll() is None]
+        running = [
+            c.process for c in reversed(self.children.values()) if c.process is not None and c.process.poll() is None
+        ]
         for process in running:
             process.send_signal(signal.SIGTERM)
         deadline_s = monotonic_s() + GRACE_S
@@ -109,8 +111,12 @@ class Supervisor:
         environment = {**os.environ, **child.spec.environment, "CDFF_SUPERVISOR": str(os.getpid())}
         output = None if child.log is None else child.log.open("ab")
         try:
-            child.process = subprocess.Popen(  # noqa: S603  # argv is ours
-                child.spec.argv, env=environment, stdin=subprocess.DEVNULL, stdout=output, stderr=output,
+            child.process = subprocess.Popen(  # argv is ours
+                child.spec.argv,
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
                 start_new_session=True,
             )
         finally:

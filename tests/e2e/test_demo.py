@@ -23,8 +23,12 @@ pytestmark = [pytest.mark.e2e, pytest.mark.timeout(400)]
 def demo(*arguments: str) -> subprocess.Popen[str]:
     addresses = ["--connect", f"tcp/127.0.0.1:{free_port()}", "--http", f"127.0.0.1:{free_port()}"]
     return subprocess.Popen(
-        [sys.executable, "-m", "cdff_common.cli", "demo", *addresses, *arguments], cwd=ROOT, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        [sys.executable, "-m", "cdff_common.cli", "demo", *addresses, *arguments],
+        cwd=ROOT,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )
 
 
@@ -67,8 +71,22 @@ def test_a_taken_address_is_an_error_that_says_so() -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         process = subprocess.run(
-            [sys.executable, "-m", "cdff_common.cli", "demo", "--once", "--http", f"127.0.0.1:{taken.getsockname()[1]}",
-             "--connect", f"tcp/127.0.0.1:{free_port()}"], cwd=ROOT, capture_output=True, text=True, timeout=300, check=False,
+            [
+                sys.executable,
+                "-m",
+                "cdff_common.cli",
+                "demo",
+                "--once",
+                "--http",
+                f"127.0.0.1:{taken.getsockname()[1]}",
+                "--connect",
+                f"tcp/127.0.0.1:{free_port()}",
+            ],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
         )
     assert process.returncode == 1
     assert "is in use" in process.stderr

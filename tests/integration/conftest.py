@@ -58,14 +58,23 @@ def process_starter(endpoint: str, folder: Path) -> Iterator[Spawn]:
     """
     processes: list[subprocess.Popen[bytes]] = []
     environment = {
-        **os.environ, "CDFF_CONNECT": endpoint, "CDFF_LISTEN": endpoint, "CDFF_DATA_DIR": str(folder / "data"),
-        "PYTHONPATH": os.pathsep.join([str(ROOT), str(PLUGIN)]), "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1",
+        **os.environ,
+        "CDFF_CONNECT": endpoint,
+        "CDFF_LISTEN": endpoint,
+        "CDFF_DATA_DIR": str(folder / "data"),
+        "PYTHONPATH": os.pathsep.join([str(ROOT), str(PLUGIN)]),
+        "OMP_NUM_THREADS": "1",
+        "NUMBA_NUM_THREADS": "1",
     }
 
     def start(module: str, *arguments: str) -> subprocess.Popen[bytes]:
         with (folder / f"{module}.log").open("ab") as log:
             process = subprocess.Popen(
-                [sys.executable, "-m", module, *arguments], env=environment, stdout=log, stderr=log, cwd=ROOT,
+                [sys.executable, "-m", module, *arguments],
+                env=environment,
+                stdout=log,
+                stderr=log,
+                cwd=ROOT,
                 stdin=subprocess.DEVNULL,
             )
         processes.append(process)

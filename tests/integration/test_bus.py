@@ -41,17 +41,26 @@ def served(bus: Bus, client: Bus, handler: object, eventually: Eventually, **opt
     eventually(there)
 
 
-def test_a_call_carries_parameters_payload_and_attachment_both_ways(pair: tuple[Bus, Bus], eventually: Eventually) -> None:
+def test_a_call_carries_parameters_payload_and_attachment_both_ways(
+    pair: tuple[Bus, Bus], eventually: Eventually
+) -> None:
     server, client = pair
 
     def handler(request: Request) -> Reply:
-        return Reply(request.payload[::-1], request.encoding, {"echo": dict(request.parameters), "scope": request.scope})
+        return Reply(
+            request.payload[::-1], request.encoding, {"echo": dict(request.parameters), "scope": request.scope}
+        )
 
     served(server, client, handler, eventually)
     reply = client.call(STAT, {"a": "b;c=d", "region": "bbox:-1,2"}, payload=b"abc", encoding="application/x")
     assert reply.payload == b"cba"
     assert reply.encoding == "application/x"
-    assert reply.attachment == {"kind": "result", "final": True, "echo": {"a": "b;c=d", "region": "bbox:-1,2"}, "scope": "ground"}
+    assert reply.attachment == {
+        "kind": "result",
+        "final": True,
+        "echo": {"a": "b;c=d", "region": "bbox:-1,2"},
+        "scope": "ground",
+    }
 
 
 def test_progress_comes_before_the_final_reply(pair: tuple[Bus, Bus], eventually: Eventually) -> None:
@@ -212,7 +221,9 @@ def test_late_joiners_get_what_was_latched(pair: tuple[Bus, Bus], eventually: Ev
     eventually(joined)
 
 
-def test_liveliness_comes_and_goes_with_the_service(pair: tuple[Bus, Bus], endpoint: str, eventually: Eventually) -> None:
+def test_liveliness_comes_and_goes_with_the_service(
+    pair: tuple[Bus, Bus], endpoint: str, eventually: Eventually
+) -> None:
     _, client = pair
     changes: list[tuple[str, bool]] = []
     client.watch_alive(keys.alive("mana", "*"), lambda key, alive: changes.append((key, alive)))

@@ -50,11 +50,18 @@ class Robot:
             UncertainTransform(se3.transform(np.eye(3), [x, 0, 0])), parent="site", child=child, stamp_ns=stamp_ns
         )
         header = Header(
-            id=product_id("mana", "wheels", "odometry", stamp_ns, self._seq, ""), seq=self._seq, t0_ns=stamp_ns,
-            t1_ns=stamp_ns, frame="site", child=child, producer="wheels",
+            id=product_id("mana", "wheels", "odometry", stamp_ns, self._seq, ""),
+            seq=self._seq,
+            t0_ns=stamp_ns,
+            t1_ns=stamp_ns,
+            frame="site",
+            child=child,
+            producer="wheels",
         )
         self.bus.publish(
-            INPUT, encode(value, "uper"), encoding=encoding_string("TransformWithCovariance", "uper"),
+            INPUT,
+            encode(value, "uper"),
+            encoding=encoding_string("TransformWithCovariance", "uper"),
             attachment=header.to_attachment(),
         )
         return header
@@ -111,7 +118,10 @@ def test_it_says_what_it_is_and_starts_inactive(robot: Robot) -> None:
     described = robot.rpc("describe")
     assert described["state"] == "inactive"
     assert described["inputs"][0] == {
-        "port": "poses", "type": "TransformWithCovariance", "optional": False, "source": "sensor/wheels/odometry",
+        "port": "poses",
+        "type": "TransformWithCovariance",
+        "optional": False,
+        "source": "sensor/wheels/odometry",
     }
     assert described["outputs"][0]["product"] == "pose"
     assert described["outputs"][0]["key"] == keys.product("mana", NAME, "echo")
@@ -163,7 +173,10 @@ def test_malformed_bytes_are_counted_and_do_no_harm(active: Robot, eventually: E
     encoding = encoding_string("TransformWithCovariance", "uper")
     value = b"\x00" * 20
     for payload, named, attachment in [
-        (value, encoding, b"nonsense"), (b"", encoding, good), (b"\xff" * 7, encoding, good), (value, "text/plain", good),
+        (value, encoding, b"nonsense"),
+        (b"", encoding, good),
+        (b"\xff" * 7, encoding, good),
+        (value, "text/plain", good),
         (value, encoding_string("Pointcloud", "uper"), good),
     ]:
         active.bus.publish(INPUT, payload, encoding=named, attachment=attachment)

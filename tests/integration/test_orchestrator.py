@@ -170,9 +170,7 @@ def test_a_request_sets_the_mode_activates_the_dfpc_delivers_and_lets_go(
     client: Client, driver: Driver, system: System
 ) -> None:
     states: list[str] = []
-    answer = client.request(
-        "pose", robot="mana", max_age_s=0.9, on_progress=lambda body: states.append(body["state"])
-    )
+    answer = client.request("pose", robot="mana", max_age_s=0.9, on_progress=lambda body: states.append(body["state"]))
     assert isinstance(answer.value, TransformWithCovariance)
     assert (answer.value.parent_frame, answer.value.child_frame) == ("site", "mana/base")
     assert answer.delivered["age_s"] <= 0.9
@@ -275,11 +273,8 @@ def test_one_cancelled_request_ends_at_once(client: Client, driver: Driver) -> N
     assert client.jobs("mana")[0]["state"] == "cancelled"
 
 
-def test_more_requests_than_there_is_room_for_are_told_so_at_once(
-    client: Client, driver: Driver
-) -> None:
+def test_more_requests_than_there_is_room_for_are_told_so_at_once(client: Client, driver: Driver) -> None:
     driver.stop()
-
 
     def ask() -> None:
         with contextlib.suppress(UnavailableError):

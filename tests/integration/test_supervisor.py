@@ -26,9 +26,10 @@ from cdff_common.process import run_service
 from services.supervisor.plan import ProcessSpec
 from services.supervisor.supervisor import Supervisor
 endpoint, log_dir = sys.argv[1], Path(sys.argv[2])
+STUBBORN = "import signal, time; signal.signal(15, signal.SIG_IGN); time.sleep(60)"
 specs = [
     ProcessSpec("router", (sys.executable, "-m", "services.router", "--listen", endpoint), {}, (("ground", "router"),)),
-    ProcessSpec("stubborn", (sys.executable, "-c", "import signal,time; signal.signal(15, signal.SIG_IGN); time.sleep(60)"), {}, ()),
+    ProcessSpec("stubborn", (sys.executable, "-c", STUBBORN), {}, ()),
 ]
 raise SystemExit(run_service("supervisor", Supervisor(specs, log_dir).run))
 """
@@ -36,7 +37,9 @@ raise SystemExit(run_service("supervisor", Supervisor(specs, log_dir).run))
 
 @pytest.fixture
 def supervisor(endpoint: str, tmp_path: Path) -> Iterator[subprocess.Popen[bytes]]:
-    process = subprocess.Popen([sys.executable, "-c", DRIVER, endpoint, str(tmp_path)], cwd=ROOT, start_new_session=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", DRIVER, endpoint, str(tmp_path)], cwd=ROOT, start_new_session=True
+    )
     yield process
     for child in [*children(process), process]:
         try:

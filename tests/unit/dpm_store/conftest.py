@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -36,8 +37,17 @@ def clock() -> ManualClock:
     return ManualClock(1_000_000_000_000)
 
 
+@pytest.fixture(scope="session")
+def empty(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Directory of an empty store, to be copied: migrating takes longer than most tests."""
+    directory = tmp_path_factory.mktemp("empty")
+    open_store(f"sqlite:///{directory}").close()
+    return directory
+
+
 @pytest.fixture
-def store(tmp_path: Path, clock: ManualClock) -> Iterator[Store]:
+def store(tmp_path: Path, clock: ManualClock, empty: Path) -> Iterator[Store]:
     """An empty store."""
+    shutil.copytree(empty, tmp_path / "data")
     with open_store(f"sqlite:///{tmp_path}/data", clock) as opened:
         yield opened

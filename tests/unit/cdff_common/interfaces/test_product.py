@@ -13,10 +13,18 @@ from cdff_common.interfaces.product import CovarianceKind, Header, Quality, Stat
 
 def header(**changes: object) -> Header:
     fields: dict[str, object] = {
-        "id": product_id("mana", "vo", "pose", 2000, 3, "ab"), "seq": 3, "t0_ns": 1000, "t1_ns": 2000, "frame": "mana/vo",
-        "child": "mana/navcam_left", "producer": "vo/Klt/1", "config_hash": "ab", "inputs": (str(uuid.UUID(int=1)),),
+        "id": product_id("mana", "vo", "pose", 2000, 3, "ab"),
+        "seq": 3,
+        "t0_ns": 1000,
+        "t1_ns": 2000,
+        "frame": "mana/vo",
+        "child": "mana/navcam_left",
+        "producer": "vo/Klt/1",
+        "config_hash": "ab",
+        "inputs": (str(uuid.UUID(int=1)),),
         "quality": Quality(Status.DEGRADED, ("few_inliers:12<30",), CovarianceKind.FORMAL, {"inliers": 12}),
-        "box_m": (0.0, 0.0, 0.0, 1.0, 1.0, 1.0), "resolution_m": 0.05,
+        "box_m": (0.0, 0.0, 0.0, 1.0, 1.0, 1.0),
+        "resolution_m": 0.05,
     }
     return Header(**{**fields, **changes})  # type: ignore[arg-type]
 
@@ -32,19 +40,34 @@ def test_a_retry_has_the_same_id_and_another_configuration_another() -> None:
 
 def test_the_attachment_has_the_fields_of_the_contract() -> None:
     fields = msgpack.unpackb(header().to_attachment())
-    assert {"v", "id", "seq", "t0_ns", "t1_ns", "frame", "child", "producer", "config_hash", "inputs", "quality"} <= set(fields)
+    assert {
+        "v",
+        "id",
+        "seq",
+        "t0_ns",
+        "t1_ns",
+        "frame",
+        "child",
+        "producer",
+        "config_hash",
+        "inputs",
+        "quality",
+    } <= set(fields)
     assert fields["quality"]["covariance_kind"] == "formal"
 
 
 @pytest.mark.parametrize(
-    "changes", [{"t0_ns": 1001}, {"t0_ns": 3000}, {"frame": "Mana"}, {"child": "a b"}],
+    "changes",
+    [{"t0_ns": 1001}, {"t0_ns": 3000}, {"frame": "Mana"}, {"child": "a b"}],
 )
 def test_a_header_with_a_wrong_field_is_refused(changes: dict[str, object]) -> None:
     with pytest.raises(InputError):
         header(**changes)
 
 
-@pytest.mark.parametrize("data", [b"", b"\xff\xff", msgpack.packb([1]), msgpack.packb({"v": 2}), msgpack.packb({"v": 1})])
+@pytest.mark.parametrize(
+    "data", [b"", b"\xff\xff", msgpack.packb([1]), msgpack.packb({"v": 2}), msgpack.packb({"v": 1})]
+)
 def test_bytes_that_are_no_header_are_refused(data: bytes) -> None:
     with pytest.raises(InputError):
         Header.from_attachment(data)

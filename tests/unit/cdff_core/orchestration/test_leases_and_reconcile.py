@@ -5,10 +5,14 @@
 from __future__ import annotations
 
 import random
+from typing import get_args
+
+import pytest
 
 from cdff_core.orchestration.leases import Leases
 from cdff_core.orchestration.reconcile import (
     BACK_OFF_S,
+    Action,
     Activate,
     Deactivate,
     Observed,
@@ -22,6 +26,11 @@ DEM, POSE, VO = MakerId("mana", "dem"), MakerId("mana", "pose"), MakerId("mana",
 LIDAR = SensorId("mana", "lidar")
 FEEDS = {DEM: frozenset({POSE}), POSE: frozenset({VO}), VO: frozenset[MakerId]()}
 USES = {DEM: frozenset({LIDAR})}
+
+
+@pytest.mark.req("CDFF-SUP-025")
+def test_all_it_ever_does_to_a_dfpc_is_to_switch_it_on_and_off() -> None:
+    assert {a.__name__ for a in get_args(Action)} == {"SetMode", "Activate", "Deactivate"}
 
 
 def test_what_one_holder_lets_go_stays_on_for_another() -> None:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import shutil
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -79,9 +80,18 @@ def clock() -> ManualClock:
     return ManualClock(100 * S)
 
 
+@pytest.fixture(scope="session")
+def empty(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Directory of an empty store, to be copied: migrating takes longer than most tests."""
+    directory = tmp_path_factory.mktemp("empty")
+    open_store(f"sqlite:///{directory}").close()
+    return directory
+
+
 @pytest.fixture
-def dpm(tmp_path: Path, clock: ManualClock) -> Iterator[Dpm]:
+def dpm(tmp_path: Path, clock: ManualClock, empty: Path) -> Iterator[Dpm]:
     """A DPM over an empty store."""
+    shutil.copytree(empty, tmp_path, dirs_exist_ok=True)
     with open_store(f"sqlite:///{tmp_path}", clock) as store:
         yield Dpm(store, max_payload_bytes=1 << 20)
 

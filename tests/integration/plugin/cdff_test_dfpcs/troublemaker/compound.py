@@ -40,7 +40,9 @@ class Troublemaker(Dfpc):
             value, quality = None, Quality(Status.FAILED, ("told_to_fail",))
         self._last = sample.value
         self._count += 1
-        return [Output("echo", value, sample.stamp_ns, sample.stamp_ns, sample.frame, sample.child, quality, (sample.id,))]
+        return [
+            Output("echo", value, sample.stamp_ns, sample.stamp_ns, sample.frame, sample.child, quality, (sample.id,))
+        ]
 
     def count(self, factor: int) -> int:
         """How many poses were echoed, times ``factor``."""

@@ -368,7 +368,7 @@ def test_a_stereo_pair_of_a_wall_gives_the_wall(rng: np.random.Generator) -> Non
 def test_pairs_are_skipped_while_the_robot_stands(rng: np.random.Generator) -> None:
     node = dem("Stereo", stereo_distance_m=0.3, stereo_period_s=1.0, stereo_min_period_s=0.0)
     T = UncertainTransform(np.eye(4))
-    used = [t for t in range(0, 3001, 100) if node._pair_is_due(t * MS, T)]
+    used = [t for t in range(0, 3001, 100) if node._measuring._pair_is_due(t * MS, T)]
     assert used == [0, 1000, 2000, 3000]
 
 

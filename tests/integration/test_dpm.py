@@ -1,0 +1,257 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The DPM as a process behind a real router, spoken to over Zenoh and HTTP."""
+
+import json
+import signal
+import subprocess
+import threading
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdff_common.bus import Bus, Message, Reply, keys
+from cdff_common.codecs import decode, encode
+from cdff_common.codecs.encoding import encoding_string
+from cdff_common.errors import InputError, ProductNotFoundError
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.interfaces.product import Header, product_id
+from cdff_common.raster import GridGeometry
+from cdff_common.types import ElevationMap, Pointcloud, TransformWithCovariance
+
+from .conftest import Eventually, Spawn, free_port
+
+pytestmark = pytest.mark.integration
+
+S = 1_000_000_000
+PROFILE = """
+name: test
+robots:
+- id: mana
+  frames:
+  - {parent: mana/base, child: mana/lidar, translation_m: [0.0, 0.0, 2.0]}
+- id: minnie
+"""
+
+
+class System:
+    """A router, a DPM and a bus to talk to it."""
+
+    def __init__(self, spawn: Spawn, eventually: Eventually, endpoint: str, tmp_path: Path) -> None:
+        self._spawn, self._eventually, self._profile = spawn, eventually, tmp_path / "profile.yaml"
+        self._profile.write_text(PROFILE)
+        self.http = f"http://127.0.0.1:{(port := free_port())}"
+        self._port = port
+        spawn("services.router")
+        self.bus = Bus.open(endpoint, name="test", wait_s=20)
+        self.start()
+
+    def start(self) -> None:
+        """Start the DPM and wait until it answers."""
+        address = f"127.0.0.1:{self._port}"
+        self.process: subprocess.Popen[bytes] = self._spawn(
+            "services.dpm", "--profile", str(self._profile), "--http", address
+        )
+        alive = keys.alive("*", "dpm")
+        self._eventually(lambda: len(self.bus.alive(alive)) == 3, 30, "the DPM's tokens")
+
+    def put(
+        self, value: Any, product: str, seq: int, robot: str = "mana", scope: str | None = None, **fields: Any
+    ) -> str:
+        """Insert a product over the bus; its id once it is durable."""
+        t1_ns = fields.pop("t1_ns", seq * S)
+        header = Header(
+            id=product_id(robot, "test", product, t1_ns, seq, "c"), seq=seq, t0_ns=t1_ns, t1_ns=t1_ns, producer="test",
+            config_hash="c", **({"frame": "site"} | fields),
+        )  # fmt: skip
+        names = {"dfpc": "test", "port": product, "product": product} | ({"robot": robot} if scope == "ground" else {})
+        reply = self.call(
+            "put", scope=scope or robot, payload=encode(value, "uper"), attachment=header.to_attachment(),
+            encoding=encoding_string(type(value).__name__, "uper"), **names,
+        )  # fmt: skip
+        assert reply.body()["id"] == header.id
+        return header.id
+
+    def call(
+        self, verb: str, scope: str = "ground", payload: bytes = b"", encoding: str = "", attachment: bytes = b"", **parameters: object
+    ) -> Reply:  # fmt: skip
+        """Call ``dpm/@rpc/{verb}``."""
+        key = keys.dpm_rpc(scope, verb)
+        return self.bus.call(key, parameters, payload=payload, encoding=encoding, attachment=attachment, timeout_s=20)
+
+    def get(self, path: str) -> Any:
+        """JSON from the HTTP server."""
+        with urllib.request.urlopen(self.http + path, timeout=20) as answer:
+            return json.load(answer)
+
+
+@pytest.fixture
+def system(spawn: Spawn, eventually: Eventually, endpoint: str, tmp_path: Path) -> Iterator[System]:
+    """A running system."""
+    made = System(spawn, eventually, endpoint, tmp_path)
+    with made.bus:
+        yield made
+
+
+def cloud(n: int = 500) -> Pointcloud:
+    return Pointcloud.from_points(np.random.default_rng(0).normal(0, 2, (n, 3)), frame="site", stamp_ns=S)
+
+
+def patch(x0: float) -> ElevationMap:
+    geometry = GridGeometry("site", 0.1, x0, 2.0, 20, 20)
+    one = np.ones(geometry.shape, dtype=np.float32)
+    layers = {"mean": one, "variance": one, "min": one, "max": one, "count": one, "age_s": one * 0}
+    return ElevationMap.from_layers(geometry, layers, t0_ns=0, t1_ns=0)
+
+
+@pytest.mark.req("CDFF-SUP-030", "CDFF-SUP-031", "CDFF-SUP-034")
+def test_a_product_travels_in_and_out_by_every_way(system: System, eventually: Eventually) -> None:
+    told: list[Message] = []
+    system.bus.subscribe(keys.event("*", "inserted"), told.append)
+    product = system.put(cloud(), "pointcloud", 1)
+    again = system.put(cloud(), "pointcloud", 1, scope="ground")
+    assert again == product
+    eventually(lambda: [m.key for m in told] == [keys.event("mana", "inserted")], what="one event")
+
+    for scope in ("mana", "minnie", "ground"):
+        (item,) = system.call("search", scope, type="pointcloud", region="circle:0,0,5").body()["items"] if scope != "minnie" else [
+            system.call("search", "ground", robot="mana").body()["items"][0]
+        ]  # fmt: skip
+        assert item["id"] == product
+    reply = system.call("get", id=product)
+    assert reply.encoding == "application/vnd.cdff+uper;Pointcloud/1"
+    assert Header.from_dict(reply.attachment).id == product
+    assert decode("Pointcloud", reply.payload, "uper").points_m.shape == (500, 3)
+    assert system.call("get", id=product, format="ply").payload.startswith(b"ply")
+
+    pulled = b""
+    while True:
+        part = system.bus.call(keys.dpm_product("mana", product), {"offset": len(pulled), "len": 4000})
+        pulled += part.payload
+        if len(pulled) == part.attachment["size"]:
+            break
+    assert pulled == reply.payload
+
+    assert system.get(f"/api/v1/products/{product}")["robot"] == "mana"
+    assert system.call("delete", id=product).body()["deleted"] is True
+    with pytest.raises(ProductNotFoundError):
+        system.call("get", id=product)
+
+
+@pytest.mark.req("CDFF-SUP-033", "CDFF-SUP-035")
+def test_maps_and_poses_of_two_robots_are_answered_together(system: System) -> None:
+    system.put(patch(0.0), "dem", 1, resolution_m=0.1)
+    system.put(patch(1.0), "dem", 2, robot="minnie", resolution_m=0.1)
+    reply = system.call("get", type="dem", robot="any", region="bbox:0,0,3,2", resolution_m=0.2)
+    assert reply.attachment["coverage"] == pytest.approx(1.0)
+    assert reply.attachment["robots"] == ["mana", "minnie"]
+    window = decode("ElevationMap", reply.payload, "uper")
+    assert (window.geometry.rows, window.geometry.cols) == (10, 15)
+    by_reference = system.call("get", type="dem", region="bbox:0,0,3,2", deliver="reference")
+    assert by_reference.attachment["kind"] == "reference"
+    stored = system.call("get", id=by_reference.body()["id"])
+    assert decode("ElevationMap", stored.payload, "uper").layer("count").max() == 2
+
+    for second in (0, 2):
+        T = UncertainTransform(se3.transform(np.eye(3), [second, 0, 0]), np.eye(6) * 0.01)
+        value = TransformWithCovariance.from_transform(T, parent="site", child="mana/base", stamp_ns=second * S)
+        system.put(value, "pose", second, t1_ns=second * S, child="mana/base")
+    pose = system.call("pose", t=S, parent="site", child="mana/lidar", robot="mana").body()
+    assert [row[3] for row in pose["T"]] == pytest.approx([1.0, 0.0, 2.0, 1.0])
+    assert np.array(pose["covariance"]).shape == (6, 6)
+
+
+def test_malformed_calls_are_answered_with_the_reason(system: System) -> None:
+    for verb, parameters, error in (
+        ("search", {"nonsense": "1"}, InputError), ("search", {"region": "blob:1"}, InputError),
+        ("get", {}, InputError), ("get", {"id": "nope"}, ProductNotFoundError), ("get", {"type": "dem"}, ProductNotFoundError),
+        ("put", {"dfpc": "a"}, InputError), ("delete", {}, InputError), ("frames", {"frame": "nowhere"}, ProductNotFoundError),
+        ("pose", {"t": "soon", "robot": "mana"}, InputError),
+    ):  # fmt: skip
+        with pytest.raises(error):
+            system.call(verb, **parameters)
+    with pytest.raises(InputError, match="ask there"):
+        system.call("search", scope="mana", robot="minnie")
+    assert system.call("stat").body()["products"] == 0
+
+
+@pytest.mark.req("CDFF-SUP-032")
+def test_what_was_acknowledged_before_the_dpm_is_killed_is_there_afterwards(system: System) -> None:
+    acknowledged: list[str] = []
+
+    def insert_until_it_fails() -> None:
+        try:
+            for seq in range(10_000):
+                acknowledged.append(system.put(cloud(2000), "pointcloud", seq))
+        except Exception:  # noqa: BLE001  # the call that the kill interrupts fails one way or another
+            return
+
+    writer = threading.Thread(target=insert_until_it_fails)
+    writer.start()
+    system._eventually(lambda: len(acknowledged) >= 10, 30, "ten insertions")
+    system.process.send_signal(signal.SIGKILL)
+    system.process.wait(5)
+    writer.join(30)
+    system.start()
+    expected = encode(cloud(2000), "uper")
+    for product in acknowledged:
+        assert system.call("get", id=product).payload == expected
+    assert system.call("stat").body()["products"] in (len(acknowledged), len(acknowledged) + 1)
+
+
+def test_events_stream_over_http(system: System) -> None:
+    request = urllib.request.Request(system.http + "/api/v1/events")
+    with urllib.request.urlopen(request, timeout=20) as stream:
+        assert stream.readline() == b": connected\n"
+        product = system.put(cloud(), "pointcloud", 1)
+        lines = [stream.readline().decode() for _ in range(4)]
+    assert "event: inserted\n" in lines
+    assert any(product in line for line in lines)
+    with urllib.request.urlopen(
+        urllib.request.Request(request.full_url, headers={"Last-Event-ID": "0"}), timeout=20
+    ) as stream:
+        assert any(product in stream.readline().decode() for _ in range(6))
+
+
+def test_requests_are_passed_on_to_the_orchestrator(system: System) -> None:
+    asked: list[dict[str, str]] = []
+
+    def jobs(request: Any) -> Reply:
+        asked.append(dict(request.parameters))
+        return Reply.of({"jobs": [{"job": "1", "state": "DONE", "accepted_ns": 5}]})
+
+    system.bus.serve(keys.orchestrator_rpc("ground", "jobs"), jobs)
+    assert system.get("/api/v1/requests")["jobs"] == [{"job": "1", "state": "DONE", "accepted_ns": "5"}]
+    system.get("/api/v1/requests/1")
+    assert asked[-1]["job"] == "1"
+
+
+def test_what_dfpcs_say_of_themselves_is_shown(system: System, eventually: Eventually) -> None:
+    system.bus.publish_latched(keys.dfpc_status("mana", "mapper"), {"name": "mapper", "state": "active"})
+    system.bus.declare_alive("mana", "mapper")
+    system.bus.publish_map(keys.event("mana", "alarm"), {"detail": "too steep"})
+
+    def mana() -> dict[str, Any]:
+        return next(robot for robot in system.get("/api/v1/robots")["items"] if robot["id"] == "mana")
+
+    eventually(lambda: mana()["dfpcs"] == [{"name": "mapper", "state": "active", "alive": True}], what="the status")
+    eventually(lambda: system.call("stat").body()["events"] == 1, what="the alarm in the history")
+
+
+def test_it_starts_light_and_ends_at_once(system: System) -> None:
+    maps = Path(f"/proc/{system.process.pid}/maps").read_text()
+    for heavy in ("open3d", "cv2", "numba", "rasterio", "small_gicp"):
+        assert heavy not in maps
+    with urllib.request.urlopen(system.http + "/api/v1/events", timeout=20):
+        system.process.terminate()
+        assert system.process.wait(5) == 0
+
+
+def test_a_second_dpm_on_the_same_data_is_refused(system: System, spawn: Spawn, tmp_path: Path) -> None:
+    second = spawn("services.dpm", "--http", f"127.0.0.1:{free_port()}")
+    assert second.wait(20) == 1
+    assert "in use by process" in (tmp_path / "services.dpm.log").read_text()

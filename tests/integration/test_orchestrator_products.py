@@ -1,0 +1,230 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Maps, clouds and poses out of a real DPM, cut, moved and encoded as asked; the test itself is the producer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdff_common.bus import Bus, keys
+from cdff_common.client import Client
+from cdff_common.clock import wall_ns
+from cdff_common.codecs import encode
+from cdff_common.codecs.encoding import encoding_string
+from cdff_common.errors import UnavailableError
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.interfaces.product import Header, product_id
+from cdff_common.raster import GridGeometry
+from cdff_common.types import (
+    ElevationMap,
+    Map,
+    NavigationMap,
+    Pointcloud,
+    PoseTrajectory,
+    TransformWithCovariance,
+)
+from tests.integration.conftest import free_port, process_starter
+from tests.integration.test_orchestrator import eventually
+
+pytestmark = pytest.mark.integration
+
+PROFILE = str(Path(__file__).parent / "orchestrator.yaml")
+NOW_NS = wall_ns()
+T_SITE_BASE = UncertainTransform(se3.transform(se3.exp_so3([0, 0, 0.3]), [1.0, 2.0, 0.1]), np.eye(6) * 1e-4)
+
+
+def put(bus: Bus, product: str, value: Any, robot: str = "mana", child: str | None = None, seq: int = 0) -> Header:
+    frame = value.parent_frame if hasattr(value, "parent_frame") else value.frame
+    resolution_m = value.geometry.resolution_m if hasattr(value, "geometry") else None
+    header = Header(
+        product_id(robot, "producer", product, value.stamp_ns, seq, ""), seq, value.stamp_ns, value.stamp_ns, frame,
+        "producer/P/1", child=child, box_m=value.extent_m(), resolution_m=resolution_m,
+    )  # fmt: skip
+    name = type(value).__name__
+    bus.call(
+        keys.dpm_rpc("ground", "put"), {"robot": robot, "dfpc": "producer", "port": product, "product": product},
+        payload=encode(value, "uper"), encoding=encoding_string(name, "uper"), attachment=header.to_attachment(),
+        timeout_s=20,
+    )  # fmt: skip
+    return header
+
+
+def patch(xmin_m: float, height_m: float, age_s: float, cells: int = 40) -> ElevationMap:
+    """A square patch of 5 cm cells with its lower edge on y = 0."""
+    g = GridGeometry.from_cells("site", 0.05, left=round(xmin_m / 0.05), top=cells, rows=cells, cols=cells)
+    full = np.full(g.shape, 1.0, np.float32)
+    values = {"mean": height_m, "variance": 0.01, "min": height_m, "max": height_m, "count": 4, "age_s": 0}
+    layers = {name: full * value for name, value in values.items()}
+    t_ns = NOW_NS - int(age_s * 1e9) // 1000 * 1000
+    return ElevationMap.from_layers(g, layers, t0_ns=t_ns, t1_ns=t_ns)
+
+
+@pytest.fixture(scope="module")
+def endpoint_of_filled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A router, a DPM that holds products of two robots, and an orchestrator."""
+    folder, endpoint = tmp_path_factory.mktemp("products"), f"tcp/127.0.0.1:{free_port()}"
+    with process_starter(endpoint, folder) as spawn:
+        spawn("services.router")
+        spawn("services.dpm", "--profile", PROFILE, "--http", f"127.0.0.1:{free_port()}")
+        spawn("services.orchestrator", "--profile", PROFILE)
+        with Bus.open(endpoint, name="producer", wait_s=20) as bus:
+            wanted = {keys.alive("mana", s) for s in ("dpm", "orchestrator")}
+            eventually(lambda: wanted <= bus.alive(keys.alive("mana", "*")), 40, "start-up")
+            put(bus, "dem", patch(0.0, 1.0, age_s=100.0))
+            put(bus, "dem", patch(1.0, 2.0, age_s=10.0))
+            put(bus, "dem", patch(-2.0, 5.0, age_s=20.0), robot="minnie")
+            for age_s in (200, 0):
+                base = TransformWithCovariance.from_transform(
+                    T_SITE_BASE, parent="site", child="mana/base", stamp_ns=NOW_NS - age_s * 1_000_000_000
+                )
+                put(bus, "pose", base, child="mana/base")
+            rng = np.random.default_rng(1)
+            for seq, (low, high) in enumerate(((-5.0, 0.0), (0.0, 5.0))):
+                x, y, z = rng.uniform(low, high, 4000), rng.uniform(-5, 5, 4000), rng.normal(size=4000)
+                points = np.column_stack([x, y, z])
+                cloud = Pointcloud.from_points(
+                    points, frame="mana/base", stamp_ns=NOW_NS - seq * 1_000_000, intensity=np.arange(4000)
+                )
+                put(bus, "pointcloud", cloud, seq=seq)
+            g = GridGeometry("site", 0.1, 0.0, 2.0, 20, 20)
+            classes = np.ones(g.shape, np.uint8)
+            classes[:, :10] = 0
+            stamp_ns = NOW_NS
+            put(bus, "navigation_map", NavigationMap.from_layers(g, {"class": classes}, t0_ns=stamp_ns, t1_ns=stamp_ns))
+            stamps = stamp_ns + np.arange(3) * 1_000_000
+            trajectory = PoseTrajectory.from_arrays(
+                stamps, [T_SITE_BASE.matrix] * 3, [T_SITE_BASE.covariance] * 3, parent="site", child="mana/base"
+            )
+            put(bus, "trajectory", trajectory, child="mana/base")
+            yield endpoint
+
+
+@pytest.fixture
+def client(endpoint_of_filled: str) -> Iterator[Client]:
+    with Client(endpoint_of_filled) as made:
+        yield made
+
+
+@pytest.mark.req("CDFF-SUP-021")
+def test_a_dem_of_a_region_is_pooled_from_patches_and_states_newest_and_oldest(client: Client) -> None:
+    answer = client.request("dem", robot="mana", region="bbox:0,0,3,2", max_age_s=60)
+    assert isinstance(answer.value, ElevationMap)
+    mean = answer.value.layer("mean")
+    assert mean.shape == (40, 60)
+    np.testing.assert_allclose(mean[:, :20], 1.0)
+    np.testing.assert_allclose(mean[:, 20:40], 1.5)
+    np.testing.assert_allclose(mean[:, 40:], 2.0)
+    assert answer.delivered["coverage"] == pytest.approx(1.0)
+    assert answer.delivered["resolution_m"] == 0.05
+    assert 9 < answer.delivered["age_s"] < 90 < answer.delivered["oldest_age_s"]
+    assert len(answer.header.inputs) == 2
+
+
+def test_cells_outside_a_round_region_are_not_delivered_and_finer_cells_are_aggregated(client: Client) -> None:
+    answer = client.request("dem", robot="mana", region="circle:1,1,0.5", resolution_m=0.1)
+    assert answer.delivered["resolution_m"] == pytest.approx(0.1)
+    x, y = answer.value.geometry.centres_m()
+    inside = np.hypot(x - 1, y - 1) <= 0.5
+    assert np.isnan(answer.value.layer("mean")[~inside]).all()
+    assert np.isfinite(answer.value.layer("mean")[inside]).all()
+
+
+def test_coarser_cells_than_asked_are_delivered_and_said_to_be(client: Client) -> None:
+    answer = client.request("dem", robot="mana", region="circle:1,1,0.5", resolution_m=0.01)
+    assert answer.delivered["resolution_m"] == 0.05
+    assert any("resolution" in d for d in answer.delivered["differences"])
+
+
+def test_a_dem_of_any_robot_pools_all_of_them(client: Client) -> None:
+    answer = client.request("dem", robot="any", region="bbox:-1,0,1,1", min_coverage=0.99)
+    mean = answer.value.layer("mean")
+    assert set(np.unique(mean)) == {np.float32(1.0), np.float32(5.0)}
+
+
+def test_too_little_of_a_region_is_unavailable_with_the_coverage_there_is(client: Client) -> None:
+    with pytest.raises(UnavailableError, match=r"coverage: 0\.\d+, asked at least 0\.9"):
+        client.request("dem", robot="mana", region="bbox:0,0,10,10", min_coverage=0.9, deadline_s=5)
+    with pytest.raises(UnavailableError, match="age"):
+        client.request("dem", robot="mana", region="bbox:0,0,3,2", max_age_s=1, deadline_s=5)
+
+
+def test_a_dem_without_as_over_the_wire_is_an_infuse_map_in_any_frame(client: Client) -> None:
+    plain = client.request("dem", robot="mana", region="bbox:0,0,3,2", format="uper")
+    assert isinstance(plain.value, Map)
+    pose = plain.value.metadata.pose_fixed_frame_map_frame
+    np.testing.assert_allclose(pose.transform.matrix[:3, 3], [0.0, 2.0, 0.0])
+    moved = client.request(
+        "dem", robot="mana", region="bbox:0,0,3,2", region_frame="site", frame="mana/base", as_type="Map"
+    )
+    pose = moved.value.metadata.pose_fixed_frame_map_frame
+    assert pose.parent_frame == "mana/base"
+    corner = UncertainTransform(se3.transform(np.eye(3), [0.0, 2.0, 0.0]), np.zeros((6, 6)))
+    wanted = T_SITE_BASE.inverse() @ corner
+    np.testing.assert_allclose(pose.transform.matrix, wanted.matrix, atol=1e-9)
+    np.testing.assert_allclose(pose.transform.covariance, wanted.covariance, atol=1e-9)
+    with pytest.raises(UnavailableError, match="as=Map"):
+        client.request("dem", robot="mana", region="bbox:0,0,3,2", region_frame="site", frame="mana/base")
+
+
+def test_a_dem_as_geotiff_is_read_back_the_same(client: Client) -> None:
+    from cdff_common.formats.geotiff import read_map
+
+    answer = client.request("dem", robot="mana", region="bbox:0,0,3,2", format="tif")
+    again = client.request("dem", robot="mana", region="bbox:0,0,3,2")
+    np.testing.assert_array_equal(read_map(answer.data).layer("mean"), again.value.layer("mean"))
+
+
+def test_a_dem_by_reference_is_kept_by_the_dpm_and_fetched_by_id(client: Client) -> None:
+    answer = client.request("dem", robot="mana", region="bbox:0,0,3,2", deliver="reference")
+    inline = client.request("dem", robot="mana", region="bbox:0,0,3,2")
+    assert answer.value == inline.value
+    assert answer.delivered["coverage"] == inline.delivered["coverage"]
+    assert client.get(answer.header.id).value == answer.value
+
+
+def test_a_cloud_near_the_rover_is_merged_cropped_and_moved_to_the_site(client: Client) -> None:
+    answer = client.request("pointcloud", robot="mana", region="near:mana/base,3", min_coverage=0.9)
+    cloud = answer.value
+    assert cloud.frame == "site"
+    in_base = T_SITE_BASE.inverse().apply(cloud.points_m)
+    assert (np.hypot(in_base[:, 0], in_base[:, 1]) <= 3.0 + 1e-9).all()
+    assert in_base[:, 0].min() < -2
+    assert in_base[:, 0].max() > 2
+    assert len(answer.header.inputs) == 2
+    assert answer.delivered["coverage"] >= 0.9
+    assert np.array(answer.delivered["frame_covariance"]).shape == (6, 6)
+    one = client.request("pointcloud", robot="mana", region="near:mana/base,3", frame="mana/base")
+    assert len(one.header.inputs) == 1
+    assert (np.hypot(*one.value.points_m[:, :2].T) <= 3.0 + 1e-9).all()
+
+
+def test_a_large_cloud_goes_by_reference_and_the_client_does_not_notice(client: Client) -> None:
+    thinned = client.request("pointcloud", robot="mana", region="near:mana/base,4", resolution_m=0.5)
+    whole = client.request("pointcloud", robot="mana", region="near:mana/base,4", deliver="reference")
+    assert len(thinned.value.points_m) < len(whole.value.points_m)
+    assert whole.value.frame == "site"
+    files = client.request("pointcloud", robot="mana", region="near:mana/base,4", format="ply")
+    assert files.data.startswith(b"ply")
+    later = client.request("pointcloud", robot="mana", region="near:mana/base,4")
+    assert "orchestrator" not in later.delivered["source"], "what was derived is not taken as a source"
+
+
+def test_a_navigation_map_is_cut_to_the_region_and_unknown_cells_do_not_cover(client: Client) -> None:
+    answer = client.request("navigation_map", robot="mana", region="bbox:0,0,2,2")
+    assert answer.delivered["coverage"] == pytest.approx(0.5)
+    right = client.request("navigation_map", robot="mana", region="bbox:1,0,2,2", min_coverage=1.0)
+    assert (right.value.layer("class") == 1).all()
+
+
+def test_a_trajectory_in_the_rover_s_own_frame_is_moved_with_its_covariance(client: Client) -> None:
+    site = client.request("trajectory", robot="mana")
+    assert isinstance(site.value, PoseTrajectory)
+    assert site.value.parent_frame == "site"
+    assert site.delivered["frame"] == "site"
+    tum = client.request("trajectory", robot="mana", format="tum")
+    assert len(tum.data.splitlines()) == 3

@@ -1,0 +1,284 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+import hashlib
+import io
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cdff_common.codecs import decode, encode
+from cdff_common.interfaces.product import Header
+from fastapi.testclient import TestClient
+from services.dpm.http.app import create_app
+from services.dpm.http.context import Context, jsonable
+from services.dpm.http.guard import ROLES
+from services.dpm.operations import Dpm
+from services.dpm.settings import Settings
+
+from .conftest import S, cloud, elevation, parcel, pose
+
+Filled = Callable[[str], str]
+
+
+def test_products_are_found_and_described(http: TestClient, filled: Filled) -> None:
+    body = http.get("/api/v1/products", params={"type": "dem", "region": "bbox:0,0,1,1"}).json()
+    (item,) = body["items"]
+    assert item["id"] == filled("dem")
+    assert item["t1_ns"] == "0"
+    assert item["box_m"][:2] == [0.0, 0.0]
+    assert body["links"].keys() == {"self"}
+    described = http.get(item["links"]["self"]).json()
+    assert set(described["formats"]) >= {"uper", "ber", "xer", "msgpack", "tif", "npz", "png"}
+
+
+def test_pages_are_linked(http: TestClient, filled: Filled) -> None:
+    seen, url = [], "/api/v1/products?limit=1"
+    while url:
+        body = http.get(url).json()
+        seen += [item["product"] for item in body["items"]]
+        url = body["links"].get("next")
+    assert seen == ["pose", "pointcloud", "navigation_map", "dem"]
+
+
+@pytest.mark.parametrize("codec", ["uper", "ber", "xer", "msgpack"])
+def test_a_payload_comes_in_any_codec(http: TestClient, filled: Filled, codec: str) -> None:
+    answer = http.get(f"/api/v1/products/{filled('pose')}/payload", params={"format": codec})
+    assert answer.status_code == 200
+    assert answer.headers["cdff-encoding"] == f"application/vnd.cdff+{codec};TransformWithCovariance/1"
+    assert decode("TransformWithCovariance", answer.content, codec).transform.matrix[0, 3] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "form", "magic", "media"),
+    [
+        ("dem", "tif", b"II*\x00", "image/tiff"), ("dem", "png", b"\x89PNG", "image/png"),
+        ("dem", "npz", b"PK", "application/x-npz"), ("navigation_map", "png", b"\x89PNG", "image/png"),
+        ("navigation_map", "tif", b"II*\x00", "image/tiff"), ("pointcloud", "ply", b"ply\n", "application/x-ply"),
+        ("pointcloud", "las", b"LASF", "application/vnd.las"), ("pointcloud", "pcd", b"#", "application/x-pcd"),
+        ("pose", "tum", b"3", "text/plain"),
+    ],
+)  # fmt: skip
+def test_a_payload_comes_in_the_file_formats_of_its_type(
+    http: TestClient, filled: Filled, kind: str, form: str, magic: bytes, media: str
+) -> None:
+    answer = http.get(f"/api/v1/products/{filled(kind)}/payload", params={"format": form})
+    assert answer.status_code == 200, answer.text
+    assert answer.content.startswith(magic)
+    assert answer.headers["content-type"].startswith(media)
+    assert filled(kind) in answer.headers["content-disposition"]
+
+
+def test_a_dem_comes_as_the_map_of_infuse(http: TestClient, filled: Filled) -> None:
+    answer = http.get(f"/api/v1/products/{filled('dem')}/payload", params={"format": "uper", "as": "Map"})
+    assert answer.headers["cdff-encoding"] == "application/vnd.cdff+uper;Map/1"
+    decode("Map", answer.content, "uper")
+
+
+def test_a_format_that_the_type_has_not_is_refused_with_those_it_has(http: TestClient, filled: Filled) -> None:
+    answer = http.get(f"/api/v1/products/{filled('pose')}/payload", params={"format": "tif"})
+    assert answer.status_code == 422
+    assert "tum" in answer.json()["detail"]
+
+
+@pytest.mark.parametrize(
+    ("asked", "first", "last"), [("bytes=0-9", 0, 9), ("bytes=5-", 5, None), ("bytes=-7", -7, None), ("bytes=3-3", 3, 3)]
+)
+def test_native_payloads_come_in_parts(
+    http: TestClient, dpm: Dpm, filled: Filled, asked: str, first: int, last: int | None
+) -> None:
+    whole = dpm.store.payload(filled("pointcloud"))
+    answer = http.get(f"/api/v1/products/{filled('pointcloud')}/payload", headers={"Range": asked})
+    assert answer.status_code == 206
+    assert answer.content == whole[first:] if last is None else whole[first : last + 1]
+    assert answer.headers["content-range"].endswith(f"/{len(whole)}")
+
+
+def test_a_range_beyond_the_end_is_not_satisfiable_and_a_strange_one_is_ignored(http: TestClient, filled: Filled) -> None:
+    url = f"/api/v1/products/{filled('pose')}/payload"
+    assert http.get(url, headers={"Range": "bytes=999999-"}).status_code == 416
+    for strange in ("bytes=1-2,5-6", "lines=1-2", "bytes=9-2", "bytes=-"):
+        assert http.get(url, headers={"Range": strange}).status_code == 200
+
+
+def test_a_payload_that_is_known_is_not_sent_again(http: TestClient, filled: Filled) -> None:
+    url = f"/api/v1/products/{filled('dem')}/payload"
+    etag = http.get(url).headers["etag"]
+    assert http.get(url, headers={"If-None-Match": etag}).status_code == 304
+
+
+@pytest.mark.parametrize("kind", ["dem", "navigation_map", "pointcloud"])
+def test_thumbnails_show_something_and_stay_small(http: TestClient, filled: Filled, kind: str) -> None:
+    from PIL import Image
+
+    answer = http.get(f"/api/v1/products/{filled(kind)}/thumbnail.png")
+    with Image.open(io.BytesIO(answer.content)) as picture:
+        assert max(picture.size) <= 256
+        assert np.asarray(picture)[..., 3].any()
+    assert http.get(f"/api/v1/products/{filled(kind)}/thumbnail.png", headers={"If-None-Match": answer.headers["etag"]}).status_code == 304
+
+
+def insertion(value: object, product: str, **fields: object) -> dict:
+    names, payload, encoding, attachment = parcel(value, product, **fields)
+    header = jsonable(Header.from_attachment(attachment).to_dict())
+    return {"params": names, "content": payload, "headers": {"Content-Type": encoding, "CDFF-Header": json.dumps(header)}}
+
+
+def test_a_product_is_inserted_once(http: TestClient) -> None:
+    first = http.post("/api/v1/products", **insertion(cloud(), "pointcloud"))
+    again = http.post("/api/v1/products", **insertion(cloud(), "pointcloud"))
+    assert (first.status_code, again.status_code) == (201, 200)
+    assert http.get(first.headers["location"]).json()["product"] == "pointcloud"
+    other = http.post("/api/v1/products", **(insertion(cloud(), "pointcloud") | {"content": encode(cloud(5), "uper")}))
+    assert other.status_code == 409
+
+
+def test_a_deleted_product_is_gone(http: TestClient, filled: Filled) -> None:
+    url = f"/api/v1/products/{filled('dem')}"
+    assert http.delete(url).json() == {"id": filled("dem"), "deleted": True}
+    assert http.get(url).status_code == http.get(f"{url}/payload").status_code == 404
+
+
+@pytest.mark.parametrize(
+    ("path", "status"),
+    [
+        ("/api/v1/products?limit=0", 422), ("/api/v1/products?limit=x", 422), ("/api/v1/products?nonsense=1", 422),
+        ("/api/v1/products?region=blob:1", 422), ("/api/v1/products?region=bbox:0,0,nan,1", 422),
+        ("/api/v1/products?cursor=%00", 422), ("/api/v1/products?t0=yesterday", 422), ("/api/v1/products/nope", 404),
+        ("/api/v1/products/..%2f..%2fetc%2fpasswd", 404), ("/api/v1/products?region=near:nowhere,3", 404),
+        ("/api/v1/maps/dem/window?region=bbox:900,900,901,901", 404), ("/api/v1/maps/soil/window", 422),
+        ("/api/v1/maps/dem/window?resolution_m=-1", 422), ("/api/v1/frames/nowhere/revisions", 404),
+        ("/api/v1/poses", 422), ("/api/v1/poses?robot=mana&t=1000&t0=1000", 422), ("/api/v1/poses?robot=mana&t=1000", 404),
+        ("/api/v1/robots/nobody", 404), ("/api/v1/requests", 503), ("/static/../app.py", 404), ("/nowhere", 404),
+    ],
+)  # fmt: skip
+def test_bad_questions_get_problem_documents(http: TestClient, filled: Filled, path: str, status: int) -> None:
+    answer = http.get(path)
+    assert answer.status_code == status, answer.text
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert answer.json()["status"] == status
+    assert answer.json()["detail"]
+
+
+@pytest.mark.parametrize(
+    "change", [{"headers": {}}, {"params": {"robot": "../x"}}, {"content": b"\xff" * 9}, {"header": "[]"}, {"header": "{"},
+               {"header": '{"t0_ns": "1", "t1_ns": "2", "frame": NaN}'}],
+)  # fmt: skip
+def test_bad_insertions_are_refused_and_nothing_is_stored(http: TestClient, dpm: Dpm, change: dict) -> None:
+    given = insertion(cloud(), "pointcloud")
+    if "header" in change:
+        given["headers"]["CDFF-Header"] = change["header"]
+    elif "params" in change:
+        given["params"] |= change["params"]
+    else:
+        given |= change
+    answer = http.post("/api/v1/products", **given)
+    assert answer.status_code == 422, answer.text
+    assert dpm.store.statistics().count == 0
+
+
+def test_a_body_over_the_cap_is_refused_with_and_without_its_length(http: TestClient, dpm: Dpm) -> None:
+    given = insertion(cloud(), "pointcloud")
+    large = b"x" * (3 << 20)
+    assert http.post("/api/v1/products", **(given | {"content": large})).status_code == 413
+    pieces = (large[i : i + 65536] for i in range(0, len(large), 65536))
+    assert http.post("/api/v1/products", **(given | {"content": pieces})).status_code == 413
+    assert dpm.store.statistics().count == 0
+
+
+@pytest.mark.parametrize("host", ["evil.example", "127.0.0.1.evil.example", "", "localhost.evil:8080"])
+def test_an_unknown_host_is_refused(http: TestClient, host: str) -> None:
+    assert http.get("/api/v1/products", headers={"Host": host}).status_code == 421
+
+
+@pytest.mark.parametrize("host", ["localhost:8080", "127.0.0.1", "[::1]:8080", "LOCALHOST"])
+def test_known_hosts_are_answered(http: TestClient, host: str) -> None:
+    assert http.get("/healthz", headers={"Host": host}).status_code == 200
+
+
+@pytest.mark.parametrize(
+    "headers", [{"Origin": "http://evil.example"}, {"Origin": "null"}, {"Origin": "http://127.0.0.1:9999"}, {"Sec-Fetch-Site": "cross-site"}]
+)  # fmt: skip
+def test_writes_of_foreign_pages_are_refused_and_reads_are_not(http: TestClient, filled: Filled, headers: dict) -> None:
+    url = f"/api/v1/products/{filled('dem')}"
+    assert http.delete(url, headers=headers).status_code == 403
+    assert http.get(url, headers=headers).status_code == 200
+    assert http.delete(url, headers={"Origin": "http://127.0.0.1:8080"}).status_code == 200
+
+
+def test_with_keys_every_call_needs_one_and_roles_bound_what_it_may(dpm: Dpm, tmp_path: Path) -> None:
+    lines = [f"{hashlib.sha256(role.encode()).hexdigest()} {role} somebody" for role in ROLES]
+    keys = tmp_path / "keys"
+    keys.write_text("# keys\n" + "\n".join(lines))
+    app = create_app(Context(dpm, Settings(tmp_path, host="0.0.0.0", hosts=("dpm.example",), keys_file=keys)))
+    client = TestClient(app, base_url="http://dpm.example", raise_server_exceptions=False)
+    assert client.get("/healthz").status_code == 200
+    assert client.get("/api/v1/products").status_code == 401
+    assert client.get("/api/v1/products", headers={"Authorization": "Bearer wrong"}).status_code == 401
+    for role, methods in ROLES.items():
+        authorization = {"Authorization": f"Bearer {role}"}
+        assert client.get("/api/v1/products", headers=authorization).status_code == 200
+        deleted = client.delete("/api/v1/products/nope", headers=authorization).status_code
+        assert deleted == (404 if "DELETE" in methods else 403)
+
+
+def test_maps_are_assembled_and_say_how_complete_they_are(http: TestClient, dpm: Dpm) -> None:
+    dpm.put(*parcel(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
+    answer = http.get("/api/v1/maps/dem/window", params={"region": "bbox:0,0,4,2", "format": "npz", "resolution_m": "0.2"})
+    assert answer.headers["cdff-coverage"] == "0.5000"
+    assert answer.headers["cdff-resolution-m"] == "0.2"
+    assert np.load(io.BytesIO(answer.content))["mean"].shape == (10, 20)
+
+
+def test_frames_are_revised_and_listed(http: TestClient) -> None:
+    T = np.eye(4)
+    T[0, 3] = 2.0
+    url = "/api/v1/frames/mana/odom/revisions"
+    given = {"parent": "site", "T": T.tolist(), "expected_revision": 0}
+    assert http.post(url, json=given).status_code == 201
+    assert http.post(url, json=given).status_code == 409
+    assert http.post(url, json={"parent": "site", "T": [[1]]}).status_code == 422
+    assert http.post(url, json={"parent": "site", "T": (T * 2).tolist()}).status_code == 422
+    (revision,) = http.get(url).json()["items"]
+    assert (revision["revision"], revision["T"][0][3]) == (1, 2.0)
+    assert http.get("/api/v1/frames").json()["items"][0]["frame"] == "mana/odom"
+
+
+def test_poses_are_a_series_or_one_at_a_time(http: TestClient, dpm: Dpm) -> None:
+    for second in range(4):
+        dpm.put(*parcel(pose(second, float(second)), "pose", second, child="mana/base"))
+    series = http.get("/api/v1/poses", params={"robot": "mana", "t0": str(1 * S), "t1": str(2 * S)}).json()["items"]
+    assert [p["stamp_ns"] for p in series] == [str(1 * S), str(2 * S)]
+    (one,) = http.get("/api/v1/poses", params={"robot": "mana", "t": "1970-01-01T00:00:01.5Z"}).json()["items"]
+    assert one["T"][0][3] == pytest.approx(1.5)
+
+
+def test_robots_status_and_metrics(http: TestClient, filled: Filled) -> None:
+    (robot,) = http.get("/api/v1/robots").json()["items"]
+    assert (robot["id"], robot["pose"]["T"][0][3]) == ("mana", 1.0)
+    status = http.get("/api/v1/status").json()
+    assert status["by_robot"] == {"mana": {"dem": 1, "navigation_map": 1, "pointcloud": 1, "pose": 1}}
+    assert status["now_ns"] == str(100 * S)
+    assert 'cdff_dpm_products{robot="mana",type="dem"} 1' in http.get("/metrics").text
+    assert http.get("/readyz").text == "ready\n"
+
+
+def test_the_page_loads_nothing_from_elsewhere(http: TestClient) -> None:
+    for path in ("/", "/docs"):
+        page = http.get(path)
+        assert page.headers["content-type"].startswith("text/html")
+        assert "default-src 'self'" in page.headers["content-security-policy"]
+        links = re.findall(r'(?:src|href)="([^"]+)"', page.text)
+        assert all(link.startswith(("/", "#")) for link in links)
+        for link in links:
+            if link.startswith("/static/"):
+                assert http.get(link).status_code == 200
+
+
+def test_every_operation_is_described(http: TestClient) -> None:
+    for verbs in http.get("/openapi.json").json()["paths"].values():
+        for operation in verbs.values():
+            assert operation["summary"]
+            assert operation["description"]
