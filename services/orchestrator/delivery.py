@@ -89,8 +89,9 @@ class Delivery:
         what = delivered(found.candidate, judgement, request, self._clock.now_ns(), t.frame)
         what["as"], what["differences"] = t.type_name, [*judgement.missing, *judgement.short, *t.reasons]
         what["source"] = found.sources[0].producer if found.sources else ""
-        if t.moved_by is not None and t.moved_by.covariance is not None:
-            what["frame_covariance"] = t.moved_by.covariance.tolist()
+        moved_by = t.moved_by or found.moved_by
+        if moved_by is not None and moved_by.covariance is not None:
+            what["frame_covariance"] = moved_by.covariance.tolist()
         extra = {"robot": robot, "job": job, "request": request.id, "final": True, "delivered": what}
         payload, encoding = _inline(request, t)
         if payload is not None:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from cdff_common.clock import Clock
+from cdff_common.clock import NS_PER_S, Clock
 from cdff_common.errors import ExtrapolationError, FrameNotFoundError, ProductNotFoundError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.geometry.region import Region
@@ -50,6 +50,8 @@ class Found:
         The region in ``frame``.
     robots : tuple of str
         Whose measurements were asked for; empty for all.
+    moved_by : UncertainTransform or None
+        What the newest part was moved by into ``frame``, where it was.
     """
 
     candidate: Candidate
@@ -60,6 +62,7 @@ class Found:
     whole: bool = False
     region: Region | None = None
     robots: tuple[str, ...] = ()
+    moved_by: UncertainTransform | None = None
 
 
 class Finder:
@@ -114,10 +117,12 @@ class Finder:
 
     def _pose(self, request: ProductRequest, robot: str, timeout_s: float) -> Found | None:
         """The newest pose, or the one at the time asked for, in the frame asked for."""
-        items = self._usable(self._dpm.search(timeout_s, type="pose", robot=robot, limit=10))
+        child = request.child or f"{robot}/base"
+        items: list[dict[str, Any]] = []
+        for of in dict.fromkeys((child, f"{robot}/base")):
+            items = items or self._usable(self._dpm.search(timeout_s, type="pose", robot=robot, child=of, limit=10))
         if not items and request.t_ns is None:
             return None
-        child = request.child or f"{robot}/base"
         newest = self._dpm.value(str(items[0]["id"]), robot, timeout_s) if items else None
         if (
             request.t_ns is None
@@ -137,48 +142,42 @@ class Finder:
         if request.region is None:
             return self._newest(request, robot, timeout_s)
         region, frame = self._placed(request, robot, timeout_s)
-        found = self._dpm.search(
-            timeout_s,
-            type="pointcloud",
-            robot=robot,
-            region=region.text,
-            frame=frame,
-            limit=_CLOUDS,
-        )
         now_ns = self._clock.now_ns()
         cell_m = request.resolution_m or _CLOUD_CELL_M
         parts: list[Pointcloud] = []
         sources: list[Header] = []
+        moved_by: UncertainTransform | None = None
         merged, coverage = None, 0.0
-        target: tuple[str, Region] | None = None
-        for item in self._usable(found):
-            if sources and now_ns - int(item["t1_ns"]) > request.max_age_s * 1e9:
+        for item in self._clouds(robot, region, frame, timeout_s):
+            if sources and now_ns - int(item["t1_ns"]) > request.max_age_s * NS_PER_S:
                 break
             stored = self._dpm.value(str(item["id"]), robot, timeout_s)
-            if target is None:
-                home = stored.header.frame
-                target = home, self._seen_from(region, frame, home, robot, stored.header.t1_ns, timeout_s)
-            T = self._dpm.pose(robot, target[0], stored.header.frame, stored.header.t1_ns, timeout_s)
-            part = translate.cropped_cloud(translate.cloud_in(stored.value, T, target[0]), target[1])
+            h, cloud = stored.header, stored.value
+            if h.frame != frame:
+                # Each at its own time: a cloud in the robot's frame was taken where the robot was then.
+                T = self._dpm.pose(robot, frame, h.frame, h.t1_ns, timeout_s)
+                cloud, moved_by = translate.cloud_in(cloud, T, frame), moved_by or T
+            part = translate.cropped_cloud(cloud, region)
             if not len(part.points_m):
                 continue
             parts.append(part)
-            sources.append(stored.header)
+            sources.append(h)
             merged = translate.merged_clouds(parts)
-            coverage = translate.cloud_coverage(merged, target[1], cell_m)
+            coverage = translate.cloud_coverage(merged, region, cell_m)
             if coverage >= max(request.min_coverage, 1e-12):
                 break
-        if merged is None or target is None:
+        if merged is None:
             return None
         if request.resolution_m is not None:
             merged = translate.thinned_cloud(merged, request.resolution_m)
-        return Found(
-            self._candidate(sources, robot, coverage, request.resolution_m),
-            tuple(sources),
-            merged,
-            target[0],
-            region=target[1],
-        )
+        candidate = self._candidate(sources, robot, coverage, request.resolution_m)
+        return Found(candidate, tuple(sources), merged, frame, region=region, moved_by=moved_by)
+
+    def _clouds(self, robot: str, region: Region, frame: str, timeout_s: float) -> list[dict[str, Any]]:
+        """Clouds that may reach into the region, newest first; those of moving frames are not found by place."""
+        asked = {"type": "pointcloud", "robot": robot, "limit": _CLOUDS}
+        items = self._usable(self._dpm.search(timeout_s, region=region.text, frame=frame, **asked))
+        return items or [i for i in self._usable(self._dpm.search(timeout_s, **asked)) if i["frame"] != frame]
 
     def _dem(self, request: ProductRequest, robot: str, timeout_s: float) -> Found | None:
         """The window that the DPM pools from all patches of the region; asked for only if something is new enough."""
