@@ -94,11 +94,12 @@ def encode_reals(bits: NDArray[np.int64], out: NDArray[np.uint8], shift: int) ->
         while mantissa & np.uint64(1) == 0:
             mantissa >>= np.uint64(1)
             exponent += 1
-        size = 1
-        rest = mantissa >> np.uint64(8)
-        while rest:
-            size += 1
-            rest >>= np.uint64(8)
+        size = 7 if mantissa >> np.uint64(48) else 1
+        if size == 1:
+            rest = mantissa >> np.uint64(8)
+            while rest:
+                size += 1
+                rest >>= np.uint64(8)
         if -128 <= exponent <= 127:
             head = np.uint64(((2 + size) << 16) | ((0x80 | (negative << 6)) << 8) | (exponent & 0xFF))
             _store(out, at, shift, head << np.uint64(40), 3)

@@ -28,9 +28,9 @@ def open_log(path: str | Path) -> LogSource:
     """
     where = Path(path)
     if where.is_dir():
-        if (where / "calib.txt").is_file():
-            from cdff_dev.convert.kitti import open_kitti
+        from cdff_dev.convert.kitti import is_kitti, open_kitti
 
+        if is_kitti(where):
             return open_kitti(where)
         files = sorted(where.glob("*.msg"))
     elif where.is_file():

@@ -1,0 +1,33 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The bitstream message: an encoded message with the name of its type, as InFuse's robots logged it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cdff_common.codecs import decode, encode
+from cdff_common.errors import CodecError
+from cdff_common.types import Asn1Bitstream
+
+#: Codecs by ``serialization-method``; 0 is what InFuse's robots wrote, the others are ours.
+METHODS = ("uper", "ber", "xer", "msgpack")
+
+
+def wrap(value: Any, codec: str = "uper") -> Asn1Bitstream:
+    """Encode a message into a bitstream message."""
+    if codec not in METHODS:
+        raise CodecError(f"codec {codec!r}: expected one of {', '.join(METHODS)}")
+    data = np.frombuffer(encode(value, codec), dtype=np.uint8)
+    return Asn1Bitstream(type=type(value).ASN1_NAME, serialization_method=METHODS.index(codec), data=data)
+
+
+def unwrap(bitstream: Asn1Bitstream) -> Any:
+    """Decode what a bitstream message holds; raises CodecError on another method, type, or malformed data."""
+    method = bitstream.serialization_method
+    if method >= len(METHODS):
+        methods = ", ".join(f"{i} {name}" for i, name in enumerate(METHODS))
+        raise CodecError(f"Asn1Bitstream.serialization_method={method}: expected {methods}")
+    return decode(bitstream.type, bitstream.data.tobytes(), METHODS[method])
