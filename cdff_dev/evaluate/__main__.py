@@ -1,0 +1,61 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``python -m cdff_dev.evaluate [NAME ...]``: run evaluations and write their figures; ``make evaluate`` runs all."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import pkgutil
+import sys
+from pathlib import Path
+from types import ModuleType
+
+from cdff_common.cli import run_safely
+from cdff_common.errors import InputError
+from cdff_dev import evaluate
+from cdff_dev.evaluate.record import write
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def evaluations() -> dict[str, ModuleType]:
+    """Modules of this package that evaluate something, by name."""
+    modules = {
+        info.name: importlib.import_module(f"{evaluate.__name__}.{info.name}")
+        for info in pkgutil.iter_modules(evaluate.__path__)
+        if not info.name.startswith("_")
+    }
+    return {name: module for name, module in modules.items() if hasattr(module, "evaluate")}
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run them all, or those named."""
+    parser = argparse.ArgumentParser(prog="evaluate", description=__doc__)
+    parser.add_argument("names", nargs="*", help="evaluations (default: all)")
+    parser.add_argument("--data", type=Path, help="folder of the real data sets; CDFF_DATA, ../shared/data")
+    args = parser.parse_args(argv)
+    data = args.data or Path(os.environ.get("CDFF_DATA") or ROOT.parent / "shared" / "data")
+    if not data.is_dir():
+        raise InputError(f"real data {data}: not a folder; name it with --data or CDFF_DATA")
+    known = evaluations()
+    unknown = [n for n in args.names if n not in known]
+    if unknown:
+        raise InputError(f"no evaluation {unknown[0]!r}; known are {', '.join(known)}")
+    for name in args.names or known:
+        figures = known[name].evaluate(data, _say)
+        path = write(ROOT, name, figures)
+        sys.stdout.write(f"{name}: {json.dumps(figures)}\nwrote {path.relative_to(ROOT)}\n")
+    return 0
+
+
+def _say(text: str) -> None:
+    if sys.stderr.isatty():
+        sys.stderr.write(f"\r{text:70}")
+        sys.stderr.flush()
+
+
+if __name__ == "__main__":
+    raise SystemExit(run_safely(main))
