@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from cdff_common.errors import ConfigurationError
@@ -89,17 +90,19 @@ class Guard:
 
 
 class _Counted:
-    """Receives a body and breaks off beyond the cap: a body may come without a length."""
+    """Receives a body and refuses beyond the cap: a body may come without a length."""
 
     def __init__(self, receive: Receive, cap: int) -> None:
         self._receive = receive
-        self._left = cap
+        self._cap = self._left = cap
 
     async def __call__(self) -> Message:
         """Next message of the request."""
         message = await self._receive()
         self._left -= len(message.get("body", b""))
-        return message if self._left >= 0 else {"type": "http.disconnect"}
+        if self._left < 0:
+            raise HTTPException(413, f"body: expected at most {self._cap} bytes")
+        return message
 
 
 def _with_headers(send: Send) -> Send:

@@ -34,6 +34,7 @@ class HttpServer:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             self._socket.bind((s.host, s.port))
+            self._socket.listen(128)  # callers wait from now on instead of being refused
         except OSError as error:
             self._socket.close()
             raise UnavailableError(f"HTTP on {s.host}:{s.port}: {error.strerror}; try another --http") from error

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
 from cdff_common.clock import ManualClock
 from cdff_common.interfaces.product import Header, product_id
 from dpm_store import Insertion, Store, open_store

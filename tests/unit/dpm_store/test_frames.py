@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 import numpy as np
 import pytest
+
 from cdff_common.clock import ManualClock
 from cdff_common.errors import ConflictError, FrameNotFoundError, InputError, StorageError
 from cdff_common.geometry import UncertainTransform, se3

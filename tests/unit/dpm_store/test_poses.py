@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 import numpy as np
 import pytest
+
 from cdff_common.codecs import encode
 from cdff_common.errors import CodecError, ExtrapolationError, FrameNotFoundError, InputError
 from cdff_common.geometry import UncertainTransform, se3

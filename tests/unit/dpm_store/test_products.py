@@ -4,6 +4,7 @@ import hashlib
 from dataclasses import replace
 
 import pytest
+
 from cdff_common.clock import ManualClock
 from cdff_common.errors import CodecError, ConflictError, InputError, ProductNotFoundError, StorageError
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
@@ -59,9 +60,11 @@ def test_the_same_id_with_other_content_is_a_conflict(store: Store, change: str)
     other = header(1, quality=Quality(Status.DEGRADED)) if change == "quality" else header(1)
     with pytest.raises(ConflictError, match="other content"):
         store.put(
-            other, b"else" if change == "payload" else b"same", **(NAMES | ({"robot": "minnie"} if change == "robot" else {})),
+            other,
+            b"else" if change == "payload" else b"same",
+            **(NAMES | ({"robot": "minnie"} if change == "robot" else {})),
             codec="ber" if change == "codec" else "uper",
-        )  # fmt: skip
+        )
     assert store.payload(header(1).id) == b"same"
 
 
@@ -73,9 +76,16 @@ def test_a_payload_that_is_not_the_one_its_header_names_is_refused(store: Store)
 
 @pytest.mark.parametrize(
     "names",
-    [{"robot": "../etc"}, {"robot": ""}, {"dfpc": "Upper"}, {"port": "a/b"}, {"product": "x" * 65}, {"type_name": "1"},
-     {"codec": "zip"}],
-)  # fmt: skip
+    [
+        {"robot": "../etc"},
+        {"robot": ""},
+        {"dfpc": "Upper"},
+        {"port": "a/b"},
+        {"product": "x" * 65},
+        {"type_name": "1"},
+        {"codec": "zip"},
+    ],
+)
 def test_malformed_names_are_refused(store: Store, names: dict[str, str]) -> None:
     with pytest.raises(InputError):
         put(store, header(0), b"abc", **names)

@@ -5,6 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
 from cdff_common.clock import ManualClock
 from cdff_common.errors import FrameNotFoundError, InputError
 from cdff_common.geometry import UncertainTransform, se3
@@ -12,8 +15,6 @@ from cdff_common.geometry.region import Region, parse_region
 from cdff_common.interfaces.product import Quality, Status
 from dpm_store import Query, Store, open_store
 from dpm_store.search import touches
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from .conftest import header, put
 
@@ -114,9 +115,12 @@ regions = st.one_of(
     st.builds(lambda x, y, r: Region("circle", (x, y, r + 0.1)), coordinate, coordinate, size),
     st.builds(
         lambda x, y, a, b: Region("polygon", (x, y, x + a + 0.1, y, x + a / 2, y + b + 0.1)),
-        coordinate, coordinate, size, size,
+        coordinate,
+        coordinate,
+        size,
+        size,
     ),
-)  # fmt: skip
+)
 poses = st.builds(
     lambda t, rpy: se3.transform(se3.exp_so3(rpy), t),
     st.tuples(coordinate, coordinate, coordinate),
@@ -126,14 +130,24 @@ poses = st.builds(
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
-    products=st.lists(st.tuples(boxes, st.integers(0, 20), st.sampled_from(["site", "mana/odom", "minnie/odom"])), max_size=25),
-    region=regions, span=st.tuples(st.integers(0, 20), st.integers(0, 20)), frame=st.sampled_from(["site", "mana/odom"]),
-    T_mana=poses, T_minnie=poses,
-)  # fmt: skip
+    products=st.lists(
+        st.tuples(boxes, st.integers(0, 20), st.sampled_from(["site", "mana/odom", "minnie/odom"])), max_size=25
+    ),
+    region=regions,
+    span=st.tuples(st.integers(0, 20), st.integers(0, 20)),
+    frame=st.sampled_from(["site", "mana/odom"]),
+    T_mana=poses,
+    T_minnie=poses,
+)
 def test_a_search_by_region_and_time_finds_what_looking_at_each_product_finds(
-    tmp_path_factory: pytest.TempPathFactory, products: list, region: Region, span: tuple[int, int], frame: str,
-    T_mana: np.ndarray, T_minnie: np.ndarray,
-) -> None:  # fmt: skip
+    tmp_path_factory: pytest.TempPathFactory,
+    products: list,
+    region: Region,
+    span: tuple[int, int],
+    frame: str,
+    T_mana: np.ndarray,
+    T_minnie: np.ndarray,
+) -> None:
     t0, t1 = sorted(span)
     with open_store(f"sqlite:///{tmp_path_factory.mktemp('store')}", ManualClock()) as store:
         store.frames.set("mana/odom", "site", UncertainTransform(T_mana))

@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
+
 from cdff_common.errors import ConfigurationError, UnavailableError
 from dpm_store import Query, Store, open_store
 from dpm_store.migrate import HEAD, revision_of
@@ -24,9 +25,8 @@ WRITER = Path(__file__).with_name("writer.py")
 
 
 def test_only_one_process_opens_a_data_directory(tmp_path: Path) -> None:
-    with open_store(f"sqlite:///{tmp_path}"):
-        with pytest.raises(UnavailableError, match=str(os.getpid())):
-            open_store(f"sqlite:///{tmp_path}")
+    with open_store(f"sqlite:///{tmp_path}"), pytest.raises(UnavailableError, match=str(os.getpid())):
+        open_store(f"sqlite:///{tmp_path}")
     open_store(f"sqlite:///{tmp_path}").close()
 
 
@@ -61,7 +61,9 @@ def test_the_head_is_the_newest_migration() -> None:
 
 def test_the_database_is_in_wal_mode_and_syncs_every_commit(store: Store) -> None:
     with store._database.read() as connection:
-        pragmas = {name: connection.exec_driver_sql(f"PRAGMA {name}").scalar() for name in ("journal_mode", "synchronous")}
+        pragmas = {
+            name: connection.exec_driver_sql(f"PRAGMA {name}").scalar() for name in ("journal_mode", "synchronous")
+        }
     assert pragmas == {"journal_mode": "wal", "synchronous": 2}
 
 
@@ -111,7 +113,9 @@ def test_the_same_product_from_many_threads_is_inserted_once(store: Store) -> No
 def test_what_was_acknowledged_before_a_kill_is_there_and_nothing_is_half_written(tmp_path: Path, runs: int) -> None:
     rng = random.Random(runs)
     for run in range(runs):
-        acknowledged = _run_and_kill(tmp_path, first=run * 10_000, after=rng.randrange(3, 20), pause_s=rng.random() * 0.01)
+        acknowledged = _run_and_kill(
+            tmp_path, first=run * 10_000, after=rng.randrange(3, 20), pause_s=rng.random() * 0.01
+        )
         with open_store(f"sqlite:///{tmp_path}") as store:
             assert store.verify() == ()
             for seq in acknowledged:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from cdff_common.clock import ManualClock
 from cdff_common.codecs import encode
 from cdff_common.codecs.encoding import encoding_string
@@ -32,12 +33,20 @@ with warnings.catch_warnings():
 S = 1_000_000_000
 
 
-def elevation(x0: float, height: float = 0.0, t1_ns: int = 0, *, cells: int = 20, resolution_m: float = 0.1) -> ElevationMap:
+def elevation(
+    x0: float, height: float = 0.0, t1_ns: int = 0, *, cells: int = 20, resolution_m: float = 0.1
+) -> ElevationMap:
     """A flat square patch with its lower left corner at (x0, 0)."""
     geometry = GridGeometry("site", resolution_m, x0, cells * resolution_m, cells, cells)
     one = np.ones(geometry.shape, dtype=np.float32)
-    layers = {"mean": one * height, "variance": one * 0.01, "min": one * (height - 0.1), "max": one * (height + 0.1),
-              "count": one * 2, "age_s": one * 0}  # fmt: skip
+    layers = {
+        "mean": one * height,
+        "variance": one * 0.01,
+        "min": one * (height - 0.1),
+        "max": one * (height + 0.1),
+        "count": one * 2,
+        "age_s": one * 0,
+    }
     return ElevationMap.from_layers(geometry, layers, t0_ns=t1_ns, t1_ns=t1_ns)
 
 
@@ -67,9 +76,14 @@ def parcel(value: Any, product: str, seq: int = 0, robot: str = "mana", codec: s
     """Names, payload, encoding and attachment of a product, as they travel."""
     t1_ns = fields.pop("t1_ns", seq * S)
     header = Header(
-        id=product_id(robot, "test", product, t1_ns, seq, "c"), seq=seq, t0_ns=t1_ns, t1_ns=t1_ns, producer="test",
-        config_hash="c", **({"frame": "site"} | fields),
-    )  # fmt: skip
+        id=product_id(robot, "test", product, t1_ns, seq, "c"),
+        seq=seq,
+        t0_ns=t1_ns,
+        t1_ns=t1_ns,
+        producer="test",
+        config_hash="c",
+        **({"frame": "site"} | fields),
+    )
     names = {"robot": robot, "dfpc": "test", "port": product, "product": product}
     return names, encode(value, codec), encoding_string(type(value).__name__, codec), header.to_attachment()
 
@@ -100,7 +114,9 @@ def dpm(tmp_path: Path, clock: ManualClock, empty: Path) -> Iterator[Dpm]:
 def http(dpm: Dpm, tmp_path: Path) -> TestClient:
     """HTTP without a bus."""
     settings = Settings(tmp_path, max_body_bytes=2 << 20)
-    return TestClient(create_app(Context(dpm, settings)), base_url="http://127.0.0.1:8080", raise_server_exceptions=False)
+    return TestClient(
+        create_app(Context(dpm, settings)), base_url="http://127.0.0.1:8080", raise_server_exceptions=False
+    )
 
 
 @pytest.fixture
@@ -109,9 +125,11 @@ def filled(dpm: Dpm) -> Callable[[str], str]:
     ids = {}
     for seq, (kind, value, fields) in enumerate(
         [
-            ("dem", elevation(0.0), {"resolution_m": 0.1}), ("navigation_map", navigation(), {"resolution_m": 0.1}),
-            ("pointcloud", cloud(), {}), ("pose", pose(3, 1.0), {"child": "mana/base"}),
-        ]  # fmt: skip
+            ("dem", elevation(0.0), {"resolution_m": 0.1}),
+            ("navigation_map", navigation(), {"resolution_m": 0.1}),
+            ("pointcloud", cloud(), {}),
+            ("pose", pose(3, 1.0), {"child": "mana/base"}),
+        ]
     ):
         _, header = dpm.put(*parcel(value, kind, seq, **fields))
         ids[kind] = header.id

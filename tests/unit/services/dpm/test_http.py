@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fastapi.testclient import TestClient
+
 from cdff_common.codecs import decode, encode
 from cdff_common.interfaces.product import Header
-from fastapi.testclient import TestClient
 from services.dpm.http.app import create_app
 from services.dpm.http.context import Context, jsonable
 from services.dpm.http.guard import ROLES
@@ -54,13 +55,17 @@ def test_a_payload_comes_in_any_codec(http: TestClient, filled: Filled, codec: s
 @pytest.mark.parametrize(
     ("kind", "form", "magic", "media"),
     [
-        ("dem", "tif", b"II*\x00", "image/tiff"), ("dem", "png", b"\x89PNG", "image/png"),
-        ("dem", "npz", b"PK", "application/x-npz"), ("navigation_map", "png", b"\x89PNG", "image/png"),
-        ("navigation_map", "tif", b"II*\x00", "image/tiff"), ("pointcloud", "ply", b"ply\n", "application/x-ply"),
-        ("pointcloud", "las", b"LASF", "application/vnd.las"), ("pointcloud", "pcd", b"#", "application/x-pcd"),
+        ("dem", "tif", b"II*\x00", "image/tiff"),
+        ("dem", "png", b"\x89PNG", "image/png"),
+        ("dem", "npz", b"PK", "application/x-npz"),
+        ("navigation_map", "png", b"\x89PNG", "image/png"),
+        ("navigation_map", "tif", b"II*\x00", "image/tiff"),
+        ("pointcloud", "ply", b"ply\n", "application/x-ply"),
+        ("pointcloud", "las", b"LASF", "application/vnd.las"),
+        ("pointcloud", "pcd", b"#", "application/x-pcd"),
         ("pose", "tum", b"3", "text/plain"),
     ],
-)  # fmt: skip
+)
 def test_a_payload_comes_in_the_file_formats_of_its_type(
     http: TestClient, filled: Filled, kind: str, form: str, magic: bytes, media: str
 ) -> None:
@@ -84,7 +89,8 @@ def test_a_format_that_the_type_has_not_is_refused_with_those_it_has(http: TestC
 
 
 @pytest.mark.parametrize(
-    ("asked", "first", "last"), [("bytes=0-9", 0, 9), ("bytes=5-", 5, None), ("bytes=-7", -7, None), ("bytes=3-3", 3, 3)]
+    ("asked", "first", "last"),
+    [("bytes=0-9", 0, 9), ("bytes=5-", 5, None), ("bytes=-7", -7, None), ("bytes=3-3", 3, 3)],
 )
 def test_native_payloads_come_in_parts(
     http: TestClient, dpm: Dpm, filled: Filled, asked: str, first: int, last: int | None
@@ -96,7 +102,9 @@ def test_native_payloads_come_in_parts(
     assert answer.headers["content-range"].endswith(f"/{len(whole)}")
 
 
-def test_a_range_beyond_the_end_is_not_satisfiable_and_a_strange_one_is_ignored(http: TestClient, filled: Filled) -> None:
+def test_a_range_beyond_the_end_is_not_satisfiable_and_a_strange_one_is_ignored(
+    http: TestClient, filled: Filled
+) -> None:
     url = f"/api/v1/products/{filled('pose')}/payload"
     assert http.get(url, headers={"Range": "bytes=999999-"}).status_code == 416
     for strange in ("bytes=1-2,5-6", "lines=1-2", "bytes=9-2", "bytes=-"):
@@ -117,13 +125,22 @@ def test_thumbnails_show_something_and_stay_small(http: TestClient, filled: Fill
     with Image.open(io.BytesIO(answer.content)) as picture:
         assert max(picture.size) <= 256
         assert np.asarray(picture)[..., 3].any()
-    assert http.get(f"/api/v1/products/{filled(kind)}/thumbnail.png", headers={"If-None-Match": answer.headers["etag"]}).status_code == 304
+    assert (
+        http.get(
+            f"/api/v1/products/{filled(kind)}/thumbnail.png", headers={"If-None-Match": answer.headers["etag"]}
+        ).status_code
+        == 304
+    )
 
 
 def insertion(value: object, product: str, **fields: object) -> dict:
     names, payload, encoding, attachment = parcel(value, product, **fields)
     header = jsonable(Header.from_attachment(attachment).to_dict())
-    return {"params": names, "content": payload, "headers": {"Content-Type": encoding, "CDFF-Header": json.dumps(header)}}
+    return {
+        "params": names,
+        "content": payload,
+        "headers": {"Content-Type": encoding, "CDFF-Header": json.dumps(header)},
+    }
 
 
 def test_a_product_is_inserted_once(http: TestClient) -> None:
@@ -144,16 +161,29 @@ def test_a_deleted_product_is_gone(http: TestClient, filled: Filled) -> None:
 @pytest.mark.parametrize(
     ("path", "status"),
     [
-        ("/api/v1/products?limit=0", 422), ("/api/v1/products?limit=x", 422), ("/api/v1/products?nonsense=1", 422),
-        ("/api/v1/products?region=blob:1", 422), ("/api/v1/products?region=bbox:0,0,nan,1", 422),
-        ("/api/v1/products?cursor=%00", 422), ("/api/v1/products?t0=yesterday", 422), ("/api/v1/products/nope", 404),
-        ("/api/v1/products/..%2f..%2fetc%2fpasswd", 404), ("/api/v1/products?region=near:nowhere,3", 404),
-        ("/api/v1/maps/dem/window?region=bbox:900,900,901,901", 404), ("/api/v1/maps/soil/window", 422),
-        ("/api/v1/maps/dem/window?resolution_m=-1", 422), ("/api/v1/frames/nowhere/revisions", 404),
-        ("/api/v1/poses", 422), ("/api/v1/poses?robot=mana&t=1000&t0=1000", 422), ("/api/v1/poses?robot=mana&t=1000", 404),
-        ("/api/v1/robots/nobody", 404), ("/api/v1/requests", 503), ("/static/../app.py", 404), ("/nowhere", 404),
+        ("/api/v1/products?limit=0", 422),
+        ("/api/v1/products?limit=x", 422),
+        ("/api/v1/products?nonsense=1", 422),
+        ("/api/v1/products?region=blob:1", 422),
+        ("/api/v1/products?region=bbox:0,0,nan,1", 422),
+        ("/api/v1/products?cursor=%00", 422),
+        ("/api/v1/products?t0=yesterday", 422),
+        ("/api/v1/products/nope", 404),
+        ("/api/v1/products/..%2f..%2fetc%2fpasswd", 404),
+        ("/api/v1/products?region=near:nowhere,3", 404),
+        ("/api/v1/maps/dem/window?region=bbox:900,900,901,901", 404),
+        ("/api/v1/maps/soil/window", 422),
+        ("/api/v1/maps/dem/window?resolution_m=-1", 422),
+        ("/api/v1/frames/nowhere/revisions", 404),
+        ("/api/v1/poses", 422),
+        ("/api/v1/poses?robot=mana&t=1000&t0=1000", 422),
+        ("/api/v1/poses?robot=mana&t=1000", 404),
+        ("/api/v1/robots/nobody", 404),
+        ("/api/v1/requests", 503),
+        ("/static/../app.py", 404),
+        ("/nowhere", 404),
     ],
-)  # fmt: skip
+)
 def test_bad_questions_get_problem_documents(http: TestClient, filled: Filled, path: str, status: int) -> None:
     answer = http.get(path)
     assert answer.status_code == status, answer.text
@@ -163,9 +193,16 @@ def test_bad_questions_get_problem_documents(http: TestClient, filled: Filled, p
 
 
 @pytest.mark.parametrize(
-    "change", [{"headers": {}}, {"params": {"robot": "../x"}}, {"content": b"\xff" * 9}, {"header": "[]"}, {"header": "{"},
-               {"header": '{"t0_ns": "1", "t1_ns": "2", "frame": NaN}'}],
-)  # fmt: skip
+    "change",
+    [
+        {"headers": {}},
+        {"params": {"robot": "../x"}},
+        {"content": b"\xff" * 9},
+        {"header": "[]"},
+        {"header": "{"},
+        {"header": '{"t0_ns": "1", "t1_ns": "2", "frame": NaN}'},
+    ],
+)
 def test_bad_insertions_are_refused_and_nothing_is_stored(http: TestClient, dpm: Dpm, change: dict) -> None:
     given = insertion(cloud(), "pointcloud")
     if "header" in change:
@@ -199,8 +236,14 @@ def test_known_hosts_are_answered(http: TestClient, host: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "headers", [{"Origin": "http://evil.example"}, {"Origin": "null"}, {"Origin": "http://127.0.0.1:9999"}, {"Sec-Fetch-Site": "cross-site"}]
-)  # fmt: skip
+    "headers",
+    [
+        {"Origin": "http://evil.example"},
+        {"Origin": "null"},
+        {"Origin": "http://127.0.0.1:9999"},
+        {"Sec-Fetch-Site": "cross-site"},
+    ],
+)
 def test_writes_of_foreign_pages_are_refused_and_reads_are_not(http: TestClient, filled: Filled, headers: dict) -> None:
     url = f"/api/v1/products/{filled('dem')}"
     assert http.delete(url, headers=headers).status_code == 403
@@ -226,7 +269,9 @@ def test_with_keys_every_call_needs_one_and_roles_bound_what_it_may(dpm: Dpm, tm
 
 def test_maps_are_assembled_and_say_how_complete_they_are(http: TestClient, dpm: Dpm) -> None:
     dpm.put(*parcel(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
-    answer = http.get("/api/v1/maps/dem/window", params={"region": "bbox:0,0,4,2", "format": "npz", "resolution_m": "0.2"})
+    answer = http.get(
+        "/api/v1/maps/dem/window", params={"region": "bbox:0,0,4,2", "format": "npz", "resolution_m": "0.2"}
+    )
     assert answer.headers["cdff-coverage"] == "0.5000"
     assert answer.headers["cdff-resolution-m"] == "0.2"
     assert np.load(io.BytesIO(answer.content))["mean"].shape == (10, 20)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 import numpy as np
 import pytest
+
 from cdff_common.codecs import decode
 from cdff_common.errors import CodecError, InputError, ProductNotFoundError, UnavailableError
 from cdff_common.interfaces.product import Quality, Status
@@ -49,7 +50,10 @@ def test_what_cannot_be_read_is_refused_and_not_stored(dpm: Dpm, change: dict, e
     names |= {k: v for k, v in change.items() if k in names}
     with pytest.raises(error, match=match):
         dpm.put(
-            names, change.get("payload", payload), change.get("encoding", encoding), change.get("attachment", attachment)
+            names,
+            change.get("payload", payload),
+            change.get("encoding", encoding),
+            change.get("attachment", attachment),
         )
     assert dpm.store.statistics().count == 0
     assert dpm.counters["refused"] == 1
