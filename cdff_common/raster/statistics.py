@@ -147,36 +147,36 @@ class CellStatistics:
         for name in ELEVATION_LAYERS:
             if name not in layers:
                 raise InputError(f"elevation map without layer {name!r}; expected {', '.join(ELEVATION_LAYERS)}")
-            arrays[name] = np.asarray(layers[name], dtype=np.float64)
+            arrays[name] = np.asarray(layers[name])
             if arrays[name].shape != geometry.shape:
                 raise InputError(f"layer {name}: shape {arrays[name].shape}, expected {geometry.shape}")
-        seen = np.isfinite(arrays["mean"]) & (arrays["count"] > 0)
-        count = np.where(seen, arrays["count"], 0.0)
-        age_ns = np.where(seen & np.isfinite(arrays["age_s"]), arrays["age_s"], 0.0) * 1e9
-        return cls(
-            geometry,
-            count,
-            np.where(seen, arrays["mean"], 0.0),
-            np.where(seen, arrays["variance"], 0.0) * count,
-            np.where(seen, arrays["min"], np.inf),
-            np.where(seen, arrays["max"], -np.inf),
-            np.where(seen, t1_ns - np.rint(age_ns).astype(np.int64), NEVER_NS),
-        )
+        seen = np.flatnonzero(np.isfinite(arrays["mean"]) & (arrays["count"] > 0))
+        found = {name: arrays[name].reshape(-1)[seen].astype(np.float64) for name in ELEVATION_LAYERS}
+        result = cls.empty(geometry)
+        result.count.reshape(-1)[seen] = found["count"]
+        result.mean.reshape(-1)[seen] = found["mean"]
+        result.m2.reshape(-1)[seen] = found["variance"] * found["count"]
+        result.minimum.reshape(-1)[seen] = found["min"]
+        result.maximum.reshape(-1)[seen] = found["max"]
+        result.newest_ns.reshape(-1)[seen] = t1_ns - np.rint(np.nan_to_num(found["age_s"]) * 1e9).astype(np.int64)
+        return result
 
     def to_layers(self, t1_ns: int) -> dict[str, NDArray[np.float32]]:
         """The layers of contract §7, float32, NaN where unobserved; ``age_s`` counts back from ``t1_ns``."""
-        seen = self.observed
-        n = np.where(seen, self.count, 1.0)
-        age_s = (t1_ns - np.where(seen, self.newest_ns, t1_ns)) / 1e9
+        seen = np.flatnonzero(self.count > 0)
+        count = self.count.reshape(-1)[seen]
         values = {
-            "mean": self.mean,
-            "variance": self.m2 / n,
-            "min": self.minimum,
-            "max": self.maximum,
-            "count": self.count,
-            "age_s": age_s,
+            "mean": self.mean.reshape(-1)[seen],
+            "variance": self.m2.reshape(-1)[seen] / count,
+            "min": self.minimum.reshape(-1)[seen],
+            "max": self.maximum.reshape(-1)[seen],
+            "count": count,
+            "age_s": (t1_ns - self.newest_ns.reshape(-1)[seen]) / 1e9,
         }
-        return {name: np.where(seen, values[name], np.nan).astype(np.float32) for name in ELEVATION_LAYERS}
+        layers = {name: np.full(self.geometry.shape, np.nan, dtype=np.float32) for name in ELEVATION_LAYERS}
+        for name, layer in layers.items():
+            layer.reshape(-1)[seen] = values[name]
+        return layers
 
     @property
     def observed(self) -> NDArray[np.bool_]:

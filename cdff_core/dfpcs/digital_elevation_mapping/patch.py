@@ -31,6 +31,8 @@ class Measurements:
         What they were measured in.
     poses : list of Sample
         What brought them into the frame.
+    taken : int
+        Points of the capture, those outside the gates among them.
     """
 
     points_m: NDArray[np.float64]
@@ -39,6 +41,7 @@ class Measurements:
     noise_variance_m2: NDArray[np.float64]
     sample: Sample
     poses: list[Sample]
+    taken: int
 
 
 @dataclass(slots=True)
@@ -51,15 +54,18 @@ class Patch:
         Captures that were not used, by reason.
     points_in : int
         Points that came in; those outside the gates among them.
-    origin_m : NDArray[np.float64] or None
-        Where the robot was at the first capture; None where it was not asked.
     """
 
     captures: list[Measurements] = field(default_factory=list)
     drops: Counter[str] = field(default_factory=Counter)
     notes: set[str] = field(default_factory=set)
     points_in: int = 0
-    origin_m: NDArray[np.float64] | None = None
+
+    def add(self, measured: Measurements) -> None:
+        """Take a capture; one without points within the gates is only counted."""
+        self.points_in += measured.taken
+        if len(measured.points_m):
+            self.captures.append(measured)
 
     @property
     def points(self) -> int:
