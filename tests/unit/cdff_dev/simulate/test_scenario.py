@@ -1,0 +1,51 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Scenario files: strict, frozen, found by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from cdff_common.errors import ConfigurationError
+from cdff_common.geometry import se3
+from cdff_dev.simulate.scenario import SCENARIO_FOLDER, Scenario, load_scenario
+
+
+def test_every_shipped_scenario_loads_and_says_that_it_is_frozen() -> None:
+    files = sorted(SCENARIO_FOLDER.glob("*.yaml"))
+    assert files
+    for path in files:
+        assert load_scenario(path.stem).name == path.stem
+        assert "FROZEN" in path.read_text(encoding="utf-8")
+
+
+def test_a_seed_on_the_command_line_replaces_the_file_s_and_changes_the_digest() -> None:
+    assert load_scenario("rover_traverse", 5).seed == 5
+    assert load_scenario("rover_traverse", 5).digest != load_scenario("rover_traverse").digest
+
+
+def test_an_unknown_key_is_refused_by_name(tmp_path: Path) -> None:
+    data = yaml.safe_load((SCENARIO_FOLDER / "rover_traverse.yaml").read_text(encoding="utf-8"))
+    data["lidar"]["colour"] = "red"
+    (tmp_path / "odd.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=r"lidar\.colour"):
+        load_scenario(str(tmp_path / "odd.yaml"))
+
+
+def test_an_unknown_scenario_is_answered_with_those_there_are() -> None:
+    with pytest.raises(ConfigurationError, match="rover_traverse"):
+        load_scenario("moon_walk")
+
+
+def test_the_camera_looks_ahead_and_down_with_x_to_the_right(scenario: Scenario) -> None:
+    T = scenario.navcam.T_base_left
+    assert se3.is_transform(T)
+    pitch_rad = np.radians(24.0)
+    np.testing.assert_allclose(T[:3, 2], [np.cos(pitch_rad), 0, -np.sin(pitch_rad)], atol=1e-12)
+    np.testing.assert_allclose(T[:3, 0], [0, -1, 0], atol=1e-12)
+    right = scenario.navcam.T_base_right[:3, 3] - T[:3, 3]
+    np.testing.assert_allclose(right, [0, -scenario.navcam.baseline_m, 0], atol=1e-12)

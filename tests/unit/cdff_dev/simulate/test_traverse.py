@@ -1,0 +1,164 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The samples of a simulated mission: repeatable, and true to one geometry."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.ndimage import map_coordinates
+
+from cdff_common.errors import ConflictError
+from cdff_common.geometry import se3
+from cdff_dev.logs import open_log
+from cdff_dev.simulate.camera import StereoCamera
+from cdff_dev.simulate.scenario import Scenario
+from cdff_dev.simulate.store import SIDECAR, deliver, simulated_log
+from cdff_dev.simulate.traverse import Entry, simulate, start_pose
+from cdff_dev.simulate.world import World, cast_scene, make_world, true_heights
+
+
+@pytest.fixture(scope="module")
+def samples(scenario: Scenario, world: World) -> list[tuple[Entry, Any]]:
+    return list(simulate(scenario, workers=0, world=world))
+
+
+def of(samples: list[tuple[Entry, Any]], stream: str) -> list[tuple[Entry, Any]]:
+    return [(e, v) for e, v in samples if e.stream == stream]
+
+
+def test_samples_come_in_the_order_of_a_log_with_the_rates_asked_for(
+    samples: list[tuple[Entry, Any]], scenario: Scenario
+) -> None:
+    order = [(e.stamp_ns, e.stream) for e, _ in samples]
+    assert order == sorted(order)
+    counts = {stream: sum(e.stream == stream for e, _ in samples) for stream in {e.stream for e, _ in samples}}
+    assert counts["/mana/imu.sample"] == 101
+    assert counts["/minnie/wheels.odometry"] == 11
+    assert counts["/mana/navcam.pair"] == 4
+    assert counts["/mana/lidar.scan"] == 2
+    assert counts["/site/truth.terrain"] == 1
+    assert all(e.stamp_ns % 1000 == 0 for e, _ in samples)
+    assert samples[0][0].stamp_ns == scenario.epoch_ns
+
+
+def test_every_sample_is_labelled_simulated(samples: list[tuple[Entry, Any]]) -> None:
+    assert {e.header.producer for e, _ in samples} == {"simulator"}
+    assert all("simulated" in e.header.quality.reasons for e, _ in samples)
+    assert len({e.header.id for e, _ in samples}) == len(samples)
+
+
+def test_the_same_scenario_gives_the_same_octets_whatever_the_workers(
+    scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    logs = []
+    for name, workers in (("first", 0), ("second", 1)):
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / name))
+        logs.append(simulated_log(scenario, workers))
+    first, second = ([p.read_bytes() for p in sorted(log.iterdir())] for log in logs)
+    assert first == second
+
+
+def test_another_seed_gives_another_world(scenario: Scenario, world: World) -> None:
+    other = make_world(scenario.model_copy(update={"seed": scenario.seed + 1}))
+    assert np.abs(other.relief.z_m - world.relief.z_m).max() > 0.1
+
+
+def test_a_log_is_made_once_and_linked_where_asked(
+    scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    made = simulated_log(scenario, 0)
+    told: list[int] = []
+    assert simulated_log(scenario, 0, lambda done, total: told.append(done)) == made
+    assert told == []
+    deliver(made, tmp_path / "out")
+    log = open_log(tmp_path / "out")
+    assert log.streams["/mana/navcam.pair"].count == 4
+    log.close()
+    assert (tmp_path / "out" / SIDECAR).is_file()
+    with pytest.raises(ConflictError, match="--force"):
+        deliver(made, tmp_path / "out")
+    deliver(made, tmp_path / "out", force=True)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("years of work", encoding="utf-8")
+    with pytest.raises(ConflictError, match=r"thesis\.txt"):
+        deliver(made, tmp_path / "mine", force=True)
+
+
+def test_lidar_points_lie_on_the_ground_each_seen_from_where_the_rover_was_at_its_time(
+    samples: list[tuple[Entry, Any]], scenario: Scenario, world: World
+) -> None:
+    import open3d as o3d
+
+    scene = cast_scene(world.relief, world.rocks)
+    for robot in scenario.robots:
+        for entry, scan in of(samples, f"/{robot}/lidar.scan"):
+            assert (scan.t0_ns, scan.t1_ns) == (entry.header.t0_ns, entry.stamp_ns)
+            t_s = (scan.t0_ns - scenario.epoch_ns) * 1e-9 + scan.time_offset_us * 1e-6
+            T = world.motions[robot].poses(t_s) @ scenario.lidar.mount.matrix()
+            at = np.einsum("nij,nj->ni", T[:, :3, :3], scan.points_m) + T[:, :3, 3]
+            gap_m = scene.compute_distance(o3d.core.Tensor(at.astype(np.float32)), nthreads=1).numpy()
+            assert len(at) > 100
+            assert gap_m.max() < 6 * scenario.lidar.range_sigma_m
+            assert np.sqrt(np.mean(gap_m**2)) < 1.2 * scenario.lidar.range_sigma_m
+
+
+def test_the_disparity_of_the_images_is_that_of_the_true_depth(
+    samples: list[tuple[Entry, Any]], scenario: Scenario, world: World
+) -> None:
+    vertices, triangles = world.relief.mesh()
+    scene = cast_scene(world.relief, world.rocks)
+    camera = StereoCamera(scenario.navcam, scene, world.look, len(vertices), (triangles, world.rocks.triangles))
+    entry, pair = of(samples, "/mana/navcam.pair")[0]
+    t_s = np.array([(entry.stamp_ns - scenario.epoch_ns) * 1e-9])
+    depth = camera.depth(world.motions["mana"].poses(t_s)[0] @ scenario.navcam.T_base_left)
+    assert pair.baseline == pytest.approx(scenario.navcam.baseline_m)
+    left, right = pair.left.image.astype(float), pair.right.image.astype(float)
+    v, u = np.mgrid[40:90, 20:120]
+    disparity = scenario.navcam.focal_px * scenario.navcam.baseline_m / depth[v, u]
+    assert disparity.max() > 3.0
+
+    def mismatch(shift_px: float) -> float:
+        warped = map_coordinates(right, [v, u - disparity + shift_px], order=1, mode="nearest")
+        return float(np.mean((warped - left[v, u]) ** 2))
+
+    shifts = np.arange(-2.0, 2.01, 0.25)
+    assert abs(shifts[np.argmin([mismatch(s) for s in shifts])]) <= 0.25
+
+
+def test_images_have_texture_and_no_burnt_out_areas(samples: list[tuple[Entry, Any]]) -> None:
+    for _, pair in of(samples, "/minnie/navcam.pair"):
+        ground = pair.left.image[48:]
+        assert 60 < ground.mean() < 190
+        assert ground.std() > 6
+        assert (ground == 255).mean() < 0.01
+
+
+def test_the_true_map_is_the_ground_with_its_rocks(samples: list[tuple[Entry, Any]], world: World) -> None:
+    ((_, terrain),) = of(samples, "/site/truth.terrain")
+    grid = terrain.geometry
+    assert (grid.frame, grid.resolution_m) == ("site", 0.05)
+    rows, columns = np.mgrid[5 : grid.rows : 37, 5 : grid.cols : 37]
+    x = grid.xmin_m + (columns + 0.5) * grid.resolution_m
+    y = grid.ymax_m - (rows + 0.5) * grid.resolution_m
+    ground = world.relief.height(np.stack([x.ravel(), y.ravel()], axis=1)).reshape(x.shape)
+    above = terrain.layer("mean")[rows, columns] - ground
+    assert np.median(np.abs(above)) < 5e-3
+    assert above.min() > -0.05
+    coarse = true_heights(world, 0.2)
+    assert np.all(coarse["min"] <= coarse["mean"])
+    assert np.all(coarse["mean"] <= coarse["max"])
+
+
+def test_the_start_pose_is_the_level_one_with_the_rover_s_heading(scenario: Scenario, world: World) -> None:
+    for robot, drive in scenario.robots.items():
+        T = start_pose(world, robot)
+        np.testing.assert_allclose(T[:3, 2], [0, 0, 1], atol=1e-12)
+        assert np.degrees(np.arctan2(T[1, 0], T[0, 0])) == pytest.approx(drive.heading_deg, abs=1e-6)
+        true = world.motions[robot].poses(np.zeros(1))[0]
+        np.testing.assert_allclose(T[:3, 3], true[:3, 3])
+        assert se3.rotation_angle(T[:3, :3].T @ true[:3, :3]) < 0.3
