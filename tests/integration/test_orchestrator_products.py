@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -28,7 +31,7 @@ from cdff_common.types import (
     PoseTrajectory,
     TransformWithCovariance,
 )
-from tests.integration.conftest import free_port, process_starter
+from tests.integration.conftest import ROOT, free_port, process_starter
 from tests.integration.test_orchestrator import eventually
 
 pytestmark = pytest.mark.integration
@@ -228,3 +231,51 @@ def test_a_trajectory_in_the_rover_s_own_frame_is_moved_with_its_covariance(clie
     assert site.delivered["frame"] == "site"
     tum = client.request("trajectory", robot="mana", format="tum")
     assert len(tum.data.splitlines()) == 3
+
+
+@pytest.mark.req("CDFF-SUP-020")
+@pytest.mark.parametrize(
+    ("example", "arguments", "shows"),
+    [
+        ("three_lines.py", ["mana"], ["'resolution_m': 0.05", "GridGeometry"]),
+        ("raw_zenoh.py", [str(ROOT / "cdff_common" / "asn1"), "mana", "bbox:0,0,3,2"],
+         ["mana/base in site: position [1.0, 2.0, 0.1]", "DEM of 40 x 60 cells of 0.05 m", "heights 1.0..2.0 m"]),
+    ],
+)  # fmt: skip
+def test_an_example_shows_what_it_says(
+    endpoint_of_filled: str, example: str, arguments: list[str], shows: list[str]
+) -> None:
+    environment = {**os.environ, "CDFF_CONNECT": endpoint_of_filled, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "examples" / example), *arguments], env=environment, capture_output=True, text=True,
+        timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    for text in shows:
+        assert text in done.stdout
+
+
+def test_the_raw_example_uses_nothing_of_ours() -> None:
+    text = (ROOT / "examples" / "raw_zenoh.py").read_text(encoding="utf-8")
+    assert "import cdff" not in text
+    assert "from cdff" not in text
+
+
+def test_a_plain_zenoh_query_with_its_defaults_gets_the_one_final_answer(endpoint_of_filled: str) -> None:
+    import json
+
+    import msgpack
+    import zenoh
+
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps([endpoint_of_filled]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    with zenoh.open(config) as session:
+        replies = list(session.get("cdff/@v1/mana/orchestrator/@rpc/request?type=pose"))
+        assert len(replies) == 1
+        assert msgpack.unpackb(replies[0].ok.attachment.to_bytes())["final"] is True
+        refused = list(session.get("cdff/@v1/mana/orchestrator/@rpc/request?type=pose;type=dem;request=abc"))
+        assert len(refused) == 1
+        body = msgpack.unpackb(refused[0].err.payload.to_bytes())
+        assert (body["code"], body["retriable"]) == ("INVALID_ARGUMENT", False)

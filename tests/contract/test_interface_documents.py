@@ -1,0 +1,44 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The interface documents say what the code does: parameters, products, states, codes."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from cdff_common.errors import ERROR_OF_CODE
+from cdff_core.orchestration.lifecycle import JOB_TRANSITIONS, JobState
+from cdff_core.orchestration.modes import MODE_TRANSITIONS
+from cdff_core.orchestration.request import CODECS, PARAMETERS, PRODUCTS
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+OG2 = (DOCS / "og2-interface.md").read_text(encoding="utf-8")
+ICU = (DOCS / "icu-interface.md").read_text(encoding="utf-8")
+
+
+def edges(text: str) -> set[tuple[str, str]]:
+    return set(re.findall(r"^ +(\w+) --> (\w+)", text, re.MULTILINE))
+
+
+def test_every_parameter_product_type_and_format_is_documented() -> None:
+    for name in PARAMETERS - {"robot"}:
+        assert f"`{name}`" in OG2, name
+    for product, (native, others, files) in PRODUCTS.items():
+        for word in (product, native, *others, *files, *CODECS):
+            assert re.search(rf"\b{word}\b", OG2), word
+
+
+def test_every_error_code_is_documented() -> None:
+    for code in ERROR_OF_CODE:
+        assert f"`{code}`" in OG2, code
+
+
+def test_the_diagram_of_jobs_is_the_table_of_the_code() -> None:
+    always = {JobState.FAILED, JobState.CANCELLED}
+    table = {(str(a), str(b)) for a, following in JOB_TRANSITIONS.items() for b in following - always}
+    assert edges(OG2) == table
+
+
+def test_the_diagram_of_sensor_modes_is_the_table_of_the_code() -> None:
+    assert edges(ICU) == {(state, to) for (state, _), to in MODE_TRANSITIONS.items()}
