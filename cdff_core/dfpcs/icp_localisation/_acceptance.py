@@ -64,11 +64,10 @@ def judged(found: Alignment, cfg: IcpLocalisationConfig) -> Quality:
         failed.append(f"large_residuals:{float(a.rms_m):.3g}m")
     if found.jump > cfg.max_jump_gates:
         failed.append(f"levels_disagree:{found.jump:.1f}>{cfg.max_jump_gates:g}")
-    for agreement, direction in zip(a.agreement, a.directions, strict=True):
-        if agreement < cfg.min_agreement:
-            failed.append(f"degenerate:{direction_name(direction)}")
-        elif agreement < cfg.good_agreement:
-            degraded.append(f"weak:{direction_name(direction)}")
+    is_free = a.agreement < cfg.min_agreement
+    is_weak = (a.agreement < cfg.good_agreement) & ~is_free
+    failed += [f"degenerate:{name}" for name in direction_names(a.directions[is_free])]
+    degraded += [f"weak:{name}" for name in direction_names(a.directions[is_weak])]
     if not found.converged:
         degraded.append("not_converged")
     status = Status.FAILED if failed else Status.DEGRADED if degraded else Status.OK
@@ -93,6 +92,24 @@ def _metrics(found: Alignment) -> dict[str, float]:
     }
 
 
+def direction_names(directions: NDArray[np.float64]) -> list[str]:
+    """Names of directions that span the same space as the rows ``(k, 6)``, along the scene's axes where it has them.
+
+    Eigenvectors of nearly equal eigenvalues are any basis of their space: flat ground is free in x, y and the turn
+    about z, and is said to be, whatever mixture of the three the solver returned.
+    """
+    projector = directions.T @ directions
+    names = []
+    for kind, block in (("translation", projector[:3, :3]), ("rotation", projector[3:, 3:])):
+        share, vectors = np.linalg.eigh(block)
+        axes = [axis for axis in range(3) if block[axis, axis] >= _MOSTLY**2]
+        if len(axes) == np.count_nonzero(share > 0.5):
+            names += [f"{kind}_{_AXES[axis]}" for axis in axes]
+        else:
+            names += [f"{kind}{_components(vector)}" for vector in vectors.T[share > 0.5]]
+    return names or [direction_name(direction) for direction in directions]
+
+
 def direction_name(direction: NDArray[np.float64]) -> str:
     """``translation_x``, ``rotation_z``, or with its components where it lies along no axis of the scene's frame."""
     shift, turn = direction[:3], direction[3:]
@@ -101,14 +118,18 @@ def direction_name(direction: NDArray[np.float64]) -> str:
     axis = int(np.argmax(np.abs(unit)))
     if abs(unit[axis]) >= _MOSTLY:
         return f"{kind}_{_AXES[axis]}"
-    unit = unit * np.sign(unit[axis])
-    return f"{kind}({unit[0]:.2f},{unit[1]:.2f},{unit[2]:.2f})"
+    return f"{kind}{_components(unit)}"
+
+
+def _components(unit: NDArray[np.float64]) -> str:
+    x, y, z = unit * np.sign(unit[np.argmax(np.abs(unit))])
+    return f"({x:.2f},{y:.2f},{z:.2f})"
 
 
 def displacement_m(
     T_first: NDArray[np.float64], T_second: NDArray[np.float64], centre_m: NDArray[np.float64], radius_m: float
 ) -> float:
-    """How far points within ``radius_m`` of ``centre_m`` (where the first puts them) move from one transform to another."""
+    """How far points within ``radius_m`` of ``centre_m``, where the first puts them, lie from where the second does."""
     change = T_second @ se3.inverse(T_first)
     shift = change[:3, :3] @ centre_m + change[:3, 3] - centre_m
     return float(np.linalg.norm(shift) + radius_m * se3.rotation_angle(change[:3, :3]))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Controller of IcpLocalisation: prepare, register coarse to fine, assess, begin again where needed, confirm, answer."""
+"""Controller of IcpLocalisation: prepare, register coarse to fine, assess, begin again, confirm, answer."""
 
 from __future__ import annotations
 
@@ -78,6 +78,7 @@ class IcpLocalisation(IcpLocalisationInterface):
         coarse, fine = self.dfn("register_coarse"), self.dfn("register_fine")
         self._register = [coarse, fine, fine]
         self._model: Pyramid | None = None
+        self._model_frame, self._model_fault = "", ""
         self._waiting: Sample | None = None
         self._scene_frame, self._scene_stamp_ns = "", 0
         self.forget()
@@ -97,13 +98,20 @@ class IcpLocalisation(IcpLocalisationInterface):
 
     def on_model(self, sample: Sample) -> Iterable[Output]:
         """Prepare and keep the model; meet the scene that waited for one."""
-        self._model = self._prepare(sample)
-        self._last = None
+        self._last, self._model, self._model_fault = None, None, ""
+        self._model_frame = sample.value.frame
+        try:
+            self._model = self._prepare(sample)
+        except InputError as error:
+            self._model_fault = f"bad_model:{error}"
         waiting, self._waiting = self._waiting, None
         return () if waiting is None else self.on_scene(waiting)
 
     def on_scene(self, sample: Sample) -> Iterable[Output]:
         """Localise the model in the scene; without a model the scene waits."""
+        if self._model_fault:
+            yield self._output(sample, None, Quality(Status.FAILED, (self._model_fault,)))
+            return
         if self._model is None:
             self._waiting = sample
             return
@@ -145,21 +153,20 @@ class IcpLocalisation(IcpLocalisationInterface):
     def _begin_again(
         self, scene: Pyramid, model: Pyramid, first: Alignment, quality: Quality
     ) -> tuple[Alignment, Quality]:
-        """Begin at places along the weakest directions on the lower levels; refine the best of them, else the refusal."""
+        """Begin at places along the weakest directions, on the coarse level; refine the best of them."""
         best: Alignment | None = None
         for T in self._places_beside(first, self.config.restarts, self.config.restart_radii):
             try:
-                found = self._coarse_to_fine(scene, model, T, levels=2)
+                found = self._coarse_to_fine(scene, model, T, levels=1)
             except RefusedError:
                 continue
-            if judged(found, self.config).status is not Status.FAILED and (
-                best is None or _merit(found) > _merit(best)
-            ):
+            if best is None or _merit(found) > _merit(best):
                 best = found
         if best is None:
             return first, quality
         refined = self._coarse_to_fine(scene, model, best.T_scene_model)
-        return refined, judged(refined, self.config)
+        judgement = judged(refined, self.config)
+        return (first, quality) if judgement.status is Status.FAILED else (refined, judgement)
 
     def _is_confirmed(self, scene: Pyramid, model: Pyramid, found: Alignment) -> bool:
         """Whether no start beside the result ends at another place that is as good on the medium level."""
@@ -208,8 +215,7 @@ class IcpLocalisation(IcpLocalisationInterface):
         return np.eye(4) if last is None else last.transform.matrix
 
     def _output(self, scene: Sample, found: Alignment | None, quality: Quality) -> Output:
-        assert self._model is not None  # scenes without a model wait
-        frame, child = scene.value.frame, self._model.frame
+        frame, child = scene.value.frame, self._model_frame
         value = None
         if found is not None and quality.status is not Status.FAILED:
             T = UncertainTransform(found.T_scene_model, found.assessment.covariance)
@@ -217,7 +223,11 @@ class IcpLocalisation(IcpLocalisationInterface):
                 T, parent=frame, child=child, stamp_ns=scene.stamp_ns, producer=self.name
             )
             self._last, self._scene_frame, self._scene_stamp_ns = value, frame, scene.stamp_ns
-        used = [self._model.sample_id, scene.id, self._guess.id if self._guess is not None else ""]
+        used = [
+            self._model.sample_id if self._model else "",
+            scene.id,
+            self._guess.id if self._guess is not None else "",
+        ]
         return Output("pose", value, scene.stamp_ns, scene.stamp_ns, frame, child, quality, tuple(i for i in used if i))
 
     def _model_cloud(self) -> Pointcloud | None:

@@ -72,9 +72,9 @@ def test_clouds_without_a_common_point_within_the_gate_are_refused(
 ) -> None:
     source, target = clouds
     with pytest.raises(DegenerateGeometryError, match="within"):
-        made(implementation, max_distance_m=0.1, **({"first_distance_m": 0.1} if implementation[0] == "P" else {})).process(
-            Registration3DInputs(source + 1000.0, target)
-        )
+        made(
+            implementation, max_distance_m=0.1, **({"first_distance_m": 0.1} if implementation[0] == "P" else {})
+        ).process(Registration3DInputs(source + 1000.0, target))
 
 
 @pytest.mark.parametrize("implementation", IMPLEMENTATIONS)
