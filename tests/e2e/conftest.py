@@ -20,12 +20,12 @@ from cdff_dev.simulate.store import simulated_log
 from tests.integration.conftest import free_port
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def endpoint() -> str:
     return f"tcp/127.0.0.1:{free_port()}"
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def http() -> str:
     return f"127.0.0.1:{free_port()}"
 
@@ -36,13 +36,13 @@ def traverse() -> Path:
     return simulated_log(load_scenario("rover_traverse"))
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def stage(endpoint: str, http: str, traverse: Path) -> Iterator[Stage]:
-    """Every service of the rover profile, and the simulated traverse playing at its own pace."""
+    """Every service of the rover profile, and the simulated traverse played slowly enough to last for all tests."""
     path = DEPLOY / "profiles" / "rover_traverse.yaml"
     with Stage(load_profile(path), path, endpoint, http) as running, Bus.open(endpoint, name="test", wait_s=20) as bus:
         running.wait_ready(bus)
-        running.play(str(traverse), 1.0)
+        running.play(str(traverse), 0.2)
         wait_for_clock(bus, running.check_running)
         yield running
 

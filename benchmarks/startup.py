@@ -1,0 +1,80 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Start of the whole system: from the command to every service ready, and what it costs while idle.
+
+    python benchmarks/startup.py [--out FILE] [--runs N] [--profile FILE]
+
+Each run starts ``cdff up`` on a fresh data folder and free ports, waits for every liveliness token, then adds up CPU
+seconds and resident memory (shared pages counted once, as PSS) over all its processes, and times the end after SIGTERM.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import socket
+import statistics
+import time
+from pathlib import Path
+
+import psutil
+
+from cdff_common.bus import Bus
+from cdff_common.interfaces.profile import load_profile
+from cdff_dev.demo.stage import Stage
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def free_port() -> int:
+    """A TCP port nobody listens on now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def one_run(profile_path: Path) -> dict[str, float]:
+    """Start, measure, end."""
+    begin_s = time.monotonic()
+    stage = Stage(
+        load_profile(profile_path), profile_path, f"tcp/127.0.0.1:{free_port()}", f"127.0.0.1:{free_port()}"
+    )
+    with stage, Bus.open(stage.connect, name="bench", wait_s=20) as bus:
+        stage.wait_ready(bus)
+        ready_s = time.monotonic() - begin_s
+        family = psutil.Process(stage.supervisor_pid).children(recursive=True)
+        cpu_s = sum(sum(p.cpu_times()[:2]) for p in family)
+        pss_mb = sum(p.memory_full_info().pss for p in family) / 1e6
+        end_s = time.monotonic()
+        stage.end()
+        end_s = time.monotonic() - end_s
+    return {"processes": len(family), "ready_s": ready_s, "cpu_s": cpu_s, "pss_mb": pss_mb, "end_s": end_s}
+
+
+def main() -> None:
+    """Measure and print JSON."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--runs", type=int, default=3)
+    parser.add_argument("--profile", type=Path, default=ROOT / "deploy" / "profiles" / "rover_traverse.yaml")
+    args = parser.parse_args()
+    runs = [one_run(args.profile) for _ in range(args.runs)]
+    report = {
+        "benchmark": "startup",
+        "profile": args.profile.stem,
+        "python": platform.python_version(),
+        "cores": os.cpu_count(),
+        "median": {key: round(statistics.median(run[key] for run in runs), 2) for key in runs[0]},
+        "runs": runs,
+    }
+    text = json.dumps(report, indent=2)
+    print(text)
+    if args.out:
+        args.out.write_text(text + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,99 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``cdff dpm search|get|rm|stat``: what a running Data Product Manager holds."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+
+def register(nouns: Any) -> None:
+    """Add ``cdff dpm``."""
+    parser = nouns.add_parser("dpm", help="search, fetch and delete products of a running DPM")
+    verbs = parser.add_subparsers(metavar="VERB", required=True)
+    search = verbs.add_parser("search", help="metadata of products, newest first")
+    search.add_argument("--type", help="pose trajectory pointcloud dem navigation_map …")
+    search.add_argument("--robot")
+    search.add_argument("--dfpc")
+    search.add_argument("--region", help="bbox: box: circle: polygon: near:, metres")
+    search.add_argument("--frame", help="frame of the region; default: site")
+    search.add_argument("--t0", help="captured at or after: nanoseconds or RFC 3339")
+    search.add_argument("--t1", help="captured at or before")
+    search.add_argument("--limit", type=int, default=20)
+    search.set_defaults(run=run_search)
+    get = verbs.add_parser("get", help="the payload of a product")
+    get.add_argument("id")
+    get.add_argument("--format", help="uper ber xer msgpack tif ply png tum …; default: as it is stored")
+    get.add_argument("--out", type=Path, required=True)
+    get.set_defaults(run=run_get)
+    remove = verbs.add_parser("rm", help="delete a product")
+    remove.add_argument("id")
+    remove.set_defaults(run=run_remove)
+    stat = verbs.add_parser("stat", help="how much it holds")
+    stat.set_defaults(run=run_stat)
+    for verb in (search, get, remove, stat):
+        verb.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
+        verb.add_argument("--json", action="store_true")
+
+
+def run_search(args: argparse.Namespace) -> int:
+    """Print one line per product."""
+    from cdff_common.client import Client
+    from cdff_common.clock import format_stamp
+
+    wishes = {name: getattr(args, name) for name in ("robot", "dfpc", "region", "frame", "t0", "t1", "limit")}
+    with Client(args.connect, name="cdff dpm") as client:
+        items = client.search(args.type, **{k: v for k, v in wishes.items() if v is not None})
+    if args.json:
+        print(json.dumps(items))
+        return 0
+    for item in items:
+        when = format_stamp(int(item["t1_ns"]))
+        status = item["quality"]["status"]
+        print(f"{item['id']}  {item['product']:15} {item['robot']:10} {when}  {item['frame']}  {item['size']} B  {status}")
+    if not items:
+        print("nothing found")
+    return 0
+
+
+def run_get(args: argparse.Namespace) -> int:
+    """Write the payload of a product to a file."""
+    data = _payload(args)
+    args.out.write_bytes(data)
+    line = {"id": args.id, "bytes": len(data), "file": str(args.out)}
+    print(json.dumps(line) if args.json else f"{args.out}: {len(data)} bytes")
+    return 0
+
+
+def _payload(args: argparse.Namespace) -> bytes:
+    from cdff_common.bus import Bus, keys
+    from cdff_common.client import Client
+
+    if args.format is None:
+        with Client(args.connect, name="cdff dpm") as client:
+            return client.get(args.id).data
+    with Bus.open(args.connect, name="cdff dpm") as bus:
+        reply = bus.call(keys.dpm_rpc(keys.GROUND, "get"), {"id": args.id, "format": args.format}, timeout_s=30.0)
+        return reply.payload
+
+
+def run_remove(args: argparse.Namespace) -> int:
+    """Delete a product."""
+    return _show(args, "delete", {"id": args.id})
+
+
+def run_stat(args: argparse.Namespace) -> int:
+    """Print what the DPM says of itself."""
+    return _show(args, "stat", {})
+
+
+def _show(args: argparse.Namespace, verb: str, parameters: dict[str, str]) -> int:
+    from cdff_common.bus import Bus, keys
+
+    with Bus.open(args.connect, name="cdff dpm") as bus:
+        body = bus.call(keys.dpm_rpc(keys.GROUND, verb), parameters).body()
+    print(json.dumps(body, default=str) if args.json else json.dumps(body, indent=2, default=str))
+    return 0
