@@ -10,7 +10,7 @@ from urllib.parse import urlencode
 
 import msgpack
 from fastapi import APIRouter, Header, Query, Request, Response
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from cdff_common.errors import InputError
 from dpm_store import Insertion, ProductRecord
@@ -22,6 +22,7 @@ from services.dpm.parameters import GROUND, search_query
 router = APIRouter(prefix="/api/v1/products", tags=["products"])
 
 Robot = Annotated[str, Query(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
+Text = Annotated[str, Field(max_length=40_000)] | None
 Name = Annotated[str, Query(pattern=r"^[a-z0-9_]{1,64}$")]
 
 
@@ -30,22 +31,22 @@ class SearchParameters(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    type: str | None = None
-    robot: str | None = None
-    dfpc: str | None = None
-    port: str | None = None
-    status: str | None = None
-    region: str | None = None
-    frame: str | None = None
-    region_frame: str | None = None
-    child: str | None = None
-    t0: str | None = None
-    t1: str | None = None
-    resolution_max_m: str | None = None
-    after: str | None = None
-    order: str | None = None
-    limit: str | None = None
-    cursor: str | None = None
+    type: Text = Field(None, description="Products: pose, dem, …; several with commas")
+    robot: Text = Field(None, description="Robot id")
+    dfpc: Text = Field(None, description="DFPC that made it")
+    port: Text = Field(None, description="Output port")
+    status: Text = Field(None, description="OK, DEGRADED or FAILED")
+    region: Text = Field(None, description="bbox: | box: | circle: | polygon: | near: (contract §6), metres")
+    frame: Text = Field(None, description="Frame of the region, default site")
+    region_frame: Text = Field(None, description="The same, where both are given this one holds")
+    child: Text = Field(None, description="Of a pose: the child frame")
+    t0: Text = Field(None, description="Captures that end at or after this: nanoseconds or RFC 3339")
+    t1: Text = Field(None, description="Captures that begin at or before this")
+    resolution_max_m: Text = Field(None, description="Cells or voxels no larger than this, metres")
+    after: Text = Field(None, description="Inserted after this ordinal: changes since")
+    order: Text = Field(None, description="newest (default) or oldest end of capture first")
+    limit: Text = Field(None, description="Of the page, 1 to 1000, default 100")
+    cursor: Text = Field(None, description="Of the page before")
 
 
 @router.get("")
