@@ -14,68 +14,80 @@ from numba import njit
 from numpy.typing import NDArray
 
 Float = NDArray[np.float64]
+Int = NDArray[np.int64]
 
 
-@njit(cache=True, fastmath=False)
+@njit(cache=True)
+def finite_bounds(points: Float) -> tuple[int, float, float, float, float]:  # pragma: no cover - compiled
+    """Number of finite rows of ``(n, 3)``, and the least x, least y, greatest x and greatest y of them."""
+    n, xmin, ymin, xmax, ymax = 0, np.inf, np.inf, -np.inf, -np.inf
+    for i in range(len(points)):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        if math.isfinite(x) and math.isfinite(y) and math.isfinite(z):
+            n += 1
+            xmin, xmax = min(x, xmin), max(x, xmax)
+            ymin, ymax = min(y, ymin), max(y, ymax)
+    return n, xmin, ymin, xmax, ymax
+
+
+@njit(cache=True)
 def accumulate(
     points: Float,
-    stamps: NDArray[np.int64],
+    stamps: Int,
     variances: Float,
     resolution: float,
     left: int,
     top: int,
+    cols: int,
     count: Float,
     mean: Float,
     m2: Float,
     minimum: Float,
     maximum: Float,
-    newest: NDArray[np.int64],
+    newest: Int,
 ) -> None:  # pragma: no cover - compiled
-    """Fill empty statistics ``(rows, cols)`` from points ``(n, 3)``.
+    """Fill empty statistics, flat arrays of ``rows * cols`` cells, from points ``(n, 3)``.
 
-    While filling, a cell is one row of ``work``, so that a point touches one cache line; sums are taken relative to
-    the cell's first height, which keeps them exact far from the datum.
+    One pass over the points for each statistic: each then works on one array, which stays in the cache where all
+    together would not. The second moment is taken about the cell's mean (two-pass), so that it keeps its digits however
+    far the heights are from zero.
     """
-    rows, cols = count.shape
-    work = np.zeros((rows * cols, 6))  # count, first height, sum, sum of squares (+ variances), min, max
-    one_stamp, one_variance = len(stamps) == 1, len(variances) == 1
-    for i in range(len(points)):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
-            continue
-        col = math.floor(x / resolution) - left
-        row = top - 1 - math.floor(y / resolution)
-        if col < 0 or col >= cols or row < 0 or row >= rows:
-            continue
-        cell = int(row) * cols + int(col)
-        extra = variances[0] if one_variance else variances[i]
-        stamp = stamps[0] if one_stamp else stamps[i]
-        if work[cell, 0] == 0.0:
-            work[cell, 0] = 1.0
-            work[cell, 1] = z
-            work[cell, 3] = extra
-            work[cell, 4] = z
-            work[cell, 5] = z
-            newest[row, col] = stamp
-        else:
-            d = z - work[cell, 1]
-            work[cell, 0] += 1.0
-            work[cell, 2] += d
-            work[cell, 3] += d * d + extra
-            if z < work[cell, 4]:
-                work[cell, 4] = z
-            if z > work[cell, 5]:
-                work[cell, 5] = z
-            if stamp > newest[row, col]:
-                newest[row, col] = stamp
-    for row in range(rows):
-        for col in range(cols):
-            cell = row * cols + col
-            n = work[cell, 0]
-            if n > 0.0:
-                offset = work[cell, 2] / n
-                count[row, col] = n
-                mean[row, col] = work[cell, 1] + offset
-                m2[row, col] = max(work[cell, 3] - work[cell, 2] * offset, 0.0)
-                minimum[row, col] = work[cell, 4]
-                maximum[row, col] = work[cell, 5]
+    n, rows = len(points), len(count) // cols
+    cell, z = np.empty(n, np.int64), np.empty(n)
+    for i in range(n):
+        col = math.floor(points[i, 0] / resolution) - left
+        row = top - 1 - math.floor(points[i, 1] / resolution)
+        z[i] = points[i, 2]
+        inside = math.isfinite(points[i, 0] + points[i, 1] + z[i]) and 0 <= col < cols and 0 <= row < rows
+        cell[i] = row * cols + col if inside else -1
+    first = 0.0
+    for i in range(n):
+        if cell[i] >= 0:
+            first = z[i]
+            break
+    for i in range(n):
+        if cell[i] >= 0:
+            count[cell[i]] += 1.0
+    for i in range(n):
+        if cell[i] >= 0:
+            mean[cell[i]] += z[i] - first
+    for k in range(rows * cols):
+        if count[k] > 0.0:
+            mean[k] = first + mean[k] / count[k]
+    one = len(variances) == 1
+    for i in range(n):
+        if cell[i] >= 0:
+            d = z[i] - mean[cell[i]]
+            m2[cell[i]] += d * d + (variances[0] if one else variances[i])
+    for i in range(n):
+        if cell[i] >= 0 and z[i] < minimum[cell[i]]:
+            minimum[cell[i]] = z[i]
+    for i in range(n):
+        if cell[i] >= 0 and z[i] > maximum[cell[i]]:
+            maximum[cell[i]] = z[i]
+    one = len(stamps) == 1
+    for i in range(n):
+        if cell[i] >= 0:
+            stamp = stamps[0] if one else stamps[i]
+            if stamp > newest[cell[i]]:
+                newest[cell[i]] = stamp

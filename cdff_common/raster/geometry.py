@@ -101,6 +101,33 @@ class GridGeometry:
         """Return a grid from integer edge addresses, in cells from the frame's origin."""
         return cls(frame, resolution_m, left * resolution_m, top * resolution_m, rows, cols)
 
+    @classmethod
+    def around(cls, frame: str, resolution_m: float, points_m: ArrayLike, max_cells: int = MAX_CELLS) -> GridGeometry:
+        """Return the smallest grid whose cells hold all finite points ``(n, 3)``, metres.
+
+        Raises
+        ------
+        InputError
+            If no point is finite, or the grid would have more than ``max_cells`` cells.
+        """
+        from cdff_common.raster._kernels import finite_bounds
+
+        points = np.ascontiguousarray(points_m, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise InputError(f"points_m: shape {points.shape}, expected (n, 3)")
+        count, xmin, ymin, xmax, ymax = finite_bounds(points)
+        if not count:
+            raise InputError(f"{len(points)} points: none is finite, so there is no grid around them")
+        if ((xmax - xmin) / resolution_m + 1.0) * ((ymax - ymin) / resolution_m + 1.0) > max_cells:
+            raise InputError(
+                f"points from ({xmin:.3f}, {ymin:.3f}) to ({xmax:.3f}, {ymax:.3f}) m in cells of {resolution_m} m: "
+                f"expected at most {max_cells} cells; remove outliers or take larger cells"
+            )
+        # A point on the upper bound belongs to the cell above it, so the bounds themselves would not do.
+        left, bottom = floor(xmin / resolution_m), floor(ymin / resolution_m)
+        right, top = floor(xmax / resolution_m) + 1, floor(ymax / resolution_m) + 1
+        return cls.from_cells(frame, resolution_m, left=left, top=top, rows=top - bottom, cols=right - left)
+
     @property
     def shape(self) -> tuple[int, int]:
         """``(rows, cols)``, as of the layers' arrays."""

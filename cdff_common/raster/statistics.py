@@ -119,19 +119,11 @@ class CellStatistics:
         statistics = cls.empty(geometry)
         if n:
             accumulate(
-                points,
-                np.ascontiguousarray(stamps),
-                np.ascontiguousarray(variances),
-                geometry.resolution_m,
-                geometry.left,
-                geometry.top,
-                statistics.count,
-                statistics.mean,
-                statistics.m2,
-                statistics.minimum,
-                statistics.maximum,
-                statistics.newest_ns,
-            )
+                points, np.ascontiguousarray(stamps), np.ascontiguousarray(variances),
+                geometry.resolution_m, geometry.left, geometry.top, geometry.cols,
+                statistics.count.reshape(-1), statistics.mean.reshape(-1), statistics.m2.reshape(-1),
+                statistics.minimum.reshape(-1), statistics.maximum.reshape(-1), statistics.newest_ns.reshape(-1),
+            )  # fmt: skip
         return statistics
 
     @classmethod

@@ -9,7 +9,6 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from cdff_common.errors import InputError
 from cdff_common.geometry.points import checked_points
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_common.raster import CellStatistics, GridGeometry
@@ -52,24 +51,7 @@ class CellStatisticsRaster(DemRasterisationInterface):
             If no point is finite, the arrays do not fit or the grid would have more than ``max_cells`` cells.
         """
         points = checked_points(inputs.points, least=0, finite=False)
-        finite = np.isfinite(points).all(axis=1)
-        if not finite.any():
-            raise InputError(f"{len(points)} points: none is finite, so there is nothing to rasterise")
-        xy = points[:, :2] if finite.all() else points[finite, :2]
-        resolution_m = self.config.resolution_m
-        low, high = xy.min(axis=0), xy.max(axis=0)
-        cells = np.prod((high - low) / resolution_m + 1.0)
-        if cells > self.config.max_cells:
-            raise InputError(
-                f"points from {low.tolist()} to {high.tolist()} m at {resolution_m} m: {cells:.3g} cells, expected at "
-                f"most {self.config.max_cells}; remove outliers or take larger cells"
-            )
-        # floor(edge) is a cell of its own: a point on the upper bound belongs to the cell above it.
-        left, bottom = (int(v) for v in np.floor(low / resolution_m))
-        right, top = (int(v) + 1 for v in np.floor(high / resolution_m))
-        grid = GridGeometry.from_cells(
-            self.config.frame, resolution_m, left=left, top=top, rows=top - bottom, cols=right - left
-        )
+        grid = GridGeometry.around(self.config.frame, self.config.resolution_m, points, self.config.max_cells)
         stamps = np.zeros(1, np.int64) if inputs.stamps_ns is None else np.asarray(inputs.stamps_ns, dtype=np.int64)
         statistics = CellStatistics.from_points(
             grid, points, stamps_ns=stamps, height_variance_m2=inputs.height_variance

@@ -111,3 +111,20 @@ def test_a_wrong_value_is_refused_by_name(change: dict[str, object], message: st
 def test_reversed_endless_or_huge_bounds_are_refused(bounds: tuple[float, float, float, float]) -> None:
     with pytest.raises(InputError):
         GridGeometry.aligned("site", 0.05, bounds)
+
+
+def test_the_grid_around_points_holds_them_all_and_no_row_or_column_too_many(rng: np.random.Generator) -> None:
+    points = np.vstack([rng.uniform(-3, 4, (50, 3)), [[2.5, 4.5, 0.0]], [[np.nan, 9.0, 0.0]], [[9.0, 9.0, np.inf]]])
+    g = GridGeometry.around("site", 0.5, points)
+    rows, cols, inside = g.cells_of(points[:51, 0], points[:51, 1])
+    assert inside.all()
+    assert (rows.min(), cols.min(), rows.max(), cols.max()) == (0, 0, g.rows - 1, g.cols - 1)
+
+
+def test_points_without_a_finite_one_or_too_far_apart_have_no_grid() -> None:
+    with pytest.raises(InputError, match="finite"):
+        GridGeometry.around("site", 0.5, np.full((3, 3), np.nan))
+    with pytest.raises(InputError, match="cells"):
+        GridGeometry.around("site", 0.5, [[0.0, 0, 0], [1e3, 1e3, 0]], max_cells=1000)
+    with pytest.raises(InputError, match="shape"):
+        GridGeometry.around("site", 0.5, np.zeros((3, 2)))
