@@ -99,8 +99,16 @@ def make_log(scenario: Scenario, target: Path, workers: int, progress: Any = Non
         if target.exists():
             shutil.rmtree(target)
         part.rename(target)
+        _forget_old(scenario.name, keep=3)
     finally:
         shutil.rmtree(part, ignore_errors=True)
+
+
+def _forget_old(name: str, keep: int) -> None:
+    """Remove all but the newest logs of a scenario from the cache: each is some 200 MB, and older versions pile up."""
+    made = [p for p in cache_folder().glob(f"{name}-*") if (p / SIDECAR).is_file()]
+    for old in sorted(made, key=lambda p: p.stat().st_mtime, reverse=True)[keep:]:
+        shutil.rmtree(old, ignore_errors=True)
 
 
 def simulated_log(scenario: Scenario, workers: int = 2, progress: Any = None, fresh: bool = False) -> Path:
