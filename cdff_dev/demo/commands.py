@@ -6,8 +6,12 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cdff_dev.demo.run import Outcome
 
 #: Where profiles and scripts lie in a checkout; the demonstration runs from one.
 DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
@@ -27,11 +31,43 @@ def register(nouns: Any) -> None:
     parser.add_argument("--http", default="127.0.0.1:8080", metavar="HOST:PORT")
     parser.add_argument("--connect", default="tcp/127.0.0.1:7447", help="endpoint of the router")
     parser.add_argument("--data-dir", help="keep the products there; default: a fresh folder, removed at the end")
+    parser.add_argument(
+        "--attach", action="store_true", help="ask a system that runs already, as one in containers, and start nothing"
+    )
+    parser.add_argument(
+        "--wait-s", type=float, default=600.0, metavar="S", help="with --attach: how long to wait for the mission clock"
+    )
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the demonstration; 0 when every request was answered as asked, else 1, 130 when it was interrupted."""
+    return _ask_running_system(args) if args.attach else _run_system(args)
+
+
+def _ask_running_system(args: argparse.Namespace) -> int:
+    """Ask the script's questions from the moment the mission clock is seen; whoever plays the log is somebody else."""
+    from cdff_common.bus import Bus
+    from cdff_dev.demo.run import run_script, wait_for_clock
+    from cdff_dev.demo.script import load_script
+
+    script = load_script(DEPLOY / "demo" / f"{'kitti' if args.log else args.scenario}.yaml")
+    with Bus.open(args.connect, name="demo", wait_s=args.wait_s) as bus:
+        _say(f"waiting for the mission clock at {args.connect}")
+        clock, begin_ns = wait_for_clock(bus, lambda: None, args.wait_s)
+        _say(f"asking {len(script.requests)} questions over Zenoh, as OG2 would")
+        return _verdict(run_script(script, clock, begin_ns, args.connect, args.http, _show))
+
+
+def _verdict(outcomes: Sequence[Outcome]) -> int:
+    """Say how many were answered as asked; 0 if all were."""
+    answered = sum(not o.faults for o in outcomes)
+    _say(f"{answered} of {len(outcomes)} requests were answered as asked")
+    return 0 if outcomes and answered == len(outcomes) else 1
+
+
+def _run_system(args: argparse.Namespace) -> int:
+    """Start everything, play, ask, end everything."""
     import signal
     import threading
 
@@ -48,12 +84,10 @@ def run(args: argparse.Namespace) -> int:
     profile = load_profile(profile_path)
     data_dir = None if args.data_dir is None else Path(args.data_dir)
     if data_dir is not None and (data_dir / "store.sqlite").exists():
-        raise ConfigurationError(
-            f"--data-dir {data_dir}: holds products of an earlier run; name an empty folder"
-        )
+        raise ConfigurationError(f"--data-dir {data_dir}: holds products of an earlier run; name an empty folder")
     # Both Ctrl-C and SIGTERM interrupt whatever the main thread does, and the stage is left in order.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    good = False
+    code = 1
     with Stage(profile, profile_path, args.connect, args.http, data_dir) as stage:
         _say(f"starting {len(stage.expected)} services of profile {profile.name}; logs in {stage.log_dir}")
         with Bus.open(args.connect, name="demo", wait_s=20.0) as bus:
@@ -62,17 +96,15 @@ def run(args: argparse.Namespace) -> int:
             clock, begin_ns = wait_for_clock(bus, stage.check_running)
             _say(f"playing {log}; asking {len(script.requests)} questions over Zenoh, as OG2 would")
             outcomes = run_script(script, clock, begin_ns, args.connect, args.http, _show)
-            good = bool(outcomes) and not any(o.faults for o in outcomes)
             stage.check_running()
-            answered = sum(not o.faults for o in outcomes)
-            _say(f"{answered} of {len(outcomes)} requests were answered as asked")
+            code = _verdict(outcomes)
             if not args.once:
                 _say(f"browse http://{args.http} - Ctrl-C ends everything")
                 try:
                     threading.Event().wait()
                 except KeyboardInterrupt:
                     _say("ending")
-    return 0 if good else 1
+    return code
 
 
 def _source(args: argparse.Namespace) -> tuple[str, Path]:

@@ -37,16 +37,16 @@ class Outcome:
     summary: str = ""
 
 
-def wait_for_clock(bus: Bus, check: Callable[[], None]) -> tuple[MissionClock, int]:
+def wait_for_clock(bus: Bus, check: Callable[[], None], timeout_s: float = CLOCK_S) -> tuple[MissionClock, int]:
     """Return the mission clock and the time at which it was first seen, once somebody publishes it."""
     ticked = threading.Event()
     bus.subscribe(keys.CLOCK, lambda _message: ticked.set(), depth=1)
     clock = bus.mission_clock
-    deadline_s = time.monotonic() + CLOCK_S
+    deadline_s = time.monotonic() + timeout_s
     while not ticked.wait(0.2):
         check()
         if time.monotonic() > deadline_s:
-            raise UnavailableError(f"the player's clock does not tick after {CLOCK_S:g} s")
+            raise UnavailableError(f"the player's clock does not tick after {timeout_s:g} s")
     while clock.now_ns() > time.time_ns() - 10 * NS_PER_S and time.monotonic() < deadline_s:
         # Our own subscription to the clock may be a tick behind; a recorded log's time is far from the wall clock.
         time.sleep(0.02)
