@@ -39,26 +39,27 @@ _TWINS = {"timestamp": "ref_time", "ref_time": "timestamp", "time_stamp": "times
 
 def to_plain(value: Any) -> Any:
     """Nested dicts, lists, numbers, text and bytes of a message."""
-    return _to_plain(value, message_node(type(value).ASN1_NAME))
+    return plain_of(value, message_node(type(value).ASN1_NAME))
 
 
-def _to_plain(value: Any, node: Node | Alias) -> Any:
+def plain_of(value: Any, node: Node | Alias) -> Any:
+    """Plain form of the value of a node."""
     match node:
         case Struct():
-            return {f.key: _to_plain(getattr(value, f.attribute), f.node) for f in node.fields}
+            return {f.key: plain_of(getattr(value, f.attribute), f.node) for f in node.fields}
         case Alias():
-            return _to_plain(getattr(value, node.attribute), node.node)
+            return plain_of(getattr(value, node.attribute), node.node)
         case Array():
             return value.tolist()
         case ListOf():
-            return [_to_plain(v, node.element) for v in value]
+            return [plain_of(v, node.element) for v in value]
         case Octets():
             return value.tobytes()
         case Enumeration():
             return next(n for n, v in node.members if v == value).replace("-", "_")
         case Choice():
             field = next(f for f in node.alternatives if f.attribute == value.kind)
-            return {field.key: _to_plain(value.value, field.node)}
+            return {field.key: plain_of(value.value, field.node)}
         case _:
             return value
 
@@ -157,28 +158,23 @@ def _other_spelling(field: Field, given: Mapping[Any, Any]) -> str | None:
 
 
 def _array(obj: Any, node: Array, where: str) -> Any:
+    if isinstance(obj, np.ndarray):
+        return obj
     dtype = array_dtype(node)
     try:
-        array = np.array(obj, dtype=dtype if dtype.kind == "f" else None)
+        array = np.array(obj)
     except (ValueError, TypeError, OverflowError) as error:
         raise CodecError(f"{where}: expected nested lists of numbers of one shape ({error})") from error
-    if dtype.kind == "f" and array.size and not _all_numbers(obj):
-        raise CodecError(f"{where}: expected nested lists of numbers")
+    if array.size and array.dtype.kind not in ("b" if dtype.kind == "b" else "fiu"):
+        raise CodecError(f"{where}: expected nested lists of {'booleans' if dtype.kind == 'b' else 'numbers'}")
     return array
 
 
-def _all_numbers(obj: Any) -> bool:
-    """Whether the first leaf is a number: numpy would also turn text into numbers."""
-    while isinstance(obj, list | tuple) and obj:
-        obj = obj[0]
-    return not isinstance(obj, str | bytes | bool)
-
-
 def _octets(obj: Any, node: Octets, where: str, quirk: Quirk) -> Any:
-    if isinstance(obj, list):
+    if isinstance(obj, list | np.ndarray):
         quirk(f"{where}: list of numbers for octets")
         try:
-            obj = bytes(obj)
+            obj = bytes(obj) if isinstance(obj, list) else obj.tobytes()
         except (ValueError, TypeError) as error:
             raise CodecError(f"{where}: expected bytes ({error})") from error
     if not isinstance(obj, bytes | bytearray | memoryview):

@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.codecs.bridge import message_node
-from cdff_common.codecs.messagepack import unpack
+from cdff_common.codecs.messagepack import unpack, unpack_message
+from cdff_common.codecs.messagepack._kernels import skip, skip_many
 from cdff_common.codecs.plain import from_plain
 from cdff_common.errors import CodecError, InputError
 from cdff_common.interfaces.product import Header
 from cdff_dev.logs import quirks as quirk
-from cdff_dev.logs._kernels import skip, skip_many
 from cdff_dev.logs.source import LogSample, StreamInfo
 
 
@@ -119,7 +119,7 @@ class LogReader:
         octets = self._maps[part.file][int(part.starts[at]) : int(part.ends[at])]
         type_name = self._types[name]
         try:
-            plain = quirk.with_microseconds(unpack(octets), name, self.quirks)
+            plain = quirk.with_microseconds(unpack_message(octets, type_name), name, self.quirks)
             value = from_plain(type_name, plain, lambda text: self.quirks.tell(f"{name}: {text}"))
             header = Header.from_dict(part.headers[at]) if part.headers and part.headers[at] is not None else None
         except InputError as error:

@@ -10,7 +10,7 @@ from typing import Any, BinaryIO, Self
 
 import msgpack
 
-from cdff_common.codecs.plain import to_plain
+from cdff_common.codecs import encode
 from cdff_common.errors import InputError, StorageError
 from cdff_common.interfaces.product import Header
 
@@ -103,7 +103,7 @@ class LogWriter:
         if not stream.startswith("/") or stream.endswith(".meta"):
             raise InputError(f"stream {stream!r}: expected /robot/component.port, not ending in .meta")
         type_name = type(value).ASN1_NAME
-        packed = msgpack.packb(to_plain(value), unicode_errors="surrogateescape")
+        packed = encode(value, "msgpack")
         entry = self._streams.setdefault(stream, _Stream(type_name))
         if entry.type_name != type_name:
             raise InputError(f"stream {stream}: a {type_name}, expected {entry.type_name} as before")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""MessagePack of the plain form: one message, one map."""
+"""MessagePack of the plain form: one message, one map; long lists of numbers go through compiled loops."""
 
 from __future__ import annotations
 
@@ -8,13 +8,21 @@ from typing import Any
 
 import msgpack
 
-from cdff_common.codecs.plain import from_plain, to_plain
+from cdff_common.codecs.bridge import message_node
+from cdff_common.codecs.plain import from_plain
 from cdff_common.errors import CodecError
+
+__all__ = ["decode", "encode", "unpack", "unpack_message"]
+
+#: Messages below this size are unpacked in one go.
+_GUIDED_FROM_OCTETS = 4096
 
 
 def encode(value: Any) -> bytes:
     """MessagePack of ``to_plain(value)``."""
-    return bytes(msgpack.packb(to_plain(value), unicode_errors="surrogateescape"))
+    from cdff_common.codecs.messagepack.lists import pieces
+
+    return b"".join(pieces(value, message_node(type(value).ASN1_NAME)))
 
 
 def decode(type_name: str, data: bytes) -> Any:
@@ -25,11 +33,20 @@ def decode(type_name: str, data: bytes) -> Any:
     CodecError
         If the bytes are not MessagePack, or not of that type.
     """
+    name = message_node(type_name).name
     try:
-        plain = unpack(data)
+        return from_plain(name, unpack_message(data, name))
     except CodecError as error:
-        raise CodecError(f"{type_name} (msgpack): {error}") from error
-    return from_plain(type_name, plain)
+        raise CodecError(f"{name} as msgpack, {len(data)} octets: {error}") from error
+
+
+def unpack_message(data: bytes, type_name: str) -> Any:
+    """What ``from_plain`` takes of a message: as ``unpack`` gives it, with long lists of numbers as arrays."""
+    if len(data) < _GUIDED_FROM_OCTETS:
+        return unpack(data)
+    from cdff_common.codecs.messagepack.lists import guided
+
+    return guided(bytes(data), message_node(type_name))
 
 
 def unpack(data: bytes) -> Any:
@@ -48,4 +65,4 @@ def unpack(data: bytes) -> Any:
             max_ext_len=size,
         )
     except (ValueError, msgpack.UnpackException, msgpack.ExtraData, RecursionError, TypeError) as error:
-        raise CodecError(f"{size} octets are not MessagePack: {type(error).__name__} {error}") from error
+        raise CodecError(f"not MessagePack: {type(error).__name__} {error}") from error
