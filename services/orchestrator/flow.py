@@ -48,6 +48,8 @@ class _Progress:
     dpm_error: str = ""
     impossible: str = ""
     started_ns: int = 0
+    inserted: int = -1
+    looked_s: float = 0.0
     told: str = ""
 
 
@@ -91,7 +93,7 @@ class Flow:
             job.check_cancelled()
             looked_s = monotonic_s()
             seen_now = self._state.version
-            self._look(job, robots, p)
+            self._look_if_new(job, robots, p)
             if p.best is not None and (p.best[1].satisfies or (p.best[1].acceptable and self._is_all(p))):
                 yield self._deliver(job, p.best)
                 return
@@ -112,6 +114,15 @@ class Flow:
                 job.cancelled.wait(pause_s)
 
     # -- steps ------------------------------------------------------------------------------------------------------
+
+    def _look_if_new(self, job: Job, robots: Sequence[str], p: _Progress) -> None:
+        """Look when something that matters was inserted, else now and then: an event may be lost."""
+        matter = {job.request.product} | ({"pose"} if job.request.region and job.request.region.near_frame else set())
+        inserted, now_s = self._state.inserted(matter), monotonic_s()
+        if p.looked_s and inserted == p.inserted and now_s - p.looked_s < _IDLE_S:
+            return
+        p.inserted, p.looked_s = inserted, now_s
+        self._look(job, robots, p)
 
     def _look(self, job: Job, robots: Sequence[str], p: _Progress) -> None:
         """Look into the DPM; one that is away now may be back before the deadline."""

@@ -17,9 +17,6 @@ from cdff_core.orchestration.lifecycle import FINAL_STATES, JobState, next_job_s
 from cdff_core.orchestration.request import ProductRequest
 from services.orchestrator.journal import Journal
 
-#: Finished jobs that are still listed.
-_REMEMBERED = 200
-
 
 @dataclass(slots=True)
 class Job:
@@ -79,11 +76,14 @@ class JobBook:
         Each change of state is written there first.
     capacity : int
         Most jobs open at a time.
+    remembered : int
+        Finished jobs that are still listed.
     """
 
-    def __init__(self, journal: Journal, capacity: int) -> None:
+    def __init__(self, journal: Journal, capacity: int, remembered: int = 200) -> None:
         self._journal = journal
         self._capacity = capacity
+        self._remembered = remembered
         self._lock = threading.Lock()
         self._jobs: OrderedDict[str, Job] = OrderedDict()
 
@@ -107,7 +107,7 @@ class JobBook:
             job = Job(str(uuid.uuid4()), request, monotonic_s() + request.deadline_s, wall_ns())
             self._jobs[job.id] = job
             done = [j.id for j in self._jobs.values() if j.state in FINAL_STATES]
-            for old in done[: max(len(done) - _REMEMBERED, 0)]:
+            for old in done[: max(len(done) - self._remembered, 0)]:
                 del self._jobs[old]
         self._journal.append("job", job=job.id, state=str(job.state), request=request.describe())
         return job

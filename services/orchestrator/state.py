@@ -37,6 +37,7 @@ class State:
         self._changed = threading.Condition()
         self._observed = Observed()
         self._refused: dict[tuple[SensorId, str], float] = {}
+        self._inserted: dict[str, int] = {}
         self._changed_modes: set[SensorId] = set()
         self._active_since_s: dict[MakerId, float] = {}
         self._descriptions: dict[MakerId, Mapping[str, Any]] = {
@@ -111,6 +112,17 @@ class State:
             if self._observed.modes.get(sensor) != mode:
                 self._observed.modes[sensor] = mode
                 self._touch()
+
+    def seen_inserted(self, product: str) -> None:
+        """The DPM has a new product."""
+        with self._changed:
+            self._inserted[product] = self._inserted.get(product, 0) + 1
+            self._touch()
+
+    def inserted(self, products: Iterable[str]) -> int:
+        """How many products of some kinds were seen to be inserted."""
+        with self._changed:
+            return sum(self._inserted.get(p, 0) for p in products)
 
     def failed(self, what: MakerId | SensorId, reason: str) -> None:
         """An activation or mode change failed; it is tried again after a back-off."""

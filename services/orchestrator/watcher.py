@@ -104,8 +104,8 @@ class Watcher:
         if "sensor" in body and "mode" in body:
             self._state.seen_mode(SensorId(message.key.split("/")[2], str(body["sensor"])), str(body["mode"]))
 
-    def _on_inserted(self, _message: Message) -> None:
-        self._state.touch()
+    def _on_inserted(self, message: Message) -> None:
+        self._state.seen_inserted(str(_map_of(message).get("product", "")))
 
     def _on_alarm(self, message: Message) -> None:
         body = _map_of(message)

@@ -57,7 +57,8 @@ def test_the_best_lacks_least_then_covers_most_then_is_youngest() -> None:
     young = replace(GOOD, id="young", t1_ns=NOW_NS)
     coarse = replace(GOOD, id="coarse", resolution_m=1.0, coverage=1.0)
     cases: tuple[tuple[list[Candidate], str], ...] = (
-        ([stale, GOOD, coarse], "a"), ([GOOD, wide, young], "wide"), ([GOOD, young], "young"), ([stale, coarse], "coarse"),
+        ([stale, GOOD, coarse], "a"), ([GOOD, wide, young], "wide"), ([GOOD, young], "young"),
+        ([stale, coarse], "coarse"),
     )  # fmt: skip
     for among, wanted in cases:
         choice = best(among, REQUEST, NOW_NS)

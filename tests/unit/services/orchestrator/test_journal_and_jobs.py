@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The journal on disk and the book of jobs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from cdff_common.errors import ConflictError, InputError, OverloadedError, ProductNotFoundError, StorageError
+from cdff_core.orchestration.lifecycle import JobState
+from cdff_core.orchestration.request import ProductRequest
+from services.orchestrator.jobs import JobBook
+from services.orchestrator.journal import Journal
+
+
+def test_what_was_appended_is_read_back_in_order_also_by_the_next_process(tmp_path: Path) -> None:
+    path = tmp_path / "a" / "journal.jsonl"
+    journal = Journal(path)
+    journal.append("start", open_jobs=0)
+    journal.append("mode", sensor="mana/lidar", ok=True)
+    journal.close()
+    again = Journal(path)
+    again.append("start", open_jobs=1)
+    assert [(r["kind"], r.get("open_jobs")) for r in again.records()] == [("start", 0), ("mode", None), ("start", 1)]
+    again.close()
+    with pytest.raises(StorageError):
+        again.append("start")
+
+
+def test_a_torn_last_line_is_cut_off_and_garbage_in_between_is_passed_over(tmp_path: Path) -> None:
+    path = tmp_path / "journal.jsonl"
+    path.write_bytes(b'{"kind":"start"}\nnonsense\n[1]\n{"kind":"mode"}\n{"kind":"jo')
+    journal = Journal(path)
+    journal.append("job", job="1", state="received")
+    assert [r["kind"] for r in journal.records()] == ["start", "mode", "job"]
+    journal.close()
+
+
+@pytest.mark.parametrize("content", [b"", b"torn", b"\n"])
+def test_an_empty_or_all_torn_journal_starts_anew(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "journal.jsonl"
+    path.write_bytes(content)
+    journal = Journal(path)
+    assert [r for r in journal.records() if r] == []
+    journal.close()
+
+
+@pytest.fixture
+def journal(tmp_path: Path) -> Iterator[Journal]:
+    made = Journal(tmp_path / "journal.jsonl")
+    yield made
+    made.close()
+
+
+def request(name: str, robot: str = "mana") -> ProductRequest:
+    return ProductRequest(name, "pose", robot)
+
+
+def test_more_jobs_than_there_is_room_for_are_refused_with_a_time_to_come_back(journal: Journal) -> None:
+    book = JobBook(journal, capacity=2)
+    first = book.open(request("a"))
+    book.open(request("b"))
+    with pytest.raises(OverloadedError) as caught:
+        book.open(request("c"))
+    assert caught.value.retry_after_s > 0
+    book.move(first, JobState.FAILED, "because")
+    book.open(request("c"))
+
+
+def test_a_request_s_name_is_free_again_once_its_job_has_ended(journal: Journal) -> None:
+    book = JobBook(journal, capacity=9)
+    job = book.open(request("a"))
+    with pytest.raises(InputError, match="a"):
+        book.open(request("a"))
+    book.move(job, JobState.CANCELLED)
+    assert book.get("a") is job
+    assert book.get(book.open(request("a")).id).state is JobState.RECEIVED
+    with pytest.raises(ProductNotFoundError):
+        book.get("z")
+    with pytest.raises(ConflictError):
+        book.move(job, JobState.LOOKING)
+
+
+def test_old_jobs_are_forgotten_and_lists_name_the_newest_of_a_robot_first(journal: Journal) -> None:
+    book = JobBook(journal, capacity=1, remembered=6)
+    for i in range(12):
+        book.move(book.open(request(f"r{i}", "mana" if i % 2 else "minnie")), JobState.FAILED)
+    listed = book.listed({"mana"}, 500)
+    assert listed[0]["request"]["request"] == "r11"
+    assert {j["request"]["robot"] for j in listed} == {"mana"}
+    assert len(book.listed({"mana", "minnie"}, 500)) == 7
