@@ -15,9 +15,11 @@ from cdff_common.raster.geometry import GridGeometry
 from cdff_common.types.frame import Array3DDepthT
 from cdff_common.types.frame_ext import DEPTH_DTYPES, depth_of
 from cdff_common.types.message import Box, Message
+from cdff_common.types.pointcloud_ext import box_of_points
 from cdff_common.types.time import Time
 
 if TYPE_CHECKING:
+    from cdff_common.types.frame import Array3D
     from cdff_common.types.map import GridLayer, GridMapMetadata, MapMetadataT
 
 
@@ -158,13 +160,27 @@ class NavigationMapExt(_LayeredMap):
 
 
 class MapExt(Message):
-    """InFuse's map."""
+    """InFuse's map: one array, its cell (0, 0) at the corner of largest y."""
 
     __slots__ = ()
     if TYPE_CHECKING:
         metadata: MapMetadataT
+        data: Array3D
 
     @property
     def stamp_ns(self) -> int:
         """Time of the map, nanoseconds."""
         return self.metadata.time_stamp.ns
+
+    @property
+    def frame(self) -> str:
+        """Frame in which the map's pose is given."""
+        return self.metadata.pose_fixed_frame_map_frame.parent_frame
+
+    def extent_m(self) -> Box | None:
+        """Box in ``frame`` around the corners of the map's plane; heights are not looked at."""
+        if not self.data.rows or not self.data.cols:
+            return None
+        x, y = self.data.cols * self.metadata.scale, -self.data.rows * self.metadata.scale
+        corners = np.array([[0.0, 0.0, 0.0], [x, 0.0, 0.0], [0.0, y, 0.0], [x, y, 0.0]])
+        return box_of_points(self.metadata.pose_fixed_frame_map_frame.transform.apply(corners))

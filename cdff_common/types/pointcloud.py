@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cdff_common.types import validation as check
 from cdff_common.types.message import Message
-from cdff_common.types.pointcloud_ext import PointCloudDataExt, PointcloudExt
+from cdff_common.types.pointcloud_ext import OctreeExt, PointCloudDataExt, PointcloudExt
 from cdff_common.types.pose import TransformWithCovariance
 from cdff_common.types.time import Time
 
@@ -151,7 +151,7 @@ class Pointcloud(PointcloudExt):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Octree(Message):
+class Octree(OctreeExt):
     """What an ``Octree`` of the ASN.1 modules holds.
 
     Attributes
@@ -170,3 +170,4 @@ class Octree(Message):
         put = object.__setattr__
         put(self, "resolution", check.real(self.resolution, "Octree.resolution"))
         put(self, "point_cloud", check.instance(self.point_cloud, "Octree.point_cloud", Pointcloud))
+        self._check_together()

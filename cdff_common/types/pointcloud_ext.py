@@ -157,3 +157,25 @@ class PointcloudExt(Message):
     def extent_m(self) -> Box | None:
         """Box around the finite points in ``frame``."""
         return box_of_points(self.data.points)
+
+
+class OctreeExt(Message):
+    """Occupied leaves."""
+
+    __slots__ = ()
+    if TYPE_CHECKING:
+        resolution: float
+        point_cloud: Pointcloud
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time of the cloud, nanoseconds."""
+        return self.point_cloud.stamp_ns
+
+    def extent_m(self) -> Box | None:
+        """Box around the leaves, half a leaf beyond their centres."""
+        box = self.point_cloud.extent_m()
+        if box is None:
+            return None
+        h = 0.5 * self.resolution
+        return (box[0] - h, box[1] - h, box[2] - h, box[3] + h, box[4] + h, box[5] + h)

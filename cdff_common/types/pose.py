@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 
 from cdff_common.types import validation as check
 from cdff_common.types.message import Message
-from cdff_common.types.pose_ext import PoseExt, RigidBodyStateExt, TransformWithCovarianceExt
+from cdff_common.types.pose_ext import (
+    BodyStateExt,
+    PathExt,
+    PoseExt,
+    RigidBodyStateExt,
+    TrajectoryExt,
+    TransformWithCovarianceExt,
+    WaypointExt,
+)
 from cdff_common.types.time import Time
 
 
@@ -349,9 +357,14 @@ class TwistWithCovariance(Message):
         )
         put(self, "data", check.instance(self.data, "TwistWithCovariance.data", TwistWithCovarianceData))
 
+    @property
+    def stamp_ns(self) -> int:
+        """Time, nanoseconds."""
+        return self.metadata.time_stamp.ns
+
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class BodyState(Message):
+class BodyState(BodyStateExt):
     """What a ``BodyState`` of the ASN.1 modules holds.
 
     Attributes
@@ -371,11 +384,7 @@ class BodyState(Message):
         put(self, "ref_time", check.instance(self.ref_time, "BodyState.ref_time", Time))
         put(self, "pose", check.instance(self.pose, "BodyState.pose", TransformWithCovariance))
         put(self, "velocity", check.instance(self.velocity, "BodyState.velocity", TwistWithCovariance))
-
-    @property
-    def stamp_ns(self) -> int:
-        """Time, nanoseconds."""
-        return self.ref_time.ns
+        self._check_together()
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -481,7 +490,7 @@ class RigidBodyAcceleration(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Waypoint(Message):
+class Waypoint(WaypointExt):
     """What a ``Waypoint`` of the ASN.1 modules holds.
 
     Attributes
@@ -508,10 +517,11 @@ class Waypoint(Message):
         put(self, "heading", check.real(self.heading, "Waypoint.heading"))
         put(self, "tol_position", check.real(self.tol_position, "Waypoint.tol_position"))
         put(self, "tol_heading", check.real(self.tol_heading, "Waypoint.tol_heading"))
+        self._check_together()
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Trajectory(Message):
+class Trajectory(TrajectoryExt):
     """What a ``Trajectory`` of the ASN.1 modules holds.
 
     Attributes
@@ -530,10 +540,11 @@ class Trajectory(Message):
         put = object.__setattr__
         put(self, "speed", check.real(self.speed, "Trajectory.speed"))
         put(self, "points", check.real_array(self.points, "Trajectory.points", ((1, 50), (3, 3))))
+        self._check_together()
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Path(Message):
+class Path(PathExt):
     """What a ``Path`` of the ASN.1 modules holds.
 
     Attributes
@@ -559,8 +570,4 @@ class Path(Message):
                 self.waypoints, "Path.waypoints", 0, 100, lambda v, w: check.instance(v, w, TransformWithCovariance)
             ),
         )
-
-    @property
-    def stamp_ns(self) -> int:
-        """Time, nanoseconds."""
-        return self.time_stamp.ns
+        self._check_together()

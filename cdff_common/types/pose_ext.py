@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -78,6 +79,75 @@ class PoseExt(Message):
     def extent_m(self) -> Box | None:
         """The position as a box without size."""
         return _box_of_point(self.pos)
+
+
+def box_of_boxes(boxes: Iterable[Box | None]) -> Box | None:
+    """Box around boxes; None where there is none."""
+    known = [b for b in boxes if b is not None]
+    if not known:
+        return None
+    low, high = [min(b[i] for b in known) for i in range(3)], [max(b[i] for b in known) for i in range(3, 6)]
+    return (low[0], low[1], low[2], high[0], high[1], high[2])
+
+
+class WaypointExt(Message):
+    """Where to go."""
+
+    __slots__ = ()
+    if TYPE_CHECKING:
+        position: NDArray[np.float64]
+
+    def extent_m(self) -> Box | None:
+        """The position as a box without size."""
+        return _box_of_point(self.position)
+
+
+class TrajectoryExt(Message):
+    """A line to follow."""
+
+    __slots__ = ()
+    if TYPE_CHECKING:
+        points: NDArray[np.float64]
+
+    def extent_m(self) -> Box | None:
+        """Box around the points."""
+        return box_of_boxes(_box_of_point(p) for p in self.points)
+
+
+class PathExt(Message):
+    """Poses to pass."""
+
+    __slots__ = ()
+    if TYPE_CHECKING:
+        time_stamp: Time
+        waypoints: tuple[TransformWithCovariance, ...]
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time, nanoseconds."""
+        return self.time_stamp.ns
+
+    def extent_m(self) -> Box | None:
+        """Box around the positions."""
+        return box_of_boxes(w.extent_m() for w in self.waypoints)
+
+
+class BodyStateExt(Message):
+    """Pose and velocity."""
+
+    __slots__ = ()
+    if TYPE_CHECKING:
+        ref_time: Time
+        pose: TransformWithCovariance
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time, nanoseconds."""
+        return self.ref_time.ns
+
+    def extent_m(self) -> Box | None:
+        """The position as a box without size."""
+        return self.pose.extent_m()
 
 
 class TransformWithCovarianceExt(Message):

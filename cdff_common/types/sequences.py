@@ -17,6 +17,7 @@ from cdff_common.types.features import Correspondence2D, Correspondence3D
 from cdff_common.types.frame import Frame
 from cdff_common.types.message import Message
 from cdff_common.types.pose import Pose
+from cdff_common.types.sequences_ext import PointSequenceExt, PosesSequenceExt
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -41,7 +42,7 @@ class FramesSequence(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PosesSequence(Message):
+class PosesSequence(PosesSequenceExt):
     """What a ``PosesSequence`` of the ASN.1 modules holds.
 
     Attributes
@@ -59,6 +60,7 @@ class PosesSequence(Message):
             "items",
             check.items(self.items, "PosesSequence.items", 0, 10, lambda v, w: check.instance(v, w, Pose)),
         )
+        self._check_together()
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -116,7 +118,7 @@ class CorrespondenceMaps3DSequence(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PointSequence(Message):
+class PointSequence(PointSequenceExt):
     """What a ``PointSequence`` of the ASN.1 modules holds.
 
     Attributes
@@ -130,6 +132,7 @@ class PointSequence(Message):
     def __post_init__(self) -> None:
         put = object.__setattr__
         put(self, "values", check.real_array(self.values, "PointSequence.values", ((0, 327680), (3, 3))))
+        self._check_together()
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -233,16 +233,21 @@ def _class_source(model: TypeModel, extensions: set[str]) -> list[str]:
         lines.append(f'        put(self, "{f.attribute}", {_check(f.node, f"self.{f.attribute}", where)})')
     if base != "Message":
         return [*lines, "        self._check_together()"]
-    stamp = next((f for f in fields if f.attribute in _STAMPS and _annotation(f.node) == "Time"), None)
-    if stamp is not None:
-        lines += [
-            "",
-            "    @property",
-            "    def stamp_ns(self) -> int:",
-            '        """Time, nanoseconds."""',
-            f"        return self.{stamp.attribute}.ns",
-        ]
+    stamp = _stamp(fields)
+    if stamp:
+        lines += ["", "    @property", "    def stamp_ns(self) -> int:", '        """Time, nanoseconds."""']
+        lines.append(f"        return self.{stamp}.ns")
     return lines
+
+
+def _stamp(fields: tuple[Field, ...]) -> str:
+    """Path of attributes to the time of a message, in its own fields or those of its metadata; empty where none."""
+    for f in fields:
+        if f.attribute in _STAMPS and _annotation(f.node) == "Time":
+            return f.attribute
+        if f.attribute == "metadata" and isinstance(f.node, Struct) and (inner := _stamp(f.node.fields)):
+            return f"metadata.{inner}"
+    return ""
 
 
 def _choice_source(model: TypeModel, node: Choice) -> list[str]:

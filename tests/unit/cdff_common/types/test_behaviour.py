@@ -4,6 +4,10 @@
 
 from __future__ import annotations
 
+import copy
+import dataclasses
+import pickle
+
 import numpy as np
 import pytest
 
@@ -189,3 +193,42 @@ def test_a_trajectory_comes_back(rng: np.random.Generator) -> None:
         types.PoseTrajectory.from_arrays([0, 0], T[:2], parent="a", child="b")
     with pytest.raises(InputError, match="rigid"):
         types.PoseTrajectory.from_arrays([0], np.zeros((1, 4, 4)), parent="a", child="b")
+
+
+def test_every_type_with_positions_has_an_extent() -> None:
+    pose, other = types.Pose([1, 2, 3]), types.Pose([-1, 5, 0])
+    stated = types.TransformWithCovariance(data=types.TransformWithCovarianceData([1, 2, 3]))
+    point = (1.0, 2.0, 3.0, 1.0, 2.0, 3.0)
+    assert pose.extent_m() == point
+    assert types.PosesSequence([pose, other]).extent_m() == (-1, 2, 0, 1, 5, 3)
+    assert types.PointSequence([[1, 2, 3], [-1, 5, 0]]).extent_m() == (-1, 2, 0, 1, 5, 3)
+    assert types.Trajectory(points=[[1, 2, 3]]).extent_m() == point
+    assert types.Waypoint([1, 2, 3]).extent_m() == point
+    assert types.Path(waypoints=[stated]).extent_m() == point
+    assert types.BodyState(types.Time(5), stated).extent_m() == point
+    assert types.Pose([np.nan, 0, 0]).extent_m() is None
+    assert types.Path().extent_m() is None
+    cloud = types.Pointcloud.from_points([[1, 2, 3]], frame="a", stamp_ns=7000)
+    assert types.Octree(2.0, cloud).extent_m() == (0, 1, 2, 2, 3, 4)
+    corner = types.TransformWithCovariance.from_transform(
+        UncertainTransform(se3.transform(np.eye(3), [10.0, 20.0, 0.0])), parent="site", child="map", stamp_ns=0
+    )
+    metadata = types.MapMetadataT(scale=0.5, pose_fixed_frame_map_frame=corner)
+    grid = types.Map(metadata=metadata, data=types.Array3D.from_array(np.zeros((4, 6), np.float32)))
+    assert grid.extent_m() == (10, 18, 0, 13, 20, 0)
+    assert grid.frame == "site"
+
+
+def test_every_type_with_a_time_has_a_stamp() -> None:
+    time = types.Time(7)
+    twist = types.TwistWithCovariance(types.TwistWithCovarianceMetadata(time_stamp=time))
+    for value in (types.IMUSensors(time), types.BodyState(time), types.Path(time_stamp=time), types.Pressure(time),
+                  types.LaserScan(time), types.Joints(time), twist):  # fmt: skip
+        assert value.stamp_ns == 7000
+
+
+def test_copies_and_pickles_are_read_only_too() -> None:
+    cloud = types.Pointcloud.from_points(np.ones((3, 3)), frame="a", stamp_ns=0)
+    for other in (copy.deepcopy(cloud), pickle.loads(pickle.dumps(cloud)), dataclasses.replace(cloud)):
+        assert other == cloud
+        assert not other.points_m.flags.writeable
