@@ -26,7 +26,7 @@ def replay(log: Path, out: Path, *more: str) -> dict[str, object]:
     return summary
 
 
-@pytest.mark.req("CDFF-DEV-RPL-001")
+@pytest.mark.req("CDFF-DEV-022")
 def test_a_replay_of_a_real_drive_repeats_byte_for_byte(real_data: Callable[[str], Path], tmp_path: Path) -> None:
     log = real_data("kitti_stereo/KITTI_sequence_1")
     first, second = (replay(log, tmp_path / name) for name in ("a", "b"))

@@ -15,7 +15,7 @@ def pages(tree: Tree) -> list[Artefact]:
     """Every generated reference page, made from what is installed."""
     texts = {
         "dfns.md": descriptions.dfns(),
-        "dfpcs.md": descriptions.dfpcs(),
+        "dfpcs.md": descriptions.dfpcs(tree.root / "docs" / "dfpcs"),
         "types.md": types.page(),
         "keys.md": keys.page(),
         "endpoints.md": endpoints.page(),

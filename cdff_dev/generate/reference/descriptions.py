@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from cdff_common.interfaces.parameters import ParameterRow, parameter_rows
 from cdff_common.interfaces.registry import Registry
 from cdff_dev.generate.python_source import render
@@ -20,9 +22,10 @@ def dfns() -> str:
     return render("dfns.md.j2", dfns=descriptions, rows=rows)
 
 
-def dfpcs() -> str:
-    """Page of all DFPCs."""
+def dfpcs(pages: Path) -> str:
+    """Page of all DFPCs; where ``pages`` holds a page of one's own name, it is linked."""
     registry = Registry.default()
     rows = {name: parameter_rows(type(registry.make_dfpc(name)).Config) for name in registry.dfpcs}
     descriptions = {name: found.description for name, found in sorted(registry.dfpcs.items())}
-    return render("dfpcs.md.j2", dfpcs=descriptions, rows=rows)
+    written = {name for name in descriptions if (pages / f"{name}.md").is_file()}
+    return render("dfpcs.md.j2", dfpcs=descriptions, rows=rows, written=written)

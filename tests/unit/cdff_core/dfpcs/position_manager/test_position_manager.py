@@ -242,6 +242,7 @@ def test_wheel_errors_are_as_large_as_the_covariance_says(rng: np.random.Generat
     assert 1.4 < np.mean(nees) < 2.8
 
 
+@pytest.mark.req("CDFF-CORE-074")
 def test_poses_between_estimates_are_interpolated_and_any_two_frames_are_joined() -> None:
     dfpc = manager()
     feed(dfpc, [visual(t) for t in times(5, 4)])
