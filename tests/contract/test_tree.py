@@ -25,9 +25,10 @@ MAX_LINES = 600
 
 
 def _tracked() -> list[Path]:
-    done = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False)
-    if done.returncode:
-        pytest.skip("not a git checkout: the list of files is not known")
+    try:
+        done = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError) as error:
+        pytest.skip(f"not a git checkout, the list of files is not known: {error}")
     return [p for name in done.stdout.split("\0") if name and (p := ROOT / name).is_file()]
 
 
