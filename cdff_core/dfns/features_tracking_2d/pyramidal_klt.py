@@ -62,7 +62,7 @@ class PyramidalKlt(FeaturesTracking2DInterface):
         side = 2 * c.half_window_px + 1
         found, status, _ = cv2.calcOpticalFlowPyrLK(
             np.ascontiguousarray(first), np.ascontiguousarray(second),
-            points.astype(np.float32)[:, None], guess.astype(np.float32)[:, None],
+            np.ascontiguousarray(points[:, None], np.float32), np.ascontiguousarray(guess[:, None], np.float32),
             winSize=(side, side), maxLevel=c.levels - 1, flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
             criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, c.iterations, c.tolerance_px),
         )  # fmt: skip

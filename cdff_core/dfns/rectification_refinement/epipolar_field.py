@@ -47,9 +47,9 @@ class EpipolarField(RectificationRefinementInterface):
 
     (a principal point that is off comes with both Y and D: it shifts the centre of the lens distortion). The
     coefficient ``k = Y + 2 D`` of ``xy`` in the rows so fixes the columns up to an offset and ``D (x2 + y2)``: those
-    two stay open, and only motion can tell them [3]_. Where the rows show nothing, D is held near zero. R and S are learnt
-    from the rows, so as not to bias k, and left at that: for a rectification worth the name they move columns by less
-    than the noise of one disparity.
+    two stay open, and only motion can tell them [3]_. Where the rows show nothing, D is held near zero. R and S are
+    learnt from the rows, so as not to bias k, and left at that: for a rectification worth the name they move columns by
+    less than the noise of one disparity.
 
     References
     ----------

@@ -1,0 +1,99 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""VisualOdometrySparse on real images: KITTI odometry 06, frames 0 to 50 (59.9 m), and a step of the rover Minnie."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cdff_common.interfaces.dfpc import DfpcContext, Output, Sample
+from cdff_common.interfaces.product import Status
+from cdff_common.interfaces.registry import Registry
+from cdff_common.types import FramePair
+
+pytestmark = pytest.mark.golden
+FRAME_NS = 100_000_000
+#: End position of the recorded run in its first left camera, metres; library versions may move it by centimetres.
+REFERENCE_END_M = (-0.665, -0.874, 59.694)
+RealData = Callable[[str], Path]
+
+
+def read(folder: Path) -> tuple[list[FramePair], NDArray[np.float64]]:
+    """Pairs, and the truth's left camera positions (n, 3) in the first left camera."""
+    projection = np.loadtxt(folder / "calib_kitti.txt").reshape(-1, 3, 4)
+    K, baseline_m = projection[0][:, :3], float(-projection[1][0, 3] / projection[1][0, 0])
+    lefts, rights = (sorted((folder / name).glob("*.png")) for name in ("image_l_kitti", "image_r_kitti"))
+    pairs = [
+        FramePair.from_images(
+            cv2.imread(str(left), cv2.IMREAD_GRAYSCALE),
+            cv2.imread(str(right), cv2.IMREAD_GRAYSCALE),
+            baseline_m=baseline_m, camera_matrix=K, stamp_ns=i * FRAME_NS,
+        )
+        for i, (left, right) in enumerate(zip(lefts, rights, strict=True))
+    ]  # fmt: skip
+    return pairs, np.loadtxt(folder / "poses.txt").reshape(-1, 3, 4)[:, :, 3]
+
+
+def run(pairs: list[FramePair], seed: int) -> list[Output]:
+    dfpc = Registry.default().make_dfpc("visual_odometry_sparse")
+    dfpc.configure(None, DfpcContext(robot="car", seed=seed))
+    samples = (Sample("stereo", pair.stamp_ns, i, pair, id=str(i)) for i, pair in enumerate(pairs))
+    return [output for sample in samples for output in dfpc.step(sample)]
+
+
+def end_errors(pairs: list[FramePair], truth: NDArray[np.float64], seeds: range) -> list[float]:
+    """End error of each seed as a fraction of the path."""
+    path_m = float(np.sum(np.linalg.norm(np.diff(truth, axis=0), axis=1)))
+    ends = [run(pairs, seed)[-1].value.transform.matrix[:3, 3] for seed in seeds]
+    return [float(np.linalg.norm(end - truth[-1])) / path_m for end in ends]
+
+
+@pytest.mark.req("CDFF-CORE-070")
+def test_a_real_drive_is_followed_without_a_doubt_to_where_it_ended_before(real_data: RealData) -> None:
+    pairs, truth = read(real_data("kitti_stereo/KITTI_sequence_1"))
+    outputs = run(pairs, seed=0)
+    assert [o.quality.status for o in outputs] == [Status.OK] * 51
+    end = outputs[-1].value.transform
+    np.testing.assert_allclose(end.matrix[:3, 3], REFERENCE_END_M, atol=0.06)
+    assert np.linalg.norm(end.matrix[:3, 3] - truth[-1]) / 59.9 < 0.015
+    assert 0.0 < np.sqrt(end.covariance[2, 2]) < 0.2
+    assert min(o.quality.metrics["inliers"] for o in outputs[1:]) > 80
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_twenty_seeds_end_within_the_stated_bounds(real_data: RealData) -> None:
+    errors = end_errors(*read(real_data("kitti_stereo/KITTI_sequence_1")), range(20))
+    assert np.median(errors) <= 0.008
+    assert max(errors) <= 0.015
+
+
+def test_a_rover_step_is_the_same_at_full_and_half_resolution(real_data: RealData) -> None:
+    """Minnie's recorded step is 157 mm; its pose record is heading and odometry, good to a centimetre."""
+    folder = real_data("cdff_upstream/MinnieStereo")
+    K = np.array([[1018.6, 0.0, 956.501], [0.0, 1018.6, 617.314], [0.0, 0.0, 1.0]])
+    recorded = np.array([0.0114, -0.0867, 0.1331])  # T_first_second of the .meta files, left camera, metres
+    moved = []
+    for scale in (1.0, 0.5):
+        pairs = []
+        for i, when in enumerate(("", "Next")):
+            images = [cv2.imread(str(folder / f"MinnieRect{side}{when}.png")) for side in ("Left", "Right")]
+            left, right = (cv2.resize(m, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) for m in images)
+            C = np.diag([scale, scale, 1.0]) @ K
+            C[:2, 2] += 0.5 * (scale - 1.0)  # pixel centres, not corners, are at whole coordinates
+            pairs.append(
+                FramePair.from_images(
+                    left, right, baseline_m=0.2675, camera_matrix=C, stamp_ns=i * 10 * FRAME_NS, mode="BGR"
+                )
+            )
+        last = run(pairs, seed=0)[-1]
+        assert last.quality.status is Status.OK
+        moved.append(last.value.transform.matrix[:3, 3])
+    assert np.linalg.norm(moved[0] - recorded) < 0.015
+    assert np.linalg.norm(moved[0] - moved[1]) < 0.001

@@ -1,0 +1,76 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cdff_common.errors import InputError
+from cdff_core.imaging.patch_alignment import align_patches, search_rows
+from cdff_core.imaging.pyramid import pyramid, smoothed
+from tests.corridor import texture
+
+
+def shifted(image: NDArray[np.float32], dx: float, dy: float) -> NDArray[np.uint8]:
+    """The periodic image moved by a fraction of a pixel, without interpolation error."""
+    fy, fx = np.fft.fftfreq(image.shape[0])[:, None], np.fft.rfftfreq(image.shape[1])[None, :]
+    moved = np.fft.irfft2(np.fft.rfft2(image) * np.exp(-2j * np.pi * (fx * dx + fy * dy)), s=image.shape)
+    return np.asarray(np.clip(np.rint(moved), 0, 255), dtype=np.uint8)
+
+
+POINTS = np.stack(np.meshgrid(np.arange(40.0, 216.0, 16.0), np.arange(40.0, 216.0, 16.0)), axis=-1).reshape(-1, 2)
+
+
+@pytest.mark.parametrize("fraction", [0.0, 0.25, 0.5, 0.8])
+def test_a_shift_is_found_to_a_few_hundredths_of_a_pixel(fraction: float) -> None:
+    image = cv2.GaussianBlur(texture(1, 256), (0, 0), 1.0)
+    first, second = smoothed(shifted(image, 0.0, 0.0)), smoothed(shifted(image, 2.0 + fraction, -1.0))
+    start = POINTS + np.array([2.0, -1.0])
+    found, score = align_patches(first, second, POINTS, start, np.ones(len(POINTS)), 7, 20, 0.005)
+    error = found - POINTS - [2.0 + fraction, -1.0]
+    assert np.all(score > 0.95)
+    assert np.all(np.abs(np.median(error, axis=0)) < 0.02)
+    assert np.percentile(np.abs(error), 95) < 0.06
+
+
+def test_gain_and_offset_of_the_exposure_do_not_move_the_result() -> None:
+    image = smoothed(shifted(texture(2, 256), 0.0, 0.0))
+    found, score = align_patches(image, 0.4 * image + 30.0, POINTS, POINTS + 0.7, np.ones(len(POINTS)), 7, 20, 0.005)
+    assert np.all(score > 0.99)
+    np.testing.assert_allclose(found, POINTS, atol=0.02)
+
+
+def test_a_magnified_patch_is_found_where_its_magnification_is_known() -> None:
+    image = cv2.GaussianBlur(texture(3, 256), (0, 0), 1.5).astype(np.float32)
+    M = np.array([[1.3, 0.0, -0.3 * 128.0], [0.0, 1.3, -0.3 * 128.0]])
+    larger = cv2.warpAffine(image, M, (256, 256), flags=cv2.INTER_CUBIC)
+    near = POINTS[np.all(np.abs(POINTS - 128.0) < 70.0, axis=1)]
+    truth = near @ M[:, :2].T + M[:, 2]
+    found, score = align_patches(image, larger, near, truth + 1.0, np.full(len(near), 1.3), 7, 20, 0.005)
+    assert np.all(score > 0.97)
+    assert np.percentile(np.abs(found - truth), 95) < 0.05
+
+
+def test_flat_and_outlying_points_are_not_found() -> None:
+    flat = np.full((64, 64), 100.0, np.float32)
+    points = np.array([[32.0, 32.0], [2.0, 2.0], [200.0, 32.0]])
+    _, score = align_patches(flat, flat, points, points, np.ones(3), 5, 10, 0.01)
+    assert list(score) == [-1.0, -1.0, -1.0]
+
+
+def test_rows_are_searched_for_whole_disparities() -> None:
+    image = texture(4, 256)
+    left, right = smoothed(shifted(image, 0.0, 0.0)), smoothed(shifted(image, -17.0, 0.0))
+    n = len(POINTS)
+    disparity, best, second = search_rows(left, right, POINTS, np.zeros(n, np.int64), np.full(n, 40, np.int64), 5)
+    reachable = POINTS[:, 0] >= 17 + 5
+    assert np.all(disparity[reachable] == 17.0)
+    assert np.all(best[reachable] > second[reachable])
+
+
+def test_a_pyramid_halves_each_level_and_refuses_other_images() -> None:
+    assert [level.shape for level in pyramid(np.zeros((120, 200), np.uint8), 3)] == [(120, 200), (60, 100)]
+    with pytest.raises(InputError, match="uint8"):
+        smoothed(np.zeros((64, 64), np.float32))  # type: ignore[arg-type]
