@@ -54,7 +54,7 @@ class PointToPlaneIcp(Registration3DInterface):
     -----
     Chen and Medioni (1992), doi:10.1016/0262-8856(92)90066-C. Residuals are weighted by Tukey's biweight of a scale
     that is the median absolute deviation of each iteration; the gate on pair distances shrinks geometrically from what
-    covers the guess to a few point spacings. Babin et al. (2019), doi:10.1109/ICRA.2019.8794011, compare the kernels.
+    covers the guess to a few point spacings. Babin et al. (2019), arXiv:1810.01474, compare the kernels.
     """
 
     Config: ClassVar[type[DfnConfig]] = PointToPlaneIcpConfig
