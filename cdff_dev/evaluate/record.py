@@ -50,5 +50,8 @@ def spread(values: ArrayLike, digits: int = 4) -> dict[str, float]:
 
 
 def _git(root: Path, *arguments: str) -> str:
-    done = subprocess.run(["git", *arguments], cwd=root, capture_output=True, text=True, check=False)
-    return done.stdout.strip() if done.returncode == 0 else "unknown"
+    try:
+        done = subprocess.run(["git", *arguments], cwd=root, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"  # no git here, or no checkout: the figures say that nobody knows their commit
+    return done.stdout.strip()
