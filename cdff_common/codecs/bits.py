@@ -1,17 +1,38 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bits in and out: the writer and the reader of unaligned PER."""
+"""Bits in and out: the writer and the reader of unaligned PER.
+
+Loading the compiled loops takes a good part of a second. A process that has met only short arrays, as a client that
+asks for poses, does without: the plain way gives the same octets.
+"""
 
 from __future__ import annotations
+
+import sys
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.codecs import _kernels as kernels
-from cdff_common.codecs.real import decode_real
+from cdff_common.codecs.real import decode_real, encode_real
 from cdff_common.errors import CodecError
 
 _FLUSH_BITS = 1024
+_KERNELS = "cdff_common.codecs._kernels"
+#: Above these sizes the compiled loops are loaded.
+_SHORT_REALS = 64
+_SHORT_OCTETS = 4096
+#: Octets at odd offsets up to this size go through an integer even where the loops are there.
+_TINY_OCTETS = 64
+
+
+def _kernels(is_short: bool) -> ModuleType | None:
+    """The compiled loops; None where they are neither loaded nor worth it."""
+    if is_short:
+        return sys.modules.get(_KERNELS)
+    from cdff_common.codecs import _kernels as kernels
+
+    return kernels
 
 
 class BitWriter:
@@ -42,7 +63,8 @@ class BitWriter:
     def put_octets(self, octets: bytes | NDArray[np.uint8]) -> None:
         """Append octets."""
         size = len(octets)
-        if size <= 64:
+        kernels = None if size <= _TINY_OCTETS else _kernels(size <= _SHORT_OCTETS)
+        if kernels is None:
             data = octets if isinstance(octets, bytes) else octets.tobytes()
             self.put(int.from_bytes(data, "big"), 8 * size)
             return
@@ -58,7 +80,12 @@ class BitWriter:
 
     def put_reals(self, values: NDArray[np.float64]) -> None:
         """Append REALs ``(n,)``."""
-        if not values.size:
+        kernels = _kernels(values.size <= _SHORT_REALS)
+        if kernels is None:
+            for value in values.tolist():
+                contents = encode_real(value)
+                self.put(len(contents), 8)
+                self.put(int.from_bytes(contents, "big"), 8 * len(contents))
             return
         self._flush()
         out = np.empty(kernels.REAL_MAX_OCTETS * values.size + 16, dtype=np.uint8)
@@ -139,11 +166,12 @@ class BitReader:
         if shift == 0:
             self._position += 8 * size
             return self._data[begin : begin + size]
-        if size <= 64:
+        kernels = None if size <= _TINY_OCTETS else _kernels(size <= _SHORT_OCTETS)
+        if kernels is None:
             return self.get(8 * size).to_bytes(size, "big")
         self._position += 8 * size
         out = np.empty(size, dtype=np.uint8)
-        kernels.read_octets(self._padded(), begin, shift, out)
+        kernels.read_octets(self._padded(kernels.READ_PADDING), begin, shift, out)
         return out.tobytes()
 
     def get_octet_array(self, size: int) -> NDArray[np.uint8]:
@@ -152,37 +180,46 @@ class BitReader:
         shift = self._position & 7
         out = np.empty(size, dtype=np.uint8)
         begin = self._position >> 3
-        if shift == 0:
-            out[:] = np.frombuffer(self._data, dtype=np.uint8, count=size, offset=begin)
-        else:
-            kernels.read_octets(self._padded(), begin, shift, out)
+        kernels = _kernels(size <= _SHORT_OCTETS) if shift else None
+        if kernels is None:
+            out[:] = np.frombuffer(self.get_octets(size), dtype=np.uint8)
+            return out
+        kernels.read_octets(self._padded(kernels.READ_PADDING), begin, shift, out)
         self._position += 8 * size
         return out
 
     def get_reals(self, count: int) -> NDArray[np.float64]:
         """Read ``count`` REALs."""
         self.need(8 * count, f"{count} REALs")
+        kernels = _kernels(count <= _SHORT_REALS)
+        if kernels is None:
+            return np.array([self._real() for _ in range(count)], dtype=np.float64)
         values = np.empty(count, dtype=np.float64)
         done = 0
         while done < count:
             shift = self._position & 7
             # octets that begin at this shift and end within the message
             end = (self._bits - shift) >> 3
-            read, at = kernels.decode_reals(self._padded(), self._position >> 3, shift, end, values[done:])
+            buffer = self._padded(kernels.READ_PADDING)
+            read, at = kernels.decode_reals(buffer, self._position >> 3, shift, end, values[done:])
             self._position = 8 * int(at) + shift
             done += int(read)
             if done < count:
-                length, more = self.get_length()
-                if more:
-                    raise CodecError(f"bit {self._position}: REAL in fragments, expected at most 16383 octets")
-                values[done] = decode_real(self.get_octets(length))
+                values[done] = self._real()
                 done += 1
         return values
 
-    def _padded(self) -> NDArray[np.uint8]:
+    def _real(self) -> float:
+        """Read one REAL of any form."""
+        length, more = self.get_length()
+        if more:
+            raise CodecError(f"bit {self._position}: REAL in fragments, expected at most 16383 octets")
+        return decode_real(self.get_octets(length))
+
+    def _padded(self, padding: int) -> NDArray[np.uint8]:
         """The message with room behind it for loops that read whole words."""
         if self._array is None:
-            array = np.zeros(len(self._data) + kernels.READ_PADDING, dtype=np.uint8)
+            array = np.zeros(len(self._data) + padding, dtype=np.uint8)
             array[: len(self._data)] = np.frombuffer(self._data, dtype=np.uint8)
             self._array = array
         return self._array

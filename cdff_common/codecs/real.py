@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Contents octets of one REAL, every form that X.690 8.5 allows: exact, not fast."""
+"""Contents octets of one REAL: written in the shortest form, read in every form that X.690 8.5 allows."""
 
 from __future__ import annotations
 
+import math
 import re
 
 from cdff_common.errors import CodecError
@@ -15,6 +16,23 @@ _DECIMAL = {
     2: re.compile(rb" *[+-]?(\d{1,400}[.,]\d{0,400}|[.,]\d{1,400})\Z"),
     3: re.compile(rb" *[+-]?(\d{1,400}[.,]?\d{0,400}|[.,]\d{1,400})[eE][+-]?\d{1,6}\Z"),
 }
+
+
+def encode_real(value: float) -> bytes:
+    """Contents octets of a REAL: base 2, odd mantissa, as few octets as hold it (X.690 11.3.1)."""
+    if value == 0.0:
+        return b"\x43" if math.copysign(1.0, value) < 0.0 else b""
+    if not math.isfinite(value):
+        return b"\x42" if math.isnan(value) else b"\x40" if value > 0.0 else b"\x41"
+    fraction, exponent = math.frexp(abs(value))
+    mantissa = int(fraction * 2.0**53)
+    zeros = (mantissa & -mantissa).bit_length() - 1
+    mantissa >>= zeros
+    exponent += zeros - 53
+    octets = 1 if -128 <= exponent <= 127 else 2
+    head = 0x80 | (0x40 if value < 0.0 else 0) | (octets - 1)
+    size = (mantissa.bit_length() + 7) // 8
+    return bytes([head]) + exponent.to_bytes(octets, "big", signed=True) + mantissa.to_bytes(size, "big")
 
 
 def decode_real(contents: bytes) -> float:

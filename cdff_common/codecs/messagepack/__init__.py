@@ -44,7 +44,7 @@ def unpack_message(data: bytes, type_name: str) -> Any:
     """What ``from_plain`` takes of a message: as ``unpack`` gives it, with long lists of numbers as arrays."""
     if len(data) < _GUIDED_FROM_OCTETS:
         return unpack(data)
-    from cdff_common.codecs.messagepack.lists import guided
+    from cdff_common.codecs.messagepack.reading import guided
 
     return guided(bytes(data), message_node(type_name))
 

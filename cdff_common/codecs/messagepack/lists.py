@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Long lists of numbers in MessagePack: written as blocks of octets, read straight into arrays.
+"""Long lists of numbers written as blocks of octets.
 
-The bytes are those that any MessagePack library writes for nested lists of float64 and integers.
+The bytes are those that any MessagePack library writes for nested lists of float64.
 """
 
 from __future__ import annotations
@@ -14,12 +14,8 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.codecs import messagepack
-from cdff_common.codecs.bridge import array_dtype
-from cdff_common.codecs.messagepack import _kernels as kernels
 from cdff_common.codecs.plain import plain_of
-from cdff_common.codecs.schema import Alias, Array, Field, Integer, Node, Octets, Real, Struct
-from cdff_common.errors import CodecError
+from cdff_common.codecs.schema import Alias, Array, Node, Real, Struct
 
 #: Arrays of at least this many numbers are worth a block.
 _LONG = 128
@@ -71,107 +67,3 @@ def _block(values: NDArray[np.float64]) -> NDArray[np.uint8]:
         block[:, head + 9 * k] = _FLOAT64
         block[:, head + 9 * k + 1 : head + 9 * k + 9] = big[:, k]
     return block
-
-
-def guided(data: bytes, node: Node | Alias) -> Any:
-    """Unpack a message with its type in view: long lists of numbers become arrays, all else as ``unpack`` gives it.
-
-    Raises
-    ------
-    CodecError
-        If the bytes are not MessagePack.
-    """
-    buffer = np.frombuffer(data, dtype=np.uint8)
-    end = int(kernels.skip(buffer, 0))
-    if end != len(data):
-        what = (
-            "cut off" if end == kernels.TRUNCATED else "malformed" if end < 0 else f"followed by {len(data) - end} more"
-        )
-        raise CodecError(f"not MessagePack: {what}")
-    return _object(data, buffer, 0, end, node)
-
-
-def _object(data: bytes, buffer: NDArray[np.uint8], at: int, end: int, node: Node | Alias) -> Any:
-    """The object that lies from ``at`` to ``end``, which is known to be whole."""
-    match node:
-        case Alias():
-            return _object(data, buffer, at, end, node.node)
-        case Struct():
-            return _map(data, buffer, at, end, node)
-        case Array() | Octets():
-            found = _numbers(buffer, at, end, node)
-            return messagepack.unpack(data[at:end]) if found is None else found
-        case _:
-            return messagepack.unpack(data[at:end])
-
-
-def _map(data: bytes, buffer: NDArray[np.uint8], at: int, end: int, node: Struct) -> Any:
-    head = _header(buffer, at, 0x80, 0xDE)
-    if head is None:
-        return messagepack.unpack(data[at:end])
-    count, at = head
-    nodes = {name: f.node for f in node.fields for name in _names(f)}
-    found: dict[str, Any] = {}
-    for _ in range(count):
-        behind = int(kernels.skip(buffer, at))
-        key = messagepack.unpack(data[at:behind])
-        if not isinstance(key, str):
-            raise CodecError(f"{node.name}: key {key!r}, expected the name of a field")
-        at, behind = behind, int(kernels.skip(buffer, behind))
-        if key in nodes:
-            found[key] = _object(data, buffer, at, behind, nodes[key])
-        else:
-            found[key] = messagepack.unpack(data[at:behind])
-        at = behind
-    return found
-
-
-def _names(field: Field) -> tuple[str, str, str]:
-    return field.key, field.name, field.attribute
-
-
-def _header(buffer: NDArray[np.uint8], at: int, fixed: int, sized: int) -> tuple[int, int] | None:
-    """Number of elements and where they begin, of a map or array; None for another object."""
-    first = int(buffer[at])
-    if first & 0xF0 == fixed:
-        return first & 0x0F, at + 1
-    if first in (sized, sized + 1):
-        octets = 2 << (first - sized)
-        return int.from_bytes(buffer[at + 1 : at + 1 + octets].tobytes(), "big"), at + 1 + octets
-    return None
-
-
-def _numbers(buffer: NDArray[np.uint8], at: int, end: int, node: Array | Octets) -> NDArray[Any] | None:
-    """Array of a long list of numbers; None for anything else, which ``from_plain`` then judges."""
-    head = _header(buffer, at, 0x90, 0xDC)
-    if head is None or head[0] < _LONG:
-        return None
-    rows, at = head
-    if isinstance(node, Octets) or isinstance(node.element, Integer):
-        integers = np.empty(rows, dtype=np.int64)
-        if (isinstance(node, Array) and len(node.dims) > 1) or kernels.read_integers(buffer, at, integers) != end:
-            return None
-        return _narrow(integers, np.dtype(np.uint8) if isinstance(node, Octets) else array_dtype(node))
-    if not isinstance(node.element, Real) or len(node.dims) > 2:
-        return None
-    columns = 0
-    if len(node.dims) == 2:
-        inner = _header(buffer, at, 0x90, 0xDC)
-        if inner is None or not 0 < inner[0] < 65536:
-            return None
-        columns = inner[0]
-    if rows * max(columns, 1) > end - at:
-        return None
-    values = np.empty((rows, columns) if columns else rows, dtype=np.float64)
-    flat = values.reshape(-1)
-    if kernels.read_reals(buffer, at, rows, columns, flat, flat.view(np.int64)) != end:
-        return None
-    return values
-
-
-def _narrow(integers: NDArray[np.int64], dtype: np.dtype[Any]) -> NDArray[Any] | None:
-    """Integers as the dtype of their type; None where one does not fit."""
-    info = np.iinfo(dtype)
-    if int(integers.min()) < int(info.min) or int(integers.max()) > int(info.max):
-        return None
-    return integers.astype(dtype)

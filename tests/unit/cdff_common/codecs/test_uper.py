@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import tracemalloc
 from typing import Any
 
@@ -11,7 +13,7 @@ import numpy as np
 import pytest
 
 from cdff_common import types
-from cdff_common.codecs import decode, encode, reference, uper
+from cdff_common.codecs import bits, decode, encode, reference, uper
 from cdff_common.codecs.bits import BitReader, BitWriter
 from cdff_common.codecs.real import decode_real
 from cdff_common.errors import CodecError
@@ -51,6 +53,49 @@ def test_asn1tools_reads_our_reals_and_we_read_its(rng: np.random.Generator) -> 
         assert decode_real(theirs) == value or np.isnan(value)
 
 
+def test_the_plain_way_and_the_loops_give_the_same_octets_and_values(
+    monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    octets = rng.integers(0, 256, 300, dtype=np.uint8)
+    values = np.array([*REALS, *rng.normal(size=30), *(2.0 ** np.arange(-1074, 1024, 41))])
+
+    def write() -> bytes:
+        writer = BitWriter()
+        for shift in range(9):
+            writer.put(0, shift)
+            writer.put_reals(values)
+            writer.put_octets(octets)
+        return writer.to_bytes()
+
+    def read(data: bytes) -> None:
+        reader = BitReader(data)
+        for shift in range(9):
+            reader.get(shift)
+            np.testing.assert_array_equal(_bits(reader.get_reals(len(values))), _bits(values))
+            np.testing.assert_array_equal(reader.get_octet_array(len(octets)), octets)
+
+    bits._kernels(is_short=False)
+    compiled = write()
+    read(compiled)
+    monkeypatch.setattr(bits, "_kernels", lambda is_short: None)
+    assert write() == compiled
+    read(compiled)
+
+
+def test_short_messages_need_no_compiled_code() -> None:
+    code = """
+import sys
+from cdff_common.codecs import decode, encode
+from cdff_common.types import RigidBodyState, TransformWithCovariance
+for value in (TransformWithCovariance(), RigidBodyState()):
+    for codec in ("uper", "msgpack", "xer"):
+        assert decode(value.ASN1_NAME, encode(value, codec), codec) == value
+print("numba" in sys.modules)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
 def test_nan_loses_its_sign_and_payload_only() -> None:
     nan = np.array([0xFFF8DEADBEEF0000], dtype=np.uint64).view(np.float64)
     value = types.DoubleSequence(nan)
@@ -66,10 +111,10 @@ def test_fragments_agree_with_asn1tools(size: int) -> None:
     )
     data = encode(cloud)
     assert decode("Pointcloud", data) == cloud
-    bits = types.Asn1Bitstream("Pointcloud", 0, (np.arange(size) % 251).astype(np.uint8))
-    ours = encode(bits)
-    assert ours == reference.encode(bits, "uper")
-    assert decode("Asn1Bitstream", ours) == bits
+    bitstream = types.Asn1Bitstream("Pointcloud", 0, (np.arange(size) % 251).astype(np.uint8))
+    ours = encode(bitstream)
+    assert ours == reference.encode(bitstream, "uper")
+    assert decode("Asn1Bitstream", ours) == bitstream
     if size <= 16385:
         assert data == reference.encode(cloud, "uper")
 
@@ -146,8 +191,8 @@ def test_denormals_are_rounded_once() -> None:
 
 def test_a_small_message_that_claims_much_is_refused_before_allocating() -> None:
     bitstream = BitWriter()
-    for value, bits in ((0, 9), (0, 32), (0xC4, 8), (0, 64)):
-        bitstream.put(value, bits)
+    for value, width in ((0, 9), (0, 32), (0xC4, 8), (0, 64)):
+        bitstream.put(value, width)
     claims = {
         "PointSequence": b"\xc4" + bytes(19),
         "Asn1Bitstream": bitstream.to_bytes(),
