@@ -20,7 +20,7 @@ from dpm_store.blobs import CHUNK_BYTES, BlobFiles, check_chunks, chunk_sums, co
 from dpm_store.database import Database
 from dpm_store.events import EventTable
 from dpm_store.poses import PoseTable
-from dpm_store.records import Insertion, ProductRecord
+from dpm_store.records import LATEST_NS, Insertion, ProductRecord
 
 #: Smaller payloads lie in the row's own database: one sync instead of three.
 INLINE_BYTES = 1 << 15
@@ -257,6 +257,8 @@ def _checked(header: Header, payload: bytes, names: dict[str, str], type_name: s
         raise InputError(f"codec {codec[:80]!r}: expected one of {', '.join(_CODECS)}")
     if len(payload) > MAX_PAYLOAD_BYTES:
         raise InputError(f"payload of {len(payload)} bytes: expected at most {MAX_PAYLOAD_BYTES}")
+    if max(abs(header.t0_ns), abs(header.t1_ns)) > LATEST_NS or not 0 <= header.seq <= LATEST_NS:
+        raise InputError(f"capture {header.t0_ns}..{header.t1_ns}, seq {header.seq}: out of range")
     box = header.box_m
     if box is not None and (not all(math.isfinite(v) for v in box) or any(box[i] > box[i + 3] for i in range(3))):
         raise InputError(f"box_m={box}: expected finite metres, each minimum at or below its maximum")

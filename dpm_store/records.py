@@ -16,6 +16,8 @@ from cdff_common.geometry.region import Region
 from cdff_common.interfaces.product import Header
 
 MAX_LIMIT = 1000
+#: Times beyond this are refused: a 64-bit column must hold them and their differences.
+LATEST_NS = 1 << 62
 _CURSOR = struct.Struct(">cqq")
 
 

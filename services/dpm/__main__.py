@@ -9,6 +9,7 @@ import threading
 from collections.abc import Sequence
 
 from cdff_common.bus import Bus
+from cdff_common.errors import UnavailableError
 from cdff_common.interfaces.profile import Profile, load_profile
 from cdff_common.process import run_service
 from dpm_store import Store, open_store
@@ -26,7 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
-    """Open the store, serve HTTP at once and the bus as soon as the router is there."""
+    """Wait for the router, open the store, serve HTTP and the bus until told to stop."""
     from services.dpm.http.context import Context
     from services.dpm.http.server import HttpServer
 
@@ -34,7 +35,10 @@ def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
     for noisy in ("alembic", "uvicorn", "uvicorn.error"):
         logging.getLogger(noisy).setLevel(logging.WARNING)
     profile = load_profile(settings.profile) if settings.profile is not None else None
-    with Bus.open(settings.connect, name="dpm", wait_s=None) as bus:
+    bus = _connected(settings.connect, stop)
+    if bus is None:
+        return
+    with bus:
         clock = bus.mission_clock
         with open_store(settings.store_url, clock) as store:
             if profile is not None:
@@ -46,6 +50,7 @@ def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
                 logger.info("serving", extra=_where(settings, store))
                 _warm()
                 stop.wait()
+            bus.close()  # before the store: nothing may ask a store that is closed
 
 
 def served_robots(profile: Profile | None, store: Store) -> tuple[str, ...]:
@@ -64,6 +69,16 @@ def anchor(store: Store, profile: Profile) -> None:
             parent = graph.parent_of(frame)
             if parent is not None and frame not in known:
                 store.frames.set(frame, parent, graph.lookup(parent, frame, 0), producer=f"profile/{profile.name}")
+
+
+def _connected(connect: str | None, stop: threading.Event) -> Bus | None:
+    """The bus once the router is there; None if it is time to stop before."""
+    while not stop.is_set():
+        try:
+            return Bus.open(connect, name="dpm", wait_s=0.5)
+        except UnavailableError as error:
+            logger.info("waiting: %s", error)
+    return None
 
 
 def _warm() -> None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff dpm search|get|rm|stat``: what a running Data Product Manager holds."""
+"""``cdff dpm search|get|rm|stat|verify``: what a Data Product Manager holds, and whether it is whole."""
 
 from __future__ import annotations
 
@@ -34,6 +34,10 @@ def register(nouns: Any) -> None:
     remove.set_defaults(run=run_remove)
     stat = verbs.add_parser("stat", help="how much it holds")
     stat.set_defaults(run=run_stat)
+    verify = verbs.add_parser("verify", help="read everything in a store whose DPM is stopped, and say what is wrong")
+    verify.add_argument("--data-dir", type=Path, help="default: CDFF_DATA_DIR, ~/.local/share/cdff")
+    verify.add_argument("--json", action="store_true")
+    verify.set_defaults(run=run_verify)
     for verb in (search, get, remove, stat):
         verb.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
         verb.add_argument("--json", action="store_true")
@@ -53,7 +57,9 @@ def run_search(args: argparse.Namespace) -> int:
     for item in items:
         when = format_stamp(int(item["t1_ns"]))
         status = item["quality"]["status"]
-        print(f"{item['id']}  {item['product']:15} {item['robot']:10} {when}  {item['frame']}  {item['size']} B  {status}")
+        print(
+            f"{item['id']}  {item['product']:15} {item['robot']:10} {when}  {item['frame']}  {item['size']} B  {status}"
+        )
     if not items:
         print("nothing found")
     return 0
@@ -97,3 +103,19 @@ def _show(args: argparse.Namespace, verb: str, parameters: dict[str, str]) -> in
         body = bus.call(keys.dpm_rpc(keys.GROUND, verb), parameters).body()
     print(json.dumps(body, default=str) if args.json else json.dumps(body, indent=2, default=str))
     return 0
+
+
+def run_verify(args: argparse.Namespace) -> int:
+    """Print one line per problem; exit 1 if there is any."""
+    from dpm_store import open_store
+    from services.dpm.settings import parse_settings
+
+    given = [] if args.data_dir is None else ["--data-dir", str(args.data_dir)]
+    with open_store(parse_settings(given).store_url) as store:
+        problems, count = store.verify(), store.statistics().count
+    if args.json:
+        found = [{"where": problem.where, "what": problem.what} for problem in problems]
+        print(json.dumps({"products": count, "problems": found}))
+    else:
+        print("\n".join(f"{p.where}: {p.what}" for p in problems) or f"{count} products, all as they were written")
+    return 1 if problems else 0

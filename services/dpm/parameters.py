@@ -14,7 +14,9 @@ from cdff_common.clock import parse_stamp
 from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform, checked_frame
 from cdff_common.geometry.region import Region, parse_region
+from cdff_common.interfaces.product import Status
 from dpm_store import Query
+from dpm_store.records import LATEST_NS
 
 GROUND = "ground"
 #: Product -> ASN.1 type it is stored as; None where no type is fixed yet (contract §5).
@@ -79,15 +81,21 @@ def search_query(scope: str, parameters: Mapping[str, str]) -> Query:
     order = p.get("order", "newest")
     if order not in ("newest", "oldest"):
         raise InputError(f"order={order!r}: expected newest or oldest")
+    types = tuple(t for t in p.get("type", "").split(",") if t)
+    unknown = [t for t in types if t not in PRODUCT_TYPES]
+    if unknown:
+        raise InputError(f"type={unknown[0][:80]!r}: expected one of {', '.join(PRODUCT_TYPES)}")
+    if "status" in p and p["status"] not in list(Status):
+        raise InputError(f"status={p['status'][:80]!r}: expected one of {', '.join(Status)}")
     return Query(
-        types=tuple(t for t in p.get("type", "").split(",") if t),
+        types=types,
         robot=robot_under(scope, p),
         dfpc=p.get("dfpc"),
         port=p.get("port"),
         status=p.get("status"),
         t0_ns=stamp(p, "t0"),
         t1_ns=stamp(p, "t1"),
-        region=parse_region(p["region"]) if "region" in p else None,
+        region=region_of(p),
         frame=frame,
         child=p.get("child"),
         resolution_max_m=number(p, "resolution_max_m", low=0.0),
@@ -109,14 +117,33 @@ def window_request(scope: str, p: Mapping[str, str], now_ns: int) -> WindowReque
     if max_age_s is not None:
         newest_after = max(newest_after or 0, now_ns - int(max_age_s * 1e9))
     return WindowRequest(
-        parse_region(p["region"]) if "region" in p else None, frame, number(p, "resolution_m", low=1e-4, high=1e4),
+        region_of(p), frame, number(p, "resolution_m", low=1e-4, high=1e4),
         robot_under(scope, p), newest_after, stamp(p, "t1"), number(p, "min_coverage", low=0.0, high=1.0) or 0.0,
     )  # fmt: skip
 
 
+def region_of(parameters: Mapping[str, str]) -> Region | None:
+    """The region, or None where it is not given; raises InputError for a polygon that crosses itself."""
+    if "region" not in parameters:
+        return None
+    region = parse_region(parameters["region"])
+    if region.kind == "polygon":
+        import shapely
+
+        outline = shapely.Polygon(list(zip(region.values[0::2], region.values[1::2], strict=True)))
+        if not outline.is_valid:
+            raise InputError(f"region={region.text[:80]!r}: {shapely.is_valid_reason(outline)}")
+    return region
+
+
 def stamp(parameters: Mapping[str, str], name: str) -> int | None:
     """A time, or None where it is not given."""
-    return parse_stamp(parameters[name], name) if name in parameters else None
+    if name not in parameters:
+        return None
+    stamp_ns = parse_stamp(parameters[name], name)
+    if abs(stamp_ns) > LATEST_NS:
+        raise InputError(f"{name}={parameters[name]}: expected a time before the year 2116")
+    return stamp_ns
 
 
 def number(parameters: Mapping[str, str], name: str, *, low: float = -math.inf, high: float = math.inf) -> float | None:

@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from cdff_common.codecs import decode, encode
 from cdff_common.interfaces.product import Header
@@ -327,3 +329,32 @@ def test_every_operation_is_described(http: TestClient) -> None:
         for operation in verbs.values():
             assert operation["summary"]
             assert operation["description"]
+
+
+ODD_REGIONS = [
+    "bbox:0,0,1,1",
+    "bbox:0,0,1",
+    "polygon:0,0,1,1,1,0,0,1",
+    "circle:0,0,1e308",
+    "box:0,0,0,1e308,1e308,1e308",
+    "near:a,1",
+]
+ODD_TIMES = ["9999999999999999999", "-9223372036854775000", "1970-01-01T00:00:00Z", "0001-01-01T00:00:00+23:59"]
+PARAMETERS = [
+    "type", "robot", "region", "frame", "t0", "t1", "t", "limit", "cursor", "after", "order", "status", "format",
+    "child", "resolution_m", "resolution_max_m", "max_age_s", "min_coverage",
+]  # fmt: skip
+texts = st.one_of(
+    st.text(max_size=30), st.integers().map(str), st.floats().map(str),
+    st.sampled_from(["dem", "mana", "site", "OK", "1e400", *ODD_REGIONS, *ODD_TIMES]),
+)  # fmt: skip
+paths = st.sampled_from(["/api/v1/products", "/api/v1/poses", "/api/v1/maps/dem/window"])
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(path=paths, asked=st.dictionaries(st.sampled_from(PARAMETERS), texts, max_size=4))
+def test_no_question_makes_the_server_fail(http: TestClient, filled: Filled, path: str, asked: dict[str, str]) -> None:
+    answer = http.get(path, params=asked)
+    assert answer.status_code < 500, answer.text
+    if answer.status_code >= 400:
+        assert answer.headers["content-type"] == "application/problem+json"

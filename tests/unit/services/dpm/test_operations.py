@@ -8,7 +8,7 @@ from cdff_common.errors import CodecError, InputError, ProductNotFoundError, Una
 from cdff_common.interfaces.product import Quality, Status
 from dpm_store import Event, Insertion, Query
 from services.dpm.operations import Dpm
-from services.dpm.parameters import window_request
+from services.dpm.parameters import search_query, window_request
 
 from .conftest import S, cloud, elevation, parcel, pose
 
@@ -144,3 +144,14 @@ def test_events_of_others_are_kept_and_told(dpm: Dpm) -> None:
     dpm.unlisten(told.append)
     assert [(e.scope, e.kind) for e in dpm.store.events.since()] == [("mana", "activated")]
     assert [e.kind for e in told] == ["activated"]
+
+
+@pytest.mark.parametrize("fields", [{"t1_ns": 2**63 // 1000 * 1000}, {"t1_ns": -(2**63) // 1000 * 1000 + 1000}])
+def test_times_that_no_column_holds_are_refused(dpm: Dpm, fields: dict[str, int]) -> None:
+    with pytest.raises(InputError, match="out of range"):
+        dpm.put(*parcel(cloud(), "pointcloud", 1, **fields))
+
+
+def test_a_polygon_that_crosses_itself_is_refused() -> None:
+    with pytest.raises(InputError, match="Self-intersection"):
+        search_query("ground", {"region": "polygon:0,0,1,1,1,0,0,1"})
