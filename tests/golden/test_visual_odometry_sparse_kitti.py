@@ -16,6 +16,7 @@ from cdff_common.interfaces.dfpc import DfpcContext, Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import FramePair
+from cdff_dev.convert.kitti import PAIR, TRUTH, open_kitti
 
 pytestmark = pytest.mark.golden
 FRAME_NS = 100_000_000
@@ -25,19 +26,10 @@ RealData = Callable[[str], Path]
 
 
 def read(folder: Path) -> tuple[list[FramePair], NDArray[np.float64]]:
-    """Pairs, and the truth's left camera positions (n, 3) in the first left camera."""
-    projection = np.loadtxt(folder / "calib_kitti.txt").reshape(-1, 3, 4)
-    K, baseline_m = projection[0][:, :3], float(-projection[1][0, 3] / projection[1][0, 0])
-    lefts, rights = (sorted((folder / name).glob("*.png")) for name in ("image_l_kitti", "image_r_kitti"))
-    pairs = [
-        FramePair.from_images(
-            cv2.imread(str(left), cv2.IMREAD_GRAYSCALE),
-            cv2.imread(str(right), cv2.IMREAD_GRAYSCALE),
-            baseline_m=baseline_m, camera_matrix=K, stamp_ns=i * FRAME_NS,
-        )
-        for i, (left, right) in enumerate(zip(lefts, rights, strict=True))
-    ]  # fmt: skip
-    return pairs, np.loadtxt(folder / "poses.txt").reshape(-1, 3, 4)[:, :, 3]
+    """Pairs, and the truth's left camera positions (n, 3) in the first left camera, metres."""
+    samples = list(open_kitti(folder).samples())
+    pairs = [s.value for s in samples if s.stream == PAIR]
+    return pairs, np.stack([s.value.transform.matrix[:3, 3] for s in samples if s.stream == TRUTH])
 
 
 def run(pairs: list[FramePair], seed: int) -> list[Output]:
