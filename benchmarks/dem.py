@@ -4,8 +4,9 @@
 
 python benchmarks/dem.py [--out FILE] [--rounds N]
 
-Medians of CPU seconds (``time.process_time``), compiled and warmed up before. The stereo pair is the first of
-KITTI_sequence_1 where CDFF_DATA has it, else a random texture of its size; the report says which.
+Medians of CPU seconds (``time.process_time``), compiled and warmed up before; each part in a process of its own. The
+stereo pair is the first of KITTI_sequence_1 where CDFF_DATA has it, else a random texture of its size; the report says
+which.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ import platform
 import statistics
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -112,7 +115,7 @@ def deskewing(rounds: int) -> dict[str, Any]:
         points=rng.normal(0.0, 5.0, (n, 3)), stamps_ns=rng.integers(0, 100_001, n) * 1000, trajectory=poses
     )
     node = made("point_cloud_deskewing")
-    return {"points": n, "poses": 11, "cpu_s": cpu_s(lambda: node.process(inputs), rounds)}
+    return {"points": n, "poses": len(stamps), "cpu_s": cpu_s(lambda: node.process(inputs), rounds)}
 
 
 def stereo_pair() -> tuple[str, NDArray[np.uint8], NDArray[np.uint8]]:
@@ -213,19 +216,34 @@ def navigation(rounds: int) -> dict[str, Any]:
     }
 
 
+def with_memory(part: Callable[[int], dict[str, Any]], rounds: int) -> dict[str, Any]:
+    """A part's report, with how far it made this process grow at its largest (Linux: VmHWM, reset before)."""
+    cv2.setNumThreads(1)
+    Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+    before_mb = peak_mb()
+    report = part(rounds)
+    return {**report, "peak_growth_mb": round(peak_mb() - before_mb)}
+
+
+def peak_mb() -> float:
+    """Largest resident set since the last reset, MB."""
+    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    return int(next(line for line in lines if line.startswith("VmHWM")).split()[1]) / 1024
+
+
 def main() -> None:
     """Measure and print JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path)
     parser.add_argument("--rounds", type=int, default=7)
     args = parser.parse_args()
-    cv2.setNumThreads(1)
     report: dict[str, Any] = {
         "benchmark": "dem", "python": platform.python_version(), "machine": platform.machine(),
         "cpus": os.cpu_count(), "rounds": args.rounds,
     }  # fmt: skip
-    for part in (rasterising, deskewing, matching, sweeps, stereo_mapping, navigation):
-        report[part.__name__] = part(args.rounds)
+    with ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1) as alone:
+        for part in (rasterising, deskewing, matching, sweeps, stereo_mapping, navigation):
+            report[part.__name__] = alone.submit(with_memory, part, args.rounds).result()
     text = json.dumps(report, indent=1)
     print(text)
     if args.out:
