@@ -25,6 +25,8 @@ from cdff_dev.run.clouds import CLOUD_FORMATS, read_cloud
 
 ROBOT = "robot"
 _MAP_FRAME, _BODY_FRAME = "site", f"{ROBOT}/base"
+#: Size constraint of the ASN.1 type.
+_MOST_POINTS = 400_000
 _SENSED = ("Pointcloud", "LidarScan", "Frame", "FramePair")
 _POSES = ("TransformWithCovariance", "RigidBodyState", "Pose")
 
@@ -80,6 +82,8 @@ def _frame_of_only_sensor(poses: list[PoseValue]) -> str:
 
 
 def _is_pose_file(text: str) -> bool:
+    if Path(text).is_dir():
+        return False
     s = load(text)
     fmt = detect(s)
     if fmt == "json":
@@ -102,6 +106,8 @@ def _typed(port: Port, text: str, setting: _Setting) -> Any:
     name = port.type_name
     if name == "FramePair" and "," in text:
         return _stereo_pair(port, text.split(","), setting)
+    if Path(text).is_dir():
+        return _from_log(name, Path(text))
     s = load(text)
     fmt = detect(s)
     readers: dict[str, Callable[[Source, str, _Setting], Any]] = {
@@ -128,6 +134,11 @@ def _pointcloud(s: Source, fmt: str, setting: _Setting) -> Any:
     from cdff_common.types import Pointcloud
 
     cloud = _cloud(s, fmt, "a point cloud")
+    if len(cloud.points_m) > _MOST_POINTS:
+        raise InputError(
+            f"{s.name}: {len(cloud.points_m)} points, a Pointcloud holds at most {_MOST_POINTS}; thin it first: "
+            f"cdff run point_cloud_downsampling points={s.name} --set max_points={_MOST_POINTS // 2} --out DIR"
+        )
     intensity = cloud.intensity
     if intensity is not None:
         # The wire has whole numbers; reflectances in 0 to 1 become thousandths.

@@ -28,6 +28,7 @@ FloatArray = NDArray[np.float64]
 
 _LEAST_PAIRS = 20
 _GATE_PER_SCALE = 6.0
+_LONGEST_CYCLE = 4
 
 
 class PointToPlaneIcpConfig(DfnConfig):
@@ -79,23 +80,24 @@ class PointToPlaneIcp(Registration3DInterface):
         tree = cKDTree(target)
         normals = estimated_normals(target, tree, cfg.neighbours, inputs.target_normals)
         T = checked_transform(np.eye(4) if inputs.guess is None else inputs.guess, "guess")
-        step_m = spacing_m(tree)
-        last_gate_m = cfg.max_distance_m or cfg.gate_spacings * step_m
-        tolerance_m = cfg.tolerance_m or 1e-3 * step_m
+        spaced_m = spacing_m(tree)
+        last_gate_m = cfg.max_distance_m or cfg.gate_spacings * spaced_m
+        tolerance_m = cfg.tolerance_m or 1e-3 * spaced_m
         gate_m = self._first_gate_m(tree, se3.transform_points(T, source), last_gate_m)
-        converged, iteration = False, 0
-        while iteration < cfg.max_iterations:
-            iteration += 1
-            T, scale_m, moved_m = self._step(T, source, tree, target, normals, gate_m)
+        converged = False
+        steps: list[FloatArray] = []
+        while len(steps) < cfg.max_iterations:
+            T, scale_m, step = self._step(T, source, tree, target, normals, gate_m)
+            steps.append(step)
             at_last_gate = gate_m <= last_gate_m or gate_m <= _GATE_PER_SCALE * scale_m
-            converged = moved_m < tolerance_m and at_last_gate
+            converged = at_last_gate and _is_at_rest(steps, tolerance_m)
             if converged:
                 break
             gate_m = max(last_gate_m, _GATE_PER_SCALE * scale_m, cfg.annealing * gate_m)
         return Registration3DOutputs(
             transform=T,
             residual_scale_m=np.array(scale_m),
-            iterations=np.array(iteration),
+            iterations=np.array(len(steps)),
             converged=np.array(converged),
         )
 
@@ -110,8 +112,8 @@ class PointToPlaneIcp(Registration3DInterface):
 
     def _step(
         self, T: FloatArray, source: FloatArray, tree: cKDTree, target: FloatArray, normals: FloatArray, gate_m: float
-    ) -> tuple[FloatArray, float, float]:
-        """One Gauss-Newton step: the new transform, the residual scale, and how far points moved, metres."""
+    ) -> tuple[FloatArray, float, FloatArray]:
+        """One Gauss-Newton step: the new transform, the residual scale, and shift and turn times radius, metres."""
         moved = se3.transform_points(T, source)
         distance_m, match = tree.query(moved, distance_upper_bound=gate_m)
         paired = np.isfinite(distance_m)
@@ -137,4 +139,13 @@ class PointToPlaneIcp(Registration3DInterface):
         update = se3.transform(se3.normalise_rotation(se3.exp_so3(x[3:] / radius_m)), x[:3] + centre) @ to_centre
         T = update @ T
         T[:3, :3] = se3.normalise_rotation(T[:3, :3])
-        return T, scale_m, float(np.linalg.norm(x[:3]) + np.linalg.norm(x[3:]))
+        return T, scale_m, x
+
+
+def _is_at_rest(steps: list[FloatArray], tolerance_m: float) -> bool:
+    """Whether the last step, or the sum of the last few (a cycle of pairs), moved points too little to matter."""
+    for count in range(1, min(_LONGEST_CYCLE, len(steps)) + 1):
+        moved = np.sum(steps[-count:], axis=0)
+        if np.linalg.norm(moved[:3]) + np.linalg.norm(moved[3:]) < tolerance_m:
+            return True
+    return False
