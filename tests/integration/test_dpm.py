@@ -3,11 +3,14 @@
 """The DPM as a process behind a real router, spoken to over Zenoh and HTTP."""
 
 import json
+import os
 import signal
 import subprocess
+import sys
 import threading
+import time
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +26,7 @@ from cdff_common.interfaces.product import Header, product_id
 from cdff_common.raster import GridGeometry
 from cdff_common.types import ElevationMap, Pointcloud, TransformWithCovariance
 
-from .conftest import Eventually, Spawn, free_port
+from .conftest import ROOT, Eventually, Spawn, free_port
 
 pytestmark = pytest.mark.integration
 
@@ -106,10 +109,44 @@ class System:
 
 @pytest.fixture
 def system(spawn: Spawn, eventually: Eventually, endpoint: str, tmp_path: Path) -> Iterator[System]:
-    """A running system."""
+    """A system of one's own, to be broken."""
     made = System(spawn, eventually, endpoint, tmp_path)
     with made.bus:
         yield made
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
+    """A system for all tests that leave it running."""
+    directory, endpoint = tmp_path_factory.mktemp("shared"), f"tcp/127.0.0.1:{free_port()}"
+    environment = {
+        **os.environ,
+        "CDFF_CONNECT": endpoint,
+        "CDFF_LISTEN": endpoint,
+        "CDFF_DATA_DIR": str(directory / "data"),
+    }
+    processes: list[subprocess.Popen[bytes]] = []
+
+    def spawn(module: str, *arguments: str) -> subprocess.Popen[bytes]:
+        processes.append(
+            subprocess.Popen([sys.executable, "-m", module, *arguments], env={**os.environ, **own}, cwd=ROOT)
+        )
+        return processes[-1]
+
+    def eventually(condition: Callable[[], object], timeout_s: float, what: str) -> None:
+        deadline_s = time.monotonic() + timeout_s
+        while not condition():
+            assert time.monotonic() < deadline_s, f"{what} did not hold within {timeout_s:g} s"
+            time.sleep(0.02)
+
+    try:
+        made = System(spawn, eventually, endpoint, directory)
+        with made.bus:
+            yield made
+    finally:
+        for process in processes[::-1]:
+            process.terminate()
+            process.wait(10)
 
 
 def cloud(n: int = 500) -> Pointcloud:
@@ -124,78 +161,79 @@ def patch(x0: float) -> ElevationMap:
 
 
 @pytest.mark.req("CDFF-SUP-030", "CDFF-SUP-031", "CDFF-SUP-034")
-def test_a_product_travels_in_and_out_by_every_way(system: System, eventually: Eventually) -> None:
+def test_a_product_travels_in_and_out_by_every_way(shared: System, eventually: Eventually) -> None:
     told: list[Message] = []
-    system.bus.subscribe(keys.event("*", "inserted"), told.append)
-    product = system.put(cloud(), "pointcloud", 1)
-    again = system.put(cloud(), "pointcloud", 1, scope="ground")
+    shared.bus.subscribe(keys.event("*", "inserted"), told.append)
+    product = shared.put(cloud(), "pointcloud", 1)
+    again = shared.put(cloud(), "pointcloud", 1, scope="ground")
     assert again == product
     eventually(lambda: [m.key for m in told] == [keys.event("mana", "inserted")], what="one event")
 
     for scope in ("mana", "ground"):
-        (item,) = system.call("search", scope, type="pointcloud", region="circle:0,0,5").body()["items"]
+        (item,) = shared.call("search", scope, type="pointcloud", region="circle:0,0,5").body()["items"]
         assert item["id"] == product
-    assert system.call("search", "minnie").body()["items"][0]["id"] == product  # answers do not depend on the scope
-    reply = system.call("get", id=product)
+    assert shared.call("search", "minnie").body()["items"][0]["id"] == product  # answers do not depend on the scope
+    reply = shared.call("get", id=product)
     assert reply.encoding == "application/vnd.cdff+uper;Pointcloud/1"
     assert Header.from_dict(reply.attachment).id == product
     assert decode("Pointcloud", reply.payload, "uper").points_m.shape == (500, 3)
-    assert system.call("get", id=product, format="ply").payload.startswith(b"ply")
+    assert shared.call("get", id=product, format="ply").payload.startswith(b"ply")
 
     pulled = b""
     while True:
-        part = system.bus.call(keys.dpm_product("mana", product), {"offset": len(pulled), "len": 4000})
+        part = shared.bus.call(keys.dpm_product("mana", product), {"offset": len(pulled), "len": 4000})
         pulled += part.payload
         if len(pulled) == part.attachment["size"]:
             break
     assert pulled == reply.payload
 
-    assert system.get(f"/api/v1/products/{product}")["robot"] == "mana"
-    assert system.call("delete", id=product).body()["deleted"] is True
+    assert shared.get(f"/api/v1/products/{product}")["robot"] == "mana"
+    assert shared.call("delete", id=product).body()["deleted"] is True
     with pytest.raises(ProductNotFoundError):
-        system.call("get", id=product)
+        shared.call("get", id=product)
 
 
 @pytest.mark.req("CDFF-SUP-033", "CDFF-SUP-035")
-def test_maps_and_poses_of_two_robots_are_answered_together(system: System) -> None:
-    system.put(patch(0.0), "dem", 1, resolution_m=0.1)
-    system.put(patch(1.0), "dem", 2, robot="minnie", resolution_m=0.1)
-    reply = system.call("get", type="dem", robot="any", region="bbox:0,0,3,2", resolution_m=0.2)
+def test_maps_and_poses_of_two_robots_are_answered_together(shared: System) -> None:
+    shared.put(patch(0.0), "dem", 1, resolution_m=0.1)
+    shared.put(patch(1.0), "dem", 2, robot="minnie", resolution_m=0.1)
+    reply = shared.call("get", type="dem", robot="any", region="bbox:0,0,3,2", resolution_m=0.2)
     assert reply.attachment["coverage"] == pytest.approx(1.0)
     assert reply.attachment["robots"] == ["mana", "minnie"]
     window = decode("ElevationMap", reply.payload, "uper")
     assert (window.geometry.rows, window.geometry.cols) == (10, 15)
-    by_reference = system.call("get", type="dem", region="bbox:0,0,3,2", deliver="reference")
+    by_reference = shared.call("get", type="dem", region="bbox:0,0,3,2", deliver="reference")
     assert by_reference.attachment["kind"] == "reference"
-    stored = system.call("get", id=by_reference.body()["id"])
+    stored = shared.call("get", id=by_reference.body()["id"])
     assert decode("ElevationMap", stored.payload, "uper").layer("count").max() == 2
 
     for second in (0, 2):
         T = UncertainTransform(se3.transform(np.eye(3), [second, 0, 0]), np.eye(6) * 0.01)
         value = TransformWithCovariance.from_transform(T, parent="site", child="mana/base", stamp_ns=second * S)
-        system.put(value, "pose", second, t1_ns=second * S, child="mana/base")
-    pose = system.call("pose", t=S, parent="site", child="mana/lidar", robot="mana").body()
+        shared.put(value, "pose", second, t1_ns=second * S, child="mana/base")
+    pose = shared.call("pose", t=S, parent="site", child="mana/lidar", robot="mana").body()
     assert [row[3] for row in pose["T"]] == pytest.approx([1.0, 0.0, 2.0, 1.0])
     assert np.array(pose["covariance"]).shape == (6, 6)
 
 
-def test_malformed_calls_are_answered_with_the_reason(system: System) -> None:
+def test_malformed_calls_are_answered_with_the_reason(shared: System) -> None:
+    before = shared.call("stat").body()["products"]
     for verb, parameters, error in (
         ("search", {"nonsense": "1"}, InputError),
         ("search", {"region": "blob:1"}, InputError),
         ("get", {}, InputError),
         ("get", {"id": "nope"}, ProductNotFoundError),
-        ("get", {"type": "dem"}, ProductNotFoundError),
+        ("get", {"type": "dem", "region": "bbox:900,900,901,901"}, ProductNotFoundError),
         ("put", {"dfpc": "a"}, InputError),
         ("delete", {}, InputError),
         ("frames", {"frame": "nowhere"}, ProductNotFoundError),
         ("pose", {"t": "soon", "robot": "mana"}, InputError),
     ):
         with pytest.raises(error):
-            system.call(verb, **parameters)
+            shared.call(verb, **parameters)
     with pytest.raises(InputError, match="ask there"):
-        system.call("search", scope="mana", robot="minnie")
-    assert system.call("stat").body()["products"] == 0
+        shared.call("search", scope="mana", robot="minnie")
+    assert shared.call("stat").body()["products"] == before
 
 
 @pytest.mark.req("CDFF-SUP-032")
@@ -223,43 +261,44 @@ def test_what_was_acknowledged_before_the_dpm_is_killed_is_there_afterwards(syst
     assert system.call("stat").body()["products"] in (len(acknowledged), len(acknowledged) + 1)
 
 
-def test_events_stream_over_http(system: System) -> None:
-    request = urllib.request.Request(system.http + "/api/v1/events")
+def test_events_stream_over_http(shared: System) -> None:
+    request = urllib.request.Request(shared.http + "/api/v1/events")
     with urllib.request.urlopen(request, timeout=20) as stream:
         assert stream.readline() == b": connected\n"
-        product = system.put(cloud(), "pointcloud", 1)
+        product = shared.put(cloud(), "pointcloud", 7)
         lines = [stream.readline().decode() for _ in range(4)]
     assert "event: inserted\n" in lines
     assert any(product in line for line in lines)
     with urllib.request.urlopen(
         urllib.request.Request(request.full_url, headers={"Last-Event-ID": "0"}), timeout=20
     ) as stream:
-        assert any(product in stream.readline().decode() for _ in range(6))
+        assert any(product in line.decode() for line in stream)
 
 
-def test_requests_are_passed_on_to_the_orchestrator(system: System) -> None:
+def test_requests_are_passed_on_to_the_orchestrator(shared: System) -> None:
     asked: list[dict[str, str]] = []
 
     def jobs(request: Any) -> Reply:
         asked.append(dict(request.parameters))
         return Reply.of({"jobs": [{"job": "1", "state": "DONE", "accepted_ns": 5}]})
 
-    system.bus.serve(keys.orchestrator_rpc("ground", "jobs"), jobs)
-    assert system.get("/api/v1/requests")["jobs"] == [{"job": "1", "state": "DONE", "accepted_ns": "5"}]
-    system.get("/api/v1/requests/1")
+    shared.bus.serve(keys.orchestrator_rpc("ground", "jobs"), jobs)
+    assert shared.get("/api/v1/requests")["jobs"] == [{"job": "1", "state": "DONE", "accepted_ns": "5"}]
+    shared.get("/api/v1/requests/1")
     assert asked[-1]["job"] == "1"
 
 
-def test_what_dfpcs_say_of_themselves_is_shown(system: System, eventually: Eventually) -> None:
-    system.bus.publish_latched(keys.dfpc_status("mana", "mapper"), {"name": "mapper", "state": "active"})
-    system.bus.declare_alive("mana", "mapper")
-    system.bus.publish_map(keys.event("mana", "alarm"), {"detail": "too steep"})
+def test_what_dfpcs_say_of_themselves_is_shown(shared: System, eventually: Eventually) -> None:
+    before = shared.call("stat").body()["events"]
+    shared.bus.publish_latched(keys.dfpc_status("mana", "mapper"), {"name": "mapper", "state": "active"})
+    shared.bus.declare_alive("mana", "mapper")
+    shared.bus.publish_map(keys.event("mana", "alarm"), {"detail": "too steep"})
 
     def mana() -> dict[str, Any]:
-        return next(robot for robot in system.get("/api/v1/robots")["items"] if robot["id"] == "mana")
+        return next(robot for robot in shared.get("/api/v1/robots")["items"] if robot["id"] == "mana")
 
     eventually(lambda: mana()["dfpcs"] == [{"name": "mapper", "state": "active", "alive": True}], what="the status")
-    eventually(lambda: system.call("stat").body()["events"] == 1, what="the alarm in the history")
+    eventually(lambda: shared.call("stat").body()["events"] == before + 1, what="the alarm in the history")
 
 
 def test_it_starts_light_and_ends_at_once(system: System) -> None:

@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 
 import pytest
+
 from dpm_store.products import INLINE_BYTES
 from services.dpm.commands import register
 from services.dpm.operations import Dpm

@@ -1,0 +1,38 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+from pathlib import Path
+
+import pytest
+
+from cdff_common.errors import ConfigurationError
+from services.dpm.http.guard import read_keys
+from services.dpm.settings import parse_settings
+
+
+def test_arguments_come_before_the_environment(tmp_path: Path) -> None:
+    environment = {"CDFF_DATA_DIR": "/somewhere", "CDFF_HTTP": "127.0.0.1:9"}
+    settings = parse_settings(["--data-dir", str(tmp_path)], environment)
+    assert (settings.data_dir, settings.host, settings.port) == (tmp_path, "127.0.0.1", 9)
+    assert settings.on_loopback
+
+
+@pytest.mark.parametrize("address", ["0.0.0.0:8080", "192.0.2.1:80", "[::]:80", "some.host:80"])
+def test_off_loopback_a_file_of_keys_is_needed(address: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="key"):
+        parse_settings(["--http", address], {})
+    assert not parse_settings(["--http", address, "--keys", str(tmp_path / "keys")], {}).on_loopback
+    parse_settings(["--http", address], {"CDFF_HTTP_PUBLISHED_ON_LOOPBACK": "1"})
+
+
+@pytest.mark.parametrize("address", ["8080", "localhost", ":8080", "localhost:x", "localhost:70000"])
+def test_an_address_is_host_and_port(address: str) -> None:
+    with pytest.raises(ConfigurationError, match="host:port"):
+        parse_settings(["--http", address], {})
+
+
+@pytest.mark.parametrize("line", ["abc reader anna", f"{'0' * 64} king anna", "0" * 64])
+def test_malformed_keys_are_refused_with_their_line(line: str, tmp_path: Path) -> None:
+    path = tmp_path / "keys"
+    path.write_text(f"# comment\n{line}\n")
+    with pytest.raises(ConfigurationError, match=":2:"):
+        read_keys(path)
