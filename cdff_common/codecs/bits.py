@@ -29,7 +29,9 @@ _TINY_OCTETS = 64
 def _kernels(is_short: bool) -> ModuleType | None:
     """The compiled loops; None where they are neither loaded nor worth it."""
     if is_short:
-        return sys.modules.get(_KERNELS)
+        module = sys.modules.get(_KERNELS)
+        # Another thread may be in the middle of loading them.
+        return None if module is None or getattr(module.__spec__, "_initializing", False) else module
     from cdff_common.codecs import _kernels as kernels
 
     return kernels
