@@ -17,7 +17,6 @@ from cdff_common.asn1 import asn1_files
 from cdff_common.codecs.schema import (
     Alias,
     Array,
-    Boolean,
     Choice,
     Enumeration,
     Field,
@@ -25,11 +24,11 @@ from cdff_common.codecs.schema import (
     ListOf,
     Node,
     Octets,
-    Real,
     Struct,
     Text,
 )
 from cdff_dev.generate.asn1_model import ModelReader, TypeModel
+from cdff_dev.generate.type_expressions import annotation, check, default, documented_type, member, sentence
 
 #: Fields that are the time of a message.
 _STAMPS = ("timestamp", "time_stamp", "ref_time")
@@ -64,156 +63,24 @@ def _extensions(family: str) -> set[str]:
     return {n.name for n in ast.parse(path.read_text(encoding="utf-8")).body if isinstance(n, ast.ClassDef)}
 
 
-def _int_dtype(node: Integer) -> str:
-    for bits in (8, 16, 32, 64):
-        if node.low >= 0 and node.high < 1 << bits:
-            return f"uint{bits}"
-        if -(1 << (bits - 1)) <= node.low and node.high < 1 << (bits - 1):
-            return f"int{bits}"
-    raise ValueError(f"INTEGER {node.low}..{node.high} does not fit 64 bits")
-
-
-def _dtype(node: Array | Octets) -> str:
-    if isinstance(node, Octets):
-        kinds = {"u": "uint", "i": "int", "f": "float"}
-        return f"{kinds[node.dtype[1]]}{8 * int(node.dtype[2:])}"
-    if isinstance(node.element, Integer):
-        return _int_dtype(node.element)
-    return "float64" if isinstance(node.element, Real) else "bool_"
-
-
-def _annotation(node: Node) -> str:
-    match node:
-        case Real():
-            return "float"
-        case Integer():
-            return "int"
-        case Boolean():
-            return "bool"
-        case Text():
-            return "str"
-        case Array() | Octets():
-            return f"NDArray[np.{_dtype(node)}]"
-        case ListOf():
-            return f"tuple[{_annotation(node.element)}, ...]"
-        case Struct() | Enumeration() | Choice():
-            return node.class_name
-
-
-def _check(node: Node, value: str, where: str) -> str:
-    """Expression that checks ``value``; ``where`` is the source text of its place."""
-    match node:
-        case Real():
-            return f"check.real({value}, {where})"
-        case Integer():
-            return f"check.integer({value}, {where}, {node.low}, {node.high})"
-        case Boolean():
-            return f"check.boolean({value}, {where})"
-        case Text():
-            return f"check.text({value}, {where}, {node.high})"
-        case Octets(dtype="|u1"):
-            return f"check.octets({value}, {where}, {node.high})"
-        case Octets():
-            return f'check.typed_octets({value}, {where}, {node.high}, "{node.dtype}", {node.columns})'
-        case Array(element=Integer()):
-            element = node.element
-            assert isinstance(element, Integer)
-            bounds = f"{node.dims}, {element.low}, {element.high}"
-            return f'check.integer_array({value}, {where}, {bounds}, "{_dtype(node)}")'
-        case Array():
-            kind = "real" if isinstance(node.element, Real) else "boolean"
-            return f"check.{kind}_array({value}, {where}, {node.dims})"
-        case ListOf():
-            inner = _check(node.element, "v", "w")
-            return f"check.items({value}, {where}, {node.low}, {node.high}, lambda v, w: {inner})"
-        case Enumeration():
-            return f"check.enumeration({value}, {where}, {node.class_name})"
-        case Struct() | Choice():
-            return f"check.instance({value}, {where}, {node.class_name})"
-
-
-def _default(node: Node, name: str, type_name: str, version: int) -> str:
-    """Source of a field's default: neutral, identity for rotations, NaN for what is unknown until it is said."""
-    value = _neutral(node)
-    if isinstance(node, Integer):
-        value = {"usecPerSec": "1000000", "msgVersion": str(version)}.get(name, value)
-    if type_name in ("Quaterniond", "Orientation"):
-        value = "np.array([0.0, 0.0, 0.0, 1.0])"
-    elif isinstance(node, Array) and name.startswith("cov"):
-        value = f"np.full({tuple(low for low, _ in node.dims)}, np.nan)"
-    if isinstance(node, Struct | Choice):
-        return f"field(default_factory={node.class_name})"
-    mutable = "(" in value.removeprefix("()")
-    return f"field(default_factory=lambda: {value})" if mutable else value
-
-
-def _neutral(node: Node) -> str:
-    """Expression of the smallest value of a node: zeros, empty text, as few elements as it may have."""
-    match node:
-        case Real():
-            return "0.0"
-        case Integer():
-            return str(min(max(0, node.low), node.high))
-        case Boolean():
-            return "False"
-        case Text():
-            return '""'
-        case Enumeration():
-            return f"{node.class_name}.{_member(node.members[0][0])}"
-        case Struct() | Choice():
-            return f"{node.class_name}()"
-        case Octets():
-            return f"np.zeros({(0, node.columns) if node.columns else 0}, np.{_dtype(node)})"
-        case Array():
-            return f"np.zeros({tuple(low for low, _ in node.dims)}, np.{_dtype(node)})"
-        case ListOf(low=0):
-            return "()"
-        case ListOf():
-            return f"({_neutral(node.element)},) * {node.low}"
-
-
-def _member(name: str) -> str:
-    return name.replace("-", "_").upper()
-
-
-def _doc_type(node: Node) -> str:
-    """Type of a field as a docstring says it, with shape or range."""
-    match node:
-        case Array():
-            shape = ", ".join(str(a) if a == b else f"{a}..{b}" for a, b in node.dims)
-            return f"{_annotation(node)}, shape ({shape}{',' if len(node.dims) == 1 else ''})"
-        case Octets():
-            return f"{_annotation(node)}, shape (n,{f' {node.columns}' if node.columns else ''})"
-        case Integer():
-            return f"int, {node.low}..{node.high}"
-        case Text():
-            return f"str, at most {node.high} octets"
-        case _:
-            return _annotation(node)
-
-
 def _docstring(model: TypeModel, fields: tuple[Field, ...]) -> list[str]:
     article = "an" if model.name[0] in "AEIOU" else "a"
     summary = model.comment or f"What {article} ``{model.name}`` of the ASN.1 modules holds."
-    text = textwrap.wrap(f'"""{_sentence(summary)}', 114)
+    text = textwrap.wrap(f'"""{sentence(summary)}', 114)
     lines = [*(f"    {line}" for line in text), "", "    Attributes", "    ----------"]
     for f in fields:
-        lines.append(f"    {f.attribute} : {_doc_type(f.node)}")
+        lines.append(f"    {f.attribute} : {documented_type(f.node)}")
         if f.name in model.field_comments:
-            lines.append(f"        {_sentence(model.field_comments[f.name])}")
+            lines.append(f"        {sentence(model.field_comments[f.name])}")
     return [*lines, '    """']
-
-
-def _sentence(text: str) -> str:
-    return text if text.endswith((".", "?", "!")) else f"{text}."
 
 
 def _class_source(model: TypeModel, extensions: set[str]) -> list[str]:
     node = model.node
     if isinstance(node, Enumeration):
-        summary = _sentence(model.comment or f"``{model.name}``")
+        summary = sentence(model.comment or f"``{model.name}``")
         lines = [f"class {node.class_name}(IntEnum):", f'    """{summary}"""', ""]
-        return lines + [f"    {_member(name)} = {value}" for name, value in node.members]
+        return lines + [f"    {member(name)} = {value}" for name, value in node.members]
     if isinstance(node, Choice):
         return _choice_source(model, node)
     if isinstance(node, Alias):
@@ -225,12 +92,12 @@ def _class_source(model: TypeModel, extensions: set[str]) -> list[str]:
     lines = ["@dataclass(frozen=True, slots=True, eq=False, repr=False)", f"class {node.class_name}({base}):"]
     lines += [*_docstring(model, fields), "", f'    ASN1_NAME: ClassVar[str] = "{model.name}"']
     for f in fields:
-        default = _default(f.node, f.name, model.field_types[f.name], model.version)
-        lines.append(f"    {f.attribute}: {_annotation(f.node)} = {default}")
+        initial = default(f.node, f.name, model.field_types[f.name], model.version)
+        lines.append(f"    {f.attribute}: {annotation(f.node)} = {initial}")
     lines += ["", "    def __post_init__(self) -> None:", "        put = object.__setattr__"]
     for f in fields:
         where = f'"{node.class_name}.{f.attribute}"'
-        lines.append(f'        put(self, "{f.attribute}", {_check(f.node, f"self.{f.attribute}", where)})')
+        lines.append(f'        put(self, "{f.attribute}", {check(f.node, f"self.{f.attribute}", where)})')
     if base != "Message":
         return [*lines, "        self._check_together()"]
     stamp = _stamp(fields)
@@ -243,7 +110,7 @@ def _class_source(model: TypeModel, extensions: set[str]) -> list[str]:
 def _stamp(fields: tuple[Field, ...]) -> str:
     """Path of attributes to the time of a message, in its own fields or those of its metadata; empty where none."""
     for f in fields:
-        if f.attribute in _STAMPS and _annotation(f.node) == "Time":
+        if f.attribute in _STAMPS and annotation(f.node) == "Time":
             return f.attribute
         if f.attribute == "metadata" and isinstance(f.node, Struct) and (inner := _stamp(f.node.fields)):
             return f"metadata.{inner}"
@@ -252,12 +119,12 @@ def _stamp(fields: tuple[Field, ...]) -> str:
 
 def _choice_source(model: TypeModel, node: Choice) -> list[str]:
     kinds = ", ".join(f'"{f.attribute}"' for f in node.alternatives)
-    union = " | ".join(_annotation(f.node) for f in node.alternatives)
+    union = " | ".join(annotation(f.node) for f in node.alternatives)
     first = node.alternatives[0]
     lines = [
         "@dataclass(frozen=True, slots=True, eq=False, repr=False)",
         f"class {node.class_name}(Message):",
-        f'    """{_sentence(model.comment)}',
+        f'    """{sentence(model.comment)}',
         "",
         "    Attributes",
         "    ----------",
@@ -268,7 +135,7 @@ def _choice_source(model: TypeModel, node: Choice) -> list[str]:
         "",
         f'    ASN1_NAME: ClassVar[str] = "{model.name}"',
         f'    kind: str = "{first.attribute}"',
-        f"    value: {union} = {_default(first.node, first.name, '', 0)}",
+        f"    value: {union} = {default(first.node, first.name, '', 0)}",
         "",
         "    def __post_init__(self) -> None:",
         "        put = object.__setattr__",
@@ -277,7 +144,7 @@ def _choice_source(model: TypeModel, node: Choice) -> list[str]:
         where = f'"{node.class_name}.{f.attribute}"'
         lines += [
             f'        {"if" if i == 0 else "elif"} self.kind == "{f.attribute}":',
-            f'            put(self, "value", {_check(f.node, "self.value", where)})',
+            f'            put(self, "value", {check(f.node, "self.value", where)})',
         ]
     return [
         *lines,
