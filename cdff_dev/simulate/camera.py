@@ -81,7 +81,10 @@ class StereoCamera:
 
         rays = np.empty((len(self._rays), 6), dtype=np.float32)
         rays[:, :3] = T_site_camera[:3, 3]
-        rays[:, 3:] = self._rays @ T_site_camera[:3, :3].T
+        # Sums instead of a matrix product: BLAS would start its threads in each worker.
+        x, y = self._rays[:, 0], self._rays[:, 1]
+        for axis, (rx, ry, rz) in enumerate(T_site_camera[:3, :3]):
+            rays[:, 3 + axis] = rx * x + ry * y + rz
         answer = self._scene.cast_rays(o3d.core.Tensor(rays), nthreads=1)
         return answer, rays[:, 3:], T_site_camera[:3, 3].astype(np.float32)
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated
 
@@ -228,7 +229,7 @@ class Scenario(StrictModel):
         """Mission time at the start, nanoseconds."""
         return parse_stamp(self.epoch, "epoch")
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """First 16 hex digits of the SHA-256 of everything in the scenario."""
         text = json.dumps(self.model_dump(mode="json"), sort_keys=True)

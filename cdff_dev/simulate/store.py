@@ -83,17 +83,18 @@ def describe(scenario: Scenario, starts: dict[str, FloatArray]) -> dict[str, Any
 def make_log(scenario: Scenario, target: Path, workers: int, progress: Any = None) -> None:
     """Simulate into the folder ``target``, which appears whole or not at all."""
     from cdff_dev.logs import LogWriter
-    from cdff_dev.simulate.traverse import simulate, start_pose
-    from cdff_dev.simulate.world import make_world
+    from cdff_dev.simulate.traverse import levelled, simulate
 
     target.parent.mkdir(parents=True, exist_ok=True)
     part = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
     try:
-        world = make_world(scenario)
+        starts: dict[str, FloatArray] = {}
         with LogWriter(part) as writer:
-            for entry, value in simulate(scenario, workers, progress, world):
+            for entry, value in simulate(scenario, workers, progress):
                 writer.write(entry.stream, value, entry.stamp_ns, entry.header)
-        starts = {robot: start_pose(world, robot) for robot in scenario.robots}
+                robot = entry.stream.split("/")[1]
+                if entry.stream.endswith("/truth.pose") and robot not in starts:
+                    starts[robot] = levelled(value.transform.matrix)
         (part / SIDECAR).write_text(json.dumps(describe(scenario, starts), indent=1) + "\n", encoding="utf-8")
         part.chmod(0o755)
         if target.exists():

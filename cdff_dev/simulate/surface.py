@@ -67,45 +67,54 @@ class Texture:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]  # numba carries no types
-def _trilinear(texels, sizes, texel_m, origin_m, wraps, x, y, footprint_m, out):  # type: ignore[no-untyped-def]
+def _bilinear(texels, offset, n, texel_m, origin_m, wraps, x_m, y_m):  # type: ignore[no-untyped-def]
+    u = (x_m - origin_m) / texel_m - 0.5
+    v = (y_m - origin_m) / texel_m - 0.5
+    u0 = math.floor(u)
+    v0 = math.floor(v)
+    fu = u - u0
+    fv = v - v0
+    if wraps:
+        a, b, c, d = u0 % n, (u0 + 1) % n, v0 % n, (v0 + 1) % n
+    else:
+        a, b = min(max(u0, 0), n - 1), min(max(u0 + 1, 0), n - 1)
+        c, d = min(max(v0, 0), n - 1), min(max(v0 + 1, 0), n - 1)
+    upper = texels[offset + c * n + a] * (1.0 - fu) + texels[offset + c * n + b] * fu
+    lower = texels[offset + d * n + a] * (1.0 - fu) + texels[offset + d * n + b] * fu
+    return upper * (1.0 - fv) + lower * fv
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]  # numba carries no types
+def _trilinear(texels, sizes, offsets, texel_m, origin_m, wraps, x, y, footprint_m, out):  # type: ignore[no-untyped-def]
+    last = sizes.size - 1
     for k in range(x.size):
-        lod = math.log2(max(footprint_m[k] / texel_m, 1.0))
-        lod = min(lod, sizes.size - 1.0)
-        level = int(lod)
-        blend = lod - level
-        total = 0.0
-        for side in range(2):
-            weight = 1.0 - blend if side == 0 else blend
-            if weight <= 0.0:
-                continue
-            i = level + side
-            offset = 0
-            for before in range(i):
-                offset += sizes[before] * sizes[before]
-            n = sizes[i]
-            scale = 1.0 / (texel_m * (1 << i))
-            u = (x[k] - origin_m) * scale - 0.5
-            v = (y[k] - origin_m) * scale - 0.5
-            u0 = math.floor(u)
-            v0 = math.floor(v)
-            fu = u - u0
-            fv = v - v0
-            if wraps:
-                a, b, c, d = u0 % n, (u0 + 1) % n, v0 % n, (v0 + 1) % n
-            else:
-                a, b = min(max(u0, 0), n - 1), min(max(u0 + 1, 0), n - 1)
-                c, d = min(max(v0, 0), n - 1), min(max(v0 + 1, 0), n - 1)
-            upper = texels[offset + c * n + a] * (1.0 - fu) + texels[offset + c * n + b] * fu
-            lower = texels[offset + d * n + a] * (1.0 - fu) + texels[offset + d * n + b] * fu
-            total += weight * (upper * (1.0 - fv) + lower * fv)
-        out[k] = total
+        if footprint_m[k] <= texel_m:
+            out[k] = _bilinear(texels, 0, sizes[0], texel_m, origin_m, wraps, x[k], y[k])
+            continue
+        lod = min(math.log2(footprint_m[k] / texel_m), float(last))
+        i = min(int(lod), max(last - 1, 0))
+        j = min(i + 1, last)
+        blend = lod - i
+        fine = _bilinear(texels, offsets[i], sizes[i], texel_m * (1 << i), origin_m, wraps, x[k], y[k])
+        coarse = _bilinear(texels, offsets[j], sizes[j], texel_m * (1 << j), origin_m, wraps, x[k], y[k])
+        out[k] = fine * (1.0 - blend) + coarse * blend
 
 
 def sample(texture: Texture, x_m: Float32Array, y_m: Float32Array, footprint_m: Float32Array) -> Float32Array:
-    """Values ``(n,)`` at points, blended over the mipmap level that fits a pixel's footprint on the ground."""
+    """Values ``(n,)`` at points, blended over the mipmap levels that fit a pixel's footprint on the ground."""
     out = np.empty(x_m.size, dtype=np.float32)
+    offsets = np.concatenate([[0], np.cumsum(texture.sizes**2)])
     _trilinear(
-        texture.texels, texture.sizes, texture.texel_m, texture.origin_m, texture.wraps, x_m, y_m, footprint_m, out
+        texture.texels,
+        texture.sizes,
+        offsets,
+        texture.texel_m,
+        texture.origin_m,
+        texture.wraps,
+        x_m,
+        y_m,
+        footprint_m,
+        out,
     )
     return out
 

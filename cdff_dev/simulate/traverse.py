@@ -5,9 +5,13 @@
 from __future__ import annotations
 
 import multiprocessing
+import pickle
+import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -50,9 +54,8 @@ def sample_times_us(rate_hz: float, duration_s: float) -> np.ndarray:
     return np.round(np.arange(int(duration_s * rate_hz + 1e-6) + 1) / rate_hz * 1e6).astype(np.int64)
 
 
-def start_pose(world: World, robot: str) -> FloatArray:
-    """``T_site_odom``, shape (4, 4): the base at the epoch, levelled, its heading kept."""
-    T = world.motions[robot].poses(np.zeros(1))[0]
+def levelled(T: FloatArray) -> FloatArray:
+    """``T_site_odom``, shape (4, 4), of the ``T_site_base`` at the epoch: its place and heading without its tilt."""
     heading = np.arctan2(T[1, 0], T[0, 0])
     return se3.transform(se3.exp_so3([0.0, 0.0, heading]), T[:3, 3])
 
@@ -79,16 +82,20 @@ class _Renderer:
         return scan(scenario.lidar, self._scene, motion, t0_s, rng)
 
 
-#: A worker process's own renderer, set once when it starts.
-_HELD: list[_Renderer] = []
+#: A worker process's own renderer, by the file its world came in.
+_HELD: dict[str, _Renderer] = {}
 
 
-def _start_worker(world: World) -> None:
-    _HELD[:] = [_Renderer(world)]
+def _warm_up() -> None:
+    """Load what a worker needs while the world is still being made."""
+    import open3d  # noqa: F401  # loading it is the purpose
 
 
-def _work(job: tuple[str, str, int]) -> Any:
-    return _HELD[0].render(job)
+def _work(world_file: str, job: tuple[str, str, int]) -> Any:
+    if world_file not in _HELD:
+        with Path(world_file).open("rb") as file:
+            _HELD[world_file] = _Renderer(pickle.load(file))  # written by our parent process
+    return _HELD[world_file].render(job)
 
 
 def _header(
@@ -229,22 +236,33 @@ def simulate(
     world : World, optional
         Made from the scenario where not given.
     """
-    world = world or make_world(scenario)
+    if workers == 0:
+        world = world or make_world(scenario)
+        entries, jobs = _plan(world)
+        yield from _joined(scenario, entries, map(_Renderer(world).render, jobs), len(jobs), progress)
+        return
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context) as pool, tempfile.TemporaryDirectory() as scratch:
+        for _ in range(workers):
+            pool.submit(_warm_up)
+        world = world or make_world(scenario)
+        world_file = Path(scratch) / "world.pickle"
+        world_file.write_bytes(pickle.dumps(world))
+        entries, jobs = _plan(world)
+        made = pool.map(partial(_work, str(world_file)), jobs, chunksize=4)
+        yield from _joined(scenario, entries, made, len(jobs), progress)
+
+
+def _plan(world: World) -> tuple[list[Entry], list[tuple[str, str, int]]]:
+    """All samples in the order of a log, and what has to be rendered for them in that order."""
+    scenario = world.scenario
     entries = [_true_map(world)]
     for robot in scenario.robots:
         entries += _felt(world, robot)
         entries += _seen(scenario, robot)
     last_ns = scenario.epoch_ns + round(scenario.duration_s * NS_PER_S)
     entries = sorted((e for e in entries if e.stamp_ns <= last_ns), key=lambda e: (e.stamp_ns, e.stream))
-    jobs = [e.render for e in entries if e.render is not None]
-    if workers == 0:
-        renderer = _Renderer(world)
-        yield from _joined(scenario, entries, map(renderer.render, jobs), len(jobs), progress)
-        return
-    with ProcessPoolExecutor(
-        workers, mp_context=multiprocessing.get_context("spawn"), initializer=_start_worker, initargs=(world,)
-    ) as pool:
-        yield from _joined(scenario, entries, pool.map(_work, jobs, chunksize=4), len(jobs), progress)
+    return entries, [e.render for e in entries if e.render is not None]
 
 
 def _joined(

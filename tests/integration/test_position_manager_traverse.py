@@ -22,7 +22,7 @@ from cdff_dev.logs import LogSample, open_log
 from cdff_dev.simulate import cached_log
 from cdff_dev.simulate.scenario import Scenario, load_scenario
 from cdff_dev.simulate.store import SIDECAR, describe
-from cdff_dev.simulate.traverse import _felt, start_pose
+from cdff_dev.simulate.traverse import _felt, levelled
 from cdff_dev.simulate.world import World, make_world
 
 ROBOTS = ("mana", "minnie")
@@ -77,7 +77,7 @@ def test_wheels_and_imu_alone_stay_within_ten_percent_of_the_way_and_say_so(
     entries = list(_felt(world, robot))
     samples = [Sample(ports[e.stream], e.stamp_ns, e.header.seq, e.value) for e in entries if e.stream in ports]
     truth = {e.stamp_ns: e.value.transform.matrix for e in entries if e.stream == f"/{robot}/truth.pose"}
-    where = context(describe(scenario, {r: start_pose(world, r) for r in ROBOTS}), robot)
+    where = context(describe(scenario, {r: levelled(world.motions[r].poses(np.zeros(1))[0]) for r in ROBOTS}), robot)
     outputs = run(where, samples)
     share, nees = end_error(outputs, truth)
     assert share < 0.10

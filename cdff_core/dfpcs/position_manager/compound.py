@@ -73,6 +73,7 @@ class PositionManager(PositionManagerInterface):
         self._line = self._frames.track(self._odom, self._base, int(c.extrapolation_s * 1e9))
         self._wheels = PoseTrack()
         self._imu = ImuBuffer(int(c.memory_s * 1e9))
+        self._R_base_imu: np.ndarray | None = None
         self._gyro_bias = np.zeros(3)
         self._held: list[Sample] = []
         self._started = False
@@ -88,7 +89,9 @@ class PositionManager(PositionManagerInterface):
 
     def on_imu(self, sample: Sample) -> Iterable[Output]:
         """Keep the reading in the body's axes; the start waits for enough of them."""
-        R = self._frames.lookup(self._base, f"{self.context.robot}/imu", 0).matrix[:3, :3]
+        if self._R_base_imu is None:
+            self._R_base_imu = self._frames.lookup(self._base, f"{self.context.robot}/imu", 0).matrix[:3, :3]
+        R = self._R_base_imu
         self._imu.append(sample.stamp_ns, R @ np.asarray(sample.value.acc), R @ np.asarray(sample.value.gyro))
         if not self._started:
             yield from self._hold(sample)

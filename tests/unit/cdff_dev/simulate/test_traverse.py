@@ -17,7 +17,7 @@ from cdff_dev.logs import open_log
 from cdff_dev.simulate.camera import StereoCamera
 from cdff_dev.simulate.scenario import Scenario
 from cdff_dev.simulate.store import SIDECAR, deliver, simulated_log
-from cdff_dev.simulate.traverse import Entry, simulate, start_pose
+from cdff_dev.simulate.traverse import Entry, levelled, simulate
 from cdff_dev.simulate.world import World, cast_scene, make_world, true_heights
 
 
@@ -156,9 +156,9 @@ def test_the_true_map_is_the_ground_with_its_rocks(samples: list[tuple[Entry, An
 
 def test_the_start_pose_is_the_level_one_with_the_rover_s_heading(scenario: Scenario, world: World) -> None:
     for robot, drive in scenario.robots.items():
-        T = start_pose(world, robot)
+        true = world.motions[robot].poses(np.zeros(1))[0]
+        T = levelled(true)
         np.testing.assert_allclose(T[:3, 2], [0, 0, 1], atol=1e-12)
         assert np.degrees(np.arctan2(T[1, 0], T[0, 0])) == pytest.approx(drive.heading_deg, abs=1e-6)
-        true = world.motions[robot].poses(np.zeros(1))[0]
         np.testing.assert_allclose(T[:3, 3], true[:3, 3])
         assert se3.rotation_angle(T[:3, :3].T @ true[:3, :3]) < 0.3

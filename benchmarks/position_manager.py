@@ -1,0 +1,108 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""CPU time of the position manager per second of input, and of the DFNs it is made of.
+
+python benchmarks/position_manager.py [--out FILE] [--seconds N]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cdff_common.geometry import FrameGraph, UncertainTransform, se3
+from cdff_common.interfaces.dfpc import DfpcContext, Sample
+from cdff_common.interfaces.registry import Registry
+from cdff_common.types import IMUSensors, Time, TransformWithCovariance
+from cdff_core.dfns.gravity_levelling._interface import GravityLevellingInputs
+from cdff_core.dfns.gyro_integration._interface import GyroIntegrationInputs
+from cdff_core.dfns.odometry_increment._interface import OdometryIncrementInputs
+
+MS = 1_000_000
+EXACT = np.zeros((6, 6))
+
+
+def samples(seconds: int) -> list[Sample]:
+    """A curve at 0.4 m/s: IMU 100 Hz, wheels 10 Hz, visual odometry 4 Hz, without errors."""
+
+    def pose(port: str, stamp_ns: int, child: str) -> Sample:
+        T = se3.exp_se3(stamp_ns * 1e-9 * np.array([0.4, 0, 0, 0, 0, 0.1]))
+        value = TransformWithCovariance.from_transform(
+            UncertainTransform(T, 1e-6 * (1 + stamp_ns * 1e-9) * np.eye(6)),
+            parent="mana/odom",
+            child=child,
+            stamp_ns=stamp_ns,
+        )
+        return Sample(port, stamp_ns, 0, value)
+
+    def imu(stamp_ns: int) -> Sample:
+        value = IMUSensors(Time.from_ns(stamp_ns), np.array([0, 0, 3.71]), np.array([0, 0, 0.1]), np.zeros(3))
+        return Sample("imu", stamp_ns, 0, value)
+
+    out = [imu(k * 10 * MS) for k in range(100 * seconds)]
+    out += [pose("odometry", k * 100 * MS, "mana/base") for k in range(10 * seconds)]
+    out += [pose("visual_odometry", k * 250 * MS, "mana/navcam_left") for k in range(4 * seconds)]
+    return sorted(out, key=lambda s: (s.stamp_ns, s.port))
+
+
+def compound_cpu_s(seconds: int) -> float:
+    """CPU seconds per second of input."""
+    frames = FrameGraph()
+    for parent, child in (("site", "mana/odom"), ("mana/base", "mana/imu"), ("mana/base", "mana/navcam_left")):
+        frames.set_static(parent, child, UncertainTransform(np.eye(4), EXACT))
+    dfpc = Registry.default().make_dfpc("position_manager")
+    dfpc.configure(None, DfpcContext("mana", frames))
+    given = samples(seconds)
+    started = time.process_time()
+    for sample in given:
+        list(dfpc.step(sample))
+    return (time.process_time() - started) / seconds
+
+
+def dfn_cpu_s(name: str, implementation: str, inputs: Any, rounds: int = 500) -> float:
+    """CPU seconds per call."""
+    node = Registry.default().make_dfn(name, implementation)
+    node.configure()
+    call: Callable[[Any], Any] = node.process
+    call(inputs)
+    started = time.process_time()
+    for _ in range(rounds):
+        call(inputs)
+    return (time.process_time() - started) / rounds
+
+
+def main() -> None:
+    """Measure and print JSON."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--seconds", type=int, default=60)
+    args = parser.parse_args()
+    step = OdometryIncrementInputs(
+        np.eye(4), se3.exp_se3([0.1, 0, 0, 0, 0, 0.02]), np.eye(4), 1e-6 * np.eye(6), 2e-6 * np.eye(6)
+    )
+    stamps = np.arange(34, dtype=np.int64) * 10 * MS
+    gyro = GyroIntegrationInputs(stamps, np.full((34, 3), 0.1), np.zeros(3), np.array([0, int(stamps[-1])]))
+    level = GravityLevellingInputs(np.tile([0, 0, 3.71], (50, 1)), np.zeros((50, 3)))
+    report = {
+        "benchmark": "position_manager", "python": platform.python_version(), "input_s": args.seconds,
+        "cpu_s_per_input_s": round(compound_cpu_s(args.seconds), 4),
+        "OdometryIncrement/CovarianceDifference": round(dfn_cpu_s("odometry_increment", "CovarianceDifference", step), 6),  # noqa: E501
+        "OdometryIncrement/DistanceModel": round(dfn_cpu_s("odometry_increment", "DistanceModel", step), 6),
+        "GyroIntegration/MidpointRates": round(dfn_cpu_s("gyro_integration", "MidpointRates", gyro), 6),
+        "GravityLevelling/MeanSpecificForce": round(dfn_cpu_s("gravity_levelling", "MeanSpecificForce", level), 6),
+    }  # fmt: skip
+    text = json.dumps(report, indent=2)
+    print(text)
+    if args.out:
+        args.out.write_text(text + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
