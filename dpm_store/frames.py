@@ -17,6 +17,8 @@ from dpm_store.arrays import pack, unpack
 from dpm_store.database import Database
 
 _MAX_DEPTH = 64
+#: Made once: every search by region asks for its own frame in itself.
+IDENTITY = UncertainTransform.identity()
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +146,7 @@ class FrameTable:
     ) -> UncertainTransform:
         """As ``lookup``, inside a transaction."""
         if parent == child:
-            return UncertainTransform.identity()
+            return IDENTITY
         graph = FrameGraph()
         for frame in (parent, child):
             for name, edge in self._chain(connection, frame, stamp_ns, as_of_ns).items():

@@ -14,7 +14,7 @@ from cdff_common.geometry import FrameGraph, PoseTrack, UncertainTransform
 from dpm_store import schema, sqlite
 from dpm_store.arrays import pack, unpack
 from dpm_store.database import Database
-from dpm_store.frames import FrameTable
+from dpm_store.frames import IDENTITY, FrameTable
 
 #: How far outside the known span the nearest pose still stands for the one asked.
 EXTRAPOLATION_LIMIT_NS = 200_000_000
@@ -101,7 +101,7 @@ class PoseTable:
     ) -> UncertainTransform:  # fmt: skip
         """As ``at``, inside a transaction."""
         if parent == child:
-            return UncertainTransform.identity()
+            return IDENTITY
         limit = self._limit_ns if limit_ns is None else limit_ns
         graph, late = FrameGraph(), []
         for frame in (parent, child):

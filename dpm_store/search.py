@@ -25,12 +25,14 @@ from cdff_common.geometry import UncertainTransform
 from cdff_common.geometry.region import Region
 from dpm_store import schema, sqlite
 from dpm_store.database import Database
-from dpm_store.frames import FrameTable
+from dpm_store.frames import IDENTITY, FrameTable
 from dpm_store.poses import PoseTable
 from dpm_store.products import ProductTable, record_of
 from dpm_store.records import Page, ProductRecord, Query, make_cursor, read_cursor
 
 _CORNERS = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)], dtype=bool)
+#: Of the bounds of candidates, relative: rounding must not lose one that the exact comparison would keep.
+_SLACK = 1e-6
 _SIDES = ("xmin_m", "ymin_m", "zmin_m", "xmax_m", "ymax_m", "zmax_m")
 
 
@@ -42,6 +44,7 @@ class Search:
         self._products = products
         self._frames = frames
         self._poses = poses
+        self._epoch_ns: int | None = None
 
     def run(self, query: Query) -> Page:
         """Return one page; see ``Query``.
@@ -77,7 +80,9 @@ class Search:
 
     def _run_spatial(self, connection: Connection, query: Query, region: Region) -> Page:
         transforms, unplaced = self._placed_frames(connection, query.frame)
-        epoch = self._products.epoch_ns(connection)
+        if self._epoch_ns is None:  # set by the first product, and never changed
+            self._epoch_ns = self._products.epoch_ns(connection)
+        epoch = self._epoch_ns
         if epoch is None or not transforms:
             return Page((), None, unplaced)
         t_s = (
@@ -132,7 +137,7 @@ class Search:
         """Box around the region in a frame's own coordinates; a free z is closed by what the frame holds."""
         box = region.box_m
         matrix = T_query_frame.matrix
-        if np.array_equal(matrix, np.eye(4)):
+        if T_query_frame is IDENTITY:
             return box
         if math.isinf(box[2]):
             heights = sqlite.frame_bounds(connection, ordinal)
@@ -141,7 +146,8 @@ class Search:
             return _free_height_bounds(box, matrix, heights)
         corners = _corners(np.array([box]))[0]
         inverse = T_query_frame.inverse().apply(corners)
-        return (*inverse.min(axis=0), *inverse.max(axis=0))
+        slack = _SLACK * (1.0 + float(np.abs(inverse).max()))
+        return (*(inverse.min(axis=0) - slack), *(inverse.max(axis=0) + slack))
 
 
 def types_present(connection: Connection) -> list[str]:
@@ -249,5 +255,5 @@ def _free_height_bounds(
     corners = np.array([[x, y] for x in (box[0], box[3]) for y in (box[1], box[4])])
     solved = np.concatenate([np.linalg.solve(A, (corners - matrix[:2, 3] - matrix[:2, 2] * z).T).T for z in heights])
     (xmin, ymin), (xmax, ymax) = solved.min(axis=0), solved.max(axis=0)
-    slack = 1e-6 * (1.0 + max(abs(v) for v in (xmin, ymin, xmax, ymax)))
+    slack = _SLACK * (1.0 + max(abs(v) for v in (xmin, ymin, xmax, ymax)))
     return (xmin - slack, ymin - slack, heights[0], xmax + slack, ymax + slack, heights[1])
