@@ -119,12 +119,7 @@ def system(spawn: Spawn, eventually: Eventually, endpoint: str, tmp_path: Path) 
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
     """A system for all tests that leave it running."""
     directory, endpoint = tmp_path_factory.mktemp("shared"), f"tcp/127.0.0.1:{free_port()}"
-    environment = {
-        **os.environ,
-        "CDFF_CONNECT": endpoint,
-        "CDFF_LISTEN": endpoint,
-        "CDFF_DATA_DIR": str(directory / "data"),
-    }
+    own = {"CDFF_CONNECT": endpoint, "CDFF_LISTEN": endpoint, "CDFF_DATA_DIR": str(directory / "data")}
     processes: list[subprocess.Popen[bytes]] = []
 
     def spawn(module: str, *arguments: str) -> subprocess.Popen[bytes]:
