@@ -9,15 +9,13 @@ messages, even mantissas and every other form of REAL that X.690 allows.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdff_common.codecs.bits import BitReader, BitWriter
-from cdff_common.codecs.bridge import array_dtype, class_of, message_node, octets_as_array
+from cdff_common.codecs.bridge import class_of, message_node
 from cdff_common.codecs.schema import (
     Alias,
     Array,
@@ -32,13 +30,8 @@ from cdff_common.codecs.schema import (
     Struct,
     Text,
 )
+from cdff_common.codecs.uper_lists import Get, Put, array, bits_for, list_of, octet_string
 from cdff_common.errors import CodecError, InputError
-
-Put = Callable[[BitWriter, Any], None]
-Get = Callable[[BitReader], Any]
-
-#: Sizes above this have a length determinant instead of a number of bits, and may come in fragments (X.691 11.9.4.1).
-_CONSTRAINED_BELOW = 65536
 
 
 def encode(value: Any) -> bytes:
@@ -84,11 +77,11 @@ def _compiled(node: Node | Alias) -> tuple[Put, Get]:
         case Text():
             return _text(node)
         case Octets():
-            return _octets(node)
+            return octet_string(node)
         case Array():
-            return _array(node)
+            return array(node, _compiled)
         case ListOf():
-            return _list(node)
+            return list_of(node, _compiled)
         case Struct():
             return _struct(node)
         case Choice():
@@ -99,13 +92,8 @@ def _compiled(node: Node | Alias) -> tuple[Put, Get]:
             return (lambda w, v: put(w, getattr(v, attribute))), (lambda r: class_of(name)(get(r)))
 
 
-def _bits(count: int) -> int:
-    """Bits that tell ``count`` values apart."""
-    return (count - 1).bit_length()
-
-
 def _integer(node: Integer) -> tuple[Put, Get]:
-    low, high, bits = node.low, node.high, _bits(node.high - node.low + 1)
+    low, high, bits = node.low, node.high, bits_for(node.high - node.low + 1)
 
     def get(reader: BitReader) -> int:
         value = reader.get(bits) + low
@@ -119,7 +107,7 @@ def _integer(node: Integer) -> tuple[Put, Get]:
 def _enumeration(node: Enumeration) -> tuple[Put, Get]:
     values = [v for _, v in node.members]
     index = {v: i for i, v in enumerate(values)}
-    bits = _bits(len(values))
+    bits = bits_for(len(values))
 
     def get(reader: BitReader) -> Any:
         i = reader.get(bits)
@@ -131,7 +119,7 @@ def _enumeration(node: Enumeration) -> tuple[Put, Get]:
 
 
 def _text(node: Text) -> tuple[Put, Get]:
-    bits, high = _bits(node.high + 1), node.high
+    bits, high = bits_for(node.high + 1), node.high
 
     def put(writer: BitWriter, value: str) -> None:
         octets = value.encode("utf-8", "surrogateescape")
@@ -145,187 +133,6 @@ def _text(node: Text) -> tuple[Put, Get]:
         return reader.get_octets(size).decode("utf-8", "surrogateescape")
 
     return put, get
-
-
-def _octets(node: Octets) -> tuple[Put, Get]:
-    if node.high < _CONSTRAINED_BELOW:
-        raise ValueError(f"OCTET STRING of at most {node.high}: the table has none so short")
-
-    def put(writer: BitWriter, value: NDArray[Any]) -> None:
-        octets = value.reshape(-1).view(np.uint8)
-        at, size = 0, len(octets)
-        while True:
-            part = writer.put_length(size - at)
-            writer.put_octets(octets[at : at + part])
-            at += part
-            if part < 0x4000:
-                return
-
-    def get(reader: BitReader) -> NDArray[Any]:
-        parts = []
-        more = True
-        while more:
-            size, more = reader.get_length()
-            parts.append(reader.get_octet_array(size))
-        octets = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        if len(octets) > node.high:
-            raise CodecError(f"OCTET STRING of {len(octets)}: expected at most {node.high}")
-        return octets_as_array(octets, node)
-
-    return put, get
-
-
-def _array(node: Array) -> tuple[Put, Get]:
-    """Lists of numbers: rows of fixed size in one go, others row by row."""
-    low, high = node.dims[0]
-    if any(a != b for a, b in node.dims[1:]):
-        return _ragged(node)
-    row = tuple(a for a, _ in node.dims[1:])
-    per_row = int(np.prod(row, dtype=np.int64))
-    put_flat, get_flat, element_bits = _flat(node)
-
-    def put(writer: BitWriter, value: NDArray[Any]) -> None:
-        flat = value.reshape(-1)
-        for begin, count in _parts(writer, len(value), low, high):
-            put_flat(writer, flat[begin * per_row : (begin + count) * per_row])
-
-    def get(reader: BitReader) -> NDArray[Any]:
-        parts = []
-        for count in _counts(reader, low, high):
-            reader.need(count * per_row * element_bits, f"list of {count}")
-            parts.append(get_flat(reader, count * per_row))
-        flat = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        return flat.reshape(-1, *row) if row else flat
-
-    return put, get
-
-
-def _flat(node: Array) -> tuple[Put, Callable[[BitReader, int], NDArray[Any]], int]:
-    """Functions for a run of numbers, and the bits that one takes at least."""
-    element = node.element
-    if isinstance(element, Real):
-        return (lambda w, v: w.put_reals(v)), (lambda r, n: r.get_reals(n)), 8
-    put_one, get_one = _compiled(element)
-    dtype = array_dtype(node)
-    bits = 1 if isinstance(element, Boolean) else _bits(element.high - element.low + 1)
-    if isinstance(element, Integer) and bits == 8 * dtype.itemsize and bits < 64:
-        offset = np.array(-element.low).astype(f"u{dtype.itemsize}")
-        big, small = np.dtype(f">u{dtype.itemsize}"), np.dtype(f"u{dtype.itemsize}")
-
-        def put_many(writer: BitWriter, values: NDArray[Any]) -> None:
-            # modulo 2^bits the offset is exact for signed and unsigned numbers
-            writer.put_octets((values.view(small) + offset).astype(big).view(np.uint8))
-
-        def get_many(reader: BitReader, count: int) -> NDArray[Any]:
-            octets = reader.get_octet_array(count * dtype.itemsize)
-            values: NDArray[Any] = octets.view(big).astype(small) - offset
-            return values.view(dtype)
-
-        return put_many, get_many, bits
-
-    def put_each(writer: BitWriter, values: NDArray[Any]) -> None:
-        for value in values.tolist():
-            put_one(writer, value)
-
-    def get_each(reader: BitReader, count: int) -> NDArray[Any]:
-        return np.array([get_one(reader) for _ in range(count)], dtype=dtype)
-
-    return put_each, get_each, bits
-
-
-def _ragged(node: Array) -> tuple[Put, Get]:
-    """A matrix whose rows have a length on the wire; all rows must be alike."""
-    inner = Array(node.element, node.dims[1:], node.tags[1:])
-    put_row, get_row = _array(inner)
-    low, high = node.dims[0]
-    dtype = array_dtype(node)
-
-    def put(writer: BitWriter, value: NDArray[Any]) -> None:
-        for begin, count in _parts(writer, len(value), low, high):
-            for row in value[begin : begin + count]:
-                put_row(writer, row)
-
-    def get(reader: BitReader) -> NDArray[Any]:
-        rows = []
-        for count in _counts(reader, low, high):
-            reader.need(count, f"list of {count} rows")
-            rows += [get_row(reader) for _ in range(count)]
-        if len({r.shape for r in rows}) > 1:
-            raise CodecError(f"matrix with rows of {sorted({len(r) for r in rows})} elements: expected rows alike")
-        return np.stack(rows) if rows else np.zeros((0,) * len(node.dims), dtype)
-
-    return put, get
-
-
-def _list(node: ListOf) -> tuple[Put, Get]:
-    put_one, get_one = _compiled(node.element)
-    low, high, least = node.low, node.high, _least_bits(node.element)
-
-    def put(writer: BitWriter, value: tuple[Any, ...]) -> None:
-        for begin, count in _parts(writer, len(value), low, high):
-            for item in value[begin : begin + count]:
-                put_one(writer, item)
-
-    def get(reader: BitReader) -> tuple[Any, ...]:
-        items: list[Any] = []
-        for count in _counts(reader, low, high):
-            reader.need(count * least, f"list of {count}")
-            items += [get_one(reader) for _ in range(count)]
-        return tuple(items)
-
-    return put, get
-
-
-def _parts(writer: BitWriter, size: int, low: int, high: int) -> list[tuple[int, int]] | Any:
-    """Write the lengths of a list as its parts are taken; yields where each part begins and its size."""
-    if high < _CONSTRAINED_BELOW:
-        if low != high:
-            writer.put(size - low, _bits(high - low + 1))
-        return ((0, size),)
-    return _fragments(writer, size)
-
-
-def _fragments(writer: BitWriter, size: int) -> Any:
-    at = 0
-    while True:
-        part = writer.put_length(size - at)
-        yield at, part
-        at += part
-        if part < 0x4000:
-            return
-
-
-def _counts(reader: BitReader, low: int, high: int) -> Any:
-    """Read the lengths of a list as its parts are taken."""
-    if high < _CONSTRAINED_BELOW:
-        count = low if low == high else reader.get(_bits(high - low + 1)) + low
-        if count > high:
-            raise CodecError(f"list of {count}: expected {low}..{high}")
-        yield count
-        return
-    total, more = 0, True
-    while more:
-        count, more = reader.get_length()
-        total += count
-        if total > high:
-            raise CodecError(f"list of {total} or more: expected {low}..{high}")
-        yield count
-
-
-def _least_bits(node: Node) -> int:
-    """Bits that a node takes at least, 1 or more."""
-    match node:
-        case Struct():
-            return max(1, sum(_least_bits(f.node) for f in node.fields))
-        case Real():
-            return 8
-        case Array():
-            each = 8 if isinstance(node.element, Real) else 1
-            return max(1, each * int(np.prod([low for low, _ in node.dims], dtype=np.int64)))
-        case Integer():
-            return _bits(node.high - node.low + 1)
-        case _:
-            return 1
 
 
 def _struct(node: Struct) -> tuple[Put, Get]:
@@ -350,7 +157,7 @@ def _struct(node: Struct) -> tuple[Put, Get]:
 def _choice(node: Choice) -> tuple[Put, Get]:
     alternatives = [(f.attribute, *_compiled(f.node)) for f in node.alternatives]
     index = {f.attribute: i for i, f in enumerate(node.alternatives)}
-    bits = _bits(len(alternatives))
+    bits = bits_for(len(alternatives))
 
     def put(writer: BitWriter, value: Any) -> None:
         i = index[value.kind]

@@ -1,0 +1,211 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Unaligned PER of what has a length: lists of numbers, lists of messages, octets; in fragments where they are long."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.codecs.bits import BitReader, BitWriter
+from cdff_common.codecs.bridge import array_dtype, octets_as_array
+from cdff_common.codecs.schema import Array, Boolean, Integer, ListOf, Node, Octets, Real, Struct
+from cdff_common.errors import CodecError
+
+Put = Callable[[BitWriter, Any], None]
+Get = Callable[[BitReader], Any]
+Compiled = Callable[[Node], tuple[Put, Get]]
+
+#: Sizes from this on have a length determinant instead of a number of bits, and may come in fragments (X.691 11.9.4.1).
+_CONSTRAINED_BELOW = 65536
+
+
+def bits_for(count: int) -> int:
+    """Bits that tell ``count`` values apart."""
+    return (count - 1).bit_length()
+
+
+def octet_string(node: Octets) -> tuple[Put, Get]:
+    """Functions that write and read octets."""
+    if node.high < _CONSTRAINED_BELOW:
+        raise ValueError(f"OCTET STRING of at most {node.high}: the table has none so short")
+
+    def put(writer: BitWriter, value: NDArray[Any]) -> None:
+        octets = value.reshape(-1).view(np.uint8)
+        at, size = 0, len(octets)
+        while True:
+            part = writer.put_length(size - at)
+            writer.put_octets(octets[at : at + part])
+            at += part
+            if part < 0x4000:
+                return
+
+    def get(reader: BitReader) -> NDArray[Any]:
+        parts = []
+        more = True
+        while more:
+            size, more = reader.get_length()
+            parts.append(reader.get_octet_array(size))
+        octets = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        if len(octets) > node.high:
+            raise CodecError(f"OCTET STRING of {len(octets)}: expected at most {node.high}")
+        return octets_as_array(octets, node)
+
+    return put, get
+
+
+def array(node: Array, compiled: Compiled) -> tuple[Put, Get]:
+    """Lists of numbers: rows of fixed size in one go, others row by row."""
+    low, high = node.dims[0]
+    if any(a != b for a, b in node.dims[1:]):
+        return _ragged(node, compiled)
+    row = tuple(a for a, _ in node.dims[1:])
+    per_row = int(np.prod(row, dtype=np.int64))
+    put_flat, get_flat, element_bits = _flat(node, compiled)
+
+    def put(writer: BitWriter, value: NDArray[Any]) -> None:
+        flat = value.reshape(-1)
+        for begin, count in _parts(writer, len(value), low, high):
+            put_flat(writer, flat[begin * per_row : (begin + count) * per_row])
+
+    def get(reader: BitReader) -> NDArray[Any]:
+        parts = []
+        for count in _counts(reader, low, high):
+            reader.need(count * per_row * element_bits, f"list of {count}")
+            parts.append(get_flat(reader, count * per_row))
+        flat = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        return flat.reshape(-1, *row) if row else flat
+
+    return put, get
+
+
+def _flat(node: Array, compiled: Compiled) -> tuple[Put, Callable[[BitReader, int], NDArray[Any]], int]:
+    """Functions for a run of numbers, and the bits that one takes at least."""
+    element = node.element
+    if isinstance(element, Real):
+        return (lambda w, v: w.put_reals(v)), (lambda r, n: r.get_reals(n)), 8
+    put_one, get_one = compiled(element)
+    dtype = array_dtype(node)
+    bits = 1 if isinstance(element, Boolean) else bits_for(element.high - element.low + 1)
+    if isinstance(element, Integer) and bits == 8 * dtype.itemsize and bits < 64:
+        offset = np.array(-element.low).astype(f"u{dtype.itemsize}")
+        big, small = np.dtype(f">u{dtype.itemsize}"), np.dtype(f"u{dtype.itemsize}")
+
+        def put_many(writer: BitWriter, values: NDArray[Any]) -> None:
+            # modulo 2^bits the offset is exact for signed and unsigned numbers
+            writer.put_octets((values.view(small) + offset).astype(big).view(np.uint8))
+
+        def get_many(reader: BitReader, count: int) -> NDArray[Any]:
+            octets = reader.get_octet_array(count * dtype.itemsize)
+            values: NDArray[Any] = octets.view(big).astype(small) - offset
+            return values.view(dtype)
+
+        return put_many, get_many, bits
+
+    def put_each(writer: BitWriter, values: NDArray[Any]) -> None:
+        for value in values.tolist():
+            put_one(writer, value)
+
+    def get_each(reader: BitReader, count: int) -> NDArray[Any]:
+        return np.array([get_one(reader) for _ in range(count)], dtype=dtype)
+
+    return put_each, get_each, bits
+
+
+def _ragged(node: Array, compiled: Compiled) -> tuple[Put, Get]:
+    """A matrix whose rows have a length on the wire; all rows must be alike."""
+    inner = Array(node.element, node.dims[1:], node.tags[1:])
+    put_row, get_row = array(inner, compiled)
+    low, high = node.dims[0]
+    dtype = array_dtype(node)
+
+    def put(writer: BitWriter, value: NDArray[Any]) -> None:
+        for begin, count in _parts(writer, len(value), low, high):
+            for row in value[begin : begin + count]:
+                put_row(writer, row)
+
+    def get(reader: BitReader) -> NDArray[Any]:
+        rows = []
+        for count in _counts(reader, low, high):
+            reader.need(count, f"list of {count} rows")
+            rows += [get_row(reader) for _ in range(count)]
+        if len({r.shape for r in rows}) > 1:
+            raise CodecError(f"matrix with rows of {sorted({len(r) for r in rows})} elements: expected rows alike")
+        return np.stack(rows) if rows else np.zeros((0,) * len(node.dims), dtype)
+
+    return put, get
+
+
+def list_of(node: ListOf, compiled: Compiled) -> tuple[Put, Get]:
+    """Functions that write and read a list of messages, one after the other."""
+    put_one, get_one = compiled(node.element)
+    low, high, least = node.low, node.high, _least_bits(node.element)
+
+    def put(writer: BitWriter, value: tuple[Any, ...]) -> None:
+        for begin, count in _parts(writer, len(value), low, high):
+            for item in value[begin : begin + count]:
+                put_one(writer, item)
+
+    def get(reader: BitReader) -> tuple[Any, ...]:
+        items: list[Any] = []
+        for count in _counts(reader, low, high):
+            reader.need(count * least, f"list of {count}")
+            items += [get_one(reader) for _ in range(count)]
+        return tuple(items)
+
+    return put, get
+
+
+def _parts(writer: BitWriter, size: int, low: int, high: int) -> Iterable[tuple[int, int]]:
+    """Write the lengths of a list as its parts are taken; yields where each part begins and its size."""
+    if high < _CONSTRAINED_BELOW:
+        if low != high:
+            writer.put(size - low, bits_for(high - low + 1))
+        return ((0, size),)
+    return _fragments(writer, size)
+
+
+def _fragments(writer: BitWriter, size: int) -> Iterator[tuple[int, int]]:
+    at = 0
+    while True:
+        part = writer.put_length(size - at)
+        yield at, part
+        at += part
+        if part < 0x4000:
+            return
+
+
+def _counts(reader: BitReader, low: int, high: int) -> Iterator[int]:
+    """Read the lengths of a list as its parts are taken."""
+    if high < _CONSTRAINED_BELOW:
+        count = low if low == high else reader.get(bits_for(high - low + 1)) + low
+        if count > high:
+            raise CodecError(f"list of {count}: expected {low}..{high}")
+        yield count
+        return
+    total, more = 0, True
+    while more:
+        count, more = reader.get_length()
+        total += count
+        if total > high:
+            raise CodecError(f"list of {total} or more: expected {low}..{high}")
+        yield count
+
+
+def _least_bits(node: Node) -> int:
+    """Bits that a node takes at least, 1 or more."""
+    match node:
+        case Struct():
+            return max(1, sum(_least_bits(f.node) for f in node.fields))
+        case Real():
+            return 8
+        case Array():
+            each = 8 if isinstance(node.element, Real) else 1
+            return max(1, each * int(np.prod([low for low, _ in node.dims], dtype=np.int64)))
+        case Integer():
+            return bits_for(node.high - node.low + 1)
+        case _:
+            return 1
