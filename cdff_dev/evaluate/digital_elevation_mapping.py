@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Elevation maps against true terrain (simulated), disparity against Middlebury's, a real road against its camera's height.
+"""Elevation against true terrain (simulated), disparity against Middlebury, a real road against its camera's height.
 
 The simulated part maps the log of ``rover_traverse`` with its true poses: what is judged is the mapping, not the poses.
 
@@ -64,8 +64,8 @@ def dem_scores(
     Returns
     -------
     dict of str to float
-        ``cells``; ``bias_m``, ``rmse_m``, ``nmad_m`` (1.4826 times the median distance from the median [1]_), ``le90_m``
-        (90th percentile of the absolute error); ``within_90_percent``: share of errors within 1.645 sigma.
+        ``cells``; ``bias_m``, ``rmse_m``, ``nmad_m`` (1.4826 times the median distance from the median [1]_),
+        ``le90_m`` (90th percentile of the absolute error); ``within_90_percent``: share of errors within 1.645 sigma.
     """
     row, col = np.nonzero(np.isfinite(mean))
     r, c, inside = truth.cells_of(geometry.x_centres_m()[col], geometry.y_centres_m()[row])
