@@ -12,10 +12,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, settings
 
 ROOT = Path(__file__).resolve().parent.parent
 TRACEABILITY = ROOT / "build" / "traceability.json"
 SEED = 20180717
+
+# No test judges a time, and the same examples are tried every time.
+settings.register_profile("cdff", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("cdff")
 
 _OUTCOMES = pytest.StashKey[dict[str, dict[str, object]]]()
 
