@@ -20,6 +20,8 @@ from cdff_dev.simulate.scenario import Scenario
 
 #: Written beside the chunks: what a profile needs to know of the rovers, and what made the log.
 SIDECAR = "scenario.json"
+#: Sources of this package that no sample depends on: editing them keeps the cache.
+_NOT_IN_SAMPLES = ("__init__.py", "commands.py")
 
 
 def cache_folder() -> Path:
@@ -31,7 +33,8 @@ def cache_folder() -> Path:
 def code_digest() -> str:
     """First 16 hex digits of the SHA-256 of the simulator's sources and the versions of what they compute with."""
     digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
+    sources = [p for p in Path(__file__).parent.glob("*.py") if p.name not in _NOT_IN_SAMPLES]
+    for path in sorted(sources):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     for package in ("numpy", "scipy", "open3d"):
         digest.update(f"{package}={version(package)}\0".encode())
