@@ -16,7 +16,7 @@ import numpy as np
 
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import Dfpc, Sample
-from cdff_common.interfaces.product import Product, product_id
+from cdff_common.interfaces.product import Product, Quality, product_id
 from cdff_core.runtime import Runner
 from cdff_dev.logs import LogReader, LogSample, LogWriter
 
@@ -53,6 +53,7 @@ def samples_of(log: LogReader, wired: Mapping[str, str], robot: str) -> Iterator
             id=header.id if header else product_id(robot, component, stream, item.stamp_ns, item.seq, ""),
             frame=header.frame if header else "",
             child=(header.child or "") if header else "",
+            quality=header.quality if header else Quality(),
         )
 
     batch: list[Sample] = []

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -26,29 +27,17 @@ def register(nouns: Any) -> None:
     parser.add_argument(
         "--workers", type=int, default=2, help="processes that cast rays (the log does not depend on it)"
     )
+    parser.add_argument("--json", action="store_true", help="say what was made as JSON")
     parser.set_defaults(run=_run, parser=parser)
 
 
 def progress_line(done: int, total: int) -> None:
     """Write progress on one line of a terminal's standard error."""
     if sys.stderr.isatty():
-        print(
-            f"\rcasting rays: {done}/{total} images and scans",
-            end="\n" if done == total else "",
-            file=sys.stderr,
-            flush=True,
-        )
-
-
-def _run(args: argparse.Namespace) -> int:
-    from cdff_dev.simulate.scenario import load_scenario
-    from cdff_dev.simulate.store import check_free, deliver, simulated_log
-
-    scenario = load_scenario(args.scenario, args.seed)
-    check_free(args.out, args.force)
-    log = simulated_log(scenario, max(args.workers, 0), progress_line, fresh=args.force)
-    deliver(log, args.out, args.force)
-    print(
-        f"{args.out}: {scenario.name}, seed {scenario.seed}, {scenario.duration_s:g} s of {', '.join(scenario.robots)}"
-    )
+        robots = list(scenario.robots)
+    if args.json:
+        made = {"log": str(args.out), "scenario": scenario.name, "seed": scenario.seed, "robots": robots}
+        print(json.dumps({**made, "duration_s": scenario.duration_s, "scenario_digest": scenario.digest}))
+    else:
+        print(f"{args.out}: {scenario.name}, seed {scenario.seed}, {scenario.duration_s:g} s of {', '.join(robots)}")
     return 0
