@@ -25,7 +25,7 @@ class GridFastConfig(GridConfig):
 
 
 class GridFast(FeaturesExtraction2DInterface):
-    """Rosten and Drummond's segment test on a circle of 16 pixels [1]_: faster than GridGftt, less well located.
+    """Rosten and Drummond's segment test on a circle of 16 pixels [1]_: corners by comparisons, without gradients.
 
     References
     ----------
@@ -40,7 +40,8 @@ class GridFast(FeaturesExtraction2DInterface):
         image = checked_image(inputs.image)
         corners = cv2.FastFeatureDetector_create(self.config.threshold_dn, True).detect(image)
         response = np.zeros(image.shape, np.float32)
-        for corner in corners:
-            response[int(corner.pt[1]), int(corner.pt[0])] = corner.response
+        if corners:
+            columns, rows = np.rint(cv2.KeyPoint_convert(corners)).astype(np.int64).T
+            response[rows, columns] = np.fromiter((corner.response for corner in corners), np.float32, len(corners))
         features, scores = strongest_of_each_cell(response, 0.0, self.config)
         return FeaturesExtraction2DOutputs(features=features, scores=scores)
