@@ -66,7 +66,7 @@ class Delivery:
         self._dpm = dpm
         self._clock = clock
 
-    def reply(self, job: str, request: ProductRequest, found: Found, judgement: Judgement, timeout_s: float) -> Reply:
+    def reply(self, job: str, request: ProductRequest, found: Found, judgement: Judgement, until_s: float) -> Reply:
         """Translate, encode and, where it is large or asked for, store and refer.
 
         Raises
@@ -77,7 +77,7 @@ class Delivery:
         robot = found.candidate.robot
 
         def lookup(parent: str, child: str, t_ns: int) -> UncertainTransform:
-            return self._dpm.pose(robot, parent, child, t_ns, timeout_s)
+            return self._dpm.pose(robot, parent, child, t_ns, until_s)
 
         t = translated(request, found, lookup)
         native = PRODUCTS[request.product][0]
@@ -98,7 +98,7 @@ class Delivery:
             digest = {"sha256": hashlib.sha256(payload).hexdigest()}
             return Reply(payload, encoding, {**header.to_dict(), **digest, "kind": "product", **extra})
         if not whole:
-            header = self._store(request, found, t, header, timeout_s)
+            header = self._store(request, found, t, header, until_s)
         form = request.format if t.type_name != _TOO_LARGE else "tif"
         body = {
             "id": header.id,
@@ -109,7 +109,7 @@ class Delivery:
         }
         return Reply(pack(body), "application/msgpack", {**header.to_dict(), "kind": "reference", **extra})
 
-    def _store(self, request: ProductRequest, found: Found, t: Translated, header: Header, timeout_s: float) -> Header:
+    def _store(self, request: ProductRequest, found: Found, t: Translated, header: Header, until_s: float) -> Header:
         """Have what was derived kept by the DPM, in the product's own type; the header it is kept with."""
         robot = found.candidate.robot
         if request.product == "dem":
@@ -117,7 +117,7 @@ class Delivery:
                 raise UnavailableError(f"a DEM by reference stays in {found.frame}: ask for frame={found.frame}")
             region = None if found.region is None else found.region.text
             kept = self._dpm.stored_window(
-                timeout_s,
+                until_s,
                 robot=robot if robot in found.robots else "any",
                 region=region,
                 frame=found.frame,
@@ -127,7 +127,7 @@ class Delivery:
             return Header.from_dict(kept)
         if request.product == "pose":
             raise UnavailableError("a pose composed over the frame tree is not stored: ask for deliver=inline")
-        self._dpm.put(header, t.value, t.type_name, robot, request.product, timeout_s)
+        self._dpm.put(header, t.value, t.type_name, robot, request.product, until_s)
         return header
 
 

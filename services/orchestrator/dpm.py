@@ -11,14 +11,17 @@ from dataclasses import dataclass
 from typing import Any
 
 from cdff_common.bus import Bus, keys
+from cdff_common.clock import monotonic_s
 from cdff_common.codecs import decode, encode
 from cdff_common.codecs.encoding import encoding_string, parse_encoding
-from cdff_common.errors import InputError
+from cdff_common.errors import DeadlineError, InputError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.product import Header
 
 #: Decoded values kept by id: products never change.
 _CACHED = 16
+#: Longest a single call may take, seconds.
+_CALL_S = 5.0
 #: ``dfpc`` of what the orchestrator derives and stores; it is never taken as a source again.
 DERIVED_DFPC = "orchestrator"
 
@@ -37,7 +40,8 @@ class Stored:
 class Dpm:
     """Calls of ``dpm/@rpc/…`` under the scope ``ground``: answers do not depend on the scope (contract §5).
 
-    Every method takes the seconds it may last and raises what the DPM answers, UnavailableError where it is away.
+    Every method takes the time until which it may last (``until_s``, monotonic seconds) and raises what the DPM
+    answers, UnavailableError where it is away, DeadlineError where no time is left.
     """
 
     def __init__(self, bus: Bus) -> None:
@@ -45,22 +49,22 @@ class Dpm:
         self._lock = threading.Lock()
         self._values: OrderedDict[str, Stored] = OrderedDict()
 
-    def search(self, timeout_s: float, **parameters: object) -> list[dict[str, Any]]:
+    def search(self, until_s: float, **parameters: object) -> list[dict[str, Any]]:
         """Metadata of products, newest end of capture first."""
         asked = {k: v for k, v in parameters.items() if v is not None}
-        body = self._bus.call(keys.dpm_rpc(keys.GROUND, "search"), asked, timeout_s=timeout_s).body()
+        body = self._bus.call(keys.dpm_rpc(keys.GROUND, "search"), asked, timeout_s=_left(until_s)).body()
         items = body.get("items") if isinstance(body, dict) else None
         if not isinstance(items, list):
             raise InputError(f"the DPM answered a search with {str(body)[:80]!r}, expected items")
         return items
 
-    def value(self, product_id: str, robot: str, timeout_s: float) -> Stored:
+    def value(self, product_id: str, robot: str, until_s: float) -> Stored:
         """A product by id."""
         with self._lock:
             if product_id in self._values:
                 self._values.move_to_end(product_id)
                 return self._values[product_id]
-        reply = self._bus.call(keys.dpm_rpc(keys.GROUND, "get"), {"id": product_id}, timeout_s=timeout_s)
+        reply = self._bus.call(keys.dpm_rpc(keys.GROUND, "get"), {"id": product_id}, timeout_s=_left(until_s))
         stored = _stored(reply.payload, reply.encoding, reply.attachment, robot)
         with self._lock:
             self._values[product_id] = stored
@@ -68,27 +72,27 @@ class Dpm:
                 self._values.popitem(last=False)
         return stored
 
-    def window(self, timeout_s: float, **parameters: object) -> Stored:
+    def window(self, until_s: float, **parameters: object) -> Stored:
         """The elevation of a region, pooled from every patch that reaches into it."""
-        reply = self._bus.call(keys.dpm_rpc(keys.GROUND, "get"), _window(parameters), timeout_s=timeout_s)
+        reply = self._bus.call(keys.dpm_rpc(keys.GROUND, "get"), _window(parameters), timeout_s=_left(until_s))
         return _stored(reply.payload, reply.encoding, reply.attachment, str(parameters.get("robot") or keys.GROUND))
 
-    def stored_window(self, timeout_s: float, **parameters: object) -> Mapping[str, Any]:
+    def stored_window(self, until_s: float, **parameters: object) -> Mapping[str, Any]:
         """Have the DPM keep such a window; its metadata, ``id`` among them."""
         asked = {**_window(parameters), "deliver": "reference"}
-        return self._bus.call(keys.dpm_rpc(keys.GROUND, "get"), asked, timeout_s=timeout_s).attachment
+        return self._bus.call(keys.dpm_rpc(keys.GROUND, "get"), asked, timeout_s=_left(until_s)).attachment
 
-    def pose(self, robot: str, parent: str, child: str, t_ns: int | None, timeout_s: float) -> UncertainTransform:
+    def pose(self, robot: str, parent: str, child: str, t_ns: int | None, until_s: float) -> UncertainTransform:
         """``T_parent_child`` at a time (the newest without one), interpolated and composed over the frame tree."""
         if parent == child:
             return UncertainTransform.identity()
         asked: dict[str, object] = {"robot": robot, "parent": parent, "child": child}
         if t_ns is not None:
             asked["t"] = t_ns
-        body = self._bus.call(keys.dpm_rpc(keys.GROUND, "pose"), asked, timeout_s=timeout_s).body()
+        body = self._bus.call(keys.dpm_rpc(keys.GROUND, "pose"), asked, timeout_s=_left(until_s)).body()
         return UncertainTransform(body["T"], body.get("covariance"))
 
-    def put(self, header: Header, value: Any, type_name: str, robot: str, product: str, timeout_s: float) -> None:
+    def put(self, header: Header, value: Any, type_name: str, robot: str, product: str, until_s: float) -> None:
         """Store what the orchestrator derived, so that it can be fetched by id."""
         asked = {"robot": robot, "dfpc": DERIVED_DFPC, "port": product, "product": product}
         self._bus.call(
@@ -97,8 +101,16 @@ class Dpm:
             payload=encode(value, "uper"),
             attachment=header.to_attachment(),
             encoding=encoding_string(type_name, "uper"),
-            timeout_s=timeout_s,
+            timeout_s=_left(until_s),
         )
+
+
+def _left(until_s: float) -> float:
+    """Seconds a call may last."""
+    left_s = until_s - monotonic_s()
+    if left_s <= 0.0:
+        raise DeadlineError("no time left to ask the DPM")
+    return min(left_s, _CALL_S)
 
 
 def _window(parameters: Mapping[str, object]) -> dict[str, object]:

@@ -25,8 +25,6 @@ _CLOUDS = 8
 _MAPS = 8
 #: Cell in which a point counts as covering, metres, where no resolution was asked.
 _CLOUD_CELL_M = 0.5
-#: Longest a single call of the DPM may take, seconds.
-_CALL_S = 5.0
 #: ``dfpc`` of products that the DPM or the orchestrator derived from others: their sources are found instead.
 _DERIVED = ("dpm", DERIVED_DFPC)
 
@@ -76,7 +74,7 @@ class Finder:
         self._clock = clock
 
     def find(
-        self, request: ProductRequest, robots: Sequence[str], timeout_s: float
+        self, request: ProductRequest, robots: Sequence[str], until_s: float
     ) -> tuple[tuple[Found, Judgement] | None, str]:
         """Return the best candidate with its judgement (None without any), and why there is no better one."""
         kinds: dict[str, Callable[[ProductRequest, str, float], Found | None]] = {
@@ -90,7 +88,7 @@ class Finder:
         # Elevation of several robots is pooled into one window; other products are one robot's.
         for robot in ("any",) if request.product == "dem" and request.robot == "any" else robots:
             try:
-                one = look(request, robot, min(timeout_s, _CALL_S))
+                one = look(request, robot, until_s)
             except (FrameNotFoundError, ExtrapolationError, ProductNotFoundError) as error:
                 reasons.append(str(error))
                 continue
@@ -107,23 +105,23 @@ class Finder:
 
     # -- one for each product ---------------------------------------------------------------------------
 
-    def _newest(self, request: ProductRequest, robot: str, timeout_s: float) -> Found | None:
+    def _newest(self, request: ProductRequest, robot: str, until_s: float) -> Found | None:
         """Products without a place: the newest one."""
-        items = self._usable(self._dpm.search(timeout_s, type=request.product, robot=robot, limit=10))
+        items = self._usable(self._dpm.search(until_s, type=request.product, robot=robot, limit=10))
         if not items:
             return None
-        stored = self._dpm.value(str(items[0]["id"]), robot, timeout_s)
+        stored = self._dpm.value(str(items[0]["id"]), robot, until_s)
         return self._whole(stored)
 
-    def _pose(self, request: ProductRequest, robot: str, timeout_s: float) -> Found | None:
+    def _pose(self, request: ProductRequest, robot: str, until_s: float) -> Found | None:
         """The newest pose, or the one at the time asked for, in the frame asked for."""
         child = request.child or f"{robot}/base"
         items: list[dict[str, Any]] = []
         for of in dict.fromkeys((child, f"{robot}/base")):
-            items = items or self._usable(self._dpm.search(timeout_s, type="pose", robot=robot, child=of, limit=10))
+            items = items or self._usable(self._dpm.search(until_s, type="pose", robot=robot, child=of, limit=10))
         if not items and request.t_ns is None:
             return None
-        newest = self._dpm.value(str(items[0]["id"]), robot, timeout_s) if items else None
+        newest = self._dpm.value(str(items[0]["id"]), robot, until_s) if items else None
         if (
             request.t_ns is None
             and newest is not None
@@ -131,31 +129,31 @@ class Finder:
         ):
             return self._whole(newest)
         t_ns = request.t_ns if request.t_ns is not None else int(items[0]["t1_ns"])
-        T = self._dpm.pose(robot, request.frame, child, t_ns, timeout_s)
+        T = self._dpm.pose(robot, request.frame, child, t_ns, until_s)
         source = () if newest is None else (newest.header,)
         status = "OK" if newest is None else str(newest.header.quality.status)
         candidate = Candidate(source[0].id if source else "", robot, t_ns, t_ns, status=status)
         return Found(candidate, source, T, request.frame, child)
 
-    def _pointcloud(self, request: ProductRequest, robot: str, timeout_s: float) -> Found | None:
+    def _pointcloud(self, request: ProductRequest, robot: str, until_s: float) -> Found | None:
         """The newest cloud of the region; several, newest first, where one does not cover it."""
         if request.region is None:
-            return self._newest(request, robot, timeout_s)
-        region, frame = self._placed(request, robot, timeout_s)
+            return self._newest(request, robot, until_s)
+        region, frame = self._placed(request, robot, until_s)
         now_ns = self._clock.now_ns()
         cell_m = request.resolution_m or _CLOUD_CELL_M
         parts: list[Pointcloud] = []
         sources: list[Header] = []
         moved_by: UncertainTransform | None = None
         merged, coverage = None, 0.0
-        for item in self._clouds(robot, region, frame, timeout_s):
+        for item in self._clouds(robot, region, frame, until_s):
             if sources and now_ns - int(item["t1_ns"]) > request.max_age_s * NS_PER_S:
                 break
-            stored = self._dpm.value(str(item["id"]), robot, timeout_s)
+            stored = self._dpm.value(str(item["id"]), robot, until_s)
             h, cloud = stored.header, stored.value
             if h.frame != frame:
                 # Each at its own time: a cloud in the robot's frame was taken where the robot was then.
-                T = self._dpm.pose(robot, frame, h.frame, h.t1_ns, timeout_s)
+                T = self._dpm.pose(robot, frame, h.frame, h.t1_ns, until_s)
                 cloud, moved_by = translate.cloud_in(cloud, T, frame), moved_by or T
             part = translate.cropped_cloud(cloud, region)
             if not len(part.points_m):
@@ -173,49 +171,47 @@ class Finder:
         candidate = self._candidate(sources, robot, coverage, request.resolution_m)
         return Found(candidate, tuple(sources), merged, frame, region=region, moved_by=moved_by)
 
-    def _clouds(self, robot: str, region: Region, frame: str, timeout_s: float) -> list[dict[str, Any]]:
+    def _clouds(self, robot: str, region: Region, frame: str, until_s: float) -> list[dict[str, Any]]:
         """Clouds that may reach into the region, newest first; those of moving frames are not found by place."""
         asked = {"type": "pointcloud", "robot": robot, "limit": _CLOUDS}
-        items = self._usable(self._dpm.search(timeout_s, region=region.text, frame=frame, **asked))
-        return items or [i for i in self._usable(self._dpm.search(timeout_s, **asked)) if i["frame"] != frame]
+        items = self._usable(self._dpm.search(until_s, region=region.text, frame=frame, **asked))
+        return items or [i for i in self._usable(self._dpm.search(until_s, **asked)) if i["frame"] != frame]
 
-    def _dem(self, request: ProductRequest, robot: str, timeout_s: float) -> Found | None:
+    def _dem(self, request: ProductRequest, robot: str, until_s: float) -> Found | None:
         """The window that the DPM pools from all patches of the region; asked for only if something is new enough."""
         if request.region is None:
-            stored = self._dpm.window(timeout_s, robot=robot, resolution_m=request.resolution_m)
+            stored = self._dpm.window(until_s, robot=robot, resolution_m=request.resolution_m)
             return self._window(stored, None, robot)
-        region, frame = self._placed(request, robot, timeout_s)
+        region, frame = self._placed(request, robot, until_s)
         items = self._usable(
-            self._dpm.search(timeout_s, type="dem", robot=robot, region=region.text, frame=frame, limit=5)
+            self._dpm.search(until_s, type="dem", robot=robot, region=region.text, frame=frame, limit=5)
         )
         if not items:
             return None
         home = str(items[0]["frame"])
         newest = Candidate(str(items[0]["id"]), robot, int(items[0]["t1_ns"]), int(items[0]["t1_ns"]))
-        placed = self._seen_from(region, frame, home, robot, newest.t1_ns, timeout_s)
+        placed = self._seen_from(region, frame, home, robot, newest.t1_ns, until_s)
         if any(m.startswith(("age", "time")) for m in judge(newest, request, self._clock.now_ns()).missing):
             header = Header.from_dict(items[0])
             return Found(newest, (header,), None, home, region=placed)
         stored = self._dpm.window(
-            timeout_s, robot=robot, region=placed.text, frame=home, resolution_m=request.resolution_m
+            until_s, robot=robot, region=placed.text, frame=home, resolution_m=request.resolution_m
         )
         return self._window(stored, placed, robot)
 
-    def _navigation_map(self, request: ProductRequest, robot: str, timeout_s: float) -> Found | None:
+    def _navigation_map(self, request: ProductRequest, robot: str, until_s: float) -> Found | None:
         """The navigation map that covers most of the region, the newest of equals."""
         if request.region is None:
-            return self._newest(request, robot, timeout_s)
-        region, frame = self._placed(request, robot, timeout_s)
+            return self._newest(request, robot, until_s)
+        region, frame = self._placed(request, robot, until_s)
         items = self._usable(
-            self._dpm.search(
-                timeout_s, type="navigation_map", robot=robot, region=region.text, frame=frame, limit=_MAPS
-            )
+            self._dpm.search(until_s, type="navigation_map", robot=robot, region=region.text, frame=frame, limit=_MAPS)
         )
         found = []
         for item in items:
-            stored = self._dpm.value(str(item["id"]), robot, timeout_s)
+            stored = self._dpm.value(str(item["id"]), robot, until_s)
             home = stored.header.frame
-            placed = self._seen_from(region, frame, home, robot, stored.header.t1_ns, timeout_s)
+            placed = self._seen_from(region, frame, home, robot, stored.header.t1_ns, until_s)
             geometry = stored.value.geometry
             coverage = translate.grid_coverage(geometry, translate.observed_cells(stored.value), placed)
             if coverage > 0.0:
@@ -229,28 +225,28 @@ class Finder:
 
     # -- shared ------------------------------------------------------------------------------------------
 
-    def _placed(self, request: ProductRequest, robot: str, timeout_s: float) -> tuple[Region, str]:
+    def _placed(self, request: ProductRequest, robot: str, until_s: float) -> tuple[Region, str]:
         """The request's region and its frame; ``near`` is resolved at the end of capture of the newest product."""
         assert request.region is not None
         region, frame = request.region, request.region_frame
         if region.near_frame is None:
             return region, frame
-        newest = self._usable(self._dpm.search(timeout_s, type=request.product, robot=robot, limit=10))
+        newest = self._usable(self._dpm.search(until_s, type=request.product, robot=robot, limit=10))
         t_ns = int(newest[0]["t1_ns"]) if newest else None
         try:
-            T = self._dpm.pose(robot, frame, region.near_frame, t_ns, timeout_s)
+            T = self._dpm.pose(robot, frame, region.near_frame, t_ns, until_s)
         except ProductNotFoundError:  # nobody knows it at that time
-            T = self._dpm.pose(robot, frame, region.near_frame, None, timeout_s)
+            T = self._dpm.pose(robot, frame, region.near_frame, None, until_s)
         return region.resolved(float(T.matrix[0, 3]), float(T.matrix[1, 3])), frame
 
-    def _seen_from(self, region: Region, frame: str, home: str, robot: str, t_ns: int, timeout_s: float) -> Region:
+    def _seen_from(self, region: Region, frame: str, home: str, robot: str, t_ns: int, until_s: float) -> Region:
         if home == frame:
             return region
-        return translate.region_in(region, self._dpm.pose(robot, home, frame, t_ns, timeout_s).matrix)
+        return translate.region_in(region, self._dpm.pose(robot, home, frame, t_ns, until_s).matrix)
 
-    def pose(self, robot: str, parent: str, child: str, t_ns: int, timeout_s: float) -> UncertainTransform:
+    def pose(self, robot: str, parent: str, child: str, t_ns: int, until_s: float) -> UncertainTransform:
         """``T_parent_child`` at a time, from the DPM."""
-        return self._dpm.pose(robot, parent, child, t_ns, timeout_s)
+        return self._dpm.pose(robot, parent, child, t_ns, until_s)
 
     @staticmethod
     def _usable(items: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:

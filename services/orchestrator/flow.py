@@ -30,7 +30,7 @@ from services.orchestrator.state import State
 logger = logging.getLogger(__name__)
 
 #: Kept back from the deadline for translating and sending the answer: this part of it, at most so many seconds.
-_MARGIN_PART, _MARGIN_MAX_S = 0.15, 1.0
+_MARGIN_PART, _MARGIN_MAX_S = 0.15, 2.0
 #: Least time between two looks into the DPM, and longest wait without any change, seconds.
 _LOOK_EVERY_S, _IDLE_S = 0.1, 1.0
 #: A DFPC of a plan that failed this often in a row is planned around.
@@ -87,7 +87,7 @@ class Flow:
     def _serve(self, job: Job, p: _Progress) -> Iterator[Reply]:
         request = job.request
         robots = self._state.profile.robot_ids if request.robot == "any" else (request.robot,)
-        margin_s = min(_MARGIN_PART * request.deadline_s, _MARGIN_MAX_S)
+        margin_s = self._margin_s(job)
         seen = -1
         while True:
             job.check_cancelled()
@@ -115,6 +115,10 @@ class Flow:
 
     # -- steps ------------------------------------------------------------------------------------------------------
 
+    @staticmethod
+    def _margin_s(job: Job) -> float:
+        return min(_MARGIN_PART * job.request.deadline_s, _MARGIN_MAX_S)
+
     def _look_if_new(self, job: Job, robots: Sequence[str], p: _Progress) -> None:
         """Look when something that matters was inserted, else now and then: an event may be lost."""
         matter = {job.request.product} | ({"pose"} if job.request.region and job.request.region.near_frame else set())
@@ -127,7 +131,7 @@ class Flow:
     def _look(self, job: Job, robots: Sequence[str], p: _Progress) -> None:
         """Look into the DPM; one that is away now may be back before the deadline."""
         try:
-            p.best, p.why = self._finder.find(job.request, robots, max(job.remaining_s() - 0.1, 0.1))
+            p.best, p.why = self._finder.find(job.request, robots, job.deadline_s - self._margin_s(job))
             p.dpm_error = ""
         except UnavailableError as error:
             p.dpm_error = f"the DPM: {error}"
@@ -203,7 +207,7 @@ class Flow:
     def _deliver(self, job: Job, best: tuple[Found, Judgement]) -> Reply:
         found, judgement = best
         self._book.move(job, JobState.DELIVERING)
-        reply = self._delivery.reply(job.id, job.request, found, judgement, max(job.remaining_s(), 0.5))
+        reply = self._delivery.reply(job.id, job.request, found, judgement, job.deadline_s)
         result = {
             "kind": reply.attachment["kind"],
             "id": reply.attachment["id"],

@@ -78,10 +78,10 @@ def endpoint_of_filled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str
         with Bus.open(endpoint, name="producer", wait_s=20) as bus:
             wanted = {keys.alive("mana", s) for s in ("dpm", "orchestrator")}
             eventually(lambda: wanted <= bus.alive(keys.alive("mana", "*")), 40, "start-up")
-            put(bus, "dem", patch(0.0, 1.0, age_s=100.0))
+            put(bus, "dem", patch(0.0, 1.0, age_s=5000.0))
             put(bus, "dem", patch(1.0, 2.0, age_s=10.0))
             put(bus, "dem", patch(-2.0, 5.0, age_s=20.0), robot="minnie")
-            for age_s in (200, 0):
+            for age_s in (6000, 0):
                 base = TransformWithCovariance.from_transform(
                     T_SITE_BASE, parent="site", child="mana/base", stamp_ns=NOW_NS - age_s * 1_000_000_000
                 )
@@ -115,7 +115,7 @@ def client(endpoint_of_filled: str) -> Iterator[Client]:
 
 @pytest.mark.req("CDFF-SUP-021")
 def test_a_dem_of_a_region_is_pooled_from_patches_and_states_newest_and_oldest(client: Client) -> None:
-    answer = client.request("dem", robot="mana", region="bbox:0,0,3,2", max_age_s=60)
+    answer = client.request("dem", robot="mana", region="bbox:0,0,3,2", max_age_s=3600)
     assert isinstance(answer.value, ElevationMap)
     mean = answer.value.layer("mean")
     assert mean.shape == (40, 60)
@@ -124,7 +124,7 @@ def test_a_dem_of_a_region_is_pooled_from_patches_and_states_newest_and_oldest(c
     np.testing.assert_allclose(mean[:, 40:], 2.0)
     assert answer.delivered["coverage"] == pytest.approx(1.0)
     assert answer.delivered["resolution_m"] == 0.05
-    assert 9 < answer.delivered["age_s"] < 90 < answer.delivered["oldest_age_s"]
+    assert 9 < answer.delivered["age_s"] < 3600 < answer.delivered["oldest_age_s"]
     assert len(answer.header.inputs) == 2
 
 
@@ -279,3 +279,28 @@ def test_a_plain_zenoh_query_with_its_defaults_gets_the_one_final_answer(endpoin
         assert len(refused) == 1
         body = msgpack.unpackb(refused[0].err.payload.to_bytes())
         assert (body["code"], body["retriable"]) == ("INVALID_ARGUMENT", False)
+
+
+def test_the_command_line_asks_writes_the_file_and_lists_what_there_is(
+    endpoint_of_filled: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import json
+
+    from cdff_common.cli import main
+    from cdff_common.formats.geotiff import read_map
+
+    monkeypatch.setenv("CDFF_CONNECT", endpoint_of_filled)
+    out = tmp_path / "dem.tif"
+    asked = ["request", "dem", "--robot", "mana", "--region", "bbox:0,0,3,2", "--out", str(out), "--json"]
+    assert main(asked) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["delivered"]["coverage"] == pytest.approx(1.0)
+    assert read_map(out.read_bytes()).layer("mean").shape == (40, 60)
+    assert main(["request", "pose", "--robot", "mana", "--as", "RigidBodyState"]) == 0
+    assert "RigidBodyState of mana" in capsys.readouterr().out
+    assert main(["orchestrator", "jobs", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["jobs"][0]["state"] == "done"
+    assert main(["orchestrator", "catalogue"]) == 0
+    assert "troublemaker" in capsys.readouterr().out
+    assert main(["request", "dem", "--robot", "mana", "--region", "circle:900,0,1", "--deadline-s", "3"]) == 1
+    assert capsys.readouterr().err.startswith("cdff: no dem of mana as asked")
