@@ -82,11 +82,10 @@ def _connected(connect: str | None, stop: threading.Event) -> Bus | None:
 
 
 def _warm() -> None:
-    """Have the grammars compiled before the first product comes rather than while it waits."""
-    from cdff_common.codecs import encode
-    from cdff_common.types import Time
+    """Load what decodes before the first product comes rather than while it waits."""
+    from services.warm import warm_wire
 
-    encode(Time.from_ns(0), "uper")
+    warm_wire()
 
 
 def _where(settings: Settings, store: Store) -> dict[str, object]:

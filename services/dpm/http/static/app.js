@@ -195,7 +195,7 @@ async function refresh() {
 
 let pending = null;
 function soon() {
-  if (pending === null) pending = setTimeout(() => { pending = null; refresh(); }, 700);
+  if (pending === null) pending = setTimeout(() => { pending = null; refresh(); }, 1500);
 }
 
 function live(state, text) {
@@ -207,7 +207,9 @@ function follow() {
   const source = new EventSource("/api/v1/events");
   source.onopen = () => { live("live", "Live"); soon(); };
   source.onerror = () => live("lost", "Connection lost, trying again …");
-  for (const kind of ["inserted", "deleted", "activated", "deactivated", "reanchored", "sensor_mode", "alarm"]) {
+  // Poses come several times a second: the clock below is enough for them.
+  source.addEventListener("inserted", (event) => { if (JSON.parse(event.data).product !== "pose") soon(); });
+  for (const kind of ["deleted", "activated", "deactivated", "reanchored", "sensor_mode", "alarm"]) {
     source.addEventListener(kind, soon);
   }
 }
