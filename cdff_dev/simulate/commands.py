@@ -34,7 +34,19 @@ def register(nouns: Any) -> None:
 def progress_line(done: int, total: int) -> None:
     """Write progress on one line of a terminal's standard error."""
     if sys.stderr.isatty():
-        robots = list(scenario.robots)
+        end = "\n" if done == total else ""
+        print(f"\rcasting rays: {done}/{total} images and scans", end=end, file=sys.stderr, flush=True)
+
+
+def _run(args: argparse.Namespace) -> int:
+    from cdff_dev.simulate.scenario import load_scenario
+    from cdff_dev.simulate.store import check_free, deliver, simulated_log
+
+    scenario = load_scenario(args.scenario, args.seed)
+    check_free(args.out, args.force)
+    log = simulated_log(scenario, max(args.workers, 0), progress_line, fresh=args.force)
+    deliver(log, args.out, args.force)
+    robots = list(scenario.robots)
     if args.json:
         made = {"log": str(args.out), "scenario": scenario.name, "seed": scenario.seed, "robots": robots}
         print(json.dumps({**made, "duration_s": scenario.duration_s, "scenario_digest": scenario.digest}))
