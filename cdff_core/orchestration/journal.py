@@ -39,6 +39,13 @@ class Recovered:
     modes: set[SensorId] = field(default_factory=set)
     jobs: int = 0
 
+    def records(self) -> list[dict[str, Any]]:
+        """Records that lead to the same state, for a journal that starts anew."""
+        jobs = [{**record, "kind": "job", "job": job} for job, record in self.open_jobs.items()]
+        owned = [{"kind": "activation", "dfpc": str(m), "action": "activate", "ok": True} for m in sorted(self.owned)]
+        modes = [{"kind": "mode", "sensor": str(s), "ok": True} for s in sorted(self.modes)]
+        return [*jobs, *owned, *modes]
+
 
 def recover(records: Iterable[Mapping[str, Any]]) -> Recovered:
     """Replay records in order; those of unknown kinds are passed over: a newer version may have written them."""

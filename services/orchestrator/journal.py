@@ -7,8 +7,9 @@ from __future__ import annotations
 import json
 import logging
 import os
+import shutil
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +60,31 @@ class Journal:
                     yield record
                 else:
                     logger.warning("journal %s: line %d is no record; it is passed over", self._path, number)
+
+    @property
+    def size(self) -> int:
+        """Bytes on the disk."""
+        return self._path.stat().st_size
+
+    def compact(self, records: Iterable[Mapping[str, Any]]) -> None:
+        """Put the records so far aside as ``…1.jsonl``, in place of an older one, and go on from ``records`` alone.
+
+        A kill at any moment leaves the old journal or the new one. Raises StorageError.
+        """
+        fresh = self._path.with_suffix(".new")
+        with self._lock:
+            try:
+                with fresh.open("wb") as file:
+                    for record in records:
+                        file.write(json.dumps(record, default=str, separators=(",", ":")).encode() + b"\n")
+                    file.flush()
+                    os.fsync(file.fileno())
+                shutil.copyfile(self._path, self._path.with_suffix(".1.jsonl"))
+                self._file.close()
+                fresh.replace(self._path)
+                self._file = self._path.open("ab", buffering=0)
+            except OSError as error:
+                raise StorageError(f"journal {self._path}: {error}") from error
 
     def close(self) -> None:
         """Close the file."""

@@ -27,6 +27,8 @@ logger = logging.getLogger(__name__)
 
 _JOBS = {"robot", "job", "limit"}
 _MAX_LISTED = 200
+#: A journal larger than this at the start is put aside; what it leads to is carried over.
+_JOURNAL_BYTES = 16 << 20
 
 
 class Orchestrator:
@@ -83,6 +85,8 @@ class Orchestrator:
     def _recover(self) -> None:
         """Replay the journal: jobs that were open have failed, what they held starts to linger."""
         found = recover(self._journal.records())
+        if self._journal.size > _JOURNAL_BYTES:
+            self._journal.compact(found.records())
         for job in found.open_jobs:
             self._journal.append("job", job=job, state="failed", reason="the orchestrator was restarted")
         self._journal.append("start", open_jobs=len(found.open_jobs), owned=[str(m) for m in sorted(found.owned)])

@@ -346,6 +346,13 @@ def test_without_the_dpm_a_request_fails_with_that_reason_and_works_when_it_is_b
     assert client.request("pose", robot="mana", max_age_s=5, deadline_s=30).value is not None
 
 
+@pytest.mark.req("CDFF-SUP-043")
+def test_after_the_router_was_restarted_requests_are_answered_again(client: Client, system: System) -> None:
+    system.kill("router")
+    system.start("router")
+    assert client.request("pose", robot="mana", max_age_s=0.9, deadline_s=30).value is not None
+
+
 def test_a_second_orchestrator_for_the_same_robots_exits(system: System) -> None:
     system.start("orchestrator", "second")
     second = system.processes["second"]

@@ -95,6 +95,7 @@ def test_a_journal_tells_which_jobs_were_open_and_what_was_held_and_switched_on(
             {"kind": "activation", "action": "activate", "dfpc": "mana/pose", "ok": True},
             {"kind": "activation", "action": "deactivate", "dfpc": "mana/pose", "ok": False},
             {"kind": "something newer"},
+            {"kind": "mode", "sensor": "mana/lidar", "mode": "nominal", "ok": True},
             {"kind": "job", "job": "1", "state": "done"},
             {"kind": "lease", "action": "release", "holder": "1"},
             {"kind": "activation", "action": "deactivate", "dfpc": "mana/dem", "ok": True},
@@ -105,3 +106,5 @@ def test_a_journal_tells_which_jobs_were_open_and_what_was_held_and_switched_on(
     assert found.owned == {pose}
     assert found.jobs == 2
     assert dem not in found.owned
+    again = recover(found.records())
+    assert (set(again.open_jobs), again.owned, again.modes) == (set(found.open_jobs), found.owned, found.modes)

@@ -39,6 +39,20 @@ def test_a_torn_last_line_is_cut_off_and_garbage_in_between_is_passed_over(tmp_p
     journal.close()
 
 
+def test_a_compacted_journal_goes_on_from_what_was_carried_over_and_keeps_the_old_one_aside(tmp_path: Path) -> None:
+    path = tmp_path / "journal.jsonl"
+    journal = Journal(path)
+    for i in range(5):
+        journal.append("job", job=str(i), state="done")
+    before = journal.size
+    journal.compact([{"kind": "mode", "sensor": "mana/lidar", "ok": True}])
+    journal.append("start")
+    assert [r["kind"] for r in journal.records()] == ["mode", "start"]
+    assert journal.size < before
+    assert len((tmp_path / "journal.1.jsonl").read_text().splitlines()) == 5
+    journal.close()
+
+
 @pytest.mark.parametrize("content", [b"", b"torn", b"\n"])
 def test_an_empty_or_all_torn_journal_starts_anew(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "journal.jsonl"
