@@ -32,6 +32,7 @@ def rate(heights: np.ndarray, **config: Any) -> NavigationMap:
     return node.process(TraversabilityInputs(dem=dem)).map
 
 
+@pytest.mark.req("CDFF-CORE-073")
 @pytest.mark.parametrize(("slope_deg", "expected"), [(5.0, SAFE), (17.0, CAUTION), (23.0, HAZARD)])
 @pytest.mark.parametrize("azimuth_deg", [0.0, 70.0])
 @pytest.mark.parametrize("datum_m", [0.0, -2500.0])
@@ -64,6 +65,7 @@ def test_too_little_observed_under_the_rover_is_unknown_though_the_cell_is_obser
     assert (rate(np.full(GRID.shape, np.nan)).layer("class") == UNKNOWN).all()
 
 
+@pytest.mark.req("CDFF-CORE-073")
 def test_a_rock_is_a_hazard_as_far_as_the_rovers_half_width_and_caution_as_far_as_it_turns() -> None:
     made = rate(np.where((np.abs(X) < 0.15) & (np.abs(Y) < 0.15), 0.25, 0.0), max_roughness_m=1.0, max_slope_deg=60.0)
     classes, distance = made.layer("class"), np.hypot(X, Y)
@@ -82,6 +84,7 @@ def test_a_step_inside_one_cell_is_seen_in_full() -> None:
     assert (made.layer("class")[10:-10, 48:53] == HAZARD).all()
 
 
+@pytest.mark.req("CDFF-CORE-073")
 def test_rough_ground_is_rated_by_the_heights_distance_from_their_plane(rng: np.random.Generator) -> None:
     made = rate(rng.normal(0.0, 0.06, GRID.shape), max_step_m=5.0)
     inner = made.layer("roughness_m")[10:-10, 10:-10]
