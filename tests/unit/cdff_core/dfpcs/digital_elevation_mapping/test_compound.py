@@ -94,7 +94,6 @@ def height_errors_m(made: ElevationMap) -> np.ndarray:
 
 
 @pytest.mark.req("CDFF-CORE-071")
-@pytest.mark.req("CDFF-CORE-071")
 def test_sweeps_from_a_turning_rover_give_the_terrain_without_bias(rng: np.random.Generator) -> None:
     made = maps(drive(dem(), rng, 2.0))[0].value
     errors = height_errors_m(made)
@@ -140,7 +139,6 @@ def test_no_measurement_is_in_two_patches(rng: np.random.Generator) -> None:
     assert sum(o.quality.metrics["points"] for o in outputs) == sum(np.nansum(o.value.layer("count")) for o in outputs)
 
 
-@pytest.mark.req("CDFF-CORE-071")
 @pytest.mark.req("CDFF-CORE-071")
 def test_cells_no_point_fell_into_stay_nan(rng: np.random.Generator) -> None:
     out = maps(drive(dem(resolution_m=0.02), rng, 0.5))[0]

@@ -42,7 +42,6 @@ def classes_of(output: Output, radius_m: float = 3.0) -> np.ndarray:
 
 
 @pytest.mark.req("CDFF-CORE-073")
-@pytest.mark.req("CDFF-CORE-073")
 def test_flat_ground_is_safe_and_what_no_patch_reached_is_unknown() -> None:
     out = step(navigation(), patch())[0]
     assert (classes_of(out) == 1).all()
