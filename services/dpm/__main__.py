@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import threading
 from collections.abc import Sequence
 
@@ -48,9 +49,13 @@ def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
             with HttpServer(Context(dpm, settings, bus, watch, profile)):
                 serve(bus, dpm, served_robots(profile, store))
                 logger.info("serving", extra=_where(settings, store))
-                _warm()
+                warming = threading.Thread(target=_warm, name="warm", daemon=True)
+                warming.start()
                 stop.wait()
             bus.close()  # before the store: nothing may ask a store that is closed
+    if warming.is_alive():  # a compiler cannot be interrupted, and everything that must be closed is
+        logging.shutdown()
+        os._exit(0)
 
 
 def served_robots(profile: Profile | None, store: Store) -> tuple[str, ...]:
