@@ -12,6 +12,7 @@ from pydantic import Field
 from cdff_common.errors import RefusedError
 from cdff_common.interfaces.dfn import StrictModel
 from cdff_core.dfns.image_assessment._interface import ImageAssessmentOutputs
+from cdff_core.dfns.stereo_motion_estimation._interface import StereoMotionEstimationOutputs
 
 Count = Annotated[int, Field(ge=0)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
@@ -102,6 +103,24 @@ def judge_motion(metrics: dict[str, float], limits: Limits) -> list[str]:
     if metrics["sigma_translation_m"] > allowed:
         reasons.append(f"uncertain:{metrics['sigma_translation_m']:.3f}>{allowed:.3f}")
     return reasons
+
+
+def motion_metrics(
+    refined: StereoMotionEstimationOutputs, disparities: np.ndarray, counts: dict[str, int], limits: Limits
+) -> dict[str, float]:
+    """What is published of a motion: ``counts`` (features, visible, tracked), residuals, conditioning, sigmas."""
+    inliers = int(refined.inliers.sum())
+    return {name: float(count) for name, count in counts.items()} | {
+        "inliers": float(inliers),
+        "inlier_fraction": inliers / max(counts["tracked"], 1),
+        "near_points": float((disparities[refined.inliers] >= limits.near_disparity_px).sum()),
+        "rms_px": float(np.sqrt(np.mean(refined.residuals[refined.inliers] ** 2))),
+        "unit_variance": float(refined.unit_variance[0]),
+        "conditioning": float(refined.conditioning[0]),
+        "moved_m": float(np.linalg.norm(refined.motion[:3, 3])),
+        "sigma_translation_m": largest_sigma(refined.covariance[:3, :3]),
+        "sigma_rotation_rad": largest_sigma(refined.covariance[3:, 3:]),
+    }
 
 
 def largest_sigma(covariance: np.ndarray) -> float:

@@ -9,14 +9,13 @@ disparities, refine, judge, renew the key frame.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import Field
 
 from cdff_common.errors import InputError, RefusedError
 from cdff_common.geometry import UncertainTransform, se3
-from cdff_common.interfaces.dfpc import DfpcConfig, Output, Sample
+from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
 from cdff_common.types import FramePair, PoseTrajectory, TransformWithCovariance
 from cdff_core.dfns.features_extraction_2d._interface import FeaturesExtraction2DInputs
@@ -29,27 +28,9 @@ from cdff_core.dfns.stereo_matching_2d._interface import StereoMatching2DInputs
 from cdff_core.dfns.stereo_motion_estimation._interface import StereoMotionEstimationInputs
 from cdff_core.dfns.stereo_triangulation._interface import StereoTriangulationInputs
 from cdff_core.dfpcs.visual_odometry_sparse import _verdict as verdict
+from cdff_core.dfpcs.visual_odometry_sparse._config import VisualOdometrySparseConfig
 from cdff_core.dfpcs.visual_odometry_sparse._interface import VisualOdometrySparseInterface
 from cdff_core.dfpcs.visual_odometry_sparse._state import Calibration, FloatArray, KeyFrame, Path, View, required
-
-
-class VisualOdometrySparseConfig(DfpcConfig):
-    """Parameters of VisualOdometrySparse: its own, and per DFN slot a mapping with that DFN's."""
-
-    limits: verdict.Limits = verdict.Limits()
-    keyframe_survival: Annotated[float, Field(gt=0, lt=1)] = 0.6
-    patience: Annotated[int, Field(ge=1, le=100)] = 2
-    sigma_calibration_walk_px: Annotated[float, Field(ge=0, le=1)] = 0.002
-    trajectory_length: Annotated[int, Field(ge=2)] = 100_000
-    assessment: dict[str, Any] = {}
-    extraction: dict[str, Any] = {}
-    stereo_matching: dict[str, Any] = {}
-    refinement: dict[str, Any] = {}
-    triangulation: dict[str, Any] = {}
-    prediction: dict[str, Any] = {}
-    tracking: dict[str, Any] = {}
-    pnp: dict[str, Any] = {}
-    motion: dict[str, Any] = {}
 
 
 class VisualOdometrySparse(VisualOdometrySparseInterface):
@@ -206,21 +187,8 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
                 key.basis[kept], field.basis[ok], self._calibration.mean_px, self._calibration.covariance_px2,
             )
         )  # fmt: skip
-        near = reference[refined.inliers, 2] >= self.config.limits.near_disparity_px
-        metrics = {
-            "features": float(len(key.features)),
-            "visible": float(visible),
-            "tracked": float(len(tracked)),
-            "inliers": float(refined.inliers.sum()),
-            "inlier_fraction": float(refined.inliers.sum()) / max(len(tracked), 1),
-            "near_points": float(near.sum()),
-            "rms_px": float(np.sqrt(np.mean(refined.residuals[refined.inliers] ** 2))),
-            "unit_variance": float(refined.unit_variance[0]),
-            "conditioning": float(refined.conditioning[0]),
-            "moved_m": float(np.linalg.norm(refined.motion[:3, 3])),
-            "sigma_translation_m": verdict.largest_sigma(refined.covariance[:3, :3]),
-            "sigma_rotation_rad": verdict.largest_sigma(refined.covariance[3:, 3:]),
-        }
+        counts = {"features": len(key.features), "visible": visible, "tracked": len(tracked)}
+        metrics = verdict.motion_metrics(refined, reference[:, 2], counts, self.config.limits)
         reasons = verdict.judge_motion(metrics, self.config.limits)
         self._calibration.note(refined.calibration, refined.calibration_covariance)
         return UncertainTransform(refined.motion, refined.covariance), metrics, reasons

@@ -1,0 +1,31 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Parameters of VisualOdometrySparse."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from cdff_common.interfaces.dfpc import DfpcConfig
+from cdff_core.dfpcs.visual_odometry_sparse._verdict import Limits
+
+
+class VisualOdometrySparseConfig(DfpcConfig):
+    """Parameters of VisualOdometrySparse: its own, and per DFN slot a mapping with that DFN's."""
+
+    limits: Limits = Limits()
+    keyframe_survival: Annotated[float, Field(gt=0, lt=1)] = 0.6
+    patience: Annotated[int, Field(ge=1, le=100)] = 2
+    sigma_calibration_walk_px: Annotated[float, Field(ge=0, le=1)] = 0.002
+    trajectory_length: Annotated[int, Field(ge=2)] = 100_000
+    assessment: dict[str, Any] = {}
+    extraction: dict[str, Any] = {}
+    stereo_matching: dict[str, Any] = {}
+    refinement: dict[str, Any] = {}
+    triangulation: dict[str, Any] = {}
+    prediction: dict[str, Any] = {}
+    tracking: dict[str, Any] = {}
+    pnp: dict[str, Any] = {}
+    motion: dict[str, Any] = {}
