@@ -27,6 +27,8 @@ DERIVED_DFPC, DERIVED_PORT = "dpm", "window"
 #: Of one window: its statistics take about 50 bytes a cell while it is assembled.
 MAX_CELLS = 1 << 22
 MAX_PATCHES = 20_000
+#: Farthest from its frame's origin that a window may reach, metres.
+FARTHEST_M = 1e8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,8 +134,9 @@ class Maps:
         if newest_after_ns is not None and newest < newest_after_ns:
             raise ProductNotFoundError(f"newest dem patch{where} ended at {newest}, wanted {newest_after_ns} or later")
         cells = delivered_resolution({self._resolution(r) for r in records}, resolution_m)
-        geometry = GridGeometry.aligned(frame, cells, _bounds(region, records))
-        _check_size(geometry)
+        bounds = _bounds(region, records)
+        _check_size(bounds, cells)
+        geometry = GridGeometry.aligned(frame, cells, bounds)
         assembler, used = WindowAssembler(geometry), []
         for record in sorted(records, key=lambda r: (r.header.t1_ns, r.id)):
             patch = decode("ElevationMap", self._products.payload(record.id), record.codec)
@@ -146,9 +149,8 @@ class Maps:
         layers = assembler.statistics.to_layers(newest)
         observed, coverage = assembler.statistics.observed, 1.0
         if region is not None:
-            area = _raster_region(region)
-            coverage = area.coverage(geometry, observed)
-            inside = area.mask(geometry)
+            coverage = raster.coverage(region, geometry, observed)
+            inside = raster.mask(region, geometry)
             layers = {name: np.where(inside, layer, np.float32(np.nan)) for name, layer in layers.items()}
         else:
             coverage = float(np.count_nonzero(observed)) / observed.size
@@ -190,18 +192,15 @@ def _bounds(region: Region | None, records: list[ProductRecord]) -> tuple[float,
     return float(x0), float(y0), float(x1), float(y1)
 
 
-def _check_size(geometry: GridGeometry) -> None:
-    if geometry.rows * geometry.cols > MAX_CELLS:
+def _check_size(bounds: tuple[float, float, float, float], resolution_m: float) -> None:
+    x0, y0, x1, y1 = bounds
+    columns, rows = (x1 - x0) / resolution_m + 1.0, (y1 - y0) / resolution_m + 1.0
+    # The comparison is written so that what is not a number is refused too.
+    if not (rows * columns <= MAX_CELLS and max(abs(v) for v in bounds) <= FARTHEST_M):
         raise InputError(
-            f"window of {geometry.rows} x {geometry.cols} cells of {geometry.resolution_m} m: expected at most "
-            f"{MAX_CELLS} cells; ask for a smaller region or a larger resolution_m"
+            f"window of {rows:.4g} x {columns:.4g} cells of {resolution_m:g} m: expected at most {MAX_CELLS} "
+            f"cells within {FARTHEST_M:g} m of the origin; ask for a smaller region or a larger resolution_m"
         )
-
-
-def _raster_region(region: Region) -> Any:
-    from cdff_common import raster
-
-    return raster.Region(region.kind, region.values, region.near_frame)
 
 
 def _header(

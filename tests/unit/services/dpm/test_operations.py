@@ -121,6 +121,8 @@ def test_a_window_by_reference_is_a_product_that_is_not_pooled_again(dpm: Dpm) -
         ({"region": "bbox:0,0,2,2", "robot": "minnie"}, ProductNotFoundError),
         ({"region": "bbox:0,0,4,2", "min_coverage": "0.9"}, UnavailableError),
         ({"region": "bbox:-3000,-3000,3000,3000"}, InputError),
+        ({"region": "circle:0,0,1e308"}, InputError),
+        ({"region": "circle:1e300,0,1"}, ProductNotFoundError),
     ],
 )
 def test_a_window_that_would_not_be_as_asked_is_an_error(dpm: Dpm, parameters: dict[str, str], error: type) -> None:
