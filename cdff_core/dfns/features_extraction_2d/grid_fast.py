@@ -38,10 +38,10 @@ class GridFast(FeaturesExtraction2DInterface):
     def process(self, inputs: FeaturesExtraction2DInputs) -> FeaturesExtraction2DOutputs:
         """Detect; raises InputError on anything but a grey uint8 image."""
         image = checked_image(inputs.image)
-        corners = cv2.FastFeatureDetector_create(self.config.threshold_dn, True).detect(image)
+        corners = cv2.FastFeatureDetector.create(self.config.threshold_dn, True).detect(image)
         response = np.zeros(image.shape, np.float32)
         if corners:
-            columns, rows = np.rint(cv2.KeyPoint_convert(corners)).astype(np.int64).T
+            columns, rows = np.rint(cv2.KeyPoint.convert(corners)).astype(np.int64).T
             response[rows, columns] = np.fromiter((corner.response for corner in corners), np.float32, len(corners))
         features, scores = strongest_of_each_cell(response, 0.0, self.config)
         return FeaturesExtraction2DOutputs(features=features, scores=scores)
