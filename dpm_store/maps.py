@@ -114,6 +114,7 @@ class Maps:
         InputError
             If the window would have more than ``MAX_CELLS`` cells, or patches whose cells do not fit each other.
         """
+        from cdff_common import raster
         from cdff_common.codecs import decode
         from cdff_common.raster import CellStatistics, GridGeometry, WindowAssembler, delivered_resolution
         from cdff_common.types import ElevationMap

@@ -77,6 +77,18 @@ class Region:
         z0, z1 = (self.values[2], self.values[5]) if self.kind == "box" else (-math.inf, math.inf)
         return x0, y0, z0, x1, y1, z1
 
+    @property
+    def area_m2(self) -> float:
+        """Area, square metres (of a self-crossing polygon: the shoelace area)."""
+        v = self.values
+        if self.kind in ("circle", "near"):
+            return math.pi * v[-1] ** 2
+        if self.kind == "polygon":
+            x, y = np.asarray(v[0::2]) - v[0], np.asarray(v[1::2]) - v[1]
+            return float(abs(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) / 2.0)
+        x0, y0, x1, y1 = self.bounds
+        return (x1 - x0) * (y1 - y0)
+
     def contains(self, x_m: ArrayLike, y_m: ArrayLike, z_m: ArrayLike | None = None) -> NDArray[np.bool_]:
         """Tell which points lie inside; edges of boxes and circles belong to it.
 
@@ -125,7 +137,10 @@ def parse_region(text: str) -> Region:
     if not all(math.isfinite(v) for v in values):
         raise InputError(f"region={text!r}: holds numbers that are not finite")
     _check_numbers(text, kind, values)
-    return Region(kind, values, near_frame)
+    region = Region(kind, values, near_frame)
+    if kind == "polygon" and not region.area_m2 > 0.0:
+        raise InputError(f"region={text[:80]!r}: the polygon encloses no area")
+    return region
 
 
 def _check_numbers(text: str, kind: str, values: tuple[float, ...]) -> None:

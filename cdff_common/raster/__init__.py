@@ -3,7 +3,7 @@
 """Georeferenced grids, pooled statistics, aggregation, windows, slope and regions: the only raster algebra."""
 
 from cdff_common.raster.geometry import Bounds, GridGeometry
-from cdff_common.raster.region import Region
+from cdff_common.raster.region import coverage, mask
 from cdff_common.raster.resample import aggregate, aggregate_to, delivered_resolution
 from cdff_common.raster.slope import hillshade, horn_gradient, slope_rad
 from cdff_common.raster.statistics import ELEVATION_LAYERS, NEVER_NS, CellStatistics, pool
@@ -15,14 +15,15 @@ __all__ = [
     "Bounds",
     "CellStatistics",
     "GridGeometry",
-    "Region",
     "WindowAssembler",
     "aggregate",
     "aggregate_to",
     "assemble",
+    "coverage",
     "delivered_resolution",
     "hillshade",
     "horn_gradient",
+    "mask",
     "pool",
     "slope_rad",
 ]

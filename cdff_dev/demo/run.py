@@ -17,8 +17,8 @@ from cdff_common.bus import Bus, keys
 from cdff_common.client import Answer, Client
 from cdff_common.clock import NS_PER_S, MissionClock
 from cdff_common.errors import CdffError, UnavailableError
+from cdff_common.geometry.region import Region, parse_region
 from cdff_common.interfaces.product import Header
-from cdff_common.raster.region import Region
 from cdff_dev.demo.script import Ask, Script
 from cdff_dev.demo.verdict import Delivered, faults
 
@@ -96,7 +96,7 @@ def _region(ask: Ask, answer: Answer, client: Client) -> Region | None:
     """The region asked for; ``near`` is resolved at the end of capture, as the orchestrator is to do."""
     if ask.region is None:
         return None
-    region = Region.parse(ask.region)
+    region = parse_region(ask.region)
     if region.near_frame is None:
         return region
     robot = region.near_frame.split("/")[0]

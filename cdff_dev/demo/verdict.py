@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from cdff_common.geometry.region import Region
 from cdff_common.raster.geometry import GridGeometry
-from cdff_common.raster.region import Region
+from cdff_common.raster.region import coverage as covered
 from cdff_common.types import (
     ElevationMap,
     NavigationMap,
@@ -102,8 +103,8 @@ def _cloud_faults(value: Pointcloud, region: Region | None) -> Iterator[str]:
         yield f"{len(points)} points, expected a cloud"
     if region is not None and len(points):
         low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
-        b = region.bounds
-        outside = max(b.xmin - low[0], b.ymin - low[1], high[0] - b.xmax, high[1] - b.ymax)
+        xmin, ymin, xmax, ymax = region.bounds
+        outside = max(xmin - low[0], ymin - low[1], high[0] - xmax, high[1] - ymax)
         if outside > REGION_SLACK_M:
             yield f"points up to {outside:.2f} m outside the region"
 
@@ -128,6 +129,6 @@ def _grid_faults(ask: Ask, geometry: GridGeometry, observed: Any, region: Region
     if not observed.any():
         yield "no cell is observed"
     if region is not None:
-        coverage = region.coverage(geometry, observed)
+        coverage = covered(region, geometry, observed)
         if coverage < (ask.min_coverage or 0.0):
             yield f"coverage {coverage:.2f}, expected at least {ask.min_coverage:.2f}"

@@ -24,7 +24,7 @@ def test_a_region_is_written_as_it_was_read(text: str) -> None:
 @pytest.mark.parametrize(
     "text",
     ["", "bbox", "bbox:1,2,3", "bbox:0,0,0,1", "box:0,0,1,1,1,0", "circle:0,0,-1", "circle:0,0,nan", "circle:0,0,1e999",
-     "polygon:0,0,1,1", "polygon:0,0,1,1,2", "near:Mana,3", "near:mana/base", "near:mana/base,0", "blob:1,2"],
+     "polygon:0,0,1,1", "polygon:0,0,1,1,2", "polygon:0,0,1,1,2,2", "near:Mana,3", "near:mana/base", "near:mana/base,0", "blob:1,2"],
 )  # fmt: skip
 def test_a_malformed_region_is_refused(text: str) -> None:
     with pytest.raises(InputError):
@@ -54,3 +54,14 @@ def test_near_has_no_place_until_it_is_resolved() -> None:
 def test_the_box_to_search_is_unbounded_in_z_unless_the_region_is_a_box() -> None:
     assert parse_region("circle:1,2,3").box_m == (-2, -1, -math.inf, 4, 5, math.inf)
     assert parse_region("box:0,0,0,1,2,3").box_m == (0, 0, 0, 1, 2, 3)
+
+
+def test_polygons_that_share_an_edge_share_no_point(rng: np.random.Generator) -> None:
+    x, y = rng.uniform(0, 2, (2, 5000))
+    left, right = parse_region("polygon:0,0,1,0,1.3,2,0,2"), parse_region("polygon:1,0,2,0,2,2,1.3,2")
+    hits = left.contains(x, y).astype(int) + right.contains(x, y).astype(int)
+    assert (hits == 1).all()
+
+
+def test_the_area_of_a_polygon_leaves_its_notch_out() -> None:
+    assert parse_region("polygon:0,0,4,0,4,4,2,1,0,4").area_m2 == pytest.approx(16 - 6)
