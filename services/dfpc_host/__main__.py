@@ -19,7 +19,7 @@ import yaml
 from cdff_common.bus import Bus
 from cdff_common.errors import ConfigurationError
 from cdff_common.interfaces.profile import DfpcEntry, Profile, Robot, load_profile
-from services.process import cap_threads, run_service
+from cdff_common.process import cap_threads, run_service
 
 
 def entries_of(

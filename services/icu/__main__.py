@@ -17,9 +17,9 @@ from pathlib import Path
 from cdff_common.bus import Bus, Reply, Request, keys
 from cdff_common.errors import InputError
 from cdff_common.interfaces.profile import load_profile
+from cdff_common.process import run_service
 from cdff_core.orchestration.request import parse_robot
 from services.icu.unit import SimulatedIcu
-from services.process import run_service
 
 logger = logging.getLogger(__name__)
 

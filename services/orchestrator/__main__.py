@@ -15,9 +15,9 @@ from pathlib import Path
 from cdff_common.bus import Bus
 from cdff_common.codecs import encode
 from cdff_common.interfaces.profile import load_profile
+from cdff_common.process import cap_threads, run_service
 from cdff_common.types import TransformWithCovariance
 from services.orchestrator.service import Orchestrator
-from services.process import cap_threads, run_service
 
 _DEFAULT_DATA = Path.home() / ".local" / "share" / "cdff"
 

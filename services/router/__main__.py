@@ -15,7 +15,7 @@ import threading
 from cdff_common.bus import Bus
 from cdff_common.bus.keys import GROUND
 from cdff_common.bus.session import DEFAULT_ENDPOINT
-from services.process import run_service
+from cdff_common.process import run_service
 
 logger = logging.getLogger(__name__)
 

@@ -38,7 +38,7 @@ def run_up(args: argparse.Namespace) -> int:
     from cdff_common.bus.session import endpoint
     from cdff_common.errors import ConfigurationError
     from cdff_common.interfaces.profile import load_profile
-    from services.process import run_service
+    from cdff_common.process import run_service
     from services.supervisor.plan import plan
     from services.supervisor.supervisor import Supervisor
 
