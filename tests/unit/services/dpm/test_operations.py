@@ -156,4 +156,4 @@ def test_times_that_no_column_holds_are_refused(dpm: Dpm, fields: dict[str, int]
 
 def test_a_polygon_that_crosses_itself_is_refused() -> None:
     with pytest.raises(InputError, match="Self-intersection"):
-        search_query("ground", {"region": "polygon:0,0,1,1,1,0,0,1"})
+        search_query("ground", {"region": "polygon:0,0,2,2,2,0,0,1"})
