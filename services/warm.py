@@ -15,7 +15,7 @@ import time
 
 
 def warm_wire() -> None:
-    """Encode and decode one value of each bulk type in each encoding."""
+    """Encode, decode and measure one value of each bulk type in each encoding."""
     import numpy as np
 
     from cdff_common.codecs import decode, encode
@@ -33,6 +33,7 @@ def warm_wire() -> None:
         TransformWithCovariance.from_transform(transform, parent="site", child="base", stamp_ns=0),
     ]
     for value in values:
+        value.extent_m()
         for codec in ("uper", "msgpack"):
             decode(value.ASN1_NAME, encode(value, codec), codec)
 
