@@ -63,6 +63,9 @@ def run_service(name: str, body: Callable[[threading.Event], None]) -> int:
     try:
         body(stop)
     except CdffError as error:
+        if stop.is_set():  # what breaks off because it was told to end is no failure
+            logger.info("%s", error)
+            return 0
         logger.error("%s", error)  # a known error is one line, not a traceback
         return 1
     sys.stdout.flush()

@@ -47,15 +47,24 @@ class Bus:
         self._clock: MissionClock | None = None
 
     @classmethod
-    def open(cls, connect: str | None = None, *, name: str, wait_s: float | None = 5.0) -> Self:
+    def open(
+        cls,
+        connect: str | None = None,
+        *,
+        name: str,
+        wait_s: float | None = 5.0,
+        stop: threading.Event | None = None,
+    ) -> Self:
         """Connect to the router (argument, ``CDFF_CONNECT`` or the default), trying for ``wait_s`` seconds.
+
+        ``wait_s=None`` tries until the router is there or ``stop`` is set.
 
         Raises
         ------
         UnavailableError
-            If no router answers in time.
+            If no router answers in time, or ``stop`` was set before.
         """
-        return cls(open_client(connect, wait_s), name)
+        return cls(open_client(connect, wait_s, stop), name)
 
     @classmethod
     def open_router(cls, listen: str, *, name: str = "router") -> Self:

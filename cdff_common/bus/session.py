@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import os
+import threading
 import time
 
 import zenoh
@@ -15,7 +16,7 @@ from cdff_common.errors import UnavailableError
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 #: Lease of a link, ms: a peer that hangs is noticed after this, one that dies at once.
 LEASE_MS = 5000
-_ATTEMPT_MS = 1000
+_ATTEMPT_MS = 500
 
 
 def _common(config: zenoh.Config) -> None:
@@ -35,7 +36,7 @@ def endpoint(connect: str | None = None) -> str:
     return connect or os.environ.get("CDFF_CONNECT") or DEFAULT_ENDPOINT
 
 
-def open_client(connect: str | None, wait_s: float | None) -> zenoh.Session:
+def open_client(connect: str | None, wait_s: float | None, stop: threading.Event | None = None) -> zenoh.Session:
     """Open a client session, trying until the router answers.
 
     Parameters
@@ -44,6 +45,8 @@ def open_client(connect: str | None, wait_s: float | None) -> zenoh.Session:
         Endpoint, as ``tcp/127.0.0.1:7447``; None takes ``CDFF_CONNECT`` or the default.
     wait_s : float or None
         How long to try; None for ever.
+    stop : threading.Event, optional
+        Ends the waiting when it is set.
 
     Raises
     ------
@@ -67,7 +70,8 @@ def open_client(connect: str | None, wait_s: float | None) -> zenoh.Session:
         try:
             return zenoh.open(config)
         except zenoh.ZError as error:
-            if deadline is not None and time.monotonic() >= deadline:
+            stopped = stop is not None and stop.is_set()
+            if stopped or (deadline is not None and time.monotonic() >= deadline):
                 raise UnavailableError(
                     f"no Zenoh router answers at {where}: start one with `cdff up`, or set CDFF_CONNECT"
                 ) from error

@@ -66,7 +66,7 @@ def main(argv: list[str] | None = None) -> int:
                 (robot, entry.model_copy(update={"parameters": read_parameters(args.config)}))
                 for robot, entry in entries
             ]
-        with Bus.open(name=args.process or args.dfpc, wait_s=None) as bus:
+        with Bus.open(name=args.process or args.dfpc, wait_s=None, stop=stop) as bus:
             from services.dfpc_host.host import DfpcHost  # heavy: after the thread caps
 
             DfpcHost(bus, entries).run(stop)

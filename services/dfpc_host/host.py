@@ -15,6 +15,7 @@ from cdff_common.bus import Bus, Reply, Request, keys
 from cdff_common.clock import monotonic_s
 from cdff_common.codecs import encode
 from cdff_common.codecs.encoding import encoding_string
+from cdff_common.codecs.siblings import wire_type
 from cdff_common.errors import InputError
 from cdff_common.interfaces.profile import DfpcEntry, Robot
 from services.dfpc_host.hosted import HostedDfpc
@@ -135,7 +136,7 @@ class DfpcHost:
 
 def _value(found: tuple[str, object]) -> Reply:
     """A value of an operation or store item as a reply: plain data as MessagePack, types as UPER."""
-    type_name, value = found
+    value = found[1]
     if value is None or isinstance(value, (bool, int, float, str, list, dict)):
         return Reply.of(value)
-    return Reply(encode(value, "uper"), encoding_string(type_name, "uper"))
+    return Reply(encode(value, "uper"), encoding_string(wire_type(value), "uper"))

@@ -14,6 +14,7 @@ from cdff_common.bus import Bus, Message, Qos, Subscription, keys
 from cdff_common.clock import monotonic_s
 from cdff_common.codecs import encode
 from cdff_common.codecs.encoding import encoding_string
+from cdff_common.codecs.siblings import wire_type
 from cdff_common.errors import CdffError, NotActiveError, OverloadedError
 from cdff_common.interfaces.dfpc import Dfpc
 from cdff_common.interfaces.product import Product
@@ -275,7 +276,7 @@ class HostedDfpc:
     def _publish_all(self, products: list[Product]) -> None:
         for product in products:
             payload = b"" if product.value is None else encode(product.value, "uper")
-            encoding = encoding_string(product.type_name, "uper")
+            encoding = encoding_string(product.type_name if product.value is None else wire_type(product.value), "uper")
             attachment = product.header.to_attachment()
             qos = Qos.POSE if product.type_name == "TransformWithCovariance" else Qos.PRODUCT
             self._bus.publish(

@@ -7,6 +7,7 @@ from __future__ import annotations
 from cdff_common.bus import Message
 from cdff_common.codecs import decode
 from cdff_common.codecs.encoding import parse_encoding
+from cdff_common.codecs.siblings import base_type
 from cdff_common.errors import CodecError, RefusedError
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.product import Header, Status
@@ -26,7 +27,7 @@ def sample_of(message: Message, port: str, type_name: str) -> Sample:
     if header.quality.status is Status.FAILED:
         raise RefusedError(f"{message.key}: its producer says FAILED", header.quality.reasons)
     name, codec = parse_encoding(message.encoding)
-    if name != type_name:
+    if base_type(name) != type_name:
         raise CodecError(f"{message.key} carries {name}, port {port} takes {type_name}")
     return Sample(
         port=port,

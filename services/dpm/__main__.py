@@ -10,7 +10,6 @@ import threading
 from collections.abc import Sequence
 
 from cdff_common.bus import Bus
-from cdff_common.errors import UnavailableError
 from cdff_common.interfaces.profile import Profile, load_profile
 from cdff_common.process import run_service
 from dpm_store import Store, open_store
@@ -36,10 +35,7 @@ def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
     for noisy in ("alembic", "uvicorn", "uvicorn.error"):
         logging.getLogger(noisy).setLevel(logging.WARNING)
     profile = load_profile(settings.profile) if settings.profile is not None else None
-    bus = _connected(settings.connect, stop)
-    if bus is None:
-        return
-    with bus:
+    with Bus.open(settings.connect, name="dpm", wait_s=None, stop=stop) as bus:
         clock = bus.mission_clock
         with open_store(settings.store_url, clock) as store:
             if profile is not None:
@@ -74,16 +70,6 @@ def anchor(store: Store, profile: Profile) -> None:
             parent = graph.parent_of(frame)
             if parent is not None and frame not in known:
                 store.frames.set(frame, parent, graph.lookup(parent, frame, 0), producer=f"profile/{profile.name}")
-
-
-def _connected(connect: str | None, stop: threading.Event) -> Bus | None:
-    """The bus once the router is there; None if it is time to stop before."""
-    while not stop.is_set():
-        try:
-            return Bus.open(connect, name="dpm", wait_s=0.5)
-        except UnavailableError as error:
-            logger.info("waiting: %s", error)
-    return None
 
 
 def _warm() -> None:

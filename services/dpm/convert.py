@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cdff_common.codecs.encoding import CODECS, encoding_string
+from cdff_common.codecs.siblings import base_type, wire_type
 from cdff_common.errors import InputError
 from cdff_common.interfaces.product import Header
 
@@ -38,7 +39,7 @@ class _FileFormat:
 
 def formats_of(type_name: str) -> tuple[str, ...]:
     """Formats in which a type can be had."""
-    return (*CODECS, *_FORMATS.get(type_name, {}))
+    return (*CODECS, *_FORMATS.get(base_type(type_name), {}))
 
 
 def convert(
@@ -64,8 +65,9 @@ def convert(
         If the type cannot be had in that format; the message names those it can.
     """
     wanted = codec if format_name in (None, "native") else str(format_name)
-    if as_type in (None, type_name) and wanted == codec:
+    if as_type in (None, type_name, base_type(type_name)) and wanted == codec:
         return Converted(payload, encoding_string(type_name, codec), codec)
+    stored_as, type_name = type_name, base_type(type_name)
     formats = formats_of(type_name)
     if wanted not in formats:
         raise InputError(f"format={wanted[:40]!r}: a {type_name} comes as {', '.join(formats)}")
@@ -74,11 +76,11 @@ def convert(
     from cdff_common.codecs import decode, encode
 
     if value is None:
-        value = decode(type_name, payload, codec)
+        value = decode(stored_as, payload, codec)
     if as_type not in (None, type_name):
         value, type_name = _as(value, type_name, str(as_type), header), str(as_type)
     if wanted in CODECS:
-        return Converted(encode(value, wanted), encoding_string(type_name, wanted), wanted)
+        return Converted(encode(value, wanted), encoding_string(wire_type(value), wanted), wanted)
     if as_type not in (None, type(value).__name__) or wanted not in _FORMATS.get(type_name, {}):
         raise InputError(f"format={wanted}: a {type_name} comes as {', '.join(formats_of(type_name))}")
     file_format = _FORMATS[type_name][wanted]

@@ -13,6 +13,7 @@ from typing import Any
 from cdff_common.clock import Clock
 from cdff_common.codecs import decode, encode
 from cdff_common.codecs.encoding import parse_encoding
+from cdff_common.codecs.siblings import base_type
 from cdff_common.errors import CodecError, InputError, ProductNotFoundError, UnavailableError
 from cdff_common.geometry import checked_frame
 from cdff_common.interfaces.product import Header, Status
@@ -250,7 +251,7 @@ class Dpm:
         if product not in PRODUCT_TYPES:
             raise InputError(f"product={product[:80]!r}: expected one of {', '.join(PRODUCT_TYPES)}")
         wanted = PRODUCT_TYPES[product]
-        if wanted is not None and type_name != wanted:
+        if wanted is not None and base_type(type_name) != wanted:
             raise InputError(f"a {product} is stored as {wanted}, this is a {type_name}")
         if (header.quality.status is Status.FAILED) != (not payload):
             raise InputError(

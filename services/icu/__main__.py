@@ -35,7 +35,7 @@ def main(argv: list[str] | None = None) -> int:
 
     def body(stop: threading.Event) -> None:
         profile = load_profile(args.profile)
-        with Bus.open(args.connect, name="icu", wait_s=None) as bus:
+        with Bus.open(args.connect, name="icu", wait_s=None, stop=stop) as bus:
             unit = SimulatedIcu(profile, lambda robot, event: _tell(bus, robot, event))
             for scope in (*profile.robot_ids, keys.GROUND):
                 bus.serve(keys.icu_rpc(scope, "modes"), lambda r: _modes(unit, r))

@@ -37,7 +37,7 @@ def main(argv: list[str] | None = None) -> int:
             TransformWithCovariance(), "uper"
         )  # the codec reads its schema once: before the first request, not in it
         profile = load_profile(args.profile)
-        with Bus.open(args.connect, name="orchestrator", wait_s=None) as bus:
+        with Bus.open(args.connect, name="orchestrator", wait_s=None, stop=stop) as bus:
             orchestrator = Orchestrator(bus, profile, args.data_dir / "orchestrator" / "journal.jsonl", args.capacity)
             try:
                 orchestrator.start()

@@ -15,6 +15,7 @@ from cdff_common.bus.message import pack
 from cdff_common.clock import Clock
 from cdff_common.codecs import encode
 from cdff_common.codecs.encoding import encoding_string
+from cdff_common.codecs.siblings import wire_type
 from cdff_common.errors import InputError, UnavailableError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.product import CovarianceKind, Header, Quality, product_id
@@ -103,7 +104,7 @@ class Delivery:
         body = {
             "id": header.id,
             "type": native,
-            "encoding": encoding_string(native, "uper"),
+            "encoding": encoding_string(wire_type(t.value) if t.type_name == native else native, "uper"),
             "format": form,
             "path": f"/api/v1/products/{header.id}/payload?format={form}",
         }
@@ -195,7 +196,7 @@ def _still(lookup: Lookup, frame: str, home: str, value: Any) -> UncertainTransf
 def encoded(value: Any, type_name: str, form: str) -> tuple[bytes, str]:
     """Return the bytes of a value in a codec or file format, and the encoding string."""
     if form in CODECS:
-        return encode(value, form), encoding_string(type_name, form)
+        return encode(value, form), encoding_string(wire_type(value), form)
     return file_bytes(value, form)
 
 

@@ -14,6 +14,7 @@ from cdff_common.bus import Bus, keys
 from cdff_common.clock import monotonic_s
 from cdff_common.codecs import decode, encode
 from cdff_common.codecs.encoding import encoding_string, parse_encoding
+from cdff_common.codecs.siblings import wire_type
 from cdff_common.errors import DeadlineError, InputError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.product import Header
@@ -100,7 +101,7 @@ class Dpm:
             asked,
             payload=encode(value, "uper"),
             attachment=header.to_attachment(),
-            encoding=encoding_string(type_name, "uper"),
+            encoding=encoding_string(wire_type(value), "uper"),
             timeout_s=_left(until_s),
         )
 

@@ -265,3 +265,32 @@ def test_sigterm_ends_it_at_once_also_during_start_up(
     assert starting.wait(5) in (0, -15)
     host.terminate()
     assert host.wait(5) == 0
+
+
+@pytest.mark.req("CDFF-SUP-FLT-006")
+@pytest.mark.parametrize(
+    ("module", "arguments"),
+    [
+        ("services.dpm", ("--http", "127.0.0.1:0")),
+        ("services.orchestrator", ("--profile", PROFILE)),
+        ("services.icu", ("--profile", PROFILE)),
+        ("services.dfpc_host", ("--profile", PROFILE, "--process", f"mana_{NAME}")),
+    ],
+)
+def test_sigterm_ends_a_service_that_waits_for_its_router(
+    spawn: Spawn, tmp_path: Path, module: str, arguments: tuple[str, ...], eventually: Eventually
+) -> None:
+    waiting = spawn(module, *arguments)
+    log = tmp_path / f"{module}.log"
+    # Long enough to be past the imports, where the handler is not there yet and the default ends it.
+    eventually(lambda: log.exists() and waiting.poll() is None and _catches_sigterm(waiting.pid), timeout_s=20)
+    waiting.terminate()
+    assert waiting.wait(5) == 0, log.read_text(encoding="utf-8")
+
+
+def _catches_sigterm(pid: int) -> bool:
+    """Whether a process has a handler for SIGTERM (bit 14 of SigCgt)."""
+    for line in Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines():
+        if line.startswith("SigCgt:"):
+            return bool(int(line.split()[1], 16) >> 14 & 1)
+    return False

@@ -24,7 +24,8 @@ def test_a_region_is_written_as_it_was_read(text: str) -> None:
 @pytest.mark.parametrize(
     "text",
     ["", "bbox", "bbox:1,2,3", "bbox:0,0,0,1", "box:0,0,1,1,1,0", "circle:0,0,-1", "circle:0,0,nan", "circle:0,0,1e999",
-     "polygon:0,0,1,1", "polygon:0,0,1,1,2", "polygon:0,0,1,1,2,2", "near:Mana,3", "near:mana/base", "near:mana/base,0", "blob:1,2"],
+     "polygon:0,0,1,1", "polygon:0,0,1,1,2", "polygon:0,0,1,1,2,2", "near:Mana,3", "near:mana/base", "near:mana/base,0",
+     "blob:1,2"],
 )  # fmt: skip
 def test_a_malformed_region_is_refused(text: str) -> None:
     with pytest.raises(InputError):
