@@ -39,9 +39,7 @@ def free_port() -> int:
 def one_run(profile_path: Path) -> dict[str, float]:
     """Start, measure, end."""
     begin_s = time.monotonic()
-    stage = Stage(
-        load_profile(profile_path), profile_path, f"tcp/127.0.0.1:{free_port()}", f"127.0.0.1:{free_port()}"
-    )
+    stage = Stage(load_profile(profile_path), profile_path, f"tcp/127.0.0.1:{free_port()}", f"127.0.0.1:{free_port()}")
     with stage, Bus.open(stage.connect, name="bench", wait_s=20) as bus:
         stage.wait_ready(bus)
         ready_s = time.monotonic() - begin_s

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """An autonomy framework in three lines: ask a running system (``cdff demo``) for the elevation around a rover.
 
-    python examples/three_lines.py [ROBOT]
+python examples/three_lines.py [ROBOT]
 """
 
 import sys

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from cdff_dev.check.requirements import Requirement, read_requirements, named_by_tests
+from cdff_dev.check.requirements import Requirement, named_by_tests, read_requirements
 from cdff_dev.generate.artefacts import Artefact
 from cdff_dev.generate.python_source import render
 from cdff_dev.generate.tree import Tree

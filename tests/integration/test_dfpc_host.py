@@ -267,7 +267,7 @@ def test_sigterm_ends_it_at_once_also_during_start_up(
     assert host.wait(5) == 0
 
 
-@pytest.mark.req("CDFF-SUP-FLT-006")
+@pytest.mark.req("CDFF-SUP-044")
 @pytest.mark.parametrize(
     ("module", "arguments"),
     [
