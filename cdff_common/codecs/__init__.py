@@ -16,32 +16,40 @@ from cdff_common.errors import CodecError
 __all__ = ["CODECS", "decode", "encode", "encoding_string", "parse_encoding"]
 
 
-def encode(value: Any, codec: str = "uper") -> bytes:
+def encode(value: Any, codec: str = "uper", type_name: str | None = None) -> bytes:
     """Encode a message of ``cdff_common.types``.
+
+    Parameters
+    ----------
+    value : Message
+    codec : str
+        ``uper``, ``ber``, ``xer`` or ``msgpack``.
+    type_name : str, optional
+        ASN.1 type to write it as, one of two siblings; by default the smaller that holds it, see ``wire_type``.
 
     Raises
     ------
     CodecError
-        If the codec is unknown or the value cannot be encoded.
+        If the codec is unknown, or the value cannot be encoded or is too large for ``type_name``.
     """
     if not getattr(type(value), "ASN1_NAME", ""):
         raise CodecError(f"{type(value).__name__}: expected a message of cdff_common.types")
     if codec == "msgpack":
         from cdff_common.codecs import messagepack
 
-        return messagepack.encode(value)
+        return messagepack.encode(value, type_name)
     if codec == "uper":
         from cdff_common.codecs import uper
 
-        return uper.encode(value)
+        return uper.encode(value, type_name)
     if codec == "ber":
         from cdff_common.codecs import reference
 
-        return reference.encode(value, codec)
+        return reference.encode(value, codec, type_name)
     if codec == "xer":
         from cdff_common.codecs import xer
 
-        return xer.encode(value)
+        return xer.encode(value, type_name)
     raise CodecError(f"codec {codec!r}: expected one of {', '.join(CODECS)}")
 
 

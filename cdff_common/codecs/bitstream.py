@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cdff_common.codecs import decode, encode
+from cdff_common.codecs.siblings import wire_type
 from cdff_common.errors import CodecError
 from cdff_common.types import Asn1Bitstream
 
@@ -20,8 +21,9 @@ def wrap(value: Any, codec: str = "uper") -> Asn1Bitstream:
     """Encode a message into a bitstream message."""
     if codec not in METHODS:
         raise CodecError(f"codec {codec!r}: expected one of {', '.join(METHODS)}")
-    data = np.frombuffer(encode(value, codec), dtype=np.uint8)
-    return Asn1Bitstream(type=type(value).ASN1_NAME, serialization_method=METHODS.index(codec), data=data)
+    type_name = wire_type(value)
+    data = np.frombuffer(encode(value, codec, type_name), dtype=np.uint8)
+    return Asn1Bitstream(type=type_name, serialization_method=METHODS.index(codec), data=data)
 
 
 def unwrap(bitstream: Asn1Bitstream) -> Any:

@@ -24,14 +24,15 @@ from cdff_common.codecs.schema import (
     Struct,
     Text,
 )
-from cdff_common.codecs.schema_table import MESSAGES
+from cdff_common.codecs.schema_table import LARGE, MESSAGES
 from cdff_common.errors import CodecError
 
 
 @cache
 def _by_name() -> dict[str, Message]:
-    """ASN.1 names and class names of all messages."""
-    return {**{m.class_name: m for m in MESSAGES.values()}, **MESSAGES}
+    """ASN.1 names and class names of all messages; a class name is that of the smaller of two siblings."""
+    larger = set(LARGE.values())
+    return {**{m.class_name: m for name, m in MESSAGES.items() if name not in larger}, **MESSAGES}
 
 
 def message_node(type_name: str) -> Message:

@@ -10,6 +10,7 @@ from typing import Any
 
 from cdff_common.asn1 import asn1_files
 from cdff_common.codecs.bridge import from_asn1, message_node, to_asn1
+from cdff_common.codecs.siblings import wire_node
 from cdff_common.errors import CodecError, InputError
 
 
@@ -20,9 +21,9 @@ def _specification(codec: str) -> Any:
     return asn1tools.compile_files([str(p) for p in asn1_files()], codec)
 
 
-def encode(value: Any, codec: str) -> bytes:
+def encode(value: Any, codec: str, type_name: str | None = None) -> bytes:
     """Encode a message with asn1tools (``codec`` ``uper`` or ``ber``)."""
-    node = message_node(type(value).ASN1_NAME)
+    node = wire_node(value, type_name)
     import asn1tools
 
     try:

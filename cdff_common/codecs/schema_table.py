@@ -451,35 +451,55 @@ _67 = Struct(
     ),
 )
 _68 = Struct(
-    "LidarScan-Metadata",
-    "LidarScanMetadata",
+    "Array3DLarge",
+    "Array3D",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("sensorId", "sensor_id", Text(256)),
-        Field("frameId", "frame_id", Text(256)),
-        Field("startTime", "start_time", _42),
-        Field("endTime", "end_time", _42),
+        Field("rows", "rows", Integer(0, 4294967295)),
+        Field("cols", "cols", Integer(0, 4294967295)),
+        Field("channels", "channels", Integer(0, 4294967295)),
+        Field("depth", "depth", _34),
+        Field("rowSize", "row_size", Integer(0, 4294967295)),
+        Field("data", "data", Octets(1073741824, "|u1", 0)),
     ),
 )
 _69 = Struct(
-    "LidarScan-Data",
-    "LidarScanData",
+    "FrameLarge",
+    "Frame",
     (
-        Field("points", "points", Octets(1073741824, "<f4", 3)),
-        Field("timeOffsets", "time_offsets", Octets(1073741824, "<u4", 0)),
-        Field("intensity", "intensity", Octets(1073741824, "<u2", 0)),
-        Field("ring", "ring", Octets(1073741824, "<u2", 0)),
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("metadata", "metadata", _43),
+        Field("intrinsic", "intrinsic", _45),
+        Field("extrinsic", "extrinsic", _49),
+        Field("data", "data", _68),
     ),
 )
 _70 = Struct(
-    "LidarScan",
-    "LidarScan",
+    "FramePairLarge",
+    "FramePair",
     (
-        Field("metadata", "metadata", _68),
-        Field("data", "data", _69),
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("baseline", "baseline", Real()),
+        Field("left", "left", _69),
+        Field("right", "right", _69),
     ),
 )
-_71 = Enumeration(
+_71 = Alias("FramesSequenceLarge", "FramesSequence", "items", ListOf(_69, 0, 1024, "FrameLarge"))
+_72 = Struct(
+    "CompressedFrameLarge",
+    "CompressedFrame",
+    (
+        Field("ref-time", "ref_time", _42),
+        Field("received-time", "received_time", _42),
+        Field("image", "image", Array(Integer(0, 255), ((1, 268435456),), ("T-UInt8",))),
+        Field("attributes", "attributes", ListOf(_39, 1, 10, "Frame-attrib-t")),
+        Field("rows", "rows", Integer(0, 4294967295)),
+        Field("cols", "cols", Integer(0, 4294967295)),
+        Field("frame-mode", "frame_mode", _52),
+        Field("frame-status", "frame_status", _41),
+    ),
+)
+_73 = Enumeration(
     "MapTypeT",
     (
         ("map-UNDEF", 0),
@@ -487,68 +507,37 @@ _71 = Enumeration(
         ("map-NAV", 2),
     ),
 )
-_72 = Struct(
+_74 = Struct(
     "Map-metadata-t",
     "MapMetadataT",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("timeStamp", "time_stamp", _42),
-        Field("type", "type", _71),
+        Field("type", "type", _73),
         Field("errValues", "err_values", ListOf(_38, 0, 5, "Frame-error-t")),
         Field("scale", "scale", Real()),
         Field("pose-fixedFrame-mapFrame", "pose_fixed_frame_map_frame", _48),
     ),
 )
-_73 = Struct(
-    "Map",
-    "Map",
-    (
-        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("metadata", "metadata", _72),
-        Field("data", "data", _35),
-    ),
-)
-_74 = Struct(
-    "GridMap-Metadata",
-    "GridMapMetadata",
-    (
-        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("frameId", "frame_id", Text(256)),
-        Field("startTime", "start_time", _42),
-        Field("endTime", "end_time", _42),
-        Field("resolution", "resolution", Real()),
-        Field("xMin", "x_min", Real()),
-        Field("yMax", "y_max", Real()),
-        Field("rows", "rows", Integer(0, 4294967295)),
-        Field("cols", "cols", Integer(0, 4294967295)),
-    ),
-)
 _75 = Struct(
-    "GridLayer",
-    "GridLayer",
+    "MapLarge",
+    "Map",
     (
-        Field("name", "name", Text(256)),
-        Field("depth", "depth", _34),
-        Field("data", "data", Octets(1073741824, "|u1", 0)),
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("metadata", "metadata", _74),
+        Field("data", "data", _68),
     ),
 )
 _76 = Struct(
-    "ElevationMap",
-    "ElevationMap",
+    "PointCloud-DataLarge",
+    "PointCloudData",
     (
-        Field("metadata", "metadata", _74),
-        Field("layers", "layers", ListOf(_75, 0, 64, "GridLayer")),
+        Field("points", "points", Array(Real(), ((0, 16777216), (3, 3)), ("Point", "T-Double"))),
+        Field("colors", "colors", Array(Real(), ((0, 16777216), (3, 3)), ("Vector3d", "T-Double"))),
+        Field("intensity", "intensity", Array(Integer(-2147483648, 2147483647), ((0, 16777216),), ("T-Int32",))),
     ),
 )
 _77 = Struct(
-    "NavigationMap",
-    "NavigationMap",
-    (
-        Field("metadata", "metadata", _74),
-        Field("layers", "layers", ListOf(_75, 0, 64, "GridLayer")),
-    ),
-)
-_78 = Struct(
     "PointCloud-Metadata",
     "PointCloudMetadata",
     (
@@ -565,40 +554,49 @@ _78 = Struct(
         Field("pose-fixedFrame-robotFrame", "pose_fixed_frame_robot_frame", _48),
     ),
 )
+_78 = Struct(
+    "PointcloudLarge",
+    "Pointcloud",
+    (
+        Field("metadata", "metadata", _77),
+        Field("data", "data", _76),
+    ),
+)
 _79 = Struct(
-    "PointCloud-Data",
-    "PointCloudData",
-    (
-        Field("points", "points", Array(Real(), ((0, 400000), (3, 3)), ("Point", "T-Double"))),
-        Field("colors", "colors", Array(Real(), ((0, 400000), (3, 3)), ("Vector3d", "T-Double"))),
-        Field("intensity", "intensity", Array(Integer(-2147483648, 2147483647), ((0, 400000),), ("T-Int32",))),
-    ),
-)
-_80 = Struct(
-    "Pointcloud",
-    "Pointcloud",
-    (
-        Field("metadata", "metadata", _78),
-        Field("data", "data", _79),
-    ),
-)
-_81 = Struct(
-    "Octree",
+    "OctreeLarge",
     "Octree",
     (
         Field("resolution", "resolution", Real()),
-        Field("pointCloud", "point_cloud", _80),
+        Field("pointCloud", "point_cloud", _78),
     ),
 )
-_82 = Alias("Position", "Position", "values", Array(Real(), ((3, 3),), ("T-Double",)))
-_83 = Alias("Position2D", "Position2D", "values", Array(Real(), ((2, 2),), ("T-Double",)))
-_84 = Alias("Orientation", "Orientation", "values", Array(Real(), ((4, 4),), ("T-Double",)))
+_80 = Alias("CorrespondenceMap2DLarge", "CorrespondenceMap2D", "items", ListOf(_22, 0, 1048576, "Correspondence2D"))
+_81 = Alias("CorrespondenceMap3DLarge", "CorrespondenceMap3D", "items", ListOf(_24, 0, 1048576, "Correspondence3D"))
+_82 = Alias(
+    "CorrespondenceMaps2DSequenceLarge",
+    "CorrespondenceMaps2DSequence",
+    "items",
+    ListOf(ListOf(_22, 0, 1048576, "Correspondence2D"), 0, 16384, "CorrespondenceMap2DLarge"),
+)
+_83 = Alias(
+    "CorrespondenceMaps3DSequenceLarge",
+    "CorrespondenceMaps3DSequence",
+    "items",
+    ListOf(ListOf(_24, 0, 1048576, "Correspondence3D"), 0, 16384, "CorrespondenceMap3DLarge"),
+)
+_84 = Alias(
+    "VisualPointFeatureVector2DLarge",
+    "VisualPointFeatureVector2D",
+    "items",
+    ListOf(_26, 0, 1048576, "VisualPointFeature2D"),
+)
 _85 = Struct(
-    "PoseUpdateThreshold",
-    "PoseUpdateThreshold",
+    "VisualPointFeatureVector3DLarge",
+    "VisualPointFeatureVector3D",
     (
-        Field("distance", "distance", Real()),
-        Field("angle", "angle", Real()),
+        Field("list", "list", ListOf(_30, 0, 1048576, "VisualPointFeature3D")),
+        Field("list-type", "list_type", _31),
+        Field("feature-type", "feature_type", _32),
     ),
 )
 _86 = Struct(
@@ -609,7 +607,201 @@ _86 = Struct(
         Field("orient", "orient", Array(Real(), ((4, 4),), ("T-Double",))),
     ),
 )
-_87 = Struct(
+_87 = Alias("PosesSequenceLarge", "PosesSequence", "items", ListOf(_86, 0, 1048576, "Pose"))
+_88 = Alias(
+    "PointSequenceLarge", "PointSequence", "values", Array(Real(), ((0, 16777216), (3, 3)), ("Point", "T-Double"))
+)
+_89 = Alias("DoubleSequenceLarge", "DoubleSequence", "values", Array(Real(), ((0, 16777216),), ("T-Double",)))
+_90 = Alias("StringSequenceLarge", "StringSequence", "items", ListOf(Text(256), 0, 65536, "T-String"))
+_91 = Alias(
+    "VectorXdSequenceLarge",
+    "VectorXdSequence",
+    "items",
+    ListOf(Array(Real(), ((0, 100),), ("T-Double",)), 0, 16777216, "VectorXd"),
+)
+_92 = Struct(
+    "PathLarge",
+    "Path",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("timeStamp", "time_stamp", _42),
+        Field("waypoints", "waypoints", ListOf(_48, 0, 1048576, "TransformWithCovariance")),
+    ),
+)
+_93 = Struct(
+    "TrajectoryLarge",
+    "Trajectory",
+    (
+        Field("speed", "speed", Real()),
+        Field("points", "points", Array(Real(), ((1, 1048576), (3, 3)), ("Point", "T-Double"))),
+    ),
+)
+_94 = Struct(
+    "LaserScanLarge",
+    "LaserScan",
+    (
+        Field("ref-time", "ref_time", _42),
+        Field("start-angle", "start_angle", Real()),
+        Field("angular-resolution", "angular_resolution", Real()),
+        Field("speed", "speed", Real()),
+        Field("ranges", "ranges", Array(Integer(-2147483648, 2147483647), ((1, 16777216),), ("T-Int32",))),
+        Field("minRange", "min_range", Integer(0, 4294967295)),
+        Field("maxRange", "max_range", Integer(0, 4294967295)),
+        Field("remission", "remission", Array(Real(), ((1, 16777216),), ("T-Float",))),
+    ),
+)
+_95 = Enumeration(
+    "ProjectionType",
+    (
+        ("polar", 0),
+        ("planar", 1),
+    ),
+)
+_96 = Struct(
+    "DepthMapLarge",
+    "DepthMap",
+    (
+        Field("ref-time", "ref_time", _42),
+        Field("timestamps", "timestamps", ListOf(_42, 1, 16777216, "Time")),
+        Field("vertical-projection", "vertical_projection", _95),
+        Field("horizontal-projection", "horizontal_projection", _95),
+        Field("vertical-interval", "vertical_interval", Array(Real(), ((1, 16777216),), ("T-Double",))),
+        Field("horizontal-interval", "horizontal_interval", Array(Real(), ((1, 16777216),), ("T-Double",))),
+        Field("vertical-size", "vertical_size", Integer(0, 4294967295)),
+        Field("horizontal-size", "horizontal_size", Integer(0, 4294967295)),
+        Field("distances", "distances", Array(Real(), ((1, 16777216),), ("T-Float",))),
+        Field("remissions", "remissions", Array(Real(), ((1, 16777216),), ("T-Float",))),
+    ),
+)
+_97 = Struct(
+    "DistanceImageLarge",
+    "DistanceImage",
+    (
+        Field("ref-time", "ref_time", _42),
+        Field("width", "width", Integer(0, 65535)),
+        Field("height", "height", Integer(0, 65535)),
+        Field("scale-x", "scale_x", Real()),
+        Field("scale-y", "scale_y", Real()),
+        Field("center-x", "center_x", Real()),
+        Field("center-y", "center_y", Real()),
+        Field("data", "data", Array(Real(), ((1, 16777216),), ("T-Float",))),
+    ),
+)
+_98 = Struct(
+    "LidarScan-Metadata",
+    "LidarScanMetadata",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("sensorId", "sensor_id", Text(256)),
+        Field("frameId", "frame_id", Text(256)),
+        Field("startTime", "start_time", _42),
+        Field("endTime", "end_time", _42),
+    ),
+)
+_99 = Struct(
+    "LidarScan-Data",
+    "LidarScanData",
+    (
+        Field("points", "points", Octets(1073741824, "<f4", 3)),
+        Field("timeOffsets", "time_offsets", Octets(1073741824, "<u4", 0)),
+        Field("intensity", "intensity", Octets(1073741824, "<u2", 0)),
+        Field("ring", "ring", Octets(1073741824, "<u2", 0)),
+    ),
+)
+_100 = Struct(
+    "LidarScan",
+    "LidarScan",
+    (
+        Field("metadata", "metadata", _98),
+        Field("data", "data", _99),
+    ),
+)
+_101 = Struct(
+    "Map",
+    "Map",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("metadata", "metadata", _74),
+        Field("data", "data", _35),
+    ),
+)
+_102 = Struct(
+    "GridMap-Metadata",
+    "GridMapMetadata",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("frameId", "frame_id", Text(256)),
+        Field("startTime", "start_time", _42),
+        Field("endTime", "end_time", _42),
+        Field("resolution", "resolution", Real()),
+        Field("xMin", "x_min", Real()),
+        Field("yMax", "y_max", Real()),
+        Field("rows", "rows", Integer(0, 4294967295)),
+        Field("cols", "cols", Integer(0, 4294967295)),
+    ),
+)
+_103 = Struct(
+    "GridLayer",
+    "GridLayer",
+    (
+        Field("name", "name", Text(256)),
+        Field("depth", "depth", _34),
+        Field("data", "data", Octets(1073741824, "|u1", 0)),
+    ),
+)
+_104 = Struct(
+    "ElevationMap",
+    "ElevationMap",
+    (
+        Field("metadata", "metadata", _102),
+        Field("layers", "layers", ListOf(_103, 0, 64, "GridLayer")),
+    ),
+)
+_105 = Struct(
+    "NavigationMap",
+    "NavigationMap",
+    (
+        Field("metadata", "metadata", _102),
+        Field("layers", "layers", ListOf(_103, 0, 64, "GridLayer")),
+    ),
+)
+_106 = Struct(
+    "PointCloud-Data",
+    "PointCloudData",
+    (
+        Field("points", "points", Array(Real(), ((0, 400000), (3, 3)), ("Point", "T-Double"))),
+        Field("colors", "colors", Array(Real(), ((0, 400000), (3, 3)), ("Vector3d", "T-Double"))),
+        Field("intensity", "intensity", Array(Integer(-2147483648, 2147483647), ((0, 400000),), ("T-Int32",))),
+    ),
+)
+_107 = Struct(
+    "Pointcloud",
+    "Pointcloud",
+    (
+        Field("metadata", "metadata", _77),
+        Field("data", "data", _106),
+    ),
+)
+_108 = Struct(
+    "Octree",
+    "Octree",
+    (
+        Field("resolution", "resolution", Real()),
+        Field("pointCloud", "point_cloud", _107),
+    ),
+)
+_109 = Alias("Position", "Position", "values", Array(Real(), ((3, 3),), ("T-Double",)))
+_110 = Alias("Position2D", "Position2D", "values", Array(Real(), ((2, 2),), ("T-Double",)))
+_111 = Alias("Orientation", "Orientation", "values", Array(Real(), ((4, 4),), ("T-Double",)))
+_112 = Struct(
+    "PoseUpdateThreshold",
+    "PoseUpdateThreshold",
+    (
+        Field("distance", "distance", Real()),
+        Field("angle", "angle", Real()),
+    ),
+)
+_113 = Struct(
     "Pose2D",
     "Pose2D",
     (
@@ -617,7 +809,7 @@ _87 = Struct(
         Field("orientation", "orientation", Real()),
     ),
 )
-_88 = Struct(
+_114 = Struct(
     "Motion2D",
     "Motion2D",
     (
@@ -625,7 +817,7 @@ _88 = Struct(
         Field("rotation", "rotation", Real()),
     ),
 )
-_89 = Struct(
+_115 = Struct(
     "TwistWithCovariance-metadata",
     "TwistWithCovarianceMetadata",
     (
@@ -633,7 +825,7 @@ _89 = Struct(
         Field("timeStamp", "time_stamp", _42),
     ),
 )
-_90 = Struct(
+_116 = Struct(
     "TwistWithCovariance-data",
     "TwistWithCovarianceData",
     (
@@ -642,24 +834,24 @@ _90 = Struct(
         Field("cov", "cov", Array(Real(), ((6, 6), (6, 6)), ("SEQUENCE_OF", "T-Double"))),
     ),
 )
-_91 = Struct(
+_117 = Struct(
     "TwistWithCovariance",
     "TwistWithCovariance",
     (
-        Field("metadata", "metadata", _89),
-        Field("data", "data", _90),
+        Field("metadata", "metadata", _115),
+        Field("data", "data", _116),
     ),
 )
-_92 = Struct(
+_118 = Struct(
     "BodyState",
     "BodyState",
     (
         Field("ref-time", "ref_time", _42),
         Field("pose", "pose", _48),
-        Field("velocity", "velocity", _91),
+        Field("velocity", "velocity", _117),
     ),
 )
-_93 = Struct(
+_119 = Struct(
     "RigidBodyState",
     "RigidBodyState",
     (
@@ -678,7 +870,7 @@ _93 = Struct(
         ),
     ),
 )
-_94 = Struct(
+_120 = Struct(
     "RigidBodyAcceleration",
     "RigidBodyAcceleration",
     (
@@ -687,7 +879,7 @@ _94 = Struct(
         Field("cov-acceleration", "cov_acceleration", Array(Real(), ((3, 3), (3, 3)), ("SEQUENCE_OF", "T-Double"))),
     ),
 )
-_95 = Struct(
+_121 = Struct(
     "Waypoint",
     "Waypoint",
     (
@@ -697,7 +889,7 @@ _95 = Struct(
         Field("tol-heading", "tol_heading", Real()),
     ),
 )
-_96 = Struct(
+_122 = Struct(
     "Trajectory",
     "Trajectory",
     (
@@ -705,7 +897,7 @@ _96 = Struct(
         Field("points", "points", Array(Real(), ((1, 50), (3, 3)), ("Point", "T-Double"))),
     ),
 )
-_97 = Struct(
+_123 = Struct(
     "Path",
     "Path",
     (
@@ -714,7 +906,7 @@ _97 = Struct(
         Field("waypoints", "waypoints", ListOf(_48, 0, 100, "TransformWithCovariance")),
     ),
 )
-_98 = Struct(
+_124 = Struct(
     "PoseTrajectory-Metadata",
     "PoseTrajectoryMetadata",
     (
@@ -724,7 +916,7 @@ _98 = Struct(
         Field("childFrameId", "child_frame_id", Text(256)),
     ),
 )
-_99 = Struct(
+_125 = Struct(
     "PoseTrajectory-Data",
     "PoseTrajectoryData",
     (
@@ -733,15 +925,15 @@ _99 = Struct(
         Field("covariances", "covariances", Octets(1073741824, "<f8", 36)),
     ),
 )
-_100 = Struct(
+_126 = Struct(
     "PoseTrajectory",
     "PoseTrajectory",
     (
-        Field("metadata", "metadata", _98),
-        Field("data", "data", _99),
+        Field("metadata", "metadata", _124),
+        Field("data", "data", _125),
     ),
 )
-_101 = Enumeration(
+_127 = Enumeration(
     "LaserRangeErrors",
     (
         ("too-far", 0),
@@ -752,7 +944,7 @@ _101 = Enumeration(
         ("end-laser-range-errors", 5),
     ),
 )
-_102 = Struct(
+_128 = Struct(
     "LaserScan",
     "LaserScan",
     (
@@ -766,7 +958,7 @@ _102 = Struct(
         Field("remission", "remission", Array(Real(), ((1, 2000),), ("T-Float",))),
     ),
 )
-_103 = Enumeration(
+_129 = Enumeration(
     "UnitAxis",
     (
         ("unit-x", 0),
@@ -774,7 +966,7 @@ _103 = Enumeration(
         ("unit-z", 2),
     ),
 )
-_104 = Enumeration(
+_130 = Enumeration(
     "DepthMeasurementState",
     (
         ("valid-measurement", 0),
@@ -783,21 +975,14 @@ _104 = Enumeration(
         ("measurement-error", 3),
     ),
 )
-_105 = Enumeration(
-    "ProjectionType",
-    (
-        ("polar", 0),
-        ("planar", 1),
-    ),
-)
-_106 = Struct(
+_131 = Struct(
     "DepthMap",
     "DepthMap",
     (
         Field("ref-time", "ref_time", _42),
         Field("timestamps", "timestamps", ListOf(_42, 1, 30000, "Time")),
-        Field("vertical-projection", "vertical_projection", _105),
-        Field("horizontal-projection", "horizontal_projection", _105),
+        Field("vertical-projection", "vertical_projection", _95),
+        Field("horizontal-projection", "horizontal_projection", _95),
         Field("vertical-interval", "vertical_interval", Array(Real(), ((1, 30000),), ("T-Double",))),
         Field("horizontal-interval", "horizontal_interval", Array(Real(), ((1, 30000),), ("T-Double",))),
         Field("vertical-size", "vertical_size", Integer(0, 4294967295)),
@@ -806,7 +991,7 @@ _106 = Struct(
         Field("remissions", "remissions", Array(Real(), ((1, 30000),), ("T-Float",))),
     ),
 )
-_107 = Struct(
+_132 = Struct(
     "DistanceImage",
     "DistanceImage",
     (
@@ -820,7 +1005,7 @@ _107 = Struct(
         Field("data", "data", Array(Real(), ((1, 60),), ("T-Float",))),
     ),
 )
-_108 = Struct(
+_133 = Struct(
     "Sonar",
     "Sonar",
     (
@@ -836,7 +1021,7 @@ _108 = Struct(
         Field("bins", "bins", Array(Real(), ((1, 60),), ("T-Float",))),
     ),
 )
-_109 = Struct(
+_134 = Struct(
     "SonarBeam",
     "SonarBeam",
     (
@@ -849,7 +1034,7 @@ _109 = Struct(
         Field("beam", "beam", Array(Integer(0, 255), ((1, 60),), ("T-UInt8",))),
     ),
 )
-_110 = Struct(
+_135 = Struct(
     "SonarScan",
     "SonarScan",
     (
@@ -868,30 +1053,30 @@ _110 = Struct(
         Field("polar-coordinates", "polar_coordinates", Boolean()),
     ),
 )
-_111 = Alias("FramesSequence", "FramesSequence", "items", ListOf(_50, 0, 10, "Frame"))
-_112 = Alias("PosesSequence", "PosesSequence", "items", ListOf(_86, 0, 10, "Pose"))
-_113 = Alias(
+_136 = Alias("FramesSequence", "FramesSequence", "items", ListOf(_50, 0, 10, "Frame"))
+_137 = Alias("PosesSequence", "PosesSequence", "items", ListOf(_86, 0, 10, "Pose"))
+_138 = Alias(
     "CorrespondenceMaps2DSequence",
     "CorrespondenceMaps2DSequence",
     "items",
     ListOf(ListOf(_22, 0, 1024, "Correspondence2D"), 0, 56, "CorrespondenceMap2D"),
 )
-_114 = Alias(
+_139 = Alias(
     "CorrespondenceMaps3DSequence",
     "CorrespondenceMaps3DSequence",
     "items",
     ListOf(ListOf(_24, 0, 51200, "Correspondence3D"), 0, 56, "CorrespondenceMap3D"),
 )
-_115 = Alias("PointSequence", "PointSequence", "values", Array(Real(), ((0, 327680), (3, 3)), ("Point", "T-Double")))
-_116 = Alias("DoubleSequence", "DoubleSequence", "values", Array(Real(), ((0, 327680),), ("T-Double",)))
-_117 = Alias("StringSequence", "StringSequence", "items", ListOf(Text(256), 0, 100, "T-String"))
-_118 = Alias(
+_140 = Alias("PointSequence", "PointSequence", "values", Array(Real(), ((0, 327680), (3, 3)), ("Point", "T-Double")))
+_141 = Alias("DoubleSequence", "DoubleSequence", "values", Array(Real(), ((0, 327680),), ("T-Double",)))
+_142 = Alias("StringSequence", "StringSequence", "items", ListOf(Text(256), 0, 100, "T-String"))
+_143 = Alias(
     "VectorXdSequence",
     "VectorXdSequence",
     "items",
     ListOf(Array(Real(), ((0, 100),), ("T-Double",)), 0, 327680, "VectorXd"),
 )
-_119 = Enumeration(
+_144 = Enumeration(
     "Resolution",
     (
         ("seconds", 0),
@@ -960,50 +1145,104 @@ MESSAGES: dict[str, Message] = {
     "Pressure": _65,
     "Temperature": _66,
     "IMUSensors": _67,
-    "LidarScan-Metadata": _68,
-    "LidarScan-Data": _69,
-    "LidarScan": _70,
-    "Map-metadata-t": _72,
-    "Map": _73,
-    "GridMap-Metadata": _74,
-    "GridLayer": _75,
-    "ElevationMap": _76,
-    "NavigationMap": _77,
-    "PointCloud-Metadata": _78,
-    "PointCloud-Data": _79,
-    "Pointcloud": _80,
-    "Octree": _81,
-    "Position": _82,
-    "Position2D": _83,
-    "Orientation": _84,
-    "PoseUpdateThreshold": _85,
+    "Array3DLarge": _68,
+    "FrameLarge": _69,
+    "FramePairLarge": _70,
+    "FramesSequenceLarge": _71,
+    "CompressedFrameLarge": _72,
+    "Map-metadata-t": _74,
+    "MapLarge": _75,
+    "PointCloud-DataLarge": _76,
+    "PointCloud-Metadata": _77,
+    "PointcloudLarge": _78,
+    "OctreeLarge": _79,
+    "CorrespondenceMap2DLarge": _80,
+    "CorrespondenceMap3DLarge": _81,
+    "CorrespondenceMaps2DSequenceLarge": _82,
+    "CorrespondenceMaps3DSequenceLarge": _83,
+    "VisualPointFeatureVector2DLarge": _84,
+    "VisualPointFeatureVector3DLarge": _85,
     "Pose": _86,
-    "Pose2D": _87,
-    "Motion2D": _88,
-    "TwistWithCovariance-metadata": _89,
-    "TwistWithCovariance-data": _90,
-    "TwistWithCovariance": _91,
-    "BodyState": _92,
-    "RigidBodyState": _93,
-    "RigidBodyAcceleration": _94,
-    "Waypoint": _95,
-    "Trajectory": _96,
-    "Path": _97,
-    "PoseTrajectory-Metadata": _98,
-    "PoseTrajectory-Data": _99,
-    "PoseTrajectory": _100,
-    "LaserScan": _102,
-    "DepthMap": _106,
-    "DistanceImage": _107,
-    "Sonar": _108,
-    "SonarBeam": _109,
-    "SonarScan": _110,
-    "FramesSequence": _111,
-    "PosesSequence": _112,
-    "CorrespondenceMaps2DSequence": _113,
-    "CorrespondenceMaps3DSequence": _114,
-    "PointSequence": _115,
-    "DoubleSequence": _116,
-    "StringSequence": _117,
-    "VectorXdSequence": _118,
+    "PosesSequenceLarge": _87,
+    "PointSequenceLarge": _88,
+    "DoubleSequenceLarge": _89,
+    "StringSequenceLarge": _90,
+    "VectorXdSequenceLarge": _91,
+    "PathLarge": _92,
+    "TrajectoryLarge": _93,
+    "LaserScanLarge": _94,
+    "DepthMapLarge": _96,
+    "DistanceImageLarge": _97,
+    "LidarScan-Metadata": _98,
+    "LidarScan-Data": _99,
+    "LidarScan": _100,
+    "Map": _101,
+    "GridMap-Metadata": _102,
+    "GridLayer": _103,
+    "ElevationMap": _104,
+    "NavigationMap": _105,
+    "PointCloud-Data": _106,
+    "Pointcloud": _107,
+    "Octree": _108,
+    "Position": _109,
+    "Position2D": _110,
+    "Orientation": _111,
+    "PoseUpdateThreshold": _112,
+    "Pose2D": _113,
+    "Motion2D": _114,
+    "TwistWithCovariance-metadata": _115,
+    "TwistWithCovariance-data": _116,
+    "TwistWithCovariance": _117,
+    "BodyState": _118,
+    "RigidBodyState": _119,
+    "RigidBodyAcceleration": _120,
+    "Waypoint": _121,
+    "Trajectory": _122,
+    "Path": _123,
+    "PoseTrajectory-Metadata": _124,
+    "PoseTrajectory-Data": _125,
+    "PoseTrajectory": _126,
+    "LaserScan": _128,
+    "DepthMap": _131,
+    "DistanceImage": _132,
+    "Sonar": _133,
+    "SonarBeam": _134,
+    "SonarScan": _135,
+    "FramesSequence": _136,
+    "PosesSequence": _137,
+    "CorrespondenceMaps2DSequence": _138,
+    "CorrespondenceMaps3DSequence": _139,
+    "PointSequence": _140,
+    "DoubleSequence": _141,
+    "StringSequence": _142,
+    "VectorXdSequence": _143,
+}
+
+#: ASN.1 name -> that of the sibling with room for more.
+LARGE: dict[str, str] = {
+    "CorrespondenceMap2D": "CorrespondenceMap2DLarge",
+    "CorrespondenceMap3D": "CorrespondenceMap3DLarge",
+    "VisualPointFeatureVector2D": "VisualPointFeatureVector2DLarge",
+    "VisualPointFeatureVector3D": "VisualPointFeatureVector3DLarge",
+    "Array3D": "Array3DLarge",
+    "Frame": "FrameLarge",
+    "FramePair": "FramePairLarge",
+    "CompressedFrame": "CompressedFrameLarge",
+    "Map": "MapLarge",
+    "PointCloud-Data": "PointCloud-DataLarge",
+    "Pointcloud": "PointcloudLarge",
+    "Octree": "OctreeLarge",
+    "Trajectory": "TrajectoryLarge",
+    "Path": "PathLarge",
+    "LaserScan": "LaserScanLarge",
+    "DepthMap": "DepthMapLarge",
+    "DistanceImage": "DistanceImageLarge",
+    "FramesSequence": "FramesSequenceLarge",
+    "PosesSequence": "PosesSequenceLarge",
+    "CorrespondenceMaps2DSequence": "CorrespondenceMaps2DSequenceLarge",
+    "CorrespondenceMaps3DSequence": "CorrespondenceMaps3DSequenceLarge",
+    "PointSequence": "PointSequenceLarge",
+    "DoubleSequence": "DoubleSequenceLarge",
+    "StringSequence": "StringSequenceLarge",
+    "VectorXdSequence": "VectorXdSequenceLarge",
 }

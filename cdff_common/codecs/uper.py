@@ -30,13 +30,14 @@ from cdff_common.codecs.schema import (
     Struct,
     Text,
 )
+from cdff_common.codecs.siblings import wire_node
 from cdff_common.codecs.uper_lists import Get, Put, array, bits_for, list_of, octet_string
 from cdff_common.errors import CodecError, InputError
 
 
-def encode(value: Any) -> bytes:
-    """Encode a message."""
-    put, _ = _codec(message_node(type(value).ASN1_NAME).name)
+def encode(value: Any, type_name: str | None = None) -> bytes:
+    """Encode a message, as the sibling that holds it or as ``type_name``."""
+    put, _ = _codec(wire_node(value, type_name).name)
     writer = BitWriter()
     put(writer, value)
     return writer.to_bytes()

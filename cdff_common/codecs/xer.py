@@ -32,6 +32,7 @@ from cdff_common.codecs.schema import (
     Struct,
     Text,
 )
+from cdff_common.codecs.siblings import wire_node
 from cdff_common.errors import CodecError, InputError
 
 _SPECIAL = {"NOT-A-NUMBER": math.nan, "PLUS-INFINITY": math.inf, "MINUS-INFINITY": -math.inf}
@@ -42,9 +43,9 @@ _INTEGER = re.compile(r"-?\d{1,20}\Z")
 _MAX_DEPTH = 32
 
 
-def encode(value: Any) -> bytes:
+def encode(value: Any, type_name: str | None = None) -> bytes:
     """XML of a message, UTF-8, without white space between the elements."""
-    node = message_node(type(value).ASN1_NAME)
+    node = wire_node(value, type_name)
     return "".join(_element(node.name, value, node)).encode()
 
 

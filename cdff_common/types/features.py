@@ -61,7 +61,7 @@ class CorrespondenceMap2D(Message):
             self,
             "items",
             check.items(
-                self.items, "CorrespondenceMap2D.items", 0, 1024, lambda v, w: check.instance(v, w, Correspondence2D)
+                self.items, "CorrespondenceMap2D.items", 0, 1048576, lambda v, w: check.instance(v, w, Correspondence2D)
             ),
         )
 
@@ -109,7 +109,7 @@ class CorrespondenceMap3D(Message):
             self,
             "items",
             check.items(
-                self.items, "CorrespondenceMap3D.items", 0, 51200, lambda v, w: check.instance(v, w, Correspondence3D)
+                self.items, "CorrespondenceMap3D.items", 0, 1048576, lambda v, w: check.instance(v, w, Correspondence3D)
             ),
         )
 
@@ -156,7 +156,7 @@ class VisualPointFeatureVector2D(Message):
                 self.items,
                 "VisualPointFeatureVector2D.items",
                 0,
-                1024,
+                1048576,
                 lambda v, w: check.instance(v, w, VisualPointFeature2D),
             ),
         )
@@ -272,7 +272,7 @@ class VisualPointFeatureVector3D(Message):
                 self.list,
                 "VisualPointFeatureVector3D.list",
                 0,
-                51200,
+                1048576,
                 lambda v, w: check.instance(v, w, VisualPointFeature3D),
             ),
         )

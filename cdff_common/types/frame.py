@@ -66,7 +66,7 @@ class Array3D(Array3DExt):
         put(self, "channels", check.integer(self.channels, "Array3D.channels", 0, 4294967295))
         put(self, "depth", check.enumeration(self.depth, "Array3D.depth", Array3DDepthT))
         put(self, "row_size", check.integer(self.row_size, "Array3D.row_size", 0, 4294967295))
-        put(self, "data", check.octets(self.data, "Array3D.data", 66355200))
+        put(self, "data", check.octets(self.data, "Array3D.data", 1073741824))
         self._check_together()
 
 
@@ -386,7 +386,7 @@ class CompressedFrame(Message):
     ----------
     ref_time : Time
     received_time : Time
-    image : NDArray[np.uint8], shape (1..262144,)
+    image : NDArray[np.uint8], shape (1..268435456,)
     attributes : tuple[FrameAttribT, ...]
     rows : int, 0..4294967295
     cols : int, 0..4294967295
@@ -408,7 +408,7 @@ class CompressedFrame(Message):
         put = object.__setattr__
         put(self, "ref_time", check.instance(self.ref_time, "CompressedFrame.ref_time", Time))
         put(self, "received_time", check.instance(self.received_time, "CompressedFrame.received_time", Time))
-        put(self, "image", check.integer_array(self.image, "CompressedFrame.image", ((1, 262144),), 0, 255, "uint8"))
+        put(self, "image", check.integer_array(self.image, "CompressedFrame.image", ((1, 268435456),), 0, 255, "uint8"))
         put(
             self,
             "attributes",

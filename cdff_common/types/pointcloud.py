@@ -102,11 +102,11 @@ class PointCloudData(PointCloudDataExt):
 
     Attributes
     ----------
-    points : NDArray[np.float64], shape (0..400000, 3)
+    points : NDArray[np.float64], shape (0..16777216, 3)
         m, x y z.
-    colors : NDArray[np.float64], shape (0..400000, 3)
+    colors : NDArray[np.float64], shape (0..16777216, 3)
         r g b; none or one for each point.
-    intensity : NDArray[np.int32], shape (0..400000,)
+    intensity : NDArray[np.int32], shape (0..16777216,)
         none or one for each point.
     """
 
@@ -117,13 +117,13 @@ class PointCloudData(PointCloudDataExt):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "points", check.real_array(self.points, "PointCloudData.points", ((0, 400000), (3, 3))))
-        put(self, "colors", check.real_array(self.colors, "PointCloudData.colors", ((0, 400000), (3, 3))))
+        put(self, "points", check.real_array(self.points, "PointCloudData.points", ((0, 16777216), (3, 3))))
+        put(self, "colors", check.real_array(self.colors, "PointCloudData.colors", ((0, 16777216), (3, 3))))
         put(
             self,
             "intensity",
             check.integer_array(
-                self.intensity, "PointCloudData.intensity", ((0, 400000),), -2147483648, 2147483647, "int32"
+                self.intensity, "PointCloudData.intensity", ((0, 16777216),), -2147483648, 2147483647, "int32"
             ),
         )
         self._check_together()

@@ -142,6 +142,29 @@ class TransformWithCovariance(TransformWithCovarianceExt):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Pose(PoseExt):
+    """What a ``Pose`` of the ASN.1 modules holds.
+
+    Attributes
+    ----------
+    pos : NDArray[np.float64], shape (3,)
+        m.
+    orient : NDArray[np.float64], shape (4,)
+        unit quaternion x y z w.
+    """
+
+    ASN1_NAME: ClassVar[str] = "Pose"
+    pos: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3,), np.float64))
+    orient: NDArray[np.float64] = field(default_factory=lambda: np.array([0.0, 0.0, 0.0, 1.0]))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "pos", check.real_array(self.pos, "Pose.pos", ((3, 3),)))
+        put(self, "orient", check.real_array(self.orient, "Pose.orient", ((4, 4),)))
+        self._check_together()
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Position(Message):
     """What a ``Position`` of the ASN.1 modules holds.
 
@@ -212,29 +235,6 @@ class PoseUpdateThreshold(Message):
         put = object.__setattr__
         put(self, "distance", check.real(self.distance, "PoseUpdateThreshold.distance"))
         put(self, "angle", check.real(self.angle, "PoseUpdateThreshold.angle"))
-
-
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Pose(PoseExt):
-    """What a ``Pose`` of the ASN.1 modules holds.
-
-    Attributes
-    ----------
-    pos : NDArray[np.float64], shape (3,)
-        m.
-    orient : NDArray[np.float64], shape (4,)
-        unit quaternion x y z w.
-    """
-
-    ASN1_NAME: ClassVar[str] = "Pose"
-    pos: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3,), np.float64))
-    orient: NDArray[np.float64] = field(default_factory=lambda: np.array([0.0, 0.0, 0.0, 1.0]))
-
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "pos", check.real_array(self.pos, "Pose.pos", ((3, 3),)))
-        put(self, "orient", check.real_array(self.orient, "Pose.orient", ((4, 4),)))
-        self._check_together()
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -528,7 +528,7 @@ class Trajectory(TrajectoryExt):
     ----------
     speed : float
         m/s.
-    points : NDArray[np.float64], shape (1..50, 3)
+    points : NDArray[np.float64], shape (1..1048576, 3)
         m.
     """
 
@@ -539,7 +539,7 @@ class Trajectory(TrajectoryExt):
     def __post_init__(self) -> None:
         put = object.__setattr__
         put(self, "speed", check.real(self.speed, "Trajectory.speed"))
-        put(self, "points", check.real_array(self.points, "Trajectory.points", ((1, 50), (3, 3))))
+        put(self, "points", check.real_array(self.points, "Trajectory.points", ((1, 1048576), (3, 3))))
         self._check_together()
 
 
@@ -567,7 +567,7 @@ class Path(PathExt):
             self,
             "waypoints",
             check.items(
-                self.waypoints, "Path.waypoints", 0, 100, lambda v, w: check.instance(v, w, TransformWithCovariance)
+                self.waypoints, "Path.waypoints", 0, 1048576, lambda v, w: check.instance(v, w, TransformWithCovariance)
             ),
         )
         self._check_together()

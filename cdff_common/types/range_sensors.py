@@ -19,6 +19,13 @@ from cdff_common.types.message import Message
 from cdff_common.types.time import Time
 
 
+class ProjectionType(IntEnum):
+    """``PROJECTION-TYPE``."""
+
+    POLAR = 0
+    PLANAR = 1
+
+
 class LaserRangeErrors(IntEnum):
     """Values of ranges below end-laser-range-errors are these errors."""
 
@@ -43,13 +50,13 @@ class LaserScan(Message):
         rad between two ranges.
     speed : float
         rad/s of the mirror.
-    ranges : NDArray[np.int32], shape (1..2000,)
+    ranges : NDArray[np.int32], shape (1..16777216,)
         mm.
     min_range : int, 0..4294967295
         mm.
     max_range : int, 0..4294967295
         mm.
-    remission : NDArray[np.float64], shape (1..2000,)
+    remission : NDArray[np.float64], shape (1..16777216,)
     """
 
     ASN1_NAME: ClassVar[str] = "LaserScan"
@@ -71,11 +78,11 @@ class LaserScan(Message):
         put(
             self,
             "ranges",
-            check.integer_array(self.ranges, "LaserScan.ranges", ((1, 2000),), -2147483648, 2147483647, "int32"),
+            check.integer_array(self.ranges, "LaserScan.ranges", ((1, 16777216),), -2147483648, 2147483647, "int32"),
         )
         put(self, "min_range", check.integer(self.min_range, "LaserScan.min_range", 0, 4294967295))
         put(self, "max_range", check.integer(self.max_range, "LaserScan.max_range", 0, 4294967295))
-        put(self, "remission", check.real_array(self.remission, "LaserScan.remission", ((1, 2000),)))
+        put(self, "remission", check.real_array(self.remission, "LaserScan.remission", ((1, 16777216),)))
 
     @property
     def stamp_ns(self) -> int:
@@ -100,13 +107,6 @@ class DepthMeasurementState(IntEnum):
     MEASUREMENT_ERROR = 3
 
 
-class ProjectionType(IntEnum):
-    """``PROJECTION-TYPE``."""
-
-    POLAR = 0
-    PLANAR = 1
-
-
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class DepthMap(Message):
     """What a ``DepthMap`` of the ASN.1 modules holds.
@@ -117,14 +117,14 @@ class DepthMap(Message):
     timestamps : tuple[Time, ...]
     vertical_projection : ProjectionType
     horizontal_projection : ProjectionType
-    vertical_interval : NDArray[np.float64], shape (1..30000,)
+    vertical_interval : NDArray[np.float64], shape (1..16777216,)
         rad, or m on a plane at 1 m.
-    horizontal_interval : NDArray[np.float64], shape (1..30000,)
+    horizontal_interval : NDArray[np.float64], shape (1..16777216,)
     vertical_size : int, 0..4294967295
     horizontal_size : int, 0..4294967295
-    distances : NDArray[np.float64], shape (1..30000,)
+    distances : NDArray[np.float64], shape (1..16777216,)
         m, row-major.
-    remissions : NDArray[np.float64], shape (1..30000,)
+    remissions : NDArray[np.float64], shape (1..16777216,)
     """
 
     ASN1_NAME: ClassVar[str] = "DepthMap"
@@ -145,7 +145,7 @@ class DepthMap(Message):
         put(
             self,
             "timestamps",
-            check.items(self.timestamps, "DepthMap.timestamps", 1, 30000, lambda v, w: check.instance(v, w, Time)),
+            check.items(self.timestamps, "DepthMap.timestamps", 1, 16777216, lambda v, w: check.instance(v, w, Time)),
         )
         put(
             self,
@@ -160,17 +160,17 @@ class DepthMap(Message):
         put(
             self,
             "vertical_interval",
-            check.real_array(self.vertical_interval, "DepthMap.vertical_interval", ((1, 30000),)),
+            check.real_array(self.vertical_interval, "DepthMap.vertical_interval", ((1, 16777216),)),
         )
         put(
             self,
             "horizontal_interval",
-            check.real_array(self.horizontal_interval, "DepthMap.horizontal_interval", ((1, 30000),)),
+            check.real_array(self.horizontal_interval, "DepthMap.horizontal_interval", ((1, 16777216),)),
         )
         put(self, "vertical_size", check.integer(self.vertical_size, "DepthMap.vertical_size", 0, 4294967295))
         put(self, "horizontal_size", check.integer(self.horizontal_size, "DepthMap.horizontal_size", 0, 4294967295))
-        put(self, "distances", check.real_array(self.distances, "DepthMap.distances", ((1, 30000),)))
-        put(self, "remissions", check.real_array(self.remissions, "DepthMap.remissions", ((1, 30000),)))
+        put(self, "distances", check.real_array(self.distances, "DepthMap.distances", ((1, 16777216),)))
+        put(self, "remissions", check.real_array(self.remissions, "DepthMap.remissions", ((1, 16777216),)))
 
     @property
     def stamp_ns(self) -> int:
@@ -191,7 +191,7 @@ class DistanceImage(Message):
     scale_y : float
     center_x : float
     center_y : float
-    data : NDArray[np.float64], shape (1..60,)
+    data : NDArray[np.float64], shape (1..16777216,)
         m.
     """
 
@@ -214,7 +214,7 @@ class DistanceImage(Message):
         put(self, "scale_y", check.real(self.scale_y, "DistanceImage.scale_y"))
         put(self, "center_x", check.real(self.center_x, "DistanceImage.center_x"))
         put(self, "center_y", check.real(self.center_y, "DistanceImage.center_y"))
-        put(self, "data", check.real_array(self.data, "DistanceImage.data", ((1, 60),)))
+        put(self, "data", check.real_array(self.data, "DistanceImage.data", ((1, 16777216),)))
 
     @property
     def stamp_ns(self) -> int:

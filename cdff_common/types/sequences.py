@@ -37,7 +37,7 @@ class FramesSequence(Message):
         put(
             self,
             "items",
-            check.items(self.items, "FramesSequence.items", 0, 10, lambda v, w: check.instance(v, w, Frame)),
+            check.items(self.items, "FramesSequence.items", 0, 1024, lambda v, w: check.instance(v, w, Frame)),
         )
 
 
@@ -58,7 +58,7 @@ class PosesSequence(PosesSequenceExt):
         put(
             self,
             "items",
-            check.items(self.items, "PosesSequence.items", 0, 10, lambda v, w: check.instance(v, w, Pose)),
+            check.items(self.items, "PosesSequence.items", 0, 1048576, lambda v, w: check.instance(v, w, Pose)),
         )
         self._check_together()
 
@@ -84,8 +84,8 @@ class CorrespondenceMaps2DSequence(Message):
                 self.items,
                 "CorrespondenceMaps2DSequence.items",
                 0,
-                56,
-                lambda v, w: check.items(v, w, 0, 1024, lambda v, w: check.instance(v, w, Correspondence2D)),
+                16384,
+                lambda v, w: check.items(v, w, 0, 1048576, lambda v, w: check.instance(v, w, Correspondence2D)),
             ),
         )
 
@@ -111,8 +111,8 @@ class CorrespondenceMaps3DSequence(Message):
                 self.items,
                 "CorrespondenceMaps3DSequence.items",
                 0,
-                56,
-                lambda v, w: check.items(v, w, 0, 51200, lambda v, w: check.instance(v, w, Correspondence3D)),
+                16384,
+                lambda v, w: check.items(v, w, 0, 1048576, lambda v, w: check.instance(v, w, Correspondence3D)),
             ),
         )
 
@@ -123,7 +123,7 @@ class PointSequence(PointSequenceExt):
 
     Attributes
     ----------
-    values : NDArray[np.float64], shape (0..327680, 3)
+    values : NDArray[np.float64], shape (0..16777216, 3)
     """
 
     ASN1_NAME: ClassVar[str] = "PointSequence"
@@ -131,7 +131,7 @@ class PointSequence(PointSequenceExt):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "values", check.real_array(self.values, "PointSequence.values", ((0, 327680), (3, 3))))
+        put(self, "values", check.real_array(self.values, "PointSequence.values", ((0, 16777216), (3, 3))))
         self._check_together()
 
 
@@ -141,7 +141,7 @@ class DoubleSequence(Message):
 
     Attributes
     ----------
-    values : NDArray[np.float64], shape (0..327680,)
+    values : NDArray[np.float64], shape (0..16777216,)
     """
 
     ASN1_NAME: ClassVar[str] = "DoubleSequence"
@@ -149,7 +149,7 @@ class DoubleSequence(Message):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "values", check.real_array(self.values, "DoubleSequence.values", ((0, 327680),)))
+        put(self, "values", check.real_array(self.values, "DoubleSequence.values", ((0, 16777216),)))
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -166,7 +166,9 @@ class StringSequence(Message):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "items", check.items(self.items, "StringSequence.items", 0, 100, lambda v, w: check.text(v, w, 256)))
+        put(
+            self, "items", check.items(self.items, "StringSequence.items", 0, 65536, lambda v, w: check.text(v, w, 256))
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -187,6 +189,6 @@ class VectorXdSequence(Message):
             self,
             "items",
             check.items(
-                self.items, "VectorXdSequence.items", 0, 327680, lambda v, w: check.real_array(v, w, ((0, 100),))
+                self.items, "VectorXdSequence.items", 0, 16777216, lambda v, w: check.real_array(v, w, ((0, 100),))
             ),
         )

@@ -32,6 +32,8 @@ _TYPED_ARRAY = re.compile(r"(UInt|Int|Float)(\d+)(?:x(\d+))?-Array\Z")
 _TYPE_LINE = re.compile(r"([A-Z][\w-]*)\s*::=")
 _COMMENT = re.compile(r"--\s*(.*\S)\s*\Z")
 _FIELD_LINE = re.compile(r"\s+([a-z][\w-]*)\s+\S")
+#: ``PointcloudLarge`` has the fields of ``Pointcloud`` with room for more, and its Python class.
+_SIBLING = "Large"
 
 
 def class_name(asn1_name: str) -> str:
@@ -61,6 +63,15 @@ class TypeModel:
     field_types: dict[str, str] = field(default_factory=dict)
     #: ``msgVersion`` of this family, 0 where it declares none.
     version: int = 0
+    #: The sibling with room for more, whose bounds the class has.
+    large: TypeModel | None = None
+    #: Whether this is such a sibling, which has no class of its own.
+    is_sibling: bool = False
+
+    @property
+    def class_node(self) -> Message | Enumeration | Choice:
+        """Node that the class is made from: that of the sibling where there is one."""
+        return self.node if self.large is None else self.large.node
 
 
 class ModelReader:
@@ -86,6 +97,22 @@ class ModelReader:
                     self._types[name] = (declaration, path.stem, module)
         for name in self._types:
             self._model(name)
+        for name in self._types:
+            if base := self._base(name):
+                self._pair(self.types[base], self.types[name])
+
+    def _base(self, name: str) -> str:
+        """Name of the type that ``name`` is the large sibling of; empty where it is none."""
+        base = name.removesuffix(_SIBLING)
+        return base if base != name and base in self._types else ""
+
+    @staticmethod
+    def _pair(base: TypeModel, large: TypeModel) -> None:
+        """Join siblings; raises ValueError where they differ in more than size."""
+        names = [[f.name for f in m.node.fields] if isinstance(m.node, Struct) else [] for m in (base, large)]
+        if type(base.node) is not type(large.node) or names[0] != names[1]:
+            raise ValueError(f"{large.name}: expected the fields of {base.name}")
+        base.large, large.is_sibling = large, True
 
     def _read_comments(self, text: str) -> None:
         """Take the comment block above each type and the comment after each field."""
@@ -116,7 +143,7 @@ class ModelReader:
         declaration, module, asn1_module = self._types[name]
         kind = declaration["type"]
         comment, comments = self._comments.get(name, ("", {}))
-        model = TypeModel(name, class_name(name), module, Enumeration("", ()), comment, comments)
+        model = TypeModel(name, class_name(self._base(name) or name), module, Enumeration("", ()), comment, comments)
         model.version = self._versions.get(asn1_module, 0)
         if kind == "SEQUENCE":
             fields = []

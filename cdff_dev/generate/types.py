@@ -46,7 +46,7 @@ def _mark(source: str) -> str:
 def render() -> dict[Path, str]:
     """Return path in the repository and content, not yet formatted, of every file generated from the ASN.1 modules."""
     models = ModelReader(asn1_files()).types
-    families = sorted({m.module for m in models.values()})
+    families = sorted({m.module for m in models.values() if not m.is_sibling})
     out: dict[Path, str] = {}
     for family in families:
         out[_PACKAGE / "types" / f"{family}.py"] = _family_source(family, models)
@@ -76,7 +76,7 @@ def _docstring(model: TypeModel, fields: tuple[Field, ...]) -> list[str]:
 
 
 def _class_source(model: TypeModel, extensions: set[str]) -> list[str]:
-    node = model.node
+    node = model.class_node
     if isinstance(node, Enumeration):
         summary = sentence(model.comment or f"``{model.name}``")
         lines = [f"class {node.class_name}(IntEnum):", f'    """{summary}"""', ""]
@@ -168,8 +168,8 @@ def _references(node: Node | Alias) -> set[str]:
 
 
 def _family_source(family: str, models: dict[str, TypeModel]) -> str:
-    own = [m for m in models.values() if m.module == family]
-    home = {m.class_name: m.module for m in models.values()}
+    own = [m for m in models.values() if m.module == family and not m.is_sibling]
+    home = {m.class_name: m.module for m in models.values() if not m.is_sibling}
     needed: set[str] = set()
     for model in own:
         node = model.node
@@ -215,7 +215,8 @@ def _family_source(family: str, models: dict[str, TypeModel]) -> str:
 
 
 def _package_source(families: list[str], models: dict[str, TypeModel]) -> str:
-    names = {f: sorted(m.class_name for m in models.values() if m.module == f) for f in families}
+    classes = [m for m in models.values() if not m.is_sibling]
+    names = {f: sorted(m.class_name for m in classes if m.module == f) for f in families}
     lines = [
         _mark("cdff_common/asn1/*.asn"),
         '"""All types of the wire: frozen dataclasses over numpy, one per ASN.1 type."""',
@@ -231,11 +232,11 @@ def _package_source(families: list[str], models: dict[str, TypeModel]) -> str:
 
 def _table_source(models: dict[str, TypeModel]) -> str:
     """The table of nodes: one variable a type, in order, so that each may name those before it."""
-    variable = {m.class_name: f"_{i}" for i, m in enumerate(models.values())}
+    variable = {_table_key(m.node): f"_{i}" for i, m in enumerate(models.values())}
 
     def source(node: Node, top: bool = False) -> str:
         if not top and isinstance(node, Struct | Enumeration | Choice):
-            return variable[node.class_name]
+            return variable[_table_key(node)]
         match node:
             case Struct():
                 return f'Struct("{node.name}", "{node.class_name}", ({fields(node.fields)}))'
@@ -279,7 +280,14 @@ def _table_source(models: dict[str, TypeModel]) -> str:
             if isinstance(node, Struct):
                 messages.append(model)
             text = source(node, top=True)
-        lines.append(f"{variable[model.class_name]} = {text}")
+        lines.append(f"{variable[_table_key(node)]} = {text}")
     lines += ["", "#: ASN.1 name -> node, of every type that can be a message.", "MESSAGES: dict[str, Message] = {"]
-    lines += [f'    "{m.name}": {variable[m.class_name]},' for m in messages]
+    lines += [f'    "{m.name}": {variable[_table_key(m.node)]},' for m in messages]
+    lines += ["}", "", "#: ASN.1 name -> that of the sibling with room for more.", "LARGE: dict[str, str] = {"]
+    lines += [f'    "{m.name}": "{m.large.name}",' for m in messages if m.large is not None]
     return "\n".join([*lines, "}"]) + "\n"
+
+
+def _table_key(node: Node | Alias) -> tuple[str, str]:
+    """What tells the nodes of the table apart: siblings share the class, an enumeration has only that."""
+    return (node.name, "") if isinstance(node, Struct | Alias) else ("", getattr(node, "class_name", ""))

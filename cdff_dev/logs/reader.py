@@ -20,6 +20,7 @@ from cdff_common.codecs.bridge import message_node
 from cdff_common.codecs.messagepack import unpack, unpack_message
 from cdff_common.codecs.messagepack._kernels import skip, skip_many
 from cdff_common.codecs.plain import from_plain
+from cdff_common.codecs.siblings import base_type
 from cdff_common.errors import CodecError, InputError
 from cdff_common.interfaces.product import Header
 from cdff_dev.logs import quirks as quirk
@@ -169,7 +170,7 @@ class LogReader:
         if len(times) != n:
             self.quirks.tell(f"{path.name}: {name} has {n} samples and {len(times)} timestamps; the rest is left out")
             n = min(n, len(times))
-        type_name = message_node(meta["type"]).name
+        type_name = base_type(message_node(meta["type"]).name)
         if self._types.setdefault(name, type_name) != type_name:
             raise CodecError(f"{path}: {name} is a {type_name}, expected {self._types[name]} as before")
         if meta["type"] != type_name:

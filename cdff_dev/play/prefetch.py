@@ -12,6 +12,7 @@ from typing import Any
 
 from cdff_common.bus import keys
 from cdff_common.codecs import encode, encoding_string
+from cdff_common.codecs.siblings import wire_type
 from cdff_common.errors import InputError
 from cdff_common.interfaces.product import Header, product_id
 from cdff_dev.logs import LogSample
@@ -45,7 +46,8 @@ class Item:
     def encoded(self) -> bytes:
         """The payload, made now if it was not."""
         if self.payload is None:
-            self.payload = encode(self.value, "uper")
+            self.type_name = wire_type(self.value)
+            self.payload = encode(self.value, "uper", self.type_name)
             self.value = None
         return self.payload
 

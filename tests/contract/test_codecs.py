@@ -21,15 +21,15 @@ from tests.messages import ALL, random_message
 def test_random_messages_survive(name: str, codec: str, rng: np.random.Generator) -> None:
     for _ in range(3):
         value = random_message(name, rng)
-        assert decode(name, encode(value, codec), codec) == value
+        assert decode(name, encode(value, codec, name), codec) == value
 
 
 @pytest.mark.parametrize("name", ALL)
 def test_our_uper_and_that_of_asn1tools_read_each_other(name: str, rng: np.random.Generator) -> None:
     for _ in range(3):
         value = random_message(name, rng)
-        assert reference.decode(name, uper.encode(value), "uper") == value
-        assert uper.decode(name, reference.encode(value, "uper")) == value
+        assert reference.decode(name, uper.encode(value, name), "uper") == value
+        assert uper.decode(name, reference.encode(value, "uper", name)) == value
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -55,7 +55,7 @@ def test_the_plain_form_holds_only_plain_data(name: str, rng: np.random.Generato
 def test_mutated_messages_are_decoded_or_refused(
     name: str, codec: str, seed: int, edits: list[tuple[int, int]], cut: int
 ) -> None:
-    data = bytearray(encode(random_message(name, np.random.default_rng(seed)), codec))
+    data = bytearray(encode(random_message(name, np.random.default_rng(seed)), codec, name))
     for at, value in edits:
         data[at % len(data)] = value
     data = data[: 1 + cut % len(data)] if cut % 3 == 0 else data

@@ -10,6 +10,7 @@ import msgpack
 
 from cdff_common.codecs.bridge import message_node
 from cdff_common.codecs.plain import from_plain
+from cdff_common.codecs.siblings import wire_node
 from cdff_common.errors import CodecError
 
 __all__ = ["decode", "encode", "unpack", "unpack_message"]
@@ -18,11 +19,11 @@ __all__ = ["decode", "encode", "unpack", "unpack_message"]
 _GUIDED_FROM_OCTETS = 4096
 
 
-def encode(value: Any) -> bytes:
-    """MessagePack of ``to_plain(value)``."""
+def encode(value: Any, type_name: str | None = None) -> bytes:
+    """MessagePack of ``to_plain(value)``; the same for siblings."""
     from cdff_common.codecs.messagepack.lists import pieces
 
-    return b"".join(pieces(value, message_node(type(value).ASN1_NAME)))
+    return b"".join(pieces(value, wire_node(value, type_name)))
 
 
 def decode(type_name: str, data: bytes) -> Any:

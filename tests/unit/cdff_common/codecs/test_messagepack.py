@@ -61,7 +61,7 @@ def test_octets_as_a_long_list_are_read() -> None:
 @pytest.mark.parametrize(
     ("points", "others", "message"),
     [
-        ([[1.0, 2.0]] * 600, {}, r"shape \(600, 2\), expected \(0..400000, 3\)"),
+        ([[1.0, 2.0]] * 600, {}, r"shape \(600, 2\), expected \(0..16777216, 3\)"),
         ([[1.0, 2.0, "x"]] * 600, {}, "points: expected nested lists"),
         ([1.0] * 1800, {}, r"shape \(1800,\)"),
         ([[1.0, 2.0, 3.0], [1.0]] * 300, {}, "points: expected nested lists"),

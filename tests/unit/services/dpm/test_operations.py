@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from cdff_common.codecs import decode
+from cdff_common.codecs import decode, encode, encoding_string
 from cdff_common.errors import CodecError, InputError, ProductNotFoundError, UnavailableError
-from cdff_common.interfaces.product import Quality, Status
+from cdff_common.interfaces.product import Header, Quality, Status
+from cdff_common.types import Pointcloud
 from dpm_store import Event, Insertion, Query
 from services.dpm.operations import Dpm
 from services.dpm.parameters import search_query, window_request
@@ -157,3 +158,18 @@ def test_times_that_no_column_holds_are_refused(dpm: Dpm, fields: dict[str, int]
 def test_a_polygon_that_crosses_itself_is_refused() -> None:
     with pytest.raises(InputError, match="Self-intersection"):
         search_query("ground", {"region": "polygon:0,0,2,2,2,0,0,1"})
+
+
+def test_a_cloud_of_the_larger_type_is_stored_and_read_as_a_pointcloud(dpm: Dpm) -> None:
+    large = Pointcloud.from_points(np.zeros((400_001, 3)), frame="site", stamp_ns=1_000_000_000)
+    payload, encoding = encode(large, "uper"), encoding_string("PointcloudLarge", "uper")
+    header = Header(
+        id="00000000-0000-5000-8000-00000000000a", seq=0, t0_ns=10**9, t1_ns=10**9, frame="site", producer="test"
+    )
+    names = {"robot": "mana", "dfpc": "d", "port": "cloud", "product": "pointcloud"}
+    dpm.max_payload_bytes = 4 << 20
+    dpm.put(names, payload, encoding, header.to_attachment())
+    assert dpm.product(header.id).body.encoding == encoding
+    answer = dpm.product(header.id, "msgpack")
+    assert decode("PointcloudLarge", answer.body.data, "msgpack") == large
+    assert dpm.product(header.id, "ply").body.suffix == "ply"
