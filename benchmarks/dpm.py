@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The store beside the raw engine in one run: durable insertions, and searches by region, time and type.
 
-    python benchmarks/dpm.py [--products 20000] [--searches 500] [--json FILE]
+    python benchmarks/dpm.py [--products 20000] [--searches 500] [--out FILE]
 
 Ours is ``dpm_store``; raw is ``sqlite3`` with the same pragmas, a product table, an R*Tree and a payload column, with
 nothing checked, hashed or told. Payloads are 10 kB, boxes about 5 m in 1 km x 1 km, searches 30 m x 30 m over all time
@@ -137,7 +137,7 @@ def main() -> None:
     parser.add_argument("--products", type=int, default=20_000)
     parser.add_argument("--searches", type=int, default=500)
     parser.add_argument("--dir", type=Path, default=None, help="where to write; the file system matters")
-    parser.add_argument("--json", type=Path, default=None)
+    parser.add_argument("--out", type=Path, default=None)
     args = parser.parse_args()
     with tempfile.TemporaryDirectory(dir=args.dir) as base:
         asked = windows(args.searches)
@@ -158,8 +158,8 @@ def main() -> None:
         for name in ("raw", "ours"):
             figures = results[name][operation]
             print(f"{operation:8}{name:6}" + "".join(f"{k} {v:9.3f}   " for k, v in figures.items()))
-    if args.json is not None:
-        args.json.write_text(json.dumps({"about": about, **results}, indent=1))
+    if args.out is not None:
+        args.out.write_text(json.dumps({"about": about, **results}, indent=1))
 
 
 if __name__ == "__main__":
