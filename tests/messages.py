@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,10 @@ REALS = [
 ]  # fmt: skip
 _TEXTS = ["", "mana/lidar", "é", "x" * 256, "\udce9", "1"]
 #: Types whose fields must fit together, which numbers at random do not.
-_CONSISTENT = {"PointCloudData", "LidarScanData", "PoseTrajectoryData", "ElevationMap", "NavigationMap"}
+_CONSISTENT = {
+    "PointCloudData", "LidarScanData", "PoseTrajectoryData", "ElevationMap", "NavigationMap", "PoseGraph",
+    "PoseGraphVertices", "PoseGraphEdges", "LandmarkMapData", "KeyFrameData", "MeshData", "ObjectTrackData",
+}  # fmt: skip
 
 
 def random_message(name: str, rng: np.random.Generator) -> Any:
@@ -94,9 +98,55 @@ def _consistent(node: Struct, rng: np.random.Generator) -> Any:
         return cls(rng.normal(size=(n, 3)).astype(np.float32), np.arange(n), np.arange(n), np.zeros(0, np.uint16))
     if node.class_name == "PoseTrajectoryData":
         return cls(np.arange(n), rng.choice(REALS, (n, 7)), rng.choice(REALS, (n, 36)))
+    if node.class_name in _COLUMNS:
+        return cls(*[make(n, rng) for make in _COLUMNS[node.class_name]])
+    if node.class_name == "PoseGraph":
+        vertices = _value(node.fields[1].node, rng)
+        edges = class_of("PoseGraphEdges")()
+        if len(vertices.ids):
+            ends = rng.choice(vertices.ids, (n, 2))
+            edges = class_of("PoseGraphEdges")(ends, _reals(7)(n, rng), _reals(36)(n, rng), _octets(n, rng))
+        return cls(_value(node.fields[0].node, rng), vertices, edges)
     metadata = class_of("GridMapMetadata")(frame_id="site", resolution=0.5, x_min=-1.0, y_max=1.0, rows=2, cols=n)
     layers = tuple(
         class_of("GridLayer").from_array(name, rng.normal(size=(2, n)).astype(dtype))
         for name, dtype in (("mean", np.float32), ("class", np.uint8))
     )
     return cls(metadata, layers)
+
+
+Column = Callable[[int, np.random.Generator], Any]
+
+
+def _reals(columns: int, dtype: type = np.float64) -> Column:
+    return lambda n, rng: rng.normal(size=(n, columns)).astype(dtype)
+
+
+def _counted(n: int, rng: np.random.Generator) -> np.ndarray:
+    return np.arange(n, dtype=np.int64) * 3 - 5
+
+
+def _octets(n: int, rng: np.random.Generator) -> np.ndarray:
+    return rng.integers(0, 3, n).astype(np.uint8)
+
+
+def _none(columns: int, dtype: type) -> Column:
+    return lambda n, rng: np.zeros((0, columns) if columns else 0, dtype)
+
+
+def _descriptors(n: int, rng: np.random.Generator) -> Any:
+    return class_of("Array3D").from_array(rng.integers(0, 256, (n, 32)).astype(np.uint8))
+
+
+#: Columns of types whose columns are of one length.
+_COLUMNS: dict[str, tuple[Column, ...]] = {
+    "PoseGraphVertices": (_counted, _counted, _reals(7), _octets),
+    "PoseGraphEdges": (lambda n, rng: rng.integers(-9, 9, (n, 2)), _reals(7), _reals(36), _octets),
+    "LandmarkMapData": (_counted, _reals(3), _reals(9), _none(0, np.uint32), _descriptors),
+    "KeyFrameData": (_reals(2, np.float32), _none(0, np.float32), _counted, _descriptors),
+    "MeshData": (
+        _reals(3), lambda n, rng: np.zeros((n, 3), np.uint32), _reals(3, np.float32),
+        lambda n, rng: rng.integers(0, 256, (n, 3)).astype(np.uint8),
+    ),
+    "ObjectTrackData": (_counted, _reals(7), _none(6, np.float64), _reals(36)),
+}  # fmt: skip

@@ -451,6 +451,17 @@ _67 = Struct(
     ),
 )
 _68 = Struct(
+    "LandmarkMap-Metadata",
+    "LandmarkMapMetadata",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("producerId", "producer_id", Text(256)),
+        Field("frameId", "frame_id", Text(256)),
+        Field("timeStamp", "time_stamp", _42),
+        Field("descriptorType", "descriptor_type", Text(256)),
+    ),
+)
+_69 = Struct(
     "Array3DLarge",
     "Array3D",
     (
@@ -463,7 +474,57 @@ _68 = Struct(
         Field("data", "data", Octets(1073741824, "|u1", 0)),
     ),
 )
-_69 = Struct(
+_70 = Struct(
+    "LandmarkMap-Data",
+    "LandmarkMapData",
+    (
+        Field("ids", "ids", Octets(1073741824, "<i8", 0)),
+        Field("positions", "positions", Octets(1073741824, "<f8", 3)),
+        Field("covariances", "covariances", Octets(1073741824, "<f8", 9)),
+        Field("observations", "observations", Octets(1073741824, "<u4", 0)),
+        Field("descriptors", "descriptors", _69),
+    ),
+)
+_71 = Struct(
+    "LandmarkMap",
+    "LandmarkMap",
+    (
+        Field("metadata", "metadata", _68),
+        Field("data", "data", _70),
+    ),
+)
+_72 = Struct(
+    "KeyFrame-Metadata",
+    "KeyFrameMetadata",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("id", "id", Integer(0, 9223372036854775807)),
+        Field("sensorId", "sensor_id", Text(256)),
+        Field("timeStamp", "time_stamp", _42),
+        Field("descriptorType", "descriptor_type", Text(256)),
+    ),
+)
+_73 = Struct(
+    "KeyFrame-Data",
+    "KeyFrameData",
+    (
+        Field("keypoints", "keypoints", Octets(1073741824, "<f4", 2)),
+        Field("scales", "scales", Octets(1073741824, "<f4", 0)),
+        Field("landmarks", "landmarks", Octets(1073741824, "<i8", 0)),
+        Field("descriptors", "descriptors", _69),
+    ),
+)
+_74 = Struct(
+    "KeyFrame",
+    "KeyFrame",
+    (
+        Field("metadata", "metadata", _72),
+        Field("pose", "pose", _48),
+        Field("intrinsic", "intrinsic", _45),
+        Field("data", "data", _73),
+    ),
+)
+_75 = Struct(
     "FrameLarge",
     "Frame",
     (
@@ -471,21 +532,21 @@ _69 = Struct(
         Field("metadata", "metadata", _43),
         Field("intrinsic", "intrinsic", _45),
         Field("extrinsic", "extrinsic", _49),
-        Field("data", "data", _68),
+        Field("data", "data", _69),
     ),
 )
-_70 = Struct(
+_76 = Struct(
     "FramePairLarge",
     "FramePair",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("baseline", "baseline", Real()),
-        Field("left", "left", _69),
-        Field("right", "right", _69),
+        Field("left", "left", _75),
+        Field("right", "right", _75),
     ),
 )
-_71 = Alias("FramesSequenceLarge", "FramesSequence", "items", ListOf(_69, 0, 1024, "FrameLarge"))
-_72 = Struct(
+_77 = Alias("FramesSequenceLarge", "FramesSequence", "items", ListOf(_75, 0, 1024, "FrameLarge"))
+_78 = Struct(
     "CompressedFrameLarge",
     "CompressedFrame",
     (
@@ -499,7 +560,7 @@ _72 = Struct(
         Field("frame-status", "frame_status", _41),
     ),
 )
-_73 = Enumeration(
+_79 = Enumeration(
     "MapTypeT",
     (
         ("map-UNDEF", 0),
@@ -507,28 +568,28 @@ _73 = Enumeration(
         ("map-NAV", 2),
     ),
 )
-_74 = Struct(
+_80 = Struct(
     "Map-metadata-t",
     "MapMetadataT",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("timeStamp", "time_stamp", _42),
-        Field("type", "type", _73),
+        Field("type", "type", _79),
         Field("errValues", "err_values", ListOf(_38, 0, 5, "Frame-error-t")),
         Field("scale", "scale", Real()),
         Field("pose-fixedFrame-mapFrame", "pose_fixed_frame_map_frame", _48),
     ),
 )
-_75 = Struct(
+_81 = Struct(
     "MapLarge",
     "Map",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("metadata", "metadata", _74),
-        Field("data", "data", _68),
+        Field("metadata", "metadata", _80),
+        Field("data", "data", _69),
     ),
 )
-_76 = Struct(
+_82 = Struct(
     "PointCloud-DataLarge",
     "PointCloudData",
     (
@@ -537,7 +598,7 @@ _76 = Struct(
         Field("intensity", "intensity", Array(Integer(-2147483648, 2147483647), ((0, 16777216),), ("T-Int32",))),
     ),
 )
-_77 = Struct(
+_83 = Struct(
     "PointCloud-Metadata",
     "PointCloudMetadata",
     (
@@ -554,43 +615,43 @@ _77 = Struct(
         Field("pose-fixedFrame-robotFrame", "pose_fixed_frame_robot_frame", _48),
     ),
 )
-_78 = Struct(
+_84 = Struct(
     "PointcloudLarge",
     "Pointcloud",
     (
-        Field("metadata", "metadata", _77),
-        Field("data", "data", _76),
+        Field("metadata", "metadata", _83),
+        Field("data", "data", _82),
     ),
 )
-_79 = Struct(
+_85 = Struct(
     "OctreeLarge",
     "Octree",
     (
         Field("resolution", "resolution", Real()),
-        Field("pointCloud", "point_cloud", _78),
+        Field("pointCloud", "point_cloud", _84),
     ),
 )
-_80 = Alias("CorrespondenceMap2DLarge", "CorrespondenceMap2D", "items", ListOf(_22, 0, 1048576, "Correspondence2D"))
-_81 = Alias("CorrespondenceMap3DLarge", "CorrespondenceMap3D", "items", ListOf(_24, 0, 1048576, "Correspondence3D"))
-_82 = Alias(
+_86 = Alias("CorrespondenceMap2DLarge", "CorrespondenceMap2D", "items", ListOf(_22, 0, 1048576, "Correspondence2D"))
+_87 = Alias("CorrespondenceMap3DLarge", "CorrespondenceMap3D", "items", ListOf(_24, 0, 1048576, "Correspondence3D"))
+_88 = Alias(
     "CorrespondenceMaps2DSequenceLarge",
     "CorrespondenceMaps2DSequence",
     "items",
     ListOf(ListOf(_22, 0, 1048576, "Correspondence2D"), 0, 16384, "CorrespondenceMap2DLarge"),
 )
-_83 = Alias(
+_89 = Alias(
     "CorrespondenceMaps3DSequenceLarge",
     "CorrespondenceMaps3DSequence",
     "items",
     ListOf(ListOf(_24, 0, 1048576, "Correspondence3D"), 0, 16384, "CorrespondenceMap3DLarge"),
 )
-_84 = Alias(
+_90 = Alias(
     "VisualPointFeatureVector2DLarge",
     "VisualPointFeatureVector2D",
     "items",
     ListOf(_26, 0, 1048576, "VisualPointFeature2D"),
 )
-_85 = Struct(
+_91 = Struct(
     "VisualPointFeatureVector3DLarge",
     "VisualPointFeatureVector3D",
     (
@@ -599,7 +660,7 @@ _85 = Struct(
         Field("feature-type", "feature_type", _32),
     ),
 )
-_86 = Struct(
+_92 = Struct(
     "Pose",
     "Pose",
     (
@@ -607,19 +668,19 @@ _86 = Struct(
         Field("orient", "orient", Array(Real(), ((4, 4),), ("T-Double",))),
     ),
 )
-_87 = Alias("PosesSequenceLarge", "PosesSequence", "items", ListOf(_86, 0, 1048576, "Pose"))
-_88 = Alias(
+_93 = Alias("PosesSequenceLarge", "PosesSequence", "items", ListOf(_92, 0, 1048576, "Pose"))
+_94 = Alias(
     "PointSequenceLarge", "PointSequence", "values", Array(Real(), ((0, 16777216), (3, 3)), ("Point", "T-Double"))
 )
-_89 = Alias("DoubleSequenceLarge", "DoubleSequence", "values", Array(Real(), ((0, 16777216),), ("T-Double",)))
-_90 = Alias("StringSequenceLarge", "StringSequence", "items", ListOf(Text(256), 0, 65536, "T-String"))
-_91 = Alias(
+_95 = Alias("DoubleSequenceLarge", "DoubleSequence", "values", Array(Real(), ((0, 16777216),), ("T-Double",)))
+_96 = Alias("StringSequenceLarge", "StringSequence", "items", ListOf(Text(256), 0, 65536, "T-String"))
+_97 = Alias(
     "VectorXdSequenceLarge",
     "VectorXdSequence",
     "items",
     ListOf(Array(Real(), ((0, 100),), ("T-Double",)), 0, 16777216, "VectorXd"),
 )
-_92 = Struct(
+_98 = Struct(
     "PathLarge",
     "Path",
     (
@@ -628,7 +689,7 @@ _92 = Struct(
         Field("waypoints", "waypoints", ListOf(_48, 0, 1048576, "TransformWithCovariance")),
     ),
 )
-_93 = Struct(
+_99 = Struct(
     "TrajectoryLarge",
     "Trajectory",
     (
@@ -636,7 +697,7 @@ _93 = Struct(
         Field("points", "points", Array(Real(), ((1, 1048576), (3, 3)), ("Point", "T-Double"))),
     ),
 )
-_94 = Struct(
+_100 = Struct(
     "LaserScanLarge",
     "LaserScan",
     (
@@ -650,21 +711,21 @@ _94 = Struct(
         Field("remission", "remission", Array(Real(), ((1, 16777216),), ("T-Float",))),
     ),
 )
-_95 = Enumeration(
+_101 = Enumeration(
     "ProjectionType",
     (
         ("polar", 0),
         ("planar", 1),
     ),
 )
-_96 = Struct(
+_102 = Struct(
     "DepthMapLarge",
     "DepthMap",
     (
         Field("ref-time", "ref_time", _42),
         Field("timestamps", "timestamps", ListOf(_42, 1, 16777216, "Time")),
-        Field("vertical-projection", "vertical_projection", _95),
-        Field("horizontal-projection", "horizontal_projection", _95),
+        Field("vertical-projection", "vertical_projection", _101),
+        Field("horizontal-projection", "horizontal_projection", _101),
         Field("vertical-interval", "vertical_interval", Array(Real(), ((1, 16777216),), ("T-Double",))),
         Field("horizontal-interval", "horizontal_interval", Array(Real(), ((1, 16777216),), ("T-Double",))),
         Field("vertical-size", "vertical_size", Integer(0, 4294967295)),
@@ -673,7 +734,7 @@ _96 = Struct(
         Field("remissions", "remissions", Array(Real(), ((1, 16777216),), ("T-Float",))),
     ),
 )
-_97 = Struct(
+_103 = Struct(
     "DistanceImageLarge",
     "DistanceImage",
     (
@@ -687,7 +748,7 @@ _97 = Struct(
         Field("data", "data", Array(Real(), ((1, 16777216),), ("T-Float",))),
     ),
 )
-_98 = Struct(
+_104 = Struct(
     "LidarScan-Metadata",
     "LidarScanMetadata",
     (
@@ -698,7 +759,7 @@ _98 = Struct(
         Field("endTime", "end_time", _42),
     ),
 )
-_99 = Struct(
+_105 = Struct(
     "LidarScan-Data",
     "LidarScanData",
     (
@@ -708,24 +769,24 @@ _99 = Struct(
         Field("ring", "ring", Octets(1073741824, "<u2", 0)),
     ),
 )
-_100 = Struct(
+_106 = Struct(
     "LidarScan",
     "LidarScan",
     (
-        Field("metadata", "metadata", _98),
-        Field("data", "data", _99),
+        Field("metadata", "metadata", _104),
+        Field("data", "data", _105),
     ),
 )
-_101 = Struct(
+_107 = Struct(
     "Map",
     "Map",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("metadata", "metadata", _74),
+        Field("metadata", "metadata", _80),
         Field("data", "data", _35),
     ),
 )
-_102 = Struct(
+_108 = Struct(
     "GridMap-Metadata",
     "GridMapMetadata",
     (
@@ -740,7 +801,7 @@ _102 = Struct(
         Field("cols", "cols", Integer(0, 4294967295)),
     ),
 )
-_103 = Struct(
+_109 = Struct(
     "GridLayer",
     "GridLayer",
     (
@@ -749,23 +810,300 @@ _103 = Struct(
         Field("data", "data", Octets(1073741824, "|u1", 0)),
     ),
 )
-_104 = Struct(
+_110 = Struct(
     "ElevationMap",
     "ElevationMap",
     (
-        Field("metadata", "metadata", _102),
-        Field("layers", "layers", ListOf(_103, 0, 64, "GridLayer")),
+        Field("metadata", "metadata", _108),
+        Field("layers", "layers", ListOf(_109, 0, 64, "GridLayer")),
     ),
 )
-_105 = Struct(
+_111 = Struct(
     "NavigationMap",
     "NavigationMap",
     (
-        Field("metadata", "metadata", _102),
-        Field("layers", "layers", ListOf(_103, 0, 64, "GridLayer")),
+        Field("metadata", "metadata", _108),
+        Field("layers", "layers", ListOf(_109, 0, 64, "GridLayer")),
     ),
 )
-_106 = Struct(
+_112 = Struct(
+    "Mesh-Metadata",
+    "MeshMetadata",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("producerId", "producer_id", Text(256)),
+        Field("frameId", "frame_id", Text(256)),
+        Field("timeStamp", "time_stamp", _42),
+    ),
+)
+_113 = Struct(
+    "Mesh-Data",
+    "MeshData",
+    (
+        Field("vertices", "vertices", Octets(1073741824, "<f8", 3)),
+        Field("triangles", "triangles", Octets(1073741824, "<u4", 3)),
+        Field("normals", "normals", Octets(1073741824, "<f4", 3)),
+        Field("colors", "colors", Octets(1073741824, "<u1", 3)),
+    ),
+)
+_114 = Struct(
+    "Mesh",
+    "Mesh",
+    (
+        Field("metadata", "metadata", _112),
+        Field("data", "data", _113),
+    ),
+)
+_115 = Struct(
+    "ObjectDetection",
+    "ObjectDetection",
+    (
+        Field("label", "label", Text(256)),
+        Field("score", "score", Real()),
+        Field("pose", "pose", _48),
+        Field("size", "size", Array(Real(), ((3, 3),), ("T-Double",))),
+        Field("imageBox", "image_box", Array(Real(), ((4, 4),), ("T-Double",))),
+    ),
+)
+_116 = Struct(
+    "ObjectDetections",
+    "ObjectDetections",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("timeStamp", "time_stamp", _42),
+        Field("producerId", "producer_id", Text(256)),
+        Field("sensorId", "sensor_id", Text(256)),
+        Field("frameId", "frame_id", Text(256)),
+        Field("detections", "detections", ListOf(_115, 0, 4096, "ObjectDetection")),
+    ),
+)
+_117 = Enumeration(
+    "ObjectTrackStatusT",
+    (
+        ("track-TENTATIVE", 0),
+        ("track-CONFIRMED", 1),
+        ("track-LOST", 2),
+    ),
+)
+_118 = Struct(
+    "ObjectTrack-Metadata",
+    "ObjectTrackMetadata",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("timeStamp", "time_stamp", _42),
+        Field("producerId", "producer_id", Text(256)),
+        Field("frameId", "frame_id", Text(256)),
+        Field("trackId", "track_id", Integer(0, 4294967295)),
+        Field("label", "label", Text(256)),
+        Field("status", "status", _117),
+        Field("score", "score", Real()),
+        Field("size", "size", Array(Real(), ((3, 3),), ("T-Double",))),
+    ),
+)
+_119 = Struct(
+    "ObjectTrack-Data",
+    "ObjectTrackData",
+    (
+        Field("stamps", "stamps", Octets(1073741824, "<i8", 0)),
+        Field("poses", "poses", Octets(1073741824, "<f8", 7)),
+        Field("velocities", "velocities", Octets(1073741824, "<f8", 6)),
+        Field("covariances", "covariances", Octets(1073741824, "<f8", 36)),
+    ),
+)
+_120 = Struct(
+    "ObjectTrack",
+    "ObjectTrack",
+    (
+        Field("metadata", "metadata", _118),
+        Field("data", "data", _119),
+    ),
+)
+_121 = Enumeration(
+    "Og2RegionKindT",
+    (
+        ("region-ANY", 0),
+        ("region-BBOX", 1),
+        ("region-BOX", 2),
+        ("region-CIRCLE", 3),
+        ("region-POLYGON", 4),
+        ("region-NEAR", 5),
+    ),
+)
+_122 = Struct(
+    "OG2-Region",
+    "Og2Region",
+    (
+        Field("kind", "kind", _121),
+        Field("frameId", "frame_id", Text(256)),
+        Field("numbers", "numbers", Array(Real(), ((0, 100),), ("T-Double",))),
+    ),
+)
+_123 = Enumeration(
+    "Og2DeliverT",
+    (
+        ("deliver-AUTO", 0),
+        ("deliver-INLINE", 1),
+        ("deliver-REFERENCE", 2),
+    ),
+)
+_124 = Struct(
+    "OG2-Request",
+    "Og2Request",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("requestId", "request_id", Text(256)),
+        Field("robot", "robot", Text(256)),
+        Field("product", "product", Text(256)),
+        Field("asType", "as_type", Text(256)),
+        Field("format", "format", Text(256)),
+        Field("frameId", "frame_id", Text(256)),
+        Field("childFrameId", "child_frame_id", Text(256)),
+        Field("hasTime", "has_time", Boolean()),
+        Field("time", "time", _42),
+        Field("region", "region", _122),
+        Field("maxAge", "max_age", Real()),
+        Field("resolution", "resolution", Real()),
+        Field("minCoverage", "min_coverage", Real()),
+        Field("deliver", "deliver", _123),
+        Field("deadline", "deadline", Integer(0, 4294967295)),
+    ),
+)
+_125 = Enumeration(
+    "Og2JobStateT",
+    (
+        ("job-RECEIVED", 0),
+        ("job-LOOKING", 1),
+        ("job-PLANNING", 2),
+        ("job-PREPARING", 3),
+        ("job-WAITING", 4),
+        ("job-DELIVERING", 5),
+        ("job-DONE", 6),
+        ("job-FAILED", 7),
+        ("job-CANCELLED", 8),
+    ),
+)
+_126 = Struct(
+    "OG2-Job",
+    "Og2Job",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("timeStamp", "time_stamp", _42),
+        Field("jobId", "job_id", Text(256)),
+        Field("requestId", "request_id", Text(256)),
+        Field("robot", "robot", Text(256)),
+        Field("product", "product", Text(256)),
+        Field("state", "state", _125),
+        Field("reason", "reason", Text(256)),
+        Field("remaining", "remaining", Real()),
+        Field("plan", "plan", ListOf(Text(256), 0, 256, "T-String")),
+    ),
+)
+_127 = Enumeration(
+    "Og2ReplyKindT",
+    (
+        ("reply-PROGRESS", 0),
+        ("reply-PRODUCT", 1),
+        ("reply-REFERENCE", 2),
+        ("reply-ERROR", 3),
+    ),
+)
+_128 = Enumeration(
+    "Og2ErrorCodeT",
+    (
+        ("error-NONE", 0),
+        ("error-INVALID-ARGUMENT", 1),
+        ("error-NOT-FOUND", 2),
+        ("error-NOT-ACTIVE", 3),
+        ("error-UNAVAILABLE", 4),
+        ("error-DEADLINE", 5),
+        ("error-OVERLOADED", 6),
+        ("error-DENIED", 7),
+        ("error-INTERNAL", 8),
+    ),
+)
+_129 = Enumeration(
+    "ProductStatusT",
+    (
+        ("status-OK", 0),
+        ("status-DEGRADED", 1),
+        ("status-FAILED", 2),
+    ),
+)
+_130 = Enumeration(
+    "ProductCovarianceKindT",
+    (
+        ("covariance-NONE", 0),
+        ("covariance-FORMAL", 1),
+        ("covariance-CALIBRATED", 2),
+    ),
+)
+_131 = Struct(
+    "Product-metric-t",
+    "ProductMetricT",
+    (
+        Field("name", "name", Text(256)),
+        Field("value", "value", Real()),
+    ),
+)
+_132 = Struct(
+    "Product-Quality",
+    "ProductQuality",
+    (
+        Field("status", "status", _129),
+        Field("reasons", "reasons", ListOf(Text(256), 0, 256, "T-String")),
+        Field("covarianceKind", "covariance_kind", _130),
+        Field("metrics", "metrics", ListOf(_131, 0, 1024, "Product-metric-t")),
+    ),
+)
+_133 = Struct(
+    "Product-Metadata",
+    "ProductMetadata",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("id", "id", Text(256)),
+        Field("robot", "robot", Text(256)),
+        Field("dfpc", "dfpc", Text(256)),
+        Field("port", "port", Text(256)),
+        Field("product", "product", Text(256)),
+        Field("encoding", "encoding", Text(256)),
+        Field("size", "size", Integer(0, 9223372036854775807)),
+        Field("sha256", "sha256", Text(256)),
+        Field("seq", "seq", Integer(0, 9223372036854775807)),
+        Field("startTime", "start_time", _42),
+        Field("endTime", "end_time", _42),
+        Field("frameId", "frame_id", Text(256)),
+        Field("childFrameId", "child_frame_id", Text(256)),
+        Field("producerId", "producer_id", Text(256)),
+        Field("configHash", "config_hash", Text(256)),
+        Field("inputs", "inputs", ListOf(Text(256), 0, 65535, "T-String")),
+        Field("quality", "quality", _132),
+        Field("hasBox", "has_box", Boolean()),
+        Field("box", "box", Array(Real(), ((6, 6),), ("T-Double",))),
+        Field("resolution", "resolution", Real()),
+    ),
+)
+_134 = Struct(
+    "OG2-Reply",
+    "Og2Reply",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("timeStamp", "time_stamp", _42),
+        Field("requestId", "request_id", Text(256)),
+        Field("jobId", "job_id", Text(256)),
+        Field("kind", "kind", _127),
+        Field("isFinal", "is_final", Boolean()),
+        Field("errorCode", "error_code", _128),
+        Field("retriable", "retriable", Boolean()),
+        Field("detail", "detail", Text(256)),
+        Field("metadata", "metadata", _133),
+        Field("coverage", "coverage", Real()),
+        Field("age", "age", Real()),
+        Field("oldestAge", "oldest_age", Real()),
+        Field("differences", "differences", ListOf(Text(256), 0, 256, "T-String")),
+        Field("payload", "payload", Octets(1073741824, "|u1", 0)),
+    ),
+)
+_135 = Struct(
     "PointCloud-Data",
     "PointCloudData",
     (
@@ -774,26 +1112,26 @@ _106 = Struct(
         Field("intensity", "intensity", Array(Integer(-2147483648, 2147483647), ((0, 400000),), ("T-Int32",))),
     ),
 )
-_107 = Struct(
+_136 = Struct(
     "Pointcloud",
     "Pointcloud",
     (
-        Field("metadata", "metadata", _77),
-        Field("data", "data", _106),
+        Field("metadata", "metadata", _83),
+        Field("data", "data", _135),
     ),
 )
-_108 = Struct(
+_137 = Struct(
     "Octree",
     "Octree",
     (
         Field("resolution", "resolution", Real()),
-        Field("pointCloud", "point_cloud", _107),
+        Field("pointCloud", "point_cloud", _136),
     ),
 )
-_109 = Alias("Position", "Position", "values", Array(Real(), ((3, 3),), ("T-Double",)))
-_110 = Alias("Position2D", "Position2D", "values", Array(Real(), ((2, 2),), ("T-Double",)))
-_111 = Alias("Orientation", "Orientation", "values", Array(Real(), ((4, 4),), ("T-Double",)))
-_112 = Struct(
+_138 = Alias("Position", "Position", "values", Array(Real(), ((3, 3),), ("T-Double",)))
+_139 = Alias("Position2D", "Position2D", "values", Array(Real(), ((2, 2),), ("T-Double",)))
+_140 = Alias("Orientation", "Orientation", "values", Array(Real(), ((4, 4),), ("T-Double",)))
+_141 = Struct(
     "PoseUpdateThreshold",
     "PoseUpdateThreshold",
     (
@@ -801,7 +1139,7 @@ _112 = Struct(
         Field("angle", "angle", Real()),
     ),
 )
-_113 = Struct(
+_142 = Struct(
     "Pose2D",
     "Pose2D",
     (
@@ -809,7 +1147,7 @@ _113 = Struct(
         Field("orientation", "orientation", Real()),
     ),
 )
-_114 = Struct(
+_143 = Struct(
     "Motion2D",
     "Motion2D",
     (
@@ -817,7 +1155,7 @@ _114 = Struct(
         Field("rotation", "rotation", Real()),
     ),
 )
-_115 = Struct(
+_144 = Struct(
     "TwistWithCovariance-metadata",
     "TwistWithCovarianceMetadata",
     (
@@ -825,7 +1163,7 @@ _115 = Struct(
         Field("timeStamp", "time_stamp", _42),
     ),
 )
-_116 = Struct(
+_145 = Struct(
     "TwistWithCovariance-data",
     "TwistWithCovarianceData",
     (
@@ -834,24 +1172,24 @@ _116 = Struct(
         Field("cov", "cov", Array(Real(), ((6, 6), (6, 6)), ("SEQUENCE_OF", "T-Double"))),
     ),
 )
-_117 = Struct(
+_146 = Struct(
     "TwistWithCovariance",
     "TwistWithCovariance",
     (
-        Field("metadata", "metadata", _115),
-        Field("data", "data", _116),
+        Field("metadata", "metadata", _144),
+        Field("data", "data", _145),
     ),
 )
-_118 = Struct(
+_147 = Struct(
     "BodyState",
     "BodyState",
     (
         Field("ref-time", "ref_time", _42),
         Field("pose", "pose", _48),
-        Field("velocity", "velocity", _117),
+        Field("velocity", "velocity", _146),
     ),
 )
-_119 = Struct(
+_148 = Struct(
     "RigidBodyState",
     "RigidBodyState",
     (
@@ -870,7 +1208,7 @@ _119 = Struct(
         ),
     ),
 )
-_120 = Struct(
+_149 = Struct(
     "RigidBodyAcceleration",
     "RigidBodyAcceleration",
     (
@@ -879,7 +1217,7 @@ _120 = Struct(
         Field("cov-acceleration", "cov_acceleration", Array(Real(), ((3, 3), (3, 3)), ("SEQUENCE_OF", "T-Double"))),
     ),
 )
-_121 = Struct(
+_150 = Struct(
     "Waypoint",
     "Waypoint",
     (
@@ -889,7 +1227,7 @@ _121 = Struct(
         Field("tol-heading", "tol_heading", Real()),
     ),
 )
-_122 = Struct(
+_151 = Struct(
     "Trajectory",
     "Trajectory",
     (
@@ -897,7 +1235,7 @@ _122 = Struct(
         Field("points", "points", Array(Real(), ((1, 50), (3, 3)), ("Point", "T-Double"))),
     ),
 )
-_123 = Struct(
+_152 = Struct(
     "Path",
     "Path",
     (
@@ -906,7 +1244,46 @@ _123 = Struct(
         Field("waypoints", "waypoints", ListOf(_48, 0, 100, "TransformWithCovariance")),
     ),
 )
-_124 = Struct(
+_153 = Struct(
+    "PoseGraph-Metadata",
+    "PoseGraphMetadata",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("producerId", "producer_id", Text(256)),
+        Field("frameId", "frame_id", Text(256)),
+        Field("timeStamp", "time_stamp", _42),
+    ),
+)
+_154 = Struct(
+    "PoseGraph-Vertices",
+    "PoseGraphVertices",
+    (
+        Field("ids", "ids", Octets(1073741824, "<i8", 0)),
+        Field("stamps", "stamps", Octets(1073741824, "<i8", 0)),
+        Field("poses", "poses", Octets(1073741824, "<f8", 7)),
+        Field("fixed", "fixed", Octets(1073741824, "<u1", 0)),
+    ),
+)
+_155 = Struct(
+    "PoseGraph-Edges",
+    "PoseGraphEdges",
+    (
+        Field("ends", "ends", Octets(1073741824, "<i8", 2)),
+        Field("poses", "poses", Octets(1073741824, "<f8", 7)),
+        Field("information", "information", Octets(1073741824, "<f8", 36)),
+        Field("kinds", "kinds", Octets(1073741824, "<u1", 0)),
+    ),
+)
+_156 = Struct(
+    "PoseGraph",
+    "PoseGraph",
+    (
+        Field("metadata", "metadata", _153),
+        Field("vertices", "vertices", _154),
+        Field("edges", "edges", _155),
+    ),
+)
+_157 = Struct(
     "PoseTrajectory-Metadata",
     "PoseTrajectoryMetadata",
     (
@@ -916,7 +1293,7 @@ _124 = Struct(
         Field("childFrameId", "child_frame_id", Text(256)),
     ),
 )
-_125 = Struct(
+_158 = Struct(
     "PoseTrajectory-Data",
     "PoseTrajectoryData",
     (
@@ -925,15 +1302,15 @@ _125 = Struct(
         Field("covariances", "covariances", Octets(1073741824, "<f8", 36)),
     ),
 )
-_126 = Struct(
+_159 = Struct(
     "PoseTrajectory",
     "PoseTrajectory",
     (
-        Field("metadata", "metadata", _124),
-        Field("data", "data", _125),
+        Field("metadata", "metadata", _157),
+        Field("data", "data", _158),
     ),
 )
-_127 = Enumeration(
+_160 = Enumeration(
     "LaserRangeErrors",
     (
         ("too-far", 0),
@@ -944,7 +1321,7 @@ _127 = Enumeration(
         ("end-laser-range-errors", 5),
     ),
 )
-_128 = Struct(
+_161 = Struct(
     "LaserScan",
     "LaserScan",
     (
@@ -958,7 +1335,7 @@ _128 = Struct(
         Field("remission", "remission", Array(Real(), ((1, 2000),), ("T-Float",))),
     ),
 )
-_129 = Enumeration(
+_162 = Enumeration(
     "UnitAxis",
     (
         ("unit-x", 0),
@@ -966,7 +1343,7 @@ _129 = Enumeration(
         ("unit-z", 2),
     ),
 )
-_130 = Enumeration(
+_163 = Enumeration(
     "DepthMeasurementState",
     (
         ("valid-measurement", 0),
@@ -975,14 +1352,14 @@ _130 = Enumeration(
         ("measurement-error", 3),
     ),
 )
-_131 = Struct(
+_164 = Struct(
     "DepthMap",
     "DepthMap",
     (
         Field("ref-time", "ref_time", _42),
         Field("timestamps", "timestamps", ListOf(_42, 1, 30000, "Time")),
-        Field("vertical-projection", "vertical_projection", _95),
-        Field("horizontal-projection", "horizontal_projection", _95),
+        Field("vertical-projection", "vertical_projection", _101),
+        Field("horizontal-projection", "horizontal_projection", _101),
         Field("vertical-interval", "vertical_interval", Array(Real(), ((1, 30000),), ("T-Double",))),
         Field("horizontal-interval", "horizontal_interval", Array(Real(), ((1, 30000),), ("T-Double",))),
         Field("vertical-size", "vertical_size", Integer(0, 4294967295)),
@@ -991,7 +1368,7 @@ _131 = Struct(
         Field("remissions", "remissions", Array(Real(), ((1, 30000),), ("T-Float",))),
     ),
 )
-_132 = Struct(
+_165 = Struct(
     "DistanceImage",
     "DistanceImage",
     (
@@ -1005,7 +1382,7 @@ _132 = Struct(
         Field("data", "data", Array(Real(), ((1, 60),), ("T-Float",))),
     ),
 )
-_133 = Struct(
+_166 = Struct(
     "Sonar",
     "Sonar",
     (
@@ -1021,7 +1398,7 @@ _133 = Struct(
         Field("bins", "bins", Array(Real(), ((1, 60),), ("T-Float",))),
     ),
 )
-_134 = Struct(
+_167 = Struct(
     "SonarBeam",
     "SonarBeam",
     (
@@ -1034,7 +1411,7 @@ _134 = Struct(
         Field("beam", "beam", Array(Integer(0, 255), ((1, 60),), ("T-UInt8",))),
     ),
 )
-_135 = Struct(
+_168 = Struct(
     "SonarScan",
     "SonarScan",
     (
@@ -1053,30 +1430,96 @@ _135 = Struct(
         Field("polar-coordinates", "polar_coordinates", Boolean()),
     ),
 )
-_136 = Alias("FramesSequence", "FramesSequence", "items", ListOf(_50, 0, 10, "Frame"))
-_137 = Alias("PosesSequence", "PosesSequence", "items", ListOf(_86, 0, 10, "Pose"))
-_138 = Alias(
+_169 = Alias("FramesSequence", "FramesSequence", "items", ListOf(_50, 0, 10, "Frame"))
+_170 = Alias("PosesSequence", "PosesSequence", "items", ListOf(_92, 0, 10, "Pose"))
+_171 = Alias(
     "CorrespondenceMaps2DSequence",
     "CorrespondenceMaps2DSequence",
     "items",
     ListOf(ListOf(_22, 0, 1024, "Correspondence2D"), 0, 56, "CorrespondenceMap2D"),
 )
-_139 = Alias(
+_172 = Alias(
     "CorrespondenceMaps3DSequence",
     "CorrespondenceMaps3DSequence",
     "items",
     ListOf(ListOf(_24, 0, 51200, "Correspondence3D"), 0, 56, "CorrespondenceMap3D"),
 )
-_140 = Alias("PointSequence", "PointSequence", "values", Array(Real(), ((0, 327680), (3, 3)), ("Point", "T-Double")))
-_141 = Alias("DoubleSequence", "DoubleSequence", "values", Array(Real(), ((0, 327680),), ("T-Double",)))
-_142 = Alias("StringSequence", "StringSequence", "items", ListOf(Text(256), 0, 100, "T-String"))
-_143 = Alias(
+_173 = Alias("PointSequence", "PointSequence", "values", Array(Real(), ((0, 327680), (3, 3)), ("Point", "T-Double")))
+_174 = Alias("DoubleSequence", "DoubleSequence", "values", Array(Real(), ((0, 327680),), ("T-Double",)))
+_175 = Alias("StringSequence", "StringSequence", "items", ListOf(Text(256), 0, 100, "T-String"))
+_176 = Alias(
     "VectorXdSequence",
     "VectorXdSequence",
     "items",
     ListOf(Array(Real(), ((0, 100),), ("T-Double",)), 0, 327680, "VectorXd"),
 )
-_144 = Enumeration(
+_177 = Enumeration(
+    "IcuStateT",
+    (
+        ("icu-STEADY", 0),
+        ("icu-SWITCHING", 1),
+    ),
+)
+_178 = Struct(
+    "ICU-Mode",
+    "IcuMode",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("timeStamp", "time_stamp", _42),
+        Field("robot", "robot", Text(256)),
+        Field("sensor", "sensor", Text(256)),
+        Field("mode", "mode", Text(256)),
+        Field("target", "target", Text(256)),
+        Field("state", "state", _177),
+        Field("isOn", "is_on", Boolean()),
+        Field("rate", "rate", Real()),
+        Field("holder", "holder", Text(256)),
+    ),
+)
+_179 = Enumeration(
+    "DfpcStateT",
+    (
+        ("dfpc-UNCONFIGURED", 0),
+        ("dfpc-INACTIVE", 1),
+        ("dfpc-ACTIVE", 2),
+        ("dfpc-ERROR", 3),
+    ),
+)
+_180 = Struct(
+    "DFPC-Status",
+    "DfpcStatus",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("timeStamp", "time_stamp", _42),
+        Field("robot", "robot", Text(256)),
+        Field("dfpc", "dfpc", Text(256)),
+        Field("implementation", "implementation", Text(256)),
+        Field("configHash", "config_hash", Text(256)),
+        Field("state", "state", _179),
+        Field("samples", "samples", Integer(0, 9223372036854775807)),
+        Field("outputs", "outputs", Integer(0, 9223372036854775807)),
+        Field("degraded", "degraded", Integer(0, 9223372036854775807)),
+        Field("failed", "failed", Integer(0, 9223372036854775807)),
+        Field("dropped", "dropped", Integer(0, 9223372036854775807)),
+        Field("malformed", "malformed", Integer(0, 9223372036854775807)),
+        Field("meanStep", "mean_step", Real()),
+        Field("maxStep", "max_step", Real()),
+        Field("lastError", "last_error", Text(256)),
+    ),
+)
+_181 = Struct(
+    "Event",
+    "Event",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("ordinal", "ordinal", Integer(0, 9223372036854775807)),
+        Field("timeStamp", "time_stamp", _42),
+        Field("scope", "scope", Text(256)),
+        Field("kind", "kind", Text(256)),
+        Field("body", "body", Octets(65536, "|u1", 0)),
+    ),
+)
+_182 = Enumeration(
     "Resolution",
     (
         ("seconds", 0),
@@ -1145,77 +1588,105 @@ MESSAGES: dict[str, Message] = {
     "Pressure": _65,
     "Temperature": _66,
     "IMUSensors": _67,
-    "Array3DLarge": _68,
-    "FrameLarge": _69,
-    "FramePairLarge": _70,
-    "FramesSequenceLarge": _71,
-    "CompressedFrameLarge": _72,
-    "Map-metadata-t": _74,
-    "MapLarge": _75,
-    "PointCloud-DataLarge": _76,
-    "PointCloud-Metadata": _77,
-    "PointcloudLarge": _78,
-    "OctreeLarge": _79,
-    "CorrespondenceMap2DLarge": _80,
-    "CorrespondenceMap3DLarge": _81,
-    "CorrespondenceMaps2DSequenceLarge": _82,
-    "CorrespondenceMaps3DSequenceLarge": _83,
-    "VisualPointFeatureVector2DLarge": _84,
-    "VisualPointFeatureVector3DLarge": _85,
-    "Pose": _86,
-    "PosesSequenceLarge": _87,
-    "PointSequenceLarge": _88,
-    "DoubleSequenceLarge": _89,
-    "StringSequenceLarge": _90,
-    "VectorXdSequenceLarge": _91,
-    "PathLarge": _92,
-    "TrajectoryLarge": _93,
-    "LaserScanLarge": _94,
-    "DepthMapLarge": _96,
-    "DistanceImageLarge": _97,
-    "LidarScan-Metadata": _98,
-    "LidarScan-Data": _99,
-    "LidarScan": _100,
-    "Map": _101,
-    "GridMap-Metadata": _102,
-    "GridLayer": _103,
-    "ElevationMap": _104,
-    "NavigationMap": _105,
-    "PointCloud-Data": _106,
-    "Pointcloud": _107,
-    "Octree": _108,
-    "Position": _109,
-    "Position2D": _110,
-    "Orientation": _111,
-    "PoseUpdateThreshold": _112,
-    "Pose2D": _113,
-    "Motion2D": _114,
-    "TwistWithCovariance-metadata": _115,
-    "TwistWithCovariance-data": _116,
-    "TwistWithCovariance": _117,
-    "BodyState": _118,
-    "RigidBodyState": _119,
-    "RigidBodyAcceleration": _120,
-    "Waypoint": _121,
-    "Trajectory": _122,
-    "Path": _123,
-    "PoseTrajectory-Metadata": _124,
-    "PoseTrajectory-Data": _125,
-    "PoseTrajectory": _126,
-    "LaserScan": _128,
-    "DepthMap": _131,
-    "DistanceImage": _132,
-    "Sonar": _133,
-    "SonarBeam": _134,
-    "SonarScan": _135,
-    "FramesSequence": _136,
-    "PosesSequence": _137,
-    "CorrespondenceMaps2DSequence": _138,
-    "CorrespondenceMaps3DSequence": _139,
-    "PointSequence": _140,
-    "DoubleSequence": _141,
-    "StringSequence": _142,
-    "VectorXdSequence": _143,
+    "LandmarkMap-Metadata": _68,
+    "Array3DLarge": _69,
+    "LandmarkMap-Data": _70,
+    "LandmarkMap": _71,
+    "KeyFrame-Metadata": _72,
+    "KeyFrame-Data": _73,
+    "KeyFrame": _74,
+    "FrameLarge": _75,
+    "FramePairLarge": _76,
+    "FramesSequenceLarge": _77,
+    "CompressedFrameLarge": _78,
+    "Map-metadata-t": _80,
+    "MapLarge": _81,
+    "PointCloud-DataLarge": _82,
+    "PointCloud-Metadata": _83,
+    "PointcloudLarge": _84,
+    "OctreeLarge": _85,
+    "CorrespondenceMap2DLarge": _86,
+    "CorrespondenceMap3DLarge": _87,
+    "CorrespondenceMaps2DSequenceLarge": _88,
+    "CorrespondenceMaps3DSequenceLarge": _89,
+    "VisualPointFeatureVector2DLarge": _90,
+    "VisualPointFeatureVector3DLarge": _91,
+    "Pose": _92,
+    "PosesSequenceLarge": _93,
+    "PointSequenceLarge": _94,
+    "DoubleSequenceLarge": _95,
+    "StringSequenceLarge": _96,
+    "VectorXdSequenceLarge": _97,
+    "PathLarge": _98,
+    "TrajectoryLarge": _99,
+    "LaserScanLarge": _100,
+    "DepthMapLarge": _102,
+    "DistanceImageLarge": _103,
+    "LidarScan-Metadata": _104,
+    "LidarScan-Data": _105,
+    "LidarScan": _106,
+    "Map": _107,
+    "GridMap-Metadata": _108,
+    "GridLayer": _109,
+    "ElevationMap": _110,
+    "NavigationMap": _111,
+    "Mesh-Metadata": _112,
+    "Mesh-Data": _113,
+    "Mesh": _114,
+    "ObjectDetection": _115,
+    "ObjectDetections": _116,
+    "ObjectTrack-Metadata": _118,
+    "ObjectTrack-Data": _119,
+    "ObjectTrack": _120,
+    "OG2-Region": _122,
+    "OG2-Request": _124,
+    "OG2-Job": _126,
+    "Product-metric-t": _131,
+    "Product-Quality": _132,
+    "Product-Metadata": _133,
+    "OG2-Reply": _134,
+    "PointCloud-Data": _135,
+    "Pointcloud": _136,
+    "Octree": _137,
+    "Position": _138,
+    "Position2D": _139,
+    "Orientation": _140,
+    "PoseUpdateThreshold": _141,
+    "Pose2D": _142,
+    "Motion2D": _143,
+    "TwistWithCovariance-metadata": _144,
+    "TwistWithCovariance-data": _145,
+    "TwistWithCovariance": _146,
+    "BodyState": _147,
+    "RigidBodyState": _148,
+    "RigidBodyAcceleration": _149,
+    "Waypoint": _150,
+    "Trajectory": _151,
+    "Path": _152,
+    "PoseGraph-Metadata": _153,
+    "PoseGraph-Vertices": _154,
+    "PoseGraph-Edges": _155,
+    "PoseGraph": _156,
+    "PoseTrajectory-Metadata": _157,
+    "PoseTrajectory-Data": _158,
+    "PoseTrajectory": _159,
+    "LaserScan": _161,
+    "DepthMap": _164,
+    "DistanceImage": _165,
+    "Sonar": _166,
+    "SonarBeam": _167,
+    "SonarScan": _168,
+    "FramesSequence": _169,
+    "PosesSequence": _170,
+    "CorrespondenceMaps2DSequence": _171,
+    "CorrespondenceMaps3DSequence": _172,
+    "PointSequence": _173,
+    "DoubleSequence": _174,
+    "StringSequence": _175,
+    "VectorXdSequence": _176,
+    "ICU-Mode": _178,
+    "DFPC-Status": _180,
+    "Event": _181,
 }
 
 #: ASN.1 name -> that of the sibling with room for more.

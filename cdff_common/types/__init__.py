@@ -78,9 +78,37 @@ from cdff_common.types.joints import (
     Wrench,
     Wrenches,
 )
+from cdff_common.types.landmarks import (
+    KeyFrame,
+    KeyFrameData,
+    KeyFrameMetadata,
+    LandmarkMap,
+    LandmarkMapData,
+    LandmarkMapMetadata,
+)
 from cdff_common.types.lidar_scan import LidarScan, LidarScanData, LidarScanMetadata
 from cdff_common.types.map import ElevationMap, GridLayer, GridMapMetadata, Map, MapMetadataT, MapTypeT, NavigationMap
+from cdff_common.types.mesh import Mesh, MeshData, MeshMetadata
 from cdff_common.types.message import Box, Message
+from cdff_common.types.objects import (
+    ObjectDetection,
+    ObjectDetections,
+    ObjectTrack,
+    ObjectTrackData,
+    ObjectTrackMetadata,
+    ObjectTrackStatusT,
+)
+from cdff_common.types.og2 import (
+    Og2DeliverT,
+    Og2ErrorCodeT,
+    Og2Job,
+    Og2JobStateT,
+    Og2Region,
+    Og2RegionKindT,
+    Og2Reply,
+    Og2ReplyKindT,
+    Og2Request,
+)
 from cdff_common.types.pointcloud import Octree, Pointcloud, PointCloudData, PointCloudMetadata
 from cdff_common.types.pose import (
     BodyState,
@@ -103,7 +131,15 @@ from cdff_common.types.pose import (
     TwistWithCovarianceMetadata,
     Waypoint,
 )
+from cdff_common.types.pose_graph import PoseGraph, PoseGraphEdges, PoseGraphMetadata, PoseGraphVertices
 from cdff_common.types.pose_trajectory import PoseTrajectory, PoseTrajectoryData, PoseTrajectoryMetadata
+from cdff_common.types.product import (
+    ProductCovarianceKindT,
+    ProductMetadata,
+    ProductMetricT,
+    ProductQuality,
+    ProductStatusT,
+)
 from cdff_common.types.range_sensors import (
     DepthMap,
     DepthMeasurementState,
@@ -126,6 +162,7 @@ from cdff_common.types.sequences import (
     StringSequence,
     VectorXdSequence,
 )
+from cdff_common.types.system import DfpcStateT, DfpcStatus, Event, IcuMode, IcuStateT
 from cdff_common.types.time import Resolution, Time
 
 __all__ = [
@@ -148,9 +185,12 @@ __all__ = [
     "Covariance",
     "DepthMap",
     "DepthMeasurementState",
+    "DfpcStateT",
+    "DfpcStatus",
     "DistanceImage",
     "DoubleSequence",
     "ElevationMap",
+    "Event",
     "Frame",
     "FrameAttribT",
     "FrameCameraModelT",
@@ -168,6 +208,8 @@ __all__ = [
     "GridLayer",
     "GridMapMetadata",
     "IMUSensors",
+    "IcuMode",
+    "IcuStateT",
     "InvalidName",
     "InvalidTimeStep",
     "Isometry3d",
@@ -177,6 +219,12 @@ __all__ = [
     "JointTrajectory",
     "Joints",
     "JointsTrajectory",
+    "KeyFrame",
+    "KeyFrameData",
+    "KeyFrameMetadata",
+    "LandmarkMap",
+    "LandmarkMapData",
+    "LandmarkMapMetadata",
     "LaserRangeErrors",
     "LaserScan",
     "LidarScan",
@@ -190,10 +238,28 @@ __all__ = [
     "Matrix4d",
     "Matrix6d",
     "MatrixXd",
+    "Mesh",
+    "MeshData",
+    "MeshMetadata",
     "Message",
     "Motion2D",
     "NavigationMap",
+    "ObjectDetection",
+    "ObjectDetections",
+    "ObjectTrack",
+    "ObjectTrackData",
+    "ObjectTrackMetadata",
+    "ObjectTrackStatusT",
     "Octree",
+    "Og2DeliverT",
+    "Og2ErrorCodeT",
+    "Og2Job",
+    "Og2JobStateT",
+    "Og2Region",
+    "Og2RegionKindT",
+    "Og2Reply",
+    "Og2ReplyKindT",
+    "Og2Request",
     "Orientation",
     "OutOfBounds",
     "Path",
@@ -207,6 +273,10 @@ __all__ = [
     "Pointcloud",
     "Pose",
     "Pose2D",
+    "PoseGraph",
+    "PoseGraphEdges",
+    "PoseGraphMetadata",
+    "PoseGraphVertices",
     "PoseTrajectory",
     "PoseTrajectoryData",
     "PoseTrajectoryMetadata",
@@ -215,6 +285,11 @@ __all__ = [
     "Position",
     "Position2D",
     "Pressure",
+    "ProductCovarianceKindT",
+    "ProductMetadata",
+    "ProductMetricT",
+    "ProductQuality",
+    "ProductStatusT",
     "ProjectionType",
     "Quaterniond",
     "Resolution",

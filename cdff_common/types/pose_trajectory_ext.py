@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cdff_common.errors import InputError
-from cdff_common.geometry import se3
+from cdff_common.types.columns import pack_poses, pack_squares, stamps_us, unpack_poses
 from cdff_common.types.message import Box, Message
 from cdff_common.types.pointcloud_ext import box_of_points
 
@@ -76,24 +76,11 @@ class PoseTrajectoryExt(Message):
         """
         from cdff_common.types.pose_trajectory import PoseTrajectory, PoseTrajectoryData, PoseTrajectoryMetadata
 
-        stamps = np.asarray(stamps_ns, dtype=np.int64).reshape(-1)
-        if (stamps % 1000 != 0).any():
-            raise InputError("PoseTrajectory stamps: expected multiples of 1000 ns (the wire carries microseconds)")
-        T = np.asarray(matrices, dtype=np.float64).reshape(-1, 4, 4)
-        bad = [i for i in range(len(T)) if not se3.is_transform(T[i], tolerance=1e-5)]
-        if bad:
-            raise InputError(f"PoseTrajectory matrix {bad[0]}: {T[bad[0]].tolist()}, expected a rigid transform")
-        poses = np.empty((len(T), 7))
-        poses[:, :3] = T[:, :3, 3]
-        poses[:, 3:] = se3.quaternion_xyzw_from_matrix(T[:, :3, :3]) if len(T) else np.zeros((0, 4))
-        packed = np.zeros((0, 36))
-        if covariances is not None:
-            cov = np.asarray(covariances, dtype=np.float64)
-            if cov.shape != (len(T), 6, 6):
-                raise InputError(f"PoseTrajectory covariances: shape {cov.shape}, expected ({len(T)}, 6, 6)")
-            packed = cov.reshape(-1, 36)
+        stamps = stamps_us(stamps_ns, "PoseTrajectory stamps")
+        poses = pack_poses(matrices, "PoseTrajectory")
+        packed = pack_squares(covariances, len(poses), 6, "PoseTrajectory covariances")
         metadata = PoseTrajectoryMetadata(producer_id=producer, parent_frame_id=parent, child_frame_id=child)
-        return PoseTrajectory(metadata, PoseTrajectoryData(stamps // 1000, poses, packed))
+        return PoseTrajectory(metadata, PoseTrajectoryData(stamps, poses, packed))
 
     @property
     def stamps_ns(self) -> NDArray[np.int64]:
@@ -103,16 +90,7 @@ class PoseTrajectoryExt(Message):
     @property
     def matrices(self) -> NDArray[np.float64]:
         """``T_parent_child (n, 4, 4)``; quaternions are normalised."""
-        q = self.data.poses[:, 3:]
-        out = np.zeros((len(q), 4, 4))
-        if len(q):
-            norm = np.linalg.norm(q, axis=1, keepdims=True)
-            if not (np.abs(norm - 1.0) <= 0.01).all():
-                raise InputError("PoseTrajectory: expected unit quaternions x y z w")
-            out[:, :3, :3] = se3.matrix_from_quaternion_xyzw(q / norm)
-        out[:, :3, 3] = self.data.poses[:, :3]
-        out[:, 3, 3] = 1.0
-        return out
+        return unpack_poses(self.data.poses, "PoseTrajectory")
 
     @property
     def covariances(self) -> NDArray[np.float64] | None:

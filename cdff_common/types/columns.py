@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""What types of many rows share: columns of one length, and poses packed as seven numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cdff_common.errors import InputError
+from cdff_common.geometry import se3
+
+#: How far from 1 the norm of a packed quaternion may be; within, it is normalised.
+_NORM_TOLERANCE = 0.01
+
+
+def check_columns(where: str, rows: int, whole: dict[str, NDArray[Any]], optional: dict[str, NDArray[Any]]) -> None:
+    """Check that the columns ``whole`` have ``rows`` rows, and those of ``optional`` as many or none."""
+    for name, array in (whole | optional).items():
+        if len(array) != rows and not (name in optional and len(array) == 0):
+            also = ", or none" if name in optional else ""
+            raise InputError(f"{where}.{name}: {len(array)} rows, expected {rows}{also}")
+
+
+def check_unique(where: str, ids: NDArray[np.int64]) -> None:
+    """Check that no id is there twice."""
+    if len(np.unique(ids)) != len(ids):
+        raise InputError(f"{where}: an id is there twice, expected each once")
+
+
+def stamps_us(stamps_ns: ArrayLike, where: str) -> NDArray[np.int64]:
+    """Microseconds of times in nanoseconds; raises InputError for one that is no multiple of 1000."""
+    stamps = np.asarray(stamps_ns, dtype=np.int64).reshape(-1)
+    if (stamps % 1000 != 0).any():
+        raise InputError(f"{where}: expected multiples of 1000 ns (the wire carries microseconds)")
+    return stamps // 1000
+
+
+def pack_poses(matrices: ArrayLike, where: str) -> NDArray[np.float64]:
+    """``(n, 7)`` x y z qx qy qz qw of rigid transforms ``(n, 4, 4)``; raises InputError for one that is none."""
+    T = np.asarray(matrices, dtype=np.float64).reshape(-1, 4, 4)
+    bad = [i for i in range(len(T)) if not se3.is_transform(T[i], tolerance=1e-5)]
+    if bad:
+        raise InputError(f"{where} matrix {bad[0]}: {T[bad[0]].tolist()}, expected a rigid transform")
+    poses = np.empty((len(T), 7))
+    poses[:, :3] = T[:, :3, 3]
+    poses[:, 3:] = se3.quaternion_xyzw_from_matrix(T[:, :3, :3]) if len(T) else np.zeros((0, 4))
+    return poses
+
+
+def unpack_poses(poses: NDArray[np.float64], where: str) -> NDArray[np.float64]:
+    """Rigid transforms ``(n, 4, 4)`` of ``(n, 7)``, quaternions normalised; raises InputError far from unit length."""
+    q_xyzw = poses[:, 3:]
+    out = np.zeros((len(poses), 4, 4))
+    if len(poses):
+        norm = np.linalg.norm(q_xyzw, axis=1, keepdims=True)
+        if not (np.abs(norm - 1.0) <= _NORM_TOLERANCE).all():
+            raise InputError(f"{where}: expected unit quaternions x y z w")
+        out[:, :3, :3] = se3.matrix_from_quaternion_xyzw(q_xyzw / norm)
+    out[:, :3, 3] = poses[:, :3]
+    out[:, 3, 3] = 1.0
+    return out
+
+
+def pack_squares(squares: ArrayLike | None, rows: int, side: int, where: str) -> NDArray[np.float64]:
+    """``(n, side * side)`` of matrices ``(n, side, side)``, no rows for None; raises InputError on another shape."""
+    if squares is None:
+        return np.zeros((0, side * side))
+    array = np.asarray(squares, dtype=np.float64)
+    if array.shape != (rows, side, side):
+        raise InputError(f"{where}: shape {array.shape}, expected ({rows}, {side}, {side})")
+    return array.reshape(rows, side * side)
