@@ -74,7 +74,7 @@ def _run_system(args: argparse.Namespace) -> int:
     from cdff_common.bus import Bus
     from cdff_common.errors import ConfigurationError
     from cdff_common.interfaces.profile import load_profile
-    from cdff_dev.demo.run import run_script, wait_for_clock
+    from cdff_dev.demo.run import found_over_http, run_script, wait_for_clock
     from cdff_dev.demo.script import load_script
     from cdff_dev.demo.stage import Stage
 
@@ -97,6 +97,7 @@ def _run_system(args: argparse.Namespace) -> int:
             _say(f"playing {log}; asking {len(script.requests)} questions over Zenoh, as OG2 would")
             outcomes = run_script(script, clock, begin_ns, args.connect, args.http, _show)
             stage.check_running()
+            _say(f"found over HTTP at {args.http}: {found_over_http(args.http)}")
             code = _verdict(outcomes)
             if not args.once:
                 _say(f"browse http://{args.http} - Ctrl-C ends everything")

@@ -130,6 +130,17 @@ def _is_found(http: str, product_id: str) -> bool:
         return False
 
 
+def found_over_http(http: str) -> str:
+    """How many products of which kind each robot has, as the HTTP server says."""
+    try:
+        with urllib.request.urlopen(f"http://{http}/api/v1/status", timeout=10) as response:
+            robots = json.load(response)["by_robot"]
+    except (urllib.error.URLError, TimeoutError, ValueError, KeyError) as error:
+        return f"nothing ({error})"
+    counts = {robot: ", ".join(f"{n} {kind}" for kind, n in kinds.items()) for robot, kinds in robots.items()}
+    return "; ".join(f"{robot}: {text}" for robot, text in counts.items())
+
+
 def summary_of(answer: Answer, value: Any) -> str:
     """The answer in a few words."""
     delivered = answer.delivered

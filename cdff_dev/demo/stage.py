@@ -64,7 +64,7 @@ class Stage:
     http: str
     data_dir: Path | None = None
     _scratch: tempfile.TemporaryDirectory[str] | None = None
-    _processes: list[subprocess.Popen[bytes]] = field(default_factory=list)
+    _processes: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
 
     def __enter__(self) -> Self:
         check_free(*_split(self.connect, "router"), "the router's endpoint")
@@ -103,7 +103,7 @@ class Stage:
     @property
     def supervisor_pid(self) -> int:
         """Process id of ``cdff up``, whose children the services are."""
-        return self._processes[0].pid
+        return self._processes["up"].pid
 
     @property
     def expected(self) -> set[str]:
@@ -134,17 +134,19 @@ class Stage:
 
     def check_running(self) -> None:
         """Raise UnavailableError if the system or the player has ended."""
-        for process in self._processes:
+        for name, process in self._processes.items():
             if process.poll() is not None:
-                raise UnavailableError(f"{process.args!r} ended with code {process.returncode}; see {self.log_dir}")
+                lines = (self.log_dir / f"{name}.log").read_text(encoding="utf-8", errors="replace").splitlines()
+                last = lines[-1] if lines else "it said nothing"
+                raise UnavailableError(f"`cdff {name}` ended with code {process.returncode}: {last}")
 
     def end(self) -> None:
         """SIGTERM to the player and the system; SIGKILL to what stays."""
-        for process in reversed(self._processes):
+        for process in reversed(self._processes.values()):
             if process.poll() is None:
                 process.send_signal(signal.SIGTERM)
         deadline_s = time.monotonic() + END_S
-        for process in reversed(self._processes):
+        for process in reversed(self._processes.values()):
             try:
                 process.wait(max(deadline_s - time.monotonic(), 0.05))
             except subprocess.TimeoutExpired:
@@ -161,13 +163,11 @@ class Stage:
             "CDFF_SUPERVISOR": str(os.getpid()),
         }
         with (self.log_dir / f"{arguments[0]}.log").open("ab") as output:
-            self._processes.append(
-                subprocess.Popen(
-                    [sys.executable, "-m", "cdff_common.cli", *arguments],
-                    env=environment,
-                    stdin=subprocess.DEVNULL,
-                    stdout=output,
-                    stderr=output,
-                    start_new_session=True,
-                )
+            self._processes[arguments[0]] = subprocess.Popen(
+                [sys.executable, "-m", "cdff_common.cli", *arguments],
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                start_new_session=True,
             )
