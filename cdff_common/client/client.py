@@ -8,10 +8,11 @@ import threading
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, Unpack
 
 from cdff_common.bus import Bus, Reply, keys
 from cdff_common.client.answer import Answer
+from cdff_common.client.wishes import Wishes, parameters_of
 from cdff_common.clock import monotonic_s
 from cdff_common.codecs import decode
 from cdff_common.codecs.encoding import parse_encoding
@@ -23,8 +24,6 @@ from cdff_common.interfaces.product import Header
 OnProgress = Callable[[Mapping[str, Any]], None]
 
 _CODEC_PREFIX = "application/vnd.cdff+"
-#: What a DEM is asked ``as`` where the caller names neither type nor format: all layers instead of one.
-_DEFAULT_AS = {"dem": "ElevationMap"}
 #: Formats that the DPM writes from a stored product.
 _FILES = frozenset({"tif", "ply", "tum", "png"})
 _PART_BYTES = 4 << 20
@@ -118,24 +117,21 @@ class Client:
         DeadlineError, UnavailableError, OverloadedError
             If it cannot be answered as asked; the message says why.
         """
-        if as_type is None and format is None:
-            as_type = _DEFAULT_AS.get(product)
-        wishes = {
-            "type": product,
-            "robot": robot,
-            "region": region,
-            "region_frame": region_frame,
-            "frame": frame,
-            "child": child,
-            "t": t_ns,
-            "max_age_s": max_age_s,
-            "resolution_m": resolution_m,
-            "min_coverage": min_coverage,
-            "as": as_type,
-            "format": format,
-            "deliver": deliver,
-        }
-        parameters = {name: value for name, value in wishes.items() if value is not None}
+        parameters = parameters_of(
+            product,
+            robot,
+            region=region,
+            region_frame=region_frame,
+            frame=frame,
+            child=child,
+            t_ns=t_ns,
+            max_age_s=max_age_s,
+            resolution_m=resolution_m,
+            min_coverage=min_coverage,
+            as_type=as_type,
+            format=format,
+            deliver=deliver,
+        )
         final = self._ask(_scope(robot), parameters, monotonic_s() + deadline_s, on_progress)
         if final.attachment.get("kind") != "reference":
             return _answer(final)
@@ -145,6 +141,22 @@ class Client:
             reply = self._call(keys.dpm_rpc(keys.GROUND, "get"), asked, 30.0)
             return _answer(Reply(reply.payload, reply.encoding, {**reply.attachment, **_of_request(final.attachment)}))
         return self._fetched(str(reference["id"]), final.attachment)
+
+    def explain(
+        self, product: str, *, robot: str = "any", deadline_s: float = 20.0, **wishes: Unpack[Wishes]
+    ) -> dict[str, Any]:
+        """Say what a request would get, without running anything; ``wishes`` are those of ``request``.
+
+        Returns
+        -------
+        dict
+            ``would`` (serve, make or refuse), ``stored`` (what the DPM holds for it, or None), ``plan`` with its parts
+            and costs, ``alternatives``, and why not: ``why_not_stored``, ``why_not``, ``refused``, ``possible``.
+        """
+        asked = {**parameters_of(product, robot, **wishes), "explain": "true", "deadline_ms": int(deadline_s * 1000)}
+        key = keys.orchestrator_rpc(_scope(robot), "request")
+        body: dict[str, Any] = self._call(key, asked, deadline_s + 1.0).body()
+        return body
 
     def search(self, product: str | None = None, **parameters: object) -> list[dict[str, Any]]:
         """Metadata of products in the DPM, newest first: ``robot= region= frame= t0= t1= limit= …`` (contract §5)."""

@@ -221,7 +221,13 @@ class _Search:
         return True
 
 
-def plan(world: World, product: str, robots: Iterable[str], exclude: frozenset[MakerId] = frozenset()) -> Plan | NoPlan:
+def plan(
+    world: World,
+    product: str,
+    robots: Iterable[str],
+    exclude: frozenset[MakerId] = frozenset(),
+    roots: frozenset[MakerId] | None = None,
+) -> Plan | NoPlan:
     """Return the cheapest sound plan for ``product`` on one of ``robots``, or why there is none.
 
     Parameters
@@ -233,19 +239,21 @@ def plan(world: World, product: str, robots: Iterable[str], exclude: frozenset[M
         Robots whose product would do.
     exclude : frozenset of MakerId
         Makers that failed already for this request.
+    roots : frozenset of MakerId, optional
+        The only makers that may have the product; their feeders may be any. Default: all.
     """
     wanted = set(robots)
     usable = World({k: m for k, m in world.makers.items() if k not in exclude}, world.sensors)
     search = _Search(usable)
-    roots = [
+    starts = [
         (m, port)
         for m in usable.makers.values()
-        if m.id.robot in wanted
+        if m.id.robot in wanted and (roots is None or m.id in roots)
         for port, made in sorted(m.outputs.items())
         if made == product
     ]
-    roots.sort(key=lambda r: (0.0 if r[0].active else r[0].cost, r[0].id))
-    for maker, port in roots:
+    starts.sort(key=lambda r: (0.0 if r[0].active else r[0].cost, r[0].id))
+    for maker, port in starts:
         search.root(maker, port)
     if search.best is None or search.best_root is None:
         reasons = tuple(search.reasons) or (f"no DFPC of {', '.join(sorted(wanted)) or 'any robot'} makes {product}",)

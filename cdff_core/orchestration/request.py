@@ -44,6 +44,7 @@ PARAMETERS = frozenset(
         "format",
         "deliver",
         "deadline_ms",
+        "explain",
         "request",
     }
 )
@@ -88,6 +89,8 @@ class ProductRequest:
         ``auto`` (inline up to 1 MB), ``inline`` or ``reference``.
     deadline_s : float
         Seconds until the answer must have been sent.
+    explain : bool
+        Say what would be done instead of doing it.
     """
 
     id: str
@@ -105,6 +108,7 @@ class ProductRequest:
     format: str = "uper"
     deliver: str = "auto"
     deadline_s: float = DEFAULT_DEADLINE_MS / 1000
+    explain: bool = False
 
     @property
     def is_spatial(self) -> bool:
@@ -166,6 +170,9 @@ def parse_request(parameters: Mapping[str, str], scope: str) -> ProductRequest:
     deliver = parameters.get("deliver", "auto")
     if deliver not in ("auto", "inline", "reference"):
         raise InputError(f"deliver={deliver!r}: expected auto, inline or reference")
+    explain = parameters.get("explain", "false")
+    if explain not in ("true", "false"):
+        raise InputError(f"explain={explain!r}: expected true or false")
     return ProductRequest(
         id=request_id,
         product=product,
@@ -182,6 +189,7 @@ def parse_request(parameters: Mapping[str, str], scope: str) -> ProductRequest:
         format=codec,
         deliver=deliver,
         deadline_s=(deadline_ms or 0.0) / 1000,
+        explain=explain == "true",
     )
 
 

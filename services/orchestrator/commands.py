@@ -9,7 +9,10 @@ import json
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cdff_common.client import Client
 
 _TYPES = ("pose", "trajectory", "pointcloud", "dem", "navigation_map", "image")
 
@@ -32,6 +35,7 @@ def register_request(nouns: Any) -> None:
     )
     parser.add_argument("--deliver", choices=("auto", "inline", "reference"))
     parser.add_argument("--deadline-s", type=float, default=20.0)
+    parser.add_argument("--explain", action="store_true", help="say what would be done, at what cost; run nothing")
     parser.add_argument("--out", type=Path, help="file for the payload")
     parser.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
@@ -63,6 +67,8 @@ def run_request(args: argparse.Namespace) -> int:
     form = args.format or _format_of(args.out)
     show = _progress if sys.stderr.isatty() and not args.json else None
     with Client(args.connect, name="cdff request") as client:
+        if args.explain:
+            return _show_explanation(_explanation(client, args, form), args.json)
         answer = client.request(
             args.type,
             robot=args.robot,
@@ -94,6 +100,50 @@ def run_request(args: argparse.Namespace) -> int:
             print(f"  {name}: {value}")
     if args.out is not None:
         print(f"  written to {args.out}")
+    return 0
+
+
+def _explanation(client: Client, args: argparse.Namespace, form: str | None) -> dict[str, Any]:
+    return client.explain(
+        args.type,
+        robot=args.robot,
+        region=args.region,
+        region_frame=args.region_frame,
+        frame=args.frame,
+        child=args.child,
+        max_age_s=args.max_age_s,
+        resolution_m=args.resolution_m,
+        min_coverage=args.min_coverage,
+        as_type=args.as_type,
+        format=form,
+        deliver=args.deliver,
+        deadline_s=args.deadline_s,
+    )
+
+
+def _show_explanation(told: dict[str, Any], as_json: bool) -> int:
+    if as_json:
+        print(json.dumps(told))
+        return 0
+    stored = told["stored"]
+    if told["would"] == "serve":
+        print(f"would serve product {stored['id']} from the DPM, {stored['age_s']:.3f} s old")
+    else:
+        print(f"not served from the DPM: {told['why_not_stored']}")
+    for title, plan in [("would make it" if told["would"] == "make" else "could make it", told["plan"])] + [
+        ("or else", p) for p in told["alternatives"]
+    ]:
+        if plan is not None:
+            print(f"{title}: {' -> '.join(plan['order'])}, cost {plan['cost']:g}")
+            print(f"  adds {plan['added_cpu_s']:g} CPU s and {plan['added_memory_mb']:g} MB")
+            for sensor, (before, after) in plan["changes"].items():
+                print(f"  sets {sensor} from {before} to {after}")
+            for port in plan["unfed"]:
+                print(f"  without {port}")
+    for reason in told["why_not"]:
+        print(f"cannot be made: {reason}")
+    for refused in told["refused"]:
+        print(f"not {refused['maker']}: {refused['why_not']}")
     return 0
 
 

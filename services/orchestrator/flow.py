@@ -12,11 +12,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from cdff_common.bus import Reply
 from cdff_common.clock import Clock, monotonic_s
 from cdff_common.errors import CdffError, DeadlineError, UnavailableError
-from cdff_core.orchestration.judge import Judgement
+from cdff_core.orchestration.explain import costed, explain
+from cdff_core.orchestration.judge import Judgement, delivered
 from cdff_core.orchestration.lifecycle import FINAL_STATES, JobState
 from cdff_core.orchestration.planner import NoPlan, Plan, plan
 from cdff_core.orchestration.request import ProductRequest
@@ -83,6 +85,37 @@ class Flow:
             if job.plan is not None:
                 self._journal.append("lease", action="release", holder=job.id, makers=[])
                 self._state.release(job.id)
+
+    def explain(self, request: ProductRequest) -> Reply:
+        """Say what would be served or made for a request, what else could be, and why not; no job, nothing is run."""
+        robots = self._state.profile.robot_ids if request.robot == "any" else (request.robot,)
+        body: dict[str, Any] = {
+            "request": request.id,
+            "asked": request.describe(),
+            "stored": None,
+            "why_not_stored": "",
+        }
+        served = False
+        try:
+            found, why = self._finder.find(request, robots, monotonic_s() + request.deadline_s)
+        except UnavailableError as error:
+            found, why = None, f"the DPM: {error}"
+        if found is not None:
+            stored, judgement = found
+            served = judgement.satisfies
+            what = delivered(stored.candidate, judgement, request, self._clock.now_ns(), stored.frame)
+            body["stored"] = {"id": stored.candidate.id, **what}
+        body["why_not_stored"] = "" if served else why
+        now, hopeful = self._state.world(), self._state.world(hopeful=True)
+        told = explain(now, request.product, robots)
+        body |= told.describe(now)
+        if body["plan"] is None and isinstance(again := plan(hopeful, request.product, robots), Plan):
+            body["plan"] = {
+                **costed(again, hopeful),
+                "waits_for": [str(m) for m in again.order if not now.makers[m].available],
+            }
+        body["would"] = "serve" if served else "make" if body["plan"] else "refuse"
+        return Reply.of(body, kind="explanation", final=True, request=request.id)
 
     def _serve(self, job: Job, p: _Progress) -> Iterator[Reply]:
         request = job.request

@@ -100,11 +100,11 @@ class Orchestrator:
 
     # -- answers ------------------------------------------------------------------------------------------------------
 
-    def _on_request(self, call: Request) -> Iterator[Reply]:
+    def _on_request(self, call: Request) -> Reply | Iterator[Reply]:
         request = parse_request(call.parameters, call.scope)
         if request.robot not in (*self._profile.robot_ids, "any"):
             raise InputError(f"robot={request.robot!r}: expected any or one of {', '.join(self._profile.robot_ids)}")
-        return self._flow.run(request)
+        return self._flow.explain(request) if request.explain else self._flow.run(request)
 
     def _on_jobs(self, call: Request) -> Reply:
         _check(call, _JOBS)

@@ -365,3 +365,17 @@ def test_the_catalogue_says_what_can_be_made_and_why_not(client: Client) -> None
     assert products["mana", "pose"]["plan"]["order"] == ["mana/troublemaker"]
     assert "not available" in products["minnie", "pose"]["why_not"]
     assert {s["sensor"] for s in catalogue["sensors"]} == {"wheels"}
+
+
+@pytest.mark.req("CDFF-SUP-070")
+def test_an_explanation_says_what_would_be_done_and_runs_nothing(client: Client, driver: Driver) -> None:
+    before = (list(driver.events), list(driver.modes), client.jobs("mana"))
+    fresh = client.explain("pose", robot="mana", max_age_s=0.001)
+    assert fresh["would"] == "make"
+    assert fresh["plan"]["order"] == ["mana/troublemaker"]
+    assert fresh["plan"]["changes"] == {"mana/wheels": ["off", "nominal"]}
+    assert client.explain("pose", robot="mana")["would"] == "serve"
+    refused = client.explain("dem", robot="mana")
+    assert refused["would"] == "refuse"
+    assert refused["possible"] == ["pose of mana"]
+    assert (driver.events, driver.modes, client.jobs("mana")) == before
