@@ -81,6 +81,7 @@ class Client:
         as_type: str | None = None,
         format: str | None = None,
         deliver: str | None = None,
+        priority: int | None = None,
         deadline_s: float = 20.0,
         on_progress: OnProgress | None = None,
     ) -> Answer:
@@ -106,6 +107,8 @@ class Client:
             Part of the region, 0 to 1, that must hold data.
         as_type, format, deliver : str, optional
             InFuse type, encoding (``uper ber xer msgpack tif ply tum png``), ``auto inline reference``.
+        priority : int, optional
+            0 to 9, default 5: which requests go first where not all can be taken.
         deadline_s : float
             The answer, or the reason why there is none, comes before this.
         on_progress : callable, optional
@@ -131,6 +134,7 @@ class Client:
             as_type=as_type,
             format=format,
             deliver=deliver,
+            priority=priority,
         )
         final = self._ask(_scope(robot), parameters, monotonic_s() + deadline_s, on_progress)
         if final.attachment.get("kind") != "reference":

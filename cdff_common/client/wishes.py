@@ -26,6 +26,7 @@ class Wishes(TypedDict, total=False):
     as_type: str | None
     format: str | None
     deliver: str | None
+    priority: int | None
 
 
 def parameters_of(product: str, robot: str, **wishes: Unpack[Wishes]) -> dict[str, object]:

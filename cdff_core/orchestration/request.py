@@ -45,12 +45,15 @@ PARAMETERS = frozenset(
         "deliver",
         "deadline_ms",
         "explain",
+        "priority",
         "request",
     }
 )
 #: Below the 10 s after which a Zenoh query stops by default, so that a plain ``get`` still sees the answer.
 DEFAULT_DEADLINE_MS = 8_000
 DEADLINE_BOUNDS_MS = (100, 3_600_000)
+DEFAULT_PRIORITY = 5
+_PRIORITY = re.compile(r"[0-9]\Z")
 _REQUEST_ID = re.compile(r"[A-Za-z0-9_.-]{1,64}\Z")
 _ROBOT = re.compile(r"[a-z][a-z0-9_]{0,31}\Z")
 
@@ -91,6 +94,8 @@ class ProductRequest:
         Seconds until the answer must have been sent.
     explain : bool
         Say what would be done instead of doing it.
+    priority : int
+        0 to 9; a higher one is admitted before, and may take a sensor's mode from, a lower one.
     """
 
     id: str
@@ -109,6 +114,7 @@ class ProductRequest:
     deliver: str = "auto"
     deadline_s: float = DEFAULT_DEADLINE_MS / 1000
     explain: bool = False
+    priority: int = DEFAULT_PRIORITY
 
     @property
     def is_spatial(self) -> bool:
@@ -133,6 +139,7 @@ class ProductRequest:
             "format": self.format,
             "deliver": self.deliver,
             "deadline_s": self.deadline_s,
+            "priority": self.priority,
         }
 
 
@@ -173,6 +180,9 @@ def parse_request(parameters: Mapping[str, str], scope: str) -> ProductRequest:
     explain = parameters.get("explain", "false")
     if explain not in ("true", "false"):
         raise InputError(f"explain={explain!r}: expected true or false")
+    priority = parameters.get("priority", str(DEFAULT_PRIORITY))
+    if not _PRIORITY.match(priority):
+        raise InputError(f"priority={priority!r}: expected a digit, 0 (least) to 9")
     return ProductRequest(
         id=request_id,
         product=product,
@@ -190,6 +200,7 @@ def parse_request(parameters: Mapping[str, str], scope: str) -> ProductRequest:
         deliver=deliver,
         deadline_s=(deadline_ms or 0.0) / 1000,
         explain=explain == "true",
+        priority=int(priority),
     )
 
 

@@ -35,6 +35,7 @@ def register_request(nouns: Any) -> None:
     )
     parser.add_argument("--deliver", choices=("auto", "inline", "reference"))
     parser.add_argument("--deadline-s", type=float, default=20.0)
+    parser.add_argument("--priority", type=int, choices=range(10), help="9 goes first; default: 5")
     parser.add_argument("--explain", action="store_true", help="say what would be done, at what cost; run nothing")
     parser.add_argument("--out", type=Path, help="file for the payload")
     parser.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
@@ -82,6 +83,7 @@ def run_request(args: argparse.Namespace) -> int:
             as_type=args.as_type,
             format=form,
             deliver=args.deliver,
+            priority=args.priority,
             deadline_s=args.deadline_s,
             on_progress=show,
         )
@@ -117,6 +119,7 @@ def _explanation(client: Client, args: argparse.Namespace, form: str | None) -> 
         as_type=args.as_type,
         format=form,
         deliver=args.deliver,
+        priority=args.priority,
         deadline_s=args.deadline_s,
     )
 

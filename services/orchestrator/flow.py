@@ -27,6 +27,7 @@ from services.orchestrator.delivery import Delivery
 from services.orchestrator.finder import Finder, Found
 from services.orchestrator.jobs import Job, JobBook
 from services.orchestrator.journal import Journal
+from services.orchestrator.sharing import SharedLooks
 from services.orchestrator.state import State
 
 logger = logging.getLogger(__name__)
@@ -67,6 +68,7 @@ class Flow:
         self._book = book
         self._journal = journal
         self._clock = clock
+        self._shared = SharedLooks(clock)
 
     def run(self, request: ProductRequest) -> Iterator[Reply]:
         """Yield progress, then the final reply; raises the typed error that is the final answer otherwise."""
@@ -74,9 +76,11 @@ class Flow:
         try:
             yield self._tell(job)
             self._book.move(job, JobState.LOOKING)
-            yield from self._serve(job, _Progress(started_ns=self._clock.now_ns()))
+            with self._shared.joined(request):
+                yield from self._serve(job, _Progress(started_ns=self._clock.now_ns()))
         except CdffError as error:
-            state = JobState.CANCELLED if job.cancelled.is_set() else JobState.FAILED
+            cancelled = job.cancelled.is_set() and job.retry_after_s is None
+            state = JobState.CANCELLED if cancelled else JobState.FAILED
             self._book.move(job, state, str(error), error=type(error).__name__)
             raise
         finally:
@@ -158,13 +162,17 @@ class Flow:
         inserted, now_s = self._state.inserted(matter), monotonic_s()
         if p.looked_s and inserted == p.inserted and now_s - p.looked_s < _IDLE_S:
             return
+        fresh_s = _IDLE_S if p.looked_s else _LOOK_EVERY_S
         p.inserted, p.looked_s = inserted, now_s
-        self._look(job, robots, p)
+        self._look(job, robots, p, fresh_s)
 
-    def _look(self, job: Job, robots: Sequence[str], p: _Progress) -> None:
+    def _look(self, job: Job, robots: Sequence[str], p: _Progress, fresh_s: float) -> None:
         """Look into the DPM; one that is away now may be back before the deadline."""
+        until_s = job.deadline_s - self._margin_s(job)
         try:
-            p.best, p.why = self._finder.find(job.request, robots, job.deadline_s - self._margin_s(job))
+            p.best, p.why = self._shared.find(
+                job.request, lambda: self._finder.find(job.request, robots, until_s), p.inserted, fresh_s, until_s
+            )
             p.dpm_error = ""
         except UnavailableError as error:
             p.dpm_error = f"the DPM: {error}"

@@ -7,7 +7,7 @@ from __future__ import annotations
 import threading
 import uuid
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -32,6 +32,8 @@ class Job:
         Why it is in its state.
     result : mapping
         Of a job that is done: kind, id, delivered.
+    retry_after_s : float or None
+        Of a job that gave its place to one of higher priority: when its requester may come back.
     """
 
     id: str
@@ -43,13 +45,19 @@ class Job:
     plan: Mapping[str, Any] | None = None
     result: Mapping[str, Any] | None = None
     cancelled: threading.Event = field(default_factory=threading.Event)
+    retry_after_s: float | None = None
 
     def remaining_s(self) -> float:
         """Seconds until the answer is due."""
         return self.deadline_s - monotonic_s()
 
     def check_cancelled(self) -> None:
-        """Raise UnavailableError if somebody cancelled the job."""
+        """Raise UnavailableError if somebody cancelled the job, OverloadedError if it gave its place away."""
+        if self.retry_after_s is not None:
+            raise OverloadedError(
+                f"job {self.id} of priority {self.request.priority} made room for one of higher priority",
+                retry_after_s=self.retry_after_s,
+            )
         if self.cancelled.is_set():
             raise UnavailableError(f"job {self.id} was cancelled")
 
@@ -78,39 +86,61 @@ class JobBook:
         Most jobs open at a time.
     remembered : int
         Finished jobs that are still listed.
+    wake : callable, optional
+        Wakes the jobs that wait, so that one which has to make room does so at once.
     """
 
-    def __init__(self, journal: Journal, capacity: int, remembered: int = 200) -> None:
+    def __init__(
+        self, journal: Journal, capacity: int, remembered: int = 200, wake: Callable[[], None] | None = None
+    ) -> None:
         self._journal = journal
         self._capacity = capacity
         self._remembered = remembered
+        self._wake = wake
         self._lock = threading.Lock()
         self._jobs: OrderedDict[str, Job] = OrderedDict()
 
     def open(self, request: ProductRequest) -> Job:
-        """Accept a request.
+        """Accept a request; where too many are open, in place of the last one of the lowest priority below its own.
 
         Raises
         ------
         OverloadedError
-            If too many are open.
+            If too many are open and none has a lower priority.
         InputError
             If a request of the same name is open.
         """
         with self._lock:
             running = [j for j in self._jobs.values() if j.state not in FINAL_STATES]
-            if len(running) >= self._capacity:
-                soonest_s = max(min(j.remaining_s() for j in running), 0.1)
-                raise OverloadedError(f"{len(running)} requests are open, which is the most", retry_after_s=soonest_s)
             if any(j.request.id == request.id for j in running):
                 raise InputError(f"request={request.id}: a request of that name is open; give each its own")
+            displaced = self._make_room(request, [j for j in running if j.retry_after_s is None])
             job = Job(str(uuid.uuid4()), request, monotonic_s() + request.deadline_s, wall_ns())
             self._jobs[job.id] = job
             done = [j.id for j in self._jobs.values() if j.state in FINAL_STATES]
             for old in done[: max(len(done) - self._remembered, 0)]:
                 del self._jobs[old]
         self._journal.append("job", job=job.id, state=str(job.state), request=request.describe())
+        if displaced is not None and self._wake is not None:
+            self._journal.append("decision", job=displaced.id, displaced_by=job.id)
+            self._wake()
         return job
+
+    def _make_room(self, request: ProductRequest, staying: list[Job]) -> Job | None:
+        """The job that has to go for a request, None where there is room; raises OverloadedError."""
+        if len(staying) < self._capacity:
+            return None
+        soonest_s = max(min(j.remaining_s() for j in staying), 0.1)
+        lower = [j for j in staying if j.request.priority < request.priority and j.state is not JobState.DELIVERING]
+        if not lower:
+            raise OverloadedError(
+                f"{len(staying)} requests of priority {request.priority} or more are open, which is the most",
+                retry_after_s=soonest_s,
+            )
+        victim = max(lower, key=lambda j: (-j.request.priority, j.accepted_ns))
+        victim.retry_after_s = soonest_s
+        victim.cancelled.set()
+        return victim
 
     def move(self, job: Job, state: JobState, reason: str = "", **more: Any) -> None:
         """Put a job in another state, on the journal before anybody is told."""

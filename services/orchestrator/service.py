@@ -25,6 +25,8 @@ from services.orchestrator.watcher import Watcher
 
 logger = logging.getLogger(__name__)
 
+#: Threads beyond the capacity: for who is told OVERLOADED, explained to, or admitted while another makes room.
+_SPARE = 8
 _JOBS = {"robot", "job", "limit"}
 _MAX_LISTED = 200
 #: A journal larger than this at the start is put aside; what it leads to is carried over.
@@ -50,7 +52,7 @@ class Orchestrator:
         self._journal = Journal(journal_path)
         self._state = State(profile)
         self._recover()
-        self._book = JobBook(self._journal, capacity)
+        self._book = JobBook(self._journal, capacity, wake=self._state.touch)
         clock, dpm = bus.mission_clock, Dpm(bus)
         self._flow = Flow(self._state, Finder(dpm, clock), Delivery(dpm, clock), self._book, self._journal, clock)
         self._watcher = Watcher(bus, self._state)
@@ -67,7 +69,7 @@ class Orchestrator:
         for scope in scopes:
             # No backlog: what finds no free thread is told OVERLOADED at once instead of waiting past its deadline.
             self._bus.serve(
-                keys.orchestrator_rpc(scope, "request"), self._on_request, workers=self._capacity, backlog=0
+                keys.orchestrator_rpc(scope, "request"), self._on_request, workers=self._capacity + _SPARE, backlog=0
             )
             self._bus.serve(keys.orchestrator_rpc(scope, "jobs"), self._on_jobs)
             self._bus.serve(keys.orchestrator_rpc(scope, "cancel"), self._on_cancel)

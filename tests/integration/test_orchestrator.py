@@ -290,6 +290,47 @@ def test_more_requests_than_there_is_room_for_are_told_so_at_once(client: Client
         thread.join(20)
 
 
+@pytest.mark.req("CDFF-SUP-072")
+def test_a_request_of_higher_priority_is_taken_in_place_of_the_last_of_lower_priority(
+    client: Client, driver: Driver
+) -> None:
+    driver.stop()
+    ended: list[Exception] = []
+
+    def ask() -> None:
+        try:
+            client.request("pose", robot="mana", max_age_s=0.1, deadline_s=12, priority=1)
+        except UnavailableError as error:
+            ended.append(error)
+
+    threads = [threading.Thread(target=ask) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    eventually(lambda: sum(j["remaining_s"] is not None for j in client.jobs("mana")) == 3)
+    with pytest.raises(DeadlineError):
+        client.request("pose", robot="mana", max_age_s=0.1, deadline_s=1, priority=9)
+    eventually(lambda: [e for e in ended if isinstance(e, OverloadedError)])
+    for thread in threads:
+        thread.join(20)
+    assert sorted(type(e).__name__ for e in ended) == ["DeadlineError", "DeadlineError", "OverloadedError"]
+
+
+@pytest.mark.req("CDFF-SUP-071")
+def test_identical_requests_at_a_time_share_one_activation(client: Client, driver: Driver) -> None:
+    before, answers = driver.events.count("activated"), []
+
+    def ask() -> None:
+        answers.append(client.request("pose", robot="mana", max_age_s=0.9))
+
+    threads = [threading.Thread(target=ask) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(20)
+    assert len(answers) == 3
+    assert driver.events.count("activated") == before + 1
+
+
 @pytest.mark.req("CDFF-SUP-041")
 def test_a_dfpc_killed_while_a_request_waits_is_activated_again_when_it_is_back(
     client: Client, driver: Driver, system: System

@@ -88,3 +88,11 @@ def test_a_description_of_a_request_is_plain_data() -> None:
     described = parse_request({"type": "dem", "region": "near:mana/base,5"}, "mana").describe()
     assert described["region"] == "near:mana/base,5"
     assert described["max_age_s"] is None
+
+
+def test_priority_is_one_digit_and_explain_is_true_or_false() -> None:
+    assert parse_request({"type": "pose"}, "mana").priority == 5
+    assert parse_request({"type": "pose", "priority": "9", "explain": "true"}, "mana").explain
+    for name, value in (("priority", "10"), ("priority", "-1"), ("priority", ""), ("explain", "yes")):
+        with pytest.raises(InputError, match=name):
+            parse_request({"type": "pose", name: value}, "mana")

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -82,6 +83,34 @@ def test_more_jobs_than_there_is_room_for_are_refused_with_a_time_to_come_back(j
     assert caught.value.retry_after_s > 0
     book.move(first, JobState.FAILED, "because")
     book.open(request("c"))
+
+
+@pytest.mark.req("CDFF-SUP-072")
+def test_the_last_job_of_the_lowest_priority_makes_room_for_a_higher_one(journal: Journal) -> None:
+    woken: list[bool] = []
+    book = JobBook(journal, capacity=3, wake=lambda: woken.append(True))
+    jobs = [book.open(replace(request(name), priority=p)) for name, p in (("a", 5), ("b", 2), ("c", 2))]
+    high = book.open(replace(request("high"), priority=9))
+    assert woken == [True]
+    with pytest.raises(OverloadedError, match="higher priority") as caught:
+        jobs[2].check_cancelled()
+    assert caught.value.retry_after_s > 0
+    for job in (*jobs[:2], high):
+        job.check_cancelled()
+    book.open(replace(request("next"), priority=3))
+    with pytest.raises(OverloadedError):
+        jobs[1].check_cancelled()
+    with pytest.raises(OverloadedError):
+        book.open(replace(request("low"), priority=3))
+
+
+def test_a_job_that_is_being_delivered_does_not_make_room(journal: Journal) -> None:
+    book = JobBook(journal, capacity=1)
+    job = book.open(replace(request("a"), priority=0))
+    book.move(job, JobState.LOOKING)
+    book.move(job, JobState.DELIVERING)
+    with pytest.raises(OverloadedError):
+        book.open(replace(request("b"), priority=9))
 
 
 def test_a_request_s_name_is_free_again_once_its_job_has_ended(journal: Journal) -> None:
