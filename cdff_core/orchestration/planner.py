@@ -9,11 +9,13 @@ no sensor is in two modes, and nothing waits for itself. Its cost is the sum of 
 the plan leaves out: what a mission wires is wanted where it can be had.
 
 The search is depth first over the inputs still to feed, cheapest alternative first, cut where the cost so far reaches
-the best plan known; it is exact, as tests check against enumeration.
+the best plan known; it is exact, as tests check against enumeration. So is the cut by the *least* cost still to come:
+a plan has no loops, so what feeds an input is none of the makers between it and the product, and their costs add up.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
@@ -82,7 +84,8 @@ class _State:
     """A partial plan during the search."""
 
     makers: dict[MakerId, Maker] = field(default_factory=dict)
-    feeds: dict[MakerId, set[MakerId]] = field(default_factory=dict)
+    feeds: dict[MakerId, frozenset[MakerId]] = field(default_factory=dict)
+    above: dict[MakerId, float] = field(default_factory=dict)
     modes: dict[SensorId, str] = field(default_factory=dict)
     streams: frozenset[SensorId] = frozenset()
     fed: dict[MakerId, int] = field(default_factory=dict)
@@ -92,7 +95,8 @@ class _State:
     def copy(self) -> _State:
         return _State(
             dict(self.makers),
-            {k: set(v) for k, v in self.feeds.items()},
+            dict(self.feeds),
+            dict(self.above),
             dict(self.modes),
             self.streams,
             dict(self.fed),
@@ -113,6 +117,39 @@ class _State:
         return False
 
 
+class _Least:
+    """The least that a maker with all that feeds it can cost, whatever else a plan has: the dearest of its chains.
+
+    A source that leads back to a maker being looked at counts nothing, which keeps every figure a lower bound.
+    """
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._known: dict[MakerId, float] = {}
+
+    def of_maker(self, maker_id: MakerId) -> float:
+        known = self._known.get(maker_id)
+        if known is not None:
+            return known
+        maker = self._world.makers.get(maker_id)
+        if maker is None or not maker.available:
+            self._known[maker_id] = math.inf
+            return math.inf
+        self._known[maker_id] = 0.0
+        below = max((self.of_input(port) for port in maker.inputs), default=0.0)
+        self._known[maker_id] = below + (0.0 if maker.active else maker.cost)
+        return self._known[maker_id]
+
+    def of_input(self, port: Input) -> float:
+        if not port.sources:
+            return 0.0 if port.optional else math.inf
+        least = min(self.of_source(source) for source in port.sources)
+        return min(least, UNFED_COST) if port.optional else least
+
+    def of_source(self, source: Source) -> float:
+        return 0.0 if source.kind == "sensor" else self.of_maker(MakerId(source.robot, source.owner))
+
+
 class _Search:
     def __init__(self, world: World) -> None:
         self.world = world
@@ -120,11 +157,15 @@ class _Search:
         self.best_root: tuple[MakerId, str] | None = None
         self.reasons: dict[str, None] = {}
         self.steps = 0
+        self.least = _Least(world)
 
     def root(self, maker: Maker, port: str) -> None:
         state = _State()
         todo: list[tuple[MakerId, Input]] = []
+        if self.best is not None and self.least.of_maker(maker.id) >= self.best.cost:
+            return
         if self._add_maker(state, todo, maker):
+            state.above[maker.id] = state.cost
             self._extend(state, todo, (maker.id, port))
 
     def _extend(self, state: _State, todo: list[tuple[MakerId, Input]], root: tuple[MakerId, str]) -> None:
@@ -135,7 +176,9 @@ class _Search:
             self._finish(state, root)
             return
         (owner, port), rest = todo[0], todo[1:]
-        for source in port.sources:
+        if self.best is not None and state.above[owner] + self.least.of_input(port) >= self.best.cost:
+            return
+        for source in sorted(port.sources, key=self.least.of_source) if len(port.sources) > 1 else port.sources:
             for next_state, next_todo in self._feed(state, rest, owner, source):
                 self._extend(next_state, next_todo, root)
         if port.optional:
@@ -179,7 +222,9 @@ class _Search:
         elif state.depends(maker.id, owner):
             self.reasons[f"{owner} and {maker.id} wait for each other"] = None
         elif maker.id in state.makers or self._add_maker(state, todo, maker):
-            state.feeds[owner].add(maker.id)
+            state.feeds[owner] |= {maker.id}
+            through = state.above[owner] + (0.0 if maker.active else maker.cost)
+            state.above[maker.id] = max(state.above.get(maker.id, 0.0), through)
             yield state, todo
 
     def _add_maker(self, state: _State, todo: list[tuple[MakerId, Input]], maker: Maker) -> bool:
@@ -187,7 +232,7 @@ class _Search:
             self.reasons[f"{maker.id} is not available: {maker.why_not or 'its process does not answer'}"] = None
             return False
         state.makers[maker.id] = maker
-        state.feeds[maker.id] = set()
+        state.feeds[maker.id] = frozenset()
         state.fed[maker.id] = 0
         state.cost += 0.0 if maker.active else maker.cost
         todo.extend((maker.id, port) for port in maker.inputs)
@@ -289,7 +334,7 @@ def _wired(maker: Maker) -> bool:
     return any(port.sources for port in maker.inputs)
 
 
-def _dependency_order(feeds: Mapping[MakerId, set[MakerId]]) -> tuple[MakerId, ...]:
+def _dependency_order(feeds: Mapping[MakerId, frozenset[MakerId]]) -> tuple[MakerId, ...]:
     """Makers so that each comes after those that feed it; names decide among equals."""
     order: list[MakerId] = []
     waiting = {m: set(f) for m, f in feeds.items()}
