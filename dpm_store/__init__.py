@@ -7,6 +7,7 @@
 ...     page = store.search(Query(types=("dem",), robot="mana"))
 """
 
+from dpm_store.annotations import Annotation, StaleRevisionError
 from dpm_store.events import Event
 from dpm_store.frames import FrameRevision
 from dpm_store.poses import StampedPose, Track
@@ -14,6 +15,6 @@ from dpm_store.records import Insertion, Page, ProductRecord, Query
 from dpm_store.store import Store, open_store
 
 __all__ = [
-    "Event", "FrameRevision", "Insertion", "Page", "ProductRecord", "Query", "StampedPose", "Store", "Track",
-    "open_store",
+    "Annotation", "Event", "FrameRevision", "Insertion", "Page", "ProductRecord", "Query", "StaleRevisionError",
+    "StampedPose", "Store", "Track", "open_store",
 ]  # fmt: skip

@@ -16,6 +16,7 @@ from cdff_common.clock import NS_PER_S, Clock
 from cdff_common.errors import CodecError, ConflictError, InputError, ProductNotFoundError
 from cdff_common.interfaces.product import Header
 from dpm_store import schema, sqlite
+from dpm_store.annotations import AnnotationTable, is_pinned
 from dpm_store.blobs import CHUNK_BYTES, BlobFiles, check_chunks, chunk_sums, covering, digest
 from dpm_store.database import Database
 from dpm_store.events import EventTable
@@ -36,9 +37,12 @@ _EPOCH = "epoch_ns"
 class ProductTable:
     """Products with their payloads, index and provenance."""
 
-    def __init__(self, database: Database, files: BlobFiles, events: EventTable, clock: Clock) -> None:
+    def __init__(
+        self, database: Database, files: BlobFiles, events: EventTable, annotations: AnnotationTable, clock: Clock
+    ) -> None:
         self._database = database
         self._files = files
+        self._annotations = annotations
         self._events = events
         self._clock = clock
 
@@ -153,21 +157,30 @@ class ProductTable:
         ------
         ProductNotFoundError
             For an unknown id.
+        ConflictError
+            If it is pinned.
         """
-        p = schema.products.c
         with self._database.write() as connection:
-            row = connection.execute(select(schema.products).where(p.id == product_id)).first()
-            if row is None:
-                raise ProductNotFoundError(f"no product {product_id[:64]!r}")
-            if row.deleted_ns is not None:
-                return False
-            gone = {"deleted_ns": self._clock.now_ns()}
-            connection.execute(update(schema.products).where(p.id == product_id).values(gone))
-            sqlite.unindex_product(connection, row.ordinal)
-            connection.execute(schema.poses.delete().where(schema.poses.c.product_id == product_id))
-            record = record_of(row)
-            names = {"robot": record.robot, "dfpc": record.dfpc, "port": record.port, "product": record.product}
-            self._events.append_in(connection, record.robot, "deleted", event_body(record.header, names))
+            return self.delete_in(connection, product_id)
+
+    def delete_in(self, connection: Connection, product_id: str) -> bool:
+        """As ``delete``, inside a transaction."""
+        p = schema.products.c
+        row = connection.execute(select(schema.products).where(p.id == product_id)).first()
+        if row is None:
+            raise ProductNotFoundError(f"no product {product_id[:64]!r}")
+        if row.deleted_ns is not None:
+            return False
+        if is_pinned(connection, product_id):
+            raise ConflictError(f"product {product_id} is pinned: unpin it first")
+        gone = {"deleted_ns": self._clock.now_ns()}
+        connection.execute(update(schema.products).where(p.id == product_id).values(gone))
+        sqlite.unindex_product(connection, row.ordinal)
+        connection.execute(schema.poses.delete().where(schema.poses.c.product_id == product_id))
+        self._annotations.forget_in(connection, product_id)
+        record = record_of(row)
+        names = {"robot": record.robot, "dfpc": record.dfpc, "port": record.port, "product": record.product}
+        self._events.append_in(connection, record.robot, "deleted", event_body(record.header, names))
         return True
 
     def epoch_ns(self, connection: Connection) -> int | None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from sqlalchemy import (
     BigInteger,
+    Boolean,
     Column,
     Float,
     ForeignKey,
@@ -136,3 +137,58 @@ events = Table(
     Column("body", LargeBinary, nullable=False),
 )
 Index("events_by_kind", events.c.kind, events.c.ordinal)
+
+#: What is said of a product after it was made: one row per revision, the last one holds. ``tags`` is a JSON list.
+annotation_revisions = Table(
+    "annotations",
+    metadata,
+    Column("product_id", String(36), primary_key=True),
+    Column("revision", Integer, primary_key=True),
+    Column("stamp_ns", BigInteger, nullable=False),
+    Column("author", String(256), nullable=False),
+    Column("tags", String, nullable=False),
+    Column("notes", String, nullable=False),
+    Column("pinned", Boolean, nullable=False),
+    Column("quality", LargeBinary),
+    Column("superseded_by", String(36)),
+)
+
+#: The last revisions' tags, pins and successors, for searches.
+product_tags = Table(
+    "product_tags",
+    metadata,
+    Column("tag", String(64), primary_key=True),
+    Column("product_id", String(36), primary_key=True),
+)
+Index("product_tags_by_product", product_tags.c.product_id)
+pins = Table("pins", metadata, Column("product_id", String(36), primary_key=True))
+supersessions = Table(
+    "supersessions",
+    metadata,
+    Column("product_id", String(36), primary_key=True),
+    Column("by_id", String(36), nullable=False),
+)
+Index("supersessions_by_newer", supersessions.c.by_id)
+
+#: Nodes and edges of a pose graph, under the product that they came with.
+pose_graph_nodes = Table(
+    "pose_graph_nodes",
+    metadata,
+    Column("product_id", String(36), primary_key=True),
+    Column("node", BigInteger, primary_key=True),
+    Column("frame", String(128), nullable=False),
+    Column("stamp_ns", BigInteger, nullable=False),
+    Column("matrix", LargeBinary, nullable=False),
+    Column("covariance", LargeBinary),
+)
+pose_graph_edges = Table(
+    "pose_graph_edges",
+    metadata,
+    Column("product_id", String(36), primary_key=True),
+    Column("edge", Integer, primary_key=True),
+    Column("from_node", BigInteger, nullable=False),
+    Column("to_node", BigInteger, nullable=False),
+    Column("kind", String(32), nullable=False),
+    Column("matrix", LargeBinary, nullable=False),
+    Column("covariance", LargeBinary),
+)

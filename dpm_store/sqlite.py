@@ -34,6 +34,12 @@ DDL = (
         for verb in ("UPDATE", "DELETE")
     ),
 )
+#: The same for revision 0002.
+DDL_ANNOTATIONS = tuple(
+    f"CREATE TRIGGER annotations_refuse_{verb.lower()} BEFORE {verb} ON annotations "
+    "BEGIN SELECT RAISE(ABORT, 'annotations are append-only'); END"
+    for verb in ("UPDATE", "DELETE")
+)
 
 
 def open_engine(path: Path) -> Engine:

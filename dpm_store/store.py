@@ -10,6 +10,7 @@ from typing import Any
 
 from cdff_common.clock import Clock, WallClock
 from cdff_common.interfaces.product import Header
+from dpm_store.annotations import AnnotationTable
 from dpm_store.blobs import BlobFiles
 from dpm_store.database import Database, directory_of
 from dpm_store.events import EventTable
@@ -60,6 +61,8 @@ class Store:
         Moving edges, and lookups over both.
     events : EventTable
         Append-only history.
+    annotations : AnnotationTable
+        Tags, notes, pins, judgements and successors of products, by revision.
     maps : Maps
         Windows pooled from patches.
     """
@@ -79,7 +82,8 @@ class Store:
         self.events = EventTable(self._database, clock)
         self.frames = FrameTable(self._database, clock)
         self.poses = PoseTable(self._database, self.frames)
-        self._products = ProductTable(self._database, self._files, self.events, clock)
+        self.annotations = AnnotationTable(self._database, self.events, clock)
+        self._products = ProductTable(self._database, self._files, self.events, self.annotations, clock)
         self._search = Search(self._database, self._products, self.frames, self.poses)
         self.maps = Maps(self._search, self._products)
 

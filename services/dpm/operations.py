@@ -17,7 +17,7 @@ from cdff_common.codecs.siblings import base_type
 from cdff_common.errors import CodecError, InputError, ProductNotFoundError, UnavailableError
 from cdff_common.geometry import checked_frame
 from cdff_common.interfaces.product import Header, Status
-from dpm_store import Event, Insertion, Page, ProductRecord, Query, Store
+from dpm_store import Annotation, Event, Insertion, Page, ProductRecord, Query, Store
 from dpm_store.maps import DERIVED_DFPC, DERIVED_PORT, ElevationWindow
 from services.dpm.convert import Converted, convert
 from services.dpm.parameters import PRODUCT_TYPES, WindowRequest, transform_of
@@ -25,7 +25,7 @@ from services.dpm.parameters import PRODUCT_TYPES, WindowRequest, transform_of
 logger = logging.getLogger(__name__)
 
 #: Events that this process makes and publishes; others it only keeps.
-OWN_EVENTS = frozenset({"inserted", "deleted", "reanchored"})
+OWN_EVENTS = frozenset({"inserted", "updated", "deleted", "purged", "reanchored"})
 #: Answers larger than this are handed over by reference where the asker leaves it open (contract §5).
 INLINE_BYTES = 1_000_000
 #: Payloads up to this size are decoded before they are stored, so that what cannot be read is refused.
@@ -64,6 +64,7 @@ class Dpm:
             "inserted": 0,
             "already": 0,
             "refused": 0,
+            "updated": 0,
             "deleted": 0,
             "searches": 0,
             "gets": 0,
@@ -131,6 +132,18 @@ class Dpm:
         self._count("deleted")
         self._tell()
         return deleted
+
+    def update(self, product_id: str, changes: Mapping[str, Any], if_match: int | None, author: str = "") -> Annotation:
+        """Change what is said of a product; see ``AnnotationTable.update``."""
+        annotation = self.store.annotations.update(product_id, changes, if_match=if_match, author=author)
+        self._count("updated")
+        self._tell()
+        return annotation
+
+    def described(self, product_id: str) -> dict[str, Any]:
+        """Metadata of a product with what is said of it."""
+        record = self.store.get(product_id)
+        return record.to_dict() | {"annotation": self.store.annotations.get(product_id).to_dict()}
 
     def search(self, query: Query) -> Page:
         """One page of products."""

@@ -169,6 +169,24 @@ def integer(parameters: Mapping[str, str], name: str, *, low: int = 0, high: int
     return int(text)
 
 
+def revision_of(text: str | None) -> int | None:
+    """The revision that an update was made from: ``if_match`` or an ETag ``"rN"``; None for ``*``, any.
+
+    Raises
+    ------
+    InputError
+        If it is missing, or is no revision.
+    """
+    if text is None:
+        raise InputError("if_match is missing: name the revision that the change was made from, or * for any")
+    if text == "*":
+        return None
+    match = re.fullmatch(r'(?:"r(\d{1,9})"|(\d{1,9}))', text.strip())
+    if match is None:
+        raise InputError(f'if_match={text[:80]!r}: expected a revision as 3, an ETag as "r3", or *')
+    return int(match[1] or match[2])
+
+
 def transform_of(body: Mapping[str, Any]) -> UncertainTransform:
     """``T`` (4x4 rows) and ``covariance`` (6x6 or absent) of a map; raises InputError."""
     import numpy as np

@@ -20,6 +20,7 @@ from services.dpm.parameters import (
     check_names,
     integer,
     number,
+    revision_of,
     robot_under,
     search_query,
     stamp,
@@ -43,7 +44,8 @@ MAX_PART_BYTES = 16 << 20
 def serve(bus: Bus, dpm: Dpm, robots: Sequence[str]) -> None:
     """Declare everything on the bus, the liveliness tokens last; events go out from then on."""
     handlers: dict[str, Callable[[Dpm, Request], Reply]] = {
-        "search": search, "get": get, "put": put, "delete": delete, "pose": pose, "frames": frames, "stat": stat,
+        "search": search, "get": get, "put": put, "update": update, "delete": delete, "pose": pose,
+        "frames": frames, "stat": stat,
     }  # fmt: skip
     scopes = [*robots, GROUND]
     dpm.listen(functools.partial(_publish, bus))
@@ -95,6 +97,21 @@ def put(dpm: Dpm, request: Request) -> Reply:
     names = {"robot": robot, **{k: request.parameters[k] for k in ("dfpc", "port", "product")}}
     insertion, header = dpm.put(names, request.payload, request.encoding, request.attachment)
     return Reply.of({"id": header.id, "result": str(insertion)})
+
+
+def update(dpm: Dpm, request: Request) -> Reply:
+    """Change what is said of a product, made from revision ``if_match``; without a body what is said, with history."""
+    p = request.parameters
+    check_names(p, frozenset({"id", "if_match", "author", "robot", "request"}), frozenset({"id"}))
+    if not request.payload:
+        dpm.store.get(p["id"])
+        history = dpm.store.annotations.history(p["id"])
+        return Reply.of({"id": p["id"], "revisions": [a.to_dict() for a in history]})
+    body = request.body()
+    if not isinstance(body, Mapping):
+        raise InputError(f"update: a {type(body).__name__}, expected a map")
+    author = p.get("author") or f"{request.scope}/rpc"
+    return Reply.of({"id": p["id"], **dpm.update(p["id"], body, revision_of(p.get("if_match")), author).to_dict()})
 
 
 def delete(dpm: Dpm, request: Request) -> Reply:

@@ -11,7 +11,7 @@ from fastapi import FastAPI
 from services.dpm.http import problems
 from services.dpm.http.context import Context
 from services.dpm.http.guard import Guard
-from services.dpm.http.routes import frames, maps, page, products, requests, robots, status
+from services.dpm.http.routes import annotations, frames, maps, page, products, requests, robots, status
 
 
 def create_app(context: Context) -> FastAPI:
@@ -30,7 +30,7 @@ def openapi() -> dict[str, Any]:
 
 def _routed() -> FastAPI:
     app = FastAPI(title="CDFF Data Product Manager", version="1", docs_url=None, redoc_url=None)
-    for module in (products, robots, frames, maps, requests, status):
+    for module in (products, annotations, robots, frames, maps, requests, status):
         app.include_router(module.router, responses=problems.RESPONSES)
     app.include_router(page.router)
     return app

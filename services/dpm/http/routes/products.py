@@ -13,7 +13,7 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from cdff_common.errors import InputError
-from dpm_store import Insertion, ProductRecord
+from dpm_store import Annotation, Insertion, ProductRecord
 from services.dpm.convert import Converted, convert, formats_of
 from services.dpm.http.context import Context, Ctx, jsonable
 from services.dpm.http.ranges import parse_range
@@ -80,10 +80,13 @@ async def insert(
 
 
 @router.get("/{product_id}")
-def metadata(context: Ctx, product_id: str) -> dict[str, Any]:
-    """Metadata of one product, with the formats its payload can be had in."""
+def metadata(context: Ctx, product_id: str, response: Response) -> dict[str, Any]:
+    """Metadata of one product, the formats its payload can be had in, and what is said of it; ``ETag`` its revision."""
     record = context.dpm.store.get(product_id)
-    return described(record) | {"formats": list(formats_of(record.type_name))}
+    annotation = context.dpm.store.annotations.get(product_id)
+    response.headers["ETag"] = etag(annotation)
+    said: dict[str, Any] = jsonable({"annotation": annotation.to_dict()})
+    return described(record) | {"formats": list(formats_of(record.type_name))} | said
 
 
 @router.delete("/{product_id}")
@@ -149,6 +152,11 @@ def described(record: ProductRecord) -> dict[str, Any]:
     links = {"self": base, "payload": f"{base}/payload", "thumbnail": f"{base}/thumbnail.png"}
     data: dict[str, Any] = jsonable(record.to_dict())
     return data | {"links": links}
+
+
+def etag(annotation: Annotation) -> str:
+    """ETag of a product's metadata: the header never changes, the annotation by revisions."""
+    return f'"r{annotation.revision}"'
 
 
 def header_attachment(text: str) -> bytes:
