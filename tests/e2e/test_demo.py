@@ -48,14 +48,17 @@ def test_the_same_chain_answers_on_a_real_drive(real_data: Callable[[str], Path]
 
 
 def test_ctrl_c_ends_every_process_within_five_seconds(traverse: Path) -> None:
-    process = demo()
-    assert process.stdout is not None
-    ready = (re.search(r"(\d+) of (\d+) ready", line) for line in process.stdout)
-    assert any(match and match[1] == match[2] for match in ready)
-    family = psutil.Process(process.pid).children(recursive=True)
-    assert len(family) > 8
-    process.send_signal(signal.SIGINT)
-    process.wait(5.0)
+    with demo() as process:  # closes the pipe and waits, whatever happens
+        assert process.stdout is not None
+        try:
+            ready = (re.search(r"(\d+) of (\d+) ready", line) for line in process.stdout)
+            assert any(match and match[1] == match[2] for match in ready)
+            family = psutil.Process(process.pid).children(recursive=True)
+            assert len(family) > 8
+            process.send_signal(signal.SIGINT)
+            process.wait(5.0)
+        finally:
+            process.kill()
     left = [p for p in family if p.is_running() and p.status() != psutil.STATUS_ZOMBIE]
     assert not left, [p.cmdline() for p in left]
 
