@@ -10,7 +10,10 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -40,6 +43,26 @@ def _split(text: str, what: str) -> tuple[str, int]:
     if not host or not port.isdigit():
         raise ConfigurationError(f"{what} {text!r}: expected host:port")
     return host, int(port)
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Put off Ctrl-C and SIGTERM until the block is done: a process just started must be known before we give up.
+
+    Signals are put off by handlers, not by a mask, which the process would inherit. Only the main thread is interrupted.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before = {n: signal.signal(n, lambda number, _frame: came.append(number)) for n in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if came:
+            raise KeyboardInterrupt
 
 
 @dataclass(slots=True)
@@ -162,7 +185,7 @@ class Stage:
             "CDFF_PROFILE": str(self.profile_path.resolve()),
             "CDFF_SUPERVISOR": str(os.getpid()),
         }
-        with (self.log_dir / f"{arguments[0]}.log").open("ab") as output:
+        with (self.log_dir / f"{arguments[0]}.log").open("ab") as output, uninterrupted():
             self._processes[arguments[0]] = subprocess.Popen(
                 [sys.executable, "-m", "cdff_common.cli", *arguments],
                 env=environment,
