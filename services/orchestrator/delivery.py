@@ -94,7 +94,7 @@ class Delivery:
         if moved_by is not None and moved_by.covariance is not None:
             what["frame_covariance"] = moved_by.covariance.tolist()
         extra = {"robot": robot, "job": job, "request": request.id, "final": True, "delivered": what}
-        payload, encoding = _inline(request, t)
+        payload, encoding = _inline(request, t, found)
         if payload is not None:
             digest = {"sha256": hashlib.sha256(payload).hexdigest()}
             return Reply(payload, encoding, {**header.to_dict(), **digest, "kind": "product", **extra})
@@ -132,17 +132,25 @@ class Delivery:
         return header
 
 
-def _inline(request: ProductRequest, t: Translated) -> tuple[bytes | None, str]:
+def _inline(request: ProductRequest, t: Translated, found: Found) -> tuple[bytes | None, str]:
     """The payload and its encoding, None where it goes by reference."""
     if request.deliver == "reference" or t.type_name == _TOO_LARGE:
         return None, ""
     try:
-        payload, encoding = encoded(t.value, t.type_name, request.format)
+        if request.format in CODECS and t.value is found.value and _as_it_came(request, t, found):
+            payload, encoding = found.payload, found.encoding
+        else:
+            payload, encoding = encoded(t.value, t.type_name, request.format)
     except UnavailableError:
         if request.deliver == "inline":
             raise
         return None, ""  # the DPM writes the file
     return (None if len(payload) > INLINE_BYTES and request.deliver == "auto" else payload), encoding
+
+
+def _as_it_came(request: ProductRequest, t: Translated, found: Found) -> bool:
+    """Whether the bytes the value came as are those asked for."""
+    return bool(found.payload) and found.encoding == encoding_string(wire_type(t.value), request.format)
 
 
 def translated(request: ProductRequest, found: Found, lookup: Lookup) -> Translated:

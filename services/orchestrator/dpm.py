@@ -29,13 +29,15 @@ DERIVED_DFPC = "orchestrator"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stored:
-    """A product of the DPM: header, where it comes from, and its value."""
+    """A product of the DPM: header, where it comes from, its value, and the bytes it came as."""
 
     header: Header
     robot: str
     value: Any
     type_name: str
     manifest: Mapping[str, Any]
+    payload: bytes = b""
+    encoding: str = ""
 
 
 class Dpm:
@@ -122,4 +124,4 @@ def _stored(payload: bytes, encoding: str, attachment: Mapping[str, Any], robot:
     header = Header.from_dict(attachment)
     type_name, codec = parse_encoding(encoding)
     owner = str(attachment.get("robot") or robot)
-    return Stored(header, owner, decode(type_name, payload, codec), type_name, attachment)
+    return Stored(header, owner, decode(type_name, payload, codec), type_name, attachment, payload, encoding)

@@ -50,6 +50,8 @@ class Found:
         Whose measurements were asked for; empty for all.
     moved_by : UncertainTransform or None
         What the newest part was moved by into ``frame``, where it was.
+    payload, encoding
+        The bytes that the value came as, where it is a stored product as it is.
     """
 
     candidate: Candidate
@@ -61,6 +63,8 @@ class Found:
     region: Region | None = None
     robots: tuple[str, ...] = ()
     moved_by: UncertainTransform | None = None
+    payload: bytes = b""
+    encoding: str = ""
 
 
 class Finder:
@@ -270,7 +274,16 @@ class Finder:
     def _whole(self, stored: Stored) -> Found:
         h = stored.header
         candidate = self._candidate([h], stored.robot, None, h.resolution_m)
-        return Found(candidate, (h,), stored.value, h.frame, h.child, whole=True)
+        return Found(
+            candidate,
+            (h,),
+            stored.value,
+            h.frame,
+            h.child,
+            whole=True,
+            payload=stored.payload,
+            encoding=stored.encoding,
+        )
 
     def _window(self, stored: Stored, region: Region | None, robot: str) -> Found:
         robots = () if robot == "any" else (robot,)

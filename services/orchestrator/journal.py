@@ -38,13 +38,18 @@ class Journal:
         except OSError as error:
             raise StorageError(f"journal {path}: {error}") from error
 
-    def append(self, kind: str, **record: Any) -> None:
-        """Add a record and return once it is on the disk; raises StorageError."""
+    def append(self, kind: str, *, durable: bool = True, **record: Any) -> None:
+        """Add a record, in order, and return once it is on the disk; raises StorageError.
+
+        One that is not ``durable`` survives the end of this process but not the loss of power: for what no action
+        outside relies on, as a request's way through its states.
+        """
         line = json.dumps({"at_ns": wall_ns(), "kind": kind, **record}, default=str, separators=(",", ":"))
         with self._lock:
             try:
                 self._file.write(line.encode() + b"\n")
-                os.fsync(self._file.fileno())
+                if durable:
+                    os.fsync(self._file.fileno())
             except (OSError, ValueError) as error:
                 raise StorageError(f"journal {self._path}: {error}") from error
 
