@@ -49,7 +49,7 @@ def _split(text: str, what: str) -> tuple[str, int]:
 def uninterrupted() -> Iterator[None]:
     """Put off Ctrl-C and SIGTERM until the block is done: a process just started must be known before we give up.
 
-    Signals are put off by handlers, not by a mask, which the process would inherit. Only the main thread is interrupted.
+    Put off by handlers, not by a mask, which the process would inherit. Only the main thread is interrupted.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

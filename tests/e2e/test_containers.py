@@ -127,10 +127,6 @@ def test_a_killed_service_is_restarted_and_products_survive(composed: Composed) 
 @pytest.mark.parametrize("service", ["router", "dpm", "orchestrator", "icu"])
 def test_light_images_carry_no_algorithms(composed: Composed, service: str) -> None:
     code = "import importlib.util as u; print(any(u.find_spec(m) for m in ('open3d', 'cv2', 'cdff_dev')))"
-    done = subprocess.run(
-        ["docker", "exec", composed.container(service), "python", "-c", code],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    command = ["docker", "exec", composed.container(service), "python", "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
