@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import msgpack
-from sqlalchemy import Connection, Row, insert, select
+from sqlalchemy import ColumnElement, Connection, Row, func, insert, select
 
 from cdff_common.clock import Clock
 from cdff_common.errors import ConflictError, InputError, ProductNotFoundError
@@ -169,6 +169,30 @@ def is_pinned(connection: Connection, product_id: str) -> bool:
     """Tell whether a product is pinned."""
     p = schema.pins.c.product_id
     return connection.execute(select(p).where(p == product_id)).first() is not None
+
+
+def carries(product_id: ColumnElement[str], tag: str, as_of_ns: int | None = None) -> ColumnElement[bool]:
+    """Condition that a product has a tag, or had it at ``as_of_ns``."""
+    if as_of_ns is None:
+        t = schema.product_tags.c
+        return product_id.in_(select(t.product_id).where(t.tag == tag))
+    # a tag has neither quotes nor backslashes, so that in the JSON list it is found as it is written
+    return _held_at(product_id, as_of_ns, schema.annotation_revisions.c.tags.contains(f'"{tag}"', autoescape=True))
+
+
+def has_successor(product_id: ColumnElement[str], as_of_ns: int | None = None) -> ColumnElement[bool]:
+    """Condition that a product is superseded, or was at ``as_of_ns``."""
+    if as_of_ns is None:
+        return product_id.in_(select(schema.supersessions.c.product_id))
+    return _held_at(product_id, as_of_ns, schema.annotation_revisions.c.superseded_by.is_not(None))
+
+
+def _held_at(product_id: ColumnElement[str], as_of_ns: int, condition: ColumnElement[bool]) -> ColumnElement[bool]:
+    """Condition on the last revision that was known at a time."""
+    a, later = schema.annotation_revisions.c, schema.annotation_revisions.alias()
+    last = select(func.max(later.c.revision)).where(later.c.product_id == a.product_id, later.c.stamp_ns <= as_of_ns)
+    of_product = select(a.product_id).where(a.revision == last.scalar_subquery(), condition)
+    return product_id.in_(of_product)
 
 
 def _enter(connection: Connection, new: Annotation) -> None:

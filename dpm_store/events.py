@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,8 @@ from cdff_common.errors import InputError
 from dpm_store import schema
 from dpm_store.database import Database
 
+#: Kinds that say that what the store holds has changed; the others are history only.
+CHANGES = ("inserted", "updated", "deleted", "purged", "reanchored")
 _MAX_BODY_BYTES = 1 << 16
 
 
@@ -71,12 +73,14 @@ class EventTable:
         ordinal: int = connection.execute(insert(schema.events).returning(schema.events.c.ordinal), row).scalar_one()
         return Event(ordinal, stamp, scope, kind, dict(body))
 
-    def since(self, ordinal: int = 0, *, kind: str | None = None, limit: int = 1000) -> tuple[Event, ...]:
-        """Events after an ordinal, in order."""
+    def since(
+        self, ordinal: int = 0, *, kind: str | Sequence[str] | None = None, limit: int = 1000
+    ) -> tuple[Event, ...]:
+        """Events after an ordinal, in order; of one kind or of several where asked."""
         e = schema.events.c
         statement = select(schema.events).where(e.ordinal > ordinal)
         if kind is not None:
-            statement = statement.where(e.kind == kind)
+            statement = statement.where(e.kind.in_([kind] if isinstance(kind, str) else list(kind)))
         with self._database.read() as connection:
             rows = connection.execute(statement.order_by(e.ordinal).limit(limit)).all()
         return tuple(Event(r.ordinal, r.stamp_ns, r.scope, r.kind, msgpack.unpackb(r.body)) for r in rows)

@@ -104,7 +104,14 @@ class Query:
     resolution_max_m : float or None
         Cells or voxels no larger than this.
     inserted_after : int or None
-        Ordinal: changes since.
+        Ordinal: inserted since.
+    tags : tuple of str
+        All of these.
+    as_of_ns : int or None
+        What the store knew at this mission time: products that were there then (also ones deleted since), frames and
+        tags as they were then. Poses that went with a deleted product are not.
+    superseded : bool or None
+        Only ones with, or without, a successor; None for all.
     oldest_first : bool
         Else newest end of capture first.
     limit : int
@@ -125,6 +132,9 @@ class Query:
     child: str | None = None
     resolution_max_m: float | None = None
     inserted_after: int | None = None
+    tags: tuple[str, ...] = ()
+    as_of_ns: int | None = None
+    superseded: bool | None = None
     oldest_first: bool = False
     limit: int = 100
     cursor: str | None = None

@@ -17,13 +17,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import Connection, distinct, or_, select, tuple_
+from sqlalchemy import Connection, and_, distinct, or_, select, tuple_
 
 from cdff_common.clock import NS_PER_S
 from cdff_common.errors import FrameNotFoundError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.geometry.region import Region
 from dpm_store import schema, sqlite
+from dpm_store.annotations import carries, has_successor
 from dpm_store.database import Database
 from dpm_store.frames import IDENTITY, FrameTable
 from dpm_store.poses import PoseTable
@@ -79,7 +80,7 @@ class Search:
         return region.resolved(float(T.matrix[0, 3]), float(T.matrix[1, 3]))
 
     def _run_spatial(self, connection: Connection, query: Query, region: Region) -> Page:
-        transforms, unplaced = self._placed_frames(connection, query.frame)
+        transforms, unplaced = self._placed_frames(connection, query.frame, query.as_of_ns)
         if self._epoch_ns is None:  # set by the first product, and never changed
             self._epoch_ns = self._products.epoch_ns(connection)
         epoch = self._epoch_ns
@@ -97,6 +98,9 @@ class Search:
                 subquery, bound = sqlite.candidates(ordinal, bounds, t_s, f"f{ordinal}_")
                 subqueries.append(schema.products.c.ordinal.in_(subquery))
                 values |= bound
+        if query.as_of_ns is not None:  # the index has none that were deleted since: their rows are compared
+            p = schema.products.c
+            subqueries.append(and_(p.deleted_ns.is_not(None), p.xmin_m.is_not(None), p.frame.in_(transforms)))
         if not subqueries:
             return Page((), None, unplaced)
         found: list[ProductRecord] = []
@@ -119,14 +123,14 @@ class Search:
         return connection.execute(statement, values).all()
 
     def _placed_frames(
-        self, connection: Connection, frame: str
+        self, connection: Connection, frame: str, as_of_ns: int | None
     ) -> tuple[dict[str, tuple[int, UncertainTransform]], tuple[str, ...]]:
         """Frames that hold products: ordinal and ``T_query_frame`` of those that can be placed; names of the rest."""
         placed: dict[str, tuple[int, UncertainTransform]] = {}
         unplaced = []
         for row in connection.execute(select(schema.frame_names).order_by(schema.frame_names.c.frame)):
             try:
-                placed[row.frame] = (row.ordinal, self._frames.lookup_in(connection, frame, row.frame))
+                placed[row.frame] = (row.ordinal, self._frames.lookup_in(connection, frame, row.frame, None, as_of_ns))
             except FrameNotFoundError:
                 unplaced.append(row.frame)
         return placed, tuple(unplaced)
@@ -160,6 +164,13 @@ def types_present(connection: Connection) -> list[str]:
 def _conditions(query: Query) -> list[Any]:
     p = schema.products.c
     found: list[Any] = [p.deleted_ns.is_(None)]
+    if query.as_of_ns is not None:
+        known = query.as_of_ns
+        found = [p.inserted_ns <= known, or_(p.deleted_ns.is_(None), p.deleted_ns > known)]
+    found += [carries(p.id, tag, query.as_of_ns) for tag in query.tags]
+    if query.superseded is not None:
+        has = has_successor(p.id, query.as_of_ns)
+        found.append(has if query.superseded else ~has)
     if query.types:
         found.append(p.product.in_(query.types))
     wanted = {name: getattr(query, name) for name in ("robot", "dfpc", "port", "status", "child", "config_hash")}

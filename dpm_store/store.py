@@ -21,6 +21,7 @@ from dpm_store.maps import Maps
 from dpm_store.migrate import migrate
 from dpm_store.poses import PoseTable
 from dpm_store.products import ProductTable
+from dpm_store.provenance import MAX_GENERATIONS, Lineage, lineage
 from dpm_store.records import Insertion, Page, ProductRecord, Query
 from dpm_store.search import Search
 
@@ -120,6 +121,10 @@ class Store:
     def delete(self, product_id: str) -> bool:
         """Leave a tombstone. See ``ProductTable.delete``."""
         return self._products.delete(product_id)
+
+    def lineage(self, product_id: str, direction: str = "up", depth: int = MAX_GENERATIONS) -> Lineage:
+        """What a product was made from, or what was made from it. See ``provenance.lineage``."""
+        return lineage(self._database, product_id, direction, depth)
 
     def verify(self) -> tuple[Problem, ...]:
         """Look at everything that is stored; what was found wrong, empty when sound."""

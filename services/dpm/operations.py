@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,14 +18,16 @@ from cdff_common.errors import CodecError, InputError, ProductNotFoundError, Una
 from cdff_common.geometry import checked_frame
 from cdff_common.interfaces.product import Header, Status
 from dpm_store import Annotation, Event, Insertion, Page, ProductRecord, Query, Store
+from dpm_store.events import CHANGES
 from dpm_store.maps import DERIVED_DFPC, DERIVED_PORT, ElevationWindow
+from dpm_store.provenance import MAX_GENERATIONS
 from services.dpm.convert import Converted, convert
 from services.dpm.parameters import PRODUCT_TYPES, WindowRequest, transform_of
 
 logger = logging.getLogger(__name__)
 
 #: Events that this process makes and publishes; others it only keeps.
-OWN_EVENTS = frozenset({"inserted", "updated", "deleted", "purged", "reanchored"})
+OWN_EVENTS = frozenset(CHANGES)
 #: Answers larger than this are handed over by reference where the asker leaves it open (contract §5).
 INLINE_BYTES = 1_000_000
 #: Payloads up to this size are decoded before they are stored, so that what cannot be read is refused.
@@ -237,9 +239,34 @@ class Dpm:
         self._tell()
         return revision.to_dict()
 
-    def frames(self) -> list[dict[str, Any]]:
-        """The last revision of every fixed frame."""
-        return [revision.to_dict() for revision in self.store.frames.current()]
+    def frames(self, as_of_ns: int | None = None) -> list[dict[str, Any]]:
+        """The last revision of every fixed frame, as known at ``as_of_ns``."""
+        return [revision.to_dict() for revision in self.store.frames.current(as_of_ns)]
+
+    def changes(self, since: int, limit: int = 1000, kinds: Sequence[str] = CHANGES) -> dict[str, Any]:
+        """What has changed after an event's ordinal; ``next`` is where to go on, itself where nothing has."""
+        if not set(kinds) <= set(CHANGES) or not kinds:
+            raise InputError(f"kind={','.join(kinds)[:80]!r}: expected some of {', '.join(CHANGES)}")
+        events = self.store.events.since(since, kind=kinds, limit=limit)
+        items = [
+            {**e.body, "ordinal": e.ordinal, "stamp_ns": e.stamp_ns, "scope": e.scope, "kind": e.kind} for e in events
+        ]
+        return {"items": items, "next": events[-1].ordinal if events else since, "more": len(events) == limit}
+
+    def provenance(self, product_id: str, direction: str = "up", depth: int = MAX_GENERATIONS) -> dict[str, Any]:
+        """What a product was made from, or what was made from it, as plain data."""
+        found = self.store.lineage(product_id, direction, depth)
+        items = []
+        for generation, ids in enumerate(found.generations, 1):
+            for i in ids:
+                record = found.records.get(i)
+                known = {"known": False} if record is None else {"known": True, **_summary(record)}
+                items.append({"id": i, "generation": generation, **known})
+        links = [{"product": made, "input": used} for made, used in found.links]
+        return {
+            "id": product_id, "direction": str(found.direction), "items": items, "links": links,
+            "truncated": found.truncated,
+        }  # fmt: skip
 
     def status(self) -> dict[str, Any]:
         """Counts and sizes, as plain data."""
@@ -291,6 +318,15 @@ class Dpm:
             for event in events:
                 for listener in self._listeners:
                     listener(event)
+
+
+def _summary(record: ProductRecord) -> dict[str, Any]:
+    header = record.header
+    return {
+        "robot": record.robot, "dfpc": record.dfpc, "port": record.port, "product": record.product,
+        "t0_ns": header.t0_ns, "t1_ns": header.t1_ns, "producer": header.producer, "config_hash": header.config_hash,
+        "status": str(header.quality.status), "deleted_ns": record.deleted_ns,
+    }  # fmt: skip
 
 
 def _with_box(header: Header, extent: Any) -> Header:

@@ -28,7 +28,7 @@ PRODUCT_TYPES: dict[str, str | None] = {
 }  # fmt: skip
 SEARCH = frozenset(
     {"type", "robot", "dfpc", "port", "status", "region", "frame", "region_frame", "child", "t0", "t1",
-     "resolution_max_m", "after", "order", "limit", "cursor", "request"}
+     "resolution_max_m", "after", "tag", "as_of", "superseded", "order", "limit", "cursor", "request"}
 )  # fmt: skip
 _ROBOT = re.compile(r"[a-z][a-z0-9_]{0,63}\Z")
 
@@ -100,10 +100,20 @@ def search_query(scope: str, parameters: Mapping[str, str]) -> Query:
         child=p.get("child"),
         resolution_max_m=number(p, "resolution_max_m", low=0.0),
         inserted_after=integer(p, "after", low=0),
+        tags=tuple(t for t in p.get("tag", "").split(",") if t),
+        as_of_ns=stamp(p, "as_of"),
+        superseded=_superseded(p),
         oldest_first=order == "oldest",
         limit=integer(p, "limit", low=1, high=1000) or 100,
         cursor=p.get("cursor"),
     )
+
+
+def _superseded(parameters: Mapping[str, str]) -> bool | None:
+    wanted = parameters.get("superseded", "include")
+    if wanted not in ("include", "exclude", "only"):
+        raise InputError(f"superseded={wanted[:80]!r}: expected include, exclude or only")
+    return {"include": None, "exclude": False, "only": True}[wanted]
 
 
 def window_request(scope: str, p: Mapping[str, str], now_ns: int) -> WindowRequest:

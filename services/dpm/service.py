@@ -13,6 +13,8 @@ from cdff_common.bus import Bus, Qos, Reply, Request, keys
 from cdff_common.codecs.encoding import encoding_string
 from cdff_common.errors import InputError
 from dpm_store import Event
+from dpm_store.events import CHANGES
+from dpm_store.provenance import MAX_GENERATIONS
 from services.dpm.operations import OWN_EVENTS, Answer, Dpm
 from services.dpm.parameters import (
     GROUND,
@@ -45,7 +47,7 @@ def serve(bus: Bus, dpm: Dpm, robots: Sequence[str]) -> None:
     """Declare everything on the bus, the liveliness tokens last; events go out from then on."""
     handlers: dict[str, Callable[[Dpm, Request], Reply]] = {
         "search": search, "get": get, "put": put, "update": update, "delete": delete, "pose": pose,
-        "frames": frames, "stat": stat,
+        "frames": frames, "stat": stat, "changes": changes, "provenance": provenance,
     }  # fmt: skip
     scopes = [*robots, GROUND]
     dpm.listen(functools.partial(_publish, bus))
@@ -137,7 +139,7 @@ def pose(dpm: Dpm, request: Request) -> Reply:
 def frames(dpm: Dpm, request: Request) -> Reply:
     """Without a body the frames there are, ``frame=`` its revisions; with a MessagePack body a new revision."""
     p = request.parameters
-    check_names(p, frozenset({"frame", "robot", "request"}))
+    check_names(p, frozenset({"frame", "as_of", "robot", "request"}))
     if request.payload:
         body = request.body()
         if not isinstance(body, Mapping):
@@ -145,7 +147,24 @@ def frames(dpm: Dpm, request: Request) -> Reply:
         return Reply.of(dpm.set_frame(body, producer=f"{request.scope}/rpc"))
     if "frame" in p:
         return Reply.of({"revisions": [r.to_dict() for r in dpm.store.frames.revisions(p["frame"])]})
-    return Reply.of({"frames": dpm.frames()})
+    return Reply.of({"frames": dpm.frames(stamp(p, "as_of"))})
+
+
+def changes(dpm: Dpm, request: Request) -> Reply:
+    """What has changed after event ``since``: ``{items, next, more}``."""
+    p = request.parameters
+    check_names(p, frozenset({"since", "kind", "limit", "robot", "request"}))
+    limit = integer(p, "limit", low=1, high=1000) or 1000
+    kinds = tuple(p["kind"].split(",")) if "kind" in p else CHANGES
+    return Reply.of(dpm.changes(integer(p, "since") or 0, limit, kinds))
+
+
+def provenance(dpm: Dpm, request: Request) -> Reply:
+    """What a product was made from (``direction=up``), or what was made from it (``down``)."""
+    p = request.parameters
+    check_names(p, frozenset({"id", "direction", "depth", "robot", "request"}), frozenset({"id"}))
+    depth = integer(p, "depth", low=1, high=MAX_GENERATIONS) or MAX_GENERATIONS
+    return Reply.of(dpm.provenance(p["id"], p.get("direction", "up"), depth))
 
 
 def stat(dpm: Dpm, request: Request) -> Reply:

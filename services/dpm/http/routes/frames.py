@@ -36,14 +36,15 @@ class Revision(BaseModel):
 
 
 @router.get("/frames")
-def frames(context: Ctx) -> dict[str, Any]:
-    """The last revision of every fixed frame, and the spans that moving ones are known in."""
+def frames(context: Ctx, as_of: Stamp = None) -> dict[str, Any]:
+    """The last revision of every fixed frame (as known at ``as_of``), and the spans that moving ones are known in."""
+    known_ns = None if as_of is None else parse_stamp(as_of, "as_of")
     tracks = [
         {"parent": t.parent, "child": t.child, "source": t.source, "robot": t.robot, "t0_ns": t.t0_ns,
          "t1_ns": t.t1_ns, "count": t.count}
         for t in context.dpm.store.poses.tracks()
     ]  # fmt: skip
-    return {"items": jsonable(context.dpm.frames()), "tracks": jsonable(tracks)}
+    return {"items": jsonable(context.dpm.frames(known_ns)), "tracks": jsonable(tracks)}
 
 
 @router.get("/frames/{frame:path}/revisions")

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
 
 import msgpack
@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from cdff_common.errors import InputError
 from dpm_store import Annotation, Insertion, ProductRecord
+from dpm_store.provenance import MAX_GENERATIONS
 from services.dpm.convert import Converted, convert, formats_of
 from services.dpm.http.context import Context, Ctx, jsonable
 from services.dpm.http.ranges import parse_range
@@ -43,7 +44,10 @@ class SearchParameters(BaseModel):
     t0: Text = Field(None, description="Captures that end at or after this: nanoseconds or RFC 3339")
     t1: Text = Field(None, description="Captures that begin at or before this")
     resolution_max_m: Text = Field(None, description="Cells or voxels no larger than this, metres")
-    after: Text = Field(None, description="Inserted after this ordinal: changes since")
+    after: Text = Field(None, description="Inserted after this ordinal")
+    tag: Text = Field(None, description="Carries this tag; all of several with commas")
+    as_of: Text = Field(None, description="What the store knew then: nanoseconds or RFC 3339")
+    superseded: Text = Field(None, description="include (default), exclude or only products with a successor")
     order: Text = Field(None, description="newest (default) or oldest end of capture first")
     limit: Text = Field(None, description="Of the page, 1 to 1000, default 100")
     cursor: Text = Field(None, description="Of the page before")
@@ -87,6 +91,16 @@ def metadata(context: Ctx, product_id: str, response: Response) -> dict[str, Any
     response.headers["ETag"] = etag(annotation)
     said: dict[str, Any] = jsonable({"annotation": annotation.to_dict()})
     return described(record) | {"formats": list(formats_of(record.type_name))} | said
+
+
+@router.get("/{product_id}/provenance")
+def provenance(
+    context: Ctx, product_id: str, direction: Literal["up", "down"] = "up",
+    depth: Annotated[int, Query(ge=1, le=MAX_GENERATIONS)] = MAX_GENERATIONS,
+) -> dict[str, Any]:  # fmt: skip
+    """What a product was made from (up), or what was made from it (down), through all generations."""
+    data: dict[str, Any] = jsonable(context.dpm.provenance(product_id, direction, depth))
+    return data
 
 
 @router.delete("/{product_id}")

@@ -10,10 +10,11 @@ import json
 from collections.abc import AsyncIterator
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Request
+from fastapi import APIRouter, Header, Query, Request
 from fastapi.responses import PlainTextResponse, StreamingResponse
 
 from dpm_store import Event
+from dpm_store.events import CHANGES
 from services.dpm.http.context import Context, Ctx, jsonable
 
 router = APIRouter(tags=["status"])
@@ -55,6 +56,17 @@ def metrics(context: Ctx) -> PlainTextResponse:
     lines += ["# TYPE cdff_dpm_operations_total counter"]
     lines += [f'cdff_dpm_operations_total{{operation="{name}"}} {n}' for name, n in sorted(s["counters"].items())]
     return PlainTextResponse("\n".join(lines) + "\n", media_type="text/plain; version=0.0.4")
+
+
+@router.get("/api/v1/changes")
+def changes(
+    context: Ctx, since: Annotated[int, Query(ge=0, le=2**62)] = 0, limit: Annotated[int, Query(ge=1, le=1000)] = 1000,
+    kind: Annotated[str | None, Query(max_length=100, description=f"Some of {', '.join(CHANGES)}")] = None,
+) -> dict[str, Any]:  # fmt: skip
+    """What has changed in products and frames after an event's ordinal; go on from ``next``."""
+    kinds = CHANGES if kind is None else tuple(kind.split(","))
+    data: dict[str, Any] = jsonable(context.dpm.changes(since, limit, kinds))
+    return data
 
 
 @router.get("/api/v1/events", response_class=StreamingResponse)

@@ -1,0 +1,72 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Changes since, as-of and provenance, over HTTP and over the bus."""
+
+from collections.abc import Callable
+
+import msgpack
+import pytest
+from fastapi.testclient import TestClient
+
+from cdff_common.clock import ManualClock
+from cdff_common.errors import InputError
+from services.dpm import service
+from services.dpm.operations import Dpm
+
+from .conftest import S, cloud, parcel
+from .test_annotations import asked
+
+Filled = Callable[[str], str]
+
+
+@pytest.mark.req("CDFF-SUP-031")
+def test_changes_are_given_once_from_where_one_left_off(http: TestClient, dpm: Dpm, filled: Filled) -> None:
+    first = http.get("/api/v1/changes", params={"limit": 3}).json()
+    assert [item["kind"] for item in first["items"]] == ["inserted"] * 3
+    assert first["more"]
+    dpm.update(filled("dem"), {"tags": ["a"]}, 0)
+    dpm.delete(filled("pose"))
+    dpm.record("mana", "alarm", {"what": "not a change of the store"})
+    second = http.get("/api/v1/changes", params={"since": first["next"]}).json()
+    assert [item["kind"] for item in second["items"]] == ["inserted", "updated", "deleted"]
+    assert not second["more"]
+    third = http.get("/api/v1/changes", params={"since": second["next"]}).json()
+    assert (third["items"], third["next"]) == ([], second["next"])
+    only = msgpack.unpackb(service.changes(dpm, asked("changes", since="0", kind="deleted")).payload)
+    assert [item["id"] for item in only["items"]] == [filled("pose")]
+
+
+def test_changes_of_another_kind_are_refused(http: TestClient, dpm: Dpm) -> None:
+    assert http.get("/api/v1/changes", params={"kind": "alarm"}).status_code == 422
+    with pytest.raises(InputError, match="since"):
+        service.changes(dpm, asked("changes", since="yesterday"))
+
+
+def test_an_earlier_state_is_found_over_http(http: TestClient, dpm: Dpm, filled: Filled, clock: ManualClock) -> None:
+    then_ns = clock.now_ns()
+    clock.set_ns(then_ns + S)
+    dpm.delete(filled("dem"))
+    for asked_then, count in (({"as_of": str(then_ns)}, 1), ({}, 0), ({"as_of": "1970-01-01T00:00:00Z"}, 0)):
+        found = http.get("/api/v1/products", params={"type": "dem", "region": "bbox:0,0,1,1"} | asked_then)
+        assert len(found.json()["items"]) == count, found.text
+    assert http.get("/api/v1/frames", params={"as_of": str(then_ns)}).json()["items"] == []
+    assert http.get("/api/v1/products", params={"superseded": "maybe"}).status_code == 422
+
+
+def test_products_are_found_by_tag(http: TestClient, dpm: Dpm, filled: Filled) -> None:
+    dpm.update(filled("dem"), {"tags": ["a", "b"]}, 0)
+    for tag, count in (("a", 1), ("a,b", 1), ("a,c", 0)):
+        assert len(http.get("/api/v1/products", params={"tag": tag}).json()["items"]) == count
+
+
+def test_provenance_goes_up_and_down(http: TestClient, dpm: Dpm, filled: Filled) -> None:
+    _, made = dpm.put(*parcel(cloud(), "pointcloud", 9, inputs=(filled("dem"), "sample")))
+    up = http.get(f"/api/v1/products/{made.id}/provenance").json()
+    assert {(item["id"], item["known"]) for item in up["items"]} == {(filled("dem"), True), ("sample", False)}
+    down = http.get(f"/api/v1/products/{filled('dem')}/provenance", params={"direction": "down"}).json()
+    assert [(item["id"], item["generation"], item["product"]) for item in down["items"]] == [(made.id, 1, "pointcloud")]
+    url = f"/api/v1/products/{made.id}/provenance"
+    assert http.get(url, params={"direction": "sideways"}).status_code == 422
+    assert http.get("/api/v1/products/none/provenance").status_code == 404
+    same = msgpack.unpackb(service.provenance(dpm, asked("provenance", id=made.id)).payload)
+    assert [item["id"] for item in same["items"]] == [item["id"] for item in up["items"]]
