@@ -18,7 +18,7 @@ from cdff_common.types.message import Message
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Asn1Bitstream(Message):
-    """What an ``Asn1Bitstream`` of the ASN.1 modules holds.
+    """An encoded message and its type.
 
     Attributes
     ----------

@@ -45,7 +45,7 @@ class Correspondence2D(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class CorrespondenceMap2D(Message):
-    """What a ``CorrespondenceMap2D`` of the ASN.1 modules holds.
+    """Pairs of points in two images.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class Correspondence3D(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class CorrespondenceMap3D(Message):
-    """What a ``CorrespondenceMap3D`` of the ASN.1 modules holds.
+    """Pairs of points in two clouds.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class VisualPointFeature2D(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class VisualPointFeatureVector2D(Message):
-    """What a ``VisualPointFeatureVector2D`` of the ASN.1 modules holds.
+    """Points of an image with descriptors.
 
     Attributes
     ----------
@@ -164,7 +164,7 @@ class VisualPointFeatureVector2D(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Point3DReference(Message):
-    """What a ``Point3DReference`` of the ASN.1 modules holds.
+    """A point by its number in a cloud.
 
     Attributes
     ----------
@@ -249,7 +249,7 @@ class VisualPointFeature3DType(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class VisualPointFeatureVector3D(Message):
-    """What a ``VisualPointFeatureVector3D`` of the ASN.1 modules holds.
+    """Points of a cloud with descriptors.
 
     Attributes
     ----------

@@ -34,7 +34,7 @@ class Array3DDepthT(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Array3D(Array3DExt):
-    """What an ``Array3D`` of the ASN.1 modules holds.
+    """Rows of pixels.
 
     Attributes
     ----------
@@ -164,7 +164,7 @@ class FrameStatusT(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class FrameMetadataT(Message):
-    """What a ``Frame-metadata-t`` of the ASN.1 modules holds.
+    """When and how an image was taken.
 
     Attributes
     ----------
@@ -233,7 +233,7 @@ class FrameCameraModelT(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class FrameIntrinsicT(Message):
-    """What a ``Frame-intrinsic-t`` of the ASN.1 modules holds.
+    """The camera's own geometry.
 
     Attributes
     ----------
@@ -272,7 +272,7 @@ class FrameIntrinsicT(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class FrameExtrinsicT(Message):
-    """What a ``Frame-extrinsic-t`` of the ASN.1 modules holds.
+    """Where the camera sat.
 
     Attributes
     ----------
@@ -345,7 +345,7 @@ class Frame(FrameExt):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class FramePair(FramePairExt):
-    """What a ``FramePair`` of the ASN.1 modules holds.
+    """Two images taken at the same time, left and right.
 
     Attributes
     ----------
@@ -380,7 +380,7 @@ class FrameCompressedModeT(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class CompressedFrame(Message):
-    """What a ``CompressedFrame`` of the ASN.1 modules holds.
+    """An image in a compressed file format.
 
     Attributes
     ----------

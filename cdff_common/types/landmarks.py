@@ -59,7 +59,7 @@ class LandmarkMapMetadata(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class LandmarkMapData(LandmarkMapDataExt):
-    """What a ``LandmarkMap-Data`` of the ASN.1 modules holds.
+    """Columns: one row for each landmark.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ class LandmarkMapData(LandmarkMapDataExt):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class LandmarkMap(LandmarkMapExt):
-    """What a ``LandmarkMap`` of the ASN.1 modules holds.
+    """Points that were seen again and again, in one frame.
 
     Attributes
     ----------
@@ -159,7 +159,7 @@ class KeyFrameMetadata(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class KeyFrameData(KeyFrameDataExt):
-    """What a ``KeyFrame-Data`` of the ASN.1 modules holds.
+    """Columns: one row for each key point.
 
     Attributes
     ----------

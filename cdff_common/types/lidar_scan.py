@@ -52,7 +52,7 @@ class LidarScanMetadata(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class LidarScanData(LidarScanDataExt):
-    """What a ``LidarScan-Data`` of the ASN.1 modules holds.
+    """Columns of one length: one row for each point.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class LidarScanData(LidarScanDataExt):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class LidarScan(LidarScanExt):
-    """What a ``LidarScan`` of the ASN.1 modules holds.
+    """A sweep; each point has its own time.
 
     Attributes
     ----------

@@ -82,7 +82,7 @@ class MapMetadataT(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Map(MapExt):
-    """What a ``Map`` of the ASN.1 modules holds.
+    """One layer in a frame, as InFuse knew it.
 
     Attributes
     ----------

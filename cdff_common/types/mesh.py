@@ -84,7 +84,7 @@ class MeshData(MeshDataExt):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Mesh(MeshExt):
-    """What a ``Mesh`` of the ASN.1 modules holds.
+    """A surface of triangles in one frame.
 
     Attributes
     ----------

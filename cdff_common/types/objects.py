@@ -22,7 +22,7 @@ from cdff_common.types.time import Time
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ObjectDetection(ObjectDetectionExt):
-    """What an ``ObjectDetection`` of the ASN.1 modules holds.
+    """One object in one measurement.
 
     Attributes
     ----------
@@ -160,7 +160,7 @@ class ObjectTrackMetadata(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ObjectTrackData(ObjectTrackDataExt):
-    """What an ``ObjectTrack-Data`` of the ASN.1 modules holds.
+    """Columns of one length: one row for each state.
 
     Attributes
     ----------
@@ -195,7 +195,7 @@ class ObjectTrackData(ObjectTrackDataExt):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ObjectTrack(ObjectTrackExt):
-    """What an ``ObjectTrack`` of the ASN.1 modules holds.
+    """One object over time.
 
     Attributes
     ----------

@@ -57,7 +57,7 @@ class Og2Region(Message):
 
 
 class Og2DeliverT(IntEnum):
-    """``OG2-deliver-t``."""
+    """How the product is to come."""
 
     DELIVER_AUTO = 0
     DELIVER_INLINE = 1
@@ -66,7 +66,7 @@ class Og2DeliverT(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Og2Request(Message):
-    """What an ``OG2-Request`` of the ASN.1 modules holds.
+    """A product as it is asked for.
 
     Attributes
     ----------
@@ -229,7 +229,7 @@ class Og2ErrorCodeT(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Og2Reply(Message):
-    """What an ``OG2-Reply`` of the ASN.1 modules holds.
+    """An answer to a request: progress, a product, its id, or an error.
 
     Attributes
     ----------

@@ -21,7 +21,7 @@ from cdff_common.types.time import Time
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PointCloudMetadata(Message):
-    """What a ``PointCloud-Metadata`` of the ASN.1 modules holds.
+    """Where and when a cloud was taken, and where its sensor sat.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class PointCloudMetadata(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PointCloudData(PointCloudDataExt):
-    """What a ``PointCloud-Data`` of the ASN.1 modules holds.
+    """Points, and what is known of each.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ class PointCloudData(PointCloudDataExt):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Pointcloud(PointcloudExt):
-    """What a ``Pointcloud`` of the ASN.1 modules holds.
+    """A cloud in one frame at one time.
 
     Attributes
     ----------

@@ -143,7 +143,7 @@ class TransformWithCovariance(TransformWithCovarianceExt):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Pose(PoseExt):
-    """What a ``Pose`` of the ASN.1 modules holds.
+    """Position and orientation without frames.
 
     Attributes
     ----------
@@ -338,7 +338,7 @@ class TwistWithCovarianceData(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class TwistWithCovariance(Message):
-    """What a ``TwistWithCovariance`` of the ASN.1 modules holds.
+    """Velocity, linear and angular.
 
     Attributes
     ----------
@@ -365,7 +365,7 @@ class TwistWithCovariance(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class BodyState(BodyStateExt):
-    """What a ``BodyState`` of the ASN.1 modules holds.
+    """Pose and velocity of a body.
 
     Attributes
     ----------
@@ -457,7 +457,7 @@ class RigidBodyState(RigidBodyStateExt):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RigidBodyAcceleration(Message):
-    """What a ``RigidBodyAcceleration`` of the ASN.1 modules holds.
+    """Acceleration of a body.
 
     Attributes
     ----------
@@ -491,7 +491,7 @@ class RigidBodyAcceleration(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Waypoint(WaypointExt):
-    """What a ``Waypoint`` of the ASN.1 modules holds.
+    """Where to go, and how close.
 
     Attributes
     ----------
@@ -522,7 +522,7 @@ class Waypoint(WaypointExt):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Trajectory(TrajectoryExt):
-    """What a ``Trajectory`` of the ASN.1 modules holds.
+    """A line to follow at a speed.
 
     Attributes
     ----------
@@ -545,7 +545,7 @@ class Trajectory(TrajectoryExt):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Path(PathExt):
-    """What a ``Path`` of the ASN.1 modules holds.
+    """Poses to pass one after the other.
 
     Attributes
     ----------

@@ -53,7 +53,7 @@ class PoseGraphMetadata(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PoseGraphVertices(PoseGraphVerticesExt):
-    """What a ``PoseGraph-Vertices`` of the ASN.1 modules holds.
+    """Columns of one length: one row for each vertex.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class PoseGraphVertices(PoseGraphVerticesExt):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PoseGraphEdges(PoseGraphEdgesExt):
-    """What a ``PoseGraph-Edges`` of the ASN.1 modules holds.
+    """Columns of one length: one row for each edge.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ class PoseGraphEdges(PoseGraphEdgesExt):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PoseGraph(PoseGraphExt):
-    """What a ``PoseGraph`` of the ASN.1 modules holds.
+    """Vertices, and edges between them.
 
     Attributes
     ----------

@@ -76,7 +76,7 @@ class PoseTrajectoryData(PoseTrajectoryDataExt):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PoseTrajectory(PoseTrajectoryExt):
-    """What a ``PoseTrajectory`` of the ASN.1 modules holds.
+    """Poses of one frame in another at rising times.
 
     Attributes
     ----------

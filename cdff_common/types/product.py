@@ -37,7 +37,7 @@ class ProductCovarianceKindT(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ProductMetricT(Message):
-    """What a ``Product-metric-t`` of the ASN.1 modules holds.
+    """A number that says how well it went.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class ProductQuality(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ProductMetadata(ProductMetadataExt):
-    """What a ``Product-Metadata`` of the ASN.1 modules holds.
+    """Who made a product, when, where, from what, and how far it can be trusted.
 
     Attributes
     ----------

@@ -39,7 +39,7 @@ class LaserRangeErrors(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class LaserScan(Message):
-    """What a ``LaserScan`` of the ASN.1 modules holds.
+    """One line of ranges.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ class DepthMeasurementState(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class DepthMap(Message):
-    """What a ``DepthMap`` of the ASN.1 modules holds.
+    """Ranges over two angles.
 
     Attributes
     ----------

@@ -89,7 +89,7 @@ class DfpcStateT(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class DfpcStatus(Message):
-    """What a ``DFPC-Status`` of the ASN.1 modules holds.
+    """What a DFPC says of itself.
 
     Attributes
     ----------
@@ -162,7 +162,7 @@ class DfpcStatus(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Event(Message):
-    """What an ``Event`` of the ASN.1 modules holds.
+    """Something that happened.
 
     Attributes
     ----------

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cdff_common.codecs import CODECS, decode, encode, reference, uper
+from cdff_common.codecs import CODECS, decode, encode, reference, sizes, uper
 from cdff_common.codecs.plain import from_plain, to_plain
 from cdff_common.errors import CodecError
 from tests.messages import ALL, random_message
@@ -72,3 +72,10 @@ def test_random_bytes_are_decoded_or_refused(name: str, codec: str, data: bytes)
         decode(name, data, codec)
     except CodecError:
         return
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_messages_take_as_many_octets_as_the_reference_says(name: str, rng: np.random.Generator) -> None:
+    least, most = sizes.uper_octets(name)
+    for _ in range(3):
+        assert least <= len(encode(random_message(name, rng), "uper", name)) <= most

@@ -16,7 +16,7 @@ def pages(tree: Tree) -> list[Artefact]:
     texts = {
         "dfns.md": descriptions.dfns(),
         "dfpcs.md": descriptions.dfpcs(tree.root / "docs" / "dfpcs"),
-        "types.md": types.page(),
+        **types.pages(),
         "keys.md": keys.page(),
         "endpoints.md": endpoints.page(),
         "cli.md": command_line.page(),
