@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import msgpack
@@ -21,17 +22,29 @@ from dpm_store.blobs import CHUNK_BYTES, BlobFiles, check_chunks, chunk_sums, co
 from dpm_store.database import Database
 from dpm_store.events import EventTable
 from dpm_store.poses import PoseTable
-from dpm_store.records import LATEST_NS, Insertion, ProductRecord
+from dpm_store.records import LATEST_NS, Insertion, Parcel, ProductRecord
 
 #: Smaller payloads lie in the row's own database: one sync instead of three.
 INLINE_BYTES = 1 << 15
 MAX_PAYLOAD_BYTES = 1 << 30
+#: Products in one transaction.
+MAX_BATCH = 10_000
 #: Products whose payload is also entered in the pose series.
 _POSES = ("TransformWithCovariance",)
 _NAME = re.compile(r"[a-z0-9_]{1,64}\Z")
 _TYPE = re.compile(r"[A-Za-z][A-Za-z0-9_\-]{0,63}\Z")
 _CODECS = ("uper", "ber", "xer", "msgpack")
 _EPOCH = "epoch_ns"
+
+
+@dataclass(frozen=True, slots=True)
+class _Ready:
+    """A parcel that was checked; the header has its digest."""
+
+    parcel: Parcel
+    header: Header
+    chunk_sums: bytes
+    poses: list[tuple[int, Any]] | None
 
 
 class ProductTable:
@@ -77,35 +90,59 @@ class ProductTable:
         StorageError
             If the disk is full or fails; nothing is stored then.
         """
-        names = {"robot": robot, "dfpc": dfpc, "port": port, "product": product}
-        sha256 = _checked(header, payload, names, type_name, codec)
-        header = replace(header, sha256=sha256)
-        if (known := self._known(header, names, type_name, codec, len(payload))) is not None:
+        return self.put_all((Parcel(header, payload, robot, dfpc, port, product, type_name, codec, value),))[0]
+
+    def put_all(self, parcels: Sequence[Parcel]) -> tuple[Insertion, ...]:
+        """Insert products in one transaction: all of them, or none; see ``put``.
+
+        Raises
+        ------
+        InputError
+            On more than ``MAX_BATCH``, an id that occurs twice, and as ``put``.
+        """
+        if len(parcels) > MAX_BATCH or len({parcel.header.id for parcel in parcels}) != len(parcels):
+            raise InputError(f"batch of {len(parcels)}: expected at most {MAX_BATCH}, each id once")
+        ready = [_prepared(parcel) for parcel in parcels]
+        with self._database.read() as connection:
+            known = [self._compare(connection, item.parcel, item.header) for item in ready]
+        new = [item for item, there in zip(ready, known, strict=True) if there is None]
+        if new:
+            for item in new:
+                self._write_file(item)
+            with self._database.write() as connection:
+                found = [self._insert_in(connection, item) for item in new]
+            outcome = iter(found)
+            return tuple(next(outcome) if there is None else there for there in known)
+        return tuple(there for there in known if there is not None)
+
+    def _insert_in(self, connection: Connection, item: _Ready) -> Insertion:
+        parcel, header = item.parcel, item.header
+        if (known := self._compare(connection, parcel, header)) is not None:
             return known
-        poses = _poses_of(type_name, payload, codec, value)
-        sums = chunk_sums(payload)
-        inline = payload if len(payload) <= INLINE_BYTES else None
-        if inline is None:
-            self._files.write(sha256, payload)
-        with self._database.write() as connection:
-            if (known := self._compare(connection, header, names, type_name, codec, len(payload))) is not None:
-                return known
-            if inline is None:
-                self._files.write(sha256, payload)  # again only if a purge took it since
-            blob = {"sha256": sha256, "size": len(payload), "chunk_sums": sums, "content": inline}
-            connection.execute(sqlite.insert_new(schema.blobs), blob)
-            ordinal = self._insert_row(connection, header, names, type_name, codec, len(payload))
-            self._index(connection, ordinal, header)
-            if header.inputs:
-                rows = [{"product_id": header.id, "input_id": i} for i in dict.fromkeys(header.inputs)]
-                connection.execute(insert(schema.provenance), rows)
-            if poses is not None and header.child is not None:
-                PoseTable.add_in(
-                    connection, robot, f"{dfpc}/{port}", poses, parent=header.frame, child=header.child,
-                    product_id=header.id,
-                )  # fmt: skip
-            self._events.append_in(connection, robot, "inserted", event_body(header, names))
+        self._write_file(item)  # again only if a purge took it since
+        inline = parcel.payload if len(parcel.payload) <= INLINE_BYTES else None
+        blob = {
+            "sha256": header.sha256, "size": len(parcel.payload), "chunk_sums": item.chunk_sums, "content": inline,
+        }  # fmt: skip
+        connection.execute(sqlite.insert_new(schema.blobs), blob)
+        ordinal = self._insert_row(
+            connection, header, parcel.names, parcel.type_name, parcel.codec, len(parcel.payload)
+        )
+        self._index(connection, ordinal, header)
+        if header.inputs:
+            rows = [{"product_id": header.id, "input_id": i} for i in dict.fromkeys(header.inputs)]
+            connection.execute(insert(schema.provenance), rows)
+        if item.poses is not None and header.child is not None:
+            PoseTable.add_in(
+                connection, parcel.robot, f"{parcel.dfpc}/{parcel.port}", item.poses, parent=header.frame,
+                child=header.child, product_id=header.id,
+            )  # fmt: skip
+        self._events.append_in(connection, parcel.robot, "inserted", event_body(header, parcel.names))
         return Insertion.INSERTED
+
+    def _write_file(self, item: _Ready) -> None:
+        if len(item.parcel.payload) > INLINE_BYTES:
+            self._files.write(item.header.sha256 or "", item.parcel.payload)
 
     def get(self, product_id: str, *, deleted: bool = False) -> ProductRecord:
         """Metadata by id; raises ProductNotFoundError for an unknown one, or a deleted one unless ``deleted``."""
@@ -188,21 +225,16 @@ class ProductTable:
         value = connection.execute(select(schema.meta.c.value).where(schema.meta.c.name == _EPOCH)).scalar()
         return None if value is None else int(value)
 
-    def _known(self, header: Header, names: dict[str, str], type_name: str, codec: str, size: int) -> Insertion | None:
-        with self._database.read() as connection:
-            return self._compare(connection, header, names, type_name, codec, size)
-
-    def _compare(
-        self, connection: Connection, header: Header, names: dict[str, str], type_name: str, codec: str, size: int
-    ) -> Insertion | None:
+    @staticmethod
+    def _compare(connection: Connection, parcel: Parcel, header: Header) -> Insertion | None:
         row = connection.execute(select(schema.products).where(schema.products.c.id == header.id)).first()
         if row is None:
             return None
         if row.deleted_ns is not None:
             raise ConflictError(f"product {header.id} was deleted; its id is not free again")
         there = record_of(row)
-        same = {k: getattr(there, k) for k in names} == names and there.type_name == type_name and there.codec == codec
-        if same and there.size == size and there.header == header:
+        wanted = {**parcel.names, "type_name": parcel.type_name, "codec": parcel.codec, "size": len(parcel.payload)}
+        if {name: getattr(there, name) for name in wanted} == wanted and there.header == header:
             return Insertion.ALREADY
         raise ConflictError(f"product {header.id} is there with other content; a new result needs a new id")
 
@@ -279,6 +311,14 @@ def _checked(header: Header, payload: bytes, names: dict[str, str], type_name: s
     if header.sha256 not in (None, sha256):
         raise CodecError(f"product {header.id}: payload has SHA-256 {sha256}, its header says {header.sha256}")
     return sha256
+
+
+def _prepared(parcel: Parcel) -> _Ready:
+    """Check a parcel and compute what goes with it, before anything is written."""
+    sha256 = _checked(parcel.header, parcel.payload, parcel.names, parcel.type_name, parcel.codec)
+    header = replace(parcel.header, sha256=sha256)
+    poses = _poses_of(parcel.type_name, parcel.payload, parcel.codec, parcel.value)
+    return _Ready(parcel, header, chunk_sums(parcel.payload), poses)
 
 
 def _poses_of(type_name: str, payload: bytes, codec: str, value: Any) -> list[tuple[int, Any]] | None:

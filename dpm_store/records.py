@@ -29,6 +29,26 @@ class Insertion(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class Parcel:
+    """A product on its way in: what ``Store.put`` takes."""
+
+    header: Header
+    payload: bytes
+    robot: str
+    dfpc: str
+    port: str
+    product: str
+    type_name: str
+    codec: str = "uper"
+    value: Any = None
+
+    @property
+    def names(self) -> dict[str, str]:
+        """The parts of its key, and what it is to a requester."""
+        return {"robot": self.robot, "dfpc": self.dfpc, "port": self.port, "product": self.product}
+
+
+@dataclass(frozen=True, slots=True)
 class ProductRecord:
     """Metadata of a stored product.
 

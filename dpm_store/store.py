@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -22,7 +23,7 @@ from dpm_store.migrate import migrate
 from dpm_store.poses import PoseTable
 from dpm_store.products import ProductTable
 from dpm_store.provenance import MAX_GENERATIONS, Lineage, lineage
-from dpm_store.records import Insertion, Page, ProductRecord, Query
+from dpm_store.records import Insertion, Page, Parcel, ProductRecord, Query
 from dpm_store.search import Search
 
 _DATABASE = "store.sqlite"
@@ -105,6 +106,10 @@ class Store:
             header, payload, robot=robot, dfpc=dfpc, port=port, product=product, type_name=type_name, codec=codec,
             value=value,
         )  # fmt: skip
+
+    def put_all(self, parcels: Sequence[Parcel]) -> tuple[Insertion, ...]:
+        """Insert several products in one transaction, all or none. See ``ProductTable.put_all``."""
+        return self._products.put_all(parcels)
 
     def get(self, product_id: str, *, deleted: bool = False) -> ProductRecord:
         """Metadata by id. See ``ProductTable.get``."""

@@ -47,12 +47,13 @@ def run_search(args: argparse.Namespace) -> int:
     """Print one line per product."""
     from cdff_common.client import Client
     from cdff_common.clock import format_stamp
+    from cdff_common.json_form import jsonable
 
     wishes = {name: getattr(args, name) for name in ("robot", "dfpc", "region", "frame", "t0", "t1", "limit")}
     with Client(args.connect, name="cdff dpm") as client:
         items = client.search(args.type, **{k: v for k, v in wishes.items() if v is not None})
     if args.json:
-        print(json.dumps(items))
+        print(json.dumps(jsonable(items)))
         return 0
     for item in items:
         when = format_stamp(int(item["t1_ns"]))
@@ -67,8 +68,11 @@ def run_search(args: argparse.Namespace) -> int:
 
 def run_get(args: argparse.Namespace) -> int:
     """Write the payload of a product to a file."""
+    from cdff_common.output import check_file, write_file
+
+    check_file(args.out)
     data = _payload(args)
-    args.out.write_bytes(data)
+    write_file(args.out, data)
     line = {"id": args.id, "bytes": len(data), "file": str(args.out)}
     print(json.dumps(line) if args.json else f"{args.out}: {len(data)} bytes")
     return 0
@@ -98,10 +102,11 @@ def run_stat(args: argparse.Namespace) -> int:
 
 def _show(args: argparse.Namespace, verb: str, parameters: dict[str, str]) -> int:
     from cdff_common.bus import Bus, keys
+    from cdff_common.json_form import jsonable
 
     with Bus.open(args.connect, name="cdff dpm") as bus:
-        body = bus.call(keys.dpm_rpc(keys.GROUND, verb), parameters).body()
-    print(json.dumps(body, default=str) if args.json else json.dumps(body, indent=2, default=str))
+        body = jsonable(bus.call(keys.dpm_rpc(keys.GROUND, verb), parameters).body())
+    print(json.dumps(body, default=str, indent=None if args.json else 2))
     return 0
 
 

@@ -17,7 +17,7 @@ from cdff_common.codecs.siblings import base_type
 from cdff_common.errors import CodecError, InputError, ProductNotFoundError, UnavailableError
 from cdff_common.geometry import checked_frame
 from cdff_common.interfaces.product import Header, Status
-from dpm_store import Annotation, Event, Insertion, Page, ProductRecord, Query, Store
+from dpm_store import Annotation, Event, Insertion, Page, Parcel, ProductRecord, Query, Store
 from dpm_store.events import CHANGES
 from dpm_store.maps import DERIVED_DFPC, DERIVED_PORT, ElevationWindow
 from dpm_store.provenance import MAX_GENERATIONS
@@ -109,24 +109,32 @@ class Dpm:
         InputError, ConflictError, StorageError
             As ``Store.put``.
         """
+        return self.put_all(((names, payload, encoding, attachment),))[0]
+
+    def put_all(self, given: Sequence[tuple[Mapping[str, str], bytes, str, bytes]]) -> list[tuple[Insertion, Header]]:
+        """As ``put`` for several at once: all of them are stored, or none."""
         try:
-            if len(payload) > self.max_payload_bytes:
-                raise InputError(f"payload of {len(payload)} bytes: expected at most {self.max_payload_bytes}")
-            header = Header.from_attachment(attachment)
-            type_name, codec = parse_encoding(encoding)
-            value = self._checked_value(names, header, type_name, codec, payload)
-            if header.box_m is None and value is not None and (extent := value.extent_m()) is not None:
-                header = _with_box(header, extent)
-            insertion = self.store.put(
-                header, payload, robot=names["robot"], dfpc=names["dfpc"], port=names["port"],
-                product=names["product"], type_name=type_name, codec=codec, value=value,
-            )  # fmt: skip
+            parcels = [self._parcel(*one) for one in given]
+            insertions = self.store.put_all(parcels)
         except (InputError, KeyError):
             self._count("refused")
             raise
-        self._count(str(insertion))
+        for insertion in insertions:
+            self._count(str(insertion))
         self._tell()
-        return insertion, header
+        return [(insertion, parcel.header) for insertion, parcel in zip(insertions, parcels, strict=True)]
+
+    def _parcel(self, names: Mapping[str, str], payload: bytes, encoding: str, attachment: bytes) -> Parcel:
+        if len(payload) > self.max_payload_bytes:
+            raise InputError(f"payload of {len(payload)} bytes: expected at most {self.max_payload_bytes}")
+        header = Header.from_attachment(attachment)
+        type_name, codec = parse_encoding(encoding)
+        value = self._checked_value(names, header, type_name, codec, payload)
+        if header.box_m is None and value is not None and (extent := value.extent_m()) is not None:
+            header = _with_box(header, extent)
+        return Parcel(
+            header, payload, names["robot"], names["dfpc"], names["port"], names["product"], type_name, codec, value
+        )
 
     def delete(self, product_id: str) -> bool:
         """Leave a tombstone; False if it was deleted before."""

@@ -30,6 +30,9 @@ SEARCH = frozenset(
     {"type", "robot", "dfpc", "port", "status", "region", "frame", "region_frame", "child", "t0", "t1",
      "resolution_max_m", "after", "tag", "as_of", "superseded", "order", "limit", "cursor", "request"}
 )  # fmt: skip
+_PARCEL: dict[str, type] = {
+    "robot": str, "dfpc": str, "port": str, "product": str, "encoding": str, "attachment": bytes, "payload": bytes,
+}  # fmt: skip
 _ROBOT = re.compile(r"[a-z][a-z0-9_]{0,63}\Z")
 
 
@@ -177,6 +180,26 @@ def integer(parameters: Mapping[str, str], name: str, *, low: int = 0, high: int
     if not re.fullmatch(r"\d{1,19}", text) or not low <= int(text) <= high:
         raise InputError(f"{name}={text[:80]!r}: expected a whole number from {low} to {high}")
     return int(text)
+
+
+def batch_of(body: Any, robot: str | None = None) -> list[tuple[dict[str, str], bytes, str, bytes]]:
+    """Products of a batch: a list of ``{robot, dfpc, port, product, encoding, attachment, payload}``.
+
+    ``robot`` stands for those that name none. Raises InputError for anything else.
+    """
+    if not isinstance(body, (list, tuple)) or not body:
+        raise InputError("batch: expected a list of products, one at least")
+    found = []
+    for place, one in enumerate(body):
+        names = {"robot": robot, **one} if isinstance(one, Mapping) else {}
+        wrong = [name for name in _PARCEL if not isinstance(names.get(name), _PARCEL[name])]
+        if wrong or set(names) != set(_PARCEL):
+            raise InputError(f"batch, product {place}: expected a map of {', '.join(_PARCEL)}")
+        if robot is not None and names["robot"] != robot:
+            raise InputError(f"batch, product {place}: of {str(names['robot'])[:64]}, put under the keys of {robot}")
+        key = {name: names[name] for name in ("robot", "dfpc", "port", "product")}
+        found.append((key, names["payload"], names["encoding"], names["attachment"]))
+    return found
 
 
 def revision_of(text: str | None) -> int | None:

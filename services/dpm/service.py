@@ -19,6 +19,7 @@ from services.dpm.operations import OWN_EVENTS, Answer, Dpm
 from services.dpm.parameters import (
     GROUND,
     SEARCH,
+    batch_of,
     check_names,
     integer,
     number,
@@ -46,7 +47,7 @@ MAX_PART_BYTES = 16 << 20
 def serve(bus: Bus, dpm: Dpm, robots: Sequence[str]) -> None:
     """Declare everything on the bus, the liveliness tokens last; events go out from then on."""
     handlers: dict[str, Callable[[Dpm, Request], Reply]] = {
-        "search": search, "get": get, "put": put, "update": update, "delete": delete, "pose": pose,
+        "search": search, "get": get, "put": put, "put_all": put_all, "update": update, "delete": delete, "pose": pose,
         "frames": frames, "stat": stat, "changes": changes, "provenance": provenance,
     }  # fmt: skip
     scopes = [*robots, GROUND]
@@ -99,6 +100,14 @@ def put(dpm: Dpm, request: Request) -> Reply:
     names = {"robot": robot, **{k: request.parameters[k] for k in ("dfpc", "port", "product")}}
     insertion, header = dpm.put(names, request.payload, request.encoding, request.attachment)
     return Reply.of({"id": header.id, "result": str(insertion)})
+
+
+def put_all(dpm: Dpm, request: Request) -> Reply:
+    """Insert several products in one transaction; the reply ``{items: [{id, result}]}`` comes after the commit."""
+    check_names(request.parameters, frozenset({"robot", "request"}))
+    robot = robot_under(request.scope, request.parameters) or (None if request.scope == GROUND else request.scope)
+    stored = dpm.put_all(batch_of(request.body(), robot))
+    return Reply.of({"items": [{"id": header.id, "result": str(insertion)} for insertion, header in stored]})
 
 
 def update(dpm: Dpm, request: Request) -> Reply:

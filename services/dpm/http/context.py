@@ -5,13 +5,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, cast
+from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
 from cdff_common.bus import Bus
 from cdff_common.errors import UnavailableError
 from cdff_common.interfaces.profile import Profile
+from cdff_common.json_form import jsonable as jsonable  # for the routes
 from services.dpm.operations import Dpm
 from services.dpm.settings import Settings
 from services.dpm.watch import Watch
@@ -40,19 +41,3 @@ def context_of(request: Request) -> Context:
 
 
 Ctx = Annotated[Context, Depends(context_of)]
-
-
-def jsonable(data: Any) -> Any:
-    """Plain data for JSON: every ``…_ns`` as a decimal string (contract §6), bytes as hexadecimal, NaN as null."""
-    if isinstance(data, dict):
-        return {
-            str(k): str(v) if isinstance(v, int) and str(k).endswith("_ns") and v is not True else jsonable(v)
-            for k, v in data.items()
-        }
-    if isinstance(data, (list, tuple, set, frozenset)):
-        return [jsonable(v) for v in data]
-    if isinstance(data, bytes):
-        return data.hex()
-    if isinstance(data, float) and data != data:
-        return None
-    return data

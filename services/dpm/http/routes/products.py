@@ -18,7 +18,7 @@ from dpm_store.provenance import MAX_GENERATIONS
 from services.dpm.convert import Converted, convert, formats_of
 from services.dpm.http.context import Context, Ctx, jsonable
 from services.dpm.http.ranges import parse_range
-from services.dpm.parameters import GROUND, search_query
+from services.dpm.parameters import GROUND, batch_of, search_query
 
 router = APIRouter(prefix="/api/v1/products", tags=["products"])
 
@@ -81,6 +81,21 @@ async def insert(
     response.status_code = 201 if insertion is Insertion.INSERTED else 200
     response.headers["Location"] = f"/api/v1/products/{header.id}"
     return {"id": header.id, "result": str(insertion)}
+
+
+@router.post("/batch", status_code=201)
+async def insert_all(context: Ctx, request: Request) -> dict[str, Any]:
+    """Insert several products, all or none: a MessagePack list of ``{robot, dfpc, port, product, encoding,
+    attachment, payload}``.
+    """
+    from starlette.concurrency import run_in_threadpool
+
+    try:
+        body = msgpack.unpackb(await request.body())
+    except (ValueError, TypeError, msgpack.exceptions.UnpackException) as error:
+        raise InputError(f"batch: expected MessagePack: {error!r}") from error
+    stored = await run_in_threadpool(context.dpm.put_all, batch_of(body))
+    return {"items": [{"id": header.id, "result": str(insertion)} for insertion, header in stored]}
 
 
 @router.get("/{product_id}")
