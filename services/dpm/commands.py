@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff dpm search|get|rm|stat|verify``: what a Data Product Manager holds, and whether it is whole."""
+"""``cdff dpm search|get|rm|stat|retention|verify``: what a Data Product Manager holds, and whether it is whole."""
 
 from __future__ import annotations
 
@@ -38,7 +38,12 @@ def register(nouns: Any) -> None:
     verify.add_argument("--data-dir", type=Path, help="default: CDFF_DATA_DIR, ~/.local/share/cdff")
     verify.add_argument("--json", action="store_true")
     verify.set_defaults(run=run_verify)
-    for verb in (search, get, remove, stat):
+    retention = verbs.add_parser("retention", help="what the profile's rules let go, and why; --apply deletes it")
+    how = retention.add_mutually_exclusive_group()
+    how.add_argument("--dry-run", action="store_true", help="only say so (the default)")
+    how.add_argument("--apply", action="store_true", help="delete what may go")
+    retention.set_defaults(run=run_retention)
+    for verb in (search, get, remove, stat, retention):
         verb.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
         verb.add_argument("--json", action="store_true")
 
@@ -98,6 +103,24 @@ def run_remove(args: argparse.Namespace) -> int:
 def run_stat(args: argparse.Namespace) -> int:
     """Print what the DPM says of itself."""
     return _show(args, "stat", {})
+
+
+def run_retention(args: argparse.Namespace) -> int:
+    """Print one line per product that a rule lets go, then the sum."""
+    from cdff_common.bus import Bus, keys
+
+    asked = {"apply": "true" if args.apply else "false"}
+    with Bus.open(args.connect, name="cdff dpm") as bus:
+        body = bus.call(keys.dpm_rpc(keys.GROUND, "retention"), asked, timeout_s=120.0).body()
+    if args.json:
+        print(json.dumps(body))
+        return 0
+    for verdict in body["verdicts"]:
+        fate = "goes " if verdict["retire"] else "stays"
+        print(f"{fate}  {verdict['id']}  {verdict['product']:15} {verdict['robot']:10} {verdict['why']}")
+    done = "deleted" if body["applied"] else "would be deleted"
+    print(f"{body['rules']} rules: {body['retired']} products of {body['bytes']} B {done}, {body['kept']} stay")
+    return 0
 
 
 def _show(args: argparse.Namespace, verb: str, parameters: dict[str, str]) -> int:

@@ -11,9 +11,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cdff_common.errors import InputError
+
 if TYPE_CHECKING:
     from cdff_common.client import Client
 
+#: Other spellings of endings that name a format.
+_ENDINGS = {"tiff": "tif", "xml": "xer"}
 _TYPES = ("pose", "trajectory", "pointcloud", "dem", "navigation_map", "image")
 
 
@@ -31,7 +35,7 @@ def register_request(nouns: Any) -> None:
     parser.add_argument("--min-coverage", type=float)
     parser.add_argument("--as", dest="as_type", help="InFuse type, as Map or RigidBodyState")
     parser.add_argument(
-        "--format", help="uper ber xer msgpack tif ply tum png; default: by the end of --out, else uper"
+        "--format", help="uper ber xer msgpack tif ply tum png; default: by the ending of --out, without a file uper"
     )
     parser.add_argument("--deliver", choices=("auto", "inline", "reference"))
     parser.add_argument("--deadline-s", type=float, default=20.0)
@@ -64,8 +68,11 @@ def register_orchestrator(nouns: Any) -> None:
 def run_request(args: argparse.Namespace) -> int:
     """Ask, show what came, write the payload where a file is named."""
     from cdff_common.client import Client  # heavy: zenoh and the types
+    from cdff_common.output import check_file, write_file
 
-    form = args.format or _format_of(args.out)
+    form = args.format or format_of(args.out, args.type)
+    if args.out is not None:
+        check_file(args.out)
     show = _progress if sys.stderr.isatty() and not args.json else None
     with Client(args.connect, name="cdff request") as client:
         if args.explain:
@@ -88,10 +95,10 @@ def run_request(args: argparse.Namespace) -> int:
             on_progress=show,
         )
     if args.out is not None:
-        args.out.write_bytes(answer.data)
+        write_file(args.out, answer.data)
     summary = answer.summary()
     if args.json:
-        print(json.dumps(summary))
+        _print_json(summary)
         return 0
     delivered, quality = summary["delivered"], summary["header"]["quality"]
     print(f"{summary['type']} of {summary['robot']}, {summary['size']} bytes, {quality['status']}")
@@ -126,7 +133,7 @@ def _explanation(client: Client, args: argparse.Namespace, form: str | None) -> 
 
 def _show_explanation(told: dict[str, Any], as_json: bool) -> int:
     if as_json:
-        print(json.dumps(told))
+        _print_json(told)
         return 0
     stored = told["stored"]
     if told["would"] == "serve":
@@ -157,7 +164,7 @@ def run_jobs(args: argparse.Namespace) -> int:
     with Client(args.connect, name="cdff orchestrator") as client:
         jobs = client.jobs(args.robot, limit=args.limit)
     if args.json:
-        print(json.dumps({"jobs": jobs}))
+        _print_json({"jobs": jobs})
         return 0
     for job in jobs:
         request = job["request"]
@@ -183,7 +190,7 @@ def run_catalogue(args: argparse.Namespace) -> int:
     with Client(args.connect, name="cdff orchestrator") as client:
         catalogue = client.catalogue(args.robot)
     if args.json:
-        print(json.dumps(catalogue))
+        _print_json(catalogue)
         return 0
     for product in catalogue["products"]:
         plan = product.get("plan")
@@ -201,9 +208,24 @@ def _progress(body: Mapping[str, Any]) -> None:
     print(f"  {body['state']}: {body['reason']}", file=sys.stderr)
 
 
-def _format_of(out: Path | None) -> str | None:
-    """The format that a file's name asks for."""
-    form = "" if out is None else out.suffix.lstrip(".").lower()
-    return (
-        {"tiff": "tif"}.get(form, form) if form in ("tif", "tiff", "ply", "tum", "png", "xer", "ber", "uper") else None
-    )
+def _print_json(data: Any) -> None:
+    from cdff_common.json_form import jsonable
+
+    print(json.dumps(jsonable(data)))
+
+
+def format_of(out: Path | None, product: str) -> str | None:
+    """The format that a file's name asks for, None without a file; raises InputError where its ending names none."""
+    if out is None:
+        return None
+    from cdff_core.orchestration.request import CODECS, PRODUCTS
+
+    ending = out.suffix.lower().removeprefix(".")
+    form = _ENDINGS.get(ending, ending)
+    known = (*CODECS, *PRODUCTS[product][2])
+    if form not in known:
+        raise InputError(
+            f"--out {out}: the ending {out.suffix!r} names no format of a {product}, expected one of "
+            f"{', '.join(f'.{k}' for k in known)}; or say what the file shall hold with --format"
+        )
+    return form

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from cdff_common import cli
 from dpm_store.products import INLINE_BYTES
 from services.dpm.commands import register
 from services.dpm.operations import Dpm
@@ -37,3 +38,42 @@ def test_verify_tells_a_sound_store_from_one_that_the_disk_changed(
     assert run("verify", "--data-dir", str(tmp_path), "--json") == 1
     (problem,) = json.loads(capsys.readouterr().out)["problems"]
     assert record.sha256 in problem["where"]
+
+
+STAMP_NS = 1_700_000_000_123_456_000
+
+
+class Found:
+    """Stands for a client whose DPM holds one product."""
+
+    data = b"payload"
+
+    def __init__(self, *_: object, **__: object) -> None: ...
+
+    def __enter__(self) -> "Found":
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def search(self, *_: object, **__: object) -> list[dict[str, object]]:
+        return [{"id": "a", "t0_ns": STAMP_NS, "t1_ns": STAMP_NS}]
+
+    def get(self, *_: object) -> "Found":
+        return self
+
+
+def test_search_for_machines_gives_stamps_as_decimal_strings(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("cdff_common.client.Client", Found)
+    assert run("search", "--json") == 0
+    assert json.loads(capsys.readouterr().out) == [{"id": "a", "t0_ns": str(STAMP_NS), "t1_ns": str(STAMP_NS)}]
+
+
+def test_a_payload_that_cannot_be_written_is_one_line_and_exit_1(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("cdff_common.client.Client", Found)
+    assert cli.main(["dpm", "get", "a", "--out", str(tmp_path / "none" / "x")]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "there is no folder" in line
