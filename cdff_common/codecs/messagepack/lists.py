@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Long lists of numbers written as blocks of octets.
+"""Long lists of numbers, and long octets, written as blocks.
 
 The bytes are those that any MessagePack library writes for nested lists of float64.
 """
@@ -15,15 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.codecs.plain import plain_of
-from cdff_common.codecs.schema import Alias, Array, Node, Real, Struct
+from cdff_common.codecs.schema import Alias, Array, Node, Octets, Real, Struct
 
 #: Arrays of at least this many numbers are worth a block.
 _LONG = 128
+#: Octets from this size on are handed on without a copy.
+_LONG_OCTETS = 4096
 _FLOAT64 = 0xCB
+_BIN16, _BIN32 = b"\xc5", b"\xc6"
 
 
-def pieces(value: Any, node: Node | Alias) -> Iterator[bytes]:
-    """MessagePack of the value of a node, in pieces."""
+def pieces(value: Any, node: Node | Alias) -> Iterator[bytes | memoryview]:
+    """MessagePack of the value of a node, in pieces; some are views of its arrays."""
     packer = msgpack.Packer(unicode_errors="surrogateescape")
     if not _has_long(value, node):
         yield packer.pack(plain_of(value, node))
@@ -36,22 +39,31 @@ def pieces(value: Any, node: Node | Alias) -> Iterator[bytes]:
                 yield from pieces(getattr(value, field.attribute), field.node)
         case Alias():
             yield from pieces(getattr(value, node.attribute), node.node)
+        case Octets():
+            yield _bin_header(value.nbytes)
+            yield value.reshape(-1).view(np.uint8).data
         case _:
             yield packer.pack_array_header(len(value))
-            yield _block(value).tobytes()
+            yield _block(value).data.cast("B")
 
 
 def _has_long(value: Any, node: Node | Alias) -> bool:
-    """Whether a message holds a long array of REALs outside lists of messages."""
+    """Whether a message holds long octets, or a long array of REALs, outside lists of messages."""
     match node:
         case Array(element=Real()):
             return bool(value.size >= _LONG and (value.ndim == 1 or (value.ndim == 2 and value.shape[1] < 16)))
+        case Octets():
+            return bool(value.nbytes >= _LONG_OCTETS)
         case Struct():
             return any(_has_long(getattr(value, f.attribute), f.node) for f in node.fields)
         case Alias():
             return _has_long(getattr(value, node.attribute), node.node)
         case _:
             return False
+
+
+def _bin_header(size: int) -> bytes:
+    return _BIN16 + size.to_bytes(2, "big") if size < 1 << 16 else _BIN32 + size.to_bytes(4, "big")
 
 
 def _block(values: NDArray[np.float64]) -> NDArray[np.uint8]:

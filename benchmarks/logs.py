@@ -1,0 +1,133 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Logs of images: how fast they are written, indexed and read, and the memory it takes.
+
+    python benchmarks/logs.py [--out FILE] [--folder DIR] [--megabytes N]
+
+``--folder`` is where the log is put, by default in memory (/dev/shm where there is one); its file system is named in
+the report. Figures are octets of the log by CPU time of this process, and by wall time beside it. ``--megabytes 10000``
+shows that memory does not grow with the log.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import resource
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("NUMBA_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+import psutil
+
+from cdff_common.types import Frame, FramePair
+from cdff_dev.logs import LogWriter, open_log
+
+ROWS, COLS = 960, 1280
+
+
+def file_system(folder: Path) -> str:
+    """Type of the file system that a folder lies on."""
+    mounts = [p for p in psutil.disk_partitions(all=True) if folder.resolve().is_relative_to(p.mountpoint)]
+    return max(mounts, key=lambda p: len(p.mountpoint)).fstype if mounts else "unknown"
+
+
+def timed(work: Callable[[], Any], octets: int) -> dict[str, float]:
+    """CPU and wall time of some work on so many octets, and MB/s."""
+    cpu_s, wall_s = time.process_time(), time.perf_counter()
+    work()
+    cpu_s, wall_s = time.process_time() - cpu_s, time.perf_counter() - wall_s
+    return {
+        "cpu_s": round(cpu_s, 4), "wall_s": round(wall_s, 4),
+        "mb_per_cpu_s": round(octets / 1e6 / max(cpu_s, 1e-9)), "mb_per_wall_s": round(octets / 1e6 / wall_s),
+    }  # fmt: skip
+
+
+def anonymous_mb() -> float:
+    """Memory of this process that is no page of a file, megabytes."""
+    with open("/proc/self/status", encoding="ascii") as status:
+        return sum(int(line.split()[1]) for line in status if line.startswith("RssAnon")) / 1024
+
+
+def main() -> None:
+    """Write, index and read a log of stereo pairs; print JSON."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, help="write JSON here instead of printing it")
+    parser.add_argument("--folder", type=Path, help="where to put the log")
+    parser.add_argument("--megabytes", type=int, default=1000)
+    args = parser.parse_args()
+    memory = Path("/dev/shm")
+    folder = args.folder or (memory if memory.is_dir() else Path(tempfile.gettempdir()))
+    rng = np.random.default_rng(0)
+    images = [rng.integers(0, 256, (ROWS, COLS), dtype=np.uint8) for _ in range(4)]
+    pairs = max(1, round(args.megabytes * 1e6 / (2 * ROWS * COLS)))
+    octets = pairs * 2 * ROWS * COLS
+
+    def pair(i: int) -> FramePair:
+        left, right = (Frame.from_image(images[(i + k) % 4], stamp_ns=i * 1_000_000) for k in (0, 1))
+        return FramePair(baseline=0.2, left=left, right=right)
+
+    with tempfile.TemporaryDirectory(dir=folder) as name:
+        path = Path(name) / "bench.msg"
+
+        def write(count: int, where: Path) -> None:
+            with LogWriter(where) as log:
+                for i in range(count):
+                    log.write("/mana/navcam.pair", pair(i), i * 1_000_000)
+
+        write(4, Path(name) / "warm.msg")
+        with open_log(Path(name) / "warm.msg") as log:
+            list(log.samples())
+        rows: dict[str, Any] = {"write": timed(lambda: write(pairs, path), octets)}
+        target = path if path.exists() else Path(str(path.with_suffix("")) + "_*.msg")
+        log = None
+
+        def index() -> None:
+            nonlocal log
+            log = open_log(target)
+
+        rows["index"] = timed(index, octets)
+        assert log is not None
+        before_mb, most_mb = anonymous_mb(), 0.0
+
+        def read() -> None:
+            nonlocal most_mb
+            assert log is not None
+            count = 0
+            for sample in log.samples():
+                count += sample.value.left.image.size > 0
+                if count % 64 == 0:
+                    most_mb = max(most_mb, anonymous_mb())
+            assert count == pairs
+
+        rows["read"] = timed(read, octets)
+        log.close()
+        report = {
+            "what": "a log of stereo pairs of 1280 x 960 octets",
+            "megabytes": round(octets / 1e6),
+            "file_system": file_system(folder),
+            "machine": platform.processor() or platform.machine(),
+            "python": platform.python_version(),
+            "load_average": os.getloadavg()[0],
+            **rows,
+            "memory_before_reading_mb": round(before_mb),
+            "most_memory_while_reading_mb": round(max(most_mb, anonymous_mb())),
+            "peak_rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10,
+        }
+    text = json.dumps(report, indent=2)
+    if args.out:
+        args.out.write_text(text + "\n", encoding="utf-8")
+    else:
+        print(text)
+
+
+if __name__ == "__main__":
+    main()
