@@ -58,7 +58,7 @@ def dfpc_rpc(robot: str, dfpc: str, verb: str) -> str:
 
 
 def orchestrator_rpc(scope: str, verb: str) -> str:
-    """``request jobs cancel catalogue``."""
+    """``request jobs cancel renew catalogue``."""
     return f"{PREFIX}/{_chunk('scope', scope)}/orchestrator/@rpc/{_chunk('verb', verb)}"
 
 

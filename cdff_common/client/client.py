@@ -7,6 +7,7 @@ from __future__ import annotations
 import threading
 import uuid
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from types import TracebackType
 from typing import Any, Self, Unpack
 
@@ -16,7 +17,7 @@ from cdff_common.client.wishes import Wishes, parameters_of
 from cdff_common.clock import monotonic_s
 from cdff_common.codecs import decode
 from cdff_common.codecs.encoding import parse_encoding
-from cdff_common.errors import CodecError, InputError, NoAnswerError, UnavailableError
+from cdff_common.errors import CdffError, CodecError, InputError, NoAnswerError, UnavailableError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.product import Header
 
@@ -28,6 +29,8 @@ _CODEC_PREFIX = "application/vnd.cdff+"
 _FILES = frozenset({"tif", "ply", "tum", "png"})
 _PART_BYTES = 4 << 20
 _RETRY_S = 0.3
+#: How long one query of a standing request may last before it is asked again, seconds.
+_STANDING_S = 3600.0
 
 
 class Client:
@@ -136,7 +139,10 @@ class Client:
             deliver=deliver,
             priority=priority,
         )
-        final = self._ask(_scope(robot), parameters, monotonic_s() + deadline_s, on_progress)
+        return self._in_hand(self._ask(_scope(robot), parameters, monotonic_s() + deadline_s, on_progress))
+
+    def _in_hand(self, final: Reply) -> Answer:
+        """The product of a reply, fetched where it came as a reference."""
         if final.attachment.get("kind") != "reference":
             return _answer(final)
         reference = final.body()
@@ -145,6 +151,61 @@ class Client:
             reply = self._call(keys.dpm_rpc(keys.GROUND, "get"), asked, 30.0)
             return _answer(Reply(reply.payload, reply.encoding, {**reply.attachment, **_of_request(final.attachment)}))
         return self._fetched(str(reference["id"]), final.attachment)
+
+    def standing(
+        self, product: str, *, robot: str = "any", every_s: float = 0.0, lease_s: float = 30.0, **wishes: Unpack[Wishes]
+    ) -> Iterator[Answer]:
+        """Yield a product now and each newer one as it comes, until the iterator is closed.
+
+        Parameters
+        ----------
+        product, robot, wishes
+            As of ``request``.
+        every_s : float
+            Least time between two answers; 0 for every change.
+        lease_s : float
+            How long the orchestrator goes on if this process dies; it is renewed from here while the iterator is open.
+
+        Raises
+        ------
+        UnavailableError, OverloadedError
+            As the orchestrator answers, and if nobody is there for ``lease_s``.
+        """
+        parameters = {**parameters_of(product, robot, **wishes), "every_s": every_s, "deadline_ms": int(lease_s * 1000)}
+        key, pause, silent_s = keys.orchestrator_rpc(_scope(robot), "request"), threading.Event(), monotonic_s()
+        while True:
+            name = str(uuid.uuid4())
+            asked = {**parameters, "request": name}
+            try:
+                with self._renewed(_scope(robot), name, lease_s):
+                    for reply in self._stream(key, asked, _STANDING_S):
+                        silent_s = monotonic_s()
+                        if reply.attachment.get("kind") in ("product", "reference"):
+                            yield self._in_hand(reply)
+            except NoAnswerError:
+                if monotonic_s() - silent_s > lease_s:
+                    raise
+            pause.wait(_RETRY_S)
+
+    @contextmanager
+    def _renewed(self, scope: str, request: str, lease_s: float) -> Iterator[None]:
+        """Renew a standing request's lease from a thread; cancel it at the end."""
+        over = threading.Event()
+
+        def renew() -> None:
+            asked = {"job": request, "deadline_ms": int(lease_s * 1000)}
+            while not over.wait(lease_s / 3):
+                with suppress(CdffError):  # one that has ended is asked for again by its stream
+                    self._call(keys.orchestrator_rpc(scope, "renew"), asked, lease_s / 3)
+
+        thread = threading.Thread(target=renew, name="renew", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            with suppress(CdffError):  # it may have ended by itself
+                self._call(keys.orchestrator_rpc(scope, "cancel"), {"job": request}, lease_s / 3)
 
     def explain(
         self, product: str, *, robot: str = "any", deadline_s: float = 20.0, **wishes: Unpack[Wishes]

@@ -45,6 +45,7 @@ PARAMETERS = frozenset(
         "deliver",
         "deadline_ms",
         "explain",
+        "every_s",
         "priority",
         "request",
     }
@@ -94,6 +95,9 @@ class ProductRequest:
         Seconds until the answer must have been sent.
     explain : bool
         Say what would be done instead of doing it.
+    every_s : float or None
+        Of a standing request: least time between two answers, 0 for each change; its deadline is then its lease, which
+        can be renewed. None means one answer.
     priority : int
         0 to 9; a higher one is admitted before, and may take a sensor's mode from, a lower one.
     """
@@ -115,6 +119,7 @@ class ProductRequest:
     deadline_s: float = DEFAULT_DEADLINE_MS / 1000
     explain: bool = False
     priority: int = DEFAULT_PRIORITY
+    every_s: float | None = None
 
     @property
     def is_spatial(self) -> bool:
@@ -140,6 +145,7 @@ class ProductRequest:
             "deliver": self.deliver,
             "deadline_s": self.deadline_s,
             "priority": self.priority,
+            "every_s": self.every_s,
         }
 
 
@@ -170,7 +176,6 @@ def parse_request(parameters: Mapping[str, str], scope: str) -> ProductRequest:
     if min_coverage > 0.0 and region is None:
         raise InputError(f"min_coverage={min_coverage}: expected a region to cover")
     type_name, codec = _type_and_format(product, parameters.get("as"), parameters.get("format", "uper"))
-    deadline_ms = _number(parameters, "deadline_ms", DEFAULT_DEADLINE_MS, *DEADLINE_BOUNDS_MS)
     request_id = parameters.get("request") or str(uuid.uuid4())
     if not _REQUEST_ID.match(request_id):
         raise InputError(f"request={request_id!r}: expected up to 64 letters, digits, '.', '_' or '-', as in a UUID")
@@ -198,10 +203,16 @@ def parse_request(parameters: Mapping[str, str], scope: str) -> ProductRequest:
         type_name=type_name,
         format=codec,
         deliver=deliver,
-        deadline_s=(deadline_ms or 0.0) / 1000,
+        deadline_s=parse_deadline_s(parameters),
         explain=explain == "true",
         priority=int(priority),
+        every_s=_number(parameters, "every_s", None, 0.0, 3600.0),
     )
+
+
+def parse_deadline_s(parameters: Mapping[str, str]) -> float:
+    """Return ``deadline_ms`` in seconds; raises InputError."""
+    return (_number(parameters, "deadline_ms", DEFAULT_DEADLINE_MS, *DEADLINE_BOUNDS_MS) or 0.0) / 1000
 
 
 def parse_robot(robot: str | None, scope: str) -> str:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from cdff_common.bus import Reply
@@ -76,8 +76,9 @@ class Flow:
         try:
             yield self._tell(job)
             self._book.move(job, JobState.LOOKING)
+            progress = _Progress(started_ns=self._clock.now_ns())
             with self._shared.joined(request):
-                yield from self._serve(job, _Progress(started_ns=self._clock.now_ns()))
+                yield from (self._serve if request.every_s is None else self._stand)(job, progress)
         except CdffError as error:
             cancelled = job.cancelled.is_set() and job.retry_after_s is None
             state = JobState.CANCELLED if cancelled else JobState.FAILED
@@ -149,6 +150,42 @@ class Flow:
             pause_s = min(_LOOK_EVERY_S - (monotonic_s() - looked_s), job.remaining_s() - margin_s)
             if pause_s > 0:
                 job.cancelled.wait(pause_s)
+
+    def _stand(self, job: Job, p: _Progress) -> Iterator[Reply]:
+        """Each newer product, not more often than asked, until the lease runs out; what makes it is held until then."""
+        robots = self._state.profile.robot_ids if job.request.robot == "any" else (job.request.robot,)
+        every_s, sent, sent_s, sent_t1_ns = job.request.every_s or 0.0, 0, float("-inf"), -1
+        seen = -1
+        while job.remaining_s() > 0.0:
+            job.check_cancelled()
+            looked_s, seen_now = monotonic_s(), self._state.version
+            self._look_if_new(job, robots, p)
+            due_s = sent_s + every_s
+            if due_s <= looked_s and p.best is not None and p.best[1].acceptable:
+                t1_ns = p.best[0].candidate.t1_ns
+                if t1_ns > sent_t1_ns:
+                    reply = self._delivery.reply(job.id, job.request, *p.best, job.deadline_s)
+                    yield replace(reply, attachment={**reply.attachment, "final": False})
+                    sent, sent_s, sent_t1_ns = sent + 1, looked_s, t1_ns
+            if self._advance(job, robots, p):
+                yield self._tell(job, p)
+            if p.impossible:
+                raise UnavailableError(
+                    f"no newer {job.request.product} of {job.request.robot} can be made: {p.impossible}"
+                )
+            seen = max(seen, seen_now)
+            until_s = due_s if looked_s < due_s else looked_s + _IDLE_S
+            seen = self._state.wait(seen, min(_IDLE_S, until_s - monotonic_s(), job.remaining_s()))
+            pause_s = min(_LOOK_EVERY_S - (monotonic_s() - looked_s), job.remaining_s())
+            if pause_s > 0:
+                job.cancelled.wait(pause_s)
+        if not sent:
+            yield self._last_word(job, p)
+            return
+        self._book.move(job, JobState.DELIVERING)
+        self._book.move(job, JobState.DONE, "its lease was not renewed", result={"kind": "end", "sent": sent})
+        body = {"job": job.id, "request": job.request.id, "sent": sent, "reason": job.reason}
+        yield Reply.of(body, kind="end", job=job.id, final=True)
 
     # -- steps ------------------------------------------------------------------------------------------------------
 

@@ -151,6 +151,25 @@ class JobBook:
             job.result = more.get("result", job.result)
         self._journal.append("job", durable=False, job=job.id, state=str(state), reason=reason, **more)
 
+    def renew(self, job_id: str, lease_s: float) -> Job:
+        """Let a standing request go on for ``lease_s`` from now.
+
+        Raises
+        ------
+        ProductNotFoundError
+            If there is no such job, or it has ended.
+        InputError
+            If it is no standing request.
+        """
+        job = self.get(job_id)
+        if job.request.every_s is None:
+            raise InputError(f"job {job.id} is no standing request: its deadline stays")
+        with self._lock:
+            if job.state in FINAL_STATES:
+                raise ProductNotFoundError(f"job {job.id} has ended ({job.state}); ask again")
+            job.deadline_s = monotonic_s() + lease_s
+        return job
+
     def get(self, job_id: str) -> Job:
         """Return a job by its id or its request's; raises ProductNotFoundError."""
         with self._lock:

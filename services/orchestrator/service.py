@@ -12,7 +12,7 @@ from cdff_common.bus import Bus, Reply, Request, keys
 from cdff_common.errors import InputError, UnavailableError
 from cdff_common.interfaces.profile import Profile
 from cdff_core.orchestration.journal import recover
-from cdff_core.orchestration.request import parse_request, parse_robot
+from cdff_core.orchestration.request import parse_deadline_s, parse_request, parse_robot
 from services.orchestrator.control import Controller
 from services.orchestrator.delivery import Delivery
 from services.orchestrator.dpm import Dpm
@@ -34,7 +34,7 @@ _JOURNAL_BYTES = 16 << 20
 
 
 class Orchestrator:
-    """Answers ``request jobs cancel catalogue`` for every robot of a profile and for ``ground``.
+    """Answers ``request jobs cancel renew catalogue`` for every robot of a profile and for ``ground``.
 
     Parameters
     ----------
@@ -73,6 +73,7 @@ class Orchestrator:
             )
             self._bus.serve(keys.orchestrator_rpc(scope, "jobs"), self._on_jobs)
             self._bus.serve(keys.orchestrator_rpc(scope, "cancel"), self._on_cancel)
+            self._bus.serve(keys.orchestrator_rpc(scope, "renew"), self._on_renew)
             self._bus.serve(keys.orchestrator_rpc(scope, "catalogue"), self._on_catalogue)
         for scope in scopes:
             self._bus.declare_alive(scope, "orchestrator")
@@ -125,6 +126,13 @@ class Orchestrator:
         job.cancelled.set()
         self._state.touch()
         return Reply.of({"job": job.id, "state": str(job.state)})
+
+    def _on_renew(self, call: Request) -> Reply:
+        _check(call, {"robot", "job", "deadline_ms"})
+        if "job" not in call.parameters:
+            raise InputError("parameter 'job' is missing: a job's or a request's id")
+        job = self._book.renew(call.parameters["job"], parse_deadline_s(call.parameters))
+        return Reply.of({"job": job.id, "remaining_s": round(job.remaining_s(), 3)})
 
     def _on_catalogue(self, call: Request) -> Reply:
         _check(call, {"robot"})

@@ -108,4 +108,6 @@ def wish(request: ProductRequest) -> Hashable:
     """What two requests have in common that are answered from the same product."""
     # A pose is looked up in its frame; everything else is moved into it afterwards.
     frame = request.frame if request.product == "pose" else ""
-    return replace(request, id="", deadline_s=0.0, priority=0, type_name="", format="", deliver="", frame=frame)
+    return replace(
+        request, id="", deadline_s=0.0, priority=0, type_name="", format="", deliver="", frame=frame, every_s=None
+    )

@@ -331,6 +331,42 @@ def test_identical_requests_at_a_time_share_one_activation(client: Client, drive
     assert driver.events.count("activated") == before + 1
 
 
+@pytest.mark.req("CDFF-SUP-073")
+def test_a_standing_request_brings_each_newer_product_until_it_is_closed(client: Client, driver: Driver) -> None:
+    came = []
+    with contextlib.closing(client.standing("pose", robot="mana", every_s=0.2, lease_s=3.0)) as answers:
+        for answer in answers:
+            came.append(answer)
+            if len(came) == 5:
+                break
+        stamps = [a.header.t1_ns for a in came]
+        assert stamps == sorted(set(stamps))
+        assert all(isinstance(a.value, TransformWithCovariance) for a in came)
+        assert driver.events[-1] == "activated"
+    eventually(lambda: client.jobs("mana")[0]["state"] == "cancelled")
+    eventually(lambda: driver.events[-1] == "deactivated", 15, "letting go")
+
+
+@pytest.mark.req("CDFF-SUP-073")
+def test_a_standing_request_outlives_its_first_lease_while_renewed_and_ends_when_it_is_not(
+    client: Client, driver: Driver, system: System
+) -> None:
+    asked = {"type": "pose", "every_s": 0.5, "deadline_ms": 4000, "request": "standing"}
+    with Bus.open(system.endpoint, name="raw") as bus:
+        start_s, replies, renewed = time.monotonic(), [], False
+        for reply in bus.call_stream(REQUEST, asked, timeout_s=30):
+            replies.append(reply)
+            if reply.attachment["kind"] == "product" and not renewed:
+                renewed = True
+                bus.call(keys.orchestrator_rpc("mana", "renew"), {"job": "standing", "deadline_ms": 5000})
+        assert time.monotonic() - start_s > 4.0, "it was renewed"
+    kinds = [r.attachment["kind"] for r in replies]
+    assert kinds[-1] == "end"
+    assert replies[-1].body()["sent"] == kinds.count("product") > 2
+    assert [r.final for r in replies].count(True) == 1
+    assert client.jobs("mana")[0]["state"] == "done"
+
+
 @pytest.mark.req("CDFF-SUP-041")
 def test_a_dfpc_killed_while_a_request_waits_is_activated_again_when_it_is_back(
     client: Client, driver: Driver, system: System

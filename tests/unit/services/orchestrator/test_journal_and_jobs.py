@@ -127,6 +127,19 @@ def test_a_request_s_name_is_free_again_once_its_job_has_ended(journal: Journal)
         book.move(job, JobState.LOOKING)
 
 
+def test_only_a_standing_request_that_is_open_is_renewed(journal: Journal) -> None:
+    book = JobBook(journal, capacity=9)
+    standing = book.open(replace(request("s"), every_s=0.0, deadline_s=1.0))
+    assert book.renew("s", 100.0).remaining_s() > 90
+    book.open(request("once"))
+    with pytest.raises(InputError, match="standing"):
+        book.renew("once", 5.0)
+    book.move(standing, JobState.CANCELLED)
+    for name in ("s", "never"):
+        with pytest.raises(ProductNotFoundError):
+            book.renew(name, 5.0)
+
+
 def test_old_jobs_are_forgotten_and_lists_name_the_newest_of_a_robot_first(journal: Journal) -> None:
     book = JobBook(journal, capacity=1, remembered=6)
     for i in range(12):

@@ -1,0 +1,57 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The asyncio client against real processes."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from cdff_common.bus import Bus, keys
+from cdff_common.client import AsyncClient
+from cdff_common.clock import wall_ns
+from cdff_common.geometry import UncertainTransform
+from cdff_common.types import TransformWithCovariance
+from tests.integration.conftest import Spawn, free_port
+from tests.integration.test_orchestrator import PROFILE, eventually
+from tests.integration.test_orchestrator_products import put
+
+pytestmark = pytest.mark.integration
+
+
+@pytest.mark.req("CDFF-SUP-075")
+def test_twenty_requests_at_a_time_are_answered_and_a_cancelled_task_ends_its_job(
+    spawn: Spawn, endpoint: str, tmp_path: Path
+) -> None:
+    spawn("services.router")
+    spawn("services.dpm", "--profile", PROFILE, "--http", f"127.0.0.1:{free_port()}")
+    spawn("services.orchestrator", "--profile", PROFILE)
+    stamp_ns = wall_ns() // 1000 * 1000
+    T = UncertainTransform.identity()
+    value = TransformWithCovariance.from_transform(T, parent="site", child="mana/base", stamp_ns=stamp_ns)
+    with Bus.open(endpoint, name="test", wait_s=20) as bus:
+        wanted = {keys.alive("mana", s) for s in ("dpm", "orchestrator")}
+        eventually(lambda: wanted <= bus.alive(keys.alive("mana", "*")), 40, "start-up")
+        header = put(bus, "pose", value, child="mana/base")
+
+    async def ask() -> None:
+        async with AsyncClient(endpoint) as c:
+            answers = await asyncio.gather(*(c.request("pose", robot="mana", max_age_s=600) for _ in range(20)))
+            assert {a.header.id for a in answers} == {header.id}
+            assert (await c.get(header.id)).value == value
+            received = asyncio.Event()
+            # Nothing makes a newer one: its DFPC has no process here.
+            task = asyncio.create_task(
+                c.request("pose", robot="mana", max_age_s=0.0, deadline_s=60, on_progress=lambda _b: received.set())
+            )
+            await asyncio.wait_for(received.wait(), 20)
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+            async with asyncio.timeout(20):
+                while (await c.jobs("mana"))[0]["state"] != "cancelled":
+                    await asyncio.sleep(0.05)
+
+    asyncio.run(ask())
