@@ -32,7 +32,12 @@ from collections.abc import Sequence
 
 
 class CdffError(Exception):
-    """Root of all errors raised on purpose by the framework."""
+    """Root of all errors raised on purpose by the framework.
+
+    ``retriable`` is set where the error came from another process, which says whether trying again makes sense.
+    """
+
+    retriable: bool | None = None
 
 
 class ConfigurationError(CdffError):

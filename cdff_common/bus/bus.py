@@ -17,6 +17,7 @@ from cdff_common.bus.message import Message, Reply, Request, pack, unpack
 from cdff_common.bus.qos import Qos, put_options
 from cdff_common.bus.session import open_client, open_router
 from cdff_common.bus.subscription import Subscription
+from cdff_common.bus.verbs import RPC, VerbTable
 from cdff_common.clock import MissionClock
 from cdff_common.errors import CdffError
 
@@ -45,6 +46,8 @@ class Bus:
         self._open: list[Any] = []
         self._latched: dict[str, tuple[bytes, str]] = {}
         self._clock: MissionClock | None = None
+        self._verb_tables: dict[str, VerbTable] = {}
+        self._announced = False
 
     @classmethod
     def open(
@@ -136,8 +139,20 @@ class Bus:
 
     def serve(self, key: str, handler: rpc.Handler, *, workers: int = 4, backlog: int = 64) -> rpc.Served:
         """Answer calls of ``key`` with ``handler`` in a pool of ``workers`` threads."""
-        served: rpc.Served = self._keep(rpc.Served(self._session, key, handler, workers, backlog))
+        prefix, is_verb, verb = key.partition(RPC)
+        served: rpc.Served = self._keep(rpc.Served(None if is_verb else self._session, key, handler, workers, backlog))
+        if is_verb:
+            self._verb_table(prefix).add(verb, served)
         return served
+
+    def _verb_table(self, prefix: str) -> VerbTable:
+        with self._lock:
+            table = self._verb_tables.get(prefix)
+            if table is None:
+                table = VerbTable(self._session, prefix, lambda: self._announced)
+                self._verb_tables[prefix] = table
+                self._open.append(table)
+        return table
 
     def call_stream(
         self,
@@ -179,6 +194,7 @@ class Bus:
     def declare_alive(self, scope: str, service: str) -> None:
         """Say that a service is there; do it last, when it can answer."""
         self._keep(self._session.liveliness().declare_token(keys.alive(scope, service)))
+        self._announced = True
 
     def alive(self, keyexpr: str, *, timeout_s: float = 2.0) -> set[str]:
         """Liveliness tokens that match now."""

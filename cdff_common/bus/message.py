@@ -46,6 +46,12 @@ class Request:
         """The payload as MessagePack; raises CodecError."""
         return unpack(self.payload)
 
+    def check_parameters(self, *known: str) -> None:
+        """Refuse parameters other than ``known`` and ``request``; raises InputError naming the first."""
+        unknown = sorted(set(self.parameters) - {*known, "request"})
+        if unknown:
+            raise InputError(f"{self.key}: unknown parameter {unknown[0]!r}; known are {', '.join(known) or 'none'}")
+
 
 @dataclass(frozen=True, slots=True)
 class Reply:
@@ -132,6 +138,6 @@ def error_of(body: Any) -> CdffError:
         return CdffError(f"malformed error reply {body!r}")
     cls = ERROR_OF_CODE.get(str(body["code"]), CdffError)
     detail = str(body.get("detail", ""))
-    if cls is OverloadedError:
-        return OverloadedError(detail, float(body.get("retry_after_s", 1.0)))
-    return cls(detail)
+    error = OverloadedError(detail, float(body.get("retry_after_s", 1.0))) if cls is OverloadedError else cls(detail)
+    error.retriable = bool(body.get("retriable", False))
+    return error

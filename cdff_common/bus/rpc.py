@@ -33,24 +33,27 @@ Handler = Callable[[Request], Reply | Iterable[Reply]]
 
 
 class Served:
-    """A key expression that answers calls in a pool of its own.
+    """Answers calls of a key expression in a pool of its own.
 
-    At most ``workers`` handlers run and ``backlog`` calls wait; more are answered with OVERLOADED at once.
+    At most ``workers`` handlers run and ``backlog`` calls wait; more are answered with OVERLOADED at once. Without a
+    session it declares nothing: somebody else hands it queries by ``take``.
     """
 
-    def __init__(self, session: zenoh.Session, key: str, handler: Handler, workers: int, backlog: int) -> None:
+    def __init__(self, session: zenoh.Session | None, key: str, handler: Handler, workers: int, backlog: int) -> None:
         self._key = key
         self._handler = handler
         self._slots = threading.BoundedSemaphore(workers + backlog)
         self._pool = ThreadPoolExecutor(workers, thread_name_prefix=f"rpc {key}")
-        self._queryable = session.declare_queryable(key, self._take, complete=True)
+        self._queryable = None if session is None else session.declare_queryable(key, self.take, complete=True)
 
     def close(self) -> None:
         """Stop answering; calls that wait are dropped, which their callers see as UNAVAILABLE."""
-        self._queryable.undeclare()
+        if self._queryable is not None:
+            self._queryable.undeclare()
         self._pool.shutdown(wait=False, cancel_futures=True)
 
-    def _take(self, query: zenoh.Query) -> None:
+    def take(self, query: zenoh.Query) -> None:
+        """Answer a query from the pool, or with OVERLOADED at once."""
         if not self._slots.acquire(blocking=False):
             with query:
                 error = OverloadedError(f"{self._key}: too many calls at once", retry_after_s=1.0)

@@ -120,6 +120,28 @@ class Runner:
         products.extend(self._products(self._dfpc.finish()))
         return products
 
+    def provenance(self, name: str, value: Any) -> dict[str, Any]:
+        """Header fields of a value that was asked for: an item of the store, the result of an operation.
+
+        What the value itself does not say (time, frame) is left out.
+        """
+        fields: dict[str, Any] = {"producer": self._producer, "config_hash": self._config_hash}
+        geometry = getattr(value, "geometry", None)
+        frame = (
+            getattr(value, "parent_frame", None) or getattr(value, "frame", None) or getattr(geometry, "frame", None)
+        )
+        stamp_ns = getattr(value, "stamp_ns", None)
+        if frame and stamp_ns is not None:
+            extent = value.extent_m()
+            header = Header(
+                id=product_id(self._robot, self._dfpc.name, name, stamp_ns, 0, self._config_hash), seq=0,
+                t0_ns=getattr(value, "t0_ns", stamp_ns), t1_ns=stamp_ns, frame=frame,
+                child=getattr(value, "child_frame", None) or None, box_m=None if extent is None else tuple(extent),
+                resolution_m=None if geometry is None else float(geometry.resolution_m), **fields,
+            )  # fmt: skip
+            return header.to_dict()
+        return fields
+
     def _products(self, outputs: Iterable[Output]) -> Iterator[Product]:
         for output in outputs:
             yield self._product(output)

@@ -74,17 +74,18 @@ def _run_system(args: argparse.Namespace) -> int:
     from cdff_common.bus import Bus
     from cdff_common.errors import ConfigurationError
     from cdff_common.interfaces.profile import load_profile
+    from cdff_common.output import make_folder
     from cdff_dev.demo.run import found_over_http, run_script, wait_for_clock
     from cdff_dev.demo.script import load_script
     from cdff_dev.demo.stage import Stage
 
+    data_dir = None if args.data_dir is None else make_folder(Path(args.data_dir))
+    if data_dir is not None and (data_dir / "store.sqlite").exists():
+        raise ConfigurationError(f"--data-dir {data_dir}: holds products of an earlier run; name an empty folder")
     name, log = _source(args)
     script = load_script(DEPLOY / "demo" / f"{name}.yaml")
     profile_path = DEPLOY / "profiles" / f"{script.profile}.yaml"
     profile = load_profile(profile_path)
-    data_dir = None if args.data_dir is None else Path(args.data_dir)
-    if data_dir is not None and (data_dir / "store.sqlite").exists():
-        raise ConfigurationError(f"--data-dir {data_dir}: holds products of an earlier run; name an empty folder")
     # Both Ctrl-C and SIGTERM interrupt whatever the main thread does, and the stage is left in order.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     code = 1

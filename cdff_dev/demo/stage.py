@@ -25,7 +25,7 @@ from cdff_common.interfaces.profile import Profile
 
 #: How long the system may take to be ready, and to end, seconds.
 READY_S = 90.0
-END_S = 4.5
+END_S = 3.5
 
 
 def check_free(host: str, port: int, what: str) -> None:

@@ -61,25 +61,30 @@ class DfpcHost:
     def _serve(self, hosted: HostedDfpc) -> None:
         robot, name = hosted.robot.id, hosted.entry.name
 
-        def describe(_request: Request) -> Reply:
+        def describe(request: Request) -> Reply:
+            request.check_parameters()
             return Reply.of(hosted.describe())
 
-        def status(_request: Request) -> Reply:
+        def status(request: Request) -> Reply:
+            request.check_parameters()
             return Reply.of(self._status(hosted))
 
         def configure(request: Request) -> Reply:
+            request.check_parameters()
             body = request.body() if request.payload else None
             if body is not None and not isinstance(body, dict):
                 raise InputError(f"configure: body is a {type(body).__name__}, expected a map of parameters")
             hosted.configure(body)
             return Reply.of({"state": str(hosted.state)})
 
-        def activate(_request: Request) -> Reply:
+        def activate(request: Request) -> Reply:
+            request.check_parameters()
             hosted.activate()
             self._beat(hosted)
             return Reply.of({"state": str(hosted.state)})
 
-        def deactivate(_request: Request) -> Reply:
+        def deactivate(request: Request) -> Reply:
+            request.check_parameters()
             hosted.deactivate()
             self._beat(hosted)
             return Reply.of({"state": str(hosted.state)})
@@ -88,6 +93,7 @@ class DfpcHost:
             return _value(hosted.call(request.key.rsplit("/", 1)[1], request.parameters, BUSY_S))
 
         def store(request: Request) -> Reply:
+            request.check_parameters()
             return _value(hosted.store_item(request.key.rsplit("/", 1)[1], BUSY_S))
 
         verbs = {
@@ -134,9 +140,10 @@ class DfpcHost:
                     os._exit(EXIT_HUNG)
 
 
-def _value(found: tuple[str, object]) -> Reply:
-    """A value of an operation or store item as a reply: plain data as MessagePack, types as UPER."""
-    value = found[1]
+def _value(found: tuple[object, dict[str, object]]) -> Reply:
+    """A value of an operation or store item as a reply: plain data as MessagePack, types as UPER with their header."""
+    value, provenance = found
     if value is None or isinstance(value, (bool, int, float, str, list, dict)):
-        return Reply.of(value)
-    return Reply(encode(value, "uper"), encoding_string(wire_type(value), "uper"))
+        return Reply.of(value, **provenance)
+    encoding = encoding_string(wire_type(value), "uper")
+    return Reply(encode(value, "uper"), encoding, {"kind": "product", **provenance})

@@ -108,8 +108,8 @@ class HostedDfpc:
 
     # -- asked from outside ---------------------------------------------------------------------------------------
 
-    def call(self, operation: str, parameters: Mapping[str, str], timeout_s: float) -> tuple[str, Any]:
-        """Run an operation; return the type's name and the value."""
+    def call(self, operation: str, parameters: Mapping[str, str], timeout_s: float) -> tuple[Any, dict[str, Any]]:
+        """Run an operation; return the value and its provenance."""
         if self.state not in (State.ACTIVE, State.INACTIVE):
             raise NotActiveError(f"{self.entry.name} is {self.state}: {self.last_error or 'configure it first'}")
         self._acquire(timeout_s, operation)
@@ -117,10 +117,10 @@ class HostedDfpc:
             value = self._dfpc.call(operation, parameters)
         finally:
             self._use.release()
-        return type(value).__name__, value
+        return value, self._provenance(operation, value)
 
-    def store_item(self, item: str, timeout_s: float) -> tuple[str, Any]:
-        """Return the type's name and the value of an item of the local store."""
+    def store_item(self, item: str, timeout_s: float) -> tuple[Any, dict[str, Any]]:
+        """Return the value of an item of the local store and its provenance."""
         if self.state is State.UNCONFIGURED:
             raise NotActiveError(f"{self.entry.name} is {self.state}")
         self._acquire(timeout_s, f"store/{item}")
@@ -128,7 +128,10 @@ class HostedDfpc:
             value = self._dfpc.store.get(item)
         finally:
             self._use.release()
-        return type(value).__name__, value
+        return value, self._provenance(item, value)
+
+    def _provenance(self, name: str, value: Any) -> dict[str, Any]:
+        return {} if self._runner is None else self._runner.provenance(name, value)
 
     def describe(self) -> dict[str, Any]:
         """Ports, wiring, needs, cost and state, for the orchestrator's catalogue."""

@@ -34,8 +34,9 @@ class Parcel:
 class Outbox:
     """Hands parcels to the DPM in order from a thread of its own.
 
-    When the DPM is away, parcels wait; beyond ``capacity`` the oldest is dropped and counted in ``dropped``. What the
-    DPM refuses (same id, other content; malformed) is counted in ``refused`` and logged: a retry would not help.
+    When the DPM is away, its disk full or itself broken, parcels wait; beyond ``capacity`` the oldest is dropped and
+    counted in ``dropped``. What the DPM refuses (same id, other content; malformed) is counted in ``refused`` and
+    logged: a retry would not help.
     """
 
     def __init__(self, bus: Bus, capacity: int = 256) -> None:
@@ -99,10 +100,13 @@ class Outbox:
                 attachment=parcel.attachment,
                 timeout_s=_PUT_TIMEOUT_S,
             )
-        except UnavailableError as error:
-            self.last_error = str(error)
-            return False
         except CdffError as error:
+            # INTERNAL without a class of ours is a bug in the DPM: another process of it may do better.
+            if isinstance(error, UnavailableError) or error.retriable or type(error) is CdffError:
+                if self.last_error != str(error):
+                    logger.warning("%s/%s waits for the DPM: %s", parcel.dfpc, parcel.port, error)
+                self.last_error = str(error)
+                return False
             self.refused += 1
             self.last_error = str(error)
             logger.error("the DPM refused %s/%s: %s", parcel.dfpc, parcel.port, error)

@@ -10,14 +10,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-DEFAULT_DATA_DIR = Path("~/.local/share/cdff")
 DEFAULT_HTTP = "127.0.0.1:8080"
 SERVICES = ("router", "dpm", "orchestrator", "icu")
-
-
-def data_dir_of(argument: str | None) -> Path:
-    """The data folder: the argument, else ``CDFF_DATA_DIR``, else the default."""
-    return Path(argument or os.environ.get("CDFF_DATA_DIR") or DEFAULT_DATA_DIR).expanduser()
 
 
 def register_up(nouns: Any) -> None:
@@ -38,7 +32,8 @@ def run_up(args: argparse.Namespace) -> int:
     from cdff_common.bus.session import endpoint
     from cdff_common.errors import ConfigurationError
     from cdff_common.interfaces.profile import load_profile
-    from cdff_common.process import run_service
+    from cdff_common.output import make_folder
+    from cdff_common.process import data_dir_of, run_service
     from services.supervisor.plan import plan
     from services.supervisor.supervisor import Supervisor
 
@@ -48,11 +43,8 @@ def run_up(args: argparse.Namespace) -> int:
         )
     path = Path(args.profile)
     profile = load_profile(path)
-    data_dir = data_dir_of(args.data_dir)
-    data_dir.mkdir(parents=True, exist_ok=True)
-    log_dir = None if args.log_dir is None else Path(args.log_dir)
-    if log_dir is not None:
-        log_dir.mkdir(parents=True, exist_ok=True)
+    data_dir = make_folder(data_dir_of(args.data_dir))
+    log_dir = None if args.log_dir is None else make_folder(Path(args.log_dir))
     specs = plan(profile, path, connect=endpoint(args.connect), http=args.http, data_dir=data_dir)
     return run_service("supervisor", Supervisor(specs, log_dir).run)
 

@@ -26,7 +26,7 @@ BACKOFF_FIRST_S = 0.2
 BACKOFF_LONGEST_S = 3.0
 STABLE_S = 10.0
 #: How long processes get to end by themselves after SIGTERM.
-GRACE_S = 3.5
+GRACE_S = 2.5
 
 
 @dataclass(slots=True)
@@ -87,6 +87,7 @@ class Supervisor:
             try:
                 process.wait(max(deadline_s - monotonic_s(), 0.05))
             except subprocess.TimeoutExpired:
+                logger.warning("%s did not end within %g s of SIGTERM and is killed", process.args, GRACE_S)
                 process.kill()
                 process.wait()
 

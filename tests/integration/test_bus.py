@@ -281,3 +281,14 @@ def test_a_second_router_on_the_same_endpoint_ends_with_a_known_error(
     router: subprocess.Popen[bytes], pair: tuple[Bus, Bus], spawn: Spawn
 ) -> None:
     assert spawn("services.router").wait(10) == 1
+
+
+def test_a_verb_that_nobody_has_is_answered(pair: tuple[Bus, Bus], eventually: Eventually) -> None:
+    server, client = pair
+    served(server, client, lambda _r: Reply.of(1), eventually)
+    unknown = keys.dpm_rpc("ground", "nonsense")
+    with pytest.raises(UnavailableError, match="starting"):
+        client.call(unknown)
+    server.declare_alive("ground", "dpm")
+    with pytest.raises(InputError, match="no verb 'nonsense'; it has get, stat"):
+        client.call(unknown)
