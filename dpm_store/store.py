@@ -24,6 +24,7 @@ from dpm_store.poses import PoseTable
 from dpm_store.products import ProductTable
 from dpm_store.provenance import MAX_GENERATIONS, Lineage, lineage
 from dpm_store.records import Insertion, Page, Parcel, ProductRecord, Query
+from dpm_store.retention import Retention
 from dpm_store.search import Search
 
 _DATABASE = "store.sqlite"
@@ -65,6 +66,8 @@ class Store:
         Append-only history.
     annotations : AnnotationTable
         Tags, notes, pins, judgements and successors of products, by revision.
+    retention : Retention
+        Rules of what may go.
     maps : Maps
         Windows pooled from patches.
     """
@@ -86,6 +89,7 @@ class Store:
         self.poses = PoseTable(self._database, self.frames)
         self.annotations = AnnotationTable(self._database, self.events, clock)
         self._products = ProductTable(self._database, self._files, self.events, self.annotations, clock)
+        self.retention = Retention(self._database, self._products, clock)
         self._search = Search(self._database, self._products, self.frames, self.poses)
         self.maps = Maps(self._search, self._products)
 

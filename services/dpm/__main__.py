@@ -14,6 +14,7 @@ from cdff_common.interfaces.profile import Profile, load_profile
 from cdff_common.process import run_service
 from dpm_store import Store, open_store
 from services.dpm.operations import Dpm
+from services.dpm.retention import rules_of
 from services.dpm.service import serve
 from services.dpm.settings import Settings, parse_settings
 from services.dpm.watch import Watch
@@ -43,7 +44,7 @@ def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
             dpm = Dpm(store, settings.max_body_bytes)
             watch = Watch(bus, dpm)
             with HttpServer(Context(dpm, settings, bus, watch, profile)):
-                serve(bus, dpm, served_robots(profile, store))
+                serve(bus, dpm, served_robots(profile, store), rules_of(profile))
                 logger.info("serving", extra=_where(settings, store))
                 warming = threading.Thread(target=_warm, name="warm", daemon=True)
                 warming.start()

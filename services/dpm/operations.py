@@ -17,7 +17,7 @@ from cdff_common.codecs.siblings import base_type
 from cdff_common.errors import CodecError, InputError, ProductNotFoundError, UnavailableError
 from cdff_common.geometry import checked_frame
 from cdff_common.interfaces.product import Header, Status
-from dpm_store import Annotation, Event, Insertion, Page, Parcel, ProductRecord, Query, Store
+from dpm_store import Annotation, Event, Insertion, Page, Parcel, Plan, ProductRecord, Query, Rule, Store
 from dpm_store.events import CHANGES
 from dpm_store.maps import DERIVED_DFPC, DERIVED_PORT, ElevationWindow
 from dpm_store.provenance import MAX_GENERATIONS
@@ -142,6 +142,15 @@ class Dpm:
         self._count("deleted")
         self._tell()
         return deleted
+
+    def retire(self, rules: Sequence[Rule], *, apply: bool = False) -> Plan:
+        """What the rules let go; with ``apply`` it is deleted and its payloads are collected."""
+        if not apply:
+            return self.store.retention.plan(rules)
+        plan = self.store.retention.apply(rules)
+        self._tell()
+        self.store.collect()
+        return plan
 
     def update(self, product_id: str, changes: Mapping[str, Any], if_match: int | None, author: str = "") -> Annotation:
         """Change what is said of a product; see ``AnnotationTable.update``."""

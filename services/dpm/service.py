@@ -12,7 +12,7 @@ from typing import Any
 from cdff_common.bus import Bus, Qos, Reply, Request, keys
 from cdff_common.codecs.encoding import encoding_string
 from cdff_common.errors import InputError
-from dpm_store import Event
+from dpm_store import Event, Rule
 from dpm_store.events import CHANGES
 from dpm_store.provenance import MAX_GENERATIONS
 from services.dpm.operations import OWN_EVENTS, Answer, Dpm
@@ -29,6 +29,7 @@ from services.dpm.parameters import (
     stamp,
     window_request,
 )
+from services.dpm.retention import retention
 
 logger = logging.getLogger(__name__)
 
@@ -44,11 +45,12 @@ _PUT = frozenset({"robot", "dfpc", "port", "product", "request"})
 MAX_PART_BYTES = 16 << 20
 
 
-def serve(bus: Bus, dpm: Dpm, robots: Sequence[str]) -> None:
+def serve(bus: Bus, dpm: Dpm, robots: Sequence[str], rules: Sequence[Rule] = ()) -> None:
     """Declare everything on the bus, the liveliness tokens last; events go out from then on."""
     handlers: dict[str, Callable[[Dpm, Request], Reply]] = {
         "search": search, "get": get, "put": put, "put_all": put_all, "update": update, "delete": delete, "pose": pose,
         "frames": frames, "stat": stat, "changes": changes, "provenance": provenance,
+        "retention": lambda dpm, request: retention(dpm, rules, request),
     }  # fmt: skip
     scopes = [*robots, GROUND]
     dpm.listen(functools.partial(_publish, bus))

@@ -1,0 +1,51 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+import msgpack
+import pytest
+
+from cdff_common.bus import Request
+from cdff_common.errors import InputError
+from cdff_common.interfaces.profile import Profile
+from dpm_store import Event, Rule
+from services.dpm.operations import Dpm
+from services.dpm.retention import retention, rules_of
+
+from .conftest import cloud, elevation, parcel
+
+RULES = (Rule("pointcloud", max_age_s=50),)
+
+
+def asked(**parameters: str) -> Request:
+    return Request("cdff/@v1/ground/dpm/@rpc/retention", parameters, b"", "", b"")
+
+
+@pytest.mark.req("CDFF-SUP-036")
+def test_retention_explains_first_and_deletes_when_told(dpm: Dpm) -> None:
+    _, old = dpm.put(*parcel(cloud(), "pointcloud", 10))
+    dpm.put(*parcel(cloud(), "pointcloud", 90))
+    dpm.put(*parcel(elevation(0.0), "dem", 1))
+    events: list[Event] = []
+    dpm.listen(events.append)
+    plan = msgpack.unpackb(retention(dpm, RULES, asked()).payload)
+    assert (plan["applied"], plan["retired"], plan["rules"]) == (False, 1, 1)
+    (verdict,) = plan["verdicts"]
+    assert (verdict["id"], verdict["retire"]) == (old.id, True)
+    assert "90 s old" in verdict["why"]
+    assert dpm.store.statistics().count == 3
+    done = msgpack.unpackb(retention(dpm, RULES, asked(apply="true")).payload)
+    assert (done["applied"], done["bytes"]) == (True, plan["bytes"])
+    assert dpm.store.statistics().count == 2
+    assert [event.kind for event in events] == ["deleted"]
+
+
+def test_other_words_than_true_and_false_are_refused(dpm: Dpm) -> None:
+    with pytest.raises(InputError, match="apply"):
+        retention(dpm, RULES, asked(apply="yes"))
+
+
+def test_the_rules_are_those_of_the_profile() -> None:
+    profile = Profile.model_validate(
+        {"name": "test", "robots": [{"id": "mana"}], "retention": [{"product": "dem", "max_age_s": 5, "max_bytes": 9}]}
+    )
+    assert rules_of(profile) == (Rule("dem", None, 5.0, 9),)
+    assert rules_of(None) == ()
