@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import mmap
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +22,11 @@ from cdff_common.codecs.siblings import base_type
 from cdff_common.errors import CodecError, InputError
 from cdff_common.interfaces.product import Header
 from cdff_dev.logs import quirks as quirk
+from cdff_dev.logs.octets import LogFiles, Walked, walked
 from cdff_dev.logs.source import LogSample, StreamInfo
+
+#: Samples that are skipped in one go.
+_STRIDE = 64
 
 
 @dataclass(slots=True)
@@ -41,8 +43,8 @@ class _Part:
 class LogReader:
     """A log of one or several files.
 
-    Opening maps the files and indexes them: about 50 octets of memory a sample, and no sample is unpacked before it
-    is asked for.
+    Opening indexes the files: about 50 octets of memory a sample. No sample is read before it is asked for, and none
+    is kept: memory does not grow with the log.
 
     Parameters
     ----------
@@ -58,12 +60,12 @@ class LogReader:
     def __init__(self, files: list[Path]) -> None:
         self.files = files
         self.quirks = quirk.Quirks(files[0].name if files else "log")
-        self._maps: list[mmap.mmap] = []
+        self._octets = LogFiles(files)
         self._parts: dict[str, list[_Part]] = {}
         self._types: dict[str, str] = {}
         try:
-            for path in files:
-                self._index(path)
+            for file, path in enumerate(files):
+                self._index(file, path)
         except BaseException:
             self.close()
             raise
@@ -79,11 +81,7 @@ class LogReader:
 
     def close(self) -> None:
         """Let go of the files."""
-        for mapped in self._maps:
-            # an error on its way up may still hold a view; the file is then let go with the error
-            with contextlib.suppress(BufferError):
-                mapped.close()
-        self._maps = []
+        self._octets.close()
 
     def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
         """Samples of all or some streams in the order (stamp_ns, stream, seq).
@@ -117,7 +115,7 @@ class LogReader:
             yield self._sample(names[rank], self._parts[names[rank]][number], at, stamp_ns, seq)
 
     def _sample(self, name: str, part: _Part, at: int, stamp_ns: int, seq: int) -> LogSample:
-        octets = self._maps[part.file][int(part.starts[at]) : int(part.ends[at])]
+        octets = self._octets.read(part.file, int(part.starts[at]), int(part.ends[at]))
         type_name = self._types[name]
         try:
             plain = quirk.with_microseconds(unpack_message(octets, type_name), name, self.quirks)
@@ -138,21 +136,14 @@ class LogReader:
             max(int(s.max()) for s in stamps),
         )
 
-    def _index(self, path: Path) -> None:
+    def _index(self, file: int, path: Path) -> None:
         """Note where the samples of a file lie."""
         size = path.stat().st_size
         if size == 0:
             self.quirks.tell(f"{path.name}: empty file")
             return
-        with path.open("rb") as handle:
-            mapped = mmap.mmap(handle.fileno(), 0, access=mmap.ACCESS_READ)
-        self._maps.append(mapped)
-        file = len(self._maps) - 1
-        buffer = np.frombuffer(mapped, dtype=np.uint8)
-        try:
-            metas, found = _walk(buffer, path, self.quirks)
-        finally:
-            del buffer
+        with walked(path) as walk:
+            metas, found = _walk(walk, path, self.quirks)
         for name, (starts, ends) in found.items():
             self._add(path, file, name, metas.get(name), starts, ends)
         for name in metas.keys() - found.keys():
@@ -188,8 +179,9 @@ class LogReader:
 _Samples = dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]]
 
 
-def _walk(buffer: NDArray[np.uint8], path: Path, quirks: quirk.Quirks) -> tuple[dict[str, Any], _Samples]:
+def _walk(walk: Walked, path: Path, quirks: quirk.Quirks) -> tuple[dict[str, Any], _Samples]:
     """Metas, and begin and end of the samples of each stream, of a file's map."""
+    buffer = walk.octets
     metas: dict[str, Any] = {}
     found: _Samples = {}
     pairs, at = _container(buffer, 0, path, "map")
@@ -215,13 +207,27 @@ def _walk(buffer: NDArray[np.uint8], path: Path, quirks: quirk.Quirks) -> tuple[
             quirks.tell(f"{path.name}: truncated in {key}; what followed is lost")
             count = buffer.size - at
         ends = np.zeros(count, dtype=np.int64)
-        whole = int(skip_many(buffer, at, ends))
+        whole = _skip_samples(walk, at, ends)
         found[key] = (np.concatenate([[at], ends[: max(whole - 1, 0)]]).astype(np.int64)[:whole], ends[:whole])
         if whole < count:
             quirks.tell(f"{path.name}: truncated in {key}: {whole} of {count} samples are whole; what followed is lost")
             return metas, found
         at = int(ends[-1]) if count else at
     return metas, found
+
+
+def _skip_samples(walk: Walked, at: int, ends: NDArray[np.int64]) -> int:
+    """Note where each of ``ends.size`` samples ends, letting go of those passed; returns how many are whole."""
+    done = 0
+    while done < ends.size:
+        part = ends[done : done + _STRIDE]
+        whole = int(skip_many(walk.octets, at, part))
+        done += whole
+        if whole < part.size:
+            break
+        at = int(part[-1])
+        walk.passed(at)
+    return done
 
 
 def _container(buffer: NDArray[np.uint8], at: int, path: Path, kind: str) -> tuple[int, int]:

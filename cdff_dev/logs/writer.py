@@ -13,6 +13,7 @@ import msgpack
 from cdff_common.codecs import encode
 from cdff_common.errors import InputError, StorageError
 from cdff_common.interfaces.product import Header
+from cdff_common.output import writing
 
 #: Largest chunk, octets; a sample that is larger is a chunk by itself.
 CHUNK_BYTES = 64_000_000
@@ -122,7 +123,8 @@ class LogWriter:
         if self._size or not self._chunks:
             self._flush()
         if self._single and len(self._chunks) == 1:
-            self._chunks[0].replace(self.path)
+            with writing(f"log {self.path}"):
+                self._chunks[0].replace(self.path)
 
     def _flush(self) -> None:
         path = self._prefix.with_name(f"{self._prefix.name}_{len(self._chunks):09d}.msg")
