@@ -87,7 +87,8 @@ def _run_system(args: argparse.Namespace) -> int:
     profile_path = DEPLOY / "profiles" / f"{script.profile}.yaml"
     profile = load_profile(profile_path)
     # Both Ctrl-C and SIGTERM interrupt whatever the main thread does, and the stage is left in order.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
     code = 1
     with Stage(profile, profile_path, args.connect, args.http, data_dir) as stage:
         _say(f"starting {len(stage.expected)} services of profile {profile.name}; logs in {stage.log_dir}")
@@ -100,6 +101,9 @@ def _run_system(args: argparse.Namespace) -> int:
             stage.check_running()
             _say(f"found over HTTP at {args.http}: {found_over_http(args.http)}")
             code = _verdict(outcomes)
+            if code:
+                stage.keep = True
+                _say(f"the logs of every process are kept in {stage.log_dir}")
             if not args.once:
                 _say(f"browse http://{args.http} - Ctrl-C ends everything")
                 try:

@@ -16,6 +16,7 @@ from typing import Any
 from cdff_common.bus import Bus, keys
 from cdff_common.client import Answer, Client
 from cdff_common.clock import NS_PER_S, MissionClock
+from cdff_common.codecs.warm import warm_wire
 from cdff_common.errors import CdffError, UnavailableError
 from cdff_common.geometry.region import Region, parse_region
 from cdff_common.interfaces.product import Header
@@ -57,6 +58,7 @@ def run_script(
     script: Script, clock: MissionClock, begin_ns: int, connect: str, http: str, on_outcome: Callable[[Outcome], None]
 ) -> list[Outcome]:
     """Send every request at its time, each in a thread of its own, and return the outcomes in the script's order."""
+    warm_wire()  # an answer's age is judged when it is in hand: loading a codec must not make it older
     outcomes: list[Outcome | None] = [None] * len(script.requests)
 
     def ask_one(index: int, ask: Ask) -> None:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -78,7 +79,9 @@ class Stage:
     http : str
         ``host:port`` of the HTTP server.
     data_dir : Path or None
-        None takes a fresh folder that is removed at the end.
+        None takes a fresh folder, removed at the end unless something went wrong or ``keep`` is set.
+    keep : bool
+        Keep a fresh data folder.
     """
 
     profile: Profile
@@ -86,15 +89,15 @@ class Stage:
     connect: str
     http: str
     data_dir: Path | None = None
-    _scratch: tempfile.TemporaryDirectory[str] | None = None
+    keep: bool = False
+    _scratch: Path | None = None
     _processes: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
 
     def __enter__(self) -> Self:
         check_free(*_split(self.connect, "router"), "the router's endpoint")
         check_free(*_split(self.http, "http"), "the HTTP address")
-        self._scratch = tempfile.TemporaryDirectory(prefix="cdff-demo-", ignore_cleanup_errors=True)
         if self.data_dir is None:
-            self.data_dir = Path(self._scratch.name)
+            self._scratch = self.data_dir = Path(tempfile.mkdtemp(prefix="cdff-demo-"))
         self._spawn(
             "up",
             "--profile",
@@ -114,8 +117,8 @@ class Stage:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.end()
-        if self._scratch is not None:
-            self._scratch.cleanup()
+        if self._scratch is not None and kind is None and not self.keep:
+            shutil.rmtree(self._scratch, ignore_errors=True)
 
     @property
     def log_dir(self) -> Path:

@@ -13,6 +13,7 @@ import numpy as np
 from cdff_common.geometry.region import Region
 from cdff_common.raster.geometry import GridGeometry
 from cdff_common.raster.region import coverage as covered
+from cdff_common.raster.region import mask
 from cdff_common.types import (
     ElevationMap,
     NavigationMap,
@@ -77,9 +78,14 @@ def _faults(ask: Ask, delivered: Delivered, now_ns: int, region: Region | None) 
     if isinstance(value, (TransformWithCovariance, RigidBodyState)):
         yield from _pose_faults(ask, value)
     elif isinstance(value, PoseTrajectory):
+        if (value.parent_frame, value.child_frame) != (ask.frame, f"{ask.robot}/base"):
+            what = f"{value.child_frame} in {value.parent_frame}"
+            yield f"a trajectory of {what}, expected {ask.robot}/base in {ask.frame}"
         if len(value.stamps_ns) < 2:
             yield f"{len(value.stamps_ns)} poses, expected a trajectory"
     elif isinstance(value, Pointcloud):
+        if value.frame != ask.frame:
+            yield f"points in {value.frame}, expected {ask.frame}"
         yield from _cloud_faults(value, region)
     else:
         geometry, observed = _grid_of(value)
@@ -124,11 +130,15 @@ def _grid_of(value: Any) -> tuple[GridGeometry, np.ndarray[Any, np.dtype[np.bool
 
 
 def _grid_faults(ask: Ask, geometry: GridGeometry, observed: Any, region: Region | None) -> Iterator[str]:
-    if ask.resolution_m is not None and geometry.resolution_m > ask.resolution_m * (1 + 1e-6):
-        yield f"cells of {geometry.resolution_m:g} m, expected {ask.resolution_m:g} m or finer"
+    if geometry.frame != ask.frame:
+        yield f"a grid in {geometry.frame}, expected {ask.frame}"
+    if ask.resolution_m is not None and abs(geometry.resolution_m / ask.resolution_m - 1) > 1e-6:
+        yield f"cells of {geometry.resolution_m:g} m, expected {ask.resolution_m:g} m"
     if not observed.any():
         yield "no cell is observed"
     if region is not None:
         coverage = covered(region, geometry, observed)
         if coverage < (ask.min_coverage or 0.0):
             yield f"coverage {coverage:.2f}, expected at least {ask.min_coverage:.2f}"
+        if (observed & ~mask(region, geometry)).any():
+            yield "cells outside the region hold data"

@@ -1,0 +1,29 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Load the compiled loops of the codecs before the first message comes, rather than while it waits."""
+
+from __future__ import annotations
+
+
+def warm_wire() -> None:
+    """Encode, decode and measure one value of each bulk type in each encoding."""
+    import numpy as np
+
+    from cdff_common.codecs import decode, encode
+    from cdff_common.geometry import UncertainTransform
+    from cdff_common.types import Frame, LidarScan, Pointcloud, TransformWithCovariance
+
+    points = np.linspace(-1.0, 1.0, 600).reshape(-1, 3)
+    transform = UncertainTransform(np.eye(4), np.eye(6))
+    values = [
+        Pointcloud.from_points(points, frame="site", stamp_ns=0),
+        LidarScan.from_arrays(
+            points.astype(np.float32), np.zeros(len(points), np.uint32), frame="site", t0_ns=0, t1_ns=1000
+        ),
+        Frame.from_image(np.zeros((16, 16), np.uint8), stamp_ns=0),
+        TransformWithCovariance.from_transform(transform, parent="site", child="base", stamp_ns=0),
+    ]
+    for value in values:
+        value.extent_m()
+        for codec in ("uper", "msgpack"):
+            decode(value.ASN1_NAME, encode(value, codec), codec)
