@@ -12,12 +12,16 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from sqlalchemy import Connection, Engine, Table, create_engine, event, literal_column, select, text
 from sqlalchemy.dialects.sqlite import Insert, insert
 from sqlalchemy.sql import Select
+
+from cdff_common.errors import StorageError
 
 #: Execution option that says a connection is going to write.
 WRITES = "cdff_writes"
@@ -53,6 +57,33 @@ def open_engine(path: Path) -> Engine:
     event.listen(engine, "connect", _on_connect)
     event.listen(engine, "begin", _on_begin)
     return engine
+
+
+def copy_database(source: Path, target: Path) -> tuple[int, list[str]]:
+    """Copy one committed state of a database that may be in use.
+
+    Returns
+    -------
+    tuple of int and list of str
+        Live products in it, and the digests of the payloads that lie in files.
+
+    Raises
+    ------
+    StorageError
+        If the source is no sound database or the disk is full.
+    """
+    try:
+        with (
+            closing(sqlite3.connect(f"file:{quote(str(source.absolute()))}?mode=ro", uri=True, timeout=10.0)) as there,
+            closing(sqlite3.connect(target)) as here,
+        ):
+            there.backup(here)
+            here.execute("PRAGMA journal_mode=DELETE")  # one file, nothing beside it
+            (products,) = here.execute("SELECT count(*) FROM products WHERE deleted_ns IS NULL").fetchone()
+            named = here.execute("SELECT sha256 FROM blobs WHERE content IS NULL AND size > 0 ORDER BY sha256")
+            return int(products), [row[0] for row in named]
+    except sqlite3.Error as error:
+        raise StorageError(f"backup of {source}: {error}") from error
 
 
 def insert_new(table: Table) -> Insert:

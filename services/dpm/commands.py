@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff dpm search|get|rm|stat|retention|verify``: what a Data Product Manager holds, and whether it is whole."""
+"""``cdff dpm search|get|rm|stat|retention|verify|backup|restore``: what a DPM holds, and whether it is whole."""
 
 from __future__ import annotations
 
@@ -43,6 +43,16 @@ def register(nouns: Any) -> None:
     how.add_argument("--dry-run", action="store_true", help="only say so (the default)")
     how.add_argument("--apply", action="store_true", help="delete what may go")
     retention.set_defaults(run=run_retention)
+    backup = verbs.add_parser("backup", help="copy a store on this machine, while its DPM runs and writes")
+    backup.add_argument("out", type=Path, help="directory to be made")
+    backup.add_argument("--data-dir", help="default: CDFF_DATA_DIR, ~/.local/share/cdff")
+    backup.add_argument("--json", action="store_true")
+    backup.set_defaults(run=run_backup)
+    restore = verbs.add_parser("restore", help="make a store of a backup, and verify it")
+    restore.add_argument("backup", type=Path)
+    restore.add_argument("--data-dir", help="new or empty; default: CDFF_DATA_DIR, ~/.local/share/cdff")
+    restore.add_argument("--json", action="store_true")
+    restore.set_defaults(run=run_restore)
     for verb in (search, get, remove, stat, retention):
         verb.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
         verb.add_argument("--json", action="store_true")
@@ -147,3 +157,29 @@ def run_verify(args: argparse.Namespace) -> int:
     else:
         print("\n".join(f"{p.where}: {p.what}" for p in problems) or f"{count} products, all as they were written")
     return 1 if problems else 0
+
+
+def run_backup(args: argparse.Namespace) -> int:
+    """Copy a store that may be in use."""
+    from dpm_store.backup import backup
+
+    made = backup(_data_dir(args), args.out)
+    found = {"products": made.products, "files": made.files, "bytes": made.bytes, "directory": str(args.out)}
+    print(json.dumps(found) if args.json else f"{args.out}: {made.products} products, {made.bytes} B")
+    return 0
+
+
+def run_restore(args: argparse.Namespace) -> int:
+    """Make a store of a backup and read everything in it; exit 1 if anything is not as it was written."""
+    from dpm_store.backup import restore
+
+    target = _data_dir(args)
+    restore(args.backup, target)
+    args.data_dir = str(target)
+    return run_verify(args)
+
+
+def _data_dir(args: argparse.Namespace) -> Path:
+    from services.dpm.settings import parse_settings
+
+    return parse_settings([] if args.data_dir is None else ["--data-dir", str(args.data_dir)]).data_dir

@@ -77,3 +77,12 @@ def test_a_payload_that_cannot_be_written_is_one_line_and_exit_1(
     assert cli.main(["dpm", "get", "a", "--out", str(tmp_path / "none" / "x")]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert "there is no folder" in line
+
+
+def test_a_backup_of_an_open_store_is_restored(dpm: Dpm, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    dpm.put(*parcel(cloud(5000), "pointcloud"))
+    copy, new = tmp_path / "copy", tmp_path / "new"
+    assert run("backup", str(copy), "--data-dir", str(tmp_path), "--json") == 0
+    assert json.loads(capsys.readouterr().out)["products"] == 1
+    assert run("restore", str(copy), "--data-dir", str(new), "--json") == 0
+    assert json.loads(capsys.readouterr().out) == {"products": 1, "problems": []}
