@@ -10,15 +10,24 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from pathlib import Path
 
 from cdff_common.errors import CdffError
 from cdff_common.log import configure_logging
 
 logger = logging.getLogger(__name__)
 
+#: Where data lie without an argument and without ``CDFF_DATA_DIR``.
+DEFAULT_DATA_DIR = "~/.local/share/cdff"
+
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _PR_SET_PDEATHSIG = 1
+
+
+def data_dir_of(argument: str | Path | None = None, environment: Mapping[str, str] = os.environ) -> Path:
+    """The data folder: the argument, else ``CDFF_DATA_DIR``, else the default; ``~`` is the user's home."""
+    return Path(argument or environment.get("CDFF_DATA_DIR") or DEFAULT_DATA_DIR).expanduser()
 
 
 def cap_threads(threads: int) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 
 from cdff_common.clock import Clock, WallClock
 from cdff_common.interfaces.product import Header
+from cdff_common.output import make_folder
 from dpm_store.annotations import AnnotationTable
 from dpm_store.blobs import BlobFiles
 from dpm_store.database import Database, directory_of
@@ -73,7 +74,7 @@ class Store:
     """
 
     def __init__(self, directory: Path, clock: Clock) -> None:
-        directory.mkdir(parents=True, exist_ok=True)
+        make_folder(directory)
         self.directory = directory
         self.clock = clock
         self._lock = DirectoryLock(directory)

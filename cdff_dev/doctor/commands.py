@@ -7,7 +7,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from pathlib import Path
 from typing import Any
 
 _MARKS = {"ok": "ok     ", "warning": "warning", "error": "ERROR  "}
@@ -25,12 +24,13 @@ def register(nouns: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print every finding; exit 1 if one is an error."""
+    from cdff_common.process import data_dir_of
     from cdff_dev.doctor.checks import Settings, examine
 
     settings = Settings(
         connect=args.connect or os.environ.get("CDFF_CONNECT") or "tcp/127.0.0.1:7447",
         http=args.http,
-        data_dir=Path(args.data_dir or os.environ.get("CDFF_DATA_DIR") or "~/.local/share/cdff").expanduser(),
+        data_dir=data_dir_of(args.data_dir),
     )
     findings = []
     for finding in examine(settings):

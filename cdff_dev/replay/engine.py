@@ -17,6 +17,7 @@ import numpy as np
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import Dfpc, Sample
 from cdff_common.interfaces.product import Product, Quality, product_id
+from cdff_common.output import make_folder, write_file
 from cdff_core.runtime import Runner
 from cdff_dev.logs import LogReader, LogSample, LogWriter
 
@@ -97,13 +98,18 @@ def replay(
     -------
     dict
         The summary: counts, wall and CPU seconds, peak memory, configuration hash.
+
+    Raises
+    ------
+    StorageError
+        If ``out`` cannot be written.
     """
     runner = Runner(dfpc)
     tracks: dict[str, PoseLines] = {}
     wall_s, cpu_s = time.monotonic(), time.process_time()
     writer: LogWriter | None = None
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
+        make_folder(out)
         writer = LogWriter(out / "outputs.msg")
 
     def keep(products: Iterable[Product]) -> None:
@@ -147,8 +153,8 @@ def replay(
     }
     if out is not None:
         for port, track in tracks.items():
-            (out / f"{port}.tum").write_text("\n".join(track.lines) + "\n", encoding="utf-8")
-        (out / "summary.json").write_text(json.dumps(summary, indent=2, sort_keys=True) + "\n", encoding="utf-8")
+            write_file(out / f"{port}.tum", ("\n".join(track.lines) + "\n").encode())
+        write_file(out / "summary.json", (json.dumps(summary, indent=2, sort_keys=True) + "\n").encode())
     return summary
 
 

@@ -39,13 +39,17 @@ def progress_line(done: int, total: int) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
+    from cdff_common.output import make_folder, writing
     from cdff_dev.simulate.scenario import load_scenario
-    from cdff_dev.simulate.store import check_free, deliver, simulated_log
+    from cdff_dev.simulate.store import cache_folder, check_free, deliver, simulated_log
 
     scenario = load_scenario(args.scenario, args.seed)
     check_free(args.out, args.force)
-    log = simulated_log(scenario, max(args.workers, 0), progress_line, fresh=args.force)
-    deliver(log, args.out, args.force)
+    make_folder(args.out.parent)  # told now, not after minutes
+    with writing(cache_folder()):
+        log = simulated_log(scenario, max(args.workers, 0), progress_line, fresh=args.force)
+    with writing(args.out):
+        deliver(log, args.out, args.force)
     robots = list(scenario.robots)
     if args.json:
         made = {"log": str(args.out), "scenario": scenario.name, "seed": scenario.seed, "robots": robots}

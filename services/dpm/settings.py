@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cdff_common.errors import ConfigurationError
+from cdff_common.process import data_dir_of
 
-DEFAULT_DATA_DIR = Path("~/.local/share/cdff")
 DEFAULT_HTTP = "127.0.0.1:8080"
 DEFAULT_MAX_BODY_MB = 256
 
@@ -77,7 +77,7 @@ def parse_settings(arguments: Sequence[str] | None, environment: Mapping[str, st
         If ``--http`` is no ``host:port``, or is off loopback without ``--keys``.
     """
     parser = argparse.ArgumentParser(prog="dpm", description="Data Product Manager: store, Zenoh queries, HTTP.")
-    parser.add_argument("--data-dir", type=Path, default=Path(environment.get("CDFF_DATA_DIR", DEFAULT_DATA_DIR)))
+    parser.add_argument("--data-dir", help="CDFF_DATA_DIR, ~/.local/share/cdff")
     parser.add_argument("--http", default=environment.get("CDFF_HTTP", DEFAULT_HTTP), help="host:port")
     parser.add_argument("--connect", default=None, help="router, as tcp/127.0.0.1:7447 (default: CDFF_CONNECT)")
     parser.add_argument("--profile", type=Path, default=environment.get("CDFF_PROFILE") or None)
@@ -102,6 +102,6 @@ def parse_settings(arguments: Sequence[str] | None, environment: Mapping[str, st
             "(in a container whose port is published on loopback only, set CDFF_HTTP_PUBLISHED_ON_LOOPBACK=1)"
         )
     return Settings(
-        Path(args.data_dir).expanduser(), host, int(port), args.connect,
+        data_dir_of(args.data_dir, environment), host, int(port), args.connect,
         None if args.profile is None else Path(args.profile), tuple(args.host_name), args.keys, args.max_body_mb << 20,
     )  # fmt: skip

@@ -10,16 +10,14 @@ from __future__ import annotations
 import argparse
 import os
 import threading
-from pathlib import Path
 
 from cdff_common.bus import Bus
 from cdff_common.codecs import encode
 from cdff_common.interfaces.profile import load_profile
-from cdff_common.process import cap_threads, run_service
+from cdff_common.output import make_folder
+from cdff_common.process import cap_threads, data_dir_of, run_service
 from cdff_common.types import TransformWithCovariance
 from services.orchestrator.service import Orchestrator
-
-_DEFAULT_DATA = Path.home() / ".local" / "share" / "cdff"
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -28,7 +26,7 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="orchestrator", description=__doc__)
     parser.add_argument("--profile", default=os.environ.get("CDFF_PROFILE"), required="CDFF_PROFILE" not in os.environ)
     parser.add_argument("--connect", default=None)
-    parser.add_argument("--data-dir", type=Path, default=Path(os.environ.get("CDFF_DATA_DIR", _DEFAULT_DATA)))
+    parser.add_argument("--data-dir", help="CDFF_DATA_DIR, ~/.local/share/cdff")
     parser.add_argument("--capacity", type=int, default=64, help="most requests open at a time")
     args = parser.parse_args(argv)
 
@@ -38,7 +36,8 @@ def main(argv: list[str] | None = None) -> int:
         )  # the codec reads its schema once: before the first request, not in it
         profile = load_profile(args.profile)
         with Bus.open(args.connect, name="orchestrator", wait_s=None, stop=stop) as bus:
-            orchestrator = Orchestrator(bus, profile, args.data_dir / "orchestrator" / "journal.jsonl", args.capacity)
+            journal = make_folder(data_dir_of(args.data_dir) / "orchestrator") / "journal.jsonl"
+            orchestrator = Orchestrator(bus, profile, journal, args.capacity)
             try:
                 orchestrator.start()
                 stop.wait()
