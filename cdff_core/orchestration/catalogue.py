@@ -100,7 +100,17 @@ def world_of(
                 leases.held_mode(sensor_id),
                 refused.get(sensor_id, frozenset()),
             )
-    return World(makers, sensors)
+    reserved = frozenset(leases.wanted | observed.active) & makers.keys()
+    return World(makers, sensors, _memory_left(profile, makers, reserved), reserved)
+
+
+def _memory_left(profile: Profile, makers: Mapping[MakerId, Maker], reserved: frozenset[MakerId]) -> dict[str, float]:
+    """What the robots with a limit ``memory_mb`` have left, megabytes, as the DFPCs declare what they need."""
+    return {
+        robot.id: robot.limits["memory_mb"] - sum(makers[m].memory_mb for m in reserved if m.robot == robot.id)
+        for robot in profile.robots
+        if "memory_mb" in robot.limits
+    }
 
 
 def feeds_of(world: World) -> dict[MakerId, frozenset[MakerId]]:

@@ -4,9 +4,9 @@
 
 A plan is *sound* when one of its makers has the product, every input of every maker that is not optional is fed (by a
 sensor in a mode that streams, or by a maker of the plan), each maker has at least one input fed if it is wired at all,
-no sensor is in two modes, and nothing waits for itself. Its cost is the sum of the makers that do not run yet,
-``MODE_COST`` for each sensor that has to change, and ``UNFED_COST`` for each optional input that the mission wires and
-the plan leaves out: what a mission wires is wanted where it can be had.
+no sensor is in two modes, nothing waits for itself, and no robot's budget of memory is exceeded. Its cost is the sum of
+the makers that do not run yet, ``MODE_COST`` for each sensor that has to change, and ``UNFED_COST`` for each optional
+input that the mission wires and the plan leaves out: what a mission wires is wanted where it can be had.
 
 The search is depth first over the inputs still to feed, cheapest alternative first, cut where the cost so far reaches
 the best plan known; it is exact, as tests check against enumeration. So is the cut by the *least* cost still to come:
@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from cdff_core.orchestration.world import Input, Maker, MakerId, SensorId, Source, World
 
@@ -91,6 +91,7 @@ class _State:
     fed: dict[MakerId, int] = field(default_factory=dict)
     unfed: tuple[str, ...] = ()
     cost: float = 0.0
+    memory_mb: dict[str, float] = field(default_factory=dict)
 
     def copy(self) -> _State:
         return _State(
@@ -102,6 +103,7 @@ class _State:
             dict(self.fed),
             self.unfed,
             self.cost,
+            dict(self.memory_mb),
         )
 
     def depends(self, on: MakerId, maker: MakerId) -> bool:
@@ -231,12 +233,27 @@ class _Search:
         if not maker.available:
             self.reasons[f"{maker.id} is not available: {maker.why_not or 'its process does not answer'}"] = None
             return False
+        if not self._fits(state, maker):
+            return False
         state.makers[maker.id] = maker
         state.feeds[maker.id] = frozenset()
         state.fed[maker.id] = 0
         state.cost += 0.0 if maker.active else maker.cost
         todo.extend((maker.id, port) for port in maker.inputs)
         return all(self._mode(state, SensorId(maker.id.robot, s), mode) for s, mode in maker.modes.items())
+
+    def _fits(self, state: _State, maker: Maker) -> bool:
+        """Take a maker's memory from its robot's budget, where it has one."""
+        robot = maker.id.robot
+        free_mb = self.world.memory_free_mb.get(robot)
+        if free_mb is None or maker.id in self.world.reserved:
+            return True
+        needed_mb = state.memory_mb.get(robot, 0.0) + maker.memory_mb
+        if needed_mb > free_mb:
+            self.reasons[f"{maker.id} does not fit: {needed_mb:g} MB, {robot} has {max(free_mb, 0.0):g} MB left"] = None
+            return False
+        state.memory_mb[robot] = needed_mb
+        return True
 
     def _stream(self, state: _State, sensor: SensorId) -> bool:
         """Have samples of a sensor: in the mode the plan names, else in whichever streams."""
@@ -288,7 +305,7 @@ def plan(
         The only makers that may have the product; their feeders may be any. Default: all.
     """
     wanted = set(robots)
-    usable = World({k: m for k, m in world.makers.items() if k not in exclude}, world.sensors)
+    usable = replace(world, makers={k: m for k, m in world.makers.items() if k not in exclude})
     search = _Search(usable)
     starts = [
         (m, port)

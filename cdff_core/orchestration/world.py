@@ -142,7 +142,18 @@ class SensorState:
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """All that a plan may use."""
+    """All that a plan may use.
+
+    Attributes
+    ----------
+    makers, sensors
+    memory_free_mb : mapping of str to float
+        Robot to the memory that is left for DFPCs besides those ``reserved``; absent ones have no budget.
+    reserved : frozenset of MakerId
+        Makers whose memory is taken already: they run, or somebody's plan holds them.
+    """
 
     makers: Mapping[MakerId, Maker]
     sensors: Mapping[SensorId, SensorState] = field(default_factory=dict)
+    memory_free_mb: Mapping[str, float] = field(default_factory=dict)
+    reserved: frozenset[MakerId] = frozenset()

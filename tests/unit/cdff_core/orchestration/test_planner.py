@@ -7,6 +7,7 @@ from __future__ import annotations
 import itertools
 import random
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 
@@ -132,6 +133,20 @@ def test_a_maker_that_failed_for_the_request_is_planned_around() -> None:
     assert names(plan(w, "pose", ["mana"], frozenset({MakerId("mana", "a")}))) == ["b"]
 
 
+@pytest.mark.req("CDFF-SUP-076")
+def test_what_does_not_fit_into_the_memory_that_is_left_is_planned_around_or_refused_with_the_figures() -> None:
+    small, large = maker("small", "pose", cost=5.0, memory_mb=100.0), maker("large", "pose", memory_mb=300.0)
+    free = {"mana": 200.0}
+    w = world(small, large)
+    assert names(plan(w, "pose", ["mana"])) == ["large"]
+    assert names(plan(replace(w, memory_free_mb=free), "pose", ["mana"])) == ["small"]
+    held = replace(w, memory_free_mb=free, reserved=frozenset({large.id}))
+    assert names(plan(held, "pose", ["mana"])) == ["large"], "what runs already needs no more"
+    refused = plan(replace(world(large), memory_free_mb=free), "pose", ["mana"])
+    assert isinstance(refused, NoPlan)
+    assert "300 MB, mana has 200 MB left" in refused.text
+
+
 # -- against exhaustive search ----------------------------------------------------------------------------------------
 
 
@@ -155,10 +170,13 @@ def random_world(seed: int) -> World:
         makers.append(
             Maker(
                 MakerId("mana", f"d{i}"), {"out": r.choice(["dem", "pose", None])}, tuple(inputs), modes,
-                cost=float(r.randint(1, 9)), available=r.random() < 0.85, active=r.random() < 0.2,
+                cost=float(r.randint(1, 9)), memory_mb=float(r.randint(0, 5)),
+                available=r.random() < 0.85, active=r.random() < 0.2,
             )
         )  # fmt: skip
-    return World({m.id: m for m in makers}, {s.id: s for s in sensors})
+    reserved = frozenset(m.id for m in makers if m.active)
+    free_mb = {"mana": float(r.randint(0, 12))} if r.random() < 0.5 else {}
+    return World({m.id: m for m in makers}, {s.id: s for s in sensors}, free_mb, reserved)
 
 
 def cheapest_by_enumeration(w: World, product: str) -> float | None:
@@ -167,7 +185,9 @@ def cheapest_by_enumeration(w: World, product: str) -> float | None:
     ids = sorted(w.makers)
     for size in range(1, len(ids) + 1):
         for chosen in itertools.combinations(ids, size):
-            if all(w.makers[m].available for m in chosen):
+            memory_mb = sum(w.makers[m].memory_mb for m in chosen if m not in w.reserved)
+            fits = memory_mb <= w.memory_free_mb.get("mana", float("inf"))
+            if fits and all(w.makers[m].available for m in chosen):
                 for cost in costs_of(w, set(chosen), product):
                     best = cost if best is None else min(best, cost)
     return best
