@@ -35,9 +35,11 @@ class CdffError(Exception):
     """Root of all errors raised on purpose by the framework.
 
     ``retriable`` is set where the error came from another process, which says whether trying again makes sense.
+    ``request`` is the id of the request it answers, set where the one who raises it made that id.
     """
 
     retriable: bool | None = None
+    request: str = ""
 
 
 class ConfigurationError(CdffError):

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,6 +16,7 @@ from cdff_common.errors import ERROR_OF_CODE, CdffError, CodecError, InputError,
 
 _MAX_PARAMETERS = 64
 _MAX_MAP_BYTES = 64 << 20
+_REQUEST_ID = re.compile(r"(?:^|;)request=([^;]{1,200})")
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,11 +124,21 @@ def format_parameters(parameters: Mapping[str, object]) -> str:
     return ";".join(f"{name}={quote(str(value), safe=',:/-')}" for name, value in parameters.items())
 
 
+def request_id_of(text: str) -> str:
+    """The id that parameters name, empty without one, even where they are otherwise wrong."""
+    found = _REQUEST_ID.search(text)
+    return unquote_to_bytes(found[1]).decode("utf-8", "replace") if found else ""
+
+
 def error_body(error: BaseException, request: str = "") -> dict[str, Any]:
-    """``{code, retriable, detail, request}`` of an error, with ``retry_after_s`` where it is known."""
+    """``{code, retriable, detail, request}`` of an error, with ``retry_after_s`` where it is known.
+
+    ``request`` is the caller's name for it; without one, that which the error carries.
+    """
     code, retriable = rpc_code(error)
     detail = str(error) if isinstance(error, CdffError) else f"{type(error).__name__}: {error}"
-    body: dict[str, Any] = {"code": code, "retriable": retriable, "detail": detail, "request": request}
+    named = request or getattr(error, "request", "")
+    body: dict[str, Any] = {"code": code, "retriable": retriable, "detail": detail, "request": named}
     if isinstance(error, OverloadedError):
         body["retry_after_s"] = error.retry_after_s
     return body

@@ -23,6 +23,7 @@ from cdff_common.bus.message import (
     format_parameters,
     pack,
     parse_parameters,
+    request_id_of,
     unpack,
 )
 from cdff_common.errors import CdffError, DeadlineError, NoAnswerError, OverloadedError
@@ -57,7 +58,8 @@ class Served:
         if not self._slots.acquire(blocking=False):
             with query:
                 error = OverloadedError(f"{self._key}: too many calls at once", retry_after_s=1.0)
-                query.reply_err(pack(error_body(error)), encoding="application/msgpack")
+                body = error_body(error, request_id_of(str(query.parameters)))
+                query.reply_err(pack(body), encoding="application/msgpack")
             return
         try:
             self._pool.submit(self._answer, query)
@@ -66,11 +68,10 @@ class Served:
             query.drop()
 
     def _answer(self, query: zenoh.Query) -> None:
-        request_id = ""
+        request_id = request_id_of(str(query.parameters))
         with query:
             try:
                 request = _request_of(query)
-                request_id = request.parameters.get("request", "")
                 replies = self._handler(request)
                 # The key asked for, not ours: a queryable on a wildcard answers with the caller's concrete key.
                 key = str(query.key_expr)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import zenoh
 
-from cdff_common.bus.message import error_body, pack
+from cdff_common.bus.message import error_body, pack, request_id_of
 from cdff_common.bus.rpc import Served
 from cdff_common.errors import CdffError, InputError, UnavailableError
 
@@ -55,4 +55,5 @@ class VerbTable:
         else:
             error = UnavailableError(f"{self._prefix} is starting; {verb!r} is not served yet")
         with query:
-            query.reply_err(pack(error_body(error)), encoding="application/msgpack")
+            body = error_body(error, request_id_of(str(query.parameters)))
+            query.reply_err(pack(body), encoding="application/msgpack")

@@ -163,7 +163,7 @@ def parse_request(parameters: Mapping[str, str], scope: str) -> ProductRequest:
     product = parameters.get("type", "")
     if product not in PRODUCTS:
         raise InputError(f"type={product!r}: expected one of {', '.join(PRODUCTS)}")
-    robot = parse_robot(parameters.get("robot"), scope)
+    robot = parse_robot(parameters.get("robot"), scope, any_robot=True)
     frame = checked_frame(parameters.get("frame", "site"))
     region = parse_region(parameters["region"]) if "region" in parameters else None
     spatial_only = sorted({"region", "region_frame", "resolution_m", "min_coverage"} & set(parameters))
@@ -215,13 +215,17 @@ def parse_deadline_s(parameters: Mapping[str, str]) -> float:
     return (_number(parameters, "deadline_ms", DEFAULT_DEADLINE_MS, *DEADLINE_BOUNDS_MS) or 0.0) / 1000
 
 
-def parse_robot(robot: str | None, scope: str) -> str:
-    """Return the robot meant by ``robot=`` under ``scope`` (contract §5, Scopes); raises InputError."""
+def parse_robot(robot: str | None, scope: str, *, any_robot: bool = False) -> str:
+    """Return the robot meant by ``robot=`` under ``scope`` (contract §5, Scopes); raises InputError.
+
+    ``any_robot`` tells whether ``any`` may be asked under ``ground``.
+    """
+    expected = "a robot id, or any" if any_robot else "a robot id"
     if scope == "ground":
         if robot is None:
-            raise InputError("robot is missing: under scope ground it is required (a robot id, or any)")
-        if not _ROBOT.match(robot):
-            raise InputError(f"robot={robot!r}: expected a robot id or any")
+            raise InputError(f"robot is missing: under scope ground it is required ({expected})")
+        if not _ROBOT.match(robot) or (robot == "any" and not any_robot):
+            raise InputError(f"robot={robot!r}: expected {expected}")
         return robot
     if robot is not None and robot != scope:
         raise InputError(f"robot={robot!r} asked under the keys of {scope}: ask there for it, or under ground")

@@ -72,7 +72,11 @@ class Flow:
 
     def run(self, request: ProductRequest) -> Iterator[Reply]:
         """Yield progress, then the final reply; raises the typed error that is the final answer otherwise."""
-        job = self._book.open(request)
+        try:
+            job = self._book.open(request)
+        except CdffError as error:
+            error.request = request.id
+            raise
         try:
             yield self._tell(job)
             self._book.move(job, JobState.LOOKING)
@@ -83,6 +87,7 @@ class Flow:
             cancelled = job.cancelled.is_set() and job.retry_after_s is None
             state = JobState.CANCELLED if cancelled else JobState.FAILED
             self._book.move(job, state, str(error), error=type(error).__name__)
+            error.request = request.id
             raise
         finally:
             if job.state not in FINAL_STATES:  # the requester went away, or a bug

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import logging
+import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -104,9 +105,16 @@ class Orchestrator:
     # -- answers ------------------------------------------------------------------------------------------------------
 
     def _on_request(self, call: Request) -> Reply | Iterator[Reply]:
-        request = parse_request(call.parameters, call.scope)
-        if request.robot not in (*self._profile.robot_ids, "any"):
-            raise InputError(f"robot={request.robot!r}: expected any or one of {', '.join(self._profile.robot_ids)}")
+        name = call.parameters.get("request") or str(uuid.uuid4())
+        try:
+            request = parse_request({**call.parameters, "request": name}, call.scope)
+            if request.robot not in (*self._profile.robot_ids, "any"):
+                raise InputError(
+                    f"robot={request.robot!r}: expected any or one of {', '.join(self._profile.robot_ids)}"
+                )
+        except InputError as error:
+            error.request = name
+            raise
         return self._flow.explain(request) if request.explain else self._flow.run(request)
 
     def _on_jobs(self, call: Request) -> Reply:

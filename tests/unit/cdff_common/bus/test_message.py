@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cdff_common.bus import keys
-from cdff_common.bus.message import error_body, error_of, format_parameters, parse_parameters, unpack
+from cdff_common.bus.message import error_body, error_of, format_parameters, parse_parameters, request_id_of, unpack
 from cdff_common.errors import CodecError, DeadlineError, InputError, OverloadedError
 
 names = st.from_regex(r"[a-z_][a-z0-9_]{0,10}", fullmatch=True)
@@ -65,3 +65,12 @@ def test_keys_are_those_of_the_contract() -> None:
 def test_a_key_chunk_that_would_change_the_key_is_refused(robot: str) -> None:
     with pytest.raises(InputError):
         keys.sensor(robot, "navcam", "pair")
+
+
+def test_an_error_names_its_request_whoever_made_the_name_even_where_parameters_are_wrong() -> None:
+    error = InputError("no")
+    error.request = "made-for-you"
+    assert error_body(error)["request"] == "made-for-you"
+    assert error_body(error, "yours")["request"] == "yours"
+    assert request_id_of("type=pose;type=dem;request=a%2Fb") == "a/b"
+    assert request_id_of("type=pose;my_request=7") == ""

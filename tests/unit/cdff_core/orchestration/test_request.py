@@ -9,7 +9,7 @@ import math
 import pytest
 
 from cdff_common.errors import InputError
-from cdff_core.orchestration.request import PRODUCTS, parse_request
+from cdff_core.orchestration.request import PRODUCTS, parse_request, parse_robot
 
 
 def test_the_contract_s_example_is_read_field_by_field() -> None:
@@ -96,3 +96,13 @@ def test_priority_is_one_digit_and_explain_is_true_or_false() -> None:
     for name, value in (("priority", "10"), ("priority", "-1"), ("priority", ""), ("explain", "yes")):
         with pytest.raises(InputError, match=name):
             parse_request({"type": "pose", name: value}, "mana")
+
+
+def test_any_robot_is_only_offered_where_it_is_taken() -> None:
+    for asked in (None, "any"):
+        with pytest.raises(InputError) as refused:
+            parse_robot(asked, "ground")
+        assert str(refused.value).rstrip(")").endswith("a robot id")
+    assert parse_robot("any", "ground", any_robot=True) == "any"
+    with pytest.raises(InputError, match="a robot id, or any"):
+        parse_robot(None, "ground", any_robot=True)
