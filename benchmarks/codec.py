@@ -11,6 +11,8 @@ import argparse
 import json
 import os
 import platform
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -66,6 +68,31 @@ def least_ms(call: Callable[[], Any], trials: int) -> float:
     return round(1e3 * best, 4)
 
 
+_FIRST_USE = """
+import time
+begin = time.process_time()
+import numpy as np
+from cdff_common import types
+from cdff_common.codecs import decode, encode
+imported = time.process_time()
+cloud = types.Pointcloud.from_points(np.zeros((1000, 3)), frame="a", stamp_ns=0)
+for codec in ("uper", "msgpack"):
+    decode("Pointcloud", encode(cloud, codec), codec)
+print(imported - begin, time.process_time() - imported)
+"""
+
+
+def first_use() -> dict[str, float]:
+    """CPU seconds in a new process, from warm caches of bytecode and compiled loops: imports, and first cloud."""
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    for _ in range(2):
+        done = subprocess.run(
+            [sys.executable, "-c", _FIRST_USE], env=environment, capture_output=True, text=True, check=True
+        )
+    imports_s, first_s = (float(v) for v in done.stdout.split())
+    return {"imports_cpu_s": round(imports_s, 3), "first_cloud_each_way_uper_and_msgpack_cpu_s": round(first_s, 3)}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, help="write JSON here instead of printing it")
@@ -95,6 +122,7 @@ def main() -> None:
         "machine": platform.processor() or platform.machine(),
         "python": platform.python_version(),
         "load_average": os.getloadavg()[0],
+        "first_use": first_use(),
         "results": results,
     }
     text = json.dumps(report, indent=2)

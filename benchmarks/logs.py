@@ -53,7 +53,7 @@ def timed(work: Callable[[], Any], octets: int) -> dict[str, float]:
 
 def anonymous_mb() -> float:
     """Memory of this process that is no page of a file, megabytes."""
-    with open("/proc/self/status", encoding="ascii") as status:
+    with Path("/proc/self/status").open(encoding="ascii") as status:
         return sum(int(line.split()[1]) for line in status if line.startswith("RssAnon")) / 1024
 
 

@@ -15,6 +15,12 @@ from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
 from cdff_common.types import validation as check
+from cdff_common.types.features_ext import (
+    CorrespondenceMap2DExt,
+    CorrespondenceMap3DExt,
+    VisualPointFeatureVector2DExt,
+    VisualPointFeatureVector3DExt,
+)
 from cdff_common.types.message import Message
 
 
@@ -44,7 +50,7 @@ class Correspondence2D(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class CorrespondenceMap2D(Message):
+class CorrespondenceMap2D(CorrespondenceMap2DExt):
     """Pairs of points in two images.
 
     Attributes
@@ -64,6 +70,7 @@ class CorrespondenceMap2D(Message):
                 self.items, "CorrespondenceMap2D.items", 0, 1048576, lambda v, w: check.instance(v, w, Correspondence2D)
             ),
         )
+        self._check_together()
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -92,7 +99,7 @@ class Correspondence3D(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class CorrespondenceMap3D(Message):
+class CorrespondenceMap3D(CorrespondenceMap3DExt):
     """Pairs of points in two clouds.
 
     Attributes
@@ -112,6 +119,7 @@ class CorrespondenceMap3D(Message):
                 self.items, "CorrespondenceMap3D.items", 0, 1048576, lambda v, w: check.instance(v, w, Correspondence3D)
             ),
         )
+        self._check_together()
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -136,7 +144,7 @@ class VisualPointFeature2D(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class VisualPointFeatureVector2D(Message):
+class VisualPointFeatureVector2D(VisualPointFeatureVector2DExt):
     """Points of an image with descriptors.
 
     Attributes
@@ -160,6 +168,7 @@ class VisualPointFeatureVector2D(Message):
                 lambda v, w: check.instance(v, w, VisualPointFeature2D),
             ),
         )
+        self._check_together()
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -248,7 +257,7 @@ class VisualPointFeature3DType(IntEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class VisualPointFeatureVector3D(Message):
+class VisualPointFeatureVector3D(VisualPointFeatureVector3DExt):
     """Points of a cloud with descriptors.
 
     Attributes
@@ -286,3 +295,4 @@ class VisualPointFeatureVector3D(Message):
             "feature_type",
             check.enumeration(self.feature_type, "VisualPointFeatureVector3D.feature_type", VisualPointFeature3DType),
         )
+        self._check_together()
