@@ -68,7 +68,7 @@ def icu_rpc(scope: str, verb: str) -> str:
 
 
 def dpm_rpc(scope: str, verb: str) -> str:
-    """``search get put delete pose frames stat``."""
+    """``search get put put_all update delete pose frames changes provenance retention stat``."""
     return f"{PREFIX}/{_chunk('scope', scope)}/dpm/@rpc/{_chunk('verb', verb)}"
 
 
@@ -80,7 +80,7 @@ def dpm_product(scope: str, product_id: str) -> str:
 
 
 def event(scope: str, kind: str) -> str:
-    """``inserted activated deactivated reanchored sensor_mode alarm``."""
+    """``inserted updated deleted purged activated deactivated reanchored sensor_mode alarm``."""
     return f"{PREFIX}/{_chunk('scope', scope)}/event/{_chunk('kind', kind)}"
 
 

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import msgpack
 import numpy as np
 import pytest
 
@@ -186,6 +187,25 @@ def test_a_product_travels_in_and_out_by_every_way(shared: System, eventually: E
     assert shared.call("delete", id=product).body()["deleted"] is True
     with pytest.raises(ProductNotFoundError):
         shared.call("get", id=product)
+
+
+@pytest.mark.req("CDFF-SUP-030")
+def test_what_is_said_of_a_product_is_changed_by_one_and_told_to_all(shared: System, eventually: Eventually) -> None:
+    told: list[Message] = []
+    shared.bus.subscribe(keys.event("*", "updated"), told.append)
+    product = shared.put(cloud(), "pointcloud", 40)
+    said = shared.call("update", payload=msgpack.packb({"tags": ["crater"]}), id=product, if_match=0).body()
+    assert (said["revision"], said["tags"]) == (1, ["crater"])
+    with pytest.raises(InputError, match="revision 1"):
+        shared.call("update", "mana", payload=msgpack.packb({"notes": "late"}), id=product, if_match=0)
+    eventually(lambda: [m.key for m in told] == [keys.event("mana", "updated")], what="one event")
+    assert [item["id"] for item in shared.call("search", tag="crater").body()["items"]] == [product]
+    assert shared.get(f"/api/v1/products/{product}")["annotation"]["revision"] == 1
+    changes = shared.call("changes", kind="updated").body()
+    assert [item["id"] for item in changes["items"]] == [product]
+    plan = shared.call("retention").body()
+    assert (plan["applied"], plan["rules"], plan["verdicts"]) == (False, 0, [])
+    assert shared.call("delete", id=product).body()["deleted"]
 
 
 @pytest.mark.req("CDFF-SUP-033", "CDFF-SUP-035")
