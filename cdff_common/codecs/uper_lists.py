@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from cdff_common.codecs.bits import BitReader, BitWriter
 from cdff_common.codecs.bridge import array_dtype, octets_as_array
 from cdff_common.codecs.schema import Array, Boolean, Integer, ListOf, Node, Octets, Real, Struct
+from cdff_common.codecs.uper_rows import LONG, rows_of, widths
 from cdff_common.errors import CodecError
 
 Put = Callable[[BitWriter, Any], None]
@@ -143,9 +144,14 @@ def list_of(node: ListOf, compiled: Compiled) -> tuple[Put, Get]:
     """Functions that write and read a list of messages, one after the other."""
     put_one, get_one = compiled(node.element)
     low, high, least = node.low, node.high, _least_bits(node.element)
+    fields = widths(node.element)
+    put_rows, get_rows = (None, None) if fields is None else rows_of(node.element, fields)
 
     def put(writer: BitWriter, value: tuple[Any, ...]) -> None:
         for begin, count in _parts(writer, len(value), low, high):
+            if put_rows is not None and count >= LONG:
+                put_rows(writer, value[begin : begin + count])
+                continue
             for item in value[begin : begin + count]:
                 put_one(writer, item)
 
@@ -153,7 +159,10 @@ def list_of(node: ListOf, compiled: Compiled) -> tuple[Put, Get]:
         items: list[Any] = []
         for count in _counts(reader, low, high):
             reader.need(count * least, f"list of {count}")
-            items += [get_one(reader) for _ in range(count)]
+            if get_rows is not None and count >= LONG:
+                items += get_rows(reader, count)
+            else:
+                items += [get_one(reader) for _ in range(count)]
         return tuple(items)
 
     return put, get
