@@ -100,6 +100,9 @@ class Registry:
         return made
 
     def _folder(self, name: str) -> str:
+        # A folder's name stands for itself: snake_case of it may be another (X1 lies in x1, and x1 would be x_1).
+        if name in self.dfns or name in self.dfpcs or name in self.failures:
+            return name
         return self.aliases.get(name, self.aliases.get(snake_case(name), snake_case(name)))
 
     def _find(self, known: dict[str, Found], name: str, what: str) -> Found:

@@ -5,13 +5,14 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 from pathlib import Path
 from typing import Any
 
 
 def register(nouns: Any) -> None:
     """Add the parser of ``cdff new``."""
-    parser = nouns.add_parser("new", help="start a DFN or DFPC: description, interface, skeleton, test")
+    parser = nouns.add_parser("new", help="start a DFN or DFPC: description, interface, skeleton, test, page")
     parser.add_argument("kind", choices=["dfn", "dfpc"])
     parser.add_argument("name", help="LaserFilter or laser_filter")
     parser.add_argument("--root", type=Path, default=None, help="the checkout (default: where this command lies)")
@@ -19,7 +20,9 @@ def register(nouns: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the files and say what comes next."""
+    """Write the files and the pages that tell of them, and say what comes next."""
+    from cdff_dev.generate.artefacts import due
+    from cdff_dev.generate.plan import plan
     from cdff_dev.generate.tree import Tree
     from cdff_dev.new.scaffold import scaffold
 
@@ -27,5 +30,10 @@ def run(args: argparse.Namespace) -> int:
     made = scaffold(tree, args.kind, args.name)
     for path in made:
         print(f"wrote {path.relative_to(tree.root)}")
+    if tree.root == Tree.here().root:  # the pages are made from what this command finds installed
+        importlib.invalidate_caches()
+        for artefact in due(plan(tree)):
+            artefact.write()
+            print(f"wrote {artefact.path.relative_to(tree.root)}")
     print(f"next: edit {made[0].name}, run cdff generate, write the implementation and its test, run cdff check")
     return 0

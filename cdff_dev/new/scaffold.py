@@ -37,8 +37,8 @@ def scaffold(tree: Tree, kind: str, name: str) -> list[Path]:
     """
     if not _NAME.match(name):
         raise InputError(f"name {name!r}: expected an identifier as LaserFilter or laser_filter")
-    folder = snake_case(name)
     title = name if name[0].isupper() else "".join(part.capitalize() for part in name.split("_"))
+    folder = snake_case(title)
     for other in ("dfn", "dfpc"):
         if tree.folder(other, folder).exists():
             raise ConflictError(f"{tree.folder(other, folder)} exists; choose another name or remove it first")

@@ -24,13 +24,24 @@ def register(nouns: Any) -> None:
         show.add_argument("--json", action="store_true", help="for machines")
         show.set_defaults(run=run_show, kind=kind)
         if kind == "dfpc":
-            run = verbs.add_parser("run", help="one DFPC of a profile as a service, in the foreground")
+            run = verbs.add_parser("run", help="one DFPC as a service, in the foreground")
             run.add_argument("name", help="folder, class name or alias")
-            run.add_argument("--robot", required=True, help="robot id of the profile")
-            run.add_argument("--config", help="YAML with parameters instead of the profile's")
+            run.add_argument("--robot", required=True, help="robot id")
+            run.add_argument("--config", help="YAML with parameters, instead of the profile's")
             run.add_argument(
-                "--profile", default=os.environ.get("CDFF_PROFILE"), help="deploy/profiles/*.yaml; CDFF_PROFILE"
+                "--input",
+                action="append",
+                default=[],
+                metavar="PORT=SOURCE",
+                help="what feeds a port: sensor/navcam/pair, product/position_manager/pose; needed without a profile, "
+                "else instead of its wiring; may be repeated",
             )
+            run.add_argument(
+                "--profile",
+                default=os.environ.get("CDFF_PROFILE"),
+                help="wiring, mounts and limits from deploy/profiles/*.yaml; CDFF_PROFILE",
+            )
+            run.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
             run.set_defaults(run=run_service)
 
 
@@ -105,17 +116,19 @@ def print_description(description: Any, nodes: dict[str, Any], *, as_json: bool)
 
 def run_service(args: argparse.Namespace) -> int:
     """Become the host process, so that signals and the exit code are its own."""
-    from cdff_common.errors import ConfigurationError
     from cdff_common.interfaces.registry import Registry
+    from services.dfpc_host.wiring import bare, parse_inputs
 
+    folder = Registry.default().dfpc(args.name).folder
+    inputs = parse_inputs(args.input)
     if not args.profile:
-        raise ConfigurationError(
-            "no profile: give --profile FILE or set CDFF_PROFILE, as deploy/profiles/rover_traverse.yaml"
-        )
-    _, folder = Registry.default().resolve(args.name)
-    options = ["--profile", args.profile, "--robot", args.robot, "--dfpc", folder]
-    if args.config:
-        options += ["--config", args.config]
+        bare(args.robot, folder, inputs)  # what is wrong with the wiring is said here, in one line
+    options = ["--robot", args.robot, "--dfpc", folder]
+    for option in ("profile", "config", "connect"):
+        if getattr(args, option):
+            options += [f"--{option}", getattr(args, option)]
+    for port, source in inputs.items():
+        options += ["--input", f"{port}={source}"]
     sys.stdout.flush()
     os.execv(sys.executable, [sys.executable, "-m", "services.dfpc_host", *options])
     return 1

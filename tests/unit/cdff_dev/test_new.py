@@ -62,6 +62,13 @@ def test_name_may_be_given_as_class_or_as_folder(tree: Tree) -> None:
     assert tree.folder("dfn", "rock_finder_3d").is_dir()
 
 
+@pytest.mark.parametrize("name", ["X1", "V2Filter", "x1", "v2_filter"])
+def test_folder_and_class_agree_where_a_number_follows_a_capital(tree: Tree, name: str) -> None:
+    made = scaffold(tree, "dfn", name)
+    assert [d.folder for d in tree.dfns()] == [made[0].parent.name]
+    assert due(plan(tree, ["interfaces", "skeletons"])) == []
+
+
 def test_name_that_is_taken_is_refused_over_both_kinds(tree: Tree) -> None:
     scaffold(tree, "dfn", "EdgeKeeper")
     with pytest.raises(ConflictError, match="edge_keeper exists"):

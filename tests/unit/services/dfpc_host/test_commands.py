@@ -50,7 +50,21 @@ def test_name_that_nobody_has_is_an_error_that_lists_the_known(capsys: pytest.Ca
     assert "laser_filter" in err
 
 
-def test_running_a_dfpc_needs_a_profile(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_running_a_dfpc_without_a_profile_needs_its_wiring(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.delenv("CDFF_PROFILE", raising=False)
-    assert cli.main(["dfpc", "run", "position_manager", "--robot", "mana"]) == 1
-    assert "give --profile FILE" in capsys.readouterr().err
+    for name, port in (("position_manager", "odometry"), ("visual_odometry_sparse", "stereo")):
+        assert cli.main(["dfpc", "run", name, "--robot", "mana"]) == 1
+        assert f"add --input {port}=sensor/SENSOR/STREAM" in capsys.readouterr().err
+
+
+def test_a_dfpc_becomes_a_process_with_its_wiring_and_its_router(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("CDFF_PROFILE", raising=False)
+    become: list[list[str]] = []
+    monkeypatch.setattr("os.execv", lambda _path, arguments: become.append(arguments))
+    wiring = ["--input", "stereo=sensor/navcam/pair", "--connect", "tcp/127.0.0.1:9"]
+    cli.main(["dfpc", "run", "visual_odometry_sparse", "--robot", "mana", *wiring])
+    (arguments,) = become
+    chosen = ["--robot", "mana", "--dfpc", "visual_odometry_sparse", "--connect", "tcp/127.0.0.1:9"]
+    assert arguments[2:] == ["services.dfpc_host", *chosen, "--input", "stereo=sensor/navcam/pair"]
