@@ -4,9 +4,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter, Body, Request
 
 from cdff_common.bus import keys
 from cdff_common.errors import InputError
@@ -16,6 +16,7 @@ router = APIRouter(prefix="/api/v1/requests", tags=["requests"])
 
 _LIST_TIMEOUT_S = 3.0
 _MAX_DEADLINE_MS = 600_000
+_EXAMPLE = {"type": "dem", "robot": "mana", "region": "circle:0,0,10", "max_age_s": 60}
 
 
 @router.get("")
@@ -35,12 +36,19 @@ def job(context: Ctx, job: str) -> Any:
 
 
 @router.post("")
-def ask(context: Ctx, request: Request) -> Any:
-    """Ask for a product with contract §5's parameters as query parameters; answers when it is done, by reference."""
-    given = request.query_params.multi_items()
+def ask(
+    context: Ctx, request: Request, body: Annotated[dict[str, Any] | None, Body(examples=[_EXAMPLE])] = None
+) -> Any:
+    """Ask for a product; answers when it is done, by reference.
+
+    Parameters are contract §5's, in the query or as a JSON object of the same names, each in one of them.
+    """
+    given = [*request.query_params.multi_items(), *_texts(body or {})]
     parameters = dict(given)
     if len(given) != len(parameters):
         raise InputError("a parameter is repeated")
+    if not parameters:
+        raise InputError("no parameters: give them in the query, as ?type=dem&robot=mana, or as a JSON object")
     text = parameters.get("deadline_ms", "8000")
     if not text.isdigit() or int(text) > _MAX_DEADLINE_MS:
         raise InputError(f"deadline_ms={text[:20]!r}: expected a whole number up to {_MAX_DEADLINE_MS}")
@@ -49,3 +57,13 @@ def ask(context: Ctx, request: Request) -> Any:
         timeout_s=int(text) / 1000 + 1.0,
     )  # fmt: skip
     return jsonable(dict(reply.attachment))
+
+
+def _texts(body: dict[str, Any]) -> list[tuple[str, str]]:
+    """The parameters of a JSON body as they would stand in a query; raises InputError on what is no text or number."""
+    texts = []
+    for name, value in body.items():
+        if isinstance(value, bool) or not isinstance(value, (str, int, float)):
+            raise InputError(f"{name[:40]}: a JSON {type(value).__name__}, expected a text or a number as in a query")
+        texts.append((name, value if isinstance(value, str) else repr(value)))
+    return texts

@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Requests over HTTP: how their parameters reach the orchestrator."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+from fastapi.testclient import TestClient
+
+from cdff_common.bus import Bus
+from services.dpm.http.app import create_app
+from services.dpm.http.context import Context
+from services.dpm.operations import Dpm
+from services.dpm.settings import Settings
+
+ASKED = {"type": "dem", "robot": "mana", "region": "circle:0,0,10", "max_age_s": "60"}
+URL = "/api/v1/requests"
+
+
+class Orchestrator:
+    """Stands for the bus to an orchestrator: keeps what it was asked."""
+
+    def __init__(self) -> None:
+        self.asked: list[dict[str, str]] = []
+
+    def call(self, _key: str, parameters: dict[str, str], **_: Any) -> SimpleNamespace:
+        self.asked.append(parameters)
+        return SimpleNamespace(attachment={"kind": "reference", "t1_ns": 5})
+
+
+@pytest.fixture
+def orchestrator() -> Orchestrator:
+    return Orchestrator()
+
+
+@pytest.fixture
+def asking(dpm: Dpm, tmp_path: Path, orchestrator: Orchestrator) -> TestClient:
+    context = Context(dpm, Settings(tmp_path), cast(Bus, orchestrator))
+    return TestClient(create_app(context), base_url="http://127.0.0.1:8080", raise_server_exceptions=False)
+
+
+def test_query_and_json_body_ask_the_same(asking: TestClient, orchestrator: Orchestrator) -> None:
+    answers = [
+        asking.post(URL, params=ASKED),
+        asking.post(URL, json={**ASKED, "max_age_s": 60}),
+        asking.post(URL, params={"type": "dem"}, json={k: v for k, v in ASKED.items() if k != "type"}),
+    ]
+    assert [a.status_code for a in answers] == [200, 200, 200]
+    assert answers[0].json() == {"kind": "reference", "t1_ns": "5"}
+    assert orchestrator.asked == [{**ASKED, "deliver": "reference"}] * 3
+
+
+@pytest.mark.parametrize(
+    ("sent", "said"),
+    [
+        ({"params": ASKED, "json": {"robot": "mana"}}, "repeated"),
+        ({"json": {"type": "dem", "region": {"circle": 1}}}, "region: a JSON dict, expected a text or a number"),
+        ({"json": {"type": "dem", "max_age_s": None}}, "max_age_s"),
+        ({"json": ["dem"]}, "body"),
+        ({"content": b"type=dem", "headers": {"Content-Type": "text/plain"}}, "body"),
+        ({}, "no parameters: give them in the query"),
+    ],
+)
+def test_a_body_that_asks_for_nothing_is_refused_with_the_reason(
+    asking: TestClient, orchestrator: Orchestrator, sent: dict[str, Any], said: str
+) -> None:
+    answer = asking.post(URL, **sent)
+    assert answer.status_code == 422
+    assert said in answer.text
+    assert orchestrator.asked == []
