@@ -22,9 +22,12 @@ class PointCloudDownsamplingInputs:
     ----------
     points : ndarray of float64, shape (n,3)
         Finite points, metres.
+    edge_m : ndarray of float64, shape (), optional
+        Edge of a voxel, metres: overrides the configuration, for clouds that must be thinned alike.
     """
 
     points: NDArray[np.float64]
+    edge_m: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
+from cdff_common.errors import InputError
 from cdff_common.geometry.points import checked_points
 from cdff_common.geometry.voxels import voxel_for, voxel_means
 from cdff_common.interfaces.dfn import DfnConfig
@@ -34,6 +35,11 @@ class VoxelGrid(PointCloudDownsamplingInterface):
     def process(self, inputs: PointCloudDownsamplingInputs) -> PointCloudDownsamplingOutputs:
         """Return the thinned cloud and the voxel size; raises InputError on a malformed cloud."""
         p = checked_points(inputs.points)
-        voxel_m = self.config.voxel_m or voxel_for(p, self.config.max_points)
+        if inputs.edge_m is not None:
+            voxel_m = float(inputs.edge_m)
+            if not (np.isfinite(voxel_m) and voxel_m > 0.0):
+                raise InputError(f"edge_m={voxel_m}: expected metres above 0")
+        else:
+            voxel_m = self.config.voxel_m or voxel_for(p, self.config.max_points)
         thinned = voxel_means(p, voxel_m) if voxel_m > 0.0 else p
         return PointCloudDownsamplingOutputs(points=thinned, voxel_m=np.array(voxel_m))

@@ -1,0 +1,86 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Neighbours within a radius, as flat arrays that compiled loops can walk."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from cdff_common.errors import InputError
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+
+def radius_neighbours(points_m: Float, queries_m: Float, radius_m: float) -> tuple[Int, Int]:
+    """Points within a radius of each query.
+
+    Parameters
+    ----------
+    points_m : ndarray, shape (n, 3)
+        Finite, metres.
+    queries_m : ndarray, shape (k, 3)
+        Finite, metres.
+    radius_m : float
+        Above 0; a point at exactly this distance is a neighbour.
+
+    Returns
+    -------
+    tuple of ndarray
+        ``start`` (k + 1,) and ``index`` so that the neighbours of query i are ``index[start[i]:start[i + 1]]``, in the
+        order of the cells they lie in: the same clouds give the same order.
+
+    Raises
+    ------
+    InputError
+        If the radius is not above 0, or so small for the extent that the index of a cell does not fit 62 bits.
+    """
+    if not radius_m > 0.0:
+        raise InputError(f"radius_m={radius_m}: expected metres above 0")
+    low = points_m.min(axis=0) - radius_m
+    size = np.floor((points_m.max(axis=0) - low) / radius_m) + 2.0
+    if np.prod(size) >= 2.0**62:
+        raise InputError(f"radius_m={radius_m}: too small for a cloud of {np.ptp(points_m, axis=0)} m")
+    cells = np.floor((points_m - low) / radius_m).astype(np.int64)
+    ny, nz = int(size[1]), int(size[2])
+    key = (cells[:, 0] * ny + cells[:, 1]) * nz + cells[:, 2]
+    order = np.argsort(key, kind="stable")
+    return _search(points_m[order], key[order], order, queries_m, low, size.astype(np.int64), radius_m)
+
+
+@njit(cache=True)
+def _search(
+    points: Float, key: Int, order: Int, queries: Float, low: Float, size: Int, radius: float
+) -> tuple[Int, Int]:  # pragma: no cover - compiled
+    """Walk nine runs of three cells each: cells that follow one another along z lie together in ``key``."""
+    start = np.zeros(len(queries) + 1, np.int64)
+    index = np.empty(64 * len(queries) + 64, np.int64)
+    total = 0
+    for i in range(len(queries)):
+        x, y, z = queries[i, 0], queries[i, 1], queries[i, 2]
+        cx = math.floor((x - low[0]) / radius)
+        cy = math.floor((y - low[1]) / radius)
+        cz = math.floor((z - low[2]) / radius)
+        first_z, last_z = max(cz - 1, 0), min(cz + 1, size[2] - 1)
+        for gx in range(max(cx - 1, 0), min(cx + 2, size[0])):
+            for gy in range(max(cy - 1, 0), min(cy + 2, size[1])):
+                if first_z > last_z:
+                    continue
+                run = (gx * size[1] + gy) * size[2]
+                begin = np.searchsorted(key, run + first_z)
+                end = np.searchsorted(key, run + last_z, side="right")
+                for j in range(begin, end):
+                    dx, dy, dz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z
+                    if dx * dx + dy * dy + dz * dz <= radius * radius:
+                        if total == len(index):
+                            larger = np.empty(2 * len(index), np.int64)
+                            larger[:total] = index
+                            index = larger
+                        index[total] = order[j]
+                        total += 1
+        start[i + 1] = total
+    return start, index[:total].copy()

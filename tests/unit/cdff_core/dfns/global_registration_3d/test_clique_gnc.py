@@ -1,0 +1,133 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""CliqueGnc: the motion that the few right pairs agree on."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from cdff_common.errors import DegenerateGeometryError, InputError, RefusedError
+from cdff_common.geometry import se3
+from cdff_core.dfns.global_registration_3d._clique import consistency, core_numbers, maximum_clique
+from cdff_core.dfns.global_registration_3d._interface import GlobalRegistration3DInputs, GlobalRegistration3DOutputs
+from cdff_core.dfns.global_registration_3d.clique_gnc import CliqueGnc, graduated
+
+NOISE_M = 0.03
+
+
+def solved(source: np.ndarray, target: np.ndarray, **config: object) -> GlobalRegistration3DOutputs:
+    node = CliqueGnc()
+    node.configure({"noise_m": NOISE_M, **config})
+    return node.process(GlobalRegistration3DInputs(source, target))
+
+
+def pairs(seed: int, wrong: float, n: int = 1000) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points in a cube of 2 m with 1 cm noise; wrong pairs have partners at random in the same cube."""
+    rng = np.random.default_rng(seed)
+    source = rng.uniform(-1, 1, (n, 3))
+    T = se3.exp_se3(rng.normal(size=6))
+    target = se3.transform_points(T, source) + np.clip(rng.normal(0, 0.01, (n, 3)), -NOISE_M, NOISE_M)
+    outliers = round(wrong * n)
+    target[:outliers] = se3.transform_points(T, rng.uniform(-1, 1, (outliers, 3)))
+    return source, target, T
+
+
+def graph(n: int, edges: set[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
+    bits, degree = np.zeros((n, (n + 63) // 64), np.uint64), np.zeros(n, np.int64)
+    for i, j in edges:
+        for a, b in ((i, j), (j, i)):
+            bits[a, b >> 6] |= np.uint64(1) << np.uint64(b & 63)
+            degree[a] += 1
+    return bits, degree
+
+
+def test_ninety_eight_percent_of_wrong_pairs_are_survived_every_time() -> None:
+    right = 0
+    for seed in range(100):
+        source, target, T = pairs(seed, 0.98)
+        error = se3.log_se3(se3.inverse(T) @ solved(source, target).transform)
+        right += bool(np.linalg.norm(error[:3]) < 0.05 and np.linalg.norm(error[3:]) < 0.05)
+    assert right >= 99
+
+
+def test_right_pairs_are_named_and_chance_is_ruled_out() -> None:
+    source, target, _ = pairs(1, 0.95)
+    out = solved(source, target)
+    assert np.count_nonzero(out.inliers[950:]) >= 48
+    assert np.count_nonzero(out.inliers[:950]) <= 1
+    assert out.clique_size >= 45
+    assert out.expected_by_chance < 1e-20
+
+
+def test_mostly_right_pairs_give_the_least_squares_answer() -> None:
+    source, target, T = pairs(2, 0.1)
+    error = se3.log_se3(se3.inverse(T) @ solved(source, target).transform)
+    assert np.linalg.norm(error) < 0.003
+
+
+def test_the_same_pairs_give_the_same_answer_to_the_bit() -> None:
+    source, target, _ = pairs(3, 0.9)
+    assert np.array_equal(solved(source, target).transform, solved(source, target).transform)
+
+
+def test_random_pairs_are_refused() -> None:
+    source, target, _ = pairs(4, 1.0, 100)
+    with pytest.raises(RefusedError) as refused:
+        solved(source, target, least_inliers=8)
+    assert refused.value.reasons[0].startswith("too_few_consistent")
+    with pytest.raises(RefusedError):
+        solved(np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+def test_pairs_on_a_line_are_refused_as_degenerate(rng: np.random.Generator) -> None:
+    line = np.c_[rng.uniform(0, 10, 30), np.zeros((30, 2))]
+    with pytest.raises(DegenerateGeometryError) as refused:
+        solved(line, line + np.array([1.0, 2.0, 3.0]))
+    assert refused.value.reasons == ("degenerate:collinear",)
+
+
+def test_pairs_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(InputError, match="pairs"):
+        solved(np.zeros((5, 3)), np.zeros((6, 3)))
+
+
+def test_graduation_finds_the_inliers_that_a_mean_would_miss() -> None:
+    source, target, T = pairs(5, 0.3, 200)
+    error = se3.log_se3(se3.inverse(T) @ graduated(source, target, NOISE_M))
+    assert np.linalg.norm(error) < 0.02
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_clique_is_the_largest_there_is(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n = 70
+    edges = {(i, j) for i, j in combinations(range(n), 2) if rng.random() < 0.35}
+    found, proven = maximum_clique(*graph(n, edges), 10_000_000)
+    assert proven
+    assert all((int(i), int(j)) in edges for i, j in combinations(found, 2))
+    neighbours = {v: {b if a == v else a for a, b in edges if v in (a, b)} for v in range(n)}
+    assert len(found) == _largest(set(range(n)), neighbours, 0)
+
+
+def _largest(candidates: set[int], neighbours: dict[int, set[int]], best: int) -> int:
+    """Size of the largest clique, by trying everything that can still beat the best."""
+    size = 0
+    while candidates and len(candidates) > max(best, size):
+        v = candidates.pop()
+        size = max(size, 1 + _largest(candidates & neighbours[v], neighbours, max(best, size) - 1))
+    return size
+
+
+def test_core_numbers_of_a_triangle_with_a_tail() -> None:
+    core, order = core_numbers(*graph(5, {(0, 1), (1, 2), (0, 2), (2, 3), (3, 4)}))
+    assert core.tolist() == [2, 2, 2, 1, 1]
+    assert order[0] == 4
+
+
+def test_points_too_near_to_one_another_are_no_evidence() -> None:
+    points = np.array([[0.0, 0, 0], [0.01, 0, 0], [1.0, 0, 0]])
+    _, degree = consistency(points, points, 0.02, 0.05)
+    assert degree.tolist() == [1, 1, 2]
