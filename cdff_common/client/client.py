@@ -266,6 +266,7 @@ class Client:
     ) -> Reply:
         """The final reply; asked again, under a new name, where nobody was there or the answer broke off."""
         key, pause = keys.orchestrator_rpc(scope, "request"), threading.Event()
+        parameters = {**parameters, "progress": "false" if on_progress is None else "true"}
         while True:
             remaining_s = max(deadline_s - monotonic_s(), 0.2)
             asked = {**parameters, "deadline_ms": int(remaining_s * 1000), "request": str(uuid.uuid4())}

@@ -14,6 +14,19 @@ from cdff_core.orchestration.leases import Leases
 from cdff_core.orchestration.reconcile import Observed
 from cdff_core.orchestration.world import Input, Maker, MakerId, SensorId, SensorState, Source, World
 
+#: Frames of every robot (contract §6), and the origin of its visual odometry.
+_ROBOT_FRAMES = ("base", "odom", "vo")
+
+
+def frames_of(profile: Profile) -> frozenset[str]:
+    """Frames that a mission has, whether or not a pose of them is known yet."""
+    found = {"site"}
+    for robot in profile.robots:
+        found |= {f"{robot.id}/{name}" for name in (*_ROBOT_FRAMES, *robot.sensors)}
+        found |= {sensor.frame for sensor in robot.sensors.values()}
+        found |= {frame for edge in robot.frames for frame in (edge.parent, edge.child)}
+    return frozenset(found)
+
 
 def description_of(robot: str, entry: DfpcEntry, description: DfpcDescription) -> dict[str, Any]:
     """What ``dfpc/@rpc/describe`` would say of a DFPC whose process has not answered yet."""

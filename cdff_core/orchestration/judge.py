@@ -66,14 +66,22 @@ class Judgement:
         Mandatory wishes that are not met; empty means that it may be delivered.
     short : tuple of str
         Other wishes that are not met: worth waiting for, and stated in the answer.
+    noted : tuple of str
+        What is other than asked and will not come otherwise: only stated in the answer.
     """
 
     missing: tuple[str, ...] = ()
     short: tuple[str, ...] = ()
+    noted: tuple[str, ...] = ()
+
+    @property
+    def differences(self) -> list[str]:
+        """Everything that is not as asked."""
+        return [*self.missing, *self.short, *self.noted]
 
     @property
     def satisfies(self) -> bool:
-        """All is as asked."""
+        """Nothing better is worth waiting for."""
         return not self.missing and not self.short
 
     @property
@@ -84,7 +92,7 @@ class Judgement:
 
 def judge(candidate: Candidate, request: ProductRequest, now_ns: int) -> Judgement:
     """Compare a candidate with a request at mission time ``now_ns``."""
-    missing, short = [], []
+    missing, short, noted = [], [], []
     if candidate.status == "FAILED":
         missing.append("status: FAILED")
     age_s = candidate.age_s(now_ns)
@@ -101,7 +109,9 @@ def judge(candidate: Candidate, request: ProductRequest, now_ns: int) -> Judgeme
     wanted_m, given_m = request.resolution_m, candidate.resolution_m
     if wanted_m is not None and given_m is not None and given_m > wanted_m * RESOLUTION_TOLERANCE:
         short.append(f"resolution: {given_m:g} m, asked {wanted_m:g} m")
-    return Judgement(tuple(missing), tuple(short))
+    if wanted_m is not None and given_m is not None and given_m * RESOLUTION_TOLERANCE < wanted_m:
+        noted.append(f"resolution: {given_m:g} m, asked {wanted_m:g} m: the finer cells do not add up to it")
+    return Judgement(tuple(missing), tuple(short), tuple(noted))
 
 
 def best(candidates: Iterable[Candidate], request: ProductRequest, now_ns: int) -> tuple[Candidate, Judgement] | None:
@@ -126,5 +136,5 @@ def delivered(
         "age_s": round(candidate.age_s(now_ns), 6),
         "oldest_age_s": round(candidate.oldest_age_s(now_ns), 6),
         "status": candidate.status,
-        "differences": [*judgement.missing, *judgement.short],
+        "differences": judgement.differences,
     }

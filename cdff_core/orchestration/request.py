@@ -47,9 +47,12 @@ PARAMETERS = frozenset(
         "explain",
         "every_s",
         "priority",
+        "progress",
         "request",
     }
 )
+#: A Zenoh query stops after so long by default: who waits longer has read how to ask.
+_ZENOH_TIMEOUT_S = 10.0
 #: Below the 10 s after which a Zenoh query stops by default, so that a plain ``get`` still sees the answer.
 DEFAULT_DEADLINE_MS = 8_000
 DEADLINE_BOUNDS_MS = (100, 3_600_000)
@@ -100,6 +103,9 @@ class ProductRequest:
         can be renewed. None means one answer.
     priority : int
         0 to 9; a higher one is admitted before, and may take a sensor's mode from, a lower one.
+    progress : bool
+        Whether progress is told. A query that keeps only the last reply would get it beside a late error, so it is told
+        only to who asks for it, or waits for longer than Zenoh's default.
     """
 
     id: str
@@ -120,11 +126,19 @@ class ProductRequest:
     explain: bool = False
     priority: int = DEFAULT_PRIORITY
     every_s: float | None = None
+    progress: bool = True
 
     @property
     def is_spatial(self) -> bool:
         """Whether region, resolution and coverage apply."""
         return self.product in SPATIAL
+
+    @property
+    def frames(self) -> frozenset[str]:
+        """The frames that it names."""
+        near = None if self.region is None else self.region.near_frame
+        placed = self.region_frame if self.region is not None else None
+        return frozenset(f for f in (self.frame, self.child, placed, near) if f is not None)
 
     def describe(self) -> dict[str, Any]:
         """What was asked, as plain data for the journal, job lists and answers."""
@@ -185,6 +199,11 @@ def parse_request(parameters: Mapping[str, str], scope: str) -> ProductRequest:
     explain = parameters.get("explain", "false")
     if explain not in ("true", "false"):
         raise InputError(f"explain={explain!r}: expected true or false")
+    deadline_s, every_s = parse_deadline_s(parameters), _number(parameters, "every_s", None, 0.0, 3600.0)
+    told = every_s is not None or deadline_s >= _ZENOH_TIMEOUT_S
+    progress = parameters.get("progress", "true" if told else "false")
+    if progress not in ("true", "false"):
+        raise InputError(f"progress={progress!r}: expected true or false")
     priority = parameters.get("priority", str(DEFAULT_PRIORITY))
     if not _PRIORITY.match(priority):
         raise InputError(f"priority={priority!r}: expected a digit, 0 (least) to 9")
@@ -203,10 +222,11 @@ def parse_request(parameters: Mapping[str, str], scope: str) -> ProductRequest:
         type_name=type_name,
         format=codec,
         deliver=deliver,
-        deadline_s=parse_deadline_s(parameters),
+        deadline_s=deadline_s,
         explain=explain == "true",
         priority=int(priority),
-        every_s=_number(parameters, "every_s", None, 0.0, 3600.0),
+        every_s=every_s,
+        progress=progress == "true",
     )
 
 

@@ -227,6 +227,19 @@ def elevation_as_map(elevation: ElevationMap, T_frame_map_frame: UncertainTransf
     )
 
 
+def box_in(
+    box_m: tuple[float, float, float, float, float, float] | None, T_frame_box: UncertainTransform
+) -> tuple[float, float, float, float, float, float] | None:
+    """Return the box, along the axes of another frame, around a box ``(x0, y0, z0, x1, y1, z1)``."""
+    if box_m is None:
+        return None
+    corners = np.array([[x, y, z] for x in box_m[0::3] for y in box_m[1::3] for z in box_m[2::3]])
+    seen = T_frame_box.apply(corners)
+    x0, y0, z0 = (float(v) for v in seen.min(axis=0))
+    x1, y1, z1 = (float(v) for v in seen.max(axis=0))
+    return x0, y0, z0, x1, y1, z1
+
+
 def masked_map(value: ElevationMap | NavigationMap, region: Region) -> ElevationMap | NavigationMap:
     """Return a map cut to the window of a region, cells whose centre lies outside it unobserved (contract §6)."""
     old = value.geometry

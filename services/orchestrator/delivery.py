@@ -20,7 +20,7 @@ from cdff_common.errors import InputError, UnavailableError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.product import CovarianceKind, Header, Quality, product_id
 from cdff_core.orchestration import translate
-from cdff_core.orchestration.judge import Judgement, delivered
+from cdff_core.orchestration.judge import delivered, judge
 from cdff_core.orchestration.request import CODECS, PRODUCTS, ProductRequest
 from services.orchestrator.dpm import Dpm
 from services.orchestrator.files import file_bytes
@@ -50,6 +50,8 @@ class Translated:
         Codes of what the type cannot say.
     moved_by : UncertainTransform or None
         What its points were moved by: their error on top of their own.
+    box_m : tuple or None
+        Its extent in ``frame``, where the type itself does not say all of it.
     """
 
     value: Any
@@ -58,6 +60,11 @@ class Translated:
     child: str | None = None
     reasons: tuple[str, ...] = ()
     moved_by: UncertainTransform | None = None
+    box_m: tuple[float, float, float, float, float, float] | None = None
+
+
+class TooOldError(UnavailableError):
+    """What was found no longer meets what is mandatory: it has become too old since."""
 
 
 class Delivery:
@@ -67,11 +74,13 @@ class Delivery:
         self._dpm = dpm
         self._clock = clock
 
-    def reply(self, job: str, request: ProductRequest, found: Found, judgement: Judgement, until_s: float) -> Reply:
+    def reply(self, job: str, request: ProductRequest, found: Found, until_s: float) -> Reply:
         """Translate, encode and, where it is large or asked for, store and refer.
 
         Raises
         ------
+        TooOldError
+            If it no longer meets what is mandatory at the time of the reply.
         CdffError
             As the DPM answers, or where the product cannot be had in the asked frame or type.
         """
@@ -87,19 +96,27 @@ class Delivery:
         header = (
             found.sources[0] if whole or (as_is and request.product == "dem") else derived_header(request, found, t)
         )
-        what = delivered(found.candidate, judgement, request, self._clock.now_ns(), t.frame)
-        what["as"], what["differences"] = t.type_name, [*judgement.missing, *judgement.short, *t.reasons]
+        payload, encoding = _inline(request, t, found)
+        digest = {} if payload is None else {"sha256": hashlib.sha256(payload).hexdigest()}
+        if payload is None and not whole:
+            header = self._store(request, found, t, header, until_s)
+        # A reference is to the product's own type: that is what is delivered, whatever was asked.
+        given = t.type_name if payload is not None else native
+        now_ns = self._clock.now_ns()
+        judgement = judge(found.candidate, request, now_ns)
+        if judgement.missing:
+            raise TooOldError("; ".join(judgement.missing))
+        what = delivered(found.candidate, judgement, request, now_ns, t.frame)
+        what["as"], what["differences"] = given, [*judgement.differences, *t.reasons]
+        if given != request.type_name:
+            what["differences"] = [*judgement.differences, *t.reasons, _kept_as(request, t, given)]
         what["source"] = found.sources[0].producer if found.sources else ""
         moved_by = t.moved_by or found.moved_by
         if moved_by is not None and moved_by.covariance is not None:
             what["frame_covariance"] = moved_by.covariance.tolist()
         extra = {"robot": robot, "job": job, "request": request.id, "final": True, "delivered": what}
-        payload, encoding = _inline(request, t, found)
         if payload is not None:
-            digest = {"sha256": hashlib.sha256(payload).hexdigest()}
             return Reply(payload, encoding, {**header.to_dict(), **digest, "kind": "product", **extra})
-        if not whole:
-            header = self._store(request, found, t, header, until_s)
         form = request.format if t.type_name != _TOO_LARGE else "tif"
         body = {
             "id": header.id,
@@ -130,6 +147,13 @@ class Delivery:
             raise UnavailableError("a pose composed over the frame tree is not stored: ask for deliver=inline")
         self._dpm.put(header, t.value, t.type_name, robot, request.product, until_s)
         return header
+
+
+def _kept_as(request: ProductRequest, t: Translated, given: str) -> str:
+    """Say that a reference is to another type than was asked for, and how that one is had."""
+    if t.type_name == _TOO_LARGE:
+        return f"as: {given} by reference, asked {request.type_name}, which has no room for so many cells"
+    return f"as: {given} by reference, asked {request.type_name}: get it with as={request.type_name} from the DPM"
 
 
 def _inline(request: ProductRequest, t: Translated, found: Found) -> tuple[bytes | None, str]:
@@ -182,7 +206,8 @@ def translated(request: ProductRequest, found: Found, lookup: Lookup) -> Transla
         if g.rows > translate.MAP_MAX_ROWS or g.cols > translate.MAP_MAX_COLS:
             return Translated(value, _TOO_LARGE, frame)
         T = lookup(frame, home, t_ns)
-        return Translated(translate.elevation_as_map(value, T, frame, _PRODUCER), wanted, frame)
+        box = value.extent_m() if frame == home else translate.box_in(value.extent_m(), T)
+        return Translated(translate.elevation_as_map(value, T, frame, _PRODUCER), wanted, frame, box_m=box)
     if frame != home and request.is_spatial:
         raise UnavailableError(
             f"a {request.product} made in {home} cannot be had in {frame} without resampling: ask for frame={home}"
@@ -235,7 +260,7 @@ def derived_header(request: ProductRequest, found: Found, t: Translated) -> Head
         kind = CovarianceKind.NONE if found.value.covariance is None else CovarianceKind.FORMAL
     all_reasons = tuple(dict.fromkeys([*(r for h in sources for r in h.quality.reasons), *t.reasons]))
     quality = replace(base, reasons=all_reasons, covariance_kind=kind)
-    box = t.value.extent_m()
+    box = t.box_m or t.value.extent_m()
     return Header(
         id=product_id(found.candidate.robot, "orchestrator", request.product, t1_ns, 0, config_hash),
         seq=0,

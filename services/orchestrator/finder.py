@@ -97,7 +97,8 @@ class Finder:
                 reasons.append(str(error))
                 continue
             if one is None:
-                reasons.append(f"the DPM holds no {request.product} of {robot} for it")
+                where = "for it" if request.region is None else "in the region (coverage 0)"
+                reasons.append(f"the DPM holds no {request.product} of {robot} {where}")
             else:
                 found.append(one)
         now_ns = self._clock.now_ns()
@@ -106,6 +107,18 @@ class Finder:
             return None, "; ".join(reasons)
         chosen = next(f for f in found if f.candidate is choice[0])
         return (chosen, choice[1]), "; ".join([*choice[1].missing, *choice[1].short])
+
+    def knows_frame(self, frame: str, robots: Sequence[str], until_s: float) -> bool:
+        """Whether the DPM's frame tree joins a frame to the site or to one of the robots, at whatever time."""
+        for robot in robots:
+            for other in ("site", f"{robot}/base"):
+                try:
+                    self._dpm.pose(robot, other, frame, None, until_s)
+                except (FrameNotFoundError, ProductNotFoundError) as error:
+                    if not error.retriable:
+                        continue  # no chain joins them; otherwise it is only not known at that time
+                return True
+        return False
 
     # -- one for each product ---------------------------------------------------------------------------
 

@@ -16,14 +16,15 @@ from typing import Any
 
 from cdff_common.bus import Reply
 from cdff_common.clock import Clock, monotonic_s
-from cdff_common.errors import CdffError, DeadlineError, UnavailableError
+from cdff_common.errors import CdffError, DeadlineError, FrameNotFoundError, UnavailableError
+from cdff_core.orchestration.catalogue import frames_of
 from cdff_core.orchestration.explain import costed, explain
 from cdff_core.orchestration.judge import Judgement, delivered
 from cdff_core.orchestration.lifecycle import FINAL_STATES, JobState
 from cdff_core.orchestration.planner import NoPlan, Plan, plan
 from cdff_core.orchestration.request import ProductRequest
 from cdff_core.orchestration.world import MakerId
-from services.orchestrator.delivery import Delivery
+from services.orchestrator.delivery import Delivery, TooOldError
 from services.orchestrator.finder import Finder, Found
 from services.orchestrator.jobs import Job, JobBook
 from services.orchestrator.journal import Journal
@@ -32,8 +33,13 @@ from services.orchestrator.state import State
 
 logger = logging.getLogger(__name__)
 
-#: Kept back from the deadline for translating and sending the answer: this part of it, at most so many seconds.
-_MARGIN_PART, _MARGIN_MAX_S = 0.15, 2.0
+#: Kept back from the deadline for translating and sending the answer: this part of it, within so many seconds, but
+#: never more than half of it.
+_MARGIN_PART, _MARGIN_MIN_S, _MARGIN_MAX_S = 0.2, 0.3, 2.0
+#: Of that, the part in which the DPM is not asked any more: encoding and sending.
+_SENDING_PART = 0.5
+#: A call that ended so shortly before its own limit, seconds, ended because of it.
+_OWN_LIMIT_S = 0.05
 #: Least time between two looks into the DPM, and longest wait without any change, seconds.
 _LOOK_EVERY_S, _IDLE_S = 0.1, 1.0
 #: A DFPC of a plan that failed this often in a row is planned around.
@@ -78,7 +84,7 @@ class Flow:
             error.request = request.id
             raise
         try:
-            yield self._tell(job)
+            yield from self._tell(job)
             self._book.move(job, JobState.LOOKING)
             progress = _Progress(started_ns=self._clock.now_ns())
             with self._shared.joined(request):
@@ -130,6 +136,7 @@ class Flow:
     def _serve(self, job: Job, p: _Progress) -> Iterator[Reply]:
         request = job.request
         robots = self._state.profile.robot_ids if request.robot == "any" else (request.robot,)
+        self._check_frames(job, robots)
         margin_s = self._margin_s(job)
         seen = -1
         while True:
@@ -138,8 +145,10 @@ class Flow:
             seen_now = self._state.version
             self._look_if_new(job, robots, p)
             if p.best is not None and (p.best[1].satisfies or (p.best[1].acceptable and self._is_all(p))):
-                yield self._deliver(job, p.best)
-                return
+                reply = self._deliver(job, p)
+                if reply is not None:
+                    yield reply
+                    return
             if job.remaining_s() <= margin_s:
                 yield self._last_word(job, p)
                 return
@@ -148,7 +157,7 @@ class Flow:
                 yield self._last_word(job, p)
                 return
             if moved:
-                yield self._tell(job, p)
+                yield from self._tell(job, p)
             seen = max(seen, seen_now)
             wait_s = min(_IDLE_S, job.remaining_s() - margin_s)
             seen = self._state.wait(seen, wait_s)
@@ -159,6 +168,7 @@ class Flow:
     def _stand(self, job: Job, p: _Progress) -> Iterator[Reply]:
         """Each newer product, not more often than asked, until the lease runs out; what makes it is held until then."""
         robots = self._state.profile.robot_ids if job.request.robot == "any" else (job.request.robot,)
+        self._check_frames(job, robots)
         every_s, sent, sent_s, sent_t1_ns = job.request.every_s or 0.0, 0, float("-inf"), -1
         seen = -1
         while job.remaining_s() > 0.0:
@@ -168,12 +178,12 @@ class Flow:
             due_s = sent_s + every_s
             if due_s <= looked_s and p.best is not None and p.best[1].acceptable:
                 t1_ns = p.best[0].candidate.t1_ns
-                if t1_ns > sent_t1_ns:
-                    reply = self._delivery.reply(job.id, job.request, *p.best, job.deadline_s)
+                reply = self._reply(job, p) if t1_ns > sent_t1_ns else None
+                if reply is not None:
                     yield replace(reply, attachment={**reply.attachment, "final": False})
                     sent, sent_s, sent_t1_ns = sent + 1, looked_s, t1_ns
             if self._advance(job, robots, p):
-                yield self._tell(job, p)
+                yield from self._tell(job, p)
             if p.impossible:
                 raise UnavailableError(
                     f"no newer {job.request.product} of {job.request.robot} can be made: {p.impossible}"
@@ -196,7 +206,26 @@ class Flow:
 
     @staticmethod
     def _margin_s(job: Job) -> float:
-        return min(_MARGIN_PART * job.request.deadline_s, _MARGIN_MAX_S)
+        asked_s = job.request.deadline_s
+        return min(max(_MARGIN_PART * asked_s, _MARGIN_MIN_S), _MARGIN_MAX_S, 0.5 * asked_s)
+
+    def _ask_until_s(self, job: Job) -> float:
+        """Until when the DPM may be asked for what the answer needs, monotonic seconds."""
+        return job.deadline_s - _SENDING_PART * self._margin_s(job)
+
+    def _check_frames(self, job: Job, robots: Sequence[str]) -> None:
+        """Raise FrameNotFoundError for a frame that neither the mission nor the DPM knows of.
+
+        One that the profile names may have no pose yet: that comes once its robot has started.
+        """
+        until_s = job.deadline_s - self._margin_s(job)
+        for frame in job.request.frames - frames_of(self._state.profile):
+            try:
+                known = self._finder.knows_frame(frame, robots, until_s)
+            except UnavailableError:
+                return  # the search for the product will say so
+            if not known:
+                raise FrameNotFoundError(f"frame {frame!r} is in neither the profile nor the DPM's frame tree")
 
     def _look_if_new(self, job: Job, robots: Sequence[str], p: _Progress) -> None:
         """Look when something that matters was inserted, else now and then: an event may be lost."""
@@ -216,6 +245,10 @@ class Flow:
                 job.request, lambda: self._finder.find(job.request, robots, until_s), p.inserted, fresh_s, until_s
             )
             p.dpm_error = ""
+        except DeadlineError as error:
+            # Where our own time was up, that says nothing of the DPM.
+            if monotonic_s() < until_s - _OWN_LIMIT_S:
+                p.dpm_error = f"the DPM: {error}"
         except UnavailableError as error:
             p.dpm_error = f"the DPM: {error}"
 
@@ -272,7 +305,9 @@ class Flow:
     def _last_word(self, job: Job, p: _Progress) -> Reply:
         """The best that is acceptable, else the error that says why there is none."""
         if p.best is not None and p.best[1].acceptable:
-            return self._deliver(job, p.best)
+            reply = self._deliver(job, p)
+            if reply is not None:
+                return reply
         reasons = [r for r in (p.impossible, p.dpm_error, p.why) if r]
         if p.plan is not None:
             progress = self._state.progress(p.plan.order, p.plan.modes)
@@ -283,14 +318,33 @@ class Flow:
             reasons += [reason for _, reason in progress["failures"].values()]
         text = "; ".join(dict.fromkeys(reasons)) or "nothing was made in time"
         what = f"no {job.request.product} of {job.request.robot} as asked: {text}"
-        if p.impossible or p.dpm_error or (p.best is not None and any("coverage" in m for m in p.best[1].missing)):
+        if p.impossible or p.dpm_error or self._is_uncovered(job.request, p):
             raise UnavailableError(what)
         raise DeadlineError(f"{what} (deadline of {job.request.deadline_s:g} s)")
 
-    def _deliver(self, job: Job, best: tuple[Found, Judgement]) -> Reply:
-        found, judgement = best
+    @staticmethod
+    def _is_uncovered(request: ProductRequest, p: _Progress) -> bool:
+        """Whether the DPM holds too little of the region, or nothing where some of it must be covered."""
+        if p.best is not None:
+            return any("coverage" in m for m in p.best[1].missing)
+        return bool(request.min_coverage > 0.0 and p.why)
+
+    def _reply(self, job: Job, p: _Progress) -> Reply | None:
+        """The best as it was asked for; None where it has become too old since it was found."""
+        assert p.best is not None
+        try:
+            return self._delivery.reply(job.id, job.request, p.best[0], self._ask_until_s(job))
+        except TooOldError as error:
+            p.best, p.why = (p.best[0], Judgement(missing=(str(error),))), str(error)
+            return None
+
+    def _deliver(self, job: Job, p: _Progress) -> Reply | None:
+        """The final reply; None, and on with the search, where what was found has become too old since."""
         self._book.move(job, JobState.DELIVERING)
-        reply = self._delivery.reply(job.id, job.request, found, judgement, job.deadline_s)
+        reply = self._reply(job, p)
+        if reply is None:
+            self._book.move(job, JobState.WAITING, p.why)
+            return None
         result = {
             "kind": reply.attachment["kind"],
             "id": reply.attachment["id"],
@@ -299,8 +353,8 @@ class Flow:
         self._book.move(job, JobState.DONE, result=result)
         return reply
 
-    def _tell(self, job: Job, p: _Progress | None = None) -> Reply:
-        """A progress reply."""
+    def _tell(self, job: Job, p: _Progress | None = None) -> Sequence[Reply]:
+        """A progress reply, where it was asked for."""
         if p is not None:
             p.told = job.reason
         body = {
@@ -311,4 +365,4 @@ class Flow:
             "remaining_s": round(job.remaining_s(), 3),
             "plan": job.plan,
         }
-        return Reply.of(body, kind="progress", job=job.id, final=False)
+        return [Reply.of(body, kind="progress", job=job.id, final=False)] if job.request.progress else []

@@ -68,12 +68,14 @@ class SharedLooks:
         Raises
         ------
         UnavailableError
-            As ``ask`` does, for all who wait for it, or if another one's look lasts past ``until_s``.
+            As ``ask`` does, for all who wait for it.
+        DeadlineError
+            If another one's look lasts past ``until_s``.
         """
         with self._lock:
             look = self._looks[wish(request)]
         if not look.lock.acquire(timeout=max(until_s - monotonic_s(), 0.0)):
-            raise UnavailableError("it has not answered an identical request yet")
+            raise DeadlineError("it has not answered an identical request yet")
         try:
             now_s = monotonic_s()
             if look.result is not None and look.inserted >= inserted and now_s - look.at_s <= fresh_s:
@@ -109,5 +111,14 @@ def wish(request: ProductRequest) -> Hashable:
     # A pose is looked up in its frame; everything else is moved into it afterwards.
     frame = request.frame if request.product == "pose" else ""
     return replace(
-        request, id="", deadline_s=0.0, priority=0, type_name="", format="", deliver="", frame=frame, every_s=None
+        request,
+        id="",
+        deadline_s=0.0,
+        priority=0,
+        type_name="",
+        format="",
+        deliver="",
+        frame=frame,
+        every_s=None,
+        progress=True,
     )

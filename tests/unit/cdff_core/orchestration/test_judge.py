@@ -70,3 +70,12 @@ def test_the_best_lacks_least_then_covers_most_then_is_youngest() -> None:
 def test_a_pose_at_a_given_time_has_no_age_limit() -> None:
     request = ProductRequest("r", "pose", "mana", t_ns=5_000_000, max_age_s=1.0)
     assert judge(Candidate("", "mana", 5_000_000, 5_000_000), request, NOW_NS).satisfies
+
+
+def test_finer_cells_that_do_not_add_up_to_what_was_asked_are_said_but_not_waited_for() -> None:
+    asked = replace(REQUEST, resolution_m=0.07)
+    judgement = judge(GOOD, asked, NOW_NS)
+    assert judgement.satisfies
+    differences = delivered(GOOD, judgement, asked, NOW_NS, "site")["differences"]
+    assert isinstance(differences, list)
+    assert "0.05 m, asked 0.07 m" in differences[0]

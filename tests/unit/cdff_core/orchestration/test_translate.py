@@ -155,3 +155,13 @@ def test_a_region_seen_from_a_turned_frame_holds_the_same_points(rng: np.random.
     tilted = se3.transform(se3.exp_so3([0.5, 0, 0]), [0, 0, 0])
     with pytest.raises(InputError, match="tilted"):
         translate.region_in(parse_region("circle:0,0,1"), tilted)
+
+
+def test_a_box_seen_from_another_frame_holds_what_the_box_held(rng: np.random.Generator) -> None:
+    T = some_transform(rng)
+    box = translate.box_in((-1.0, 0.0, 2.0, 1.0, 3.0, 4.0), T)
+    assert box is not None
+    seen = T.apply(rng.uniform((-1, 0, 2), (1, 3, 4), (200, 3)))
+    assert (seen >= np.array(box[:3]) - 1e-9).all()
+    assert (seen <= np.array(box[3:]) + 1e-9).all()
+    assert translate.box_in(None, T) is None

@@ -97,7 +97,7 @@ def test_who_has_no_time_to_wait_for_another_s_look_is_told_so() -> None:
         thread = threading.Thread(target=looks.find, args=(A, slow, 0, 100.0, soon()))
         thread.start()
         assert inside.wait(10)
-        with pytest.raises(UnavailableError, match="identical"):
+        with pytest.raises(DeadlineError, match="identical"):
             looks.find(A, Asked(), 0, 100.0, monotonic_s() + 0.05)
         leave.set()
         thread.join(10)
