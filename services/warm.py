@@ -16,18 +16,36 @@ import time
 from cdff_common.codecs.warm import warm_wire
 
 
-def warm_algorithms() -> int:
-    """Configure every DFN and DFPC, which compiles their kernels; return how many there were."""
+def warm_algorithms() -> tuple[int, dict[str, str]]:
+    """Configure every DFN and DFPC, which compiles their kernels.
+
+    Returns
+    -------
+    tuple of int and dict of str to str
+        How many implementations were configured, and why which were not: a library of one that is missing on this
+        machine keeps no other from being compiled.
+    """
+    from cdff_common.errors import CdffError
     from cdff_common.interfaces.registry import Registry
 
     registry = Registry.default()
-    for name, found in registry.dfns.items():
-        for implementation in found.description.implementations:
-            registry.make_dfn(name, implementation).configure()
-    for name, found in registry.dfpcs.items():
-        for variant in found.description.implementations:
-            registry.make_dfpc(name).configure(implementation=variant.name)
-    return len(registry.dfns) + len(registry.dfpcs)
+    count, left = 0, dict(registry.failures)
+
+    def dfn(name: str, implementation: str) -> None:
+        registry.make_dfn(name, implementation).configure()
+
+    def dfpc(name: str, implementation: str) -> None:
+        registry.make_dfpc(name).configure(implementation=implementation)
+
+    todo = [(dfn, name, i) for name, found in registry.dfns.items() for i in found.description.implementations]
+    todo += [(dfpc, name, i.name) for name, found in registry.dfpcs.items() for i in found.description.implementations]
+    for configure, name, implementation in todo:
+        try:
+            configure(name, implementation)
+            count += 1
+        except (CdffError, ImportError, OSError) as error:
+            left[f"{name}.{implementation}"] = f"{type(error).__name__}: {error}"
+    return count, left
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -37,8 +55,10 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     started = time.monotonic()
     warm_wire()
-    count = warm_algorithms() if args.algorithms else 0
-    sys.stdout.write(f"warmed the wire and {count} DFNs and DFPCs in {time.monotonic() - started:.1f} s\n")
+    count, left = warm_algorithms() if args.algorithms else (0, {})
+    for name, reason in left.items():
+        sys.stderr.write(f"not warmed: {name}: {' '.join(reason.split())}\n")
+    sys.stdout.write(f"warmed the wire and {count} implementations in {time.monotonic() - started:.1f} s\n")
     return 0
 
 
