@@ -17,7 +17,7 @@ from dpm_store import schema
 from dpm_store.database import Database
 
 #: Kinds that say that what the store holds has changed; the others are history only.
-CHANGES = ("inserted", "updated", "deleted", "purged", "reanchored")
+CHANGES = ("inserted", "updated", "deleted", "reanchored")
 _MAX_BODY_BYTES = 1 << 16
 
 

@@ -80,7 +80,7 @@ def dpm_product(scope: str, product_id: str) -> str:
 
 
 def event(scope: str, kind: str) -> str:
-    """``inserted updated deleted purged activated deactivated reanchored sensor_mode alarm``."""
+    """``inserted updated deleted activated deactivated reanchored sensor_mode alarm``."""
     return f"{PREFIX}/{_chunk('scope', scope)}/event/{_chunk('kind', kind)}"
 
 
