@@ -27,6 +27,7 @@ BACKOFF_LONGEST_S = 3.0
 STABLE_S = 10.0
 #: How long processes get to end by themselves after SIGTERM.
 GRACE_S = 2.5
+ROUTER_GRACE_S = 0.7
 
 
 @dataclass(slots=True)
@@ -76,20 +77,27 @@ class Supervisor:
             self.end()
 
     def end(self) -> None:
-        """SIGTERM to all, clients first and the router last; SIGKILL to those that stay."""
-        running = [
-            c.process for c in reversed(self.children.values()) if c.process is not None and c.process.poll() is None
-        ]
-        for process in running:
-            process.send_signal(signal.SIGTERM)
-        deadline_s = monotonic_s() + GRACE_S
-        for process in running:
+        """End all: the newest first and the router last, since a session without a router closes slowly.
+
+        SIGTERM, and SIGKILL to what stays; each is logged.
+        """
+        running = [c for c in self.children.values() if c.process is not None and c.process.poll() is None]
+        self._end_group(running[:0:-1], GRACE_S)
+        self._end_group(running[:1], ROUTER_GRACE_S)
+
+    def _end_group(self, group: Sequence[Child], grace_s: float) -> None:
+        for child in group:
+            assert child.process is not None
+            child.process.send_signal(signal.SIGTERM)
+        deadline_s = monotonic_s() + grace_s
+        for child in group:
+            assert child.process is not None
             try:
-                process.wait(max(deadline_s - monotonic_s(), 0.05))
+                child.process.wait(max(deadline_s - monotonic_s(), 0.02))
             except subprocess.TimeoutExpired:
-                logger.warning("%s did not end within %g s of SIGTERM and is killed", process.args, GRACE_S)
-                process.kill()
-                process.wait()
+                logger.warning("%s did not end within %g s of SIGTERM and is killed", child.spec.name, grace_s)
+                child.process.kill()
+                child.process.wait()
 
     def _tend(self, child: Child) -> None:
         now_s = monotonic_s()

@@ -42,7 +42,7 @@ def stage(endpoint: str, http: str, traverse: Path) -> Iterator[Stage]:
     path = DEPLOY / "profiles" / "rover_traverse.yaml"
     with Stage(load_profile(path), path, endpoint, http) as running, Bus.open(endpoint, name="test", wait_s=20) as bus:
         running.wait_ready(bus)
-        running.play(str(traverse), 0.2)
+        running.play(str(traverse), 0.3)
         wait_for_clock(bus, running.check_running)
         yield running
 
@@ -51,7 +51,10 @@ def process_of(stage: Stage, name: str) -> psutil.Process:
     """The process that the supervisor of a stage runs under a name of its plan."""
     needle = ["--process", name] if name.startswith(("mana", "minnie")) else [f"services.{name}"]
     for child in psutil.Process(stage.supervisor_pid).children():
-        line = child.cmdline()
+        try:
+            line = child.cmdline()
+        except psutil.Error:  # it ends at this moment
+            continue
         if all(part in line for part in needle):
             return child
     raise AssertionError(f"no process {name} under the supervisor")
