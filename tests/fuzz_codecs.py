@@ -27,7 +27,7 @@ import numpy as np
 
 from cdff_common.codecs import CODECS, decode, encode
 from cdff_common.errors import CodecError
-from tests.messages import ALL, random_message
+from tests.messages import ALL, long_message, random_message
 
 HANG_S = 5.0
 MEMORY_MB = 1024
@@ -110,7 +110,8 @@ def mutated(first: int, count: int, seed: int) -> Iterator[tuple[int, str, str, 
         name, codec = pairs[number % len(pairs)]
         if (name, codec) not in corpus:
             rng = np.random.default_rng([seed, ALL.index(name)])
-            corpus[name, codec] = [encode(random_message(name, rng), codec, name) for _ in range(_SEEDS)]
+            values = [random_message(name, rng) for _ in range(_SEEDS - 1)]
+            corpus[name, codec] = [encode(v, codec, name) for v in (*values, long_message(name, rng))]
         rng = np.random.default_rng([seed, number])
         seeds = corpus[name, codec]
         data = bytearray(seeds[int(rng.integers(len(seeds)))])

@@ -46,6 +46,15 @@ def random_message(name: str, rng: np.random.Generator) -> Any:
     return _value(message_node(name), rng)
 
 
+def long_message(name: str, rng: np.random.Generator) -> Any:
+    """A message of a type whose own list has some dozens of elements, where it has one; else as ``random_message``."""
+    node = message_node(name)
+    if isinstance(node, Alias) and isinstance(node.node, ListOf) and isinstance(node.node.element, Struct):
+        items = tuple(_value(node.node.element, rng) for _ in range(min(node.node.high, 40)))
+        return class_of(node.class_name)(items)
+    return random_message(name, rng)
+
+
 def _value(node: Node | Alias, rng: np.random.Generator) -> Any:
     match node:
         case Struct():

@@ -24,6 +24,8 @@ _SHORT_REALS = 64
 _SHORT_OCTETS = 4096
 #: Octets at odd offsets up to this size go through an integer even where the loops are there.
 _TINY_OCTETS = 64
+#: Parts from this size on are not copied before the message is whole.
+_LONG_OCTETS = 65536
 
 
 def _kernels(is_short: bool) -> ModuleType | None:
@@ -40,9 +42,11 @@ def _kernels(is_short: bool) -> ModuleType | None:
 class BitWriter:
     """Collects bits; scalars in an integer, arrays through compiled loops."""
 
-    __slots__ = ("_count", "_octets", "_pending")
+    __slots__ = ("_count", "_octets", "_parts", "_pending")
 
     def __init__(self) -> None:
+        #: What lies before ``_octets``: long parts are joined once, at the end.
+        self._parts: list[bytes | bytearray | memoryview] = []
         self._octets = bytearray()
         self._pending = 0
         self._count = 0
@@ -72,7 +76,7 @@ class BitWriter:
             return
         self._flush()
         if self._count == 0:
-            self._octets += octets if isinstance(octets, bytes) else octets.data
+            self._append(octets if isinstance(octets, bytes) else octets.data)
             return
         source = np.frombuffer(octets, dtype=np.uint8) if isinstance(octets, bytes) else octets
         out = np.empty(size + 1, dtype=np.uint8)
@@ -96,8 +100,16 @@ class BitWriter:
 
     def _take(self, out: NDArray[np.uint8], size: int) -> None:
         """Append ``size`` octets of a loop's output, and keep the bits behind them."""
-        self._octets += out[:size].data
+        self._append(out[:size].data)
         self._pending = int(out[size]) >> (8 - self._count) if self._count else 0
+
+    def _append(self, octets: bytes | memoryview) -> None:
+        """Append whole octets."""
+        if len(octets) < _LONG_OCTETS:
+            self._octets += octets
+            return
+        self._parts += (self._octets, octets)
+        self._octets = bytearray()
 
     def put_length(self, length: int) -> int:
         """Append a length determinant of X.691 11.9.3.5-8; returns how many of ``length`` it announces."""
@@ -115,7 +127,7 @@ class BitWriter:
         """All octets, the last one filled up with zeros; at least one (X.691 11.1.3)."""
         self._flush()
         tail = bytes([self._pending << (8 - self._count)]) if self._count else b""
-        return bytes(self._octets) + tail or b"\0"
+        return b"".join((*self._parts, self._octets, tail)) or b"\0"
 
 
 class BitReader:
