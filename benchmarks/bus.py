@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Our bus beside raw Zenoh: publish to callback and request to reply, in one run, through one router.
 
-    python benchmarks/bus.py [--out FILE] [--rounds N]
+    python benchmarks/bus.py [--out FILE] [--scale X]
 
 For each payload size, with shared memory on and off, rounds of ours and raw alternate in the same two processes; the
 median over all round trips is reported. One way: a payload is put, its callback in the other process copies it out and

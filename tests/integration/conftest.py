@@ -30,18 +30,19 @@ def free_port() -> int:
         return port
 
 
+def wait_until(condition: Callable[[], object], timeout_s: float = 10.0, what: str = "the condition") -> None:
+    """Return once the condition holds; fail when time is up."""
+    deadline_s = time.monotonic() + timeout_s
+    while not condition():
+        if time.monotonic() > deadline_s:
+            pytest.fail(f"{what} did not hold within {timeout_s:g} s")
+        time.sleep(0.02)
+
+
 @pytest.fixture
 def eventually() -> Eventually:
-    """``eventually(condition, timeout_s=10)``: return once the condition holds, fail when time is up."""
-
-    def wait(condition: Callable[[], object], timeout_s: float = 10.0, what: str = "the condition") -> None:
-        deadline_s = time.monotonic() + timeout_s
-        while not condition():
-            if time.monotonic() > deadline_s:
-                pytest.fail(f"{what} did not hold within {timeout_s:g} s")
-            time.sleep(0.02)
-
-    return wait
+    """``eventually(condition, timeout_s=10)``: ``wait_until``."""
+    return wait_until
 
 
 @pytest.fixture

@@ -8,9 +8,8 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,7 @@ from cdff_common.interfaces.product import Header, product_id
 from cdff_common.raster import GridGeometry
 from cdff_common.types import ElevationMap, Pointcloud, TransformWithCovariance
 
-from .conftest import ROOT, Eventually, Spawn, free_port
+from .conftest import ROOT, Eventually, Spawn, free_port, wait_until
 
 pytestmark = pytest.mark.integration
 
@@ -129,14 +128,8 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
         )
         return processes[-1]
 
-    def eventually(condition: Callable[[], object], timeout_s: float, what: str) -> None:
-        deadline_s = time.monotonic() + timeout_s
-        while not condition():
-            assert time.monotonic() < deadline_s, f"{what} did not hold within {timeout_s:g} s"
-            time.sleep(0.02)
-
     try:
-        made = System(spawn, eventually, endpoint, directory)
+        made = System(spawn, wait_until, endpoint, directory)
         with made.bus:
             yield made
     finally:

@@ -19,19 +19,11 @@ from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Pointcloud, TransformWithCovariance
+from cdff_dev.evaluate.icp_localisation import T_CAMERA_LIDAR
 
 RealData = Callable[[str], Path]
 Points = NDArray[np.float64]
 
-#: T_camera_lidar of KITTI sequence 00, from the calibration in the data set's README.
-KITTI_00_CALIBRATION = np.array(
-    [
-        [4.276802385584e-04, -9.999672484946e-01, -8.084491683471e-03, -1.198459927713e-02],
-        [-7.210626507497e-03, 8.081198471645e-03, -9.999413164504e-01, -5.403984729748e-02],
-        [9.999738645903e-01, 4.859485810390e-04, -7.206933692422e-03, -2.921968648686e-01],
-        [0.0, 0.0, 0.0, 1.0],
-    ]
-)
 QUICK_SEEDS, ALL_SEEDS = 10, 100
 
 
@@ -64,7 +56,7 @@ def test_a_kitti_pair_is_registered_from_the_identity(real_data: RealData, imple
     folder = real_data("kitti_velodyne")
     poses = np.loadtxt(folder / "00_poses_cam0.txt").reshape(-1, 3, 4)
     T_world_94, T_world_95 = (np.vstack([poses[i], [0, 0, 0, 1]]) for i in (94, 95))
-    T_camera_lidar = KITTI_00_CALIBRATION
+    T_camera_lidar = T_CAMERA_LIDAR
     T_true = np.linalg.inv(T_camera_lidar) @ np.linalg.inv(T_world_94) @ T_world_95 @ T_camera_lidar
     scene, model = (read_kitti_bin(folder / f"{i:06d}.bin").points_m for i in (94, 95))
     output = localise(scene, model, implementation=implementation)

@@ -9,7 +9,7 @@ import json
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,7 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.product import Header, product_id
 from cdff_common.types import RigidBodyState, TransformWithCovariance
 from tests.integration.conftest import Spawn, free_port, process_starter
+from tests.integration.conftest import wait_until as eventually
 
 pytestmark = pytest.mark.integration
 
@@ -127,15 +128,6 @@ class System:
     def journal(self) -> list[dict[str, Any]]:
         path = self.data / "data" / "orchestrator" / "journal.jsonl"
         return [json.loads(line) for line in path.read_text().splitlines()]
-
-
-def eventually(condition: Callable[[], object], timeout_s: float = 10.0, what: str = "the condition") -> None:
-    """Return once the condition holds; fail when time is up."""
-    deadline_s = time.monotonic() + timeout_s
-    while not condition():
-        if time.monotonic() > deadline_s:
-            pytest.fail(f"{what} did not hold within {timeout_s:g} s")
-        time.sleep(0.02)
 
 
 @pytest.fixture(scope="module")

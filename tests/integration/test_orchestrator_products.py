@@ -32,7 +32,7 @@ from cdff_common.types import (
     TransformWithCovariance,
 )
 from tests.integration.conftest import ROOT, free_port, process_starter
-from tests.integration.test_orchestrator import eventually
+from tests.integration.conftest import wait_until as eventually
 
 pytestmark = pytest.mark.integration
 
