@@ -1,0 +1,101 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The simulated traverse as evaluations use it: frames known exactly, true poses, visual odometry of the images."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cdff_common.geometry import FrameGraph, UncertainTransform, se3
+from cdff_common.geometry.covariance import pose_error
+from cdff_common.interfaces.dfpc import DfpcContext, Sample
+from cdff_common.interfaces.product import Product
+from cdff_common.interfaces.registry import Registry
+from cdff_core.runtime import Runner
+from cdff_dev.logs import LogReader, open_log
+from cdff_dev.simulate.scenario import load_scenario
+from cdff_dev.simulate.store import SIDECAR, simulated_log
+
+SCENARIO = "rover_traverse"
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """One rover's drive.
+
+    Attributes
+    ----------
+    context : DfpcContext
+        Its frames, without covariance: the anchor and the mounts are known exactly.
+    truth : dict of int to array, shape (4, 4)
+        ``T_site_base`` by stamp, nanoseconds.
+    """
+
+    robot: str
+    context: DfpcContext
+    log: LogReader
+    truth: dict[int, se3.FloatArray]
+
+    @property
+    def way_m(self) -> float:
+        """Length of the way."""
+        steps = itertools.pairwise(T[:3, 3] for _, T in sorted(self.truth.items()))
+        return float(sum(np.linalg.norm(b - a) for a, b in steps))
+
+    def true_pose(self, stamp_ns: int) -> se3.FloatArray:
+        """The true pose nearest to a time."""
+        return self.truth[min(self.truth, key=lambda t: abs(t - stamp_ns))]
+
+    def samples(self, streams: Mapping[str, str]) -> list[Sample]:
+        """Samples of streams (``wheels.odometry``) as samples of ports: stream -> port."""
+        ports = {f"/{self.robot}/{stream}": port for stream, port in streams.items()}
+        return [Sample(ports[s.stream], s.stamp_ns, s.seq, s.value) for s in self.log.samples(list(ports))]
+
+
+def drives() -> tuple[int, list[Drive]]:
+    """The scenario's seed and its rovers' drives; simulated now where they are not in the cache."""
+    scenario = load_scenario(SCENARIO)
+    folder: Path = simulated_log(scenario)
+    described: dict[str, Any] = json.loads((folder / SIDECAR).read_text(encoding="utf-8"))["robots"]
+    made = []
+    for robot, entry in described.items():
+        frames = FrameGraph()
+        for edge in entry["frames"]:
+            T = se3.transform_from_quaternion_xyzw(edge["translation_m"], edge["quaternion_xyzw"])
+            frames.set_static(edge["parent"], edge["child"], UncertainTransform(T, np.zeros((6, 6))))
+        log = open_log(folder)
+        truth = {s.stamp_ns: s.value.transform.matrix for s in log.samples([f"/{robot}/truth.pose"])}
+        made.append(Drive(robot, DfpcContext(robot, frames), log, truth))
+    return scenario.seed, made
+
+
+def run(dfpc: str, context: DfpcContext, samples: Sequence[Sample]) -> list[Product]:
+    """The poses that a DFPC makes of samples, with its default parameters."""
+    node = Registry.default().make_dfpc(dfpc)
+    node.configure(None, context)
+    runner = Runner(node)
+    products: list[Product] = []
+    for sample in sorted(samples, key=lambda s: (s.stamp_ns, s.port)):
+        runner.push(sample)
+        products += runner.drain()
+    products += runner.finish()
+    return [p for p in products if p.port == "pose" and p.value is not None]
+
+
+def visual_odometry(drive: Drive, seed: int) -> list[Product]:
+    """Poses ``T_vo_left`` of a drive's image pairs."""
+    context = replace(drive.context, seed=seed)
+    return run("visual_odometry_sparse", context, drive.samples({"navcam.pair": "stereo"}))
+
+
+def normalised_error(T_true: se3.FloatArray, estimate: UncertainTransform) -> tuple[float, float]:
+    """Distance of the positions, metres, and the squared pose error by the stated covariance (6 degrees of freedom)."""
+    error = pose_error(T_true, estimate.matrix)
+    return float(np.linalg.norm(error[:3])), float(error @ np.linalg.solve(estimate.covariance, error))
