@@ -70,7 +70,7 @@ def kill_and_wait_back(stage: Stage, bus: Bus, process: str, token: str) -> None
         time.sleep(0.05)
 
 
-@pytest.mark.req("CDFF-SUP-FLT-001")
+@pytest.mark.req("CDFF-SUP-041", "CDFF-SUP-043")
 @pytest.mark.parametrize(
     ("process", "scope", "service"),
     [
