@@ -18,7 +18,7 @@ from cdff_common.interfaces.product import Product
 from cdff_dev.evaluate.record import spread
 from cdff_dev.evaluate.traverse import SCENARIO, Drive, drives, normalised_error, run, visual_odometry
 
-SEEDS = range(3)
+SEEDS = range(10)
 FELT = {"wheels.odometry": "odometry", "imu.sample": "imu"}
 #: Name of a set of sources -> (wheels and IMU, whether visual odometry is there at a time in seconds from the start).
 SOURCES: dict[str, tuple[bool, Callable[[float], bool]]] = {
@@ -46,7 +46,7 @@ def _drive(drive: Drive, progress: Callable[[str], None]) -> dict[str, Any]:
     felt = drive.samples(FELT)
     percent: dict[str, list[float]] = {name: [] for name in SOURCES}
     nees: dict[str, list[float]] = {name: [] for name in SOURCES}
-    visual: dict[str, list[float]] = {"end_error_m": [], "end_error_percent": [], "nees": []}
+    visual: dict[str, list[float]] = {"end_error_m": [], "end_error_percent": [], "nees": [], "disparity_offset_px": []}
     pairs = doubted = 0
     for seed in SEEDS:
         progress(f"position manager: {drive.robot}, seed {seed}")
@@ -54,7 +54,8 @@ def _drive(drive: Drive, progress: Callable[[str], None]) -> dict[str, Any]:
         pairs += len(seen)
         doubted += sum(p.header.quality.status != "OK" for p in seen)
         error_m, squared = _visual_error(drive, seen)
-        for key, value in zip(visual, (error_m, 100 * error_m / drive.way_m, squared), strict=True):
+        offset_px = abs(seen[-1].header.quality.metrics["disparity_offset_px"])
+        for key, value in zip(visual, (error_m, 100 * error_m / drive.way_m, squared, offset_px), strict=True):
             visual[key].append(value)
         for name, (has_felt, has_seen) in SOURCES.items():
             if seed != SEEDS.start and not has_seen(0.0) and not has_seen(1e9):

@@ -34,7 +34,9 @@ def drive() -> Drive:
 
 
 def product(stamp_ns: int, T: np.ndarray, sigma_m: float) -> Any:
-    header = SimpleNamespace(t1_ns=stamp_ns, seq=0, quality=SimpleNamespace(status="OK"))
+    header = SimpleNamespace(
+        t1_ns=stamp_ns, seq=0, quality=SimpleNamespace(status="OK", metrics={"disparity_offset_px": -0.01})
+    )
     return SimpleNamespace(
         header=header, value=SimpleNamespace(transform=UncertainTransform(T, sigma_m**2 * np.eye(6)))
     )
@@ -80,3 +82,4 @@ def test_each_set_of_sources_gets_what_it_names(drive: Drive, monkeypatch: pytes
     assert counts == [11, 10, 3, 0, 11, 11, 10, 3, 11], "wheels and IMU alone are the same for each seed"
     assert report["mana"]["position_manager"]["wheels, imu"]["end_error_percent"]["count"] == 1
     assert report["mana"]["visual_odometry_sparse"]["poses"] == 22
+    assert report["mana"]["visual_odometry_sparse"]["disparity_offset_px"]["max"] == pytest.approx(0.01)
