@@ -10,6 +10,7 @@ def warm_wire() -> None:
     import numpy as np
 
     from cdff_common.codecs import decode, encode
+    from cdff_common.codecs.messagepack._kernels import skip_many
     from cdff_common.geometry import UncertainTransform
     from cdff_common.types import Frame, LidarScan, Pointcloud, TransformWithCovariance
 
@@ -27,3 +28,5 @@ def warm_wire() -> None:
         value.extent_m()
         for codec in ("uper", "msgpack"):
             decode(value.ASN1_NAME, encode(value, codec), codec)
+    # The index of a log; what is mapped from a file is read-only.
+    skip_many(np.frombuffer(bytes(4), dtype=np.uint8), 0, np.zeros(2, dtype=np.int64))
