@@ -46,7 +46,7 @@ def test_what_new_made_is_up_to_date_and_on_the_pages(checkout: Path) -> None:
     done = _run(checkout, "cdff_common.cli", "generate", "--check")
     assert done.returncode == 0, done.stdout + done.stderr
     for kind, folder in (("dfn", "x1"), ("dfn", "v2_filter"), ("dfpc", "edge_mapping")):
-        assert f"/{folder}/test_" in (checkout / "docs" / "reference" / f"{kind}s.md").read_text(encoding="utf-8")
+        assert f"(#{folder})" in (checkout / "docs" / "reference" / f"{kind}s.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow

@@ -23,9 +23,9 @@ def test_every_key_of_the_contract_is_on_the_page_with_its_parts_named() -> None
         assert f"`{key}`" in page
 
 
-def test_types_page_gives_units_and_sizes_of_the_asn1_files() -> None:
-    page = types.page()
-    assert "### LaserScan" in page
+def test_page_of_a_type_gives_units_and_sizes_of_the_asn1_files() -> None:
+    page = types.pages()["types/LaserScan.md"]
+    assert "# LaserScan" in page
     assert "| `ranges` | array of int -2147483648…2147483647, 1…2000 | mm |" in page
 
 
