@@ -8,7 +8,10 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cdff_dev.logs import LogSource
 
 
 def register(nouns: Any) -> None:
@@ -30,6 +33,15 @@ def register(nouns: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay; 0 when it ran, 3 when every output was FAILED."""
+    from contextlib import closing
+
+    from cdff_dev.logs import open_log
+
+    with closing(open_log(args.log)) as log:
+        return _replay(args, log)
+
+
+def _replay(args: argparse.Namespace, log: LogSource) -> int:
     import dataclasses
 
     from cdff_common.errors import ConfigurationError, InputError, RefusedError
@@ -37,7 +49,6 @@ def run(args: argparse.Namespace) -> int:
     from cdff_common.interfaces.profile import load_profile
     from cdff_common.interfaces.registry import Registry
     from cdff_common.interfaces.yaml_file import read_mapping
-    from cdff_dev.logs import open_log
     from cdff_dev.replay.engine import paced, replay, samples_of
     from cdff_dev.replay.wiring import robot_of, wire
 
@@ -45,7 +56,6 @@ def run(args: argparse.Namespace) -> int:
     mapping = dict(item.split("=", 1) for item in args.map if "=" in item)
     if len(mapping) != len(args.map):
         raise InputError(f"--map {args.map}: expected PORT=STREAM, each port once")
-    log = open_log(args.log)
     streams = {name: info.type_name for name, info in log.streams.items()}
     robot = robot_of(streams, args.robot)
     dfpc = Registry.default().make_dfpc(args.dfpc)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +45,8 @@ def test_the_trajectory_starts_at_identity_and_the_log_reads_back(
     stamps_s, T = read_tum(tmp_path / "pose.tum")
     assert np.array_equal(T[0], np.eye(4))
     assert np.allclose(np.diff(stamps_s), 0.1)
-    outputs = list(open_log(tmp_path / "outputs.msg").samples())
+    with closing(open_log(tmp_path / "outputs.msg")) as log:
+        outputs = list(log.samples())
     assert len(outputs) == len(stamps_s)
     assert outputs[-1].stream == "/kitti/visual_odometry_sparse.pose"
     assert outputs[-1].header is not None

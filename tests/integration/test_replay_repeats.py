@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -46,5 +47,5 @@ def test_two_replays_in_two_processes_give_the_same_bytes(log: Path, tmp_path: P
     assert (tmp_path / "a" / "outputs.msg").read_bytes() == (tmp_path / "b" / "outputs.msg").read_bytes()
     assert first["samples"] == second["samples"] == 6
     assert first["outputs"] == second["outputs"]
-    streams = open_log(tmp_path / "a" / "outputs.msg").streams
-    assert streams["/mana/digital_elevation_mapping.map"].count >= 1
+    with closing(open_log(tmp_path / "a" / "outputs.msg")) as outputs:
+        assert outputs.streams["/mana/digital_elevation_mapping.map"].count >= 1
