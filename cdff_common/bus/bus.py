@@ -44,7 +44,7 @@ class Bus:
         self._name = name
         self._lock = threading.Lock()
         self._open: list[Any] = []
-        self._latched: dict[str, tuple[bytes, str]] = {}
+        self._latched: dict[str, Mapping[str, Any]] = {}
         self._clock: MissionClock | None = None
         self._verb_tables: dict[str, VerbTable] = {}
         self._announced = False
@@ -123,14 +123,13 @@ class Bus:
         """Publish a MessagePack map and keep it for late joiners, who ``call`` the same key."""
         with self._lock:
             new = key not in self._latched
-            self._latched[key] = (pack(body), "application/msgpack")
+            self._latched[key] = dict(body)
         if new:
             self.serve(key, self._answer_latched, workers=1)
-        self.publish(key, *self._latched[key][:1], encoding="application/msgpack", qos=qos)
+        self.publish_map(key, body, qos=qos)
 
     def _answer_latched(self, request: Request) -> Reply:
-        payload, encoding = self._latched[request.key]
-        return Reply(payload, encoding)
+        return Reply.of(self._latched[request.key])
 
     def subscribe(self, keyexpr: str, callback: Callable[[Message], None], *, depth: int = 64) -> Subscription:
         """Call ``callback`` for each message, in its own thread; beyond ``depth`` waiting the oldest is dropped."""

@@ -15,7 +15,6 @@ from concurrent.futures import ThreadPoolExecutor
 import zenoh
 
 from cdff_common.bus.message import (
-    Message,
     Reply,
     Request,
     error_body,
@@ -152,13 +151,3 @@ def call_stream(
             return
     what = "the answer broke off before the final reply" if answered else "nobody answers"
     raise NoAnswerError(f"{key}: {what}; is the service running?")
-
-
-def message_of(sample: zenoh.Sample) -> Message:
-    """A sample as a message."""
-    return Message(
-        str(sample.key_expr),
-        sample.payload.to_bytes(),
-        str(sample.encoding),
-        b"" if sample.attachment is None else sample.attachment.to_bytes(),
-    )

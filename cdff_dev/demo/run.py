@@ -13,7 +13,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from cdff_common.bus import Bus, keys
+from cdff_common.bus import Bus, Message, keys
+from cdff_common.bus.message import unpack
 from cdff_common.client import Answer, Client
 from cdff_common.clock import NS_PER_S, MissionClock
 from cdff_common.codecs.warm import warm_wire
@@ -40,17 +41,19 @@ class Outcome:
 
 def wait_for_clock(bus: Bus, check: Callable[[], None], timeout_s: float = CLOCK_S) -> tuple[MissionClock, int]:
     """Return the mission clock and the time at which it was first seen, once somebody publishes it."""
-    ticked = threading.Event()
-    bus.subscribe(keys.CLOCK, lambda _message: ticked.set(), depth=1)
-    clock = bus.mission_clock
+    clock, ticked = MissionClock(), threading.Event()
+
+    def on_tick(message: Message) -> None:
+        tick = unpack(message.payload)
+        clock.on_tick(int(tick["now_ns"]), float(tick["rate"]))
+        ticked.set()
+
+    bus.subscribe(keys.CLOCK, on_tick, depth=1)
     deadline_s = time.monotonic() + timeout_s
     while not ticked.wait(0.2):
         check()
         if time.monotonic() > deadline_s:
             raise UnavailableError(f"the player's clock does not tick after {timeout_s:g} s")
-    while clock.now_ns() > time.time_ns() - 10 * NS_PER_S and time.monotonic() < deadline_s:
-        # Our own subscription to the clock may be a tick behind; a recorded log's time is far from the wall clock.
-        time.sleep(0.02)
     return clock, clock.now_ns()
 
 

@@ -15,7 +15,7 @@ from cdff_common.clock import monotonic_s
 from cdff_common.codecs import encode
 from cdff_common.codecs.encoding import encoding_string
 from cdff_common.codecs.siblings import wire_type
-from cdff_common.errors import CdffError, NotActiveError, OverloadedError
+from cdff_common.errors import CdffError, NotActiveError, OverloadedError, RefusedError
 from cdff_common.interfaces.dfpc import Dfpc
 from cdff_common.interfaces.product import Product
 from cdff_common.interfaces.profile import DfpcEntry, Robot
@@ -220,13 +220,13 @@ class HostedDfpc:
         """Decode in the subscription's thread; wait there while the queue is full, so that the ring counts drops."""
         try:
             sample = sample_of(message, port, type_name)
+        except RefusedError:  # its producer said FAILED: nothing is wrong with the message
+            self.refused_inputs += 1
+            return
         except CdffError as error:
-            if isinstance(error, NotActiveError) or "FAILED" in str(error):
-                self.refused_inputs += 1
-            else:
-                self.malformed += 1
-                self.last_error = f"{port}: {error}"
-                logger.warning("%s.%s: malformed input on %s: %s", self.entry.name, port, message.key, error)
+            self.malformed += 1
+            self.last_error = f"{port}: {error}"
+            logger.warning("%s.%s: malformed input on %s: %s", self.entry.name, port, message.key, error)
             return
         assert self._runner is not None
         with self._queue:

@@ -1,0 +1,69 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which stream of a log feeds which port."""
+
+from __future__ import annotations
+
+import pytest
+
+from cdff_common.errors import InputError
+from cdff_common.interfaces.description import DfpcDescription
+from cdff_common.interfaces.profile import DfpcEntry
+from cdff_common.interfaces.registry import Registry
+from cdff_dev.replay.wiring import robot_of, wire
+
+LOG = {
+    "/mana/navcam.pair": "FramePair",
+    "/mana/wheels.odometry": "TransformWithCovariance",
+    "/mana/imu.sample": "IMUSensors",
+    "/mana/truth.pose": "TransformWithCovariance",
+    "/minnie/navcam.pair": "FramePair",
+}
+
+
+def description(name: str) -> DfpcDescription:
+    return Registry.default().dfpc(name)
+
+
+def test_the_only_stream_of_the_only_port_of_a_type_is_wired() -> None:
+    assert wire(description("visual_odometry_sparse"), LOG, "mana", {}) == {"stereo": "/mana/navcam.pair"}
+
+
+def test_a_stream_named_like_the_port_is_wired_and_the_truth_never() -> None:
+    wired = wire(description("position_manager"), LOG, "mana", {})
+    assert wired == {"odometry": "/mana/wheels.odometry", "imu": "/mana/imu.sample"}
+
+
+def test_what_is_said_goes_before_what_is_guessed() -> None:
+    wired = wire(description("position_manager"), LOG, "mana", {"visual_odometry": "/mana/wheels.odometry"})
+    assert wired["visual_odometry"] == "/mana/wheels.odometry"
+
+
+def test_a_profile_wires_what_the_log_has() -> None:
+    entry = DfpcEntry(
+        name="position_manager",
+        inputs={"odometry": "sensor/wheels/odometry", "visual_odometry": "product/visual_odometry_sparse/pose"},
+    )
+    wired = wire(description("position_manager"), LOG, "mana", {}, entry)
+    assert wired["odometry"] == "/mana/wheels.odometry"
+    assert "visual_odometry" not in wired
+
+
+@pytest.mark.parametrize(
+    ("mapping", "fault"),
+    [
+        ({"nose": "/mana/navcam.pair"}, "has ports stereo"),
+        ({"stereo": "/mana/nothing"}, "no stream '/mana/nothing'"),
+        ({"stereo": "/mana/imu.sample"}, "takes FramePair"),
+    ],
+)
+def test_a_wrong_mapping_is_refused_with_what_there_is(mapping: dict[str, str], fault: str) -> None:
+    with pytest.raises(InputError, match=fault):
+        wire(description("visual_odometry_sparse"), LOG, "mana", mapping)
+
+
+def test_a_log_of_several_robots_needs_a_name() -> None:
+    with pytest.raises(InputError, match="mana, minnie"):
+        robot_of(LOG, None)
+    assert robot_of(LOG, "mana") == "mana"
+    assert robot_of({"/kitti/navcam.pair": "FramePair"}, None) == "kitti"
