@@ -18,7 +18,7 @@ from cdff_common.errors import CodecError, InputError, ProductNotFoundError, Una
 from cdff_common.geometry import checked_frame
 from cdff_common.interfaces.product import Header, Status
 from dpm_store import Annotation, Event, Insertion, Page, Parcel, Plan, ProductRecord, Query, Rule, Store
-from dpm_store.events import CHANGES
+from dpm_store.events import CHANGES, Entry
 from dpm_store.maps import DERIVED_DFPC, DERIVED_PORT, ElevationWindow
 from dpm_store.provenance import MAX_GENERATIONS
 from services.dpm.convert import Converted, convert
@@ -240,6 +240,16 @@ class Dpm:
         self.store.events.append(scope, kind, body)
         self._tell()
 
+    def record_from(self, origin: str, entries: Sequence[Entry]) -> int:
+        """Enter another service's journal in the history, each entry once; see ``EventTable.append_from``."""
+        last = self.store.events.append_from(origin, entries)
+        self._tell()
+        return last
+
+    def history(self, since: int, limit: int, kinds: Sequence[str] = (), scope: str | None = None) -> dict[str, Any]:
+        """Everything that happened after an event's ordinal: insertions, audit entries, other services' decisions."""
+        return _listing(self.store.events.since(since, kind=kinds or None, scope=scope, limit=limit), since, limit)
+
     def set_frame(self, body: Mapping[str, Any], producer: str = "") -> dict[str, Any]:
         """Add a revision of a fixed frame; subscribers get a ``reanchored`` event."""
         try:
@@ -265,10 +275,7 @@ class Dpm:
         if not set(kinds) <= set(CHANGES) or not kinds:
             raise InputError(f"kind={','.join(kinds)[:80]!r}: expected some of {', '.join(CHANGES)}")
         events = self.store.events.since(since, kind=kinds, limit=limit)
-        items = [
-            {**e.body, "ordinal": e.ordinal, "stamp_ns": e.stamp_ns, "scope": e.scope, "kind": e.kind} for e in events
-        ]
-        return {"items": items, "next": events[-1].ordinal if events else since, "more": len(events) == limit}
+        return _listing(events, since, limit)
 
     def provenance(self, product_id: str, direction: str = "up", depth: int = MAX_GENERATIONS) -> dict[str, Any]:
         """What a product was made from, or what was made from it, as plain data."""
@@ -335,6 +342,11 @@ class Dpm:
             for event in events:
                 for listener in self._listeners:
                     listener(event)
+
+
+def _listing(events: Sequence[Event], since: int, limit: int) -> dict[str, Any]:
+    items = [{**e.body, "ordinal": e.ordinal, "stamp_ns": e.stamp_ns, "scope": e.scope, "kind": e.kind} for e in events]
+    return {"items": items, "next": events[-1].ordinal if events else since, "more": len(events) == limit}
 
 
 def _summary(record: ProductRecord) -> dict[str, Any]:

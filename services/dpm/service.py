@@ -15,6 +15,7 @@ from cdff_common.errors import InputError
 from dpm_store import Event, Rule
 from dpm_store.events import CHANGES
 from dpm_store.provenance import MAX_GENERATIONS
+from services.dpm.history import history
 from services.dpm.operations import OWN_EVENTS, Answer, Dpm
 from services.dpm.parameters import (
     GROUND,
@@ -49,7 +50,7 @@ def serve(bus: Bus, dpm: Dpm, robots: Sequence[str], rules: Sequence[Rule] = ())
     """Declare everything on the bus, the liveliness tokens last; events go out from then on."""
     handlers: dict[str, Callable[[Dpm, Request], Reply]] = {
         "search": search, "get": get, "put": put, "put_all": put_all, "update": update, "delete": delete, "pose": pose,
-        "frames": frames, "stat": stat, "changes": changes, "provenance": provenance,
+        "frames": frames, "stat": stat, "changes": changes, "history": history, "provenance": provenance,
         "retention": lambda dpm, request: retention(dpm, rules, request),
     }  # fmt: skip
     scopes = [*robots, GROUND]

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import logging
-import re
 import threading
 from typing import Any
 
@@ -15,8 +14,6 @@ from cdff_common.errors import CdffError
 from services.dpm.operations import OWN_EVENTS, Dpm
 
 logger = logging.getLogger(__name__)
-
-_NAME = re.compile(r"[a-z0-9_]{1,64}")
 
 
 class Watch:
@@ -72,9 +69,6 @@ class Watch:
     def _on_event(self, message: Message) -> None:
         _, _, scope, _, kind = message.key.split("/")
         if kind in OWN_EVENTS:
-            return
-        if not _NAME.fullmatch(kind) or not _NAME.fullmatch(scope):
-            logger.warning("event on %s not kept: expected lower case letters, digits and _", message.key)
             return
         try:
             body = unpack(message.payload)

@@ -69,6 +69,18 @@ def changes(
     return data
 
 
+@router.get("/api/v1/history")
+def history(
+    context: Ctx, since: Annotated[int, Query(ge=0, le=2**62)] = 0, limit: Annotated[int, Query(ge=1, le=1000)] = 1000,
+    kind: Annotated[str | None, Query(max_length=100, description="job, activation, …; several with commas")] = None,
+    scope: Annotated[str | None, Query(max_length=64, description="A robot's id, or ground.")] = None,
+) -> dict[str, Any]:  # fmt: skip
+    """Everything that happened after an event's ordinal: insertions, audit entries, the orchestrator's decisions."""
+    kinds = () if kind is None else tuple(kind.split(","))
+    data: dict[str, Any] = jsonable(context.dpm.history(since, limit, kinds, scope))
+    return data
+
+
 @router.get("/api/v1/events", response_class=StreamingResponse)
 async def events(
     context: Ctx, request: Request, last_event_id: Annotated[str | None, Header()] = None

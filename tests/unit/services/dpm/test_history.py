@@ -3,6 +3,7 @@
 """Changes since, as-of and provenance, over HTTP and over the bus."""
 
 from collections.abc import Callable
+from typing import Any
 
 import msgpack
 import pytest
@@ -11,6 +12,7 @@ from fastapi.testclient import TestClient
 from cdff_common.clock import ManualClock
 from cdff_common.errors import InputError
 from services.dpm import service
+from services.dpm.history import history
 from services.dpm.operations import Dpm
 
 from .conftest import S, cloud, parcel
@@ -70,3 +72,20 @@ def test_provenance_goes_up_and_down(http: TestClient, dpm: Dpm, filled: Filled)
     assert http.get("/api/v1/products/none/provenance").status_code == 404
     same = msgpack.unpackb(service.provenance(dpm, asked("provenance", id=made.id)).payload)
     assert [item["id"] for item in same["items"]] == [item["id"] for item in up["items"]]
+
+
+def test_another_services_journal_is_entered_once_and_listed_over_both_interfaces(http: TestClient, dpm: Dpm) -> None:
+    line = {"number": 3, "stamp_ns": 5 * S, "scope": "mana", "kind": "activation", "body": {"dfpc": "mana/dem"}}
+    body = {"origin": "orchestrator", "entries": [line]}
+    for _ in range(2):
+        assert history(dpm, asked("history", body)).body() == {"last": 3}
+    (item,) = history(dpm, asked("history", kind="activation", scope="mana")).body()["items"]
+    assert (item["dfpc"], item["origin"], item["number"], item["stamp_ns"]) == ("mana/dem", "orchestrator", 3, 5 * S)
+    (same,) = http.get("/api/v1/history", params={"kind": "activation", "scope": "mana"}).json()["items"]
+    assert same == {**item, "stamp_ns": str(5 * S)}
+
+
+@pytest.mark.parametrize("body", [[1], {"origin": "o"}, {"origin": "o", "entries": [{"number": "x"}]}])
+def test_a_malformed_journal_is_refused(dpm: Dpm, body: Any) -> None:
+    with pytest.raises(InputError, match="history"):
+        history(dpm, asked("history", body))
