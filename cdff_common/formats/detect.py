@@ -10,7 +10,9 @@ from cdff_common.formats.kitti_bin import looks_like_scan
 from cdff_common.formats.source import Readable, load
 
 #: What ``detect`` can answer.
-FORMATS = ("ply", "pcd", "las", "png", "pgm", "ppm", "tif", "npz", "json", "pose_txt", "tum", "csv", "msg", "bin")
+FORMATS = (
+    "ply", "pcd", "las", "png", "pgm", "ppm", "tif", "npz", "json", "pose_txt", "tum", "g2o", "csv", "msg", "bin",
+)  # fmt: skip
 
 _MAGIC = (
     (b"ply\n", "ply"),
@@ -73,6 +75,8 @@ def _text_format(text: str, data: bytes) -> str | None:
     if not lines:
         return None
     words = [line.replace(",", " ").split() for line in lines[:5]]
+    if words[0][0].startswith(("VERTEX_SE", "EDGE_SE", "PARAMS_SE3OFFSET")) or words[0][0] == "FIX":
+        return "g2o"
     if all(_are_numbers(w) for w in words):
         numbers = sum(len(line.replace(",", " ").split()) for line in lines)
         if len(words[0]) == 8:
