@@ -120,7 +120,9 @@ class JobBook:
             done = [j.id for j in self._jobs.values() if j.state in FINAL_STATES]
             for old in done[: max(len(done) - self._remembered, 0)]:
                 del self._jobs[old]
-        self._journal.append("job", durable=False, job=job.id, state=str(job.state), request=request.describe())
+        self._journal.append(
+            "job", durable=False, job=job.id, robot=request.robot, state=str(job.state), request=request.describe()
+        )
         if displaced is not None and self._wake is not None:
             self._journal.append("decision", job=displaced.id, displaced_by=job.id)
             self._wake()
@@ -149,7 +151,9 @@ class JobBook:
             job.reason = reason
             job.plan = more.get("plan", job.plan)
             job.result = more.get("result", job.result)
-        self._journal.append("job", durable=False, job=job.id, state=str(state), reason=reason, **more)
+        self._journal.append(
+            "job", durable=False, job=job.id, robot=job.request.robot, state=str(state), reason=reason, **more
+        )
 
     def renew(self, job_id: str, lease_s: float) -> Job:
         """Let a standing request go on for ``lease_s`` from now.

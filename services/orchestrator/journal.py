@@ -10,10 +10,11 @@ import os
 import shutil
 import threading
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from cdff_common.clock import wall_ns
+from cdff_common.clock import Clock, WallClock, wall_ns
 from cdff_common.errors import StorageError
 
 logger = logging.getLogger(__name__)
@@ -26,45 +27,59 @@ class Journal:
     ----------
     path : Path
         Made with its folder where it is missing.
+    clock : Clock, optional
+        Mission clock for the records' ``stamp_ns``; the wall clock by default.
+
+    Attributes
+    ----------
+    grown : threading.Event
+        Set with each record.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, clock: Clock | None = None) -> None:
         self._path = path
+        self._clock = clock or WallClock()
         self._lock = threading.Lock()
+        self.grown = threading.Event()
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._cut_torn_line()
             self._file = path.open("ab", buffering=0)
         except OSError as error:
             raise StorageError(f"journal {path}: {error}") from error
+        self._number = max((int(r.get("n", 0)) for r in chain(self.put_aside(), self.records())), default=0)
 
     def append(self, kind: str, *, durable: bool = True, **record: Any) -> None:
         """Add a record, in order, and return once it is on the disk; raises StorageError.
 
+        It gets the next number ``n``, the mission time ``stamp_ns`` and the wall time ``at_ns``.
+
         One that is not ``durable`` survives the end of this process but not the loss of power: for what no action
         outside relies on, as a request's way through its states.
         """
-        line = json.dumps({"at_ns": wall_ns(), "kind": kind, **record}, default=str, separators=(",", ":"))
+        head = {"at_ns": wall_ns(), "stamp_ns": self._clock.now_ns(), "kind": kind}
         with self._lock:
+            line = json.dumps({"n": self._number + 1, **head, **record}, default=str, separators=(",", ":"))
             try:
                 self._file.write(line.encode() + b"\n")
+                self._number += 1
                 if durable:
                     os.fsync(self._file.fileno())
             except (OSError, ValueError) as error:
                 raise StorageError(f"journal {self._path}: {error}") from error
+        self.grown.set()
 
     def records(self) -> Iterator[dict[str, Any]]:
-        """All records, oldest first; lines that are no JSON objects are logged and passed over."""
-        with self._path.open("rb") as file:
-            for number, line in enumerate(file, 1):
-                try:
-                    record = json.loads(line)
-                except ValueError:
-                    record = None
-                if isinstance(record, dict):
-                    yield record
-                else:
-                    logger.warning("journal %s: line %d is no record; it is passed over", self._path, number)
+        """Records since the last compaction, oldest first; lines that are none are logged and passed over."""
+        return (record for record, _ in _records(self._path, 0))
+
+    def put_aside(self) -> Iterator[dict[str, Any]]:
+        """Records that the last compaction put aside."""
+        return (record for record, _ in _records(self._aside, 0))
+
+    def records_from(self, offset: int) -> Iterator[tuple[dict[str, Any], int]]:
+        """Records from a byte of the journal on, each with the byte after it: where to go on."""
+        return _records(self._path, offset)
 
     @property
     def size(self) -> int:
@@ -74,7 +89,8 @@ class Journal:
     def compact(self, records: Iterable[Mapping[str, Any]]) -> None:
         """Put the records so far aside as ``…1.jsonl``, in place of an older one, and go on from ``records`` alone.
 
-        A kill at any moment leaves the old journal or the new one. Raises StorageError.
+        What is carried over has no number: it was said before. A kill at any moment leaves the old journal or the new
+        one. Raises StorageError.
         """
         fresh = self._path.with_suffix(".new")
         with self._lock:
@@ -84,7 +100,7 @@ class Journal:
                         file.write(json.dumps(record, default=str, separators=(",", ":")).encode() + b"\n")
                     file.flush()
                     os.fsync(file.fileno())
-                shutil.copyfile(self._path, self._path.with_suffix(".1.jsonl"))
+                shutil.copyfile(self._path, self._aside)
                 self._file.close()
                 fresh.replace(self._path)
                 self._file = self._path.open("ab", buffering=0)
@@ -95,6 +111,10 @@ class Journal:
         """Close the file."""
         with self._lock:
             self._file.close()
+
+    @property
+    def _aside(self) -> Path:
+        return self._path.with_suffix(".1.jsonl")
 
     def _cut_torn_line(self) -> None:
         if not self._path.exists():
@@ -113,3 +133,22 @@ class Journal:
             if end != size:
                 logger.warning("journal %s: %d bytes of a torn last line are cut off", self._path, size - end)
                 file.truncate(end)
+
+
+def _records(path: Path, offset: int) -> Iterator[tuple[dict[str, Any], int]]:
+    if not path.exists():
+        return
+    with path.open("rb") as file:
+        file.seek(offset)
+        for line in file:
+            if not line.endswith(b"\n"):
+                return  # it is being written
+            offset += len(line)
+            try:
+                record = json.loads(line)
+            except ValueError:
+                record = None
+            if isinstance(record, dict):
+                yield record, offset
+            else:
+                logger.warning("journal %s: the line that ends at byte %d is no record", path, offset)

@@ -19,6 +19,7 @@ from services.orchestrator.delivery import Delivery
 from services.orchestrator.dpm import Dpm
 from services.orchestrator.finder import Finder
 from services.orchestrator.flow import Flow
+from services.orchestrator.history import HistoryForwarder
 from services.orchestrator.jobs import JobBook
 from services.orchestrator.journal import Journal
 from services.orchestrator.state import State
@@ -50,7 +51,7 @@ class Orchestrator:
         self._bus = bus
         self._profile = profile
         self._capacity = capacity
-        self._journal = Journal(journal_path)
+        self._journal = Journal(journal_path, bus.mission_clock)
         self._state = State(profile)
         self._recover()
         self._book = JobBook(self._journal, capacity, wake=self._state.touch)
@@ -58,6 +59,8 @@ class Orchestrator:
         self._flow = Flow(self._state, Finder(dpm, clock), Delivery(dpm, clock), self._book, self._journal, clock)
         self._watcher = Watcher(bus, self._state)
         self._controller = Controller(bus, self._state, self._journal)
+        # Two orchestrators of a mission serve different robots: each has a history of its own.
+        self._history = HistoryForwarder(bus, self._journal, "orchestrator/" + profile.robot_ids[0])
 
     def start(self) -> None:
         """Hear, control, answer; the tokens come last, when it can answer."""
@@ -67,6 +70,7 @@ class Orchestrator:
                 raise UnavailableError(f"another orchestrator leads {scope}; stop it first")
         self._watcher.start()
         self._controller.start()
+        self._history.start()
         for scope in scopes:
             # No backlog: what finds no free thread is told OVERLOADED at once instead of waiting past its deadline.
             self._bus.serve(
@@ -84,6 +88,7 @@ class Orchestrator:
         """Stop controlling; what runs keeps running, and the next orchestrator finds it in the journal."""
         self._controller.close()
         self._watcher.close()
+        self._history.close()
         self._journal.close()
 
     def _recover(self) -> None:

@@ -1,0 +1,73 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the orchestrator decides is in the DPM's history, complete and once, whoever was away in between."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cdff_common.bus import Bus, keys
+from cdff_common.client import Client
+from cdff_common.errors import CdffError
+from tests.integration.conftest import free_port, process_starter
+from tests.integration.conftest import wait_until as eventually
+
+pytestmark = pytest.mark.integration
+
+PROFILE = str(Path(__file__).parent / "orchestrator.yaml")
+
+
+def history(bus: Bus) -> list[dict[str, Any]]:
+    items: list[dict[str, Any]] = []
+    with suppress(CdffError):  # the DPM may be away
+        items = bus.call(keys.dpm_rpc("ground", "history"), {}, timeout_s=5).body()["items"]
+    return [i for i in items if i.get("origin") == "orchestrator/mana"]
+
+
+def refused(client: Client) -> str:
+    """A request that nobody can answer; the id of its job."""
+    with pytest.raises(CdffError):
+        client.request("trajectory", robot="minnie", deadline_s=1.0)
+    return str(client.jobs(limit=1)[0]["job"])
+
+
+@pytest.mark.slow
+def test_the_history_is_complete_after_a_dpm_and_an_orchestrator_were_killed(tmp_path: Path) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with process_starter(endpoint, tmp_path) as spawn:
+        spawn("services.router")
+        store = ("services.dpm", "--profile", PROFILE, "--http", f"127.0.0.1:{free_port()}")
+        dpm, orchestrator = spawn(*store), spawn("services.orchestrator", "--profile", PROFILE)
+        with Bus.open(endpoint, name="reader", wait_s=20) as bus, Client(endpoint) as client:
+
+            def alive(service: str) -> bool:
+                return keys.alive("mana", service) in bus.alive(keys.alive("mana", "*"))
+
+            def states(job: str) -> list[str]:
+                return [i["state"] for i in history(bus) if i["kind"] == "job" and i["job"] == job]
+
+            eventually(lambda: alive("dpm") and alive("orchestrator"), 40, "start-up")
+            first = refused(client)
+            eventually(lambda: states(first)[-1:] == ["failed"], 20, "the first job in the history")
+
+            dpm.kill()
+            dpm.wait()
+            second = refused(client)
+            orchestrator.kill()  # what it could not forward is in its journal only
+            orchestrator.wait()
+            eventually(lambda: not alive("orchestrator"), 20, "its end")
+            spawn(*store)
+            spawn("services.orchestrator", "--profile", PROFILE)
+            eventually(lambda: states(second)[-1:] == ["failed"], 40, "the second job in the history")
+
+            items = history(bus)
+            numbers = [i["number"] for i in items]
+            assert numbers == list(range(1, len(numbers) + 1))
+            assert [i["kind"] for i in items].count("start") == 2
+            told = next(i for i in items if i["kind"] == "job" and i["job"] == second and i["state"] == "failed")
+            assert told["scope"] == "minnie"
+            assert told["reason"]
