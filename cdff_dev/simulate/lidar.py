@@ -57,7 +57,7 @@ def scan(model: Lidar, scene: Any, motion: Motion, t0_s: float, rng: np.random.G
     import open3d as o3d
 
     beams = directions(model)
-    offset_us = np.round(np.arange(model.columns) / (model.columns * model.rate_hz) * 1e6).astype(np.uint32)
+    offset_us = np.round(np.arange(model.columns) * model.sweep_s / model.columns * 1e6).astype(np.uint32)
     T_site_lidar = motion.poses(t0_s + offset_us * 1e-6) @ model.mount.matrix()
     rays = np.empty((model.columns, model.rings, 6), dtype=np.float32)
     rays[..., :3] = T_site_lidar[:, None, :3, 3]

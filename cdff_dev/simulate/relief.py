@@ -5,13 +5,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from cdff_common.geometry.se3 import FloatArray
-from cdff_dev.simulate.scenario import Craters, Spectrum, TerrainModel
+from cdff_dev.simulate.scenario import Craters, Plain, Spectrum, TerrainModel
 
 
 def fractal_tile(
@@ -118,13 +119,32 @@ class Relief:
         return vertices, np.ascontiguousarray(triangles)
 
 
-def _add_craters(rng: np.random.Generator, model: Craters, x: FloatArray, y: FloatArray, z: FloatArray) -> None:
+def relief_share(plains: Sequence[Plain], x_m: FloatArray, y_m: FloatArray) -> FloatArray:
+    """Share of the fractal relief that is left at nodes ``(columns,)`` by ``(rows,)``: shape (rows, columns)."""
+    share = np.ones((len(y_m), len(x_m)))
+    for plain in plains:
+        r = np.hypot(x_m[None, :] - plain.centre_xy_m[0], y_m[:, None] - plain.centre_xy_m[1])
+        u = np.clip((r - plain.radius_m) / plain.margin_m, 0.0, 1.0)
+        share *= plain.relief + (1.0 - plain.relief) * u**2 * (3.0 - 2.0 * u)
+    return share
+
+
+def _add_craters(
+    rng: np.random.Generator,
+    model: Craters,
+    plains: Sequence[Plain],
+    x: FloatArray,
+    y: FloatArray,
+    z: FloatArray,
+) -> None:
     sizes = power_law_sizes(rng, model.count, model.diameter_min_m, model.diameter_max_m, model.slope)
     for diameter in sizes:
         cx, cy = rng.uniform(-model.half_width_m, model.half_width_m, 2)
         depth = diameter * rng.uniform(*model.depth_ratio)
         # Large craters stay off the middle: a rover's start must not lie in a bowl it cannot leave.
         if diameter > 8.0 and math.hypot(cx, cy) < 0.5 * diameter + 9.0:
+            continue
+        if any(math.dist(p.centre_xy_m, (cx, cy)) < p.radius_m + 1.5 * diameter for p in plains):
             continue
         reach = 1.5 * diameter
         i0, i1 = np.searchsorted(x, [cx - reach, cx + reach])
@@ -138,8 +158,11 @@ def _add_craters(rng: np.random.Generator, model: Craters, x: FloatArray, y: Flo
 def make_relief(model: TerrainModel, rng: np.random.Generator) -> Relief:
     """Synthesise the ground of a scenario; the same generator state gives the same ground."""
     axis = graded_axis(model.fine_half_width_m, model.resolution_m, model.far_half_width_m, model.growth)
+    plains = model.plains or ()
     z = _fractal(model.spectrum, model, axis, rng)
-    _add_craters(rng, model.craters, axis, axis, z)
+    if plains:
+        z *= relief_share(plains, axis, axis)
+    _add_craters(rng, model.craters, plains, axis, axis, z)
     return Relief(axis, axis.copy(), z)
 
 

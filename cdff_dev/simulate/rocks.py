@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from cdff_common.geometry.se3 import FloatArray, exp_so3
 from cdff_dev.simulate.relief import Relief, power_law_sizes
-from cdff_dev.simulate.scenario import Rocks
+from cdff_dev.simulate.scenario import Plain, Rocks
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,8 +79,10 @@ def _one_rock(rng: np.random.Generator, directions: FloatArray, diameter_m: floa
     return turned * 0.5 * diameter_m
 
 
-def make_rocks(model: Rocks, relief: Relief, tracks_xy_m: FloatArray, rng: np.random.Generator) -> RockMesh:
-    """Scatter rocks on the ground.
+def make_rocks(
+    model: Rocks, relief: Relief, tracks_xy_m: FloatArray, rng: np.random.Generator, plains: Sequence[Plain] = ()
+) -> RockMesh:
+    """Scatter rocks on the ground, none on plains.
 
     Parameters
     ----------
@@ -99,6 +102,8 @@ def make_rocks(model: Rocks, relief: Relief, tracks_xy_m: FloatArray, rng: np.ra
         tone = float(np.clip(rng.normal(0.92, 0.16), 0.5, 1.35))
         spots = rng.normal(0, 0.05, len(points))
         if tree.query(xy)[0] < model.track_clearance_m + 0.5 * diameter:
+            continue
+        if any(np.hypot(*(xy - plain.centre_xy_m)) < plain.radius_m for plain in plains):
             continue
         sink = rng.uniform(-0.05, 0.2) * diameter
         points += np.array([xy[0], xy[1], relief.height(xy[None])[0] + 0.15 * diameter - sink])

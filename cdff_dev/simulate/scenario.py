@@ -13,7 +13,7 @@ from typing import Annotated
 
 import numpy as np
 import yaml
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from cdff_common.clock import parse_stamp
 from cdff_common.errors import ConfigurationError
@@ -55,12 +55,21 @@ class Craters(StrictModel):
 class Rocks(StrictModel):
     """Rocks as convex meshes, half sunk, none on the rovers' tracks."""
 
-    count: Annotated[int, Field(ge=0, le=5000)]
+    count: Annotated[int, Field(ge=0, le=50_000)]
     diameter_min_m: Positive
     diameter_max_m: Positive
     slope: Annotated[float, Field(gt=0, description="cumulative size-frequency exponent")]
     half_width_m: Positive
     track_clearance_m: NotNegative
+
+
+class Plain(StrictModel):
+    """A round part of the ground with little relief: no craters, no rocks."""
+
+    centre_xy_m: tuple[float, float]
+    radius_m: Positive
+    margin_m: Annotated[float, Field(gt=0, description="ring outside it in which the relief grows to full")]
+    relief: Annotated[float, Field(ge=0, le=1, description="share of the fractal relief that is left inside")]
 
 
 class Surface(StrictModel):
@@ -87,7 +96,8 @@ class TerrainModel(StrictModel):
     spectrum: Spectrum
     craters: Craters
     rocks: Rocks
-    surface: Surface
+    plains: tuple[Plain, ...] | None = None
+    surface: Surface | None = Field(None, description="needed where there are cameras")
 
 
 class Mount(StrictModel):
@@ -149,11 +159,17 @@ class Lidar(StrictModel):
     columns: Annotated[int, Field(ge=8, le=8192)]
     elevation_min_deg: float
     elevation_max_deg: float
-    rate_hz: Positive
+    rate_hz: Annotated[float, Field(gt=0, description="of the revolutions that are kept")]
+    revolution_s: Positive | None = Field(None, description="time of one revolution; absent: 1 / rate_hz")
     range_min_m: Positive
     range_max_m: Positive
     range_sigma_m: NotNegative
     dropout: Annotated[float, Field(ge=0, lt=1)]
+
+    @property
+    def sweep_s(self) -> float:
+        """Seconds from the first to the end of the last column."""
+        return self.revolution_s or 1.0 / self.rate_hz
 
 
 class Imu(StrictModel):
@@ -217,12 +233,19 @@ class Scenario(StrictModel):
     gravity_m_s2: Positive
     terrain: TerrainModel
     chassis: Chassis
-    navcam: Navcam
+    navcam: Navcam | None = None
     lidar: Lidar
     imu: Imu
     wheels: Wheels
     truth_rate_hz: Positive
+    truth_map_m: Positive | None = Field(None, description="cell of the true map; absent: 0.05 m")
     robots: Annotated[dict[str, Drive], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _cameras_see_a_surface(self) -> Scenario:
+        if self.navcam is not None and self.terrain.surface is None:
+            raise ValueError("terrain.surface is missing: navcam needs to know how the ground looks")
+        return self
 
     @property
     def epoch_ns(self) -> int:
@@ -232,7 +255,7 @@ class Scenario(StrictModel):
     @cached_property
     def digest(self) -> str:
         """First 16 hex digits of the SHA-256 of everything in the scenario."""
-        text = json.dumps(self.model_dump(mode="json"), sort_keys=True)
+        text = json.dumps(self.model_dump(mode="json", exclude_none=True), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -58,17 +58,16 @@ def _edge(parent: str, child: str, T: FloatArray) -> dict[str, Any]:
 def describe(scenario: Scenario, starts: dict[str, FloatArray]) -> dict[str, Any]:
     """Frames and calibration in the profile's terms, for the sidecar; ``starts`` holds each ``T_site_odom``."""
     robots = {}
+    cameras = {} if scenario.navcam is None else {
+        "navcam_left": scenario.navcam.T_base_left, "navcam_right": scenario.navcam.T_base_right
+    }  # fmt: skip
+    mounts = {**cameras, "lidar": scenario.lidar.mount.matrix(), "imu": scenario.imu.mount.matrix()}
     for robot, T_site_odom in starts.items():
-        base = f"{robot}/base"
-        robots[robot] = {
-            "frames": [
-                _edge("site", f"{robot}/odom", T_site_odom),
-                _edge(base, f"{robot}/navcam_left", scenario.navcam.T_base_left),
-                _edge(base, f"{robot}/navcam_right", scenario.navcam.T_base_right),
-                _edge(base, f"{robot}/lidar", scenario.lidar.mount.matrix()),
-                _edge(base, f"{robot}/imu", scenario.imu.mount.matrix()),
-            ]
-        }
+        edges = [_edge(f"{robot}/base", f"{robot}/{sensor}", T) for sensor, T in mounts.items()]
+        robots[robot] = {"frames": [_edge("site", f"{robot}/odom", T_site_odom), *edges]}
+    calibration = {} if scenario.navcam is None else {
+        "camera_matrix": scenario.navcam.camera_matrix.tolist(), "baseline_m": scenario.navcam.baseline_m
+    }  # fmt: skip
     return {
         "scenario": scenario.name,
         "seed": scenario.seed,
@@ -77,8 +76,7 @@ def describe(scenario: Scenario, starts: dict[str, FloatArray]) -> dict[str, Any
         "epoch_ns": str(scenario.epoch_ns),
         "duration_s": scenario.duration_s,
         "gravity_m_s2": scenario.gravity_m_s2,
-        "camera_matrix": scenario.navcam.camera_matrix.tolist(),
-        "baseline_m": scenario.navcam.baseline_m,
+        **calibration,
         "robots": robots,
     }
 

@@ -175,6 +175,7 @@ def make_look(model: TerrainModel, relief: Relief, rocks: RockMesh, scene: Any, 
         Holds ground and rocks; asked for shadows.
     """
     surface = model.surface
+    assert surface is not None  # the scenario has a camera, so it has a surface
     sun = sun_direction(surface)
     ground = _bake_ground(model, relief, scene, sun, rng)
     detail = _detail_tile(surface, sun, rng)

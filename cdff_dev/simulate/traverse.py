@@ -66,9 +66,10 @@ class _Renderer:
     def __init__(self, world: World) -> None:
         self._world = world
         self._scene = cast_scene(world.relief, world.rocks)
-        vertices, triangles = world.relief.mesh()
-        meshes = (triangles, world.rocks.triangles) if len(world.rocks.triangles) else (triangles,)
-        self._camera = StereoCamera(world.scenario.navcam, self._scene, world.look, len(vertices), meshes)
+        if world.scenario.navcam is not None:
+            vertices, triangles = world.relief.mesh()
+            meshes = (triangles, world.rocks.triangles) if len(world.rocks.triangles) else (triangles,)
+            self._camera = StereoCamera(world.scenario.navcam, self._scene, world.look, len(vertices), meshes)
 
     def render(self, job: tuple[str, str, int]) -> Any:
         kind, robot, index = job
@@ -169,14 +170,13 @@ def _poses(
 
 def _seen(scenario: Scenario, robot: str) -> Iterator[Entry]:
     """Stereo pairs and lidar scans of one rover, not yet rendered."""
-    stream = f"/{robot}/navcam.pair"
-    for i, us in enumerate(sample_times_us(scenario.navcam.rate_hz, scenario.duration_s)):
-        at = scenario.epoch_ns + int(us) * 1000
-        yield Entry(
-            stream, at, _header(scenario, stream, i, at, at, f"{robot}/navcam_left"), render=("navcam", robot, i)
-        )
+    if scenario.navcam is not None:
+        stream, frame = f"/{robot}/navcam.pair", f"{robot}/navcam_left"
+        for i, us in enumerate(sample_times_us(scenario.navcam.rate_hz, scenario.duration_s)):
+            at = scenario.epoch_ns + int(us) * 1000
+            yield Entry(stream, at, _header(scenario, stream, i, at, at, frame), render=("navcam", robot, i))
     stream = f"/{robot}/lidar.scan"
-    period_us = round(1e6 / scenario.lidar.rate_hz)
+    period_us = round(scenario.lidar.sweep_s * 1e6)
     for i, us in enumerate(sample_times_us(scenario.lidar.rate_hz, scenario.duration_s)[:-1]):
         t0_ns = scenario.epoch_ns + int(us) * 1000
         t1_ns = t0_ns + period_us * 1000
@@ -187,7 +187,7 @@ def _seen(scenario: Scenario, robot: str) -> Iterator[Entry]:
 
 def _true_map(world: World) -> Entry:
     scenario, model = world.scenario, world.scenario.terrain
-    resolution_m = 0.05
+    resolution_m = scenario.truth_map_m or 0.05
     layers = true_heights(world, resolution_m)
     n = layers["mean"].shape[0]
     layers["count"] = np.full((n, n), 9.0, dtype=np.float32)

@@ -28,13 +28,13 @@ def generator(scenario: Scenario, stream: str, *indices: int) -> np.random.Gener
 
 @dataclass(slots=True, eq=False)
 class World:
-    """Ground, rocks, look and motions of a scenario; made once, handed to the worker processes."""
+    """Ground, rocks, look (for cameras only) and motions of a scenario; made once, handed to the worker processes."""
 
     scenario: Scenario
     relief: Relief
     rocks: RockMesh
     motions: dict[str, Motion]
-    look: Look
+    look: Look | None
 
 
 def cast_scene(relief: Relief, rocks: RockMesh) -> Any:
@@ -59,8 +59,11 @@ def make_world(scenario: Scenario) -> World:
         track(drive, np.arange(-0.5, float(motions[robot].distance(scenario.duration_s)) + 0.5, 0.05).clip(min=0))[0]
         for robot, drive in scenario.robots.items()
     ]
-    rocks = make_rocks(scenario.terrain.rocks, relief, np.concatenate(ways), generator(scenario, "rocks"))
-    look = make_look(scenario.terrain, relief, rocks, cast_scene(relief, rocks), generator(scenario, "look"))
+    plains = scenario.terrain.plains or ()
+    rocks = make_rocks(scenario.terrain.rocks, relief, np.concatenate(ways), generator(scenario, "rocks"), plains)
+    look = None
+    if scenario.navcam is not None:
+        look = make_look(scenario.terrain, relief, rocks, cast_scene(relief, rocks), generator(scenario, "look"))
     return World(scenario, relief, rocks, motions, look)
 
 
