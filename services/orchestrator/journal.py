@@ -9,7 +9,7 @@ import logging
 import os
 import shutil
 import threading
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,8 @@ class Journal:
         Made with its folder where it is missing.
     clock : Clock, optional
         Mission clock for the records' ``stamp_ns``; the wall clock by default.
+    on_record : callable, optional
+        Called with each record once it is written.
 
     Attributes
     ----------
@@ -36,9 +38,12 @@ class Journal:
         Set with each record.
     """
 
-    def __init__(self, path: Path, clock: Clock | None = None) -> None:
+    def __init__(
+        self, path: Path, clock: Clock | None = None, on_record: Callable[[Mapping[str, Any]], None] | None = None
+    ) -> None:
         self._path = path
         self._clock = clock or WallClock()
+        self._on_record = on_record
         self._lock = threading.Lock()
         self.grown = threading.Event()
         try:
@@ -57,9 +62,9 @@ class Journal:
         One that is not ``durable`` survives the end of this process but not the loss of power: for what no action
         outside relies on, as a request's way through its states.
         """
-        head = {"at_ns": wall_ns(), "stamp_ns": self._clock.now_ns(), "kind": kind}
         with self._lock:
-            line = json.dumps({"n": self._number + 1, **head, **record}, default=str, separators=(",", ":"))
+            head = {"n": self._number + 1, "at_ns": wall_ns(), "stamp_ns": self._clock.now_ns(), "kind": kind}
+            line = json.dumps({**head, **record}, default=str, separators=(",", ":"))
             try:
                 self._file.write(line.encode() + b"\n")
                 self._number += 1
@@ -67,6 +72,8 @@ class Journal:
                     os.fsync(self._file.fileno())
             except (OSError, ValueError) as error:
                 raise StorageError(f"journal {self._path}: {error}") from error
+        if self._on_record is not None:
+            self._on_record({**head, **record})
         self.grown.set()
 
     def records(self) -> Iterator[dict[str, Any]]:

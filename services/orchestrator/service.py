@@ -22,6 +22,7 @@ from services.orchestrator.flow import Flow
 from services.orchestrator.history import HistoryForwarder
 from services.orchestrator.jobs import JobBook
 from services.orchestrator.journal import Journal
+from services.orchestrator.metrics import Metrics
 from services.orchestrator.state import State
 from services.orchestrator.watcher import Watcher
 
@@ -36,7 +37,7 @@ _JOURNAL_BYTES = 16 << 20
 
 
 class Orchestrator:
-    """Answers ``request jobs cancel renew catalogue`` for every robot of a profile and for ``ground``.
+    """Answers ``request jobs cancel renew catalogue stat`` for every robot of a profile and for ``ground``.
 
     Parameters
     ----------
@@ -51,7 +52,8 @@ class Orchestrator:
         self._bus = bus
         self._profile = profile
         self._capacity = capacity
-        self._journal = Journal(journal_path, bus.mission_clock)
+        self._metrics = Metrics()
+        self._journal = Journal(journal_path, bus.mission_clock, self._metrics.on_record)
         self._state = State(profile)
         self._recover()
         self._book = JobBook(self._journal, capacity, wake=self._state.touch)
@@ -80,6 +82,7 @@ class Orchestrator:
             self._bus.serve(keys.orchestrator_rpc(scope, "cancel"), self._on_cancel)
             self._bus.serve(keys.orchestrator_rpc(scope, "renew"), self._on_renew)
             self._bus.serve(keys.orchestrator_rpc(scope, "catalogue"), self._on_catalogue)
+            self._bus.serve(keys.orchestrator_rpc(scope, "stat"), self._on_stat)
         for scope in scopes:
             self._bus.declare_alive(scope, "orchestrator")
         logger.info("orchestrating %s", ", ".join(self._profile.robot_ids))
@@ -150,6 +153,10 @@ class Orchestrator:
     def _on_catalogue(self, call: Request) -> Reply:
         _check(call, {"robot"})
         return Reply.of(self._state.catalogue(self._robots(call)))
+
+    def _on_stat(self, call: Request) -> Reply:
+        _check(call, {"robot"})
+        return Reply.of(self._metrics.to_dict())
 
     def _robots(self, call: Request) -> set[str]:
         """Robots that a listing is about: all of them under ``ground`` unless one is named."""

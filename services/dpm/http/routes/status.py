@@ -13,13 +13,17 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Query, Request
 from fastapi.responses import PlainTextResponse, StreamingResponse
 
+from cdff_common.bus import keys
+from cdff_common.errors import CdffError
 from dpm_store import Event
 from dpm_store.events import CHANGES
 from services.dpm.http.context import Context, Ctx, jsonable
+from services.dpm.http.metrics import dpm_lines, orchestrator_lines
 
 router = APIRouter(tags=["status"])
 
 _KEEP_ALIVE_S = 15.0
+_METRICS_TIMEOUT_S = 1.0
 
 
 @router.get("/api/v1/status")
@@ -46,16 +50,21 @@ def readyz(context: Ctx) -> str:
 
 @router.get("/metrics", response_class=PlainTextResponse)
 def metrics(context: Ctx) -> PlainTextResponse:
-    """Counters and gauges in Prometheus' text format."""
-    s = context.dpm.status()
-    lines = ["# TYPE cdff_dpm_products gauge"]
-    for robot, products in s["by_robot"].items():
-        lines += [f'cdff_dpm_products{{robot="{robot}",type="{t}"}} {n}' for t, n in products.items()]
-    lines += ["# TYPE cdff_dpm_payload_bytes gauge", f"cdff_dpm_payload_bytes {s['payload_bytes']}"]
-    lines += ["# TYPE cdff_dpm_events_total counter", f"cdff_dpm_events_total {s['events']}"]
-    lines += ["# TYPE cdff_dpm_operations_total counter"]
-    lines += [f'cdff_dpm_operations_total{{operation="{name}"}} {n}' for name, n in sorted(s["counters"].items())]
+    """Counters and gauges of the DPM and, where it answers, of the orchestrator, in Prometheus' text format."""
+    lines = dpm_lines(context.dpm.status()) + orchestrator_lines(_orchestrator(context))
     return PlainTextResponse("\n".join(lines) + "\n", media_type="text/plain; version=0.0.4")
+
+
+def _orchestrator(context: Context) -> dict[str, Any] | None:
+    if context.bus is None:
+        return None
+    try:
+        body: dict[str, Any] = context.bus.call(
+            keys.orchestrator_rpc(keys.GROUND, "stat"), {"robot": "any"}, timeout_s=_METRICS_TIMEOUT_S
+        ).body()
+    except CdffError:
+        return None
+    return body
 
 
 @router.get("/api/v1/changes")
