@@ -7,14 +7,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Connection, func, select
+from sqlalchemy import ColumnElement, Connection, and_, func, insert, or_, select, update
 
 from cdff_common.errors import ExtrapolationError, FrameNotFoundError, InputError
 from cdff_common.geometry import FrameGraph, PoseTrack, UncertainTransform
 from dpm_store import schema, sqlite
 from dpm_store.arrays import pack, unpack
 from dpm_store.database import Database
-from dpm_store.frames import IDENTITY, FrameTable
+from dpm_store.frames import EVERYTHING, IDENTITY, FrameTable, Known
 
 #: How far outside the known span the nearest pose still stands for the one asked.
 EXTRAPOLATION_LIMIT_NS = 200_000_000
@@ -65,16 +65,24 @@ class PoseTable:
     @staticmethod
     def add_in(
         connection: Connection, robot: str, source: str, poses: list[tuple[int, UncertainTransform]],
-        *, parent: str, child: str, product_id: str,
+        *, parent: str, child: str, product_id: str, inserted_ns: int,
     ) -> None:  # fmt: skip
-        """Enter the poses of a product, in its transaction; the first product for a stamp and source is kept."""
-        edge = {"parent": parent, "child": child, "source": source, "robot": robot, "product_id": product_id}
-        rows = [{**edge, "stamp_ns": stamp_ns, **pack(T)} for stamp_ns, T in poses]
+        """Enter the poses of a product, in its transaction; of several for a stamp and source the first holds."""
+        edge = {"parent": parent, "child": child, "source": source, "robot": robot}
+        said = {"product_id": product_id, "inserted_ns": inserted_ns}
+        rows = [{**edge, **said, "stamp_ns": stamp_ns, **pack(T)} for stamp_ns, T in poses]
         if rows:
-            connection.execute(sqlite.insert_new(schema.poses), rows)
+            connection.execute(sqlite.insert_new(schema.tracks), edge)
+            connection.execute(insert(schema.poses), rows)
+
+    @staticmethod
+    def delete_in(connection: Connection, product_id: str, deleted_ns: int) -> None:
+        """Let the poses of a deleted product count no more, but for questions of what was known before."""
+        p = schema.poses.c
+        connection.execute(update(schema.poses).where(p.product_id == product_id).values(deleted_ns=deleted_ns))
 
     def at(
-        self, stamp_ns: int, parent: str, child: str, *, limit_ns: int | None = None, as_of_ns: int | None = None
+        self, stamp_ns: int, parent: str, child: str, *, limit_ns: int | None = None, known: Known = EVERYTHING
     ) -> UncertainTransform:
         """``T_parent_child`` at a time, interpolated, composed over fixed and moving edges.
 
@@ -82,8 +90,8 @@ class PoseTable:
         ----------
         limit_ns : int, optional
             How far outside a track's span its nearest pose still counts, default ``EXTRAPOLATION_LIMIT_NS``.
-        as_of_ns : int, optional
-            Use only the fixed revisions that the store knew by then.
+        known : Known
+            What of the history counts: frames by time or state, poses by time.
 
         Raises
         ------
@@ -93,11 +101,11 @@ class PoseTable:
             If a track on the chain does not cover the time.
         """
         with self._database.read() as connection:
-            return self.at_in(connection, stamp_ns, parent, child, limit_ns=limit_ns, as_of_ns=as_of_ns)
+            return self.at_in(connection, stamp_ns, parent, child, limit_ns=limit_ns, known=known)
 
     def at_in(
         self, connection: Connection, stamp_ns: int, parent: str, child: str,
-        *, limit_ns: int | None = None, as_of_ns: int | None = None,
+        *, limit_ns: int | None = None, known: Known = EVERYTHING,
     ) -> UncertainTransform:  # fmt: skip
         """As ``at``, inside a transaction."""
         if parent == child:
@@ -107,13 +115,13 @@ class PoseTable:
         for frame in (parent, child):
             name = frame
             for _ in range(_MAX_DEPTH):
-                fixed = self._frames.edge_in(connection, name, stamp_ns, as_of_ns)
+                fixed = self._frames.edge_in(connection, name, stamp_ns, known)
                 if fixed is not None:
                     graph.set_static(fixed.parent, name, fixed.T_parent_frame)
                     name = fixed.parent
                     continue
                 try:
-                    moving = self._moving(connection, name, stamp_ns, limit)
+                    moving = self._moving(connection, name, stamp_ns, limit, known)
                 except ExtrapolationError as error:
                     late.append(error)
                     break
@@ -131,9 +139,10 @@ class PoseTable:
     def tracks(self, robot: str | None = None) -> tuple[Track, ...]:
         """Every moving edge with the span that is known."""
         p = schema.poses.c
-        statement = select(
-            p.parent, p.child, p.source, p.robot, func.min(p.stamp_ns), func.max(p.stamp_ns), func.count()
-        ).group_by(p.child, p.parent, p.source, p.robot)
+        statement = (
+            select(p.parent, p.child, p.source, p.robot, func.min(p.stamp_ns), func.max(p.stamp_ns), func.count())
+            .where(p.deleted_ns.is_(None)).group_by(p.child, p.parent, p.source, p.robot)
+        )  # fmt: skip
         if robot is not None:
             statement = statement.where(p.robot == robot)
         with self._database.read() as connection:
@@ -141,7 +150,7 @@ class PoseTable:
 
     def trajectory(
         self, robot: str, t0_ns: int | None = None, t1_ns: int | None = None,
-        *, parent: str | None = None, child: str | None = None, limit: int = 10_000,
+        *, parent: str | None = None, child: str | None = None, limit: int = 10_000, known: Known = EVERYTHING,
     ) -> tuple[StampedPose, ...]:  # fmt: skip
         """Poses of a robot in time order, as they were inserted; ``child`` defaults to ``{robot}/base``.
 
@@ -151,7 +160,8 @@ class PoseTable:
             If there are more than ``limit``: ask for a shorter span.
         """
         p = schema.poses.c
-        statement = select(schema.poses).where(p.robot == robot, p.child == (child or f"{robot}/base"))
+        child = child or f"{robot}/base"
+        statement = select(schema.poses).where(p.robot == robot, p.child == child, _holds(known))
         if parent is not None:
             statement = statement.where(p.parent == parent)
         if t0_ns is not None:
@@ -159,66 +169,103 @@ class PoseTable:
         if t1_ns is not None:
             statement = statement.where(p.stamp_ns <= t1_ns)
         with self._database.read() as connection:
-            rows = connection.execute(statement.order_by(p.stamp_ns, p.source).limit(limit + 1)).all()
+            rows = connection.execute(statement.order_by(p.stamp_ns, p.source, p.ordinal).limit(limit + 1)).all()
         if len(rows) > limit:
             raise InputError(f"more than {limit} poses of {robot} in that span; narrow t0 and t1")
-        return tuple(_stamped(row) for row in rows)
+        first: dict[tuple[int, str, str], StampedPose] = {}
+        for row in rows:
+            first.setdefault((row.stamp_ns, row.source, row.parent), _stamped(row))
+        return tuple(first.values())
 
     def latest(self, robot: str, parent: str, child: str) -> StampedPose | None:
         """The newest pose of one edge, or None."""
-        p = schema.poses.c
-        statement = select(schema.poses).where(p.robot == robot, p.parent == parent, p.child == child)
+        t = schema.tracks.c
+        edge = select(t.parent, t.source).where(t.child == child, t.parent == parent, t.robot == robot)
         with self._database.read() as connection:
-            row = connection.execute(statement.order_by(p.stamp_ns.desc()).limit(1)).first()
-        return None if row is None else _stamped(row)
+            rows = [_newest(connection, child, *track) for track in connection.execute(edge).all()]
+        found = max((row for row in rows if row is not None), key=lambda row: int(row.stamp_ns), default=None)
+        return None if found is None else _stamped(found)
 
-    def newest_ns(self, *frames: str) -> int | None:
+    def newest_ns(self, *frames: str, known: Known = EVERYTHING) -> int | None:
         """Newest time at which every moving edge above these frames is known; None where none of them moves."""
         with self._database.read() as connection:
-            return self.newest_in(connection, *frames)
+            return self.newest_in(connection, *frames, known=known)
 
-    def newest_in(self, connection: Connection, *frames: str) -> int | None:
+    def newest_in(self, connection: Connection, *frames: str, known: Known = EVERYTHING) -> int | None:
         """As ``newest_ns``, inside a transaction."""
-        p = schema.poses.c
         found: list[int] = []
         for name in frames:
             for _ in range(_MAX_DEPTH):
-                fixed = self._frames.edge_in(connection, name, None, None)
+                fixed = self._frames.edge_in(connection, name, None, known)
                 if fixed is not None:
                     name = fixed.parent
                     continue
-                newest = select(p.stamp_ns, p.parent).where(p.child == name).order_by(p.stamp_ns.desc()).limit(1)
-                row = connection.execute(newest).first()
+                rows = [_newest(connection, name, *track, known) for track in _tracks(connection, name)]
+                row = max((row for row in rows if row is not None), key=lambda row: int(row.stamp_ns), default=None)
                 if row is None:
                     break
                 found.append(row.stamp_ns)
                 name = row.parent
         return min(found) if found else None
 
-    def _moving(self, connection: Connection, child: str, stamp_ns: int, limit_ns: int) -> StampedPose | None:
+    def _moving(
+        self, connection: Connection, child: str, stamp_ns: int, limit_ns: int, known: Known
+    ) -> StampedPose | None:
         """The pose of a child at a time from the source whose poses lie closest around it; None without any track."""
         p = schema.poses.c
-        edges = connection.execute(select(p.parent, p.source).where(p.child == child).distinct()).all()
         found: list[tuple[int, str, StampedPose]] = []
         problem: ExtrapolationError | None = None
-        for parent, source in edges:
-            here = select(schema.poses).where(p.child == child, p.parent == parent, p.source == source)
-            before = connection.execute(here.where(p.stamp_ns <= stamp_ns).order_by(p.stamp_ns.desc()).limit(1)).first()
-            after = connection.execute(here.where(p.stamp_ns >= stamp_ns).order_by(p.stamp_ns).limit(1)).first()
+        for parent, source in _tracks(connection, child):
+            here = _track(child, parent, source, known)
+            before = connection.execute(
+                here.where(p.stamp_ns <= stamp_ns).order_by(p.stamp_ns.desc(), p.ordinal).limit(1)
+            ).first()
+            after = connection.execute(
+                here.where(p.stamp_ns >= stamp_ns).order_by(p.stamp_ns, p.ordinal).limit(1)
+            ).first()
             track, around = PoseTrack(limit_ns), [_stamped(row) for row in (before, after) if row is not None]
-            for known in around:
-                track.insert(known.stamp_ns, known.pose)
+            if not around:
+                continue
+            for pose in around:
+                track.insert(pose.stamp_ns, pose.pose)
             try:
-                pose = track.at(stamp_ns, f"{parent} to {child} by {source}")
+                between = track.at(stamp_ns, f"{parent} to {child} by {source}")
             except ExtrapolationError as error:
                 problem = error
                 continue
-            gap = max(abs(known.stamp_ns - stamp_ns) for known in around)
-            nearest = min(around, key=lambda known: abs(known.stamp_ns - stamp_ns))
-            found.append((gap, source, StampedPose(stamp_ns, parent, child, pose, source, nearest.product_id)))
+            gap = max(abs(pose.stamp_ns - stamp_ns) for pose in around)
+            nearest = min(around, key=lambda pose: abs(pose.stamp_ns - stamp_ns))
+            found.append((gap, source, StampedPose(stamp_ns, parent, child, between, source, nearest.product_id)))
         if not found and problem is not None:
             raise problem
         return min(found, key=lambda f: f[:2])[2] if found else None
+
+
+def _tracks(connection: Connection, child: str) -> list[tuple[str, str]]:
+    """Parent and source of every moving edge of a frame."""
+    t = schema.tracks.c
+    rows = connection.execute(select(t.parent, t.source).where(t.child == child))
+    return [(row.parent, row.source) for row in rows]
+
+
+def _holds(known: Known) -> ColumnElement[bool]:
+    """Condition that a pose counts."""
+    p = schema.poses.c
+    if known.as_of_ns is None:
+        return p.deleted_ns.is_(None)
+    return and_(p.inserted_ns <= known.as_of_ns, or_(p.deleted_ns.is_(None), p.deleted_ns > known.as_of_ns))
+
+
+def _track(child: str, parent: str, source: str, known: Known) -> Any:
+    p = schema.poses.c
+    return select(schema.poses).where(p.child == child, p.parent == parent, p.source == source, _holds(known))
+
+
+def _newest(connection: Connection, child: str, parent: str, source: str, known: Known = EVERYTHING) -> Any:
+    p = schema.poses.c
+    return connection.execute(
+        _track(child, parent, source, known).order_by(p.stamp_ns.desc(), p.ordinal).limit(1)
+    ).first()
 
 
 def _stamped(row: Any) -> StampedPose:

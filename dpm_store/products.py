@@ -27,6 +27,8 @@ from dpm_store.records import LATEST_NS, Insertion, Parcel, ProductRecord
 #: Smaller payloads lie in the row's own database: one sync instead of three.
 INLINE_BYTES = 1 << 15
 MAX_PAYLOAD_BYTES = 1 << 30
+#: Of a number in the quality, to be found by.
+MAX_METRIC_NAME = 64
 #: Products in one transaction.
 MAX_BATCH = 10_000
 #: Products whose payload is also entered in the pose series.
@@ -129,13 +131,17 @@ class ProductTable:
             connection, header, parcel.names, parcel.type_name, parcel.codec, len(parcel.payload)
         )
         self._index(connection, ordinal, header)
+        metrics = {n: v for n, v in header.quality.metrics.items() if len(n) <= MAX_METRIC_NAME and math.isfinite(v)}
+        if metrics:
+            rows = [{"ordinal": ordinal, "name": name, "value": value} for name, value in metrics.items()]
+            connection.execute(insert(schema.product_metrics), rows)
         if header.inputs:
-            rows = [{"product_id": header.id, "input_id": i} for i in dict.fromkeys(header.inputs)]
-            connection.execute(insert(schema.provenance), rows)
+            links = [{"product_id": header.id, "input_id": i} for i in dict.fromkeys(header.inputs)]
+            connection.execute(insert(schema.provenance), links)
         if item.poses is not None and header.child is not None:
             PoseTable.add_in(
                 connection, parcel.robot, f"{parcel.dfpc}/{parcel.port}", item.poses, parent=header.frame,
-                child=header.child, product_id=header.id,
+                child=header.child, product_id=header.id, inserted_ns=self._clock.now_ns(),
             )  # fmt: skip
         self._events.append_in(connection, parcel.robot, "inserted", event_body(header, parcel.names))
         return Insertion.INSERTED
@@ -213,7 +219,7 @@ class ProductTable:
         gone = {"deleted_ns": self._clock.now_ns()}
         connection.execute(update(schema.products).where(p.id == product_id).values(gone))
         sqlite.unindex_product(connection, row.ordinal)
-        connection.execute(schema.poses.delete().where(schema.poses.c.product_id == product_id))
+        PoseTable.delete_in(connection, product_id, gone["deleted_ns"])
         self._annotations.forget_in(connection, product_id)
         record = record_of(row)
         names = {"robot": record.robot, "dfpc": record.dfpc, "port": record.port, "product": record.product}
@@ -246,7 +252,8 @@ class ProductTable:
             **names, "id": header.id, "type_name": type_name, "codec": codec, "frame": header.frame,
             "child": header.child, "config_hash": header.config_hash, "t0_ns": header.t0_ns, "t1_ns": header.t1_ns,
             "resolution_m": header.resolution_m,
-            "status": str(header.quality.status), "header": msgpack.packb(header.to_dict()), "sha256": header.sha256,
+            "status": str(header.quality.status), "covariance_kind": str(header.quality.covariance_kind),
+            "header": msgpack.packb(header.to_dict()), "sha256": header.sha256,
             "size": size, "inserted_ns": self._clock.now_ns(), "xmin_m": box[0], "ymin_m": box[1], "zmin_m": box[2],
             "xmax_m": box[3], "ymax_m": box[4], "zmax_m": box[5],
         }  # fmt: skip

@@ -21,7 +21,6 @@ from sqlalchemy import (
     MetaData,
     String,
     Table,
-    UniqueConstraint,
 )
 
 metadata = MetaData()
@@ -58,6 +57,37 @@ frames = Table(
     Column("producer", String(256), nullable=False),
 )
 
+#: Every frame revision in the order it came: naming a number names a state of the whole tree.
+frame_log = Table(
+    "frame_log",
+    metadata,
+    Column("ordinal", _Ordinal, primary_key=True, autoincrement=True),
+    Column("frame", String(128), nullable=False),
+    Column("revision", Integer, nullable=False),
+    Index("frame_log_by_frame", "frame", "revision", unique=True),
+)
+
+#: Bodies that frames hang under: of the registry where one is used, or defined by an operator. Append-only.
+bodies = Table(
+    "bodies",
+    metadata,
+    Column("name", String(64), primary_key=True),
+    Column("revision", Integer, primary_key=True),
+    Column("definition", LargeBinary, nullable=False),
+    Column("inserted_ns", BigInteger, nullable=False),
+    Column("producer", String(256), nullable=False),
+)
+
+robots = Table(
+    "robots",
+    metadata,
+    Column("robot", String(64), primary_key=True),
+    Column("doc", String, nullable=False),
+    Column("description", LargeBinary, nullable=False),
+    Column("inserted_ns", BigInteger, nullable=False),
+    Column("updated_ns", BigInteger, nullable=False),
+)
+
 blobs = Table(
     "blobs",
     metadata,
@@ -91,6 +121,7 @@ products = Table(
     Column("zmax_m", Float),
     Column("resolution_m", Float),
     Column("status", String(16), nullable=False),
+    Column("covariance_kind", String(16), nullable=False, server_default="none"),
     Column("header", LargeBinary, nullable=False),
     Column("sha256", String(64), ForeignKey("blobs.sha256")),
     Column("size", BigInteger, nullable=False),
@@ -102,6 +133,24 @@ Index("products_by_type", products.c.product, products.c.t1_ns, products.c.ordin
 Index("products_by_robot", products.c.robot, products.c.product, products.c.t1_ns, products.c.ordinal)
 Index("products_by_blob", products.c.sha256)
 
+#: Outlines of products in the x-y plane of their frame, where they say more than the box: x, y as float64.
+footprints = Table(
+    "footprints",
+    metadata,
+    Column("ordinal", _Ordinal, primary_key=True, autoincrement=False),
+    Column("ring", LargeBinary, nullable=False),
+)
+
+#: What the headers' quality says in numbers, to be found by.
+product_metrics = Table(
+    "product_metrics",
+    metadata,
+    Column("ordinal", _Ordinal, primary_key=True, autoincrement=False),
+    Column("name", String(64), primary_key=True),
+    Column("value", Float, nullable=False),
+    Index("product_metrics_by_value", "name", "value"),
+)
+
 #: Who was made from what: an input may be a sensor sample that is not stored.
 provenance = Table(
     "provenance",
@@ -111,6 +160,17 @@ provenance = Table(
 )
 Index("provenance_by_input", provenance.c.input_id)
 
+#: Moving edges that there are poses of.
+tracks = Table(
+    "tracks",
+    metadata,
+    Column("child", String(128), primary_key=True),
+    Column("parent", String(128), primary_key=True),
+    Column("source", String(160), primary_key=True),
+    Column("robot", String(64), nullable=False),
+)
+
+#: Of several poses of a track for one stamp the first that is not deleted holds.
 poses = Table(
     "poses",
     metadata,
@@ -123,8 +183,10 @@ poses = Table(
     Column("matrix", LargeBinary, nullable=False),
     Column("covariance", LargeBinary),
     Column("product_id", String(36), nullable=False),
-    UniqueConstraint("child", "parent", "source", "stamp_ns", name="poses_by_track"),
+    Column("inserted_ns", BigInteger, nullable=False, server_default="0"),
+    Column("deleted_ns", BigInteger),
 )
+Index("poses_by_track", poses.c.child, poses.c.parent, poses.c.source, poses.c.stamp_ns)
 Index("poses_by_product", poses.c.product_id)
 
 events = Table(
@@ -180,6 +242,7 @@ pose_graph_nodes = Table(
     Column("stamp_ns", BigInteger, nullable=False),
     Column("matrix", LargeBinary, nullable=False),
     Column("covariance", LargeBinary),
+    Column("fixed", Boolean, nullable=False, server_default="0"),
 )
 pose_graph_edges = Table(
     "pose_graph_edges",
@@ -191,4 +254,5 @@ pose_graph_edges = Table(
     Column("kind", String(32), nullable=False),
     Column("matrix", LargeBinary, nullable=False),
     Column("covariance", LargeBinary),
+    Column("information", LargeBinary),
 )

@@ -20,13 +20,12 @@ from numpy.typing import NDArray
 from sqlalchemy import Connection, and_, distinct, or_, select, tuple_
 
 from cdff_common.clock import NS_PER_S
-from cdff_common.errors import FrameNotFoundError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.geometry.region import Region
 from dpm_store import schema, sqlite
 from dpm_store.annotations import carries, has_successor
 from dpm_store.database import Database
-from dpm_store.frames import IDENTITY, FrameTable
+from dpm_store.frames import IDENTITY, FrameTable, Known
 from dpm_store.poses import PoseTable
 from dpm_store.products import ProductTable, record_of
 from dpm_store.records import Page, ProductRecord, Query, make_cursor, read_cursor
@@ -128,11 +127,13 @@ class Search:
         """Frames that hold products: ordinal and ``T_query_frame`` of those that can be placed; names of the rest."""
         placed: dict[str, tuple[int, UncertainTransform]] = {}
         unplaced = []
+        tree = self._frames.tree_in(connection, Known(as_of_ns))
         for row in connection.execute(select(schema.frame_names).order_by(schema.frame_names.c.frame)):
-            try:
-                placed[row.frame] = (row.ordinal, self._frames.lookup_in(connection, frame, row.frame, None, as_of_ns))
-            except FrameNotFoundError:
+            T = tree.find(frame, row.frame)
+            if T is None:
                 unplaced.append(row.frame)
+            else:
+                placed[row.frame] = (row.ordinal, T)
         return placed, tuple(unplaced)
 
     def _bounds_in(

@@ -44,6 +44,21 @@ DDL_ANNOTATIONS = tuple(
     "BEGIN SELECT RAISE(ABORT, 'annotations are append-only'); END"
     for verb in ("UPDATE", "DELETE")
 )
+#: The same for revision 0003: deleted products move to an index of their own, for questions of what was known then.
+DDL_0003 = (
+    "CREATE VIRTUAL TABLE deleted_index USING rtree(id, f0, f1, x0, x1, y0, y1, z0, z1, t0, t1)",
+    "INSERT INTO deleted_index "
+    "SELECT p.ordinal, n.ordinal, n.ordinal, p.xmin_m, p.xmax_m, p.ymin_m, p.ymax_m, p.zmin_m, p.zmax_m, "
+    "(p.t0_ns - e.value) / 1e9, (p.t1_ns - e.value) / 1e9 "
+    "FROM products p JOIN frame_names n ON n.frame = p.frame JOIN meta e ON e.name = 'epoch_ns' "
+    "WHERE p.deleted_ns IS NOT NULL AND p.xmin_m IS NOT NULL",
+    *(
+        f"CREATE TRIGGER {table}_refuse_{verb.lower()} BEFORE {verb} ON {table} "
+        f"BEGIN SELECT RAISE(ABORT, '{table} are append-only'); END"
+        for table in ("bodies", "frame_log")
+        for verb in ("UPDATE", "DELETE")
+    ),
+)
 
 
 def open_engine(path: Path) -> Engine:
@@ -86,6 +101,22 @@ def copy_database(source: Path, target: Path) -> tuple[int, list[str]]:
         raise StorageError(f"backup of {source}: {error}") from error
 
 
+def reusable_bytes(engine: Engine) -> int:
+    """Bytes inside the database's file that are free: deletions leave them to later insertions."""
+    with engine.connect() as connection:
+        pages, size = (connection.exec_driver_sql(f"PRAGMA {name}").scalar_one() for name in ("freelist_count", "page_size"))
+        return int(pages) * int(size)
+
+
+def fold_log(engine: Engine) -> None:
+    """Carry the write-ahead log over into the file and cut it to nothing, as far as readers let it."""
+    connection = engine.raw_connection()
+    try:
+        connection.cursor().execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    finally:
+        connection.close()
+
+
 def insert_new(table: Table) -> Insert:
     """An insertion that leaves rows alone whose key is there already."""
     return insert(table).on_conflict_do_nothing()
@@ -105,8 +136,10 @@ def index_product(
 
 
 def unindex_product(connection: Connection, ordinal: int) -> None:
-    """Take a product out of the index."""
-    connection.execute(text("DELETE FROM product_index WHERE id = :id"), {"id": ordinal})
+    """Move a deleted product to the index of deleted ones."""
+    values = {"id": ordinal}
+    connection.execute(text("INSERT INTO deleted_index SELECT * FROM product_index WHERE id = :id"), values)
+    connection.execute(text("DELETE FROM product_index WHERE id = :id"), values)
 
 
 def candidates(

@@ -9,6 +9,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cdff_common.clock import Clock, WallClock
 from cdff_common.interfaces.product import Header
 from cdff_common.output import make_folder
@@ -16,17 +19,19 @@ from dpm_store.annotations import AnnotationTable
 from dpm_store.blobs import BlobFiles
 from dpm_store.database import Database, directory_of
 from dpm_store.events import EventTable
+from dpm_store.extents import Extent, extents
 from dpm_store.frames import FrameTable
 from dpm_store.lock import DirectoryLock
 from dpm_store.maintenance import Problem, Statistics, collect, statistics, verify
 from dpm_store.maps import Maps
 from dpm_store.migrate import migrate
-from dpm_store.poses import PoseTable
+from dpm_store.poses import PoseTable, Track
 from dpm_store.products import ProductTable
 from dpm_store.provenance import MAX_GENERATIONS, Lineage, lineage
 from dpm_store.records import Insertion, Page, Parcel, ProductRecord, Query
 from dpm_store.retention import Retention
 from dpm_store.search import Search
+from dpm_store.tracks import path
 
 _DATABASE = "store.sqlite"
 _BLOBS = "blobs"
@@ -86,7 +91,7 @@ class Store:
             self._lock.release()
             raise
         self.events = EventTable(self._database, clock)
-        self.frames = FrameTable(self._database, clock)
+        self.frames = FrameTable(self._database, self.events, clock)
         self.poses = PoseTable(self._database, self.frames)
         self.annotations = AnnotationTable(self._database, self.events, clock)
         self._products = ProductTable(self._database, self._files, self.events, self.annotations, clock)
@@ -147,6 +152,14 @@ class Store:
     def statistics(self) -> Statistics:
         """Counts and sizes."""
         return statistics(self._database)
+
+    def extents(self) -> tuple[Extent, ...]:
+        """What the products of each type and frame span; reads every row."""
+        return extents(self._database)
+
+    def path(self, track: Track, most: int) -> NDArray[np.float64]:
+        """Positions of a moving frame, thinned. See ``tracks.path``."""
+        return path(self._database, track, most)
 
     def close(self) -> None:
         """Close the database and let another process open it."""

@@ -261,8 +261,6 @@ class Dpm:
             valid_from_ns=body.get("valid_from_ns"), valid_until_ns=body.get("valid_until_ns"),
             expected_revision=body.get("expected_revision"),
         )  # fmt: skip
-        scope = frame.split("/")[0] if "/" in frame else "ground"
-        self.store.events.append(scope, "reanchored", {"frame": frame, "parent": parent, "revision": revision.revision})
         self._tell()
         return revision.to_dict()
 

@@ -7,6 +7,7 @@ from cdff_common.clock import ManualClock
 from cdff_common.errors import ConflictError, FrameNotFoundError, InputError, StorageError
 from cdff_common.geometry import UncertainTransform, se3
 from dpm_store import Store
+from dpm_store.frames import Known
 
 
 def shift(x: float, y: float = 0.0, sigma: float = 0.1) -> UncertainTransform:
@@ -30,7 +31,7 @@ def test_every_revision_is_kept_and_the_last_one_holds(store: Store, clock: Manu
     clock.set_ns(known_ns + 10**9)
     assert store.frames.set("mana/odom", "site", shift(5), producer="b").revision == 2
     assert store.frames.lookup("site", "mana/odom").matrix[0, 3] == 5.0
-    assert store.frames.lookup("site", "mana/odom", as_of_ns=known_ns).matrix[0, 3] == 1.0
+    assert store.frames.lookup("site", "mana/odom", known=Known(known_ns)).matrix[0, 3] == 1.0
     assert [(r.revision, r.producer) for r in store.frames.revisions("mana/odom")] == [(1, "a"), (2, "b")]
     assert [r.revision for r in store.frames.current()] == [2]
     assert [r.revision for r in store.frames.current(as_of_ns=known_ns)] == [1]

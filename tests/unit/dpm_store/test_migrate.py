@@ -2,78 +2,130 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Databases of earlier revisions, filled, then opened by this version."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
+import numpy as np
 import pytest
-from sqlalchemy import insert, inspect
+from sqlalchemy import MetaData, Table, insert, inspect
 
 from cdff_common.clock import ManualClock
+from cdff_common.codecs import encode
+from cdff_common.errors import ConfigurationError
+from cdff_common.geometry import UncertainTransform
 from cdff_common.geometry.region import parse_region
-from dpm_store import Query, open_store, schema
+from cdff_common.interfaces.product import CovarianceKind, Quality
+from cdff_common.types import TransformWithCovariance
+from dpm_store import Query, Store, open_store, schema
 from dpm_store.database import Database
 from dpm_store.events import EventTable
+from dpm_store.frames import Known
 from dpm_store.migrate import HEAD, migrate, revision_of
 from dpm_store.products import INLINE_BYTES
 
 from .conftest import NAMES, header, put
 
-NEW = {"annotations", "product_tags", "pins", "supersessions", "pose_graph_nodes", "pose_graph_edges"}
+pytestmark = pytest.mark.req("CDFF-SUP-032")
+QUALITY = Quality(covariance_kind=CovarianceKind.FORMAL, metrics={"inliers": 40.0})
 
 
-@pytest.fixture
-def of_0001(tmp_path: Path) -> Path:
-    """A directory whose database has the first schema, with products, inline and in files, a tombstone and events."""
-    database = Database(tmp_path / "store.sqlite")
-    migrate(database, "0001")
-    assert not NEW & set(inspect(database.engine).get_table_names())
-    database.close()
-    with open_store(f"sqlite:///{tmp_path}/new") as filled:  # the same rows, made by the code of today
-        for seq in range(6):
-            put(filled, header(seq, box_m=(seq, 0, 0, seq + 1, 1, 1), inputs=("a",)), _payload(seq))
-        filled.delete(header(5).id)
-        with filled._database.read() as source:
-            rows = {
-                table: [dict(row._mapping) for row in source.execute(table.select())]
-                for table in schema.metadata.sorted_tables
-                if table.name not in NEW
-            }
-            index = source.exec_driver_sql("SELECT * FROM product_index").all()
-    database = Database(tmp_path / "store.sqlite")
-    with database.write() as connection:
-        for table, found in rows.items():
-            if found:
-                connection.execute(insert(table), found)
-        for entry in index:
-            connection.exec_driver_sql("INSERT INTO product_index VALUES (?,?,?,?,?,?,?,?,?,?,?)", tuple(entry))
-    EventTable(database, ManualClock(7)).append("mana", "alarm", {"what": "test"})
-    database.close()
+@pytest.fixture(params=["0001", "0002"])
+def old(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """A directory whose database has an earlier schema, with products, inline and in files, a tombstone, frames, poses
+    and events: what the code of today writes, less what that schema has no place for."""
+    with open_store(f"sqlite:///{tmp_path}/new", ManualClock(1_000_000_000_000)) as filled:
+        _fill(filled)
+    source, target = Database(tmp_path / "new" / "store.sqlite"), Database(tmp_path / "store.sqlite")
+    migrate(target, request.param)
+    assert "frame_log" not in inspect(target.engine).get_table_names()
+    with source.read() as there, target.write() as here:
+        for name in inspect(target.engine).get_table_names():
+            table = Table(name, MetaData(), autoload_with=target.engine)
+            columns = [column.name for column in table.c]
+            if name in schema.metadata.tables:
+                found = there.execute(schema.metadata.tables[name].select()).mappings().all()
+                rows = [{column: row[column] for column in columns} for row in found]
+                if rows:
+                    here.execute(insert(table), rows)
+        for entry in there.exec_driver_sql("SELECT * FROM product_index"):
+            here.exec_driver_sql("INSERT INTO product_index VALUES (?,?,?,?,?,?,?,?,?,?,?)", tuple(entry))
+        if request.param == "0001":  # deleting took the pose with it then
+            here.exec_driver_sql("DELETE FROM poses WHERE stamp_ns = 21000000000")
+    EventTable(target, ManualClock(7)).append("mana", "alarm", {"what": "test"})
+    source.close()
+    target.close()
     (tmp_path / "new" / "blobs").rename(tmp_path / "blobs")
     return tmp_path
+
+
+def _fill(store: Store) -> None:
+    for seq in range(6):
+        put(store, header(seq, box_m=(seq, 0, 0, seq + 1, 1, 1), inputs=("a",), quality=QUALITY), _payload(seq))
+    store.delete(header(5).id)
+    for x_m in (1.0, 2.0):
+        store.frames.set("mana/odom", "site", _at(x_m))
+    for stamp_ns in (20_000_000_000, 22_000_000_000):
+        pose = TransformWithCovariance.from_transform(
+            _at(stamp_ns / 1e9), parent="mana/odom", child="mana/base", stamp_ns=stamp_ns
+        )
+        a_header = header(stamp_ns // 10**9, t1_ns=stamp_ns, frame="mana/odom", child="mana/base")
+        put(store, a_header, encode(pose, "uper"), product="pose", type_name="TransformWithCovariance")
+
+
+def _at(x_m: float) -> UncertainTransform:
+    matrix = np.eye(4)
+    matrix[0, 3] = x_m
+    return UncertainTransform(matrix)
 
 
 def _payload(seq: int) -> bytes:
     return bytes([seq]) * (INLINE_BYTES + 1 if seq % 2 else 100)
 
 
-def test_a_filled_store_of_the_first_schema_keeps_everything(of_0001: Path) -> None:
-    database = Database(of_0001 / "store.sqlite")
-    assert revision_of(database) == "0001"
-    database.close()
-    with open_store(f"sqlite:///{of_0001}") as store:
+def test_a_filled_store_of_an_earlier_schema_keeps_everything(old: Path) -> None:
+    with open_store(f"sqlite:///{old}") as store:
         assert revision_of(store._database) == HEAD
         assert store.verify() == ()
-        found = store.search(Query(region=parse_region("bbox:0,0,2.5,1"), oldest_first=True)).items
+        found = store.search(Query(types=("dem",), region=parse_region("bbox:0,0,2.5,1"), oldest_first=True)).items
         assert [record.header.seq for record in found] == [0, 1, 2]
         for seq in range(5):
             assert store.payload(header(seq).id) == _payload(seq)
         assert store.get(header(5).id, deleted=True).deleted_ns is not None
-        assert [e.kind for e in store.events.since()] == ["inserted"] * 6 + ["deleted", "alarm"]
+        kinds = [e.kind for e in store.events.since()]
+        assert kinds == ["inserted"] * 6 + ["deleted"] + ["reanchored"] * 2 + ["inserted"] * 2 + ["alarm"]
 
 
-def test_a_store_that_was_brought_up_takes_what_is_new(of_0001: Path) -> None:
-    with open_store(f"sqlite:///{of_0001}") as store:
+def test_what_is_new_is_filled_from_what_was_there(old: Path) -> None:
+    with open_store(f"sqlite:///{old}") as store:
+        assert [r.state for r in store.frames.revisions("mana/odom")] == [1, 2]
+        assert store.frames.lookup("site", "mana/odom", known=Known(state=1)).matrix[0, 3] == 1.0
+        pose = store.poses.at(21_000_000_000, "site", "mana/base", known=Known(as_of_ns=1_000_000_000_000))
+        assert pose.matrix[0, 3] == pytest.approx(2.0 + 21.0)
+        with store._database.read() as connection:
+            metrics = connection.exec_driver_sql("SELECT count(*), min(value) FROM product_metrics").one()
+            kinds = connection.exec_driver_sql("SELECT count(*) FROM products WHERE covariance_kind='formal'").scalar()
+            deleted = connection.exec_driver_sql("SELECT id, x0, x1 FROM deleted_index").all()
+        assert tuple(metrics) == (6, 40.0)
+        assert kinds == 6
+        assert [tuple(row) for row in deleted] == [(6, 5.0, 6.0)]
+
+
+def test_a_store_that_was_brought_up_takes_what_is_new(old: Path) -> None:
+    with open_store(f"sqlite:///{old}") as store:
         store.annotations.update(header(0).id, {"tags": ["old"]}, if_match=0)
         put(store, header(7), **NAMES)
-    with open_store(f"sqlite:///{of_0001}") as store:
+        store.delete(header(7).id)
+    with open_store(f"sqlite:///{old}") as store:
         assert store.annotations.get(header(0).id).tags == ("old",)
-        assert store.statistics().count == 6
+        assert store.statistics().count == 7
+
+
+def test_a_store_of_a_newer_version_is_refused(tmp_path: Path) -> None:
+    open_store(f"sqlite:///{tmp_path}").close()
+    database = Database(tmp_path / "store.sqlite")
+    with database.write() as connection:
+        connection.exec_driver_sql("UPDATE alembic_version SET version_num = '9999'")
+    database.close()
+    with pytest.raises(ConfigurationError, match="9999"):
+        open_store(f"sqlite:///{tmp_path}")
