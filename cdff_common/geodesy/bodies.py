@@ -1,0 +1,235 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Bodies: planets, moons, asteroids and comets of the IAU_2015 set, our own registry for what it lacks, and targets.
+
+A body is also a frame of its name: body-fixed, origin at its centre, z along the rotation axis, x to the prime
+meridian, metres (of an orbital target: as its model has it). Longitudes are east positive, latitudes planetocentric.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from cdff_common.errors import ConfigurationError, InputError
+
+KINDS = ("star", "planet", "dwarf_planet", "moon", "asteroid", "comet", "target")
+_AUTHORITY = "IAU_2015"
+_SPHERE = re.compile(r"(.+) \(2015\) - Sphere / Ocentric\Z")
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,63}\Z")
+#: Of NAIF ids above those of planets and moons; Borrelly, first of the comets, is 1000005.
+_COMETS, _ASTEROIDS = range(1_000_000, 2_000_000), 2_000_000
+_DWARF_PLANETS = {999, 2_000_001}
+#: USGS's older codes for the same spheres.
+_ALIAS = re.compile(r"IAU2000:(\d+00)\Z")
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """A body.
+
+    Attributes
+    ----------
+    name : str
+        Also the name of its body-fixed frame.
+    kind : str
+        One of ``KINDS``.
+    naif_id : int or None
+    radii_m : tuple of 3 float, or None
+        Semi-axes of its shape; of the sphere where longitude and latitude are given on one.
+    crs : str or None
+        Geographic CRS: ``authority:code``, WKT2 or PROJJSON; None where there is no longitude and latitude.
+    source : str
+        Where the numbers are from.
+    """
+
+    name: str
+    kind: str
+    naif_id: int | None = None
+    radii_m: tuple[float, float, float] | None = None
+    crs: str | None = None
+    source: str = ""
+    _made: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if not _NAME.match(self.name):
+            raise InputError(f"body {self.name[:80]!r}: expected lower case letters, digits and _")
+        if self.kind not in KINDS:
+            raise InputError(f"body {self.name}: kind {self.kind[:40]!r}, expected one of {', '.join(KINDS)}")
+        if self.radii_m is not None and not all(0.0 < r < 1e10 for r in self.radii_m):
+            raise InputError(f"body {self.name}: radii_m {self.radii_m}, expected metres above 0")
+        if self.crs is not None:
+            _check_geographic(self.name, self.geographic_crs)
+
+    @property
+    def geographic_crs(self) -> Any:
+        """``pyproj.CRS`` of longitude and latitude; raises InputError for a body that has none."""
+        if self.crs is None:
+            raise InputError(f"body {self.name} is a {self.kind}: it has no longitude and latitude")
+        if "crs" not in self._made:
+            self._made["crs"] = crs_of(self.crs)
+        return self._made["crs"]
+
+    @property
+    def fixed_crs(self) -> Any:
+        """``pyproj.CRS`` of the body-fixed frame: geocentric, or an engineering CRS (WKT2) without a surface."""
+        import pyproj
+
+        if self.crs is None:
+            return pyproj.CRS.from_json_dict(engineering_projjson(self.name, height=True))
+        geographic = self.geographic_crs
+        ellipsoid = geographic.ellipsoid
+        return pyproj.CRS.from_dict(
+            {"proj": "geocent", "a": ellipsoid.semi_major_metre, "b": ellipsoid.semi_minor_metre, "units": "m"}
+        )
+
+    @property
+    def axes_m(self) -> tuple[float, float]:
+        """Equatorial and polar semi-axis of the ellipsoid that longitude and latitude are given on."""
+        ellipsoid = self.geographic_crs.ellipsoid
+        return float(ellipsoid.semi_major_metre), float(ellipsoid.semi_minor_metre)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for MessagePack and JSON."""
+        return {
+            "name": self.name, "kind": self.kind, "naif_id": self.naif_id,
+            "radii_m": None if self.radii_m is None else list(self.radii_m), "crs": self.crs, "source": self.source,
+        }  # fmt: skip
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Body:
+        """Inverse of ``to_dict``; a body with radii and without a CRS gets the sphere of their geometric mean.
+
+        Raises
+        ------
+        InputError
+            On a field that is missing, unknown or out of range, or a CRS that is no geographic one.
+        """
+        known = {"name", "kind", "naif_id", "radii_m", "crs", "source"}
+        if unknown := sorted(set(map(str, data)) - known):
+            raise InputError(f"body: unknown field {unknown[0][:80]!r}, expected {', '.join(sorted(known))}")
+        try:
+            radii, naif_id = data.get("radii_m"), data.get("naif_id")
+            axes = None if radii is None else tuple(float(r) for r in radii)
+            if axes is not None and len(axes) != 3:
+                raise InputError(f"body {data['name']}: {len(axes)} radii, expected 3")
+            name, kind, crs = str(data["name"]), str(data["kind"]), data.get("crs")
+            if crs is None and axes is not None and kind != "target":
+                crs = sphere_wkt(name, (axes[0] * axes[1] * axes[2]) ** (1.0 / 3.0))
+            return cls(
+                name, kind, None if naif_id is None else int(naif_id), axes,  # type: ignore[arg-type]  # 3 of them
+                None if crs is None else str(crs), str(data.get("source", "")),
+            )  # fmt: skip
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"body {dict(data)!r:.200}: {error!r}") from error
+
+
+def body(name: str) -> Body:
+    """A body of the IAU_2015 set or of our own registry; raises ConfigurationError for another."""
+    found = _registry().get(name)
+    if found is None:
+        raise ConfigurationError(f"body {name[:80]!r}: not known; known are {', '.join(body_names())}")
+    return found() if callable(found) else found
+
+
+def body_names() -> tuple[str, ...]:
+    """Names of all bodies, sorted."""
+    return tuple(sorted(_registry()))
+
+
+def crs_of(text: str) -> Any:
+    """A ``pyproj.CRS`` from ``authority:code``, an OGC URI, WKT2 or PROJJSON.
+
+    ``IAU2000:`` codes of spheres are read as the same of IAU_2015; the set of 2000 is not in PROJ's database.
+
+    Raises
+    ------
+    InputError
+        If it is none of these.
+    """
+    import pyproj
+
+    alias = _ALIAS.match(text)
+    try:
+        return pyproj.CRS.from_user_input(f"{_AUTHORITY}:{alias[1]}" if alias else text)
+    except pyproj.exceptions.CRSError as error:
+        raise InputError(f"CRS {text[:80]!r}: {str(error)[:200]}") from error
+
+
+def sphere_wkt(name: str, radius_m: float) -> str:
+    """WKT2 of a planetocentric geographic CRS on a sphere, for a body that no authority has one of."""
+    title = name.replace("_", " ").title()
+    return (
+        f'GEOGCRS["{title} (CDFF) - Sphere / Ocentric",DATUM["{title} (CDFF) - Sphere",ELLIPSOID["{title} (CDFF) - '
+        f'Sphere",{radius_m:.6f},0,LENGTHUNIT["metre",1]]],PRIMEM["Reference Meridian",0,ANGLEUNIT["degree",'
+        '0.0174532925199433]],CS[ellipsoidal,2],AXIS["geodetic latitude (Lat)",north,ORDER[1],ANGLEUNIT["degree",'
+        '0.0174532925199433]],AXIS["geodetic longitude (Lon)",east,ORDER[2],ANGLEUNIT["degree",0.0174532925199433]]]'
+    )
+
+
+def engineering_projjson(frame: str, *, height: bool = False) -> dict[str, Any]:
+    """PROJJSON of a metric engineering CRS named after a frame: x, y, and z where ``height`` is asked for."""
+    axes = [{"name": "x", "abbreviation": "x", "direction": "east", "unit": "metre"},
+            {"name": "y", "abbreviation": "y", "direction": "north", "unit": "metre"}]  # fmt: skip
+    if height:
+        axes.append({"name": "z", "abbreviation": "z", "direction": "up", "unit": "metre"})
+    return {
+        "$schema": "https://proj.org/schemas/v0.7/projjson.schema.json", "type": "EngineeringCRS", "name": frame,
+        "datum": {"type": "EngineeringDatum", "name": f"Origin and axes of frame {frame}"},
+        "coordinate_system": {"subtype": "Cartesian", "axis": axes},
+    }  # fmt: skip
+
+
+def _check_geographic(name: str, crs: Any) -> None:
+    axes = {axis.direction for axis in crs.axis_info}
+    if not crs.is_geographic or axes != {"east", "north"}:
+        raise InputError(
+            f"body {name}: CRS {crs.name!r} with axes {sorted(axes)}, expected a geographic one, east positive"
+        )
+
+
+@cache
+def _registry() -> dict[str, Any]:
+    """Bodies by name; those of IAU_2015 as functions that make them, since reading 100 definitions takes long."""
+    from pyproj.database import query_crs_info
+
+    found: dict[str, Any] = {}
+    for info in query_crs_info(auth_name=_AUTHORITY, pj_types="GEOGRAPHIC_2D_CRS"):
+        if match := _SPHERE.match(info.name):
+            name = re.sub(r"[^a-z0-9]+", "_", match[1].lower()).strip("_")
+            name = name if name[0].isalpha() else f"asteroid_{name}"
+            found[name] = cache(lambda name=name, code=info.code: _of_iau(name, int(code)))
+    for name, entry in _own().items():
+        found[name] = Body.from_dict({"name": name, **entry})
+    return found
+
+
+def _own() -> dict[str, Any]:
+    from cdff_common.interfaces.yaml_file import read_mapping
+
+    return dict(read_mapping(Path(__file__).with_name("bodies.yaml")))
+
+
+def _of_iau(name: str, code: int) -> Body:
+    text = f"{_AUTHORITY}:{code}"
+    radius_m = float(crs_of(text).ellipsoid.semi_major_metre)
+    return Body(
+        name, _kind(code // 100), code // 100, (radius_m, radius_m, radius_m), text,
+        "Archinal et al. 2018, doi:10.1007/s10569-017-9805-5",
+    )  # fmt: skip
+
+
+def _kind(naif_id: int) -> str:
+    if naif_id in _DWARF_PLANETS:
+        return "dwarf_planet"
+    if naif_id == 10:
+        return "star"
+    if naif_id in _COMETS:
+        return "comet"
+    if naif_id >= _ASTEROIDS:
+        return "asteroid"
+    return "planet" if naif_id % 100 == 99 else "moon"

@@ -1,0 +1,120 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Sites on bodies: site metres and longitude and latitude, by our transform and by the CRS."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyproj
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cdff_common.errors import InputError
+from cdff_common.geodesy import Anchor, Body, Place, body
+
+MARS = body("mars")
+EARTH_LIKE = Body.from_dict({"name": "earth_like", "kind": "planet", "crs": "EPSG:4326"})
+POINTS = np.array([[0.0, 0.0, 0.0], [100.0, 0.0, 0.0], [0.0, 100.0, 0.0], [-730.0, 410.0, 5.0]])
+
+
+@pytest.mark.req("CDFF-SUP-080")
+def test_x_is_east_and_y_is_north() -> None:
+    anchor = Anchor(MARS, 77.5, 18.4)
+    origin, east, north, _ = anchor.lonlat(POINTS)
+    assert origin == pytest.approx([77.5, 18.4, 0.0], abs=1e-9)
+    degrees_per_m = np.rad2deg(1.0 / MARS.axes_m[0])
+    assert east[:2] == pytest.approx([77.5 + 100 * degrees_per_m / np.cos(np.deg2rad(18.4)), 18.4], abs=1e-6)
+    assert north[:2] == pytest.approx([77.5, 18.4 + 100 * degrees_per_m], abs=1e-6)
+
+
+def test_the_azimuth_is_the_bearing_of_the_y_axis() -> None:
+    turned = Anchor(MARS, 77.5, 18.4, azimuth_deg=90.0).lonlat([[0.0, 100.0]])[0]
+    assert turned == pytest.approx(Anchor(MARS, 77.5, 18.4).lonlat([[100.0, 0.0]])[0], abs=1e-12)
+
+
+anchors = st.builds(
+    Anchor,
+    st.sampled_from([MARS, body("moon"), body("bennu"), EARTH_LIKE]),
+    st.floats(-179, 179), st.floats(-89, 89), st.floats(-50, 50), st.floats(-179, 179),
+)  # fmt: skip
+
+
+@settings(max_examples=60, deadline=None)
+@given(anchors)
+def test_site_metres_come_back_from_longitude_and_latitude(anchor: Anchor) -> None:
+    points = POINTS * (0.1 if anchor.body.name == "bennu" else 1.0)
+    assert anchor.points(anchor.lonlat(points)) == pytest.approx(points, abs=1e-5)
+
+
+@settings(max_examples=60, deadline=None)
+@given(anchors)
+def test_an_anchor_comes_back_from_its_transform(anchor: Anchor) -> None:
+    again = Anchor.from_transform(anchor.body, anchor.T_body_frame)
+    assert again.T_body_frame == pytest.approx(anchor.T_body_frame, abs=1e-5)
+    assert again.height_m == pytest.approx(anchor.height_m, abs=1e-4)
+
+
+@pytest.mark.parametrize("height_m", [0.0, -2500.0])
+@pytest.mark.parametrize("azimuth_deg", [0.0, 30.0])
+@pytest.mark.req("CDFF-SUP-080")
+def test_the_crs_says_the_same_as_the_transform(height_m: float, azimuth_deg: float) -> None:
+    anchor = Anchor(MARS, 77.5, 18.4, height_m, azimuth_deg)
+    crs = pyproj.CRS.from_wkt(anchor.wkt)
+    assert crs.is_projected
+    to_lonlat = pyproj.Transformer.from_crs(crs, MARS.geographic_crs, always_xy=True)
+    # points on the sphere through the site, whose x and y the projection keeps
+    lonlat = anchor.lonlat(POINTS)
+    lonlat[:, 2] = height_m
+    points = anchor.points(lonlat)
+    lon, lat = to_lonlat.transform(points[:, 0], points[:, 1])
+    assert np.column_stack([lon, lat]) == pytest.approx(lonlat[:, :2], abs=1e-9)
+    x, y = to_lonlat.transform(lonlat[:, 0], lonlat[:, 1], direction="INVERSE")
+    assert np.column_stack([x, y]) == pytest.approx(points[:, :2], abs=1e-4)
+
+
+def test_the_crs_goes_through_a_geotiff() -> None:
+    from cdff_common.formats.geotiff import write_bands
+    from cdff_common.raster import GridGeometry
+
+    anchor = Anchor(MARS, 77.5, 18.4, -2500.0, 30.0)
+    grid = GridGeometry.from_cells("site", 0.5, left=0, top=4, rows=4, cols=4)
+    data = write_bands({"mean": np.zeros((4, 4), np.float32)}, grid, wkt=anchor.wkt)
+    from rasterio.io import MemoryFile
+
+    with MemoryFile(data) as memory, memory.open() as file:
+        crs = pyproj.CRS.from_wkt(file.crs.to_wkt())
+    assert crs.ellipsoid.semi_major_metre == 3396190.0
+    lonlat = pyproj.Transformer.from_crs(crs, MARS.geographic_crs, always_xy=True).transform(1000.0, 2000.0)
+    assert lonlat == pytest.approx(anchor.lonlat([[1000.0, 2000.0]])[0][:2], abs=1e-7)
+
+
+def test_mars_is_not_the_moon() -> None:
+    with pytest.raises(pyproj.exceptions.ProjError, match="celestial body"):
+        pyproj.Transformer.from_crs(Anchor(MARS, 0, 0).crs, body("moon").geographic_crs).transform(0, 0)
+
+
+def test_two_sites_of_one_body_are_joined_through_it() -> None:
+    a, b = Anchor(MARS, 77.5, 18.4, 10.0), Anchor(MARS, 77.51, 18.4, 10.0)
+    T_a_b = np.linalg.inv(a.T_body_frame) @ b.T_body_frame
+    assert T_a_b[:3, 3] == pytest.approx(a.points([[77.51, 18.4, 10.0]])[0], abs=1e-6)
+
+
+@pytest.mark.parametrize("numbers", [(400, 0, 0), (0, 91, 0), (0, 0, 4e6), (float("nan"), 0, 0)])
+def test_a_place_that_is_none_is_refused(numbers: tuple[float, float, float]) -> None:
+    with pytest.raises(InputError, match="anchor"):
+        Anchor(MARS, *numbers)
+
+
+def test_a_target_has_no_anchor() -> None:
+    with pytest.raises(InputError, match="no longitude"):
+        Anchor(body("orbital_target"), 0.0, 0.0)
+
+
+def test_a_frame_that_is_nowhere_has_an_engineering_crs_of_its_name() -> None:
+    place = Place("mana/odom")
+    crs = pyproj.CRS.from_wkt(place.wkt)
+    assert crs.is_engineering
+    assert crs.name == "mana/odom"
+    with pytest.raises(InputError, match="not anchored"):
+        place.lonlat([[0.0, 0.0]])
