@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         Frame,
         NavigationMap,
         Pointcloud,
+        PoseGraph,
         PoseTrajectory,
         TransformWithCovariance,
     )
@@ -35,6 +36,7 @@ MEDIA_TYPES = {
     "png": "image/png",
     "json": "application/json",
     "tum": "text/plain; charset=utf-8",
+    "g2o": "text/plain; charset=utf-8",
 }
 
 #: Formats of each type, the preferred one first.
@@ -44,6 +46,7 @@ FORMATS: dict[str, tuple[str, ...]] = {
     "NavigationMap": ("tif", "png", "npz"),
     "TransformWithCovariance": ("json", "tum"),
     "PoseTrajectory": ("tum", "npz"),
+    "PoseGraph": ("g2o",),
     "Frame": ("png", "tif", "npz"),
 }
 
@@ -80,6 +83,7 @@ def to_file(value: Any, fmt: str) -> bytes:
         "NavigationMap": _map,
         "TransformWithCovariance": _pose,
         "PoseTrajectory": _trajectory,
+        "PoseGraph": _pose_graph,
         "Frame": _frame,
     }
     return writers[name](value, fmt)
@@ -140,6 +144,12 @@ def _trajectory(value: PoseTrajectory, fmt: str) -> bytes:
     extra = {} if value.covariances is None else {"covariances": value.covariances}
     frames = {"parent": np.array(value.parent_frame), "child": np.array(value.child_frame)}
     return write_npz({"stamps_ns": value.stamps_ns, "matrices": value.matrices, **extra, **frames})
+
+
+def _pose_graph(value: PoseGraph, _fmt: str) -> bytes:
+    from cdff_common.formats.pose_graph import write_pose_graph
+
+    return write_pose_graph(value)
 
 
 def _frame(value: Frame, fmt: str) -> bytes:

@@ -5,6 +5,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, ClassVar, Generic, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -39,6 +41,10 @@ class Dfn(ABC, Generic[ConfigT, InputsT, OutputsT]):
     Config: ClassVar[type[DfnConfig]] = DfnConfig
 
     config: ConfigT
+    #: Why the outputs of the last call are to be taken with care, as short codes; empty where nothing is the matter.
+    reasons: tuple[str, ...] = ()
+    #: What the last call measured of its own result, units in the names.
+    metrics: Mapping[str, float] = MappingProxyType({})
 
     def configure(self, config: ConfigT | dict[str, Any] | None = None) -> None:
         """Validate and take the configuration, allocate, compile.

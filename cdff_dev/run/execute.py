@@ -84,6 +84,8 @@ def _run_dfn(folder: str, files: Mapping[str, str], config: dict[str, Any], impl
             result.quality = _refusal(error)
             return result
     result.outputs = {p.attribute: [Emitted(getattr(outputs, p.attribute))] for p in description.output_ports}
+    status = Status.DEGRADED if node.reasons else Status.OK
+    result.quality = Quality(status, node.reasons, metrics=dict(node.metrics))
     return result
 
 

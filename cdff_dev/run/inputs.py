@@ -117,6 +117,7 @@ def _typed(port: Port, text: str, setting: _Setting) -> Any:
         "ElevationMap": _map,
         "NavigationMap": _map,
         "PoseTrajectory": _trajectory,
+        "PoseGraph": _pose_graph,
     }
     if fmt == "json":
         return _from_plain(name, s)
@@ -228,6 +229,14 @@ def _trajectory(s: Source, fmt: str, setting: _Setting) -> Any:
         raise InputError(f"{s.name}: a {fmt} file, expected a TUM trajectory, json or msg")
     stamps_ns, T = read_tum(s)
     return PoseTrajectory.from_arrays(stamps_ns, T, None, parent=_MAP_FRAME, child=setting.frame)
+
+
+def _pose_graph(s: Source, fmt: str, setting: _Setting) -> Any:
+    from cdff_common.formats.pose_graph import read_pose_graph
+
+    if fmt != "g2o":
+        raise InputError(f"{s.name}: a {fmt} file, expected g2o, json or msg")
+    return read_pose_graph(s, frame=setting.frame)
 
 
 def _from_plain(type_name: str, s: Source) -> Any:

@@ -28,6 +28,7 @@ def write_outputs(result: Result, folder: Path) -> dict[str, Any]:
     """Write each output and ``outputs.json`` into ``folder``, and return what the latter holds.
 
     A port that gave several values has the last in ``<port>.<ext>``, the earlier ones in ``<port>.<index>.<ext>``.
+    A graph, which is a file only, has the metrics of the run as its value.
     Where the run FAILED no value is written.
 
     Raises
@@ -45,6 +46,8 @@ def write_outputs(result: Result, folder: Path) -> dict[str, Any]:
             for index, emitted in enumerate([] if failed else values):
                 stem = port.attribute if index == len(values) - 1 else f"{port.attribute}.{index}"
                 entry |= _write(port, emitted, folder, stem)
+                if port.type_name == "PoseGraph":
+                    entry["value"] = dict(result.quality.metrics)
             if len(values) > 1 and not failed:
                 entry["count"] = len(values)
             outputs[port.attribute] = entry

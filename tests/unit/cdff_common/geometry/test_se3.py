@@ -72,3 +72,17 @@ def test_the_nearest_rotation_of_a_reflection_is_a_rotation() -> None:
     R = se3.normalise_rotation(np.diag([1.0, 1.0, -1.0]))
     assert np.isclose(np.linalg.det(R), 1.0)
     assert not se3.is_transform(np.diag([1.0, 1.0, -1.0, 1.0]))
+
+
+def test_the_inverse_right_jacobian_is_the_derivative_of_the_logarithm(rng: np.random.Generator) -> None:
+    xi = rng.normal(size=(20, 6)) * np.array([1e-4, 1e-2, 0.3, 1.0])[np.arange(20) % 4, None]
+    step = 1e-6 * np.eye(6)
+    T = se3.exp_se3(xi)[:, None]
+    numeric = (se3.log_se3(T @ se3.exp_se3(step)) - se3.log_se3(T @ se3.exp_se3(-step))) / 2e-6
+    np.testing.assert_allclose(se3.inverse_right_jacobian_se3(xi), np.swapaxes(numeric, 1, 2), atol=1e-8)
+
+
+def test_the_adjoint_carries_a_motion_to_the_other_side(rng: np.random.Generator) -> None:
+    T, x = se3.exp_se3(rng.normal(size=(5, 6))), 0.1 * rng.normal(size=(5, 6))
+    moved = se3.exp_se3((se3.adjoint(T) @ x[..., None])[..., 0])
+    np.testing.assert_allclose(T @ se3.exp_se3(x) @ se3.inverse(T), moved, atol=1e-12)
