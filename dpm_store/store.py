@@ -25,11 +25,15 @@ from dpm_store.lock import DirectoryLock
 from dpm_store.maintenance import Problem, Statistics, collect, statistics, verify
 from dpm_store.maps import Maps
 from dpm_store.migrate import migrate
+from dpm_store.patches import Patches
+from dpm_store.places import Places
 from dpm_store.poses import PoseTable, Track
 from dpm_store.products import ProductTable
 from dpm_store.provenance import MAX_GENERATIONS, Lineage, lineage
 from dpm_store.records import Insertion, Page, Parcel, ProductRecord, Query
 from dpm_store.retention import Retention
+from dpm_store.robots import RobotTable
+from dpm_store.room import LOW_WATER_BYTES, Room
 from dpm_store.search import Search
 from dpm_store.tracks import path
 
@@ -37,7 +41,9 @@ _DATABASE = "store.sqlite"
 _BLOBS = "blobs"
 
 
-def open_store(url: str, clock: Clock | None = None) -> Store:
+def open_store(
+    url: str, clock: Clock | None = None, *, low_water_bytes: int = LOW_WATER_BYTES, reserve_bytes: int = 0
+) -> Store:
     """Open or make a store.
 
     Parameters
@@ -46,6 +52,10 @@ def open_store(url: str, clock: Clock | None = None) -> Store:
         ``sqlite:///directory``; made if it is not there.
     clock : Clock, optional
         Mission clock for insertion times; the wall clock by default.
+    low_water_bytes : int
+        Additions must leave so much on the disk, else they are refused; see ``Room``.
+    reserve_bytes : int
+        Kept in a file so that deletion works on a disk that others have filled.
 
     Raises
     ------
@@ -56,7 +66,7 @@ def open_store(url: str, clock: Clock | None = None) -> Store:
     StorageError
         If the disk is full or fails.
     """
-    return Store(directory_of(url), clock or WallClock())
+    return Store(directory_of(url), clock or WallClock(), low_water_bytes, reserve_bytes)
 
 
 class Store:
@@ -66,6 +76,10 @@ class Store:
     ----------
     frames : FrameTable
         Revisioned fixed edges.
+    places : Places
+        Bodies, and where frames are on them.
+    robots : RobotTable
+        What robots are.
     poses : PoseTable
         Moving edges, and lookups over both.
     events : EventTable
@@ -78,13 +92,15 @@ class Store:
         Windows pooled from patches.
     """
 
-    def __init__(self, directory: Path, clock: Clock) -> None:
+    def __init__(
+        self, directory: Path, clock: Clock, low_water_bytes: int = LOW_WATER_BYTES, reserve_bytes: int = 0
+    ) -> None:
         make_folder(directory)
         self.directory = directory
         self.clock = clock
         self._lock = DirectoryLock(directory)
         try:
-            self._database = Database(directory / _DATABASE)
+            self._database = Database(directory / _DATABASE, Room(directory, low_water_bytes, reserve_bytes))
             migrate(self._database)
             self._files = BlobFiles(directory / _BLOBS)
         except BaseException:
@@ -92,12 +108,14 @@ class Store:
             raise
         self.events = EventTable(self._database, clock)
         self.frames = FrameTable(self._database, self.events, clock)
+        self.places = Places(self._database, self.frames, self.events, clock)
+        self.robots = RobotTable(self._database, self.events, clock)
         self.poses = PoseTable(self._database, self.frames)
         self.annotations = AnnotationTable(self._database, self.events, clock)
         self._products = ProductTable(self._database, self._files, self.events, self.annotations, clock)
         self.retention = Retention(self._database, self._products, clock)
         self._search = Search(self._database, self._products, self.frames, self.poses)
-        self.maps = Maps(self._search, self._products)
+        self.maps = Maps(Patches(self._search, self._products, self.frames))
 
     def __enter__(self) -> Store:
         return self
