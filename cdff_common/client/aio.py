@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import AsyncIterator, Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from types import TracebackType
 from typing import Any, Self, TypeVar, Unpack
@@ -88,6 +88,29 @@ class AsyncClient:
             if jobs:
                 self._pool.submit(self._cancel_quietly, jobs[-1], robot)
             raise
+
+    async def standing(
+        self, product: str, *, robot: str = "any", every_s: float = 0.0, lease_s: float = 30.0, **wishes: Unpack[Wishes]
+    ) -> AsyncIterator[Answer]:
+        """Yield a product now and each newer one as it comes; see ``Client.standing``.
+
+        One of the calls ``at_once`` is taken while it is open. It ends with ``aclose``, with ``async with
+        contextlib.aclosing(…)``, or with the task that iterates.
+        """
+        over = threading.Event()
+        answers = self._open.standing(product, robot=robot, every_s=every_s, lease_s=lease_s, stop=over, **wishes)
+        coming: Future[Answer | None] | None = None
+        try:
+            while True:
+                coming = self._pool.submit(next, answers, None)
+                answer = await asyncio.wrap_future(coming)
+                if answer is None:
+                    return
+                yield answer
+        finally:
+            over.set()  # wakes whoever cancels it with the orchestrator; its stream then ends
+            if coming is not None:
+                coming.add_done_callback(lambda _: self._pool.submit(answers.close))
 
     async def explain(
         self, product: str, *, robot: str = "any", deadline_s: float = 20.0, **wishes: Unpack[Wishes]

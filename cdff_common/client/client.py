@@ -6,8 +6,9 @@ from __future__ import annotations
 
 import threading
 import uuid
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self, Unpack
 
@@ -153,8 +154,15 @@ class Client:
         return self._fetched(str(reference["id"]), final.attachment)
 
     def standing(
-        self, product: str, *, robot: str = "any", every_s: float = 0.0, lease_s: float = 30.0, **wishes: Unpack[Wishes]
-    ) -> Iterator[Answer]:
+        self,
+        product: str,
+        *,
+        robot: str = "any",
+        every_s: float = 0.0,
+        lease_s: float = 30.0,
+        stop: threading.Event | None = None,
+        **wishes: Unpack[Wishes],
+    ) -> Generator[Answer]:
         """Yield a product now and each newer one as it comes, until the iterator is closed.
 
         Parameters
@@ -165,6 +173,8 @@ class Client:
             Least time between two answers; 0 for every change.
         lease_s : float
             How long the orchestrator goes on if this process dies; it is renewed from here while the iterator is open.
+        stop : threading.Event, optional
+            Ends the iteration when another thread sets it.
 
         Raises
         ------
@@ -172,40 +182,43 @@ class Client:
             As the orchestrator answers, and if nobody is there for ``lease_s``.
         """
         parameters = {**parameters_of(product, robot, **wishes), "every_s": every_s, "deadline_ms": int(lease_s * 1000)}
-        key, pause, silent_s = keys.orchestrator_rpc(_scope(robot), "request"), threading.Event(), monotonic_s()
-        while True:
-            name = str(uuid.uuid4())
-            asked = {**parameters, "request": name}
-            try:
-                with self._renewed(_scope(robot), name, lease_s):
+        key, silent_s = keys.orchestrator_rpc(_scope(robot), "request"), monotonic_s()
+        with self._lease(_scope(robot), lease_s, stop or threading.Event()) as lease:
+            while not lease.over.is_set():
+                asked = {**parameters, "request": lease.renamed()}
+                try:
                     for reply in self._stream(key, asked, _STANDING_S):
                         silent_s = monotonic_s()
                         if reply.attachment.get("kind") in ("product", "reference"):
                             yield self._in_hand(reply)
-            except NoAnswerError:
-                if monotonic_s() - silent_s > lease_s:
-                    raise
-            pause.wait(_RETRY_S)
+                except NoAnswerError:
+                    if monotonic_s() - silent_s > lease_s:
+                        raise
+                except CdffError:
+                    if not lease.over.is_set():  # else it is how the cancelled request ends
+                        raise
+                lease.over.wait(_RETRY_S)
 
     @contextmanager
-    def _renewed(self, scope: str, request: str, lease_s: float) -> Iterator[None]:
-        """Renew a standing request's lease from a thread; cancel it at the end."""
-        over = threading.Event()
+    def _lease(self, scope: str, lease_s: float, over: threading.Event) -> Iterator[_Lease]:
+        """Renew a standing request's lease from a thread; cancel the request when it is over."""
+        lease = _Lease(over)
 
         def renew() -> None:
-            asked = {"job": request, "deadline_ms": int(lease_s * 1000)}
+            asked = {"deadline_ms": int(lease_s * 1000)}
             while not over.wait(lease_s / 3):
                 with suppress(CdffError):  # one that has ended is asked for again by its stream
-                    self._call(keys.orchestrator_rpc(scope, "renew"), asked, lease_s / 3)
+                    self._call(keys.orchestrator_rpc(scope, "renew"), {**asked, "job": lease.name}, lease_s / 3)
+            with suppress(CdffError):  # it may have ended by itself
+                self._call(keys.orchestrator_rpc(scope, "cancel"), {"job": lease.name}, lease_s / 3)
 
         thread = threading.Thread(target=renew, name="renew", daemon=True)
         thread.start()
         try:
-            yield
+            yield lease
         finally:
             over.set()
-            with suppress(CdffError):  # it may have ended by itself
-                self._call(keys.orchestrator_rpc(scope, "cancel"), {"job": request}, lease_s / 3)
+            thread.join()
 
     def explain(
         self, product: str, *, robot: str = "any", deadline_s: float = 20.0, **wishes: Unpack[Wishes]
@@ -300,6 +313,19 @@ class Client:
             parts.append(reply.payload)
             have += len(reply.payload)
         return _answer(Reply(b"".join(parts), reply.encoding, {**reply.attachment, **_of_request(attachment)}))
+
+
+@dataclass(slots=True)
+class _Lease:
+    """The name that a standing request has now, and whether it is over."""
+
+    over: threading.Event
+    name: str = ""
+
+    def renamed(self) -> str:
+        """A new name: each query of a standing request has its own."""
+        self.name = str(uuid.uuid4())
+        return self.name
 
 
 def _scope(robot: str) -> str:

@@ -5,12 +5,13 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from pathlib import Path
 
 import pytest
 
 from cdff_common.bus import Bus, keys
-from cdff_common.client import AsyncClient
+from cdff_common.client import Answer, AsyncClient
 from cdff_common.clock import wall_ns
 from cdff_common.geometry import UncertainTransform
 from cdff_common.types import TransformWithCovariance
@@ -54,4 +55,41 @@ def test_twenty_requests_at_a_time_are_answered_and_a_cancelled_task_ends_its_jo
                 while (await c.jobs("mana"))[0]["state"] != "cancelled":
                     await asyncio.sleep(0.05)
 
+    async def stand() -> None:
+        async with AsyncClient(endpoint) as c:
+            newest = stamp_ns
+            async with contextlib.aclosing(c.standing("pose", robot="mana", lease_s=6.0)) as answers:
+                async for answer in answers:
+                    assert answer.header.t1_ns == newest
+                    if newest > stamp_ns:
+                        break
+                    newest += 1_000_000
+                    later = TransformWithCovariance.from_transform(T, parent="site", child="mana/base", stamp_ns=newest)
+                    await asyncio.to_thread(put, bus, "pose", later, child="mana/base", seq=1)
+            async with asyncio.timeout(20):
+                while (await c.jobs("mana"))[0]["state"] != "cancelled":
+                    await asyncio.sleep(0.05)
+            # A task that only waits for the next one ends when it is cancelled.
+            waiting = asyncio.ensure_future(collect(c, 2))
+            async with asyncio.timeout(20):
+                while (await c.jobs("mana"))[0]["state"] in ("cancelled", "received", "looking"):
+                    await asyncio.sleep(0.05)
+            waiting.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await waiting
+            async with asyncio.timeout(20):
+                while (await c.jobs("mana"))[0]["state"] != "cancelled":
+                    await asyncio.sleep(0.05)
+
+    async def collect(c: AsyncClient, n: int) -> list[Answer]:
+        async with contextlib.aclosing(c.standing("pose", robot="mana", lease_s=6.0)) as answers:
+            found: list[Answer] = []
+            async for answer in answers:
+                found.append(answer)
+                if len(found) == n:
+                    break
+            return found
+
     asyncio.run(ask())
+    with Bus.open(endpoint, name="test", wait_s=20) as bus:
+        asyncio.run(stand())
