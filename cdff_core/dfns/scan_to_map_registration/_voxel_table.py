@@ -1,0 +1,207 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""An open-addressing hash table of voxels, each with the moments of its points and the planes through them.
+
+Every voxel keeps its moments in two halves, of points that alternate: planes of the halves have independent noise.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from cdff_common.geometry.plane_fits import eigen
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+EMPTY = np.int64(-1)
+_OFFSET = 1 << 20  # cells count from -2^20 to 2^20 along each axis: 21 bits
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+_LEAST_POINTS = 6
+#: Columns of ``planes``: mean, normal of all, normals of the halves, variance along the normal (below 0: no plane).
+MEAN, NORMAL, FIRST, SECOND, VARIANCE = 0, 3, 6, 9, 12
+
+
+class VoxelTable(NamedTuple):
+    """Columns of one row a voxel; rows are found by the hash of the cell.
+
+    Attributes
+    ----------
+    keys : ndarray of int64, shape (c,)
+        Packed cell, or ``EMPTY``; c is a power of two.
+    counts : ndarray of int64, shape (c, 3)
+        Points of the halves, and of both when the planes were last fitted.
+    sums : ndarray, shape (c, 2, 9)
+        x y z xx xy xz yy yz zz of the halves, from the voxel's centre, metres.
+    planes : ndarray, shape (c, 13)
+    used : ndarray of int64, shape (1,)
+        Voxels in the table.
+    """
+
+    keys: Int
+    counts: Int
+    sums: Float
+    planes: Float
+    used: Int
+
+
+def empty_table(capacity: int) -> VoxelTable:
+    """Table with room for fewer than ``capacity`` voxels, a power of two."""
+    return VoxelTable(
+        np.full(capacity, EMPTY),
+        np.zeros((capacity, 3), np.int64),
+        np.zeros((capacity, 2, 9)),
+        np.full((capacity, 13), -1.0),
+        np.zeros(1, np.int64),
+    )
+
+
+@njit(cache=True, inline="always")
+def pack(i: int, j: int, k: int) -> int:  # pragma: no cover - compiled
+    """One integer for a cell."""
+    return ((i + _OFFSET) << 42) | ((j + _OFFSET) << 21) | (k + _OFFSET)
+
+
+@njit(cache=True, inline="always")
+def row_of(keys: Int, key: int) -> int:  # pragma: no cover - compiled
+    """Row that holds the key, or the empty one where it would go."""
+    mask = len(keys) - 1
+    row = np.int64((np.uint64(key) * _GOLDEN) >> np.uint64(20)) & mask
+    while keys[row] != EMPTY and keys[row] != key:
+        row = (row + 1) & mask
+    return row
+
+
+@njit(cache=True)
+def thinned(points: Float, voxel: float) -> Int:  # pragma: no cover - compiled
+    """Indices of the first point of each voxel, in the order of the points; points that are not finite are left out."""
+    capacity = 1024
+    while capacity < 2 * len(points):
+        capacity *= 2
+    keys = np.full(capacity, EMPTY)
+    kept = np.empty(len(points), np.int64)
+    n = 0
+    for p in range(len(points)):
+        x, y, z = points[p, 0], points[p, 1], points[p, 2]
+        if not np.isfinite(x + y + z):
+            continue
+        key = pack(int(np.floor(x / voxel)), int(np.floor(y / voxel)), int(np.floor(z / voxel)))
+        row = row_of(keys, key)
+        if keys[row] == EMPTY:
+            keys[row] = key
+            kept[n] = p
+            n += 1
+    return kept[:n]
+
+
+@njit(cache=True)
+def add(table: VoxelTable, points: Float, voxel: float, full: int) -> None:  # pragma: no cover - compiled
+    """Add points to the moments of their voxels, those that are full excepted, and fit the planes that grew."""
+    keys, counts, sums, planes, used = table
+    touched = np.empty(len(points), np.int64)
+    n = 0
+    for p in range(len(points)):
+        i = int(np.floor(points[p, 0] / voxel))
+        j = int(np.floor(points[p, 1] / voxel))
+        k = int(np.floor(points[p, 2] / voxel))
+        key = pack(i, j, k)
+        row = row_of(keys, key)
+        if keys[row] == EMPTY:
+            keys[row] = key
+            used[0] += 1
+        total = counts[row, 0] + counts[row, 1]
+        if total >= full:
+            continue
+        half = total & 1
+        counts[row, half] += 1
+        x = points[p, 0] - (i + 0.5) * voxel
+        y = points[p, 1] - (j + 0.5) * voxel
+        z = points[p, 2] - (k + 0.5) * voxel
+        s = sums[row, half]
+        s[0] += x
+        s[1] += y
+        s[2] += z
+        s[3] += x * x
+        s[4] += x * y
+        s[5] += x * z
+        s[6] += y * y
+        s[7] += y * z
+        s[8] += z * z
+        if total + 1 >= _LEAST_POINTS and 4 * (total + 1) >= 5 * counts[row, 2]:
+            counts[row, 2] = total + 1
+            touched[n] = row
+            n += 1
+    m, values, vectors = np.empty((3, 3)), np.empty(3), np.empty((3, 3))
+    for t in range(n):
+        row = touched[t]
+        if t + 1 < n and touched[t + 1] == row:
+            continue
+        _fit(counts[row], sums[row], planes[row], keys[row], voxel, m, values, vectors)
+
+
+@njit(cache=True)
+def _fit(counts, sums, plane, key, voxel, m, values, vectors):  # type: ignore[no-untyped-def] # pragma: no cover
+    """Planes through all points of a voxel and through each half; a line of points is none, nor is a cluster."""
+    plane[VARIANCE] = -1.0
+    total = float(counts[0] + counts[1])
+    mean_x = _moments(sums[0] + sums[1], total, m, plane)
+    eigen(m, values, vectors)
+    if values[1] < 0.0025 * voxel * voxel or values[0] > 0.2 * values[1]:
+        return mean_x
+    variance = max(values[0], 0.0)
+    for c in range(3):
+        plane[NORMAL + c] = vectors[c, 0]
+    for half in range(2):
+        _moments(sums[half], float(counts[half]), m, plane)
+        eigen(m, values, vectors)
+        dot = 0.0
+        for c in range(3):
+            dot += vectors[c, 0] * plane[NORMAL + c]
+        for c in range(3):
+            plane[FIRST + 3 * half + c] = vectors[c, 0] if dot >= 0.0 else -vectors[c, 0]
+    _moments(sums[0] + sums[1], total, m, plane)
+    mask = (1 << 21) - 1
+    plane[0] += ((key >> 42) - _OFFSET + 0.5) * voxel
+    plane[1] += (((key >> 21) & mask) - _OFFSET + 0.5) * voxel
+    plane[2] += ((key & mask) - _OFFSET + 0.5) * voxel
+    plane[VARIANCE] = variance
+    return mean_x
+
+
+@njit(cache=True)
+def _moments(s, n, m, plane):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Mean into the first columns of ``plane``, lower half of the covariance into ``m``."""
+    x, y, z = s[0] / n, s[1] / n, s[2] / n
+    plane[0], plane[1], plane[2] = x, y, z
+    m[0, 0] = s[3] / n - x * x
+    m[1, 0] = s[4] / n - x * y
+    m[2, 0] = s[5] / n - x * z
+    m[1, 1] = s[6] / n - y * y
+    m[2, 1] = s[7] / n - y * z
+    m[2, 2] = s[8] / n - z * z
+    return x
+
+
+@njit(cache=True)
+def moved_over(table: VoxelTable, into: VoxelTable, centre: Float, radius: float, voxel: float) -> None:  # pragma: no cover
+    """Copy the voxels within ``radius`` of ``centre`` to an empty table."""
+    mask = (1 << 21) - 1
+    for row in range(len(table.keys)):
+        key = table.keys[row]
+        if key == EMPTY:
+            continue
+        x = ((key >> 42) - _OFFSET + 0.5) * voxel - centre[0]
+        y = (((key >> 21) & mask) - _OFFSET + 0.5) * voxel - centre[1]
+        z = ((key & mask) - _OFFSET + 0.5) * voxel - centre[2]
+        if x * x + y * y + z * z > radius * radius:
+            continue
+        new = row_of(into.keys, key)
+        into.keys[new] = key
+        into.counts[new] = table.counts[row]
+        into.sums[new] = table.sums[row]
+        into.planes[new] = table.planes[row]
+        into.used[0] += 1
