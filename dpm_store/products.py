@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,6 +26,8 @@ from dpm_store.records import LATEST_NS, Insertion, Parcel, ProductRecord
 
 #: Smaller payloads lie in the row's own database: one sync instead of three.
 INLINE_BYTES = 1 << 15
+#: Payloads looked up by one statement.
+_TOGETHER = 128
 MAX_PAYLOAD_BYTES = 1 << 30
 #: Of a number in the quality, to be found by.
 MAX_METRIC_NAME = 64
@@ -187,6 +189,25 @@ class ProductTable:
         if wanted == 0:
             return b""
         what = f"product {product_id}"
+        return self._content(row, product_id, offset, wanted)
+
+    def payloads(self, product_ids: Sequence[str]) -> Iterator[tuple[str, bytes]]:
+        """Ids and whole payloads, checked, in any order and a few in memory at a time.
+
+        Those of deleted products are among them as long as they are kept; unknown and purged ones are left out.
+        """
+        p, b = schema.products.c, schema.blobs.c
+        for first in range(0, len(product_ids), _TOGETHER):
+            statement = (
+                select(p.id, b.sha256, b.size, b.chunk_sums, b.content).join_from(schema.products, schema.blobs)
+                .where(p.id.in_(product_ids[first : first + _TOGETHER]))
+            )  # fmt: skip
+            with self._database.read() as connection:
+                rows = connection.execute(statement).all()
+            for row in rows:
+                yield row.id, self._content(row, row.id, 0, row.size) if row.size else b""
+
+    def _content(self, row: Any, product_id: str, offset: int, wanted: int) -> bytes:
         if row.content is None:
             return self._files.read(row.sha256, row.size, row.chunk_sums, offset, wanted, what)
         first, last = covering(offset, wanted)

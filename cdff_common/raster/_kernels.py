@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
+Single = NDArray[np.float32]
+Flags = NDArray[np.bool_]
 
 
 @njit(cache=True)
@@ -91,3 +93,122 @@ def accumulate(
             stamp = stamps[0] if one else stamps[i]
             if stamp > newest[cell[i]]:
                 newest[cell[i]] = stamp
+
+
+@njit(cache=True, inline="always")
+def _pool(
+    row: int, col: int, n: float, z: float, m2: float, low: float, high: float, stamp: int,
+    count: Float, mean: Float, total: Float, minimum: Float, maximum: Float, newest: Int, within: Float,
+) -> None:  # pragma: no cover - compiled  # fmt: skip
+    """Chan's update of one cell by another."""
+    before = count[row, col]
+    after = before + n
+    d = z - mean[row, col]
+    share = n / after
+    total[row, col] += m2 + d * d * before * share
+    within[row, col] += m2
+    mean[row, col] += d * share
+    count[row, col] = after
+    minimum[row, col] = min(minimum[row, col], low)
+    maximum[row, col] = max(maximum[row, col], high)
+    newest[row, col] = max(newest[row, col], stamp)
+
+
+@njit(cache=True)
+def pool_layers(
+    layers: tuple[Single, ...], t1: int, factor: int, down: int, right: int,
+    count: Float, mean: Float, m2: Float, minimum: Float, maximum: Float, newest: Int, within: Float,
+) -> None:  # pragma: no cover - compiled  # fmt: skip
+    """Pool a patch's layers ``(rows, cols)`` mean, variance, min, max, count, age_s into a window's statistics.
+
+    ``factor`` cells of the patch make one of the window along an edge; cell (0, 0) of the patch lies ``down`` and
+    ``right`` of the window's corner, in cells of the patch. What lies outside the window is left out.
+    """
+    means, variances, lows, highs, counts, ages = layers
+    rows, cols = means.shape
+    for r in range(max(0, -down), min(rows, count.shape[0] * factor - down)):
+        row = (r + down) // factor
+        for c in range(max(0, -right), min(cols, count.shape[1] * factor - right)):
+            n, z = np.float64(counts[r, c]), np.float64(means[r, c])
+            if not (n > 0.0 and math.isfinite(z)):
+                continue
+            age = np.float64(ages[r, c])
+            stamp = t1 - int(round(age * 1e9)) if math.isfinite(age) else t1
+            _pool(
+                row, (c + right) // factor, n, z, n * np.float64(variances[r, c]), np.float64(lows[r, c]),
+                np.float64(highs[r, c]), stamp, count, mean, m2, minimum, maximum, newest, within,
+            )  # fmt: skip
+
+
+@njit(cache=True)
+def pool_moved(
+    layers: tuple[Single, ...], t1: int, fine: float, left: int, top: int, T: Float, covariance: Float,
+    coarse: float, window_left: int, window_top: int,
+    count: Float, mean: Float, m2: Float, minimum: Float, maximum: Float, newest: Int, within: Float,
+) -> None:  # pragma: no cover - compiled  # fmt: skip
+    """As ``pool_layers`` for a patch in another frame, or of cells that do not fit the window's.
+
+    Each cell is cut into 2 x 2 parts with a quarter of its heights each; a part falls whole into the cell of the window
+    that its centre is carried into by ``T``. Parts of cells no larger than the window's leave no holes: the centres are
+    at most 0.36 of a cell from any point, less than half a cell. ``covariance`` (6, 6), of ``T`` and in the window's
+    frame, adds to the variance of each height.
+    """
+    means, variances, lows, highs, counts, ages = layers
+    for r in range(means.shape[0]):
+        for c in range(means.shape[1]):
+            n, z = np.float64(counts[r, c]), np.float64(means[r, c])
+            if not (n > 0.0 and math.isfinite(z)):
+                continue
+            age = np.float64(ages[r, c])
+            stamp = t1 - int(round(age * 1e9)) if math.isfinite(age) else t1
+            steep = T[2, 2]
+            variance = np.float64(variances[r, c]) * steep * steep
+            low, high = (np.float64(lows[r, c]) - z) * steep, (np.float64(highs[r, c]) - z) * steep
+            for part in range(4):
+                x = (left + c + 0.25 + 0.5 * (part % 2)) * fine
+                y = (top - r - 0.25 - 0.5 * (part // 2)) * fine
+                rx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z
+                ry = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z
+                height = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+                col = math.floor((rx + T[0, 3]) / coarse) - window_left
+                row = window_top - 1 - math.floor((ry + T[1, 3]) / coarse)
+                if not (0 <= row < count.shape[0] and 0 <= col < count.shape[1]):
+                    continue
+                # A turn (wx, wy, wz) of the frame lifts the point by wx ry - wy rx.
+                spread = (
+                    covariance[2, 2] + ry * ry * covariance[3, 3] + rx * rx * covariance[4, 4]
+                    + 2.0 * (ry * covariance[2, 3] - rx * covariance[2, 4] - rx * ry * covariance[3, 4])
+                )  # fmt: skip
+                _pool(
+                    row, col, 0.25 * n, height, 0.25 * n * (variance + max(spread, 0.0)), height + low, height + high,
+                    stamp, count, mean, m2, minimum, maximum, newest, within,
+                )  # fmt: skip
+
+
+@njit(cache=True)
+def fill_layers(
+    count: Float, mean: Float, m2: Float, minimum: Float, maximum: Float, newest: Int, t1: int, out: Single
+) -> None:  # pragma: no cover - compiled
+    """Fill ``(6, cells)`` layers mean, variance, min, max, count, age_s from flat statistics."""
+    for i in range(len(count)):
+        n = count[i]
+        if n > 0.0:
+            out[0, i], out[1, i], out[2, i], out[3, i] = mean[i], m2[i] / n, minimum[i], maximum[i]
+            out[4, i], out[5, i] = n, (t1 - newest[i]) / 1e9
+        else:
+            for k in range(6):
+                out[k, i] = np.nan
+
+
+@njit(cache=True)
+def disagreeing(
+    count: Float, m2: Float, within: Float, sigmas: float, agreed: float, out: Flags
+) -> int:  # pragma: no cover - compiled
+    """Flag flat cells whose spread between patches exceeds ``sigmas`` spreads within them, and ``agreed`` metres."""
+    found = 0
+    for i in range(len(count)):
+        between = m2[i] - within[i]
+        if between > sigmas * sigmas * within[i] + agreed * agreed * count[i] and count[i] > 0.0:
+            out[i] = True
+            found += 1
+    return found

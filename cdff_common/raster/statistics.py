@@ -155,20 +155,13 @@ class CellStatistics:
 
     def to_layers(self, t1_ns: int) -> dict[str, NDArray[np.float32]]:
         """The layers of contract §7, float32, NaN where unobserved; ``age_s`` counts back from ``t1_ns``."""
-        seen = np.flatnonzero(self.count > 0)
-        count = self.count.reshape(-1)[seen]
-        values = {
-            "mean": self.mean.reshape(-1)[seen],
-            "variance": self.m2.reshape(-1)[seen] / count,
-            "min": self.minimum.reshape(-1)[seen],
-            "max": self.maximum.reshape(-1)[seen],
-            "count": count,
-            "age_s": (t1_ns - self.newest_ns.reshape(-1)[seen]) / 1e9,
-        }
-        layers = {name: np.full(self.geometry.shape, np.nan, dtype=np.float32) for name in ELEVATION_LAYERS}
-        for name, layer in layers.items():
-            layer.reshape(-1)[seen] = values[name]
-        return layers
+        from cdff_common.raster._kernels import fill_layers
+
+        stack = np.empty((len(ELEVATION_LAYERS), *self.geometry.shape), dtype=np.float32)
+        count, mean, m2 = self.count.reshape(-1), self.mean.reshape(-1), self.m2.reshape(-1)
+        low, high, newest = self.minimum.reshape(-1), self.maximum.reshape(-1), self.newest_ns.reshape(-1)
+        fill_layers(count, mean, m2, low, high, newest, t1_ns, stack.reshape(len(stack), -1))
+        return dict(zip(ELEVATION_LAYERS, stack, strict=True))
 
     @property
     def observed(self) -> NDArray[np.bool_]:

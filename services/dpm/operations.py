@@ -210,10 +210,7 @@ class Dpm:
 
     def elevation(self, asked: WindowRequest) -> ElevationWindow:
         """An elevation window as a value; raises UnavailableError below the coverage asked."""
-        window = self.store.maps.elevation_window(
-            asked.region, resolution_m=asked.resolution_m, frame=asked.frame, robot=asked.robot,
-            newest_after_ns=asked.newest_after_ns, t1_ns=asked.t1_ns,
-        )  # fmt: skip
+        window = self.store.maps.elevation_window(asked.query)
         if window.coverage < asked.min_coverage:
             raise UnavailableError(f"coverage {window.coverage:.3f} of the region, asked {asked.min_coverage:.3f}")
         return window

@@ -15,7 +15,9 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform, checked_frame
 from cdff_common.geometry.region import Region, parse_region
 from cdff_common.interfaces.product import Status
+from cdff_common.raster.choice import Choice, Disagreement
 from dpm_store import Query
+from dpm_store.maps import WindowQuery
 from dpm_store.records import LATEST_NS
 
 GROUND = "ground"
@@ -40,12 +42,7 @@ _ROBOT = re.compile(r"[a-z][a-z0-9_]{0,63}\Z")
 class WindowRequest:
     """What a map window is asked with."""
 
-    region: Region | None
-    frame: str
-    resolution_m: float | None
-    robot: str | None
-    newest_after_ns: int | None
-    t1_ns: int | None
+    query: WindowQuery
     min_coverage: float = 0.0
 
 
@@ -129,10 +126,22 @@ def window_request(scope: str, p: Mapping[str, str], now_ns: int) -> WindowReque
     max_age_s = number(p, "max_age_s", low=0.0)
     if max_age_s is not None:
         newest_after = max(newest_after or 0, now_ns - int(max_age_s * 1e9))
-    return WindowRequest(
-        region_of(p), frame, number(p, "resolution_m", low=1e-4, high=1e4),
-        robot_under(scope, p), newest_after, stamp(p, "t1"), number(p, "min_coverage", low=0.0, high=1.0) or 0.0,
+    query = WindowQuery(
+        region_of(p), number(p, "resolution_m", low=1e-4, high=1e4), frame, robot_under(scope, p), newest_after,
+        stamp(p, "t1"), stamp(p, "as_of"), Choice(one_of(p, "choice", tuple(Choice))),
+        Disagreement(one_of(p, "disagreement", tuple(Disagreement))),
     )  # fmt: skip
+    if query.choice != Choice.POOLED and query.disagreement != Disagreement.KEEP:
+        raise InputError(f"choice={query.choice}, disagreement={query.disagreement}: only pooled cells can disagree")
+    return WindowRequest(query, number(p, "min_coverage", low=0.0, high=1.0) or 0.0)
+
+
+def one_of(parameters: Mapping[str, str], name: str, known: tuple[str, ...]) -> str:
+    """A word of a few, the first by default; raises InputError for another."""
+    value = parameters.get(name, known[0])
+    if value not in known:
+        raise InputError(f"{name}={value[:80]!r}: expected one of {', '.join(known)}")
+    return str(value)
 
 
 def region_of(parameters: Mapping[str, str]) -> Region | None:

@@ -35,11 +35,14 @@ from services.dpm.retention import retention
 logger = logging.getLogger(__name__)
 
 _WORKERS = {"put": 4, "get": 4, "search": 4}
-_GET = SEARCH | {"id", "format", "as", "deliver", "resolution_m", "max_age_s", "newest_after", "min_coverage"}
+_GET = SEARCH | {
+    "id", "format", "as", "deliver", "resolution_m", "max_age_s", "newest_after", "min_coverage", "choice",
+    "disagreement",
+}  # fmt: skip
 #: Parameters that make a get of dem a window rather than the newest patch.
 _WINDOW = frozenset(
     {"type", "robot", "region", "frame", "region_frame", "resolution_m", "max_age_s", "newest_after", "min_coverage",
-     "t1", "format", "as", "deliver", "request"}
+     "t1", "as_of", "choice", "disagreement", "format", "as", "deliver", "request"}
 )  # fmt: skip
 _PUT = frozenset({"robot", "dfpc", "port", "product", "request"})
 #: Longest part of a payload in one reply; a longer one is pulled in parts.

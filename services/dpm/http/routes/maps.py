@@ -22,12 +22,13 @@ Text = Annotated[str | None, Query(max_length=20_000)]
 def window(
     context: Ctx, layer: Literal["dem"], region: Text = None, frame: Text = None, resolution_m: Text = None,
     robot: Text = None, max_age_s: Text = None, min_coverage: Text = None, t1: Text = None,
+    as_of: Text = None, choice: Text = None, disagreement: Text = None,
     format: Annotated[str, Query(max_length=16)] = "tif",
 ) -> Response:  # fmt: skip
     """The elevation of a region, pooled from every patch; ``CDFF-…`` headers say from what and how complete."""
     given = {
         "region": region, "frame": frame, "resolution_m": resolution_m, "robot": robot, "max_age_s": max_age_s,
-        "min_coverage": min_coverage, "t1": t1,
+        "min_coverage": min_coverage, "t1": t1, "as_of": as_of, "choice": choice, "disagreement": disagreement,
     }  # fmt: skip
     asked = {name: text for name, text in given.items() if text is not None}
     answer = context.dpm.window(window_request(GROUND, asked, context.dpm.clock.now_ns()), format, deliver="inline")
@@ -36,5 +37,6 @@ def window(
     response.headers["CDFF-Coverage"] = f"{m['coverage']:.4f}"
     response.headers["CDFF-Resolution-M"] = f"{m['resolution_m']:g}"
     response.headers["CDFF-Patches"] = str(len(m["patches"]))
+    response.headers["CDFF-Disagreeing"] = str(m["disagreeing"])
     response.headers["CDFF-Newest-Ns"], response.headers["CDFF-Oldest-Ns"] = str(m["newest_ns"]), str(m["oldest_ns"])
     return response

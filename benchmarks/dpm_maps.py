@@ -1,0 +1,127 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Maps out of a store in this process: a window of 1000 x 1000 cells from 200 patches, and rendered tiles.
+
+    python benchmarks/dpm_maps.py [--patches 200] [--side 128] [--trials 7] [--out FILE]
+
+The patches (``--side`` cells of 5 cm along an edge, every cell observed) lie at random in the window. ``cold`` opens
+the store anew: nothing is decoded or rendered yet. The payload files may be in the page cache; no disk is measured.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cdff_common.clock import ManualClock
+from cdff_common.codecs import encode
+from cdff_common.geometry.region import parse_region
+from cdff_common.interfaces.product import Header, product_id
+from cdff_common.raster import ELEVATION_LAYERS, GridGeometry
+from cdff_common.types import ElevationMap
+from dpm_store import Parcel, open_store
+from dpm_store.maps import WindowQuery
+
+S = 1_000_000_000
+CELL_M = 0.05
+SIDE_CELLS = 1000
+
+
+def patch(rng: np.random.Generator, side: int, seq: int) -> Parcel:
+    """One patch somewhere in the window, of gentle relief with noise."""
+    left, bottom = (int(v) for v in rng.integers(0, SIDE_CELLS - side, 2))
+    geometry = GridGeometry.from_cells("site", CELL_M, left=left, top=bottom + side, rows=side, cols=side)
+    x, y = geometry.centres_m()
+    mean = (np.sin(x / 3.0) * np.cos(y / 4.0) + rng.normal(0.0, 0.01, x.shape)).astype(np.float32)
+    layers = {
+        "mean": mean, "variance": np.full_like(mean, 1e-4), "min": mean - 0.02, "max": mean + 0.02,
+        "count": np.full_like(mean, 5.0), "age_s": np.zeros_like(mean),
+    }  # fmt: skip
+    t_ns = (seq + 1) * S
+    value = ElevationMap.from_layers(geometry, {n: layers[n] for n in ELEVATION_LAYERS}, t0_ns=t_ns, t1_ns=t_ns)
+    header = Header(
+        id=product_id("mana", "dem", "map", t_ns, seq, "c"), seq=seq, t0_ns=t_ns, t1_ns=t_ns, frame="site",
+        producer="benchmark", config_hash="c", box_m=value.extent_m(), resolution_m=CELL_M,
+    )  # fmt: skip
+    return Parcel(
+        header, encode(value, "uper"), "mana", "digital_elevation_mapping", "map", "dem", "ElevationMap", "uper", value
+    )
+
+
+def timed(call: Callable[[], object], trials: int) -> dict[str, float]:
+    """Milliseconds: median and least of wall time, median of CPU time."""
+    walls, cpus = [], []
+    for _ in range(trials):
+        wall, cpu = time.perf_counter(), time.process_time()
+        call()
+        cpus.append((time.process_time() - cpu) * 1e3)
+        walls.append((time.perf_counter() - wall) * 1e3)
+    return {
+        "p50_ms": round(statistics.median(walls), 3), "least_ms": round(min(walls), 3),
+        "cpu_ms": round(statistics.median(cpus), 3),
+    }  # fmt: skip
+
+
+def window(url: str, trials: int) -> dict[str, Any]:
+    """The whole window, in a store just opened and once more."""
+    asked = WindowQuery(parse_region(f"bbox:0,0,{SIDE_CELLS * CELL_M},{SIDE_CELLS * CELL_M}"))
+
+    def cold() -> None:
+        with open_store(url) as store:
+            store.search()  # connections are made
+            spans.append(timed(lambda: store.maps.elevation_window(asked), 1))
+
+    spans: list[dict[str, float]] = []
+    for _ in range(trials + 1):  # the first compiles
+        cold()
+    del spans[0]
+    with open_store(url) as store:
+        store.maps.elevation_window(asked)
+        warm = timed(lambda: store.maps.elevation_window(asked), trials)
+        found = store.maps.elevation_window(asked)
+    middle = {name: round(statistics.median(s[name] for s in spans), 3) for name in spans[0]}
+    return {"patches": len(found.patches), "coverage": found.coverage, "cold": middle, "warm": warm}
+
+
+def filled(url: str, patches: int, side: int) -> None:
+    """A store with the patches."""
+    rng = np.random.default_rng(1)
+    with open_store(url, ManualClock(S)) as store:
+        store.put_all([patch(rng, side, seq) for seq in range(patches)])
+
+
+def main() -> int:
+    """Print the figures as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--patches", type=int, default=200)
+    parser.add_argument("--side", type=int, default=128)
+    parser.add_argument("--trials", type=int, default=7)
+    parser.add_argument("--out", type=Path)
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        url = f"sqlite:///{folder}/data"
+        filled(url, args.patches, args.side)
+        figures = {
+            "machine": {"cpu_count": os.cpu_count(), "python": platform.python_version()},
+            "patches": {"count": args.patches, "side_cells": args.side, "cell_m": CELL_M},
+            "window_1000x1000": window(url, args.trials),
+        }
+    text = json.dumps(figures, indent=1)
+    print(text)
+    if args.out is not None:
+        args.out.write_text(text + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

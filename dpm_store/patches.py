@@ -1,0 +1,163 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Elevation patches on their way into a window: found by region, read in order, kept decoded while there is room."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.errors import FrameNotFoundError, InputError
+from cdff_common.geometry import UncertainTransform
+from cdff_common.geometry.region import Region
+from dpm_store.frames import FrameTable, Known
+from dpm_store.products import ProductTable
+from dpm_store.records import MAX_LIMIT, ProductRecord, Query
+from dpm_store.search import Search
+
+if TYPE_CHECKING:
+    from cdff_common.raster import GridGeometry
+
+#: dfpc under which derived maps are stored; they are never pooled again.
+DERIVED_DFPC = "dpm"
+#: Of one window.
+MAX_PATCHES = 20_000
+#: Of decoded patches that are kept in memory.
+CACHE_BYTES = 48 << 20
+#: Patches read together; as many are in memory at a time.
+_AHEAD = 32
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Patch:
+    """A decoded elevation map: layers float32 ``(rows, cols)`` by name."""
+
+    geometry: GridGeometry
+    layers: dict[str, NDArray[np.float32]]
+    t1_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Patches that may reach into a region.
+
+    Attributes
+    ----------
+    records : tuple of ProductRecord
+        By end of capture, then id: the order in which they are pooled.
+    transforms : dict
+        ``T_window_frame`` of the frames of records that are not in the window's own.
+    unplaced_frames : tuple of str
+        Frames that no chain of fixed edges joins with the window's; products in them were not looked at.
+    """
+
+    records: tuple[ProductRecord, ...]
+    transforms: dict[str, UncertainTransform]
+    unplaced_frames: tuple[str, ...] = ()
+
+
+class Patches:
+    """Finds and reads elevation patches."""
+
+    def __init__(self, search: Search, products: ProductTable, frames: FrameTable) -> None:
+        self._search = search
+        self._products = products
+        self._frames = frames
+        self._lock = threading.Lock()
+        self._kept: OrderedDict[str, Patch] = OrderedDict()
+        self._kept_bytes = 0
+
+    def find(self, query: Query) -> Found:
+        """Patches that a search finds, and how they lie in the query's frame; raises InputError on too many."""
+        found: list[ProductRecord] = []
+        page = self._search.run(replace(query, types=("dem",), limit=MAX_LIMIT))
+        while True:
+            found += [r for r in page.items if r.dfpc != DERIVED_DFPC and r.size]
+            if page.cursor is None:
+                break
+            if len(found) >= MAX_PATCHES:
+                raise InputError(f"more than {MAX_PATCHES} patches in that region; ask for a smaller one")
+            page = self._search.run(replace(query, types=("dem",), limit=MAX_LIMIT, cursor=page.cursor))
+        transforms: dict[str, UncertainTransform] = {}
+        unplaced = set(page.unplaced_frames)
+        for frame in {r.header.frame for r in found} - {query.frame}:
+            try:
+                transforms[frame] = self._frames.lookup(query.frame, frame, known=Known(query.as_of_ns))
+            except FrameNotFoundError:
+                unplaced.add(frame)
+        placed = [r for r in found if r.header.frame == query.frame or r.header.frame in transforms]
+        placed.sort(key=lambda r: (r.header.t1_ns, r.id))
+        return Found(tuple(placed), transforms, tuple(sorted(unplaced)))
+
+    def resolved_region(self, query: Query) -> Region:
+        """The region of a query with ``near`` turned into a circle."""
+        return self._search.resolved_region(query)
+
+    def resolution_m(self, record: ProductRecord) -> float:
+        """Cell size of a patch, metres; from the payload where its header does not say it."""
+        if record.header.resolution_m is not None:
+            return record.header.resolution_m
+        patch = next(self.read((record,)))[1]
+        return 0.0 if patch is None else patch.geometry.resolution_m
+
+    def read(self, records: Sequence[ProductRecord]) -> Iterator[tuple[ProductRecord, Patch | None]]:
+        """The patches of records, in their order; None where one was deleted and its payload purged since.
+
+        Each payload is compared with its checksum when it is read.
+        """
+        from cdff_common.codecs import decode
+
+        for first in range(0, len(records), _AHEAD):
+            batch = records[first : first + _AHEAD]
+            known = self._known(batch)
+            codecs = {record.id: record for record in batch if record.id not in known}
+            for product_id, payload in self._products.payloads(list(codecs)):
+                record = codecs[product_id]
+                value = decode("ElevationMap", payload, record.codec)
+                layers = {name: value.layer(name) for name in value.layer_names}
+                known[product_id] = Patch(value.geometry, layers, record.header.t1_ns)
+                self._keep(product_id, known[product_id])
+            for record in batch:
+                yield record, known.get(record.id)
+
+    def _known(self, records: Sequence[ProductRecord]) -> dict[str, Patch]:
+        with self._lock:
+            for record in records:
+                if record.id in self._kept:
+                    self._kept.move_to_end(record.id)
+            return {record.id: self._kept[record.id] for record in records if record.id in self._kept}
+
+    def _keep(self, product_id: str, patch: Patch) -> None:
+        size = sum(layer.nbytes for layer in patch.layers.values())
+        if size > CACHE_BYTES // 4:
+            return
+        with self._lock:
+            if product_id in self._kept:
+                return
+            self._kept[product_id] = patch
+            self._kept_bytes += size
+            while self._kept_bytes > CACHE_BYTES:
+                _, gone = self._kept.popitem(last=False)
+                self._kept_bytes -= sum(layer.nbytes for layer in gone.layers.values())
+
+
+def bounds_of(found: Found, frame: str) -> tuple[float, float, float, float]:
+    """Bounds of all patches in the window's frame, metres; raises InputError where no patch says where it is."""
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for record in found.records:
+        box = record.header.box_m
+        if box is None:
+            continue
+        corners = np.array([[box[i], box[j], box[k]] for i in (0, 3) for j in (1, 4) for k in (2, 5)])
+        if record.header.frame != frame:
+            corners = found.transforms[record.header.frame].apply(corners)
+        low, high = np.minimum(low, corners[:, :2].min(axis=0)), np.maximum(high, corners[:, :2].max(axis=0))
+    if not np.all(np.isfinite(low)):
+        raise InputError("no patch says where it is; name a region")
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
