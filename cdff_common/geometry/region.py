@@ -3,14 +3,16 @@
 """Regions of contract §6 as text and as geometry: who is inside, what box to search, how much is covered.
 
 ``bbox:xmin,ymin,xmax,ymax`` · ``box:xmin,ymin,zmin,xmax,ymax,zmax`` · ``circle:x,y,r`` · ``polygon:x1,y1,x2,y2,…`` ·
-``near:{frame},r``, metres in a frame that is named beside the region. ``near`` is around a frame that moves and becomes
-a circle once somebody says where that frame is (``resolved``).
+``path:d,x1,y1,x2,y2,…`` (within d of the line through the points) · ``near:{frame},r``, metres in a frame that is named
+beside the region. ``near`` is around a frame that moves and becomes a circle once somebody says where that frame is
+(``resolved``).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,10 +20,15 @@ from numpy.typing import ArrayLike, NDArray
 from cdff_common.errors import InputError
 from cdff_common.geometry.frame_graph import checked_frame
 
-#: A polygon with more corners than this is refused: it belongs in a file, not in a query.
+#: A polygon or path with more corners than this is refused: it belongs in a file, not in a query.
 MAX_CORNERS = 1024
+#: Boxes that a path is covered by.
+MAX_PIECES = 64
 _COUNTS = {"bbox": 4, "box": 6, "circle": 3}
-_FORMS = "bbox:xmin,ymin,xmax,ymax | box:xmin,ymin,zmin,xmax,ymax,zmax | circle:x,y,r | polygon:x1,y1,… | near:frame,r"
+_FORMS = (
+    "bbox:xmin,ymin,xmax,ymax | box:xmin,ymin,zmin,xmax,ymax,zmax | circle:x,y,r | polygon:x1,y1,… | "
+    "path:d,x1,y1,x2,y2,… | near:frame,r"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +38,9 @@ class Region:
     Attributes
     ----------
     kind : str
-        ``bbox``, ``box``, ``circle``, ``polygon`` or ``near``.
+        ``bbox``, ``box``, ``circle``, ``polygon``, ``path`` or ``near``.
     values : tuple of float
-        The numbers of the text, metres; for ``near`` the radius alone.
+        The numbers of the text, metres; for ``near`` the radius alone, for ``path`` the distance first.
     near_frame : str or None
         Of ``near``: the frame in the middle.
     """
@@ -68,7 +75,41 @@ class Region:
             return v[0], v[1], v[3], v[4]
         if self.kind == "circle":
             return v[0] - v[2], v[1] - v[2], v[0] + v[2], v[1] + v[2]
+        if self.kind == "path":
+            d, x, y = v[0], v[1::2], v[2::2]
+            return min(x) - d, min(y) - d, max(x) + d, max(y) + d
         return min(v[0::2]), min(v[1::2]), max(v[0::2]), max(v[1::2])
+
+    @property
+    def corners(self) -> NDArray[np.float64]:
+        """Corners ``(n, 2)`` of a polygon, or points of a path, metres; of other forms those of their bounds."""
+        if self.kind in ("polygon", "path"):
+            return np.array(self.values[self.kind == "path" :]).reshape(-1, 2)
+        x0, y0, x1, y1 = self.bounds
+        return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Middle of the bounds, metres; of a path its middle point."""
+        if self.kind == "path":
+            x, y = self.corners[len(self.corners) // 2]
+            return float(x), float(y)
+        x0, y0, x1, y1 = self.bounds
+        return (x0 + x1) / 2.0, (y0 + y1) / 2.0
+
+    @property
+    def pieces(self) -> tuple[tuple[float, float, float, float, float, float], ...]:
+        """Boxes as ``box_m`` that cover the region together: of a path one for each few of its segments."""
+        if self.kind != "path":
+            return (self.box_m,)
+        points, d = self.corners, self.values[0]
+        step = -(-(len(points) - 1) // MAX_PIECES)
+        parts = [points[i : i + step + 1] for i in range(0, len(points) - 1, step)]
+        low, high = np.array([p.min(axis=0) for p in parts]) - d, np.array([p.max(axis=0) for p in parts]) + d
+        return tuple(
+            (float(x0), float(y0), -math.inf, float(x1), float(y1), math.inf)
+            for (x0, y0), (x1, y1) in zip(low, high, strict=True)
+        )
 
     @property
     def box_m(self) -> tuple[float, float, float, float, float, float]:
@@ -79,8 +120,12 @@ class Region:
 
     @property
     def area_m2(self) -> float:
-        """Area, square metres (of a self-crossing polygon: the shoelace area)."""
+        """Area, square metres (of a self-crossing polygon: the shoelace area; of a path: what its ends round)."""
         v = self.values
+        if self.kind == "path":
+            import shapely
+
+            return float(shapely.LineString(self.corners).buffer(v[0], quad_segs=64).area)
         if self.kind in ("circle", "near"):
             return math.pi * v[-1] ** 2
         if self.kind == "polygon":
@@ -104,7 +149,9 @@ class Region:
         if self.kind == "circle":
             return np.asarray(np.hypot(x - v[0], y - v[1]) <= v[2])
         if self.kind == "polygon":
-            return _in_polygon(x, y, np.array(v).reshape(-1, 2))
+            return _in_polygon(x, y, self.corners)
+        if self.kind == "path":
+            return np.asarray(_distance_to_path(x, y, self.corners) <= v[0])
         x0, y0, z0, x1, y1, z1 = self.box_m
         inside = (x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)
         if self.kind == "box" and z_m is not None:
@@ -126,7 +173,7 @@ def parse_region(text: str) -> Region:
         On an unknown form, a wrong count of numbers, numbers that are not finite, or an empty region.
     """
     kind, colon, rest = text.partition(":")
-    if not colon or kind not in {*_COUNTS, "polygon", "near"}:
+    if not colon or kind not in {*_COUNTS, "polygon", "path", "near"}:
         raise InputError(f"region={text!r}: expected {_FORMS}")
     parts = rest.split(",")
     near_frame = checked_frame(parts.pop(0), "region's frame") if kind == "near" else None
@@ -149,11 +196,28 @@ def _check_numbers(text: str, kind: str, values: tuple[float, ...]) -> None:
         raise InputError(f"region={text!r}: {len(values)} numbers, expected {count}")
     if kind == "polygon" and (len(values) % 2 or not 6 <= len(values) <= 2 * MAX_CORNERS):
         raise InputError(f"region={text!r}: expected x,y of 3 to {MAX_CORNERS} corners")
+    if kind == "path" and (len(values) % 2 == 0 or not 5 <= len(values) <= 2 * MAX_CORNERS + 1):
+        raise InputError(f"region={text[:80]!r}: expected a distance, then x,y of 2 to {MAX_CORNERS} points")
+    if kind == "path" and values[0] <= 0:
+        raise InputError(f"region={text[:80]!r}: distance {values[0]}, expected metres above 0")
     if kind in ("circle", "near") and values[-1] <= 0:
         raise InputError(f"region={text!r}: radius {values[-1]}, expected metres above 0")
     half = len(values) // 2
     if kind in ("bbox", "box") and any(low >= high for low, high in zip(values[:half], values[half:], strict=True)):
         raise InputError(f"region={text!r}: expected each minimum below its maximum")
+
+
+def _distance_to_path(
+    x: NDArray[np.float64], y: NDArray[np.float64], points: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Distance to the nearest segment; one pass per segment over all points."""
+    nearest = np.full(np.broadcast_shapes(x.shape, y.shape), np.inf)
+    for (x0, y0), (x1, y1) in pairwise(points):
+        dx, dy = x1 - x0, y1 - y0
+        length2 = dx * dx + dy * dy
+        along = np.clip(((x - x0) * dx + (y - y0) * dy) / length2, 0.0, 1.0) if length2 > 0.0 else 0.0
+        np.minimum(nearest, np.hypot(x - x0 - along * dx, y - y0 - along * dy), out=nearest)
+    return nearest
 
 
 def _in_polygon(x: NDArray[np.float64], y: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -108,13 +108,10 @@ def region_in(region: Region, T_frame_region: FloatArray) -> Region:
         x, y, r = region.values
         centre = T_frame_region @ np.array([x, y, 0.0, 1.0])
         return Region("circle", (float(centre[0]), float(centre[1]), r))
-    if region.kind == "polygon":
-        corners = np.array(region.values).reshape(-1, 2)
-    else:
-        x0, y0, x1, y1 = region.bounds
-        corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+    corners = region.corners
     seen = se3.transform_points(T_frame_region, np.column_stack([corners, np.zeros(len(corners))]))
-    return Region("polygon", tuple(float(v) for v in seen[:, :2].ravel()))
+    numbers = tuple(float(v) for v in seen[:, :2].ravel())
+    return Region("path", (region.values[0], *numbers)) if region.kind == "path" else Region("polygon", numbers)
 
 
 def cloud_in(cloud: Pointcloud, T_frame_cloud: UncertainTransform, frame: str) -> Pointcloud:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff request`` and ``cdff orchestrator jobs|cancel|catalogue``."""
+"""``cdff request`` and ``cdff orchestrator jobs|cancel|catalogue|history``."""
 
 from __future__ import annotations
 
@@ -18,6 +18,11 @@ if TYPE_CHECKING:
 
 #: Other spellings of endings that name a format.
 _ENDINGS = {"tiff": "tif", "xml": "xer"}
+#: Kinds of journal records that an orchestrator forwards to the history, and what of them a line shows.
+AUDIT_KINDS = ("start", "job", "lease", "activation", "mode", "decision")
+_TOLD = (
+    "job", "holder", "state", "dfpc", "sensor", "mode", "action", "ok", "makers", "displaced_by", "no_plan", "reason",
+)  # fmt: skip
 _TYPES = ("pose", "trajectory", "pointcloud", "dem", "navigation_map", "image")
 
 
@@ -26,7 +31,7 @@ def register_request(nouns: Any) -> None:
     parser = nouns.add_parser("request", help="ask the orchestrator for a product")
     parser.add_argument("type", choices=_TYPES)
     parser.add_argument("--robot", default="any", help="robot id, or any")
-    parser.add_argument("--region", help="bbox: box: circle: polygon: near:, metres")
+    parser.add_argument("--region", help="bbox: box: circle: polygon: path: near:, metres")
     parser.add_argument("--region-frame", help="frame of the region; default: --frame")
     parser.add_argument("--frame", help="frame to have it in; default: site")
     parser.add_argument("--child", help="of a pose: whose; default: the robot's base")
@@ -59,7 +64,12 @@ def register_orchestrator(nouns: Any) -> None:
     cancel.set_defaults(run=run_cancel)
     catalogue = verbs.add_parser("catalogue", help="what could be asked for, and why not")
     catalogue.set_defaults(run=run_catalogue)
-    for verb in (jobs, cancel, catalogue):
+    history = verbs.add_parser("history", help="requests, decisions, activations and mode changes, from the DPM")
+    history.add_argument("--since", type=int, default=0, help="ordinal of the last entry that is known")
+    history.add_argument("--limit", type=int, default=1000)
+    history.add_argument("--job", help="only what concerns this job")
+    history.set_defaults(run=run_history)
+    for verb in (jobs, cancel, catalogue, history):
         verb.add_argument("--robot", default="any")
         verb.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
         verb.add_argument("--json", action="store_true")
@@ -180,6 +190,23 @@ def run_cancel(args: argparse.Namespace) -> int:
     with Client(args.connect, name="cdff orchestrator") as client:
         client.cancel(args.job, args.robot)
     print(json.dumps({"cancelled": args.job}) if args.json else f"{args.job} is being cancelled")
+    return 0
+
+
+def run_history(args: argparse.Namespace) -> int:
+    """List what the orchestrator did and why, oldest first."""
+    from cdff_common.client import Client
+    from cdff_common.clock import format_stamp
+
+    with Client(args.connect, name="cdff orchestrator") as client:
+        found = client.history(kinds=AUDIT_KINDS, robot=args.robot, since=args.since, limit=args.limit)
+    items = [i for i in found if args.job is None or args.job in (i.get("job"), i.get("holder"))]
+    if args.json:
+        _print_json({"items": items})
+        return 0
+    for item in items:
+        told = " ".join(f"{name}={item[name]}" for name in _TOLD if item.get(name) not in (None, "", []))
+        print(f"{item['ordinal']:8} {format_stamp(item['stamp_ns'])} {item['scope']:10} {item['kind']:10} {told}")
     return 0
 
 

@@ -12,7 +12,8 @@ import pytest
 from cdff_common.errors import InputError
 from cdff_common.geometry.region import parse_region
 
-TEXTS = ["bbox:-10,-5,10,5", "box:0,0,0,1,2,3", "circle:1,2,3", "polygon:0,0,4,0,0,4", "near:mana/base,10"]
+TEXTS = ["bbox:-10,-5,10,5", "box:0,0,0,1,2,3", "circle:1,2,3", "polygon:0,0,4,0,0,4", "near:mana/base,10",
+         "path:2,0,0,10,0,10,10"]  # fmt: skip
 
 
 @pytest.mark.parametrize("text", TEXTS)
@@ -25,7 +26,7 @@ def test_a_region_is_written_as_it_was_read(text: str) -> None:
     "text",
     ["", "bbox", "bbox:1,2,3", "bbox:0,0,0,1", "box:0,0,1,1,1,0", "circle:0,0,-1", "circle:0,0,nan", "circle:0,0,1e999",
      "polygon:0,0,1,1", "polygon:0,0,1,1,2", "polygon:0,0,1,1,2,2", "near:Mana,3", "near:mana/base", "near:mana/base,0",
-     "blob:1,2"],
+     "blob:1,2", "path:1", "path:1,0,0", "path:1,0,0,1", "path:0,0,0,1,1", "path:-1,0,0,1,1", "path:1,0,0,nan,1"],
 )  # fmt: skip
 def test_a_malformed_region_is_refused(text: str) -> None:
     with pytest.raises(InputError):
@@ -66,3 +67,36 @@ def test_polygons_that_share_an_edge_share_no_point(rng: np.random.Generator) ->
 
 def test_the_area_of_a_polygon_leaves_its_notch_out() -> None:
     assert parse_region("polygon:0,0,4,0,4,4,2,1,0,4").area_m2 == pytest.approx(16 - 6)
+
+
+def test_a_path_holds_what_is_within_its_distance() -> None:
+    path = parse_region("path:1,0,0,10,0,10,10")
+    x = np.array([5.0, 5.0, -0.7, -0.8, 11.0, 10.7, 10.8])
+    y = np.array([1.0, 1.01, 0.7, 0.8, 5.0, 10.7, 10.8])
+    assert path.contains(x, y).tolist() == [True, False, True, False, True, True, False]
+    assert path.bounds == (-1.0, -1.0, 11.0, 11.0)
+    corridor_m2 = 2 * 20.0 + math.pi - (1.0 - math.pi / 4)  # straight parts, round ends, less the bend counted twice
+    assert path.area_m2 == pytest.approx(corridor_m2, rel=1e-3)
+
+
+def test_a_path_whose_points_coincide_is_a_circle(rng: np.random.Generator) -> None:
+    x, y = rng.uniform(-3, 3, (2, 500))
+    assert np.array_equal(parse_region("path:2,0,0,0,0").contains(x, y), parse_region("circle:0,0,2").contains(x, y))
+
+
+def test_the_pieces_of_a_long_path_cover_it(rng: np.random.Generator) -> None:
+    points = rng.uniform(-100, 100, (900, 2)).cumsum(axis=0)
+    path = parse_region("path:3," + ",".join(f"{v:.3f}" for v in points.ravel()))
+    assert len(path.pieces) <= 64
+    x, y = rng.uniform(points.min(axis=0), points.max(axis=0), (20_000, 2)).T
+    inside = path.contains(x, y)
+    covered = np.zeros(len(x), dtype=bool)
+    for x0, y0, _, x1, y1, _ in path.pieces:
+        covered |= (x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)
+    assert inside.any()
+    assert covered[inside].all()
+
+
+def test_the_centre_of_a_path_is_on_it() -> None:
+    assert parse_region("path:1,0,0,10,0,10,10").centre == (10.0, 0.0)
+    assert parse_region("bbox:0,0,2,4").centre == (1.0, 2.0)
