@@ -16,6 +16,7 @@ from sqlalchemy import Connection, func, insert, select, update
 from cdff_common.clock import Clock
 from cdff_common.errors import InputError
 from dpm_store import schema
+from dpm_store.actor import actor
 from dpm_store.database import Database
 
 #: Kinds that say that what the store holds has changed; the others are history only.
@@ -73,6 +74,12 @@ class Entry:
     body: Mapping[str, Any]
 
 
+def signed(body: Mapping[str, Any]) -> dict[str, Any]:
+    """A body with who acts in it: every change is its own audit entry."""
+    who = actor()
+    return dict(body) if who is None else {**body, "by": who.text}
+
+
 class EventTable:
     """Events, never changed and never deleted."""
 
@@ -88,7 +95,8 @@ class EventTable:
     def append_in(
         self, connection: Connection, scope: str, kind: str, body: Mapping[str, Any], stamp_ns: int | None = None
     ) -> Event:
-        """As ``append``, inside a transaction."""
+        """As ``append``, inside a transaction; ``by`` in the body is who acts."""
+        body = signed(body)
         if not (_NAME.fullmatch(scope) and _NAME.fullmatch(kind)):
             raise InputError(f"event {kind[:64]!r} of {scope[:64]!r}: expected lower case letters, digits and _")
         try:

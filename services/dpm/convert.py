@@ -42,6 +42,11 @@ def formats_of(type_name: str) -> tuple[str, ...]:
     return (*CODECS, *_FORMATS.get(base_type(type_name), {}))
 
 
+def file_formats(type_name: str) -> dict[str, str]:
+    """File formats in which a type can be had, with their media types."""
+    return {name: form.media_type for name, form in _FORMATS.get(base_type(type_name), {}).items()}
+
+
 def convert(
     type_name: str, codec: str, payload: bytes, format_name: str | None, as_type: str | None, header: Header,
     value: Any = None,

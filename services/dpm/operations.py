@@ -18,6 +18,7 @@ from cdff_common.errors import CodecError, InputError, ProductNotFoundError, Una
 from cdff_common.geometry import checked_frame
 from cdff_common.interfaces.product import Header, Status
 from dpm_store import Annotation, Event, Insertion, Page, Parcel, Plan, ProductRecord, Query, Rule, Store
+from dpm_store.actor import check_robot
 from dpm_store.events import CHANGES, Entry
 from dpm_store.maps import DERIVED_DFPC, DERIVED_PORT, ElevationWindow
 from dpm_store.provenance import MAX_GENERATIONS
@@ -113,6 +114,8 @@ class Dpm:
 
     def put_all(self, given: Sequence[tuple[Mapping[str, str], bytes, str, bytes]]) -> list[tuple[Insertion, Header]]:
         """As ``put`` for several at once: all of them are stored, or none."""
+        for names, *_ in given:
+            check_robot(names["robot"])
         try:
             parcels = [self._parcel(*one) for one in given]
             insertions = self.store.put_all(parcels)
@@ -138,6 +141,7 @@ class Dpm:
 
     def delete(self, product_id: str) -> bool:
         """Leave a tombstone; False if it was deleted before."""
+        check_robot(self.store.get(product_id, deleted=True).robot)
         deleted = self.store.delete(product_id)
         self._count("deleted")
         self._tell()
@@ -154,6 +158,7 @@ class Dpm:
 
     def update(self, product_id: str, changes: Mapping[str, Any], if_match: int | None, author: str = "") -> Annotation:
         """Change what is said of a product; see ``AnnotationTable.update``."""
+        check_robot(self.store.get(product_id).robot)
         annotation = self.store.annotations.update(product_id, changes, if_match=if_match, author=author)
         self._count("updated")
         self._tell()
@@ -253,6 +258,7 @@ class Dpm:
             frame, parent = str(body["frame"]), str(body["parent"])
         except KeyError as error:
             raise InputError(f"frame revision: {error} is missing") from error
+        check_robot(frame.split("/")[0])
         revision = self.store.frames.set(
             frame, parent, transform_of(body), producer=producer or str(body.get("producer", "")),
             valid_from_ns=body.get("valid_from_ns"), valid_until_ns=body.get("valid_until_ns"),

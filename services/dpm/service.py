@@ -11,8 +11,9 @@ from typing import Any
 
 from cdff_common.bus import Bus, Qos, Reply, Request, keys
 from cdff_common.codecs.encoding import encoding_string
-from cdff_common.errors import InputError
+from cdff_common.errors import CdffError, InputError, rpc_code
 from dpm_store import Event, Rule
+from dpm_store.actor import Actor, acting
 from dpm_store.events import CHANGES
 from dpm_store.provenance import MAX_GENERATIONS
 from services.dpm.history import history
@@ -30,10 +31,12 @@ from services.dpm.parameters import (
     stamp,
     window_request,
 )
+from services.dpm.refusals import Refusals
 from services.dpm.retention import retention
 
 logger = logging.getLogger(__name__)
 
+_WRITES = frozenset({"put", "put_all", "update", "delete", "frames", "retention"})
 _WORKERS = {"put": 4, "get": 4, "search": 4}
 _GET = SEARCH | {
     "id", "format", "as", "deliver", "resolution_m", "max_age_s", "newest_after", "min_coverage", "choice",
@@ -57,13 +60,33 @@ def serve(bus: Bus, dpm: Dpm, robots: Sequence[str], rules: Sequence[Rule] = ())
         "retention": lambda dpm, request: retention(dpm, rules, request),
     }  # fmt: skip
     scopes = [*robots, GROUND]
+    refusals = Refusals(dpm)
     dpm.listen(functools.partial(_publish, bus))
     for scope in scopes:
         for verb, handler in handlers.items():
-            bus.serve(keys.dpm_rpc(scope, verb), functools.partial(handler, dpm), workers=_WORKERS.get(verb, 2))
+            answer = functools.partial(_as_scope, dpm, refusals, verb, handler)
+            bus.serve(keys.dpm_rpc(scope, verb), answer, workers=_WORKERS.get(verb, 2))
         bus.serve(keys.dpm_product(scope, "*"), functools.partial(payload, dpm))
     for scope in scopes:
         bus.declare_alive(scope, "dpm")
+
+
+def _as_scope(
+    dpm: Dpm, refusals: Refusals, verb: str, handler: Callable[[Dpm, Request], Reply], request: Request
+) -> Reply:
+    """Answer as who asks: under its own keys a robot, under ``ground`` an operator. Refused writes are entered.
+
+    Who may use which keys is for the router's access control to say: Zenoh does not tell who asks.
+    """
+    robot = request.scope != GROUND
+    who = Actor(request.scope, "robot" if robot else "operator", "zenoh")
+    try:
+        with acting(who):
+            return handler(dpm, request)
+    except CdffError as error:
+        if verb in _WRITES and (request.payload or verb in ("delete", "retention")):
+            refusals.enter(who, f"dpm/@rpc/{verb}", rpc_code(error)[0], str(error))
+        raise
 
 
 def search(dpm: Dpm, request: Request) -> Reply:

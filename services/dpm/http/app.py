@@ -4,14 +4,22 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 from fastapi import FastAPI
 
 from services.dpm.http import problems
+from services.dpm.http.conditional import Conditional
 from services.dpm.http.context import Context
 from services.dpm.http.guard import Guard
-from services.dpm.http.routes import annotations, frames, maps, page, products, requests, robots, status
+from services.dpm.http.models import Problem
+from services.dpm.http.roles import rules_of
+from services.dpm.http.routes import annotations, frames, maps, ogc, page, products, requests, robots, stac, status
+from services.dpm.refusals import Refusals
+
+#: The last is the page: for people, not in the OpenAPI document.
+MODULES = (products, annotations, robots, frames, maps, requests, status, stac, ogc, page)
 
 
 def create_app(context: Context) -> FastAPI:
@@ -19,7 +27,9 @@ def create_app(context: Context) -> FastAPI:
     app = _routed()
     app.state.context = context
     problems.install(app)
-    app.add_middleware(Guard, settings=context.settings)
+    rules = rules_of(module.router for module in MODULES)
+    app.add_middleware(Conditional)
+    app.add_middleware(Guard, settings=context.settings, rules=rules, refusals=Refusals(context.dpm))
     return app
 
 
@@ -30,7 +40,17 @@ def openapi() -> dict[str, Any]:
 
 def _routed() -> FastAPI:
     app = FastAPI(title="CDFF Data Product Manager", version="1", docs_url=None, redoc_url=None)
-    for module in (products, annotations, robots, frames, maps, requests, status):
+    for module in MODULES[:-1]:
         app.include_router(module.router, responses=problems.RESPONSES)
     app.include_router(page.router)
+    app.openapi = functools.partial(_described, app)  # type: ignore[method-assign]  # FastAPI's way to add to it
     return app
+
+
+def _described(app: FastAPI) -> dict[str, Any]:
+    """The OpenAPI document, with the problem document that every operation refers to."""
+    if app.openapi_schema is None:
+        document = FastAPI.openapi(app)
+        document.setdefault("components", {}).setdefault("schemas", {})["Problem"] = Problem.model_json_schema()
+        app.openapi_schema = document
+    return app.openapi_schema

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, cast
 
 from fastapi import Depends, Request
@@ -13,6 +13,8 @@ from cdff_common.bus import Bus
 from cdff_common.errors import UnavailableError
 from cdff_common.interfaces.profile import Profile
 from cdff_common.json_form import jsonable as jsonable  # for the routes
+from dpm_store.extents import ExtentCache
+from services.dpm.anchor import Anchor, anchor_of
 from services.dpm.operations import Dpm
 from services.dpm.settings import Settings
 from services.dpm.watch import Watch
@@ -27,6 +29,12 @@ class Context:
     bus: Bus | None = None
     watch: Watch | None = None
     profile: Profile | None = None
+    extents: ExtentCache = field(default_factory=ExtentCache)
+
+    @property
+    def anchor(self) -> Anchor | None:
+        """Where the site lies on its body; None where it is not anchored."""
+        return anchor_of(self.profile)
 
     def connected(self) -> Bus:
         """The bus; raises UnavailableError without one."""

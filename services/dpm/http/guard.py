@@ -1,35 +1,29 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Who may talk to the server: known ``Host`` only, no writes from a foreign ``Origin``, keys off loopback, size caps.
+"""Who may talk to the server: known ``Host`` only, no writes from a foreign ``Origin``, keys and roles, size caps.
 
 The first two keep a web page that an operator has open elsewhere from reaching a server on the same machine (DNS
-rebinding, cross-site requests).
+rebinding, cross-site requests). All is decided before a body is read.
 """
 
 from __future__ import annotations
 
-import hashlib
-import hmac
-from collections.abc import Mapping
-from pathlib import Path
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from urllib.parse import urlsplit
 
+from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from cdff_common.errors import ConfigurationError
+from dpm_store.actor import Actor, acting
 from services.dpm.http.problems import problem
+from services.dpm.http.roles import LOCAL, SAFE, Keys, Rule, rule_for
+from services.dpm.refusals import Refusals
 from services.dpm.settings import Settings
 
-_SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 _OPEN = frozenset({"/healthz", "/readyz"})
-#: Role -> methods it may use.
-ROLES: dict[str, frozenset[str]] = {
-    "reader": _SAFE,
-    "robot": _SAFE | {"POST"},
-    "operator": _SAFE | {"POST", "PUT", "PATCH", "DELETE"},
-    "admin": _SAFE | {"POST", "PUT", "PATCH", "DELETE"},
-}
 _HEADERS = (
     (b"x-content-type-options", b"nosniff"),
     (b"referrer-policy", b"no-referrer"),
@@ -37,56 +31,109 @@ _HEADERS = (
 )
 
 
-class Guard:
-    """ASGI middleware in front of everything."""
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why a request is refused."""
 
-    def __init__(self, app: ASGIApp, settings: Settings) -> None:
+    status: int
+    detail: str
+
+
+class Guard:
+    """ASGI middleware in front of everything.
+
+    Parameters
+    ----------
+    app : ASGIApp
+    settings : Settings
+    rules : iterable of Rule
+        Roles of the routes that change something.
+    refusals : Refusals
+        Where refused writes are entered.
+    """
+
+    def __init__(self, app: ASGIApp, settings: Settings, rules: Iterable[Rule], refusals: Refusals) -> None:
         self._app = app
         self._hosts = {"localhost", "127.0.0.1", "::1", settings.host.lower(), *(h.lower() for h in settings.hosts)}
-        self._keys = None if settings.keys_file is None else read_keys(settings.keys_file)
+        self._keys = None if settings.keys_file is None else Keys(settings.keys_file)
         self._max_body = settings.max_body_bytes
+        self._rules = tuple(rules)
+        self._refusals = refusals
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Refuse, or pass on with the body counted and headers added."""
+        """Refuse, or pass on with the body counted, the caller known and headers added."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
         headers = {k.decode("latin-1"): v.decode("latin-1") for k, v in scope["headers"]}
-        refused = self.refusal(scope["method"], scope["path"], headers)
-        if refused is not None:
-            status, detail = refused
-            extra = {"WWW-Authenticate": "Bearer"} if status == 401 else None
-            await problem(status, detail, code="DENIED", headers=extra)(scope, receive, send)
-            return
-        await self._app(scope, _Counted(receive, self._max_body), _with_headers(send))
+        method, path = scope["method"], scope["path"]
+        rule = None if method in SAFE else rule_for(self._rules, method, path)
+        actor = self._actor(headers)
+        refused = self.refusal(method, path, headers, actor, rule)
+        sent = _Sent(_with_headers(send))
+        if refused is None:
+            with acting(actor):
+                await self._app(scope, _Counted(receive, self._max_body), sent)
+        else:
+            extra = {"WWW-Authenticate": "Bearer"} if refused.status == 401 else None
+            await problem(refused.status, refused.detail, code="DENIED", headers=extra)(scope, receive, sent)
+        tried = method not in SAFE and (rule is None or rule.changes)
+        if tried and sent.status >= 400:
+            address = (scope.get("client") or ("",))[0]
+            reason = refused.detail if refused is not None else sent.detail
+            await run_in_threadpool(
+                self._refusals.enter, actor, f"{method} {path}", sent.status, reason, address
+            )  # fmt: skip
 
-    def refusal(self, method: str, path: str, headers: Mapping[str, str]) -> tuple[int, str] | None:
-        """Status and reason why a request is refused; None where it may go on."""
+    def refusal(
+        self, method: str, path: str, headers: Mapping[str, str], actor: Actor | None, rule: Rule | None
+    ) -> Refusal | None:
+        """Why a request is refused; None where it may go on."""
         host = headers.get("host", "")
-        name = _host_name(host)
-        if name not in self._hosts:
-            return 421, f"Host {host[:80]!r} is not one this server answers to; start it with --host-name"
+        if _host_name(host) not in self._hosts:
+            return Refusal(421, f"Host {host[:80]!r} is not one this server answers to; start it with --host-name")
         origin = headers.get("origin")
-        if method not in _SAFE and origin is not None and urlsplit(origin).netloc.lower() != host.lower():
-            return 403, f"Origin {origin[:80]!r} may not write here"
-        if method not in _SAFE and headers.get("sec-fetch-site") == "cross-site":
-            return 403, "a page of another site may not write here"
+        if method not in SAFE and origin is not None and urlsplit(origin).netloc.lower() != host.lower():
+            return Refusal(403, f"Origin {origin[:80]!r} may not write here")
+        if method not in SAFE and headers.get("sec-fetch-site") == "cross-site":
+            return Refusal(403, "a page of another site may not write here")
+        if actor is None and path not in _OPEN:
+            return Refusal(401, "expected Authorization: Bearer with a key that this server knows")
+        if actor is not None and rule is not None and (rule.roles is None or actor.role not in rule.roles):
+            return Refusal(403, f"role {actor.role} may not {method} {rule.path}")
         length = headers.get("content-length", "0")
         if not length.isdigit() or int(length) > self._max_body:
-            return 413, f"body of {length[:20]} bytes: expected at most {self._max_body}"
-        return self._key_refusal(method, path, headers)
-
-    def _key_refusal(self, method: str, path: str, headers: Mapping[str, str]) -> tuple[int, str] | None:
-        if self._keys is None or path in _OPEN:
-            return None
-        scheme, _, token = headers.get("authorization", "").partition(" ")
-        digest = hashlib.sha256(token.strip().encode()).hexdigest()
-        role = next((r for known, r in self._keys.items() if hmac.compare_digest(known, digest)), None)
-        if scheme.lower() != "bearer" or role is None:
-            return 401, "expected Authorization: Bearer with a key that this server knows"
-        if method not in ROLES[role]:
-            return 403, f"role {role} may not {method}"
+            return Refusal(413, f"body of {length[:20]} bytes: expected at most {self._max_body}")
         return None
+
+    def _actor(self, headers: Mapping[str, str]) -> Actor | None:
+        """Whose key it is; None for an unknown one."""
+        return LOCAL if self._keys is None else self._keys.actor(headers.get("authorization", ""))
+
+
+class _Sent:
+    """Passes an answer on and keeps its status, and of a problem document why."""
+
+    def __init__(self, send: Send) -> None:
+        self._send = send
+        self.status = 0
+        self._body = b""
+
+    async def __call__(self, message: Message) -> None:
+        """Pass one message on."""
+        if message["type"] == "http.response.start":
+            self.status = message["status"]
+        elif self.status >= 400 and not self._body:
+            self._body = message.get("body", b"")[:4096]
+        await self._send(message)
+
+    @property
+    def detail(self) -> str:
+        """Why a request was refused."""
+        try:
+            return str(json.loads(self._body)["detail"])
+        except (ValueError, KeyError, TypeError):
+            return f"answered with {self.status}"
 
 
 class _Counted:
@@ -119,23 +166,3 @@ def _host_name(host: str) -> str:
     if host.startswith("["):
         return host[1:].split("]")[0].lower()
     return host.rsplit(":", 1)[0].lower() if ":" in host else host.lower()
-
-
-def read_keys(path: Path) -> dict[str, str]:
-    """Hashed keys and their roles from lines of ``sha256hex role name``; raises ConfigurationError.
-
-    A key is made with ``head -c 32 /dev/urandom | base64`` and hashed with ``sha256sum``.
-    """
-    try:
-        text = path.read_text()
-    except OSError as error:
-        raise ConfigurationError(f"{path}: {error.strerror}") from error
-    keys: dict[str, str] = {}
-    for number, line in enumerate(text.splitlines(), 1):
-        fields = line.split("#", 1)[0].split()
-        if not fields:
-            continue
-        if len(fields) < 2 or len(fields[0]) != 64 or fields[1] not in ROLES:
-            raise ConfigurationError(f"{path}:{number}: expected 'sha256hex role name', role one of {', '.join(ROLES)}")
-        keys[fields[0].lower()] = fields[1]
-    return keys

@@ -19,9 +19,13 @@ logger = logging.getLogger(__name__)
 
 MEDIA_TYPE = "application/problem+json"
 #: Described once for the OpenAPI document.
+_BODY = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
 RESPONSES: dict[int | str, dict[str, Any]] = {
-    "default": {"description": "Problem document (RFC 9457)", "content": {MEDIA_TYPE: {}}},
+    "4XX": {"description": "Refused: a problem document (RFC 9457) says why", "content": _BODY},
+    "5XX": {"description": "Not now: a problem document (RFC 9457) says why", "content": _BODY},
 }
+#: Paths whose standards want 400 for a parameter that is unknown or malformed (OGC 17-069r4 §7.9, STAC API).
+_STANDARD = ("/ogc", "/stac")
 
 
 def problem(status: int, detail: str, *, code: str = "", headers: dict[str, str] | None = None) -> JSONResponse:
@@ -38,16 +42,18 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(Exception, _unknown)
 
 
-async def _known(_request: Request, error: Exception) -> JSONResponse:
+async def _known(request: Request, error: Exception) -> JSONResponse:
     headers = {"Retry-After": f"{error.retry_after_s:.0f}"} if isinstance(error, OverloadedError) else None
-    return problem(http_status(error), str(error), code=rpc_code(error)[0], headers=headers)
+    status = http_status(error)
+    status = _invalid_status(request) if status == 422 else status
+    return problem(status, str(error), code=rpc_code(error)[0], headers=headers)
 
 
-async def _invalid(_request: Request, error: Exception) -> JSONResponse:
+async def _invalid(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, RequestValidationError)
     first = error.errors()[0]
     where = ".".join(str(part) for part in first["loc"])
-    return problem(422, f"{where}: {first['msg']}", code="INVALID_ARGUMENT")
+    return problem(_invalid_status(request), f"{where}: {first['msg']}", code="INVALID_ARGUMENT")
 
 
 async def _http(_request: Request, error: Exception) -> JSONResponse:
@@ -58,6 +64,10 @@ async def _http(_request: Request, error: Exception) -> JSONResponse:
 async def _unknown(request: Request, error: Exception) -> JSONResponse:
     logger.error("%s %s failed", request.method, request.url.path, exc_info=error)
     return problem(500, "an error that was not foreseen; it is in the log", code="INTERNAL")
+
+
+def _invalid_status(request: Request) -> int:
+    return 400 if request.url.path.startswith(_STANDARD) else 422
 
 
 def _title(status: int) -> str:

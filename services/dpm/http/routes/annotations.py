@@ -12,6 +12,7 @@ from starlette.exceptions import HTTPException
 
 from dpm_store import StaleRevisionError
 from services.dpm.http.context import Ctx, jsonable
+from services.dpm.http.roles import allowed
 from services.dpm.http.routes.products import etag
 from services.dpm.parameters import revision_of
 
@@ -41,7 +42,7 @@ class Changes(BaseModel):
     superseded_by: Annotated[str, Field(max_length=36)] | None = None
 
 
-@router.patch("/{product_id}")
+@router.patch("/{product_id}", openapi_extra=allowed("operator"))
 def update(
     context: Ctx, product_id: str, changes: Changes, response: Response,
     if_match: Annotated[str | None, Header(max_length=40, description='ETag as "r3", or *')] = None,

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from cdff_common.clock import parse_stamp
 from cdff_common.errors import InputError
 from services.dpm.http.context import Ctx, jsonable
+from services.dpm.http.roles import allowed
 
 router = APIRouter(prefix="/api/v1", tags=["frames"])
 
@@ -53,7 +54,7 @@ def revisions(context: Ctx, frame: str) -> dict[str, Any]:
     return {"items": jsonable([r.to_dict() for r in context.dpm.store.frames.revisions(frame)])}
 
 
-@router.post("/frames/{frame:path}/revisions", status_code=201)
+@router.post("/frames/{frame:path}/revisions", status_code=201, openapi_extra=allowed("operator"))
 def revise(context: Ctx, frame: str, body: Revision) -> Any:
     """Add a revision: every product of the frame and of those below moves with it."""
     data = body.model_dump() | {"frame": frame}

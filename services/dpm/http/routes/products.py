@@ -18,6 +18,7 @@ from dpm_store.provenance import MAX_GENERATIONS
 from services.dpm.convert import Converted, convert, formats_of
 from services.dpm.http.context import Context, Ctx, jsonable
 from services.dpm.http.ranges import parse_range
+from services.dpm.http.roles import allowed
 from services.dpm.parameters import GROUND, batch_of, search_query
 
 router = APIRouter(prefix="/api/v1/products", tags=["products"])
@@ -37,7 +38,7 @@ class SearchParameters(BaseModel):
     dfpc: Text = Field(None, description="DFPC that made it")
     port: Text = Field(None, description="Output port")
     status: Text = Field(None, description="OK, DEGRADED or FAILED")
-    region: Text = Field(None, description="bbox: | box: | circle: | polygon: | near: (contract §6), metres")
+    region: Text = Field(None, description="bbox: | box: | circle: | polygon: | path: | near: (contract §6), metres")
     frame: Text = Field(None, description="Frame of the region, default site")
     region_frame: Text = Field(None, description="The same, where both are given this one holds")
     child: Text = Field(None, description="Of a pose: the child frame")
@@ -65,7 +66,7 @@ def search(context: Ctx, request: Request, asked: Annotated[SearchParameters, Qu
     return {"items": items, "links": links, "cursor": page.cursor, "unplaced_frames": list(page.unplaced_frames)}
 
 
-@router.post("", status_code=201)
+@router.post("", status_code=201, openapi_extra=allowed("robot", "operator"))
 async def insert(
     context: Ctx, request: Request, response: Response, robot: Robot, dfpc: Name, port: Name, product: Name,
     cdff_header: Annotated[str, Header(description="The product's header, as JSON")],
@@ -83,7 +84,7 @@ async def insert(
     return {"id": header.id, "result": str(insertion)}
 
 
-@router.post("/batch", status_code=201)
+@router.post("/batch", openapi_extra=allowed("robot", "operator"), status_code=201)
 async def insert_all(context: Ctx, request: Request) -> dict[str, Any]:
     """Insert several products, all or none: a MessagePack list of ``{robot, dfpc, port, product, encoding,
     attachment, payload}``.
@@ -118,7 +119,7 @@ def provenance(
     return data
 
 
-@router.delete("/{product_id}")
+@router.delete("/{product_id}", openapi_extra=allowed("operator"))
 def delete(context: Ctx, product_id: str) -> dict[str, Any]:
     """Delete a product; its id is not free again."""
     return {"id": product_id, "deleted": context.dpm.delete(product_id)}

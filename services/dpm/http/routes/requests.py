@@ -10,7 +10,9 @@ from fastapi import APIRouter, Body, Request
 
 from cdff_common.bus import keys
 from cdff_common.errors import InputError
+from dpm_store.actor import check_robot
 from services.dpm.http.context import Ctx, jsonable
+from services.dpm.http.roles import allowed
 
 router = APIRouter(prefix="/api/v1/requests", tags=["requests"])
 
@@ -35,7 +37,7 @@ def job(context: Ctx, job: str) -> Any:
     return jsonable(bus.call(keys.orchestrator_rpc(keys.GROUND, "jobs"), asked, timeout_s=_LIST_TIMEOUT_S).body())
 
 
-@router.post("")
+@router.post("", openapi_extra=allowed("robot", "operator"))
 def ask(
     context: Ctx, request: Request, body: Annotated[dict[str, Any] | None, Body(examples=[_EXAMPLE])] = None
 ) -> Any:
@@ -49,6 +51,7 @@ def ask(
         raise InputError("a parameter is repeated")
     if not parameters:
         raise InputError("no parameters: give them in the query, as ?type=dem&robot=mana, or as a JSON object")
+    check_robot(parameters.get("robot", ""))
     text = parameters.get("deadline_ms", "8000")
     if not text.isdigit() or int(text) > _MAX_DEADLINE_MS:
         raise InputError(f"deadline_ms={text[:20]!r}: expected a whole number up to {_MAX_DEADLINE_MS}")

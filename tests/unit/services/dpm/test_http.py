@@ -1,11 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-import hashlib
 import io
 import json
 import re
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,11 +13,8 @@ from hypothesis import strategies as st
 
 from cdff_common.codecs import decode, encode
 from cdff_common.interfaces.product import Header
-from services.dpm.http.app import create_app
-from services.dpm.http.context import Context, jsonable
-from services.dpm.http.guard import ROLES
+from services.dpm.http.context import jsonable
 from services.dpm.operations import Dpm
-from services.dpm.settings import Settings
 
 from .conftest import S, cloud, elevation, parcel, pose
 
@@ -251,22 +246,6 @@ def test_writes_of_foreign_pages_are_refused_and_reads_are_not(http: TestClient,
     assert http.delete(url, headers=headers).status_code == 403
     assert http.get(url, headers=headers).status_code == 200
     assert http.delete(url, headers={"Origin": "http://127.0.0.1:8080"}).status_code == 200
-
-
-def test_with_keys_every_call_needs_one_and_roles_bound_what_it_may(dpm: Dpm, tmp_path: Path) -> None:
-    lines = [f"{hashlib.sha256(role.encode()).hexdigest()} {role} somebody" for role in ROLES]
-    keys = tmp_path / "keys"
-    keys.write_text("# keys\n" + "\n".join(lines))
-    app = create_app(Context(dpm, Settings(tmp_path, host="0.0.0.0", hosts=("dpm.example",), keys_file=keys)))
-    client = TestClient(app, base_url="http://dpm.example", raise_server_exceptions=False)
-    assert client.get("/healthz").status_code == 200
-    assert client.get("/api/v1/products").status_code == 401
-    assert client.get("/api/v1/products", headers={"Authorization": "Bearer wrong"}).status_code == 401
-    for role, methods in ROLES.items():
-        authorization = {"Authorization": f"Bearer {role}"}
-        assert client.get("/api/v1/products", headers=authorization).status_code == 200
-        deleted = client.delete("/api/v1/products/nope", headers=authorization).status_code
-        assert deleted == (404 if "DELETE" in methods else 403)
 
 
 def test_maps_are_assembled_and_say_how_complete_they_are(http: TestClient, dpm: Dpm) -> None:

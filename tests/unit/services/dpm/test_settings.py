@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 from cdff_common.errors import ConfigurationError
-from services.dpm.http.guard import read_keys
 from services.dpm.settings import parse_settings
 
 
@@ -28,11 +27,3 @@ def test_off_loopback_a_file_of_keys_is_needed(address: str, tmp_path: Path) -> 
 def test_an_address_is_host_and_port(address: str) -> None:
     with pytest.raises(ConfigurationError, match="host:port"):
         parse_settings(["--http", address], {})
-
-
-@pytest.mark.parametrize("line", ["abc reader anna", f"{'0' * 64} king anna", "0" * 64])
-def test_malformed_keys_are_refused_with_their_line(line: str, tmp_path: Path) -> None:
-    path = tmp_path / "keys"
-    path.write_text(f"# comment\n{line}\n")
-    with pytest.raises(ConfigurationError, match=":2:"):
-        read_keys(path)

@@ -1,0 +1,133 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Coordinate reference systems of a body as OGC API Features names them: by URI, with the axis order of each.
+
+What is sent without being asked for another is longitude before latitude, as GeoJSON has it. No authority lists that
+for planets (OGC:CRS84 is the Earth's), so the server defines it itself, at a URI that can be read.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyproj
+from numpy.typing import NDArray
+
+from cdff_common.errors import InputError
+from services.dpm.anchor import Anchor
+
+_OGC = "http://www.opengis.net/def/crs"
+CRS84 = f"{_OGC}/OGC/1.3/CRS84"
+
+
+@dataclass(frozen=True, slots=True)
+class NamedCrs:
+    """A CRS that features can be had in.
+
+    Attributes
+    ----------
+    uri : str
+    crs : pyproj.CRS
+    lat_first : bool
+        Whether its first axis is latitude.
+    """
+
+    uri: str
+    crs: Any
+    lat_first: bool = False
+
+
+class CrsList:
+    """What features of a body can be had in; the first is what is sent unless asked otherwise.
+
+    Parameters
+    ----------
+    anchor : Anchor
+    base : str
+        URL that our own definitions lie under.
+    """
+
+    def __init__(self, anchor: Anchor, base: str) -> None:
+        self.anchor = anchor
+        self.all = tuple(_named(anchor, base))
+        self.default = self.all[0]
+        self.storage = self.all[1] if len(self.all) > 1 else self.all[0]
+
+    @property
+    def uris(self) -> list[str]:
+        """URIs of all."""
+        return [named.uri for named in self.all]
+
+    def by_uri(self, uri: str | None, name: str = "crs") -> NamedCrs:
+        """The one of a URI; the default for None. Raises InputError naming those there are."""
+        if uri is None:
+            return self.default
+        for named in self.all:
+            if named.uri == uri.strip("<>[]"):
+                return named
+        raise InputError(f"{name}={uri[:120]!r}: expected one of {', '.join(self.uris)}")
+
+    def from_degrees(self, named: NamedCrs) -> _Convert:
+        """Function from longitudes and latitudes to coordinates in the order of the CRS."""
+        return _Convert(self.default.crs, named)
+
+    def bounds_to_degrees(self, bounds: list[float], named: NamedCrs) -> list[float]:
+        """A box ``[first_min, second_min, first_max, second_max]`` of a CRS in degrees, longitude first."""
+        if named is self.default:
+            return bounds
+        b = bounds if len(bounds) == 4 else [*bounds[:2], *bounds[3:5]]
+        if len(b) != 4:
+            raise InputError(f"bbox {bounds}: expected 4 or 6 numbers")
+        if named.lat_first:
+            b = [b[1], b[0], b[3], b[2]]
+        if named.crs.is_geographic:
+            return b
+        transformer = _transformer(named.crs.to_wkt(), self.default.crs.to_wkt())
+        found = transformer.transform_bounds(*b, densify_pts=21)
+        if not np.all(np.isfinite(found)):
+            raise InputError(f"bbox {bounds}: lies outside {named.uri}")
+        return [float(v) for v in found]
+
+
+class _Convert:
+    def __init__(self, degrees: pyproj.CRS, named: NamedCrs) -> None:
+        self._named = named
+        self._transformer = None if named.crs.is_geographic else _transformer(degrees.to_wkt(), named.crs.to_wkt())
+
+    def __call__(self, lon_lat: NDArray[np.float64]) -> NDArray[np.float64]:
+        if self._transformer is not None:
+            return np.column_stack(self._transformer.transform(lon_lat[:, 0], lon_lat[:, 1]))
+        return lon_lat[:, ::-1] if self._named.lat_first else lon_lat
+
+
+@functools.lru_cache(maxsize=16)
+def _transformer(source_wkt: str, target_wkt: str) -> pyproj.Transformer:
+    return pyproj.Transformer.from_crs(source_wkt, target_wkt, always_xy=True)
+
+
+def _named(anchor: Anchor, base: str) -> Iterator[NamedCrs]:
+    """Longitude first; then what an authority lists: geographic in its own order, equirectangular in metres."""
+    code = anchor.code
+    if code == "EPSG:4326":
+        yield NamedCrs(CRS84, pyproj.CRS.from_user_input("OGC:CRS84"))
+        yield NamedCrs(f"{_OGC}/EPSG/0/4326", anchor.geographic, lat_first=True)
+        return
+    yield NamedCrs(f"{base}/crs/{anchor.body.lower()}_lonlat", lonlat(anchor))
+    if code is not None and code.startswith("IAU_2015:"):
+        number = int(code.partition(":")[2])
+        lat_first = anchor.geographic.axis_info[0].direction == "north"
+        yield NamedCrs(f"{_OGC}/IAU/2015/{number}", anchor.geographic, lat_first)
+        yield NamedCrs(f"{_OGC}/IAU/2015/{number + 10}", pyproj.CRS.from_authority("IAU_2015", number + 10))
+
+
+def lonlat(anchor: Anchor) -> pyproj.CRS:
+    """The geographic CRS of a body with longitude as its first axis."""
+    definition = anchor.geographic.to_json_dict()
+    axes = definition["coordinate_system"]["axis"]
+    axes.sort(key=lambda axis: axis["direction"] != "east")
+    definition.pop("id", None)
+    return pyproj.CRS.from_json_dict(definition | {"name": f"{definition['name']} (longitude, latitude)"})

@@ -1,0 +1,101 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Products and tracks as GeoJSON features in the CRS that was asked."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import shapely
+from fastapi import Response
+from shapely.geometry.base import BaseGeometry
+
+from cdff_common.clock import format_stamp
+from cdff_common.errors import InputError
+from dpm_store import ProductRecord
+from services.dpm.http.context import Context
+from services.dpm.http.crs import CrsList
+from services.dpm.http.places import Places, geojson
+from services.dpm.http.tracks import TRACKS, TrackRecord
+
+_GEOJSON = "application/geo+json"
+
+
+class FeatureWriter:
+    """Writes the features of one answer.
+
+    Parameters
+    ----------
+    context : Context
+    base : str
+        URL of the interface.
+    crs_list : CrsList or None
+        None where the site is not anchored: features then have a ``place`` in metres of the site.
+    crs : str or None
+        URI that was asked.
+    """
+
+    def __init__(self, context: Context, base: str, crs_list: CrsList | None, crs: str | None) -> None:
+        self._base = base
+        self._crs_list = crs_list
+        self._places = Places(context.dpm.store, context.anchor)
+        if crs_list is None and crs is not None:
+            raise InputError(
+                f"crs={crs[:120]!r}: the site is not anchored on a body, so that features have a place only"
+            )
+        self.crs = None if crs_list is None else crs_list.by_uri(crs)
+        self._convert = None if crs_list is None or self.crs is None else crs_list.from_degrees(self.crs)
+
+    def degrees(self, bbox: list[float] | None, crs: str | None) -> list[float] | None:
+        """A box of the caller's CRS in degrees; raises InputError."""
+        if bbox is None or self._crs_list is None:
+            return bbox
+        return self._crs_list.bounds_to_degrees(bbox, self._crs_list.by_uri(crs, "bbox-crs"))
+
+    def footprint(self, record: ProductRecord, outline: BaseGeometry | None) -> dict[str, Any]:
+        """A product's footprint."""
+        h = record.header
+        properties = {
+            "robot": record.robot, "dfpc": record.dfpc, "port": record.port, "product": record.product,
+            "type_name": record.type_name, "frame": h.frame, "child": h.child, "t0": format_stamp(h.t0_ns),
+            "t1": format_stamp(h.t1_ns), "status": str(h.quality.status), "resolution_m": h.resolution_m,
+            "zmin_m": None if h.box_m is None else h.box_m[2], "zmax_m": None if h.box_m is None else h.box_m[5],
+            "size_bytes": record.size, "producer": h.producer,
+            "payload": self._base.removesuffix("/ogc") + f"/api/v1/products/{record.id}/payload",
+        }  # fmt: skip
+        in_site = None if outline is not None else self._places.in_site(record)
+        return self._feature(record.product, record.id, outline, in_site, properties)
+
+    def track(self, track: TrackRecord, outline: BaseGeometry | None) -> dict[str, Any]:
+        """A trajectory as a line."""
+        properties = {
+            "robot": track.robot, "child": track.child, "parent": track.parent, "source": track.source,
+            "t0": format_stamp(track.t0_ns), "t1": format_stamp(track.t1_ns), "poses": track.count,
+        }  # fmt: skip
+        in_site = None if outline is not None else track.in_site
+        return self._feature(TRACKS, track.id, outline, in_site, properties)
+
+    def response(self, body: dict[str, Any], links: Sequence[dict[str, str]]) -> Response:
+        """GeoJSON with its CRS and links as headers."""
+        headers = {"Link": ", ".join(f'<{link["href"]}>; rel="{link["rel"]}"; type="{link["type"]}"' for link in links)}
+        if self.crs is not None:
+            headers["Content-Crs"] = f"<{self.crs.uri}>"
+        return Response(json.dumps(body, allow_nan=False), media_type=_GEOJSON, headers=headers)
+
+    def _feature(
+        self, collection: str, feature_id: str, outline: BaseGeometry | None, in_site: BaseGeometry | None,
+        properties: dict[str, Any],
+    ) -> dict[str, Any]:  # fmt: skip
+        if outline is not None and self._convert is not None:
+            outline = shapely.transform(outline, self._convert)
+        url = f"{self._base}/collections/{collection}"
+        links = [
+            {"href": f"{url}/items/{feature_id}", "rel": "self", "type": _GEOJSON},
+            {"href": url, "rel": "collection", "type": "application/json"},
+        ]
+        feature = {
+            "type": "Feature", "id": feature_id, "geometry": geojson(outline), "properties": properties, "links": links,
+        }  # fmt: skip
+        return feature if in_site is None else feature | {"place": geojson(in_site), "coordRefSys": "site"}

@@ -1,0 +1,288 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``/stac``: STAC API 1.0, read only: core, collections, features and item search."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any, Literal
+from urllib.parse import urlencode
+
+import shapely
+from fastapi import APIRouter, Path, Query, Request, Response
+from pydantic import BaseModel, ConfigDict, Field
+
+from cdff_common.errors import InputError
+from dpm_store import Query as StoreQuery
+from dpm_store.actor import ROLES
+from services.dpm.http.catalogue import Catalogue, Found, numbers_of, page_size, span_of
+from services.dpm.http.context import Context, Ctx
+from services.dpm.http.models import OPENAPI, Conformance, Feature, FeatureCollection, Json, Link, Open
+from services.dpm.http.roles import allowed
+from services.dpm.http.stac_items import GEOJSON, VERSION, ItemWriter
+
+router = APIRouter(prefix="/stac", tags=["stac"])
+
+_CONFORMS = [
+    "https://api.stacspec.org/v1.0.0/core",
+    "https://api.stacspec.org/v1.0.0/collections",
+    "https://api.stacspec.org/v1.0.0/ogcapi-features",
+    "https://api.stacspec.org/v1.0.0/item-search",
+    "http://www.opengis.net/spec/ogcapi-features-1/1.0/conf/core",
+    "http://www.opengis.net/spec/ogcapi-features-1/1.0/conf/geojson",
+]
+_GEOJSON_BODY: dict[int | str, dict[str, Any]] = {200: {"content": {GEOJSON: {}}, "description": "GeoJSON"}}
+#: Corners of a geometry to search with.
+_MAX_CORNERS = 10_000
+Name = Annotated[str, Path(max_length=64)]
+Text = Annotated[str, Field(max_length=20_000)] | None
+Limit = Annotated[int, Field(ge=1, le=2**31)]
+
+
+class Catalog(Open):
+    """The landing page."""
+
+    type: Literal["Catalog"] = "Catalog"
+    id: str
+    title: str
+    description: str
+    stac_version: str
+    conformsTo: list[str]
+    links: list[Link]
+
+
+class StacCollection(Open):
+    """A STAC collection."""
+
+    type: Literal["Collection"]
+    id: str
+    stac_version: str
+    description: str
+    license: str
+    extent: Json
+    links: list[Link]
+
+
+class StacCollections(BaseModel):
+    """All collections."""
+
+    collections: list[StacCollection]
+    links: list[Link]
+
+
+class Item(Feature):
+    """A STAC item."""
+
+    stac_version: str
+    stac_extensions: list[str]
+    collection: str
+    assets: Json
+
+
+class ItemCollection(FeatureCollection):
+    """A page of items."""
+
+    features: list[Item]  # type: ignore[assignment]  # narrower
+
+
+class PageParameters(BaseModel):
+    """What items of a collection are asked with."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    bbox: Text = Field(None, description="4 or 6 numbers: degrees of the body, longitude first")
+    datetime: Text = Field(None, description="RFC 3339 time, or an interval t0/t1, open with ..")
+    limit: Limit | None = Field(None, description="Of the page; 1000 at most")
+    token: Text = Field(None, description="Of the page before")
+
+
+class SearchParameters(PageParameters):
+    """What a search is asked with; ``bbox`` or ``intersects``, not both."""
+
+    collections: Text = Field(None, description="Ids with commas")
+    ids: Text = Field(None, description="Ids with commas")
+    intersects: Text = Field(None, description="A GeoJSON geometry in degrees of the body")
+
+
+class SearchBody(BaseModel):
+    """A search as JSON."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    bbox: Annotated[list[float], Field(min_length=4, max_length=6)] | None = None
+    datetime: Annotated[str, Field(max_length=100)] | None = None
+    limit: Limit | None = None
+    token: Annotated[str, Field(max_length=200)] | None = None
+    collections: Annotated[list[Annotated[str, Field(max_length=64)]], Field(max_length=100)] | None = None
+    ids: Annotated[list[Annotated[str, Field(max_length=64)]], Field(max_length=1000)] | None = None
+    intersects: Json | None = None
+
+
+@router.get("", response_model_exclude_none=True)
+def landing(context: Ctx, request: Request) -> Catalog:
+    """The landing page: a catalog with its collections as children."""
+    root, stac = str(request.base_url), stac_url(request)
+    links = [
+        Link(rel="self", type="application/json", href=stac),
+        Link(rel="root", type="application/json", href=stac),
+        Link(rel="conformance", type="application/json", href=f"{stac}/conformance"),
+        Link(rel="data", type="application/json", href=f"{stac}/collections"),
+        Link(rel="search", type=GEOJSON, href=f"{stac}/search", method="GET"),
+        Link(rel="search", type=GEOJSON, href=f"{stac}/search", method="POST"),
+        Link(rel="service-desc", type=OPENAPI, href=f"{root}openapi.json"),
+        Link(rel="service-doc", type="text/html", href=f"{root}docs"),
+        *(
+            Link(rel="child", type="application/json", href=f"{stac}/collections/{c.id}", title=c.title)
+            for c in Catalogue(context).collections()
+        ),
+    ]
+    return Catalog(
+        id="cdff", title="CDFF data products", description="What robots made: maps, clouds, poses and images.",
+        stac_version=VERSION, conformsTo=_CONFORMS, links=links,
+    )  # fmt: skip
+
+
+@router.get("/conformance")
+def conformance() -> Conformance:
+    """The conformance classes that are met."""
+    return Conformance(conformsTo=_CONFORMS)
+
+
+@router.get("/collections", response_model_exclude_none=True)
+def collections(context: Ctx, request: Request) -> StacCollections:
+    """A collection for each type of product."""
+    catalogue = Catalogue(context)
+    writer = ItemWriter(str(request.base_url), catalogue.places)
+    stac = stac_url(request)
+    links = [
+        Link(rel="self", type="application/json", href=f"{stac}/collections"),
+        Link(rel="root", type="application/json", href=stac),
+    ]
+    found = [StacCollection(**writer.collection(c)) for c in catalogue.collections()]
+    return StacCollections(collections=found, links=links)
+
+
+@router.get("/collections/{collection}", response_model_exclude_none=True)
+def collection(context: Ctx, request: Request, collection: Name) -> StacCollection:
+    """One collection."""
+    catalogue = Catalogue(context)
+    described = ItemWriter(str(request.base_url), catalogue.places).collection(catalogue.collection(collection))
+    return StacCollection(**described)
+
+
+@router.get("/collections/{collection}/items", response_model=ItemCollection, responses=_GEOJSON_BODY)
+def items(context: Ctx, request: Request, collection: Name, asked: Annotated[PageParameters, Query()]) -> Response:
+    """Items of a collection, newest first."""
+    Catalogue(context).collection(collection)
+    body = SearchBody(
+        bbox=numbers_of(asked.bbox), datetime=asked.datetime, limit=asked.limit, token=asked.token,
+        collections=[collection],
+    )  # fmt: skip
+    url = f"{stac_url(request)}/collections/{collection}/items"
+    return _answer(context, request, body, url, asked.model_dump(exclude_none=True))
+
+
+@router.get("/collections/{collection}/items/{item}", response_model=Item, responses=_GEOJSON_BODY)
+def item(context: Ctx, request: Request, collection: Name, item: Name) -> Response:
+    """One item."""
+    catalogue = Catalogue(context)
+    record, outline = catalogue.get(collection, item)
+    found = ItemWriter(str(request.base_url), catalogue.places).item(record, outline)
+    return Response(json.dumps(found, allow_nan=False), media_type=GEOJSON)
+
+
+@router.get("/search", response_model=ItemCollection, responses=_GEOJSON_BODY)
+def search(context: Ctx, request: Request, asked: Annotated[SearchParameters, Query()]) -> Response:
+    """Items of all collections."""
+    body = SearchBody(
+        bbox=numbers_of(asked.bbox), datetime=asked.datetime, limit=asked.limit, token=asked.token,
+        collections=_names(asked.collections), ids=_names(asked.ids),
+        intersects=None if asked.intersects is None else _json(asked.intersects),
+    )  # fmt: skip
+    return _answer(context, request, body, f"{stac_url(request)}/search", asked.model_dump(exclude_none=True))
+
+
+@router.post("/search", response_model=ItemCollection, responses=_GEOJSON_BODY, openapi_extra=allowed(*ROLES))
+def search_body(context: Ctx, request: Request, body: SearchBody) -> Response:
+    """Items of all collections, asked with a JSON body."""
+    return _answer(context, request, body, f"{stac_url(request)}/search", None)
+
+
+def stac_url(request: Request) -> str:
+    """URL of this interface, as the caller reached it."""
+    return f"{request.base_url}stac"
+
+
+def find(context: Context, asked: SearchBody) -> tuple[Found, Catalogue]:
+    """Products that a search asks for.
+
+    Raises
+    ------
+    InputError
+        On a malformed box, geometry, time or token.
+    """
+    if asked.bbox is not None and asked.intersects is not None:
+        raise InputError("bbox and intersects: give one of the two")
+    catalogue = Catalogue(context)
+    intersects = None if asked.intersects is None else geometry_of(asked.intersects)
+    t0_ns, t1_ns = span_of(asked.datetime)
+    types = tuple(asked.collections or ())
+    query = StoreQuery(types=types, t0_ns=t0_ns, t1_ns=t1_ns, limit=page_size(asked.limit), cursor=asked.token)
+    if asked.ids is not None:
+        return catalogue.find_ids(asked.ids, query, bbox=asked.bbox, intersects=intersects), catalogue
+    return catalogue.find(query, bbox=asked.bbox, intersects=intersects), catalogue
+
+
+def geometry_of(data: Json) -> Any:
+    """A GeoJSON geometry; raises InputError where it is none, is too large, or crosses itself."""
+    try:
+        geometry = shapely.from_geojson(json.dumps(data))
+    except (shapely.errors.GEOSException, ValueError, TypeError, RecursionError) as error:
+        raise InputError(f"intersects: expected a GeoJSON geometry: {error}") from error
+    if geometry is None or geometry.is_empty or data.get("type") in ("Feature", "FeatureCollection"):
+        raise InputError("intersects: expected a GeoJSON geometry with coordinates")
+    coordinates = shapely.get_coordinates(geometry)
+    if len(coordinates) > _MAX_CORNERS:
+        raise InputError(f"intersects: {len(coordinates)} corners, expected at most {_MAX_CORNERS}")
+    if not bool((abs(coordinates) <= [540.0, 90.0]).all()):
+        raise InputError("intersects: expected degrees, longitude first, latitude within ±90")
+    if not geometry.is_valid:
+        raise InputError(f"intersects: {shapely.is_valid_reason(geometry)}")
+    return geometry
+
+
+def _answer(context: Context, request: Request, asked: SearchBody, url: str, query: Json | None) -> Response:
+    """A page of items; ``query`` are the parameters of a GET, None for a POST."""
+    found, catalogue = find(context, asked)
+    writer = ItemWriter(str(request.base_url), catalogue.places)
+    features = [writer.item(record, outline) for record, outline in found.items]
+    href = url if not query else f"{url}?{urlencode(query)}"
+    links: list[Json] = [
+        {"rel": "self", "type": GEOJSON, "href": href},
+        {"rel": "root", "type": "application/json", "href": stac_url(request)},
+    ]
+    headers = {}
+    if found.cursor is not None:
+        if query is None:
+            body = asked.model_dump(exclude_none=True) | {"token": found.cursor}
+            links.append({"rel": "next", "type": GEOJSON, "href": url, "method": "POST", "body": body})
+        else:
+            href = f"{url}?{urlencode(query | {'token': found.cursor})}"
+            links.append({"rel": "next", "type": GEOJSON, "href": href, "method": "GET"})
+            headers["Link"] = f'<{href}>; rel="next"; type="{GEOJSON}"'
+    page = {"type": "FeatureCollection", "features": features, "links": links, "numberReturned": len(features)}
+    return Response(json.dumps(page, allow_nan=False), media_type=GEOJSON, headers=headers)
+
+
+def _names(text: str | None) -> list[str] | None:
+    return None if text is None else [name for name in text.split(",") if name][:1000]
+
+
+def _json(text: str) -> Json:
+    try:
+        data = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"intersects: expected GeoJSON: {error}") from error
+    if not isinstance(data, dict):
+        raise InputError(f"intersects: a {type(data).__name__}, expected a GeoJSON geometry")
+    return data
