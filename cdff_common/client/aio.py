@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from types import TracebackType
@@ -143,6 +143,12 @@ class AsyncClient:
     async def catalogue(self, robot: str = "any") -> dict[str, Any]:
         """What could be asked for, what would make it, and why not."""
         return await self._run(lambda: self._open.catalogue(robot))
+
+    async def history(
+        self, *, kinds: Sequence[str] = (), robot: str = "any", since: int = 0, limit: int = 1000
+    ) -> list[dict[str, Any]]:
+        """What happened after an ordinal, oldest first; see ``Client.history``."""
+        return await self._run(lambda: self._open.history(kinds=kinds, robot=robot, since=since, limit=limit))
 
     # -- inside -----------------------------------------------------------------------------------------------------
 

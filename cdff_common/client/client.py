@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import threading
 import uuid
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from types import TracebackType
@@ -271,6 +271,16 @@ class Client:
         """What could be asked for, what would make it, and why not."""
         body: dict[str, Any] = self._call(keys.orchestrator_rpc(_scope(robot), "catalogue"), _named(robot)).body()
         return body
+
+    def history(
+        self, *, kinds: Sequence[str] = (), robot: str = "any", since: int = 0, limit: int = 1000
+    ) -> list[dict[str, Any]]:
+        """What happened after an ordinal, oldest first: insertions, audit entries, the orchestrator's decisions."""
+        asked: dict[str, object] = {"since": since, "limit": limit}
+        asked |= {"kind": ",".join(kinds)} if kinds else {}
+        asked |= {} if robot == "any" else {"scope": robot}
+        items: list[dict[str, Any]] = self._call(keys.dpm_rpc(keys.GROUND, "history"), asked).body()["items"]
+        return items
 
     # -- inside -----------------------------------------------------------------------------------------------------
 

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import pytest
 
 from cdff_common.bus import Bus, keys
+from cdff_common.cli import main
 from cdff_common.client import Client
 from cdff_common.errors import CdffError
 from tests.integration.conftest import free_port, process_starter
@@ -36,7 +38,9 @@ def refused(client: Client) -> str:
 
 
 @pytest.mark.slow
-def test_the_history_is_complete_after_a_dpm_and_an_orchestrator_were_killed(tmp_path: Path) -> None:
+def test_the_history_is_complete_after_a_dpm_and_an_orchestrator_were_killed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with process_starter(endpoint, tmp_path) as spawn:
         spawn("services.router")
@@ -71,3 +75,7 @@ def test_the_history_is_complete_after_a_dpm_and_an_orchestrator_were_killed(tmp
             told = next(i for i in items if i["kind"] == "job" and i["job"] == second and i["state"] == "failed")
             assert told["scope"] == "minnie"
             assert told["reason"]
+            asked = ["orchestrator", "history", "--connect", endpoint, "--job", second, "--robot", "minnie", "--json"]
+            assert main(asked) == 0
+            listed = json.loads(capsys.readouterr().out)["items"]
+            assert [i["state"] for i in listed] == states(second)

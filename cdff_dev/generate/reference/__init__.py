@@ -7,7 +7,7 @@ from __future__ import annotations
 import re
 
 from cdff_dev.generate.artefacts import Artefact
-from cdff_dev.generate.reference import command_line, descriptions, endpoints, keys, types
+from cdff_dev.generate.reference import command_line, descriptions, endpoints, keys, states, types
 from cdff_dev.generate.tree import Tree
 
 
@@ -20,6 +20,7 @@ def pages(tree: Tree) -> list[Artefact]:
         "keys.md": keys.page(),
         "endpoints.md": endpoints.page(),
         "cli.md": command_line.page(),
+        "state-machines.md": states.page(),
     }
     return [Artefact(tree.root / "docs" / "reference" / name, _tidy(text)) for name, text in texts.items()]
 
