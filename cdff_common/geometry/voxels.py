@@ -5,13 +5,18 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
 from cdff_common.geometry.se3 import FloatArray
 
+Int = NDArray[np.int64]
+
 _SEARCH_STEPS = 16
 _WITHIN = 0.05
+#: 2^64 over the golden ratio: spreads keys over the table (Knuth, TAOCP 3, 6.4).
+_SPREAD = np.uint64(0x9E3779B97F4A7C15)
 
 
 def voxel_means(points_m: FloatArray, voxel_m: float) -> FloatArray:
@@ -24,34 +29,131 @@ def voxel_means(points_m: FloatArray, voxel_m: float) -> FloatArray:
     InputError
         If the voxels are so small for the extent that their index does not fit 62 bits.
     """
-    _, voxel, count = np.unique(_keys(points_m, voxel_m), return_inverse=True, return_counts=True)
-    return np.stack([np.bincount(voxel, weights=points_m[:, axis]) / count for axis in range(3)], axis=1)
+    voxel, keys = voxel_rows(points_m, voxel_m)
+    return _means(np.ascontiguousarray(points_m, dtype=np.float64), voxel, np.argsort(keys))
+
+
+def voxel_rows(points_m: FloatArray, voxel_m: float) -> tuple[Int, Int]:
+    """Number of each point's voxel ``(n,)``, by first appearance, and the keys ``(m,)`` of the occupied voxels.
+
+    Keys ascend with x, then y, then z of the voxels; raises InputError where they do not fit 62 bits.
+    """
+    points = np.ascontiguousarray(points_m, dtype=np.float64)
+    if not len(points):
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    low, high = extent(points)
+    return _number(points, low, voxel_m, _size(low, high, voxel_m), len(points))
 
 
 def voxel_for(points_m: FloatArray, wanted: int) -> float:
     """Edge of voxels of which about ``wanted`` are occupied (within 5 %), metres; 0 where there are not more points.
 
-    The number occupied falls with the edge, so the logarithm of the edge is bisected.
+    The number occupied falls with a power of the edge: secant steps in logarithms, inside a bracket.
     """
-    extent_m = float(np.ptp(points_m, axis=0).max()) if len(points_m) else 0.0
-    if len(points_m) <= wanted or extent_m == 0.0:
+    points = np.ascontiguousarray(points_m, dtype=np.float64)
+    if len(points) <= wanted:
+        return 0.0
+    floor, ceiling = extent(points)
+    extent_m = float(np.max(ceiling - floor))
+    if extent_m == 0.0:
         return 0.0
     low, high = extent_m * 1e-4, extent_m
-    voxel_m = high
+    voxel_m, exponent, before = extent_m / np.sqrt(8.0 * wanted), 2.0, (0.0, 0)
     for _ in range(_SEARCH_STEPS):
-        voxel_m = float(np.sqrt(low * high))
-        occupied = len(np.unique(_keys(points_m, voxel_m)))
+        occupied = _occupied(points, floor, voxel_m, _size(floor, ceiling, voxel_m), 2 * wanted)
         if abs(occupied - wanted) <= _WITHIN * wanted:
             break
         low, high = (voxel_m, high) if occupied > wanted else (low, voxel_m)
-    return voxel_m
+        if before[1] not in (0, occupied) and max(before[1], occupied) < 2 * wanted:
+            exponent = np.log(before[1] / occupied) / np.log(voxel_m / before[0])
+        before = voxel_m, occupied
+        voxel_m *= (occupied / wanted) ** (1.0 / min(max(exponent, 0.5), 3.0))
+        voxel_m = voxel_m if low < voxel_m < high else np.sqrt(low * high)
+    return float(voxel_m)
 
 
-def _keys(points_m: FloatArray, voxel_m: float) -> NDArray[np.int64]:
-    """One integer per voxel."""
-    cells = np.floor((points_m - points_m.min(axis=0)) / voxel_m)
-    size = [int(n) + 1 for n in cells.max(axis=0)]
+def _size(low: FloatArray, high: FloatArray, voxel_m: float) -> Int:
+    """Voxels along each axis."""
+    size = [int(n) + 1 for n in np.floor((high - low) / voxel_m)]
     if size[0] * size[1] * size[2] >= 1 << 62:
-        raise InputError(f"voxel_m={voxel_m}: too small for a cloud of {np.ptp(points_m, axis=0)} m")
-    c = cells.astype(np.int64)
-    return np.asarray((c[:, 0] * size[1] + c[:, 1]) * size[2] + c[:, 2], dtype=np.int64)
+        raise InputError(f"voxel_m={voxel_m}: too small for a cloud of {high - low} m")
+    return np.array(size)
+
+
+@njit(cache=True)
+def extent(points: FloatArray) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
+    """Lowest and highest corner (3,) of at least one finite point (n, 3)."""
+    low, high = points[0].copy(), points[0].copy()
+    for i in range(1, len(points)):
+        for c in range(3):
+            low[c], high[c] = min(low[c], points[i, c]), max(high[c], points[i, c])
+    return low, high
+
+
+@njit(cache=True)
+def _number(
+    points: FloatArray, low: FloatArray, voxel: float, size: Int, most: int
+) -> tuple[Int, Int]:  # pragma: no cover - compiled
+    """Number voxels by first appearance until there are more than ``most``.
+
+    Open addressing: the slot of a key holds the number of its voxel; the table grows with them, so that it stays in
+    the cache where they are few.
+    """
+    n, inverse = len(points), 1.0 / voxel
+    bits = 12
+    slot = np.full(1 << bits, -1, np.int32)
+    keys, row = np.empty(1 << (bits - 1), np.int64), np.empty(n, np.int64)
+    count = 0
+    for i in range(n):
+        x = np.int64((points[i, 0] - low[0]) * inverse)
+        y = np.int64((points[i, 1] - low[1]) * inverse)
+        z = np.int64((points[i, 2] - low[2]) * inverse)
+        key = (x * size[1] + y) * size[2] + z
+        at = _slot(slot, keys, key, bits)
+        if slot[at] < 0:
+            if count == most:
+                return row, keys
+            if count == len(keys):
+                bits += 2
+                slot = np.full(1 << bits, -1, np.int32)
+                larger = np.empty(1 << (bits - 1), np.int64)
+                larger[:count] = keys
+                keys = larger
+                for j in range(count):
+                    slot[_slot(slot, keys, keys[j], bits)] = j
+                at = _slot(slot, keys, key, bits)
+            slot[at] = count
+            keys[count] = key
+            count += 1
+        row[i] = slot[at]
+    return row, keys[:count].copy()
+
+
+@njit(cache=True, inline="always")
+def _slot(slot: NDArray[np.int32], keys: Int, key: int, bits: int) -> int:  # pragma: no cover - compiled
+    """Where a key is or belongs."""
+    last = (1 << bits) - 1
+    at = np.int64((np.uint64(key) * _SPREAD) >> np.uint64(64 - bits))
+    while slot[at] >= 0 and keys[slot[at]] != key:
+        at = (at + 1) & last
+    return int(at)
+
+
+@njit(cache=True)
+def _occupied(points: FloatArray, low: FloatArray, voxel: float, size: Int, most: int) -> int:  # pragma: no cover
+    return min(len(_number(points, low, voxel, size, most)[1]), most)
+
+
+@njit(cache=True)
+def _means(points: FloatArray, row: Int, order: Int) -> FloatArray:  # pragma: no cover - compiled
+    total, count, rank = np.zeros((len(order), 3)), np.zeros(len(order)), np.empty(len(order), np.int64)
+    rank[order] = np.arange(len(order))
+    for i in range(len(points)):
+        j = rank[row[i]]
+        count[j] += 1.0
+        for c in range(3):
+            total[j, c] += points[i, c]
+    for j in range(len(order)):
+        for c in range(3):
+            total[j, c] /= count[j]
+    return total

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
-from cdff_common.geometry.voxels import voxel_for
 from cdff_common.interfaces.dfpc import Dfpc
 from cdff_core.dfns.features_description_3d._interface import FeaturesDescription3DInputs
 from cdff_core.dfns.features_extraction_3d._interface import FeaturesExtraction3DInputs
@@ -135,6 +134,8 @@ class CloudMatcher:
         ``thin_matched`` says in what voxels the cloud would be described on its own; a cloud that it would leave as it
         is is described by half as many points as it has.
         """
+        from cdff_common.geometry.voxels import voxel_for
+
         raw = self._filter.process(PointCloudFilteringInputs(sample.value.points_m)).filtered_points
         if len(raw) < _LEAST_POINTS:
             raise InputError(f"{sample.port}: {len(raw)} points are left, expected at least {_LEAST_POINTS}")

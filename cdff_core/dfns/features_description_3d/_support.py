@@ -15,8 +15,6 @@ from cdff_core.dfns.features_description_3d._interface import FeaturesDescriptio
 
 Float = NDArray[np.float64]
 
-_SAMPLED = 5000
-
 
 class SupportConfig(DfnConfig):
     """Size of the support."""
@@ -28,6 +26,8 @@ class SupportConfig(DfnConfig):
 
 def checked_support(inputs: FeaturesDescription3DInputs, cfg: SupportConfig) -> tuple[Float, Float, Float, float]:
     """Return points, normals, keypoints and radius in metres; raises InputError where they do not fit."""
+    from cdff_common.geometry.kdtree import kd_tree, spacing
+
     points = checked_points(inputs.points, least=2)
     normals = checked_points(inputs.normals, "normals", len(points))
     if len(normals) != len(points):
@@ -36,14 +36,7 @@ def checked_support(inputs: FeaturesDescription3DInputs, cfg: SupportConfig) -> 
     if inputs.radius_m is not None:
         radius_m = float(inputs.radius_m)
     else:
-        radius_m = cfg.radius_m or cfg.radius_spacings * _spacing_m(points)
+        radius_m = cfg.radius_m or cfg.radius_spacings * spacing(kd_tree(points))
     if not (np.isfinite(radius_m) and radius_m > 0.0):
         raise InputError(f"radius_m={radius_m}: expected metres above 0")
     return points, normals, keypoints, radius_m
-
-
-def _spacing_m(points: Float) -> float:
-    from scipy.spatial import cKDTree
-
-    distance_m, _ = cKDTree(points).query(points[:: max(1, len(points) // _SAMPLED)], k=2)
-    return max(float(np.median(distance_m[:, 1])), 1e-9)

@@ -11,8 +11,6 @@ from pydantic import Field
 from cdff_common.errors import InputError
 from cdff_common.interfaces.dfn import DfnConfig
 
-_SAMPLED = 5000
-
 
 class ScaleConfig(DfnConfig):
     """Scale of the keypoints and how many there may be."""
@@ -24,17 +22,12 @@ class ScaleConfig(DfnConfig):
 
 def scale_m(points: NDArray[np.float64], given: NDArray[np.float64] | None, cfg: ScaleConfig) -> float:
     """Edge or radius in metres: as given, as configured, or from the spacing of the points."""
+    from cdff_common.geometry.kdtree import kd_tree, spacing
+
     if given is not None:
         radius_m = float(given)
     else:
-        radius_m = cfg.radius_m or cfg.radius_spacings * _spacing_m(points)
+        radius_m = cfg.radius_m or cfg.radius_spacings * spacing(kd_tree(points))
     if not (np.isfinite(radius_m) and radius_m > 0.0):
         raise InputError(f"radius_m={radius_m}: expected metres above 0")
     return radius_m
-
-
-def _spacing_m(points: NDArray[np.float64]) -> float:
-    from scipy.spatial import cKDTree
-
-    distance_m, _ = cKDTree(points).query(points[:: max(1, len(points) // _SAMPLED)], k=2)
-    return max(float(np.median(distance_m[:, 1])), 1e-9)

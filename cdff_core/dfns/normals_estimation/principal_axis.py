@@ -35,15 +35,11 @@ class PrincipalAxis(NormalsEstimationInterface):
 
     def process(self, inputs: NormalsEstimationInputs) -> NormalsEstimationOutputs:
         """Return unit normals and roughness; raises InputError on a malformed or too small cloud."""
-        from scipy.spatial import cKDTree
+        from cdff_common.geometry.kdtree import kd_tree
+        from cdff_common.geometry.plane_fits import plane_fits
 
         p = checked_points(inputs.points, least=self.config.neighbours)
-        _, neighbour = cKDTree(p).query(p, k=self.config.neighbours)
-        offset = p[neighbour]
-        offset -= offset.mean(axis=1, keepdims=True)
-        scatter = np.einsum("nki,nkj->nij", offset, offset) / self.config.neighbours
-        variance, axis = np.linalg.eigh(scatter)
-        normals = np.ascontiguousarray(axis[:, :, 0])
+        normals, _, variance = plane_fits(kd_tree(p), self.config.neighbours)
         away = np.einsum("ni,ni->n", normals, np.asarray(self.config.viewpoint_m) - p) < 0.0
         normals[away] *= -1.0
-        return NormalsEstimationOutputs(normals=normals, roughness_m=np.sqrt(np.maximum(variance[:, 0], 0.0)))
+        return NormalsEstimationOutputs(normals=normals, roughness_m=np.sqrt(variance[:, 0]))

@@ -11,7 +11,6 @@ from pydantic import Field
 
 from cdff_common.errors import InputError
 from cdff_common.geometry.points import checked_points
-from cdff_common.geometry.voxels import voxel_for, voxel_means
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.point_cloud_downsampling._interface import (
     PointCloudDownsamplingInputs,
@@ -34,6 +33,8 @@ class VoxelGrid(PointCloudDownsamplingInterface):
 
     def process(self, inputs: PointCloudDownsamplingInputs) -> PointCloudDownsamplingOutputs:
         """Return the thinned cloud and the voxel size; raises InputError on a malformed cloud."""
+        from cdff_common.geometry.voxels import voxel_for, voxel_means
+
         p = checked_points(inputs.points)
         if inputs.edge_m is not None:
             voxel_m = float(inputs.edge_m)

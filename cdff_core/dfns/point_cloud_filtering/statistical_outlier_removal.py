@@ -40,15 +40,17 @@ class StatisticalOutlierRemoval(PointCloudFilteringInterface):
 
     def process(self, inputs: PointCloudFilteringInputs) -> PointCloudFilteringOutputs:
         """Return the points with neighbours; raises InputError if none is left."""
-        from scipy.spatial import cKDTree
+        from cdff_common.geometry.kdtree import kd_tree, neighbours
 
         p = checked_points(inputs.points, finite=False)
         finite = np.flatnonzero(np.all(np.isfinite(p), axis=1))
         k = self.config.neighbours
         if len(finite) <= k:
             raise InputError(f"points: {len(finite)} finite of {len(p)}, expected more than neighbours={k}")
-        distance_m, _ = cKDTree(p[finite]).query(p[finite], k=k + 1)
-        isolation = np.log(np.maximum(distance_m[:, 1:].mean(axis=1), 1e-12))
+        tree = kd_tree(p[finite])
+        distance_m, _ = neighbours(tree, tree.points, k + 1)
+        isolation = np.empty(len(finite))
+        isolation[tree.order] = np.log(np.maximum(distance_m[:, 1:].mean(axis=1), 1e-12))
         centre = np.median(isolation)
         spread = 1.4826 * np.median(np.abs(isolation - centre))
         kept = finite[isolation <= centre + self.config.deviations * max(float(spread), 1e-3)]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled sums of the normal equations of point-to-plane registration."""
+"""Compiled loops of the registrations: pairs of nearest points, and the sums of their normal equations."""
 
 from __future__ import annotations
 
@@ -8,48 +8,181 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from cdff_common.geometry.kdtree import KdTree, nearest_row, scratch
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+#: Kernels by name: the numbers that ``weight_of`` knows them by.
+KERNELS = {"none": 0, "tukey": 1, "huber": 2, "cauchy": 3, "geman_mcclure": 4}
+
 
 @njit(cache=True)
-def normal_equations(
-    offset_m: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    residual_m: NDArray[np.float64],
-    weight: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Sum the weighted Hessian and gradient of ``n . (p + t + phi x offset - q)``.
+def pair(tree: KdTree, source: Float, T: Float, gate: float, row: Int, moved: Float) -> int:  # pragma: no cover
+    """Move the source and find the nearest point of each moved one within a gate; returns how many have one.
 
     Parameters
     ----------
-    offset_m : ndarray, shape (n, 3)
-        Moved source points from the centre of rotation, metres.
-    normals : ndarray, shape (n, 3)
-        Unit normals at the matched target points.
-    residual_m : ndarray, shape (n,)
-        ``n . (p - q)``, metres.
-    weight : ndarray, shape (n,)
-
-    Returns
-    -------
-    tuple of ndarray
-        Hessian (6, 6) and gradient (6,) in the order ``[x y z rx ry rz]``.
+    tree : KdTree
+        Of the target.
+    source : ndarray, shape (n, 3)
+    T : ndarray, shape (4, 4)
+        T_target_source.
+    gate : float
+        Greatest distance of a pair.
+    row : ndarray of int64, shape (n,)
+        In: a row of the tree to begin from (that of the iteration before), or -1. Out: the nearest, or -1.
+    moved : ndarray, shape (n, 3)
+        Out.
     """
-    H = np.zeros((6, 6))
-    g = np.zeros(6)
-    J = np.zeros(6)
-    for i in range(offset_m.shape[0]):
-        w = weight[i]
+    nodes, bounds = scratch()
+    count = 0
+    limit = gate * gate
+    for i in range(len(source)):
+        sx, sy, sz = source[i, 0], source[i, 1], source[i, 2]
+        x = T[0, 0] * sx + T[0, 1] * sy + T[0, 2] * sz + T[0, 3]
+        y = T[1, 0] * sx + T[1, 1] * sy + T[1, 2] * sz + T[1, 3]
+        z = T[2, 0] * sx + T[2, 1] * sy + T[2, 2] * sz + T[2, 3]
+        moved[i, 0], moved[i, 1], moved[i, 2] = x, y, z
+        best, best_d2, j = -1, limit, row[i]
+        if j >= 0:
+            dx, dy, dz = tree.points[j, 0] - x, tree.points[j, 1] - y, tree.points[j, 2] - z
+            d2 = dx * dx + dy * dy + dz * dz
+            if d2 < limit:
+                best, best_d2 = j, d2
+        best, _ = nearest_row(tree, x, y, z, best, best_d2, nodes, bounds)
+        row[i] = best
+        count += best >= 0
+    return count
+
+
+@njit(cache=True)
+def plane_distances(points: Float, normals: Float, row: Int, moved: Float) -> Float:  # pragma: no cover - compiled
+    """``n . (p - q)`` of the pairs, in their order, metres."""
+    out = np.empty(len(row))
+    count = 0
+    for i in range(len(row)):
+        j = row[i]
+        if j < 0:
+            continue
+        d = 0.0
+        for c in range(3):
+            d += (moved[i, c] - points[j, c]) * normals[j, c]
+        out[count] = d
+        count += 1
+    return out[:count]
+
+
+@njit(cache=True)
+def middle(row: Int, moved: Float) -> tuple[Float, float]:  # pragma: no cover - compiled
+    """Mean of the moved points that have a partner, and their root mean square distance from it."""
+    centre = np.zeros(3)
+    count, square = 0, 0.0
+    for i in range(len(row)):
+        if row[i] >= 0:
+            count += 1
+            for c in range(3):
+                centre[c] += moved[i, c]
+    centre /= max(count, 1)
+    for i in range(len(row)):
+        if row[i] >= 0:
+            for c in range(3):
+                square += (moved[i, c] - centre[c]) ** 2
+    return centre, max(np.sqrt(square / max(count, 1)), 1e-9)
+
+
+@njit(cache=True, inline="always")
+def weight_of(u: float, kernel: int) -> float:  # pragma: no cover - compiled
+    """Weight of a residual in units of the kernel's width (Babin et al. 2019, arXiv:1810.01474, table I)."""
+    if kernel == 1:
+        return (1.0 - u * u) ** 2 if abs(u) < 1.0 else 0.0
+    if kernel == 2:
+        return 1.0 if abs(u) <= 1.0 else 1.0 / abs(u)
+    if kernel == 3:
+        return 1.0 / (1.0 + u * u)
+    if kernel == 4:
+        return 1.0 / (1.0 + u * u) ** 2
+    return 1.0
+
+
+@njit(cache=True)
+def plane_equations(
+    points: Float, normals: Float, row: Int, moved: Float, centre: Float, radius: float, width: float, kernel: int
+) -> tuple[Float, Float]:  # pragma: no cover - compiled
+    """Sum the weighted Hessian (6, 6) and gradient (6,) of ``n . (p + t + phi x (p - centre) - q)``.
+
+    Order ``[x y z rx ry rz]``, rotations in units of the radius.
+    """
+    H, g, J = np.zeros((6, 6)), np.zeros(6), np.zeros(6)
+    for i in range(len(row)):
+        j = row[i]
+        if j < 0:
+            continue
+        nx, ny, nz = normals[j, 0], normals[j, 1], normals[j, 2]
+        residual = (
+            (moved[i, 0] - points[j, 0]) * nx + (moved[i, 1] - points[j, 1]) * ny + (moved[i, 2] - points[j, 2]) * nz
+        )
+        w = weight_of(residual / width, kernel)
         if w <= 0.0:
             continue
-        ox, oy, oz = offset_m[i, 0], offset_m[i, 1], offset_m[i, 2]
-        nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
+        ox, oy, oz = (
+            (moved[i, 0] - centre[0]) / radius,
+            (moved[i, 1] - centre[1]) / radius,
+            (moved[i, 2] - centre[2]) / radius,
+        )
         J[0], J[1], J[2] = nx, ny, nz
         J[3], J[4], J[5] = oy * nz - oz * ny, oz * nx - ox * nz, ox * ny - oy * nx
-        for row in range(6):
-            wj = w * J[row]
-            g[row] += wj * residual_m[i]
-            for column in range(row + 1):
-                H[row, column] += wj * J[column]
-    for row in range(6):
-        for column in range(row):
-            H[column, row] = H[row, column]
+        for a in range(6):
+            wj = w * J[a]
+            g[a] += wj * residual
+            for b in range(a + 1):
+                H[a, b] += wj * J[b]
+    _mirror(H)
     return H, g
+
+
+@njit(cache=True)
+def distribution_equations(
+    means: Float, information: Float, row: Int, moved: Float, centre: Float, radius: float, width: float
+) -> tuple[Float, Float]:  # pragma: no cover - compiled
+    """Sum the Hessian and gradient of distances to normal distributions, weighted by ``exp(-d^2 / (2 width^2))``.
+
+    d is the Mahalanobis distance ``sqrt(e^T A e)`` of ``e = p - mean``; A are the inverse covariances (m, 3, 3).
+    """
+    H, g, e = np.zeros((6, 6)), np.zeros(6), np.zeros(3)
+    J, AJ = np.zeros((3, 6)), np.zeros((3, 6))
+    for c in range(3):
+        J[c, c] = 1.0
+    for i in range(len(row)):
+        j = row[i]
+        if j < 0:
+            continue
+        for c in range(3):
+            e[c] = moved[i, c] - means[j, c]
+        A = information[j]
+        d2 = 0.0
+        for a in range(3):
+            d2 += e[a] * (A[a, 0] * e[0] + A[a, 1] * e[1] + A[a, 2] * e[2])
+        w = np.exp(-0.5 * d2 / (width * width))
+        ox, oy, oz = (
+            (moved[i, 0] - centre[0]) / radius,
+            (moved[i, 1] - centre[1]) / radius,
+            (moved[i, 2] - centre[2]) / radius,
+        )
+        J[0, 4], J[0, 5], J[1, 3], J[1, 5], J[2, 3], J[2, 4] = oz, -oy, -oz, ox, oy, -ox
+        for a in range(3):
+            for b in range(6):
+                AJ[a, b] = w * (A[a, 0] * J[0, b] + A[a, 1] * J[1, b] + A[a, 2] * J[2, b])
+        for a in range(6):
+            g[a] += AJ[0, a] * e[0] + AJ[1, a] * e[1] + AJ[2, a] * e[2]
+            for b in range(a + 1):
+                H[a, b] += J[0, a] * AJ[0, b] + J[1, a] * AJ[1, b] + J[2, a] * AJ[2, b]
+    _mirror(H)
+    return H, g
+
+
+@njit(cache=True, inline="always")
+def _mirror(H: Float) -> None:  # pragma: no cover - compiled
+    for a in range(6):
+        for b in range(a):
+            H[b, a] = H[a, b]

@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from cdff_common.errors import DegenerateGeometryError
 from cdff_common.geometry import se3
 from cdff_common.geometry.points import checked_points, checked_transform
 from cdff_common.interfaces.dfn import DfnConfig
@@ -18,9 +17,6 @@ from cdff_core.dfns.registration_3d._interface import (
     Registration3DInterface,
     Registration3DOutputs,
 )
-from cdff_core.dfns.registration_3d._surface import estimated_normals, evened, spacing_m
-
-_LEAST_PAIRS = 20
 
 
 class GicpConfig(DfnConfig):
@@ -49,18 +45,21 @@ class Gicp(Registration3DInterface):
     def process(self, inputs: Registration3DInputs) -> Registration3DOutputs:
         """Return T_target_source; raises InputError, or DegenerateGeometryError when too few pairs are left."""
         import small_gicp
-        from scipy.spatial import cKDTree
+
+        from cdff_common.geometry.kdtree import kd_tree, nearest, spacing
+        from cdff_core.dfns.registration_3d import _kernels as k
+        from cdff_core.dfns.registration_3d import _surface as s
 
         cfg: Any = self.config
-        source = checked_points(inputs.source, "source", max(_LEAST_PAIRS, cfg.neighbours))
-        target = checked_points(inputs.target, "target", max(_LEAST_PAIRS, cfg.neighbours))
+        source = checked_points(inputs.source, "source", max(s.LEAST_PAIRS, cfg.neighbours))
+        target = checked_points(inputs.target, "target", max(s.LEAST_PAIRS, cfg.neighbours))
         T_guess = checked_transform(np.eye(4) if inputs.guess is None else inputs.guess, "guess")
         if inputs.target_normals is None:
             # Rings around the sensor meet themselves at the identity: uneven clouds are thinned first.
-            source, target = evened(source, target, cfg.thin_to)
-        tree = cKDTree(target)
-        distance_m, _ = tree.query(se3.transform_points(T_guess, source))
-        step_m = spacing_m(tree)
+            source, target = s.evened(source, target, cfg.thin_to)
+        tree = kd_tree(target)
+        distance_m, _ = nearest(tree, se3.transform_points(T_guess, source))
+        step_m = spacing(tree)
         gate_m = cfg.max_distance_m or max(cfg.gate_spacings * step_m, cfg.first_medians * float(np.median(distance_m)))
         tolerance_m = cfg.tolerance_m or 1e-3 * step_m
         # small_gicp keeps absolute coordinates in its Hessian: rotations far from the origin lose digits, so both
@@ -83,18 +82,16 @@ class Gicp(Registration3DInterface):
             translation_epsilon=tolerance_m,
             rotation_epsilon=tolerance_m / max(float(np.sqrt(np.mean(np.sum((target - centre) ** 2, axis=1)))), 1e-9),
         )
-        if found.num_inliers < _LEAST_PAIRS:
-            raise DegenerateGeometryError(
-                f"{found.num_inliers} pairs within {gate_m:.3g} m, expected at least {_LEAST_PAIRS}", ["no_overlap"]
-            )
+        if found.num_inliers < s.LEAST_PAIRS:
+            raise s.too_few(int(found.num_inliers), len(source), gate_m)
         T = np.array(found.T_target_source)
         T[:3, :3] = se3.normalise_rotation(T[:3, :3])
         T = se3.transform(T[:3, :3], T[:3, 3] + centre - T[:3, :3] @ _preimage(T_guess, centre))
-        moved = se3.transform_points(T, source)
-        distance_m, match = tree.query(moved, distance_upper_bound=gate_m)
-        paired = np.isfinite(distance_m)
-        normals = estimated_normals(target, tree, cfg.neighbours, inputs.target_normals)[match[paired]]
-        residual_m = np.einsum("ij,ij->i", moved[paired] - target[match[paired]], normals)
+        moved = np.empty_like(source)
+        row = np.full(len(source), -1)
+        k.pair(tree, source, T, gate_m, row, moved)
+        normals = s.tree_normals(tree, cfg.neighbours, inputs.target_normals)
+        residual_m = k.plane_distances(tree.points, normals, row, moved)
         return Registration3DOutputs(
             transform=T,
             residual_scale_m=np.array(1.4826 * np.median(np.abs(residual_m))),

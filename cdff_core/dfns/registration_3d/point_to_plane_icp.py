@@ -4,13 +4,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from cdff_common.errors import DegenerateGeometryError
 from cdff_common.geometry import se3
 from cdff_common.geometry.points import checked_points, checked_transform
 from cdff_common.interfaces.dfn import DfnConfig
@@ -19,16 +18,10 @@ from cdff_core.dfns.registration_3d._interface import (
     Registration3DInterface,
     Registration3DOutputs,
 )
-from cdff_core.dfns.registration_3d._surface import estimated_normals, evened, spacing_m
-
-if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
 
 FloatArray = NDArray[np.float64]
 
-_LEAST_PAIRS = 20
 _GATE_PER_SCALE = 6.0
-_LONGEST_CYCLE = 4
 
 
 class PointToPlaneIcpConfig(DfnConfig):
@@ -40,7 +33,10 @@ class PointToPlaneIcpConfig(DfnConfig):
     first_radii: float = Field(0.2, ge=0.0, le=2.0, description="First gate in root mean square radii of the target")
     first_medians: float = Field(3.0, ge=1.0, le=20.0, description="First gate in median distances at the guess")
     annealing: float = Field(0.8, gt=0.1, lt=1.0, description="Factor on the gate per iteration")
-    tukey: float = Field(3.0, ge=1.0, le=10.0, description="Tukey's constant in robust standard deviations")
+    kernel: Literal["tukey", "huber", "cauchy", "geman_mcclure", "none"] = Field(
+        "tukey", description="Robust kernel of the residuals"
+    )
+    kernel_scales: float = Field(3.0, ge=0.5, le=10.0, description="Width of the kernel in robust standard deviations")
     kernel_gates: float = Field(0.2, ge=0.0, le=1.0, description="Least width of the kernel, in gates")
     thin_to: int | None = Field(25_000, ge=100, description="Points left of bigger clouds given without normals")
     max_iterations: int = Field(60, ge=1, le=1000, description="Iterations at most")
@@ -53,44 +49,58 @@ class PointToPlaneIcp(Registration3DInterface):
 
     Notes
     -----
-    Chen and Medioni (1992), doi:10.1016/0262-8856(92)90066-C. Residuals are weighted by Tukey's biweight of a scale
-    that is the median absolute deviation of each iteration; the gate on pair distances shrinks geometrically from what
+    Chen and Medioni (1992), doi:10.1016/0262-8856(92)90066-C. Residuals are weighted by a robust kernel whose width
+    follows the median absolute deviation of each iteration; the gate on pair distances shrinks geometrically from what
     covers the guess to a few point spacings. Babin et al. (2019), arXiv:1810.01474, compare the kernels.
     """
 
     Config: ClassVar[type[DfnConfig]] = PointToPlaneIcpConfig
 
     def setup(self) -> None:
-        """Compile the kernel, so that the first call costs what the others do."""
-        from cdff_core.dfns.registration_3d._kernels import normal_equations
-
-        self._normal_equations = normal_equations
-        normal_equations(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1), np.zeros(1))
+        """Compile the kernels, so that the first call costs what the others do."""
+        corners = np.array([[x, y, 0.1 * x * y] for x in range(6) for y in range(6)], dtype=np.float64)
+        self.process(Registration3DInputs(corners, corners + 0.01))
 
     def process(self, inputs: Registration3DInputs) -> Registration3DOutputs:
         """Return T_target_source; raises InputError, or DegenerateGeometryError when too few pairs are left."""
-        from scipy.spatial import cKDTree
+        from cdff_common.geometry.kdtree import kd_tree, spacing
+        from cdff_core.dfns.registration_3d import _kernels as k
+        from cdff_core.dfns.registration_3d import _surface as s
 
         cfg: Any = self.config
-        source = checked_points(inputs.source, "source", _LEAST_PAIRS)
-        target = checked_points(inputs.target, "target", max(_LEAST_PAIRS, cfg.neighbours))
+        source = checked_points(inputs.source, "source", s.LEAST_PAIRS)
+        target = checked_points(inputs.target, "target", max(s.LEAST_PAIRS, cfg.neighbours))
         if inputs.target_normals is None:
             # Rings around the sensor meet themselves at the identity: uneven clouds are thinned first.
-            source, target = evened(source, target, cfg.thin_to)
-        tree = cKDTree(target)
-        normals = estimated_normals(target, tree, cfg.neighbours, inputs.target_normals)
+            source, target = s.evened(source, target, cfg.thin_to)
+        tree = kd_tree(target)
+        normals = s.tree_normals(tree, cfg.neighbours, inputs.target_normals)
         T = checked_transform(np.eye(4) if inputs.guess is None else inputs.guess, "guess")
-        spaced_m = spacing_m(tree)
+        spaced_m = spacing(tree)
         last_gate_m = cfg.max_distance_m or cfg.gate_spacings * spaced_m
         tolerance_m = cfg.tolerance_m or 1e-3 * spaced_m
-        gate_m = self._first_gate_m(tree, se3.transform_points(T, source), last_gate_m)
+        gate_m = max(last_gate_m, cfg.first_distance_m or 0.0)
+        if cfg.first_distance_m is None:
+            moved = se3.transform_points(T, source)
+            gate_m = max(gate_m, s.first_gate_m(tree, moved, cfg.first_medians, cfg.first_radii))
+        row, moved = np.full(len(source), -1), np.empty_like(source)
         converged = False
         steps: list[FloatArray] = []
         while len(steps) < cfg.max_iterations:
-            T, scale_m, step = self._step(T, source, tree, target, normals, gate_m)
+            count = k.pair(tree, source, T, gate_m, row, moved)
+            if count < s.LEAST_PAIRS:
+                raise s.too_few(count, len(source), gate_m)
+            distances_m = k.plane_distances(tree.points, normals, row, moved)
+            scale_m = max(1.4826 * float(np.median(np.abs(distances_m))), 1e-9)
+            # A wide gate keeps the kernel wide: rings on the ground that meet themselves would else outvote structure.
+            width_m = max(cfg.kernel_scales * scale_m, cfg.kernel_gates * gate_m)
+            centre, radius_m = k.middle(row, moved)
+            kernel = k.KERNELS[cfg.kernel]
+            H, g = k.plane_equations(tree.points, normals, row, moved, centre, radius_m, width_m, kernel)
+            T, step = s.stepped(T, H, g, centre, radius_m)
             steps.append(step)
             at_last_gate = gate_m <= last_gate_m or gate_m <= _GATE_PER_SCALE * scale_m
-            converged = at_last_gate and _is_at_rest(steps, tolerance_m)
+            converged = at_last_gate and s.is_at_rest(steps, tolerance_m)
             if converged:
                 break
             gate_m = max(last_gate_m, _GATE_PER_SCALE * scale_m, cfg.annealing * gate_m)
@@ -100,52 +110,3 @@ class PointToPlaneIcp(Registration3DInterface):
             iterations=np.array(len(steps)),
             converged=np.array(converged),
         )
-
-    def _first_gate_m(self, tree: cKDTree, moved: FloatArray, last_gate_m: float) -> float:
-        cfg: Any = self.config
-        if cfg.first_distance_m is not None:
-            return max(cfg.first_distance_m, last_gate_m)
-        distance_m, _ = tree.query(moved)
-        offset = tree.data - np.median(tree.data, axis=0)
-        radius_m = float(np.sqrt(np.mean(np.sum(offset**2, axis=1))))
-        return max(last_gate_m, cfg.first_medians * float(np.median(distance_m)), cfg.first_radii * radius_m)
-
-    def _step(
-        self, T: FloatArray, source: FloatArray, tree: cKDTree, target: FloatArray, normals: FloatArray, gate_m: float
-    ) -> tuple[FloatArray, float, FloatArray]:
-        """One Gauss-Newton step: the new transform, the residual scale, and shift and turn times radius, metres."""
-        moved = se3.transform_points(T, source)
-        distance_m, match = tree.query(moved, distance_upper_bound=gate_m)
-        paired = np.isfinite(distance_m)
-        if np.count_nonzero(paired) < _LEAST_PAIRS:
-            raise DegenerateGeometryError(
-                f"{np.count_nonzero(paired)} of {len(source)} points have a neighbour within {gate_m:.3g} m, expected "
-                f"at least {_LEAST_PAIRS}; give a better guess",
-                ["no_overlap"],
-            )
-        p, n = moved[paired], normals[match[paired]]
-        residual_m = np.einsum("ij,ij->i", p - target[match[paired]], n)
-        scale_m = max(1.4826 * float(np.median(np.abs(residual_m))), 1e-9)
-        # A wide gate keeps the kernel wide: rings on the ground that meet themselves would else outvote all structure.
-        u = residual_m / max(self.config.tukey * scale_m, self.config.kernel_gates * gate_m)
-        weight = np.where(np.abs(u) < 1.0, (1.0 - u * u) ** 2, 0.0)
-        centre = p.mean(axis=0)
-        offset = p - centre
-        radius_m = max(float(np.sqrt(np.mean(np.sum(offset**2, axis=1)))), 1e-9)
-        H, g = self._normal_equations(offset / radius_m, n, residual_m, weight)
-        # Rotations are in units of the radius; the damping keeps free directions at rest instead of singular.
-        x = -np.linalg.solve(H + 1e-6 * max(np.trace(H), 1e-12) * np.eye(6), g)
-        to_centre = se3.transform(np.eye(3), -centre)
-        update = se3.transform(se3.normalise_rotation(se3.exp_so3(x[3:] / radius_m)), x[:3] + centre) @ to_centre
-        T = update @ T
-        T[:3, :3] = se3.normalise_rotation(T[:3, :3])
-        return T, scale_m, x
-
-
-def _is_at_rest(steps: list[FloatArray], tolerance_m: float) -> bool:
-    """Whether the last step, or the sum of the last few (a cycle of pairs), moved points too little to matter."""
-    for count in range(1, min(_LONGEST_CYCLE, len(steps)) + 1):
-        moved = np.sum(steps[-count:], axis=0)
-        if np.linalg.norm(moved[:3]) + np.linalg.norm(moved[3:]) < tolerance_m:
-            return True
-    return False

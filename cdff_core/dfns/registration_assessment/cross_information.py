@@ -56,7 +56,7 @@ class CrossInformation(RegistrationAssessmentInterface):
 
     def process(self, inputs: RegistrationAssessmentInputs) -> RegistrationAssessmentOutputs:
         """Return the judgement; raises InputError, or RefusedError (no_overlap) when hardly a point has a neighbour."""
-        from scipy.spatial import cKDTree
+        from cdff_common.geometry.kdtree import kd_tree, nearest, spacing
 
         cfg: Any = self.config
         target = checked_points(inputs.target, "target", _LEAST_PAIRS)
@@ -64,11 +64,11 @@ class CrossInformation(RegistrationAssessmentInterface):
         T = checked_transform(inputs.transform)
         source = se3.transform_points(T, checked_points(inputs.source, "source", _LEAST_PAIRS))
         source_normals = checked_points(inputs.source_normals, "source_normals", len(source)) @ T[:3, :3].T
-        target_tree, source_tree = cKDTree(target), cKDTree(source)
-        spacing_m = max(_spacing_m(target_tree), _spacing_m(source_tree))
+        target_tree, source_tree = kd_tree(target), kd_tree(source)
+        spacing_m = max(spacing(target_tree), spacing(source_tree))
         gate_m = cfg.gate_m or cfg.gate_spacings * spacing_m
-        distance_m, match = target_tree.query(source, distance_upper_bound=gate_m)
-        back_m, _ = source_tree.query(target, distance_upper_bound=gate_m)
+        distance_m, match = nearest(target_tree, source, gate_m)
+        back_m, _ = nearest(source_tree, target, gate_m)
         paired = np.isfinite(distance_m)
         if np.count_nonzero(paired) < _LEAST_PAIRS:
             raise RefusedError(
@@ -100,11 +100,6 @@ class CrossInformation(RegistrationAssessmentInterface):
             agreement=agreement,
             directions=directions,
         )
-
-
-def _spacing_m(tree: Any) -> float:
-    distance_m, _ = tree.query(tree.data[:: max(1, tree.n // 5000)], k=2)
-    return max(float(np.median(distance_m[:, 1])), 1e-9)
 
 
 def _tukey(residual_m: FloatArray, constant: float) -> FloatArray:

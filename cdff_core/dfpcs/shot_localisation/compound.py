@@ -121,14 +121,13 @@ class ShotLocalisation(ShotLocalisationInterface):
         return None if quality.status is Status.FAILED else (found, quality)
 
     def _searched(self, model: Cloud, scene: Cloud) -> tuple[Found | None, Quality]:
-        """The better of the first two acceptable places; as good as one another, they are ambiguous."""
+        """The better of the first acceptable place and one elsewhere; as good as one another, they are ambiguous."""
         search = Search(self._matcher, model, scene, self.config, self._judged)
-        places = search.acceptable()
-        first = next(places, None)
+        first = next(search.acceptable(), None)
         if first is None:
             return None, refused("not_found", search.refusals)
-        second = next(places, None)
-        if second is None or not self._is_elsewhere(first[0], second[0]):
+        second = next((other for other in search.elsewhere(first[0]) if self._is_elsewhere(first[0], other[0])), None)
+        if second is None:
             return first
         better, worse = sorted((first, second), key=lambda place: float(place[0].assessment.rms_m))
         if float(worse[0].assessment.rms_m) <= self.config.ambiguity * float(better[0].assessment.rms_m):

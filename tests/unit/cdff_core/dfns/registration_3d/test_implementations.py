@@ -15,7 +15,7 @@ from cdff_common.interfaces.registry import Registry
 from cdff_core.dfns.registration_3d._interface import Registration3DInputs
 from tests import surfaces
 
-IMPLEMENTATIONS = ("PointToPlaneIcp", "Gicp")
+IMPLEMENTATIONS = ("PointToPlaneIcp", "Gicp", "Ndt")
 T_TRUE = se3.exp_se3([0.4, -0.3, 0.2, 0.02, -0.03, 0.08])
 
 

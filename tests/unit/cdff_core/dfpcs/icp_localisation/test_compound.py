@@ -162,8 +162,8 @@ def test_the_same_clouds_give_the_same_pose_bit_for_bit(rng: np.random.Generator
 
 
 def test_parameters_reach_the_dfns_and_unknown_ones_are_refused() -> None:
-    with pytest.raises(ConfigurationError, match="tukey"):
-        made(register_fine={"tukey": -1.0})
+    with pytest.raises(ConfigurationError, match="kernel_scales"):
+        made(register_fine={"kernel_scales": -1.0})
     with pytest.raises(ConfigurationError, match="min_overlaps"):
         made(min_overlaps=0.3)
 

@@ -1,0 +1,138 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Pairs of clouds of simulated terrain, made from a seed alone: windows sampled anew, and lidar scans ray cast."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from cdff_common.geometry import se3
+from cdff_common.geometry.se3 import FloatArray
+
+WINDOW_M, POINTS, NOISE_M = 20.0, 30_000, 0.01
+RINGS, COLUMNS, SENSOR_M, RANGE_M = 64, 1800, 1.6, 60.0
+ELEVATION_DEG = (-26.0, 3.5)
+
+
+class Terrain:
+    """A fractal surface with rocks, on a periodic grid whose heights are interpolated linearly.
+
+    Parameters
+    ----------
+    seed : int
+    size_m, step_m : float
+        Edge of the square and of a cell.
+    rocks : int
+        Ellipsoids of 0.1 to 0.5 m radius, half sunk.
+    """
+
+    def __init__(self, seed: int, size_m: float = 64.0, step_m: float = 0.05, rocks: int = 250) -> None:
+        rng = np.random.default_rng(seed)
+        self.size_m, self.step_m = size_m, step_m
+        n = round(size_m / step_m)
+        f = np.hypot(*np.meshgrid(np.fft.fftfreq(n, step_m), np.fft.rfftfreq(n, step_m), indexing="ij"))
+        f[0, 0] = np.inf
+        spectrum = np.where(f < 1.0 / 32.0, 0.0, f**-2.0) * np.exp(2j * np.pi * rng.random(f.shape))
+        z = np.fft.irfft2(spectrum, s=(n, n))
+        z *= 0.35 / z.std()
+        x = np.arange(n) * step_m
+        for cx, cy, r in zip(*rng.uniform(0, size_m, (2, rocks)), rng.uniform(0.1, 0.5, rocks), strict=True):
+            i = slice(*np.clip(np.searchsorted(x, [cx - r, cx + r]), 0, n))
+            j = slice(*np.clip(np.searchsorted(x, [cy - r, cy + r]), 0, n))
+            inside = np.maximum(r**2 - (x[i, None] - cx) ** 2 - (x[None, j] - cy) ** 2, 0.0)
+            z[i, j] += rng.uniform(0.5, 1.0) * np.sqrt(inside)
+        self.z_m = z
+
+    def height(self, xy: FloatArray) -> FloatArray:
+        """Heights ``(n,)`` at points ``(n, 2)`` inside the square, metres."""
+        g = xy / self.step_m
+        i, (u, v) = g.astype(int), (g % 1.0).T
+        z = self.z_m
+        z00, z10 = z[i[:, 0], i[:, 1]], z[i[:, 0] + 1, i[:, 1]]
+        z01, z11 = z[i[:, 0], i[:, 1] + 1], z[i[:, 0] + 1, i[:, 1] + 1]
+        return np.asarray((1 - u) * (1 - v) * z00 + u * (1 - v) * z10 + (1 - u) * v * z01 + u * v * z11)
+
+    def window(self, rng: np.random.Generator, x_m: float, y_m: float) -> FloatArray:
+        """Points (30 000, 3) of a window of 20 m whose low corner is given, with noise."""
+        xy = rng.uniform(0, WINDOW_M, (POINTS, 2)) + np.array([x_m, y_m])
+        return np.c_[xy, self.height(xy)] + rng.normal(0, NOISE_M, (POINTS, 3))
+
+    @cached_property
+    def scene(self) -> Any:
+        """An Open3D scene to cast rays at."""
+        import open3d as o3d
+
+        n = len(self.z_m)
+        x, y = np.meshgrid(*(np.arange(n) * self.step_m,) * 2, indexing="ij")
+        vertices = np.stack([x, y, self.z_m], axis=-1).reshape(-1, 3).astype(np.float32)
+        index = np.arange(n * n, dtype=np.uint32).reshape(n, n)
+        a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+        triangles = np.stack([np.stack([a, c, d], -1), np.stack([a, d, b], -1)]).reshape(-1, 3)
+        scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+        scene.add_triangles(o3d.core.Tensor(vertices), o3d.core.Tensor(np.ascontiguousarray(triangles)))
+        return scene
+
+    def scan(self, rng: np.random.Generator, T_terrain_lidar: FloatArray) -> FloatArray:
+        """One revolution (some 90 000, 3) of 64 x 1800 beams from a pose, in the lidar's frame, range noise 1 cm."""
+        import open3d as o3d
+
+        azimuth = 2.0 * np.pi * np.arange(COLUMNS) / COLUMNS
+        a, e = np.meshgrid(azimuth, np.radians(np.linspace(*ELEVATION_DEG, RINGS)), indexing="ij")
+        beams = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1).reshape(-1, 3)
+        rays = np.empty((len(beams), 6), np.float32)
+        rays[:, :3], rays[:, 3:] = T_terrain_lidar[:3, 3], beams @ T_terrain_lidar[:3, :3].T
+        range_m = self.scene.cast_rays(o3d.core.Tensor(rays), nthreads=1)["t_hit"].numpy().astype(np.float64)
+        seen = (range_m > 1.0) & (range_m < RANGE_M)
+        return beams[seen] * (range_m[seen] + rng.normal(0, NOISE_M, np.count_nonzero(seen)))[:, None]
+
+
+def window_pair(seed: int, overlap: float, *, other_terrain: bool = False) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Two windows of one terrain: any heading, tilts of 5 degrees, overlap in share of a window's area.
+
+    Parameters
+    ----------
+    seed : int
+    overlap : float
+        0 puts the windows 4 m apart.
+    other_terrain : bool
+        Whether the target lies on terrain of another seed: the answer is then that there is none.
+
+    Returns
+    -------
+    tuple of ndarray
+        Source (about its own centre), target, and T_target_source.
+    """
+    rng = np.random.default_rng(seed)
+    terrain = Terrain(seed)
+    shift = WINDOW_M * (1.0 - overlap) if overlap > 0.0 else 1.2 * WINDOW_M
+    a = terrain.window(rng, 1.0, 5.0)
+    b = (Terrain(seed + 1_000_000) if other_terrain else terrain).window(rng, 1.0 + shift, 5.0)
+    centre = a.mean(axis=0)
+    turn = se3.exp_so3(np.radians(rng.normal(0, 5.0, 3))) @ se3.exp_so3(np.array([0, 0, rng.uniform(-np.pi, np.pi)]))
+    T_target_terrain = se3.transform(turn, rng.normal(0, 10.0, 3) - turn @ centre)
+    # The source lies about its origin, so that an error there is an error at the cloud.
+    return a - centre, se3.transform_points(T_target_terrain, b), T_target_terrain @ se3.transform(np.eye(3), centre)
+
+
+def scan_pair(seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Two lidar scans of one terrain from poses up to 1.1 m and 4 degrees apart.
+
+    Returns
+    -------
+    tuple of ndarray
+        Scene and model, some 90 000 points each, and T_scene_model.
+    """
+    rng = np.random.default_rng([seed, 64])
+    terrain = Terrain(seed, size_m=120.0, step_m=0.2, rocks=400)
+    xy = rng.uniform(55.0, 65.0, 2)
+    heading, tilt = rng.uniform(-np.pi, np.pi), np.radians(rng.normal(0, 2.0, 2))
+    R = se3.exp_so3(np.array([0, 0, heading])) @ se3.exp_so3(np.array([*tilt, 0.0]))
+    first = se3.transform(R, [*xy, terrain.height(xy[None])[0] + SENSOR_M])
+    axis = rng.normal(size=3)
+    turn = np.radians(rng.uniform(0.5, 4.0)) * axis / np.linalg.norm(axis)
+    way, bearing = rng.uniform(0.3, 1.1), rng.uniform(-np.pi, np.pi)
+    step = se3.transform(se3.exp_so3(turn), [way * np.cos(bearing), way * np.sin(bearing), rng.normal(0, 0.02)])
+    return terrain.scan(rng, first), terrain.scan(rng, first @ step), step
