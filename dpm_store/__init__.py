@@ -13,10 +13,11 @@ from dpm_store.frames import FrameRevision
 from dpm_store.poses import StampedPose, Track
 from dpm_store.provenance import Lineage
 from dpm_store.records import Insertion, Page, Parcel, ProductRecord, Query
-from dpm_store.retention import Plan, Rule
+from dpm_store.retention import Plan, Verdict
+from dpm_store.rules import Prefer, Rule
 from dpm_store.store import Store, open_store
 
 __all__ = [
-    "Annotation", "Event", "FrameRevision", "Insertion", "Lineage", "Page", "Parcel", "Plan", "ProductRecord", "Query",
-    "Rule", "StaleRevisionError", "StampedPose", "Store", "Track", "open_store",
+    "Annotation", "Event", "FrameRevision", "Insertion", "Lineage", "Page", "Parcel", "Plan", "Prefer",
+    "ProductRecord", "Query", "Rule", "StaleRevisionError", "StampedPose", "Store", "Track", "Verdict", "open_store",
 ]  # fmt: skip

@@ -74,7 +74,7 @@ class BlobFiles:
         return self._directory / sha256[:2] / sha256[2:]
 
     def write(self, sha256: str, payload: bytes) -> None:
-        """Make the payload durable under its digest; a no-op where it already lies whole.
+        """Make the payload durable under its digest; one that lies there already is compared, and mended if it differs.
 
         Raises
         ------
@@ -83,12 +83,14 @@ class BlobFiles:
         """
         target = self.path(sha256)
         try:
-            if target.exists() and target.stat().st_size == len(payload):
+            if _holds(target, payload):
+                _sync(target)  # somebody wrote it, and may have been killed before it was durable
+                _sync(target.parent)
                 return
             new_directory = not target.parent.exists()
             target.parent.mkdir(exist_ok=True)
             if new_directory:
-                _sync_directory(self._directory)
+                _sync(self._directory)
             descriptor, part = tempfile.mkstemp(suffix=".part", dir=self._directory)
             try:
                 with os.fdopen(descriptor, "wb") as file:
@@ -99,9 +101,9 @@ class BlobFiles:
             except OSError:
                 Path(part).unlink(missing_ok=True)
                 raise
-            _sync_directory(target.parent)
+            _sync(target.parent)
         except OSError as error:
-            why = "the disk is full; free some space" if error.errno in _FULL else "the disk failed"
+            why = "the disk is full; delete products" if error.errno in _FULL else "the disk failed"
             raise StorageError(f"payload of {len(payload)} bytes not stored: {why} ({error.strerror})") from error
 
     def read(self, sha256: str, size: int, sums: bytes, offset: int, length: int, what: str) -> bytes:
@@ -125,24 +127,44 @@ class BlobFiles:
         check_chunks(data, first, sums, what)
         return data if (start, stop) == (offset, offset + length) else data[offset - start : offset - start + length]
 
-    def names(self) -> Iterator[str]:
-        """Digests of all files that are there."""
-        for path in self._directory.glob("??/*"):
-            yield path.parent.name + path.name
+    def names(self) -> Iterator[list[str]]:
+        """Digests of all files that are there, one directory after the other."""
+        for directory in sorted(self._directory.glob("??")):
+            yield [directory.name + path.name for path in directory.iterdir()]
 
     def remove(self, sha256: str) -> int:
-        """Delete a file; returns the bytes freed."""
+        """Delete a file; returns the bytes freed.
+
+        Raises
+        ------
+        StorageError
+            If the disk fails.
+        """
         path = self.path(sha256)
         try:
             size = path.stat().st_size
             path.unlink()
         except FileNotFoundError:
             return 0
+        except OSError as error:
+            raise StorageError(f"payload {sha256} not removed ({error.strerror})") from error
         return size
 
 
-def _sync_directory(directory: Path) -> None:
-    descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+def _holds(path: Path, payload: bytes) -> bool:
+    """Tell whether a file is there and is the payload, byte for byte."""
+    try:
+        with path.open("rb") as file:
+            if os.fstat(file.fileno()).st_size != len(payload):
+                return False
+            view = memoryview(payload)
+            return all(file.read(CHUNK_BYTES) == view[i : i + CHUNK_BYTES] for i in range(0, len(view), CHUNK_BYTES))
+    except FileNotFoundError:
+        return False
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
     finally:

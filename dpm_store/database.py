@@ -15,6 +15,7 @@ from sqlalchemy.exc import DatabaseError
 
 from cdff_common.errors import ConfigurationError, StorageError
 from dpm_store import sqlite
+from dpm_store.room import Room
 
 
 def directory_of(url: str) -> Path:
@@ -32,12 +33,21 @@ def directory_of(url: str) -> Path:
 
 
 class Database:
-    """The engine with its two kinds of transaction."""
+    """The engine with its kinds of transaction.
 
-    def __init__(self, path: Path) -> None:
+    Attributes
+    ----------
+    room : Room
+        What may still be added.
+    writing : RLock
+        Held by whoever writes.
+    """
+
+    def __init__(self, path: Path, room: Room | None = None) -> None:
         self.dialect = sqlite
+        self.room = Room(path.parent) if room is None else room
         self.engine = sqlite.open_engine(path)
-        self._writing = threading.RLock()
+        self.writing = threading.RLock()
 
     @contextmanager
     def read(self) -> Iterator[Connection]:
@@ -52,16 +62,67 @@ class Database:
         Raises
         ------
         StorageError
-            If the disk is full or fails: nothing of the transaction is kept.
+            If the disk is nearly full, full, or fails: nothing of the transaction is kept.
         """
-        with _translated(), self._writing, self.engine.connect() as plain:
-            connection = plain.execution_options(**{sqlite.WRITES: True})
-            with connection.begin():
-                yield connection
+        self.admit(0)
+        with self.writing, self.session() as session, session.write() as connection:
+            yield connection
+
+    @contextmanager
+    def freeing(self) -> Iterator[Connection]:
+        """As ``write``, for what makes room: allowed on a full disk too; the log is folded into the file afterwards."""
+        with self.writing, self.session() as session, session.freeing() as connection:
+            yield connection
+
+    @contextmanager
+    def session(self) -> Iterator[Session]:
+        """One connection for several transactions, so that temporary tables last over them."""
+        with _translated(), self.engine.connect() as plain:
+            yield Session(self, plain)
+
+    def admit(self, wanted_bytes: int) -> None:
+        """Raise StorageError where so many bytes of payload would leave too little room to delete."""
+        self.room.admit(wanted_bytes, lambda: sqlite.reusable_bytes(self.engine))
 
     def close(self) -> None:
         """Close every connection; the last one folds the write-ahead log into the file."""
         self.engine.dispose()
+
+
+class Session:
+    """One connection and its transactions."""
+
+    def __init__(self, database: Database, connection: Connection) -> None:
+        self._database = database
+        self._connection = connection
+
+    @contextmanager
+    def read(self) -> Iterator[Connection]:
+        """As ``Database.read``."""
+        with self._begun(writes=False) as connection:
+            yield connection
+
+    @contextmanager
+    def write(self) -> Iterator[Connection]:
+        """As ``Database.write``, without its question whether there is room."""
+        with self._database.writing, self._begun(writes=True) as connection:
+            yield connection
+
+    @contextmanager
+    def freeing(self) -> Iterator[Connection]:
+        """As ``Database.freeing``."""
+        room = self._database.room
+        with room.freeing():
+            with self.write() as connection:
+                yield connection
+            if room.is_low():
+                sqlite.fold_log(self._database.engine)
+
+    @contextmanager
+    def _begun(self, *, writes: bool) -> Iterator[Connection]:
+        connection = self._connection.execution_options(**{sqlite.WRITES: writes})
+        with connection.begin():
+            yield connection
 
 
 @contextmanager

@@ -1,18 +1,26 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Looking after the store: is everything as it was written, what takes the room, what can go."""
+"""Looking after the store: is everything as it was written, what takes the room, what can go.
+
+All of it goes through the store in steps, so that it neither holds much in memory nor keeps writers waiting.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from sqlalchemy import exists, func, select, update
+import msgpack
+from sqlalchemy import Connection, bindparam, exists, func, select, update
 
-from cdff_common.errors import StorageError
+from cdff_common.errors import InputError, StorageError
+from cdff_common.interfaces.product import Header
 from dpm_store import schema, sqlite
 from dpm_store.blobs import BlobFiles, digest
 from dpm_store.database import Database
+
+#: Rows looked at in one read, and payloads removed in one write.
+_READ, _WRITE = 1000, 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,25 +33,49 @@ class Problem:
 
 @dataclass(frozen=True, slots=True)
 class Statistics:
-    """Counts of live products by (robot, type), bytes of their payloads, newest end of capture."""
+    """What is in the store.
+
+    Attributes
+    ----------
+    products : mapping of (robot, product) to int
+        Live products.
+    product_bytes : mapping of (robot, product) to int
+        Of their payloads, each product's counted.
+    newest_t1_ns : int or None
+        Newest end of capture.
+    events : int
+    payloads, stored_bytes : int
+        Payloads that are kept, each content once.
+    free_bytes : int
+        That the disk has left.
+    """
 
     products: Mapping[tuple[str, str], int]
-    payload_bytes: int
+    product_bytes: Mapping[tuple[str, str], int]
     newest_t1_ns: int | None
     events: int
+    payloads: int
+    stored_bytes: int
+    free_bytes: int
 
     @property
     def count(self) -> int:
         """Live products in all."""
         return sum(self.products.values())
 
+    @property
+    def payload_bytes(self) -> int:
+        """Bytes of the payloads of live products, each product's counted."""
+        return sum(self.product_bytes.values())
+
 
 def verify(database: Database, files: BlobFiles) -> tuple[Problem, ...]:
-    """Check the database, the index, and the SHA-256 of every payload."""
+    """Check the database, the index, the headers, the sums that are kept, and the SHA-256 of every payload."""
     with database.read() as connection:
         problems = [Problem("database", what) for what in sqlite.check(connection)]
-        blobs = connection.execute(select(schema.blobs.c.sha256, schema.blobs.c.size)).all()
-    for sha256, size in blobs:
+    problems += _headers(database)
+    for sha256 in _digests(database):
+        where = f"payload {sha256}"
         try:
             with database.read() as connection:
                 row = connection.execute(select(schema.blobs).where(schema.blobs.c.sha256 == sha256)).first()
@@ -51,41 +83,117 @@ def verify(database: Database, files: BlobFiles) -> tuple[Problem, ...]:
                 continue
             payload = row.content
             if payload is None:
-                payload = files.read(sha256, size, row.chunk_sums, 0, size, f"payload {sha256}") if size else b""
+                payload = files.read(sha256, row.size, row.chunk_sums, 0, row.size, where) if row.size else b""
             if digest(payload) != sha256:
-                problems.append(Problem(f"payload {sha256}", "content has another digest"))
+                problems.append(Problem(where, "content has another digest"))
         except StorageError as error:
-            problems.append(Problem(f"payload {sha256}", str(error)))
+            problems.append(Problem(where, str(error)))
     return tuple(problems)
 
 
+def _headers(database: Database) -> Iterator[Problem]:
+    """Products whose header cannot be read or says something else than their row."""
+    p, last = schema.products.c, -1
+    page = select(p.ordinal, p.id, p.header, p.sha256, p.deleted_ns, p.t1_ns, p.frame).order_by(p.ordinal).limit(_READ)
+    while True:
+        with database.read() as connection:
+            rows = connection.execute(page.where(p.ordinal > last)).all()
+        if not rows:
+            return
+        last = rows[-1].ordinal
+        for row in rows:
+            try:
+                header = Header.from_dict(msgpack.unpackb(row.header))
+            except (ValueError, InputError) as error:
+                yield Problem(f"product {row.id}", f"header not readable: {error}")
+                continue
+            if (header.id, header.t1_ns, header.frame) != (row.id, row.t1_ns, row.frame) or (
+                row.sha256 != header.sha256 and (row.deleted_ns is None or row.sha256 is not None)
+            ):
+                yield Problem(f"product {row.id}", "its row and its header differ")
+
+
+def _digests(database: Database) -> Iterator[str]:
+    b, last = schema.blobs.c, ""
+    page = select(b.sha256).order_by(b.sha256).limit(_READ)
+    while True:
+        with database.read() as connection:
+            found = connection.execute(page.where(b.sha256 > last)).scalars().all()
+        if not found:
+            return
+        last = found[-1]
+        yield from found
+
+
 def collect(database: Database, files: BlobFiles) -> int:
-    """Remove payloads that only tombstones name, and files that no row names; returns the bytes freed."""
-    p, b = schema.products.c, schema.blobs.c
-    with database.write() as connection:
-        used = exists().where(p.sha256 == b.sha256, p.deleted_ns.is_(None))
-        gone = connection.execute(select(b.sha256, b.size, b.content.is_not(None)).where(~used)).all()
-        for sha256, _, _ in gone:
-            connection.execute(update(schema.products).where(p.sha256 == sha256).values(sha256=None))
-            connection.execute(schema.blobs.delete().where(b.sha256 == sha256))
-        freed = sum(int(size) for _, size, inline in gone if inline)
-    # The rows are gone for good before a file is; a put meanwhile waits for the next lock and writes its file anew.
-    with database.write() as connection:
-        named = set(connection.execute(select(b.sha256).where(b.content.is_(None))).scalars())
-        freed += sum(files.remove(sha256) for sha256 in list(files.names()) if sha256 not in named)
+    """Remove payloads that only tombstones name, and files that no row names; returns the bytes freed.
+
+    Safe beside writers: what seemed unused is looked at again in the transaction that removes it, and a product that
+    is inserted meanwhile with the same content writes its payload anew.
+    """
+    freed = 0
+    for digests in _of_tombstones(database):
+        freed += _forget(database, digests)
+    for found in files.names():
+        for start in range(0, len(found), _WRITE):
+            with database.read() as connection:
+                unnamed = _unnamed(connection, found[start : start + _WRITE])
+            if unnamed:
+                with database.freeing() as connection:
+                    freed += sum(files.remove(sha256) for sha256 in _unnamed(connection, unnamed))
     return freed
 
 
+def _of_tombstones(database: Database) -> Iterator[Sequence[str]]:
+    """Payloads that tombstones still name, some at a time."""
+    p, last = schema.products.c, ""
+    page = (
+        select(p.sha256).where(p.deleted_ns.is_not(None), p.sha256.is_not(None)).distinct().order_by(p.sha256)
+        .limit(_WRITE)
+    )  # fmt: skip
+    while True:
+        with database.read() as connection:
+            found = connection.execute(page.where(p.sha256 > last)).scalars().all()
+        if not found:
+            return
+        last = str(found[-1])
+        yield [str(sha256) for sha256 in found]
+
+
+def _forget(database: Database, digests: Sequence[str]) -> int:
+    """Take payloads without a live product out of the database; bytes of those that lay in it."""
+    p, b = schema.products.c, schema.blobs.c
+    alive = exists().where(p.sha256 == b.sha256, p.deleted_ns.is_(None))
+    unused = select(b.sha256, b.size, b.content.is_not(None)).where(b.sha256.in_(digests), ~alive)
+    unname = update(schema.products).where(p.sha256 == bindparam("gone")).values(sha256=None)
+    with database.freeing() as connection:
+        rows = connection.execute(unused).all()
+        if rows:
+            connection.execute(unname, [{"gone": sha256} for sha256, _, _ in rows])
+            connection.execute(
+                schema.blobs.delete().where(b.sha256 == bindparam("gone")), [{"gone": r[0]} for r in rows]
+            )
+    return sum(int(size) for _, size, inline in rows if inline)
+
+
+def _unnamed(connection: Connection, digests: Sequence[str]) -> list[str]:
+    b = schema.blobs.c
+    named = set(connection.execute(select(b.sha256).where(b.sha256.in_(digests), b.content.is_(None))).scalars())
+    return [sha256 for sha256 in digests if sha256 not in named]
+
+
 def statistics(database: Database) -> Statistics:
-    """Counts and sizes of live products."""
-    p = schema.products.c
-    alive = p.deleted_ns.is_(None)
+    """Counts and sizes, from sums that the database keeps with every change."""
+    p, t, b, e = schema.products.c, schema.tallies.c, schema.blob_tallies.c, schema.events.c
+    newest = select(p.t1_ns).where(p.deleted_ns.is_(None)).order_by(p.t1_ns.desc()).limit(1)
     with database.read() as connection:
-        counts = connection.execute(
-            select(p.robot, p.product, func.count()).where(alive).group_by(p.robot, p.product)
-        ).all()
-        size, newest = connection.execute(
-            select(func.coalesce(func.sum(p.size), 0), func.max(p.t1_ns)).where(alive)
+        counts = connection.execute(select(t.robot, t.product, t.live, t.bytes).where(t.live > 0)).all()
+        payloads, stored = connection.execute(
+            select(func.coalesce(func.sum(b.payloads), 0), func.coalesce(func.sum(b.bytes), 0))
         ).one()
-        events = connection.execute(select(func.count()).select_from(schema.events)).scalar_one()
-    return Statistics({(r, t): n for r, t, n in counts}, int(size), newest, int(events))
+        newest_ns = connection.execute(newest).scalar()
+        events = connection.execute(select(func.max(e.ordinal))).scalar() or 0
+    return Statistics(
+        {(r.robot, r.product): r.live for r in counts}, {(r.robot, r.product): r.bytes for r in counts}, newest_ns,
+        int(events), int(payloads), int(stored), database.room.free_bytes(),
+    )  # fmt: skip

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import msgpack
+import numpy as np
 from sqlalchemy import Connection, Row, func, insert, select, update
 
 from cdff_common.clock import NS_PER_S, Clock
@@ -21,6 +22,7 @@ from dpm_store.annotations import AnnotationTable, is_pinned
 from dpm_store.blobs import CHUNK_BYTES, BlobFiles, check_chunks, chunk_sums, covering, digest
 from dpm_store.database import Database
 from dpm_store.events import EventTable
+from dpm_store.footprints import footprint_of, ring_bytes
 from dpm_store.poses import PoseTable
 from dpm_store.records import LATEST_NS, Insertion, Parcel, ProductRecord
 
@@ -49,6 +51,7 @@ class _Ready:
     header: Header
     chunk_sums: bytes
     poses: list[tuple[int, Any]] | None
+    ring: bytes | None = None
 
 
 class ProductTable:
@@ -111,6 +114,7 @@ class ProductTable:
             known = [self._compare(connection, item.parcel, item.header) for item in ready]
         new = [item for item, there in zip(ready, known, strict=True) if there is None]
         if new:
+            self._database.admit(sum(len(item.parcel.payload) for item in new))
             for item in new:
                 self._write_file(item)
             with self._database.write() as connection:
@@ -133,6 +137,8 @@ class ProductTable:
             connection, header, parcel.names, parcel.type_name, parcel.codec, len(parcel.payload)
         )
         self._index(connection, ordinal, header)
+        if item.ring is not None:
+            connection.execute(insert(schema.footprints), {"ordinal": ordinal, "ring": item.ring})
         metrics = {n: v for n, v in header.quality.metrics.items() if len(n) <= MAX_METRIC_NAME and math.isfinite(v)}
         if metrics:
             rows = [{"ordinal": ordinal, "name": name, "value": value} for name, value in metrics.items()]
@@ -188,7 +194,6 @@ class ProductTable:
         wanted = row.size - offset if length is None else min(length, row.size - offset)
         if wanted == 0:
             return b""
-        what = f"product {product_id}"
         return self._content(row, product_id, offset, wanted)
 
     def payloads(self, product_ids: Sequence[str]) -> Iterator[tuple[str, bytes]]:
@@ -208,6 +213,7 @@ class ProductTable:
                 yield row.id, self._content(row, row.id, 0, row.size) if row.size else b""
 
     def _content(self, row: Any, product_id: str, offset: int, wanted: int) -> bytes:
+        what = f"product {product_id}"
         if row.content is None:
             return self._files.read(row.sha256, row.size, row.chunk_sums, offset, wanted, what)
         first, last = covering(offset, wanted)
@@ -224,7 +230,7 @@ class ProductTable:
         ConflictError
             If it is pinned.
         """
-        with self._database.write() as connection:
+        with self._database.freeing() as connection:
             return self.delete_in(connection, product_id)
 
     def delete_in(self, connection: Connection, product_id: str) -> bool:
@@ -335,10 +341,28 @@ def _checked(header: Header, payload: bytes, names: dict[str, str], type_name: s
     box = header.box_m
     if box is not None and (not all(math.isfinite(v) for v in box) or any(box[i] > box[i + 3] for i in range(3))):
         raise InputError(f"box_m={box}: expected finite metres, each minimum at or below its maximum")
+    _check_footprint(header)
     sha256 = digest(payload)
     if header.sha256 not in (None, sha256):
         raise CodecError(f"product {header.id}: payload has SHA-256 {sha256}, its header says {header.sha256}")
     return sha256
+
+
+def _check_footprint(header: Header) -> None:
+    """Refuse a footprint without a box, with numbers that are not finite, out of the box, or that crosses itself."""
+    if header.footprint_m is None:
+        return
+    import shapely
+
+    ring, box = np.array(header.footprint_m).reshape(-1, 2), header.box_m
+    if box is None or not np.isfinite(ring).all():
+        raise InputError("footprint_m: expected finite metres, beside a box_m")
+    slack = 1e-6 * (1.0 + float(np.abs(ring).max()))
+    if (ring.min(axis=0) < np.array(box[:2]) - slack).any() or (ring.max(axis=0) > np.array(box[3:5]) + slack).any():
+        raise InputError(f"footprint_m reaches out of box_m={box}")
+    outline = shapely.Polygon(ring)
+    if not outline.is_valid or not outline.area > 0.0:
+        raise InputError(f"footprint_m: {shapely.is_valid_reason(outline)}, expected an outline that holds an area")
 
 
 def _prepared(parcel: Parcel) -> _Ready:
@@ -346,7 +370,8 @@ def _prepared(parcel: Parcel) -> _Ready:
     sha256 = _checked(parcel.header, parcel.payload, parcel.names, parcel.type_name, parcel.codec)
     header = replace(parcel.header, sha256=sha256)
     poses = _poses_of(parcel.type_name, parcel.payload, parcel.codec, parcel.value)
-    return _Ready(parcel, header, chunk_sums(parcel.payload), poses)
+    ring = footprint_of(header, parcel.value)
+    return _Ready(parcel, header, chunk_sums(parcel.payload), poses, None if ring is None else ring_bytes(ring))
 
 
 def _poses_of(type_name: str, payload: bytes, codec: str, value: Any) -> list[tuple[int, Any]] | None:

@@ -21,6 +21,7 @@ from sqlalchemy import (
     MetaData,
     String,
     Table,
+    text,
 )
 
 metadata = MetaData()
@@ -132,6 +133,9 @@ Index("products_by_time", products.c.t1_ns, products.c.ordinal)
 Index("products_by_type", products.c.product, products.c.t1_ns, products.c.ordinal)
 Index("products_by_robot", products.c.robot, products.c.product, products.c.t1_ns, products.c.ordinal)
 Index("products_by_blob", products.c.sha256)
+_GONE = text("deleted_ns IS NOT NULL AND sha256 IS NOT NULL")
+#: Tombstones whose payload was not collected yet.
+Index("products_gone", products.c.sha256, sqlite_where=_GONE, postgresql_where=_GONE)
 
 #: Outlines of products in the x-y plane of their frame, where they say more than the box: x, y as float64.
 footprints = Table(
@@ -255,4 +259,33 @@ pose_graph_edges = Table(
     Column("matrix", LargeBinary, nullable=False),
     Column("covariance", LargeBinary),
     Column("information", LargeBinary),
+)
+
+#: Live products and the bytes of their payloads by robot and type; kept by triggers (see the dialect module).
+tallies = Table(
+    "tallies",
+    metadata,
+    Column("robot", String(64), primary_key=True),
+    Column("product", String(64), primary_key=True),
+    Column("live", BigInteger, nullable=False),
+    Column("bytes", BigInteger, nullable=False),
+)
+
+#: Payloads that are kept, each content once, in the database (inline) and in files; kept by triggers.
+blob_tallies = Table(
+    "blob_tallies",
+    metadata,
+    Column("inline", Boolean, primary_key=True),
+    Column("payloads", BigInteger, nullable=False),
+    Column("bytes", BigInteger, nullable=False),
+)
+
+#: What the spatial index calls a frame and a type together.
+index_buckets = Table(
+    "index_buckets",
+    metadata,
+    Column("ordinal", _Ordinal, primary_key=True, autoincrement=True),
+    Column("frame", String(128), nullable=False),
+    Column("product", String(64), nullable=False),
+    Index("index_buckets_by_name", "frame", "product", unique=True),
 )

@@ -60,6 +60,31 @@ DDL_0003 = (
     ),
 )
 
+#: The same for revision 0004: sums that follow every change of ``products`` and ``blobs``, whoever makes it.
+_ADD_PRODUCT = (
+    "INSERT INTO tallies VALUES (NEW.robot, NEW.product, 1, NEW.size) "
+    "ON CONFLICT DO UPDATE SET live = live + 1, bytes = bytes + NEW.size"
+)
+_SUBTRACT_PRODUCT = (
+    "UPDATE tallies SET live = live - 1, bytes = bytes - OLD.size WHERE robot = OLD.robot AND product = OLD.product"
+)
+DDL_0004 = (
+    "INSERT INTO tallies SELECT robot, product, count(*), sum(size) FROM products WHERE deleted_ns IS NULL "
+    "GROUP BY robot, product",
+    "INSERT INTO blob_tallies SELECT content IS NOT NULL, count(*), sum(size) FROM blobs GROUP BY content IS NOT NULL",
+    f"CREATE TRIGGER products_add AFTER INSERT ON products WHEN NEW.deleted_ns IS NULL BEGIN {_ADD_PRODUCT}; END",
+    "CREATE TRIGGER products_delete AFTER UPDATE OF deleted_ns ON products "
+    f"WHEN OLD.deleted_ns IS NULL AND NEW.deleted_ns IS NOT NULL BEGIN {_SUBTRACT_PRODUCT}; END",
+    "CREATE TRIGGER products_purge AFTER DELETE ON products WHEN OLD.deleted_ns IS NULL "
+    f"BEGIN {_SUBTRACT_PRODUCT}; END",
+    "CREATE TRIGGER blobs_add AFTER INSERT ON blobs BEGIN "
+    "INSERT INTO blob_tallies VALUES (NEW.content IS NOT NULL, 1, NEW.size) "
+    "ON CONFLICT DO UPDATE SET payloads = payloads + 1, bytes = bytes + NEW.size; END",
+    "CREATE TRIGGER blobs_remove AFTER DELETE ON blobs BEGIN "
+    "UPDATE blob_tallies SET payloads = payloads - 1, bytes = bytes - OLD.size "
+    "WHERE inline = (OLD.content IS NOT NULL); END",
+)
+
 
 def open_engine(path: Path) -> Engine:
     """Open or make the database file: WAL, every commit synced, foreign keys on."""
@@ -104,7 +129,9 @@ def copy_database(source: Path, target: Path) -> tuple[int, list[str]]:
 def reusable_bytes(engine: Engine) -> int:
     """Bytes inside the database's file that are free: deletions leave them to later insertions."""
     with engine.connect() as connection:
-        pages, size = (connection.exec_driver_sql(f"PRAGMA {name}").scalar_one() for name in ("freelist_count", "page_size"))
+        pages, size = (
+            connection.exec_driver_sql(f"PRAGMA {name}").scalar_one() for name in ("freelist_count", "page_size")
+        )
         return int(pages) * int(size)
 
 
@@ -194,7 +221,14 @@ def check(connection: Connection) -> list[str]:
         text("SELECT count(*) FROM product_index i WHERE NOT EXISTS (SELECT 1 FROM products p WHERE p.ordinal = i.id)")
     ).one()
     problems += [f"spatial index: {lost} products are not in it"] if lost else []
-    return problems + ([f"spatial index: {extra} entries without a product"] if extra else [])
+    problems += [f"spatial index: {extra} entries without a product"] if extra else []
+    (differing,) = connection.execute(
+        text(
+            "SELECT count(*) FROM (SELECT robot, product, live, bytes FROM tallies WHERE live <> 0 EXCEPT "
+            "SELECT robot, product, count(*), sum(size) FROM products WHERE deleted_ns IS NULL GROUP BY robot, product)"
+        )
+    ).one()
+    return problems + ([f"sums: {differing} differ from what is there"] if differing else [])
 
 
 def _kept(value: float) -> float:

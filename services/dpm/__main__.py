@@ -13,6 +13,7 @@ from cdff_common.bus import Bus
 from cdff_common.interfaces.profile import Profile, load_profile
 from cdff_common.process import run_service
 from dpm_store import Store, open_store
+from dpm_store.room import RESERVE_BYTES
 from services.dpm.operations import Dpm
 from services.dpm.retention import rules_of
 from services.dpm.service import serve
@@ -38,7 +39,7 @@ def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
     profile = load_profile(settings.profile) if settings.profile is not None else None
     with Bus.open(settings.connect, name="dpm", wait_s=None, stop=stop) as bus:
         clock = bus.mission_clock
-        with open_store(settings.store_url, clock) as store:
+        with open_store(settings.store_url, clock, reserve_bytes=RESERVE_BYTES) as store:
             if profile is not None:
                 anchor(store, profile)
             dpm = Dpm(store, settings.max_body_bytes)

@@ -18,7 +18,7 @@ def register(nouns: Any) -> None:
     search.add_argument("--type", help="pose trajectory pointcloud dem navigation_map …")
     search.add_argument("--robot")
     search.add_argument("--dfpc")
-    search.add_argument("--region", help="bbox: box: circle: polygon: near:, metres")
+    search.add_argument("--region", help="bbox: box: circle: polygon: path: near:, metres")
     search.add_argument("--frame", help="frame of the region; default: site")
     search.add_argument("--t0", help="captured at or after: nanoseconds or RFC 3339")
     search.add_argument("--t1", help="captured at or before")
@@ -119,15 +119,17 @@ def run_retention(args: argparse.Namespace) -> int:
     """Print one line per product that a rule lets go, then the sum."""
     from cdff_common.bus import Bus, keys
 
-    asked = {"apply": "true" if args.apply else "false"}
+    asked = {"apply": "true" if args.apply else "false", "all": "true"}
     with Bus.open(args.connect, name="cdff dpm") as bus:
-        body = bus.call(keys.dpm_rpc(keys.GROUND, "retention"), asked, timeout_s=120.0).body()
+        for reply in bus.call_stream(keys.dpm_rpc(keys.GROUND, "retention"), asked, timeout_s=600.0):
+            body = reply.body()
+            for verdict in body["verdicts"]:
+                fate = "goes " if verdict["retire"] else "stays"
+                line = f"{fate}  {verdict['id']}  {verdict['product']:15} {verdict['robot']:10} {verdict['why']}"
+                print(json.dumps(verdict) if args.json else line)
     if args.json:
-        print(json.dumps(body))
+        print(json.dumps({name: value for name, value in body.items() if name != "verdicts"}))
         return 0
-    for verdict in body["verdicts"]:
-        fate = "goes " if verdict["retire"] else "stays"
-        print(f"{fate}  {verdict['id']}  {verdict['product']:15} {verdict['robot']:10} {verdict['why']}")
     done = "deleted" if body["applied"] else "would be deleted"
     print(f"{body['rules']} rules: {body['retired']} products of {body['bytes']} B {done}, {body['kept']} stay")
     return 0

@@ -4,17 +4,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from cdff_common.bus import Reply, Request
 from cdff_common.errors import InputError
 from cdff_common.interfaces.profile import Profile
-from dpm_store import Plan, Rule
+from dpm_store import Plan, Prefer, Rule, Verdict
 from services.dpm.operations import Dpm
 from services.dpm.parameters import check_names
 
-#: Verdicts in one answer; the sums are of all.
+#: Verdicts in one reply.
 MAX_TOLD = 1000
 
 
@@ -22,26 +23,54 @@ def rules_of(profile: Profile | None) -> tuple[Rule, ...]:
     """The rules of a profile; without one nothing may go."""
     if profile is None:
         return ()
-    return tuple(Rule(r.product, None, r.max_age_s, r.max_bytes) for r in profile.retention)
+    return tuple(Rule(**{**r.model_dump(), "prefer": Prefer(r.prefer)}) for r in profile.retention)
 
 
-def retention(dpm: Dpm, rules: Sequence[Rule], request: Request) -> Reply:
-    """What may go and why; with ``apply=true`` it is deleted: ``{applied, rules, retired, bytes, verdicts}``."""
+def retention(dpm: Dpm, rules: Sequence[Rule], request: Request) -> Reply | Iterator[Reply]:
+    """What may go and why: ``{applied, rules, retired, bytes, kept, verdicts}``.
+
+    With ``apply=true`` it is deleted, and its payloads are collected. With ``all=true`` every verdict is told, a
+    thousand in a reply, before the final one with the sums; else the final one has the first thousand.
+    """
     p = request.parameters
-    check_names(p, frozenset({"apply", "robot", "request"}))
-    wanted = p.get("apply", "false")
-    if wanted not in ("true", "false"):
-        raise InputError(f"apply={wanted[:20]!r}: expected true or false")
-    plan = dpm.retire(rules, apply=wanted == "true")
-    return Reply.of({"applied": wanted == "true", "rules": len(rules), **told(plan)})
+    check_names(p, frozenset({"apply", "all", "robot", "request"}))
+    apply, every = flag(p, "apply"), flag(p, "all")
+    if not every:
+        return _final(dpm.retire(rules, apply=apply), len(rules), apply)
+    return _in_parts(dpm, rules, apply)
 
 
-def told(plan: Plan) -> dict[str, Any]:
-    """A plan as plain data."""
-    verdicts = [
-        {"id": v.product_id, "product": v.product, "robot": v.robot, "t1_ns": v.t1_ns, "size": v.size,
-         "retire": v.retire, "why": v.why}
-        for v in plan.verdicts[:MAX_TOLD]
-    ]  # fmt: skip
-    return {"retired": len(plan.retired), "bytes": plan.bytes, "kept": len(plan.verdicts) - len(plan.retired),
-            "verdicts": verdicts}  # fmt: skip
+def flag(parameters: Mapping[str, str], name: str) -> bool:
+    """A parameter that is true or false, false by default; raises InputError for anything else."""
+    text = parameters.get(name, "false")
+    if text not in ("true", "false"):
+        raise InputError(f"{name}={text[:20]!r}: expected true or false")
+    return text == "true"
+
+
+def _in_parts(dpm: Dpm, rules: Sequence[Rule], apply: bool) -> Iterator[Reply]:
+    verdicts = dpm.store.retention.verdicts(rules)
+    while part := tuple(itertools.islice(verdicts, MAX_TOLD)):
+        yield Reply.of({"verdicts": [_told(v) for v in part]}, kind="progress", final=False)
+    yield _final(dpm.retire(rules, apply=apply), len(rules), apply, verdicts=False)
+
+
+def _final(plan: Plan, rules: int, applied: bool, *, verdicts: bool = True) -> Reply:
+    told = [_told(v) for v in plan.verdicts[:MAX_TOLD]] if verdicts else []
+    return Reply.of(
+        {
+            "applied": applied,
+            "rules": rules,
+            "retired": plan.going,
+            "bytes": plan.bytes,
+            "kept": plan.staying,
+            "verdicts": told,
+        }
+    )
+
+
+def _told(v: Verdict) -> dict[str, Any]:
+    return {
+        "id": v.product_id, "product": v.product, "robot": v.robot, "t1_ns": v.t1_ns, "size": v.size,
+        "retire": v.retire, "why": v.why,
+    }  # fmt: skip

@@ -1,9 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-import msgpack
+from collections.abc import Iterator
+from typing import Any
+
 import pytest
 
-from cdff_common.bus import Request
+from cdff_common.bus import Reply, Request
 from cdff_common.errors import InputError
 from cdff_common.interfaces.profile import Profile
 from dpm_store import Event, Rule
@@ -19,6 +21,11 @@ def asked(**parameters: str) -> Request:
     return Request("cdff/@v1/ground/dpm/@rpc/retention", parameters, b"", "", b"")
 
 
+def final(replies: Reply | Iterator[Reply]) -> Any:
+    """What the last reply says."""
+    return (replies if isinstance(replies, Reply) else list(replies)[-1]).body()
+
+
 @pytest.mark.req("CDFF-SUP-036")
 def test_retention_explains_first_and_deletes_when_told(dpm: Dpm) -> None:
     _, old = dpm.put(*parcel(cloud(), "pointcloud", 10))
@@ -26,16 +33,25 @@ def test_retention_explains_first_and_deletes_when_told(dpm: Dpm) -> None:
     dpm.put(*parcel(elevation(0.0), "dem", 1))
     events: list[Event] = []
     dpm.listen(events.append)
-    plan = msgpack.unpackb(retention(dpm, RULES, asked()).payload)
+    plan = final(retention(dpm, RULES, asked()))
     assert (plan["applied"], plan["retired"], plan["rules"]) == (False, 1, 1)
     (verdict,) = plan["verdicts"]
     assert (verdict["id"], verdict["retire"]) == (old.id, True)
     assert "90 s old" in verdict["why"]
     assert dpm.store.statistics().count == 3
-    done = msgpack.unpackb(retention(dpm, RULES, asked(apply="true")).payload)
+    done = final(retention(dpm, RULES, asked(apply="true")))
     assert (done["applied"], done["bytes"]) == (True, plan["bytes"])
     assert dpm.store.statistics().count == 2
     assert [event.kind for event in events] == ["deleted"]
+
+
+def test_every_verdict_is_told_in_parts_before_the_sums(dpm: Dpm, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("services.dpm.retention.MAX_TOLD", 2)
+    for seq in range(5):
+        dpm.put(*parcel(cloud(), "pointcloud", seq))
+    *parts, sums = retention(dpm, RULES, asked(all="true"))
+    assert [(len(part.body()["verdicts"]), part.final) for part in parts] == [(2, False), (2, False), (1, False)]
+    assert (sums.body()["retired"], sums.body()["verdicts"], sums.final) == (5, [], True)
 
 
 def test_other_words_than_true_and_false_are_refused(dpm: Dpm) -> None:
