@@ -185,11 +185,29 @@ class Body(StrictModel):
 
 
 class Retention(StrictModel):
-    """How long products of a type are kept; absent types are kept for ever."""
+    """How long products of a type are kept (``*``: of all types together); absent types are kept for ever.
+
+    Age in seconds of mission time; quotas in bytes and in products, of each robot; density, at most ``per_cell``
+    products per cell of ``cell_m`` metres and span of ``span_s`` seconds. ``prefer`` says which ones stay.
+    """
 
     product: str
+    robot: RobotId | None = None
+    dfpc: Name | None = None
+    port: Name | None = None
     max_age_s: Annotated[float, Field(gt=0)] | None = None
     max_bytes: Annotated[int, Field(gt=0)] | None = None
+    max_count: Annotated[int, Field(gt=0)] | None = None
+    per_cell: Annotated[int, Field(gt=0)] | None = None
+    cell_m: Annotated[float, Field(gt=0)] | None = None
+    span_s: Annotated[float, Field(gt=0)] | None = None
+    prefer: Literal["newest", "best"] = "newest"
+
+    @model_validator(mode="after")
+    def _density_is_whole(self) -> Retention:
+        if (self.per_cell is None) != (self.cell_m is None and self.span_s is None):
+            raise ValueError(f"retention of {self.product}: per_cell goes with cell_m, span_s or both")
+        return self
 
 
 class Profile(StrictModel):
