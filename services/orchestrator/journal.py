@@ -45,6 +45,8 @@ class Journal:
         self._clock = clock or WallClock()
         self._on_record = on_record
         self._lock = threading.Lock()
+        self._syncing = threading.Lock()
+        self._synced = 0
         self.grown = threading.Event()
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -63,18 +65,31 @@ class Journal:
         outside relies on, as a request's way through its states.
         """
         with self._lock:
-            head = {"n": self._number + 1, "at_ns": wall_ns(), "stamp_ns": self._clock.now_ns(), "kind": kind}
+            number = self._number + 1
+            head = {"n": number, "at_ns": wall_ns(), "stamp_ns": self._clock.now_ns(), "kind": kind}
             line = json.dumps({**head, **record}, default=str, separators=(",", ":"))
             try:
                 self._file.write(line.encode() + b"\n")
-                self._number += 1
-                if durable:
-                    os.fsync(self._file.fileno())
             except (OSError, ValueError) as error:
                 raise StorageError(f"journal {self._path}: {error}") from error
+            self._number = number
+        if durable:
+            self._sync(number)
         if self._on_record is not None:
             self._on_record({**head, **record})
         self.grown.set()
+
+    def _sync(self, number: int) -> None:
+        """Return once the record of that number is on the disk; of threads that wait one syncs for all."""
+        with self._syncing:
+            if self._synced >= number:
+                return
+            written = self._number
+            try:
+                os.fsync(self._file.fileno())
+            except (OSError, ValueError) as error:
+                raise StorageError(f"journal {self._path}: {error}") from error
+            self._synced = written
 
     def records(self) -> Iterator[dict[str, Any]]:
         """Records since the last compaction, oldest first; lines that are none are logged and passed over."""

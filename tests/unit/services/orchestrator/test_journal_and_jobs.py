@@ -4,7 +4,10 @@
 
 from __future__ import annotations
 
+import os
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -51,6 +54,33 @@ def test_a_compacted_journal_goes_on_from_what_was_carried_over_and_keeps_the_ol
     assert [r["kind"] for r in journal.records()] == ["mode", "start"]
     assert journal.size < before
     assert len((tmp_path / "journal.1.jsonl").read_text().splitlines()) == 5
+    journal.close()
+
+
+def test_threads_that_wait_for_the_disk_share_a_sync_and_each_record_is_synced_before_it_is_acknowledged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "journal.jsonl"
+    journal, synced, real = Journal(path), [], os.fsync
+    deadline_s = time.monotonic() + 20
+
+    def fsync_once_all_have_written(fd: int) -> None:
+        while path.read_bytes().count(b"\n") < 9 and time.monotonic() < deadline_s:
+            time.sleep(0.001)
+        real(fd)
+        synced.append(path.stat().st_size)
+
+    monkeypatch.setattr(os, "fsync", fsync_once_all_have_written)
+
+    def append(index: int) -> int:
+        journal.append("job", job=str(index))
+        return max(synced)
+
+    with ThreadPoolExecutor(9) as pool:
+        covered = list(pool.map(append, range(9)))
+    assert sorted(r["job"] for r in journal.records()) == [str(i) for i in range(9)]
+    assert len(synced) <= 2  # the first one's, which may have begun before the others wrote, and theirs
+    assert max(covered) == journal.size
     journal.close()
 
 
