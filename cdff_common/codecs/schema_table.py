@@ -749,6 +749,81 @@ _103 = Struct(
     ),
 )
 _104 = Struct(
+    "LidarMap-Metadata",
+    "LidarMapMetadata",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("producerId", "producer_id", Text(256)),
+        Field("sensorId", "sensor_id", Text(256)),
+        Field("timeStamp", "time_stamp", _42),
+    ),
+)
+_105 = Struct(
+    "LidarMap-Clouds",
+    "LidarMapClouds",
+    (
+        Field("counts", "counts", Octets(1073741824, "<i8", 0)),
+        Field("points", "points", Octets(1073741824, "<f4", 3)),
+    ),
+)
+_106 = Struct(
+    "LidarMap-Position",
+    "LidarMapPosition",
+    (
+        Field("vertices", "vertices", Octets(1073741824, "<i8", 0)),
+        Field("poses", "poses", Octets(1073741824, "<f8", 7)),
+    ),
+)
+_107 = Struct(
+    "PoseGraph-Metadata",
+    "PoseGraphMetadata",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("producerId", "producer_id", Text(256)),
+        Field("frameId", "frame_id", Text(256)),
+        Field("timeStamp", "time_stamp", _42),
+    ),
+)
+_108 = Struct(
+    "PoseGraph-Vertices",
+    "PoseGraphVertices",
+    (
+        Field("ids", "ids", Octets(1073741824, "<i8", 0)),
+        Field("stamps", "stamps", Octets(1073741824, "<i8", 0)),
+        Field("poses", "poses", Octets(1073741824, "<f8", 7)),
+        Field("fixed", "fixed", Octets(1073741824, "<u1", 0)),
+    ),
+)
+_109 = Struct(
+    "PoseGraph-Edges",
+    "PoseGraphEdges",
+    (
+        Field("ends", "ends", Octets(1073741824, "<i8", 2)),
+        Field("poses", "poses", Octets(1073741824, "<f8", 7)),
+        Field("information", "information", Octets(1073741824, "<f8", 36)),
+        Field("kinds", "kinds", Octets(1073741824, "<u1", 0)),
+    ),
+)
+_110 = Struct(
+    "PoseGraph",
+    "PoseGraph",
+    (
+        Field("metadata", "metadata", _107),
+        Field("vertices", "vertices", _108),
+        Field("edges", "edges", _109),
+    ),
+)
+_111 = Struct(
+    "LidarMap",
+    "LidarMap",
+    (
+        Field("metadata", "metadata", _104),
+        Field("graph", "graph", _110),
+        Field("clouds", "clouds", _105),
+        Field("position", "position", _106),
+    ),
+)
+_112 = Struct(
     "LidarScan-Metadata",
     "LidarScanMetadata",
     (
@@ -759,7 +834,7 @@ _104 = Struct(
         Field("endTime", "end_time", _42),
     ),
 )
-_105 = Struct(
+_113 = Struct(
     "LidarScan-Data",
     "LidarScanData",
     (
@@ -769,15 +844,15 @@ _105 = Struct(
         Field("ring", "ring", Octets(1073741824, "<u2", 0)),
     ),
 )
-_106 = Struct(
+_114 = Struct(
     "LidarScan",
     "LidarScan",
     (
-        Field("metadata", "metadata", _104),
-        Field("data", "data", _105),
+        Field("metadata", "metadata", _112),
+        Field("data", "data", _113),
     ),
 )
-_107 = Struct(
+_115 = Struct(
     "Map",
     "Map",
     (
@@ -786,7 +861,7 @@ _107 = Struct(
         Field("data", "data", _35),
     ),
 )
-_108 = Struct(
+_116 = Struct(
     "GridMap-Metadata",
     "GridMapMetadata",
     (
@@ -801,7 +876,7 @@ _108 = Struct(
         Field("cols", "cols", Integer(0, 4294967295)),
     ),
 )
-_109 = Struct(
+_117 = Struct(
     "GridLayer",
     "GridLayer",
     (
@@ -810,23 +885,23 @@ _109 = Struct(
         Field("data", "data", Octets(1073741824, "|u1", 0)),
     ),
 )
-_110 = Struct(
+_118 = Struct(
     "ElevationMap",
     "ElevationMap",
     (
-        Field("metadata", "metadata", _108),
-        Field("layers", "layers", ListOf(_109, 0, 64, "GridLayer")),
+        Field("metadata", "metadata", _116),
+        Field("layers", "layers", ListOf(_117, 0, 64, "GridLayer")),
     ),
 )
-_111 = Struct(
+_119 = Struct(
     "NavigationMap",
     "NavigationMap",
     (
-        Field("metadata", "metadata", _108),
-        Field("layers", "layers", ListOf(_109, 0, 64, "GridLayer")),
+        Field("metadata", "metadata", _116),
+        Field("layers", "layers", ListOf(_117, 0, 64, "GridLayer")),
     ),
 )
-_112 = Struct(
+_120 = Struct(
     "Mesh-Metadata",
     "MeshMetadata",
     (
@@ -836,7 +911,7 @@ _112 = Struct(
         Field("timeStamp", "time_stamp", _42),
     ),
 )
-_113 = Struct(
+_121 = Struct(
     "Mesh-Data",
     "MeshData",
     (
@@ -846,15 +921,15 @@ _113 = Struct(
         Field("colors", "colors", Octets(1073741824, "<u1", 3)),
     ),
 )
-_114 = Struct(
+_122 = Struct(
     "Mesh",
     "Mesh",
     (
-        Field("metadata", "metadata", _112),
-        Field("data", "data", _113),
+        Field("metadata", "metadata", _120),
+        Field("data", "data", _121),
     ),
 )
-_115 = Struct(
+_123 = Struct(
     "ObjectDetection",
     "ObjectDetection",
     (
@@ -865,7 +940,7 @@ _115 = Struct(
         Field("imageBox", "image_box", Array(Real(), ((4, 4),), ("T-Double",))),
     ),
 )
-_116 = Struct(
+_124 = Struct(
     "ObjectDetections",
     "ObjectDetections",
     (
@@ -874,10 +949,10 @@ _116 = Struct(
         Field("producerId", "producer_id", Text(256)),
         Field("sensorId", "sensor_id", Text(256)),
         Field("frameId", "frame_id", Text(256)),
-        Field("detections", "detections", ListOf(_115, 0, 4096, "ObjectDetection")),
+        Field("detections", "detections", ListOf(_123, 0, 4096, "ObjectDetection")),
     ),
 )
-_117 = Enumeration(
+_125 = Enumeration(
     "ObjectTrackStatusT",
     (
         ("track-TENTATIVE", 0),
@@ -885,7 +960,7 @@ _117 = Enumeration(
         ("track-LOST", 2),
     ),
 )
-_118 = Struct(
+_126 = Struct(
     "ObjectTrack-Metadata",
     "ObjectTrackMetadata",
     (
@@ -895,12 +970,12 @@ _118 = Struct(
         Field("frameId", "frame_id", Text(256)),
         Field("trackId", "track_id", Integer(0, 4294967295)),
         Field("label", "label", Text(256)),
-        Field("status", "status", _117),
+        Field("status", "status", _125),
         Field("score", "score", Real()),
         Field("size", "size", Array(Real(), ((3, 3),), ("T-Double",))),
     ),
 )
-_119 = Struct(
+_127 = Struct(
     "ObjectTrack-Data",
     "ObjectTrackData",
     (
@@ -910,15 +985,15 @@ _119 = Struct(
         Field("covariances", "covariances", Octets(1073741824, "<f8", 36)),
     ),
 )
-_120 = Struct(
+_128 = Struct(
     "ObjectTrack",
     "ObjectTrack",
     (
-        Field("metadata", "metadata", _118),
-        Field("data", "data", _119),
+        Field("metadata", "metadata", _126),
+        Field("data", "data", _127),
     ),
 )
-_121 = Enumeration(
+_129 = Enumeration(
     "Og2RegionKindT",
     (
         ("region-ANY", 0),
@@ -929,16 +1004,16 @@ _121 = Enumeration(
         ("region-NEAR", 5),
     ),
 )
-_122 = Struct(
+_130 = Struct(
     "OG2-Region",
     "Og2Region",
     (
-        Field("kind", "kind", _121),
+        Field("kind", "kind", _129),
         Field("frameId", "frame_id", Text(256)),
         Field("numbers", "numbers", Array(Real(), ((0, 100),), ("T-Double",))),
     ),
 )
-_123 = Enumeration(
+_131 = Enumeration(
     "Og2DeliverT",
     (
         ("deliver-AUTO", 0),
@@ -946,7 +1021,7 @@ _123 = Enumeration(
         ("deliver-REFERENCE", 2),
     ),
 )
-_124 = Struct(
+_132 = Struct(
     "OG2-Request",
     "Og2Request",
     (
@@ -960,15 +1035,15 @@ _124 = Struct(
         Field("childFrameId", "child_frame_id", Text(256)),
         Field("hasTime", "has_time", Boolean()),
         Field("time", "time", _42),
-        Field("region", "region", _122),
+        Field("region", "region", _130),
         Field("maxAge", "max_age", Real()),
         Field("resolution", "resolution", Real()),
         Field("minCoverage", "min_coverage", Real()),
-        Field("deliver", "deliver", _123),
+        Field("deliver", "deliver", _131),
         Field("deadline", "deadline", Integer(0, 4294967295)),
     ),
 )
-_125 = Enumeration(
+_133 = Enumeration(
     "Og2JobStateT",
     (
         ("job-RECEIVED", 0),
@@ -982,7 +1057,7 @@ _125 = Enumeration(
         ("job-CANCELLED", 8),
     ),
 )
-_126 = Struct(
+_134 = Struct(
     "OG2-Job",
     "Og2Job",
     (
@@ -992,13 +1067,13 @@ _126 = Struct(
         Field("requestId", "request_id", Text(256)),
         Field("robot", "robot", Text(256)),
         Field("product", "product", Text(256)),
-        Field("state", "state", _125),
+        Field("state", "state", _133),
         Field("reason", "reason", Text(256)),
         Field("remaining", "remaining", Real()),
         Field("plan", "plan", ListOf(Text(256), 0, 256, "T-String")),
     ),
 )
-_127 = Enumeration(
+_135 = Enumeration(
     "Og2ReplyKindT",
     (
         ("reply-PROGRESS", 0),
@@ -1007,7 +1082,7 @@ _127 = Enumeration(
         ("reply-ERROR", 3),
     ),
 )
-_128 = Enumeration(
+_136 = Enumeration(
     "Og2ErrorCodeT",
     (
         ("error-NONE", 0),
@@ -1021,7 +1096,7 @@ _128 = Enumeration(
         ("error-INTERNAL", 8),
     ),
 )
-_129 = Enumeration(
+_137 = Enumeration(
     "ProductStatusT",
     (
         ("status-OK", 0),
@@ -1029,7 +1104,7 @@ _129 = Enumeration(
         ("status-FAILED", 2),
     ),
 )
-_130 = Enumeration(
+_138 = Enumeration(
     "ProductCovarianceKindT",
     (
         ("covariance-NONE", 0),
@@ -1037,7 +1112,7 @@ _130 = Enumeration(
         ("covariance-CALIBRATED", 2),
     ),
 )
-_131 = Struct(
+_139 = Struct(
     "Product-metric-t",
     "ProductMetricT",
     (
@@ -1045,17 +1120,17 @@ _131 = Struct(
         Field("value", "value", Real()),
     ),
 )
-_132 = Struct(
+_140 = Struct(
     "Product-Quality",
     "ProductQuality",
     (
-        Field("status", "status", _129),
+        Field("status", "status", _137),
         Field("reasons", "reasons", ListOf(Text(256), 0, 256, "T-String")),
-        Field("covarianceKind", "covariance_kind", _130),
-        Field("metrics", "metrics", ListOf(_131, 0, 1024, "Product-metric-t")),
+        Field("covarianceKind", "covariance_kind", _138),
+        Field("metrics", "metrics", ListOf(_139, 0, 1024, "Product-metric-t")),
     ),
 )
-_133 = Struct(
+_141 = Struct(
     "Product-Metadata",
     "ProductMetadata",
     (
@@ -1076,13 +1151,13 @@ _133 = Struct(
         Field("producerId", "producer_id", Text(256)),
         Field("configHash", "config_hash", Text(256)),
         Field("inputs", "inputs", ListOf(Text(256), 0, 65535, "T-String")),
-        Field("quality", "quality", _132),
+        Field("quality", "quality", _140),
         Field("hasBox", "has_box", Boolean()),
         Field("box", "box", Array(Real(), ((6, 6),), ("T-Double",))),
         Field("resolution", "resolution", Real()),
     ),
 )
-_134 = Struct(
+_142 = Struct(
     "OG2-Reply",
     "Og2Reply",
     (
@@ -1090,12 +1165,12 @@ _134 = Struct(
         Field("timeStamp", "time_stamp", _42),
         Field("requestId", "request_id", Text(256)),
         Field("jobId", "job_id", Text(256)),
-        Field("kind", "kind", _127),
+        Field("kind", "kind", _135),
         Field("isFinal", "is_final", Boolean()),
-        Field("errorCode", "error_code", _128),
+        Field("errorCode", "error_code", _136),
         Field("retriable", "retriable", Boolean()),
         Field("detail", "detail", Text(256)),
-        Field("metadata", "metadata", _133),
+        Field("metadata", "metadata", _141),
         Field("coverage", "coverage", Real()),
         Field("age", "age", Real()),
         Field("oldestAge", "oldest_age", Real()),
@@ -1103,7 +1178,7 @@ _134 = Struct(
         Field("payload", "payload", Octets(1073741824, "|u1", 0)),
     ),
 )
-_135 = Struct(
+_143 = Struct(
     "PointCloud-Data",
     "PointCloudData",
     (
@@ -1112,26 +1187,26 @@ _135 = Struct(
         Field("intensity", "intensity", Array(Integer(-2147483648, 2147483647), ((0, 400000),), ("T-Int32",))),
     ),
 )
-_136 = Struct(
+_144 = Struct(
     "Pointcloud",
     "Pointcloud",
     (
         Field("metadata", "metadata", _83),
-        Field("data", "data", _135),
+        Field("data", "data", _143),
     ),
 )
-_137 = Struct(
+_145 = Struct(
     "Octree",
     "Octree",
     (
         Field("resolution", "resolution", Real()),
-        Field("pointCloud", "point_cloud", _136),
+        Field("pointCloud", "point_cloud", _144),
     ),
 )
-_138 = Alias("Position", "Position", "values", Array(Real(), ((3, 3),), ("T-Double",)))
-_139 = Alias("Position2D", "Position2D", "values", Array(Real(), ((2, 2),), ("T-Double",)))
-_140 = Alias("Orientation", "Orientation", "values", Array(Real(), ((4, 4),), ("T-Double",)))
-_141 = Struct(
+_146 = Alias("Position", "Position", "values", Array(Real(), ((3, 3),), ("T-Double",)))
+_147 = Alias("Position2D", "Position2D", "values", Array(Real(), ((2, 2),), ("T-Double",)))
+_148 = Alias("Orientation", "Orientation", "values", Array(Real(), ((4, 4),), ("T-Double",)))
+_149 = Struct(
     "PoseUpdateThreshold",
     "PoseUpdateThreshold",
     (
@@ -1139,7 +1214,7 @@ _141 = Struct(
         Field("angle", "angle", Real()),
     ),
 )
-_142 = Struct(
+_150 = Struct(
     "Pose2D",
     "Pose2D",
     (
@@ -1147,7 +1222,7 @@ _142 = Struct(
         Field("orientation", "orientation", Real()),
     ),
 )
-_143 = Struct(
+_151 = Struct(
     "Motion2D",
     "Motion2D",
     (
@@ -1155,7 +1230,7 @@ _143 = Struct(
         Field("rotation", "rotation", Real()),
     ),
 )
-_144 = Struct(
+_152 = Struct(
     "TwistWithCovariance-metadata",
     "TwistWithCovarianceMetadata",
     (
@@ -1163,7 +1238,7 @@ _144 = Struct(
         Field("timeStamp", "time_stamp", _42),
     ),
 )
-_145 = Struct(
+_153 = Struct(
     "TwistWithCovariance-data",
     "TwistWithCovarianceData",
     (
@@ -1172,24 +1247,24 @@ _145 = Struct(
         Field("cov", "cov", Array(Real(), ((6, 6), (6, 6)), ("SEQUENCE_OF", "T-Double"))),
     ),
 )
-_146 = Struct(
+_154 = Struct(
     "TwistWithCovariance",
     "TwistWithCovariance",
     (
-        Field("metadata", "metadata", _144),
-        Field("data", "data", _145),
+        Field("metadata", "metadata", _152),
+        Field("data", "data", _153),
     ),
 )
-_147 = Struct(
+_155 = Struct(
     "BodyState",
     "BodyState",
     (
         Field("ref-time", "ref_time", _42),
         Field("pose", "pose", _48),
-        Field("velocity", "velocity", _146),
+        Field("velocity", "velocity", _154),
     ),
 )
-_148 = Struct(
+_156 = Struct(
     "RigidBodyState",
     "RigidBodyState",
     (
@@ -1208,7 +1283,7 @@ _148 = Struct(
         ),
     ),
 )
-_149 = Struct(
+_157 = Struct(
     "RigidBodyAcceleration",
     "RigidBodyAcceleration",
     (
@@ -1217,7 +1292,7 @@ _149 = Struct(
         Field("cov-acceleration", "cov_acceleration", Array(Real(), ((3, 3), (3, 3)), ("SEQUENCE_OF", "T-Double"))),
     ),
 )
-_150 = Struct(
+_158 = Struct(
     "Waypoint",
     "Waypoint",
     (
@@ -1227,7 +1302,7 @@ _150 = Struct(
         Field("tol-heading", "tol_heading", Real()),
     ),
 )
-_151 = Struct(
+_159 = Struct(
     "Trajectory",
     "Trajectory",
     (
@@ -1235,7 +1310,7 @@ _151 = Struct(
         Field("points", "points", Array(Real(), ((1, 50), (3, 3)), ("Point", "T-Double"))),
     ),
 )
-_152 = Struct(
+_160 = Struct(
     "Path",
     "Path",
     (
@@ -1244,46 +1319,7 @@ _152 = Struct(
         Field("waypoints", "waypoints", ListOf(_48, 0, 100, "TransformWithCovariance")),
     ),
 )
-_153 = Struct(
-    "PoseGraph-Metadata",
-    "PoseGraphMetadata",
-    (
-        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("producerId", "producer_id", Text(256)),
-        Field("frameId", "frame_id", Text(256)),
-        Field("timeStamp", "time_stamp", _42),
-    ),
-)
-_154 = Struct(
-    "PoseGraph-Vertices",
-    "PoseGraphVertices",
-    (
-        Field("ids", "ids", Octets(1073741824, "<i8", 0)),
-        Field("stamps", "stamps", Octets(1073741824, "<i8", 0)),
-        Field("poses", "poses", Octets(1073741824, "<f8", 7)),
-        Field("fixed", "fixed", Octets(1073741824, "<u1", 0)),
-    ),
-)
-_155 = Struct(
-    "PoseGraph-Edges",
-    "PoseGraphEdges",
-    (
-        Field("ends", "ends", Octets(1073741824, "<i8", 2)),
-        Field("poses", "poses", Octets(1073741824, "<f8", 7)),
-        Field("information", "information", Octets(1073741824, "<f8", 36)),
-        Field("kinds", "kinds", Octets(1073741824, "<u1", 0)),
-    ),
-)
-_156 = Struct(
-    "PoseGraph",
-    "PoseGraph",
-    (
-        Field("metadata", "metadata", _153),
-        Field("vertices", "vertices", _154),
-        Field("edges", "edges", _155),
-    ),
-)
-_157 = Struct(
+_161 = Struct(
     "PoseTrajectory-Metadata",
     "PoseTrajectoryMetadata",
     (
@@ -1293,7 +1329,7 @@ _157 = Struct(
         Field("childFrameId", "child_frame_id", Text(256)),
     ),
 )
-_158 = Struct(
+_162 = Struct(
     "PoseTrajectory-Data",
     "PoseTrajectoryData",
     (
@@ -1302,15 +1338,15 @@ _158 = Struct(
         Field("covariances", "covariances", Octets(1073741824, "<f8", 36)),
     ),
 )
-_159 = Struct(
+_163 = Struct(
     "PoseTrajectory",
     "PoseTrajectory",
     (
-        Field("metadata", "metadata", _157),
-        Field("data", "data", _158),
+        Field("metadata", "metadata", _161),
+        Field("data", "data", _162),
     ),
 )
-_160 = Enumeration(
+_164 = Enumeration(
     "LaserRangeErrors",
     (
         ("too-far", 0),
@@ -1321,7 +1357,7 @@ _160 = Enumeration(
         ("end-laser-range-errors", 5),
     ),
 )
-_161 = Struct(
+_165 = Struct(
     "LaserScan",
     "LaserScan",
     (
@@ -1335,7 +1371,7 @@ _161 = Struct(
         Field("remission", "remission", Array(Real(), ((1, 2000),), ("T-Float",))),
     ),
 )
-_162 = Enumeration(
+_166 = Enumeration(
     "UnitAxis",
     (
         ("unit-x", 0),
@@ -1343,7 +1379,7 @@ _162 = Enumeration(
         ("unit-z", 2),
     ),
 )
-_163 = Enumeration(
+_167 = Enumeration(
     "DepthMeasurementState",
     (
         ("valid-measurement", 0),
@@ -1352,7 +1388,7 @@ _163 = Enumeration(
         ("measurement-error", 3),
     ),
 )
-_164 = Struct(
+_168 = Struct(
     "DepthMap",
     "DepthMap",
     (
@@ -1368,7 +1404,7 @@ _164 = Struct(
         Field("remissions", "remissions", Array(Real(), ((1, 30000),), ("T-Float",))),
     ),
 )
-_165 = Struct(
+_169 = Struct(
     "DistanceImage",
     "DistanceImage",
     (
@@ -1382,7 +1418,7 @@ _165 = Struct(
         Field("data", "data", Array(Real(), ((1, 60),), ("T-Float",))),
     ),
 )
-_166 = Struct(
+_170 = Struct(
     "Sonar",
     "Sonar",
     (
@@ -1398,7 +1434,7 @@ _166 = Struct(
         Field("bins", "bins", Array(Real(), ((1, 60),), ("T-Float",))),
     ),
 )
-_167 = Struct(
+_171 = Struct(
     "SonarBeam",
     "SonarBeam",
     (
@@ -1411,7 +1447,7 @@ _167 = Struct(
         Field("beam", "beam", Array(Integer(0, 255), ((1, 60),), ("T-UInt8",))),
     ),
 )
-_168 = Struct(
+_172 = Struct(
     "SonarScan",
     "SonarScan",
     (
@@ -1430,37 +1466,37 @@ _168 = Struct(
         Field("polar-coordinates", "polar_coordinates", Boolean()),
     ),
 )
-_169 = Alias("FramesSequence", "FramesSequence", "items", ListOf(_50, 0, 10, "Frame"))
-_170 = Alias("PosesSequence", "PosesSequence", "items", ListOf(_92, 0, 10, "Pose"))
-_171 = Alias(
+_173 = Alias("FramesSequence", "FramesSequence", "items", ListOf(_50, 0, 10, "Frame"))
+_174 = Alias("PosesSequence", "PosesSequence", "items", ListOf(_92, 0, 10, "Pose"))
+_175 = Alias(
     "CorrespondenceMaps2DSequence",
     "CorrespondenceMaps2DSequence",
     "items",
     ListOf(ListOf(_22, 0, 1024, "Correspondence2D"), 0, 56, "CorrespondenceMap2D"),
 )
-_172 = Alias(
+_176 = Alias(
     "CorrespondenceMaps3DSequence",
     "CorrespondenceMaps3DSequence",
     "items",
     ListOf(ListOf(_24, 0, 51200, "Correspondence3D"), 0, 56, "CorrespondenceMap3D"),
 )
-_173 = Alias("PointSequence", "PointSequence", "values", Array(Real(), ((0, 327680), (3, 3)), ("Point", "T-Double")))
-_174 = Alias("DoubleSequence", "DoubleSequence", "values", Array(Real(), ((0, 327680),), ("T-Double",)))
-_175 = Alias("StringSequence", "StringSequence", "items", ListOf(Text(256), 0, 100, "T-String"))
-_176 = Alias(
+_177 = Alias("PointSequence", "PointSequence", "values", Array(Real(), ((0, 327680), (3, 3)), ("Point", "T-Double")))
+_178 = Alias("DoubleSequence", "DoubleSequence", "values", Array(Real(), ((0, 327680),), ("T-Double",)))
+_179 = Alias("StringSequence", "StringSequence", "items", ListOf(Text(256), 0, 100, "T-String"))
+_180 = Alias(
     "VectorXdSequence",
     "VectorXdSequence",
     "items",
     ListOf(Array(Real(), ((0, 100),), ("T-Double",)), 0, 327680, "VectorXd"),
 )
-_177 = Enumeration(
+_181 = Enumeration(
     "IcuStateT",
     (
         ("icu-STEADY", 0),
         ("icu-SWITCHING", 1),
     ),
 )
-_178 = Struct(
+_182 = Struct(
     "ICU-Mode",
     "IcuMode",
     (
@@ -1470,13 +1506,13 @@ _178 = Struct(
         Field("sensor", "sensor", Text(256)),
         Field("mode", "mode", Text(256)),
         Field("target", "target", Text(256)),
-        Field("state", "state", _177),
+        Field("state", "state", _181),
         Field("isOn", "is_on", Boolean()),
         Field("rate", "rate", Real()),
         Field("holder", "holder", Text(256)),
     ),
 )
-_179 = Enumeration(
+_183 = Enumeration(
     "DfpcStateT",
     (
         ("dfpc-UNCONFIGURED", 0),
@@ -1485,7 +1521,7 @@ _179 = Enumeration(
         ("dfpc-ERROR", 3),
     ),
 )
-_180 = Struct(
+_184 = Struct(
     "DFPC-Status",
     "DfpcStatus",
     (
@@ -1495,7 +1531,7 @@ _180 = Struct(
         Field("dfpc", "dfpc", Text(256)),
         Field("implementation", "implementation", Text(256)),
         Field("configHash", "config_hash", Text(256)),
-        Field("state", "state", _179),
+        Field("state", "state", _183),
         Field("samples", "samples", Integer(0, 9223372036854775807)),
         Field("outputs", "outputs", Integer(0, 9223372036854775807)),
         Field("degraded", "degraded", Integer(0, 9223372036854775807)),
@@ -1507,7 +1543,7 @@ _180 = Struct(
         Field("lastError", "last_error", Text(256)),
     ),
 )
-_181 = Struct(
+_185 = Struct(
     "Event",
     "Event",
     (
@@ -1519,7 +1555,7 @@ _181 = Struct(
         Field("body", "body", Octets(65536, "|u1", 0)),
     ),
 )
-_182 = Enumeration(
+_186 = Enumeration(
     "Resolution",
     (
         ("seconds", 0),
@@ -1622,71 +1658,75 @@ MESSAGES: dict[str, Message] = {
     "LaserScanLarge": _100,
     "DepthMapLarge": _102,
     "DistanceImageLarge": _103,
-    "LidarScan-Metadata": _104,
-    "LidarScan-Data": _105,
-    "LidarScan": _106,
-    "Map": _107,
-    "GridMap-Metadata": _108,
-    "GridLayer": _109,
-    "ElevationMap": _110,
-    "NavigationMap": _111,
-    "Mesh-Metadata": _112,
-    "Mesh-Data": _113,
-    "Mesh": _114,
-    "ObjectDetection": _115,
-    "ObjectDetections": _116,
-    "ObjectTrack-Metadata": _118,
-    "ObjectTrack-Data": _119,
-    "ObjectTrack": _120,
-    "OG2-Region": _122,
-    "OG2-Request": _124,
-    "OG2-Job": _126,
-    "Product-metric-t": _131,
-    "Product-Quality": _132,
-    "Product-Metadata": _133,
-    "OG2-Reply": _134,
-    "PointCloud-Data": _135,
-    "Pointcloud": _136,
-    "Octree": _137,
-    "Position": _138,
-    "Position2D": _139,
-    "Orientation": _140,
-    "PoseUpdateThreshold": _141,
-    "Pose2D": _142,
-    "Motion2D": _143,
-    "TwistWithCovariance-metadata": _144,
-    "TwistWithCovariance-data": _145,
-    "TwistWithCovariance": _146,
-    "BodyState": _147,
-    "RigidBodyState": _148,
-    "RigidBodyAcceleration": _149,
-    "Waypoint": _150,
-    "Trajectory": _151,
-    "Path": _152,
-    "PoseGraph-Metadata": _153,
-    "PoseGraph-Vertices": _154,
-    "PoseGraph-Edges": _155,
-    "PoseGraph": _156,
-    "PoseTrajectory-Metadata": _157,
-    "PoseTrajectory-Data": _158,
-    "PoseTrajectory": _159,
-    "LaserScan": _161,
-    "DepthMap": _164,
-    "DistanceImage": _165,
-    "Sonar": _166,
-    "SonarBeam": _167,
-    "SonarScan": _168,
-    "FramesSequence": _169,
-    "PosesSequence": _170,
-    "CorrespondenceMaps2DSequence": _171,
-    "CorrespondenceMaps3DSequence": _172,
-    "PointSequence": _173,
-    "DoubleSequence": _174,
-    "StringSequence": _175,
-    "VectorXdSequence": _176,
-    "ICU-Mode": _178,
-    "DFPC-Status": _180,
-    "Event": _181,
+    "LidarMap-Metadata": _104,
+    "LidarMap-Clouds": _105,
+    "LidarMap-Position": _106,
+    "PoseGraph-Metadata": _107,
+    "PoseGraph-Vertices": _108,
+    "PoseGraph-Edges": _109,
+    "PoseGraph": _110,
+    "LidarMap": _111,
+    "LidarScan-Metadata": _112,
+    "LidarScan-Data": _113,
+    "LidarScan": _114,
+    "Map": _115,
+    "GridMap-Metadata": _116,
+    "GridLayer": _117,
+    "ElevationMap": _118,
+    "NavigationMap": _119,
+    "Mesh-Metadata": _120,
+    "Mesh-Data": _121,
+    "Mesh": _122,
+    "ObjectDetection": _123,
+    "ObjectDetections": _124,
+    "ObjectTrack-Metadata": _126,
+    "ObjectTrack-Data": _127,
+    "ObjectTrack": _128,
+    "OG2-Region": _130,
+    "OG2-Request": _132,
+    "OG2-Job": _134,
+    "Product-metric-t": _139,
+    "Product-Quality": _140,
+    "Product-Metadata": _141,
+    "OG2-Reply": _142,
+    "PointCloud-Data": _143,
+    "Pointcloud": _144,
+    "Octree": _145,
+    "Position": _146,
+    "Position2D": _147,
+    "Orientation": _148,
+    "PoseUpdateThreshold": _149,
+    "Pose2D": _150,
+    "Motion2D": _151,
+    "TwistWithCovariance-metadata": _152,
+    "TwistWithCovariance-data": _153,
+    "TwistWithCovariance": _154,
+    "BodyState": _155,
+    "RigidBodyState": _156,
+    "RigidBodyAcceleration": _157,
+    "Waypoint": _158,
+    "Trajectory": _159,
+    "Path": _160,
+    "PoseTrajectory-Metadata": _161,
+    "PoseTrajectory-Data": _162,
+    "PoseTrajectory": _163,
+    "LaserScan": _165,
+    "DepthMap": _168,
+    "DistanceImage": _169,
+    "Sonar": _170,
+    "SonarBeam": _171,
+    "SonarScan": _172,
+    "FramesSequence": _173,
+    "PosesSequence": _174,
+    "CorrespondenceMaps2DSequence": _175,
+    "CorrespondenceMaps3DSequence": _176,
+    "PointSequence": _177,
+    "DoubleSequence": _178,
+    "StringSequence": _179,
+    "VectorXdSequence": _180,
+    "ICU-Mode": _182,
+    "DFPC-Status": _184,
+    "Event": _185,
 }
 
 #: ASN.1 name -> that of the sibling with room for more.

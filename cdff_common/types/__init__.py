@@ -86,6 +86,7 @@ from cdff_common.types.landmarks import (
     LandmarkMapData,
     LandmarkMapMetadata,
 )
+from cdff_common.types.lidar_map import LidarMap, LidarMapClouds, LidarMapMetadata, LidarMapPosition
 from cdff_common.types.lidar_scan import LidarScan, LidarScanData, LidarScanMetadata
 from cdff_common.types.map import ElevationMap, GridLayer, GridMapMetadata, Map, MapMetadataT, MapTypeT, NavigationMap
 from cdff_common.types.mesh import Mesh, MeshData, MeshMetadata
@@ -227,6 +228,10 @@ __all__ = [
     "LandmarkMapMetadata",
     "LaserRangeErrors",
     "LaserScan",
+    "LidarMap",
+    "LidarMapClouds",
+    "LidarMapMetadata",
+    "LidarMapPosition",
     "LidarScan",
     "LidarScanData",
     "LidarScanMetadata",

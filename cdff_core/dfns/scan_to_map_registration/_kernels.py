@@ -8,7 +8,6 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from cdff_core.dfns.scan_to_map_registration._voxel_table import (
     FIRST,

@@ -41,6 +41,9 @@ class VoxelPlanesConfig(DfnConfig):
     points_per_measurement: float = Field(10.0, ge=1.0, le=1000.0, description="Points that count as one measurement")
     first_kernel_m: float = Field(0.5, gt=0.0, le=10.0, description="Width of the kernel at the first iteration, metres")
     last_kernel_m: float = Field(0.06, gt=0.0, le=10.0, description="Width of the kernel at the end, metres")
+    min_agreement: float = Field(
+        0.35, ge=0.0, le=1.0, description="Agreement below which a direction is left as it was guessed"
+    )
     max_iterations: int = Field(20, ge=1, le=500, description="Iterations at most")
     tolerance_m: float = Field(5e-4, gt=0.0, le=1.0, description="Step that has converged, metres")
 
@@ -128,8 +131,12 @@ class VoxelPlanes(ScanToMapRegistrationInterface):
                 break
             kernel = max(cfg.last_kernel_m, _ANNEALING * kernel)
         covariance = np.linalg.inv(A)[:6, :6]
-        sweep = se3.transform(se3.exp_so3(-motion[3:]), -motion[:3])
         directions, agreement, sigma_m = self._judged(points, fraction, T, motion, radius_m, variance)
+        free = directions[agreement < cfg.min_agreement]
+        if len(free):
+            T, covariance = _held(T_first, T, free, radius_m, covariance, inputs.guess_covariance)
+            motion = motion_first
+        sweep = se3.transform(se3.exp_so3(-motion[3:]), -motion[:3])
         return ScanToMapRegistrationOutputs(
             transform=T,
             sweep=sweep,
@@ -196,6 +203,24 @@ def _information(covariance: Float | None, name: str) -> Float:
     if C.shape != (6, 6) or not np.all(np.isfinite(C)):
         raise InputError(f"{name} {C.shape}: expected 6 by 6 finite values")
     return np.linalg.inv(C)
+
+
+def _held(
+    T_guess: Float, T: Float, free: Float, radius_m: float, covariance: Float, guess_covariance: Float | None
+) -> tuple[Float, Float]:
+    """Pose and covariance with what noise did along the free directions undone (Zhang et al. 2016, solution remapping).
+
+    doi:10.1109/ICRA.2016.7487211. Along them the guess and its covariance hold.
+    """
+    scale = np.concatenate([np.ones(3), np.full(3, radius_m)])
+    keep = np.eye(6) - free.T @ free
+    off = keep @ (scale * _left_error(T_guess, T))
+    R = se3.normalise_rotation(se3.exp_so3(off[3:] / radius_m) @ T_guess[:3, :3])
+    held = se3.transform(R, T_guess[:3, 3] + off[:3])
+    unsure = np.zeros((6, 6)) if guess_covariance is None else np.asarray(guess_covariance, dtype=np.float64)
+    S = np.diag(scale)
+    mixed = keep @ S @ covariance @ S @ keep + (np.eye(6) - keep) @ S @ unsure @ S @ (np.eye(6) - keep)
+    return held, np.asarray(np.diag(1.0 / scale) @ mixed @ np.diag(1.0 / scale))
 
 
 def _left_error(T_first: Float, T: Float) -> Float:
