@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import math
 import struct
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -18,7 +19,7 @@ from cdff_common.interfaces.product import Header
 MAX_LIMIT = 1000
 #: Times beyond this are refused: a 64-bit column must hold them and their differences.
 LATEST_NS = 1 << 62
-_CURSOR = struct.Struct(">cqq")
+_CURSOR = struct.Struct(">cdqqq")
 
 
 class Insertion(StrEnum):
@@ -104,6 +105,27 @@ class ProductRecord:
         return data if self.deleted_ns is None else data | {"deleted_ns": self.deleted_ns}
 
 
+class Order(StrEnum):
+    """What comes first."""
+
+    NEWEST = "newest"
+    OLDEST = "oldest"
+    NEAREST = "nearest"
+
+
+_LETTERS = {Order.NEWEST: b"n", Order.OLDEST: b"o", Order.NEAREST: b"d"}
+
+
+@dataclass(frozen=True, slots=True)
+class MetricBound:
+    """What a number in the quality must be: ``low <= value <= high``, the ends left out where ``strict``."""
+
+    name: str
+    low: float = -math.inf
+    high: float = math.inf
+    strict: bool = False
+
+
 @dataclass(frozen=True, slots=True)
 class Query:
     """A search; every field that is given narrows it.
@@ -116,13 +138,14 @@ class Query:
     t0_ns, t1_ns : int or None
         Capture interval overlaps this one, ends included.
     region : Region or None
-        Box of the product, seen in ``frame``, touches it. Products without a box are not found by region.
+        Outline of the product (its footprint, else its box), seen in ``frame``, touches it. Products without a box are
+        not found by region.
     frame : str
         Frame of ``region``; products may lie in any frame that a chain of fixed edges joins with it.
     child : str or None
         For poses: the child frame.
-    resolution_max_m : float or None
-        Cells or voxels no larger than this.
+    resolution_max_m, resolution_above_m : float or None
+        Cells or voxels no larger than the one, and larger than the other.
     inserted_after : int or None
         Ordinal: inserted since.
     tags : tuple of str
@@ -130,10 +153,17 @@ class Query:
     as_of_ns : int or None
         What the store knew at this mission time: products that were there then (also ones deleted since), frames and
         tags as they were then. Poses that went with a deleted product are not.
+    frames_revision : int or None
+        State of the frame tree to place products by; the newest where it is None (a cursor keeps the one it began by).
+    covariance_kind : str or None
+    metrics : tuple of MetricBound
+        Numbers of the quality that must be there and within bounds, all of them.
     superseded : bool or None
         Only ones with, or without, a successor; None for all.
-    oldest_first : bool
-        Else newest end of capture first.
+    order : Order
+        Newest or oldest end of capture first, or nearest to ``point``; of equals the newest first.
+    point : tuple of 2 float, or None
+        For the order ``nearest``: x, y in ``frame``, metres; the region's centre where it is None.
     limit : int
     cursor : str or None
         Of the page before.
@@ -151,11 +181,16 @@ class Query:
     frame: str = "site"
     child: str | None = None
     resolution_max_m: float | None = None
+    resolution_above_m: float | None = None
     inserted_after: int | None = None
     tags: tuple[str, ...] = ()
     as_of_ns: int | None = None
     superseded: bool | None = None
-    oldest_first: bool = False
+    frames_revision: int | None = None
+    covariance_kind: str | None = None
+    metrics: tuple[MetricBound, ...] = ()
+    order: Order = Order.NEWEST
+    point: tuple[float, float] | None = None
     limit: int = 100
     cursor: str | None = None
 
@@ -164,6 +199,10 @@ class Query:
             raise InputError(f"limit={self.limit}: expected 1 to {MAX_LIMIT}")
         if self.t0_ns is not None and self.t1_ns is not None and self.t0_ns > self.t1_ns:
             raise InputError(f"t0={self.t0_ns} is after t1={self.t1_ns}")
+        if self.order is Order.NEAREST and self.point is None and self.region is None:
+            raise InputError("order=nearest: to what? Name a point or a region")
+        if self.point is not None and (self.order is not Order.NEAREST or not all(map(math.isfinite, self.point))):
+            raise InputError(f"point={self.point}: expected finite metres, with order=nearest")
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,24 +216,55 @@ class Page:
         To ask for the next page; None on the last.
     unplaced_frames : tuple of str
         Frames that hold products but cannot be related to the region's: those products were not looked at.
+    frames_revision : int
+        State of the frame tree by which products were placed: naming it in a query gives the same places again.
+    distances_m : tuple of float
+        From the point to each item, where the nearest were asked for.
     """
 
     items: tuple[ProductRecord, ...]
     cursor: str | None = None
     unplaced_frames: tuple[str, ...] = field(default=())
+    frames_revision: int = 0
+    distances_m: tuple[float, ...] = ()
 
 
-def make_cursor(oldest_first: bool, t1_ns: int, ordinal: int) -> str:
-    """Text of the place after a product: it stays valid whatever is inserted or deleted meanwhile."""
-    return base64.urlsafe_b64encode(_CURSOR.pack(b"o" if oldest_first else b"n", t1_ns, ordinal)).decode().rstrip("=")
+@dataclass(frozen=True, slots=True)
+class Cursor:
+    """The place after a product: it stays valid whatever is inserted, deleted or re-anchored meanwhile.
+
+    Attributes
+    ----------
+    order : Order
+    t1_ns, ordinal : int
+        Of the last product before it.
+    frames_revision : int
+        State of the frame tree that the first page was placed by.
+    distance_m : float
+        Of the last product, for the order ``nearest``.
+    """
+
+    order: Order
+    t1_ns: int
+    ordinal: int
+    frames_revision: int = 0
+    distance_m: float = 0.0
+
+    @property
+    def text(self) -> str:
+        """For a client to hand back."""
+        packed = _CURSOR.pack(_LETTERS[self.order], self.distance_m, self.t1_ns, self.ordinal, self.frames_revision)
+        return base64.urlsafe_b64encode(packed).decode().rstrip("=")
 
 
-def read_cursor(cursor: str, oldest_first: bool) -> tuple[int, int]:
-    """Inverse of ``make_cursor``; raises InputError for text that no search gave, or one of the other order."""
+def read_cursor(text: str, order: Order) -> Cursor:
+    """Inverse of ``Cursor.text``; raises InputError for text that no search gave, or one of another order."""
     try:
-        order, t1_ns, ordinal = _CURSOR.unpack(base64.urlsafe_b64decode(cursor + "=" * (-len(cursor) % 4)))
+        letter, distance_m, t1_ns, ordinal, state = _CURSOR.unpack(
+            base64.urlsafe_b64decode(text + "=" * (-len(text) % 4))
+        )
     except (binascii.Error, struct.error, ValueError) as error:
-        raise InputError(f"cursor={cursor[:80]!r}: expected the cursor of a page before") from error
-    if (order == b"o") != oldest_first or order not in (b"o", b"n"):
-        raise InputError(f"cursor={cursor!r}: made by a search in the other order")
-    return int(t1_ns), int(ordinal)
+        raise InputError(f"cursor={text[:80]!r}: expected the cursor of a page before") from error
+    if letter != _LETTERS[order] or not distance_m >= 0.0 or state < 0:
+        raise InputError(f"cursor={text[:80]!r}: made by a search in another order than {order}")
+    return Cursor(order, int(t1_ns), int(ordinal), int(state), float(distance_m))

@@ -36,11 +36,14 @@ meta = Table(
     Column("value", String, nullable=False),
 )
 
+#: Frames that hold products, and the heights between which all of their boxes ever lay.
 frame_names = Table(
     "frame_names",
     metadata,
     Column("ordinal", _Ordinal, primary_key=True, autoincrement=True),
     Column("frame", String(128), nullable=False, unique=True),
+    Column("zmin_m", Float),
+    Column("zmax_m", Float),
 )
 
 #: One row per revision of a fixed edge parent -> frame; nothing is ever overwritten.

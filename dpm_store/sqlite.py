@@ -10,8 +10,9 @@ rounding stays in millimetres and seconds, boxes are in the product's own frame,
 
 from __future__ import annotations
 
+import json
 import sqlite3
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from sqlalchemy.dialects.sqlite import Insert, insert
 from sqlalchemy.sql import Select
 
 from cdff_common.errors import StorageError
+from dpm_store import schema
 
 #: Execution option that says a connection is going to write.
 WRITES = "cdff_writes"
@@ -149,17 +151,23 @@ def insert_new(table: Table) -> Insert:
     return insert(table).on_conflict_do_nothing()
 
 
-def index_product(
-    connection: Connection, ordinal: int, frame: int, box_m: Sequence[float], t_s: tuple[float, float]
+def insert_blobs() -> Insert:
+    """An insertion of payloads; one that lies in the database already is mended where it is not what it was."""
+    statement = insert(schema.blobs)
+    kept, given = schema.blobs.c.content, statement.excluded.content
+    return statement.on_conflict_do_update(
+        index_elements=["sha256"], set_={"content": given}, where=kept.is_not(None) & (kept != given)
+    )
+
+
+def index_products(
+    connection: Connection, entries: Iterable[tuple[int, int, Sequence[float], tuple[float, float]]]
 ) -> None:
-    """Enter a product: ordinal of its frame, ``xmin ymin zmin xmax ymax zmax`` in it, seconds since the epoch."""
-    connection.execute(
-        text("INSERT INTO product_index VALUES (:id, :f, :f, :x0, :x1, :y0, :y1, :z0, :z1, :t0, :t1)"),
-        {
-            "id": ordinal, "f": frame, "t0": t_s[0], "t1": t_s[1], "x0": box_m[0], "x1": box_m[3], "y0": box_m[1],
-            "y1": box_m[4], "z0": box_m[2], "z1": box_m[5],
-        },
-    )  # fmt: skip
+    """Enter products: ordinal, that of the frame, ``xmin ymin zmin xmax ymax zmax`` in it, seconds since the epoch."""
+    rows = [
+        (ordinal, f, f, b[0], b[3], b[1], b[4], b[2], b[5], t_s[0], t_s[1]) for ordinal, f, b, t_s in entries
+    ]  # fmt: skip
+    connection.exec_driver_sql("INSERT INTO product_index VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
 
 
 def unindex_product(connection: Connection, ordinal: int) -> None:
@@ -169,40 +177,34 @@ def unindex_product(connection: Connection, ordinal: int) -> None:
     connection.execute(text("DELETE FROM product_index WHERE id = :id"), values)
 
 
-def candidates(
-    frame: int, box_m: Sequence[float], t_s: tuple[float, float], prefix: str
-) -> tuple[Select[Any], dict[str, float]]:
-    """A subquery of the ordinals whose indexed box may overlap, and its bound values.
+def candidates(index: str) -> Select[Any]:
+    """A subquery of the ordinals in an index whose box may overlap one of those bound by ``candidate_values``."""
+    where = "i.f0 <= {0} AND i.f1 >= {0}".format(_side(0))
+    where += " AND i.t0 <= :candidate_t1 AND i.t1 >= :candidate_t0"
+    for axis, (low, high) in zip("xyz", ((1, 4), (2, 5), (3, 6)), strict=True):
+        where += f" AND i.{axis}0 <= {_side(high)} AND i.{axis}1 >= {_side(low)}"
+    source = text(f"json_each(:candidate_boxes) AS b CROSS JOIN {index} AS i")
+    return select(literal_column("i.id")).select_from(source).where(text(where))
+
+
+def candidate_values(
+    boxes: Sequence[tuple[int, Sequence[float]]], t_s: tuple[float, float]
+) -> dict[str, float | str]:
+    """Values for ``candidates``.
 
     Parameters
     ----------
-    frame : int
-        Ordinal of the frame.
-    box_m : sequence of 6 float
-        In that frame, metres; may be infinite.
+    boxes : sequence of (int, 6 floats)
+        Ordinal of a frame and a box in it, metres; may be infinite.
     t_s : tuple of 2 float
         Seconds since the epoch; may be infinite.
-    prefix : str
-        Of the parameters' names, so that several subqueries fit in one statement.
     """
-    values = {
-        f"{prefix}f": float(frame), f"{prefix}x0": _kept(box_m[0]), f"{prefix}x1": _kept(box_m[3]),
-        f"{prefix}y0": _kept(box_m[1]), f"{prefix}y1": _kept(box_m[4]), f"{prefix}z0": _kept(box_m[2]),
-        f"{prefix}z1": _kept(box_m[5]), f"{prefix}t0": _kept(t_s[0]), f"{prefix}t1": _kept(t_s[1]),
-    }  # fmt: skip
-    where = " AND ".join(
-        [f"f0 <= :{prefix}f AND f1 >= :{prefix}f", f"t0 <= :{prefix}t1 AND t1 >= :{prefix}t0"]
-        + [f"{axis}0 <= :{prefix}{axis}1 AND {axis}1 >= :{prefix}{axis}0" for axis in "xyz"]
-    )
-    return select(literal_column("id")).select_from(text("product_index")).where(text(where)), values
+    listed = [[frame, *(_kept(v) for v in box)] for frame, box in boxes]
+    return {"candidate_boxes": json.dumps(listed), "candidate_t0": _kept(t_s[0]), "candidate_t1": _kept(t_s[1])}
 
 
-def frame_bounds(connection: Connection, frame: int) -> tuple[float, float] | None:
-    """Lowest and highest indexed z of a frame's products, or None where it has none."""
-    low, high = connection.execute(
-        text("SELECT min(z0), max(z1) FROM product_index WHERE f0 <= :f AND f1 >= :f"), {"f": frame}
-    ).one()
-    return None if low is None else (low, high)
+def _side(place: int) -> str:
+    return f"json_extract(b.value, '$[{place}]')"
 
 
 def check(connection: Connection) -> list[str]:

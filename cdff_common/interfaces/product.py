@@ -17,6 +17,7 @@ import msgpack
 
 from cdff_common.errors import CodecError, InputError
 from cdff_common.geometry import checked_frame
+from cdff_common.geometry.region import MAX_CORNERS
 
 WIRE_VERSION = 1
 #: Namespace of product ids: UUIDv5 of ``robot/dfpc/port/t1_ns/seq/config_hash``.
@@ -122,6 +123,8 @@ class Header:
         ``xmin ymin zmin xmax ymax zmax`` in ``frame``, metres: what the store indexes.
     resolution_m : float or None
         Cell or voxel size, metres.
+    footprint_m : tuple of float or None
+        ``x1 y1 x2 y2 …`` in ``frame``, metres: corners of the outline of what was covered, not closed.
     sha256 : str or None
         Of the payload, where hashing is on.
     """
@@ -139,6 +142,7 @@ class Header:
     box_m: tuple[float, float, float, float, float, float] | None = None
     resolution_m: float | None = None
     sha256: str | None = None
+    footprint_m: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         if self.t0_ns % 1000 or self.t1_ns % 1000 or self.t0_ns > self.t1_ns:
@@ -146,6 +150,9 @@ class Header:
         checked_frame(self.frame)
         if self.child is not None:
             checked_frame(self.child, "child")
+        ring = self.footprint_m
+        if ring is not None and (len(ring) % 2 or not 6 <= len(ring) <= 2 * MAX_CORNERS):
+            raise InputError(f"footprint_m of {len(ring)} numbers: expected x, y of 3 to {MAX_CORNERS} corners")
 
     def with_sha256(self, digest: str) -> Header:
         """A copy that carries the payload's digest."""
@@ -169,6 +176,7 @@ class Header:
             "child": self.child,
             "box_m": None if self.box_m is None else list(self.box_m),
             "resolution_m": self.resolution_m,
+            "footprint_m": None if self.footprint_m is None else list(self.footprint_m),
             "sha256": self.sha256,
         }
         data.update({k: v for k, v in optional.items() if v is not None})
@@ -180,7 +188,7 @@ class Header:
         if data.get("v") != WIRE_VERSION:
             raise InputError(f"header version {data.get('v')!r}: expected {WIRE_VERSION}")
         try:
-            box = data.get("box_m")
+            box, ring = data.get("box_m"), data.get("footprint_m")
             if box is not None and len(box) != 6:
                 raise InputError(f"box_m {box!r}: expected 6 numbers")
             return cls(
@@ -197,6 +205,7 @@ class Header:
                 box_m=None if box is None else tuple(float(x) for x in box),  # type: ignore[arg-type]  # length checked above
                 resolution_m=None if data.get("resolution_m") is None else float(data["resolution_m"]),
                 sha256=data.get("sha256"),
+                footprint_m=None if ring is None else tuple(float(x) for x in ring),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"header: {type(error).__name__} {error}") from error

@@ -18,7 +18,7 @@ from cdff_common.interfaces.product import Status
 from cdff_common.raster.choice import Choice, Disagreement
 from dpm_store import Query
 from dpm_store.maps import WindowQuery
-from dpm_store.records import LATEST_NS
+from dpm_store.records import LATEST_NS, Order
 
 GROUND = "ground"
 #: Product -> ASN.1 type it is stored as; None where no type is fixed yet (contract §5).
@@ -103,7 +103,7 @@ def search_query(scope: str, parameters: Mapping[str, str]) -> Query:
         tags=tuple(t for t in p.get("tag", "").split(",") if t),
         as_of_ns=stamp(p, "as_of"),
         superseded=_superseded(p),
-        oldest_first=order == "oldest",
+        order=Order(order),
         limit=integer(p, "limit", low=1, high=1000) or 100,
         cursor=p.get("cursor"),
     )

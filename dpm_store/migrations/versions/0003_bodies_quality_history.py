@@ -36,6 +36,10 @@ def upgrade() -> None:
         "INSERT INTO frame_log (frame, revision) SELECT frame, revision FROM frames "
         "ORDER BY inserted_ns, frame, revision"
     )
+    op.execute(
+        "UPDATE frame_names SET (zmin_m, zmax_m) = (SELECT min(p.zmin_m), max(p.zmax_m) FROM products p "
+        "WHERE p.frame = frame_names.frame)"
+    )
     op.execute("INSERT INTO tracks SELECT DISTINCT child, parent, source, robot FROM poses")
     op.execute(
         "UPDATE poses SET inserted_ns = coalesce("
@@ -92,6 +96,8 @@ def _extend_tables() -> None:
     op.add_column(
         "products", sa.Column("covariance_kind", sa.String(16), nullable=False, server_default="none")
     )  # fmt: skip
+    op.add_column("frame_names", sa.Column("zmin_m", sa.Float))
+    op.add_column("frame_names", sa.Column("zmax_m", sa.Float))
     op.add_column("pose_graph_nodes", sa.Column("fixed", sa.Boolean, nullable=False, server_default="0"))
     op.add_column("pose_graph_edges", sa.Column("information", sa.LargeBinary))
     with op.batch_alter_table("poses") as poses:

@@ -21,8 +21,9 @@ from dpm_store import Query, Store, open_store, schema
 from dpm_store.database import Database
 from dpm_store.events import EventTable
 from dpm_store.frames import Known
+from dpm_store.insertion import INLINE_BYTES
 from dpm_store.migrate import HEAD, migrate, revision_of
-from dpm_store.products import INLINE_BYTES
+from dpm_store.records import Order
 
 from .conftest import NAMES, header, put
 
@@ -87,7 +88,7 @@ def test_a_filled_store_of_an_earlier_schema_keeps_everything(old: Path) -> None
     with open_store(f"sqlite:///{old}") as store:
         assert revision_of(store._database) == HEAD
         assert store.verify() == ()
-        found = store.search(Query(types=("dem",), region=parse_region("bbox:0,0,2.5,1"), oldest_first=True)).items
+        found = store.search(Query(types=("dem",), region=parse_region("bbox:0,0,2.5,1"), order=Order.OLDEST)).items
         assert [record.header.seq for record in found] == [0, 1, 2]
         for seq in range(5):
             assert store.payload(header(seq).id) == _payload(seq)

@@ -9,6 +9,7 @@ from cdff_common.clock import ManualClock
 from cdff_common.errors import InputError
 from cdff_common.interfaces.product import Quality, Status
 from dpm_store import Prefer, Query, Rule, Store, retention
+from dpm_store.records import Order
 
 from .conftest import NAMES, header, put
 
@@ -24,7 +25,7 @@ def aged(store: Store, clock: ManualClock) -> Store:
 
 
 def ids(store: Store) -> list[str]:
-    return [record.id for record in store.search(Query(oldest_first=True)).items]
+    return [record.id for record in store.search(Query(order=Order.OLDEST)).items]
 
 
 @pytest.mark.req("CDFF-SUP-036")

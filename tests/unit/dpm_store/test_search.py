@@ -14,7 +14,8 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.region import Region, parse_region
 from cdff_common.interfaces.product import Quality, Status
 from dpm_store import Query, Store, open_store
-from dpm_store.search import touches
+from dpm_store.records import Order
+from dpm_store.outlines import touches
 
 from .conftest import header, put
 
@@ -35,7 +36,7 @@ def test_a_search_without_conditions_gives_everything_newest_first(store: Store)
     for seq in (3, 1, 2, 0):
         put(store, header(seq))
     assert found(store) == [3, 2, 1, 0]
-    assert found(store, oldest_first=True) == [0, 1, 2, 3]
+    assert found(store, order=Order.OLDEST) == [0, 1, 2, 3]
 
 
 @pytest.mark.req("CDFF-SUP-031", "CDFF-SUP-035")
@@ -95,7 +96,7 @@ def test_a_cursor_of_the_other_order_is_refused(store: Store) -> None:
         put(store, header(seq))
     cursor = store.search(Query(limit=1)).cursor
     with pytest.raises(InputError, match="order"):
-        store.search(Query(limit=1, cursor=cursor, oldest_first=True))
+        store.search(Query(limit=1, cursor=cursor, order=Order.OLDEST))
 
 
 @pytest.mark.parametrize("limit", [0, -1, 1001])

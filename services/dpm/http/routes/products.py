@@ -5,6 +5,8 @@
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
 
@@ -16,7 +18,9 @@ from cdff_common.errors import InputError
 from dpm_store import Annotation, Insertion, ProductRecord
 from dpm_store.provenance import MAX_GENERATIONS
 from services.dpm.convert import Converted, convert, formats_of
+from services.dpm.http.conditional import matches
 from services.dpm.http.context import Context, Ctx, jsonable
+from services.dpm.http.native_models import Deleted, Described, Inserted, InsertedAll, ProductPage, Provenance
 from services.dpm.http.ranges import parse_range
 from services.dpm.http.roles import allowed
 from services.dpm.parameters import GROUND, batch_of, search_query
@@ -54,7 +58,7 @@ class SearchParameters(BaseModel):
     cursor: Text = Field(None, description="Of the page before")
 
 
-@router.get("")
+@router.get("", response_model=ProductPage, response_model_exclude_unset=True)
 def search(context: Ctx, request: Request, asked: Annotated[SearchParameters, Query()]) -> dict[str, Any]:
     """Search metadata; newest end of capture first, ``links.next`` leads to the next page."""
     parameters = asked.model_dump(exclude_none=True)
@@ -66,7 +70,7 @@ def search(context: Ctx, request: Request, asked: Annotated[SearchParameters, Qu
     return {"items": items, "links": links, "cursor": page.cursor, "unplaced_frames": list(page.unplaced_frames)}
 
 
-@router.post("", status_code=201, openapi_extra=allowed("robot", "operator"))
+@router.post("", response_model=Inserted, status_code=201, openapi_extra=allowed("robot", "operator"))
 async def insert(
     context: Ctx, request: Request, response: Response, robot: Robot, dfpc: Name, port: Name, product: Name,
     cdff_header: Annotated[str, Header(description="The product's header, as JSON")],
@@ -84,7 +88,7 @@ async def insert(
     return {"id": header.id, "result": str(insertion)}
 
 
-@router.post("/batch", openapi_extra=allowed("robot", "operator"), status_code=201)
+@router.post("/batch", response_model=InsertedAll, openapi_extra=allowed("robot", "operator"), status_code=201)
 async def insert_all(context: Ctx, request: Request) -> dict[str, Any]:
     """Insert several products, all or none: a MessagePack list of ``{robot, dfpc, port, product, encoding,
     attachment, payload}``.
@@ -99,17 +103,18 @@ async def insert_all(context: Ctx, request: Request) -> dict[str, Any]:
     return {"items": [{"id": header.id, "result": str(insertion)} for insertion, header in stored]}
 
 
-@router.get("/{product_id}")
+@router.get("/{product_id}", response_model=Described, response_model_exclude_unset=True)
 def metadata(context: Ctx, product_id: str, response: Response) -> dict[str, Any]:
     """Metadata of one product, the formats its payload can be had in, and what is said of it; ``ETag`` its revision."""
     record = context.dpm.store.get(product_id)
     annotation = context.dpm.store.annotations.get(product_id)
     response.headers["ETag"] = etag(annotation)
+    response.headers["Cache-Control"] = "private, no-cache"
     said: dict[str, Any] = jsonable({"annotation": annotation.to_dict()})
     return described(record) | {"formats": list(formats_of(record.type_name))} | said
 
 
-@router.get("/{product_id}/provenance")
+@router.get("/{product_id}/provenance", response_model=Provenance)
 def provenance(
     context: Ctx, product_id: str, direction: Literal["up", "down"] = "up",
     depth: Annotated[int, Query(ge=1, le=MAX_GENERATIONS)] = MAX_GENERATIONS,
@@ -119,47 +124,65 @@ def provenance(
     return data
 
 
-@router.delete("/{product_id}", openapi_extra=allowed("operator"))
+@router.delete("/{product_id}", response_model=Deleted, openapi_extra=allowed("operator"))
 def delete(context: Ctx, product_id: str) -> dict[str, Any]:
     """Delete a product; its id is not free again."""
     return {"id": product_id, "deleted": context.dpm.delete(product_id)}
 
 
-@router.get("/{product_id}/payload", response_class=Response)
+_BYTES: dict[int | str, dict[str, Any]] = {
+    200: {"content": {"application/octet-stream": {}, "*/*": {}}, "description": "The payload"},
+    206: {"content": {"application/octet-stream": {}}, "description": "The part of it that Range asked for"},
+    304: {"description": "The caller has it already"},
+}
+_PNG: dict[int | str, dict[str, Any]] = {
+    200: {"content": {"image/png": {}}, "description": "A picture"},
+    304: {"description": "The caller has it already"},
+}
+_FOR_EVER = "private, max-age=86400, immutable"
+
+
+@router.get("/{product_id}/payload", response_class=Response, responses=_BYTES)
 def payload(
     context: Ctx, product_id: str, request: Request,
     format: Annotated[str, Query(max_length=16)] = "native",
     as_: Annotated[str | None, Query(alias="as", max_length=64)] = None,
 ) -> Response:  # fmt: skip
-    """The payload, as it is stored (``Range`` allowed) or converted."""
+    """The payload, as it is stored (``Range`` and ``If-Range`` allowed) or converted; ``ETag`` and ``If-None-Match``."""
     record = context.dpm.store.get(product_id)
-    if format == "native" and as_ is None:
-        return native(context, record, request.headers.get("range"), request.headers.get("if-none-match"))
+    is_native = format == "native" and as_ is None
+    etag = f'"{record.sha256}"' if is_native else f'"{record.sha256[:32]}-{converted_name(format, as_)}"'
+    headers = {"ETag": etag, "Cache-Control": _FOR_EVER}
+    if matches(request.headers.get("if-none-match"), etag):
+        return Response(status_code=304, headers=headers)
+    if is_native:
+        part = request.headers.get("range") if request.headers.get("if-range", etag) == etag else None
+        return native(context, record, part, headers)
     body = convert(record.type_name, record.codec, context.dpm.store.payload(product_id), format, as_, record.header)
-    return file_response(body, product_id)
+    return file_response(body, product_id, headers)
 
 
-@router.get("/{product_id}/thumbnail.png", response_class=Response)
+@router.get("/{product_id}/thumbnail.png", response_class=Response, responses=_PNG)
 def thumbnail(context: Ctx, product_id: str, request: Request) -> Response:
     """A small picture of a map, cloud, path or image; products never change, so it may be cached."""
     record = context.dpm.store.get(product_id)
-    etag = f'"{record.sha256[:16]}-thumbnail"'
-    headers = {"ETag": etag, "Cache-Control": "private, max-age=86400, immutable"}
-    if request.headers.get("if-none-match") == etag:
+    etag = f'"{record.sha256[:32]}-thumbnail"'
+    headers = {"ETag": etag, "Cache-Control": _FOR_EVER}
+    if matches(request.headers.get("if-none-match"), etag):
         return Response(status_code=304, headers=headers)
     from cdff_common.codecs import decode
     from services.dpm.pictures import picture
 
+    if not record.size:
+        raise InputError(f"product {record.id} was FAILED and has no picture")
     value = decode(record.type_name, context.dpm.store.payload(product_id), record.codec)
     return Response(picture(value, record.header, max_side_px=256), media_type="image/png", headers=headers)
 
 
-def native(context: Context, record: ProductRecord, range_header: str | None, if_none_match: str | None) -> Response:
+def native(context: Context, record: ProductRecord, range_header: str | None, headers: dict[str, str]) -> Response:
     """The stored bytes, or the part that ``Range`` names."""
     body = convert(record.type_name, record.codec, b"", None, None, record.header)
-    headers = {"ETag": f'"{record.sha256}"', "Accept-Ranges": "bytes", "CDFF-Encoding": body.encoding}
-    if if_none_match == headers["ETag"]:
-        return Response(status_code=304, headers=headers)
+    headers = headers | {"Accept-Ranges": "bytes", "CDFF-Encoding": body.encoding}
     part = parse_range(range_header, record.size)
     if part is None:
         return Response(context.dpm.store.payload(record.id), media_type="application/octet-stream", headers=headers)
@@ -169,11 +192,16 @@ def native(context: Context, record: ProductRecord, range_header: str | None, if
     return Response(data, 206, headers, "application/octet-stream")
 
 
-def file_response(body: Converted, name: str) -> Response:
+def converted_name(format_name: str, as_type: str | None) -> str:
+    """What a conversion is called in an ETag: callers' text, but only what a header may hold."""
+    return re.sub(r"[^A-Za-z0-9_]", "-", f"{format_name}-{as_type or ''}")
+
+
+def file_response(body: Converted, name: str, headers: Mapping[str, str] | None = None) -> Response:
     """Bytes as a file named after the product."""
     media_type = body.encoding if "vnd.cdff" not in body.encoding else "application/octet-stream"
-    headers = {"Content-Disposition": f'inline; filename="{name}.{body.suffix}"', "CDFF-Encoding": body.encoding}
-    return Response(body.data, media_type=media_type, headers=headers)
+    named = {"Content-Disposition": f'inline; filename="{name}.{body.suffix}"', "CDFF-Encoding": body.encoding}
+    return Response(body.data, media_type=media_type, headers={**named, **(headers or {})})
 
 
 def described(record: ProductRecord) -> dict[str, Any]:

@@ -1,0 +1,60 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a query asks of the rows themselves, as SQL: everything but where they are."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sqlalchemy import ColumnElement, exists, or_, tuple_
+
+from dpm_store import schema
+from dpm_store.annotations import carries, has_successor
+from dpm_store.records import MetricBound, Order, Query, read_cursor
+
+
+def conditions(query: Query) -> list[ColumnElement[bool]]:
+    """Conditions on ``products`` that hold together; the place in the order is among them but for the nearest."""
+    p = schema.products.c
+    found: list[Any] = [p.deleted_ns.is_(None)]
+    if query.as_of_ns is not None:
+        known = query.as_of_ns
+        found = [p.inserted_ns <= known, or_(p.deleted_ns.is_(None), p.deleted_ns > known)]
+    found += [carries(p.id, tag, query.as_of_ns) for tag in query.tags]
+    if query.superseded is not None:
+        has = has_successor(p.id, query.as_of_ns)
+        found.append(has if query.superseded else ~has)
+    if query.types:
+        found.append(p.product.in_(query.types))
+    names = ("robot", "dfpc", "port", "status", "child", "config_hash", "covariance_kind")
+    wanted = {name: getattr(query, name) for name in names}
+    found += [p[name] == value for name, value in wanted.items() if value is not None]
+    found += [_within(bound) for bound in query.metrics]
+    if query.t0_ns is not None:
+        found.append(p.t1_ns >= query.t0_ns)
+    if query.t1_ns is not None:
+        found.append(p.t0_ns <= query.t1_ns)
+    if query.resolution_max_m is not None:
+        found.append(p.resolution_m <= query.resolution_max_m)
+    if query.inserted_after is not None:
+        found.append(p.ordinal > query.inserted_after)
+    if query.cursor is not None and query.order is not Order.NEAREST:
+        here = tuple_(p.t1_ns, p.ordinal)
+        cursor = read_cursor(query.cursor, query.order)
+        place = (cursor.t1_ns, cursor.ordinal)
+        found.append(here > place if query.order is Order.OLDEST else here < place)
+    return found
+
+
+def ordering(query: Query) -> tuple[Any, ...]:
+    """Columns to order rows by."""
+    p = schema.products.c
+    return (p.t1_ns, p.ordinal) if query.order is Order.OLDEST else (p.t1_ns.desc(), p.ordinal.desc())
+
+
+def _within(bound: MetricBound) -> ColumnElement[bool]:
+    m = schema.product_metrics.alias()
+    value = m.c.value
+    low = value > bound.low if bound.strict else value >= bound.low
+    high = value < bound.high if bound.strict else value <= bound.high
+    return exists().where(m.c.ordinal == schema.products.c.ordinal, m.c.name == bound.name, low, high)
