@@ -96,19 +96,15 @@ class EventTable:
         self, connection: Connection, scope: str, kind: str, body: Mapping[str, Any], stamp_ns: int | None = None
     ) -> Event:
         """As ``append``, inside a transaction; ``by`` in the body is who acts."""
-        body = signed(body)
-        if not (_NAME.fullmatch(scope) and _NAME.fullmatch(kind)):
-            raise InputError(f"event {kind[:64]!r} of {scope[:64]!r}: expected lower case letters, digits and _")
-        try:
-            packed = msgpack.packb(dict(body))
-        except (TypeError, ValueError, OverflowError) as error:
-            raise InputError(f"event {kind}: body is not plain data: {error}") from error
-        if len(packed) > _MAX_BODY_BYTES:
-            raise InputError(f"event {kind}: body of {len(packed)} bytes, expected at most {_MAX_BODY_BYTES}")
         stamp = self._clock.now_ns() if stamp_ns is None else stamp_ns
-        row = {"stamp_ns": stamp, "scope": scope, "kind": kind, "body": packed}
+        row = _row(scope, kind, signed(body), stamp)
         ordinal: int = connection.execute(insert(schema.events).returning(schema.events.c.ordinal), row).scalar_one()
-        return Event(ordinal, stamp, scope, kind, dict(body))
+        return Event(ordinal, stamp, scope, kind, signed(body))
+
+    def append_all_in(self, connection: Connection, kind: str, bodies: Sequence[tuple[str, Mapping[str, Any]]]) -> None:
+        """Add events of one kind, each with its scope, inside a transaction."""
+        stamp = self._clock.now_ns()
+        connection.execute(insert(schema.events), [_row(scope, kind, signed(body), stamp) for scope, body in bodies])
 
     def append_from(self, origin: str, entries: Sequence[Entry]) -> int:
         """Add the entries of another service's journal, each once however often it is sent.
@@ -168,3 +164,15 @@ class EventTable:
         """Ordinal of the newest event, 0 without any."""
         with self._database.read() as connection:
             return connection.execute(select(func.max(schema.events.c.ordinal))).scalar_one() or 0
+
+
+def _row(scope: str, kind: str, body: Mapping[str, Any], stamp_ns: int) -> dict[str, Any]:
+    if not (_NAME.fullmatch(scope) and _NAME.fullmatch(kind)):
+        raise InputError(f"event {kind[:64]!r} of {scope[:64]!r}: expected lower case letters, digits and _")
+    try:
+        packed = msgpack.packb(dict(body))
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"event {kind}: body is not plain data: {error}") from error
+    if len(packed) > _MAX_BODY_BYTES:
+        raise InputError(f"event {kind}: body of {len(packed)} bytes, expected at most {_MAX_BODY_BYTES}")
+    return {"stamp_ns": stamp_ns, "scope": scope, "kind": kind, "body": packed}

@@ -8,7 +8,7 @@ import pytest
 from cdff_common.errors import ConfigurationError, StorageError
 from dpm_store import Query, Store, open_store
 from dpm_store.backup import backup, restore
-from dpm_store.products import INLINE_BYTES
+from dpm_store.insertion import INLINE_BYTES
 
 from .conftest import header, put
 

@@ -5,7 +5,7 @@ import pytest
 from cdff_common.errors import ConflictError, InputError, StorageError
 from dpm_store import Insertion, Parcel, Query, Store, products
 from dpm_store.events import EventTable
-from dpm_store.products import INLINE_BYTES
+from dpm_store.insertion import INLINE_BYTES
 
 from .conftest import NAMES, header, put
 
@@ -48,20 +48,13 @@ def test_of_a_batch_with_one_that_cannot_be_stored_nothing_is(store: Store) -> N
 
 
 def test_of_a_batch_that_the_disk_fails_in_nothing_is_stored(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    entered = 0
-    append = EventTable.append_in
+    def fails(*_: object) -> None:
+        raise StorageError("no space left")
 
-    def fails(self: EventTable, *arguments: object) -> object:
-        nonlocal entered
-        entered += 1
-        if entered == 3:
-            raise StorageError("no space left")
-        return append(self, *arguments)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(EventTable, "append_in", fails)
-    with pytest.raises(StorageError):
-        store.put_all(parcels(0, 1, 2, 3))
-    assert entered == 3
+    with monkeypatch.context() as broken:  # the last rows of the transaction
+        broken.setattr(EventTable, "append_all_in", fails)
+        with pytest.raises(StorageError):
+            store.put_all(parcels(0, 1, 2, 3))
     assert store.statistics().count == 0
     assert store.verify() == ()
     assert store.put_all(parcels(0, 1, 2, 3)) == (Insertion.INSERTED,) * 4

@@ -10,7 +10,7 @@ from cdff_common.errors import CodecError, ConflictError, InputError, ProductNot
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
 from dpm_store import Insertion, Query, Store
 from dpm_store.blobs import CHUNK_BYTES
-from dpm_store.products import INLINE_BYTES
+from dpm_store.insertion import INLINE_BYTES
 
 from .conftest import NAMES, header, put
 

@@ -15,8 +15,8 @@ import pytest
 
 from cdff_common.errors import ConfigurationError, UnavailableError
 from dpm_store import Query, Store, open_store
+from dpm_store.insertion import INLINE_BYTES
 from dpm_store.migrate import HEAD, revision_of
-from dpm_store.products import INLINE_BYTES
 from dpm_store.schema import metadata
 
 from .conftest import header, put

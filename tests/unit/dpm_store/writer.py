@@ -7,7 +7,7 @@ import sys
 
 from cdff_common.interfaces.product import Header, product_id
 from dpm_store import open_store
-from dpm_store.products import INLINE_BYTES
+from dpm_store.insertion import INLINE_BYTES
 
 with open_store(f"sqlite:///{sys.argv[1]}") as store:
     for seq in itertools.count(int(sys.argv[2])):
