@@ -73,6 +73,18 @@ class Patches:
         self._kept: OrderedDict[str, Patch] = OrderedDict()
         self._kept_bytes = 0
 
+    def any(self, query: Query) -> bool:
+        """Whether a search finds a patch; derived maps count."""
+        return bool(self._search.run(replace(query, types=("dem",), limit=1)).items)
+
+    def find_few(self, query: Query, most: int) -> Found | None:
+        """As ``find``; None where there are more than ``most``, or as many derived maps."""
+        page = self._search.run(replace(query, types=("dem",), limit=2 * most))
+        found = [r for r in page.items if r.dfpc != DERIVED_DFPC and r.size]
+        if page.cursor is not None or len(found) > most:
+            return None
+        return self._placed(query, found, page.unplaced_frames)
+
     def find(self, query: Query) -> Found:
         """Patches that a search finds, and how they lie in the query's frame; raises InputError on too many."""
         found: list[ProductRecord] = []
@@ -84,8 +96,11 @@ class Patches:
             if len(found) >= MAX_PATCHES:
                 raise InputError(f"more than {MAX_PATCHES} patches in that region; ask for a smaller one")
             page = self._search.run(replace(query, types=("dem",), limit=MAX_LIMIT, cursor=page.cursor))
+        return self._placed(query, found, page.unplaced_frames)
+
+    def _placed(self, query: Query, found: Sequence[ProductRecord], unplaced_frames: Sequence[str]) -> Found:
         transforms: dict[str, UncertainTransform] = {}
-        unplaced = set(page.unplaced_frames)
+        unplaced = set(unplaced_frames)
         for frame in {r.header.frame for r in found} - {query.frame}:
             try:
                 transforms[frame] = self._frames.lookup(query.frame, frame, known=Known(query.as_of_ns))

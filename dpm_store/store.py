@@ -30,6 +30,7 @@ from dpm_store.places import Places
 from dpm_store.poses import PoseTable, Track
 from dpm_store.products import ProductTable
 from dpm_store.provenance import MAX_GENERATIONS, Lineage, lineage
+from dpm_store.pyramid import Pyramid
 from dpm_store.records import Insertion, Page, Parcel, ProductRecord, Query
 from dpm_store.retention import Retention
 from dpm_store.robots import RobotTable
@@ -39,6 +40,7 @@ from dpm_store.tracks import path
 
 _DATABASE = "store.sqlite"
 _BLOBS = "blobs"
+_TILES = "tiles"
 
 
 def open_store(
@@ -90,6 +92,8 @@ class Store:
         Rules of what may go.
     maps : Maps
         Windows pooled from patches.
+    pyramid : Pyramid
+        Statistics of tiles, at every level.
     """
 
     def __init__(
@@ -115,7 +119,9 @@ class Store:
         self._products = ProductTable(self._database, self._files, self.events, self.annotations, clock)
         self.retention = Retention(self._database, self._products, clock)
         self._search = Search(self._database, self._products, self.frames, self.poses)
-        self.maps = Maps(Patches(self._search, self._products, self.frames))
+        patches = Patches(self._search, self._products, self.frames)
+        self.maps = Maps(patches)
+        self.pyramid = Pyramid(self._database, patches, self.frames, self.events, directory / _TILES)
 
     def __enter__(self) -> Store:
         return self
@@ -183,3 +189,4 @@ class Store:
         """Close the database and let another process open it."""
         self._database.close()
         self._lock.release()
+        self.pyramid.close()

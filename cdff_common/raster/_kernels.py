@@ -133,7 +133,7 @@ def pool_layers(
             if not (n > 0.0 and math.isfinite(z)):
                 continue
             age = np.float64(ages[r, c])
-            stamp = t1 - int(round(age * 1e9)) if math.isfinite(age) else t1
+            stamp = t1 - math.floor(age * 1e9 + 0.5) if math.isfinite(age) else t1
             _pool(
                 row, (c + right) // factor, n, z, n * np.float64(variances[r, c]), np.float64(lows[r, c]),
                 np.float64(highs[r, c]), stamp, count, mean, m2, minimum, maximum, newest, within,
@@ -160,7 +160,7 @@ def pool_moved(
             if not (n > 0.0 and math.isfinite(z)):
                 continue
             age = np.float64(ages[r, c])
-            stamp = t1 - int(round(age * 1e9)) if math.isfinite(age) else t1
+            stamp = t1 - math.floor(age * 1e9 + 0.5) if math.isfinite(age) else t1
             steep = T[2, 2]
             variance = np.float64(variances[r, c]) * steep * steep
             low, high = (np.float64(lows[r, c]) - z) * steep, (np.float64(highs[r, c]) - z) * steep
@@ -212,3 +212,20 @@ def disagreeing(
             out[i] = True
             found += 1
     return found
+
+
+@njit(cache=True)
+def pool_blocks(
+    cells: tuple[Float, ...], stamps: Int, factor: int, down: int, right: int,
+    count: Float, mean: Float, m2: Float, minimum: Float, maximum: Float, newest: Int, within: Float,
+) -> None:  # pragma: no cover - compiled  # fmt: skip
+    """Pool statistics count, mean, m2, minimum, maximum ``(rows, cols)`` into coarser ones; see ``pool_layers``."""
+    counts, means, squares, lows, highs = cells
+    rows, cols = counts.shape
+    for r in range(rows):
+        for c in range(cols):
+            if counts[r, c] > 0.0:
+                _pool(
+                    (r + down) // factor, (c + right) // factor, counts[r, c], means[r, c], squares[r, c], lows[r, c],
+                    highs[r, c], stamps[r, c], count, mean, m2, minimum, maximum, newest, within,
+                )  # fmt: skip

@@ -8,10 +8,8 @@ from collections.abc import Iterable
 from math import floor
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
-from cdff_common.raster.geometry import GridGeometry
 from cdff_common.raster.statistics import CellStatistics
 
 _RELATIVE_TOLERANCE = 1e-6
@@ -57,42 +55,19 @@ def aggregate(statistics: CellStatistics, factor: int) -> CellStatistics:
     """
     if factor == 1:
         return statistics
-    fine = statistics.geometry
-    coarse = fine.coarsened(factor)
-    frame = GridGeometry.from_cells(
-        fine.frame,
-        fine.resolution_m,
-        left=coarse.left * factor,
-        top=coarse.top * factor,
-        rows=coarse.rows * factor,
-        cols=coarse.cols * factor,
-    )
-    padded = statistics if frame == fine else statistics.window(frame)
-    n = _blocks(padded.count, factor)
-    mean = _blocks(padded.mean, factor)
-    total = n.sum(axis=(1, 3))
-    divisor = np.where(total > 0, total, 1.0)
-    pooled = (n * mean).sum(axis=(1, 3)) / divisor
-    difference = mean - pooled[:, None, :, None]
-    # The mean of the differences is zero up to rounding; adding it back makes the mean as good as a two-pass one.
-    correction = (n * difference).sum(axis=(1, 3)) / divisor
-    m2 = _blocks(padded.m2, factor).sum(axis=(1, 3)) + (n * difference**2).sum(axis=(1, 3)) - total * correction**2
-    return CellStatistics(
-        coarse,
-        total,
-        pooled + correction,
-        np.maximum(m2, 0.0),
-        _blocks(padded.minimum, factor).min(axis=(1, 3)),
-        _blocks(padded.maximum, factor).max(axis=(1, 3)),
-        padded.newest_ns.reshape(coarse.rows, factor, coarse.cols, factor).max(axis=(1, 3)),
-    )
+    from cdff_common.raster._kernels import pool_blocks
+
+    s, fine = statistics, statistics.geometry
+    result = CellStatistics.empty(fine.coarsened(factor))
+    down, right = result.geometry.top * factor - fine.top, fine.left - result.geometry.left * factor
+    pool_blocks(
+        (s.count, s.mean, s.m2, s.minimum, s.maximum), s.newest_ns, factor, down, right,
+        result.count, result.mean, result.m2, result.minimum, result.maximum, result.newest_ns,
+        np.zeros(result.geometry.shape),
+    )  # fmt: skip
+    return result
 
 
 def aggregate_to(statistics: CellStatistics, resolution_m: float) -> CellStatistics:
     """Pool to cells of exactly ``resolution_m``; raises InputError if that is no integer multiple of the cell size."""
     return aggregate(statistics, integer_factor(statistics.geometry.resolution_m, resolution_m))
-
-
-def _blocks(values: NDArray[np.float64], factor: int) -> NDArray[np.float64]:
-    rows, cols = values.shape
-    return values.reshape(rows // factor, factor, cols // factor, factor)

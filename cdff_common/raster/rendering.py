@@ -1,0 +1,109 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Pictures of elevation for the eye, as indices into a palette: 0 where unobserved, transparent.
+
+Every rendering but the relief has a fixed range, so that neighbouring tiles show the same height in the same colour.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.raster.slope import hillshade, slope_rad
+
+Indices = NDArray[np.uint8]
+Palette = NDArray[np.uint8]
+
+#: Tints of the relief; times the shades of each they fill a palette.
+_TINTS = 15
+_SHADES = 17
+
+
+@dataclass(frozen=True, slots=True)
+class Rendering:
+    """How a layer looks.
+
+    Attributes
+    ----------
+    title : str
+    unit : str
+    low, high : float
+        Range shown by default; what lies beyond takes the colour at its end.
+    palette : Palette, shape (256, 3)
+    value : callable
+        Heights and variances ``(rows, cols)`` with a margin of one cell, and the cell size, to values
+        ``(rows - 2, cols - 2)`` in ``unit``, NaN where unknown.
+    """
+
+    title: str
+    unit: str
+    low: float
+    high: float
+    palette: Palette
+    value: Callable[[NDArray[np.float32], NDArray[np.float32], float], NDArray[np.float32]]
+
+
+def _ramp(*colors: tuple[int, int, int]) -> Palette:
+    """A palette from colour to colour; index 0 is not shown."""
+    at = np.linspace(1, 255, len(colors))
+    channels = [np.interp(np.arange(256), at, [color[i] for color in colors]) for i in range(3)]
+    return np.stack(channels, axis=1).round().astype(np.uint8)
+
+
+#: Low to high ground, ochre to pale: readable without telling red from green.
+GROUND = ((88, 62, 48), (150, 104, 72), (204, 158, 112), (240, 222, 190))
+
+
+def _inner(values: NDArray[np.floating]) -> NDArray[np.float32]:
+    return values[1:-1, 1:-1].astype(np.float32)
+
+
+def _shade(heights: NDArray[np.float32], _: NDArray[np.float32], cell_m: float) -> NDArray[np.float32]:
+    shade = hillshade(heights, cell_m)[1:-1, 1:-1].astype(np.float32)
+    shade[shade == 0] = np.nan
+    return shade
+
+
+def _slope(heights: NDArray[np.float32], _: NDArray[np.float32], cell_m: float) -> NDArray[np.float32]:
+    return _inner(np.degrees(slope_rad(heights, cell_m)))
+
+
+_VIRIDIS = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))
+RENDERINGS = {
+    "elevation": Rendering("Height", "m", -8.0, 8.0, _ramp(*GROUND), lambda h, _v, _m: _inner(h)),
+    "hillshade": Rendering("Shaded relief", "1", 1.0, 255.0, _ramp((0, 0, 0), (255, 255, 255)), _shade),
+    "slope": Rendering("Slope", "deg", 0.0, 40.0, _ramp(*_VIRIDIS), _slope),
+    "variance": Rendering("Variance of the height", "m2", 0.0, 0.01, _ramp(*_VIRIDIS), lambda _h, v, _m: _inner(v)),
+}
+
+
+def indices(values: NDArray[np.float32], low: float, high: float) -> Indices:
+    """Indices 1 to 255 of values between ``low`` and ``high``; 0 where NaN."""
+    known = np.isfinite(values)
+    level = (np.where(known, values, low) - low) * (254.0 / (high - low))
+    return np.where(known, 1.5 + np.clip(level, 0.0, 254.0), 0.0).astype(np.uint8)
+
+
+def relief(heights: NDArray[np.float32], cell_m: float, low: float, high: float) -> tuple[Indices, Palette]:
+    """Shaded relief tinted by height: indices ``(rows - 2, cols - 2)`` of heights with a margin of one cell."""
+    shade = hillshade(heights, cell_m)[1:-1, 1:-1]
+    inner = _inner(heights)
+    known = np.isfinite(inner)
+    tint = np.clip((np.where(known, inner, low) - low) * (_TINTS / (high - low)), 0, _TINTS - 1).astype(np.uint8)
+    found = np.where(known, 1 + tint * _SHADES + (shade // (256 // _SHADES + 1)).astype(np.uint8), 0)
+    return found.astype(np.uint8), _RELIEF
+
+
+def _relief_palette() -> Palette:
+    tints = _ramp(*GROUND)[np.linspace(1, 255, _TINTS).astype(int)].astype(np.float64)
+    lights = 0.3 + 0.9 * (np.arange(_SHADES) + 0.5) / _SHADES
+    palette = np.zeros((256, 3))
+    palette[1 : 1 + _TINTS * _SHADES] = np.clip(tints[:, None, :] * lights[None, :, None], 0, 255).reshape(-1, 3)
+    return palette.round().astype(np.uint8)
+
+
+_RELIEF = _relief_palette()

@@ -1,0 +1,131 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Tiles of elevation: rendered as PNG, or their values as GeoTIFF or plain float32; kept until they change."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.errors import InputError
+from cdff_common.raster.rendering import RENDERINGS, indices, relief
+from cdff_common.raster.tiles import Tile, cell_m
+from dpm_store import Store
+from dpm_store.pyramid import Change, touched
+
+#: The relief is drawn in colours; its values are heights.
+RELIEF = "dem"
+LAYERS = (RELIEF, *RENDERINGS)
+MEDIA_TYPES = {"png": "image/png", "tif": "image/tiff; application=geotiff", "bin": "application/octet-stream"}
+_KEPT_BYTES = 32 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class TileRequest:
+    """One tile as it is asked for: raises InputError for a layer, form or range that there is not.
+
+    Attributes
+    ----------
+    low, high : float or None
+        Range of the colours, in the layer's unit; the layer's own without.
+    """
+
+    frame: str
+    layer: str
+    tile: Tile
+    form: str = "png"
+    low: float | None = None
+    high: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.layer not in LAYERS:
+            raise InputError(f"layer={self.layer[:40]!r}: expected one of {', '.join(LAYERS)}")
+        if self.form not in MEDIA_TYPES:
+            raise InputError(f"a tile as {self.form[:16]!r}: expected one of {', '.join(MEDIA_TYPES)}")
+        low, high = self.range
+        if not low < high:
+            raise InputError(f"low={low:g}, high={high:g}: expected low below high")
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Values of the first and of the last colour."""
+        usual = RENDERINGS["elevation" if self.layer == RELIEF else self.layer]
+        return usual.low if self.low is None else self.low, usual.high if self.high is None else self.high
+
+
+@dataclass(frozen=True, slots=True)
+class RenderedTile:
+    """Bytes of a tile and the tag by which a client knows whether it has them."""
+
+    data: bytes
+    media_type: str
+    etag: str
+
+
+class Tiles:
+    """Renders tiles of a store and keeps them until something in them changes."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._lock = threading.Lock()
+        self._kept: OrderedDict[tuple[str, int, int, int], dict[TileRequest, RenderedTile]] = OrderedDict()
+        self._bytes = 0
+        store.pyramid.listen(self._forget)
+
+    def get(self, asked: TileRequest) -> RenderedTile:
+        """One tile; transparent, or NaN, where nothing of its cells' size or finer was observed."""
+        pyramid, tile = self._store.pyramid, asked.tile
+        before = pyramid.sync()
+        key = (asked.frame, tile.z, tile.x, tile.y)
+        with self._lock:
+            known = self._kept.get(key, {}).get(asked)
+            if known is not None:
+                self._kept.move_to_end(key)
+                return known
+        cells = pyramid.statistics(asked.frame, tile.z, tile.geometry(asked.frame, margin=1))
+        layers = cells.to_layers(0)
+        data = self._drawn(asked, layers["mean"], layers["variance"])
+        etag = f'"{hashlib.blake2b(data, digest_size=12).hexdigest()}"'
+        made = RenderedTile(data, MEDIA_TYPES[asked.form], etag)
+        if pyramid.sync() == before:
+            self._keep(key, asked, made)
+        return made
+
+    def _drawn(self, asked: TileRequest, mean: NDArray[np.float32], variance: NDArray[np.float32]) -> bytes:
+        from cdff_common.formats.image import write_indexed_png
+
+        resolution_m = cell_m(asked.tile.z)
+        if asked.layer == RELIEF and asked.form == "png":
+            return write_indexed_png(*relief(mean, resolution_m, *asked.range))
+        rendering = RENDERINGS["elevation" if asked.layer == RELIEF else asked.layer]
+        values = rendering.value(mean, variance, resolution_m)
+        if asked.form == "png":
+            return write_indexed_png(indices(values, *asked.range), rendering.palette)
+        if asked.form == "bin":
+            return np.ascontiguousarray(values, dtype="<f4").tobytes()
+        from cdff_common.formats.geotiff import write_bands
+
+        wkt = self._store.places.of(asked.frame).wkt
+        return write_bands({asked.layer: values}, asked.tile.geometry(asked.frame), wkt=wkt)
+
+    def _keep(self, key: tuple[str, int, int, int], asked: TileRequest, made: RenderedTile) -> None:
+        with self._lock:
+            self._kept.setdefault(key, {})[asked] = made
+            self._bytes += len(made.data)
+            while self._bytes > _KEPT_BYTES and len(self._kept) > 1:
+                self._bytes -= _size(self._kept.popitem(last=False)[1])
+
+    def _forget(self, change: Change) -> None:
+        with self._lock:
+            for key in touched(tuple(self._kept), change, margin_cells=1):
+                self._bytes -= _size(self._kept.pop(key))
+
+
+def _size(tiles: dict[TileRequest, Any]) -> int:
+    return sum(len(tile.data) for tile in tiles.values())
