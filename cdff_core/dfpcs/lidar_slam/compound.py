@@ -1,0 +1,347 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Controller of LidarSlam: track, keep key frames, close loops, answer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.errors import FrameNotFoundError, InputError, ProductNotFoundError
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.interfaces.dfpc import DfpcConfig, Output, Sample
+from cdff_common.interfaces.product import CovarianceKind, Quality, Status
+from cdff_common.types import LidarMap, Pointcloud, PoseGraph, PoseTrajectory, TransformWithCovariance
+from cdff_core.dfns.point_cloud_downsampling._interface import PointCloudDownsamplingInputs
+from cdff_core.dfpcs.lidar_slam._interface import LidarSlamInterface
+from cdff_core.dfpcs.lidar_slam.closing import LoopCloser
+from cdff_core.dfpcs.lidar_slam.configuration import LidarSlamConfig
+from cdff_core.dfpcs.lidar_slam.keyframe_map import KeyFrame, KeyFrameMap
+from cdff_core.dfpcs.lidar_slam.tracking import Tracked, Tracker
+from cdff_core.dfpcs.lidar_slam.trajectory import Trajectory
+from cdff_core.dfpcs.lidar_slam.verdict import degraded_of, metrics_of
+
+Float = NDArray[np.float64]
+
+
+class LidarSlam(LidarSlamInterface):
+    """Odometry on a map of the surroundings, key frames in a pose graph.
+
+    Two frames: in ``{robot}/lidar_odom`` poses follow from one another and never jump; ``{robot}/slam`` is the frame of
+    the map, where they are corrected as loops close. Both begin at the lidar's first sweep.
+    """
+
+    Config: ClassVar[type[DfpcConfig]] = LidarSlamConfig
+
+    config: LidarSlamConfig
+
+    def setup(self) -> None:
+        """Make the DFNs, forget everything, offer the store's items."""
+        robot = self.context.robot
+        self._slam, self._odom, self._lidar = f"{robot}/slam", f"{robot}/lidar_odom", f"{robot}/lidar"
+        self._closer = LoopCloser(self, self.config)
+        self._thin_keyframe, self._thin_map = self.dfn("thin_keyframe"), self.dfn("thin_map")
+        self._optimiser = self.dfn("optimise")
+        self.forget()
+        self.store.offer("map", lambda: self.export_map() if len(self._places) else None)
+        self.store.offer("graph", lambda: self._graph() if len(self._places) else None)
+        self.store.offer("trajectory", lambda: self.get_trajectory(-1, -1) if len(self._trajectory) else None)
+        self.store.offer("cloud", lambda: self.get_map(0.0) if len(self._places) else None)
+
+    def forget(self) -> None:
+        """Forget map and trajectory and begin anew."""
+        try:
+            T_base_lidar = self.context.frames.lookup(f"{self.context.robot}/base", self._lidar, 0).matrix
+        except FrameNotFoundError:
+            T_base_lidar = np.eye(4)  # without extrinsics odometry is taken as that of the lidar
+        self._tracker = Tracker(self.config, self.dfn("deskewing"), self.dfn("tracking"), T_base_lidar)
+        self._places = KeyFrameMap()
+        self._trajectory = Trajectory(self.config.history)
+        self._current: int | None = None
+        self._T_current_lidar = UncertainTransform.identity()
+        self._fresh: list[Float] = []
+        self._resumed_at: tuple[int, Float] | None = None
+        self._odometry_covariance = np.zeros((6, 6))
+        self._way_m = 0.0
+        self._degraded = 0
+        self._used: tuple[str, ...] = ()
+
+    # -- samples in -----------------------------------------------------------------------------------------------
+
+    def on_odometry(self, sample: Sample) -> Iterable[Output]:
+        """Keep the pose until the sweeps of its time are in."""
+        if sample.value is not None and sample.quality.status is not Status.FAILED:
+            self._tracker.take_odometry(sample.stamp_ns, sample.value.transform)
+        return ()
+
+    def on_scan(self, sample: Sample) -> Iterable[Output]:
+        """Track the sweep, keep it in a key frame, close loops where the key frame ends."""
+        self._begin_where_it_was()
+        tracked = self._tracker.track(sample.value)
+        if self._current is None:
+            self._begin(sample.stamp_ns, tracked)
+        else:
+            self._T_current_lidar = self._T_current_lidar @ tracked.increment
+            self._way_m += float(np.linalg.norm(tracked.increment.matrix[:3, 3]))
+        self._gather(tracked)
+        closed = self._end_keyframe(sample.stamp_ns) if self._is_far() else False
+        assert self._current is not None
+        self._trajectory.append(sample.stamp_ns, self._current, self._T_current_lidar.matrix)
+        self._used = (sample.id,) if sample.id else ()
+        yield from self._poses(sample, tracked)
+        if closed:
+            yield from self._reports(sample.stamp_ns)
+
+    def on_map(self, sample: Sample) -> Iterable[Output]:
+        """Take a map over, or hold it beside the own one until a loop links both; one that is linked now is merged."""
+        taken = self._take(sample.value)
+        if self._places.root in taken.values():
+            return ()
+        for key in taken.values():
+            self._close(key)
+            if key in self._places.part(self._places.root):
+                break
+        return self._reports(max(sample.stamp_ns, self._newest_ns()))
+
+    def finish(self) -> Iterable[Output]:
+        """End the key frame, and publish trajectory, graph and cloud of the whole map."""
+        if self._current is None:
+            return
+        self._finish_cloud(self._current)
+        self._close(self._current, dissolve=False)
+        yield from self._reports(self._newest_ns())
+        cloud = self.get_map(0.0)
+        yield Output("cloud", cloud, self._first_ns(), cloud.stamp_ns, self._slam, None, self._map_quality())
+
+    # -- operations -----------------------------------------------------------------------------------------------
+
+    def export_map(self) -> LidarMap:
+        """Key frames with their clouds and graph, and where the lidar is; the current key frame with what it has."""
+        if not len(self._places):
+            raise ProductNotFoundError(f"{self.name}: nothing has been mapped yet")
+        if self._current is not None:
+            self._finish_cloud(self._current, describe=False)
+        position = None if self._current is None else (self._current, self._T_current_lidar.matrix)
+        return self._places.to_message(
+            frame=self._slam, sensor=self._lidar, producer=self.name, position=position or self._resumed_at
+        )
+
+    def get_map(self, voxel_m: float) -> Pointcloud:
+        """The clouds of all key frames linked with the first, as the graph places them, thinned."""
+        keys = sorted(self._places.part(self._places.root))
+        if not keys:
+            raise ProductNotFoundError(f"{self.name}: nothing has been mapped yet")
+        clouds = [self._places.frames[k].points_m for k in keys]
+        if self._current in keys:
+            clouds[keys.index(self._current)] = self._gathered()
+        placed = [se3.transform_points(self._places.poses[k], c) for k, c in zip(keys, clouds, strict=True)]
+        edge = np.array(voxel_m) if voxel_m > 0.0 else None
+        thinned = self._thin_map.process(PointCloudDownsamplingInputs(np.concatenate(placed), edge)).points
+        return Pointcloud.from_points(thinned, frame=self._slam, stamp_ns=self._newest_ns())
+
+    def get_trajectory(self, t0_ns: int, t1_ns: int) -> PoseTrajectory:
+        """``T_slam_lidar`` between two times; raises ProductNotFoundError where there is none."""
+        stamps, poses, covariances = self._trajectory.placed(self._places, t0_ns, t1_ns)
+        if not len(stamps):
+            raise ProductNotFoundError(f"{self.name}: no pose between {t0_ns} and {t1_ns}")
+        return PoseTrajectory.from_arrays(
+            stamps, poses, covariances, parent=self._slam, child=self._lidar, producer=self.name
+        )
+
+    # -- what survives a restart ----------------------------------------------------------------------------------
+
+    def state(self) -> LidarMap | None:
+        """The map; None while there is none."""
+        return self.export_map() if len(self._places) else None
+
+    def resume(self, state: Any) -> None:
+        """Take over the map of before; the place is believed when the first sweep fits it.
+
+        Raises
+        ------
+        InputError
+            If the state is no LidarMap.
+        """
+        if not isinstance(state, LidarMap):
+            raise InputError(f"{self.name}: state of type {type(state).__name__}, expected LidarMap")
+        self.forget()
+        new = self._take(state)
+        position = state.last_position
+        self._resumed_at = None if position is None else (new[position[0]], position[1])
+
+    # -- inside ---------------------------------------------------------------------------------------------------
+
+    def _take(self, message: LidarMap) -> dict[int, int]:
+        """Add the key frames of a message and describe them; their new ids by the old ones."""
+        new = self._places.absorb(message)
+        for key in new.values():
+            self._places.frames[key] = self._closer.described(self._places.frames[key])
+        if self._places.root in new.values():
+            self._places.optimise(self._optimiser)
+        return new
+
+    def _begin_where_it_was(self) -> None:
+        """Before the first sweep after a restart: the surroundings are the map around the last place."""
+        if self._current is not None or self._resumed_at is None:
+            return
+        key, T_key_lidar = self._resumed_at
+        T = self._places.poses[key] @ T_key_lidar
+        around = [
+            se3.transform_points(self._places.poses[k], f.points_m)
+            for k, f in self._places.frames.items()
+            if np.linalg.norm(self._places.poses[k][:3, 3] - T[:3, 3]) < self.config.max_range_m
+        ]
+        self._tracker.begin_at(T, np.concatenate(around))
+
+    def _begin(self, stamp_ns: int, tracked: Tracked) -> None:
+        """The first key frame: of a new map, at the place of before, or of a part that a loop has yet to link."""
+        resumed, self._resumed_at = self._resumed_at, None
+        found = tracked.registration
+        confirmed = found is not None and float(found.inlier_ratio) >= self.config.resumed_inlier_ratio
+        if resumed is not None and found is not None and confirmed:
+            T = UncertainTransform(_rigid(se3.inverse(self._places.poses[resumed[0]]) @ tracked.T_odom_lidar))
+            self._current = self._places.follow(resumed[0], stamp_ns, UncertainTransform(T.matrix, found.covariance))
+            self._T_current_lidar = UncertainTransform.identity()
+            return
+        self._current = self._places.begin(stamp_ns, tracked.T_odom_lidar)
+        self._T_current_lidar = UncertainTransform.identity()
+
+    def _gather(self, tracked: Tracked) -> None:
+        """Add the sweep to the cloud of the current key frame."""
+        if tracked.lost:
+            return
+        points = tracked.points_m
+        near = points[np.einsum("ij,ij->i", points, points) < self.config.keyframe_range_m**2]
+        if len(near):
+            thinned = self._thin_keyframe.process(PointCloudDownsamplingInputs(near)).points
+            self._fresh.append(se3.transform_points(self._T_current_lidar.matrix, thinned))
+
+    def _gathered(self) -> NDArray[np.float32]:
+        """The current key frame's cloud so far."""
+        assert self._current is not None
+        frame = self._places.frames[self._current]
+        known = [np.asarray(frame.points_m, dtype=np.float64)] if len(frame.points_m) else []
+        parts = [*known, *self._fresh]
+        if not parts:
+            return np.zeros((0, 3), np.float32)
+        merged = self._thin_keyframe.process(PointCloudDownsamplingInputs(np.concatenate(parts))).points
+        return merged.astype(np.float32)
+
+    def _finish_cloud(self, key: int, *, describe: bool = True) -> None:
+        """Put what was gathered into the key frame."""
+        frame = KeyFrame(self._places.frames[key].stamp_ns, self._gathered(), self._places.frames[key].descriptor)
+        self._fresh.clear()
+        self._closer.forget(key)
+        self._places.frames[key] = self._closer.described(frame) if describe else frame
+
+    def _is_far(self) -> bool:
+        return float(np.linalg.norm(self._T_current_lidar.matrix[:3, 3])) > self.config.keyframe_distance_m
+
+    def _end_keyframe(self, stamp_ns: int) -> bool:
+        """End the current key frame, close its loops, and begin the next; True where a loop was closed."""
+        assert self._current is not None
+        self._finish_cloud(self._current)
+        before = self._places.loops, self._places.loops_rejected
+        self._close(self._current)
+        closed = before != (self._places.loops, self._places.loops_rejected)
+        self._current = self._places.follow(self._current, stamp_ns, self._T_current_lidar)
+        self._T_current_lidar = UncertainTransform.identity()
+        return closed
+
+    def _close(self, key: int, *, dissolve: bool = True) -> None:
+        """Find and verify loops of a key frame, link them, optimise; a key frame next to an old one goes up in it."""
+        loops = list(self._closer.loops(self._places, key))
+        if not loops:
+            return
+        for loop in loops:
+            self._places.link(loop.old, loop.new, loop.T)
+        if self._places.root in self._places.part(key):
+            self._places.optimise(self._optimiser)
+        nearest = min(loops, key=lambda found: float(np.linalg.norm(found.T.matrix[:3, 3])))
+        apart_m = float(np.linalg.norm(nearest.T.matrix[:3, 3]))
+        kept = any({nearest.old, nearest.new} == set(e[:2]) for e in self._places.edges)
+        if dissolve and kept and key != self._places.root and apart_m < self.config.reuse_distance_m:
+            self._dissolve(key, nearest.old, nearest.T)
+
+    def _dissolve(self, key: int, into: int, T_into_key: UncertainTransform) -> None:
+        """Let a key frame go up in an older one."""
+        self._places.dissolve(key, into, T_into_key)
+        self._closer.forget(key)
+        self._trajectory.move(key, into, T_into_key.matrix)
+        if self._current == key:
+            self._current, self._T_current_lidar = into, T_into_key @ self._T_current_lidar
+
+    # -- samples out ----------------------------------------------------------------------------------------------
+
+    def _poses(self, sample: Sample, tracked: Tracked) -> Iterator[Output]:
+        """Odometry and pose of a sweep."""
+        c, scan = self.config, sample.value
+        reasons = degraded_of(tracked, c)
+        self._degraded += bool(reasons)
+        metrics = metrics_of(tracked) | {"keyframes": float(len(self._places)), "way_m": self._way_m}
+        status = Status.DEGRADED if reasons else Status.OK
+        quality = Quality(status, reasons, CovarianceKind.FORMAL, metrics)
+        if tracked.lost:
+            failed = Quality(Status.FAILED, ("lost", *reasons), CovarianceKind.NONE, metrics)
+            for port, frame in (("odometry", self._odom), ("pose", self._slam)):
+                yield Output(port, None, scan.t0_ns, scan.t1_ns, frame, self._lidar, failed, self._used)
+            return
+        step = tracked.increment
+        before = UncertainTransform(_rigid(tracked.T_odom_lidar @ se3.inverse(step.matrix)), self._odometry_covariance)
+        odometry = before @ step
+        assert odometry.covariance is not None  # every increment has one
+        assert self._current is not None  # since the sweep was tracked
+        self._odometry_covariance = odometry.covariance
+        yield self._pose("odometry", self._odom, odometry, scan, quality)
+        if self._current not in self._places.part(self._places.root):
+            unknown = Quality(Status.FAILED, ("not_localised_in_map", *reasons), CovarianceKind.NONE, metrics)
+            yield Output("pose", None, scan.t0_ns, scan.t1_ns, self._slam, self._lidar, unknown, self._used)
+            return
+        key = UncertainTransform(self._places.poses[self._current], self._places.covariances[self._current])
+        yield self._pose("pose", self._slam, key @ self._T_current_lidar, scan, quality)
+
+    def _pose(self, port: str, parent: str, T: UncertainTransform, scan: Any, quality: Quality) -> Output:
+        value = TransformWithCovariance.from_transform(
+            T, parent=parent, child=self._lidar, stamp_ns=scan.t1_ns, producer=self.name
+        )
+        return Output(port, value, scan.t0_ns, scan.t1_ns, parent, self._lidar, quality, self._used)
+
+    def _reports(self, stamp_ns: int) -> Iterator[Output]:
+        """Trajectory and graph as they are now."""
+        first_ns, quality = self._first_ns(), self._map_quality()
+        if len(self._trajectory):
+            value = self.get_trajectory(-1, -1)
+            yield Output("trajectory", value, first_ns, stamp_ns, self._slam, self._lidar, quality, self._used)
+        yield Output("graph", self._graph(), first_ns, stamp_ns, self._slam, None, quality, self._used)
+
+    def _map_quality(self) -> Quality:
+        """How well the map hangs together."""
+        parts = len(self._places) - len(self._places.part(self._places.root))
+        reasons = [f"degraded_sweeps:{self._degraded}"] if self._degraded else []
+        reasons += [f"keyframes_not_linked:{parts}"] if parts else []
+        metrics = {
+            "keyframes": float(len(self._places)),
+            "loops": float(self._places.loops),
+            "loops_rejected": float(self._places.loops_rejected),
+            "refused_loops": float(sum(self._closer.refusals.values())),
+            "cloud_mb": self._places.point_bytes / 1e6,
+            "way_m": self._way_m,
+        }
+        return Quality(Status.DEGRADED if reasons else Status.OK, tuple(reasons), CovarianceKind.FORMAL, metrics)
+
+    def _graph(self) -> PoseGraph:
+        return self._places.graph(frame=self._slam, producer=self.name)
+
+    def _first_ns(self) -> int:
+        return min(f.stamp_ns for f in self._places.frames.values())
+
+    def _newest_ns(self) -> int:
+        newest = max(f.stamp_ns for f in self._places.frames.values())
+        return max(newest, self._trajectory.last_ns)
+
+
+def _rigid(T: Float) -> Float:
+    return se3.transform(se3.normalise_rotation(T[:3, :3]), T[:3, 3])
