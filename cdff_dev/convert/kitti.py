@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from cdff_common.camera import read_stereo
 from cdff_common.errors import CodecError, InputError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.se3 import FloatArray
@@ -165,13 +166,10 @@ def _calibration(folder: Path) -> tuple[FloatArray, float]:
     path = next((folder / name for name in _CALIBRATIONS if (folder / name).is_file()), None)
     if path is None:
         raise InputError(f"{folder}: expected {' or '.join(_CALIBRATIONS)}")
-    P = _rows(path, 12).reshape(-1, 3, 4)
-    if len(P) < 2:
-        raise InputError(f"{path}: {len(P)} projection matrix, expected those of left and right camera")
-    baseline_m = float(P[0, 0, 3] - P[1, 0, 3]) / float(P[0, 0, 0])
-    if not baseline_m > 0:
-        raise InputError(f"{path}: baseline {baseline_m:.4f} m, expected the right camera right of the left one")
-    return P[0, :, :3].copy(), baseline_m
+    calibration = read_stereo(path)
+    if not calibration.is_rectified:
+        raise InputError(f"{path}: expected a rectified pair, the right camera right of the left one")
+    return calibration.left.matrix, calibration.baseline_m
 
 
 def _stamps(folder: Path, n: int) -> np.ndarray:

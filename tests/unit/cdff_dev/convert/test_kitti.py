@@ -79,9 +79,9 @@ def test_what_does_not_fit_is_refused_by_name(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("calib.txt", f"P0: {P0}\n", "left and right"),
-        ("calib.txt", f"P0: {P1}\nP1: {P0}\n", "baseline"),
-        ("calib.txt", "P0: 1 2 3\n", "expected 12"),
+        ("calib.txt", f"P0: {P0}\n", "expected two"),
+        ("calib.txt", f"P0: {P1}\nP1: {P0}\n", "expected a rectified pair"),
+        ("calib.txt", "P0: 1 2 3\n", "size 3"),
         ("times.txt", "0.0\n0.1\n0.1\n", "rising"),
         ("poses.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n", "1 poses for 3 images"),
         ("poses.txt", "1 0 0 zero 0 1 0 0 0 0 1 0\n", "zero"),

@@ -1,0 +1,9 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Camera models and calibration: what a lens does, where two cameras sit, and the files that say so."""
+
+from cdff_common.camera.model import CameraModel
+from cdff_common.camera.read import read_camera, read_stereo
+from cdff_common.camera.stereo import StereoCalibration
+
+__all__ = ["CameraModel", "StereoCalibration", "read_camera", "read_stereo"]

@@ -1,0 +1,72 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Two cameras on one body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cdff_common.camera.model import CameraModel
+from cdff_common.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+#: How far from a rotation a file's matrix may be: files are written with a few digits.
+_ROTATION_TOLERANCE = 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StereoCalibration:
+    """Left and right camera, and where the left one is seen from the right one.
+
+    Attributes
+    ----------
+    left, right : CameraModel
+    T_right_left : ndarray, shape (4, 4)
+        Maps coordinates in the left camera into the right one, metres.
+    """
+
+    left: CameraModel
+    right: CameraModel
+    T_right_left: FloatArray = field(repr=False)
+
+    @classmethod
+    def from_parts(
+        cls, left: CameraModel, right: CameraModel, rotation: ArrayLike, translation_m: ArrayLike
+    ) -> StereoCalibration:
+        """From rotation ``(3, 3)`` and translation ``(3,)`` of T_right_left; the rotation is made orthogonal.
+
+        Raises
+        ------
+        InputError
+            If the matrix is no rotation, or the cameras are in one place.
+        """
+        R, t = np.asarray(rotation, dtype=np.float64), np.asarray(translation_m, dtype=np.float64).reshape(-1)
+        if R.shape != (3, 3) or t.shape != (3,) or not (np.isfinite(R).all() and np.isfinite(t).all()):
+            raise InputError(f"stereo calibration: rotation {R.shape}, translation {t.shape}: expected finite 3x3, 3")
+        U, _, Vt = np.linalg.svd(R)
+        nearest = U @ Vt
+        if np.linalg.det(nearest) < 0 or np.abs(nearest - R).max() > _ROTATION_TOLERANCE:
+            raise InputError(f"stereo calibration: {R.tolist()} is no rotation")
+        if not np.linalg.norm(t) > 0:
+            raise InputError("stereo calibration: both cameras are in one place, expected a baseline above 0 m")
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = nearest, t
+        T.flags.writeable = False
+        return cls(left, right, T)
+
+    @property
+    def baseline_m(self) -> float:
+        """Distance of the cameras, metres."""
+        return float(np.linalg.norm(self.T_right_left[:3, 3]))
+
+    @property
+    def is_rectified(self) -> bool:
+        """Whether a point lies on the same row in both images: equal ideal cameras, one straight beside the other."""
+        T, a, b = self.T_right_left, self.left, self.right
+        turned, shifted = np.abs(T[:3, :3] - np.eye(3)).max(), np.abs(T[1:3, 3]).max()
+        aligned = turned < 1e-9 and shifted < 1e-9 and T[0, 3] < 0
+        return bool(aligned and a.is_ideal and b.is_ideal and (a.fx, a.fy, a.cy) == (b.fx, b.fy, b.cy))
