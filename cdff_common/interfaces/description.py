@@ -70,12 +70,31 @@ class Parameter(StrictModel):
 
 
 class Cost(StrictModel):
-    """Measured cost for a stated input, as the benchmark wrote it."""
+    """Measured cost for a stated input, as the benchmark wrote it; ``samples`` is of how many samples that is."""
 
     input: str
+    samples: Annotated[int, Field(ge=1)] = 1
     cpu_s: Annotated[float, Field(ge=0)]
     memory_mb: Annotated[float, Field(ge=0)]
     benchmark: str = ""
+
+
+class Performance(StrictModel):
+    """What an implementation achieves: for the orchestrator's catalogue and plans.
+
+    Attributes
+    ----------
+    resolution_m : float or None
+        Cell or spacing of what it makes by default; a parameter ``resolution_m`` of the profile goes before it.
+    latency_s : float or None
+        From the last sample it needs to its product, on the machine of the benchmark.
+    accuracy : str
+        Error with the data it was measured on.
+    """
+
+    resolution_m: Annotated[float, Field(gt=0)] | None = None
+    latency_s: Annotated[float, Field(ge=0)] | None = None
+    accuracy: str = ""
 
 
 class DfnDescription(StrictModel):
@@ -110,10 +129,11 @@ class DfnSlot(StrictModel):
 
 
 class DfpcImplementation(StrictModel):
-    """One variant of a DFPC: which DFN implementations fill its slots."""
+    """One variant of a DFPC: which DFN implementations fill its slots, and its own defaults of the parameters."""
 
     name: Identifier
     doc: str = ""
+    parameters: dict[str, Any] = {}
     dfns: tuple[DfnSlot, ...] = ()
 
 
@@ -168,6 +188,7 @@ class DfpcDescription(StrictModel):
     product_management: tuple[ManagedItem, ...] = ()
     control: tuple[str, ...]
     cost: dict[str, Cost] = {}
+    performance: dict[str, Performance] = {}
     accuracy: str = ""
     tests: tuple[str, ...] = ()
 
@@ -205,6 +226,10 @@ def read_dfpc_description(path: Path) -> DfpcDescription:
     for group in (description.input_ports, description.output_ports):
         _check_unique(path, "port", [p.attribute for p in group])
     _check_unique(path, "implementation", [i.name for i in description.implementations])
+    named = {i.name for i in description.implementations}
+    for table in (description.cost, description.performance):
+        for name in sorted(table.keys() - named):
+            raise ConfigurationError(f"{path}: {name!r} is no implementation; there are {', '.join(sorted(named))}")
     for variant in description.implementations:
         _check_unique(path, f"DFN slot of {variant.name}", [d.dfn_id for d in variant.dfns])
     return description

@@ -23,6 +23,9 @@ from cdff_common.interfaces.yaml_file import read_mapping
 RobotId = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,31}$")]
 Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
 FrameId = Annotated[str, Field(pattern=r"^[a-z0-9_]+(/[a-z0-9_]+)*$", max_length=128)]
+_SOURCE = r"(sensor|product)/[a-z0-9_]+/[a-z0-9_]+"
+Wiring = Annotated[str, Field(pattern=rf"^{_SOURCE}(\|{_SOURCE})*$")]
+ModeNames = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}(\|[a-z][a-z0-9_]{0,63})*$")]
 Vector3 = tuple[float, float, float]
 
 RESERVED_SCOPES = frozenset({"ground", "any"})
@@ -61,18 +64,76 @@ class FrameEdge(StrictModel):
         return UncertainTransform(se3.transform(R, self.translation_m), np.diag(np.square(sigma)))
 
 
+Exposure = Literal["short", "normal", "long", "auto"]
+
+
 class SensorMode(StrictModel):
-    """One state of a sensor that the ICU can set."""
+    """One state of a sensor that the ICU can set.
+
+    Attributes
+    ----------
+    on : bool
+        Whether the sensor streams in it.
+    rate_hz : float or None
+        Samples a second.
+    width_px, height_px : int or None
+        Resolution of an image, or points of a sweep and rings.
+    stereo : bool or None
+        Of a stereo camera: both cameras, or one alone.
+    exposure : str or None
+        Class of exposure: short, normal, long or auto.
+    """
 
     on: bool = True
     rate_hz: Annotated[float, Field(ge=0)] | None = None
+    width_px: Annotated[int, Field(ge=1)] | None = None
+    height_px: Annotated[int, Field(ge=1)] | None = None
+    stereo: bool | None = None
+    exposure: Exposure | None = None
     doc: str = ""
+
+
+class ModeNeed(StrictModel):
+    """What a DFPC needs of a sensor's mode, where it names none: every mode that streams and meets all of it serves."""
+
+    min_rate_hz: Annotated[float, Field(ge=0)] = 0.0
+    max_rate_hz: Annotated[float, Field(gt=0)] | None = None
+    min_width_px: Annotated[int, Field(ge=1)] = 1
+    min_height_px: Annotated[int, Field(ge=1)] = 1
+    stereo: bool | None = None
+    exposure: tuple[Exposure, ...] = ()
+
+    def served_by(self, mode: SensorMode) -> bool:
+        """Whether a mode meets it; what the mode leaves open is not met."""
+        return (
+            mode.on
+            and (self.min_rate_hz == 0.0 or (mode.rate_hz or 0.0) >= self.min_rate_hz)
+            and (self.max_rate_hz is None or (mode.rate_hz is not None and mode.rate_hz <= self.max_rate_hz))
+            and (self.min_width_px == 1 or (mode.width_px or 0) >= self.min_width_px)
+            and (self.min_height_px == 1 or (mode.height_px or 0) >= self.min_height_px)
+            and (self.stereo is None or mode.stereo is self.stereo)
+            and (not self.exposure or mode.exposure in self.exposure)
+        )
 
 
 class Sensor(StrictModel):
     """A sensor of a robot: what it is, where it sits, what it streams, which modes it has.
 
-    ``streams`` maps a stream's name to the type of its samples. ``switch_s`` is how long a mode change takes.
+    Attributes
+    ----------
+    streams : mapping
+        A stream's name to the type of its samples.
+    modes, initial_mode
+        Its modes, and the one it starts in and goes back to.
+    switch_s : float
+        How long a mode change takes, seconds.
+    transitions : mapping of mode to mapping of mode to float
+        Mode -> mode that may follow it -> seconds that takes. A mode named here can only be left so; one that is not
+        may be followed by every mode after ``switch_s``. What has no direct way is reached over modes in between.
+    refuses : tuple of str
+        Modes it does not take now.
+    range_m : float or None
+        How far it sees, metres; None where that is not known.
     """
 
     kind: Literal["stereo_camera", "camera", "lidar", "imu", "wheels", "other"]
@@ -81,15 +142,40 @@ class Sensor(StrictModel):
     modes: dict[Name, SensorMode] = {"off": SensorMode(on=False), "nominal": SensorMode()}
     initial_mode: Name = "nominal"
     switch_s: Annotated[float, Field(ge=0)] = 0.5
+    transitions: dict[Name, dict[Name, Annotated[float, Field(ge=0)]]] = {}
     refuses: tuple[Name, ...] = ()
+    range_m: Annotated[float, Field(gt=0)] | None = None
     calibration: dict[str, Any] = {}
 
     @model_validator(mode="after")
-    def _initial_mode_exists(self) -> Sensor:
-        for mode in (self.initial_mode, *self.refuses):
+    def _modes_exist(self) -> Sensor:
+        named = [self.initial_mode, *self.refuses, *self.transitions]
+        for mode in (*named, *(to for following in self.transitions.values() for to in following)):
             if mode not in self.modes:
                 raise ValueError(f"mode {mode!r} is not among modes {sorted(self.modes)}")
         return self
+
+    def following(self, mode: str) -> dict[str, float]:
+        """Modes that may follow one directly, and the seconds that takes."""
+        if mode in self.transitions:
+            return dict(self.transitions[mode])
+        return {m: self.switch_s for m in self.modes if m != mode}
+
+    def way(self, start: str, to: str) -> tuple[tuple[str, float], ...] | None:
+        """The quickest way between two modes: those to pass and the seconds each takes; None where there is none."""
+        known: dict[str, tuple[float, tuple[tuple[str, float], ...]]] = {start: (0.0, ())}
+        open_modes = {start}
+        while open_modes:
+            mode = min(open_modes, key=lambda m: (known[m][0], m))
+            if mode == to:
+                return known[mode][1]
+            open_modes.discard(mode)
+            spent_s, steps = known[mode]
+            for following, takes_s in self.following(mode).items():
+                if following not in known or spent_s + takes_s < known[following][0]:
+                    known[following] = (spent_s + takes_s, (*steps, (following, takes_s)))
+                    open_modes.add(following)
+        return None
 
 
 class DfpcEntry(StrictModel):
@@ -98,9 +184,13 @@ class DfpcEntry(StrictModel):
     Attributes
     ----------
     inputs : mapping of port to source
-        ``sensor/{sensor}/{stream}`` or ``product/{dfpc}/{port}``, of the same robot.
+        ``sensor/{sensor}/{stream}`` or ``product/{dfpc}/{port}``, of the same robot; several, ``|``-separated, are
+        alternatives of which a plan takes one and the first is what is taken without a plan.
     modes : mapping of sensor to mode
-        Sensor modes it needs while active.
+        Sensor modes it needs while active: a mode, several that serve as well (``nominal|fast``), or what it needs of
+        one (``ModeNeed``).
+    warm_up_s : float
+        How long after its activation what it makes may be relied on, seconds: what it feeds is activated then.
     activation : "on_request" or "always"
         Whether the orchestrator switches it on for requests or keeps it on from the start.
     linger_s : float
@@ -110,10 +200,11 @@ class DfpcEntry(StrictModel):
     name: Name
     implementation: str | None = None
     parameters: dict[str, Any] = {}
-    inputs: dict[Name, Annotated[str, Field(pattern=r"^(sensor|product)/[a-z0-9_]+/[a-z0-9_]+$")]]
-    modes: dict[Name, Name] = {}
+    inputs: dict[Name, Wiring]
+    modes: dict[Name, ModeNames | ModeNeed] = {}
     activation: Literal["on_request", "always"] = "on_request"
     linger_s: Annotated[float, Field(ge=0)] = 30.0
+    warm_up_s: Annotated[float, Field(ge=0)] = 0.0
     process: Name | None = None
     seed: int = 0
     queue: Annotated[int, Field(ge=1, le=10_000)] = 64
@@ -122,7 +213,11 @@ class DfpcEntry(StrictModel):
 
 
 class Robot(StrictModel):
-    """A robot: frames, sensors, limits, DFPCs."""
+    """A robot: frames, sensors, limits, DFPCs.
+
+    ``limits`` holds bounds of motion for the DFPCs, and what the orchestrator plans within: ``memory_mb`` and
+    ``cpu_cores`` for all DFPCs together, ``max_speed_m_s`` for where it may be in time.
+    """
 
     id: RobotId
     doc: str = ""
@@ -139,16 +234,29 @@ class Robot(StrictModel):
         if len(set(names)) != len(names):
             raise ValueError(f"robot {self.id} names a DFPC twice: {names}")
         for entry in self.dfpcs:
-            for sensor, mode in entry.modes.items():
-                if sensor not in self.sensors or mode not in self.sensors[sensor].modes:
-                    raise ValueError(f"{self.id}.{entry.name} needs mode {sensor}:{mode}, which no sensor has")
-            for port, source in entry.inputs.items():
-                kind, owner, item = source.split("/")
-                if kind == "sensor" and item not in self.sensors.get(owner, _NO_SENSOR).streams:
-                    raise ValueError(f"{self.id}.{entry.name}.{port}: no sensor stream {owner}/{item}")
-                if kind == "product" and owner not in names:
-                    raise ValueError(f"{self.id}.{entry.name}.{port}: no DFPC {owner!r} in this robot")
+            for sensor, need in entry.modes.items():
+                modes = self.sensors.get(sensor, _NO_SENSOR).modes
+                wrong = [m for m in need.split("|") if m not in modes] if isinstance(need, str) else []
+                if sensor not in self.sensors or wrong or not self.modes_of(entry)[sensor]:
+                    raise ValueError(f"{self.id}.{entry.name} needs mode {sensor}:{need}, which no sensor has")
+            for port, wiring in entry.inputs.items():
+                for source in wiring.split("|"):
+                    kind, owner, item = source.split("/")
+                    if kind == "sensor" and item not in self.sensors.get(owner, _NO_SENSOR).streams:
+                        raise ValueError(f"{self.id}.{entry.name}.{port}: no sensor stream {owner}/{item}")
+                    if kind == "product" and owner not in names:
+                        raise ValueError(f"{self.id}.{entry.name}.{port}: no DFPC {owner!r} in this robot")
         return self
+
+    def modes_of(self, entry: DfpcEntry) -> dict[str, str]:
+        """Sensors whose mode matters to a DFPC, and the modes that serve it, ``|``-separated."""
+        return {
+            name: need
+            if isinstance(need, str)
+            else "|".join(m for m, mode in self.sensors[name].modes.items() if need.served_by(mode))
+            for name, need in entry.modes.items()
+            if name in self.sensors
+        }
 
     def dfpc(self, name: str) -> DfpcEntry:
         """Return the entry of a DFPC; raises ConfigurationError with what is known."""

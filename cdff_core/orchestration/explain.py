@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from cdff_core.orchestration.cover import Cover, plan_cover
 from cdff_core.orchestration.planner import NoPlan, Plan, plan
 from cdff_core.orchestration.world import MakerId, World
 
@@ -42,7 +43,7 @@ class Explanation:
         }
 
 
-def explain(world: World, product: str, robots: Iterable[str]) -> Explanation:
+def explain(world: World, product: str, robots: Iterable[str], cover: Cover | None = None) -> Explanation:
     """Plan for ``product`` once as a request would, and once with each maker of it as the only one.
 
     Parameters
@@ -52,10 +53,12 @@ def explain(world: World, product: str, robots: Iterable[str]) -> Explanation:
         ``pose``, ``dem``, … (contract §5).
     robots : iterable of str
         Robots whose product would do.
+    cover : Cover, optional
+        Where a region is asked: what of it is held, and who sees the rest.
     """
     robots = tuple(robots)
     roots = sorted(m.id for m in world.makers.values() if m.id.robot in robots and product in m.products)
-    chosen = plan(world, product, robots)
+    chosen = plan(world, product, robots) if cover is None else plan_cover(world, product, robots, cover)
     alternatives: list[Plan] = []
     refused: dict[MakerId, str] = {}
     for root in roots:
@@ -73,8 +76,8 @@ def explain(world: World, product: str, robots: Iterable[str]) -> Explanation:
 def costed(made: Plan, world: World) -> dict[str, Any]:
     """A plan as plain data, with what each of its parts costs.
 
-    ``cpu_s`` and ``memory_mb`` are what the DFPCs declare; one that runs already adds nothing. ``changes`` are sensors
-    that have to change their mode, from and to.
+    ``cpu_cores`` and ``memory_mb`` are what the DFPCs declare or were measured to take; one that runs already adds
+    nothing. ``changes`` are sensors that have to change their mode, from and to.
     """
     parts = [world.makers[m] for m in made.order]
     new = [m for m in parts if not m.active]
@@ -85,12 +88,12 @@ def costed(made: Plan, world: World) -> dict[str, Any]:
                 "dfpc": str(m.id),
                 "implementation": m.implementation,
                 "active": m.active,
-                "cpu_s": m.cost,
+                "cpu_cores": m.cpu,
                 "memory_mb": m.memory_mb,
             }
             for m in parts
         ],
-        "added_cpu_s": round(sum(m.cost for m in new), 6),
+        "added_cpu_cores": round(sum(m.cpu for m in new), 6),
         "added_memory_mb": round(sum(m.memory_mb for m in new), 3),
         "changes": {
             str(s): [world.sensors[s].current, mode]

@@ -11,6 +11,8 @@ from typing import Any
 from cdff_core.orchestration.lifecycle import FINAL_STATES
 from cdff_core.orchestration.world import MakerId, SensorId
 
+#: Ended jobs that are remembered over a restart.
+_REMEMBERED = 200
 #: Kinds of records: job (state changes), lease (acquire, release), mode, activation, decision, start.
 KINDS = frozenset({"start", "job", "lease", "mode", "activation", "decision"})
 
@@ -31,6 +33,8 @@ class Recovered:
         Sensors whose mode was changed.
     jobs : int
         How many were ever accepted.
+    ended : list of mapping
+        The last jobs that ended, oldest first, as job lists describe them.
     """
 
     open_jobs: dict[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -38,6 +42,14 @@ class Recovered:
     owned: set[MakerId] = field(default_factory=set)
     modes: set[SensorId] = field(default_factory=set)
     jobs: int = 0
+    ended: list[dict[str, Any]] = field(default_factory=list)
+
+    def broken_off(self, reason: str) -> list[dict[str, Any]]:
+        """The open jobs as failed ones, for ``reason``."""
+        return [
+            _described({**record, "job": job, "state": "failed", "reason": reason})
+            for job, record in self.open_jobs.items()
+        ]
 
     def records(self) -> list[dict[str, Any]]:
         """Records that lead to the same state, for a journal that starts anew."""
@@ -57,21 +69,39 @@ def recover(records: Iterable[Mapping[str, Any]]) -> Recovered:
             job = str(record["job"])
             state.jobs += record["state"] == "received"
             if record["state"] in FINAL_STATES:
-                state.open_jobs.pop(job, None)
+                state.ended.append(_described({**state.open_jobs.pop(job, {}), **record}))
+                del state.ended[:-_REMEMBERED]
             else:
-                state.open_jobs[job] = {**state.open_jobs.get(job, {}), **record}
+                first_ns = state.open_jobs.get(job, record).get("accepted_ns", record.get("at_ns"))
+                state.open_jobs[job] = {**state.open_jobs.get(job, {}), **record, "accepted_ns": first_ns}
         elif kind == "lease":
             if record["action"] == "acquire":
                 leases.setdefault(str(record["holder"]), set()).update(maker_id(m) for m in record["makers"])
             else:
                 leases.pop(str(record["holder"]), None)
         elif kind == "activation" and record.get("ok"):
-            change = state.owned.add if record["action"] == "activate" else state.owned.discard
-            change(maker_id(str(record["dfpc"])))
+            if record["action"] == "activate":
+                state.owned.add(maker_id(str(record["dfpc"])))
+            elif record["action"] in ("deactivate", "clean_up"):
+                state.owned.discard(maker_id(str(record["dfpc"])))
         elif kind == "mode" and record.get("ok"):
             state.modes.add(SensorId(*maker_id(str(record["sensor"]))))
     state.held = {m for makers in leases.values() for m in makers}
     return state
+
+
+def _described(record: Mapping[str, Any]) -> dict[str, Any]:
+    """A job that ended, from all that its records said."""
+    return {
+        "job": str(record["job"]),
+        "state": str(record["state"]),
+        "reason": str(record.get("reason", "")),
+        "accepted_ns": record.get("accepted_ns", record.get("at_ns")),
+        "remaining_s": None,
+        "request": dict(record.get("request") or {}),
+        "plan": record.get("plan"),
+        "result": record.get("result"),
+    }
 
 
 def maker_id(text: str) -> MakerId:

@@ -16,6 +16,8 @@ from cdff_core.orchestration.request import ProductRequest
 
 #: A resolution within this factor of the asked one counts as what was asked.
 RESOLUTION_TOLERANCE = 1.001
+#: Coverage from which a region counts as covered.
+_ALL_COVERED = 0.9995
 #: A capture further ahead of the mission clock than this, seconds, is of an earlier run of the same log.
 AHEAD_TOLERANCE_S = 2.0
 
@@ -95,6 +97,8 @@ def judge(candidate: Candidate, request: ProductRequest, now_ns: int) -> Judgeme
     missing, short, noted = [], [], []
     if candidate.status == "FAILED":
         missing.append("status: FAILED")
+    if candidate.status == "DEGRADED":
+        noted.append("status: DEGRADED, as its quality says")
     age_s = candidate.age_s(now_ns)
     ahead_s = (candidate.t1_ns - now_ns) / NS_PER_S
     if request.t_ns is None and ahead_s > AHEAD_TOLERANCE_S:
@@ -106,6 +110,8 @@ def judge(candidate: Candidate, request: ProductRequest, now_ns: int) -> Judgeme
             missing.append("coverage: nothing in the region")
         elif candidate.coverage < request.min_coverage:
             missing.append(f"coverage: {candidate.coverage:.3f}, asked at least {request.min_coverage:g}")
+        elif candidate.coverage < _ALL_COVERED and not request.min_coverage:
+            noted.append(f"coverage: {candidate.coverage:.3f} of the region holds data")
     wanted_m, given_m = request.resolution_m, candidate.resolution_m
     if wanted_m is not None and given_m is not None and given_m > wanted_m * RESOLUTION_TOLERANCE:
         short.append(f"resolution: {given_m:g} m, asked {wanted_m:g} m")

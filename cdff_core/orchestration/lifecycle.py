@@ -43,16 +43,17 @@ FINAL_STATES = frozenset(s for s, following in JOB_TRANSITIONS.items() if not fo
 #: DFPC life cycle: (state, verb) -> state. ``fail`` is not asked for: it happens.
 DFPC_TRANSITIONS: Mapping[tuple[str, str], str] = {
     ("unconfigured", "configure"): "inactive",
+    ("unconfigured", "clean_up"): "unconfigured",
     ("inactive", "configure"): "inactive",
     ("inactive", "activate"): "active",
+    ("inactive", "deactivate"): "inactive",
+    ("inactive", "clean_up"): "unconfigured",
+    ("inactive", "fail"): "error",
     ("active", "activate"): "active",
     ("active", "deactivate"): "inactive",
-    ("inactive", "deactivate"): "inactive",
     ("active", "fail"): "error",
-    ("inactive", "fail"): "error",
     ("error", "configure"): "inactive",
-    ("error", "activate"): "active",
-    ("error", "deactivate"): "inactive",
+    ("error", "clean_up"): "unconfigured",
 }
 
 

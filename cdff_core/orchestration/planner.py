@@ -4,24 +4,30 @@
 
 A plan is *sound* when one of its makers has the product, every input of every maker that is not optional is fed (by a
 sensor in a mode that streams, or by a maker of the plan), each maker has at least one input fed if it is wired at all,
-no sensor is in two modes, nothing waits for itself, and no robot's budget of memory is exceeded. Its cost is the sum of
-the makers that do not run yet, ``MODE_COST`` for each sensor that has to change, and ``UNFED_COST`` for each optional
-input that the mission wires and the plan leaves out: what a mission wires is wanted where it can be had.
+each sensor is in one mode that serves all makers of the plan and all holders of at least our priority, nothing waits
+for itself, and no robot's budget of memory or CPU is exceeded. Its cost is the sum of the makers that do not run yet,
+``MODE_COST`` for each sensor that has to change, ``TAKE_COST`` for each one that is taken from a request of lower
+priority, ``REWIRE_COST`` for each input of a running maker that is fed otherwise than now, and ``UNFED_COST`` for each
+optional input that the mission wires and the plan leaves out: what a mission wires is wanted where it can be had.
 
 The search is depth first over the inputs still to feed, cheapest alternative first, cut where the cost so far reaches
 the best plan known; it is exact, as tests check against enumeration. So is the cut by the *least* cost still to come:
 a plan has no loops, so what feeds an input is none of the makers between it and the product, and their costs add up.
+Which mode a sensor gets is open until the end: the modes that serve grow fewer with each maker, so the cheapest of them
+is a lower bound.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from cdff_core.orchestration.world import Input, Maker, MakerId, SensorId, Source, World
+from cdff_core.orchestration.world import Input, Maker, MakerId, SensorId, SensorState, Source, World
 
 MODE_COST = 0.5
+TAKE_COST = 50.0
+REWIRE_COST = 1.0
 UNFED_COST = 100.0
 #: Steps of the search after which the best plan so far is taken: a bound on time, not met by missions of 100 DFPCs.
 MAX_STEPS = 20_000
@@ -34,7 +40,7 @@ class Plan:
     Attributes
     ----------
     maker : MakerId
-        The one that has the product.
+        The one that has the product; of a plan for several robots, the first.
     port : str
         Its output port.
     order : tuple of MakerId
@@ -44,6 +50,12 @@ class Plan:
     cost : float
     unfed : tuple of str
         Optional inputs left out, ``robot/dfpc.port``.
+    accepts : mapping of SensorId to tuple of str
+        Of the same sensors: all modes that would serve this plan.
+    feeding : mapping of MakerId to mapping of str to str
+        What feeds each wired port, as wiring: ``sensor/lidar/scan``.
+    ready_s : float
+        Until the product may be relied on: modes reached, makers warm, one after the other; seconds.
     """
 
     maker: MakerId
@@ -52,6 +64,9 @@ class Plan:
     modes: Mapping[SensorId, str]
     cost: float
     unfed: tuple[str, ...] = ()
+    accepts: Mapping[SensorId, tuple[str, ...]] = field(default_factory=dict)
+    feeding: Mapping[MakerId, Mapping[str, str]] = field(default_factory=dict)
+    ready_s: float = 0.0
 
     def describe(self) -> dict[str, object]:
         """Plain data for the journal and for answers."""
@@ -62,7 +77,27 @@ class Plan:
             "modes": {str(s): mode for s, mode in sorted(self.modes.items())},
             "cost": round(self.cost, 6),
             "unfed": list(self.unfed),
+            "feeding": {str(m): dict(ports) for m, ports in sorted(self.feeding.items()) if ports},
+            "ready_s": round(self.ready_s, 3),
         }
+
+
+def together(plans: Sequence[Plan]) -> Plan:
+    """Several plans, each of a robot of its own, as one."""
+    if len(plans) == 1:
+        return plans[0]
+    first = plans[0]
+    return Plan(
+        first.maker,
+        first.port,
+        tuple(m for p in plans for m in p.order),
+        {s: mode for p in plans for s, mode in p.modes.items()},
+        sum(p.cost for p in plans),
+        tuple(text for p in plans for text in p.unfed),
+        {s: modes for p in plans for s, modes in p.accepts.items()},
+        {m: ports for p in plans for m, ports in p.feeding.items()},
+        max(p.ready_s for p in plans),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,29 +116,33 @@ class NoPlan:
 
 @dataclass(slots=True)
 class _State:
-    """A partial plan during the search."""
+    """A partial plan during the search.
+
+    ``accepts`` holds, for each sensor of the plan, the modes that serve it so far, cheapest first; ``cost`` holds what
+    the cheapest of each adds.
+    """
 
     makers: dict[MakerId, Maker] = field(default_factory=dict)
     feeds: dict[MakerId, frozenset[MakerId]] = field(default_factory=dict)
+    feeding: dict[MakerId, dict[str, str]] = field(default_factory=dict)
     above: dict[MakerId, float] = field(default_factory=dict)
-    modes: dict[SensorId, str] = field(default_factory=dict)
-    streams: frozenset[SensorId] = frozenset()
+    accepts: dict[SensorId, tuple[str, ...]] = field(default_factory=dict)
     fed: dict[MakerId, int] = field(default_factory=dict)
     unfed: tuple[str, ...] = ()
     cost: float = 0.0
-    memory_mb: dict[str, float] = field(default_factory=dict)
+    used: dict[tuple[str, str], float] = field(default_factory=dict)
 
     def copy(self) -> _State:
         return _State(
             dict(self.makers),
             dict(self.feeds),
+            dict(self.feeding),
             dict(self.above),
-            dict(self.modes),
-            self.streams,
+            dict(self.accepts),
             dict(self.fed),
             self.unfed,
             self.cost,
-            dict(self.memory_mb),
+            dict(self.used),
         )
 
     def depends(self, on: MakerId, maker: MakerId) -> bool:
@@ -117,6 +156,11 @@ class _State:
                 seen.add(m)
                 stack.extend(self.feeds.get(m, ()))
         return False
+
+
+def mode_cost(sensor: SensorState, mode: str) -> float:
+    """What it costs to rely on a sensor in a mode."""
+    return MODE_COST * (mode != sensor.current) + TAKE_COST * sensor.takes_from_others(mode)
 
 
 class _Least:
@@ -181,7 +225,7 @@ class _Search:
         if self.best is not None and state.above[owner] + self.least.of_input(port) >= self.best.cost:
             return
         for source in sorted(port.sources, key=self.least.of_source) if len(port.sources) > 1 else port.sources:
-            for next_state, next_todo in self._feed(state, rest, owner, source):
+            for next_state, next_todo in self._feed(state, rest, owner, port.port, source):
                 self._extend(next_state, next_todo, root)
         if port.optional:
             skipped = state.copy()
@@ -193,30 +237,25 @@ class _Search:
             self.reasons[f"input {port.port} of {owner} is not wired"] = None
 
     def _finish(self, state: _State, root: tuple[MakerId, str]) -> None:
-        """Take a plan whose inputs are all decided, once sensors of which only samples are wanted have a mode."""
+        """Take a plan whose inputs are all decided."""
         starved = next((m for m in state.makers.values() if state.fed[m.id] == 0 and _wired(m)), None)
         if starved is not None:
             self.reasons[f"none of the inputs of {starved.id} can be fed"] = None
-            return
-        state = state.copy()
-        if all(self._stream(state, sensor) for sensor in sorted(state.streams)) and (
-            self.best is None or state.cost < self.best.cost
-        ):
-            self.best, self.best_root = state, root
+        elif self.best is None or state.cost < self.best.cost:
+            self.best, self.best_root = state.copy(), root
 
     def _feed(
-        self, state: _State, rest: list[tuple[MakerId, Input]], owner: MakerId, source: Source
+        self, state: _State, rest: list[tuple[MakerId, Input]], owner: MakerId, port: str, source: Source
     ) -> Iterator[tuple[_State, list[tuple[MakerId, Input]]]]:
         """The partial plan with one input fed from ``source``, or nothing where that cannot be."""
         state, todo = state.copy(), list(rest)
         state.fed[owner] += 1
+        state.feeding[owner] = {**state.feeding[owner], port: source.wiring}
+        now = state.makers[owner].wired.get(port)
+        state.cost += REWIRE_COST if now is not None and now != source else 0.0
         if source.kind == "sensor":
-            sensor = SensorId(source.robot, source.owner)
-            if sensor in self.world.sensors:
-                state.streams |= {sensor}
+            if self._narrow(state, SensorId(source.robot, source.owner), None):
                 yield state, todo
-            else:
-                self.reasons[f"there is no sensor {sensor}"] = None
             return
         maker = self.world.makers.get(MakerId(source.robot, source.owner))
         if maker is None or source.item not in maker.outputs:
@@ -237,49 +276,58 @@ class _Search:
             return False
         state.makers[maker.id] = maker
         state.feeds[maker.id] = frozenset()
+        state.feeding[maker.id] = {}
         state.fed[maker.id] = 0
         state.cost += 0.0 if maker.active else maker.cost
         todo.extend((maker.id, port) for port in maker.inputs)
-        return all(self._mode(state, SensorId(maker.id.robot, s), mode) for s, mode in maker.modes.items())
+        return all(
+            self._narrow(state, SensorId(maker.id.robot, s), modes.split("|")) for s, modes in maker.modes.items()
+        )
 
     def _fits(self, state: _State, maker: Maker) -> bool:
-        """Take a maker's memory from its robot's budget, where it has one."""
+        """Take a maker's memory and CPU from its robot's budgets, where it has any."""
         robot = maker.id.robot
-        free_mb = self.world.memory_free_mb.get(robot)
-        if free_mb is None or maker.id in self.world.reserved:
+        if maker.id in self.world.reserved:
             return True
-        needed_mb = state.memory_mb.get(robot, 0.0) + maker.memory_mb
-        if needed_mb > free_mb:
-            self.reasons[f"{maker.id} does not fit: {needed_mb:g} MB, {robot} has {max(free_mb, 0.0):g} MB left"] = None
-            return False
-        state.memory_mb[robot] = needed_mb
+        for free, needs, unit in (
+            (self.world.memory_free_mb.get(robot), maker.memory_mb, "MB"),
+            (self.world.cpu_free.get(robot), maker.cpu, "cores"),
+        ):
+            if free is None:
+                continue
+            needed = state.used.get((robot, unit), 0.0) + needs
+            if needed > free * (1.0 + 1e-9):
+                have = f"{robot} has {max(free, 0.0):.6g} {unit} left"
+                self.reasons[f"{maker.id} does not fit: {needed:.6g} {unit}, {have}"] = None
+                return False
+            state.used[robot, unit] = needed
         return True
 
-    def _stream(self, state: _State, sensor: SensorId) -> bool:
-        """Have samples of a sensor: in the mode the plan names, else in whichever streams."""
-        known = self.world.sensors[sensor]
-        if sensor in state.modes:
-            if not known.modes.get(state.modes[sensor]):
-                self.reasons[f"sensor {sensor} does not stream in mode {state.modes[sensor]}"] = None
-                return False
-            return True
-        mode = known.streaming_mode()
-        if mode is None:
-            self.reasons[f"sensor {sensor} cannot be set to any mode that streams"] = None
-            return False
-        return self._mode(state, sensor, mode)
-
-    def _mode(self, state: _State, sensor: SensorId, mode: str) -> bool:
+    def _narrow(self, state: _State, sensor: SensorId, modes: Sequence[str] | None) -> bool:
+        """Keep only the modes of a sensor that serve one more: those named, or (None) all that stream."""
         known = self.world.sensors.get(sensor)
-        obstacle = f"there is no sensor {sensor}" if known is None else known.obstacle(mode)
-        if obstacle is None and state.modes.get(sensor, mode) != mode:
-            obstacle = f"sensor {sensor} would have to be in modes {state.modes[sensor]} and {mode} at once"
-        if obstacle is not None or known is None:
-            self.reasons[str(obstacle)] = None
+        if known is None:
+            self.reasons[f"there is no sensor {sensor}"] = None
             return False
-        if sensor not in state.modes:
-            state.modes[sensor] = mode
-            state.cost += 0.0 if known.current == mode else MODE_COST
+        wanted = known.streaming_modes() if modes is None else modes
+        before = state.accepts.get(sensor)
+        common = tuple(m for m in (wanted if before is None else before) if m in wanted)
+        if not common and before is not None:
+            if modes is None:
+                self.reasons[f"sensor {sensor} does not stream in mode {'|'.join(before)}"] = None
+            else:
+                both = f"modes {'|'.join(before)} and {'|'.join(modes)}"
+                self.reasons[f"sensor {sensor} would have to be in {both} at once"] = None
+            return False
+        obstacles = {m: known.obstacle(m) for m in common}
+        possible = [m for m in common if obstacles[m] is None]
+        if not possible:
+            whys = [why for why in obstacles.values() if why is not None]
+            self.reasons |= dict.fromkeys(whys or [f"sensor {sensor} cannot be set to any mode that streams"])
+            return False
+        state.cost -= 0.0 if before is None else mode_cost(known, before[0])
+        state.accepts[sensor] = tuple(sorted(possible, key=lambda m: mode_cost(known, m)))
+        state.cost += mode_cost(known, state.accepts[sensor][0])
         return True
 
 
@@ -322,13 +370,17 @@ def plan(
         tried = tuple(f"{m} failed for this request" for m in sorted(exclude) if product in world.makers[m].products)
         return NoPlan(reasons + tried, possible_products(usable, wanted))
     state = search.best
+    order = _dependency_order(state.feeds)
     return Plan(
         search.best_root[0],
         search.best_root[1],
-        _dependency_order(state.feeds),
-        dict(state.modes),
+        order,
+        {sensor: modes[0] for sensor, modes in state.accepts.items()},
         state.cost,
         state.unfed,
+        dict(state.accepts),
+        {m: dict(ports) for m, ports in state.feeding.items()},
+        _ready_s(usable, order, state),
     )
 
 
@@ -345,6 +397,19 @@ def possible_products(world: World, robots: Iterable[str]) -> tuple[str, ...]:
             if search.best is not None:
                 found.append(f"{product} of {robot}")
     return tuple(found)
+
+
+def _ready_s(world: World, order: Sequence[MakerId], state: _State) -> float:
+    """The longest chain of a mode to reach and makers to warm up, seconds; what runs is warm."""
+    until_s: dict[MakerId, float] = {}
+    for m in order:
+        maker = state.makers[m]
+        sensors = {SensorId(s.robot, s.owner) for i in maker.inputs for s in i.sources if s.kind == "sensor"}
+        sensors |= {SensorId(m.robot, s) for s in maker.modes}
+        switches = [world.sensors[s].switch_s.get(state.accepts[s][0], 0.0) for s in sensors & state.accepts.keys()]
+        before_s = max([*switches, *(until_s[f] for f in state.feeds[m])], default=0.0)
+        until_s[m] = before_s + (0.0 if maker.active else maker.ready_s)
+    return max(until_s.values(), default=0.0)
 
 
 def _wired(maker: Maker) -> bool:

@@ -12,8 +12,8 @@ from cdff_common.interfaces.profile import DfpcEntry
 
 
 def stream_of_wiring(robot: str, wiring: str) -> str:
-    """``sensor/navcam/pair`` of ``mana`` is the stream ``/mana/navcam.pair``."""
-    _, owner, item = wiring.split("/")
+    """``sensor/navcam/pair`` of ``mana`` is the stream ``/mana/navcam.pair``; of alternatives the first is taken."""
+    _, owner, item = wiring.split("|")[0].split("/")
     return f"/{robot}/{owner}.{item}"
 
 

@@ -79,13 +79,23 @@ class DfpcHost:
 
         def activate(request: Request) -> Reply:
             request.check_parameters()
-            hosted.activate()
+            body = request.body() if request.payload else {}
+            inputs = body.get("inputs", {}) if isinstance(body, dict) else None
+            if not isinstance(inputs, dict):
+                raise InputError("activate: expected a body {inputs: {port: source}}, or none")
+            hosted.activate({str(port): str(source) for port, source in inputs.items()})
             self._beat(hosted)
             return Reply.of({"state": str(hosted.state)})
 
         def deactivate(request: Request) -> Reply:
             request.check_parameters()
             hosted.deactivate()
+            self._beat(hosted)
+            return Reply.of({"state": str(hosted.state)})
+
+        def clean_up(request: Request) -> Reply:
+            request.check_parameters()
+            hosted.clean_up()
             self._beat(hosted)
             return Reply.of({"state": str(hosted.state)})
 
@@ -102,6 +112,7 @@ class DfpcHost:
             "configure": configure,
             "activate": activate,
             "deactivate": deactivate,
+            "clean_up": clean_up,
         }
         for verb, handler in verbs.items():
             self._bus.serve(keys.dfpc_rpc(robot, name, verb), handler, workers=1)

@@ -15,11 +15,12 @@ from cdff_common.clock import monotonic_s
 from cdff_common.codecs import encode
 from cdff_common.codecs.encoding import encoding_string
 from cdff_common.codecs.siblings import wire_type
-from cdff_common.errors import CdffError, NotActiveError, OverloadedError, RefusedError
+from cdff_common.errors import CdffError, InputError, NotActiveError, OverloadedError, RefusedError
 from cdff_common.interfaces.dfpc import Dfpc
 from cdff_common.interfaces.product import Product
 from cdff_common.interfaces.profile import DfpcEntry, Robot
 from cdff_common.interfaces.registry import Registry
+from cdff_core.orchestration.catalogue import description_of
 from cdff_core.runtime import Runner
 from services.dfpc_host.inputs import sample_of
 from services.dfpc_host.lifecycle import State, next_state
@@ -44,7 +45,8 @@ class HostedDfpc:
         self._bus, self._outbox = bus, outbox
         self._dfpc: Dfpc = Registry.default().make_dfpc(entry.name)
         self._runner: Runner | None = None
-        self._subscriptions: list[Subscription] = []
+        self.wired: dict[str, str] = {}
+        self._subscriptions: dict[str, Subscription] = {}
         self._dropped_before = 0
         self._use = threading.Lock()
         self._life = threading.RLock()
@@ -69,22 +71,52 @@ class HostedDfpc:
             self._dfpc, self._runner = dfpc, Runner(dfpc)
             self.state = target
 
-    def activate(self) -> None:
-        """Subscribe the inputs and start stepping; nothing to do where it is active."""
+    def activate(self, inputs: Mapping[str, str] | None = None) -> None:
+        """Subscribe the inputs and start stepping; where it is active, take inputs from elsewhere.
+
+        Parameters
+        ----------
+        inputs : mapping of str to str, optional
+            For ports that the profile wires to alternatives: the one to take. Others take the first that is wired.
+
+        Raises
+        ------
+        InputError
+            If a source is none of those that the profile wires to the port.
+        """
         with self._life:
+            wired = self._chosen(inputs or {})
             if self.state is State.ERROR:
                 self.configure()
             target = next_state("activate", self.state, self.entry.name)
             if self.state is State.ACTIVE:
+                self._rewire({**self.wired, **{port: wired[port] for port in inputs or {}}})
                 return
             self._stopping.clear()
             self._thread = threading.Thread(target=self._run, name=f"step {self.entry.name}", daemon=True)
             self._thread.start()
-            types = {p.attribute: p.type_name for p in self._dfpc.description.input_ports}
-            for port, wiring in self.entry.inputs.items():
-                self._subscribe(port, types[port], keys.source(self.robot.id, wiring))
+            self._rewire(wired)
             self.state = target
         self._announce("activated")
+
+    def _chosen(self, inputs: Mapping[str, str]) -> dict[str, str]:
+        """What feeds each wired port: as chosen, else the first of the profile's alternatives."""
+        for port, source in inputs.items():
+            known = self.entry.inputs.get(port, "").split("|")
+            if source not in known:
+                raise InputError(
+                    f"{self.entry.name}.{port}: {source!r} is not wired to it; expected {' or '.join(known)}"
+                )
+        return {port: inputs.get(port, wiring.split("|")[0]) for port, wiring in self.entry.inputs.items()}
+
+    def _rewire(self, wired: Mapping[str, str]) -> None:
+        """Have each port fed from its source; those that are already stay subscribed."""
+        types = {p.attribute: p.type_name for p in self._dfpc.description.input_ports}
+        for port, source in wired.items():
+            if self.wired.get(port) != source:
+                self._unsubscribe(port)
+                self._subscribe(port, types[port], keys.source(self.robot.id, source))
+                self.wired[port] = source
 
     def deactivate(self) -> None:
         """Unsubscribe, step what has arrived, publish what is owed; nothing to do where it is inactive."""
@@ -99,6 +131,16 @@ class HostedDfpc:
                 assert self._runner is not None
                 self._publish_all(self._runner.finish())
         self._announce("deactivated")
+
+    def clean_up(self) -> None:
+        """Give back what configuration took; what it knew is forgotten."""
+        with self._life:
+            target = next_state("clean_up", self.state, self.entry.name)
+            self._unsubscribe()
+            self._stop_thread()
+            with self._use:
+                self._dfpc, self._runner = Registry.default().make_dfpc(self.entry.name), None
+                self.state, self.last_error = target, ""
 
     def close(self) -> None:
         """Let go of everything without publishing more."""
@@ -136,39 +178,16 @@ class HostedDfpc:
     def describe(self) -> dict[str, Any]:
         """Ports, wiring, needs, cost and state, for the orchestrator's catalogue."""
         description = Registry.default().dfpc(self.entry.name)
-        wiring = self.entry.inputs
+        body = description_of(self.robot, self.entry, description)
+        for output in body["outputs"]:
+            output["key"] = keys.product(self.robot.id, self.entry.name, output["port"])
         return {
-            "name": self.entry.name,
-            "robot": self.robot.id,
-            "version": description.version,
+            **body,
             "state": str(self.state),
-            "implementation": self.entry.implementation or description.implementations[0].name,
-            "doc": description.doc,
+            "wired": dict(self.wired),
             "config_hash": "" if self._runner is None else self._dfpc.config_hash,
-            "inputs": [
-                {
-                    "port": p.attribute,
-                    "type": p.type_name,
-                    "optional": p.optional,
-                    "source": wiring.get(p.attribute, ""),
-                }
-                for p in description.input_ports
-            ],
-            "outputs": [
-                {
-                    "port": p.attribute,
-                    "type": p.type_name,
-                    "product": p.product or "",
-                    "key": keys.product(self.robot.id, self.entry.name, p.attribute),
-                }
-                for p in description.output_ports
-            ],
             "operations": [op.name for op in description.operations],
             "store": [] if self._runner is None else list(self._dfpc.store.items),
-            "modes": dict(self.entry.modes),
-            "activation": self.entry.activation,
-            "linger_s": self.entry.linger_s,
-            "cost": {k: c.model_dump() for k, c in description.cost.items()},
         }
 
     def status(self) -> dict[str, Any]:
@@ -180,9 +199,10 @@ class HostedDfpc:
             "name": self.entry.name,
             "robot": self.robot.id,
             "state": str(self.state),
+            "wired": dict(self.wired),
             **counters,
             "pending": 0 if self._runner is None else self._runner.pending,
-            "dropped": self._dropped_before + sum(s.dropped for s in self._subscriptions),
+            "dropped": self._dropped_before + sum(s.dropped for s in tuple(self._subscriptions.values())),
             "malformed": self.malformed,
             "refused_inputs": self.refused_inputs,
             "mean_step_cpu_s": self._times_s["step_cpu_s"] / samples,
@@ -200,13 +220,16 @@ class HostedDfpc:
         def on_message(message: Message) -> None:
             self._take(message, port, type_name)
 
-        self._subscriptions.append(self._bus.subscribe(key, on_message, depth=self.entry.queue))
+        self._subscriptions[port] = self._bus.subscribe(key, on_message, depth=self.entry.queue)
 
-    def _unsubscribe(self) -> None:
-        for subscription in self._subscriptions:
-            subscription.close()
-            self._dropped_before += subscription.dropped
-        self._subscriptions.clear()
+    def _unsubscribe(self, *ports: str) -> None:
+        """Close the subscriptions of some ports, of all without any."""
+        for port in ports or tuple(self._subscriptions):
+            subscription = self._subscriptions.pop(port, None)
+            self.wired.pop(port, None)
+            if subscription is not None:
+                subscription.close()
+                self._dropped_before += subscription.dropped
 
     def _stop_thread(self) -> None:
         self._stopping.set()

@@ -1,12 +1,13 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Life cycle of a hosted DFPC, as data: which verb leads from which state to which."""
+"""Life cycle of a hosted DFPC: the table of ``cdff_core.orchestration.lifecycle`` as states and verbs."""
 
 from __future__ import annotations
 
 from enum import StrEnum
 
 from cdff_common.errors import NotActiveError
+from cdff_core.orchestration.lifecycle import DFPC_TRANSITIONS
 
 
 class State(StrEnum):
@@ -18,22 +19,10 @@ class State(StrEnum):
     ERROR = "error"
 
 
-#: (verb, state) -> state. A verb in a state that is not listed is refused.
-TRANSITIONS: dict[tuple[str, State], State] = {
-    ("configure", State.UNCONFIGURED): State.INACTIVE,
-    ("configure", State.INACTIVE): State.INACTIVE,
-    ("configure", State.ERROR): State.INACTIVE,
-    ("activate", State.INACTIVE): State.ACTIVE,
-    ("activate", State.ACTIVE): State.ACTIVE,
-    ("deactivate", State.ACTIVE): State.INACTIVE,
-    ("deactivate", State.INACTIVE): State.INACTIVE,
-}
-
-
 def next_state(verb: str, state: State, name: str) -> State:
     """Return where ``verb`` leads; raises NotActiveError where it is not allowed."""
-    target = TRANSITIONS.get((verb, state))
+    target = DFPC_TRANSITIONS.get((str(state), verb))
     if target is None:
-        allowed = sorted({s for v, s in TRANSITIONS if v == verb})
+        allowed = sorted({s for s, v in DFPC_TRANSITIONS if v == verb})
         raise NotActiveError(f"{name} is {state}: {verb} is allowed when {' or '.join(allowed)}")
-    return target
+    return State(target)

@@ -155,7 +155,7 @@ def _show_explanation(told: dict[str, Any], as_json: bool) -> int:
     ]:
         if plan is not None:
             print(f"{title}: {' -> '.join(plan['order'])}, cost {plan['cost']:g}")
-            print(f"  adds {plan['added_cpu_s']:g} CPU s and {plan['added_memory_mb']:g} MB")
+            print(f"  adds {plan['added_cpu_cores']:g} CPU cores and {plan['added_memory_mb']:g} MB")
             for sensor, (before, after) in plan["changes"].items():
                 print(f"  sets {sensor} from {before} to {after}")
             for port in plan["unfed"]:

@@ -74,8 +74,12 @@ class Delivery:
         self._dpm = dpm
         self._clock = clock
 
-    def reply(self, job: str, request: ProductRequest, found: Found, until_s: float) -> Reply:
+    def reply(
+        self, job: str, request: ProductRequest, found: Found, until_s: float, held: float | None = None
+    ) -> Reply:
         """Translate, encode and, where it is large or asked for, store and refer.
+
+        ``held`` is the part of the region that the DPM held before the rest was made.
 
         Raises
         ------
@@ -111,10 +115,17 @@ class Delivery:
         if given != request.type_name:
             what["differences"] = [*judgement.differences, *t.reasons, _kept_as(request, t, given)]
         what["source"] = found.sources[0].producer if found.sources else ""
+        coverage = found.candidate.coverage
+        if held is not None and coverage is not None:
+            what["assembled"] = {
+                "stored": round(min(held, coverage), 4),
+                "made": round(max(coverage - held, 0.0), 4),
+            }
         moved_by = t.moved_by or found.moved_by
         if moved_by is not None and moved_by.covariance is not None:
             what["frame_covariance"] = moved_by.covariance.tolist()
-        extra = {"robot": robot, "job": job, "request": request.id, "final": True, "delivered": what}
+        extra = {"robot": robot, "job": job, "request": request.id, "final": True}
+        extra |= {"asked": request.describe(), "delivered": what}
         if payload is not None:
             return Reply(payload, encoding, {**header.to_dict(), **digest, "kind": "product", **extra})
         form = request.format if t.type_name != _TOO_LARGE else "tif"

@@ -4,20 +4,19 @@
 
 from __future__ import annotations
 
-import threading
 from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from cdff_common.bus import Bus, keys
-from cdff_common.clock import monotonic_s
 from cdff_common.codecs import decode, encode
 from cdff_common.codecs.encoding import encoding_string, parse_encoding
 from cdff_common.codecs.siblings import wire_type
 from cdff_common.errors import DeadlineError, InputError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.product import Header
+from services.orchestrator.timing import REAL, Timing
 
 #: Decoded values kept by id: products never change.
 _CACHED = 16
@@ -47,15 +46,23 @@ class Dpm:
     answers, UnavailableError where it is away, DeadlineError where no time is left.
     """
 
-    def __init__(self, bus: Bus) -> None:
+    def __init__(self, bus: Bus, timing: Timing = REAL) -> None:
         self._bus = bus
-        self._lock = threading.Lock()
+        self._timing = timing
+        self._lock = timing.lock()
         self._values: OrderedDict[str, Stored] = OrderedDict()
+
+    def _left(self, until_s: float) -> float:
+        """Seconds a call may last."""
+        left_s = until_s - self._timing.now_s()
+        if left_s <= 0.0:
+            raise DeadlineError("no time left to ask the DPM")
+        return min(left_s, _CALL_S)
 
     def search(self, until_s: float, **parameters: object) -> list[dict[str, Any]]:
         """Metadata of products, newest end of capture first."""
         asked = {k: v for k, v in parameters.items() if v is not None}
-        body = self._bus.call(keys.dpm_rpc(keys.GROUND, "search"), asked, timeout_s=_left(until_s)).body()
+        body = self._bus.call(keys.dpm_rpc(keys.GROUND, "search"), asked, timeout_s=self._left(until_s)).body()
         items = body.get("items") if isinstance(body, dict) else None
         if not isinstance(items, list):
             raise InputError(f"the DPM answered a search with {str(body)[:80]!r}, expected items")
@@ -67,7 +74,7 @@ class Dpm:
             if product_id in self._values:
                 self._values.move_to_end(product_id)
                 return self._values[product_id]
-        reply = self._bus.call(keys.dpm_rpc(keys.GROUND, "get"), {"id": product_id}, timeout_s=_left(until_s))
+        reply = self._bus.call(keys.dpm_rpc(keys.GROUND, "get"), {"id": product_id}, timeout_s=self._left(until_s))
         stored = _stored(reply.payload, reply.encoding, reply.attachment, robot)
         with self._lock:
             self._values[product_id] = stored
@@ -77,13 +84,13 @@ class Dpm:
 
     def window(self, until_s: float, **parameters: object) -> Stored:
         """The elevation of a region, pooled from every patch that reaches into it."""
-        reply = self._bus.call(keys.dpm_rpc(keys.GROUND, "get"), _window(parameters), timeout_s=_left(until_s))
+        reply = self._bus.call(keys.dpm_rpc(keys.GROUND, "get"), _window(parameters), timeout_s=self._left(until_s))
         return _stored(reply.payload, reply.encoding, reply.attachment, str(parameters.get("robot") or keys.GROUND))
 
     def stored_window(self, until_s: float, **parameters: object) -> Mapping[str, Any]:
         """Have the DPM keep such a window; its metadata, ``id`` among them."""
         asked = {**_window(parameters), "deliver": "reference"}
-        return self._bus.call(keys.dpm_rpc(keys.GROUND, "get"), asked, timeout_s=_left(until_s)).attachment
+        return self._bus.call(keys.dpm_rpc(keys.GROUND, "get"), asked, timeout_s=self._left(until_s)).attachment
 
     def pose(self, robot: str, parent: str, child: str, t_ns: int | None, until_s: float) -> UncertainTransform:
         """``T_parent_child`` at a time (the newest without one), interpolated and composed over the frame tree."""
@@ -92,7 +99,7 @@ class Dpm:
         asked: dict[str, object] = {"robot": robot, "parent": parent, "child": child}
         if t_ns is not None:
             asked["t"] = t_ns
-        body = self._bus.call(keys.dpm_rpc(keys.GROUND, "pose"), asked, timeout_s=_left(until_s)).body()
+        body = self._bus.call(keys.dpm_rpc(keys.GROUND, "pose"), asked, timeout_s=self._left(until_s)).body()
         return UncertainTransform(body["T"], body.get("covariance"))
 
     def put(self, header: Header, value: Any, type_name: str, robot: str, product: str, until_s: float) -> None:
@@ -104,16 +111,8 @@ class Dpm:
             payload=encode(value, "uper"),
             attachment=header.to_attachment(),
             encoding=encoding_string(wire_type(value), "uper"),
-            timeout_s=_left(until_s),
+            timeout_s=self._left(until_s),
         )
-
-
-def _left(until_s: float) -> float:
-    """Seconds a call may last."""
-    left_s = until_s - monotonic_s()
-    if left_s <= 0.0:
-        raise DeadlineError("no time left to ask the DPM")
-    return min(left_s, _CALL_S)
 
 
 def _window(parameters: Mapping[str, object]) -> dict[str, object]:

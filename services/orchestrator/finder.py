@@ -14,8 +14,10 @@ from cdff_common.errors import ExtrapolationError, FrameNotFoundError, ProductNo
 from cdff_common.geometry import UncertainTransform
 from cdff_common.geometry.region import Region
 from cdff_common.interfaces.product import Header
+from cdff_common.interfaces.profile import Profile
 from cdff_common.types import Pointcloud
 from cdff_core.orchestration import translate
+from cdff_core.orchestration.cover import Cells, Cover, observed_points, reach_m
 from cdff_core.orchestration.judge import Candidate, Judgement, best, judge
 from cdff_core.orchestration.request import ProductRequest
 from services.orchestrator.dpm import DERIVED_DFPC, Dpm, Stored
@@ -73,9 +75,10 @@ class Finder:
     ``find`` raises UnavailableError where the DPM is away, and InputError where a request cannot be met whatever comes.
     """
 
-    def __init__(self, dpm: Dpm, clock: Clock) -> None:
+    def __init__(self, dpm: Dpm, clock: Clock, profile: Profile) -> None:
         self._dpm = dpm
         self._clock = clock
+        self._profile = profile
 
     def find(
         self, request: ProductRequest, robots: Sequence[str], until_s: float
@@ -119,6 +122,37 @@ class Finder:
                         continue  # no chain joins them; otherwise it is only not known at that time
                 return True
         return False
+
+    def cover(
+        self, request: ProductRequest, robots: Sequence[str], found: Found | None, until_s: float, horizon_s: float
+    ) -> Cover:
+        """What of the region is held, and what each robot can see of it within ``horizon_s`` seconds.
+
+        Raises
+        ------
+        CdffError
+            If where the region is cannot be said.
+        """
+        region, frame = (None, "") if found is None else (found.region, found.frame)
+        if region is None:
+            region, frame = self._placed(request, robots[0], until_s)
+        cells = Cells.of(region)
+        held = 0
+        if found is not None and found.value is not None and found.candidate.status != "FAILED":
+            held = cells.holding(observed_points(found.value))
+        reach: dict[str, int] = {}
+        for robot in robots:
+            radius_m = reach_m(self._profile.robot(robot), horizon_s)
+            if radius_m is None:
+                continue
+            try:
+                T = self._dpm.pose(robot, frame, f"{robot}/base", None, until_s)
+            except (FrameNotFoundError, ExtrapolationError, ProductNotFoundError):
+                continue  # nobody knows where it is: it may be near
+            reach[robot] = cells.near((float(T.matrix[0, 3]), float(T.matrix[1, 3])), radius_m)
+        least = max(math.floor(request.min_coverage * len(cells.centres_m)), 1)
+        pooled = request.product == "dem" and request.robot == "any"
+        return Cover(cells.all, held, least, reach, pooled)
 
     # -- one for each product ---------------------------------------------------------------------------
 

@@ -3,8 +3,8 @@
 """One request from arrival to its only final answer.
 
 Look into the DPM; deliver what is as asked. Else plan, hold the DFPCs and sensor modes of the plan, and look again at
-every change until something is as asked. Before the deadline the best that meets all that is mandatory is delivered, or
-an error says what is missing and why.
+every change until something is as asked. Of a region that is held in part only the rest is planned for. Before the
+deadline the best that meets all that is mandatory is delivered, or an error says what is missing and why.
 """
 
 from __future__ import annotations
@@ -15,21 +15,23 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from cdff_common.bus import Reply
-from cdff_common.clock import Clock, monotonic_s
+from cdff_common.clock import Clock
 from cdff_common.errors import CdffError, DeadlineError, FrameNotFoundError, UnavailableError
 from cdff_core.orchestration.catalogue import frames_of
+from cdff_core.orchestration.cover import Cover, plan_cover
 from cdff_core.orchestration.explain import costed, explain
-from cdff_core.orchestration.judge import Judgement, delivered
+from cdff_core.orchestration.judge import RESOLUTION_TOLERANCE, Judgement, delivered
 from cdff_core.orchestration.lifecycle import FINAL_STATES, JobState
 from cdff_core.orchestration.planner import NoPlan, Plan, plan
 from cdff_core.orchestration.request import ProductRequest
-from cdff_core.orchestration.world import MakerId
+from cdff_core.orchestration.world import MakerId, World
 from services.orchestrator.delivery import Delivery, TooOldError
 from services.orchestrator.finder import Finder, Found
 from services.orchestrator.jobs import Job, JobBook
 from services.orchestrator.journal import Journal
 from services.orchestrator.sharing import SharedLooks
 from services.orchestrator.state import State
+from services.orchestrator.timing import REAL, Timing
 
 logger = logging.getLogger(__name__)
 
@@ -52,6 +54,9 @@ class _Progress:
 
     plan: Plan | None = None
     excluded: set[MakerId] = field(default_factory=set)
+    failures: dict[str, int] = field(default_factory=dict)
+    held: float | None = None
+    tried_better: bool = False
     best: tuple[Found, Judgement] | None = None
     why: str = ""
     dpm_error: str = ""
@@ -66,7 +71,14 @@ class Flow:
     """Runs jobs; one call of ``run`` for each, in the thread that serves its query."""
 
     def __init__(
-        self, state: State, finder: Finder, delivery: Delivery, book: JobBook, journal: Journal, clock: Clock
+        self,
+        state: State,
+        finder: Finder,
+        delivery: Delivery,
+        book: JobBook,
+        journal: Journal,
+        clock: Clock,
+        timing: Timing = REAL,
     ) -> None:
         self._state = state
         self._finder = finder
@@ -74,7 +86,8 @@ class Flow:
         self._book = book
         self._journal = journal
         self._clock = clock
-        self._shared = SharedLooks(clock)
+        self._timing = timing
+        self._shared = SharedLooks(clock, timing)
 
     def run(self, request: ProductRequest) -> Iterator[Reply]:
         """Yield progress, then the final reply; raises the typed error that is the final answer otherwise."""
@@ -103,8 +116,13 @@ class Flow:
                 self._state.release(job.id)
 
     def explain(self, request: ProductRequest) -> Reply:
-        """Say what would be served or made for a request, what else could be, and why not; no job, nothing is run."""
+        """Say what would be served or made for a request, what else could be, and why not; no job, nothing is run.
+
+        Raises FrameNotFoundError for a frame that nobody knows.
+        """
         robots = self._state.profile.robot_ids if request.robot == "any" else (request.robot,)
+        until_s = self._timing.now_s() + request.deadline_s
+        self._check_frames(request, robots, until_s)
         body: dict[str, Any] = {
             "request": request.id,
             "asked": request.describe(),
@@ -113,7 +131,7 @@ class Flow:
         }
         served = False
         try:
-            found, why = self._finder.find(request, robots, monotonic_s() + request.deadline_s)
+            found, why = self._finder.find(request, robots, until_s)
         except UnavailableError as error:
             found, why = None, f"the DPM: {error}"
         if found is not None:
@@ -122,10 +140,16 @@ class Flow:
             what = delivered(stored.candidate, judgement, request, self._clock.now_ns(), stored.frame)
             body["stored"] = {"id": stored.candidate.id, **what}
         body["why_not_stored"] = "" if served else why
-        now, hopeful = self._state.world(), self._state.world(hopeful=True)
-        told = explain(now, request.product, robots)
+        now = self._state.world(priority=request.priority)
+        hopeful = self._state.world(hopeful=True, priority=request.priority)
+        held_now = None if found is None else found[0]
+        cover = self._cover(request, robots, held_now, until_s, request.deadline_s)
+        told = explain(now, request.product, robots, cover)
         body |= told.describe(now)
-        if body["plan"] is None and isinstance(again := plan(hopeful, request.product, robots), Plan):
+        again = self._planned(request, hopeful, robots, frozenset(), cover)
+        if cover is not None:
+            body["held"] = round(cover.share(cover.held), 4)
+        if body["plan"] is None and isinstance(again, Plan):
             body["plan"] = {
                 **costed(again, hopeful),
                 "waits_for": [str(m) for m in again.order if not now.makers[m].available],
@@ -136,15 +160,15 @@ class Flow:
     def _serve(self, job: Job, p: _Progress) -> Iterator[Reply]:
         request = job.request
         robots = self._state.profile.robot_ids if request.robot == "any" else (request.robot,)
-        self._check_frames(job, robots)
+        self._check_frames(job.request, robots, job.deadline_s - self._margin_s(job))
         margin_s = self._margin_s(job)
         seen = -1
         while True:
             job.check_cancelled()
-            looked_s = monotonic_s()
+            looked_s = self._timing.now_s()
             seen_now = self._state.version
             self._look_if_new(job, robots, p)
-            if p.best is not None and (p.best[1].satisfies or (p.best[1].acceptable and self._is_all(p))):
+            if self._is_enough(job, robots, p):
                 reply = self._deliver(job, p)
                 if reply is not None:
                     yield reply
@@ -161,19 +185,19 @@ class Flow:
             seen = max(seen, seen_now)
             wait_s = min(_IDLE_S, job.remaining_s() - margin_s)
             seen = self._state.wait(seen, wait_s)
-            pause_s = min(_LOOK_EVERY_S - (monotonic_s() - looked_s), job.remaining_s() - margin_s)
+            pause_s = min(_LOOK_EVERY_S - (self._timing.now_s() - looked_s), job.remaining_s() - margin_s)
             if pause_s > 0:
                 job.cancelled.wait(pause_s)
 
     def _stand(self, job: Job, p: _Progress) -> Iterator[Reply]:
         """Each newer product, not more often than asked, until the lease runs out; what makes it is held until then."""
         robots = self._state.profile.robot_ids if job.request.robot == "any" else (job.request.robot,)
-        self._check_frames(job, robots)
+        self._check_frames(job.request, robots, job.deadline_s - self._margin_s(job))
         every_s, sent, sent_s, sent_t1_ns = job.request.every_s or 0.0, 0, float("-inf"), -1
         seen = -1
         while job.remaining_s() > 0.0:
             job.check_cancelled()
-            looked_s, seen_now = monotonic_s(), self._state.version
+            looked_s, seen_now = self._timing.now_s(), self._state.version
             self._look_if_new(job, robots, p)
             due_s = sent_s + every_s
             if due_s <= looked_s and p.best is not None and p.best[1].acceptable:
@@ -190,8 +214,8 @@ class Flow:
                 )
             seen = max(seen, seen_now)
             until_s = due_s if looked_s < due_s else looked_s + _IDLE_S
-            seen = self._state.wait(seen, min(_IDLE_S, until_s - monotonic_s(), job.remaining_s()))
-            pause_s = min(_LOOK_EVERY_S - (monotonic_s() - looked_s), job.remaining_s())
+            seen = self._state.wait(seen, min(_IDLE_S, until_s - self._timing.now_s(), job.remaining_s()))
+            pause_s = min(_LOOK_EVERY_S - (self._timing.now_s() - looked_s), job.remaining_s())
             if pause_s > 0:
                 job.cancelled.wait(pause_s)
         if not sent:
@@ -213,13 +237,12 @@ class Flow:
         """Until when the DPM may be asked for what the answer needs, monotonic seconds."""
         return job.deadline_s - _SENDING_PART * self._margin_s(job)
 
-    def _check_frames(self, job: Job, robots: Sequence[str]) -> None:
+    def _check_frames(self, request: ProductRequest, robots: Sequence[str], until_s: float) -> None:
         """Raise FrameNotFoundError for a frame that neither the mission nor the DPM knows of.
 
         One that the profile names may have no pose yet: that comes once its robot has started.
         """
-        until_s = job.deadline_s - self._margin_s(job)
-        for frame in job.request.frames - frames_of(self._state.profile):
+        for frame in request.frames - frames_of(self._state.profile):
             try:
                 known = self._finder.knows_frame(frame, robots, until_s)
             except UnavailableError:
@@ -230,7 +253,7 @@ class Flow:
     def _look_if_new(self, job: Job, robots: Sequence[str], p: _Progress) -> None:
         """Look when something that matters was inserted, else now and then: an event may be lost."""
         matter = {job.request.product} | ({"pose"} if job.request.region and job.request.region.near_frame else set())
-        inserted, now_s = self._state.inserted(matter), monotonic_s()
+        inserted, now_s = self._state.inserted(matter), self._timing.now_s()
         if p.looked_s and inserted == p.inserted and now_s - p.looked_s < _IDLE_S:
             return
         fresh_s = _IDLE_S if p.looked_s else _LOOK_EVERY_S
@@ -247,32 +270,47 @@ class Flow:
             p.dpm_error = ""
         except DeadlineError as error:
             # Where our own time was up, that says nothing of the DPM.
-            if monotonic_s() < until_s - _OWN_LIMIT_S:
+            if self._timing.now_s() < until_s - _OWN_LIMIT_S:
                 p.dpm_error = f"the DPM: {error}"
         except UnavailableError as error:
             p.dpm_error = f"the DPM: {error}"
 
-    def _is_all(self, p: _Progress) -> bool:
-        """Whether nothing better is to come: what lacks only a wish was made after the plan began."""
-        assert p.best is not None
-        return p.plan is not None and p.best[0].candidate.t1_ns > p.started_ns
+    def _is_enough(self, job: Job, robots: Sequence[str], p: _Progress) -> bool:
+        """Whether what was found is to be delivered now: as asked, or made for the plan and nothing better comes.
+
+        Where what the plan made is DEGRADED, another way is tried once if there is one.
+        """
+        if p.best is None or not p.best[1].acceptable:
+            return False
+        candidate, judgement = p.best[0].candidate, p.best[1]
+        made_since = p.plan is not None and candidate.t1_ns > p.started_ns
+        if p.plan is not None and candidate.status == "DEGRADED" and made_since and not p.tried_better:
+            p.tried_better = True
+            without = frozenset({*p.excluded, p.plan.maker})
+            better = self._best_plan(job, robots, p, without)
+            if isinstance(better, Plan):
+                p.excluded |= {p.plan.maker}
+                reason = f"what {p.plan.maker} made is DEGRADED"
+                self._book.move(job, JobState.PLANNING, reason)
+                self._adopt(job, p, better)
+                return False
+        return judgement.satisfies or made_since
 
     def _advance(self, job: Job, robots: Sequence[str], p: _Progress) -> bool:
         """Plan, plan around what fails, follow the plan's start; tells whether the job's state or reason changed."""
         if p.plan is not None:
-            progress = self._state.progress(p.plan.order, p.plan.modes)
-            broken = {m for m in p.plan.order if progress["failures"].get(str(m), (0, ""))[0] >= _FAILURES}
-            refused = [r for s in p.plan.modes if (r := progress["failures"].get(str(s), (0, ""))[1])]
-            if broken or (refused and job.state is JobState.PREPARING):
-                p.excluded |= broken
+            reasons = self._troubles(job, robots, p)
+            if reasons:
                 p.plan = None
-                reasons = [progress["failures"][str(m)][1] for m in sorted(broken)] + refused
                 self._book.move(job, JobState.PLANNING, "; ".join(reasons))
         if p.plan is None:
             return self._make_plan(job, robots, p)
+        progress = self._state.progress(p.plan.order, p.plan.modes)
         missing = [*progress["modes_missing"], *progress["missing"]]
         state = JobState.PREPARING if missing else JobState.WAITING
         reason = "starting " + ", ".join(missing) if missing else (p.why or "for the product")
+        if not missing and progress["silent"]:
+            reason = "; ".join(progress["silent"].values())
         if p.dpm_error:
             reason = p.dpm_error
         if (state, reason) == (job.state, job.reason):
@@ -281,26 +319,102 @@ class Flow:
             self._book.move(job, state, reason)
             return True
         job.reason = reason
-        return reason != p.told and bool(missing or p.dpm_error)
+        return reason != p.told and bool(missing or p.dpm_error or progress["silent"])
+
+    def _troubles(self, job: Job, robots: Sequence[str], p: _Progress) -> list[str]:
+        """Why the plan has to be made anew; empty where it is well, or nothing else could be done."""
+        assert p.plan is not None
+        progress = self._state.progress(p.plan.order, p.plan.modes)
+        taken = self._state.displaced(job.id)
+        if taken:
+            self._journal.append("decision", job=job.id, lost_modes=taken)
+        failures = progress["failures"]
+        broken = {m for m in p.plan.order if failures.get(str(m), (0, ""))[0] >= _FAILURES}
+        reasons = [*taken, *progress["lost"].values(), *(failures[str(m)][1] for m in sorted(broken))]
+        p.excluded |= broken
+        for sensor in map(str, p.plan.modes):
+            count, why = failures.get(sensor, (0, ""))
+            if count > p.failures.get(sensor, 0) and job.state is JobState.PREPARING:
+                reasons.append(why)
+            p.failures[sensor] = count
+        silent = {m for m in p.plan.order if str(m) in progress["silent"]}
+        if silent and not reasons:
+            # It may begin to speak again: it is left only where there is another way.
+            if isinstance(self._best_plan(job, robots, p, frozenset(p.excluded | silent)), NoPlan):
+                return []
+            p.excluded |= silent
+            reasons += progress["silent"].values()
+        return list(dict.fromkeys(reasons))
 
     def _make_plan(self, job: Job, robots: Sequence[str], p: _Progress) -> bool:
         if job.state is JobState.LOOKING:
             self._book.move(job, JobState.PLANNING, p.dpm_error or p.why)
-        exclude = frozenset(p.excluded)
-        now = plan(self._state.world(), job.request.product, robots, exclude)
-        hopeful = plan(self._state.world(hopeful=True), job.request.product, robots, exclude)
-        if isinstance(hopeful, NoPlan):
-            p.impossible = hopeful.text
-            self._journal.append("decision", job=job.id, no_plan=hopeful.text)
+        chosen = self._best_plan(job, robots, p, frozenset(p.excluded))
+        if isinstance(chosen, NoPlan):
+            p.impossible = chosen.text
+            self._journal.append("decision", job=job.id, no_plan=chosen.text)
             return False
-        # What is only away for a moment is held too: its supervisor brings it back, the control loop switches it on.
-        chosen = hopeful if isinstance(now, NoPlan) or now.maker == hopeful.maker else now
-        self._state.release(job.id)
-        self._state.acquire(job.id, chosen.order, chosen.modes)
+        self._adopt(job, p, chosen)
+        return True
+
+    def _adopt(self, job: Job, p: _Progress, chosen: Plan) -> None:
+        """Hold what a plan needs, in place of what the job held."""
+        self._state.hold(job.id, chosen, job.request.priority)
         self._journal.append("lease", action="acquire", holder=job.id, makers=[str(m) for m in chosen.order])
         p.plan = chosen
-        self._book.move(job, JobState.PREPARING, f"{chosen.maker} is to make it", plan=chosen.describe())
-        return True
+        whose = ", ".join(sorted({str(m) for m in chosen.order if job.request.product in self._state.products_of(m)}))
+        rest = "" if p.held is None else f"; the DPM holds {p.held:.0%} of the region"
+        self._book.move(job, JobState.PREPARING, f"{whose or chosen.maker} is to make it{rest}", plan=chosen.describe())
+
+    def _best_plan(self, job: Job, robots: Sequence[str], p: _Progress, exclude: frozenset[MakerId]) -> Plan | NoPlan:
+        """The plan to follow now.
+
+        What is only away for a moment is held too: its supervisor brings it back, the control loop switches it on.
+        """
+        request, margin_s = job.request, self._margin_s(job)
+        found = None if p.best is None else p.best[0]
+        cover = self._cover(request, robots, found, job.deadline_s - margin_s, job.remaining_s())
+        p.held = None if cover is None else cover.share(cover.held)
+        now = self._planned(request, self._state.world(priority=request.priority), robots, exclude, cover)
+        world = self._state.world(hopeful=True, priority=request.priority)
+        hopeful = self._planned(request, world, robots, exclude, cover)
+        if isinstance(hopeful, NoPlan):
+            return hopeful
+        return hopeful if isinstance(now, NoPlan) or now.maker == hopeful.maker else now
+
+    def _cover(
+        self, request: ProductRequest, robots: Sequence[str], found: Found | None, until_s: float, horizon_s: float
+    ) -> Cover | None:
+        """What of the region is held and who can see the rest; None where no region is asked, or nobody can say."""
+        if request.region is None or not request.is_spatial:
+            return None
+        try:
+            return self._finder.cover(request, robots, found, until_s, horizon_s)
+        except CdffError as error:
+            logger.info("cover of request %s is not known: %s", request.id, error)
+            return None
+
+    @staticmethod
+    def _planned(
+        request: ProductRequest,
+        world: World,
+        robots: Sequence[str],
+        exclude: frozenset[MakerId],
+        cover: Cover | None,
+    ) -> Plan | NoPlan:
+        """The cheapest plan of those fine enough, else of all: coarser is delivered rather than nothing."""
+        makers = [m for m in world.makers.values() if request.product in m.products]
+        limit_m = float("inf") if request.resolution_m is None else request.resolution_m * RESOLUTION_TOLERANCE
+        fine = frozenset(m.id for m in makers if m.resolution_m is None or m.resolution_m <= limit_m)
+        made: Plan | NoPlan = NoPlan(())
+        for roots in (fine, None) if 0 < len(fine) < len(makers) else (None,):
+            if cover is None:
+                made = plan(world, request.product, robots, exclude, roots)
+            else:
+                made = plan_cover(world, request.product, robots, cover, exclude, roots)
+            if isinstance(made, Plan):
+                break
+        return made
 
     def _last_word(self, job: Job, p: _Progress) -> Reply:
         """The best that is acceptable, else the error that says why there is none."""
@@ -311,6 +425,7 @@ class Flow:
         reasons = [r for r in (p.impossible, p.dpm_error, p.why) if r]
         if p.plan is not None:
             progress = self._state.progress(p.plan.order, p.plan.modes)
+            reasons += [*progress["silent"].values(), *progress["lost"].values()]
             if progress["dead"]:
                 reasons.append(f"not there: {', '.join(progress['dead'])}")
             elif progress["modes_missing"] or progress["missing"]:
@@ -324,16 +439,17 @@ class Flow:
 
     @staticmethod
     def _is_uncovered(request: ProductRequest, p: _Progress) -> bool:
-        """Whether the DPM holds too little of the region, or nothing where some of it must be covered."""
+        """Whether the DPM holds too little of the region, or nothing."""
         if p.best is not None:
             return any("coverage" in m for m in p.best[1].missing)
-        return bool(request.min_coverage > 0.0 and p.why)
+        return bool(request.region is not None and p.why)
 
     def _reply(self, job: Job, p: _Progress) -> Reply | None:
         """The best as it was asked for; None where it has become too old since it was found."""
         assert p.best is not None
         try:
-            return self._delivery.reply(job.id, job.request, p.best[0], self._ask_until_s(job))
+            held = None if p.plan is None else p.held
+            return self._delivery.reply(job.id, job.request, p.best[0], self._ask_until_s(job), held)
         except TooOldError as error:
             p.best, p.why = (p.best[0], Judgement(missing=(str(error),))), str(error)
             return None

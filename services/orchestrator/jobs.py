@@ -7,15 +7,16 @@ from __future__ import annotations
 import threading
 import uuid
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from cdff_common.clock import monotonic_s, wall_ns
+from cdff_common.clock import wall_ns
 from cdff_common.errors import InputError, OverloadedError, ProductNotFoundError, UnavailableError
 from cdff_core.orchestration.lifecycle import FINAL_STATES, JobState, next_job_state
 from cdff_core.orchestration.request import ProductRequest
 from services.orchestrator.journal import Journal
+from services.orchestrator.timing import REAL, Timing
 
 
 @dataclass(slots=True)
@@ -34,6 +35,9 @@ class Job:
         Of a job that is done: kind, id, delivered.
     retry_after_s : float or None
         Of a job that gave its place to one of higher priority: when its requester may come back.
+    timing : Timing
+    cancelled : Event
+        Set when somebody cancelled it, or it gave its place away.
     """
 
     id: str
@@ -44,12 +48,16 @@ class Job:
     reason: str = ""
     plan: Mapping[str, Any] | None = None
     result: Mapping[str, Any] | None = None
-    cancelled: threading.Event = field(default_factory=threading.Event)
     retry_after_s: float | None = None
+    timing: Timing = REAL
+    cancelled: threading.Event = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.cancelled = self.timing.event()
 
     def remaining_s(self) -> float:
         """Seconds until the answer is due."""
-        return self.deadline_s - monotonic_s()
+        return self.deadline_s - self.timing.now_s()
 
     def check_cancelled(self) -> None:
         """Raise UnavailableError if somebody cancelled the job, OverloadedError if it gave its place away."""
@@ -91,14 +99,26 @@ class JobBook:
     """
 
     def __init__(
-        self, journal: Journal, capacity: int, remembered: int = 200, wake: Callable[[], None] | None = None
+        self,
+        journal: Journal,
+        capacity: int,
+        remembered: int = 200,
+        wake: Callable[[], None] | None = None,
+        timing: Timing = REAL,
     ) -> None:
         self._journal = journal
         self._capacity = capacity
         self._remembered = remembered
         self._wake = wake
-        self._lock = threading.Lock()
+        self._timing = timing
+        self._lock = timing.lock()
         self._jobs: OrderedDict[str, Job] = OrderedDict()
+        self._past: dict[str, Mapping[str, Any]] = {}  # of earlier orchestrators
+
+    def remember(self, ended: Iterable[Mapping[str, Any]]) -> None:
+        """Take over what an earlier orchestrator's journal says of jobs that have ended, as ``Job.describe`` has it."""
+        with self._lock:
+            self._past = {str(job["job"]): job for job in ended}
 
     def open(self, request: ProductRequest) -> Job:
         """Accept a request; where too many are open, in place of the last one of the lowest priority below its own.
@@ -115,13 +135,20 @@ class JobBook:
             if any(j.request.id == request.id for j in running):
                 raise InputError(f"request={request.id}: a request of that name is open; give each its own")
             displaced = self._make_room(request, [j for j in running if j.retry_after_s is None])
-            job = Job(str(uuid.uuid4()), request, monotonic_s() + request.deadline_s, wall_ns())
+            deadline_s = self._timing.now_s() + request.deadline_s
+            job = Job(str(uuid.uuid4()), request, deadline_s, wall_ns(), timing=self._timing)
             self._jobs[job.id] = job
             done = [j.id for j in self._jobs.values() if j.state in FINAL_STATES]
             for old in done[: max(len(done) - self._remembered, 0)]:
                 del self._jobs[old]
         self._journal.append(
-            "job", durable=False, job=job.id, robot=request.robot, state=str(job.state), request=request.describe()
+            "job",
+            # Who is told of progress has been told that the job is taken: it has to survive.
+            durable=request.progress,
+            job=job.id,
+            robot=request.robot,
+            state=str(job.state),
+            request=request.describe(),
         )
         if displaced is not None and self._wake is not None:
             self._journal.append("decision", job=displaced.id, displaced_by=job.id)
@@ -152,7 +179,13 @@ class JobBook:
             job.plan = more.get("plan", job.plan)
             job.result = more.get("result", job.result)
         self._journal.append(
-            "job", durable=False, job=job.id, robot=job.request.robot, state=str(state), reason=reason, **more
+            "job",
+            durable=job.request.progress and state in FINAL_STATES,
+            job=job.id,
+            robot=job.request.robot,
+            state=str(state),
+            reason=reason,
+            **more,
         )
 
     def renew(self, job_id: str, lease_s: float) -> Job:
@@ -171,11 +204,28 @@ class JobBook:
         with self._lock:
             if job.state in FINAL_STATES:
                 raise ProductNotFoundError(f"job {job.id} has ended ({job.state}); ask again")
-            job.deadline_s = monotonic_s() + lease_s
+            job.deadline_s = self._timing.now_s() + lease_s
         return job
 
+    def describe(self, job_id: str) -> dict[str, Any]:
+        """Describe a job by its id or its request's, also one of an earlier orchestrator's.
+
+        Raises
+        ------
+        ProductNotFoundError
+            If it never was, or is too long ago.
+        """
+        try:
+            return self.get(job_id).describe()
+        except ProductNotFoundError:
+            with self._lock:
+                for past in reversed(self._past.values()):
+                    if job_id in (past["job"], past["request"].get("request")):
+                        return dict(past)
+            raise
+
     def get(self, job_id: str) -> Job:
-        """Return a job by its id or its request's; raises ProductNotFoundError."""
+        """Return a job of this orchestrator by its id or its request's; raises ProductNotFoundError."""
         with self._lock:
             for job in reversed(self._jobs.values()):
                 if job_id in (job.id, job.request.id):
@@ -186,4 +236,5 @@ class JobBook:
         """The newest jobs for any of ``robots``, newest first."""
         with self._lock:
             chosen = [j for j in reversed(self._jobs.values()) if j.request.robot in robots | {"any"}]
-            return [j.describe() for j in chosen[:limit]]
+            past = [dict(j) for j in reversed(self._past.values()) if j["request"].get("robot") in robots | {"any"}]
+            return [*(j.describe() for j in chosen), *past][:limit]

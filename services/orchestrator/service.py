@@ -13,7 +13,7 @@ from cdff_common.bus import Bus, Reply, Request, keys
 from cdff_common.errors import InputError, UnavailableError
 from cdff_common.interfaces.profile import Profile
 from cdff_core.orchestration.journal import recover
-from cdff_core.orchestration.request import parse_deadline_s, parse_request, parse_robot
+from cdff_core.orchestration.request import PRODUCTS, parse_deadline_s, parse_request, parse_robot
 from services.orchestrator.control import Controller
 from services.orchestrator.delivery import Delivery
 from services.orchestrator.dpm import Dpm
@@ -24,10 +24,13 @@ from services.orchestrator.jobs import JobBook
 from services.orchestrator.journal import Journal
 from services.orchestrator.metrics import Metrics
 from services.orchestrator.state import State
+from services.orchestrator.timing import REAL, Timing
 from services.orchestrator.watcher import Watcher
 
 logger = logging.getLogger(__name__)
 
+#: Why jobs that were open when a process ended have failed.
+RESTARTED = "the orchestrator was restarted: ask again"
 #: Threads beyond the capacity: for who is told OVERLOADED, explained to, or admitted while another makes room.
 _SPARE = 8
 _JOBS = {"robot", "job", "limit"}
@@ -46,21 +49,26 @@ class Orchestrator:
     journal_path : Path
     capacity : int
         Most requests open at a time; more are answered OVERLOADED.
+    timing : Timing, optional
+        Time and waiting; real by default.
     """
 
-    def __init__(self, bus: Bus, profile: Profile, journal_path: Path, capacity: int = 64) -> None:
+    def __init__(
+        self, bus: Bus, profile: Profile, journal_path: Path, capacity: int = 64, timing: Timing = REAL
+    ) -> None:
         self._bus = bus
         self._profile = profile
         self._capacity = capacity
         self._metrics = Metrics()
         self._journal = Journal(journal_path, bus.mission_clock, self._metrics.on_record)
-        self._state = State(profile)
+        self._state = State(profile, timing)
+        self._book = JobBook(self._journal, capacity, wake=self._state.touch, timing=timing)
         self._recover()
-        self._book = JobBook(self._journal, capacity, wake=self._state.touch)
-        clock, dpm = bus.mission_clock, Dpm(bus)
-        self._flow = Flow(self._state, Finder(dpm, clock), Delivery(dpm, clock), self._book, self._journal, clock)
-        self._watcher = Watcher(bus, self._state)
-        self._controller = Controller(bus, self._state, self._journal)
+        clock, dpm = bus.mission_clock, Dpm(bus, timing)
+        finder = Finder(dpm, clock, profile)
+        self._flow = Flow(self._state, finder, Delivery(dpm, clock), self._book, self._journal, clock, timing)
+        self._watcher = Watcher(bus, self._state, timing)
+        self._controller = Controller(bus, self._state, self._journal, timing)
         # Two orchestrators of a mission serve different robots: each has a history of its own.
         self._history = HistoryForwarder(bus, self._journal, "orchestrator/" + profile.robot_ids[0])
 
@@ -100,7 +108,8 @@ class Orchestrator:
         if self._journal.size > _JOURNAL_BYTES:
             self._journal.compact(found.records())
         for job in found.open_jobs:
-            self._journal.append("job", job=job, state="failed", reason="the orchestrator was restarted")
+            self._journal.append("job", job=job, state="failed", reason=RESTARTED)
+        self._book.remember([*found.ended, *found.broken_off(RESTARTED)])
         self._journal.append("start", open_jobs=len(found.open_jobs), owned=[str(m) for m in sorted(found.owned)])
         for maker in found.owned:
             self._state.own(maker, owned=True)
@@ -128,7 +137,7 @@ class Orchestrator:
     def _on_jobs(self, call: Request) -> Reply:
         _check(call, _JOBS)
         if "job" in call.parameters:
-            return Reply.of({"jobs": [self._book.get(call.parameters["job"]).describe()]})
+            return Reply.of({"jobs": [self._book.describe(call.parameters["job"])]})
         text = call.parameters.get("limit", "50")
         if not text.isdigit() or not 1 <= int(text) <= _MAX_LISTED:
             raise InputError(f"limit={text!r}: expected 1 to {_MAX_LISTED}")
@@ -151,8 +160,11 @@ class Orchestrator:
         return Reply.of({"job": job.id, "remaining_s": round(job.remaining_s(), 3)})
 
     def _on_catalogue(self, call: Request) -> Reply:
-        _check(call, {"robot"})
-        return Reply.of(self._state.catalogue(self._robots(call)))
+        _check(call, {"robot", "type"})
+        product = call.parameters.get("type")
+        if product is not None and product not in PRODUCTS:
+            raise InputError(f"type={product!r}: expected one of {', '.join(PRODUCTS)}")
+        return Reply.of(self._state.catalogue(self._robots(call), product))
 
     def _on_stat(self, call: Request) -> Reply:
         _check(call, {"robot"})

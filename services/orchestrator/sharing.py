@@ -11,13 +11,14 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
-from cdff_common.clock import Clock, monotonic_s
+from cdff_common.clock import Clock
 from cdff_common.errors import DeadlineError, UnavailableError
 from cdff_core.orchestration.judge import Judgement, judge
 from cdff_core.orchestration.request import ProductRequest
 from services.orchestrator.finder import Found
+from services.orchestrator.timing import REAL, Timing
 
 #: What one look brings: the best candidate and why there is no better one.
 Result = tuple[tuple[Found, Judgement] | None, str]
@@ -30,7 +31,7 @@ class _Look:
     ``inserted`` is how many products had been inserted before it, ``at_s`` when it began (monotonic).
     """
 
-    lock: threading.Lock = field(default_factory=threading.Lock)
+    lock: threading.Lock
     users: int = 0
     inserted: int = -1
     at_s: float = float("-inf")
@@ -40,9 +41,10 @@ class _Look:
 class SharedLooks:
     """What open requests last found, one entry for each distinct wish; bounded by the number of open requests."""
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: Clock, timing: Timing = REAL) -> None:
         self._clock = clock
-        self._lock = threading.Lock()
+        self._timing = timing
+        self._lock = timing.lock()
         self._looks: dict[Hashable, _Look] = {}
 
     @contextmanager
@@ -50,7 +52,7 @@ class SharedLooks:
         """Take part; the entry goes with the last one who does."""
         key = wish(request)
         with self._lock:
-            look = self._looks.setdefault(key, _Look())
+            look = self._looks.setdefault(key, _Look(self._timing.lock()))
             look.users += 1
         try:
             yield
@@ -74,10 +76,10 @@ class SharedLooks:
         """
         with self._lock:
             look = self._looks[wish(request)]
-        if not look.lock.acquire(timeout=max(until_s - monotonic_s(), 0.0)):
+        if not look.lock.acquire(timeout=max(until_s - self._timing.now_s(), 0.0)):
             raise DeadlineError("it has not answered an identical request yet")
         try:
-            now_s = monotonic_s()
+            now_s = self._timing.now_s()
             if look.result is not None and look.inserted >= inserted and now_s - look.at_s <= fresh_s:
                 return self._again(request, look.result)
             try:

@@ -5,16 +5,15 @@
 from __future__ import annotations
 
 import logging
-import threading
-from collections.abc import Callable
-from queue import SimpleQueue
+from collections.abc import Callable, Mapping
 
 from cdff_common.bus import Bus, Message, keys
 from cdff_common.bus.message import unpack
-from cdff_common.errors import CdffError
+from cdff_common.errors import CdffError, InputError
 from cdff_core.orchestration.catalogue import maker_of
 from cdff_core.orchestration.world import MakerId, SensorId
 from services.orchestrator.state import State
+from services.orchestrator.timing import REAL, Timing
 
 logger = logging.getLogger(__name__)
 
@@ -28,17 +27,17 @@ class Watcher:
     tokens must not wait.
     """
 
-    def __init__(self, bus: Bus, state: State) -> None:
+    def __init__(self, bus: Bus, state: State, timing: Timing = REAL) -> None:
         self._bus = bus
         self._state = state
-        self._work: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
-        self._thread = threading.Thread(target=self._run, name="watcher", daemon=True)
+        self._timing = timing
+        self._work = timing.queue()
         self._tokens: set[MakerId] = set()
         self._met: set[MakerId] = set()
 
     def start(self) -> None:
         """Subscribe; what is there already is heard of at once."""
-        self._thread.start()
+        self._timing.start(self._run, "watcher")
         self._bus.watch_alive(keys.alive("*", "*"), self._on_alive)
         self._bus.subscribe(keys.dfpc_status("*", "*"), self._on_status, depth=256)
         self._bus.subscribe(keys.event("*", "sensor_mode"), self._on_mode, depth=256)
@@ -50,6 +49,7 @@ class Watcher:
         self._work.put(None)
 
     def _run(self) -> None:
+        task: Callable[[], None] | None
         while (task := self._work.get()) is not None:
             try:
                 task()
@@ -88,7 +88,7 @@ class Watcher:
     def _ask_modes(self, robot: str) -> None:
         body = self._bus.call(keys.icu_rpc(robot, "modes"), timeout_s=_CALL_S).body()
         for name, sensor in body["sensors"].items():
-            self._state.seen_mode(SensorId(robot, str(name)), str(sensor["mode"]))
+            self._state.seen_mode(SensorId(robot, str(name)), str(sensor["mode"]), _lost(sensor))
 
     def _on_status(self, message: Message) -> None:
         parts = message.key.split("/")
@@ -97,12 +97,21 @@ class Watcher:
         if maker in self._tokens and maker not in self._met:
             self._work.put(lambda: self._meet(maker))
         if maker in self._met and "state" in body:
-            self._state.seen_state(maker, str(body["state"]), str(body.get("last_error", "")))
+            wired = body.get("wired")
+            self._state.seen_state(
+                maker, str(body["state"]), str(body.get("last_error", "")), wired if isinstance(wired, dict) else None
+            )
+            try:
+                self._state.seen_status(maker, body)
+            except InputError as error:
+                logger.warning("%s: %s", message.key, error)
 
     def _on_mode(self, message: Message) -> None:
         body = _map_of(message)
         if "sensor" in body and "mode" in body:
-            self._state.seen_mode(SensorId(message.key.split("/")[2], str(body["sensor"])), str(body["mode"]))
+            self._state.seen_mode(
+                SensorId(message.key.split("/")[2], str(body["sensor"])), str(body["mode"]), _lost(body)
+            )
 
     def _on_inserted(self, message: Message) -> None:
         self._state.seen_inserted(str(_map_of(message).get("product", "")))
@@ -112,6 +121,11 @@ class Watcher:
         maker = MakerId(message.key.split("/")[2], str(body.get("dfpc", "")))
         if self._state.knows(maker) and body.get("state") == "error":
             self._state.seen_state(maker, "error", str(body.get("reason", "")))
+
+
+def _lost(body: Mapping[str, object]) -> str:
+    """Why a sensor is lost, as the instrument control unit says; empty where it is not."""
+    return str(body.get("reason") or "its unit says so") if body.get("state") == "lost" else ""
 
 
 def _map_of(message: Message) -> dict[str, object]:

@@ -20,7 +20,7 @@ from tests.unit.cdff_core.orchestration.test_planner import (
 
 WORLD = world(
     maker("cheap", "pose", from_sensor("x", "lidar"), cost=1.0, memory_mb=10.0),
-    maker("dear", "pose", from_maker("x", "feeder"), cost=2.0, memory_mb=20.0),
+    maker("dear", "pose", from_maker("x", "feeder"), cost=2.0, cpu=2.0, memory_mb=20.0),
     maker("feeder", None, from_sensor("x", "lidar"), cost=3.0, memory_mb=5.0, active=True),
     maker("dead", "pose", from_sensor("x", "lidar"), available=False, why_not="it crashed"),
     sensor("lidar"),
@@ -40,7 +40,7 @@ def test_the_plan_its_alternatives_and_who_cannot_are_told_cheapest_first() -> N
 
 def test_what_runs_already_adds_nothing_to_the_cost_told() -> None:
     (other,) = explain(WORLD, "pose", ["mana"]).describe(WORLD)["alternatives"]
-    assert (other["added_cpu_s"], other["added_memory_mb"]) == (2.0, 20.0)
+    assert (other["added_cpu_cores"], other["added_memory_mb"]) == (2.0, 20.0)
     assert [p["active"] for p in other["parts"]] == [True, False]
 
 

@@ -79,3 +79,13 @@ def test_finer_cells_that_do_not_add_up_to_what_was_asked_are_said_but_not_waite
     differences = delivered(GOOD, judgement, asked, NOW_NS, "site")["differences"]
     assert isinstance(differences, list)
     assert "0.05 m, asked 0.07 m" in differences[0]
+
+
+def test_a_region_that_is_covered_in_part_and_a_degraded_status_are_said() -> None:
+    asked = replace(REQUEST, min_coverage=0.0)
+    judgement = judge(replace(GOOD, status="DEGRADED"), asked, NOW_NS)
+    assert judgement.satisfies
+    assert judgement.differences == [
+        "status: DEGRADED, as its quality says", "coverage: 0.800 of the region holds data",
+    ]  # fmt: skip
+    assert judge(replace(GOOD, coverage=1.0), asked, NOW_NS).differences == []

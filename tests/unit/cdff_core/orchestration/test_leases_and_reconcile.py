@@ -14,6 +14,8 @@ from cdff_core.orchestration.reconcile import (
     BACK_OFF_S,
     Action,
     Activate,
+    CleanUp,
+    Configure,
     Deactivate,
     Observed,
     SetMode,
@@ -30,7 +32,8 @@ USES = {DEM: frozenset({LIDAR})}
 
 @pytest.mark.req("CDFF-SUP-025")
 def test_all_it_ever_does_to_a_dfpc_is_to_switch_it_on_and_off() -> None:
-    assert {a.__name__ for a in get_args(Action)} == {"SetMode", "Activate", "Deactivate"}
+    verbs = {a.__name__ for a in get_args(Action)}
+    assert verbs == {"SetMode", "Configure", "Activate", "Deactivate", "CleanUp"}
 
 
 def test_what_one_holder_lets_go_stays_on_for_another() -> None:
@@ -159,3 +162,66 @@ def test_over_random_histories_nothing_runs_without_a_holder_and_no_holder_waits
             now_s += 11.0
             settle(until_s=now_s)
         assert not observed.active
+
+
+@pytest.mark.req("CDFF-SUP-144")
+def test_what_is_not_configured_or_in_error_is_configured_before_it_is_activated() -> None:
+    observed = Observed(alive={VO, POSE}, states={VO: "error", POSE: "unconfigured"})
+    assert next_actions([VO, POSE], {}, {}, FEEDS, observed, 0.0) == [Configure(VO), Configure(POSE)]
+    observed.states = {VO: "inactive", POSE: "inactive"}
+    assert next_actions([VO, POSE], {}, {}, FEEDS, observed, 0.0) == [Activate(VO)]
+
+
+def test_what_is_in_error_and_wanted_by_nobody_is_cleaned_up_if_it_is_ours() -> None:
+    observed = Observed(alive={VO, POSE}, owned={VO}, states={VO: "error", POSE: "error"})
+    assert next_actions([], {}, {}, FEEDS, observed, 0.0) == [CleanUp(VO)]
+
+
+def test_what_a_feeder_feeds_waits_until_it_is_warm() -> None:
+    observed = Observed(alive={VO, POSE}, active={VO}, warm_at_s={VO: 5.0})
+    assert next_actions([VO, POSE], {}, {}, FEEDS, observed, 4.9) == []
+    assert next_actions([VO, POSE], {}, {}, FEEDS, observed, 5.0) == [Activate(POSE)]
+
+
+def test_makers_that_feed_each_other_do_not_wait_for_each_other_for_ever() -> None:
+    observed = Observed(alive={VO, POSE})
+    feeds = {VO: frozenset({POSE}), POSE: frozenset({VO})}
+    assert next_actions(dependency_order([VO, POSE], feeds), {}, {}, feeds, observed, 0.0) != []
+
+
+def test_a_running_maker_is_told_to_take_its_input_from_elsewhere_once() -> None:
+    observed = Observed(alive={DEM, POSE}, active={DEM, POSE}, wired={DEM: {"poses": "product/pose/out"}})
+    chosen = {DEM: {"poses": "product/slam/out"}}
+    assert next_actions([DEM], {}, {}, {}, observed, 0.0, chosen) == [
+        Activate(DEM, (("poses", "product/slam/out"),))
+    ]  # fmt: skip
+    observed.wired[DEM] = dict(chosen[DEM])
+    assert next_actions([DEM], {}, {}, {}, observed, 0.0, chosen) == []
+
+
+def test_a_lost_sensor_is_neither_set_nor_waited_for() -> None:
+    observed = Observed(alive={DEM}, lost={LIDAR: "no power"})
+    assert next_actions([DEM], {LIDAR: "on"}, USES, {}, observed, 0.0) == [Activate(DEM)]
+
+
+@pytest.mark.req("CDFF-SUP-145")
+def test_the_higher_priority_has_the_sensor_and_equals_in_the_order_they_came() -> None:
+    leases = Leases()
+    leases.acquire("first", [], {LIDAR: "slow"})
+    leases.acquire("second", [], {LIDAR: "fast"})
+    assert leases.wanted_modes() == {LIDAR: "slow"}
+    assert leases.displaced("second") == {LIDAR: "slow"}
+    leases.acquire("urgent", [], {LIDAR: "dense"}, priority=9)
+    assert leases.wanted_modes() == {LIDAR: "dense"}
+    assert set(leases.displaced("first")) == set(leases.displaced("second")) == {LIDAR}
+    leases.release("urgent", 0.0)
+    assert leases.wanted_modes() == {LIDAR: "slow"}
+
+
+def test_a_mode_that_serves_all_holders_is_taken_over_the_one_each_planned() -> None:
+    leases = Leases()
+    leases.acquire("a", [], {LIDAR: "slow"}, accepts={LIDAR: ["slow", "dense"]})
+    leases.acquire("b", [], {LIDAR: "fast"}, accepts={LIDAR: ["fast", "dense"]})
+    assert leases.wanted_modes() == {LIDAR: "dense"}
+    assert not leases.displaced("a")
+    assert not leases.displaced("b")

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import pytest
 
-from cdff_core.orchestration.planner import MODE_COST, UNFED_COST, NoPlan, Plan, plan
+from cdff_core.orchestration.planner import MODE_COST, REWIRE_COST, TAKE_COST, UNFED_COST, NoPlan, Plan, plan
 from cdff_core.orchestration.world import Input, Maker, MakerId, SensorId, SensorState, Source, World
 
 LIDAR = SensorId("mana", "lidar")
@@ -147,17 +147,92 @@ def test_what_does_not_fit_into_the_memory_that_is_left_is_planned_around_or_ref
     assert "300 MB, mana has 200 MB left" in refused.text
 
 
+@pytest.mark.req("CDFF-SUP-076")
+def test_what_takes_more_cpu_than_the_robot_has_left_is_planned_around_or_refused_with_the_figures() -> None:
+    slow, fast = maker("slow", "pose", cost=5.0, cpu=0.2), maker("fast", "pose", cpu=0.8)
+    assert names(plan(replace(world(slow, fast), cpu_free={"mana": 0.5}), "pose", ["mana"])) == ["slow"]
+    refused = plan(replace(world(fast), cpu_free={"mana": 0.5}), "pose", ["mana"])
+    assert isinstance(refused, NoPlan)
+    assert "0.8 cores, mana has 0.5 cores left" in refused.text
+
+
+def test_one_mode_that_serves_both_is_found() -> None:
+    dem = maker("dem", "dem", from_maker("poses", "slam"), modes={"lidar": "fast|dense"})
+    slam = maker("slam", "pose", from_sensor("scan", "lidar"), modes={"lidar": "slow|dense"})
+    made = plan(
+        world(dem, slam, sensor("lidar", modes={"off": False, "slow": True, "fast": True, "dense": True})),
+        "dem", ["mana"],
+    )  # fmt: skip
+    assert isinstance(made, Plan)
+    assert made.modes == {LIDAR: "dense"}
+
+
+def test_a_sensor_of_a_lower_priority_is_taken_only_where_nothing_else_makes_the_product() -> None:
+    dem = maker("dem", "dem", from_sensor("scan", "lidar"), modes={"lidar": "fast"})
+    held = sensor(
+        "lidar", modes={"off": False, "slow": True, "fast": True}, current="slow", held="slow",
+        firm=frozenset({"slow", "fast"}), kept=frozenset({"slow"}),
+    )  # fmt: skip
+    alone = plan(world(dem, held), "dem", ["mana"])
+    assert isinstance(alone, Plan)
+    assert alone.modes == {LIDAR: "fast"}
+    dear = maker("stereo_dem", "dem", cost=20.0)
+    assert names(plan(world(dem, dear, held), "dem", ["mana"])) == ["stereo_dem"]
+    firm = replace(held, firm=frozenset({"slow"}))
+    refused = plan(world(dem, firm), "dem", ["mana"])
+    assert isinstance(refused, NoPlan)
+    assert "kept in mode slow by another request" in refused.text
+
+
+@pytest.mark.req("CDFF-SUP-141")
+def test_poses_come_from_the_cheapest_of_those_wired_and_the_plan_says_which() -> None:
+    dem = maker("dem", "dem", from_sensor("scan", "lidar"), from_maker("poses", "position", "lidar_slam"))
+    parts = [dem, maker("position", None, cost=3.0), maker("lidar_slam", None), sensor("lidar")]
+    made = plan(world(*parts), "dem", ["mana"])
+    assert names(made) == ["lidar_slam", "dem"]
+    assert isinstance(made, Plan)
+    assert made.feeding[dem.id] == {"scan": "sensor/lidar/samples", "poses": "product/lidar_slam/out"}
+    without = plan(world(*parts), "dem", ["mana"], frozenset({MakerId("mana", "lidar_slam")}))
+    assert names(without) == ["position", "dem"]
+
+
+def test_a_plan_is_ready_after_the_slowest_chain_of_modes_and_warm_up() -> None:
+    made = plan(
+        world(
+            maker("dem", "dem", from_sensor("scan", "lidar"), from_maker("poses", "slam"), ready_s=1.0),
+            maker("slam", None, from_sensor("stereo", "navcam"), ready_s=3.0),
+            sensor("lidar", switch_s={"off": 0.0, "on": 5.0}), sensor("navcam", switch_s={"off": 0.0, "on": 0.5}),
+        ),
+        "dem", ["mana"],
+    )  # fmt: skip
+    assert isinstance(made, Plan)
+    assert made.ready_s == 6.0
+
+
 # -- against exhaustive search ----------------------------------------------------------------------------------------
+
+
+STREAMING = ["m0", "m1", "m2"]
+
+
+def random_sensor(r: random.Random, name: str) -> SensorState:
+    """A sensor that may be held, firmly or by lower priorities, refused, lost, or not reach a mode."""
+    held = r.choice([None, None, None, "m0", "m1", "off"])
+    firm = kept = None
+    if held is not None and r.random() < 0.6:
+        firm = frozenset({held, *r.sample(STREAMING, r.randint(0, 3))})
+        kept = frozenset(m for m in firm if m == held or r.random() < 0.5)
+    reach = {m: r.choice([0.5, 2.0]) for m in ("off", *STREAMING) if r.random() < 0.8} if r.random() < 0.3 else {}
+    return SensorState(
+        SensorId("mana", name), {"off": False, "m0": True, "m1": True, "m2": True}, r.choice(["off", *STREAMING]),
+        held, firm, kept, frozenset(r.sample(STREAMING, r.choice([0, 0, 0, 1, 2]))),
+        lost="gone" if r.random() < 0.05 else "", switch_s=reach,
+    )  # fmt: skip
 
 
 def random_world(seed: int) -> World:
     r = random.Random(seed)
-    sensors = [
-        SensorState(
-            SensorId("mana", f"s{i}"), {"off": False, "m0": True, "m1": True}, r.choice(["off", "m0", "m1"]),
-            r.choice([None, None, None, "m0", "off"]), frozenset(r.sample(["m0", "m1"], r.choice([0, 0, 0, 1, 2]))),
-        ) for i in range(r.randint(1, 2))
-    ]  # fmt: skip
+    sensors = [random_sensor(r, f"s{i}") for i in range(r.randint(1, 2))]
     count = r.randint(2, 5)
     makers = []
     for i in range(count):
@@ -166,17 +241,22 @@ def random_world(seed: int) -> World:
             pool = [Source("sensor", "mana", s.id.sensor, "x") for s in sensors]
             pool += [Source("product", "mana", f"d{j}", "out") for j in range(count) if j != i]
             inputs.append(Input(f"p{port}", tuple(r.sample(pool, r.randint(0, min(2, len(pool))))), r.random() < 0.4))
-        modes = {r.choice(sensors).id.sensor: r.choice(["m0", "m1"])} if r.random() < 0.3 else {}
+        modes = {}
+        if r.random() < 0.4:
+            modes[r.choice(sensors).id.sensor] = "|".join(r.sample(["off", *STREAMING], r.randint(1, 2)))
+        active = r.random() < 0.2
+        wired = {i.port: r.choice(i.sources) for i in inputs if active and i.sources and r.random() < 0.7}
         makers.append(
             Maker(
                 MakerId("mana", f"d{i}"), {"out": r.choice(["dem", "pose", None])}, tuple(inputs), modes,
-                cost=float(r.randint(1, 9)), memory_mb=float(r.randint(0, 5)),
-                available=r.random() < 0.85, active=r.random() < 0.2,
+                cost=float(r.randint(1, 9)), cpu=r.randint(0, 8) / 8, memory_mb=float(r.randint(0, 5)),
+                available=r.random() < 0.85, active=active, wired=wired,
             )
         )  # fmt: skip
-    reserved = frozenset(m.id for m in makers if m.active)
-    free_mb = {"mana": float(r.randint(0, 12))} if r.random() < 0.5 else {}
-    return World({m.id: m for m in makers}, {s.id: s for s in sensors}, free_mb, reserved)
+    reserved = frozenset(m.id for m in makers if m.active or r.random() < 0.1)
+    free_mb = {"mana": float(r.randint(0, 12))} if r.random() < 0.4 else {}
+    free_cpu = {"mana": r.randint(0, 16) / 8} if r.random() < 0.4 else {}
+    return World({m.id: m for m in makers}, {s.id: s for s in sensors}, free_mb, free_cpu, reserved)
 
 
 def cheapest_by_enumeration(w: World, product: str) -> float | None:
@@ -185,8 +265,9 @@ def cheapest_by_enumeration(w: World, product: str) -> float | None:
     ids = sorted(w.makers)
     for size in range(1, len(ids) + 1):
         for chosen in itertools.combinations(ids, size):
-            memory_mb = sum(w.makers[m].memory_mb for m in chosen if m not in w.reserved)
-            fits = memory_mb <= w.memory_free_mb.get("mana", float("inf"))
+            new = [w.makers[m] for m in chosen if m not in w.reserved]
+            fits = sum(m.memory_mb for m in new) <= w.memory_free_mb.get("mana", float("inf"))
+            fits = fits and sum(m.cpu for m in new) <= w.cpu_free.get("mana", float("inf"))
             if fits and all(w.makers[m].available for m in chosen):
                 for cost in costs_of(w, set(chosen), product):
                     best = cost if best is None else min(best, cost)
@@ -211,19 +292,35 @@ def costs_of(w: World, chosen: set[MakerId], product: str) -> Iterator[float]:
             continue
         base = sum(0.0 if w.makers[m].active else w.makers[m].cost for m in chosen)
         base += sum(UNFED_COST for _, i, s in pairs if s is None and i.sources)
+        base += sum(REWIRE_COST for m, i, s in pairs if s and w.makers[m].wired.get(i.port, s) != s)
         streams = {SensorId(s.robot, s.owner) for _, _, s in pairs if s and s.kind == "sensor"}
         yield from (base + extra for extra in mode_costs(w, chosen, streams))
 
 
 def mode_costs(w: World, chosen: set[MakerId], streams: set[SensorId]) -> Iterator[float]:
-    named = [(SensorId("mana", s), mode) for m in chosen for s, mode in w.makers[m].modes.items()]
+    named = [(SensorId("mana", s), modes.split("|")) for m in chosen for s, modes in w.makers[m].modes.items()]
     needed = sorted({s for s, _ in named} | streams)
     for modes in itertools.product(*(list(w.sensors[s].modes) for s in needed)):
         given = dict(zip(needed, modes, strict=True))
-        if any(given[s] != mode for s, mode in named) or any(w.sensors[s].obstacle(given[s]) for s in needed):
+        if any(given[s] not in serve for s, serve in named) or not all(may_be(w.sensors[s], given[s]) for s in needed):
             continue
         if all(w.sensors[s].modes[given[s]] for s in streams):
-            yield sum(MODE_COST for s in needed if w.sensors[s].current != given[s])
+            changed = sum(MODE_COST for s in needed if w.sensors[s].current != given[s])
+            yield changed + sum(TAKE_COST for s in needed if is_taken(w.sensors[s], given[s]))
+
+
+def may_be(s: SensorState, mode: str) -> bool:
+    firm = s.firm if s.firm is not None else {s.held}
+    return (
+        not s.lost
+        and (s.held is None or mode in firm)
+        and (mode not in s.refused or mode == s.current)
+        and (not s.switch_s or mode in s.switch_s)
+    )
+
+
+def is_taken(s: SensorState, mode: str) -> bool:
+    return s.held is not None and s.kept is not None and mode not in s.kept
 
 
 def acyclic(feeders: dict[MakerId, set[MakerId]]) -> bool:
@@ -251,6 +348,7 @@ def connected(w: World, feeders: dict[MakerId, set[MakerId]], product: str) -> b
     return False
 
 
+@pytest.mark.req("CDFF-SUP-140")
 @pytest.mark.parametrize("block", range(10))
 def test_generated_worlds_are_planned_as_cheaply_as_exhaustive_search_finds(block: int) -> None:
     for seed in range(40 * block, 40 * block + 40):

@@ -246,7 +246,7 @@ class Day:
         assert len(o.attempts) <= len(MAKERS) + len(SENSORS), where
 
     def held(self, name: str) -> dict[SensorId, str]:
-        return {s: modes[name] for s, modes in self.leases._modes.items() if name in modes}
+        return self.leases.held_modes(name)
 
 
 @pytest.mark.req("CDFF-SUP-074")

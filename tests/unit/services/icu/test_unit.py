@@ -5,24 +5,29 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import pytest
 
-from cdff_common.errors import ConflictError, DeniedError, ProductNotFoundError, UnavailableError
+from cdff_common.clock import monotonic_s
+from cdff_common.errors import ConflictError, DeniedError, InputError, ProductNotFoundError, UnavailableError
 from cdff_common.interfaces.profile import Profile, Robot, Sensor, SensorMode
-from services.icu.unit import SimulatedIcu
+from services.icu.unit import Faults, SimulatedIcu
 
 
-def unit(switch_s: float, told: list[tuple[str, Mapping[str, object]]]) -> SimulatedIcu:
+def unit(
+    switch_s: float,
+    told: list[tuple[str, Mapping[str, object]]],
+    faults: Faults | None = None,
+    clock: Callable[[], float] = monotonic_s,
+) -> SimulatedIcu:
     lidar = Sensor(
         kind="lidar", frame="mana/lidar", streams={"scan": "LidarScan"}, initial_mode="off", switch_s=switch_s,
         modes={"off": SensorMode(on=False), "nominal": SensorMode(rate_hz=2.0), "fast": SensorMode(rate_hz=9.0)},
         refuses=("fast",),
     )  # fmt: skip
-    return SimulatedIcu(
-        Profile(name="p", robots=(Robot(id="mana", sensors={"lidar": lidar}),)), lambda *event: told.append(event)
-    )
+    profile = Profile(name="p", robots=(Robot(id="mana", sensors={"lidar": lidar}),))
+    return SimulatedIcu(profile, lambda *event: told.append(event), faults, clock)
 
 
 @pytest.mark.req("CDFF-SUP-022")
@@ -30,10 +35,12 @@ def test_a_mode_is_answered_and_told_once_it_is_reached() -> None:
     told: list[tuple[str, Mapping[str, object]]] = []
     icu = unit(0.02, told)
     answer = icu.set_mode("mana", "lidar", "nominal", "me")
-    assert answer == {
-        "robot": "mana", "confirmed": True, "sensor": "lidar", "mode": "nominal", "on": True, "rate_hz": 2.0,
+    event = {
+        "sensor": "lidar", "mode": "nominal", "state": "steady", "on": True, "rate_hz": 2.0, "width_px": None,
+        "height_px": None, "stereo": None, "exposure": None, "reason": "",
     }  # fmt: skip
-    assert told == [("mana", {"sensor": "lidar", "mode": "nominal", "on": True, "rate_hz": 2.0})]
+    assert answer == {"robot": "mana", "confirmed": True, **event}
+    assert told == [("mana", event)]
     assert icu.modes("mana")["sensors"]["lidar"]["holder"] == "me"
     icu.set_mode("mana", "lidar", "nominal", "me")
     assert len(told) == 1, "the mode it is in is no change"
@@ -67,6 +74,52 @@ def test_who_is_overtaken_by_another_demand_is_told_so() -> None:
     icu.close()
     second.join(5)
     assert isinstance(raised[1], UnavailableError)
+
+
+@pytest.mark.req("CDFF-SUP-143")
+def test_delays_and_refusals_are_drawn_from_the_seed_and_it_says_that_it_is_simulated() -> None:
+    def session(seed: int) -> list[object]:
+        now_s = [0.0]
+        icu = unit(1.0, [], Faults(seed, spread=0.3, refuses=0.3), lambda: now_s[0])
+        assert icu.modes("mana")["simulated"] is True
+        took: list[object] = []
+        for i in range(40):
+            machine = icu.demand("mana", "lidar", "nominal" if i % 2 else "off", "me")
+            took.append(round(machine.ready_at_s - now_s[0], 6) if machine.steps else 0.0)
+            now_s[0] += 10.0
+            icu.modes("mana")
+            took.append(machine.refusal)
+        return took
+
+    first = session(1)
+    assert first == session(1)
+    assert first != session(2)
+    assert any(isinstance(x, str) and "simulated refusal" in x for x in first)
+    assert len({x for x in first if isinstance(x, float) and x > 0}) > 10
+
+
+def test_a_lost_sensor_is_told_ends_the_waiting_and_comes_back_in_its_initial_mode() -> None:
+    told: list[tuple[str, Mapping[str, object]]] = []
+    icu = unit(30.0, told)
+    raised: list[BaseException] = []
+    waiting = threading.Thread(target=lambda: raised.append(_raised(icu, "nominal")))
+    waiting.start()
+    while icu.modes("mana")["sensors"]["lidar"]["target"] != "nominal":
+        assert waiting.is_alive()
+    icu.lose("mana", "lidar", "no power")
+    waiting.join(5)
+    assert "no power" in str(raised[0])
+    icu.recover("mana", "lidar")
+    assert [(e["state"], e["mode"], e["reason"]) for _, e in told] == [
+        ("lost", "off", "no power"), ("steady", "off", ""),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("text", ["refuses=2", "spread=-1", "colour=3", "seed=x"])
+def test_faults_that_make_no_sense_are_refused(text: str) -> None:
+    assert Faults.parse("seed=3,spread=0.2,refuses=0.1") == Faults(3, 0.2, 0.1)
+    with pytest.raises(InputError):
+        Faults.parse(text)
 
 
 def _raised(icu: SimulatedIcu, mode: str) -> BaseException:
