@@ -170,7 +170,10 @@ class Dfpc(ABC):
         if self.implementation not in [i.name for i in self.description.implementations]:
             known = ", ".join(i.name for i in self.description.implementations)
             raise ConfigurationError(f"{self.name}: implementation {implementation!r}, expected one of {known}")
-        self.config = validated(self.Config, None if config is None else config, self.name)
+        if config is None or isinstance(config, Mapping):
+            variant = next(i for i in self.description.implementations if i.name == self.implementation)
+            config = {**variant.parameters, **(config or {})}
+        self.config = validated(self.Config, config, self.name)
         self.context = context or DfpcContext(robot="robot")
         self.store = LocalStore()
         self.setup()
@@ -206,6 +209,23 @@ class Dfpc(ABC):
     @abstractmethod
     def step(self, sample: Sample) -> Iterable[Output]:
         """Take one sample, in time order, and return what it leads to."""
+
+    #: Grows with every change of what ``state`` returns.
+    state_revision: int = 0
+
+    def state(self) -> Any:
+        """Return what must survive a restart of the process, a ``cdff_common.types`` object; None where nothing must."""
+        return None
+
+    def resume(self, state: Any) -> None:
+        """Take up what ``state`` returned before a restart; called after ``configure``.
+
+        Raises
+        ------
+        InputError
+            If this DFPC keeps no state, or none of this type.
+        """
+        raise InputError(f"{self.name}: got a state of type {type(state).__name__}, expected none")
 
     def finish(self) -> Iterable[Output]:
         """Return what is still owed when the input ends or the DFPC is deactivated."""

@@ -68,6 +68,7 @@ class LidarSlam(LidarSlamInterface):
         self._way_m = 0.0
         self._degraded = 0
         self._used: tuple[str, ...] = ()
+        self.state_revision += 1
 
     # -- samples in -----------------------------------------------------------------------------------------------
 
@@ -181,6 +182,7 @@ class LidarSlam(LidarSlamInterface):
             self._places.frames[key] = self._closer.described(self._places.frames[key])
         if self._places.root in new.values():
             self._places.optimise(self._optimiser)
+        self.state_revision += 1
         return new
 
     def _begin_where_it_was(self) -> None:
@@ -249,6 +251,7 @@ class LidarSlam(LidarSlamInterface):
         closed = before != (self._places.loops, self._places.loops_rejected)
         self._current = self._places.follow(self._current, stamp_ns, self._T_current_lidar)
         self._T_current_lidar = UncertainTransform.identity()
+        self.state_revision += 1
         return closed
 
     def _close(self, key: int, *, dissolve: bool = True) -> None:

@@ -1,0 +1,96 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a DFPC must not lose when its process ends: its state in a file, whole or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+from pathlib import Path
+
+from cdff_common.clock import monotonic_s
+from cdff_common.codecs import decode, encode
+from cdff_common.codecs.encoding import encoding_string, parse_encoding
+from cdff_common.codecs.siblings import wire_type
+from cdff_common.errors import CdffError, CodecError
+from cdff_common.interfaces.dfpc import Dfpc
+from cdff_common.process import data_dir_of
+
+logger = logging.getLogger(__name__)
+
+#: Least time between two savings while samples are stepped, seconds: what a SIGKILL may cost.
+PERIOD_S = 10.0
+
+
+def state_file(robot: str, dfpc: str) -> Path:
+    """Where the state of a DFPC of a robot lies, below ``CDFF_DATA_DIR``."""
+    return data_dir_of() / "dfpc" / robot / f"{dfpc}.state"
+
+
+class Keeper:
+    """Saves and gives back the state of one DFPC.
+
+    The file holds the encoding and the SHA-256 of the payload, a line each, then the payload: a
+    ``cdff_common.types`` object in UPER.
+
+    Parameters
+    ----------
+    path : Path
+    period_s : float
+    """
+
+    def __init__(self, path: Path, period_s: float = PERIOD_S) -> None:
+        self._path, self._period_s = path, period_s
+        self._revision = 0
+        self._saved_s = monotonic_s()
+
+    def give_back(self, dfpc: Dfpc) -> None:
+        """Have a freshly configured DFPC resume from the file, where there is one.
+
+        Raises
+        ------
+        CodecError
+            If the file is damaged; it is put aside as ``….broken`` and the DFPC begins anew.
+        """
+        if self._path.is_file():
+            try:
+                dfpc.resume(self._read())
+            except CdffError:
+                self._path.replace(self._path.with_suffix(".broken"))
+                dfpc.reset()
+                raise
+        self._revision = dfpc.state_revision
+
+    def keep(self, dfpc: Dfpc, *, now: bool = False) -> None:
+        """Save the state where it has changed and was not saved within the period, or ``now``."""
+        if dfpc.state_revision == self._revision:
+            return
+        if not now and monotonic_s() - self._saved_s < self._period_s:
+            return
+        state = dfpc.state()
+        if state is None:
+            self._path.unlink(missing_ok=True)
+        else:
+            payload = encode(state, "uper")
+            head = f"{encoding_string(wire_type(state), 'uper')}\n{hashlib.sha256(payload).hexdigest()}\n"
+            self._write(head.encode() + payload)
+        self._revision, self._saved_s = dfpc.state_revision, monotonic_s()
+
+    def _read(self) -> object:
+        head, _, rest = self._path.read_bytes().partition(b"\n")
+        digest, _, payload = rest.partition(b"\n")
+        if hashlib.sha256(payload).hexdigest().encode() != digest:
+            raise CodecError(f"{self._path}: its SHA-256 is not the one written with it; it is put aside")
+        type_name, codec = parse_encoding(head.decode("ascii", "replace"))
+        return decode(type_name, payload, codec)
+
+    def _write(self, data: bytes) -> None:
+        """Write beside the file and rename, so that a kill leaves the old or the new one."""
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        part = self._path.with_suffix(".part")
+        with part.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(self._path)
