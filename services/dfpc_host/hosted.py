@@ -23,6 +23,7 @@ from cdff_common.interfaces.registry import Registry
 from cdff_core.orchestration.catalogue import description_of
 from cdff_core.runtime import Runner
 from services.dfpc_host.inputs import sample_of
+from services.dfpc_host.keeping import Keeper, state_file
 from services.dfpc_host.lifecycle import State, next_state
 from services.dfpc_host.outbox import Outbox, Parcel
 
@@ -45,6 +46,7 @@ class HostedDfpc:
         self._bus, self._outbox = bus, outbox
         self._dfpc: Dfpc = Registry.default().make_dfpc(entry.name)
         self._runner: Runner | None = None
+        self._keeper = Keeper(state_file(robot.id, entry.name))
         self.wired: dict[str, str] = {}
         self._subscriptions: dict[str, Subscription] = {}
         self._dropped_before = 0
@@ -68,6 +70,11 @@ class HostedDfpc:
             except CdffError as error:
                 self.last_error = str(error)
                 raise
+            try:
+                self._keeper.give_back(dfpc)
+            except CdffError as error:
+                self.last_error = str(error)
+                logger.warning("%s begins anew: %s", self.entry.name, error)
             self._dfpc, self._runner = dfpc, Runner(dfpc)
             self.state = target
 
@@ -130,6 +137,7 @@ class HostedDfpc:
             with self._use:
                 assert self._runner is not None
                 self._publish_all(self._runner.finish())
+                self._keeper.keep(self._dfpc, now=True)
         self._announce("deactivated")
 
     def clean_up(self) -> None:
@@ -143,10 +151,13 @@ class HostedDfpc:
                 self.state, self.last_error = target, ""
 
     def close(self) -> None:
-        """Let go of everything without publishing more."""
+        """Let go of everything without publishing more; keep what must survive."""
         with self._life:
             self._unsubscribe()
             self._stop_thread()
+            with self._use:
+                if self._runner is not None:
+                    self._keeper.keep(self._dfpc, now=True)
 
     # -- asked from outside ---------------------------------------------------------------------------------------
 
@@ -282,6 +293,7 @@ class HostedDfpc:
             try:
                 products = runner.step_one()
                 self._publish_all(products)
+                self._keeper.keep(self._dfpc)
             except Exception as error:  # a bug in a DFPC must not take its neighbours along
                 logger.exception("%s raised; it is switched to error", self.entry.name)
                 self.last_error = f"{type(error).__name__}: {error}"
