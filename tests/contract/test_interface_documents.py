@@ -8,7 +8,6 @@ import re
 from pathlib import Path
 
 from cdff_common.errors import ERROR_OF_CODE
-from cdff_core.orchestration.lifecycle import JOB_TRANSITIONS, JobState
 from cdff_core.orchestration.modes import MODE_TRANSITIONS
 from cdff_core.orchestration.request import CODECS, PARAMETERS, PRODUCTS
 
@@ -32,12 +31,6 @@ def test_every_parameter_product_type_and_format_is_documented() -> None:
 def test_every_error_code_is_documented() -> None:
     for code in ERROR_OF_CODE:
         assert f"`{code}`" in OG2, code
-
-
-def test_the_diagram_of_jobs_is_the_table_of_the_code() -> None:
-    always = {JobState.FAILED, JobState.CANCELLED}
-    table = {(str(a), str(b)) for a, following in JOB_TRANSITIONS.items() for b in following - always}
-    assert edges(OG2) == table
 
 
 def test_the_diagram_of_sensor_modes_is_the_table_of_the_code() -> None:
