@@ -87,7 +87,7 @@ def outline(occupied: NDArray[np.bool_], left: float, top: float, cell_w: float,
     whole = shapely.union_all(shapely.box(x0, y0, x1, y1))
     reach = max(cell_w, cell_h)
     while whole.geom_type != "Polygon" and reach < 64 * max(cell_w, cell_h):
-        whole = shapely.union_all([whole, whole.buffer(reach, join_style="mitre").buffer(-reach, join_style="mitre")])
+        whole = shapely.union_all([whole, whole.buffer(reach, join_style="bevel").buffer(-reach, join_style="bevel")])
         reach *= 2.0
     if whole.geom_type != "Polygon" or len(whole.exterior.coords) > _MAX_DRAWN:
         whole = shapely.convex_hull(whole)
@@ -108,7 +108,7 @@ def _of_map(value: Any) -> tuple[NDArray[np.bool_], float, float, float, float] 
     rows, cols = -(-grid.rows // factor), -(-grid.cols // factor)
     padded = np.zeros((rows * factor, cols * factor), dtype=bool)
     padded[: grid.rows, : grid.cols] = observed
-    coarse = padded.reshape(rows, factor, cols, factor).any(axis=(1, 3))
+    coarse = np.asarray(padded.reshape(rows, factor, cols, factor).any(axis=(1, 3)))
     size = grid.resolution_m * factor
     return coarse, grid.xmin_m, grid.ymax_m, size, size
 

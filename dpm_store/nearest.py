@@ -31,9 +31,11 @@ if TYPE_CHECKING:
 #: A square that holds more than so many times the products wanted is cut back.
 _TOO_MANY = 8
 _FIRST_M, _GROWTH = 2.0, 8.0
-#: Beyond this everything is taken.
-_FARTHEST_M = 1e9
+#: No product lies farther from a point than this.
+_FARTHEST_M = 1e10
 _CUTS = 40
+#: Distances in this proportion are not told apart.
+_ALIKE = 1.0 + 1e-6
 
 Place = tuple[float, int, int]
 
@@ -52,7 +54,8 @@ class Nearest:
         cursor = None if query.cursor is None else read_cursor(query.cursor, Order.NEAREST)
         after: Place | None = None if cursor is None else (cursor.distance_m, -cursor.t1_ns, -cursor.ordinal)
         look = _Look(self._search, connection, query, point, placed, after)
-        found = look.first(query.limit + 1)
+        before = 0 if cursor is None else cursor.count
+        found = look.first(query.limit + 1, before)
         items, rows = found[: query.limit], {}
         if items:
             p = schema.products.c
@@ -61,7 +64,7 @@ class Nearest:
         text = None
         if len(found) > query.limit:
             distance_m, t1, ordinal = items[-1]
-            text = Cursor(Order.NEAREST, -t1, -ordinal, tree.state, distance_m).text
+            text = Cursor(Order.NEAREST, -t1, -ordinal, tree.state, distance_m, before + len(items)).text
         records = tuple(record_of(rows[-place[2]]) for place in items)
         return Page(records, text, unplaced, tree.state, tuple(place[0] for place in items))
 
@@ -80,28 +83,32 @@ class _Look:
         self._placed = placed
         self._after = after
 
-    def first(self, wanted: int) -> list[Place]:
-        """The first places after the cursor, in order; fewer where there are no more."""
-        most = _TOO_MANY * wanted + 1
-        near, far = 0.0, math.inf
-        reach = max(_FIRST_M, 2.0 * self._after[0]) if self._after is not None else _FIRST_M
-        for _ in range(_CUTS):
+    def first(self, wanted: int, before: int) -> list[Place]:
+        """The first places after the cursor, in order; fewer where there are no more.
+
+        ``before`` is how many come before the cursor: they are candidates too, and allowed for.
+        """
+        most = _TOO_MANY * wanted + 2 * before + 1
+        near, far, cuts = 0.0, math.inf, 0
+        reach = _FIRST_M if self._after is None else max(_FIRST_M, 2.0 * self._after[0])
+        while True:
             rows = self._rows(reach, most)
             if len(rows) == most:
-                far = reach
-                reach = math.sqrt(near * far) if near > 0.0 else far / _GROWTH
-                continue
+                cuts += 1
+                if cuts < _CUTS and reach > near * _ALIKE:
+                    far = reach
+                    reach = math.sqrt(near * far) if near > 0.0 else far / _GROWTH
+                    continue
+                rows = self._rows(reach, None)  # very many at one distance: all of them must be looked at
+                most = max(most, 2 * len(rows))
             found = self._within(rows, reach)
-            if len(found) >= wanted or math.isinf(reach):
+            if len(found) >= wanted or reach >= _FARTHEST_M:
                 return found[:wanted]
             near = reach
-            reach = math.sqrt(near * far) if far < math.inf else reach * _GROWTH
-            if reach > _FARTHEST_M:
-                reach = math.inf
-            if far / reach < 1.0 + 1e-6:
-                break
-        # very many at one distance: there is no way but to look at all of them
-        return self._within(self._rows(far, None), far)[:wanted]
+            if far > near * _ALIKE and far < math.inf:
+                reach = math.sqrt(near * far)
+            else:
+                reach, far = min(near * _GROWTH, _FARTHEST_M), math.inf
 
     def _rows(self, reach: float, most: int | None) -> Sequence[Any]:
         """Candidates whose box touches the square, without their headers."""
@@ -123,7 +130,9 @@ class _Look:
         keep = distances <= reach
         if self._query.region is not None:
             keep &= self._search.inside(self._connection, rows, self._query.region, self._placed)
-        places = [(float(distances[i]), -int(rows[i].t1_ns), -int(rows[i].ordinal)) for i in np.flatnonzero(keep)]
+        places = [
+            (float(distances[i]), -int(rows[i].t1_ns), -int(rows[i].ordinal)) for i in np.flatnonzero(keep).tolist()
+        ]
         return sorted(place for place in places if self._after is None or place > self._after)
 
     def _distances(self, rows: Sequence[Any]) -> NDArray[np.float64]:

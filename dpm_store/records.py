@@ -10,7 +10,10 @@ import math
 import struct
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 from typing import Any
+
+import msgpack
 
 from cdff_common.errors import InputError
 from cdff_common.geometry.region import Region
@@ -19,7 +22,7 @@ from cdff_common.interfaces.product import Header
 MAX_LIMIT = 1000
 #: Times beyond this are refused: a 64-bit column must hold them and their differences.
 LATEST_NS = 1 << 62
-_CURSOR = struct.Struct(">cdqqq")
+_CURSOR = struct.Struct(">cdqqqq")
 
 
 class Insertion(StrEnum):
@@ -49,9 +52,9 @@ class Parcel:
         return {"robot": self.robot, "dfpc": self.dfpc, "port": self.port, "product": self.product}
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ProductRecord:
-    """Metadata of a stored product.
+    """Metadata of a stored product. Its header is read when it is first asked for.
 
     Attributes
     ----------
@@ -65,8 +68,12 @@ class ProductRecord:
         ASN.1 type of the payload.
     codec : str
         uper, ber, xer or msgpack.
-    header : Header
-        As it was inserted, with the payload's ``sha256``.
+    id : str
+        Id of contract §5.
+    t1_ns : int
+        End of capture.
+    packed_header : bytes
+        The header as MessagePack.
     size : int
         Of the payload, bytes.
     inserted_ns, deleted_ns : int or None
@@ -80,15 +87,17 @@ class ProductRecord:
     product: str
     type_name: str
     codec: str
-    header: Header
+    id: str
+    t1_ns: int
+    packed_header: bytes
     size: int
     inserted_ns: int
     deleted_ns: int | None = None
 
-    @property
-    def id(self) -> str:
-        """Id of contract §5."""
-        return self.header.id
+    @cached_property
+    def header(self) -> Header:
+        """As it was inserted, with the payload's ``sha256``."""
+        return Header.from_dict(msgpack.unpackb(self.packed_header))
 
     @property
     def sha256(self) -> str:
@@ -97,7 +106,7 @@ class ProductRecord:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data: the header's fields, and beside them what the key and the store add."""
-        data = self.header.to_dict()
+        data: dict[str, Any] = msgpack.unpackb(self.packed_header)
         data |= {
             "robot": self.robot, "dfpc": self.dfpc, "port": self.port, "product": self.product,
             "type_name": self.type_name, "codec": self.codec, "size": self.size, "inserted_ns": self.inserted_ns,
@@ -242,6 +251,8 @@ class Cursor:
         State of the frame tree that the first page was placed by.
     distance_m : float
         Of the last product, for the order ``nearest``.
+    count : int
+        How many products come before it, for the order ``nearest``.
     """
 
     order: Order
@@ -249,22 +260,25 @@ class Cursor:
     ordinal: int
     frames_revision: int = 0
     distance_m: float = 0.0
+    count: int = 0
 
     @property
     def text(self) -> str:
         """For a client to hand back."""
-        packed = _CURSOR.pack(_LETTERS[self.order], self.distance_m, self.t1_ns, self.ordinal, self.frames_revision)
+        packed = _CURSOR.pack(
+            _LETTERS[self.order], self.distance_m, self.t1_ns, self.ordinal, self.frames_revision, self.count
+        )
         return base64.urlsafe_b64encode(packed).decode().rstrip("=")
 
 
 def read_cursor(text: str, order: Order) -> Cursor:
     """Inverse of ``Cursor.text``; raises InputError for text that no search gave, or one of another order."""
     try:
-        letter, distance_m, t1_ns, ordinal, state = _CURSOR.unpack(
+        letter, distance_m, t1_ns, ordinal, state, count = _CURSOR.unpack(
             base64.urlsafe_b64decode(text + "=" * (-len(text) % 4))
         )
     except (binascii.Error, struct.error, ValueError) as error:
         raise InputError(f"cursor={text[:80]!r}: expected the cursor of a page before") from error
-    if letter != _LETTERS[order] or not distance_m >= 0.0 or state < 0:
+    if letter != _LETTERS[order] or not 0.0 <= distance_m < math.inf or min(state, count) < 0 or count > 1 << 40:
         raise InputError(f"cursor={text[:80]!r}: made by a search in another order than {order}")
-    return Cursor(order, int(t1_ns), int(ordinal), int(state), float(distance_m))
+    return Cursor(order, int(t1_ns), int(ordinal), int(state), float(distance_m), int(count))
