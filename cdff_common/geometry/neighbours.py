@@ -15,6 +15,9 @@ from cdff_common.errors import InputError
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
+#: Cells along a radius.
+_CELLS = 2
+
 
 def radius_neighbours(points_m: Float, queries_m: Float, radius_m: float) -> tuple[Int, Int]:
     """Points within a radius of each query.
@@ -41,11 +44,12 @@ def radius_neighbours(points_m: Float, queries_m: Float, radius_m: float) -> tup
     """
     if not radius_m > 0.0:
         raise InputError(f"radius_m={radius_m}: expected metres above 0")
+    edge_m = radius_m / _CELLS
     low = points_m.min(axis=0) - radius_m
-    size = np.floor((points_m.max(axis=0) - low) / radius_m) + 2.0
+    size = np.floor((points_m.max(axis=0) - low) / edge_m) + 2.0
     if np.prod(size) >= 2.0**62:
         raise InputError(f"radius_m={radius_m}: too small for a cloud of {np.ptp(points_m, axis=0)} m")
-    cells = np.floor((points_m - low) / radius_m).astype(np.int64)
+    cells = np.floor((points_m - low) / edge_m).astype(np.int64)
     ny, nz = int(size[1]), int(size[2])
     key = (cells[:, 0] * ny + cells[:, 1]) * nz + cells[:, 2]
     order = np.argsort(key, kind="stable")
@@ -56,19 +60,25 @@ def radius_neighbours(points_m: Float, queries_m: Float, radius_m: float) -> tup
 def _search(
     points: Float, key: Int, order: Int, queries: Float, low: Float, size: Int, radius: float
 ) -> tuple[Int, Int]:  # pragma: no cover - compiled
-    """Walk nine runs of three cells each: cells that follow one another along z lie together in ``key``."""
+    """Walk the columns of cells that reach into the sphere: cells that follow one another along z lie together."""
+    edge = radius / _CELLS
     start = np.zeros(len(queries) + 1, np.int64)
     index = np.empty(64 * len(queries) + 64, np.int64)
     total = 0
     for i in range(len(queries)):
         x, y, z = queries[i, 0], queries[i, 1], queries[i, 2]
-        cx = math.floor((x - low[0]) / radius)
-        cy = math.floor((y - low[1]) / radius)
-        cz = math.floor((z - low[2]) / radius)
-        first_z, last_z = max(cz - 1, 0), min(cz + 1, size[2] - 1)
-        for gx in range(max(cx - 1, 0), min(cx + 2, size[0])):
-            for gy in range(max(cy - 1, 0), min(cy + 2, size[1])):
-                if first_z > last_z:
+        cx = math.floor((x - low[0]) / edge)
+        cy = math.floor((y - low[1]) / edge)
+        cz = math.floor((z - low[2]) / edge)
+        first_z, last_z = max(cz - _CELLS, 0), min(cz + _CELLS, size[2] - 1)
+        for gx in range(max(cx - _CELLS, 0), min(cx + _CELLS + 1, size[0])):
+            left = low[0] + gx * edge
+            off_x = max(left - x, x - left - edge, 0.0)
+            for gy in range(max(cy - _CELLS, 0), min(cy + _CELLS + 1, size[1])):
+                left = low[1] + gy * edge
+                off_y = max(left - y, y - left - edge, 0.0)
+                # A little more than the radius: the cells' edges are rounded.
+                if first_z > last_z or off_x * off_x + off_y * off_y > 1.000001 * radius * radius:
                     continue
                 run = (gx * size[1] + gy) * size[2]
                 begin = np.searchsorted(key, run + first_z)

@@ -14,7 +14,7 @@ from cdff_common.geometry.se3 import FloatArray
 Int = NDArray[np.int64]
 
 _SEARCH_STEPS = 16
-_WITHIN = 0.05
+_WITHIN = 0.1
 #: 2^64 over the golden ratio: spreads keys over the table (Knuth, TAOCP 3, 6.4).
 _SPREAD = np.uint64(0x9E3779B97F4A7C15)
 
@@ -46,7 +46,7 @@ def voxel_rows(points_m: FloatArray, voxel_m: float) -> tuple[Int, Int]:
 
 
 def voxel_for(points_m: FloatArray, wanted: int) -> float:
-    """Edge of voxels of which about ``wanted`` are occupied (within 5 %), metres; 0 where there are not more points.
+    """Edge of voxels of which about ``wanted`` are occupied (within 10 %), metres; 0 where there are not more points.
 
     The number occupied falls with a power of the edge: secant steps in logarithms, inside a bracket.
     """

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -89,6 +89,12 @@ class Terrain:
         return beams[seen] * (range_m[seen] + rng.normal(0, NOISE_M, np.count_nonzero(seen)))[:, None]
 
 
+@lru_cache(maxsize=2)
+def terrain(seed: int) -> Terrain:
+    """The terrain of a seed; the pairs of one seed share it."""
+    return Terrain(seed)
+
+
 def window_pair(seed: int, overlap: float, *, other_terrain: bool = False) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Two windows of one terrain: any heading, tilts of 5 degrees, overlap in share of a window's area.
 
@@ -105,11 +111,10 @@ def window_pair(seed: int, overlap: float, *, other_terrain: bool = False) -> tu
     tuple of ndarray
         Source (about its own centre), target, and T_target_source.
     """
-    rng = np.random.default_rng(seed)
-    terrain = Terrain(seed)
+    rng = np.random.default_rng([seed, round(100 * overlap), other_terrain])
     shift = WINDOW_M * (1.0 - overlap) if overlap > 0.0 else 1.2 * WINDOW_M
-    a = terrain.window(rng, 1.0, 5.0)
-    b = (Terrain(seed + 1_000_000) if other_terrain else terrain).window(rng, 1.0 + shift, 5.0)
+    a = terrain(seed).window(rng, 1.0, 5.0)
+    b = terrain(seed + 1 if other_terrain else seed).window(rng, 1.0 + shift, 25.0 if other_terrain else 5.0)
     centre = a.mean(axis=0)
     turn = se3.exp_so3(np.radians(rng.normal(0, 5.0, 3))) @ se3.exp_so3(np.array([0, 0, rng.uniform(-np.pi, np.pi)]))
     T_target_terrain = se3.transform(turn, rng.normal(0, 10.0, 3) - turn @ centre)
@@ -126,13 +131,13 @@ def scan_pair(seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         Scene and model, some 90 000 points each, and T_scene_model.
     """
     rng = np.random.default_rng([seed, 64])
-    terrain = Terrain(seed, size_m=120.0, step_m=0.2, rocks=400)
+    ground = Terrain(seed, size_m=120.0, step_m=0.2, rocks=400)
     xy = rng.uniform(55.0, 65.0, 2)
     heading, tilt = rng.uniform(-np.pi, np.pi), np.radians(rng.normal(0, 2.0, 2))
     R = se3.exp_so3(np.array([0, 0, heading])) @ se3.exp_so3(np.array([*tilt, 0.0]))
-    first = se3.transform(R, [*xy, terrain.height(xy[None])[0] + SENSOR_M])
+    first = se3.transform(R, [*xy, ground.height(xy[None])[0] + SENSOR_M])
     axis = rng.normal(size=3)
     turn = np.radians(rng.uniform(0.5, 4.0)) * axis / np.linalg.norm(axis)
     way, bearing = rng.uniform(0.3, 1.1), rng.uniform(-np.pi, np.pi)
     step = se3.transform(se3.exp_so3(turn), [way * np.cos(bearing), way * np.sin(bearing), rng.normal(0, 0.02)])
-    return terrain.scan(rng, first), terrain.scan(rng, first @ step), step
+    return ground.scan(rng, first), ground.scan(rng, first @ step), step

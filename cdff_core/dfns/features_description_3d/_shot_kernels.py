@@ -78,37 +78,41 @@ def histograms(
     """
     out = np.zeros((len(keypoints), LENGTH), np.float32)
     h = np.zeros(LENGTH)
-    a_bin, e_bin = np.zeros(2, np.int64), np.zeros(2, np.int64)
-    r_bin, c_bin = np.zeros(2, np.int64), np.zeros(2, np.int64)
-    a_w, e_w, r_w, c_w = np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(2)
+    least2 = (1e-12 * radius) ** 2
     for k in range(len(keypoints)):
         h[:] = 0.0
+        qx, qy, qz = keypoints[k, 0], keypoints[k, 1], keypoints[k, 2]
+        xx, xy, xz = frames[k, 0, 0], frames[k, 0, 1], frames[k, 0, 2]
+        yx, yy, yz = frames[k, 1, 0], frames[k, 1, 1], frames[k, 1, 2]
+        zx, zy, zz = frames[k, 2, 0], frames[k, 2, 1], frames[k, 2, 2]
         for i in index[start[k] : start[k + 1]]:
-            px, py, pz = points[i, 0] - keypoints[k, 0], points[i, 1] - keypoints[k, 1], points[i, 2] - keypoints[k, 2]
-            distance = math.sqrt(px * px + py * py + pz * pz)
-            if distance < 1e-12 * radius:
+            px, py, pz = points[i, 0] - qx, points[i, 1] - qy, points[i, 2] - qz
+            d2 = px * px + py * py + pz * pz
+            if d2 < least2:
                 continue
-            f = frames[k]
-            x = f[0, 0] * px + f[0, 1] * py + f[0, 2] * pz
-            y = f[1, 0] * px + f[1, 1] * py + f[1, 2] * pz
-            z = f[2, 0] * px + f[2, 1] * py + f[2, 2] * pz
-            cosine = f[2, 0] * normals[i, 0] + f[2, 1] * normals[i, 1] + f[2, 2] * normals[i, 2]
+            x, y, z = xx * px + xy * py + xz * pz, yx * px + yy * py + yz * pz, zx * px + zy * py + zz * pz
+            cosine = zx * normals[i, 0] + zy * normals[i, 1] + zz * normals[i, 2]
             if not signed:
                 cosine = 2.0 * abs(cosine) - 1.0
             cosine = min(max(cosine, -1.0), 1.0)
-            _split(0.5 * (1.0 + cosine) * (COSINES - 1), COSINES, False, c_bin, c_w)
-            _split((math.atan2(y, x) / (2.0 * math.pi) + 0.5) * AZIMUTHS - 0.5, AZIMUTHS, True, a_bin, a_w)
-            latitude = math.asin(min(max(z / distance, -1.0), 1.0))
-            _split((latitude / math.pi + 0.5) * ELEVATIONS - 0.5, ELEVATIONS, False, e_bin, e_w)
-            _split(distance / radius * SHELLS - 0.5, SHELLS, False, r_bin, r_w)
-            for a in range(2):
-                for e in range(2):
-                    for r in range(2):
-                        w = a_w[a] * e_w[e] * r_w[r]
-                        if w > 0.0:
-                            volume = ((a_bin[a] * ELEVATIONS + e_bin[e]) * SHELLS + r_bin[r]) * COSINES
-                            h[volume + c_bin[0]] += w * c_w[0]
-                            h[volume + c_bin[1]] += w * c_w[1]
+            azimuth, latitude = angle(y, x), angle(z, math.sqrt(x * x + y * y))
+            c0, c1, u, v = _split(0.5 * (1.0 + cosine) * (COSINES - 1), COSINES)
+            e0, e1, ew0, ew1 = _split((latitude / math.pi + 0.5) * ELEVATIONS - 0.5, ELEVATIONS)
+            r0, r1, rw0, rw1 = _split(math.sqrt(d2) / radius * SHELLS - 0.5, SHELLS)
+            position = (azimuth / (2.0 * math.pi) + 0.5) * AZIMUTHS - 0.5
+            first = math.floor(position)
+            aw1 = position - first
+            a0 = int(first) % AZIMUTHS
+            a1 = (a0 + 1) % AZIMUTHS
+            for a, aw in ((a0, 1.0 - aw1), (a1, aw1)):
+                for e, ew in ((e0, aw * ew0), (e1, aw * ew1)):
+                    row = (a * ELEVATIONS + e) * SHELLS
+                    at = (row + r0) * COSINES
+                    h[at + c0] += ew * rw0 * u
+                    h[at + c1] += ew * rw0 * v
+                    at = (row + r1) * COSINES
+                    h[at + c0] += ew * rw1 * u
+                    h[at + c1] += ew * rw1 * v
         norm = 0.0
         for j in range(LENGTH):
             norm += h[j] * h[j]
@@ -120,18 +124,37 @@ def histograms(
 
 
 @njit(cache=True, inline="always")
-def _split(position: float, count: int, wraps: bool, bins: Int, weight: Float) -> None:  # pragma: no cover - compiled
+def _split(position: float, count: int) -> tuple[int, int, float, float]:  # pragma: no cover - compiled
     """The two bins about ``position``, whose integers are bin centres, and their weights; 0 for a bin that is not."""
     low = math.floor(position)
-    fraction = position - low
-    first = int(low)
-    second = first + 1
-    weight[0], weight[1] = 1.0 - fraction, fraction
-    if wraps:
-        bins[0], bins[1] = first % count, second % count
-        return
-    if first < 0:
-        first, weight[0] = 0, 0.0
-    if second >= count:
-        second, weight[1] = count - 1, 0.0
-    bins[0], bins[1] = first, second
+    second = position - low
+    first = 1.0 - second
+    i = int(low)
+    j = i + 1
+    if i < 0:
+        i, first = 0, 0.0
+    if j >= count:
+        j, second = count - 1, 0.0
+    return i, j, first, second
+
+
+@njit(cache=True, inline="always")
+def angle(y: float, x: float) -> float:  # pragma: no cover - compiled
+    """``atan2(y, x)`` within 1e-9, at a third of its cost: the arctangent's series after two reductions."""
+    ax, ay = abs(x), abs(y)
+    most, least = max(ax, ay), min(ax, ay)
+    if most == 0.0:
+        return 0.0
+    t, base = least / most, 0.0
+    if t > 0.41421356237309503:  # tan(pi / 8): atan t = pi / 4 + atan((t - 1) / (t + 1))
+        t, base = (t - 1.0) / (t + 1.0), 0.25 * math.pi
+    u = t * t
+    series = 1.0 / 17.0 - u * (1.0 / 19.0 - u / 21.0)
+    series = 1.0 / 11.0 - u * (1.0 / 13.0 - u * (1.0 / 15.0 - u * series))
+    series = 1.0 / 5.0 - u * (1.0 / 7.0 - u * (1.0 / 9.0 - u * series))
+    found = base + t * (1.0 - u * (1.0 / 3.0 - u * series))
+    if ay > ax:
+        found = 0.5 * math.pi - found
+    if x < 0.0:
+        found = math.pi - found
+    return -found if y < 0.0 else found

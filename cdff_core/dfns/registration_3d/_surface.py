@@ -55,7 +55,7 @@ def stepped(
     The damping keeps free directions at rest instead of singular.
     """
     x = -np.linalg.solve(H + 1e-6 * max(np.trace(H), 1e-12) * np.eye(6), g)
-    R = se3.normalise_rotation(se3.exp_so3(x[3:] / radius))
+    R = se3.exp_so3(x[3:] / radius)
     T = se3.transform(R, x[:3] + centre - R @ centre) @ T
     T[:3, :3] = se3.normalise_rotation(T[:3, :3])
     return T, x

@@ -26,10 +26,8 @@ FloatArray = NDArray[np.float64]
 class NdtConfig(DfnConfig):
     """Cells in metres, or in units of what the target is like."""
 
-    cell_m: float | None = Field(None, gt=0.0, description="Edge of the last cells, metres; absent: cell_points")
-    cell_points: float = Field(
-        10.0, ge=5.0, le=1000.0, description="Points of a cell in the mean, where cell_m is absent"
-    )
+    cell_m: float | None = Field(None, gt=0.0, description="Edge of the last cells, metres; absent: cell_spacings")
+    cell_spacings: float = Field(3.0, ge=1.0, le=100.0, description="Edge of the last cells in spacings of the target")
     cells: tuple[Annotated[float, Field(ge=1.0, le=100.0)], ...] = Field(
         (3.0, 1.0), min_length=1, max_length=8, description="Edges of the cells, coarse to fine, in those of the last"
     )
@@ -66,7 +64,7 @@ class Ndt(Registration3DInterface):
 
     def process(self, inputs: Registration3DInputs) -> Registration3DOutputs:
         """Return T_target_source; raises InputError, or DegenerateGeometryError when too few pairs are left."""
-        from cdff_common.geometry.voxels import voxel_for
+        from cdff_common.geometry.kdtree import kd_tree, spacing
         from cdff_core.dfns.registration_3d import _surface as s
 
         cfg: Any = self.config
@@ -75,7 +73,7 @@ class Ndt(Registration3DInterface):
         if inputs.target_normals is None:
             source, target = s.evened(source, target, cfg.thin_to)
         T = checked_transform(np.eye(4) if inputs.guess is None else inputs.guess, "guess")
-        cell_m = cfg.cell_m or voxel_for(target, max(1, round(len(target) / cfg.cell_points)))
+        cell_m = cfg.cell_m or cfg.cell_spacings * spacing(kd_tree(target))
         iterations = 0
         for edges in cfg.cells:
             T, scale_m, count, converged = self._at(T, source, target, edges * cell_m, edges == cfg.cells[0])

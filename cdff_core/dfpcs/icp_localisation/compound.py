@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,6 @@ from cdff_core.dfns.point_cloud_transformation._interface import PointCloudTrans
 from cdff_core.dfns.registration_3d._interface import Registration3DInputs
 from cdff_core.dfns.registration_assessment._interface import (
     RegistrationAssessmentInputs,
-    RegistrationAssessmentOutputs,
 )
 from cdff_core.dfpcs.icp_localisation._acceptance import Alignment, displaced, displacement_m, judged
 from cdff_core.dfpcs.icp_localisation._interface import IcpLocalisationInterface
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     FloatArray = NDArray[np.float64]
 
 _LEAST_POINTS = 100
+_GATE_SPACINGS = 2.5
 _WEAKEST = 3
 
 
@@ -49,6 +49,8 @@ class IcpLocalisationConfig(DfpcConfig):
     register_fine: dict[str, Any] = Field({}, description="Of Registration3D, medium and fine level")
     assess: dict[str, Any] = Field({}, description="Of RegistrationAssessment")
     transform: dict[str, Any] = Field({}, description="Of PointCloudTransformation")
+    judged_on: Literal["medium", "fine"] = Field("fine", description="Level that the assessment looks at")
+    normals_to_fine: bool = Field(True, description="Whether register_fine is given normals (Ndt needs none)")
     begin_from_last: bool = Field(True, description="Without a newer guess begin from the last alignment")
     min_overlap: float = Field(0.4, gt=0, le=1, description="Larger of both overlaps below which the answer is FAILED")
     good_overlap: float = Field(0.6, gt=0, le=1, description="Larger of both overlaps below which it is DEGRADED")
@@ -135,20 +137,22 @@ class IcpLocalisation(IcpLocalisationInterface):
         return found, quality
 
     def _coarse_to_fine(self, scene: Pyramid, model: Pyramid, T: FloatArray, levels: int = 3) -> Alignment:
-        iterations, converged, jump = 0, False, 0.0
-        before: RegistrationAssessmentOutputs | None = None
+        iterations, jump = 0, 0.0
         for index in range(levels):
             s, m = scene.levels[index], model.levels[index]
-            step = self._register[index].process(Registration3DInputs(m.points_m, s.points_m, s.normals, T))
-            if before is not None:
-                moved_m = displacement_m(T, step.transform, before.centre_m, float(before.radius_m))
-                jump = max(jump, moved_m / float(before.gate_m))
+            normals = s.normals if index == 0 or self.config.normals_to_fine else None
+            step = self._register[index].process(Registration3DInputs(m.points_m, s.points_m, normals, T))
+            if index > 0:
+                coarser = scene.levels[index - 1], model.levels[index - 1]
+                gate_m = _GATE_SPACINGS * max(level.spacing_m for level in coarser)
+                moved_m = displacement_m(T, step.transform, T[:3, :3] @ m.centre_m + T[:3, 3], m.radius_m)
+                jump = max(jump, moved_m / gate_m)
             T = step.transform
             iterations += int(step.iterations)
-            converged = bool(step.converged)
-            before = self._assess.process(RegistrationAssessmentInputs(m.points_m, m.normals, s.points_m, s.normals, T))
-        assert before is not None  # levels is at least 1
-        return Alignment(T, before, float(step.residual_scale_m), iterations, converged, jump)
+        judged_on = min(levels - 1, 1) if self.config.judged_on == "medium" else levels - 1
+        s, m = scene.levels[judged_on], model.levels[judged_on]
+        found = self._assess.process(RegistrationAssessmentInputs(m.points_m, m.normals, s.points_m, s.normals, T))
+        return Alignment(T, found, float(step.residual_scale_m), iterations, bool(step.converged), jump)
 
     def _begin_again(
         self, scene: Pyramid, model: Pyramid, first: Alignment, quality: Quality
@@ -170,15 +174,22 @@ class IcpLocalisation(IcpLocalisationInterface):
 
     def _is_confirmed(self, scene: Pyramid, model: Pyramid, found: Alignment) -> bool:
         """Whether no start beside the result ends at another place that is as good on the medium level."""
+        if not self.config.confirmations:
+            return True
         a = found.assessment
-        medium = self._coarse_to_fine(scene, model, found.T_scene_model, levels=2)
+        medium: Alignment | None = None
         for T in self._places_beside(found, self.config.confirmations, self.config.restart_radii):
             try:
+                other = self._coarse_to_fine(scene, model, T, levels=1)
+                gate_m = _GATE_SPACINGS * max(cloud.levels[1].spacing_m for cloud in (scene, model))
+                T_found = found.T_scene_model
+                if displacement_m(T_found, other.T_scene_model, a.centre_m, float(a.radius_m)) <= gate_m:
+                    continue
                 other = self._coarse_to_fine(scene, model, T, levels=2)
+                medium = medium or self._coarse_to_fine(scene, model, T_found, levels=2)
             except RefusedError:
                 continue
-            moved_m = displacement_m(found.T_scene_model, other.T_scene_model, a.centre_m, float(a.radius_m))
-            is_elsewhere = moved_m > float(medium.assessment.gate_m)
+            is_elsewhere = displacement_m(T_found, other.T_scene_model, a.centre_m, float(a.radius_m)) > gate_m
             as_good = other.residual_scale_m <= self.config.ambiguity * medium.residual_scale_m
             if is_elsewhere and as_good and judged(other, self.config).status is not Status.FAILED:
                 return False
@@ -203,7 +214,8 @@ class IcpLocalisation(IcpLocalisationInterface):
         fine = self._outliers.process(PointCloudFilteringInputs(thinned)).filtered_points
         clouds = [thin.process(PointCloudDownsamplingInputs(fine)).points for thin in self._thin[:-1]]
         levels = tuple(
-            Level(points, self._normals.process(NormalsEstimationInputs(points)).normals) for points in (*clouds, fine)
+            Level(points, lambda p: self._normals.process(NormalsEstimationInputs(p)).normals)
+            for points in (*clouds, fine)
         )
         return Pyramid(levels, sample.value.frame, sample.stamp_ns, sample.id)
 

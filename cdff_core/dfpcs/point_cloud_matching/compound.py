@@ -36,7 +36,7 @@ class PointCloudMatchingConfig(DfpcConfig):
     assess: dict[str, Any] = Field({}, description="Of RegistrationAssessment")
     keypoint_voxels: float = Field(1.5, ge=1.0, le=50.0, description="Scale of the keypoints, in voxels")
     support_voxels: tuple[Annotated[float, Field(ge=2.0, le=100.0)], ...] = Field(
-        (11.0, 8.0, 15.0), min_length=1, max_length=8, description="Radii of the descriptors, in voxels, tried in turn"
+        (11.0, 8.0), min_length=1, max_length=8, description="Radii of the descriptors, in voxels, tried in turn"
     )
     candidates: int = Field(3, ge=1, le=20, description="Cliques of the matches that are tried, for each radius")
     noise_voxels: float = Field(1.0, gt=0.0, le=20.0, description="Noise of right pairs, in voxels")
