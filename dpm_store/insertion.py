@@ -161,14 +161,25 @@ def _index(connection: Connection, numbered: Sequence[tuple[int, Ready]]) -> Non
     if epoch is None:
         epoch = numbered[0][1].header.t0_ns
         connection.execute(insert(schema.meta), {"name": _EPOCH, "value": str(epoch)})
+    buckets = _buckets(connection, {(ordinals[item.header.frame], item.parcel.product) for _, item in numbered})
     entries = []
     for ordinal, item in numbered:
         header = item.header
         if header.box_m is not None:
             span_s = ((header.t0_ns - epoch) / NS_PER_S, (header.t1_ns - epoch) / NS_PER_S)
-            entries.append((ordinal, ordinals[header.frame], header.box_m, span_s))
+            bucket = buckets[ordinals[header.frame], item.parcel.product]
+            entries.append((ordinal, (bucket, header.box_m), span_s))
     if entries:
         sqlite.index_products(connection, entries)
+
+
+def _buckets(connection: Connection, wanted: set[tuple[int, str]]) -> dict[tuple[int, str], int]:
+    """Ordinals of what the index calls a frame and a type together; new ones are made."""
+    b = schema.index_buckets.c
+    rows = [{"frame": frame, "product": product} for frame, product in sorted(wanted)]
+    connection.execute(sqlite.insert_new(schema.index_buckets), rows)
+    found = connection.execute(select(schema.index_buckets).where(b.frame.in_({frame for frame, _ in wanted})))
+    return {(row.frame, row.product): row.ordinal for row in found}
 
 
 def _widen(connection: Connection, frame: Row[Any], boxes_m: Sequence[tuple[float, ...] | None]) -> None:

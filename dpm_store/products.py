@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import msgpack
 from sqlalchemy import Connection, Row, func, select, update
 
 from cdff_common.clock import Clock
@@ -18,7 +17,7 @@ from dpm_store.annotations import AnnotationTable, is_pinned
 from dpm_store.blobs import CHUNK_BYTES, BlobFiles, check_chunks, covering
 from dpm_store.database import Database
 from dpm_store.events import EventTable
-from dpm_store.insertion import Inserter, Ready, compare, epoch_ns, event_body, prepared
+from dpm_store.insertion import Inserter, Ready, compare, event_body, prepared
 from dpm_store.poses import PoseTable
 from dpm_store.records import Insertion, Parcel, ProductRecord
 
@@ -198,11 +197,6 @@ class ProductTable:
         self._events.append_in(connection, record.robot, "deleted", event_body(record.header, names))
         return True
 
-    @staticmethod
-    def epoch_ns(connection: Connection) -> int | None:
-        """Time that index times are counted from; None before the first product."""
-        return epoch_ns(connection)
-
     def count(self) -> int:
         """How many products are there, deleted ones left out."""
         with self._database.read() as connection:
@@ -213,6 +207,6 @@ class ProductTable:
 def record_of(row: Row[Any]) -> ProductRecord:
     """Metadata from a row of ``products``."""
     return ProductRecord(
-        row.ordinal, row.robot, row.dfpc, row.port, row.product, row.type_name, row.codec,
-        Header.from_dict(msgpack.unpackb(row.header)), row.size, row.inserted_ns, row.deleted_ns,
+        row.ordinal, row.robot, row.dfpc, row.port, row.product, row.type_name, row.codec, row.id, row.t1_ns,
+        row.header, row.size, row.inserted_ns, row.deleted_ns,
     )  # fmt: skip

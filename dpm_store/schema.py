@@ -283,12 +283,12 @@ blob_tallies = Table(
     Column("bytes", BigInteger, nullable=False),
 )
 
-#: What the spatial index calls a frame and a type together.
+#: What the spatial index calls a frame (its ordinal) and a type together.
 index_buckets = Table(
     "index_buckets",
     metadata,
     Column("ordinal", _Ordinal, primary_key=True, autoincrement=True),
-    Column("frame", String(128), nullable=False),
+    Column("frame", BigInteger, nullable=False),
     Column("product", String(64), nullable=False),
     Index("index_buckets_by_name", "frame", "product", unique=True),
 )

@@ -12,7 +12,7 @@ in between.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -27,11 +27,13 @@ from dpm_store.conditions import conditions, ordering
 from dpm_store.database import Database
 from dpm_store.footprints import rings_in
 from dpm_store.frames import FrameTable, FrameTree, Known
+from dpm_store.insertion import epoch_ns
 from dpm_store.nearest import Nearest
 from dpm_store.placing import SIDES, Placed, placed_frames
 from dpm_store.poses import PoseTable
 from dpm_store.products import ProductTable, record_of
-from dpm_store.records import Cursor, Order, Page, ProductRecord, Query, read_cursor
+from dpm_store.records import LATEST_NS, Cursor, Order, Page, ProductRecord, Query, read_cursor
+from dpm_store.slices import slices
 
 
 class Search:
@@ -43,6 +45,7 @@ class Search:
         self._frames = frames
         self._poses = poses
         self._nearest = Nearest(self)
+        self._epoch_ns: int | None = None
 
     def run(self, query: Query) -> Page:
         """Return one page; see ``Query``.
@@ -86,20 +89,36 @@ class Search:
     def _run_spatial(self, connection: Connection, query: Query, region: Region, tree: FrameTree) -> Page:
         placed, unplaced = placed_frames(connection, tree, query.frame)
         boxes = [(frame.ordinal, box) for frame in placed.values() for box in frame.boxes(region)]
-        where, values = self.candidates(connection, query, boxes)
-        if where is None:
-            return _page(query, [], unplaced, tree)
         found: list[ProductRecord] = []
-        batch, step = query.limit + 1, query
-        while len(found) <= query.limit:
-            rows = self.rows(connection, step, [where], values, batch)
+        for ordinals, after_ns, until_ns in self._parts(connection, query, boxes):
+            p = schema.products.c
+            here = [p.t1_ns > after_ns, p.t1_ns <= until_ns, p.ordinal.in_(sqlite.listed("ordinals"))]
+            rows = self.rows(connection, query, here, {"ordinals": sqlite.list_value(ordinals)})
             kept = self.inside(connection, rows, region, placed)
             found += [record_of(row) for row, inside in zip(rows, kept, strict=True) if inside]
-            if len(rows) < batch:
+            if len(found) > query.limit:
                 break
-            step = replace(step, cursor=Cursor(query.order, rows[-1].t1_ns, rows[-1].ordinal, tree.state).text)
-            batch = min(4 * batch, 4096)
         return _page(query, found, unplaced, tree)
+
+    def _parts(
+        self, connection: Connection, query: Query, boxes: Sequence[tuple[int, Sequence[float]]]
+    ) -> Iterator[tuple[list[int], int, int]]:
+        """Candidates in the query's order, some at a time: ordinals, and after and until when their capture ended."""
+        epoch = self._epoch(connection)
+        in_buckets = _in_buckets(connection, query, boxes)
+        if epoch is None or not in_buckets:
+            return
+        wanted = query.limit + query.limit // 4 + 1
+        ordinals: list[int] = []
+        after, until = LATEST_NS, -LATEST_NS
+        for part in slices(connection, query, in_buckets, epoch, wanted):
+            ordinals += part.ordinals
+            after, until = min(after, part.after_ns), max(until, part.until_ns)
+            if len(ordinals) >= wanted:
+                yield ordinals, after, until
+                ordinals, after, until = [], LATEST_NS, -LATEST_NS
+        if ordinals:
+            yield ordinals, after, until
 
     def candidates(
         self, connection: Connection, query: Query, boxes: Sequence[tuple[int, Sequence[float]]]
@@ -108,26 +127,32 @@ class Search:
 
         None where nothing can: there are no boxes, or no products yet.
         """
-        epoch = self._products.epoch_ns(connection)
-        if epoch is None or not boxes:
+        epoch = self._epoch(connection)
+        in_buckets = _in_buckets(connection, query, boxes)
+        if epoch is None or not in_buckets:
             return None, {}
         t_s = (
             -math.inf if query.t0_ns is None else (query.t0_ns - epoch) / NS_PER_S,
             math.inf if query.t1_ns is None else (query.t1_ns - epoch) / NS_PER_S,
         )
         # what was deleted since lies in an index of its own
-        indexes = ("product_index",) if query.as_of_ns is None else ("product_index", "deleted_index")
+        indexes = sqlite.INDEXES[:1] if query.as_of_ns is None else sqlite.INDEXES
         ordinal = schema.products.c.ordinal
         touching = or_(*(ordinal.in_(sqlite.candidates(index)) for index in indexes))
-        return touching, sqlite.candidate_values(boxes, t_s)
+        return touching, sqlite.candidate_values(in_buckets, t_s)
+
+    def _epoch(self, connection: Connection) -> int | None:
+        if self._epoch_ns is None:  # set by the first product, and never changed
+            self._epoch_ns = epoch_ns(connection)
+        return self._epoch_ns
 
     @staticmethod
     def rows(
-        connection: Connection, query: Query, extra: list[Any], values: dict[str, Any], limit: int
+        connection: Connection, query: Query, extra: list[Any], values: dict[str, Any], limit: int | None = None
     ) -> Sequence[Any]:
         """Rows of products in the query's order."""
-        statement = select(schema.products).where(*conditions(query), *extra).order_by(*ordering(query)).limit(limit)
-        return connection.execute(statement, values).all()
+        statement = select(schema.products).where(*conditions(query), *extra).order_by(*ordering(query))
+        return connection.execute(statement if limit is None else statement.limit(limit), values).all()
 
     @staticmethod
     def inside(
@@ -139,7 +164,7 @@ class Search:
             of_frame = np.array([i for i, row in enumerate(rows) if row.frame == name])
             boxes = np.array([[getattr(rows[i], side) for side in SIDES] for i in of_frame])
             keep[of_frame] = outlines.touches(region, boxes, placed[name].matrix)
-        rings = rings_in(connection, (rows[i].ordinal for i in np.flatnonzero(keep)))
+        rings = rings_in(connection, (rows[i].ordinal for i in np.flatnonzero(keep).tolist()))
         for name in {row.frame for row in rows if row.ordinal in rings}:
             ringed = [i for i, row in enumerate(rows) if row.frame == name and row.ordinal in rings and keep[i]]
             heights = np.array([[rows[i].zmin_m, rows[i].zmax_m] for i in ringed])
@@ -153,6 +178,21 @@ def types_present(connection: Connection) -> list[str]:
     p = schema.products.c
     statement = select(distinct(p.product)).where(p.deleted_ns.is_(None)).order_by(p.product)
     return list(connection.execute(statement).scalars())
+
+
+def _in_buckets(
+    connection: Connection, query: Query, boxes: Sequence[tuple[int, Sequence[float]]]
+) -> list[sqlite.IndexBox]:
+    """Boxes in frames as the index names them: one for each of the query's types that the frame holds."""
+    b, frames = schema.index_buckets.c, {frame for frame, _ in boxes}
+    found = connection.execute(select(b.ordinal, b.frame, b.product)).all()
+    return [
+        (bucket, box)
+        for bucket, frame, product in found
+        if frame in frames and (not query.types or product in query.types)
+        for in_frame, box in boxes
+        if in_frame == frame
+    ]
 
 
 def _pinned(query: Query) -> Query:
@@ -170,5 +210,5 @@ def _page(query: Query, found: list[ProductRecord], unplaced: tuple[str, ...], t
     items = tuple(found[: query.limit])
     cursor = None
     if len(found) > query.limit:
-        cursor = Cursor(query.order, items[-1].header.t1_ns, items[-1].ordinal, tree.state).text
+        cursor = Cursor(query.order, items[-1].t1_ns, items[-1].ordinal, tree.state).text
     return Page(items, cursor, unplaced, tree.state)

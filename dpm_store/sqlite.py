@@ -6,6 +6,7 @@ Transactions are begun by us: SQLAlchemy's default lets two read-modify-writes l
 that turns into a write fails in a way no timeout retries. Writers say BEGIN IMMEDIATE, readers take a WAL snapshot.
 The R*Tree holds float32, rounded outwards: its answers are candidates, compared exactly by the caller. So that the
 rounding stays in millimetres and seconds, boxes are in the product's own frame, and time is relative to an epoch.
+Its five dimensions are the bucket (frame and type together), x, y, z and time.
 """
 
 from __future__ import annotations
@@ -30,6 +31,16 @@ WRITES = "cdff_writes"
 #: Largest offset that stands for "no bound" in the index: float32 keeps it.
 _FAR = 1e30
 
+#: A box as the index names it: ordinal of the bucket (frame and type), then metres in the frame.
+IndexBox = tuple[int, Sequence[float]]
+INDEXES = ("product_index", "deleted_index")
+#: How the index counts. Splits of an R*Tree weigh volumes and sums of sides: no side may be 0, buckets must lie far
+#: apart, and half a minute counts as much as a metre. Measured in ADR 6.
+_BUCKET, _PAD_M, _PAD_S, _PER_S = 65536.0, 0.05, 0.5, 0.03
+_BETWEEN = (
+    "SELECT id FROM {} WHERE f0 <= ? AND f1 >= ? AND x0 <= ? AND x1 >= ? AND y0 <= ? AND y1 >= ? "
+    "AND z0 <= ? AND z1 >= ? AND t0 <= ? AND t1 >= ? AND t1 <= ?"
+)
 #: Run by the migrations after the tables are made.
 DDL = (
     "CREATE VIRTUAL TABLE product_index USING rtree(id, f0, f1, x0, x1, y0, y1, z0, z1, t0, t1)",
@@ -70,7 +81,22 @@ _ADD_PRODUCT = (
 _SUBTRACT_PRODUCT = (
     "UPDATE tallies SET live = live - 1, bytes = bytes - OLD.size WHERE robot = OLD.robot AND product = OLD.product"
 )
+_REFILL = (
+    f"INSERT INTO {{}} SELECT p.ordinal, b.ordinal * {_BUCKET}, b.ordinal * {_BUCKET} + {_BUCKET / 2}, "
+    f"p.xmin_m - {_PAD_M}, p.xmax_m + {_PAD_M}, p.ymin_m - {_PAD_M}, p.ymax_m + {_PAD_M}, "
+    f"p.zmin_m - {_PAD_M}, p.zmax_m + {_PAD_M}, "
+    f"((p.t0_ns - e.value) / 1e9 - {_PAD_S}) * {_PER_S}, ((p.t1_ns - e.value) / 1e9 + {_PAD_S}) * {_PER_S} "
+    "FROM products p JOIN frame_names n ON n.frame = p.frame "
+    "JOIN index_buckets b ON b.frame = n.ordinal AND b.product = p.product JOIN meta e ON e.name = 'epoch_ns' "
+    "WHERE p.xmin_m IS NOT NULL AND p.deleted_ns IS {}"
+)
 DDL_0004 = (
+    "INSERT INTO index_buckets (frame, product) SELECT DISTINCT n.ordinal, p.product FROM products p "
+    "JOIN frame_names n ON n.frame = p.frame",
+    "DELETE FROM product_index",
+    "DELETE FROM deleted_index",
+    _REFILL.format("product_index", "NULL"),
+    _REFILL.format("deleted_index", "NOT NULL"),
     "INSERT INTO tallies SELECT robot, product, count(*), sum(size) FROM products WHERE deleted_ns IS NULL "
     "GROUP BY robot, product",
     "INSERT INTO blob_tallies SELECT content IS NOT NULL, count(*), sum(size) FROM blobs GROUP BY content IS NOT NULL",
@@ -160,12 +186,14 @@ def insert_blobs() -> Insert:
     )
 
 
-def index_products(
-    connection: Connection, entries: Iterable[tuple[int, int, Sequence[float], tuple[float, float]]]
-) -> None:
-    """Enter products: ordinal, that of the frame, ``xmin ymin zmin xmax ymax zmax`` in it, seconds since the epoch."""
+def index_products(connection: Connection, entries: Iterable[tuple[int, IndexBox, tuple[float, float]]]) -> None:
+    """Enter products: ordinal, box, begin and end of capture in seconds since the epoch."""
     rows = [
-        (ordinal, f, f, b[0], b[3], b[1], b[4], b[2], b[5], t_s[0], t_s[1]) for ordinal, f, b, t_s in entries
+        (
+            ordinal, bucket * _BUCKET, bucket * _BUCKET + _BUCKET / 2, b[0] - _PAD_M, b[3] + _PAD_M, b[1] - _PAD_M,
+            b[4] + _PAD_M, b[2] - _PAD_M, b[5] + _PAD_M, (t_s[0] - _PAD_S) * _PER_S, (t_s[1] + _PAD_S) * _PER_S,
+        )
+        for ordinal, (bucket, b), t_s in entries
     ]  # fmt: skip
     connection.exec_driver_sql("INSERT INTO product_index VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
 
@@ -175,6 +203,47 @@ def unindex_product(connection: Connection, ordinal: int) -> None:
     values = {"id": ordinal}
     connection.execute(text("INSERT INTO deleted_index SELECT * FROM product_index WHERE id = :id"), values)
     connection.execute(text("DELETE FROM product_index WHERE id = :id"), values)
+
+
+def ends_of_capture(connection: Connection) -> tuple[int, int]:
+    """First and last end of capture of all products that were ever inserted; (0, -1) without any."""
+    first, last = connection.exec_driver_sql(
+        "SELECT (SELECT min(t1_ns) FROM products), (SELECT max(t1_ns) FROM products)"
+    ).one()
+    return (0, -1) if first is None else (first, last)
+
+
+def candidates_between(
+    connection: Connection, index: str, boxes: Sequence[IndexBox], ends_s: tuple[float, float], began_s: float | None
+) -> list[int]:
+    """Ordinals in an index whose box may overlap one of these.
+
+    Parameters
+    ----------
+    ends_s : tuple of 2 float
+        Between which the capture ended, seconds since the epoch; some just outside are named too.
+    began_s : float or None
+        Before which it began.
+    """
+    low, high = ends_s[0] * _PER_S, (ends_s[1] + _PAD_S) * _PER_S
+    times = (_FAR if began_s is None else began_s * _PER_S, low - _rounding(low), high + _rounding(high))
+    statement = _BETWEEN.format(index)
+    found: list[int] = []
+    for bucket, b in boxes:
+        middle = bucket * _BUCKET + _BUCKET / 4
+        sides = (_kept(b[3]), _kept(b[0]), _kept(b[4]), _kept(b[1]), _kept(b[5]), _kept(b[2]))
+        found += connection.exec_driver_sql(statement, (middle, middle, *sides, *times)).scalars()
+    return list(set(found)) if len(boxes) > 1 else found
+
+
+def listed(name: str) -> Select[Any]:
+    """A subquery of the numbers in the parameter ``name``; see ``list_value``."""
+    return select(literal_column("value")).select_from(text(f"json_each(:{name})"))
+
+
+def list_value(numbers: Sequence[int]) -> str:
+    """A value for a parameter of ``listed``."""
+    return json.dumps(numbers)
 
 
 def candidates(index: str) -> Select[Any]:
@@ -187,36 +256,34 @@ def candidates(index: str) -> Select[Any]:
     return select(literal_column("i.id")).select_from(source).where(text(where))
 
 
-def candidate_values(
-    boxes: Sequence[tuple[int, Sequence[float]]], t_s: tuple[float, float]
-) -> dict[str, float | str]:
-    """Values for ``candidates``.
-
-    Parameters
-    ----------
-    boxes : sequence of (int, 6 floats)
-        Ordinal of a frame and a box in it, metres; may be infinite.
-    t_s : tuple of 2 float
-        Seconds since the epoch; may be infinite.
-    """
-    listed = [[frame, *(_kept(v) for v in box)] for frame, box in boxes]
-    return {"candidate_boxes": json.dumps(listed), "candidate_t0": _kept(t_s[0]), "candidate_t1": _kept(t_s[1])}
+def candidate_values(boxes: Sequence[IndexBox], t_s: tuple[float, float]) -> dict[str, float | str]:
+    """Values for ``candidates``; seconds since the epoch, may be infinite."""
+    places = [[bucket * _BUCKET + _BUCKET / 4, *(_kept(v) for v in box)] for bucket, box in boxes]
+    t0, t1 = (_kept(t * _PER_S) for t in t_s)
+    return {"candidate_boxes": json.dumps(places), "candidate_t0": t0, "candidate_t1": t1}
 
 
 def _side(place: int) -> str:
     return f"json_extract(b.value, '$[{place}]')"
 
 
+def _rounding(value: float) -> float:
+    """By how much the index may have rounded a value, at most."""
+    return abs(value) * 3e-7 + 1e-6
+
+
 def check(connection: Connection) -> list[str]:
     """Problems that the engine itself finds in its file; empty when it is sound."""
     problems = [row[0] for row in connection.execute(text("PRAGMA integrity_check")) if row[0] != "ok"]
     problems += [f"foreign key: {tuple(row)}" for row in connection.execute(text("PRAGMA foreign_key_check"))]
-    (index_state,) = connection.execute(text("SELECT rtreecheck('product_index')")).one()
-    problems += [] if index_state == "ok" else [f"spatial index: {index_state}"]
+    for index in INDEXES:
+        (state,) = connection.execute(text(f"SELECT rtreecheck('{index}')")).one()
+        problems += [] if state == "ok" else [f"{index}: {state}"]
     (lost,) = connection.execute(
         text(
             "SELECT count(*) FROM products p WHERE p.deleted_ns IS NULL AND p.xmin_m IS NOT NULL "
-            "AND NOT EXISTS (SELECT 1 FROM product_index i WHERE i.id = p.ordinal)"
+            "AND NOT EXISTS (SELECT 1 FROM product_index i WHERE i.id = p.ordinal AND i.x0 <= p.xmin_m AND "
+            "i.x1 >= p.xmax_m AND i.y0 <= p.ymin_m AND i.y1 >= p.ymax_m AND i.z0 <= p.zmin_m AND i.z1 >= p.zmax_m)"
         )
     ).one()
     (extra,) = connection.execute(
@@ -241,7 +308,7 @@ def _on_connect(connection: sqlite3.Connection, _record: object) -> None:
     connection.isolation_level = None  # begun by _on_begin, not by the driver
     for pragma in (
         "journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "busy_timeout=10000", "cache_size=-32768",
-        "wal_autocheckpoint=4000", "temp_store=MEMORY",
+        "wal_autocheckpoint=4000", "secure_delete=OFF",
     ):  # fmt: skip
         connection.execute(f"PRAGMA {pragma}")
 

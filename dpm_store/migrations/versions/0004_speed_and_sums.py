@@ -22,7 +22,7 @@ def upgrade() -> None:
     op.create_table(
         "index_buckets",
         sa.Column("ordinal", _Ordinal, primary_key=True, autoincrement=True),
-        sa.Column("frame", sa.String(128), nullable=False),
+        sa.Column("frame", sa.BigInteger, nullable=False),
         sa.Column("product", sa.String(64), nullable=False),
     )
     op.create_index("index_buckets_by_name", "index_buckets", ["frame", "product"], unique=True)
