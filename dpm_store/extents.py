@@ -54,7 +54,13 @@ def extents(database: Database) -> tuple[Extent, ...]:
     )  # fmt: skip
     with database.read() as connection:
         rows = connection.execute(statement).all()
-    return tuple(Extent(r[0], r[1], None if r[2] is None else tuple(r[2:8]), r[8], r[9], r[10]) for r in rows)  # type: ignore[arg-type]  # six columns
+    return tuple(Extent(r[0], r[1], None if r[2] is None else tuple(r[2:8]), r[8], r[9], r[10]) for r in rows)
+
+
+def frame_names(database: Database) -> tuple[str, ...]:
+    """Frames that products lie or lay in."""
+    with database.read() as connection:
+        return tuple(connection.execute(select(schema.frame_names.c.frame)).scalars())
 
 
 class ExtentCache:

@@ -72,6 +72,25 @@ def rings_in(connection: Connection, ordinals: Iterable[int]) -> dict[int, Float
     return found
 
 
+def footprints(connection: Connection, ids: Iterable[str]) -> dict[str, FloatArray]:
+    """Outlines of products by id: the footprint, else the box's outline; without those that have neither.
+
+    Rings ``(k, 2)``, metres in the product's frame, not closed.
+    """
+    p, wanted = schema.products.c, list(ids)
+    found: dict[str, FloatArray] = {}
+    for i in range(0, len(wanted), _BATCH):
+        statement = select(p.id, p.ordinal, p.xmin_m, p.ymin_m, p.xmax_m, p.ymax_m).where(
+            p.id.in_(wanted[i : i + _BATCH]), p.xmin_m.is_not(None)
+        )
+        rows = connection.execute(statement).all()
+        rings = rings_in(connection, [row.ordinal for row in rows])
+        for row in rows:
+            x0, y0, x1, y1 = row[2:6]
+            found[row.id] = rings.get(row.ordinal, np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]))
+    return found
+
+
 def outline(occupied: NDArray[np.bool_], left: float, top: float, cell_w: float, cell_h: float) -> FloatArray:
     """Ring around the occupied cells ``(rows, cols)``, row 0 at the top; all of them inside, gaps closed."""
     import shapely

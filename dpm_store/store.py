@@ -19,7 +19,8 @@ from dpm_store.annotations import AnnotationTable
 from dpm_store.blobs import BlobFiles
 from dpm_store.database import Database, directory_of
 from dpm_store.events import EventTable
-from dpm_store.extents import Extent, extents
+from dpm_store.extents import Extent, extents, frame_names
+from dpm_store.footprints import footprints
 from dpm_store.frames import FrameTable
 from dpm_store.lock import DirectoryLock
 from dpm_store.maintenance import Problem, Statistics, collect, statistics, verify
@@ -184,6 +185,15 @@ class Store:
     def path(self, track: Track, most: int) -> NDArray[np.float64]:
         """Positions of a moving frame, thinned. See ``tracks.path``."""
         return path(self._database, track, most)
+
+    def footprints(self, ids: Sequence[str]) -> dict[str, NDArray[np.float64]]:
+        """Outlines of products by id. See ``footprints.footprints``."""
+        with self._database.read() as connection:
+            return footprints(connection, ids)
+
+    def frame_names(self) -> tuple[str, ...]:
+        """Frames that products lie or lay in."""
+        return frame_names(self._database)
 
     def close(self) -> None:
         """Close the database and let another process open it."""

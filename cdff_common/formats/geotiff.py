@@ -154,11 +154,14 @@ def read_bands(
 
     s = load(source)
     try:
-        with _quietly(), MemoryFile(s.data) as memory, memory.open() as file:
+        # Only GeoTIFF: other drivers of GDAL follow references to files and hosts.
+        with _quietly(), MemoryFile(s.data) as memory, memory.open(driver="GTiff") as file:
             if file.width * file.height * file.count > MAX_CELLS:
                 raise s.error(
                     f"{file.count} bands of {file.height} x {file.width}, expected at most {MAX_CELLS} values"
                 )
+            size = file.width * file.height * sum(np.dtype(kind).itemsize for kind in file.dtypes)
+            s.check_claim(size, f"{file.count} bands of {file.height} x {file.width}")
             t = file.transform
             if t.b or t.d or (abs(t.a + t.e) > 1e-9 * abs(t.a) and not t.is_identity):
                 raise s.error(f"transform {tuple(t)[:6]}: expected square cells, row 0 at the top")

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import io
+import math
 import zipfile
 from collections.abc import Mapping
 from typing import Any
@@ -12,21 +13,35 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cdff_common.formats.source import LIMIT_BYTES, Readable, load
+from cdff_common.formats.source import Readable, Source, load
 
 
 def read_npz(source: Readable) -> dict[str, NDArray[Any]]:
-    """Arrays by name; raises CodecError naming the file on anything else, or on more than 4 GiB unpacked."""
+    """Arrays by name; raises CodecError naming the file on anything else, or where it claims too much."""
     s = load(source)
     try:
         with zipfile.ZipFile(io.BytesIO(s.data)) as archive:
-            size = sum(entry.file_size for entry in archive.infolist())
-        if size > LIMIT_BYTES:
-            raise s.error(f"{size} bytes unpacked, expected at most {LIMIT_BYTES}")
+            _check_claims(s, archive)
         with np.load(io.BytesIO(s.data), allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}
     except (OSError, ValueError, zipfile.BadZipFile, KeyError, EOFError) as error:
         raise s.error(f"no readable npz: {error}") from error
+
+
+def _check_claims(s: Source, archive: zipfile.ZipFile) -> None:
+    """Compare the sizes that the archive and the headers of its arrays claim, before an array is made for them."""
+    entries = archive.infolist()
+    s.check_claim(sum(entry.file_size for entry in entries), f"{len(entries)} members")
+    for entry in entries:
+        with archive.open(entry) as member:
+            version = np.lib.format.read_magic(member)
+            read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+            if version not in read:
+                raise s.error(f"{entry.filename}: npy version {version}, expected 1.0 or 2.0")
+            shape, _, dtype = read[version](member)
+        claimed = math.prod(shape) * dtype.itemsize
+        if min(shape, default=0) < 0 or claimed > entry.file_size:
+            raise s.error(f"{entry.filename}: shape {shape} of {dtype}, more than its {entry.file_size} bytes")
 
 
 def write_npz(arrays: Mapping[str, ArrayLike]) -> bytes:

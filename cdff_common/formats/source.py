@@ -13,6 +13,9 @@ Readable = bytes | str | Path
 
 #: Larger files are refused: none of these formats is read in pieces.
 LIMIT_BYTES = 4 << 30
+#: What a compressed file may claim to hold: nothing deflates better than 1032 to 1, small claims are harmless, and
+#: beyond the last a file belongs to a program that reads it in pieces.
+_RATIO, _HARMLESS_BYTES, _MOST_BYTES = 1100, 64 << 20, 1 << 30
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,6 +28,22 @@ class Source:
     def error(self, expected: str) -> CodecError:
         """An error that names the file and what was expected of it."""
         return CodecError(f"{self.name}: {expected}")
+
+    def check_claim(self, claimed_bytes: int, what: str) -> None:
+        """Refuse a file that claims to hold more than it can, or than is read at once, before anything is made for it.
+
+        Parameters
+        ----------
+        claimed_bytes : int
+            Of the values unpacked, as the file's own header has it.
+        what : str
+            For the message, as ``"30000 x 30000 pixels"``.
+        """
+        most = min(max(_HARMLESS_BYTES, _RATIO * len(self.data)), _MOST_BYTES)
+        if claimed_bytes > most:
+            raise self.error(
+                f"{what} would take {claimed_bytes} bytes out of a file of {len(self.data)}, expected at most {most}"
+            )
 
 
 def load(source: Readable | Source) -> Source:

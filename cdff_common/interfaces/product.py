@@ -81,8 +81,8 @@ class Quality:
                 covariance_kind=CovarianceKind(data.get("covariance_kind", "none")),
                 metrics={str(k): float(v) for k, v in data.get("metrics", {}).items()},
             )
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise InputError(f"quality {dict(data)!r}: {error}") from error
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+            raise InputError(f"quality {str(data)[:200]}: {type(error).__name__} {error}") from error
 
 
 def worst(*statuses: Status) -> Status:
@@ -207,7 +207,7 @@ class Header:
                 sha256=data.get("sha256"),
                 footprint_m=None if ring is None else tuple(float(x) for x in ring),
             )
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise InputError(f"header: {type(error).__name__} {error}") from error
 
     def to_attachment(self) -> bytes:

@@ -25,6 +25,7 @@ from dpm_store.provenance import MAX_GENERATIONS
 from services.dpm.convert import Converted, convert
 from services.dpm.parameters import PRODUCT_TYPES, WindowRequest, transform_of
 
+from services.dpm.checks import FrameNames, check_header
 logger = logging.getLogger(__name__)
 
 #: Events that this process makes and publishes; others it only keeps.
@@ -65,6 +66,8 @@ class Dpm:
         self._told = store.events.last_ordinal()
         self.counters = {
             "inserted": 0,
+        self._frames = FrameNames(store)
+        self.tiles = Tiles(store)
             "already": 0,
             "refused": 0,
             "updated": 0,
@@ -135,6 +138,8 @@ class Dpm:
         value = self._checked_value(names, header, type_name, codec, payload)
         if header.box_m is None and value is not None and (extent := value.extent_m()) is not None:
             header = _with_box(header, extent)
+        check_header(header, self.clock.now_ns())
+        self._frames.check_of_robot(header.frame, names["robot"])
         return Parcel(
             header, payload, names["robot"], names["dfpc"], names["port"], names["product"], type_name, codec, value
         )
@@ -176,6 +181,8 @@ class Dpm:
 
     def product(self, product_id: str, format_name: str | None = None, as_type: str | None = None) -> Answer:
         """A product by id, in a codec, file format or InFuse type."""
+        if query.region is not None:
+            self._frames.check_known(query.frame)
         self._count("gets")
         record = self.store.get(product_id)
         payload = self.store.payload(product_id)

@@ -69,10 +69,23 @@ class Collection:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """A page of products with their outlines in degrees, and where to go on."""
+class Placed:
+    """A product with its outline, in metres of its frame and in degrees of the body; None where there is none."""
 
-    items: tuple[tuple[ProductRecord, BaseGeometry | None], ...]
+    record: ProductRecord
+    in_frame: BaseGeometry | None
+    on_body: BaseGeometry | None
+
+    def touches(self, place: BaseGeometry) -> bool:
+        """Whether it and a geometry in degrees have a point in common."""
+        return self.on_body is not None and bool(self.on_body.intersects(place))
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A page of products, and where to go on."""
+
+    items: tuple[Placed, ...]
     cursor: str | None
 
 
@@ -81,7 +94,7 @@ class Catalogue:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self.places = Places(context.dpm.store, context.anchor)
+        self.places = Places(context.dpm.store)
 
     def collections(self) -> tuple[Collection, ...]:
         """Those that hold something, by name."""
@@ -97,16 +110,20 @@ class Catalogue:
                 return known
         raise ProductNotFoundError(f"no collection {name[:64]!r}")
 
-    def get(self, collection: str, product_id: str) -> tuple[ProductRecord, BaseGeometry | None]:
-        """A product of a collection with its outline; raises ProductNotFoundError."""
+    def get(self, collection: str, product_id: str) -> Placed:
+        """A product of a collection with its outlines; raises ProductNotFoundError."""
         record = self._context.dpm.store.get(product_id)
         if record.product != collection:
             raise ProductNotFoundError(f"product {product_id} is a {record.product}, not of {collection[:64]!r}")
-        return record, self.outline(record)
+        return self.placed([record])[0]
 
-    def outline(self, record: ProductRecord) -> BaseGeometry | None:
-        """Of a product, in degrees of the body."""
-        return self.places.on_body(self.places.in_site(record))
+    def placed(self, records: Sequence[ProductRecord]) -> list[Placed]:
+        """Products with their outlines."""
+        outlines = self.places.outlines(records)
+        return [
+            Placed(record, outline, self.places.on_body(record.header.frame, outline))
+            for record, outline in zip(records, outlines, strict=True)
+        ]
 
     def find(
         self, query: Query, *, bbox: Sequence[float] | None = None, intersects: BaseGeometry | None = None
@@ -125,18 +142,19 @@ class Catalogue:
         place = intersects if bbox is None else box_outline(bbox)
         if place is None:
             page = self._context.dpm.search(query)
-            return Found(tuple((record, self.outline(record)) for record in page.items), page.cursor)
-        region = self.places.region(place.bounds if bbox is None else bbox)
-        if region is None:
+            return Found(tuple(self.placed(page.items)), page.cursor)
+        near = self.places.region(place.bounds if bbox is None else bbox)
+        if near is not None:
+            query = replace(query, frame=near[0], region=near[1])
+        elif not self.places.several_sites():
             return Found((), None)
-        kept: list[tuple[ProductRecord, BaseGeometry | None]] = []
-        query = replace(query, region=region)
+        kept: list[Placed] = []
+        wanted = query.limit
         for _ in range(_MAX_STEPS):  # the region is around the place: what only touches the region falls out here
-            page = self._context.dpm.search(replace(query, limit=query.limit - len(kept)))
-            outlined = [(record, self.outline(record)) for record in page.items]
-            kept += [(r, outline) for r, outline in outlined if outline is not None and outline.intersects(place)]
+            page = self._context.dpm.search(replace(query, limit=wanted - len(kept)))
+            kept += [p for p in self.placed(page.items) if p.touches(place)]
             query = replace(query, cursor=page.cursor)
-            if page.cursor is None or len(kept) >= query.limit:
+            if page.cursor is None or len(kept) >= wanted:
                 break
         return Found(tuple(kept), query.cursor)
 
@@ -146,21 +164,18 @@ class Catalogue:
     ) -> Found:  # fmt: skip
         """Products by their ids that fit everything else that is asked; unknown ones are left out."""
         place = intersects if bbox is None else box_outline(bbox)
-        kept = []
+        records = []
         for product_id in dict.fromkeys(ids):
             try:
-                record = self._context.dpm.store.get(product_id)
+                records.append(self._context.dpm.store.get(product_id))
             except ProductNotFoundError:
                 continue
-            outline = self.outline(record)
-            placed = place is None or (outline is not None and outline.intersects(place))
-            if placed and _fits(record, query):
-                kept.append((record, outline))
-        return Found(tuple(kept), None)
+        fitting = self.placed([record for record in records if _fits(record, query)])
+        return Found(tuple(p for p in fitting if place is None or p.touches(place)), None)
 
     def _collection(self, name: str, extents: Sequence[Extent]) -> Collection:
-        outlines = [self.places.box_in_site(e.frame, e.box_m) for e in extents if e.box_m is not None]
-        on_body = [outline for o in outlines if (outline := self.places.on_body(o)) is not None]
+        boxes = [(e.frame, shapely.box(*e.box_m[:2], *e.box_m[3:5])) for e in extents if e.box_m is not None]
+        on_body = [o for frame, box in boxes if (o := self.places.on_body(frame, box)) is not None]
         bounds = None if not on_body else tuple(float(v) for v in shapely.total_bounds(on_body))
         return Collection(name, bounds, min(e.t0_ns for e in extents), max(e.t1_ns for e in extents))  # type: ignore[arg-type]  # total_bounds gives four
 

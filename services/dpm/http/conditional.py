@@ -54,7 +54,7 @@ class _Answer:
             headers = MutableHeaders(raw=message["headers"])
             plain = message["status"] == 200 and headers.get("content-type", "").startswith(_JSON)
             small = int(headers.get("content-length", _MOST_BYTES + 1)) <= _MOST_BYTES
-            if plain and small and "etag" not in headers:
+            if plain and small:
                 self._start = message
             else:
                 await self._send(message)
@@ -69,7 +69,7 @@ class _Answer:
 
     async def _finish(self, start: Message, body: bytes) -> None:
         headers = MutableHeaders(raw=list(start["headers"]))
-        etag = f'W/"{hashlib.blake2b(body, digest_size=12).hexdigest()}"'
+        etag = headers.get("etag") or f'W/"{hashlib.blake2b(body, digest_size=12).hexdigest()}"'
         headers["ETag"] = etag
         headers.setdefault("Cache-Control", "private, no-cache")
         if matches(self._given, etag):

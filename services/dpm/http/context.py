@@ -14,7 +14,6 @@ from cdff_common.errors import UnavailableError
 from cdff_common.interfaces.profile import Profile
 from cdff_common.json_form import jsonable as jsonable  # for the routes
 from dpm_store.extents import ExtentCache
-from services.dpm.anchor import Anchor, anchor_of
 from services.dpm.operations import Dpm
 from services.dpm.settings import Settings
 from services.dpm.watch import Watch
@@ -30,11 +29,6 @@ class Context:
     watch: Watch | None = None
     profile: Profile | None = None
     extents: ExtentCache = field(default_factory=ExtentCache)
-
-    @property
-    def anchor(self) -> Anchor | None:
-        """Where the site lies on its body; None where it is not anchored."""
-        return anchor_of(self.profile)
 
     def connected(self) -> Bus:
         """The bus; raises UnavailableError without one."""

@@ -18,7 +18,7 @@ import pyproj
 from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
-from services.dpm.anchor import Anchor
+from cdff_common.geodesy import Body
 
 _OGC = "http://www.opengis.net/def/crs"
 CRS84 = f"{_OGC}/OGC/1.3/CRS84"
@@ -46,14 +46,14 @@ class CrsList:
 
     Parameters
     ----------
-    anchor : Anchor
+    body : Body
     base : str
         URL that our own definitions lie under.
     """
 
-    def __init__(self, anchor: Anchor, base: str) -> None:
-        self.anchor = anchor
-        self.all = tuple(_named(anchor, base))
+    def __init__(self, body: Body, base: str) -> None:
+        self.body = body
+        self.all = tuple(_named(body, base))
         self.default = self.all[0]
         self.storage = self.all[1] if len(self.all) > 1 else self.all[0]
 
@@ -109,25 +109,31 @@ def _transformer(source_wkt: str, target_wkt: str) -> pyproj.Transformer:
     return pyproj.Transformer.from_crs(source_wkt, target_wkt, always_xy=True)
 
 
-def _named(anchor: Anchor, base: str) -> Iterator[NamedCrs]:
+def _named(body: Body, base: str) -> Iterator[NamedCrs]:
     """Longitude first; then what an authority lists: geographic in its own order, equirectangular in metres."""
-    code = anchor.code
+    code = code_of(body)
     if code == "EPSG:4326":
         yield NamedCrs(CRS84, pyproj.CRS.from_user_input("OGC:CRS84"))
-        yield NamedCrs(f"{_OGC}/EPSG/0/4326", anchor.geographic, lat_first=True)
+        yield NamedCrs(f"{_OGC}/EPSG/0/4326", body.geographic_crs, lat_first=True)
         return
-    yield NamedCrs(f"{base}/crs/{anchor.body.lower()}_lonlat", lonlat(anchor))
+    yield NamedCrs(f"{base}/crs/{body.name}_lonlat", lonlat(body))
     if code is not None and code.startswith("IAU_2015:"):
         number = int(code.partition(":")[2])
-        lat_first = anchor.geographic.axis_info[0].direction == "north"
-        yield NamedCrs(f"{_OGC}/IAU/2015/{number}", anchor.geographic, lat_first)
+        lat_first = body.geographic_crs.axis_info[0].direction == "north"
+        yield NamedCrs(f"{_OGC}/IAU/2015/{number}", body.geographic_crs, lat_first)
         yield NamedCrs(f"{_OGC}/IAU/2015/{number + 10}", pyproj.CRS.from_authority("IAU_2015", number + 10))
 
 
-def lonlat(anchor: Anchor) -> pyproj.CRS:
+def lonlat(body: Body) -> pyproj.CRS:
     """The geographic CRS of a body with longitude as its first axis."""
-    definition = anchor.geographic.to_json_dict()
+    definition = body.geographic_crs.to_json_dict()
     axes = definition["coordinate_system"]["axis"]
     axes.sort(key=lambda axis: axis["direction"] != "east")
     definition.pop("id", None)
     return pyproj.CRS.from_json_dict(definition | {"name": f"{definition['name']} (longitude, latitude)"})
+
+
+def code_of(body: Body) -> str | None:
+    """``IAU_2015:49900``; None for a body that no authority lists."""
+    authority = body.geographic_crs.to_authority(min_confidence=90)
+    return None if authority is None else ":".join(authority)

@@ -14,10 +14,9 @@ from shapely.geometry.base import BaseGeometry
 
 from cdff_common.clock import format_stamp
 from cdff_common.errors import InputError
-from dpm_store import ProductRecord
-from services.dpm.http.context import Context
+from services.dpm.http.catalogue import Placed
 from services.dpm.http.crs import CrsList
-from services.dpm.http.places import Places, geojson
+from services.dpm.http.places import geojson
 from services.dpm.http.tracks import TRACKS, TrackRecord
 
 _GEOJSON = "application/geo+json"
@@ -28,7 +27,6 @@ class FeatureWriter:
 
     Parameters
     ----------
-    context : Context
     base : str
         URL of the interface.
     crs_list : CrsList or None
@@ -37,10 +35,9 @@ class FeatureWriter:
         URI that was asked.
     """
 
-    def __init__(self, context: Context, base: str, crs_list: CrsList | None, crs: str | None) -> None:
+    def __init__(self, base: str, crs_list: CrsList | None, crs: str | None) -> None:
         self._base = base
         self._crs_list = crs_list
-        self._places = Places(context.dpm.store, context.anchor)
         if crs_list is None and crs is not None:
             raise InputError(
                 f"crs={crs[:120]!r}: the site is not anchored on a body, so that features have a place only"
@@ -54,9 +51,9 @@ class FeatureWriter:
             return bbox
         return self._crs_list.bounds_to_degrees(bbox, self._crs_list.by_uri(crs, "bbox-crs"))
 
-    def footprint(self, record: ProductRecord, outline: BaseGeometry | None) -> dict[str, Any]:
+    def footprint(self, placed: Placed) -> dict[str, Any]:
         """A product's footprint."""
-        h = record.header
+        record, h = placed.record, placed.record.header
         properties = {
             "robot": record.robot, "dfpc": record.dfpc, "port": record.port, "product": record.product,
             "type_name": record.type_name, "frame": h.frame, "child": h.child, "t0": format_stamp(h.t0_ns),
@@ -65,17 +62,15 @@ class FeatureWriter:
             "size_bytes": record.size, "producer": h.producer,
             "payload": self._base.removesuffix("/ogc") + f"/api/v1/products/{record.id}/payload",
         }  # fmt: skip
-        in_site = None if outline is not None else self._places.in_site(record)
-        return self._feature(record.product, record.id, outline, in_site, properties)
+        return self._feature(record.product, record.id, placed.in_frame, placed.on_body, h.frame, properties)
 
-    def track(self, track: TrackRecord, outline: BaseGeometry | None) -> dict[str, Any]:
+    def track(self, track: TrackRecord) -> dict[str, Any]:
         """A trajectory as a line."""
         properties = {
             "robot": track.robot, "child": track.child, "parent": track.parent, "source": track.source,
             "t0": format_stamp(track.t0_ns), "t1": format_stamp(track.t1_ns), "poses": track.count,
         }  # fmt: skip
-        in_site = None if outline is not None else track.in_site
-        return self._feature(TRACKS, track.id, outline, in_site, properties)
+        return self._feature(TRACKS, track.id, track.in_frame, track.on_body, track.parent, properties)
 
     def response(self, body: dict[str, Any], links: Sequence[dict[str, str]]) -> Response:
         """GeoJSON with its CRS and links as headers."""
@@ -85,17 +80,18 @@ class FeatureWriter:
         return Response(json.dumps(body, allow_nan=False), media_type=_GEOJSON, headers=headers)
 
     def _feature(
-        self, collection: str, feature_id: str, outline: BaseGeometry | None, in_site: BaseGeometry | None,
-        properties: dict[str, Any],
+        self, collection: str, feature_id: str, in_frame: BaseGeometry | None, on_body: BaseGeometry | None,
+        frame: str, properties: dict[str, Any],
     ) -> dict[str, Any]:  # fmt: skip
-        if outline is not None and self._convert is not None:
-            outline = shapely.transform(outline, self._convert)
+        placed = on_body if on_body is None or self._convert is None else shapely.transform(on_body, self._convert)
         url = f"{self._base}/collections/{collection}"
         links = [
             {"href": f"{url}/items/{feature_id}", "rel": "self", "type": _GEOJSON},
             {"href": url, "rel": "collection", "type": "application/json"},
         ]
         feature = {
-            "type": "Feature", "id": feature_id, "geometry": geojson(outline), "properties": properties, "links": links,
+            "type": "Feature", "id": feature_id, "geometry": geojson(placed), "properties": properties, "links": links,
         }  # fmt: skip
-        return feature if in_site is None else feature | {"place": geojson(in_site), "coordRefSys": "site"}
+        if on_body is not None or in_frame is None:
+            return feature
+        return feature | {"place": geojson(in_frame), "coordRefSys": f"urn:cdff:frame:{frame}"}

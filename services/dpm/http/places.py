@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where products lie on their body: outlines in metres of the site, and in degrees of longitude and latitude.
+"""Where products lie on their body: outlines in metres of their frame, and in degrees of longitude and latitude.
 
 Outlines follow GeoJSON (RFC 7946): longitude before latitude, rings counter-clockwise, cut at the antimeridian. Unlike
-there the degrees are those of the body that the site is anchored on (planetocentric, east positive), not of WGS 84.
+there the degrees are those of the body that the site is anchored on (east positive), not of WGS 84.
 """
 
 from __future__ import annotations
@@ -17,55 +17,56 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from cdff_common.errors import FrameNotFoundError, InputError
-from cdff_common.geometry import UncertainTransform
-from cdff_common.geometry.region import MAX_CORNERS, Region
+from cdff_common.errors import InputError
+from cdff_common.geodesy import Body, Place
+from cdff_common.geometry.region import Region
 from dpm_store import ProductRecord, Store
-from services.dpm.anchor import Anchor
 
-_CORNERS = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)], dtype=bool)
+SITE = "site"
 #: Points along each side of a box that is carried from degrees to metres: its sides are curved there.
 _PER_SIDE = 16
-#: Boxes in degrees are cut to this much around the site: further away the site's plane means nothing.
+#: Boxes are cut to this much around a site: further away its plane means nothing.
 _REACH_DEG = 5.0
+#: A point or a line is given some width, degrees: a region encloses an area.
+_LEAST_DEG = 1e-9
 
 
 class Places:
-    """Places products of one request; frames are looked up once.
+    """Places the products of one answer; frames are looked up once.
 
     Parameters
     ----------
     store : Store
-    anchor : Anchor or None
-        Where the site lies; None where it is not anchored.
+
+    Attributes
+    ----------
+    body : Body or None
+        That the site lies on, or without a site the first frame that is anchored; None where nothing is.
     """
 
-    def __init__(self, store: Store, anchor: Anchor | None) -> None:
+    def __init__(self, store: Store) -> None:
         self._store = store
-        self.anchor = anchor
-        self._in_site = functools.cache(self._look_up)
+        self.of = functools.cache(store.places.of)
+        self._roots = self._anchored_frames()
+        self.body: Body | None = self.of(self._roots[0]).body if self._roots else None
 
-    def in_site(self, record: ProductRecord) -> BaseGeometry | None:
-        """Outline in the x-y plane of the site, metres; None without a box, or in a frame that cannot be joined."""
-        return None if record.header.box_m is None else self.box_in_site(record.header.frame, record.header.box_m)
+    def outlines(self, records: Sequence[ProductRecord]) -> list[BaseGeometry | None]:
+        """Outlines in the x-y plane of each product's own frame, metres; None without a box."""
+        rings = self._store.footprints([record.id for record in records if record.header.box_m is not None])
+        return [None if (ring := rings.get(record.id)) is None else ring_outline(ring) for record in records]
 
-    def box_in_site(self, frame: str, box_m: Sequence[float]) -> BaseGeometry | None:
-        """Outline of ``xmin ymin zmin xmax ymax zmax`` of a frame in the plane of the site; None as ``in_site``."""
-        T = self._in_site(frame)
-        if T is None:
+    def on_body(self, frame: str, outline: BaseGeometry | None) -> BaseGeometry | None:
+        """An outline of a frame in degrees, longitude first; None where the frame is not anchored on the body."""
+        place = self.of(frame)
+        if outline is None or place.anchor is None or place.body != self.body:
             return None
-        box = np.asarray(box_m, dtype=np.float64)
-        corners = T.apply(np.where(_CORNERS, box[3:], box[:3]))[:, :2]
-        return oriented(shapely.MultiPoint(corners).convex_hull)
+        degrees = shapely.transform(outline, lambda xy: place.lonlat(xy)[:, :2])
+        return cut_at_antimeridian(degrees, place.anchor.lon_deg)
 
-    def on_body(self, outline: BaseGeometry | None) -> BaseGeometry | None:
-        """An outline of the site in degrees of the body, longitude first; None where the site is not anchored."""
-        if outline is None or self.anchor is None:
-            return None
-        return cut_at_antimeridian(shapely.transform(outline, self.anchor.to_degrees), self.anchor.lon_deg)
+    def region(self, bounds_deg: Sequence[float]) -> tuple[str, Region] | None:
+        """A frame and a region in it that a box of longitudes and latitudes is searched with.
 
-    def region(self, bounds_deg: Sequence[float]) -> Region | None:
-        """A box of longitudes and latitudes as a region of the site; None where it is nowhere near the site.
+        None where no one site is near the box: it holds nothing, or several sites.
 
         Raises
         ------
@@ -73,31 +74,41 @@ class Places:
             If it is no box.
         """
         west, south, east, north = checked_box(bounds_deg)
-        if self.anchor is None:
+        near = [(f, cut) for f in self._roots if (cut := _cut(self.of(f), west, south, east, north)) is not None]
+        if len(near) != 1:
             return None
-        lon, lat = self.anchor.lon_deg, self.anchor.lat_deg
-        if west > east:  # across the antimeridian
-            east += 360.0
-        shift = 360.0 * np.round((lon - (west + east) / 2.0) / 360.0)
-        west, east = west + shift, east + shift
-        reach_lon = min(_REACH_DEG / max(np.cos(np.radians(lat)), 0.05), 80.0)
-        west, east = max(west, lon - reach_lon), min(east, lon + reach_lon)
-        south, north = max(south, lat - _REACH_DEG), min(north, lat + _REACH_DEG)
-        if west > east or south > north:
-            return None
-        least = 1e-9  # a point or a line is given some width: a region encloses an area
-        outline = shapely.segmentize(
-            shapely.box(west, south, max(east, west + least), max(north, south + least)),
-            max(east - west, north - south, least) / _PER_SIDE,
-        )
-        ring = self.anchor.to_metres(shapely.get_coordinates(outline))[:-1]
-        return Region("polygon", tuple(float(v) for v in ring[:MAX_CORNERS].ravel()))
+        frame, (west, south, east, north) = near[0]
+        side = max(east - west, north - south) / _PER_SIDE
+        box = shapely.segmentize(shapely.box(west, south, east, north), side)
+        ring = self.of(frame).points(shapely.get_coordinates(box))[:-1, :2]
+        return frame, Region("polygon", tuple(float(v) for v in ring.ravel()))
 
-    def _look_up(self, frame: str) -> UncertainTransform | None:
-        try:
-            return self._store.frames.lookup("site", frame)
-        except FrameNotFoundError:
-            return None
+    def several_sites(self) -> bool:
+        """Whether more than one frame is anchored."""
+        return len(self._roots) > 1
+
+    def _anchored_frames(self) -> list[str]:
+        """Frames that lie on a body themselves, the site before others."""
+        bodies = self._store.places.bodies()
+        found = [r.frame for r in self._store.frames.current() if r.parent in bodies]
+        return sorted((f for f in found if self.of(f).anchor is not None), key=lambda f: (f != SITE, f))
+
+
+def _cut(
+    place: Place, west: float, south: float, east: float, north: float
+) -> tuple[float, float, float, float] | None:
+    """A box cut to what is near a place, with longitudes around the place's; None where nothing is left."""
+    assert place.anchor is not None  # callers ask for anchored frames only
+    lon, lat = place.anchor.lon_deg, place.anchor.lat_deg
+    if west > east:  # across the antimeridian
+        east += 360.0
+    reach_lon = min(_REACH_DEG / max(float(np.cos(np.radians(lat))), 0.05), 80.0)
+    for turn in (-360.0, 0.0, 360.0):
+        x0, x1 = max(west + turn, lon - reach_lon), min(east + turn, lon + reach_lon)
+        y0, y1 = max(south, lat - _REACH_DEG), min(north, lat + _REACH_DEG)
+        if x0 <= x1 and y0 <= y1:
+            return x0, y0, max(x1, x0 + _LEAST_DEG), max(y1, y0 + _LEAST_DEG)
+    return None
 
 
 def checked_box(bounds: Sequence[float]) -> tuple[float, float, float, float]:
@@ -106,11 +117,22 @@ def checked_box(bounds: Sequence[float]) -> tuple[float, float, float, float]:
     if len(values) == 6:
         values = [values[0], values[1], values[3], values[4]]
     if len(values) != 4 or not np.all(np.isfinite(values)):
-        raise InputError(f"bbox {list(bounds)}: expected 4 or 6 finite numbers")
+        raise InputError(f"bbox {list(bounds)[:8]}: expected 4 or 6 finite numbers")
     west, south, east, north = values
     if south > north:
         raise InputError(f"bbox {list(bounds)}: its south is above its north")
+    if max(abs(west), abs(east)) > 360.0 or max(abs(south), abs(north)) > 90.0:
+        raise InputError(f"bbox {list(bounds)}: expected longitudes within 360 and latitudes within 90 degrees")
     return west, south, east, north
+
+
+def ring_outline(ring: NDArray[np.float64]) -> BaseGeometry:
+    """A ring ``(n, 2)`` as a polygon, or as the point or line that it shrinks to."""
+    distinct = np.unique(ring, axis=0)
+    if len(distinct) < 3:
+        return shapely.Point(distinct[0]) if len(distinct) == 1 else shapely.LineString(distinct)
+    outline = shapely.Polygon(ring)
+    return oriented(outline if outline.is_valid and outline.area > 0.0 else shapely.MultiPoint(ring).convex_hull)
 
 
 def oriented(outline: BaseGeometry) -> BaseGeometry:
@@ -132,16 +154,15 @@ def cut_at_antimeridian(outline: BaseGeometry, near_lon_deg: float) -> BaseGeome
     parts = []
     for turn in (-360.0, 0.0, 360.0):
         part = shapely.intersection(whole, shapely.box(turn - 180.0, -90.0, turn + 180.0, 90.0))
-        if not part.is_empty and part.geom_type == whole.geom_type:
-            parts.append(shapely.transform(part, lambda xy, turn=turn: xy - [turn, 0.0]))  # type: ignore[misc]
+        if not part.is_empty and shapely.get_dimensions(part) == shapely.get_dimensions(whole):
+            parts.append(shapely.transform(part, functools.partial(_turned, turn=turn)))
     return oriented(parts[0] if len(parts) == 1 else shapely.union_all(parts))
 
 
-def geojson(outline: BaseGeometry | None, swap: bool = False) -> dict[str, Any] | None:
-    """A geometry as GeoJSON; ``swap`` puts the second coordinate first."""
-    if outline is None:
-        return None
-    if swap:
-        outline = shapely.transform(outline, lambda xy: xy[:, ::-1])
-    data: dict[str, Any] = shapely.geometry.mapping(outline)
-    return data
+def _turned(lon_lat: NDArray[np.float64], turn: float) -> NDArray[np.float64]:
+    return np.column_stack([lon_lat[:, 0] - turn, lon_lat[:, 1]])
+
+
+def geojson(outline: BaseGeometry | None) -> dict[str, Any] | None:
+    """A geometry as GeoJSON."""
+    return None if outline is None else dict(shapely.geometry.mapping(outline))

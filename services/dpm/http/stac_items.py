@@ -1,25 +1,20 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Products as STAC 1.1 items: geometry in degrees of the body, ``proj:`` in metres of the site's plane.
+"""Products as STAC 1.1 items: geometry in degrees of the body, ``proj:`` in metres of the product's frame.
 
 Where the site is not anchored an item has no geometry and no bbox, as the specification has it for what lies nowhere on
-a body; ``proj:geometry`` and ``proj:bbox`` in an engineering CRS named after the frame then say where it is.
+a body; ``proj:geometry`` and ``proj:bbox`` in an engineering CRS named after the frame say where it is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
-import pyproj
-from shapely.geometry.base import BaseGeometry
-
 from cdff_common.clock import format_stamp
-from cdff_common.formats.geotiff import engineering_crs
-from dpm_store import ProductRecord
-from services.dpm.anchor import Anchor
+from cdff_common.geodesy import Body
 from services.dpm.convert import file_formats
-from services.dpm.http.catalogue import Collection
+from services.dpm.http.catalogue import Collection, Placed
+from services.dpm.http.crs import code_of
 from services.dpm.http.places import Places, geojson
 
 VERSION = "1.1.0"
@@ -46,11 +41,11 @@ class ItemWriter:
         self._root = root
         self._stac = f"{root}stac"
         self._places = places
-        self._anchor = places.anchor
+        self._body = places.body
 
-    def item(self, record: ProductRecord, outline: BaseGeometry | None) -> dict[str, Any]:
+    def item(self, placed: Placed) -> dict[str, Any]:
         """A product as an item."""
-        h = record.header
+        record, outline, h = placed.record, placed.on_body, placed.record.header
         collection = f"{self._stac}/collections/{record.product}"
         links = [
             {"rel": "self", "type": GEOJSON, "href": f"{collection}/items/{record.id}"},
@@ -65,8 +60,8 @@ class ItemWriter:
         ]  # fmt: skip
         item: dict[str, Any] = {
             "type": "Feature", "stac_version": VERSION, "stac_extensions": self._extensions(), "id": record.id,
-            "collection": record.product, "geometry": geojson(outline), "properties": self._properties(record),
-            "links": links, "assets": self._assets(record, outline),
+            "collection": record.product, "geometry": geojson(outline), "properties": self._properties(placed),
+            "links": links, "assets": self._assets(placed),
         }  # fmt: skip
         if outline is not None:
             item["bbox"] = [float(v) for v in outline.bounds]
@@ -86,15 +81,15 @@ class ItemWriter:
                 {"rel": "items", "type": GEOJSON, "href": f"{url}/items"},
             ],
         }  # fmt: skip
-        if self._anchor is not None:
-            data |= {"stac_extensions": [TARGETS], "ssys:targets": [self._anchor.body]}
+        if self._body is not None:
+            data |= {"stac_extensions": [TARGETS], "ssys:targets": [target(self._body)]}
         return data
 
     def _extensions(self) -> list[str]:
-        return [PROJECTION, FILE, PROCESSING, *([] if self._anchor is None else [TARGETS])]
+        return [PROJECTION, FILE, PROCESSING, *([] if self._body is None else [TARGETS])]
 
-    def _properties(self, record: ProductRecord) -> dict[str, Any]:
-        h = record.header
+    def _properties(self, placed: Placed) -> dict[str, Any]:
+        record, h = placed.record, placed.record.header
         properties: dict[str, Any] = {
             "datetime": format_stamp(h.t1_ns), "start_datetime": format_stamp(h.t0_ns),
             "end_datetime": format_stamp(h.t1_ns), "title": f"{record.product} of {record.robot}",
@@ -107,29 +102,32 @@ class ItemWriter:
             properties["gsd"] = h.resolution_m
         if h.child is not None:
             properties["cdff:child"] = h.child
-        if self._anchor is not None:
-            properties |= {"ssys:targets": [self._anchor.body], "cdff:geographic_crs": self._anchor.code}
-        return properties | self._projection(record)
+        if self._body is not None:
+            properties |= {"ssys:targets": [target(self._body)], "cdff:geographic_crs": code_of(self._body)}
+        return properties | self._projection(placed)
 
-    def _projection(self, record: ProductRecord) -> dict[str, Any]:
-        in_site = self._places.in_site(record)
-        crs = plane_crs(self._anchor if in_site is not None else None, "site")
-        if in_site is None:
-            crs = plane_crs(None, record.header.frame)
-            box = record.header.box_m
-            placed = {} if box is None else {"proj:bbox": [*box[:2], *box[3:5]]}
-        else:
-            placed = {"proj:geometry": geojson(in_site), "proj:bbox": [float(v) for v in in_site.bounds]}
-        return {"proj:code": None, **crs, **placed}
+    def _projection(self, placed: Placed) -> dict[str, Any]:
+        crs = self._places.of(placed.record.header.frame).crs
+        found = {"proj:code": None, "proj:wkt2": crs.to_wkt("WKT2_2019"), "proj:projjson": crs.to_json_dict()}
+        if placed.in_frame is None:
+            return found
+        bounds = [float(v) for v in placed.in_frame.bounds]
+        return found | {"proj:geometry": geojson(placed.in_frame), "proj:bbox": bounds}
 
-    def _assets(self, record: ProductRecord, outline: BaseGeometry | None) -> dict[str, Any]:
+    def _assets(self, placed: Placed) -> dict[str, Any]:
+        record = placed.record
         url = f"{self._root}api/v1/products/{record.id}"
         footprint: dict[str, Any] = {
             "href": f"{self._root}ogc/collections/{record.product}/items/{record.id}", "type": GEOJSON,
             "title": "Footprint", "roles": ["metadata"],
         }  # fmt: skip
-        if self._anchor is not None and outline is not None and self._anchor.code is not None:
-            footprint |= {"proj:code": self._anchor.code, "proj:wkt2": None, "proj:projjson": None}
+        if self._body is not None and placed.on_body is not None:
+            crs = self._body.geographic_crs
+            footprint |= {
+                "proj:code": code_of(self._body), "proj:wkt2": crs.to_wkt("WKT2_2019"),
+                "proj:projjson": crs.to_json_dict(), "proj:geometry": geojson(placed.on_body),
+                "proj:bbox": [float(v) for v in placed.on_body.bounds],
+            }  # fmt: skip
         assets: dict[str, Any] = {"footprint": footprint}
         if not record.size:
             return assets
@@ -149,7 +147,6 @@ class ItemWriter:
         return assets
 
 
-def plane_crs(anchor: Anchor | None, frame: str) -> Mapping[str, Any]:
-    """``proj:wkt2`` and ``proj:projjson`` of the plane that coordinates in metres lie in."""
-    crs = pyproj.CRS.from_wkt(engineering_crs(frame)) if anchor is None else anchor.plane
-    return {"proj:wkt2": crs.to_wkt("WKT2_2019"), "proj:projjson": crs.to_json_dict()}
+def target(body: Body) -> str:
+    """Name of a body as the solar system extension has it."""
+    return body.name.replace("_", " ").title()

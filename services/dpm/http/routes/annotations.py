@@ -12,6 +12,7 @@ from starlette.exceptions import HTTPException
 
 from dpm_store import StaleRevisionError
 from services.dpm.http.context import Ctx, jsonable
+from services.dpm.http.native_models import Annotations, NewAnnotation
 from services.dpm.http.roles import allowed
 from services.dpm.http.routes.products import etag
 from services.dpm.parameters import revision_of
@@ -42,7 +43,7 @@ class Changes(BaseModel):
     superseded_by: Annotated[str, Field(max_length=36)] | None = None
 
 
-@router.patch("/{product_id}", openapi_extra=allowed("operator"))
+@router.patch("/{product_id}", response_model=NewAnnotation, openapi_extra=allowed("operator"))
 def update(
     context: Ctx, product_id: str, changes: Changes, response: Response,
     if_match: Annotated[str | None, Header(max_length=40, description='ETag as "r3", or *')] = None,
@@ -59,7 +60,7 @@ def update(
     return {"id": product_id, **jsonable(annotation.to_dict())}
 
 
-@router.get("/{product_id}/revisions")
+@router.get("/{product_id}/revisions", response_model=Annotations)
 def revisions(context: Ctx, product_id: str) -> dict[str, Any]:
     """All that was said of a product, oldest first."""
     context.dpm.store.get(product_id)

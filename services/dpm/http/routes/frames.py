@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from cdff_common.clock import parse_stamp
 from cdff_common.errors import InputError
 from services.dpm.http.context import Ctx, jsonable
+from services.dpm.http.native_models import FrameRevision, FrameRevisions, Frames, Poses
 from services.dpm.http.roles import allowed
 
 router = APIRouter(prefix="/api/v1", tags=["frames"])
@@ -36,7 +37,7 @@ class Revision(BaseModel):
     producer: Annotated[str, Field(max_length=200)] = "http"
 
 
-@router.get("/frames")
+@router.get("/frames", response_model=Frames)
 def frames(context: Ctx, as_of: Stamp = None) -> dict[str, Any]:
     """The last revision of every fixed frame (as known at ``as_of``), and the spans that moving ones are known in."""
     known_ns = None if as_of is None else parse_stamp(as_of, "as_of")
@@ -48,13 +49,15 @@ def frames(context: Ctx, as_of: Stamp = None) -> dict[str, Any]:
     return {"items": jsonable(context.dpm.frames(known_ns)), "tracks": jsonable(tracks)}
 
 
-@router.get("/frames/{frame:path}/revisions")
+@router.get("/frames/{frame:path}/revisions", response_model=FrameRevisions)
 def revisions(context: Ctx, frame: str) -> dict[str, Any]:
     """All revisions of a frame, oldest first."""
     return {"items": jsonable([r.to_dict() for r in context.dpm.store.frames.revisions(frame)])}
 
 
-@router.post("/frames/{frame:path}/revisions", status_code=201, openapi_extra=allowed("operator"))
+@router.post(
+    "/frames/{frame:path}/revisions", response_model=FrameRevision, status_code=201, openapi_extra=allowed("operator")
+)
 def revise(context: Ctx, frame: str, body: Revision) -> Any:
     """Add a revision: every product of the frame and of those below moves with it."""
     data = body.model_dump() | {"frame": frame}
@@ -63,7 +66,7 @@ def revise(context: Ctx, frame: str, body: Revision) -> Any:
     return jsonable(context.dpm.set_frame(data))
 
 
-@router.get("/poses")
+@router.get("/poses", response_model=Poses)
 def poses(
     context: Ctx, robot: Annotated[str, Query(max_length=64)], t0: Stamp = None, t1: Stamp = None, t: Stamp = None,
     frame: Frame = "site", child: Frame | None = None, limit: Annotated[int, Query(ge=1, le=10_000)] = 1000,

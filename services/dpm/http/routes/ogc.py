@@ -23,6 +23,7 @@ from services.dpm.http.context import Context, Ctx
 from services.dpm.http.crs import CrsList, lonlat
 from services.dpm.http.models import OPENAPI, Conformance, Feature, FeatureCollection, Json, Link, Open
 from services.dpm.http.ogc_features import FeatureWriter
+from services.dpm.http.places import Places
 from services.dpm.http.tracks import TRACKS, track_collection, track_of, tracks_in
 
 router = APIRouter(prefix="/ogc", tags=["ogc"])
@@ -122,19 +123,19 @@ def collection(context: Ctx, request: Request, collection: Name) -> OgcCollectio
 def items(context: Ctx, request: Request, collection: Name, asked: Annotated[ItemParameters, Query()]) -> Response:
     """Features of a collection; ``links`` and ``Link`` lead to the next page, ``Content-Crs`` names the CRS."""
     _one(context, collection)
-    writer = FeatureWriter(context, base_url(request), crs_list(context, request), asked.crs)
+    writer = FeatureWriter(base_url(request), crs_list(context, request), asked.crs)
     bbox = writer.degrees(numbers_of(asked.bbox), asked.bbox_crs)
     t0_ns, t1_ns = span_of(asked.datetime)
     if collection == TRACKS:
         found = tracks_in(context, bbox, t0_ns, t1_ns, asked.robot, page_size(asked.limit), asked.cursor)
-        features, cursor = [writer.track(track, outline) for track, outline in found.items], found.cursor
+        features, cursor = [writer.track(track) for track in found.items], found.cursor
     else:
         query = StoreQuery(
             types=(collection,), robot=asked.robot, status=asked.status, t0_ns=t0_ns, t1_ns=t1_ns,
             limit=page_size(asked.limit), cursor=asked.cursor,
         )  # fmt: skip
         page = Catalogue(context).find(query, bbox=bbox)
-        features, cursor = [writer.footprint(record, outline) for record, outline in page.items], page.cursor
+        features, cursor = [writer.footprint(placed) for placed in page.items], page.cursor
     url = f"{base_url(request)}/collections/{collection}/items"
     parameters = asked.model_dump(by_alias=True, exclude_none=True)
     links = [{"href": _with(url, parameters), "rel": "self", "type": GEOJSON}]
@@ -154,21 +155,21 @@ def item(
     crs: Annotated[str | None, Query(max_length=400, description="URI of the CRS wanted")] = None,
 ) -> Response:  # fmt: skip
     """One feature."""
-    writer = FeatureWriter(context, base_url(request), crs_list(context, request), crs)
+    writer = FeatureWriter(base_url(request), crs_list(context, request), crs)
     if collection == TRACKS:
-        feature = writer.track(*track_of(context, item))
+        feature = writer.track(track_of(context, item))
     else:
-        feature = writer.footprint(*Catalogue(context).get(collection, item))
+        feature = writer.footprint(Catalogue(context).get(collection, item))
     return writer.response(feature, feature["links"])
 
 
 @router.get("/crs/{name}", response_class=PlainTextResponse)
 def crs(context: Ctx, name: Annotated[str, Path(max_length=64)]) -> str:
     """The definition, as WKT2, of a CRS that no authority lists: longitude before latitude on the site's body."""
-    anchor = context.anchor
-    if anchor is None or name != f"{anchor.body.lower()}_lonlat":
+    body = Places(context.dpm.store).body
+    if body is None or name != f"{body.name}_lonlat":
         raise ProductNotFoundError(f"no CRS {name[:64]!r} is defined here")
-    return str(lonlat(anchor).to_wkt("WKT2_2019"))
+    return str(lonlat(body).to_wkt("WKT2_2019"))
 
 
 def base_url(request: Request) -> str:
@@ -178,7 +179,8 @@ def base_url(request: Request) -> str:
 
 def crs_list(context: Context, request: Request) -> CrsList | None:
     """What coordinates can be had in; None where the site is not anchored."""
-    return None if context.anchor is None else CrsList(context.anchor, base_url(request))
+    body = Places(context.dpm.store).body
+    return None if body is None else CrsList(body, base_url(request))
 
 
 def _all(context: Context) -> list[Collection]:

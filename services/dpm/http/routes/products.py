@@ -53,7 +53,11 @@ class SearchParameters(BaseModel):
     tag: Text = Field(None, description="Carries this tag; all of several with commas")
     as_of: Text = Field(None, description="What the store knew then: nanoseconds or RFC 3339")
     superseded: Text = Field(None, description="include (default), exclude or only products with a successor")
-    order: Text = Field(None, description="newest (default) or oldest end of capture first")
+    order: Text = Field(None, description="newest (default) or oldest end of capture first, or nearest")
+    point: Text = Field(None, description="For order=nearest: x,y in the region's frame; default the region's centre")
+    quality: Text = Field(None, description="Numbers of the quality within bounds, as inliers>=30,rmse_px<0.5")
+    covariance_kind: Text = Field(None, description="calibrated, formal or none")
+    frames_revision: Text = Field(None, description="State of the frame tree to place products by, of an earlier answer")
     limit: Text = Field(None, description="Of the page, 1 to 1000, default 100")
     cursor: Text = Field(None, description="Of the page before")
 
@@ -148,7 +152,7 @@ def payload(
     format: Annotated[str, Query(max_length=16)] = "native",
     as_: Annotated[str | None, Query(alias="as", max_length=64)] = None,
 ) -> Response:  # fmt: skip
-    """The payload, as it is stored (``Range`` and ``If-Range`` allowed) or converted; ``ETag`` and ``If-None-Match``."""
+    """The payload, as it is stored (``Range`` and ``If-Range`` allowed) or converted."""
     record = context.dpm.store.get(product_id)
     is_native = format == "native" and as_ is None
     etag = f'"{record.sha256}"' if is_native else f'"{record.sha256[:32]}-{converted_name(format, as_)}"'

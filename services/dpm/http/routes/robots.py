@@ -10,17 +10,18 @@ from fastapi import APIRouter
 
 from cdff_common.errors import CdffError, ProductNotFoundError
 from services.dpm.http.context import Context, Ctx, jsonable
+from services.dpm.http.native_models import Robot, Robots
 
 router = APIRouter(prefix="/api/v1/robots", tags=["robots"])
 
 
-@router.get("")
+@router.get("", response_model=Robots)
 def robots(context: Ctx) -> dict[str, Any]:
     """Every robot that the profile names, that has products, or that shows a sign of life."""
     return {"items": [_robot(context, robot) for robot in sorted(_known(context))]}
 
 
-@router.get("/{robot}")
+@router.get("/{robot}", response_model=Robot)
 def robot(context: Ctx, robot: str) -> dict[str, Any]:
     """One robot."""
     if robot not in _known(context):

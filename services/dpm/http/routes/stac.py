@@ -186,8 +186,7 @@ def items(context: Ctx, request: Request, collection: Name, asked: Annotated[Pag
 def item(context: Ctx, request: Request, collection: Name, item: Name) -> Response:
     """One item."""
     catalogue = Catalogue(context)
-    record, outline = catalogue.get(collection, item)
-    found = ItemWriter(str(request.base_url), catalogue.places).item(record, outline)
+    found = ItemWriter(str(request.base_url), catalogue.places).item(catalogue.get(collection, item))
     return Response(json.dumps(found, allow_nan=False), media_type=GEOJSON)
 
 
@@ -255,7 +254,7 @@ def _answer(context: Context, request: Request, asked: SearchBody, url: str, que
     """A page of items; ``query`` are the parameters of a GET, None for a POST."""
     found, catalogue = find(context, asked)
     writer = ItemWriter(str(request.base_url), catalogue.places)
-    features = [writer.item(record, outline) for record, outline in found.items]
+    features = [writer.item(placed) for placed in found.items]
     href = url if not query else f"{url}?{urlencode(query)}"
     links: list[Json] = [
         {"rel": "self", "type": GEOJSON, "href": href},

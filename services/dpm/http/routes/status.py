@@ -19,14 +19,17 @@ from dpm_store import Event
 from dpm_store.events import CHANGES
 from services.dpm.http.context import Context, Ctx, jsonable
 from services.dpm.http.metrics import dpm_lines, orchestrator_lines
+from services.dpm.http.native_models import Changes, Status
 
 router = APIRouter(tags=["status"])
 
 _KEEP_ALIVE_S = 15.0
+#: Events that are sent at once.
+_BATCH = 200
 _METRICS_TIMEOUT_S = 1.0
 
 
-@router.get("/api/v1/status")
+@router.get("/api/v1/status", response_model=Status)
 def status(context: Ctx) -> dict[str, Any]:
     """Counts and sizes, and the services that are alive."""
     services = context.watch.services() if context.watch is not None else {}
@@ -67,7 +70,7 @@ def _orchestrator(context: Context) -> dict[str, Any] | None:
     return body
 
 
-@router.get("/api/v1/changes")
+@router.get("/api/v1/changes", response_model=Changes)
 def changes(
     context: Ctx, since: Annotated[int, Query(ge=0, le=2**62)] = 0, limit: Annotated[int, Query(ge=1, le=1000)] = 1000,
     kind: Annotated[str | None, Query(max_length=100, description=f"Some of {', '.join(CHANGES)}")] = None,
@@ -78,7 +81,7 @@ def changes(
     return data
 
 
-@router.get("/api/v1/history")
+@router.get("/api/v1/history", response_model=Changes)
 def history(
     context: Ctx, since: Annotated[int, Query(ge=0, le=2**62)] = 0, limit: Annotated[int, Query(ge=1, le=1000)] = 1000,
     kind: Annotated[str | None, Query(max_length=100, description="job, activation, …; several with commas")] = None,
@@ -90,13 +93,17 @@ def history(
     return data
 
 
-@router.get("/api/v1/events", response_class=StreamingResponse)
+@router.get(
+    "/api/v1/events", response_class=StreamingResponse,
+    responses={200: {"content": {"text/event-stream": {}}, "description": "Events without end"}},
+)  # fmt: skip
 async def events(
-    context: Ctx, request: Request, last_event_id: Annotated[str | None, Header()] = None
-) -> StreamingResponse:
+    context: Ctx, request: Request,
+    last_event_id: Annotated[str | None, Header(pattern=r"^[0-9]{0,18}$", description="Go on after this")] = None,
+) -> StreamingResponse:  # fmt: skip
     """Events as they happen (SSE); with ``Last-Event-ID`` from there on, nothing left out."""
     store = context.dpm.store
-    start = int(last_event_id) if last_event_id and last_event_id.isdigit() else store.events.last_ordinal()
+    start = int(last_event_id) if last_event_id else await asyncio.to_thread(store.events.last_ordinal)
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
     return StreamingResponse(_stream(context, request, start), media_type="text/event-stream", headers=headers)
 
@@ -110,12 +117,13 @@ async def _stream(context: Context, request: Request, last: int) -> AsyncIterato
 
     context.dpm.listen(on_event)
     try:
-        yield ": connected\n\n"
+        yield ": connected\nretry: 2000\n\n"
         while not await request.is_disconnected():
             news.clear()
-            for event in await asyncio.to_thread(context.dpm.store.events.since, last):
-                last = event.ordinal
-                yield _line(event)
+            # A caller who does not read holds up this generator and nothing else: events wait in the store, not here.
+            while batch := await asyncio.to_thread(context.dpm.store.events.since, last, limit=_BATCH):
+                last = batch[-1].ordinal
+                yield "".join(_line(event) for event in batch)
             try:
                 await asyncio.wait_for(news.wait(), _KEEP_ALIVE_S)
             except TimeoutError:

@@ -1,0 +1,96 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a product's header may say, before anything of the product is looked at or stored."""
+
+from __future__ import annotations
+
+import math
+import re
+import threading
+
+from cdff_common.clock import NS_PER_S
+from cdff_common.errors import FrameNotFoundError, InputError
+from cdff_common.geodesy import body_names
+from cdff_common.interfaces.product import Header
+from dpm_store import Store
+
+#: Captures may end this much after the mission clock's now: clocks of robots and of the ground differ by less.
+MAX_SKEW_S = 60.0
+_MAX_INPUTS = 10_000
+_MAX_REASONS, _MAX_METRICS = 64, 256
+_MAX_TEXT = 256
+_INPUT = re.compile(r"[A-Za-z0-9_\-:.]{1,64}\Z")
+_SITE = "site"
+
+
+def check_header(header: Header, now_ns: int) -> None:
+    """Refuse a header that lies in the future, or whose parts are out of bounds.
+
+    Parameters
+    ----------
+    header : Header
+    now_ns : int
+        Mission time.
+
+    Raises
+    ------
+    InputError
+    """
+    late_s = (header.t1_ns - now_ns) / NS_PER_S
+    if late_s > MAX_SKEW_S:
+        raise InputError(
+            f"capture ends {late_s:.3f} s after the mission clock's now, expected at most {MAX_SKEW_S:g} s: "
+            "set the clock of the robot"
+        )
+    if len(header.inputs) > _MAX_INPUTS:
+        raise InputError(f"inputs: {len(header.inputs)} ids, expected at most {_MAX_INPUTS}")
+    for i in header.inputs:
+        if not _INPUT.match(i):
+            raise InputError(f"input {i[:80]!r}: expected an id, letters, digits and - _ : . , at most 64")
+    for name, text in (("producer", header.producer), ("config_hash", header.config_hash)):
+        if len(text) > _MAX_TEXT or not text.isprintable():
+            raise InputError(f"{name}={text[:80]!r}: expected printable text, at most {_MAX_TEXT}")
+    reasons, metrics = header.quality.reasons, header.quality.metrics
+    if len(reasons) > _MAX_REASONS or any(len(reason) > _MAX_TEXT for reason in reasons):
+        raise InputError(f"quality: {len(reasons)} reasons, expected at most {_MAX_REASONS} of {_MAX_TEXT} letters")
+    if len(metrics) > _MAX_METRICS or any(len(name) > _MAX_TEXT for name in metrics):
+        raise InputError(f"quality: {len(metrics)} metrics, expected at most {_MAX_METRICS}, short names")
+    resolution_m = header.resolution_m
+    if resolution_m is not None and not (math.isfinite(resolution_m) and resolution_m > 0.0):
+        raise InputError(f"resolution_m={resolution_m}: expected metres above 0")
+
+
+class FrameNames:
+    """Frames that a store has heard of: ``site``, bodies, fixed and moving frames, frames of products.
+
+    Parameters
+    ----------
+    store : Store
+    """
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._lock = threading.Lock()
+        self._known: frozenset[str] = frozenset({_SITE, *body_names()})
+
+    def check_known(self, frame: str) -> None:
+        """Raise FrameNotFoundError for a frame that nothing was ever said of."""
+        if frame not in self._known and frame not in self._read():
+            raise FrameNotFoundError(f"frame {frame[:128]!r} is not known: nothing lies in it and no edge leads to it")
+
+    def check_of_robot(self, frame: str, robot: str) -> None:
+        """Raise InputError for a frame that a robot's product cannot lie in: neither its own nor known."""
+        if frame.startswith(f"{robot}/"):
+            return
+        try:
+            self.check_known(frame)
+        except FrameNotFoundError as error:
+            raise InputError(f"a product of {robot}: {error}; enter the frame first, or use {robot}/…") from error
+
+    def _read(self) -> frozenset[str]:
+        fixed = [name for revision in self._store.frames.current() for name in (revision.frame, revision.parent)]
+        moving = [name for track in self._store.poses.tracks() for name in (track.parent, track.child)]
+        found = frozenset({_SITE, *body_names(), *fixed, *moving, *self._store.frame_names()})
+        with self._lock:
+            self._known = found
+        return found
