@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from dpm_store.patches import DERIVED_DFPC, Found, Patches, bounds_of
 from dpm_store.records import ProductRecord, Query
 
 if TYPE_CHECKING:
-    from cdff_common.raster import GridGeometry
+    from cdff_common.raster import CellStatistics, GridGeometry
 
 #: Port under which windows are stored.
 DERIVED_PORT = "window"
@@ -49,6 +49,8 @@ class WindowQuery:
         Only patches that ended their capture by then.
     as_of_ns : int or None
         Only what the store knew at this mission time, in frames as they were known then.
+    frames_revision : int or None
+        Frames as they were in this state of the tree: the answer of before a re-anchoring again.
     choice : Choice
         What a cell holds where several patches have measured it.
     disagreement : Disagreement
@@ -62,8 +64,16 @@ class WindowQuery:
     newest_after_ns: int | None = None
     t1_ns: int | None = None
     as_of_ns: int | None = None
+    frames_revision: int | None = None
     choice: Choice = Choice.POOLED
     disagreement: Disagreement = Disagreement.KEEP
+
+    def query(self, region: Region | None) -> Query:
+        """The search for patches in a region."""
+        return Query(
+            robot=self.robot, region=region, frame=self.frame, t1_ns=self.t1_ns, as_of_ns=self.as_of_ns,
+            frames_revision=self.frames_revision,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,6 +104,8 @@ class ElevationWindow:
         Frames that fixed edges do not join with the window's; whether they hold patches was not looked at.
     purged : int
         Patches that the store knew then and whose payload is gone since; the window is DEGRADED by them.
+    frames_revision : int
+        State of the frame tree that it was made in.
     """
 
     map: Any
@@ -108,6 +120,7 @@ class ElevationWindow:
     skipped_frames: tuple[str, ...] = ()
     unplaced_frames: tuple[str, ...] = ()
     purged: int = 0
+    frames_revision: int = 0
 
     @property
     def robot(self) -> str:
@@ -121,8 +134,20 @@ class ElevationWindow:
             "oldest_ns": self.oldest_ns, "coverage": self.coverage, "resolution_m": self.header.resolution_m,
             "disagreeing": self.disagreeing, "resampled": dict(self.resampled),
             "skipped_frames": list(self.skipped_frames), "unplaced_frames": list(self.unplaced_frames),
-            "purged": self.purged,
+            "purged": self.purged, "frames_revision": self.frames_revision,
         }  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PooledCells:
+    """Cells of a grid, and what they were assembled from; fields as of ``ElevationWindow``."""
+
+    statistics: CellStatistics
+    used: list[ProductRecord]
+    disagreeing: int
+    resampled: dict[str, int]
+    skipped_frames: tuple[str, ...]
+    purged: int
 
 
 class Maps:
@@ -144,9 +169,7 @@ class Maps:
         from cdff_common.raster import GridGeometry, delivered_resolution
 
         where = "" if asked.region is None else f" in {asked.region.text} of {asked.frame}"
-        query = Query(
-            robot=asked.robot, region=asked.region, frame=asked.frame, t1_ns=asked.t1_ns, as_of_ns=asked.as_of_ns
-        )
+        query = asked.query(asked.region)
         region = None if asked.region is None else self.patches.resolved_region(query)
         found = self.patches.find(query)
         records = found.records
@@ -160,7 +183,7 @@ class Maps:
             raise ProductNotFoundError(
                 f"newest dem patch{where} ended at {newest}, wanted {asked.newest_after_ns} or later"
             )
-        found = Found(records, found.transforms, found.unplaced_frames)
+        found = replace(found, records=records)
         cells = delivered_resolution([max(self.patches.resolution_m(r) for r in records)], asked.resolution_m)
         bounds = region.bounds if region is not None else bounds_of(found, asked.frame)
         _check_size(bounds, cells)
@@ -170,8 +193,40 @@ class Maps:
         self, asked: WindowQuery, region: Region | None, found: Found, geometry: GridGeometry, where: str
     ) -> ElevationWindow:
         from cdff_common import raster
-        from cdff_common.raster.mosaic import Mosaic, fitting_factor, is_level
         from cdff_common.types import ElevationMap
+
+        made = self.pooled(asked, found, geometry)
+        used, skipped, statistics = made.used, made.skipped_frames, made.statistics
+        if not used:
+            beside = f"; frames {', '.join(skipped)} are tilted too much" if skipped else ""
+            raise ProductNotFoundError(f"no dem patch{where}{beside}")
+        newest, oldest = max(r.header.t1_ns for r in used), min(r.header.t1_ns for r in used)
+        layers, observed = statistics.to_layers(newest), statistics.observed
+        if region is None:
+            coverage = float(np.count_nonzero(observed)) / observed.size
+        else:
+            coverage = raster.coverage(region, geometry, observed)
+            outside = ~raster.mask(region, geometry)
+            if outside.any():
+                for layer in layers.values():
+                    layer[outside] = np.nan
+        t0_ns = min(r.header.t0_ns for r in used)
+        value = ElevationMap.from_layers(geometry, layers, t0_ns=t0_ns, t1_ns=newest)
+        robots = tuple(sorted({r.robot for r in used}))
+        placed = [
+            [frame, found.transforms[frame].matrix.tolist()]
+            for frame in sorted(made.resampled)
+            if frame in found.transforms
+        ]
+        header = _header(value, asked, region, placed, used, robots, coverage, t0_ns, newest, made.purged)
+        return ElevationWindow(
+            value, header, header.inputs, robots, newest, oldest, coverage, made.disagreeing, made.resampled,
+            skipped, found.unplaced_frames, made.purged, found.frames_revision,
+        )  # fmt: skip
+
+    def pooled(self, asked: WindowQuery, found: Found, geometry: GridGeometry) -> PooledCells:
+        """Assemble patches that were found into a grid."""
+        from cdff_common.raster.mosaic import Mosaic, fitting_factor, is_level
 
         mosaic = Mosaic(geometry, asked.choice, asked.disagreement)
         skipped = {frame for frame, T in found.transforms.items() if not is_level(T)}
@@ -187,31 +242,8 @@ class Maps:
                 used.append(record)
                 if fitting_factor(patch.geometry, geometry) is None:
                     resampled[frame] = resampled.get(frame, 0) + 1
-        if not used:
-            beside = f"; frames {', '.join(sorted(skipped))} are tilted too much" if skipped else ""
-            raise ProductNotFoundError(f"no dem patch{where}{beside}")
-        newest, oldest = max(r.header.t1_ns for r in used), min(r.header.t1_ns for r in used)
         statistics, disagreeing = mosaic.statistics()
-        layers, observed = statistics.to_layers(newest), statistics.observed
-        if region is None:
-            coverage = float(np.count_nonzero(observed)) / observed.size
-        else:
-            coverage = raster.coverage(region, geometry, observed)
-            outside = ~raster.mask(region, geometry)
-            if outside.any():
-                for layer in layers.values():
-                    layer[outside] = np.nan
-        t0_ns = min(r.header.t0_ns for r in used)
-        value = ElevationMap.from_layers(geometry, layers, t0_ns=t0_ns, t1_ns=newest)
-        robots = tuple(sorted({r.robot for r in used}))
-        placed = [
-            [frame, found.transforms[frame].matrix.tolist()] for frame in sorted(resampled) if frame in found.transforms
-        ]
-        header = _header(value, asked, region, placed, used, robots, coverage, t0_ns, newest, purged)
-        return ElevationWindow(
-            value, header, header.inputs, robots, newest, oldest, coverage, disagreeing, resampled,
-            tuple(sorted(skipped)), found.unplaced_frames, purged,
-        )  # fmt: skip
+        return PooledCells(statistics, used, disagreeing, resampled, tuple(sorted(skipped)), purged)
 
 
 def _check_size(bounds: tuple[float, float, float, float], resolution_m: float) -> None:

@@ -18,7 +18,7 @@ from cdff_common.geometry import UncertainTransform
 from cdff_common.geometry.region import Region
 from dpm_store.frames import FrameTable, Known
 from dpm_store.products import ProductTable
-from dpm_store.records import MAX_LIMIT, ProductRecord, Query
+from dpm_store.records import MAX_LIMIT, Page, ProductRecord, Query
 from dpm_store.search import Search
 
 if TYPE_CHECKING:
@@ -55,11 +55,14 @@ class Found:
         ``T_window_frame`` of the frames of records that are not in the window's own.
     unplaced_frames : tuple of str
         Frames that no chain of fixed edges joins with the window's; products in them were not looked at.
+    frames_revision : int
+        State of the frame tree.
     """
 
     records: tuple[ProductRecord, ...]
     transforms: dict[str, UncertainTransform]
     unplaced_frames: tuple[str, ...] = ()
+    frames_revision: int = 0
 
 
 class Patches:
@@ -83,7 +86,7 @@ class Patches:
         found = [r for r in page.items if r.dfpc != DERIVED_DFPC and r.size]
         if page.cursor is not None or len(found) > most:
             return None
-        return self._placed(query, found, page.unplaced_frames)
+        return self._placed(query, found, page)
 
     def find(self, query: Query) -> Found:
         """Patches that a search finds, and how they lie in the query's frame; raises InputError on too many."""
@@ -96,19 +99,21 @@ class Patches:
             if len(found) >= MAX_PATCHES:
                 raise InputError(f"more than {MAX_PATCHES} patches in that region; ask for a smaller one")
             page = self._search.run(replace(query, types=("dem",), limit=MAX_LIMIT, cursor=page.cursor))
-        return self._placed(query, found, page.unplaced_frames)
+        return self._placed(query, found, page)
 
-    def _placed(self, query: Query, found: Sequence[ProductRecord], unplaced_frames: Sequence[str]) -> Found:
+    def _placed(self, query: Query, found: Sequence[ProductRecord], page: Page) -> Found:
         transforms: dict[str, UncertainTransform] = {}
-        unplaced = set(unplaced_frames)
+        unplaced = set(page.unplaced_frames)
         for frame in {r.header.frame for r in found} - {query.frame}:
             try:
-                transforms[frame] = self._frames.lookup(query.frame, frame, known=Known(query.as_of_ns))
+                transforms[frame] = self._frames.lookup(
+                    query.frame, frame, known=Known(query.as_of_ns, query.frames_revision)
+                )
             except FrameNotFoundError:
                 unplaced.add(frame)
         placed = [r for r in found if r.header.frame == query.frame or r.header.frame in transforms]
         placed.sort(key=lambda r: (r.header.t1_ns, r.id))
-        return Found(tuple(placed), transforms, tuple(sorted(unplaced)))
+        return Found(tuple(placed), transforms, tuple(sorted(unplaced)), page.frames_revision)
 
     def resolved_region(self, query: Query) -> Region:
         """The region of a query with ``near`` turned into a circle."""
@@ -162,17 +167,25 @@ class Patches:
                 self._kept_bytes -= sum(layer.nbytes for layer in gone.layers.values())
 
 
-def bounds_of(found: Found, frame: str) -> tuple[float, float, float, float]:
-    """Bounds of all patches in the window's frame, metres; raises InputError where no patch says where it is."""
-    low, high = np.full(2, np.inf), np.full(2, -np.inf)
-    for record in found.records:
+def bounds_each(found: Found, frame: str) -> NDArray[np.float64]:
+    """Bounds ``(n, 4)`` of each patch in the window's frame, metres; infinite where a patch does not say them."""
+    bounds = np.full((len(found.records), 4), [-np.inf, -np.inf, np.inf, np.inf])
+    for row, record in zip(bounds, found.records, strict=True):
         box = record.header.box_m
         if box is None:
             continue
         corners = np.array([[box[i], box[j], box[k]] for i in (0, 3) for j in (1, 4) for k in (2, 5)])
         if record.header.frame != frame:
             corners = found.transforms[record.header.frame].apply(corners)
-        low, high = np.minimum(low, corners[:, :2].min(axis=0)), np.maximum(high, corners[:, :2].max(axis=0))
-    if not np.all(np.isfinite(low)):
+        row[:2], row[2:] = corners[:, :2].min(axis=0), corners[:, :2].max(axis=0)
+    return bounds
+
+
+def bounds_of(found: Found, frame: str) -> tuple[float, float, float, float]:
+    """Bounds of all patches in the window's frame, metres; raises InputError where no patch says where it is."""
+    bounds = bounds_each(found, frame)
+    known = bounds[np.isfinite(bounds).all(axis=1)]
+    if not len(known):
         raise InputError("no patch says where it is; name a region")
-    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+    (xmin, ymin), (xmax, ymax) = known[:, :2].min(axis=0), known[:, 2:].max(axis=0)
+    return float(xmin), float(ymin), float(xmax), float(ymax)

@@ -17,6 +17,7 @@ from cdff_common.interfaces.product import Header
 from cdff_common.output import make_folder
 from dpm_store.annotations import AnnotationTable
 from dpm_store.blobs import BlobFiles
+from dpm_store.clouds import Clouds
 from dpm_store.database import Database, directory_of
 from dpm_store.events import EventTable
 from dpm_store.extents import Extent, extents, frame_names
@@ -93,6 +94,8 @@ class Store:
         Rules of what may go.
     maps : Maps
         Windows pooled from patches.
+    clouds : Clouds
+        Points of a region from all clouds, within a budget.
     pyramid : Pyramid
         Statistics of tiles, at every level.
     """
@@ -122,6 +125,7 @@ class Store:
         self._search = Search(self._database, self._products, self.frames, self.poses)
         patches = Patches(self._search, self._products, self.frames)
         self.maps = Maps(patches)
+        self.clouds = Clouds(self._search, self._products, self.frames)
         self.pyramid = Pyramid(self._database, patches, self.frames, self.events, directory / _TILES)
 
     def __enter__(self) -> Store:
@@ -182,10 +186,6 @@ class Store:
         """What the products of each type and frame span; reads every row."""
         return extents(self._database)
 
-    def path(self, track: Track, most: int) -> NDArray[np.float64]:
-        """Positions of a moving frame, thinned. See ``tracks.path``."""
-        return path(self._database, track, most)
-
     def footprints(self, ids: Sequence[str]) -> dict[str, NDArray[np.float64]]:
         """Outlines of products by id. See ``footprints.footprints``."""
         with self._database.read() as connection:
@@ -195,8 +195,12 @@ class Store:
         """Frames that products lie or lay in."""
         return frame_names(self._database)
 
+    def path(self, track: Track, most: int) -> NDArray[np.float64]:
+        """Positions of a moving frame, thinned. See ``tracks.path``."""
+        return path(self._database, track, most)
+
     def close(self) -> None:
         """Close the database and let another process open it."""
+        self.pyramid.close()
         self._database.close()
         self._lock.release()
-        self.pyramid.close()

@@ -13,19 +13,33 @@ from typing import Any
 from cdff_common.clock import Clock
 from cdff_common.codecs import decode, encode
 from cdff_common.codecs.encoding import parse_encoding
-from cdff_common.codecs.siblings import base_type
+from cdff_common.codecs.siblings import base_type, wire_type
 from cdff_common.errors import CodecError, InputError, ProductNotFoundError, UnavailableError
+from cdff_common.geodesy import Anchor, Body
 from cdff_common.geometry import checked_frame
 from cdff_common.interfaces.product import Header, Status
 from dpm_store import Annotation, Event, Insertion, Page, Parcel, Plan, ProductRecord, Query, Rule, Store
 from dpm_store.actor import check_robot
+from dpm_store.clouds import DERIVED_PORT as CLOUD_PORT
 from dpm_store.events import CHANGES, Entry
-from dpm_store.maps import DERIVED_DFPC, DERIVED_PORT, ElevationWindow
+from dpm_store.frames import EVERYTHING, Known
+from dpm_store.maps import DERIVED_PORT, ElevationWindow
+from dpm_store.patches import DERIVED_DFPC
+from dpm_store.poses import EXTRAPOLATION_LIMIT_NS
+from dpm_store.profile import elevation_profile
 from dpm_store.provenance import MAX_GENERATIONS
-from services.dpm.convert import Converted, convert
-from services.dpm.parameters import PRODUCT_TYPES, WindowRequest, transform_of
-
 from services.dpm.checks import FrameNames, check_header
+from services.dpm.convert import Converted, convert
+from services.dpm.parameters import (
+    PRODUCT_TYPES,
+    CloudRequest,
+    ProfileRequest,
+    WindowRequest,
+    check_names,
+    transform_of,
+)
+from services.dpm.tiles import Tiles
+
 logger = logging.getLogger(__name__)
 
 #: Events that this process makes and publishes; others it only keeps.
@@ -62,12 +76,12 @@ class Dpm:
         self.store = store
         self.max_payload_bytes = max_payload_bytes
         self._lock = threading.Lock()
+        self._frames = FrameNames(store)
+        self.tiles = Tiles(store)
         self._listeners: list[Callable[[Event], None]] = []
         self._told = store.events.last_ordinal()
         self.counters = {
             "inserted": 0,
-        self._frames = FrameNames(store)
-        self.tiles = Tiles(store)
             "already": 0,
             "refused": 0,
             "updated": 0,
@@ -134,12 +148,12 @@ class Dpm:
         if len(payload) > self.max_payload_bytes:
             raise InputError(f"payload of {len(payload)} bytes: expected at most {self.max_payload_bytes}")
         header = Header.from_attachment(attachment)
+        check_header(header, self.clock.now_ns())
+        self._frames.check_of_robot(header.frame, names["robot"])
         type_name, codec = parse_encoding(encoding)
         value = self._checked_value(names, header, type_name, codec, payload)
         if header.box_m is None and value is not None and (extent := value.extent_m()) is not None:
             header = _with_box(header, extent)
-        check_header(header, self.clock.now_ns())
-        self._frames.check_of_robot(header.frame, names["robot"])
         return Parcel(
             header, payload, names["robot"], names["dfpc"], names["port"], names["product"], type_name, codec, value
         )
@@ -175,14 +189,14 @@ class Dpm:
         return record.to_dict() | {"annotation": self.store.annotations.get(product_id).to_dict()}
 
     def search(self, query: Query) -> Page:
-        """One page of products."""
+        """One page of products; raises FrameNotFoundError where the region's frame is not known."""
         self._count("searches")
+        if query.region is not None:
+            self._frames.check_known(query.frame)
         return self.store.search(query)
 
     def product(self, product_id: str, format_name: str | None = None, as_type: str | None = None) -> Answer:
         """A product by id, in a codec, file format or InFuse type."""
-        if query.region is not None:
-            self._frames.check_known(query.frame)
         self._count("gets")
         record = self.store.get(product_id)
         payload = self.store.payload(product_id)
@@ -208,17 +222,36 @@ class Dpm:
         """
         self._count("windows")
         window = self.elevation(asked)
-        payload = encode(window.map, "uper")
-        body = convert("ElevationMap", "uper", payload, format_name, as_type, window.header, value=window.map)
-        metadata = window.header.to_dict() | window.manifest() | {"robot": window.robot}
+        return self._derived(window, window.map, DERIVED_PORT, "dem", format_name, as_type, deliver)
+
+    def cloud(
+        self, asked: CloudRequest, format_name: str | None = None, as_type: str | None = None, deliver: str = "auto"
+    ) -> Answer:
+        """All points of a region in one frame, within a budget; stored and handed over by id as windows are."""
+        self._count("windows")
+        made = self.store.clouds.assemble(asked.query, asked.points)
+        return self._derived(made, made.cloud, CLOUD_PORT, "pointcloud", format_name, as_type, deliver)
+
+    def profile(self, asked: ProfileRequest) -> dict[str, Any]:
+        """Elevation along a line, as plain data."""
+        self._count("windows")
+        return elevation_profile(self.store.maps, asked.query, asked.path_m, asked.step_m).to_dict()
+
+    def _derived(
+        self, made: Any, value: Any, port: str, product: str, format_name: str | None, as_type: str | None, deliver: str
+    ) -> Answer:
+        """A derived product inline, or stored and by id where it is large or asked by reference."""
+        payload, wire = encode(value, "uper"), wire_type(value)
+        body = convert(wire, "uper", payload, format_name, as_type, made.header, value=value)
+        metadata = made.header.to_dict() | made.manifest() | {"robot": made.robot}
         if deliver == "inline" or (deliver == "auto" and len(body.data) <= INLINE_BYTES):
             return Answer(body, metadata)
         self.store.put(
-            window.header, payload, robot=window.robot, dfpc=DERIVED_DFPC, port=DERIVED_PORT, product="dem",
-            type_name="ElevationMap", codec="uper", value=window.map,
+            made.header, payload, robot=made.robot, dfpc=DERIVED_DFPC, port=port, product=product, type_name=wire,
+            codec="uper", value=value,
         )  # fmt: skip
         self._tell()
-        return Answer(Converted(b"", "", ""), metadata, window.header.id)
+        return Answer(Converted(b"", "", ""), metadata, made.header.id)
 
     def elevation(self, asked: WindowRequest) -> ElevationWindow:
         """An elevation window as a value; raises UnavailableError below the coverage asked."""
@@ -228,21 +261,50 @@ class Dpm:
         return window
 
     def pose(
-        self, parent: str, child: str, t_ns: int | None, *, robot: str | None = None, limit_s: float | None = None
-    ) -> dict[str, Any]:
+        self, parent: str, child: str, t_ns: int | None, *, robot: str | None = None, limit_s: float | None = None,
+        known: Known = EVERYTHING,
+    ) -> dict[str, Any]:  # fmt: skip
         """``T_parent_child`` at a time (newest that is known without one), as plain data."""
         checked_frame(parent, "parent")
         checked_frame(child, "child")
         if t_ns is None:
-            newest_ns = self.store.poses.newest_ns(parent, child)
+            newest_ns = self.store.poses.newest_ns(parent, child, known=known)
             t_ns = self.clock.now_ns() if newest_ns is None else newest_ns
         limit_ns = None if limit_s is None else int(limit_s * 1e9)
-        T = self.store.poses.at(t_ns, parent, child, limit_ns=limit_ns)
+        T = self.store.poses.at(t_ns, parent, child, limit_ns=limit_ns, known=known)
         covariance = None if T.covariance is None else T.covariance.tolist()
         return {
             "parent": parent, "child": child, "stamp_ns": t_ns, "T": T.matrix.tolist(), "covariance": covariance,
-            "robot": robot or "",
+            "robot": robot or "", "frames_revision": self.store.frames.state() if known.state is None else known.state,
+            "limit_s": (EXTRAPOLATION_LIMIT_NS if limit_ns is None else limit_ns) / 1e9,
         }  # fmt: skip
+
+    def anchor(self, frame: str, body: Mapping[str, Any], producer: str = "") -> dict[str, Any]:
+        """Place a frame on a body: ``{body, lon_deg, lat_deg, height_m?, azimuth_deg?, sigma_m?, sigma_deg?,
+        expected_revision?}``; subscribers get a ``reanchored`` event.
+        """
+        checked_frame(frame)
+        check_robot(frame.split("/")[0])
+        numbers = ("lon_deg", "lat_deg", "height_m", "azimuth_deg", "sigma_m", "sigma_deg")
+        check_names(body, frozenset({"body", "expected_revision", *numbers}), frozenset({"body", *numbers[:2]}))
+        try:
+            given = {name: float(body[name]) for name in numbers if name in body}
+        except (TypeError, ValueError) as error:
+            raise InputError(f"anchor of {frame}: expected numbers in {', '.join(numbers)}: {error}") from error
+        sigmas = {name: given.pop(name) for name in numbers[4:] if name in given}
+        place = Anchor(self.store.places.body(str(body["body"])), **given)
+        revision = self.store.places.anchor(
+            frame, place, **sigmas, producer=producer, expected_revision=body.get("expected_revision")
+        )  # fmt: skip
+        self._tell()
+        return revision.to_dict()
+
+    def define_body(self, body: Mapping[str, Any], producer: str = "") -> dict[str, Any]:
+        """Enter a body that no authority lists, or a new revision of one; see ``Body.from_dict``."""
+        new = Body.from_dict(body)
+        revision = self.store.places.define(new, producer)
+        self._tell()
+        return new.to_dict() | {"revision": revision}
 
     def record(self, scope: str, kind: str, body: Mapping[str, Any]) -> None:
         """Enter an event of another service in the history; listeners hear of it as of ours."""
@@ -274,9 +336,9 @@ class Dpm:
         self._tell()
         return revision.to_dict()
 
-    def frames(self, as_of_ns: int | None = None) -> list[dict[str, Any]]:
-        """The last revision of every fixed frame, as known at ``as_of_ns``."""
-        return [revision.to_dict() for revision in self.store.frames.current(as_of_ns)]
+    def frames(self, known: Known = EVERYTHING) -> list[dict[str, Any]]:
+        """The last revision of every fixed frame, as far as known."""
+        return [revision.to_dict() for revision in self.store.frames.current(known.as_of_ns, known.state)]
 
     def changes(self, since: int, limit: int = 1000, kinds: Sequence[str] = CHANGES) -> dict[str, Any]:
         """What has changed after an event's ordinal; ``next`` is where to go on, itself where nothing has."""
@@ -306,8 +368,13 @@ class Dpm:
         by_robot: dict[str, dict[str, int]] = {}
         for (robot, product), count in sorted(s.products.items()):
             by_robot.setdefault(robot, {})[product] = count
+        bytes_by_robot: dict[str, dict[str, int]] = {}
+        for (robot, product), size in sorted(s.product_bytes.items()):
+            bytes_by_robot.setdefault(robot, {})[product] = size
         return {
-            "products": s.count, "by_robot": by_robot, "payload_bytes": s.payload_bytes, "newest_t1_ns": s.newest_t1_ns,
+            "products": s.count, "by_robot": by_robot, "payload_bytes": s.payload_bytes,
+            "payloads": s.payloads, "stored_bytes": s.stored_bytes, "free_bytes": s.free_bytes,
+            "bytes_by_robot": bytes_by_robot, "newest_t1_ns": s.newest_t1_ns,
             "events": s.events, "now_ns": self.clock.now_ns(), "counters": dict(self.counters),
         }  # fmt: skip
 
@@ -344,12 +411,11 @@ class Dpm:
 
     def _tell(self) -> None:
         with self._lock:
-            events = self.store.events.since(self._told)
-            if events:
+            while events := self.store.events.since(self._told):
                 self._told = events[-1].ordinal
-            for event in events:
-                for listener in self._listeners:
-                    listener(event)
+                for event in events:
+                    for listener in self._listeners:
+                        listener(event)
 
 
 def _listing(events: Sequence[Event], since: int, limit: int) -> dict[str, Any]:

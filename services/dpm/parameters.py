@@ -10,6 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cdff_common.clock import parse_stamp
 from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform, checked_frame
@@ -17,8 +20,12 @@ from cdff_common.geometry.region import Region, parse_region
 from cdff_common.interfaces.product import Status
 from cdff_common.raster.choice import Choice, Disagreement
 from dpm_store import Query
-from dpm_store.maps import WindowQuery
-from dpm_store.records import LATEST_NS, Order
+from dpm_store.frames import Known
+from dpm_store.clouds import DEFAULT_POINTS, MAX_POINTS
+from dpm_store.maps import FARTHEST_M, WindowQuery
+from dpm_store.profile import MAX_CORNERS
+from dpm_store.records import LATEST_NS
+from services.dpm.terms import covariance_kind, metric_bounds, order_terms
 
 GROUND = "ground"
 #: Product -> ASN.1 type it is stored as; None where no type is fixed yet (contract §5).
@@ -30,7 +37,8 @@ PRODUCT_TYPES: dict[str, str | None] = {
 }  # fmt: skip
 SEARCH = frozenset(
     {"type", "robot", "dfpc", "port", "status", "region", "frame", "region_frame", "child", "t0", "t1",
-     "resolution_max_m", "after", "tag", "as_of", "superseded", "order", "limit", "cursor", "request"}
+     "resolution_max_m", "after", "tag", "as_of", "superseded", "order", "limit", "cursor", "request", "point",
+     "quality", "covariance_kind", "frames_revision"}
 )  # fmt: skip
 _PARCEL: dict[str, type] = {
     "robot": str, "dfpc": str, "port": str, "product": str, "encoding": str, "attachment": bytes, "payload": bytes,
@@ -46,7 +54,24 @@ class WindowRequest:
     min_coverage: float = 0.0
 
 
-def check_names(parameters: Mapping[str, str], known: frozenset[str], required: frozenset[str] = frozenset()) -> None:
+@dataclass(frozen=True, slots=True)
+class CloudRequest:
+    """What an assembled cloud is asked with."""
+
+    query: Query
+    points: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProfileRequest:
+    """What a profile is asked with; ``path_m`` has shape ``(k, 2)``."""
+
+    query: WindowQuery
+    path_m: NDArray[np.float64]
+    step_m: float | None
+
+
+def check_names(parameters: Mapping[str, Any], known: frozenset[str], required: frozenset[str] = frozenset()) -> None:
     """Refuse unknown parameters, and ones that are missing."""
     unknown, missing = sorted(set(parameters) - known), sorted(required - set(parameters))
     if unknown:
@@ -78,9 +103,6 @@ def search_query(scope: str, parameters: Mapping[str, str]) -> Query:
     check_names(parameters, SEARCH)
     p = parameters
     frame = checked_frame(p.get("region_frame", p.get("frame", "site")))
-    order = p.get("order", "newest")
-    if order not in ("newest", "oldest"):
-        raise InputError(f"order={order!r}: expected newest or oldest")
     types = tuple(t for t in p.get("type", "").split(",") if t)
     unknown = [t for t in types if t not in PRODUCT_TYPES]
     if unknown:
@@ -103,7 +125,10 @@ def search_query(scope: str, parameters: Mapping[str, str]) -> Query:
         tags=tuple(t for t in p.get("tag", "").split(",") if t),
         as_of_ns=stamp(p, "as_of"),
         superseded=_superseded(p),
-        order=Order(order),
+        **order_terms(p),
+        metrics=metric_bounds(p["quality"]) if "quality" in p else (),
+        covariance_kind=covariance_kind(p),
+        frames_revision=integer(p, "frames_revision"),
         limit=integer(p, "limit", low=1, high=1000) or 100,
         cursor=p.get("cursor"),
     )
@@ -128,12 +153,36 @@ def window_request(scope: str, p: Mapping[str, str], now_ns: int) -> WindowReque
         newest_after = max(newest_after or 0, now_ns - int(max_age_s * 1e9))
     query = WindowQuery(
         region_of(p), number(p, "resolution_m", low=1e-4, high=1e4), frame, robot_under(scope, p), newest_after,
-        stamp(p, "t1"), stamp(p, "as_of"), Choice(one_of(p, "choice", tuple(Choice))),
+        stamp(p, "t1"), stamp(p, "as_of"), integer(p, "frames_revision"), Choice(one_of(p, "choice", tuple(Choice))),
         Disagreement(one_of(p, "disagreement", tuple(Disagreement))),
     )  # fmt: skip
     if query.choice != Choice.POOLED and query.disagreement != Disagreement.KEEP:
         raise InputError(f"choice={query.choice}, disagreement={query.disagreement}: only pooled cells can disagree")
     return WindowRequest(query, number(p, "min_coverage", low=0.0, high=1.0) or 0.0)
+
+
+def cloud_request(scope: str, p: Mapping[str, str]) -> CloudRequest:
+    """What an assembled cloud is asked with."""
+    query = Query(
+        robot=robot_under(scope, p), region=region_of(p), frame=checked_frame(p.get("frame", "site")),
+        t0_ns=stamp(p, "t0"), t1_ns=stamp(p, "t1"), as_of_ns=stamp(p, "as_of"),
+        frames_revision=integer(p, "frames_revision"),
+    )  # fmt: skip
+    return CloudRequest(query, integer(p, "points", low=1, high=MAX_POINTS) or DEFAULT_POINTS)
+
+
+def profile_request(scope: str, p: Mapping[str, str]) -> ProfileRequest:
+    """What a profile is asked with: ``path=x1,y1,x2,y2,…``."""
+    try:
+        values = np.array([float(v) for v in p.get("path", "").split(",")])
+    except ValueError as error:
+        raise InputError(f"path={p.get('path', '')[:80]!r}: {error}; expected x1,y1,x2,y2,… in metres") from error
+    if len(values) % 2 or not 4 <= len(values) <= 2 * MAX_CORNERS or not np.all(np.abs(values) <= FARTHEST_M):
+        raise InputError(
+            f"path of {len(values)} numbers: expected x,y of 2 to {MAX_CORNERS} corners within {FARTHEST_M:g} m"
+        )
+    query = window_request(scope, {k: v for k, v in p.items() if k not in ("path", "step_m")}, 0).query
+    return ProfileRequest(query, values.reshape(-1, 2), number(p, "step_m", low=1e-4, high=1e6))
 
 
 def one_of(parameters: Mapping[str, str], name: str, known: tuple[str, ...]) -> str:
@@ -142,6 +191,11 @@ def one_of(parameters: Mapping[str, str], name: str, known: tuple[str, ...]) -> 
     if value not in known:
         raise InputError(f"{name}={value[:80]!r}: expected one of {', '.join(known)}")
     return str(value)
+
+
+def known_of(parameters: Mapping[str, str]) -> Known:
+    """What of the history counts: ``as_of``, ``frames_revision``."""
+    return Known(stamp(parameters, "as_of"), integer(parameters, "frames_revision"))
 
 
 def region_of(parameters: Mapping[str, str]) -> Region | None:

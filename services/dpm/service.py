@@ -23,8 +23,11 @@ from services.dpm.parameters import (
     SEARCH,
     batch_of,
     check_names,
+    cloud_request,
     integer,
+    known_of,
     number,
+    profile_request,
     revision_of,
     robot_under,
     search_query,
@@ -32,6 +35,7 @@ from services.dpm.parameters import (
     window_request,
 )
 from services.dpm.refusals import Refusals
+from services.dpm.model import bodies, place, purge, robots_known, transact
 from services.dpm.retention import retention
 
 logger = logging.getLogger(__name__)
@@ -40,12 +44,21 @@ _WRITES = frozenset({"put", "put_all", "update", "delete", "frames", "retention"
 _WORKERS = {"put": 4, "get": 4, "search": 4}
 _GET = SEARCH | {
     "id", "format", "as", "deliver", "resolution_m", "max_age_s", "newest_after", "min_coverage", "choice",
-    "disagreement",
+    "disagreement", "points", "frames_revision",
 }  # fmt: skip
 #: Parameters that make a get of dem a window rather than the newest patch.
 _WINDOW = frozenset(
     {"type", "robot", "region", "frame", "region_frame", "resolution_m", "max_age_s", "newest_after", "min_coverage",
-     "t1", "as_of", "choice", "disagreement", "format", "as", "deliver", "request"}
+     "t1", "as_of", "frames_revision", "choice", "disagreement", "format", "as", "deliver", "request"}
+)  # fmt: skip
+#: Parameters that make a get of pointcloud an assembled cloud: ``points`` is its budget.
+_CLOUD = frozenset(
+    {"type", "robot", "region", "frame", "t0", "t1", "as_of", "frames_revision", "points", "format", "as", "deliver",
+     "request"}
+)  # fmt: skip
+_PROFILE = frozenset(
+    {"robot", "path", "step_m", "frame", "resolution_m", "t1", "as_of", "frames_revision", "choice", "disagreement",
+     "request"}
 )  # fmt: skip
 _PUT = frozenset({"robot", "dfpc", "port", "product", "request"})
 #: Longest part of a payload in one reply; a longer one is pulled in parts.
@@ -57,6 +70,8 @@ def serve(bus: Bus, dpm: Dpm, robots: Sequence[str], rules: Sequence[Rule] = ())
     handlers: dict[str, Callable[[Dpm, Request], Reply]] = {
         "search": search, "get": get, "put": put, "put_all": put_all, "update": update, "delete": delete, "pose": pose,
         "frames": frames, "stat": stat, "changes": changes, "history": history, "provenance": provenance,
+        "profile": profile, "bodies": bodies, "place": place, "robots": robots_known, "transact": transact,
+        "purge": purge,
         "retention": lambda dpm, request: retention(dpm, rules, request),
     }  # fmt: skip
     scopes = [*robots, GROUND]
@@ -90,15 +105,9 @@ def _as_scope(
 
 
 def search(dpm: Dpm, request: Request) -> Reply:
-    """Metadata of products: ``{items, cursor, unplaced_frames}``."""
+    """Metadata of products: ``{items, cursor, unplaced_frames, frames_revision}``, ``distances_m`` of the nearest."""
     page = dpm.search(search_query(request.scope, request.parameters))
-    return Reply.of(
-        {
-            "items": [record.to_dict() for record in page.items],
-            "cursor": page.cursor,
-            "unplaced_frames": list(page.unplaced_frames),
-        }
-    )
+    return Reply.of({"items": [record.to_dict() for record in page.items], **page.told()})
 
 
 def get(dpm: Dpm, request: Request) -> Reply:
@@ -115,9 +124,18 @@ def get(dpm: Dpm, request: Request) -> Reply:
         check_names(p, _WINDOW)
         asked = window_request(request.scope, p, dpm.clock.now_ns())
         return _reply(dpm.window(asked, format_name, as_type, deliver))
+    if p.get("type") == "pointcloud" and "points" in p:
+        check_names(p, _CLOUD)
+        return _reply(dpm.cloud(cloud_request(request.scope, p), format_name, as_type, deliver))
     check_names(p, SEARCH | {"format", "as", "deliver"}, frozenset({"type"}))
     query = search_query(request.scope, {k: v for k, v in p.items() if k in SEARCH})
     return _reply(dpm.newest(query, format_name, as_type))
+
+
+def profile(dpm: Dpm, request: Request) -> Reply:
+    """Elevation along a line: ``{distance_m, x_m, y_m, mean_m, sigma_m, count, …}``, nil where unobserved."""
+    check_names(request.parameters, _PROFILE, frozenset({"path"}))
+    return Reply.of(dpm.profile(profile_request(request.scope, request.parameters)))
 
 
 def put(dpm: Dpm, request: Request) -> Reply:
@@ -164,20 +182,20 @@ def delete(dpm: Dpm, request: Request) -> Reply:
 def pose(dpm: Dpm, request: Request) -> Reply:
     """``T_parent_child`` at ``t``: ``{parent, child, stamp_ns, T, covariance}``."""
     p = request.parameters
-    check_names(p, frozenset({"robot", "t", "parent", "child", "limit_s", "request"}))
+    check_names(p, frozenset({"robot", "t", "parent", "child", "limit_s", "as_of", "frames_revision", "request"}))
     robot = robot_under(request.scope, p) or (None if request.scope == GROUND else request.scope)
     child = p.get("child") or (f"{robot}/base" if robot else "")
     if not child:
         raise InputError("child is missing: name a frame, or a robot whose base is meant")
     t_ns = stamp(p, "t")
     limit_s = number(p, "limit_s", low=0.0, high=3600.0)
-    return Reply.of(dpm.pose(p.get("parent", "site"), child, t_ns, robot=robot, limit_s=limit_s))
+    return Reply.of(dpm.pose(p.get("parent", "site"), child, t_ns, robot=robot, limit_s=limit_s, known=known_of(p)))
 
 
 def frames(dpm: Dpm, request: Request) -> Reply:
     """Without a body the frames there are, ``frame=`` its revisions; with a MessagePack body a new revision."""
     p = request.parameters
-    check_names(p, frozenset({"frame", "as_of", "robot", "request"}))
+    check_names(p, frozenset({"frame", "as_of", "frames_revision", "robot", "request"}))
     if request.payload:
         body = request.body()
         if not isinstance(body, Mapping):
@@ -185,7 +203,7 @@ def frames(dpm: Dpm, request: Request) -> Reply:
         return Reply.of(dpm.set_frame(body, producer=f"{request.scope}/rpc"))
     if "frame" in p:
         return Reply.of({"revisions": [r.to_dict() for r in dpm.store.frames.revisions(p["frame"])]})
-    return Reply.of({"frames": dpm.frames(stamp(p, "as_of"))})
+    return Reply.of({"frames": dpm.frames(known_of(p)), "frames_revision": dpm.store.frames.state()})
 
 
 def changes(dpm: Dpm, request: Request) -> Reply:

@@ -15,11 +15,23 @@ from services.dpm.http.context import Context
 from services.dpm.http.guard import Guard
 from services.dpm.http.models import Problem
 from services.dpm.http.roles import rules_of
-from services.dpm.http.routes import annotations, frames, maps, ogc, page, products, requests, robots, stac, status
+from services.dpm.http.routes import (
+    annotations,
+    frames,
+    maps,
+    ogc,
+    page,
+    products,
+    requests,
+    robots,
+    stac,
+    status,
+    tiles,
+)
 from services.dpm.refusals import Refusals
 
 #: The last is the page: for people, not in the OpenAPI document.
-MODULES = (products, annotations, robots, frames, maps, requests, status, stac, ogc, page)
+MODULES = (products, annotations, robots, frames, maps, tiles, requests, status, stac, ogc, page)
 
 
 def create_app(context: Context) -> FastAPI:

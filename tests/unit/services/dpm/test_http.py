@@ -169,7 +169,7 @@ def test_a_deleted_product_is_gone(http: TestClient, filled: Filled) -> None:
         ("/api/v1/products/..%2f..%2fetc%2fpasswd", 404),
         ("/api/v1/products?region=near:nowhere,3", 404),
         ("/api/v1/maps/dem/window?region=bbox:900,900,901,901", 404),
-        ("/api/v1/maps/soil/window", 422),
+        ("/api/v1/maps/soil/window", 404),
         ("/api/v1/maps/dem/window?resolution_m=-1", 422),
         ("/api/v1/frames/nowhere/revisions", 404),
         ("/api/v1/poses", 422),
