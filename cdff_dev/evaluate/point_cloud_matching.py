@@ -26,9 +26,9 @@ from cdff_common.types import Pointcloud
 from cdff_core.dfns.global_registration_3d._interface import GlobalRegistration3DInputs
 from cdff_dev.evaluate._clouds import devon_halves, small_gicp_pair
 from cdff_dev.evaluate._peers import kiss_matcher, peer_python
-from cdff_dev.evaluate._rates import Trial, interval, pose_errors, summary, trial
 from cdff_dev.evaluate._terrain import window_pair
 from cdff_dev.evaluate.record import spread
+from cdff_dev.registration.rates import Trial, interval, pose_errors, summary, trial
 
 SOLVER_TRIALS = 500
 GATE_M, GATE_DEG = 0.3, 3.0
