@@ -30,7 +30,7 @@ class FeatureWriter:
     base : str
         URL of the interface.
     crs_list : CrsList or None
-        None where the site is not anchored: features then have a ``place`` in metres of the site.
+        None where nothing is anchored: features then have no geometry, but ``outline_m``.
     crs : str or None
         URI that was asked.
     """
@@ -40,7 +40,7 @@ class FeatureWriter:
         self._crs_list = crs_list
         if crs_list is None and crs is not None:
             raise InputError(
-                f"crs={crs[:120]!r}: the site is not anchored on a body, so that features have a place only"
+                f"crs={crs[:120]!r}: the site is not anchored on a body, so that features have no coordinates"
             )
         self.crs = None if crs_list is None else crs_list.by_uri(crs)
         self._convert = None if crs_list is None or self.crs is None else crs_list.from_degrees(self.crs)
@@ -62,7 +62,7 @@ class FeatureWriter:
             "size_bytes": record.size, "producer": h.producer,
             "payload": self._base.removesuffix("/ogc") + f"/api/v1/products/{record.id}/payload",
         }  # fmt: skip
-        return self._feature(record.product, record.id, placed.in_frame, placed.on_body, h.frame, properties)
+        return self._feature(record.product, record.id, placed.in_frame, placed.on_body, properties)
 
     def track(self, track: TrackRecord) -> dict[str, Any]:
         """A trajectory as a line."""
@@ -70,7 +70,7 @@ class FeatureWriter:
             "robot": track.robot, "child": track.child, "parent": track.parent, "source": track.source,
             "t0": format_stamp(track.t0_ns), "t1": format_stamp(track.t1_ns), "poses": track.count,
         }  # fmt: skip
-        return self._feature(TRACKS, track.id, track.in_frame, track.on_body, track.parent, properties)
+        return self._feature(TRACKS, track.id, track.in_frame, track.on_body, properties)
 
     def response(self, body: dict[str, Any], links: Sequence[dict[str, str]]) -> Response:
         """GeoJSON with its CRS and links as headers."""
@@ -81,7 +81,7 @@ class FeatureWriter:
 
     def _feature(
         self, collection: str, feature_id: str, in_frame: BaseGeometry | None, on_body: BaseGeometry | None,
-        frame: str, properties: dict[str, Any],
+        properties: dict[str, Any],
     ) -> dict[str, Any]:  # fmt: skip
         placed = on_body if on_body is None or self._convert is None else shapely.transform(on_body, self._convert)
         url = f"{self._base}/collections/{collection}"
@@ -89,9 +89,8 @@ class FeatureWriter:
             {"href": f"{url}/items/{feature_id}", "rel": "self", "type": _GEOJSON},
             {"href": url, "rel": "collection", "type": "application/json"},
         ]
-        feature = {
-            "type": "Feature", "id": feature_id, "geometry": geojson(placed), "properties": properties, "links": links,
+        # No standard says how coordinates in a frame that lies nowhere are told.
+        told = properties | {"outline_m": None if in_frame is None else shapely.to_wkt(in_frame, rounding_precision=4)}
+        return {
+            "type": "Feature", "id": feature_id, "geometry": geojson(placed), "properties": told, "links": links,
         }  # fmt: skip
-        if on_body is not None or in_frame is None:
-            return feature
-        return feature | {"place": geojson(in_frame), "coordRefSys": f"urn:cdff:frame:{frame}"}

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``/ogc``: OGC API Features 1.0 part 1 (core, GeoJSON) and part 2 (CRS), read only: footprints and trajectories.
 
-OGC 17-069r4 and 18-058r1. Coordinates are of the body that the site is anchored on. Where it is not anchored features
-have no ``geometry`` but, as JSON-FG 1.0 has it, a ``place`` in metres of the site.
+OGC 17-069r4 and 18-058r1. Coordinates are of the body that the site is anchored on. What lies in a frame that is not
+anchored has no ``geometry``; ``outline_m`` of every feature is in metres of its frame.
 """
 
 from __future__ import annotations
