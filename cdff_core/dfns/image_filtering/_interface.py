@@ -1,0 +1,43 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+# GENERATED from dfn.yaml by cdff generate; do not edit.
+"""Interface of the DFN ImageFiltering."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from cdff_common.interfaces.dfn import Dfn
+from cdff_common.types import Frame
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageFilteringInputs:
+    """Inputs of one call.
+
+    Attributes
+    ----------
+    image : Frame
+        Grey or RGB or BGR image, 8 bit; LocalContrast also 16 bit.
+    """
+
+    image: Frame
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageFilteringOutputs:
+    """Outputs of one call.
+
+    Attributes
+    ----------
+    image : Frame
+        Same size, stamp and camera; same channels for the filters, one channel for the edges: 0 or 255 (Canny),
+        float32 grey levels per pixel (derivative).
+    """
+
+    image: Frame
+
+
+class ImageFilteringInterface(Dfn[Any, ImageFilteringInputs, ImageFilteringOutputs]):
+    """An image with something brought out or taken away, pixel for pixel."""

@@ -1,0 +1,56 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Images made from other images: what the new one keeps of the old one's stamp, colours, camera and place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.camera import CameraModel
+from cdff_common.geometry import UncertainTransform
+from cdff_common.types import Array3D, Frame, FrameCameraModelT, FrameModeT, TransformWithCovariance
+
+#: How pixels between the given ones are found, by its name in configurations.
+INTERPOLATIONS = {"nearest": cv2.INTER_NEAREST, "linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC}
+
+
+def with_image(
+    frame: Frame,
+    image: NDArray[Any],
+    *,
+    mode: FrameModeT | None = None,
+    camera: CameraModel | None = None,
+    place: tuple[str, UncertainTransform] | None = None,
+) -> Frame:
+    """The frame with other pixels; colours, camera and place as they were where no others are given.
+
+    ``place`` is the name of the new camera's frame and T_robot_sensor.
+    """
+    metadata, intrinsic = frame.metadata, frame.intrinsic
+    if mode is not None:
+        metadata = replace(metadata, mode=mode)
+    if camera is not None:
+        model = FrameCameraModelT.CAM_FISHEYE if camera.fisheye else FrameCameraModelT.CAM_PINHOLE
+        intrinsic = replace(
+            intrinsic, camera_matrix=camera.matrix, camera_model=model, dist_coeffs=np.array(camera.distortion)
+        )
+    made = replace(frame, metadata=metadata, intrinsic=intrinsic, data=Array3D.from_array(np.ascontiguousarray(image)))
+    if place is None:
+        return made
+    sensor, T_robot_sensor = place
+    pose = TransformWithCovariance.from_transform(
+        T_robot_sensor,
+        parent=frame.extrinsic.pose_robot_frame_sensor_frame.parent_frame,
+        child=sensor,
+        stamp_ns=frame.stamp_ns,
+    )
+    return replace(
+        made,
+        intrinsic=replace(intrinsic, sensor_id=sensor),
+        extrinsic=replace(frame.extrinsic, pose_robot_frame_sensor_frame=pose),
+    )

@@ -1,0 +1,174 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Undistorted images and rectified pairs: straight lines are straight, rows are common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from cdff_common.camera import CameraModel, StereoCalibration, read_stereo
+from cdff_common.errors import InputError
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.types import Frame, FrameCameraModelT, FramePair
+from cdff_core.dfns.image_undistortion._interface import ImageUndistortionInputs
+from cdff_core.dfns.image_undistortion.lens_map import LensMap as Undistortion
+from cdff_core.dfns.stereo_rectification._interface import StereoRectificationInputs
+from cdff_core.dfns.stereo_rectification.lens_map import LensMap as Rectification
+from cdff_core.imaging import rectification
+
+LEFT = CameraModel(300, 400, 260.0, 262.0, 205.0, 148.0, (-0.25, 0.07, 5e-4, -3e-4))
+RIGHT = CameraModel(300, 400, 258.0, 259.0, 196.0, 153.0, (-0.24, 0.06, -4e-4, 2e-4))
+FISHEYE = CameraModel(300, 400, 220.0, 220.0, 200.0, 150.0, (-0.01, 0.02, -0.003, 0.0005), fisheye=True)
+R = se3.exp_so3([0.02, -0.03, 0.015])
+STEREO = StereoCalibration.from_parts(LEFT, RIGHT, R, [-0.25, 0.004, -0.003])
+
+
+def drawn(camera: CameraModel, points_m: np.ndarray) -> np.ndarray:
+    """White dots of 2 px where points are seen, with sub-pixel places."""
+    image = np.zeros((camera.rows, camera.cols), np.uint8)
+    for x, y in camera.project(points_m):
+        if np.isfinite([x, y]).all():
+            centre = (round(x * 16), round(y * 16))
+            cv2.circle(image, centre, 2 * 16, 255, cv2.FILLED, cv2.LINE_AA, shift=4)
+    return image
+
+
+def dots(image: np.ndarray) -> np.ndarray:
+    """Centres of the dots, ordered by row and column."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats((image > 40).astype(np.uint8))
+    found = []
+    for label in range(1, len(stats)):
+        rows, cols = np.nonzero(labels == label)
+        weight = image[rows, cols].astype(float)
+        found.append([np.average(cols, weights=weight), np.average(rows, weights=weight)])
+    return np.array(found)
+
+
+def frame(camera: CameraModel, image: np.ndarray, T_base_camera: np.ndarray, name: str = "mana/left") -> Frame:
+    made = Frame.from_image(
+        image, stamp_ns=7000, camera_matrix=camera.matrix, dist_coeffs=camera.distortion, sensor=name,
+        T_robot_sensor=UncertainTransform(T_base_camera, np.eye(6) * 1e-6),
+    )  # fmt: skip
+    model = FrameCameraModelT.CAM_FISHEYE if camera.fisheye else FrameCameraModelT.CAM_PINHOLE
+    return replace(made, intrinsic=replace(made.intrinsic, camera_model=model))
+
+
+def wall(z_m: float = 3.0, half_m: float = 1.4, n: int = 9) -> np.ndarray:
+    x, y = np.meshgrid(np.linspace(-half_m, half_m, n), np.linspace(-half_m * 0.7, half_m * 0.7, n))
+    return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, z_m)])
+
+
+@pytest.mark.parametrize("camera", [LEFT, FISHEYE])
+def test_an_undistorted_image_is_what_its_new_camera_sees(camera: CameraModel) -> None:
+    node = Undistortion()
+    node.configure({"keep": 0.0})
+    points = wall()
+    made = node.process(ImageUndistortionInputs(image=frame(camera, drawn(camera, points), np.eye(4)))).image
+    ideal = CameraModel.of_frame(made)
+    assert ideal.is_ideal
+    assert made.stamp_ns == 7000
+    seen = dots(made.image)
+    expected = ideal.project(points)
+    nearest = np.linalg.norm(seen[:, None] - expected[None], axis=2).min(axis=1)
+    assert len(seen) >= 25
+    assert np.median(nearest) < 0.2
+
+
+def test_what_is_kept_goes_from_all_pixels_seen_to_nothing_lost() -> None:
+    white = np.full((300, 400), 255, np.uint8)
+    shares, focal = [], []
+    for keep in (0.0, 0.5, 1.0):
+        node = Undistortion()
+        node.configure({"keep": keep, "interpolation": "nearest"})
+        made = node.process(ImageUndistortionInputs(image=frame(LEFT, white, np.eye(4)))).image
+        shares.append(float((made.image == 255).mean()))
+        focal.append(float(made.camera_matrix[0, 0]))
+    assert shares[0] > 0.999
+    assert shares[0] > shares[1] > shares[2]
+    assert focal[0] > focal[1] > focal[2]
+
+
+def rectified_pair(points_m: np.ndarray, keep: float = 0.0) -> FramePair:
+    T_base_left = se3.transform(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]), [0.3, 0.1, 0.9])
+    T_right_left = STEREO.T_right_left
+    in_right = points_m @ T_right_left[:3, :3].T + T_right_left[:3, 3]
+    raw = FramePair(
+        baseline=0.0,
+        left=frame(LEFT, drawn(LEFT, points_m), T_base_left),
+        right=frame(RIGHT, drawn(RIGHT, in_right), T_base_left @ se3.inverse(T_right_left), "mana/right"),
+    )
+    node = Rectification()
+    node.configure({"keep": keep})
+    return node.process(StereoRectificationInputs(pair=raw)).pair
+
+
+def test_in_a_rectified_pair_rows_are_common_and_disparity_is_depth() -> None:
+    pair = rectified_pair(wall())
+    assert pair.baseline == pytest.approx(STEREO.baseline_m)
+    assert (pair.left.camera_matrix == pair.right.camera_matrix).all()
+    left, right = dots(pair.left.image), dots(pair.right.image)
+    fx = pair.left.camera_matrix[0, 0]
+    expected_px = fx * pair.baseline / 3.0
+    apart = right[None] - left[:, None] + [expected_px, 0.0]
+    best = np.abs(apart).max(axis=2).argmin(axis=1)
+    matched = apart[np.arange(len(left)), best]
+    close = np.abs(matched).max(axis=1) < 3.0
+    assert close.sum() >= 20
+    assert np.abs(np.median(matched[close], axis=0)) == pytest.approx([0.0, 0.0], abs=0.15)
+    assert np.percentile(np.abs(matched[close][:, 1]), 90) < 0.3
+
+
+def test_the_rectified_cameras_say_where_they_look() -> None:
+    pair = rectified_pair(wall())
+    T_left, T_right = pair.left.T_robot_sensor, pair.right.T_robot_sensor
+    assert T_left is not None
+    assert T_right is not None
+    assert pair.left.frame == "mana/left_rectified"
+    T = se3.inverse(T_left.matrix) @ T_right.matrix
+    assert pytest.approx(se3.transform(np.eye(3), [pair.baseline, 0.0, 0.0]), abs=1e-9) == T
+
+
+def test_a_real_rovers_raw_calibration_gives_common_rows(real_data: Callable[[str], Path]) -> None:
+    stereo = read_stereo(next(real_data("cdff_upstream/MinnieStereo").glob("*.yml")))
+    left, right, baseline_m = rectification.rectified(stereo)
+    rng = np.random.default_rng(3)
+    points = rng.uniform([-2.0, -1.0, 4.0], [2.0, 1.0, 12.0], (200, 3))
+    in_right = points @ stereo.T_right_left[:3, :3].T + stereo.T_right_left[:3, 3]
+    a, b = left.camera.project(points @ left.R.T), right.camera.project(in_right @ right.R.T)
+    assert a[:, 1] == pytest.approx(b[:, 1], abs=1e-9)
+    depth = (points @ left.R.T)[:, 2]
+    assert a[:, 0] - b[:, 0] == pytest.approx(left.camera.fx * baseline_m / depth, abs=1e-9)
+
+
+def test_maps_are_made_once_per_calibration() -> None:
+    rectified_pair(wall())
+    before = rectification._rectified.cache_info()
+    rectified_pair(wall())
+    after = rectification._rectified.cache_info()
+    assert (after.hits, after.misses) == (before.hits + 1, before.misses)
+
+
+def test_what_cannot_be_rectified_is_refused_with_the_reason() -> None:
+    node = Rectification()
+    node.configure()
+    image = np.zeros((300, 400), np.uint8)
+    at = frame(LEFT, image, np.eye(4))
+    above = frame(RIGHT, image, se3.transform(np.eye(3), [0.0, -0.2, 0.0]))
+    with pytest.raises(InputError, match="to its right"):
+        node.process(StereoRectificationInputs(pair=FramePair(baseline=0.0, left=at, right=above)))
+    nowhere = Frame.from_image(image, stamp_ns=0, camera_matrix=RIGHT.matrix)
+    with pytest.raises(InputError, match="where they sit"):
+        node.process(StereoRectificationInputs(pair=FramePair(baseline=0.0, left=at, right=nowhere)))
+    undistortion = Undistortion()
+    undistortion.configure()
+    with pytest.raises(InputError, match="CAM_UNDEF"):
+        undistortion.process(ImageUndistortionInputs(image=Frame.from_image(image, stamp_ns=0)))
+    wide = replace(FISHEYE, fx=60.0, fy=60.0)
+    with pytest.raises(InputError, match="too far to the side"):
+        undistortion.process(ImageUndistortionInputs(image=frame(wide, image, np.eye(4))))
