@@ -1,0 +1,55 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Compiled comparison of a scan with the heights of a map."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+
+
+@njit(cache=True)
+def residuals(
+    heights: Float, origin: Float, cell: float, starts: Float, turns: Float, points: Float, cutoff: float, least: float
+) -> Float:  # pragma: no cover - compiled
+    """Mean cut-off height difference at each start (s) and turn (t): shape (s, t), infinity where little is covered.
+
+    Parameters
+    ----------
+    heights : ndarray, shape (rows, columns)
+        Of cells along x and y from ``origin (2,)``; NaN where there is none.
+    starts : ndarray, shape (s, 4, 4)
+        Poses of the ground below the robot.
+    turns : ndarray, shape (t, 2)
+        Cosine and sine of turns about the ground's normal.
+    points : ndarray, shape (m, 3)
+        About the foot of the robot, z along the ground's normal.
+    """
+    out = np.full((len(starts), len(turns)), np.inf)
+    rows, columns = heights.shape
+    needed = least * len(points)
+    for s in range(len(starts)):
+        T = starts[s]
+        for t in range(len(turns)):
+            c, w = turns[t, 0], turns[t, 1]
+            total, count = 0.0, 0
+            for i in range(len(points)):
+                x = c * points[i, 0] - w * points[i, 1]
+                y = w * points[i, 0] + c * points[i, 1]
+                z = points[i, 2]
+                row = int(np.floor((T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3] - origin[0]) / cell))
+                column = int(np.floor((T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3] - origin[1]) / cell))
+                if row < 0 or column < 0 or row >= rows or column >= columns:
+                    continue
+                height = heights[row, column]
+                if np.isnan(height):
+                    continue
+                off = abs(T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3] - height)
+                total += min(off, cutoff)
+                count += 1
+            if count >= needed and count > 0:
+                out[s, t] = total / count
+    return out
