@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -45,9 +46,9 @@ class Rectified:
 
     camera: CameraModel
     R: FloatArray
-    maps: tuple[NDArray[np.int16], NDArray[np.uint16]]
+    maps: tuple[NDArray[Any], NDArray[Any]]
 
-    def apply(self, image: NDArray[np.generic], interpolation: int = cv2.INTER_LINEAR) -> NDArray[np.generic]:
+    def apply(self, image: NDArray[Any], interpolation: int = cv2.INTER_LINEAR) -> NDArray[Any]:
         """The image of the ideal camera; 0 where the real one saw nothing. Raises InputError for another size."""
         if (self.camera.rows, self.camera.cols) != image.shape[:2]:
             size = f"{self.camera.rows} x {self.camera.cols}"
