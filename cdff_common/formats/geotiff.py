@@ -105,27 +105,34 @@ def write_bands(
     *,
     tags: Mapping[str, str] | None = None,
     wkt: str | None = None,
+    cloud_optimized: bool = True,
 ) -> bytes:
-    """Bytes of a deflated GeoTIFF of float32 bands ``(rows, cols)``; without a geometry pixels are pixels."""
+    """Bytes of a deflated GeoTIFF of float32 bands ``(rows, cols)``; without a geometry pixels are pixels.
+
+    Parameters
+    ----------
+    bands : mapping of str to array
+    geometry : GridGeometry, optional
+    tags : mapping, optional
+        Of the file.
+    wkt : str, optional
+        CRS; an engineering CRS named after the frame without.
+    cloud_optimized : bool
+        A COG: tiles of 256 cells, header first, and overviews in which each cell is one of the cells below it
+        (nearest), since a mean of variances or counts would be neither.
+    """
     import rasterio
+    import rasterio.shutil
     from rasterio.io import MemoryFile
 
     if not bands:
         raise InputError("no bands to write")
     rows, cols = next(iter(bands.values())).shape
+    packing = {"compress": "deflate", "predictor": 3}
     profile: dict[str, Any] = {
-        "driver": "GTiff",
-        "dtype": "float32",
-        "count": len(bands),
-        "height": rows,
-        "width": cols,
-        "nodata": np.nan,
-        "compress": "deflate",
-        "predictor": 3,
-        "tiled": True,
-        "blockxsize": 256,
-        "blockysize": 256,
-    }
+        "driver": "GTiff", "dtype": "float32", "count": len(bands), "height": rows, "width": cols, "nodata": np.nan,
+        "tiled": True, "blockxsize": 256, "blockysize": 256, **({} if cloud_optimized else packing),
+    }  # fmt: skip
     if geometry is not None:
         r = geometry.resolution_m
         profile["transform"] = rasterio.Affine(r, 0.0, geometry.xmin_m, 0.0, -r, geometry.ymax_m)
@@ -136,7 +143,14 @@ def write_bands(
                 file.write(np.asarray(band, dtype=np.float32), index)
                 file.set_band_description(index, name)
             file.update_tags(AREA_OR_POINT="Area", **(tags or {}))
-        return bytes(memory.read())
+        if not cloud_optimized:
+            return bytes(memory.read())
+        with MemoryFile() as packed:
+            with memory.open() as file:
+                rasterio.shutil.copy(
+                    file, packed.name, driver="COG", blocksize=256, overview_resampling="nearest", **packing
+                )
+            return bytes(packed.read())
 
 
 def read_bands(

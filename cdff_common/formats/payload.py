@@ -28,24 +28,26 @@ if TYPE_CHECKING:
 
 #: Media type of each format.
 MEDIA_TYPES = {
-    "ply": "application/vnd.ply",
+    "ply": "application/x-ply",
     "las": "application/vnd.las",
-    "pcd": "application/vnd.pcd",
+    "laz": "application/vnd.laszip",
+    "pcd": "application/x-pcd",
     "npz": "application/x-npz",
     "tif": "image/tiff; application=geotiff",
     "png": "image/png",
     "json": "application/json",
+    "geojson": "application/geo+json",
     "tum": "text/plain; charset=utf-8",
     "g2o": "text/plain; charset=utf-8",
 }
 
 #: Formats of each type, the preferred one first.
 FORMATS: dict[str, tuple[str, ...]] = {
-    "Pointcloud": ("ply", "las", "pcd", "npz"),
+    "Pointcloud": ("ply", "las", "laz", "pcd", "npz"),
     "ElevationMap": ("tif", "png", "npz"),
-    "NavigationMap": ("tif", "png", "npz"),
-    "TransformWithCovariance": ("json", "tum"),
-    "PoseTrajectory": ("tum", "npz"),
+    "NavigationMap": ("tif", "png", "npz", "geojson"),
+    "TransformWithCovariance": ("json", "tum", "geojson"),
+    "PoseTrajectory": ("tum", "npz", "geojson"),
     "PoseGraph": ("g2o",),
     "Frame": ("png", "tif", "npz"),
 }
@@ -60,7 +62,7 @@ def cloud_arrays(value: Pointcloud) -> CloudArrays:
     return CloudArrays.of(value.points_m, value.intensity, colors)
 
 
-def to_file(value: Any, fmt: str) -> bytes:
+def to_file(value: Any, fmt: str, wkt: str | None = None) -> bytes:
     """Bytes of a value in a format of ``FORMATS``.
 
     Parameters
@@ -68,6 +70,8 @@ def to_file(value: Any, fmt: str) -> bytes:
     value : Any
         A ``cdff_common.types`` object.
     fmt : str
+    wkt : str, optional
+        CRS of its frame, for formats that say one; an engineering CRS named after the frame without.
 
     Raises
     ------
@@ -77,7 +81,7 @@ def to_file(value: Any, fmt: str) -> bytes:
     name = type(value).__name__
     if fmt not in FORMATS.get(name, ()):
         raise InputError(f"{name} as {fmt!r}: expected one of {', '.join(FORMATS.get(name, ())) or 'none'}")
-    writers: dict[str, Callable[[Any, str], bytes]] = {
+    writers: dict[str, Callable[[Any, str, str | None], bytes]] = {
         "Pointcloud": _cloud,
         "ElevationMap": _map,
         "NavigationMap": _map,
@@ -86,7 +90,7 @@ def to_file(value: Any, fmt: str) -> bytes:
         "PoseGraph": _pose_graph,
         "Frame": _frame,
     }
-    return writers[name](value, fmt)
+    return writers[name](value, fmt, wkt)
 
 
 def pose_value(value: TransformWithCovariance, covariance_kind: str = "none") -> PoseValue:
@@ -94,8 +98,8 @@ def pose_value(value: TransformWithCovariance, covariance_kind: str = "none") ->
     return PoseValue(value.transform, value.parent_frame, value.child_frame, value.stamp_ns, covariance_kind)
 
 
-def _cloud(value: Pointcloud, fmt: str) -> bytes:
-    from cdff_common.formats.las import write_las
+def _cloud(value: Pointcloud, fmt: str, wkt: str | None) -> bytes:
+    from cdff_common.formats.las import write_las, write_laz
     from cdff_common.formats.npz import write_npz
     from cdff_common.formats.pcd import write_pcd
     from cdff_common.formats.ply import write_ply
@@ -108,16 +112,21 @@ def _cloud(value: Pointcloud, fmt: str) -> bytes:
         extra |= {} if arrays.colors is None else {"colors": arrays.colors}
         stated = {"frame": np.array(value.frame), "stamp_ns": np.array(value.stamp_ns)}
         return write_npz({"points_m": arrays.points_m, **extra, **stated})
-    return write_las(arrays) if fmt == "las" else write_pcd(arrays)
+    if fmt == "pcd":
+        return write_pcd(arrays)
+    return write_las(arrays) if fmt == "las" else write_laz(arrays)
 
 
-def _map(value: ElevationMap | NavigationMap, fmt: str) -> bytes:
+def _map(value: ElevationMap | NavigationMap, fmt: str, wkt: str | None) -> bytes:
+    from cdff_common.formats.geojson import class_features, write_geojson
     from cdff_common.formats.geotiff import write_map
     from cdff_common.formats.hillshade import classes_png, hillshade_png
     from cdff_common.formats.npz import write_npz
 
     if fmt == "tif":
-        return write_map(value)
+        return write_map(value, wkt=wkt)
+    if fmt == "geojson":
+        return write_geojson(class_features(value), value.geometry.frame, wkt)  # type: ignore[arg-type]
     if fmt == "png":
         return classes_png(value) if type(value).__name__ == "NavigationMap" else hillshade_png(value)  # type: ignore[arg-type]
     g = value.geometry
@@ -127,32 +136,38 @@ def _map(value: ElevationMap | NavigationMap, fmt: str) -> bytes:
     return write_npz({**layers, "frame": np.array(g.frame), "resolution_xmin_ymax_m": placement, "t0_t1_ns": times})
 
 
-def _pose(value: TransformWithCovariance, fmt: str) -> bytes:
+def _pose(value: TransformWithCovariance, fmt: str, wkt: str | None) -> bytes:
+    from cdff_common.formats.geojson import pose_feature, write_geojson
     from cdff_common.formats.tum import write_tum
 
     if fmt == "tum":
         return write_tum([value.stamp_ns], value.transform.matrix[None])
+    if fmt == "geojson":
+        return write_geojson([pose_feature(value)], value.parent_frame, wkt)
     return (json.dumps(pose_value(value).to_json(), indent=1) + "\n").encode()
 
 
-def _trajectory(value: PoseTrajectory, fmt: str) -> bytes:
+def _trajectory(value: PoseTrajectory, fmt: str, wkt: str | None) -> bytes:
+    from cdff_common.formats.geojson import path_feature, write_geojson
     from cdff_common.formats.npz import write_npz
     from cdff_common.formats.tum import write_tum
 
     if fmt == "tum":
         return write_tum(value.stamps_ns, value.matrices)
+    if fmt == "geojson":
+        return write_geojson([path_feature(value)], value.parent_frame, wkt)
     extra = {} if value.covariances is None else {"covariances": value.covariances}
     frames = {"parent": np.array(value.parent_frame), "child": np.array(value.child_frame)}
     return write_npz({"stamps_ns": value.stamps_ns, "matrices": value.matrices, **extra, **frames})
 
 
-def _pose_graph(value: PoseGraph, _fmt: str) -> bytes:
+def _pose_graph(value: PoseGraph, _fmt: str, _wkt: str | None) -> bytes:
     from cdff_common.formats.pose_graph import write_pose_graph
 
     return write_pose_graph(value)
 
 
-def _frame(value: Frame, fmt: str) -> bytes:
+def _frame(value: Frame, fmt: str, wkt: str | None) -> bytes:
     from cdff_common.formats.geotiff import write_bands
     from cdff_common.formats.image import write_png
     from cdff_common.formats.npz import write_npz

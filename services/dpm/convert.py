@@ -4,13 +4,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from cdff_common.codecs.encoding import CODECS, encoding_string
 from cdff_common.codecs.siblings import base_type, wire_type
 from cdff_common.errors import InputError
+from cdff_common.formats.payload import FORMATS, MEDIA_TYPES, to_file
 from cdff_common.interfaces.product import Header
 
 
@@ -31,25 +31,25 @@ class Converted:
     suffix: str
 
 
-@dataclass(frozen=True, slots=True)
-class _FileFormat:
-    media_type: str
-    write: Callable[[Any, Header], bytes]
+#: Types of which ``png`` is a picture for people, of limited size.
+_PICTURED = ("ElevationMap", "NavigationMap", "Pointcloud", "PoseTrajectory")
 
 
 def formats_of(type_name: str) -> tuple[str, ...]:
     """Formats in which a type can be had."""
-    return (*CODECS, *_FORMATS.get(base_type(type_name), {}))
+    return (*CODECS, *file_formats(type_name))
 
 
 def file_formats(type_name: str) -> dict[str, str]:
     """File formats in which a type can be had, with their media types."""
-    return {name: form.media_type for name, form in _FORMATS.get(base_type(type_name), {}).items()}
+    name = base_type(type_name)
+    formats = (*FORMATS.get(name, ()), *(("png",) if name in _PICTURED else ()))
+    return {form: MEDIA_TYPES[form] for form in formats}
 
 
 def convert(
     type_name: str, codec: str, payload: bytes, format_name: str | None, as_type: str | None, header: Header,
-    value: Any = None,
+    value: Any = None, wkt: str | None = None,
 ) -> Converted:  # fmt: skip
     """Return a payload in the format and type asked.
 
@@ -63,6 +63,8 @@ def convert(
         An InFuse type that the value can be expressed as.
     value : optional
         The decoded payload, where the caller has it.
+    wkt : str, optional
+        CRS of the header's frame, for formats that say one.
 
     Raises
     ------
@@ -86,10 +88,13 @@ def convert(
         value, type_name = _as(value, type_name, str(as_type), header), str(as_type)
     if wanted in CODECS:
         return Converted(encode(value, wanted), encoding_string(wire_type(value), wanted), wanted)
-    if as_type not in (None, type(value).__name__) or wanted not in _FORMATS.get(type_name, {}):
+    if as_type not in (None, type(value).__name__) or wanted not in file_formats(type_name):
         raise InputError(f"format={wanted}: a {type_name} comes as {', '.join(formats_of(type_name))}")
-    file_format = _FORMATS[type_name][wanted]
-    return Converted(file_format.write(value, header), file_format.media_type, wanted)
+    if wanted == "png" and type_name in _PICTURED:
+        from services.dpm.pictures import picture
+
+        return Converted(picture(value, header), MEDIA_TYPES[wanted], wanted)
+    return Converted(to_file(value, wanted, wkt), MEDIA_TYPES[wanted], wanted)
 
 
 def _as(value: Any, type_name: str, as_type: str, header: Header) -> Any:
@@ -104,103 +109,3 @@ def _as(value: Any, type_name: str, as_type: str, header: Header) -> Any:
         )
         return pose
     raise InputError(f"as={as_type[:40]!r}: a {type_name} cannot be expressed as that")
-
-
-def _tif(value: Any, _header: Header) -> bytes:
-    from cdff_common.formats.geotiff import write_map
-
-    return write_map(value)
-
-
-def _map_npz(value: Any, _header: Header) -> bytes:
-    from cdff_common.formats.npz import write_npz
-
-    g = value.geometry
-    layers = {name: value.layer(name) for name in value.layer_names}
-    return write_npz({**layers, "resolution_m": g.resolution_m, "xmin_m": g.xmin_m, "ymax_m": g.ymax_m})
-
-
-def _ply(value: Any, header: Header) -> bytes:
-    from cdff_common.formats.ply import write_ply
-
-    return write_ply(_cloud(value), comments={"frame": header.frame, "stamp_ns": str(header.t1_ns)})
-
-
-def _pcd(value: Any, _header: Header) -> bytes:
-    from cdff_common.formats.pcd import write_pcd
-
-    return write_pcd(_cloud(value))
-
-
-def _las(value: Any, _header: Header) -> bytes:
-    from cdff_common.formats.las import write_las
-
-    return write_las(_cloud(value))
-
-
-def _cloud_npz(value: Any, _header: Header) -> bytes:
-    from cdff_common.formats.npz import write_npz
-
-    return write_npz({"points_m": value.points_m})
-
-
-def _cloud(value: Any) -> Any:
-    from cdff_common.formats.cloud import CloudArrays
-
-    intensity = value.intensity
-    return CloudArrays.of(value.points_m, intensity if intensity is not None and len(intensity) else None)
-
-
-def _pose_tum(value: Any, _header: Header) -> bytes:
-    from cdff_common.formats.tum import write_tum
-
-    return write_tum([value.stamp_ns], value.transform.matrix[None])
-
-
-def _trajectory_tum(value: Any, _header: Header) -> bytes:
-    from cdff_common.formats.tum import write_tum
-
-    return write_tum(value.stamps_ns, value.matrices)
-
-
-def _image_png(value: Any, _header: Header) -> bytes:
-    from cdff_common.formats.image import write_png
-
-    return write_png(value.image)
-
-
-def _image_npz(value: Any, _header: Header) -> bytes:
-    from cdff_common.formats.npz import write_npz
-
-    return write_npz({"image": value.image})
-
-
-def _picture(value: Any, header: Header) -> bytes:
-    from services.dpm.pictures import picture
-
-    return picture(value, header)
-
-
-_PNG = _FileFormat("image/png", _picture)
-_FORMATS: dict[str, dict[str, _FileFormat]] = {
-    "ElevationMap": {
-        "tif": _FileFormat("image/tiff; application=geotiff", _tif),
-        "npz": _FileFormat("application/x-npz", _map_npz),
-        "png": _PNG,
-    },
-    "NavigationMap": {
-        "tif": _FileFormat("image/tiff; application=geotiff", _tif),
-        "npz": _FileFormat("application/x-npz", _map_npz),
-        "png": _PNG,
-    },
-    "Pointcloud": {
-        "ply": _FileFormat("application/x-ply", _ply),
-        "pcd": _FileFormat("application/x-pcd", _pcd),
-        "las": _FileFormat("application/vnd.las", _las),
-        "npz": _FileFormat("application/x-npz", _cloud_npz),
-        "png": _PNG,
-    },
-    "TransformWithCovariance": {"tum": _FileFormat("text/plain; charset=utf-8", _pose_tum)},
-    "PoseTrajectory": {"tum": _FileFormat("text/plain; charset=utf-8", _trajectory_tum), "png": _PNG},
-    "Frame": {"png": _FileFormat("image/png", _image_png), "npz": _FileFormat("application/x-npz", _image_npz)},
-}

@@ -200,7 +200,8 @@ class Dpm:
         self._count("gets")
         record = self.store.get(product_id)
         payload = self.store.payload(product_id)
-        body = convert(record.type_name, record.codec, payload, format_name, as_type, record.header)
+        wkt = self.crs_wkt(record.header.frame, format_name)
+        body = convert(record.type_name, record.codec, payload, format_name, as_type, record.header, wkt=wkt)
         return Answer(body, record.to_dict())
 
     def newest(self, query: Query, format_name: str | None = None, as_type: str | None = None) -> Answer:
@@ -231,6 +232,10 @@ class Dpm:
         self._count("windows")
         made = self.store.clouds.assemble(asked.query, asked.points)
         return self._derived(made, made.cloud, CLOUD_PORT, "pointcloud", format_name, as_type, deliver)
+    def crs_wkt(self, frame: str, format_name: str | None) -> str | None:
+        """CRS of a frame as WKT, for the formats that say one."""
+        return self.store.places.of(frame).wkt if format_name in ("tif", "geojson") else None
+
 
     def profile(self, asked: ProfileRequest) -> dict[str, Any]:
         """Elevation along a line, as plain data."""
@@ -242,7 +247,8 @@ class Dpm:
     ) -> Answer:
         """A derived product inline, or stored and by id where it is large or asked by reference."""
         payload, wire = encode(value, "uper"), wire_type(value)
-        body = convert(wire, "uper", payload, format_name, as_type, made.header, value=value)
+        wkt = self.crs_wkt(made.header.frame, format_name)
+        body = convert(wire, "uper", payload, format_name, as_type, made.header, value=value, wkt=wkt)
         metadata = made.header.to_dict() | made.manifest() | {"robot": made.robot}
         if deliver == "inline" or (deliver == "auto" and len(body.data) <= INLINE_BYTES):
             return Answer(body, metadata)

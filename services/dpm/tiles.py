@@ -112,7 +112,7 @@ class Tiles:
         from cdff_common.formats.geotiff import write_bands
 
         wkt = self._store.places.of(asked.frame).wkt
-        return write_bands({asked.layer: values}, asked.tile.geometry(asked.frame), wkt=wkt)
+        return write_bands({asked.layer: values}, asked.tile.geometry(asked.frame), wkt=wkt, cloud_optimized=False)
 
     def _keep(self, key: tuple[str, int, int, int], asked: TileRequest, made: RenderedTile) -> None:
         with self._lock:

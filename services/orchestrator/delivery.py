@@ -23,7 +23,6 @@ from cdff_core.orchestration import translate
 from cdff_core.orchestration.judge import delivered, judge
 from cdff_core.orchestration.request import CODECS, PRODUCTS, ProductRequest
 from services.orchestrator.dpm import Dpm
-from services.orchestrator.files import file_bytes
 from services.orchestrator.finder import Found
 
 #: Larger payloads go by reference unless ``deliver=inline`` (contract §5).
@@ -241,7 +240,14 @@ def encoded(value: Any, type_name: str, form: str) -> tuple[bytes, str]:
     """Return the bytes of a value in a codec or file format, and the encoding string."""
     if form in CODECS:
         return encode(value, form), encoding_string(wire_type(value), form)
-    return file_bytes(value, form)
+    from cdff_common.formats.payload import MEDIA_TYPES, to_file
+
+    try:
+        return to_file(value, form), MEDIA_TYPES[form]
+    except ImportError as error:  # not every image carries every library
+        raise UnavailableError(
+            f"format={form}: {error.name} is not installed in the orchestrator; ask deliver=reference"
+        ) from error
 
 
 def derived_header(request: ProductRequest, found: Found, t: Translated) -> Header:

@@ -162,7 +162,9 @@ def payload(
     if is_native:
         part = request.headers.get("range") if request.headers.get("if-range", etag) == etag else None
         return native(context, record, part, headers)
-    body = convert(record.type_name, record.codec, context.dpm.store.payload(product_id), format, as_, record.header)
+    wkt = context.dpm.crs_wkt(record.header.frame, format)
+    data = context.dpm.store.payload(product_id)
+    body = convert(record.type_name, record.codec, data, format, as_, record.header, wkt=wkt)
     return file_response(body, product_id, headers)
 
 

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import io
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +16,7 @@ from cdff_common.errors import CodecError, InputError
 from cdff_common.formats.cloud import CloudArrays
 from cdff_common.formats.detect import detect
 from cdff_common.formats.kitti_bin import read_kitti_bin, write_kitti_bin
-from cdff_common.formats.las import read_las, write_las
+from cdff_common.formats.las import read_las, write_las, write_laz
 from cdff_common.formats.lzf import lzf_decompress
 from cdff_common.formats.pcd import read_pcd, write_pcd
 from cdff_common.formats.ply import read_ply, write_ply
@@ -108,10 +109,28 @@ def test_a_broken_file_is_named_with_its_path(tmp_path: Path) -> None:
         detect(tmp_path / "noise")
 
 
-def test_compressed_las_is_refused_with_what_to_do(cloud: CloudArrays) -> None:
+def test_laz_holds_what_las_does_in_less_room(cloud: CloudArrays) -> None:
+    data = write_laz(cloud)
+    assert detect(data) == "las"
+    assert len(data) < len(write_las(cloud))
+    back, plain = read_las(data), read_las(write_las(cloud))
+    np.testing.assert_array_equal(back.points_m, plain.points_m)
+    for name in ("intensity", "colors"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(plain, name))
+
+
+def test_laspy_reads_our_laz(cloud: CloudArrays) -> None:
+    import laspy
+
+    read = laspy.read(io.BytesIO(write_laz(cloud)))
+    assert len(read.points) == len(cloud.points_m)
+    np.testing.assert_allclose(read.xyz, cloud.points_m, atol=0.0006)
+
+
+def test_a_las_that_only_claims_to_be_packed_is_refused(cloud: CloudArrays) -> None:
     data = bytearray(write_las(cloud))
     data[104] |= 0x80
-    with pytest.raises(CodecError, match="laszip"):
+    with pytest.raises(CodecError, match="no readable LAZ"):
         read_las(bytes(data))
 
 

@@ -1,0 +1,77 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""GeoJSON in a frame's own metres: paths, outlines, and the areas of a navigation map.
+
+RFC 7946 knows longitude and latitude on Earth only. Sites of other bodies are metres in a frame, so the collection
+says, as GeoJSON of 2008 had it, ``"crs": null``: not known to whoever reads only that; GDAL and QGIS then take
+coordinates as they are. ``cdff`` holds the frame's name and, where it has one, its CRS as WKT.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+if TYPE_CHECKING:
+    from cdff_common.types import NavigationMap, PoseTrajectory, TransformWithCovariance
+
+#: Names of the classes of a navigation map.
+CLASS_NAMES = ("unknown", "safe", "caution", "hazard")
+
+Feature = dict[str, Any]
+
+
+def write_geojson(features: Iterable[Feature], frame: str, wkt: str | None = None) -> bytes:
+    """Bytes of a collection of features in a frame, metres."""
+    about = {"frame": frame} | ({} if wkt is None else {"wkt": wkt})
+    collection = {"type": "FeatureCollection", "name": frame, "crs": None, "cdff": about, "features": list(features)}
+    return (json.dumps(collection, allow_nan=False) + "\n").encode()
+
+
+def feature(kind: str, coordinates: Any, properties: Mapping[str, Any]) -> Feature:
+    """One feature; ``kind`` as ``Polygon``."""
+    return {
+        "type": "Feature",
+        "properties": dict(properties),
+        "geometry": {"type": kind, "coordinates": np.asarray(coordinates).tolist()},
+    }
+
+
+def outline(ring_m: ArrayLike, properties: Mapping[str, Any]) -> Feature:
+    """A polygon of a ring ``(n, 2)`` that does not repeat its first corner."""
+    ring = np.asarray(ring_m, dtype=np.float64)
+    return feature("Polygon", [np.vstack([ring, ring[:1]]).tolist()], properties)
+
+
+def path_feature(trajectory: PoseTrajectory) -> Feature:
+    """A trajectory as a line with heights; ``stamps_ns`` of its points as decimals."""
+    positions = trajectory.matrices[:, :3, 3]
+    properties = {"child": trajectory.child_frame, "stamps_ns": [str(s) for s in trajectory.stamps_ns]}
+    return feature("LineString" if len(positions) > 1 else "MultiPoint", positions, properties)
+
+
+def pose_feature(pose: TransformWithCovariance) -> Feature:
+    """A pose as a point with height, and the turn about z of its x axis."""
+    T = pose.transform.matrix
+    heading = float(np.degrees(np.arctan2(T[1, 0], T[0, 0])))
+    properties = {"child": pose.child_frame, "stamp_ns": str(pose.stamp_ns), "yaw_deg": heading}
+    return feature("Point", T[:3, 3], properties)
+
+
+def class_features(value: NavigationMap) -> list[Feature]:
+    """The areas of each class but unknown, along the edges of their cells."""
+    import rasterio
+    from rasterio.features import shapes
+
+    g = value.geometry
+    classes = np.asarray(value.layer("class"), dtype=np.uint8)
+    placed = rasterio.Affine(g.resolution_m, 0.0, g.xmin_m, 0.0, -g.resolution_m, g.ymax_m)
+    found = shapes(classes, mask=classes > 0, connectivity=4, transform=placed)
+    return [
+        {"type": "Feature", "properties": {"class": int(k), "name": CLASS_NAMES[min(int(k), 3)]}, "geometry": shape}
+        for shape, k in found
+    ]
