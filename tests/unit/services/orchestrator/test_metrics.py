@@ -13,7 +13,8 @@ from services.orchestrator.metrics import Metrics
 
 def test_requests_actions_and_answer_times_are_counted_from_the_journal(tmp_path: Path) -> None:
     metrics = Metrics()
-    journal = Journal(tmp_path / "j.jsonl", on_record=metrics.on_record)
+    journal = Journal(tmp_path / "j.jsonl")
+    journal.listen(metrics.on_record)
     for job, end in (("1", "done"), ("2", "failed"), ("3", "waiting")):
         journal.append("job", job=job, state="received", request={"type": "dem"})
         journal.append("job", job=job, state=end)
@@ -44,7 +45,8 @@ def test_an_orchestrator_that_is_away_is_said_to_be_down() -> None:
 
 def test_records_of_jobs_that_began_before_this_process_are_not_counted(tmp_path: Path) -> None:
     metrics = Metrics()
-    journal = Journal(tmp_path / "j.jsonl", on_record=metrics.on_record)
+    journal = Journal(tmp_path / "j.jsonl")
+    journal.listen(metrics.on_record)
     journal.append("job", job="old", state="failed", reason="the orchestrator was restarted")
     journal.close()
     assert metrics.to_dict()["requests"] == []
