@@ -13,6 +13,7 @@ from cdff_common.bus import Bus, keys
 from cdff_common.bus.message import pack
 from cdff_common.errors import CdffError, InputError
 from services.orchestrator.journal import Journal
+from services.orchestrator.timing import REAL, Timing
 
 logger = logging.getLogger(__name__)
 
@@ -35,25 +36,29 @@ class HistoryForwarder:
     journal : Journal
     origin : str
         Name of this journal in the history: one for each set of robots.
+    timing : Timing, optional
     """
 
-    def __init__(self, bus: Bus, journal: Journal, origin: str) -> None:
+    def __init__(self, bus: Bus, journal: Journal, origin: str, timing: Timing = REAL) -> None:
         self._bus = bus
         self._journal = journal
         self._origin = origin
-        self._stop = threading.Event()
+        self._timing = timing
+        self._stop, self._grown = timing.event(), timing.event()
         self._kept = 0
-        self._thread = threading.Thread(target=self._run, name="history", daemon=True)
+        self._thread: threading.Thread | None = None
+        journal.listen(lambda _record: self._grown.set())
 
     def start(self) -> None:
         """Begin."""
-        self._thread.start()
+        self._thread = self._timing.start(self._run, "history")
 
     def close(self) -> None:
         """Stop; what was not sent is sent by the next one."""
         self._stop.set()
-        self._journal.grown.set()
-        self._thread.join(timeout=2.0)
+        self._grown.set()
+        if self._thread is not None:
+            self._thread.join(timeout=2.0)
 
     def _run(self) -> None:
         self._send([])  # asks how far the DPM has got
@@ -62,14 +67,14 @@ class HistoryForwarder:
             batch = self._add(batch, record)
         offset = 0
         while not self._stop.is_set():
-            self._journal.grown.clear()
+            self._grown.clear()
             for record, end in self._journal.records_from(offset):
                 batch = self._add(batch, record)
                 offset = end
             if batch:
                 self._send(batch)
                 batch = []
-            self._journal.grown.wait()
+            self._grown.wait()
             self._stop.wait(_GATHER_S)
 
     def _add(self, batch: list[dict[str, Any]], record: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -29,25 +29,15 @@ class Journal:
         Made with its folder where it is missing.
     clock : Clock, optional
         Mission clock for the records' ``stamp_ns``; the wall clock by default.
-    on_record : callable, optional
-        Called with each record once it is written.
-
-    Attributes
-    ----------
-    grown : threading.Event
-        Set with each record.
     """
 
-    def __init__(
-        self, path: Path, clock: Clock | None = None, on_record: Callable[[Mapping[str, Any]], None] | None = None
-    ) -> None:
+    def __init__(self, path: Path, clock: Clock | None = None) -> None:
         self._path = path
         self._clock = clock or WallClock()
-        self._on_record = on_record
         self._lock = threading.Lock()
         self._syncing = threading.Lock()
         self._synced = 0
-        self.grown = threading.Event()
+        self._listeners: list[Callable[[Mapping[str, Any]], None]] = []
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._cut_torn_line()
@@ -55,6 +45,10 @@ class Journal:
         except OSError as error:
             raise StorageError(f"journal {path}: {error}") from error
         self._number = max((int(r.get("n", 0)) for r in chain(self.put_aside(), self.records())), default=0)
+
+    def listen(self, listener: Callable[[Mapping[str, Any]], None]) -> None:
+        """Have each record told once it is written, in the thread that wrote it."""
+        self._listeners.append(listener)
 
     def append(self, kind: str, *, durable: bool = True, **record: Any) -> None:
         """Add a record, in order, and return once it is on the disk; raises StorageError.
@@ -75,9 +69,8 @@ class Journal:
             self._number = number
         if durable:
             self._sync(number)
-        if self._on_record is not None:
-            self._on_record({**head, **record})
-        self.grown.set()
+        for listener in self._listeners:
+            listener({**head, **record})
 
     def _sync(self, number: int) -> None:
         """Return once the record of that number is on the disk; of threads that wait one syncs for all."""

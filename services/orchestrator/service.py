@@ -60,7 +60,8 @@ class Orchestrator:
         self._profile = profile
         self._capacity = capacity
         self._metrics = Metrics()
-        self._journal = Journal(journal_path, bus.mission_clock, self._metrics.on_record)
+        self._journal = Journal(journal_path, bus.mission_clock)
+        self._journal.listen(self._metrics.on_record)
         self._state = State(profile, timing)
         self._book = JobBook(self._journal, capacity, wake=self._state.touch, timing=timing)
         self._recover()
@@ -70,7 +71,7 @@ class Orchestrator:
         self._watcher = Watcher(bus, self._state, timing)
         self._controller = Controller(bus, self._state, self._journal, timing)
         # Two orchestrators of a mission serve different robots: each has a history of its own.
-        self._history = HistoryForwarder(bus, self._journal, "orchestrator/" + profile.robot_ids[0])
+        self._history = HistoryForwarder(bus, self._journal, "orchestrator/" + profile.robot_ids[0], timing)
 
     def start(self) -> None:
         """Hear, control, answer; the tokens come last, when it can answer."""
