@@ -7,15 +7,17 @@ from __future__ import annotations
 from typing import Any
 
 from sqlalchemy import ColumnElement, exists, or_, tuple_
+from sqlalchemy.sql.base import ReadOnlyColumnCollection
 
 from dpm_store import schema
 from dpm_store.annotations import carries, has_successor
 from dpm_store.records import MetricBound, Order, Query, read_cursor
 
+Columns = ReadOnlyColumnCollection[str, Any]
 
-def conditions(query: Query) -> list[ColumnElement[bool]]:
+
+def conditions(query: Query, p: Columns = schema.products.c) -> list[ColumnElement[bool]]:
     """Conditions on ``products`` that hold together; the place in the order is among them but for the nearest."""
-    p = schema.products.c
     found: list[Any] = [p.deleted_ns.is_(None)]
     if query.as_of_ns is not None:
         known = query.as_of_ns
@@ -29,7 +31,7 @@ def conditions(query: Query) -> list[ColumnElement[bool]]:
     names = ("robot", "dfpc", "port", "status", "child", "config_hash", "covariance_kind")
     wanted = {name: getattr(query, name) for name in names}
     found += [p[name] == value for name, value in wanted.items() if value is not None]
-    found += [_within(bound) for bound in query.metrics]
+    found += [_within(bound, p.ordinal) for bound in query.metrics]
     if query.t0_ns is not None:
         found.append(p.t1_ns >= query.t0_ns)
     if query.t1_ns is not None:
@@ -46,15 +48,14 @@ def conditions(query: Query) -> list[ColumnElement[bool]]:
     return found
 
 
-def ordering(query: Query) -> tuple[Any, ...]:
+def ordering(query: Query, p: Columns = schema.products.c) -> tuple[Any, ...]:
     """Columns to order rows by."""
-    p = schema.products.c
     return (p.t1_ns, p.ordinal) if query.order is Order.OLDEST else (p.t1_ns.desc(), p.ordinal.desc())
 
 
-def _within(bound: MetricBound) -> ColumnElement[bool]:
+def _within(bound: MetricBound, ordinal: ColumnElement[int]) -> ColumnElement[bool]:
     m = schema.product_metrics.alias()
     value = m.c.value
     low = value > bound.low if bound.strict else value >= bound.low
     high = value < bound.high if bound.strict else value <= bound.high
-    return exists().where(m.c.ordinal == schema.products.c.ordinal, m.c.name == bound.name, low, high)
+    return exists().where(m.c.ordinal == ordinal, m.c.name == bound.name, low, high)

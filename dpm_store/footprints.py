@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from sqlalchemy import Connection, select
 
 from cdff_common.interfaces.product import Header
-from dpm_store import schema
+from dpm_store import schema, sqlite
 
 FloatArray = NDArray[np.float64]
 #: Cells along the longer side that an outline is drawn on.
@@ -27,6 +27,7 @@ _MAX_DRAWN = 256
 #: A footprint that covers more of the box than this says no more than the box.
 _FULL = 0.95
 _BATCH = 500
+_LISTED = select(schema.footprints).where(schema.footprints.c.ordinal.in_(sqlite.listed("ordinals")))
 
 
 def footprint_of(header: Header, value: Any) -> FloatArray | None:
@@ -64,12 +65,8 @@ def ring_from(data: bytes) -> FloatArray:
 
 def rings_in(connection: Connection, ordinals: Iterable[int]) -> dict[int, FloatArray]:
     """Rings of the products that have one."""
-    f, wanted = schema.footprints.c, list(ordinals)
-    found: dict[int, FloatArray] = {}
-    for i in range(0, len(wanted), _BATCH):
-        rows = connection.execute(select(schema.footprints).where(f.ordinal.in_(wanted[i : i + _BATCH])))
-        found |= {row.ordinal: ring_from(row.ring) for row in rows}
-    return found
+    rows = connection.execute(_LISTED, {"ordinals": sqlite.list_value(list(ordinals))})
+    return {row.ordinal: ring_from(row.ring) for row in rows}
 
 
 def footprints(connection: Connection, ids: Iterable[str]) -> dict[str, FloatArray]:

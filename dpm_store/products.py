@@ -21,6 +21,11 @@ from dpm_store.insertion import Inserter, Ready, compare, event_body, prepared
 from dpm_store.poses import PoseTable
 from dpm_store.records import Insertion, Parcel, ProductRecord
 
+#: Columns of ``products`` that make a record, in its order.
+RECORD_COLUMNS = (
+    "ordinal", "robot", "dfpc", "port", "product", "type_name", "codec", "id", "t1_ns", "header", "size", "inserted_ns",
+    "deleted_ns",
+)  # fmt: skip
 #: Products in one transaction.
 MAX_BATCH = 10_000
 #: Payloads looked up by one statement.
@@ -206,7 +211,4 @@ class ProductTable:
 
 def record_of(row: Row[Any]) -> ProductRecord:
     """Metadata from a row of ``products``."""
-    return ProductRecord(
-        row.ordinal, row.robot, row.dfpc, row.port, row.product, row.type_name, row.codec, row.id, row.t1_ns,
-        row.header, row.size, row.inserted_ns, row.deleted_ns,
-    )  # fmt: skip
+    return ProductRecord._make([getattr(row, name) for name in RECORD_COLUMNS])

@@ -11,7 +11,7 @@ import struct
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgpack
 
@@ -52,8 +52,23 @@ class Parcel:
         return {"robot": self.robot, "dfpc": self.dfpc, "port": self.port, "product": self.product}
 
 
-@dataclass(frozen=True)
-class ProductRecord:
+class _Columns(NamedTuple):
+    ordinal: int
+    robot: str
+    dfpc: str
+    port: str
+    product: str
+    type_name: str
+    codec: str
+    id: str
+    t1_ns: int
+    packed_header: bytes
+    size: int
+    inserted_ns: int
+    deleted_ns: int | None = None
+
+
+class ProductRecord(_Columns):
     """Metadata of a stored product. Its header is read when it is first asked for.
 
     Attributes
@@ -79,20 +94,6 @@ class ProductRecord:
     inserted_ns, deleted_ns : int or None
         Mission time.
     """
-
-    ordinal: int
-    robot: str
-    dfpc: str
-    port: str
-    product: str
-    type_name: str
-    codec: str
-    id: str
-    t1_ns: int
-    packed_header: bytes
-    size: int
-    inserted_ns: int
-    deleted_ns: int | None = None
 
     @cached_property
     def header(self) -> Header:
@@ -236,6 +237,14 @@ class Page:
     unplaced_frames: tuple[str, ...] = field(default=())
     frames_revision: int = 0
     distances_m: tuple[float, ...] = ()
+
+    def told(self) -> dict[str, Any]:
+        """What goes with the items, as plain data."""
+        data: dict[str, Any] = {
+            "cursor": self.cursor, "unplaced_frames": list(self.unplaced_frames),
+            "frames_revision": self.frames_revision,
+        }  # fmt: skip
+        return data | {"distances_m": list(self.distances_m)} if self.distances_m else data
 
 
 @dataclass(frozen=True, slots=True)

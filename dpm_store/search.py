@@ -14,11 +14,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import Connection, distinct, or_, select
+from sqlalchemy import Connection, distinct, or_, select, text
 
 from cdff_common.clock import NS_PER_S
 from cdff_common.geometry.region import Region
@@ -31,9 +32,17 @@ from dpm_store.insertion import epoch_ns
 from dpm_store.nearest import Nearest
 from dpm_store.placing import SIDES, Placed, placed_frames
 from dpm_store.poses import PoseTable
-from dpm_store.products import ProductTable, record_of
+from dpm_store.products import RECORD_COLUMNS, ProductTable, record_of
 from dpm_store.records import LATEST_NS, Cursor, Order, Page, ProductRecord, Query, read_cursor
 from dpm_store.slices import slices
+
+_BUCKETS = text("SELECT ordinal, frame, product FROM index_buckets")
+#: What makes a record, then every other column that a search asks for.
+_LISTED = sqlite.listed_products(
+    [*RECORD_COLUMNS, *(c.name for c in schema.products.c if c.name not in (*RECORD_COLUMNS, "sha256"))]
+)
+_ANSWER = select(*(_LISTED.c[name] for name in (*RECORD_COLUMNS, "frame", *SIDES)))
+_RECORD = slice(len(RECORD_COLUMNS))
 
 
 class Search:
@@ -91,11 +100,12 @@ class Search:
         boxes = [(frame.ordinal, box) for frame in placed.values() for box in frame.boxes(region)]
         found: list[ProductRecord] = []
         for ordinals, after_ns, until_ns in self._parts(connection, query, boxes):
-            p = schema.products.c
-            here = [p.t1_ns > after_ns, p.t1_ns <= until_ns, p.ordinal.in_(sqlite.listed("ordinals"))]
-            rows = self.rows(connection, query, here, {"ordinals": sqlite.list_value(ordinals)})
+            p = _LISTED.c
+            here = [*conditions(query, p), p.t1_ns > after_ns, p.t1_ns <= until_ns]
+            statement = _ANSWER.where(*here).order_by(*ordering(query, p))
+            rows = connection.execute(statement, {"ordinals": sqlite.list_value(sorted(set(ordinals)))}).all()
             kept = self.inside(connection, rows, region, placed)
-            found += [record_of(row) for row, inside in zip(rows, kept, strict=True) if inside]
+            found += [ProductRecord._make(rows[i][_RECORD]) for i in np.flatnonzero(kept).tolist()]
             if len(found) > query.limit:
                 break
         return _page(query, found, unplaced, tree)
@@ -148,11 +158,11 @@ class Search:
 
     @staticmethod
     def rows(
-        connection: Connection, query: Query, extra: list[Any], values: dict[str, Any], limit: int | None = None
+        connection: Connection, query: Query, extra: list[Any], values: dict[str, Any], limit: int
     ) -> Sequence[Any]:
         """Rows of products in the query's order."""
-        statement = select(schema.products).where(*conditions(query), *extra).order_by(*ordering(query))
-        return connection.execute(statement if limit is None else statement.limit(limit), values).all()
+        statement = select(schema.products).where(*conditions(query), *extra).order_by(*ordering(query)).limit(limit)
+        return connection.execute(statement, values).all()
 
     @staticmethod
     def inside(
@@ -160,10 +170,12 @@ class Search:
     ) -> NDArray[np.bool_]:
         """Tell which rows' outlines touch the region."""
         keep = np.zeros(len(rows), dtype=bool)
-        for name in {row.frame for row in rows}:
-            of_frame = np.array([i for i, row in enumerate(rows) if row.frame == name])
-            boxes = np.array([[getattr(rows[i], side) for side in SIDES] for i in of_frame])
-            keep[of_frame] = outlines.touches(region, boxes, placed[name].matrix)
+        of_frame: dict[str, list[int]] = {}
+        for i, row in enumerate(rows):
+            of_frame.setdefault(row.frame, []).append(i)
+        for name, those in of_frame.items():
+            boxes = np.array([_box_of(rows[i]) for i in those])
+            keep[those] = outlines.touches(region, boxes, placed[name].matrix)
         rings = rings_in(connection, (rows[i].ordinal for i in np.flatnonzero(keep).tolist()))
         for name in {row.frame for row in rows if row.ordinal in rings}:
             ringed = [i for i, row in enumerate(rows) if row.frame == name and row.ordinal in rings and keep[i]]
@@ -171,6 +183,9 @@ class Search:
             outline = [rings[rows[i].ordinal] for i in ringed]
             keep[ringed] = outlines.footprints_touch(region, outline, heights, placed[name].matrix)
         return keep
+
+
+_box_of = attrgetter(*SIDES)
 
 
 def types_present(connection: Connection) -> list[str]:
@@ -184,8 +199,8 @@ def _in_buckets(
     connection: Connection, query: Query, boxes: Sequence[tuple[int, Sequence[float]]]
 ) -> list[sqlite.IndexBox]:
     """Boxes in frames as the index names them: one for each of the query's types that the frame holds."""
-    b, frames = schema.index_buckets.c, {frame for frame, _ in boxes}
-    found = connection.execute(select(b.ordinal, b.frame, b.product)).all()
+    frames = {frame for frame, _ in boxes}
+    found = connection.execute(_BUCKETS)
     return [
         (bucket, box)
         for bucket, frame, product in found

@@ -19,7 +19,7 @@ from dpm_store import sqlite
 from dpm_store.records import Order, Query, read_cursor
 
 #: The first slice is this part of the time asked for.
-_FIRST = 2048
+_FIRST = 64
 #: By how much a slice may be longer than the one before.
 _GROWTH = 16
 #: A slice that names more than so many times the products wanted is made shorter.
@@ -78,23 +78,21 @@ class _Look:
         self._began_s = None if query.t1_ns is None else (query.t1_ns - epoch_ns) / NS_PER_S
         self._indexes = sqlite.INDEXES[:1] if query.as_of_ns is None else sqlite.INDEXES
 
-    def at(self, after_ns: int, until_ns: int) -> Slice:
-        """All candidates of one slice."""
+    def at(self, after_ns: int, until_ns: int, most: int | None = None) -> Slice:
+        """Candidates of one slice: all of them, or some more than ``most``."""
         ends_s = ((after_ns - self._epoch_ns) / NS_PER_S, (until_ns - self._epoch_ns) / NS_PER_S)
-        found = [
-            ordinal
-            for index in self._indexes
-            for ordinal in sqlite.candidates_between(self._connection, index, self._boxes, ends_s, self._began_s)
-        ]
+        found: list[int] = []
+        for index in self._indexes:
+            found += sqlite.candidates_between(self._connection, index, self._boxes, ends_s, self._began_s, most)
         return Slice(after_ns, until_ns, found)
 
     def backwards(self, low: int, high: int) -> Iterator[Slice]:
         """From the newest on."""
         width, until = self._first(low, high), high
         while until > low:
-            found = self.at(max(low, until - width), until)
-            if self._is_too_much(found):
-                width = max(1, width // _GROWTH)
+            found = self.at(max(low, until - width), until, most := self._most(width))
+            if most is not None and len(found.ordinals) > most:
+                width //= _GROWTH
                 continue
             yield found
             until, width = found.after_ns, width * self._growth(found)
@@ -103,9 +101,9 @@ class _Look:
         """From the oldest on."""
         width, after = self._first(low, high), low
         while after < high:
-            found = self.at(after, min(high, after + width))
-            if self._is_too_much(found):
-                width = max(1, width // _GROWTH)
+            found = self.at(after, min(high, after + width), most := self._most(width))
+            if most is not None and len(found.ordinals) > most:
+                width //= _GROWTH
                 continue
             yield found
             after, width = found.until_ns, width * self._growth(found)
@@ -114,9 +112,9 @@ class _Look:
     def _first(low: int, high: int) -> int:
         return max(1, (high - low) // _FIRST)
 
-    def _is_too_much(self, found: Slice) -> bool:
-        """Whether a slice that can be cut holds far more than is wanted."""
-        return len(found.ordinals) > _TOO_MANY * self._wanted and found.until_ns - found.after_ns > NS_PER_S
+    def _most(self, width: int) -> int | None:
+        """How many candidates a slice may name before it is made shorter; None where it is short enough."""
+        return _TOO_MANY * self._wanted if width >= NS_PER_S else None
 
     def _growth(self, found: Slice) -> int:
         count = len(found.ordinals)

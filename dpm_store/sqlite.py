@@ -21,7 +21,7 @@ from urllib.parse import quote
 
 from sqlalchemy import Connection, Engine, Table, create_engine, event, literal_column, select, text
 from sqlalchemy.dialects.sqlite import Insert, insert
-from sqlalchemy.sql import Select
+from sqlalchemy.sql import Select, Subquery
 
 from cdff_common.errors import StorageError
 from dpm_store import schema
@@ -39,7 +39,7 @@ INDEXES = ("product_index", "deleted_index")
 _BUCKET, _PAD_M, _PAD_S, _PER_S = 65536.0, 0.05, 0.5, 0.03
 _BETWEEN = (
     "SELECT id FROM {} WHERE f0 <= ? AND f1 >= ? AND x0 <= ? AND x1 >= ? AND y0 <= ? AND y1 >= ? "
-    "AND z0 <= ? AND z1 >= ? AND t0 <= ? AND t1 >= ? AND t1 <= ?"
+    "AND z0 <= ? AND z1 >= ? AND t0 <= ? AND t1 >= ? AND t1 <= ? LIMIT ?"
 )
 #: Run by the migrations after the tables are made.
 DDL = (
@@ -214,7 +214,12 @@ def ends_of_capture(connection: Connection) -> tuple[int, int]:
 
 
 def candidates_between(
-    connection: Connection, index: str, boxes: Sequence[IndexBox], ends_s: tuple[float, float], began_s: float | None
+    connection: Connection,
+    index: str,
+    boxes: Sequence[IndexBox],
+    ends_s: tuple[float, float],
+    began_s: float | None,
+    most: int | None = None,
 ) -> list[int]:
     """Ordinals in an index whose box may overlap one of these.
 
@@ -224,6 +229,8 @@ def candidates_between(
         Between which the capture ended, seconds since the epoch; some just outside are named too.
     began_s : float or None
         Before which it began.
+    most : int, optional
+        Of each box no more are named than one over this.
     """
     low, high = ends_s[0] * _PER_S, (ends_s[1] + _PAD_S) * _PER_S
     times = (_FAR if began_s is None else began_s * _PER_S, low - _rounding(low), high + _rounding(high))
@@ -232,8 +239,23 @@ def candidates_between(
     for bucket, b in boxes:
         middle = bucket * _BUCKET + _BUCKET / 4
         sides = (_kept(b[3]), _kept(b[0]), _kept(b[4]), _kept(b[1]), _kept(b[5]), _kept(b[2]))
-        found += connection.exec_driver_sql(statement, (middle, middle, *sides, *times)).scalars()
+        values = (middle, middle, *sides, *times, -1 if most is None else most + 1)
+        found += connection.exec_driver_sql(statement, values).scalars()
     return list(set(found)) if len(boxes) > 1 else found
+
+
+def listed_products(columns: Sequence[str]) -> Subquery:
+    """Products whose ordinals are in the parameter ``ordinals`` (see ``list_value``), with some of their columns.
+
+    They are looked up one by one: to SQLite, an index of ``products`` by anything else would look as good, and is not.
+    The limit, of none, keeps it from looking into the subquery.
+    """
+    names = ", ".join(f"products.{name}" for name in columns)
+    statement = text(
+        f"SELECT {names} FROM json_each(:ordinals) AS listed CROSS JOIN products ON products.ordinal = listed.value "
+        "LIMIT -1"
+    )
+    return statement.columns(*(schema.products.c[name] for name in columns)).subquery("listed_products")
 
 
 def listed(name: str) -> Select[Any]:
@@ -242,7 +264,7 @@ def listed(name: str) -> Select[Any]:
 
 
 def list_value(numbers: Sequence[int]) -> str:
-    """A value for a parameter of ``listed``."""
+    """A value for a parameter of ``listed`` and ``listed_products``."""
     return json.dumps(numbers)
 
 
