@@ -187,7 +187,9 @@ def _moments(s, n, m, plane):  # type: ignore[no-untyped-def] # pragma: no cover
 
 
 @njit(cache=True)
-def moved_over(table: VoxelTable, into: VoxelTable, centre: Float, radius: float, voxel: float) -> None:  # pragma: no cover
+def moved_over(
+    table: VoxelTable, into: VoxelTable, centre: Float, radius: float, voxel: float
+) -> None:  # pragma: no cover
     """Copy the voxels within ``radius`` of ``centre`` to an empty table."""
     mask = (1 << 21) - 1
     for row in range(len(table.keys)):

@@ -41,8 +41,8 @@ class VoxelPlanesConfig(DfnConfig):
     points_per_measurement: float = Field(10.0, ge=1.0, le=1000.0, description="Points that count as one measurement")
     first_kernel_m: float = Field(0.5, gt=0.0, le=10.0, description="Width of the kernel at the first iteration, metres")
     last_kernel_m: float = Field(0.06, gt=0.0, le=10.0, description="Width of the kernel at the end, metres")
-    min_agreement: float = Field(
-        0.35, ge=0.0, le=1.0, description="Agreement below which a direction is left as it was guessed"
+    held_sigma_m: float = Field(
+        0.045, gt=0.0, le=100.0, description="Sigma left by the map above which a direction stays as guessed, metres"
     )
     max_iterations: int = Field(20, ge=1, le=500, description="Iterations at most")
     tolerance_m: float = Field(5e-4, gt=0.0, le=1.0, description="Step that has converged, metres")
@@ -132,7 +132,7 @@ class VoxelPlanes(ScanToMapRegistrationInterface):
             kernel = max(cfg.last_kernel_m, _ANNEALING * kernel)
         covariance = np.linalg.inv(A)[:6, :6]
         directions, agreement, sigma_m = self._judged(points, fraction, T, motion, radius_m, variance)
-        free = directions[agreement < cfg.min_agreement]
+        free = directions[sigma_m > cfg.held_sigma_m]
         if len(free):
             T, covariance = _held(T_first, T, free, radius_m, covariance, inputs.guess_covariance)
             motion = motion_first

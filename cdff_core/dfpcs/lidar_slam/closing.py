@@ -85,14 +85,14 @@ class LoopCloser:
         near = self._near(places, key, ways)
         found = False
         for old in near[: self._config.candidates]:
-            loop = self._verified(places, old, key, se3.inverse(places.poses[old]) @ places.poses[key], ways)
+            loop = self.verified(places, old, key, se3.inverse(places.poses[old]) @ places.poses[key], ways)
             if loop is not None:
                 found = True
                 yield loop
         if found:
             return
         for old, guess in self._alike(places, key, ways):
-            loop = self._verified(places, old, key, guess, ways) or self._searched(places, old, key, ways)
+            loop = self.verified(places, old, key, guess, ways) or self._searched(places, old, key, ways)
             if loop is not None:
                 yield loop
                 return
@@ -140,8 +140,14 @@ class LoopCloser:
         allowed_m = c.drift_allowed_m + c.drift_allowed_share * way_m + c.search_radius_m
         return way_m > c.search_radius_m and apart_m < allowed_m
 
-    def _verified(self, places: KeyFrameMap, old: int, key: int, guess: Float, ways: dict[int, float]) -> Loop | None:
-        """Register from a guess."""
+    def verified(self, places: KeyFrameMap, old: int, key: int, guess: Float, ways: dict[int, float]) -> Loop | None:
+        """Register from a guess of T_old_key; None where the clouds or the graph do not bear it out.
+
+        Parameters
+        ----------
+        ways : dict of int to float
+            Ways along the graph from ``key``; places that are not in it are not compared with the graph.
+        """
         source, target = self._cloud(places, key), self._cloud(places, old)
         if source is None or target is None:
             return None

@@ -70,6 +70,11 @@ class LidarSlam(LidarSlamInterface):
         self._used: tuple[str, ...] = ()
         self.state_revision += 1
 
+    @property
+    def places(self) -> KeyFrameMap:
+        """The key frames, for whoever judges them; not to be changed."""
+        return self._places
+
     # -- samples in -----------------------------------------------------------------------------------------------
 
     def on_odometry(self, sample: Sample) -> Iterable[Output]:

@@ -46,10 +46,11 @@ class LidarSlamConfig(DfpcConfig):
     sweep_sigma_m: float = Field(0.03, gt=0.0, description="Of the predicted translation during a sweep, metres")
     sweep_sigma_rad: float = Field(0.012, gt=0.0, description="Of the predicted rotation during a sweep")
     covariance_share: float = Field(
-        1.0, gt=0.0, le=100.0, description="Of a registration's covariance that adds up from sweep to sweep"
+        0.15, gt=0.0, le=100.0, description="Of a registration's covariance that adds up from sweep to sweep"
     )
-    weak_sigma_m: float = Field(0.1, gt=0.0, description="Sigma that the map leaves along a direction: DEGRADED above")
-    weak_agreement: float = Field(0.35, ge=0.0, le=1.0, description="Agreement of the map's halves: DEGRADED below")
+    weak_sigma_m: float = Field(
+        0.045, gt=0.0, description="Sigma that the map leaves along a direction: DEGRADED above"
+    )
     min_inlier_ratio: float = Field(0.25, gt=0.0, le=1.0, description="Share of points on the map: DEGRADED below")
     lost_inlier_ratio: float = Field(0.05, gt=0.0, le=1.0, description="Share of points on the map: FAILED below")
 

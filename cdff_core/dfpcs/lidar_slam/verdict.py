@@ -15,7 +15,7 @@ _AXES = ("translation_x", "translation_y", "translation_z", "rotation_x", "rotat
 
 def weak_directions(found: ScanToMapRegistrationOutputs, config: LidarSlamConfig) -> tuple[str, ...]:
     """Names of the components, in axes of the map, that are largest in directions without information."""
-    weak = (found.agreement < config.weak_agreement) | (found.sigma_m > config.weak_sigma_m)
+    weak = found.sigma_m > config.weak_sigma_m
     return tuple(dict.fromkeys(_AXES[int(np.argmax(np.abs(d)))] for d in found.directions[weak]))
 
 
