@@ -7,12 +7,15 @@ from __future__ import annotations
 import math
 import re
 import threading
+from collections.abc import Mapping
+from typing import Any
 
 from cdff_common.clock import NS_PER_S
 from cdff_common.errors import FrameNotFoundError, InputError
 from cdff_common.geodesy import body_names
 from cdff_common.interfaces.product import Header
 from dpm_store import Store
+from dpm_store.records import LATEST_NS
 
 #: Captures may end this much after the mission clock's now: clocks of robots and of the ground differ by less.
 MAX_SKEW_S = 60.0
@@ -58,6 +61,29 @@ def check_header(header: Header, now_ns: int) -> None:
     resolution_m = header.resolution_m
     if resolution_m is not None and not (math.isfinite(resolution_m) and resolution_m > 0.0):
         raise InputError(f"resolution_m={resolution_m}: expected metres above 0")
+
+
+def check_value(value: Any, header: Header) -> None:
+    """Refuse a decoded value that says another frame than its header, or no time at all.
+
+    Raises
+    ------
+    InputError
+    """
+    getattr(value, "stamp_ns", None)  # a malformed time is refused by the type itself
+    frame = getattr(value, "frame", None)
+    if isinstance(frame, str) and frame not in ("", header.frame):
+        raise InputError(f"a value in frame {frame[:128]!r}, its header says {header.frame}")
+
+
+def whole_number(body: Mapping[str, Any], name: str) -> int | None:
+    """A field that is a whole number a column can hold, or None where it is absent; raises InputError."""
+    value = body.get(name)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int) or abs(value) > LATEST_NS:
+        raise InputError(f"{name}={str(value)[:80]!r}: expected a whole number")
+    return value
 
 
 class FrameNames:

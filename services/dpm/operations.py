@@ -28,7 +28,9 @@ from dpm_store.patches import DERIVED_DFPC
 from dpm_store.poses import EXTRAPOLATION_LIMIT_NS
 from dpm_store.profile import elevation_profile
 from dpm_store.provenance import MAX_GENERATIONS
-from services.dpm.checks import FrameNames, check_header
+from dpm_store.transaction import Change, Insert, Reanchor
+from services.dpm.changes import told
+from services.dpm.checks import FrameNames, check_header, check_value, whole_number
 from services.dpm.convert import Converted, convert
 from services.dpm.parameters import (
     PRODUCT_TYPES,
@@ -336,8 +338,8 @@ class Dpm:
         check_robot(frame.split("/")[0])
         revision = self.store.frames.set(
             frame, parent, transform_of(body), producer=producer or str(body.get("producer", "")),
-            valid_from_ns=body.get("valid_from_ns"), valid_until_ns=body.get("valid_until_ns"),
-            expected_revision=body.get("expected_revision"),
+            valid_from_ns=whole_number(body, "valid_from_ns"), valid_until_ns=whole_number(body, "valid_until_ns"),
+            expected_revision=whole_number(body, "expected_revision"),
         )  # fmt: skip
         self._tell()
         return revision.to_dict()
@@ -431,6 +433,7 @@ def _listing(events: Sequence[Event], since: int, limit: int) -> dict[str, Any]:
 
 def _summary(record: ProductRecord) -> dict[str, Any]:
     header = record.header
+        check_value(value, header)
     return {
         "robot": record.robot, "dfpc": record.dfpc, "port": record.port, "product": record.product,
         "t0_ns": header.t0_ns, "t1_ns": header.t1_ns, "producer": header.producer, "config_hash": header.config_hash,
