@@ -137,27 +137,39 @@ class AnnotationTable:
         ConflictError
             If the product would be, by a chain of successors, its own.
         """
-        wanted = _checked(changes)
         with self._database.write() as connection:
-            names = _live(connection, product_id)
-            present = self.get_in(connection, product_id)
-            if if_match is not None and if_match != present.revision:
-                raise StaleRevisionError(
-                    f"product {product_id} is at revision {present.revision}, the change was made from {if_match}: "
-                    "read it again"
-                )
-            new = replace(present, **wanted)
-            if new == present:
-                return present
-            stamp_ns = max(self._clock.now_ns(), present.stamp_ns)
-            new = replace(new, revision=present.revision + 1, author=author[:256], stamp_ns=stamp_ns)
-            if new.superseded_by not in (None, present.superseded_by):
-                _check_successor(connection, product_id, str(new.superseded_by))
-            _enter(connection, new)
-            changed = [name for name in FIELDS if getattr(new, name) != getattr(present, name)]
-            body = {"id": product_id, **names, "revision": new.revision, "changed": changed, "author": new.author}
-            self._events.append_in(connection, names["robot"], "updated", body, stamp_ns)
+            return self.update_in(connection, product_id, changes, if_match=if_match, author=author)
+
+    def update_in(
+        self, connection: Connection, product_id: str, changes: Mapping[str, Any], *, if_match: int | None,
+        author: str = "",
+    ) -> Annotation:  # fmt: skip
+        """As ``update``, inside a transaction."""
+        wanted = _checked(changes)
+        names = _live(connection, product_id)
+        present = self.check_in(connection, product_id, if_match)
+        new = replace(present, **wanted)
+        if new == present:
+            return present
+        stamp_ns = max(self._clock.now_ns(), present.stamp_ns)
+        new = replace(new, revision=present.revision + 1, author=author[:256], stamp_ns=stamp_ns)
+        if new.superseded_by not in (None, present.superseded_by):
+            _check_successor(connection, product_id, str(new.superseded_by))
+        _enter(connection, new)
+        changed = [name for name in FIELDS if getattr(new, name) != getattr(present, name)]
+        body = {"id": product_id, **names, "revision": new.revision, "changed": changed, "author": new.author}
+        self._events.append_in(connection, names["robot"], "updated", body, stamp_ns)
         return new
+
+    def check_in(self, connection: Connection, product_id: str, if_match: int | None) -> Annotation:
+        """The present revision; raises StaleRevisionError if it is another than ``if_match``."""
+        present = self.get_in(connection, product_id)
+        if if_match is not None and if_match != present.revision:
+            raise StaleRevisionError(
+                f"product {product_id} is at revision {present.revision}, the change was made from {if_match}: "
+                "read it again"
+            )
+        return present
 
     def forget_in(self, connection: Connection, product_id: str) -> None:
         """Take a deleted product's tags and successor out of what searches use; its revisions stay."""

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from sqlalchemy import ColumnElement, Connection, and_, func, insert, or_, select, update
@@ -176,6 +176,26 @@ class PoseTable:
         for row in rows:
             first.setdefault((row.stamp_ns, row.source, row.parent), _stamped(row))
         return tuple(first.values())
+
+    def series(
+        self, robot: str, t0_ns: int | None = None, t1_ns: int | None = None, *, frame: str, child: str | None = None,
+        limit: int = 10_000, known: Known = EVERYTHING,
+    ) -> tuple[StampedPose, ...]:  # fmt: skip
+        """As ``trajectory``, seen in a frame: poses in other frames that fixed edges join with it are carried over.
+
+        Poses in a frame that none joins with it are left out.
+        """
+        found = self.trajectory(robot, t0_ns, t1_ns, child=child, limit=limit, known=known)
+        with self._database.read() as connection:
+            tree = self._frames.tree_in(connection, known)
+        seen = []
+        for pose in found:
+            T = tree.find(frame, pose.parent)
+            if pose.parent == frame:
+                seen.append(pose)
+            elif T is not None:
+                seen.append(replace(pose, parent=frame, pose=T @ pose.pose))
+        return tuple(seen)
 
     def latest(self, robot: str, parent: str, child: str) -> StampedPose | None:
         """The newest pose of one edge, or None."""

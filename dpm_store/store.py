@@ -32,6 +32,7 @@ from dpm_store.places import Places
 from dpm_store.poses import PoseTable, Track
 from dpm_store.products import ProductTable
 from dpm_store.provenance import MAX_GENERATIONS, Lineage, lineage
+from dpm_store.purge import purge
 from dpm_store.pyramid import Pyramid
 from dpm_store.records import Insertion, Page, Parcel, ProductRecord, Query
 from dpm_store.retention import Retention
@@ -39,6 +40,7 @@ from dpm_store.robots import RobotTable
 from dpm_store.room import LOW_WATER_BYTES, Room
 from dpm_store.search import Search
 from dpm_store.tracks import path
+from dpm_store.transaction import Change, Outcome, Transactions
 
 _DATABASE = "store.sqlite"
 _BLOBS = "blobs"
@@ -121,6 +123,7 @@ class Store:
         self.poses = PoseTable(self._database, self.frames)
         self.annotations = AnnotationTable(self._database, self.events, clock)
         self._products = ProductTable(self._database, self._files, self.events, self.annotations, clock)
+        self._transactions = Transactions(self._database, self._products, self.annotations, self.frames)
         self.retention = Retention(self._database, self._products, clock)
         self._search = Search(self._database, self._products, self.frames, self.poses)
         patches = Patches(self._search, self._products, self.frames)
@@ -165,6 +168,14 @@ class Store:
     def delete(self, product_id: str) -> bool:
         """Leave a tombstone. See ``ProductTable.delete``."""
         return self._products.delete(product_id)
+
+    def purge(self, product_id: str) -> int:
+        """Remove the payload of a deleted product. See ``purge.purge``."""
+        return purge(self._database, self._files, self.events, product_id)
+
+    def transact(self, changes: Sequence[Change]) -> tuple[Outcome, ...]:
+        """Make several changes in one transaction, all or none. See ``Transactions.run``."""
+        return self._transactions.run(changes)
 
     def lineage(self, product_id: str, direction: str = "up", depth: int = MAX_GENERATIONS) -> Lineage:
         """What a product was made from, or what was made from it. See ``provenance.lineage``."""

@@ -19,7 +19,7 @@ from cdff_common.geodesy import Anchor, Body
 from cdff_common.geometry import checked_frame
 from cdff_common.interfaces.product import Header, Status
 from dpm_store import Annotation, Event, Insertion, Page, Parcel, Plan, ProductRecord, Query, Rule, Store
-from dpm_store.actor import check_robot
+from dpm_store.actor import actor, check_robot
 from dpm_store.clouds import DERIVED_PORT as CLOUD_PORT
 from dpm_store.events import CHANGES, Entry
 from dpm_store.frames import EVERYTHING, Known
@@ -136,7 +136,7 @@ class Dpm:
         for names, *_ in given:
             check_robot(names["robot"])
         try:
-            parcels = [self._parcel(*one) for one in given]
+            parcels = [self.parcel(*one) for one in given]
             insertions = self.store.put_all(parcels)
         except (InputError, KeyError):
             self._count("refused")
@@ -146,7 +146,8 @@ class Dpm:
         self._tell()
         return [(insertion, parcel.header) for insertion, parcel in zip(insertions, parcels, strict=True)]
 
-    def _parcel(self, names: Mapping[str, str], payload: bytes, encoding: str, attachment: bytes) -> Parcel:
+    def parcel(self, names: Mapping[str, str], payload: bytes, encoding: str, attachment: bytes) -> Parcel:
+        """A product of a put, checked; raises as ``put``."""
         if len(payload) > self.max_payload_bytes:
             raise InputError(f"payload of {len(payload)} bytes: expected at most {self.max_payload_bytes}")
         header = Header.from_attachment(attachment)
@@ -167,6 +168,31 @@ class Dpm:
         self._count("deleted")
         self._tell()
         return deleted
+
+    def purge(self, product_id: str) -> int:
+        """Remove the payload of a deleted product; bytes freed."""
+        check_robot(self.store.get(product_id, deleted=True).robot)
+        freed = self.store.purge(product_id)
+        self._tell()
+        return freed
+
+    def transact(self, changes: Sequence[Change]) -> list[dict[str, Any]]:
+        """Make several changes in one transaction, all or none; what each came to, as plain data."""
+        for change in changes:
+            check_robot(self._owner(change))
+        outcomes = self.store.transact(changes)
+        self._tell()
+        return [told(outcome) for outcome in outcomes]
+
+    def _owner(self, change: Change) -> str:
+        if isinstance(change, Insert):
+            return change.parcel.robot
+        if isinstance(change, Reanchor):
+            return change.frame.split("/")[0]
+        try:
+            return self.store.get(change.product_id, deleted=True).robot
+        except ProductNotFoundError:  # it may come in the same transaction; who inserts it was looked at
+            return getattr(actor(), "name", "")
 
     def retire(self, rules: Sequence[Rule], *, apply: bool = False) -> Plan:
         """What the rules let go; with ``apply`` it is deleted and its payloads are collected."""
@@ -206,6 +232,10 @@ class Dpm:
         body = convert(record.type_name, record.codec, payload, format_name, as_type, record.header, wkt=wkt)
         return Answer(body, record.to_dict())
 
+    def crs_wkt(self, frame: str, format_name: str | None) -> str | None:
+        """CRS of a frame as WKT, for the formats that say one."""
+        return self.store.places.of(frame).wkt if format_name in ("tif", "geojson") else None
+
     def newest(self, query: Query, format_name: str | None = None, as_type: str | None = None) -> Answer:
         """The newest product that a search finds and that has a value."""
         for record in self.search(query).items:
@@ -234,10 +264,6 @@ class Dpm:
         self._count("windows")
         made = self.store.clouds.assemble(asked.query, asked.points)
         return self._derived(made, made.cloud, CLOUD_PORT, "pointcloud", format_name, as_type, deliver)
-    def crs_wkt(self, frame: str, format_name: str | None) -> str | None:
-        """CRS of a frame as WKT, for the formats that say one."""
-        return self.store.places.of(frame).wkt if format_name in ("tif", "geojson") else None
-
 
     def profile(self, asked: ProfileRequest) -> dict[str, Any]:
         """Elevation along a line, as plain data."""
@@ -407,6 +433,7 @@ class Dpm:
         if not payload or len(payload) > DECODED_BYTES:
             return None
         value = decode(type_name, payload, codec)
+        check_value(value, header)
         if product == "pose" and (header.frame, header.child) != (value.parent_frame, value.child_frame):
             raise CodecError(
                 f"pose of {value.child_frame} in {value.parent_frame}, its header says {header.child} in {header.frame}"
@@ -433,7 +460,6 @@ def _listing(events: Sequence[Event], since: int, limit: int) -> dict[str, Any]:
 
 def _summary(record: ProductRecord) -> dict[str, Any]:
     header = record.header
-        check_value(value, header)
     return {
         "robot": record.robot, "dfpc": record.dfpc, "port": record.port, "product": record.product,
         "t0_ns": header.t0_ns, "t1_ns": header.t1_ns, "producer": header.producer, "config_hash": header.config_hash,

@@ -20,8 +20,8 @@ from cdff_common.geometry.region import Region, parse_region
 from cdff_common.interfaces.product import Status
 from cdff_common.raster.choice import Choice, Disagreement
 from dpm_store import Query
-from dpm_store.frames import Known
 from dpm_store.clouds import DEFAULT_POINTS, MAX_POINTS
+from dpm_store.frames import Known
 from dpm_store.maps import FARTHEST_M, WindowQuery
 from dpm_store.profile import MAX_CORNERS
 from dpm_store.records import LATEST_NS

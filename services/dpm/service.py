@@ -17,6 +17,7 @@ from dpm_store.actor import Actor, acting
 from dpm_store.events import CHANGES
 from dpm_store.provenance import MAX_GENERATIONS
 from services.dpm.history import history
+from services.dpm.model import bodies, place, purge, robots_known, transact
 from services.dpm.operations import OWN_EVENTS, Answer, Dpm
 from services.dpm.parameters import (
     GROUND,
@@ -35,7 +36,6 @@ from services.dpm.parameters import (
     window_request,
 )
 from services.dpm.refusals import Refusals
-from services.dpm.model import bodies, place, purge, robots_known, transact
 from services.dpm.retention import retention
 
 logger = logging.getLogger(__name__)

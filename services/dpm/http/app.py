@@ -17,6 +17,7 @@ from services.dpm.http.models import Problem
 from services.dpm.http.roles import rules_of
 from services.dpm.http.routes import (
     annotations,
+    bodies,
     frames,
     maps,
     ogc,
@@ -27,11 +28,14 @@ from services.dpm.http.routes import (
     stac,
     status,
     tiles,
+    transactions,
 )
 from services.dpm.refusals import Refusals
 
 #: The last is the page: for people, not in the OpenAPI document.
-MODULES = (products, annotations, robots, frames, maps, tiles, requests, status, stac, ogc, page)
+MODULES = (
+    products, transactions, annotations, robots, frames, bodies, maps, tiles, requests, status, stac, ogc, page,
+)  # fmt: skip
 
 
 def create_app(context: Context) -> FastAPI:

@@ -94,6 +94,8 @@ class ProductPage(Open):
     links: PageLinks
     cursor: str | None
     unplaced_frames: list[str]
+    frames_revision: int
+    distances_m: list[float] | None = None
 
 
 class Inserted(BaseModel):
@@ -173,6 +175,7 @@ class Frames(Open):
 
     items: list[FrameRevision]
     tracks: list[Track]
+    frames_revision: int
 
 
 class FrameRevisions(Open):
@@ -205,6 +208,7 @@ class Robot(Open):
     pose_missing: str
     dfpcs: list[dict[str, Any]]
     services: list[str]
+    described: dict[str, Any] | None
 
 
 class Robots(Open):

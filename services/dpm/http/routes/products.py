@@ -57,7 +57,7 @@ class SearchParameters(BaseModel):
     point: Text = Field(None, description="For order=nearest: x,y in the region's frame; default the region's centre")
     quality: Text = Field(None, description="Numbers of the quality within bounds, as inliers>=30,rmse_px<0.5")
     covariance_kind: Text = Field(None, description="calibrated, formal or none")
-    frames_revision: Text = Field(None, description="State of the frame tree to place products by, of an earlier answer")
+    frames_revision: Text = Field(None, description="State of the frame tree to place by, of an earlier answer")
     limit: Text = Field(None, description="Of the page, 1 to 1000, default 100")
     cursor: Text = Field(None, description="Of the page before")
 
@@ -71,7 +71,7 @@ def search(context: Ctx, request: Request, asked: Annotated[SearchParameters, Qu
     if page.cursor is not None:
         links["next"] = f"{request.url.path}?{urlencode(parameters | {'cursor': page.cursor})}"
     items = [described(record) for record in page.items]
-    return {"items": items, "links": links, "cursor": page.cursor, "unplaced_frames": list(page.unplaced_frames)}
+    return {"items": items, "links": links, **page.told()}
 
 
 @router.post("", response_model=Inserted, status_code=201, openapi_extra=allowed("robot", "operator"))

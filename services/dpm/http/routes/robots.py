@@ -31,6 +31,7 @@ def robot(context: Ctx, robot: str) -> dict[str, Any]:
 
 def _known(context: Context) -> set[str]:
     found = {robot for robot, _ in context.dpm.store.statistics().products}
+    found |= {robot.robot for robot in context.dpm.store.robots.all()}
     if context.profile is not None:
         found |= set(context.profile.robot_ids)
     if context.watch is not None:
@@ -46,7 +47,9 @@ def _robot(context: Context, robot: str) -> dict[str, Any]:
         pose, missing = None, str(error)
     services = context.watch.services().get(robot, []) if context.watch is not None else []
     dfpcs = context.watch.dfpcs(robot) if context.watch is not None else []
+    described = {known.robot: known.to_dict() for known in context.dpm.store.robots.all()}
     data: dict[str, Any] = jsonable(
-        {"id": robot, "pose": pose, "pose_missing": missing, "dfpcs": dfpcs, "services": services}
-    )
+        {"id": robot, "pose": pose, "pose_missing": missing, "dfpcs": dfpcs, "services": services,
+         "described": described.get(robot)}
+    )  # fmt: skip
     return data

@@ -1,0 +1,63 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The payload of one deleted product goes at once; what was known of it stays, and its id is not free again."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sqlalchemy import Connection, exists, select, update
+
+from cdff_common.errors import ConflictError, ProductNotFoundError
+from dpm_store import schema
+from dpm_store.blobs import BlobFiles
+from dpm_store.database import Database
+from dpm_store.events import EventTable
+
+
+def purge(database: Database, files: BlobFiles, events: EventTable, product_id: str) -> int:
+    """Remove the payload of a deleted product; returns the bytes freed, 0 where another product has the same content.
+
+    Raises
+    ------
+    ProductNotFoundError
+        For an unknown id.
+    ConflictError
+        If the product was not deleted before.
+    """
+    p = schema.products.c
+    with database.freeing() as connection:
+        row = connection.execute(select(schema.products).where(p.id == product_id)).first()
+        if row is None:
+            raise ProductNotFoundError(f"no product {product_id[:64]!r}")
+        if row.deleted_ns is None:
+            raise ConflictError(f"product {product_id} is not deleted: delete it first, then purge it")
+        if row.sha256 is None:
+            return 0
+        connection.execute(update(schema.products).where(p.id == product_id).values(sha256=None))
+        body: dict[str, Any] = {"id": product_id, "sha256": row.sha256, "size": row.size}
+        events.append_in(connection, row.robot, "purged", body)
+        inline = _forget(connection, row.sha256)
+    if inline is None:
+        return 0
+    if inline:
+        return int(row.size)
+    # the row is gone for good before the file is; a put meanwhile waits for the lock and writes its file anew
+    with database.freeing() as connection:
+        return files.remove(row.sha256) if not _is_named(connection, row.sha256) else 0
+
+
+def _forget(connection: Connection, sha256: str) -> bool | None:
+    """Take a payload out that no product names any more: whether it lay in the database; None where one does."""
+    p, b = schema.products.c, schema.blobs.c
+    used = exists().where(p.sha256 == b.sha256)
+    found = connection.execute(select(b.content.is_not(None)).where(b.sha256 == sha256, ~used)).first()
+    if found is None:
+        return None
+    connection.execute(schema.blobs.delete().where(b.sha256 == sha256))
+    return bool(found[0])
+
+
+def _is_named(connection: Connection, sha256: str) -> bool:
+    b = schema.blobs.c
+    return connection.execute(select(b.sha256).where(b.sha256 == sha256)).first() is not None
