@@ -19,7 +19,7 @@ from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Pointcloud, TransformWithCovariance
-from cdff_dev.evaluate.icp_localisation import T_CAMERA_LIDAR
+from cdff_dev.evaluate._clouds import T_CAMERA_LIDAR
 
 RealData = Callable[[str], Path]
 Points = NDArray[np.float64]

@@ -23,8 +23,8 @@ class FeaturesExtraction3DInputs:
     points : ndarray of float64, shape (n,3)
         Finite points, metres.
     radius_m : ndarray of float64, shape (), optional
-        Edge of the cells (Uniform) or radius of the neighbourhoods (Iss), metres; absent where it follows from the
-        configuration.
+        Edge of the cells (Uniform) or radius of the neighbourhoods (Iss, Harris), metres; absent where it follows
+        from the configuration.
     """
 
     points: NDArray[np.float64]

@@ -34,7 +34,7 @@ class CrossInformationConfig(DfnConfig):
     cell_gates: float = Field(
         4.0, ge=1.0, le=100.0, description="Edge of cells that count as one measurement, in gates"
     )
-    covariance_inflation: float = Field(4.0, ge=1.0, le=1e4, description="Factor on the covariance")
+    covariance_inflation: float = Field(4.0, ge=0.01, le=1e4, description="Factor on the covariance")
     floor_spacings: float = Field(0.02, ge=0.0, le=1.0, description="Least sigma of a translation, in spacings")
 
 

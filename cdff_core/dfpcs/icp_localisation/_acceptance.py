@@ -48,8 +48,8 @@ class Alignment:
     jump: float
 
 
-def judged(found: Alignment, cfg: IcpLocalisationConfig) -> Quality:
-    """Return FAILED, DEGRADED or OK with the reasons and the measurements they rest on."""
+def judged(found: Alignment, cfg: IcpLocalisationConfig, kind: CovarianceKind) -> Quality:
+    """Return FAILED, DEGRADED or OK with the reasons, the measurements they rest on, and the covariance's kind."""
     a = found.assessment
     overlap = max(float(a.overlap_source), float(a.overlap_target))
     failed, degraded = [], []
@@ -71,9 +71,7 @@ def judged(found: Alignment, cfg: IcpLocalisationConfig) -> Quality:
     if not found.converged:
         degraded.append("not_converged")
     status = Status.FAILED if failed else Status.DEGRADED if degraded else Status.OK
-    return Quality(
-        status, tuple(failed + degraded), CovarianceKind.NONE if failed else CovarianceKind.FORMAL, _metrics(found)
-    )
+    return Quality(status, tuple(failed + degraded), CovarianceKind.NONE if failed else kind, _metrics(found))
 
 
 def _metrics(found: Alignment) -> dict[str, float]:

@@ -14,7 +14,7 @@ from pydantic import Field
 from cdff_common.errors import InputError, RefusedError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.dfpc import DfpcConfig, Output, Sample
-from cdff_common.interfaces.product import Quality, Status
+from cdff_common.interfaces.product import CovarianceKind, Quality, Status
 from cdff_common.types import Pointcloud, TransformWithCovariance
 from cdff_core.dfns.normals_estimation._interface import NormalsEstimationInputs
 from cdff_core.dfns.point_cloud_downsampling._interface import PointCloudDownsamplingInputs
@@ -126,10 +126,17 @@ class IcpLocalisation(IcpLocalisationInterface):
             return
         yield self._output(sample, found, quality)
 
+    @property
+    def _covariance_kind(self) -> CovarianceKind:
+        """Calibrated is what is shipped: other DFN parameters lead to other errors."""
+        c = self.config
+        changed = c.thin_fine or c.normals or c.register_coarse or c.register_fine or c.assess
+        return CovarianceKind.FORMAL if changed else CovarianceKind.CALIBRATED
+
     def _localise(self, scene: Pyramid, model: Pyramid) -> tuple[Alignment, Quality]:
         """Coarse to fine from the guess, again from elsewhere where that is refused, and confirm."""
         found = self._coarse_to_fine(scene, model, self._beginning())
-        quality = judged(found, self.config)
+        quality = judged(found, self.config, self._covariance_kind)
         if quality.status is Status.FAILED:
             found, quality = self._begin_again(scene, model, found, quality)
         if quality.status is not Status.FAILED and not self._is_confirmed(scene, model, found):
@@ -169,7 +176,7 @@ class IcpLocalisation(IcpLocalisationInterface):
         if best is None:
             return first, quality
         refined = self._coarse_to_fine(scene, model, best.T_scene_model)
-        judgement = judged(refined, self.config)
+        judgement = judged(refined, self.config, self._covariance_kind)
         return (first, quality) if judgement.status is Status.FAILED else (refined, judgement)
 
     def _is_confirmed(self, scene: Pyramid, model: Pyramid, found: Alignment) -> bool:
@@ -191,7 +198,11 @@ class IcpLocalisation(IcpLocalisationInterface):
                 continue
             is_elsewhere = displacement_m(T_found, other.T_scene_model, a.centre_m, float(a.radius_m)) > gate_m
             as_good = other.residual_scale_m <= self.config.ambiguity * medium.residual_scale_m
-            if is_elsewhere and as_good and judged(other, self.config).status is not Status.FAILED:
+            if (
+                is_elsewhere
+                and as_good
+                and judged(other, self.config, self._covariance_kind).status is not Status.FAILED
+            ):
                 return False
         return True
 

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 from pydantic import Field
 
@@ -15,40 +15,24 @@ from cdff_common.interfaces.dfpc import DfpcConfig, Output, Sample
 from cdff_common.interfaces.product import Quality, Status
 from cdff_common.types import Pointcloud, TransformWithCovariance
 from cdff_core.cloud_matching.acceptance import judged, refused
+from cdff_core.cloud_matching.configuration import MatchingConfig, Radii
 from cdff_core.cloud_matching.matcher import Cloud, CloudMatcher, Found, displacement_m
 from cdff_core.cloud_matching.search import Search
 from cdff_core.dfpcs.shot_localisation._interface import ShotLocalisationInterface
 
 
-class ShotLocalisationConfig(DfpcConfig):
-    """Parameters of the DFN slots, scales in voxels of the matched clouds, and the gates an answer must pass."""
+class ShotLocalisationConfig(MatchingConfig):
+    """As shared, with the scales and gates of a model that is looked for in a larger scene."""
 
-    filter: dict[str, Any] = Field({}, description="Of PointCloudFiltering, on the clouds as they come")
-    thin: dict[str, Any] = Field({}, description="Of PointCloudDownsampling, for refinement and assessment")
     thin_model: dict[str, Any] = Field({}, description="Of PointCloudDownsampling, for descriptors: size of the model")
     thin_scene: dict[str, Any] = Field({}, description="Of PointCloudDownsampling, for descriptors: size of the scene")
-    outliers: dict[str, Any] = Field({}, description="Of PointCloudFiltering, after thinning")
-    normals: dict[str, Any] = Field({}, description="Of NormalsEstimation")
-    keypoints: dict[str, Any] = Field({}, description="Of FeaturesExtraction3D")
-    describe: dict[str, Any] = Field({}, description="Of FeaturesDescription3D")
-    match: dict[str, Any] = Field({}, description="Of FeaturesMatching3D")
-    solve: dict[str, Any] = Field({}, description="Of GlobalRegistration3D")
-    refine: dict[str, Any] = Field({}, description="Of Registration3D")
-    assess: dict[str, Any] = Field({}, description="Of RegistrationAssessment")
-    keypoint_voxels: float = Field(1.5, ge=1.0, le=50.0, description="Scale of the keypoints, in voxels")
-    support_voxels: tuple[Annotated[float, Field(ge=2.0, le=100.0)], ...] = Field(
+    support_voxels: Radii = Field(
         (12.0, 20.0, 8.0), min_length=1, max_length=8, description="Radii of the descriptors, in voxels, tried in turn"
     )
-    candidates: int = Field(3, ge=1, le=20, description="Cliques of the matches that are tried, for each radius")
     noise_voxels: float = Field(1.5, gt=0.0, le=20.0, description="Noise of right pairs, in voxels")
     min_overlap: float = Field(0.4, gt=0, le=1, description="Share of the model that is seen, FAILED below")
     good_overlap: float = Field(0.6, gt=0, le=1, description="Share of the model that is seen, DEGRADED below")
-    min_inlier_ratio: float = Field(0.5, gt=0, le=1, description="Share of pairs the kernel keeps, FAILED below")
-    max_rms_gates: float = Field(0.25, gt=0, le=1, description="Residuals in gates of the overlap, FAILED above")
-    min_agreement: float = Field(0.5, ge=0, le=1, description="Agreement of a direction below which it is FAILED")
-    good_agreement: float = Field(0.7, ge=0, le=1, description="Agreement of a direction below which it is DEGRADED")
     ambiguity: float = Field(1.5, ge=1, description="Another place is as good within this factor on the residuals")
-    max_chance: float = Field(1e-3, gt=0, description="Cliques expected among random matches, FAILED above")
 
 
 class ShotLocalisation(ShotLocalisationInterface):

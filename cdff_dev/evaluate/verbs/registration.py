@@ -17,8 +17,8 @@ def add(verbs: Any) -> None:
         description="Recall within gates with its 95 % interval, errors, normalised squared errors of the stated "
         "covariances, and counts of matches. EST is an outputs.json of `cdff run`, a file with one pose, a TUM or "
         "KITTI file or log with many, or a folder of one such entry (a file, or a folder with outputs.json) a pair; "
-        "TRUTH is the same with an entry of the same name for each pair. A pair of TRUTH without a pose in EST counts as "
-        "refused; a pair whose TRUTH entry is an empty file has no answer, and any answer to it is wrong.",
+        "TRUTH is the same with an entry of the same name for each pair. A pair of TRUTH without a pose in EST counts "
+        "as refused; a pair whose TRUTH entry is an empty file has no answer, and any answer to it is wrong.",
     )
     parser.add_argument("estimate", metavar="EST")
     parser.add_argument("truth", metavar="TRUTH")

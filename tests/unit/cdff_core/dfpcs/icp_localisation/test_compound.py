@@ -49,20 +49,26 @@ def model_of(points: surfaces.Points) -> surfaces.Points:
     return se3.transform_points(se3.inverse(T_TRUE), points)
 
 
-@pytest.mark.parametrize("implementation", ["PointToPlane", "Gicp"])
+@pytest.mark.parametrize("implementation", ["PointToPlane", "Gicp", "Accurate", "Fast"])
 def test_a_model_is_localised_with_covariance_and_provenance(rng: np.random.Generator, implementation: str) -> None:
     model, scene = cloud("model", model_of(surfaces.terrain(rng))), cloud("scene", surfaces.terrain(rng))
     output = localised(made(implementation), model, scene)
     T = output.value.transform
     error = se3.log_se3(se3.inverse(T_TRUE) @ T.matrix)
     assert output.quality.status is Status.OK
-    assert output.quality.covariance_kind is CovarianceKind.FORMAL
+    assert output.quality.covariance_kind is CovarianceKind.CALIBRATED
     assert np.linalg.norm(error[:3]) < 0.01
     assert np.linalg.norm(error[3:]) < 0.002
     assert 1e-4 < np.sqrt(T.covariance[0, 0]) < 0.05
     assert (output.frame, output.child, output.t1_ns) == ("scene", "model", 1000)
     assert output.inputs == ("model-1000", "scene-1000")
     assert {"overlap_model", "inlier_ratio", "rms_m", "iterations", "condition_number"} <= set(output.quality.metrics)
+
+
+def test_with_other_parameters_of_its_dfns_the_covariance_is_only_formal(rng: np.random.Generator) -> None:
+    model, scene = cloud("model", model_of(surfaces.terrain(rng))), cloud("scene", surfaces.terrain(rng))
+    output = localised(made(register_fine={"gate_spacings": 2.0}), model, scene)
+    assert output.quality.covariance_kind is CovarianceKind.FORMAL
 
 
 def test_a_scene_that_comes_first_waits_for_its_model(rng: np.random.Generator) -> None:
