@@ -93,17 +93,20 @@ class Judgement:
 
 
 def judge(candidate: Candidate, request: ProductRequest, now_ns: int) -> Judgement:
-    """Compare a candidate with a request at mission time ``now_ns``."""
+    """Compare a candidate with a request at mission time ``now_ns``, or at the time it asks for."""
     missing, short, noted = [], [], []
+    if request.t_ns is not None and request.product != "pose":
+        now_ns = request.t_ns
     if candidate.status == "FAILED":
         missing.append("status: FAILED")
     if candidate.status == "DEGRADED":
         noted.append("status: DEGRADED, as its quality says")
     age_s = candidate.age_s(now_ns)
     ahead_s = (candidate.t1_ns - now_ns) / NS_PER_S
-    if request.t_ns is None and ahead_s > AHEAD_TOLERANCE_S:
+    timed = request.t_ns is None or request.product != "pose"
+    if timed and ahead_s > AHEAD_TOLERANCE_S:
         missing.append(f"time: captured {ahead_s:.3f} s ahead of the mission clock")
-    if request.t_ns is None and age_s > request.max_age_s:
+    if timed and age_s > request.max_age_s:
         missing.append(f"age: {age_s:.3f} s old, asked at most {request.max_age_s:g} s")
     if request.region is not None and candidate.coverage is not None:
         if candidate.coverage <= 0.0:

@@ -81,7 +81,7 @@ class ProductRequest:
     region : Region or None
         In ``region_frame``; None means wherever there is something.
     t_ns : int or None
-        Of a pose: the time asked for, mission time; None means the newest.
+        Mission time asked for: of a pose the pose at it, of others what was captured until then; None means now.
     max_age_s : float
         Mission now minus end of capture may be at most this; infinite where not asked.
     resolution_m : float or None
@@ -183,9 +183,8 @@ def parse_request(parameters: Mapping[str, str], scope: str) -> ProductRequest:
     spatial_only = sorted({"region", "region_frame", "resolution_m", "min_coverage"} & set(parameters))
     if spatial_only and product not in SPATIAL:
         raise InputError(f"{spatial_only[0]} means nothing for type={product}; it is for {', '.join(sorted(SPATIAL))}")
-    for name in ("child", "t"):
-        if name in parameters and product != "pose":
-            raise InputError(f"{name} means nothing for type={product}; it is for pose")
+    if "child" in parameters and product != "pose":
+        raise InputError(f"child means nothing for type={product}; it is for pose")
     min_coverage = _number(parameters, "min_coverage", 0.0, 0.0, 1.0) or 0.0
     if min_coverage > 0.0 and region is None:
         raise InputError(f"min_coverage={min_coverage}: expected a region to cover")

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,7 @@ from cdff_common.types import (
 )
 
 FloatArray = NDArray[np.float64]
+MapT = TypeVar("MapT", ElevationMap, NavigationMap)
 
 #: Reason code of a RigidBodyState: it has no room for the covariance between position and orientation.
 CROSS_COVARIANCE_DROPPED = "cross_covariance_dropped"
@@ -237,7 +239,35 @@ def box_in(
     return x0, y0, z0, x1, y1, z1
 
 
-def masked_map(value: ElevationMap | NavigationMap, region: Region) -> ElevationMap | NavigationMap:
+def merged_maps(maps: Sequence[NavigationMap]) -> NavigationMap:
+    """Return several maps of the same cells as one: of each cell the first one that knows it.
+
+    Raises
+    ------
+    InputError
+        If there is no map, or their cells differ.
+    """
+    if not maps or not all(m.geometry.shares_cells_with(maps[0].geometry) for m in maps):
+        raise InputError("maps to merge: expected at least one, all of the same frame and cell size")
+    if len(maps) == 1:
+        return maps[0]
+    whole = maps[0].geometry
+    for m in maps[1:]:
+        whole = whole.union(m.geometry)
+    layers = {
+        name: np.full(whole.shape, 0 if layer.dtype == np.uint8 else np.nan, layer.dtype)
+        for name in maps[0].layer_names
+        for layer in [maps[0].layer(name)]
+    }
+    for m in maps:
+        rows, cols = whole.slices_of(m.geometry)
+        new = observed_cells(m) & (layers["class"][rows, cols] == 0)
+        for name, layer in layers.items():
+            layer[rows, cols][new] = m.layer(name)[new]
+    return NavigationMap.from_layers(whole, layers, t0_ns=min(m.t0_ns for m in maps), t1_ns=max(m.t1_ns for m in maps))
+
+
+def masked_map(value: MapT, region: Region) -> MapT:
     """Return a map cut to the window of a region, cells whose centre lies outside it unobserved (contract §6)."""
     old = value.geometry
     wanted = GridGeometry.aligned(old.frame, old.resolution_m, region.bounds)

@@ -15,7 +15,7 @@ from cdff_common.geometry import UncertainTransform
 from cdff_common.geometry.region import Region
 from cdff_common.interfaces.product import Header
 from cdff_common.interfaces.profile import Profile
-from cdff_common.types import Pointcloud
+from cdff_common.types import NavigationMap, Pointcloud
 from cdff_core.orchestration import translate
 from cdff_core.orchestration.cover import Cells, Cover, observed_points, reach_m
 from cdff_core.orchestration.judge import Candidate, Judgement, best, judge
@@ -158,7 +158,7 @@ class Finder:
 
     def _newest(self, request: ProductRequest, robot: str, until_s: float) -> Found | None:
         """Products without a place: the newest one."""
-        items = self._usable(self._dpm.search(until_s, type=request.product, robot=robot, limit=10))
+        items = self._search(request, until_s, type=request.product, robot=robot, limit=10)
         if not items:
             return None
         stored = self._dpm.value(str(items[0]["id"]), robot, until_s)
@@ -191,13 +191,13 @@ class Finder:
         if request.region is None:
             return self._newest(request, robot, until_s)
         region, frame = self._placed(request, robot, until_s)
-        now_ns = self._clock.now_ns()
+        now_ns = self._now_ns(request)
         cell_m = request.resolution_m or _CLOUD_CELL_M
         parts: list[Pointcloud] = []
         sources: list[Header] = []
         moved_by: UncertainTransform | None = None
         merged, coverage = None, 0.0
-        for item in self._clouds(robot, region, frame, until_s):
+        for item in self._clouds(request, robot, region, frame, until_s):
             if sources and now_ns - int(item["t1_ns"]) > request.max_age_s * NS_PER_S:
                 break
             stored = self._dpm.value(str(item["id"]), robot, until_s)
@@ -222,21 +222,21 @@ class Finder:
         candidate = self._candidate(sources, robot, coverage, request.resolution_m)
         return Found(candidate, tuple(sources), merged, frame, region=region, moved_by=moved_by)
 
-    def _clouds(self, robot: str, region: Region, frame: str, until_s: float) -> list[dict[str, Any]]:
+    def _clouds(
+        self, request: ProductRequest, robot: str, region: Region, frame: str, until_s: float
+    ) -> list[dict[str, Any]]:
         """Clouds that may reach into the region, newest first; those of moving frames are not found by place."""
         asked = {"type": "pointcloud", "robot": robot, "limit": _CLOUDS}
-        items = self._usable(self._dpm.search(until_s, region=region.text, frame=frame, **asked))
-        return items or [i for i in self._usable(self._dpm.search(until_s, **asked)) if i["frame"] != frame]
+        items = self._search(request, until_s, region=region.text, frame=frame, **asked)
+        return items or [i for i in self._search(request, until_s, **asked) if i["frame"] != frame]
 
     def _dem(self, request: ProductRequest, robot: str, until_s: float) -> Found | None:
         """The window that the DPM pools from all patches of the region; asked for only if something is new enough."""
         if request.region is None:
-            stored = self._dpm.window(until_s, robot=robot, resolution_m=request.resolution_m)
+            stored = self._dpm.window(until_s, robot=robot, resolution_m=request.resolution_m, t1=request.t_ns)
             return self._window(stored, None, robot)
         region, frame = self._placed(request, robot, until_s)
-        items = self._usable(
-            self._dpm.search(until_s, type="dem", robot=robot, region=region.text, frame=frame, limit=5)
-        )
+        items = self._search(request, until_s, type="dem", robot=robot, region=region.text, frame=frame, limit=5)
         if not items:
             return None
         home = str(items[0]["frame"])
@@ -246,33 +246,41 @@ class Finder:
             header = Header.from_dict(items[0])
             return Found(newest, (header,), None, home, region=placed)
         stored = self._dpm.window(
-            until_s, robot=robot, region=placed.text, frame=home, resolution_m=request.resolution_m
+            until_s, robot=robot, region=placed.text, frame=home, resolution_m=request.resolution_m, t1=request.t_ns
         )
         return self._window(stored, placed, robot)
 
     def _navigation_map(self, request: ProductRequest, robot: str, until_s: float) -> Found | None:
-        """The navigation map that covers most of the region, the newest of equals."""
+        """The newest navigation map of the region; several of the same cells, newer on top, where one is too little."""
         if request.region is None:
             return self._newest(request, robot, until_s)
         region, frame = self._placed(request, robot, until_s)
-        items = self._usable(
-            self._dpm.search(until_s, type="navigation_map", robot=robot, region=region.text, frame=frame, limit=_MAPS)
+        items = self._search(
+            request, until_s, type="navigation_map", robot=robot, region=region.text, frame=frame, limit=_MAPS
         )
-        found = []
+        parts: list[NavigationMap] = []
+        sources: list[Header] = []
+        found: Found | None = None
         for item in items:
+            if sources and self._now_ns(request) - int(item["t1_ns"]) > request.max_age_s * NS_PER_S:
+                break
             stored = self._dpm.value(str(item["id"]), robot, until_s)
-            home = stored.header.frame
-            placed = self._seen_from(region, frame, home, robot, stored.header.t1_ns, until_s)
-            geometry = stored.value.geometry
-            coverage = translate.grid_coverage(geometry, translate.observed_cells(stored.value), placed)
-            if coverage > 0.0:
-                value = translate.masked_map(stored.value, placed)
-                candidate = self._candidate([stored.header], robot, coverage, geometry.resolution_m)
-                found.append(Found(candidate, (stored.header,), value, home, region=placed))
+            h, value = stored.header, stored.value
+            placed = self._seen_from(region, frame, h.frame, robot, h.t1_ns, until_s)
+            grid, seen = value.geometry, translate.observed_cells(value)
+            if translate.grid_coverage(grid, seen, placed) <= 0.0:
+                continue
+            if parts and not grid.shares_cells_with(parts[0].geometry):
+                continue
+            parts.append(translate.masked_map(value, placed))
+            sources.append(h)
+            merged = translate.merged_maps(parts)
+            coverage = translate.grid_coverage(merged.geometry, translate.observed_cells(merged), placed)
+            candidate = self._candidate(sources, robot, coverage, merged.geometry.resolution_m)
+            found = Found(candidate, tuple(sources), merged, h.frame, region=placed)
             if coverage >= max(request.min_coverage, 1e-12):
                 break
-        choice = best([f.candidate for f in found], request, self._clock.now_ns())
-        return None if choice is None else next(f for f in found if f.candidate is choice[0])
+        return found
 
     # -- shared ------------------------------------------------------------------------------------------
 
@@ -282,7 +290,7 @@ class Finder:
         region, frame = request.region, request.region_frame
         if region.near_frame is None:
             return region, frame
-        newest = self._usable(self._dpm.search(until_s, type=request.product, robot=robot, limit=10))
+        newest = self._search(request, until_s, type=request.product, robot=robot, limit=10)
         t_ns = int(newest[0]["t1_ns"]) if newest else None
         try:
             T = self._dpm.pose(robot, frame, region.near_frame, t_ns, until_s)
@@ -298,6 +306,16 @@ class Finder:
     def pose(self, robot: str, parent: str, child: str, t_ns: int, until_s: float) -> UncertainTransform:
         """``T_parent_child`` at a time, from the DPM."""
         return self._dpm.pose(robot, parent, child, t_ns, until_s)
+
+    def _now_ns(self, request: ProductRequest) -> int:
+        """The mission time that ages are of: the one asked for, else now."""
+        return self._clock.now_ns() if request.t_ns is None else request.t_ns
+
+    def _search(self, request: ProductRequest, until_s: float, **parameters: object) -> list[dict[str, Any]]:
+        """Metadata of usable products, newest first; of those captured until the time asked for, where one is."""
+        asked = {**parameters, "t1": request.t_ns}
+        items = self._usable(self._dpm.search(until_s, **asked))
+        return [i for i in items if request.t_ns is None or int(i["t1_ns"]) <= request.t_ns]
 
     @staticmethod
     def _usable(items: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:

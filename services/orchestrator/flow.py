@@ -350,6 +350,9 @@ class Flow:
         if job.state is JobState.LOOKING:
             self._book.move(job, JobState.PLANNING, p.dpm_error or p.why)
         chosen = self._best_plan(job, robots, p, frozenset(p.excluded))
+        t_ns = job.request.t_ns
+        if t_ns is not None and job.request.product != "pose" and t_ns < p.started_ns:
+            chosen = NoPlan((f"{p.why or 'there is none'}; t={t_ns} is past: nothing more can be made for it",))
         if isinstance(chosen, NoPlan):
             p.impossible = chosen.text
             self._journal.append("decision", job=job.id, no_plan=chosen.text)

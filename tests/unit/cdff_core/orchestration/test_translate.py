@@ -165,3 +165,19 @@ def test_a_box_seen_from_another_frame_holds_what_the_box_held(rng: np.random.Ge
     assert (seen >= np.array(box[:3]) - 1e-9).all()
     assert (seen <= np.array(box[3:]) + 1e-9).all()
     assert translate.box_in(None, T) is None
+
+
+def test_maps_are_assembled_cell_by_cell_the_first_one_that_knows_it() -> None:
+    def part(xmin_m: float, classes: list[int]) -> NavigationMap:
+        geometry = GridGeometry("site", 1.0, xmin_m, 1.0, 1, len(classes))
+        layers = {"class": np.array([classes], np.uint8)}
+        layers |= {n: np.array([classes], np.float32) for n in ("slope_deg", "step_m", "roughness_m", "cost")}
+        return NavigationMap.from_layers(geometry, layers, t0_ns=int(xmin_m) * 1000, t1_ns=int(xmin_m) * 1000)
+
+    merged = translate.merged_maps([part(2.0, [1, 0, 2]), part(0.0, [3, 3, 3, 3])])
+    assert merged.geometry.bounds == (0.0, 0.0, 5.0, 1.0)
+    assert merged.layer("class").tolist() == [[3, 3, 1, 3, 2]]
+    assert merged.layer("cost").tolist() == [[3, 3, 1, 3, 2]]
+    assert (merged.t0_ns, merged.t1_ns) == (0, 2000)
+    with pytest.raises(InputError, match="same frame and cell size"):
+        translate.merged_maps([])
