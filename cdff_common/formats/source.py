@@ -13,9 +13,9 @@ Readable = bytes | str | Path
 
 #: Larger files are refused: none of these formats is read in pieces.
 LIMIT_BYTES = 4 << 30
-#: What a compressed file may claim to hold: nothing deflates better than 1032 to 1, small claims are harmless, and
+#: What a compressed file may claim to hold: data of any use are not 200 times as large, small claims are harmless, and
 #: beyond the last a file belongs to a program that reads it in pieces.
-_RATIO, _HARMLESS_BYTES, _MOST_BYTES = 1100, 64 << 20, 1 << 30
+_RATIO, _HARMLESS_BYTES, _MOST_BYTES = 200, 64 << 20, 1 << 30
 
 
 @dataclass(frozen=True, slots=True, eq=False)
