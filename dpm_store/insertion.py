@@ -21,6 +21,7 @@ from dpm_store import schema, sqlite
 from dpm_store.blobs import BlobFiles, chunk_sums, digest
 from dpm_store.events import EventTable
 from dpm_store.footprints import footprint_of, ring_bytes
+from dpm_store.pose_graphs import TYPE_NAME, Rows, rows_of
 from dpm_store.poses import PoseTable
 from dpm_store.records import LATEST_NS, Insertion, Parcel
 
@@ -30,7 +31,7 @@ MAX_PAYLOAD_BYTES = 1 << 30
 #: Of a number in the quality, to be found by.
 MAX_METRIC_NAME = 64
 #: Products whose payload is also entered in the pose series.
-_POSES = ("TransformWithCovariance",)
+_POSE = "TransformWithCovariance"
 _NAME = re.compile(r"[a-z0-9_]{1,64}\Z")
 _TYPE = re.compile(r"[A-Za-z][A-Za-z0-9_\-]{0,63}\Z")
 _CODECS = ("uper", "ber", "xer", "msgpack")
@@ -48,6 +49,7 @@ class Ready:
     chunk_sums: bytes
     poses: list[tuple[int, Any]] | None
     ring: bytes | None = None
+    graph: Rows | None = None
 
     @property
     def inline(self) -> bool:
@@ -112,6 +114,9 @@ class Inserter:
         _add(connection, schema.footprints, [{"ordinal": o, "ring": item.ring} for o, item in numbered if item.ring])
         _add(connection, schema.product_metrics, [row for o, item in numbered for row in _metrics(o, item.header)])
         _add(connection, schema.provenance, [row for item in new for row in _links(item.header)])
+        for nodes, edges in (item.graph for item in new if item.graph is not None):
+            _add(connection, schema.pose_graph_nodes, nodes)
+            _add(connection, schema.pose_graph_edges, edges)
         for item in new:
             header, parcel = item.header, item.parcel
             if item.poses is not None and header.child is not None:
@@ -222,9 +227,11 @@ def prepared(parcel: Parcel) -> Ready:
     """Check a parcel and compute what goes with it, before anything is written; raises as ``ProductTable.put``."""
     sha256 = _checked(parcel.header, parcel.payload, parcel.names, parcel.type_name, parcel.codec)
     header = replace(parcel.header, sha256=sha256)
-    poses = _poses_of(parcel.type_name, parcel.payload, parcel.codec, parcel.value)
+    value = _needed_value(parcel)
+    poses = [(int(value.stamp_ns), value.transform)] if value is not None and parcel.type_name == _POSE else None
+    graph = rows_of(header.id, value) if value is not None and parcel.type_name == TYPE_NAME else None
     ring = footprint_of(header, parcel.value)
-    return Ready(parcel, header, chunk_sums(parcel.payload), poses, None if ring is None else ring_bytes(ring))
+    return Ready(parcel, header, chunk_sums(parcel.payload), poses, None if ring is None else ring_bytes(ring), graph)
 
 
 def _checked(header: Header, payload: bytes, names: dict[str, str], type_name: str, codec: str) -> str:
@@ -266,10 +273,10 @@ def _check_footprint(header: Header) -> None:
         raise InputError(f"footprint_m: {shapely.is_valid_reason(outline)}, expected an outline that holds an area")
 
 
-def _poses_of(type_name: str, payload: bytes, codec: str, value: Any) -> list[tuple[int, Any]] | None:
-    if type_name not in _POSES or not payload:
+def _needed_value(parcel: Parcel) -> Any:
+    """The decoded payload of what is kept in more than its bytes, poses and pose graphs; else None."""
+    if parcel.type_name not in (_POSE, TYPE_NAME) or not parcel.payload:
         return None
     from cdff_common.codecs import decode  # the grammars are compiled on import: not at the store's start
 
-    decoded = decode(type_name, payload, codec) if value is None else value
-    return [(int(decoded.stamp_ns), decoded.transform)]
+    return decode(parcel.type_name, parcel.payload, parcel.codec) if parcel.value is None else parcel.value

@@ -13,6 +13,7 @@ from dpm_store import schema
 from dpm_store.blobs import BlobFiles
 from dpm_store.database import Database
 from dpm_store.events import EventTable
+from dpm_store.pose_graphs import forget_in
 
 
 def purge(database: Database, files: BlobFiles, events: EventTable, product_id: str) -> int:
@@ -35,6 +36,7 @@ def purge(database: Database, files: BlobFiles, events: EventTable, product_id: 
         if row.sha256 is None:
             return 0
         connection.execute(update(schema.products).where(p.id == product_id).values(sha256=None))
+        forget_in(connection, product_id)
         body: dict[str, Any] = {"id": product_id, "sha256": row.sha256, "size": row.size}
         events.append_in(connection, row.robot, "purged", body)
         inline = _forget(connection, row.sha256)

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from cdff_common.clock import Clock, WallClock
 from cdff_common.interfaces.product import Header
 from cdff_common.output import make_folder
+from dpm_store import pose_graphs
 from dpm_store.annotations import AnnotationTable
 from dpm_store.blobs import BlobFiles
 from dpm_store.clouds import Clouds
@@ -29,6 +30,7 @@ from dpm_store.maps import Maps
 from dpm_store.migrate import migrate
 from dpm_store.patches import Patches
 from dpm_store.places import Places
+from dpm_store.pose_graphs import NodeFound
 from dpm_store.poses import PoseTable, Track
 from dpm_store.products import ProductTable
 from dpm_store.provenance import MAX_GENERATIONS, Lineage, lineage
@@ -41,6 +43,9 @@ from dpm_store.room import LOW_WATER_BYTES, Room
 from dpm_store.search import Search
 from dpm_store.tracks import path
 from dpm_store.transaction import Change, Outcome, Transactions
+
+if TYPE_CHECKING:
+    from cdff_common.types import PoseGraph
 
 _DATABASE = "store.sqlite"
 _BLOBS = "blobs"
@@ -209,6 +214,14 @@ class Store:
     def path(self, track: Track, most: int) -> NDArray[np.float64]:
         """Positions of a moving frame, thinned. See ``tracks.path``."""
         return path(self._database, track, most)
+
+    def pose_graph(self, product_id: str) -> PoseGraph:
+        """A pose graph from its nodes and edges. See ``pose_graphs.read``."""
+        return pose_graphs.read(self._database, product_id)
+
+    def pose_graph_nodes(self, product_id: str, t0_ns: int, t1_ns: int) -> tuple[NodeFound, ...]:
+        """Nodes of a pose graph in a span of time. See ``pose_graphs.nodes_between``."""
+        return pose_graphs.nodes_between(self._database, product_id, t0_ns, t1_ns)
 
     def close(self) -> None:
         """Close the database and let another process open it."""

@@ -114,14 +114,14 @@ class Body:
             raise InputError(f"body: unknown field {unknown[0][:80]!r}, expected {', '.join(sorted(known))}")
         try:
             radii, naif_id = data.get("radii_m"), data.get("naif_id")
-            axes = None if radii is None else tuple(float(r) for r in radii)
-            if axes is not None and len(axes) != 3:
-                raise InputError(f"body {data['name']}: {len(axes)} radii, expected 3")
+            if radii is not None and len(radii) != 3:
+                raise InputError(f"body {data['name']}: {len(radii)} radii, expected 3")
+            axes = None if radii is None else (float(radii[0]), float(radii[1]), float(radii[2]))
             name, kind, crs = str(data["name"]), str(data["kind"]), data.get("crs")
             if crs is None and axes is not None and kind != "target":
                 crs = sphere_wkt(name, (axes[0] * axes[1] * axes[2]) ** (1.0 / 3.0))
             return cls(
-                name, kind, None if naif_id is None else int(naif_id), axes,  # type: ignore[arg-type]  # 3 of them
+                name, kind, None if naif_id is None else int(naif_id), axes,
                 None if crs is None else str(crs), str(data.get("source", "")),
             )  # fmt: skip
         except (KeyError, TypeError, ValueError) as error:
@@ -133,7 +133,8 @@ def body(name: str) -> Body:
     found = _registry().get(name)
     if found is None:
         raise ConfigurationError(f"body {name[:80]!r}: not known; known are {', '.join(body_names())}")
-    return found() if callable(found) else found
+    made: Body = found() if callable(found) else found
+    return made
 
 
 def body_names() -> tuple[str, ...]:
@@ -196,9 +197,10 @@ def _check_geographic(name: str, crs: Any) -> None:
 def _registry() -> dict[str, Any]:
     """Bodies by name; those of IAU_2015 as functions that make them, since reading 100 definitions takes long."""
     from pyproj.database import query_crs_info
+    from pyproj.enums import PJType
 
     found: dict[str, Any] = {}
-    for info in query_crs_info(auth_name=_AUTHORITY, pj_types="GEOGRAPHIC_2D_CRS"):
+    for info in query_crs_info(auth_name=_AUTHORITY, pj_types=PJType.GEOGRAPHIC_2D_CRS):
         if match := _SPHERE.match(info.name):
             name = re.sub(r"[^a-z0-9]+", "_", match[1].lower()).strip("_")
             name = name if name[0].isalpha() else f"asteroid_{name}"
