@@ -145,7 +145,9 @@ class Tracker:
         points = np.asarray(scan.points_m, dtype=np.float64)
         range2 = np.einsum("ij,ij->i", points, points)
         kept = (range2 > self._config.min_range_m**2) & (range2 < self._config.max_range_m**2)  # NaN is neither
-        length_us = max((scan.t1_ns - scan.t0_ns) / 1000.0, 1.0)
+        length_us = (scan.t1_ns - scan.t0_ns) / 1000.0
+        if length_us <= 0.0:
+            return points[kept], np.zeros(int(kept.sum()))
         fraction = np.asarray(scan.time_offset_us, dtype=np.float64)[kept] / length_us - 1.0
         return points[kept], np.minimum(fraction, 0.0)
 
