@@ -192,8 +192,12 @@ class Bus:
 
     def declare_alive(self, scope: str, service: str) -> None:
         """Say that a service is there; do it last, when it can answer."""
-        self._keep(self._session.liveliness().declare_token(keys.alive(scope, service)))
+        self.declare_token(keys.alive(scope, service))
         self._announced = True
+
+    def declare_token(self, key: str) -> None:
+        """Keep a liveliness token on a key for as long as this session lives."""
+        self._keep(self._session.liveliness().declare_token(key))
 
     def alive(self, keyexpr: str, *, timeout_s: float = 2.0) -> set[str]:
         """Liveliness tokens that match now."""

@@ -84,6 +84,11 @@ def event(scope: str, kind: str) -> str:
     return f"{PREFIX}/{_chunk('scope', scope)}/event/{_chunk('kind', kind)}"
 
 
+def lead(scope: str, process: str) -> str:
+    """Liveliness token of a process that leads a scope as its orchestrator, or would; ``*`` for any."""
+    return f"{PREFIX}/{_chunk('scope', scope)}/@lead/{_chunk('process', process)}"
+
+
 def alive(scope: str, service: str) -> str:
     """Liveliness token of a service; ``*`` for any."""
     return f"{PREFIX}/{_chunk('scope', scope)}/@alive/{_chunk('service', service)}"

@@ -17,6 +17,7 @@ from cdff_common.interfaces.profile import load_profile
 from cdff_common.output import make_folder
 from cdff_common.process import cap_threads, data_dir_of, run_service
 from cdff_common.types import TransformWithCovariance
+from services.orchestrator.leader import Candidate, claim, lock_folder
 from services.orchestrator.service import Orchestrator
 
 
@@ -36,8 +37,11 @@ def main(argv: list[str] | None = None) -> int:
         )  # the codec reads its schema once: before the first request, not in it
         profile = load_profile(args.profile)
         with Bus.open(args.connect, name="orchestrator", wait_s=None, stop=stop) as bus:
-            journal = make_folder(data_dir_of(args.data_dir) / "orchestrator") / "journal.jsonl"
-            orchestrator = Orchestrator(bus, profile, journal, args.capacity)
+            folder = make_folder(data_dir_of(args.data_dir) / "orchestrator")
+            # Before the journal is touched: whoever leads is writing it.
+            lock_folder(folder, Candidate.own())
+            claim(bus, profile.robot_ids)
+            orchestrator = Orchestrator(bus, profile, folder / "journal.jsonl", args.capacity)
             try:
                 orchestrator.start()
                 stop.wait()

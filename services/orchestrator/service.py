@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from cdff_common.bus import Bus, Reply, Request, keys
-from cdff_common.errors import InputError, UnavailableError
+from cdff_common.errors import InputError
 from cdff_common.interfaces.profile import Profile
 from cdff_core.orchestration.journal import recover
 from cdff_core.orchestration.request import PRODUCTS, parse_deadline_s, parse_request, parse_robot
@@ -76,9 +76,6 @@ class Orchestrator:
     def start(self) -> None:
         """Hear, control, answer; the tokens come last, when it can answer."""
         scopes = (*self._profile.robot_ids, keys.GROUND)
-        for scope in scopes:
-            if any(key.endswith("/orchestrator") for key in self._bus.alive(keys.alive(scope, "orchestrator"))):
-                raise UnavailableError(f"another orchestrator leads {scope}; stop it first")
         self._watcher.start()
         self._controller.start()
         self._history.start()

@@ -110,6 +110,14 @@ class System:
     def start(self, name: str, called: str = "") -> None:
         self.processes[called or name] = self._spawn(*self._argv[name])
 
+    def second_orchestrator(self, data: Path) -> str:
+        """What another orchestrator says before it ends."""
+        log = self.data / "services.orchestrator.log"
+        before = log.stat().st_size
+        argv = [*self._argv["orchestrator"], "--data-dir", str(data)]
+        assert self._spawn(*argv).wait(20) == 1
+        return log.read_bytes()[before:].decode()
+
     def wait_ready(self) -> None:
         """Until every service answers."""
         with Bus.open(self.endpoint, name="test", wait_s=20) as bus:
@@ -422,10 +430,15 @@ def test_after_the_router_was_restarted_requests_are_answered_again(client: Clie
     assert client.request("pose", robot="mana", max_age_s=0.9, deadline_s=30).value is not None
 
 
-def test_a_second_orchestrator_for_the_same_robots_exits(system: System) -> None:
-    system.start("orchestrator", "second")
-    second = system.processes["second"]
-    assert second.wait(20) == 1
+@pytest.mark.req("CDFF-SUP-146")
+def test_a_second_orchestrator_exits_says_who_leads_and_leaves_the_journal_alone(
+    system: System, tmp_path: Path, client: Client
+) -> None:
+    before = system.journal()
+    leader = f"process {system.processes['orchestrator'].pid} on "
+    for data in (system.data / "data", tmp_path):  # on the same journal, and elsewhere for the same robots
+        assert leader in system.second_orchestrator(data)
+    assert not [r for r in system.journal()[len(before) :] if r["kind"] == "start"]
 
 
 def test_the_catalogue_says_what_can_be_made_and_why_not(client: Client) -> None:
