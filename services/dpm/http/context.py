@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass, field
 from typing import Annotated, cast
 
@@ -21,7 +22,10 @@ from services.dpm.watch import Watch
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """The DPM and what surrounds it; ``bus`` and ``watch`` are None where HTTP runs without a router."""
+    """The DPM and what surrounds it; ``bus`` and ``watch`` are None where HTTP runs without a router.
+
+    ``closing`` is set when the server stops: streams without end then end.
+    """
 
     dpm: Dpm
     settings: Settings
@@ -29,6 +33,7 @@ class Context:
     watch: Watch | None = None
     profile: Profile | None = None
     extents: ExtentCache = field(default_factory=ExtentCache)
+    closing: threading.Event = field(default_factory=threading.Event)
 
     def connected(self) -> Bus:
         """The bus; raises UnavailableError without one."""

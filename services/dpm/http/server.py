@@ -28,7 +28,7 @@ class HttpServer:
     """
 
     def __init__(self, context: Context) -> None:
-        s = context.settings
+        s, self._closing = context.settings, context.closing
         family = socket.AF_INET6 if ":" in s.host else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_STREAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -55,6 +55,7 @@ class HttpServer:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._closing.set()
         self._server.should_exit = True
         self._thread.join(_STOP_S)
         self._socket.close()

@@ -14,6 +14,7 @@ from fastapi import APIRouter, Header, Query, Request
 from fastapi.responses import PlainTextResponse, StreamingResponse
 
 from cdff_common.bus import keys
+from cdff_common.clock import monotonic_s
 from cdff_common.errors import CdffError
 from dpm_store import Event
 from dpm_store.events import CHANGES
@@ -24,8 +25,10 @@ from services.dpm.http.native_models import Changes, Status
 router = APIRouter(tags=["status"])
 
 _KEEP_ALIVE_S = 15.0
-#: Events that are sent at once.
-_BATCH = 200
+#: How often a quiet stream looks whether its caller, or the server, has gone.
+_LOOK_S = 0.5
+#: Events that are read at once; each may take 64 kB.
+_BATCH = 16
 _METRICS_TIMEOUT_S = 1.0
 
 
@@ -118,16 +121,20 @@ async def _stream(context: Context, request: Request, last: int) -> AsyncIterato
     context.dpm.listen(on_event)
     try:
         yield ": connected\nretry: 2000\n\n"
-        while not await request.is_disconnected():
+        spoke_s = monotonic_s()
+        while not (context.closing.is_set() or await request.is_disconnected()):
             news.clear()
             # A caller who does not read holds up this generator and nothing else: events wait in the store, not here.
             while batch := await asyncio.to_thread(context.dpm.store.events.since, last, limit=_BATCH):
-                last = batch[-1].ordinal
-                yield "".join(_line(event) for event in batch)
-            try:
-                await asyncio.wait_for(news.wait(), _KEEP_ALIVE_S)
-            except TimeoutError:
+                for event in batch:
+                    last = event.ordinal
+                    yield _line(event)
+                spoke_s = monotonic_s()
+            if monotonic_s() - spoke_s >= _KEEP_ALIVE_S:
                 yield ": still here\n\n"
+                spoke_s = monotonic_s()
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(news.wait(), min(_KEEP_ALIVE_S, _LOOK_S))
     finally:
         context.dpm.unlisten(on_event)
 

@@ -1,0 +1,146 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Server-sent events over a real socket: in order, resumed without a gap, with a heartbeat, at any speed of reading."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import logging
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+
+from services.dpm.http.context import Context
+from services.dpm.http.routes import status
+from services.dpm.http.server import HttpServer
+from services.dpm.operations import Dpm
+from services.dpm.settings import Settings
+
+from .conftest import cloud, parcel
+
+
+@pytest.fixture
+def port(dpm: Dpm, tmp_path: Path) -> Iterator[int]:
+    """A server on a port of its own."""
+    with HttpServer(Context(dpm, Settings(tmp_path, port=0))) as server:
+        yield server.port
+
+
+class Reader:
+    """Reads a stream of events."""
+
+    def __init__(self, port: int, last: int | None = None) -> None:
+        self.connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+        headers = {} if last is None else {"Last-Event-ID": str(last)}
+        self.connection.request("GET", "/api/v1/events", headers=headers)
+        self.answer = self.connection.getresponse()
+        assert self.answer.getheader("Content-Type", "").startswith("text/event-stream")
+        assert self.block() == [": connected", "retry: 2000"]
+
+    def block(self) -> list[str]:
+        """Lines up to the next empty one."""
+        lines = []
+        while (line := self.answer.readline().decode().rstrip("\n")) != "":
+            lines.append(line)
+        return lines
+
+    def event(self) -> tuple[int, str, dict[str, object]]:
+        """The next event, heartbeats left out."""
+        while (lines := self.block())[0].startswith(":"):
+            pass
+        fields = dict(line.split(": ", 1) for line in lines)
+        return int(fields["id"]), fields["event"], json.loads(fields["data"])
+
+    def close(self) -> None:
+        self.connection.close()
+
+
+def test_events_come_as_they_happen_and_in_order(dpm: Dpm, port: int) -> None:
+    reader = Reader(port)
+    for i in range(3):
+        dpm.record("mana", "alarm", {"number": i})
+    told = [reader.event() for _ in range(3)]
+    assert [body["number"] for _, _, body in told] == [0, 1, 2]
+    assert {kind for _, kind, _ in told} == {"alarm"}
+    _, header = dpm.put(*parcel(cloud(), "pointcloud"))
+    _, kind, body = reader.event()
+    assert (kind, body["id"]) == ("inserted", header.id)
+    reader.close()
+
+
+def test_a_reader_who_comes_back_misses_nothing_and_hears_nothing_twice(dpm: Dpm, port: int) -> None:
+    reader = Reader(port, 0)
+    for i in range(5):
+        dpm.record("mana", "alarm", {"number": i})
+    last, _, _ = [reader.event() for _ in range(2)][-1]
+    reader.close()
+    for i in range(5, 100):  # more than is read at once
+        dpm.store.events.append("mana", "alarm", {"number": i})
+    reader = Reader(port, last)
+    assert [reader.event()[2]["number"] for _ in range(98)] == list(range(2, 100))
+    dpm.record("mana", "alarm", {"number": 100})
+    assert reader.event()[2]["number"] == 100
+    reader.close()
+
+
+def test_a_quiet_stream_shows_that_it_lives(dpm: Dpm, port: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(status, "_KEEP_ALIVE_S", 0.05)
+    reader = Reader(port)
+    assert [reader.block() for _ in range(2)] == [[": still here"]] * 2
+    reader.close()
+
+
+def test_who_does_not_read_holds_up_nobody_and_costs_no_memory(dpm: Dpm, port: int) -> None:
+    slow = socket.create_connection(("127.0.0.1", port), timeout=20)
+    slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    slow.sendall(b"GET /api/v1/events HTTP/1.1\r\nHost: localhost\r\nLast-Event-ID: 0\r\n\r\n")
+    process = psutil.Process()
+    for _ in range(150):
+        dpm.record("mana", "alarm", {"text": "x" * 60_000})
+    resident = process.memory_info().rss
+    for _ in range(500):
+        dpm.record("mana", "alarm", {"text": "x" * 60_000})
+    dpm.record("mana", "alarm", {"number": 1})
+    quick = Reader(port, dpm.store.events.last_ordinal() - 1)
+    assert quick.event()[2]["number"] == 1
+    assert process.memory_info().rss - resident < 16 << 20  # of 30 MB that wait for the slow one
+    slow.close()
+    quick.close()
+    forgotten(dpm)
+
+
+def test_a_reader_who_leaves_is_forgotten(dpm: Dpm, port: int) -> None:
+    reader = Reader(port)
+    assert len(dpm._listeners) == 1
+    reader.close()
+    forgotten(dpm)
+
+
+def test_a_server_that_stops_ends_its_streams(dpm: Dpm, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    with HttpServer(Context(dpm, Settings(tmp_path, port=0))) as server:
+        reader = Reader(server.port)
+    assert reader.answer.read() == b""
+    reader.close()
+    assert not [r for r in caplog.records if r.levelno >= logging.ERROR]
+
+
+def forgotten(dpm: Dpm) -> None:
+    """Wait until nobody listens any more."""
+    deadline = time.monotonic() + 20.0
+    while dpm._listeners:
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize("last", ["-1", "abc", "²", "9" * 40])
+def test_a_place_that_is_none_is_refused(port: int, last: str) -> None:
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+    connection.request("GET", "/api/v1/events", headers={"Last-Event-ID": last.encode("latin-1")})  # type: ignore[dict-item]  # bytes are passed on
+    answer = connection.getresponse()
+    assert (answer.status, answer.getheader("Content-Type")) == (422, "application/problem+json")
+    connection.close()
