@@ -1,12 +1,15 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The store beside the raw engine in one run: durable insertions, and searches by region, time and type.
+"""The store beside the raw engine in one run: insertions, searches, re-anchoring, start, memory.
 
-    python benchmarks/dpm.py [--products 20000] [--searches 500] [--out FILE]
+    python benchmarks/dpm.py [--products 20000] [--flat 1000,10000] [--searches 300] [--dir DIR] [--out FILE]
 
 Ours is ``dpm_store``; raw is ``sqlite3`` with the same pragmas, a product table, an R*Tree and a payload column, with
-nothing checked, hashed or told. Payloads are 10 kB, boxes about 5 m in 1 km x 1 km, searches 30 m x 30 m over all time
-with a limit of 100. Each insertion is one durable commit.
+nothing checked, hashed or told. Payloads are 10 kB and all different, boxes about 5 m in 1 km x 1 km, ten types, a
+product a second. A search names a region, a span of time and a type that together hold 0.1 % of the products, in three
+shapes (part of the area x part of the time), with a limit of 100, newest first. Store and clients run on this machine;
+``--access`` also asks over HTTP and Zenoh. ``--flat`` measures searches at smaller stores too. Times are medians of
+several calls with the CPU time beside them; ``sync_ms`` is what fsync of 4 kB takes on the same file system.
 """
 
 from __future__ import annotations
@@ -16,150 +19,248 @@ import json
 import os
 import platform
 import random
+import resource
 import sqlite3
 import subprocess
+import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from cdff_common.clock import ManualClock
+from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.region import Region
 from cdff_common.interfaces.product import Header, product_id
-from dpm_store import Query, open_store
+from dpm_store import Parcel, Query, Store, open_store
 
 PAYLOAD_BYTES = 10_000
-SIDE_M, WINDOW_M = 1000.0, 30.0
+SIDE_M, TYPES, BATCH = 1000.0, 10, 2000
+#: Part of the area and part of the time; with one type of ten each holds a thousandth.
+SHAPES = {"area_0.1_time_0.1": (0.1, 0.1), "area_0.01_time_all": (0.01, 1.0), "area_all_time_0.01": (1.0, 0.01)}
 S = 1_000_000_000
+PRAGMAS = ("journal_mode=WAL", "synchronous=FULL", "cache_size=-32768", "wal_autocheckpoint=4000")
+Figures = dict[str, Any]
+Window = tuple[float, float, float, float, int, int, int]
 
 
-def boxes(count: int) -> list[tuple[float, ...]]:
+def boxes(count: int) -> Iterator[tuple[float, ...]]:
     """Boxes of mixed size."""
     rng = random.Random(1)
-    found = []
     for _ in range(count):
         x, y, size = rng.uniform(0, SIDE_M), rng.uniform(0, SIDE_M), rng.lognormvariate(1.5, 0.6)
-        found.append((x, y, 0.0, x + size, y + size, 1.0))
+        yield (x, y, 0.0, x + size, y + size, 1.0)
+
+
+def windows(products: int, count: int, area: float, span: float) -> list[Window]:
+    """Searches: x0, y0, x1, y1, first and last second, type."""
+    rng, side, length = random.Random(2), SIDE_M * area**0.5, span * products
+    found = []
+    for _ in range(count):
+        x, y = rng.uniform(0, SIDE_M - side), rng.uniform(0, SIDE_M - side)
+        first = int(rng.uniform(0, products - length))
+        found.append((x, y, x + side, y + side, first, int(first + length), rng.randrange(TYPES)))
     return found
 
 
-def windows(count: int) -> list[tuple[float, float, float, float]]:
-    """Search windows."""
-    rng = random.Random(2)
-    corners = [(rng.uniform(0, SIDE_M), rng.uniform(0, SIDE_M)) for _ in range(count)]
-    return [(x, y, x + WINDOW_M, y + WINDOW_M) for x, y in corners]
-
-
-def timed(calls: list[Callable[[], object]]) -> dict[str, float]:
-    """Milliseconds per call: median, 99th percentile, and CPU time of the process per call."""
+def timed(calls: Sequence[Callable[[], object]]) -> Figures:
+    """Milliseconds per call: median, 99th percentile, and CPU time of this process."""
     spans, cpu_s = [], time.process_time()
     for call in calls:
         start = time.perf_counter()
         call()
         spans.append((time.perf_counter() - start) * 1e3)
     cpu_ms = (time.process_time() - cpu_s) * 1e3 / len(calls)
-    spans.sort()
-    return {"p50_ms": spans[len(spans) // 2], "p99_ms": spans[int(len(spans) * 0.99)], "cpu_ms": cpu_ms}
+    return {"p50_ms": float(np.median(spans)), "p99_ms": float(np.percentile(spans, 99)), "cpu_ms": cpu_ms}
 
 
-def ours(directory: Path, products: int, asked: list[tuple[float, float, float, float]]) -> dict[str, dict[str, float]]:
-    """Figures of the store."""
-    payload = os.urandom(PAYLOAD_BYTES - 8)
-    names = {"robot": "mana", "dfpc": "mapper", "port": "map", "product": "dem", "type_name": "ElevationMap"}
+def rate(count: int, call: Callable[[], object]) -> Figures:
+    """Products per second of one long call, by the wall and by the CPU time of this process."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    call()
+    return {"per_s": count / (time.perf_counter() - wall), "cpu_us": (time.process_time() - cpu) * 1e6 / count}
+
+
+def parcels(first: int, given: Sequence[tuple[float, ...]], filler: bytes) -> list[Parcel]:
+    """Products with those boxes, one a second."""
+    found = []
+    for seq, box in enumerate(given, first):
+        header = Header(
+            product_id("mana", "mapper", "map", seq * S, seq, "c"), seq, seq * S, seq * S, "mana/map", "mapper/1",
+            config_hash="c", box_m=box, resolution_m=0.1,
+        )  # fmt: skip
+        payload = filler + seq.to_bytes(8, "big")
+        found.append(Parcel(header, payload, "mana", "mapper", "map", f"type_{seq % TYPES}", "ElevationMap"))
+    return found
+
+
+def in_batches(count: int) -> Iterator[list[tuple[float, ...]]]:
+    """Boxes, ``BATCH`` at a time."""
+    batch = []
+    for box in boxes(count):
+        batch.append(box)
+        if len(batch) == BATCH:
+            yield batch
+            batch = []
+    if batch:
+        yield batch
+
+
+def fill(store: Store, count: int) -> None:
+    """Insert products in batches."""
+    filler, first = os.urandom(PAYLOAD_BYTES - 8), 0
+    for batch in in_batches(count):
+        store.put_all(parcels(first, batch, filler))
+        first += len(batch)
+
+
+def searches(store: Store, products: int, count: int) -> Figures:
+    """Figures of searches by shape."""
+
+    def search(w: Window) -> Callable[[], object]:
+        region = Region("bbox", w[:4])
+        query = Query(types=(f"type_{w[6]}",), region=region, frame="mana/map", t0_ns=w[4] * S, t1_ns=w[5] * S)
+        return lambda: store.search(query)
+
+    figures = {}
+    for name, (area, span) in SHAPES.items():
+        timed([search(w) for w in windows(products, 20, area, span)])  # what a first search compiles and reads
+        figures[name] = timed([search(w) for w in windows(products, count, area, span)])
+    return figures
+
+
+def ours(directory: Path, products: int, asked: int) -> Figures:
+    """Figures of the store; a search runs in a process of its own, whose memory is measured."""
+    url = f"sqlite:///{directory}"
+    with open_store(url, ManualClock(S)) as store:
+        figures: Figures = {"bulk": rate(products, lambda: fill(store, products))}
+        rng, filler = list(boxes(200)), os.urandom(PAYLOAD_BYTES - 8)
+        singles = parcels(products + 1000, rng, filler)
+        figures["insert"] = timed([lambda p=p: store.put_all((p,)) for p in singles])  # type: ignore[misc]
+        T = [UncertainTransform(se3.transform(np.eye(3), (float(i), 0.0, 0.0))) for i in range(20)]
+        figures["re_anchor"] = timed([lambda t=t: store.frames.set("mana/map", "site", t) for t in T])  # type: ignore[misc]
+    figures["start"] = timed([lambda: open_store(url, ManualClock(S)).close() for _ in range(5)])
+    command = [sys.executable, __file__, "--search-only", str(directory), "--products", str(products)]
+    told = subprocess.run([*command, "--searches", str(asked)], capture_output=True, text=True, check=True).stdout
+    return figures | dict(json.loads(told))
+
+
+def search_only(directory: Path, products: int, asked: int) -> Figures:
+    """Searches in this process, which does nothing else, and the most memory it held."""
     with open_store(f"sqlite:///{directory}", ManualClock(S)) as store:
-
-        def insertion(seq: int, box: tuple[float, ...]) -> Callable[[], object]:
-            header = Header(
-                product_id("mana", "mapper", "map", seq * S, seq, "c"),
-                seq,
-                seq * S,
-                seq * S,
-                "site",
-                "mapper/1",
-                config_hash="c",
-                box_m=box,
-                resolution_m=0.1,
-            )  # type: ignore[arg-type]  # six numbers
-            return lambda: store.put(header, payload + seq.to_bytes(8, "big"), **names)
-
-        def search(window: tuple[float, float, float, float]) -> Callable[[], object]:
-            query = Query(types=("dem",), region=Region("bbox", window), t0_ns=0, t1_ns=products * S)
-            return lambda: store.search(query)
-
-        inserted = timed([insertion(seq, box) for seq, box in enumerate(boxes(products))])
-        return {"insert": inserted, "search": timed([search(window) for window in asked])}
+        figures = {"search": searches(store, products, asked)}
+    return figures | {"rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}
 
 
-def raw(directory: Path, products: int, asked: list[tuple[float, float, float, float]]) -> dict[str, dict[str, float]]:
+def raw(directory: Path, products: int, asked: int) -> Figures:
     """Figures of the engine alone."""
-    db = sqlite3.connect(directory / "raw.sqlite", isolation_level=None)
-    for pragma in ("journal_mode=WAL", "synchronous=FULL", "cache_size=-32768", "wal_autocheckpoint=4000"):
-        db.execute(f"PRAGMA {pragma}")
-    db.execute("CREATE TABLE product (id INTEGER PRIMARY KEY, name TEXT UNIQUE, type TEXT, t1 INTEGER, payload BLOB)")
-    db.execute("CREATE VIRTUAL TABLE box USING rtree(id, x0, x1, y0, y1, z0, z1, t0, t1)")
-    payload = os.urandom(PAYLOAD_BYTES)
+    with closing(sqlite3.connect(directory / "raw.sqlite", isolation_level=None)) as db:
+        for pragma in PRAGMAS:
+            db.execute(f"PRAGMA {pragma}")
+        db.execute("CREATE TABLE product (id INTEGER PRIMARY KEY, name TEXT UNIQUE, type TEXT, t1 INTEGER)")
+        db.execute("CREATE TABLE payload (id INTEGER PRIMARY KEY, content BLOB)")
+        db.execute("CREATE VIRTUAL TABLE box USING rtree(id, f0, f1, x0, x1, y0, y1, z0, z1, t0, t1)")
+        filler = os.urandom(PAYLOAD_BYTES - 8)
 
-    def insertion(seq: int, b: tuple[float, ...]) -> Callable[[], object]:
-        def call() -> None:
+        def insert(first: int, given: Sequence[tuple[float, ...]]) -> None:
+            numbered = list(enumerate(given, first))
             db.execute("BEGIN IMMEDIATE")
-            db.execute("INSERT INTO product VALUES (?, ?, 'dem', ?, ?)", (seq, str(seq), seq * S, payload))
-            db.execute(
-                "INSERT INTO box VALUES (?,?,?,?,?,?,?,?,?)", (seq, b[0], b[3], b[1], b[4], b[2], b[5], seq, seq)
-            )
+            rows = [(i, f"product-{i}", f"type_{i % TYPES}", i * S) for i, _ in numbered]
+            db.executemany("INSERT INTO product VALUES (?, ?, ?, ?)", rows)
+            db.executemany("INSERT INTO payload VALUES (?, ?)", [(i, filler + i.to_bytes(8, "big")) for i, _ in numbered])
+            sides = [(i, i % TYPES, i % TYPES, b[0], b[3], b[1], b[4], b[2], b[5], i, i) for i, b in numbered]
+            db.executemany("INSERT INTO box VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", sides)
             db.execute("COMMIT")
 
-        return call
+        def fill_raw() -> None:
+            first = 0
+            for batch in in_batches(products):
+                insert(first, batch)
+                first += len(batch)
 
-    statement = (
-        "SELECT id, name, type, t1 FROM product WHERE type = 'dem' AND id IN (SELECT id FROM box WHERE x0 <= ? AND "
-        "x1 >= ? AND y0 <= ? AND y1 >= ? AND t0 <= ? AND t1 >= 0) ORDER BY t1 DESC, id DESC LIMIT 100"
-    )
+        figures: Figures = {"bulk": rate(products, fill_raw)}
+        singles = list(enumerate(boxes(200), products + 1000))
+        figures["insert"] = timed([lambda i=i, b=b: insert(i, [b]) for i, b in singles])  # type: ignore[misc]
+        statement = (
+            "SELECT product.* FROM box CROSS JOIN product ON product.id = box.id WHERE f0 <= ? AND f1 >= ? AND x0 <= ? "
+            "AND x1 >= ? AND y0 <= ? AND y1 >= ? AND t0 <= ? AND box.t1 >= ? ORDER BY product.t1 DESC LIMIT 100"
+        )
 
-    def search(w: tuple[float, float, float, float]) -> Callable[[], object]:
-        return lambda: db.execute(statement, (w[2], w[0], w[3], w[1], products)).fetchall()
+        def search(w: Window) -> Callable[[], object]:
+            values = (w[6], w[6], w[2], w[0], w[3], w[1], w[5], w[4])
+            return lambda: db.execute(statement, values).fetchall()
 
-    inserted = timed([insertion(seq, box) for seq, box in enumerate(boxes(products))])
-    figures = {"insert": inserted, "search": timed([search(window) for window in asked])}
-    db.close()
+        figures["search"] = {
+            name: timed([search(w) for w in windows(products, asked, *shape)]) for name, shape in SHAPES.items()
+        }
     return figures
+
+
+def syncs(directory: Path) -> Figures:
+    """What fsync of 4 kB takes."""
+    with (directory / "sync").open("wb") as file:
+
+        def sync() -> None:
+            file.write(bytes(4096))
+            file.flush()
+            os.fsync(file.fileno())
+
+        return timed([sync for _ in range(100)])
 
 
 def file_system(directory: Path) -> str:
     """Kind of file system that a directory is on."""
-    return subprocess.run(
-        ["stat", "-f", "-c", "%T", str(directory)], capture_output=True, text=True, check=True
-    ).stdout.strip()
+    command = ["findmnt", "-n", "-o", "FSTYPE", "-T", str(directory)]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
 
 
 def main() -> None:
-    """Measure and print a table."""
+    """Measure, print a table, and write JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--products", type=int, default=20_000)
-    parser.add_argument("--searches", type=int, default=500)
+    parser.add_argument("--flat", default="2000", help="smaller stores to search too, with commas")
+    parser.add_argument("--searches", type=int, default=300)
+    parser.add_argument("--access", action="store_true", help="also over HTTP and Zenoh")
     parser.add_argument("--dir", type=Path, default=None, help="where to write; the file system matters")
     parser.add_argument("--out", type=Path, default=None)
+    parser.add_argument("--search-only", type=Path, default=None, help=argparse.SUPPRESS)
     args = parser.parse_args()
+    if args.search_only is not None:
+        print(json.dumps(search_only(args.search_only, args.products, args.searches)))
+        return
     with tempfile.TemporaryDirectory(dir=args.dir) as base:
-        asked = windows(args.searches)
-        results = {}
-        for name, measure in (("raw", raw), ("ours", ours)):
-            directory = Path(base) / name
-            directory.mkdir()
-            results[name] = measure(directory, args.products, asked)
+        results: Figures = {}
+        counts = sorted({args.products, *(int(n) for n in args.flat.split(",") if n)})
+        for products in counts:
+            for name, measure in (("raw", raw), ("ours", ours)):
+                directory = Path(base) / f"{name}-{products}"
+                directory.mkdir()
+                results[f"{name}, {products} products"] = measure(directory, products, args.searches)
+        if args.access:
+            from access import over_http_and_zenoh
+
+            results["access"] = over_http_and_zenoh(Path(base) / f"ours-{counts[-1]}", windows, SHAPES, args)
         about = {
-            "products": args.products,
-            "payload_bytes": PAYLOAD_BYTES,
-            "file_system": file_system(Path(base)),
-            "sqlite": sqlite3.sqlite_version,
-            "python": platform.python_version(),
-        }
-    print(", ".join(f"{k} {v}" for k, v in about.items()))
-    for operation in ("insert", "search"):
-        for name in ("raw", "ours"):
-            figures = results[name][operation]
-            print(f"{operation:8}{name:6}" + "".join(f"{k} {v:9.3f}   " for k, v in figures.items()))
+            "products": args.products, "payload_bytes": PAYLOAD_BYTES, "file_system": file_system(Path(base)),
+            "sync_ms": syncs(Path(base))["p50_ms"], "sqlite": sqlite3.sqlite_version,
+            "python": platform.python_version(), "cpus": os.cpu_count(), "load": os.getloadavg()[0],
+        }  # fmt: skip
+    print(", ".join(f"{name} {value}" for name, value in about.items()))
+    for name, figures in results.items():
+        for operation, found in figures.items():
+            print(f"{name:24} {operation:12} {json.dumps(_rounded(found))}")
     if args.out is not None:
-        args.out.write_text(json.dumps({"about": about, **results}, indent=1))
+        args.out.write_text(json.dumps({"about": about, **results}, indent=2) + "\n")
+
+
+def _rounded(found: Any) -> Any:
+    if isinstance(found, dict):
+        return {name: _rounded(value) for name, value in found.items()}
+    return float(f"{found:.3g}") if isinstance(found, float) else found
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,6 +17,8 @@ from sqlalchemy.exc import DatabaseError
 from cdff_common.errors import ConfigurationError, StorageError
 from dpm_store import sqlite
 from dpm_store.room import Room
+
+logger = logging.getLogger(__name__)
 
 
 def directory_of(url: str) -> Path:
@@ -116,7 +119,10 @@ class Session:
             with self.write() as connection:
                 yield connection
             if room.is_low():
-                sqlite.fold_log(self._database.engine)
+                try:
+                    sqlite.fold_log(self._database.engine)
+                except StorageError as error:  # what was asked for is done
+                    logger.warning("log not folded", extra={"why": str(error)})
 
     @contextmanager
     def _begun(self, *, writes: bool) -> Iterator[Connection]:

@@ -164,10 +164,18 @@ def reusable_bytes(engine: Engine) -> int:
 
 
 def fold_log(engine: Engine) -> None:
-    """Carry the write-ahead log over into the file and cut it to nothing, as far as readers let it."""
+    """Carry the write-ahead log over into the file and cut it to nothing, as far as readers let it.
+
+    Raises
+    ------
+    StorageError
+        If the disk fails; nothing is lost, the log stays.
+    """
     connection = engine.raw_connection()
     try:
         connection.cursor().execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    except sqlite3.Error as error:
+        raise StorageError(f"store: the log was not folded: {error}") from error
     finally:
         connection.close()
 

@@ -3,12 +3,8 @@
 """Opening, closing, locking, migrating, threads and crashes, each on real files."""
 
 import os
-import random
-import signal
-import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -20,8 +16,6 @@ from dpm_store.migrate import HEAD, revision_of
 from dpm_store.schema import metadata
 
 from .conftest import header, put
-
-WRITER = Path(__file__).with_name("writer.py")
 
 
 def test_only_one_process_opens_a_data_directory(tmp_path: Path) -> None:
@@ -106,34 +100,3 @@ def test_the_same_product_from_many_threads_is_inserted_once(store: Store) -> No
     for thread in threads:
         thread.join()
     assert sorted(results) == ["already"] * 5 + ["inserted"]
-
-
-@pytest.mark.req("CDFF-SUP-032")
-@pytest.mark.parametrize("runs", [2, pytest.param(20, marks=pytest.mark.slow)])
-def test_what_was_acknowledged_before_a_kill_is_there_and_nothing_is_half_written(tmp_path: Path, runs: int) -> None:
-    rng = random.Random(runs)
-    for run in range(runs):
-        acknowledged = _run_and_kill(
-            tmp_path, first=run * 10_000, after=rng.randrange(3, 20), pause_s=rng.random() * 0.01
-        )
-        with open_store(f"sqlite:///{tmp_path}") as store:
-            assert store.verify() == ()
-            for seq in acknowledged:
-                assert store.payload(header(seq).id) == _payload(seq)
-            for record in store.search(Query(limit=1000)).items:
-                assert store.payload(record.id) == _payload(record.header.seq)
-
-
-def _payload(seq: int) -> bytes:
-    return seq.to_bytes(4, "big") * (10 if seq % 2 else INLINE_BYTES)
-
-
-def _run_and_kill(directory: Path, first: int, after: int, pause_s: float) -> list[int]:
-    command = [sys.executable, str(WRITER), str(directory), str(first)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as writer:
-        assert writer.stdout is not None
-        acknowledged = [int(writer.stdout.readline()) for _ in range(after)]
-        time.sleep(pause_s)  # the place of the kill within an insertion is what varies; nothing is awaited
-        writer.send_signal(signal.SIGKILL)
-        acknowledged += [int(line) for line in writer.stdout if line.endswith("\n")]
-    return acknowledged
