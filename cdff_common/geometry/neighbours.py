@@ -16,7 +16,7 @@ Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 #: Cells along a radius.
-_CELLS = 2
+_CELLS = 3
 
 
 def radius_neighbours(points_m: Float, queries_m: Float, radius_m: float) -> tuple[Int, Int]:
@@ -81,9 +81,10 @@ def _search(
                 if first_z > last_z or off_x * off_x + off_y * off_y > 1.000001 * radius * radius:
                     continue
                 run = (gx * size[1] + gy) * size[2]
-                begin = np.searchsorted(key, run + first_z)
-                end = np.searchsorted(key, run + last_z, side="right")
-                for j in range(begin, end):
+                last = run + last_z
+                for j in range(np.searchsorted(key, run + first_z), len(key)):
+                    if key[j] > last:
+                        break
                     dx, dy, dz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z
                     if dx * dx + dy * dy + dz * dz <= radius * radius:
                         if total == len(index):

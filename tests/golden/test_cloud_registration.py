@@ -1,0 +1,72 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Golden replays of the three registrations: measured clouds in a log lead to the poses of the recorded run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdff_common.cli import main
+from cdff_common.geometry import se3
+from cdff_common.types import Pointcloud
+from cdff_dev.evaluate._clouds import kitti_pair, milk_carton, small_gicp_pair
+from cdff_dev.logs import LogWriter, open_log
+from cdff_dev.registration.rates import pose_errors
+
+pytestmark = [pytest.mark.golden, pytest.mark.slow]
+
+#: DFPC, ports of source and target, port of the pose, clouds, and x y z qx qy qz qw of the recorded run.
+GOLDEN = {
+    "icp_localisation": (
+        ("model", "scene"),
+        "pose",
+        kitti_pair,
+        (0.470381, -0.019793, 0.007647, 0.000661, 0.000551, -0.010843, 0.999941),
+    ),
+    "point_cloud_matching": (
+        ("source", "target"),
+        "transform",
+        small_gicp_pair,
+        (0.492668, 0.106328, -0.026071, 0.002709, 0.000180, -0.005343, 0.999982),
+    ),
+    "shot_localisation": (
+        ("model", "scene"),
+        "pose",
+        milk_carton,
+        (-0.159261, 0.212425, -0.042161, -0.006546, 0.109367, 0.059550, 0.992194),
+    ),
+}
+#: Versions of libraries may move a pose by a fraction of the clouds' noise.
+WITHIN_M, WITHIN_DEG = 0.002, 0.05
+
+
+@pytest.mark.parametrize("dfpc", GOLDEN)
+def test_a_replay_leads_to_the_recorded_pose_twice_byte_for_byte(
+    dfpc: str, real_data: Callable[[str], Path], tmp_path: Path
+) -> None:
+    ports, pose, read, recorded = GOLDEN[dfpc]
+    source, target, _ = read(real_data("kitti_velodyne").parent)
+    log = tmp_path / "clouds.msg"
+    with LogWriter(log) as writer:
+        for stamp_ns, (port, points) in enumerate(zip(ports, (source, target), strict=True), 1):
+            writer.write(f"/mana/{port}.cloud", Pointcloud.from_points(points, frame=port, stamp_ns=stamp_ns), stamp_ns)
+    wired = [argument for port in ports for argument in ("--map", f"{port}=/mana/{port}.cloud")]
+    for name in "ab":
+        assert main(["replay", str(log), "--dfpc", dfpc, *wired, "--out", str(tmp_path / name)]) == 0
+    first, second = ((tmp_path / name / "outputs.msg").read_bytes() for name in "ab")
+    assert first == second
+    with closing(open_log(tmp_path / "a" / "outputs.msg")) as outputs:
+        (sample,) = list(outputs.samples())
+    assert sample.stream == f"/mana/{dfpc}.{pose}"
+    T = sample.value.transform
+    T_recorded = se3.transform_from_quaternion_xyzw(recorded[:3], recorded[3:])
+    error_m, error_deg = pose_errors(T.matrix, T_recorded)
+    assert (error_m <= WITHIN_M, error_deg <= WITHIN_DEG) == (True, True), (
+        f"moved by {error_m} m and {error_deg} degrees: {[*T.matrix[:3, 3], *se3.quaternion_xyzw_from_matrix(T.matrix)]}"
+    )
+    assert np.all(np.linalg.eigvalsh(T.covariance) > 0.0)
