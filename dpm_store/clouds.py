@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Point clouds by region: all clouds that reach in, in one frame, thinned fairly to a budget of points.
 
-Clouds are read one after the other, the newest first. Whenever more than a few times the budget has gathered, each
-voxel of a grid around the frame's origin keeps its newest point, and the voxels double until that is enough. The grids
-are nested, so that it does not matter when this happens, and memory is bounded by the budget and the largest cloud. At
-the end one point for each voxel of the first size that fits is taken, and the rest of the budget from the finer ones.
+Clouds are read one after the other, the newest first. Whenever more than four times the budget has gathered, each voxel
+of a grid around the frame's origin keeps its newest point, and the voxels double along one axis after the other until
+no more than twice the budget is left. The grids are nested, so that it does not matter when this happens, and memory is
+bounded by the budget and the largest cloud. At the end one point is kept of each voxel of the first size that fits the
+budget, and of the voxels of the size before as many more as there is room for.
 """
 
 from __future__ import annotations
@@ -29,14 +30,17 @@ from dpm_store.records import MAX_LIMIT, ProductRecord, Query
 from dpm_store.search import Search
 
 DERIVED_PORT = "cloud"
-DEFAULT_POINTS = 1_000_000
+DEFAULT_POINTS = 500_000
 MAX_POINTS = 5_000_000
 MAX_CLOUDS = 20_000
-#: Points that may gather before they are thinned, times the budget.
-_SLACK = 4
+#: Points that may gather before they are thinned, and that may be left then, times the budget: a step of the grid
+#: halves them at most, so that the budget can still be filled.
+_GATHERED, _LEFT = 4, 2
+#: Edge of the smallest voxels, metres; coarser where a cloud reaches farther than their numbers.
 _FINEST_M = 0.001
-#: Voxels along an axis that a key holds, each side of the origin.
 _REACH = 1 << 20
+#: Spreads keys evenly (Knuth, TAOCP 3, 6.4).
+_SPREAD = np.uint64(0x9E3779B97F4A7C15)
 _AHEAD = 8
 
 
@@ -189,7 +193,7 @@ class _Budget:
         self._most = most
         self._parts: list[NDArray[np.float64]] = []
         self._gathered = 0
-        self._voxel_m = 0.0
+        self._step = -1
         self._has_intensity = True
         self.seen = 0
 
@@ -200,56 +204,60 @@ class _Budget:
         self.seen += len(points)
         self._parts.append(np.column_stack([points, column]))
         self._gathered += len(points)
-        if self._gathered > _SLACK * self._most:
-            self._thin()
+        if self._gathered > _GATHERED * self._most:
+            rows = self._thinned(np.vstack(self._parts), _LEFT * self._most)
+            self._parts, self._gathered = [rows], len(rows)
 
     def result(self) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, float]:
-        """Points, intensities where all clouds had them, and the voxels that are all represented."""
-        rows = np.vstack(self._parts)
-        if self._voxel_m > 0.0:
-            rows = rows[_first_of_each(rows, self._voxel_m)[0]]
-        voxel_m = self._voxel_m
-        if len(rows) > self._most:
-            rows, voxel_m = self._fair(rows)
-        return rows[:, :3], rows[:, 3] if self._has_intensity else None, voxel_m
+        """Points, intensities where all clouds had them, and the size of voxels that are all represented."""
+        finer = self._thinned(np.vstack(self._parts), _LEFT * self._most)
+        voxel_m = 0.0
+        while len(finer) > self._most:
+            self._step += 1
+            chosen = _newest_of_each(finer, self._step)
+            if len(chosen) <= self._most:
+                finer, voxel_m = self._filled(finer, chosen), float(_edges(self._step).max())
+            else:
+                finer = finer[chosen]
+        return finer[:, :3], finer[:, 3] if self._has_intensity else None, voxel_m
 
-    def _thin(self) -> None:
-        rows = np.vstack(self._parts)
-        while len(rows) > _SLACK * self._most // 2:
-            self._voxel_m = max(2.0 * self._voxel_m, _finest(rows))
-            rows = rows[_first_of_each(rows, self._voxel_m)[0]]
-        self._parts, self._gathered = [rows], len(rows)
+    def _thinned(self, rows: NDArray[np.float64], most: int) -> NDArray[np.float64]:
+        """One point for each voxel, doubled until there are few enough."""
+        if self._step >= 0:
+            rows = rows[_newest_of_each(rows, self._step)]
+        while len(rows) > most:
+            self._step = max(self._step + 1, _first_step(rows))
+            rows = rows[_newest_of_each(rows, self._step)]
+        return rows
 
-    def _fair(self, rows: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-        """One point for each voxel of a size that fits the budget, and then others until it is full."""
-        voxel_m = max(2.0 * self._voxel_m, _finest(rows))
-        chosen, keys = _first_of_each(rows, voxel_m)
-        while len(chosen) > self._most:
-            voxel_m *= 2.0
-            chosen, keys = _first_of_each(rows, voxel_m)
+    def _filled(self, rows: NDArray[np.float64], chosen: NDArray[np.int64]) -> NDArray[np.float64]:
+        """The chosen ones, and of the others as many as there is room for, from all over the place."""
         rest = np.setdiff1d(np.arange(len(rows)), chosen, assume_unique=True)
-        # Rank of each point among those of its voxel: all voxels get their second before any gets a third.
-        order = np.argsort(keys[rest], kind="stable")
-        _, starts, counts = np.unique(keys[rest][order], return_index=True, return_counts=True)
-        rank = np.empty(len(rest), dtype=np.int64)
-        rank[order] = np.arange(len(rest)) - np.repeat(starts, counts)
-        extra = rest[np.argsort(rank, kind="stable")[: self._most - len(chosen)]]
-        return rows[np.sort(np.concatenate([chosen, extra]))], voxel_m
+        mixed = _keys(rows[rest], self._step).astype(np.uint64) * _SPREAD
+        extra = rest[np.argsort(mixed, kind="stable")[: self._most - len(chosen)]]
+        kept: NDArray[np.float64] = rows[np.sort(np.concatenate([chosen, extra]))]
+        return kept
 
 
-def _finest(rows: NDArray[np.float64]) -> float:
-    """The smallest voxel, a power of two of ``_FINEST_M``, whose keys reach all points."""
-    reach = float(np.abs(rows[:, :3]).max()) if len(rows) else 0.0
-    doubled = max(0, int(np.ceil(np.log2(max(reach, 1e-9) / (_FINEST_M * (_REACH - 1))))))
-    return float(_FINEST_M * 2**doubled)
+def _edges(step: int) -> NDArray[np.float64]:
+    """Edges ``(3,)`` of the voxels of a step, metres: x doubles, then y, then z."""
+    return np.asarray(_FINEST_M * 2.0 ** ((step + np.array([2, 1, 0])) // 3), dtype=np.float64)
 
 
-def _first_of_each(rows: NDArray[np.float64], voxel_m: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Index of the first point of each voxel, ascending, and the voxel's key of every point."""
-    cells = np.floor(rows[:, :3] / voxel_m).astype(np.int64) + _REACH
-    keys = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
-    _, first = np.unique(keys, return_index=True)
-    return np.sort(first), keys
+def _first_step(rows: NDArray[np.float64]) -> int:
+    """The first step whose voxels are numbered for all points."""
+    reach_m = float(np.abs(rows[:, :3]).max()) if len(rows) else 0.0
+    return 3 * max(0, int(np.ceil(np.log2(max(reach_m, _FINEST_M) / (_FINEST_M * (_REACH - 1))))))
+
+
+def _keys(rows: NDArray[np.float64], step: int) -> NDArray[np.int64]:
+    cells = np.floor(rows[:, :3] / _edges(step)).astype(np.int64) + _REACH
+    return np.asarray((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2], dtype=np.int64)
+
+
+def _newest_of_each(rows: NDArray[np.float64], step: int) -> NDArray[np.int64]:
+    """Indices of the first point of each voxel, ascending."""
+    return np.sort(np.unique(_keys(rows, step), return_index=True)[1])
 
 
 def _header(

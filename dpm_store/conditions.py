@@ -38,6 +38,8 @@ def conditions(query: Query, p: Columns = schema.products.c) -> list[ColumnEleme
         found.append(p.t0_ns <= query.t1_ns)
     if query.resolution_max_m is not None:
         found.append(p.resolution_m <= query.resolution_max_m)
+    if query.resolution_above_m is not None:
+        found.append(p.resolution_m > query.resolution_above_m)
     if query.inserted_after is not None:
         found.append(p.ordinal > query.inserted_after)
     if query.cursor is not None and query.order is not Order.NEAREST:

@@ -43,6 +43,8 @@ _KEPT = 12
 _FILE_BYTES = 512 << 20
 _KINDS = ("inserted", "deleted", "reanchored")
 _EVENTS = 1000
+#: A patch that ends at the edge of a rectangle does not reach into it.
+_INSET_M = 1e-4
 _ATTEMPTS = 3
 
 Key = tuple[str, int, int, int]
@@ -270,8 +272,7 @@ def _patches_box(connection: Connection, frame: str) -> NDArray[np.float64]:
 
 def _query(frame: str, geometry: GridGeometry, *, above_m: float | None = None, most_m: float | None = None) -> Query:
     """Patches that may reach into a rectangle and whose cells are no larger than its own."""
-    inset = geometry.resolution_m * 1e-3  # a patch that ends at the edge does not reach in
     b = geometry.bounds
-    region = Region("bbox", (b.xmin + inset, b.ymin + inset, b.xmax - inset, b.ymax - inset))
+    region = Region("bbox", (b.xmin + _INSET_M, b.ymin + _INSET_M, b.xmax - _INSET_M, b.ymax - _INSET_M))
     limit_m = geometry.resolution_m * (1.0 + 1e-6) if most_m is None else most_m
     return Query(frame=frame, region=region, resolution_max_m=limit_m, resolution_above_m=above_m)

@@ -15,7 +15,7 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.raster import _kernels
 from cdff_common.raster.choice import Choice, Disagreement
-from cdff_common.raster.geometry import GridGeometry
+from cdff_common.raster.geometry import ALIGNMENT_TOLERANCE_CELLS, GridGeometry
 from cdff_common.raster.statistics import ELEVATION_LAYERS, CellStatistics
 
 #: A map that is tilted more against the window's vertical is not resampled: its cells would hide each other.
@@ -90,7 +90,7 @@ class Mosaic:
         factor = fitting_factor(geometry, self.geometry) if T_window_map is None else None
         if T_window_map is None and geometry.frame != self.geometry.frame:
             raise InputError(f"map in {geometry.frame}, window in {self.geometry.frame}: expected a transform")
-        reach = self._reach(geometry, T_window_map, layers)
+        reach = self._reach(geometry, factor, T_window_map, layers)
         if reach is None:
             return False
         self.patches += 1
@@ -146,15 +146,18 @@ class Mosaic:
         )  # fmt: skip
 
     def _reach(
-        self, geometry: GridGeometry, T: UncertainTransform | None, layers: Mapping[str, ArrayLike]
-    ) -> GridGeometry | None:
+        self, geometry: GridGeometry, factor: int | None, T: UncertainTransform | None,
+        layers: Mapping[str, ArrayLike],
+    ) -> GridGeometry | None:  # fmt: skip
         """The part of the window that a map can reach, None where it cannot."""
-        g = geometry
+        g, window = geometry, self.geometry
+        if factor is not None:
+            return g.coarsened(factor).intersection(window)
         if T is None:
             xmin, ymin, xmax, ymax = g.bounds
         else:
             if not is_level(T):
-                raise InputError(f"{g.frame} is tilted against {self.geometry.frame} by more than {MAX_TILT_DEG:g} deg")
+                raise InputError(f"{g.frame} is tilted against {window.frame} by more than {MAX_TILT_DEG:g} deg")
             heights = np.asarray(layers["mean"])
             known = heights[np.isfinite(heights)]
             if not known.size:
@@ -162,8 +165,10 @@ class Mosaic:
             xy = [(x, y) for x in (g.xmin_m, g.xmax_m) for y in (g.ymin_m, g.ymax_m)]
             corners = T.apply([(x, y, z) for x, y in xy for z in (float(known.min()), float(known.max()))])
             (xmin, ymin), (xmax, ymax) = corners[:, :2].min(axis=0), corners[:, :2].max(axis=0)
-        bounds = (float(xmin), float(ymin), float(xmax), float(ymax))
-        return GridGeometry.aligned(self.geometry.frame, self.geometry.resolution_m, bounds).intersection(self.geometry)
+        r = window.resolution_m
+        slack = 2.0 * ALIGNMENT_TOLERANCE_CELLS * r
+        wider = (float(xmin) - slack, float(ymin) - slack, float(xmax) + slack, float(ymax) + slack)
+        return GridGeometry.aligned(window.frame, r, wider).intersection(window)
 
 
 def is_level(T_window_map: UncertainTransform) -> bool:
