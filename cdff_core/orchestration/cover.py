@@ -90,10 +90,10 @@ class Cells:
     half_m: float
 
     @classmethod
-    def of(cls, region: Region) -> Cells:
-        """Cells of a resolved region."""
+    def of(cls, region: Region, least_m: float = 0.0) -> Cells:
+        """Cells of a resolved region, none smaller than ``least_m``."""
         x0, y0, x1, y1 = region.bounds
-        cell_m = max(x1 - x0, y1 - y0, 1e-6) / CELLS
+        cell_m = max(max(x1 - x0, y1 - y0, 1e-6) / CELLS, least_m)
         x = x0 + cell_m * (np.arange(max(math.ceil((x1 - x0) / cell_m), 1)) + 0.5)
         y = y0 + cell_m * (np.arange(max(math.ceil((y1 - y0) / cell_m), 1)) + 0.5)
         grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)

@@ -136,7 +136,9 @@ class Finder:
         region, frame = (None, "") if found is None else (found.region, found.frame)
         if region is None:
             region, frame = self._placed(request, robots[0], until_s)
-        cells = Cells.of(region)
+        # Larger than what is held has: each that it covers holds the middle of one of its cells.
+        resolution_m = 0.0 if found is None else found.candidate.resolution_m or 0.0
+        cells = Cells.of(region, 1.5 * resolution_m)
         held = 0
         if found is not None and found.value is not None and found.candidate.status != "FAILED":
             held = cells.holding(observed_points(found.value))

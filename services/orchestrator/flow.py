@@ -56,7 +56,7 @@ class _Progress:
     excluded: set[MakerId] = field(default_factory=set)
     failures: dict[str, int] = field(default_factory=dict)
     held: float | None = None
-    tried_better: bool = False
+    better_since_ns: int | None = None
     best: tuple[Found, Judgement] | None = None
     why: str = ""
     dpm_error: str = ""
@@ -148,7 +148,7 @@ class Flow:
         body |= told.describe(now)
         again = self._planned(request, hopeful, robots, frozenset(), cover)
         if cover is not None:
-            body["held"] = round(cover.share(cover.held), 4)
+            body["held"] = 0.0 if held_now is None else held_now.candidate.coverage
         if body["plan"] is None and isinstance(again, Plan):
             body["plan"] = {
                 **costed(again, hopeful),
@@ -284,16 +284,19 @@ class Flow:
             return False
         candidate, judgement = p.best[0].candidate, p.best[1]
         made_since = p.plan is not None and candidate.t1_ns > p.started_ns
-        if p.plan is not None and candidate.status == "DEGRADED" and made_since and not p.tried_better:
-            p.tried_better = True
+        if p.plan is not None and candidate.status == "DEGRADED" and made_since and p.better_since_ns is None:
+            p.better_since_ns = 0
             without = frozenset({*p.excluded, p.plan.maker})
             better = self._best_plan(job, robots, p, without)
             if isinstance(better, Plan):
+                p.better_since_ns = self._clock.now_ns()
                 p.excluded |= {p.plan.maker}
                 reason = f"what {p.plan.maker} made is DEGRADED"
                 self._book.move(job, JobState.PLANNING, reason)
                 self._adopt(job, p, better)
                 return False
+        if candidate.status == "DEGRADED" and p.better_since_ns is not None and candidate.t1_ns <= p.better_since_ns:
+            return False  # it is kept as the last word
         return judgement.satisfies or made_since
 
     def _advance(self, job: Job, robots: Sequence[str], p: _Progress) -> bool:
@@ -377,7 +380,7 @@ class Flow:
         request, margin_s = job.request, self._margin_s(job)
         found = None if p.best is None else p.best[0]
         cover = self._cover(request, robots, found, job.deadline_s - margin_s, job.remaining_s())
-        p.held = None if cover is None else cover.share(cover.held)
+        p.held = None if cover is None else (found.candidate.coverage or 0.0) if found is not None else 0.0
         now = self._planned(request, self._state.world(priority=request.priority), robots, exclude, cover)
         world = self._state.world(hopeful=True, priority=request.priority)
         hopeful = self._planned(request, world, robots, exclude, cover)

@@ -104,3 +104,4 @@ def test_cells_of_a_region_know_what_is_near_and_what_holds_points() -> None:
     left = cells.holding(np.array([[0.1, 0.1], [0.9, 0.2], [-9.0, 0.0]]))
     assert left.bit_count() == 1
     assert Cells.of(parse_region("circle:1,1,0.001")).all >= 1
+    assert len(Cells.of(parse_region("bbox:0,0,4,4"), 1.5).centres_m) == 9

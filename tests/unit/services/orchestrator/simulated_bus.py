@@ -104,12 +104,12 @@ class Product:
 class Mission:
     """The world outside of the orchestrator; ``connect`` gives each orchestrator process a bus to it."""
 
-    def __init__(self, scheduler: Scheduler, profile: Profile, seed: int) -> None:
-        self.random = random.Random(seed)
+    def __init__(self, scheduler: Scheduler, profile: Profile, seed: int, fails: float = 0.03) -> None:
+        self.random, self.fails = random.Random(seed), fails
         self.scheduler, self.profile = scheduler, profile
         self.clock = VirtualClock(scheduler)
         self.processes = {MakerId(r.id, e.name): Process(r, e) for r in profile.robots for e in r.dfpcs}
-        faults = Faults(seed, spread=0.3, refuses=0.03)
+        faults = Faults(seed, spread=0.3, refuses=fails)
         self.icu = SimulatedIcu(profile, self._on_mode, faults, clock=lambda: scheduler.now_s)
         self.icu_up = self.dpm_up = True
         self.kept: dict[tuple[str, str], list[Product]] = {}
@@ -359,7 +359,7 @@ class SimulatedBus:
         if verb == "describe":
             return Reply.of({**description_of(process.robot, process.entry, DFPCS[process.entry.name]),
                              "state": process.state, "wired": dict(process.wired)})  # fmt: skip
-        if m.random.random() < 0.03:
+        if m.random.random() < m.fails:
             raise UnavailableError("simulated failure")
         request = Request(key, p, payload, "", b"")
         return m.switch(process, verb, request.body() if payload else {})
