@@ -38,6 +38,7 @@ _TEXTS = ["", "mana/lidar", "é", "x" * 256, "\udce9", "1"]
 _CONSISTENT = {
     "PointCloudData", "LidarScanData", "PoseTrajectoryData", "ElevationMap", "NavigationMap", "PoseGraph",
     "PoseGraphVertices", "PoseGraphEdges", "LandmarkMapData", "KeyFrameData", "MeshData", "ObjectTrackData",
+    "ImuSpanData",
 }  # fmt: skip
 
 
@@ -149,6 +150,7 @@ def _descriptors(n: int, rng: np.random.Generator) -> Any:
 
 #: Columns of types whose columns are of one length.
 _COLUMNS: dict[str, tuple[Column, ...]] = {
+    "ImuSpanData": [_counted, _reals(3), _reals(3), _reals(3)],
     "PoseGraphVertices": (_counted, _counted, _reals(7), _octets),
     "PoseGraphEdges": (lambda n, rng: rng.integers(-9, 9, (n, 2)), _reals(7), _reals(36), _octets),
     "LandmarkMapData": (_counted, _reals(3), _reals(9), _none(0, np.uint32), _descriptors),

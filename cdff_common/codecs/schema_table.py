@@ -356,6 +356,32 @@ _53 = Struct(
     ),
 )
 _54 = Struct(
+    "ImuSpan-Metadata",
+    "ImuSpanMetadata",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("sensorId", "sensor_id", Text(256)),
+    ),
+)
+_55 = Struct(
+    "ImuSpan-Data",
+    "ImuSpanData",
+    (
+        Field("stamps", "stamps", Octets(1073741824, "<i8", 0)),
+        Field("acc", "acc", Octets(1073741824, "<f8", 3)),
+        Field("gyro", "gyro", Octets(1073741824, "<f8", 3)),
+        Field("mag", "mag", Octets(1073741824, "<f8", 3)),
+    ),
+)
+_56 = Struct(
+    "ImuSpan",
+    "ImuSpan",
+    (
+        Field("metadata", "metadata", _54),
+        Field("data", "data", _55),
+    ),
+)
+_57 = Struct(
     "JointState",
     "JointState",
     (
@@ -366,15 +392,15 @@ _54 = Struct(
         Field("acceleration", "acceleration", Real()),
     ),
 )
-_55 = Struct(
+_58 = Struct(
     "JointLimitRange",
     "JointLimitRange",
     (
-        Field("min", "min", _54),
-        Field("max", "max", _54),
+        Field("min", "min", _57),
+        Field("max", "max", _57),
     ),
 )
-_56 = Struct(
+_59 = Struct(
     "OutOfBounds",
     "OutOfBounds",
     (
@@ -384,36 +410,36 @@ _56 = Struct(
         Field("value", "value", Real()),
     ),
 )
-_57 = Struct(
+_60 = Struct(
     "JointLimits",
     "JointLimits",
     (
         Field("vector-name", "vector_name", Text(256)),
-        Field("ranges", "ranges", ListOf(_55, 1, 60, "JointLimitRange")),
+        Field("ranges", "ranges", ListOf(_58, 1, 60, "JointLimitRange")),
     ),
 )
-_58 = Struct(
+_61 = Struct(
     "Joints",
     "Joints",
     (
         Field("timestamp", "timestamp", _42),
         Field("names", "names", ListOf(Text(256), 0, 50, "T-String")),
-        Field("elements", "elements", ListOf(_54, 0, 50, "JointState")),
+        Field("elements", "elements", ListOf(_57, 0, 50, "JointState")),
     ),
 )
-_59 = Alias("JointTrajectory", "JointTrajectory", "items", ListOf(_54, 1, 60, "JointState"))
-_60 = Struct(
+_62 = Alias("JointTrajectory", "JointTrajectory", "items", ListOf(_57, 1, 60, "JointState"))
+_63 = Struct(
     "JointsTrajectory",
     "JointsTrajectory",
     (
         Field("vector-name", "vector_name", ListOf(Text(256), 1, 60, "T-String")),
         Field("timetags", "timetags", ListOf(_42, 1, 60, "Time")),
-        Field("trajectory", "trajectory", ListOf(ListOf(_54, 1, 60, "JointState"), 1, 60, "JointTrajectory")),
+        Field("trajectory", "trajectory", ListOf(ListOf(_57, 1, 60, "JointState"), 1, 60, "JointTrajectory")),
     ),
 )
-_61 = Struct("InvalidTimeStep", "InvalidTimeStep", (Field("time-step", "time_step", Integer(0, 4294967295)),))
-_62 = Struct("InvalidName", "InvalidName", (Field("nameString", "name_string", Text(256)),))
-_63 = Struct(
+_64 = Struct("InvalidTimeStep", "InvalidTimeStep", (Field("time-step", "time_step", Integer(0, 4294967295)),))
+_65 = Struct("InvalidName", "InvalidName", (Field("nameString", "name_string", Text(256)),))
+_66 = Struct(
     "Wrench",
     "Wrench",
     (
@@ -422,16 +448,16 @@ _63 = Struct(
         Field("torque", "torque", Array(Real(), ((3, 3),), ("T-Double",))),
     ),
 )
-_64 = Struct(
+_67 = Struct(
     "Wrenches",
     "Wrenches",
     (
         Field("vector-name", "vector_name", Text(256)),
         Field("timestamp", "timestamp", _42),
-        Field("wrenches", "wrenches", ListOf(_63, 1, 60, "Wrench")),
+        Field("wrenches", "wrenches", ListOf(_66, 1, 60, "Wrench")),
     ),
 )
-_65 = Struct(
+_68 = Struct(
     "Pressure",
     "Pressure",
     (
@@ -439,8 +465,8 @@ _65 = Struct(
         Field("pascals", "pascals", Real()),
     ),
 )
-_66 = Struct("Temperature", "Temperature", (Field("kelvin", "kelvin", Real()),))
-_67 = Struct(
+_69 = Struct("Temperature", "Temperature", (Field("kelvin", "kelvin", Real()),))
+_70 = Struct(
     "IMUSensors",
     "IMUSensors",
     (
@@ -450,7 +476,7 @@ _67 = Struct(
         Field("mag", "mag", Array(Real(), ((3, 3),), ("T-Double",))),
     ),
 )
-_68 = Struct(
+_71 = Struct(
     "LandmarkMap-Metadata",
     "LandmarkMapMetadata",
     (
@@ -461,7 +487,7 @@ _68 = Struct(
         Field("descriptorType", "descriptor_type", Text(256)),
     ),
 )
-_69 = Struct(
+_72 = Struct(
     "Array3DLarge",
     "Array3D",
     (
@@ -474,7 +500,7 @@ _69 = Struct(
         Field("data", "data", Octets(1073741824, "|u1", 0)),
     ),
 )
-_70 = Struct(
+_73 = Struct(
     "LandmarkMap-Data",
     "LandmarkMapData",
     (
@@ -482,18 +508,18 @@ _70 = Struct(
         Field("positions", "positions", Octets(1073741824, "<f8", 3)),
         Field("covariances", "covariances", Octets(1073741824, "<f8", 9)),
         Field("observations", "observations", Octets(1073741824, "<u4", 0)),
-        Field("descriptors", "descriptors", _69),
+        Field("descriptors", "descriptors", _72),
     ),
 )
-_71 = Struct(
+_74 = Struct(
     "LandmarkMap",
     "LandmarkMap",
     (
-        Field("metadata", "metadata", _68),
-        Field("data", "data", _70),
+        Field("metadata", "metadata", _71),
+        Field("data", "data", _73),
     ),
 )
-_72 = Struct(
+_75 = Struct(
     "KeyFrame-Metadata",
     "KeyFrameMetadata",
     (
@@ -504,27 +530,27 @@ _72 = Struct(
         Field("descriptorType", "descriptor_type", Text(256)),
     ),
 )
-_73 = Struct(
+_76 = Struct(
     "KeyFrame-Data",
     "KeyFrameData",
     (
         Field("keypoints", "keypoints", Octets(1073741824, "<f4", 2)),
         Field("scales", "scales", Octets(1073741824, "<f4", 0)),
         Field("landmarks", "landmarks", Octets(1073741824, "<i8", 0)),
-        Field("descriptors", "descriptors", _69),
+        Field("descriptors", "descriptors", _72),
     ),
 )
-_74 = Struct(
+_77 = Struct(
     "KeyFrame",
     "KeyFrame",
     (
-        Field("metadata", "metadata", _72),
+        Field("metadata", "metadata", _75),
         Field("pose", "pose", _48),
         Field("intrinsic", "intrinsic", _45),
-        Field("data", "data", _73),
+        Field("data", "data", _76),
     ),
 )
-_75 = Struct(
+_78 = Struct(
     "FrameLarge",
     "Frame",
     (
@@ -532,21 +558,21 @@ _75 = Struct(
         Field("metadata", "metadata", _43),
         Field("intrinsic", "intrinsic", _45),
         Field("extrinsic", "extrinsic", _49),
-        Field("data", "data", _69),
+        Field("data", "data", _72),
     ),
 )
-_76 = Struct(
+_79 = Struct(
     "FramePairLarge",
     "FramePair",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("baseline", "baseline", Real()),
-        Field("left", "left", _75),
-        Field("right", "right", _75),
+        Field("left", "left", _78),
+        Field("right", "right", _78),
     ),
 )
-_77 = Alias("FramesSequenceLarge", "FramesSequence", "items", ListOf(_75, 0, 1024, "FrameLarge"))
-_78 = Struct(
+_80 = Alias("FramesSequenceLarge", "FramesSequence", "items", ListOf(_78, 0, 1024, "FrameLarge"))
+_81 = Struct(
     "CompressedFrameLarge",
     "CompressedFrame",
     (
@@ -560,7 +586,7 @@ _78 = Struct(
         Field("frame-status", "frame_status", _41),
     ),
 )
-_79 = Enumeration(
+_82 = Enumeration(
     "MapTypeT",
     (
         ("map-UNDEF", 0),
@@ -568,28 +594,28 @@ _79 = Enumeration(
         ("map-NAV", 2),
     ),
 )
-_80 = Struct(
+_83 = Struct(
     "Map-metadata-t",
     "MapMetadataT",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("timeStamp", "time_stamp", _42),
-        Field("type", "type", _79),
+        Field("type", "type", _82),
         Field("errValues", "err_values", ListOf(_38, 0, 5, "Frame-error-t")),
         Field("scale", "scale", Real()),
         Field("pose-fixedFrame-mapFrame", "pose_fixed_frame_map_frame", _48),
     ),
 )
-_81 = Struct(
+_84 = Struct(
     "MapLarge",
     "Map",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("metadata", "metadata", _80),
-        Field("data", "data", _69),
+        Field("metadata", "metadata", _83),
+        Field("data", "data", _72),
     ),
 )
-_82 = Struct(
+_85 = Struct(
     "PointCloud-DataLarge",
     "PointCloudData",
     (
@@ -598,7 +624,7 @@ _82 = Struct(
         Field("intensity", "intensity", Array(Integer(-2147483648, 2147483647), ((0, 16777216),), ("T-Int32",))),
     ),
 )
-_83 = Struct(
+_86 = Struct(
     "PointCloud-Metadata",
     "PointCloudMetadata",
     (
@@ -615,43 +641,43 @@ _83 = Struct(
         Field("pose-fixedFrame-robotFrame", "pose_fixed_frame_robot_frame", _48),
     ),
 )
-_84 = Struct(
+_87 = Struct(
     "PointcloudLarge",
     "Pointcloud",
     (
-        Field("metadata", "metadata", _83),
-        Field("data", "data", _82),
+        Field("metadata", "metadata", _86),
+        Field("data", "data", _85),
     ),
 )
-_85 = Struct(
+_88 = Struct(
     "OctreeLarge",
     "Octree",
     (
         Field("resolution", "resolution", Real()),
-        Field("pointCloud", "point_cloud", _84),
+        Field("pointCloud", "point_cloud", _87),
     ),
 )
-_86 = Alias("CorrespondenceMap2DLarge", "CorrespondenceMap2D", "items", ListOf(_22, 0, 1048576, "Correspondence2D"))
-_87 = Alias("CorrespondenceMap3DLarge", "CorrespondenceMap3D", "items", ListOf(_24, 0, 1048576, "Correspondence3D"))
-_88 = Alias(
+_89 = Alias("CorrespondenceMap2DLarge", "CorrespondenceMap2D", "items", ListOf(_22, 0, 1048576, "Correspondence2D"))
+_90 = Alias("CorrespondenceMap3DLarge", "CorrespondenceMap3D", "items", ListOf(_24, 0, 1048576, "Correspondence3D"))
+_91 = Alias(
     "CorrespondenceMaps2DSequenceLarge",
     "CorrespondenceMaps2DSequence",
     "items",
     ListOf(ListOf(_22, 0, 1048576, "Correspondence2D"), 0, 16384, "CorrespondenceMap2DLarge"),
 )
-_89 = Alias(
+_92 = Alias(
     "CorrespondenceMaps3DSequenceLarge",
     "CorrespondenceMaps3DSequence",
     "items",
     ListOf(ListOf(_24, 0, 1048576, "Correspondence3D"), 0, 16384, "CorrespondenceMap3DLarge"),
 )
-_90 = Alias(
+_93 = Alias(
     "VisualPointFeatureVector2DLarge",
     "VisualPointFeatureVector2D",
     "items",
     ListOf(_26, 0, 1048576, "VisualPointFeature2D"),
 )
-_91 = Struct(
+_94 = Struct(
     "VisualPointFeatureVector3DLarge",
     "VisualPointFeatureVector3D",
     (
@@ -660,7 +686,7 @@ _91 = Struct(
         Field("feature-type", "feature_type", _32),
     ),
 )
-_92 = Struct(
+_95 = Struct(
     "Pose",
     "Pose",
     (
@@ -668,19 +694,19 @@ _92 = Struct(
         Field("orient", "orient", Array(Real(), ((4, 4),), ("T-Double",))),
     ),
 )
-_93 = Alias("PosesSequenceLarge", "PosesSequence", "items", ListOf(_92, 0, 1048576, "Pose"))
-_94 = Alias(
+_96 = Alias("PosesSequenceLarge", "PosesSequence", "items", ListOf(_95, 0, 1048576, "Pose"))
+_97 = Alias(
     "PointSequenceLarge", "PointSequence", "values", Array(Real(), ((0, 16777216), (3, 3)), ("Point", "T-Double"))
 )
-_95 = Alias("DoubleSequenceLarge", "DoubleSequence", "values", Array(Real(), ((0, 16777216),), ("T-Double",)))
-_96 = Alias("StringSequenceLarge", "StringSequence", "items", ListOf(Text(256), 0, 65536, "T-String"))
-_97 = Alias(
+_98 = Alias("DoubleSequenceLarge", "DoubleSequence", "values", Array(Real(), ((0, 16777216),), ("T-Double",)))
+_99 = Alias("StringSequenceLarge", "StringSequence", "items", ListOf(Text(256), 0, 65536, "T-String"))
+_100 = Alias(
     "VectorXdSequenceLarge",
     "VectorXdSequence",
     "items",
     ListOf(Array(Real(), ((0, 100),), ("T-Double",)), 0, 16777216, "VectorXd"),
 )
-_98 = Struct(
+_101 = Struct(
     "PathLarge",
     "Path",
     (
@@ -689,7 +715,7 @@ _98 = Struct(
         Field("waypoints", "waypoints", ListOf(_48, 0, 1048576, "TransformWithCovariance")),
     ),
 )
-_99 = Struct(
+_102 = Struct(
     "TrajectoryLarge",
     "Trajectory",
     (
@@ -697,7 +723,7 @@ _99 = Struct(
         Field("points", "points", Array(Real(), ((1, 1048576), (3, 3)), ("Point", "T-Double"))),
     ),
 )
-_100 = Struct(
+_103 = Struct(
     "LaserScanLarge",
     "LaserScan",
     (
@@ -711,21 +737,21 @@ _100 = Struct(
         Field("remission", "remission", Array(Real(), ((1, 16777216),), ("T-Float",))),
     ),
 )
-_101 = Enumeration(
+_104 = Enumeration(
     "ProjectionType",
     (
         ("polar", 0),
         ("planar", 1),
     ),
 )
-_102 = Struct(
+_105 = Struct(
     "DepthMapLarge",
     "DepthMap",
     (
         Field("ref-time", "ref_time", _42),
         Field("timestamps", "timestamps", ListOf(_42, 1, 16777216, "Time")),
-        Field("vertical-projection", "vertical_projection", _101),
-        Field("horizontal-projection", "horizontal_projection", _101),
+        Field("vertical-projection", "vertical_projection", _104),
+        Field("horizontal-projection", "horizontal_projection", _104),
         Field("vertical-interval", "vertical_interval", Array(Real(), ((1, 16777216),), ("T-Double",))),
         Field("horizontal-interval", "horizontal_interval", Array(Real(), ((1, 16777216),), ("T-Double",))),
         Field("vertical-size", "vertical_size", Integer(0, 4294967295)),
@@ -734,7 +760,7 @@ _102 = Struct(
         Field("remissions", "remissions", Array(Real(), ((1, 16777216),), ("T-Float",))),
     ),
 )
-_103 = Struct(
+_106 = Struct(
     "DistanceImageLarge",
     "DistanceImage",
     (
@@ -748,7 +774,7 @@ _103 = Struct(
         Field("data", "data", Array(Real(), ((1, 16777216),), ("T-Float",))),
     ),
 )
-_104 = Struct(
+_107 = Struct(
     "LidarMap-Metadata",
     "LidarMapMetadata",
     (
@@ -758,7 +784,7 @@ _104 = Struct(
         Field("timeStamp", "time_stamp", _42),
     ),
 )
-_105 = Struct(
+_108 = Struct(
     "LidarMap-Clouds",
     "LidarMapClouds",
     (
@@ -766,7 +792,7 @@ _105 = Struct(
         Field("points", "points", Octets(1073741824, "<f4", 3)),
     ),
 )
-_106 = Struct(
+_109 = Struct(
     "LidarMap-Position",
     "LidarMapPosition",
     (
@@ -774,7 +800,7 @@ _106 = Struct(
         Field("poses", "poses", Octets(1073741824, "<f8", 7)),
     ),
 )
-_107 = Struct(
+_110 = Struct(
     "PoseGraph-Metadata",
     "PoseGraphMetadata",
     (
@@ -784,7 +810,7 @@ _107 = Struct(
         Field("timeStamp", "time_stamp", _42),
     ),
 )
-_108 = Struct(
+_111 = Struct(
     "PoseGraph-Vertices",
     "PoseGraphVertices",
     (
@@ -794,7 +820,7 @@ _108 = Struct(
         Field("fixed", "fixed", Octets(1073741824, "<u1", 0)),
     ),
 )
-_109 = Struct(
+_112 = Struct(
     "PoseGraph-Edges",
     "PoseGraphEdges",
     (
@@ -804,26 +830,26 @@ _109 = Struct(
         Field("kinds", "kinds", Octets(1073741824, "<u1", 0)),
     ),
 )
-_110 = Struct(
+_113 = Struct(
     "PoseGraph",
     "PoseGraph",
+    (
+        Field("metadata", "metadata", _110),
+        Field("vertices", "vertices", _111),
+        Field("edges", "edges", _112),
+    ),
+)
+_114 = Struct(
+    "LidarMap",
+    "LidarMap",
     (
         Field("metadata", "metadata", _107),
-        Field("vertices", "vertices", _108),
-        Field("edges", "edges", _109),
+        Field("graph", "graph", _113),
+        Field("clouds", "clouds", _108),
+        Field("position", "position", _109),
     ),
 )
-_111 = Struct(
-    "LidarMap",
-    "LidarMap",
-    (
-        Field("metadata", "metadata", _104),
-        Field("graph", "graph", _110),
-        Field("clouds", "clouds", _105),
-        Field("position", "position", _106),
-    ),
-)
-_112 = Struct(
+_115 = Struct(
     "LidarScan-Metadata",
     "LidarScanMetadata",
     (
@@ -834,7 +860,7 @@ _112 = Struct(
         Field("endTime", "end_time", _42),
     ),
 )
-_113 = Struct(
+_116 = Struct(
     "LidarScan-Data",
     "LidarScanData",
     (
@@ -844,24 +870,24 @@ _113 = Struct(
         Field("ring", "ring", Octets(1073741824, "<u2", 0)),
     ),
 )
-_114 = Struct(
+_117 = Struct(
     "LidarScan",
     "LidarScan",
     (
-        Field("metadata", "metadata", _112),
-        Field("data", "data", _113),
+        Field("metadata", "metadata", _115),
+        Field("data", "data", _116),
     ),
 )
-_115 = Struct(
+_118 = Struct(
     "Map",
     "Map",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("metadata", "metadata", _80),
+        Field("metadata", "metadata", _83),
         Field("data", "data", _35),
     ),
 )
-_116 = Struct(
+_119 = Struct(
     "GridMap-Metadata",
     "GridMapMetadata",
     (
@@ -876,7 +902,7 @@ _116 = Struct(
         Field("cols", "cols", Integer(0, 4294967295)),
     ),
 )
-_117 = Struct(
+_120 = Struct(
     "GridLayer",
     "GridLayer",
     (
@@ -885,23 +911,23 @@ _117 = Struct(
         Field("data", "data", Octets(1073741824, "|u1", 0)),
     ),
 )
-_118 = Struct(
+_121 = Struct(
     "ElevationMap",
     "ElevationMap",
     (
-        Field("metadata", "metadata", _116),
-        Field("layers", "layers", ListOf(_117, 0, 64, "GridLayer")),
+        Field("metadata", "metadata", _119),
+        Field("layers", "layers", ListOf(_120, 0, 64, "GridLayer")),
     ),
 )
-_119 = Struct(
+_122 = Struct(
     "NavigationMap",
     "NavigationMap",
     (
-        Field("metadata", "metadata", _116),
-        Field("layers", "layers", ListOf(_117, 0, 64, "GridLayer")),
+        Field("metadata", "metadata", _119),
+        Field("layers", "layers", ListOf(_120, 0, 64, "GridLayer")),
     ),
 )
-_120 = Struct(
+_123 = Struct(
     "Mesh-Metadata",
     "MeshMetadata",
     (
@@ -911,7 +937,7 @@ _120 = Struct(
         Field("timeStamp", "time_stamp", _42),
     ),
 )
-_121 = Struct(
+_124 = Struct(
     "Mesh-Data",
     "MeshData",
     (
@@ -921,15 +947,15 @@ _121 = Struct(
         Field("colors", "colors", Octets(1073741824, "<u1", 3)),
     ),
 )
-_122 = Struct(
+_125 = Struct(
     "Mesh",
     "Mesh",
     (
-        Field("metadata", "metadata", _120),
-        Field("data", "data", _121),
+        Field("metadata", "metadata", _123),
+        Field("data", "data", _124),
     ),
 )
-_123 = Struct(
+_126 = Struct(
     "ObjectDetection",
     "ObjectDetection",
     (
@@ -940,7 +966,7 @@ _123 = Struct(
         Field("imageBox", "image_box", Array(Real(), ((4, 4),), ("T-Double",))),
     ),
 )
-_124 = Struct(
+_127 = Struct(
     "ObjectDetections",
     "ObjectDetections",
     (
@@ -949,10 +975,10 @@ _124 = Struct(
         Field("producerId", "producer_id", Text(256)),
         Field("sensorId", "sensor_id", Text(256)),
         Field("frameId", "frame_id", Text(256)),
-        Field("detections", "detections", ListOf(_123, 0, 4096, "ObjectDetection")),
+        Field("detections", "detections", ListOf(_126, 0, 4096, "ObjectDetection")),
     ),
 )
-_125 = Enumeration(
+_128 = Enumeration(
     "ObjectTrackStatusT",
     (
         ("track-TENTATIVE", 0),
@@ -960,7 +986,7 @@ _125 = Enumeration(
         ("track-LOST", 2),
     ),
 )
-_126 = Struct(
+_129 = Struct(
     "ObjectTrack-Metadata",
     "ObjectTrackMetadata",
     (
@@ -970,12 +996,12 @@ _126 = Struct(
         Field("frameId", "frame_id", Text(256)),
         Field("trackId", "track_id", Integer(0, 4294967295)),
         Field("label", "label", Text(256)),
-        Field("status", "status", _125),
+        Field("status", "status", _128),
         Field("score", "score", Real()),
         Field("size", "size", Array(Real(), ((3, 3),), ("T-Double",))),
     ),
 )
-_127 = Struct(
+_130 = Struct(
     "ObjectTrack-Data",
     "ObjectTrackData",
     (
@@ -985,15 +1011,15 @@ _127 = Struct(
         Field("covariances", "covariances", Octets(1073741824, "<f8", 36)),
     ),
 )
-_128 = Struct(
+_131 = Struct(
     "ObjectTrack",
     "ObjectTrack",
     (
-        Field("metadata", "metadata", _126),
-        Field("data", "data", _127),
+        Field("metadata", "metadata", _129),
+        Field("data", "data", _130),
     ),
 )
-_129 = Enumeration(
+_132 = Enumeration(
     "Og2RegionKindT",
     (
         ("region-ANY", 0),
@@ -1004,16 +1030,16 @@ _129 = Enumeration(
         ("region-NEAR", 5),
     ),
 )
-_130 = Struct(
+_133 = Struct(
     "OG2-Region",
     "Og2Region",
     (
-        Field("kind", "kind", _129),
+        Field("kind", "kind", _132),
         Field("frameId", "frame_id", Text(256)),
         Field("numbers", "numbers", Array(Real(), ((0, 100),), ("T-Double",))),
     ),
 )
-_131 = Enumeration(
+_134 = Enumeration(
     "Og2DeliverT",
     (
         ("deliver-AUTO", 0),
@@ -1021,7 +1047,7 @@ _131 = Enumeration(
         ("deliver-REFERENCE", 2),
     ),
 )
-_132 = Struct(
+_135 = Struct(
     "OG2-Request",
     "Og2Request",
     (
@@ -1035,15 +1061,15 @@ _132 = Struct(
         Field("childFrameId", "child_frame_id", Text(256)),
         Field("hasTime", "has_time", Boolean()),
         Field("time", "time", _42),
-        Field("region", "region", _130),
+        Field("region", "region", _133),
         Field("maxAge", "max_age", Real()),
         Field("resolution", "resolution", Real()),
         Field("minCoverage", "min_coverage", Real()),
-        Field("deliver", "deliver", _131),
+        Field("deliver", "deliver", _134),
         Field("deadline", "deadline", Integer(0, 4294967295)),
     ),
 )
-_133 = Enumeration(
+_136 = Enumeration(
     "Og2JobStateT",
     (
         ("job-RECEIVED", 0),
@@ -1057,7 +1083,7 @@ _133 = Enumeration(
         ("job-CANCELLED", 8),
     ),
 )
-_134 = Struct(
+_137 = Struct(
     "OG2-Job",
     "Og2Job",
     (
@@ -1067,13 +1093,13 @@ _134 = Struct(
         Field("requestId", "request_id", Text(256)),
         Field("robot", "robot", Text(256)),
         Field("product", "product", Text(256)),
-        Field("state", "state", _133),
+        Field("state", "state", _136),
         Field("reason", "reason", Text(256)),
         Field("remaining", "remaining", Real()),
         Field("plan", "plan", ListOf(Text(256), 0, 256, "T-String")),
     ),
 )
-_135 = Enumeration(
+_138 = Enumeration(
     "Og2ReplyKindT",
     (
         ("reply-PROGRESS", 0),
@@ -1082,7 +1108,7 @@ _135 = Enumeration(
         ("reply-ERROR", 3),
     ),
 )
-_136 = Enumeration(
+_139 = Enumeration(
     "Og2ErrorCodeT",
     (
         ("error-NONE", 0),
@@ -1096,7 +1122,7 @@ _136 = Enumeration(
         ("error-INTERNAL", 8),
     ),
 )
-_137 = Enumeration(
+_140 = Enumeration(
     "ProductStatusT",
     (
         ("status-OK", 0),
@@ -1104,7 +1130,7 @@ _137 = Enumeration(
         ("status-FAILED", 2),
     ),
 )
-_138 = Enumeration(
+_141 = Enumeration(
     "ProductCovarianceKindT",
     (
         ("covariance-NONE", 0),
@@ -1112,7 +1138,7 @@ _138 = Enumeration(
         ("covariance-CALIBRATED", 2),
     ),
 )
-_139 = Struct(
+_142 = Struct(
     "Product-metric-t",
     "ProductMetricT",
     (
@@ -1120,17 +1146,17 @@ _139 = Struct(
         Field("value", "value", Real()),
     ),
 )
-_140 = Struct(
+_143 = Struct(
     "Product-Quality",
     "ProductQuality",
     (
-        Field("status", "status", _137),
+        Field("status", "status", _140),
         Field("reasons", "reasons", ListOf(Text(256), 0, 256, "T-String")),
-        Field("covarianceKind", "covariance_kind", _138),
-        Field("metrics", "metrics", ListOf(_139, 0, 1024, "Product-metric-t")),
+        Field("covarianceKind", "covariance_kind", _141),
+        Field("metrics", "metrics", ListOf(_142, 0, 1024, "Product-metric-t")),
     ),
 )
-_141 = Struct(
+_144 = Struct(
     "Product-Metadata",
     "ProductMetadata",
     (
@@ -1151,13 +1177,13 @@ _141 = Struct(
         Field("producerId", "producer_id", Text(256)),
         Field("configHash", "config_hash", Text(256)),
         Field("inputs", "inputs", ListOf(Text(256), 0, 65535, "T-String")),
-        Field("quality", "quality", _140),
+        Field("quality", "quality", _143),
         Field("hasBox", "has_box", Boolean()),
         Field("box", "box", Array(Real(), ((6, 6),), ("T-Double",))),
         Field("resolution", "resolution", Real()),
     ),
 )
-_142 = Struct(
+_145 = Struct(
     "OG2-Reply",
     "Og2Reply",
     (
@@ -1165,12 +1191,12 @@ _142 = Struct(
         Field("timeStamp", "time_stamp", _42),
         Field("requestId", "request_id", Text(256)),
         Field("jobId", "job_id", Text(256)),
-        Field("kind", "kind", _135),
+        Field("kind", "kind", _138),
         Field("isFinal", "is_final", Boolean()),
-        Field("errorCode", "error_code", _136),
+        Field("errorCode", "error_code", _139),
         Field("retriable", "retriable", Boolean()),
         Field("detail", "detail", Text(256)),
-        Field("metadata", "metadata", _141),
+        Field("metadata", "metadata", _144),
         Field("coverage", "coverage", Real()),
         Field("age", "age", Real()),
         Field("oldestAge", "oldest_age", Real()),
@@ -1178,7 +1204,7 @@ _142 = Struct(
         Field("payload", "payload", Octets(1073741824, "|u1", 0)),
     ),
 )
-_143 = Struct(
+_146 = Struct(
     "PointCloud-Data",
     "PointCloudData",
     (
@@ -1187,26 +1213,26 @@ _143 = Struct(
         Field("intensity", "intensity", Array(Integer(-2147483648, 2147483647), ((0, 400000),), ("T-Int32",))),
     ),
 )
-_144 = Struct(
+_147 = Struct(
     "Pointcloud",
     "Pointcloud",
     (
-        Field("metadata", "metadata", _83),
-        Field("data", "data", _143),
+        Field("metadata", "metadata", _86),
+        Field("data", "data", _146),
     ),
 )
-_145 = Struct(
+_148 = Struct(
     "Octree",
     "Octree",
     (
         Field("resolution", "resolution", Real()),
-        Field("pointCloud", "point_cloud", _144),
+        Field("pointCloud", "point_cloud", _147),
     ),
 )
-_146 = Alias("Position", "Position", "values", Array(Real(), ((3, 3),), ("T-Double",)))
-_147 = Alias("Position2D", "Position2D", "values", Array(Real(), ((2, 2),), ("T-Double",)))
-_148 = Alias("Orientation", "Orientation", "values", Array(Real(), ((4, 4),), ("T-Double",)))
-_149 = Struct(
+_149 = Alias("Position", "Position", "values", Array(Real(), ((3, 3),), ("T-Double",)))
+_150 = Alias("Position2D", "Position2D", "values", Array(Real(), ((2, 2),), ("T-Double",)))
+_151 = Alias("Orientation", "Orientation", "values", Array(Real(), ((4, 4),), ("T-Double",)))
+_152 = Struct(
     "PoseUpdateThreshold",
     "PoseUpdateThreshold",
     (
@@ -1214,7 +1240,7 @@ _149 = Struct(
         Field("angle", "angle", Real()),
     ),
 )
-_150 = Struct(
+_153 = Struct(
     "Pose2D",
     "Pose2D",
     (
@@ -1222,7 +1248,7 @@ _150 = Struct(
         Field("orientation", "orientation", Real()),
     ),
 )
-_151 = Struct(
+_154 = Struct(
     "Motion2D",
     "Motion2D",
     (
@@ -1230,7 +1256,7 @@ _151 = Struct(
         Field("rotation", "rotation", Real()),
     ),
 )
-_152 = Struct(
+_155 = Struct(
     "TwistWithCovariance-metadata",
     "TwistWithCovarianceMetadata",
     (
@@ -1238,7 +1264,7 @@ _152 = Struct(
         Field("timeStamp", "time_stamp", _42),
     ),
 )
-_153 = Struct(
+_156 = Struct(
     "TwistWithCovariance-data",
     "TwistWithCovarianceData",
     (
@@ -1247,24 +1273,24 @@ _153 = Struct(
         Field("cov", "cov", Array(Real(), ((6, 6), (6, 6)), ("SEQUENCE_OF", "T-Double"))),
     ),
 )
-_154 = Struct(
+_157 = Struct(
     "TwistWithCovariance",
     "TwistWithCovariance",
     (
-        Field("metadata", "metadata", _152),
-        Field("data", "data", _153),
+        Field("metadata", "metadata", _155),
+        Field("data", "data", _156),
     ),
 )
-_155 = Struct(
+_158 = Struct(
     "BodyState",
     "BodyState",
     (
         Field("ref-time", "ref_time", _42),
         Field("pose", "pose", _48),
-        Field("velocity", "velocity", _154),
+        Field("velocity", "velocity", _157),
     ),
 )
-_156 = Struct(
+_159 = Struct(
     "RigidBodyState",
     "RigidBodyState",
     (
@@ -1283,7 +1309,7 @@ _156 = Struct(
         ),
     ),
 )
-_157 = Struct(
+_160 = Struct(
     "RigidBodyAcceleration",
     "RigidBodyAcceleration",
     (
@@ -1292,7 +1318,7 @@ _157 = Struct(
         Field("cov-acceleration", "cov_acceleration", Array(Real(), ((3, 3), (3, 3)), ("SEQUENCE_OF", "T-Double"))),
     ),
 )
-_158 = Struct(
+_161 = Struct(
     "Waypoint",
     "Waypoint",
     (
@@ -1302,7 +1328,7 @@ _158 = Struct(
         Field("tol-heading", "tol_heading", Real()),
     ),
 )
-_159 = Struct(
+_162 = Struct(
     "Trajectory",
     "Trajectory",
     (
@@ -1310,7 +1336,7 @@ _159 = Struct(
         Field("points", "points", Array(Real(), ((1, 50), (3, 3)), ("Point", "T-Double"))),
     ),
 )
-_160 = Struct(
+_163 = Struct(
     "Path",
     "Path",
     (
@@ -1319,7 +1345,7 @@ _160 = Struct(
         Field("waypoints", "waypoints", ListOf(_48, 0, 100, "TransformWithCovariance")),
     ),
 )
-_161 = Struct(
+_164 = Struct(
     "PoseTrajectory-Metadata",
     "PoseTrajectoryMetadata",
     (
@@ -1329,7 +1355,7 @@ _161 = Struct(
         Field("childFrameId", "child_frame_id", Text(256)),
     ),
 )
-_162 = Struct(
+_165 = Struct(
     "PoseTrajectory-Data",
     "PoseTrajectoryData",
     (
@@ -1338,15 +1364,15 @@ _162 = Struct(
         Field("covariances", "covariances", Octets(1073741824, "<f8", 36)),
     ),
 )
-_163 = Struct(
+_166 = Struct(
     "PoseTrajectory",
     "PoseTrajectory",
     (
-        Field("metadata", "metadata", _161),
-        Field("data", "data", _162),
+        Field("metadata", "metadata", _164),
+        Field("data", "data", _165),
     ),
 )
-_164 = Enumeration(
+_167 = Enumeration(
     "LaserRangeErrors",
     (
         ("too-far", 0),
@@ -1357,7 +1383,7 @@ _164 = Enumeration(
         ("end-laser-range-errors", 5),
     ),
 )
-_165 = Struct(
+_168 = Struct(
     "LaserScan",
     "LaserScan",
     (
@@ -1371,7 +1397,7 @@ _165 = Struct(
         Field("remission", "remission", Array(Real(), ((1, 2000),), ("T-Float",))),
     ),
 )
-_166 = Enumeration(
+_169 = Enumeration(
     "UnitAxis",
     (
         ("unit-x", 0),
@@ -1379,7 +1405,7 @@ _166 = Enumeration(
         ("unit-z", 2),
     ),
 )
-_167 = Enumeration(
+_170 = Enumeration(
     "DepthMeasurementState",
     (
         ("valid-measurement", 0),
@@ -1388,14 +1414,14 @@ _167 = Enumeration(
         ("measurement-error", 3),
     ),
 )
-_168 = Struct(
+_171 = Struct(
     "DepthMap",
     "DepthMap",
     (
         Field("ref-time", "ref_time", _42),
         Field("timestamps", "timestamps", ListOf(_42, 1, 30000, "Time")),
-        Field("vertical-projection", "vertical_projection", _101),
-        Field("horizontal-projection", "horizontal_projection", _101),
+        Field("vertical-projection", "vertical_projection", _104),
+        Field("horizontal-projection", "horizontal_projection", _104),
         Field("vertical-interval", "vertical_interval", Array(Real(), ((1, 30000),), ("T-Double",))),
         Field("horizontal-interval", "horizontal_interval", Array(Real(), ((1, 30000),), ("T-Double",))),
         Field("vertical-size", "vertical_size", Integer(0, 4294967295)),
@@ -1404,7 +1430,7 @@ _168 = Struct(
         Field("remissions", "remissions", Array(Real(), ((1, 30000),), ("T-Float",))),
     ),
 )
-_169 = Struct(
+_172 = Struct(
     "DistanceImage",
     "DistanceImage",
     (
@@ -1418,7 +1444,7 @@ _169 = Struct(
         Field("data", "data", Array(Real(), ((1, 60),), ("T-Float",))),
     ),
 )
-_170 = Struct(
+_173 = Struct(
     "Sonar",
     "Sonar",
     (
@@ -1434,7 +1460,7 @@ _170 = Struct(
         Field("bins", "bins", Array(Real(), ((1, 60),), ("T-Float",))),
     ),
 )
-_171 = Struct(
+_174 = Struct(
     "SonarBeam",
     "SonarBeam",
     (
@@ -1447,7 +1473,7 @@ _171 = Struct(
         Field("beam", "beam", Array(Integer(0, 255), ((1, 60),), ("T-UInt8",))),
     ),
 )
-_172 = Struct(
+_175 = Struct(
     "SonarScan",
     "SonarScan",
     (
@@ -1466,37 +1492,37 @@ _172 = Struct(
         Field("polar-coordinates", "polar_coordinates", Boolean()),
     ),
 )
-_173 = Alias("FramesSequence", "FramesSequence", "items", ListOf(_50, 0, 10, "Frame"))
-_174 = Alias("PosesSequence", "PosesSequence", "items", ListOf(_92, 0, 10, "Pose"))
-_175 = Alias(
+_176 = Alias("FramesSequence", "FramesSequence", "items", ListOf(_50, 0, 10, "Frame"))
+_177 = Alias("PosesSequence", "PosesSequence", "items", ListOf(_95, 0, 10, "Pose"))
+_178 = Alias(
     "CorrespondenceMaps2DSequence",
     "CorrespondenceMaps2DSequence",
     "items",
     ListOf(ListOf(_22, 0, 1024, "Correspondence2D"), 0, 56, "CorrespondenceMap2D"),
 )
-_176 = Alias(
+_179 = Alias(
     "CorrespondenceMaps3DSequence",
     "CorrespondenceMaps3DSequence",
     "items",
     ListOf(ListOf(_24, 0, 51200, "Correspondence3D"), 0, 56, "CorrespondenceMap3D"),
 )
-_177 = Alias("PointSequence", "PointSequence", "values", Array(Real(), ((0, 327680), (3, 3)), ("Point", "T-Double")))
-_178 = Alias("DoubleSequence", "DoubleSequence", "values", Array(Real(), ((0, 327680),), ("T-Double",)))
-_179 = Alias("StringSequence", "StringSequence", "items", ListOf(Text(256), 0, 100, "T-String"))
-_180 = Alias(
+_180 = Alias("PointSequence", "PointSequence", "values", Array(Real(), ((0, 327680), (3, 3)), ("Point", "T-Double")))
+_181 = Alias("DoubleSequence", "DoubleSequence", "values", Array(Real(), ((0, 327680),), ("T-Double",)))
+_182 = Alias("StringSequence", "StringSequence", "items", ListOf(Text(256), 0, 100, "T-String"))
+_183 = Alias(
     "VectorXdSequence",
     "VectorXdSequence",
     "items",
     ListOf(Array(Real(), ((0, 100),), ("T-Double",)), 0, 327680, "VectorXd"),
 )
-_181 = Enumeration(
+_184 = Enumeration(
     "IcuStateT",
     (
         ("icu-STEADY", 0),
         ("icu-SWITCHING", 1),
     ),
 )
-_182 = Struct(
+_185 = Struct(
     "ICU-Mode",
     "IcuMode",
     (
@@ -1506,13 +1532,13 @@ _182 = Struct(
         Field("sensor", "sensor", Text(256)),
         Field("mode", "mode", Text(256)),
         Field("target", "target", Text(256)),
-        Field("state", "state", _181),
+        Field("state", "state", _184),
         Field("isOn", "is_on", Boolean()),
         Field("rate", "rate", Real()),
         Field("holder", "holder", Text(256)),
     ),
 )
-_183 = Enumeration(
+_186 = Enumeration(
     "DfpcStateT",
     (
         ("dfpc-UNCONFIGURED", 0),
@@ -1521,7 +1547,7 @@ _183 = Enumeration(
         ("dfpc-ERROR", 3),
     ),
 )
-_184 = Struct(
+_187 = Struct(
     "DFPC-Status",
     "DfpcStatus",
     (
@@ -1531,7 +1557,7 @@ _184 = Struct(
         Field("dfpc", "dfpc", Text(256)),
         Field("implementation", "implementation", Text(256)),
         Field("configHash", "config_hash", Text(256)),
-        Field("state", "state", _183),
+        Field("state", "state", _186),
         Field("samples", "samples", Integer(0, 9223372036854775807)),
         Field("outputs", "outputs", Integer(0, 9223372036854775807)),
         Field("degraded", "degraded", Integer(0, 9223372036854775807)),
@@ -1543,7 +1569,7 @@ _184 = Struct(
         Field("lastError", "last_error", Text(256)),
     ),
 )
-_185 = Struct(
+_188 = Struct(
     "Event",
     "Event",
     (
@@ -1555,7 +1581,7 @@ _185 = Struct(
         Field("body", "body", Octets(65536, "|u1", 0)),
     ),
 )
-_186 = Enumeration(
+_189 = Enumeration(
     "Resolution",
     (
         ("seconds", 0),
@@ -1610,123 +1636,126 @@ MESSAGES: dict[str, Message] = {
     "Frame": _50,
     "FramePair": _51,
     "CompressedFrame": _53,
-    "JointState": _54,
-    "JointLimitRange": _55,
-    "OutOfBounds": _56,
-    "JointLimits": _57,
-    "Joints": _58,
-    "JointTrajectory": _59,
-    "JointsTrajectory": _60,
-    "InvalidTimeStep": _61,
-    "InvalidName": _62,
-    "Wrench": _63,
-    "Wrenches": _64,
-    "Pressure": _65,
-    "Temperature": _66,
-    "IMUSensors": _67,
-    "LandmarkMap-Metadata": _68,
-    "Array3DLarge": _69,
-    "LandmarkMap-Data": _70,
-    "LandmarkMap": _71,
-    "KeyFrame-Metadata": _72,
-    "KeyFrame-Data": _73,
-    "KeyFrame": _74,
-    "FrameLarge": _75,
-    "FramePairLarge": _76,
-    "FramesSequenceLarge": _77,
-    "CompressedFrameLarge": _78,
-    "Map-metadata-t": _80,
-    "MapLarge": _81,
-    "PointCloud-DataLarge": _82,
-    "PointCloud-Metadata": _83,
-    "PointcloudLarge": _84,
-    "OctreeLarge": _85,
-    "CorrespondenceMap2DLarge": _86,
-    "CorrespondenceMap3DLarge": _87,
-    "CorrespondenceMaps2DSequenceLarge": _88,
-    "CorrespondenceMaps3DSequenceLarge": _89,
-    "VisualPointFeatureVector2DLarge": _90,
-    "VisualPointFeatureVector3DLarge": _91,
-    "Pose": _92,
-    "PosesSequenceLarge": _93,
-    "PointSequenceLarge": _94,
-    "DoubleSequenceLarge": _95,
-    "StringSequenceLarge": _96,
-    "VectorXdSequenceLarge": _97,
-    "PathLarge": _98,
-    "TrajectoryLarge": _99,
-    "LaserScanLarge": _100,
-    "DepthMapLarge": _102,
-    "DistanceImageLarge": _103,
-    "LidarMap-Metadata": _104,
-    "LidarMap-Clouds": _105,
-    "LidarMap-Position": _106,
-    "PoseGraph-Metadata": _107,
-    "PoseGraph-Vertices": _108,
-    "PoseGraph-Edges": _109,
-    "PoseGraph": _110,
-    "LidarMap": _111,
-    "LidarScan-Metadata": _112,
-    "LidarScan-Data": _113,
-    "LidarScan": _114,
-    "Map": _115,
-    "GridMap-Metadata": _116,
-    "GridLayer": _117,
-    "ElevationMap": _118,
-    "NavigationMap": _119,
-    "Mesh-Metadata": _120,
-    "Mesh-Data": _121,
-    "Mesh": _122,
-    "ObjectDetection": _123,
-    "ObjectDetections": _124,
-    "ObjectTrack-Metadata": _126,
-    "ObjectTrack-Data": _127,
-    "ObjectTrack": _128,
-    "OG2-Region": _130,
-    "OG2-Request": _132,
-    "OG2-Job": _134,
-    "Product-metric-t": _139,
-    "Product-Quality": _140,
-    "Product-Metadata": _141,
-    "OG2-Reply": _142,
-    "PointCloud-Data": _143,
-    "Pointcloud": _144,
-    "Octree": _145,
-    "Position": _146,
-    "Position2D": _147,
-    "Orientation": _148,
-    "PoseUpdateThreshold": _149,
-    "Pose2D": _150,
-    "Motion2D": _151,
-    "TwistWithCovariance-metadata": _152,
-    "TwistWithCovariance-data": _153,
-    "TwistWithCovariance": _154,
-    "BodyState": _155,
-    "RigidBodyState": _156,
-    "RigidBodyAcceleration": _157,
-    "Waypoint": _158,
-    "Trajectory": _159,
-    "Path": _160,
-    "PoseTrajectory-Metadata": _161,
-    "PoseTrajectory-Data": _162,
-    "PoseTrajectory": _163,
-    "LaserScan": _165,
-    "DepthMap": _168,
-    "DistanceImage": _169,
-    "Sonar": _170,
-    "SonarBeam": _171,
-    "SonarScan": _172,
-    "FramesSequence": _173,
-    "PosesSequence": _174,
-    "CorrespondenceMaps2DSequence": _175,
-    "CorrespondenceMaps3DSequence": _176,
-    "PointSequence": _177,
-    "DoubleSequence": _178,
-    "StringSequence": _179,
-    "VectorXdSequence": _180,
-    "ICU-Mode": _182,
-    "DFPC-Status": _184,
-    "Event": _185,
+    "ImuSpan-Metadata": _54,
+    "ImuSpan-Data": _55,
+    "ImuSpan": _56,
+    "JointState": _57,
+    "JointLimitRange": _58,
+    "OutOfBounds": _59,
+    "JointLimits": _60,
+    "Joints": _61,
+    "JointTrajectory": _62,
+    "JointsTrajectory": _63,
+    "InvalidTimeStep": _64,
+    "InvalidName": _65,
+    "Wrench": _66,
+    "Wrenches": _67,
+    "Pressure": _68,
+    "Temperature": _69,
+    "IMUSensors": _70,
+    "LandmarkMap-Metadata": _71,
+    "Array3DLarge": _72,
+    "LandmarkMap-Data": _73,
+    "LandmarkMap": _74,
+    "KeyFrame-Metadata": _75,
+    "KeyFrame-Data": _76,
+    "KeyFrame": _77,
+    "FrameLarge": _78,
+    "FramePairLarge": _79,
+    "FramesSequenceLarge": _80,
+    "CompressedFrameLarge": _81,
+    "Map-metadata-t": _83,
+    "MapLarge": _84,
+    "PointCloud-DataLarge": _85,
+    "PointCloud-Metadata": _86,
+    "PointcloudLarge": _87,
+    "OctreeLarge": _88,
+    "CorrespondenceMap2DLarge": _89,
+    "CorrespondenceMap3DLarge": _90,
+    "CorrespondenceMaps2DSequenceLarge": _91,
+    "CorrespondenceMaps3DSequenceLarge": _92,
+    "VisualPointFeatureVector2DLarge": _93,
+    "VisualPointFeatureVector3DLarge": _94,
+    "Pose": _95,
+    "PosesSequenceLarge": _96,
+    "PointSequenceLarge": _97,
+    "DoubleSequenceLarge": _98,
+    "StringSequenceLarge": _99,
+    "VectorXdSequenceLarge": _100,
+    "PathLarge": _101,
+    "TrajectoryLarge": _102,
+    "LaserScanLarge": _103,
+    "DepthMapLarge": _105,
+    "DistanceImageLarge": _106,
+    "LidarMap-Metadata": _107,
+    "LidarMap-Clouds": _108,
+    "LidarMap-Position": _109,
+    "PoseGraph-Metadata": _110,
+    "PoseGraph-Vertices": _111,
+    "PoseGraph-Edges": _112,
+    "PoseGraph": _113,
+    "LidarMap": _114,
+    "LidarScan-Metadata": _115,
+    "LidarScan-Data": _116,
+    "LidarScan": _117,
+    "Map": _118,
+    "GridMap-Metadata": _119,
+    "GridLayer": _120,
+    "ElevationMap": _121,
+    "NavigationMap": _122,
+    "Mesh-Metadata": _123,
+    "Mesh-Data": _124,
+    "Mesh": _125,
+    "ObjectDetection": _126,
+    "ObjectDetections": _127,
+    "ObjectTrack-Metadata": _129,
+    "ObjectTrack-Data": _130,
+    "ObjectTrack": _131,
+    "OG2-Region": _133,
+    "OG2-Request": _135,
+    "OG2-Job": _137,
+    "Product-metric-t": _142,
+    "Product-Quality": _143,
+    "Product-Metadata": _144,
+    "OG2-Reply": _145,
+    "PointCloud-Data": _146,
+    "Pointcloud": _147,
+    "Octree": _148,
+    "Position": _149,
+    "Position2D": _150,
+    "Orientation": _151,
+    "PoseUpdateThreshold": _152,
+    "Pose2D": _153,
+    "Motion2D": _154,
+    "TwistWithCovariance-metadata": _155,
+    "TwistWithCovariance-data": _156,
+    "TwistWithCovariance": _157,
+    "BodyState": _158,
+    "RigidBodyState": _159,
+    "RigidBodyAcceleration": _160,
+    "Waypoint": _161,
+    "Trajectory": _162,
+    "Path": _163,
+    "PoseTrajectory-Metadata": _164,
+    "PoseTrajectory-Data": _165,
+    "PoseTrajectory": _166,
+    "LaserScan": _168,
+    "DepthMap": _171,
+    "DistanceImage": _172,
+    "Sonar": _173,
+    "SonarBeam": _174,
+    "SonarScan": _175,
+    "FramesSequence": _176,
+    "PosesSequence": _177,
+    "CorrespondenceMaps2DSequence": _178,
+    "CorrespondenceMaps3DSequence": _179,
+    "PointSequence": _180,
+    "DoubleSequence": _181,
+    "StringSequence": _182,
+    "VectorXdSequence": _183,
+    "ICU-Mode": _185,
+    "DFPC-Status": _187,
+    "Event": _188,
 }
 
 #: ASN.1 name -> that of the sibling with room for more.

@@ -283,13 +283,94 @@ class Robot(StrictModel):
 _NO_SENSOR = Sensor(kind="other", frame="none", streams={})
 
 
-class Body(StrictModel):
-    """The body that the site lies on, and where; absent where the site is not anchored."""
+class SiteAnchor(StrictModel):
+    """Where a site lies on the body.
 
-    name: str = "mars"
+    Longitude east positive, latitude as the body's CRS has it, metres above its surface; ``azimuth_deg`` is the bearing
+    of the site's y axis, clockwise from north. ``sigma_m`` and ``sigma_deg`` are one standard deviation per axis.
+    """
+
+    lon_deg: Annotated[float, Field(ge=-360, le=360)]
+    lat_deg: Annotated[float, Field(ge=-90, le=90)]
+    height_m: float = 0.0
+    azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+    sigma_m: Annotated[float, Field(ge=0)] = 0.0
+    sigma_deg: Annotated[float, Field(ge=0)] = 0.0
+
+
+class Body(StrictModel):
+    """The body that the site lies on, and where; without longitude and latitude the site is not anchored.
+
+    Attributes
+    ----------
+    name : str
+        Of the IAU's bodies or of our registry (``cdff dpm bodies``), or one of its own with ``crs`` or ``radii_m``.
+    kind : str
+        Of a body of its own: planet, moon, asteroid, comet, …
+    crs : str or None
+        Geographic CRS in place of the registry's: ``authority:code``, WKT2 or PROJJSON.
+    radii_m : tuple of 3 float, or None
+        Semi-axes of a body of its own, metres.
+    sites : mapping of frame to SiteAnchor
+        Further sites beside ``site``.
+    """
+
+    name: Name = "mars"
+    kind: str = "planet"
     crs: str | None = None
-    site_lon_deg: float | None = None
-    site_lat_deg: float | None = None
+    radii_m: Vector3 | None = None
+    site_lon_deg: Annotated[float, Field(ge=-360, le=360)] | None = None
+    site_lat_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
+    site_height_m: float = 0.0
+    site_azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+    sites: dict[FrameId, SiteAnchor] = {}
+
+    @model_validator(mode="after")
+    def _both_or_none(self) -> Body:
+        if (self.site_lon_deg is None) != (self.site_lat_deg is None):
+            raise ValueError("site_lon_deg and site_lat_deg go together: give both, or neither")
+        if self.site_lon_deg is not None and "site" in self.sites:
+            raise ValueError("site is anchored twice: by site_lon_deg and among sites")
+        return self
+
+    @property
+    def anchors(self) -> dict[str, SiteAnchor]:
+        """Every site that is anchored, by frame."""
+        if self.site_lon_deg is None or self.site_lat_deg is None:
+            return dict(self.sites)
+        site = SiteAnchor(
+            lon_deg=self.site_lon_deg, lat_deg=self.site_lat_deg, height_m=self.site_height_m,
+            azimuth_deg=self.site_azimuth_deg,
+        )  # fmt: skip
+        return {"site": site, **self.sites}
+
+
+class History(StrictModel):
+    """Pre-processed sensor data that the DPM keeps: of which streams, how densely, and for how long.
+
+    Attributes
+    ----------
+    robot : str or None
+        None for every robot that has the stream.
+    sensor, stream : str
+        As in the robot's ``sensors``.
+    every_n : int
+        Each n-th sample.
+    every_s : float
+        At least so many seconds of capture time apart.
+    span_s : float
+        Inertial samples are kept as spans of so many seconds; of other types one by one.
+    keep_s : float or None
+        How long, seconds of mission time; None for ever.
+    """
+
+    robot: RobotId | None = None
+    sensor: Name
+    stream: Name
+    every_n: Annotated[int, Field(ge=1)] = 1
+    every_s: Annotated[float, Field(ge=0)] = 0.0
+    span_s: Annotated[float, Field(gt=0, le=3600)] = 10.0
+    keep_s: Annotated[float, Field(gt=0)] | None = None
 
 
 class Retention(StrictModel):
@@ -326,6 +407,7 @@ class Profile(StrictModel):
     body: Body = Body()
     robots: Annotated[tuple[Robot, ...], Field(min_length=1)]
     retention: tuple[Retention, ...] = ()
+    history: tuple[History, ...] = ()
     threads_per_process: Annotated[int, Field(ge=1, le=64)] = 1
 
     @model_validator(mode="after")
@@ -333,6 +415,14 @@ class Profile(StrictModel):
         ids = [r.id for r in self.robots]
         if len(set(ids)) != len(ids):
             raise ValueError(f"a robot is named twice: {ids}")
+        return self
+
+    @model_validator(mode="after")
+    def _history_is_of_streams_that_are_there(self) -> Profile:
+        for policy in self.history:
+            of = [r for r in self.robots if policy.robot in (None, r.id)]
+            if not any(policy.stream in r.sensors.get(policy.sensor, _NO_SENSOR).streams for r in of):
+                raise ValueError(f"history of {policy.sensor}/{policy.stream}: no such stream of its robots")
         return self
 
     def robot(self, robot_id: str) -> Robot:

@@ -62,6 +62,7 @@ from cdff_common.types.frame import (
     FramePixelModelT,
     FrameStatusT,
 )
+from cdff_common.types.imu_span import ImuSpan, ImuSpanData, ImuSpanMetadata
 from cdff_common.types.joints import (
     IMUSensors,
     InvalidName,
@@ -211,6 +212,9 @@ __all__ = [
     "IMUSensors",
     "IcuMode",
     "IcuStateT",
+    "ImuSpan",
+    "ImuSpanData",
+    "ImuSpanMetadata",
     "InvalidName",
     "InvalidTimeStep",
     "Isometry3d",

@@ -10,11 +10,13 @@ import threading
 from collections.abc import Sequence
 
 from cdff_common.bus import Bus
+from cdff_common.geodesy import Anchor, Body, body
 from cdff_common.interfaces.profile import Profile, load_profile
 from cdff_common.process import run_service
 from dpm_store import Store, open_store
 from dpm_store.room import RESERVE_BYTES
 from services.dpm.operations import Dpm
+from services.dpm.recorder import Recorder, rules_of_history
 from services.dpm.retention import rules_of
 from services.dpm.service import serve
 from services.dpm.settings import Settings, parse_settings
@@ -45,12 +47,15 @@ def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
             dpm = Dpm(store, settings.max_body_bytes)
             watch = Watch(bus, dpm)
             with HttpServer(Context(dpm, settings, bus, watch, profile)):
-                serve(bus, dpm, served_robots(profile, store), rules_of(profile))
+                serve(bus, dpm, served_robots(profile, store), rules_of(profile) + rules_of_history(profile))
+                recorder = None if profile is None else Recorder(bus, dpm, profile)
                 logger.info("serving", extra=_where(settings, store))
                 warming = threading.Thread(target=_warm, name="warm", daemon=True)
                 warming.start()
                 stop.wait()
             bus.close()  # before the store: nothing may ask a store that is closed
+            if recorder is not None:
+                recorder.flush()
     if warming.is_alive():  # a compiler cannot be interrupted, and everything that must be closed is
         logging.shutdown()
         os._exit(0)
@@ -64,14 +69,34 @@ def served_robots(profile: Profile | None, store: Store) -> tuple[str, ...]:
 
 
 def anchor(store: Store, profile: Profile) -> None:
-    """Enter the fixed frames of a profile; one that the store has already, corrected or not, is left alone."""
+    """Enter a profile's robots, fixed frames and anchored sites; a frame that the store has already, corrected or not,
+    is left alone.
+    """
     known = {revision.frame for revision in store.frames.current()}
+    for frame, site in profile.body.anchors.items():
+        if frame not in known:
+            place = Anchor(body_of(profile), site.lon_deg, site.lat_deg, site.height_m, site.azimuth_deg)
+            store.places.anchor(
+                frame, place, sigma_m=site.sigma_m, sigma_deg=site.sigma_deg, producer=f"profile/{profile.name}"
+            )
     for robot in profile.robots:
+        described = robot.model_dump(mode="json", include={"sensors", "limits"})
+        described["dfpcs"] = [entry.name for entry in robot.dfpcs]
+        store.robots.describe(robot.id, robot.doc, described)
         graph = robot.frame_graph()
         for frame in graph.frames:
             parent = graph.parent_of(frame)
             if parent is not None and frame not in known:
                 store.frames.set(frame, parent, graph.lookup(parent, frame, 0), producer=f"profile/{profile.name}")
+
+
+def body_of(profile: Profile) -> Body:
+    """The body of a profile: of the registry, unless the profile says what it is."""
+    b = profile.body
+    if b.crs is None and b.radii_m is None:
+        return body(b.name)
+    radii = None if b.radii_m is None else list(b.radii_m)
+    return Body.from_dict({"name": b.name, "kind": b.kind, "crs": b.crs, "radii_m": radii, "source": profile.name})
 
 
 def _warm() -> None:

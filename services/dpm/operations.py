@@ -81,6 +81,8 @@ class Dpm:
         self._frames = FrameNames(store)
         self.tiles = Tiles(store)
         self._listeners: list[Callable[[Event], None]] = []
+        #: What others of this process count, told with the status.
+        self.counted: dict[str, Callable[[], Mapping[str, int]]] = {}
         self._told = store.events.last_ordinal()
         self.counters = {
             "inserted": 0,
@@ -410,6 +412,7 @@ class Dpm:
             "payloads": s.payloads, "stored_bytes": s.stored_bytes, "free_bytes": s.free_bytes,
             "bytes_by_robot": bytes_by_robot, "newest_t1_ns": s.newest_t1_ns,
             "events": s.events, "now_ns": self.clock.now_ns(), "counters": dict(self.counters),
+            **{name: dict(counts()) for name, counts in self.counted.items()},
         }  # fmt: skip
 
     def payload(self, product_id: str, offset: int = 0, length: int | None = None) -> tuple[ProductRecord, bytes]:

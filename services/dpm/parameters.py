@@ -34,6 +34,7 @@ PRODUCT_TYPES: dict[str, str | None] = {
     "dem": "ElevationMap", "navigation_map": "NavigationMap", "image": "Frame", "disparity": "Frame",
     "pose_graph": "PoseGraph", "detections": None, "track": None, "mesh": None, "feature_matches": None,
     "landmarks": None,
+    "scan": "LidarScan", "image_pair": "FramePair", "imu_span": "ImuSpan", "sample": None,  # kept from sensors
     "delivery": None,  # derived for one request by the orchestrator, fetched by id
 }  # fmt: skip
 SEARCH = frozenset(

@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 
+from cdff_common.clock import ManualClock
 from cdff_common.codecs import encode
-from cdff_common.errors import CodecError, ExtrapolationError, FrameNotFoundError, InputError
+from cdff_common.errors import CodecError, ExtrapolationError, FrameNotFoundError, InputError, StorageError
+from cdff_common.geodesy import Anchor, body
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.types import TransformWithCovariance
 from dpm_store import Store
+from dpm_store.frames import Known
 from dpm_store.poses import EXTRAPOLATION_LIMIT_NS
 
 from .conftest import header, put
@@ -110,3 +113,60 @@ def test_a_pose_that_cannot_be_decoded_is_not_stored(store: Store) -> None:
     with pytest.raises(CodecError):
         put(store, header(0, child="mana/base"), b"\xff\xff", **POSE)
     assert store.statistics().count == 0
+
+
+@pytest.mark.req("CDFF-SUP-085")
+def test_robots_of_two_sites_see_each_other_through_the_body_they_stand_on(store: Store) -> None:
+    mars = body("mars")
+    degree_m = np.deg2rad(1.0) * mars.axes_m[0]
+    store.places.anchor("site", Anchor(mars, 77.5, 18.4), sigma_m=1.0)
+    first = store.places.anchor("site_b", Anchor(mars, 77.5, 18.4 + 200.0 / degree_m), sigma_m=1.0)
+    insert(store, 0, pose(0.0))
+    insert(store, 2, pose(4.0))
+    insert(store, 0, pose(10.0), child="minnie/base", parent="site_b", robot="minnie")
+    insert(store, 2, pose(12.0), child="minnie/base", parent="site_b", robot="minnie")
+    T = store.poses.at(1 * S, "mana/base", "minnie/base")
+    assert T.matrix[:2, 3] == pytest.approx([11.0 - 2.0, 200.0], abs=0.02)
+    assert T.covariance is not None
+    assert np.diag(T.covariance)[:2] == pytest.approx([2 * 0.04 + 2.0, 2 * 0.04 + 2.0], abs=0.01 + 0.04 * 200**2)
+    # the second site was surveyed wrongly: its robot moves by one revision, and the answer before can be had again
+    store.places.anchor("site_b", Anchor(mars, 77.5, 18.4 + 300.0 / degree_m), sigma_m=1.0)
+    assert store.poses.at(1 * S, "mana/base", "minnie/base").matrix[1, 3] == pytest.approx(300.0, abs=0.02)
+    again = store.poses.at(1 * S, "mana/base", "minnie/base", known=Known(state=first.state))
+    assert np.array_equal(again.matrix, T.matrix)
+
+
+@pytest.mark.req("CDFF-SUP-081", "CDFF-SUP-085")
+def test_what_was_known_of_a_pose_then_can_be_asked_after_it_was_replaced(store: Store, clock: ManualClock) -> None:
+    insert(store, 0, pose(0.0))
+    wrong = insert(store, 2, pose(2.0))
+    then_ns = clock.now_ns()
+    clock.set_ns(then_ns + S)
+    store.delete(wrong)
+    insert(store, 3, pose(9.0))
+    assert store.poses.at(2 * S, "site", "mana/base").matrix[0, 3] == pytest.approx(6.0)
+    assert store.poses.at(2 * S, "site", "mana/base", known=Known(then_ns)).matrix[0, 3] == 2.0
+    assert store.poses.newest_ns("mana/base", known=Known(then_ns)) == 2 * S
+    with pytest.raises(ExtrapolationError):
+        store.poses.at(3 * S, "site", "mana/base", known=Known(then_ns))
+    assert [p.stamp_ns for p in store.poses.trajectory("mana", known=Known(then_ns))] == [0, 2 * S]
+
+
+def test_a_series_is_seen_in_any_frame_that_fixed_edges_join(store: Store) -> None:
+    store.frames.set("site_b", "site", pose(100.0))
+    insert(store, 0, pose(1.0), parent="site_b")
+    insert(store, 1, pose(2.0))
+    insert(store, 2, pose(3.0), parent="nowhere")
+    assert [p.pose.matrix[0, 3] for p in store.poses.series("mana", frame="site")] == [101.0, 2.0]
+
+
+@pytest.mark.req("CDFF-SUP-081")
+def test_a_frame_revision_and_its_event_are_one(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_arguments: object, **_fields: object) -> None:
+        raise StorageError("no space left")
+
+    monkeypatch.setattr(type(store.events), "append_in", fails)
+    with pytest.raises(StorageError):
+        store.frames.set("mana/odom", "site", pose(1.0))
+    assert store.frames.current() == ()
+    assert store.frames.state() == 0
