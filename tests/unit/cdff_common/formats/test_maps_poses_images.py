@@ -178,7 +178,9 @@ def test_every_type_can_be_written_in_each_of_its_formats(dem: ElevationMap, pos
         Pointcloud.from_points(np.ones((5, 3)), frame="site", stamp_ns=0, intensity=np.arange(5, dtype=np.int32)),
         PoseTrajectory.from_arrays(np.array([1000]), T, None, parent="site", child="mana/base"),
         Frame.from_image(np.zeros((4, 6), np.uint8), stamp_ns=0),
-        PoseGraph.from_arrays([0], [0], T, np.zeros((0, 2)), np.zeros((0, 4, 4)), np.zeros((0, 6, 6)), [], frame="site"),
+        PoseGraph.from_arrays(
+            [0], [0], T, np.zeros((0, 2)), np.zeros((0, 4, 4)), np.zeros((0, 6, 6)), [], frame="site"
+        ),
     ]
     assert {type(v).__name__ for v in values} == set(FORMATS)
     for value in values:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from cdff_common import cli
-from dpm_store.products import INLINE_BYTES
+from dpm_store.insertion import INLINE_BYTES
 from services.dpm.commands import register
 from services.dpm.operations import Dpm
 
