@@ -13,7 +13,7 @@ from cdff_common.errors import InputError, RefusedError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.registry import Registry
 from cdff_core.dfns.place_search._interface import PlaceSearchInputs
-from tests.hills import Hills
+from tests.mapped_hills import Hills
 
 
 def searched(ground: np.ndarray, scan: np.ndarray, **config: object) -> Any:

@@ -17,7 +17,7 @@ from cdff_common.interfaces.product import CovarianceKind, Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.raster.geometry import GridGeometry
 from cdff_common.types import ElevationMap, LidarMap, LidarScan, Pointcloud, PoseGraph, TransformWithCovariance
-from tests.hills import HALF_M, Hills
+from tests.mapped_hills import HALF_M, Hills
 
 HILLS = Hills(3)
 STEP_NS = 500_000_000
