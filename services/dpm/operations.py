@@ -33,6 +33,7 @@ from services.dpm.changes import told
 from services.dpm.checks import FrameNames, check_header, check_value, whole_number
 from services.dpm.convert import Converted, convert
 from services.dpm.parameters import (
+    GROUND,
     PRODUCT_TYPES,
     CloudRequest,
     ProfileRequest,
@@ -200,6 +201,7 @@ class Dpm:
         """What the rules let go; with ``apply`` it is deleted and its payloads are collected."""
         if not apply:
             return self.store.retention.plan(rules)
+        check_robot(GROUND)
         plan = self.store.retention.apply(rules)
         self._tell()
         self.store.collect()
@@ -337,6 +339,8 @@ class Dpm:
 
     def define_body(self, body: Mapping[str, Any], producer: str = "") -> dict[str, Any]:
         """Enter a body that no authority lists, or a new revision of one; see ``Body.from_dict``."""
+        check_robot("ground")
+        check_robot(GROUND)
         new = Body.from_dict(body)
         revision = self.store.places.define(new, producer)
         self._tell()

@@ -40,7 +40,9 @@ from services.dpm.retention import retention
 
 logger = logging.getLogger(__name__)
 
-_WRITES = frozenset({"put", "put_all", "update", "delete", "frames", "retention"})
+#: Verbs that change something: with a body, or by themselves.
+_WRITES = frozenset({"put", "put_all", "update", "frames", "bodies", "place", "transact"})
+_WRITES_BARE = frozenset({"delete", "purge", "retention"})
 _WORKERS = {"put": 4, "get": 4, "search": 4}
 _GET = SEARCH | {
     "id", "format", "as", "deliver", "resolution_m", "max_age_s", "newest_after", "min_coverage", "choice",
@@ -99,7 +101,7 @@ def _as_scope(
         with acting(who):
             return handler(dpm, request)
     except CdffError as error:
-        if verb in _WRITES and (request.payload or verb in ("delete", "retention")):
+        if verb in _WRITES_BARE or (verb in _WRITES and request.payload):
             refusals.enter(who, f"dpm/@rpc/{verb}", rpc_code(error)[0], str(error))
         raise
 

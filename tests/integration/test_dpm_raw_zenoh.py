@@ -207,6 +207,10 @@ def test_a_robots_keys_write_only_what_is_the_robots(outsider: Outsider) -> None
     said = outsider.ask("cdff/@v1/minnie/dpm/@rpc/frames", payload=msgpack.packb(revision))
     assert said.error is not None
     assert said.error["code"] == "DENIED"
+    for verb, given in (("bodies", {"name": "rock", "kind": "asteroid"}), ("place?frame=site", {"body": "mars"})):
+        said = outsider.ask(f"cdff/@v1/minnie/dpm/@rpc/{verb}", payload=msgpack.packb(given))
+        assert said.error is not None
+        assert said.error["code"] == "DENIED"
     refused = msgpack.unpackb(outsider.ask("cdff/@v1/ground/dpm/@rpc/history?kind=refused;scope=minnie").payload)
     assert {item["by"] for item in refused["items"]} == {"zenoh/robot/minnie"}
     assert "DENIED" in {item["status"] for item in refused["items"]}
