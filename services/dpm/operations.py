@@ -339,7 +339,6 @@ class Dpm:
 
     def define_body(self, body: Mapping[str, Any], producer: str = "") -> dict[str, Any]:
         """Enter a body that no authority lists, or a new revision of one; see ``Body.from_dict``."""
-        check_robot("ground")
         check_robot(GROUND)
         new = Body.from_dict(body)
         revision = self.store.places.define(new, producer)
