@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff replay LOG --dfpc NAME``."""
+"""``cdff replay LOG --dfpc NAME``, and ``cdff replay LOG --requests FILE`` for a whole mission."""
 
 from __future__ import annotations
 
@@ -16,9 +16,14 @@ if TYPE_CHECKING:
 
 def register(nouns: Any) -> None:
     """Add ``cdff replay``."""
-    parser = nouns.add_parser("replay", help="replay a log through a DFPC, without middleware, repeatably")
+    parser = nouns.add_parser("replay", help="replay a log through a DFPC or a mission, without middleware, repeatably")
     parser.add_argument("log", help="a log file, a folder, a _*.msg pattern, or a KITTI folder")
-    parser.add_argument("--dfpc", required=True)
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("--dfpc", help="one DFPC, fed with everything that it takes")
+    what.add_argument(
+        "--requests", metavar="FILE", help="a mission: YAML of requests that switch the profile's DFPCs on"
+    )
+    parser.add_argument("--store", metavar="DIR", help="with --requests: keep the products in this DPM's directory")
     parser.add_argument("--implementation")
     parser.add_argument("--config", help="YAML file with the DFPC's parameters")
     parser.add_argument("--profile", help="take frames, limits, wiring and parameters from this profile")
@@ -38,7 +43,34 @@ def run(args: argparse.Namespace) -> int:
     from cdff_dev.logs import open_log
 
     with closing(open_log(args.log)) as log:
-        return _replay(args, log)
+        return _replay(args, log) if args.dfpc else _mission(args, log)
+
+
+def _mission(args: argparse.Namespace, log: LogSource) -> int:
+    from cdff_common.errors import InputError
+    from cdff_common.interfaces.profile import load_profile
+    from cdff_dev.replay.mission import replay_mission
+
+    needed = [f"--{name}" for name in ("profile", "out") if getattr(args, name) is None]
+    alone = [f"--{n}" for n in ("implementation", "config", "robot", "seed") if getattr(args, n) is not None]
+    if needed or alone or args.map or args.speed != "max":
+        wrong = f"{needed[0]} is missing" if needed else f"{[*alone, '--map or --speed'][0]} is for --dfpc"
+        raise InputError(f"--requests: {wrong}; a mission takes --profile FILE --out DIR [--store DIR]")
+    store = Path(args.store) if args.store else None
+    told = replay_mission(log, load_profile(args.profile), Path(args.requests), Path(args.out), store)
+    if args.json:
+        print(json.dumps(told, sort_keys=True))
+    else:
+        for answer in told["answers"]:
+            asked = answer["asked"]
+            how = answer.get("detail") or ", ".join(answer["delivered"]["differences"]) or "as asked"
+            print(f"{answer['at_s']:8.1f} s  {asked['type']} of {asked['robot']}: {answer['answer']} ({how})")
+        print(
+            f"{told['mission']}: {told['samples']} samples, {told['gated']} held back by their sensors' modes, "
+            f"{told['stored']} products stored, {told['answered']} of {told['requests']} requests answered, "
+            f"{told['cpu_s']:.2f} s CPU"
+        )
+    return 0
 
 
 def _replay(args: argparse.Namespace, log: LogSource) -> int:

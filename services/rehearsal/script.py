@@ -1,0 +1,83 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The script of a replayed mission: what is asked for, and when."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cdff_common.bus import keys
+from cdff_common.clock import NS_PER_S
+from cdff_common.errors import InputError
+from cdff_common.interfaces.yaml_file import read_mapping
+from cdff_core.orchestration.request import ProductRequest, parse_request
+
+_HELP = "expected `requests: [{at_s: 5.0, type: dem, robot: mana, …}]`, parameters as of contract §5"
+
+
+@dataclass(frozen=True, slots=True)
+class ScriptedRequest:
+    """A request, its parameters as they are sent, and when: mission time."""
+
+    at_ns: int
+    request: ProductRequest
+    parameters: Mapping[str, str]
+
+
+def read_script(path: Path, start_ns: int) -> list[ScriptedRequest]:
+    """Read a YAML file of requests.
+
+    Parameters
+    ----------
+    path : Path
+        ``requests`` is a list; each entry has ``at_s``, seconds after the log's first sample, and the parameters of a
+        request as an autonomy framework would send them. ``request`` is made up where it is left out.
+    start_ns : int
+        Stamp of the log's first sample.
+
+    Returns
+    -------
+    list of ScriptedRequest
+        In the order of their times; of equal ones in the file's.
+
+    Raises
+    ------
+    InputError
+        If an entry is malformed; the message names it.
+    """
+    document = read_mapping(path)
+    entries = document.get("requests")
+    if not isinstance(entries, list) or not entries or set(document) != {"requests"}:
+        raise InputError(f"{path}: {_HELP}")
+    script = [_entry(path, number, entry, start_ns) for number, entry in enumerate(entries, 1)]
+    names = [s.request.id for s in script]
+    repeated = {name for name in names if names.count(name) > 1}
+    if repeated:
+        raise InputError(f"{path}: request {sorted(repeated)[0]!r} is there twice; give each its own name")
+    return sorted(script, key=lambda s: s.at_ns)
+
+
+def _entry(path: Path, number: int, entry: Any, start_ns: int) -> ScriptedRequest:
+    where = f"{path}: request {number}"
+    if not isinstance(entry, Mapping):
+        raise InputError(f"{where} is a {type(entry).__name__}; {_HELP}")
+    at_s = entry.get("at_s")
+    if isinstance(at_s, bool) or not isinstance(at_s, int | float) or not 0 <= at_s < 1e7:
+        raise InputError(f"{where}: at_s={at_s!r}, expected seconds after the log's first sample, 0 or more")
+    wishes = {name: _text(value) for name, value in entry.items() if name != "at_s"}
+    try:
+        wishes = {"request": f"request-{number}", **wishes}
+        request = parse_request(wishes, keys.GROUND)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+    if request.every_s is not None or request.explain:
+        raise InputError(f"{where}: a script's requests are answered once; leave every_s and explain out")
+    return ScriptedRequest(start_ns + round(at_s * NS_PER_S), request, wishes)
+
+
+def _text(value: Any) -> str:
+    """A value of the file as the parameter that it stands for."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
