@@ -19,7 +19,7 @@ from cdff_common.interfaces.dfpc import Dfpc, Sample
 from cdff_common.interfaces.product import Product, Quality, product_id
 from cdff_common.output import make_folder, write_file
 from cdff_core.runtime import Runner
-from cdff_dev.logs import LogReader, LogSample, LogWriter
+from cdff_dev.logs import LogSample, LogSource, LogWriter
 
 
 @dataclass(slots=True)
@@ -39,7 +39,7 @@ class PoseLines:
         self.lines.append(f"{stamp_ns // 1_000_000_000}.{stamp_ns % 1_000_000_000 // 1000:06d} {values}")
 
 
-def samples_of(log: LogReader, wired: Mapping[str, str], robot: str) -> Iterator[Sample]:
+def samples_of(log: LogSource, wired: Mapping[str, str], robot: str) -> Iterator[Sample]:
     """Yield the log's samples as samples of ports, in (stamp_ns, port, seq) order."""
     port_of = {stream: port for port, stream in wired.items()}
 
