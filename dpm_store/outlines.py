@@ -29,7 +29,10 @@ def corners_of(boxes_m: FloatArray) -> FloatArray:
 
 
 def touches(region: Region, boxes_m: FloatArray, T_region_boxes: FloatArray) -> NDArray[np.bool_]:
-    """Tell which boxes ``(n, 6)`` touch the region: outline in the plane, and height where the region has one."""
+    """Tell which boxes ``(n, 6)`` touch the region: outline in the plane, and height where the region has one.
+
+    Of a box in space, turned against the others, nothing separates them along an axis of either.
+    """
     if region.kind in _UPRIGHT and np.array_equal(T_region_boxes[:3, :3], _UNTURNED):  # most often by far
         low, high = boxes_m[:, :3] + T_region_boxes[:3, 3], boxes_m[:, 3:] + T_region_boxes[:3, 3]
     else:
@@ -44,6 +47,9 @@ def touches(region: Region, boxes_m: FloatArray, T_region_boxes: FloatArray) -> 
     if aligned and region.kind == "circle":
         cx, cy, r = region.values
         return np.asarray(near & (_distance_to_boxes(low, high, (cx, cy)) <= r))
+    if region.kind == "box":  # and the other way round: the region, seen along the boxes' own axes
+        seen = (corners_of(np.array([region.box_m]))[0] - T_region_boxes[:3, 3]) @ T_region_boxes[:3, :3]
+        near &= (boxes_m[:, :3] <= seen.max(axis=0)).all(axis=1) & (boxes_m[:, 3:] >= seen.min(axis=0)).all(axis=1)
     indices = np.flatnonzero(near)
     if len(indices):
         near[indices] = _touching(region, _hulls(corners[indices, :, :2]))

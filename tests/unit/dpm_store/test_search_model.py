@@ -219,6 +219,11 @@ def _is_inside(world: World, known: Known, query: Query) -> bool:
         _, heights = _outline(Known(replace(known.header, footprint_m=None), "", "", "", 0, 0), T)
         if heights.min() > query.region.values[5] or heights.max() < query.region.values[2]:
             return False
+        v = query.region.values
+        turned = np.array([[x, y, z, 1] for x in v[0::3] for y in v[1::3] for z in v[2::3]]) @ np.linalg.inv(T).T
+        box = np.array(known.header.box_m)
+        if (turned[:, :3].max(axis=0) < box[:3]).any() or (turned[:, :3].min(axis=0) > box[3:]).any():
+            return False
     return bool(outline.distance(shape) <= reach)
 
 
