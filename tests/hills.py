@@ -1,55 +1,84 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ground to be localised on: hills of many wavelengths, the same for one seed, and what a lidar sees of it."""
+"""Hilly ground without end, and the sweeps of a lidar that drives on it; nothing hides anything."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.geometry import se3
+from cdff_common.types import LidarScan
 
-Array = NDArray[np.float64]
+Float = NDArray[np.float64]
+Ground = Callable[[Float, Float], Float]
 
-HALF_M = 40.0
-LIDAR_M = 1.2
+#: Ground ranges of the rings, metres.
+RINGS_M = np.geomspace(1.2, 22.0, 40)
+COLUMNS = 240
+HEIGHT_M = 1.2
 
 
-class Hills:
-    """A sum of waves of 2 to 30 m; ``relief`` scales it."""
+def hills(seed: int = 0) -> Ground:
+    """Heights of waves of 3 to 25 m length in all directions, metres."""
+    rng = np.random.default_rng(seed)
+    length, turn, phase = rng.uniform(3.0, 25.0, 24), rng.uniform(0, 2 * np.pi, 24), rng.uniform(0, 2 * np.pi, 24)
+    kx, ky = 2 * np.pi / length * np.cos(turn), 2 * np.pi / length * np.sin(turn)
 
-    def __init__(self, seed: int = 0, relief: float = 1.0) -> None:
-        rng = np.random.default_rng(seed)
-        length = np.exp(rng.uniform(np.log(2.0), np.log(30.0), 60))
-        angle = rng.uniform(0, 2 * np.pi, 60)
-        self._k = 2 * np.pi / length[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-        self._phase = rng.uniform(0, 2 * np.pi, 60)
-        self._height = relief * 0.006 * length
+    def height(x: Float, y: Float) -> Float:
+        waves = np.sin(np.multiply.outer(x, kx) + np.multiply.outer(y, ky) + phase)
+        return np.asarray(waves @ (0.008 * length))
 
-    def height(self, xy: Array) -> Array:
-        return np.cos(xy @ self._k.T + self._phase) @ self._height
+    return height
 
-    def map(self, rng: np.random.Generator, spacing_m: float = 0.25, noise_m: float = 0.005) -> Array:
-        n = round((2 * HALF_M / spacing_m) ** 2)
-        xy = rng.uniform(-HALF_M, HALF_M, (n, 2))
-        return np.column_stack([xy, self.height(xy) + rng.normal(0, noise_m, n)])
 
-    def pose(self, x: float, y: float, heading_rad: float) -> Array:
-        """``T_site_base`` of a robot that stands there."""
-        step = 0.5
-        around = np.array([[x + step, y], [x - step, y], [x, y + step], [x, y - step]])
-        z = self.height(around)
-        normal = np.array([z[1] - z[0], z[3] - z[2], 2 * step])
-        normal /= np.linalg.norm(normal)
-        ahead = np.array([np.cos(heading_rad), np.sin(heading_rad), 0.0])
-        ahead -= normal * (ahead @ normal)
-        ahead /= np.linalg.norm(ahead)
-        R = np.column_stack([ahead, np.cross(normal, ahead), normal])
-        return se3.transform(R, [x, y, float(z.mean())])
+def plain(x: Float, y: Float) -> Float:
+    """Ground without relief."""
+    return np.zeros(np.broadcast(x, y).shape)
 
-    def scan(self, rng: np.random.Generator, T_site_base: Array, n: int = 12_000, noise_m: float = 0.01) -> Array:
-        """Points in the base's frame, denser near the robot."""
-        r, a = 1.0 + 17.0 * rng.random(n) ** 1.5, rng.uniform(-np.pi, np.pi, n)
-        xy = T_site_base[:2, 3] + np.column_stack([r * np.cos(a), r * np.sin(a)])
-        seen = np.column_stack([xy, self.height(xy) + rng.normal(0, noise_m, n)])
-        return se3.transform_points(se3.inverse(T_site_base), seen)
+
+def standing(ground: Ground, x: float, y: float, yaw: float) -> Float:
+    """``T_site_lidar`` of a lidar that stands on the ground at a point, its z along the ground's normal."""
+    step = 0.5
+    slope_x = float(ground(np.array(x + step), np.array(y)) - ground(np.array(x - step), np.array(y))) / (2 * step)
+    slope_y = float(ground(np.array(x), np.array(y + step)) - ground(np.array(x), np.array(y - step))) / (2 * step)
+    normal = np.array([-slope_x, -slope_y, 1.0]) / np.linalg.norm([slope_x, slope_y, 1.0])
+    ahead = np.array([np.cos(yaw), np.sin(yaw), slope_x * np.cos(yaw) + slope_y * np.sin(yaw)])
+    ahead /= np.linalg.norm(ahead)
+    R = np.column_stack([ahead, np.cross(normal, ahead), normal])
+    z = float(ground(np.array(x), np.array(y)))
+    return se3.transform(se3.normalise_rotation(R), np.array([x, y, z]) + HEIGHT_M * normal)
+
+
+def sweep_points(
+    ground: Ground, T_begin: Float, T_end: Float, rng: np.random.Generator, noise_m: float = 0.003
+) -> tuple[Float, Float]:
+    """Points ``(n, 3)``, each in the lidar's frame at its own time, and the fraction ``(n,)`` of the sweep, -1 to 0.
+
+    Rings are drawn on the ground around the lidar, turned by chance, so that no two sweeps share a point.
+    """
+    fraction = np.repeat(np.arange(COLUMNS) / COLUMNS - 1.0, len(RINGS_M))
+    turn = fraction * 2 * np.pi + rng.uniform(0, 2 * np.pi)
+    range_m = np.tile(RINGS_M, COLUMNS) * rng.uniform(0.99, 1.01, len(fraction))
+    t = T_end[:3, 3] + fraction[:, None] * (T_end[:3, 3] - T_begin[:3, 3])
+    phi = se3.log_so3(T_begin[:3, :3].T @ T_end[:3, :3])
+    R = T_end[:3, :3] @ se3.exp_so3(fraction[:, None] * phi)
+    x, y = t[:, 0] + range_m * np.cos(turn), t[:, 1] + range_m * np.sin(turn)
+    site = np.column_stack([x, y, ground(x, y)]) + rng.normal(0, noise_m, (len(x), 3))
+    return np.einsum("nji,nj->ni", R, site - t), fraction
+
+
+def scan(ground: Ground, T_begin: Float, T_end: Float, t1_ns: int, rng: np.random.Generator) -> LidarScan:
+    """A sweep of 0.1 s as a message of robot ``mana``."""
+    points, fraction = sweep_points(ground, T_begin, T_end, rng)
+    offset_us = np.round((fraction + 1.0) * 100_000).astype(np.uint32)
+    frame = "mana/lidar"
+    return LidarScan.from_arrays(points, offset_us, frame=frame, t0_ns=t1_ns - 100_000_000, t1_ns=t1_ns)
+
+
+def circle(ground: Ground, radius_m: float, way_m: Float) -> list[Float]:
+    """``T_site_lidar`` along a circle to the left that begins at the origin along x."""
+    turn = way_m / radius_m
+    return [standing(ground, radius_m * np.sin(a), radius_m * (1.0 - np.cos(a)), a) for a in turn]

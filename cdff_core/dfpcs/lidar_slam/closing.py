@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,19 +79,25 @@ class LoopCloser:
         """The key frame with its descriptor."""
         return KeyFrame(frame.stamp_ns, frame.points_m, self._look(frame, None).descriptor)
 
-    def loops(self, places: KeyFrameMap, key: int) -> Iterator[Loop]:
-        """Verified loops of a key frame that has ended: near ones by the graph first, then those that look alike."""
+    def loops(self, places: KeyFrameMap, key: int, recent: Collection[int] = ()) -> Iterator[Loop]:
+        """Verified loops of a key frame that has ended: near ones by the graph first, then those that look alike.
+
+        Parameters
+        ----------
+        recent : collection of int
+            Key frames on the way just come, which are no news.
+        """
         ways = places.ways_m(key)
-        near = self._near(places, key, ways)
+        near = self._near(places, key, ways, recent)
         found = False
         for old in near[: self._config.candidates]:
             loop = self.verified(places, old, key, se3.inverse(places.poses[old]) @ places.poses[key], ways)
             if loop is not None:
                 found = True
                 yield loop
-        if found:
-            return
-        for old, guess in self._alike(places, key, ways):
+        if found and places.root in ways:
+            return  # a part of its own looks on for the rest of the map
+        for old, guess in self._alike(places, key, ways, recent):
             loop = self.verified(places, old, key, guess, ways) or self._searched(places, old, key, ways)
             if loop is not None:
                 yield loop
@@ -101,24 +107,27 @@ class LoopCloser:
         """Drop what is kept of a key frame."""
         self._prepared.pop(key, None)
 
-    def _near(self, places: KeyFrameMap, key: int, ways: dict[int, float]) -> list[int]:
-        """Ended places that the graph puts within the search radius, but not on the way just come, nearest first."""
+    def _near(self, places: KeyFrameMap, key: int, ways: dict[int, float], recent: Collection[int]) -> list[int]:
+        """Ended places that the graph puts within the search radius, nearest first."""
         here = places.poses[key][:3, 3]
         distance = {
             k: float(np.linalg.norm(places.poses[k][:3, 3] - here))
             for k in ways
-            if k != key and places.frames[k].descriptor is not None
+            if k != key and k not in recent and places.frames[k].descriptor is not None
         }
-        radius = self._config.search_radius_m
-        near = [k for k, d in distance.items() if d < radius and ways[k] > max(2.0 * d, radius)]
+        near = [k for k, d in distance.items() if d < self._config.search_radius_m]
         return sorted(near, key=lambda k: (distance[k], k))
 
-    def _alike(self, places: KeyFrameMap, key: int, ways: dict[int, float]) -> list[tuple[int, Float]]:
+    def _alike(
+        self, places: KeyFrameMap, key: int, ways: dict[int, float], recent: Collection[int]
+    ) -> list[tuple[int, Float]]:
         """Places that look alike and that the graph does not put elsewhere, with a guess of T_old_key."""
         others = [
             k
             for k, f in places.frames.items()
-            if k != key and f.descriptor is not None and (k not in ways or self._may_meet(places, k, key, ways[k]))
+            if k not in (key, *recent)
+            and f.descriptor is not None
+            and (k not in ways or self._may_meet(places, k, key, ways[k]))
         ]
         if not others:
             return []
@@ -138,7 +147,7 @@ class LoopCloser:
         c = self._config
         apart_m = float(np.linalg.norm(places.poses[old][:3, 3] - places.poses[key][:3, 3]))
         allowed_m = c.drift_allowed_m + c.drift_allowed_share * way_m + c.search_radius_m
-        return way_m > c.search_radius_m and apart_m < allowed_m
+        return apart_m < allowed_m
 
     def verified(self, places: KeyFrameMap, old: int, key: int, guess: Float, ways: dict[int, float]) -> Loop | None:
         """Register from a guess of T_old_key; None where the clouds or the graph do not bear it out.

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from typing import Any, ClassVar
 
 import numpy as np
@@ -66,6 +66,7 @@ class LidarSlam(LidarSlamInterface):
         self._resumed_at: tuple[int, Float] | None = None
         self._odometry_covariance = np.zeros((6, 6))
         self._way_m = 0.0
+        self._begun_m: dict[int, float] = {}  # way at the begin of each key frame of this run
         self._degraded = 0
         self._used: tuple[str, ...] = ()
         self.state_revision += 1
@@ -107,7 +108,7 @@ class LidarSlam(LidarSlamInterface):
         if self._places.root in taken.values():
             return ()
         for key in taken.values():
-            self._close(key)
+            self._close(key, known=taken.values())
             if key in self._places.part(self._places.root):
                 break
         return self._reports(max(sample.stamp_ns, self._newest_ns()))
@@ -214,6 +215,7 @@ class LidarSlam(LidarSlamInterface):
             self._T_current_lidar = UncertainTransform.identity()
             return
         self._current = self._places.begin(stamp_ns, tracked.T_odom_lidar)
+        self._begun_m[self._current] = self._way_m
         self._T_current_lidar = UncertainTransform.identity()
 
     def _gather(self, tracked: Tracked) -> None:
@@ -255,13 +257,20 @@ class LidarSlam(LidarSlamInterface):
         self._close(self._current)
         closed = before != (self._places.loops, self._places.loops_rejected)
         self._current = self._places.follow(self._current, stamp_ns, self._T_current_lidar)
+        self._begun_m[self._current] = self._way_m
         self._T_current_lidar = UncertainTransform.identity()
         self.state_revision += 1
         return closed
 
-    def _close(self, key: int, *, dissolve: bool = True) -> None:
-        """Find and verify loops of a key frame, link them, optimise; a key frame next to an old one goes up in it."""
-        loops = list(self._closer.loops(self._places, key))
+    def _close(self, key: int, *, dissolve: bool = True, known: Collection[int] | None = None) -> None:
+        """Find and verify loops of a key frame, link them, optimise; a key frame next to an old one goes up in it.
+
+        Loops with the key frames that are ``known``, by default those on the way just come, would be no news.
+        """
+        if known is None:
+            since_m = self._way_m - 2.0 * self.config.search_radius_m
+            known = {k for k, begun_m in self._begun_m.items() if begun_m > since_m}
+        loops = list(self._closer.loops(self._places, key, known))
         if not loops:
             return
         for loop in loops:
@@ -278,6 +287,7 @@ class LidarSlam(LidarSlamInterface):
         """Let a key frame go up in an older one."""
         self._places.dissolve(key, into, T_into_key)
         self._closer.forget(key)
+        self._begun_m.pop(key, None)
         self._trajectory.move(key, into, T_into_key.matrix)
         if self._current == key:
             self._current, self._T_current_lidar = into, T_into_key @ self._T_current_lidar
