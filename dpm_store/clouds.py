@@ -39,6 +39,8 @@ _GATHERED, _LEFT = 4, 2
 #: Edge of the smallest voxels, metres; coarser where a cloud reaches farther than their numbers.
 _FINEST_M = 0.001
 _REACH = 1 << 20
+#: After so many steps a voxel holds everything on its side of the origin.
+_STEPS = 66
 #: Spreads keys evenly (Knuth, TAOCP 3, 6.4).
 _SPREAD = np.uint64(0x9E3779B97F4A7C15)
 _AHEAD = 8
@@ -210,32 +212,27 @@ class _Budget:
 
     def result(self) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, float]:
         """Points, intensities where all clouds had them, and the size of voxels that are all represented."""
-        finer = self._thinned(np.vstack(self._parts), _LEFT * self._most)
+        rows = self._thinned(np.vstack(self._parts), _LEFT * self._most)
         voxel_m = 0.0
-        while len(finer) > self._most:
-            self._step += 1
-            chosen = _newest_of_each(finer, self._step)
-            if len(chosen) <= self._most:
-                finer, voxel_m = self._filled(finer, chosen), float(_edges(self._step).max())
-            else:
-                finer = finer[chosen]
-        return finer[:, :3], finer[:, 3] if self._has_intensity else None, voxel_m
+        if len(rows) > self._most:
+            step = _step_for(rows, self._step, self._most)
+            rows = self._thinned(rows, self._most, step - 1)
+            rows, voxel_m = self._filled(rows, _newest_of_each(rows, step), step), float(_edges(step).max())
+        return rows[:, :3], rows[:, 3] if self._has_intensity else None, voxel_m
 
-    def _thinned(self, rows: NDArray[np.float64], most: int) -> NDArray[np.float64]:
-        """One point for each voxel, doubled until there are few enough."""
-        if self._step >= 0:
-            rows = rows[_newest_of_each(rows, self._step)]
-        while len(rows) > most:
-            self._step = max(self._step + 1, _first_step(rows))
-            rows = rows[_newest_of_each(rows, self._step)]
-        return rows
+    def _thinned(self, rows: NDArray[np.float64], most: int, step: int | None = None) -> NDArray[np.float64]:
+        """One point for each voxel of a step, by default the first that leaves few enough."""
+        if step is None and self._step < 0 and len(rows) <= most:
+            return rows
+        self._step = _step_for(rows, self._step, most) if step is None else step
+        return rows[_newest_of_each(rows, self._step)] if self._step >= 0 else rows
 
-    def _filled(self, rows: NDArray[np.float64], chosen: NDArray[np.int64]) -> NDArray[np.float64]:
+    def _filled(self, rows: NDArray[np.float64], chosen: NDArray[np.int64], step: int) -> NDArray[np.float64]:
         """The chosen ones, and of the others as many as there is room for, from all over the place."""
         rest = np.setdiff1d(np.arange(len(rows)), chosen, assume_unique=True)
-        mixed = _keys(rows[rest], self._step).astype(np.uint64) * _SPREAD
-        extra = rest[np.argsort(mixed, kind="stable")[: self._most - len(chosen)]]
-        kept: NDArray[np.float64] = rows[np.sort(np.concatenate([chosen, extra]))]
+        mixed = _keys(rows[rest], step).astype(np.uint64) * _SPREAD
+        extra = rest[np.argsort(mixed, kind="stable")[: max(0, self._most - len(chosen))]]
+        kept: NDArray[np.float64] = rows[np.sort(np.concatenate([chosen, extra]))[: self._most]]
         return kept
 
 
@@ -244,10 +241,22 @@ def _edges(step: int) -> NDArray[np.float64]:
     return np.asarray(_FINEST_M * 2.0 ** ((step + np.array([2, 1, 0])) // 3), dtype=np.float64)
 
 
-def _first_step(rows: NDArray[np.float64]) -> int:
-    """The first step whose voxels are numbered for all points."""
+def _step_for(rows: NDArray[np.float64], least: int, most: int) -> int:
+    """The first step from ``least`` on of which no more than ``most`` voxels hold points: fewer do at every step."""
     reach_m = float(np.abs(rows[:, :3]).max()) if len(rows) else 0.0
-    return 3 * max(0, int(np.ceil(np.log2(max(reach_m, _FINEST_M) / (_FINEST_M * (_REACH - 1))))))
+    low = max(least, 3 * max(0, int(np.ceil(np.log2(max(reach_m, _FINEST_M) / (_FINEST_M * (_REACH - 1)))))))
+    last, stride = low + _STEPS, 1
+
+    def few(step: int) -> bool:
+        return step >= last or len(np.unique(_keys(rows, step))) <= most
+
+    high = low  # the step that is looked for is near the last one: strides grow from there
+    while not few(high):
+        low, high, stride = high + 1, min(high + stride, last), 2 * stride
+    while low < high:
+        middle = (low + high) // 2
+        low, high = (low, middle) if few(middle) else (middle + 1, high)
+    return high
 
 
 def _keys(rows: NDArray[np.float64], step: int) -> NDArray[np.int64]:

@@ -13,23 +13,26 @@ from cdff_common.codecs.siblings import wire_type
 from cdff_common.interfaces.product import Header, product_id
 from cdff_common.raster import CellStatistics, GridGeometry
 from cdff_common.types import ElevationMap, Pointcloud
-from dpm_store import Store
+from dpm_store import Parcel, Store
 
 S = 1_000_000_000
 
 
-def put_value(store: Store, value: Any, product: str, seq: int, robot: str = "mana", **fields: Any) -> str:
-    """Insert a value captured at ``seq`` seconds; returns its id."""
+def parcel_of(value: Any, product: str, seq: int, robot: str = "mana", **fields: Any) -> Parcel:
+    """A value captured at ``seq`` seconds."""
     t_ns = fields.pop("t1_ns", seq * S)
     header = Header(
         id=product_id(robot, "test", product, t_ns, seq, "c"), seq=seq, t0_ns=t_ns, t1_ns=t_ns, frame=value.frame,
         producer="test", config_hash="c", box_m=value.extent_m(), **fields,
     )  # fmt: skip
-    store.put(
-        header, encode(value, "uper"), robot=robot, dfpc="test", port=product, product=product,
-        type_name=wire_type(value), value=value,
-    )  # fmt: skip
-    return header.id
+    return Parcel(header, encode(value, "uper"), robot, "test", product, product, wire_type(value), "uper", value)
+
+
+def put_value(store: Store, value: Any, product: str, seq: int, robot: str = "mana", **fields: Any) -> str:
+    """Insert a value captured at ``seq`` seconds; returns its id."""
+    parcel = parcel_of(value, product, seq, robot, **fields)
+    store.put_all([parcel])
+    return parcel.header.id
 
 
 def ground(x: Any, y: Any) -> Any:
