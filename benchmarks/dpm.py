@@ -20,6 +20,7 @@ import os
 import platform
 import random
 import resource
+import socket
 import sqlite3
 import subprocess
 import sys
@@ -27,19 +28,27 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
+from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlencode
 
 import numpy as np
+import psutil
 
+from cdff_common.bus import Bus, keys
 from cdff_common.clock import ManualClock
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.region import Region
 from cdff_common.interfaces.product import Header, product_id
 from dpm_store import Parcel, Query, Store, open_store
 
+ROOT = Path(__file__).resolve().parent.parent
 PAYLOAD_BYTES = 10_000
-SIDE_M, TYPES, BATCH = 1000.0, 10, 2000
+SIDE_M, BATCH = 1000.0, 2000
+TYPES = (
+    "pose", "trajectory", "pose_graph", "pointcloud", "dem", "navigation_map", "image", "detections", "track", "mesh",
+)  # fmt: skip
 #: Part of the area and part of the time; with one type of ten each holds a thousandth.
 SHAPES = {"area_0.1_time_0.1": (0.1, 0.1), "area_0.01_time_all": (0.01, 1.0), "area_all_time_0.01": (1.0, 0.01)}
 S = 1_000_000_000
@@ -63,7 +72,7 @@ def windows(products: int, count: int, area: float, span: float) -> list[Window]
     for _ in range(count):
         x, y = rng.uniform(0, SIDE_M - side), rng.uniform(0, SIDE_M - side)
         first = int(rng.uniform(0, products - length))
-        found.append((x, y, x + side, y + side, first, int(first + length), rng.randrange(TYPES)))
+        found.append((x, y, x + side, y + side, first, int(first + length), rng.randrange(len(TYPES))))
     return found
 
 
@@ -94,7 +103,7 @@ def parcels(first: int, given: Sequence[tuple[float, ...]], filler: bytes) -> li
             config_hash="c", box_m=box, resolution_m=0.1,
         )  # fmt: skip
         payload = filler + seq.to_bytes(8, "big")
-        found.append(Parcel(header, payload, "mana", "mapper", "map", f"type_{seq % TYPES}", "ElevationMap"))
+        found.append(Parcel(header, payload, "mana", "mapper", "map", TYPES[seq % len(TYPES)], "ElevationMap"))
     return found
 
 
@@ -123,7 +132,7 @@ def searches(store: Store, products: int, count: int) -> Figures:
 
     def search(w: Window) -> Callable[[], object]:
         region = Region("bbox", w[:4])
-        query = Query(types=(f"type_{w[6]}",), region=region, frame="mana/map", t0_ns=w[4] * S, t1_ns=w[5] * S)
+        query = Query(types=(TYPES[w[6]],), region=region, frame="mana/map", t0_ns=w[4] * S, t1_ns=w[5] * S)
         return lambda: store.search(query)
 
     figures = {}
@@ -169,10 +178,12 @@ def raw(directory: Path, products: int, asked: int) -> Figures:
         def insert(first: int, given: Sequence[tuple[float, ...]]) -> None:
             numbered = list(enumerate(given, first))
             db.execute("BEGIN IMMEDIATE")
-            rows = [(i, f"product-{i}", f"type_{i % TYPES}", i * S) for i, _ in numbered]
+            rows = [(i, f"product-{i}", TYPES[i % len(TYPES)], i * S) for i, _ in numbered]
             db.executemany("INSERT INTO product VALUES (?, ?, ?, ?)", rows)
-            db.executemany("INSERT INTO payload VALUES (?, ?)", [(i, filler + i.to_bytes(8, "big")) for i, _ in numbered])
-            sides = [(i, i % TYPES, i % TYPES, b[0], b[3], b[1], b[4], b[2], b[5], i, i) for i, b in numbered]
+            db.executemany(
+                "INSERT INTO payload VALUES (?, ?)", [(i, filler + i.to_bytes(8, "big")) for i, _ in numbered]
+            )
+            sides = [(i, i % len(TYPES), i % len(TYPES), b[0], b[3], b[1], b[4], b[2], b[5], i, i) for i, b in numbered]
             db.executemany("INSERT INTO box VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", sides)
             db.execute("COMMIT")
 
@@ -198,6 +209,58 @@ def raw(directory: Path, products: int, asked: int) -> Figures:
             name: timed([search(w) for w in windows(products, asked, *shape)]) for name, shape in SHAPES.items()
         }
     return figures
+
+
+def access(directory: Path, products: int, asked: int) -> Figures:
+    """Figures of a DPM process on that store, asked over HTTP and Zenoh: answers read, not decoded."""
+    ports = [free_port(), free_port()]
+    endpoint, address = f"tcp/127.0.0.1:{ports[0]}", f"127.0.0.1:{ports[1]}"
+    environment = os.environ | {"CDFF_CONNECT": endpoint, "CDFF_LISTEN": endpoint, "CDFF_DATA_DIR": str(directory)}
+    commands = (["services.router"], ["services.dpm", "--http", address])
+    processes = [subprocess.Popen([sys.executable, "-m", *command], env=environment, cwd=ROOT) for command in commands]
+    begun = time.perf_counter()
+    try:
+        with Bus.open(endpoint, name="bench", wait_s=30) as bus, closing(HTTPConnection(address)) as http:
+            while not bus.alive(keys.alive(keys.GROUND, "dpm")):
+                if time.perf_counter() - begun > 60:
+                    raise TimeoutError("the DPM did not start")
+            figures: Figures = {"ready_s": time.perf_counter() - begun}
+
+            def over_http(parameters: dict[str, str]) -> None:
+                http.request("GET", f"/api/v1/products?{urlencode(parameters)}")
+                answer = http.getresponse()
+                body = answer.read()
+                if answer.status != 200:
+                    raise RuntimeError(body.decode())
+
+            def over_zenoh(parameters: dict[str, str]) -> None:
+                bus.call(keys.dpm_rpc(keys.GROUND, "search"), parameters)
+
+            for name, ask in (("zenoh", over_zenoh), ("http", over_http)):
+                figures[name] = {}
+                for shape, (area, span) in SHAPES.items():
+                    given = [_parameters(w) for w in windows(products, asked, area, span)]
+                    timed([lambda g=g, ask=ask: ask(g) for g in given[:20]])  # type: ignore[misc]
+                    figures[name][shape] = timed([lambda g=g, ask=ask: ask(g) for g in given])  # type: ignore[misc]
+            figures["rss_mb"] = psutil.Process(processes[1].pid).memory_info().rss / 2**20
+        return figures
+    finally:
+        for process in reversed(processes):
+            process.terminate()
+            process.wait()
+
+
+def _parameters(w: Window) -> dict[str, str]:
+    region = "bbox:" + ",".join(f"{v:.3f}" for v in w[:4])
+    return {"type": TYPES[w[6]], "region": region, "frame": "mana/map", "t0": str(w[4] * S), "t1": str(w[5] * S)}
+
+
+def free_port() -> int:
+    """A TCP port nobody listens on now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
 
 
 def syncs(directory: Path) -> Figures:
@@ -241,9 +304,7 @@ def main() -> None:
                 directory.mkdir()
                 results[f"{name}, {products} products"] = measure(directory, products, args.searches)
         if args.access:
-            from access import over_http_and_zenoh
-
-            results["access"] = over_http_and_zenoh(Path(base) / f"ours-{counts[-1]}", windows, SHAPES, args)
+            results["service"] = access(Path(base) / f"ours-{counts[-1]}", counts[-1], args.searches)
         about = {
             "products": args.products, "payload_bytes": PAYLOAD_BYTES, "file_system": file_system(Path(base)),
             "sync_ms": syncs(Path(base))["p50_ms"], "sqlite": sqlite3.sqlite_version,

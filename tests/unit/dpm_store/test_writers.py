@@ -1,0 +1,53 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+import itertools
+import threading
+from concurrent.futures import ThreadPoolExecutor, wait
+
+import pytest
+
+from dpm_store import Query, Rule, StaleRevisionError, Store
+
+from .conftest import header, put
+
+WRITERS, TIMES = 8, 15
+
+
+@pytest.mark.req("CDFF-SUP-032")
+def test_eight_threads_lose_no_update_while_retention_and_collection_run(store: Store) -> None:
+    put(store, header(0), b"counted")
+    seqs, done = itertools.count(1), threading.Event()
+
+    def write() -> None:
+        for _ in range(TIMES):
+            count_up(store, header(0).id)
+            put(store, header(next(seqs)), b"kept")
+            put(store, header(next(seqs)), b"passing", product="image")
+
+    def look_after() -> None:
+        while not done.is_set():
+            store.retention.apply([Rule("image", max_count=5)])
+            store.collect()
+
+    with ThreadPoolExecutor(WRITERS + 1) as threads:
+        keeper = threads.submit(look_after)
+        writers = [threads.submit(write) for _ in range(WRITERS)]
+        wait(writers)
+        done.set()
+        for future in (keeper, *writers):
+            future.result()
+    assert store.annotations.get(header(0).id).notes == str(WRITERS * TIMES)
+    assert store.annotations.get(header(0).id).revision == WRITERS * TIMES
+    assert len(store.search(Query(types=("dem",), limit=1000)).items) == 1 + WRITERS * TIMES
+    assert store.verify() == ()
+
+
+def count_up(store: Store, product_id: str) -> None:
+    """Read, add one, write; again where somebody else was faster."""
+    while True:
+        there = store.annotations.get(product_id)
+        try:
+            store.annotations.update(product_id, {"notes": str(int(there.notes or 0) + 1)}, if_match=there.revision)
+            return
+        except StaleRevisionError:
+            continue
