@@ -1,11 +1,15 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""icp_localisation beside small_gicp and Open3D on real clouds, in one run: errors and CPU time; cost of its DFNs.
+"""icp_localisation beside small_gicp, Open3D and KISS-ICP, on simulated and measured clouds; cost of its DFNs.
 
-OMP_NUM_THREADS=1 python benchmarks/icp.py [--data DIR] [--rounds N] [--devon-trials N] [--out FILE]
+OMP_NUM_THREADS=1 python benchmarks/icp.py [--data DIR] [--rounds N] [--terrain-pairs N] [--devon-trials N]
+    [--peer-python PYTHON] [--out FILE]
 
-Everyone gets the raw clouds and the same guess, on one thread. CPU seconds include filtering, thinning and normals.
-Peers run with their defaults at a voxel of 0.25 m; where a peer has no coarse level it is given none.
+Everyone gets the raw clouds and the same guess, on one thread. CPU seconds include filtering, thinning and normals, and
+of ours also the assessment and the confirmation. small_gicp and Open3D run with their defaults at a voxel of 0.25 m;
+where a peer has no coarse level it is given none. KISS-ICP is an odometry, not a pairwise registration: it sees both
+scans as two frames, in an environment of its own (``--peer-python``, with kiss-icp and numpy installed). Simulated
+scans: see cdff_dev/evaluate/icp_localisation.py; KISS-ICP takes part there only, since it takes no guess.
 """
 
 from __future__ import annotations
@@ -24,72 +28,41 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.formats.kitti_bin import read_kitti_bin
-from cdff_common.formats.ply import read_ply
-from cdff_common.formats.pose import read_pose
-from cdff_common.geometry import UncertainTransform, covariance, se3
-from cdff_common.interfaces.dfpc import Sample
+from cdff_common.geometry import covariance, se3
 from cdff_common.interfaces.registry import Registry
-from cdff_common.types import Pointcloud, TransformWithCovariance
+from cdff_dev.evaluate._clouds import devon_halves, kitti_pair, small_gicp_pair
+from cdff_dev.evaluate._icp import IMPLEMENTATIONS, localised, made
+from cdff_dev.evaluate._peers import kiss_icp
+from cdff_dev.evaluate._terrain import scan_pair
+from cdff_dev.registration.rates import pose_errors
 
 Points = NDArray[np.float64]
 Method = Callable[[Points, Points, Points], tuple[Points | None, dict[str, Any]]]
 VOXEL_M = 0.25
-KITTI_00_CALIBRATION = np.array(
-    [
-        [4.276802385584e-04, -9.999672484946e-01, -8.084491683471e-03, -1.198459927713e-02],
-        [-7.210626507497e-03, 8.081198471645e-03, -9.999413164504e-01, -5.403984729748e-02],
-        [9.999738645903e-01, 4.859485810390e-04, -7.206933692422e-03, -2.921968648686e-01],
-        [0.0, 0.0, 0.0, 1.0],
-    ]
-)
 
 
 def pairs(data: Path) -> Iterator[tuple[str, Points, Points, Points]]:
     """Name, scene, model and T_scene_model of the pairs that begin from the identity."""
-    folder = data / "kitti_velodyne"
-    poses = np.loadtxt(folder / "00_poses_cam0.txt").reshape(-1, 3, 4)
-    first, second = (np.vstack([poses[i], [0, 0, 0, 1]]) for i in (94, 95))
-    calibration = KITTI_00_CALIBRATION
-    T = np.linalg.inv(calibration) @ np.linalg.inv(first) @ second @ calibration
-    yield "kitti_94_95", *(read_kitti_bin(folder / f"{i:06d}.bin").points_m for i in (94, 95)), T
-    folder = data / "small_gicp_pair"
-    T = read_pose(folder / "T_target_source.txt").T.matrix
-    yield "small_gicp_pair", *(read_ply(folder / f"{n}.ply").points_m for n in ("target", "source")), T
+    for name, read in (("kitti_94_95", kitti_pair), ("small_gicp_pair", small_gicp_pair)):
+        source, target, T = read(data)
+        yield name, target, source, T
 
 
 def devon_trials(data: Path, trials: int) -> Iterator[tuple[Points, Points, Points, Points]]:
     """Scene, model, truth and guess: disjoint halves of the road and its copy, guesses off by 0.5 m and 10 degrees."""
-    folder = data / "cdff_upstream" / "PointClouds"
-    road, copy = (read_ply(folder / f"DevonIslandRoad1{name}.ply").points_m for name in ("", "TransformedNoise"))
-    truth = [float(v) for v in (folder / "CloudsTransform.txt").read_text().split()]
-    R = se3.matrix_from_quaternion_xyzw(truth[3:])
-    T_copy_road = se3.transform(R, R @ np.array(truth[:3]))
     for seed in range(trials):
-        rng = np.random.default_rng(seed)
-        order, half = rng.permutation(len(road)), len(road) // 2
-        axis, shift = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
+        model, scene, T = devon_halves(data, seed)
+        axis, shift = (v / np.linalg.norm(v) for v in np.random.default_rng([seed, 1]).normal(size=(2, 3)))
         off = se3.transform(se3.exp_so3(np.radians(10.0) * axis), 0.5 * shift)
-        scene, model, T = (copy, road, T_copy_road) if seed % 2 == 0 else (road, copy, se3.inverse(T_copy_road))
-        guess = T @ off if (seed // 2) % 2 else off @ T
-        yield scene[order[:half]], model[order[half:]], T, guess
+        yield scene, model, T, T @ off if seed % 2 else off @ T
 
 
 def ours(implementation: str) -> Method:
-    """The DFPC with its default configuration."""
+    """The DFPC with an implementation's shipped configuration."""
+    dfpc = made(implementation)
 
     def run(scene: Points, model: Points, guess: Points) -> tuple[Points | None, dict[str, Any]]:
-        dfpc = Registry.default().make_dfpc("icp_localisation")
-        dfpc.configure(None, implementation=implementation)
-        T_guess = TransformWithCovariance.from_transform(
-            UncertainTransform(guess), parent="scene", child="model", stamp_ns=0
-        )
-        values = {
-            "guess": T_guess,
-            "model": Pointcloud.from_points(model, frame="model", stamp_ns=0),
-            "scene": Pointcloud.from_points(scene, frame="scene", stamp_ns=0),
-        }
-        (output,) = [o for port, value in values.items() for o in dfpc.step(Sample(port, 0, 0, value))]
+        output, _ = localised(dfpc, scene, model, guess)
         said = {"status": str(output.quality.status), "reasons": list(output.quality.reasons)}
         if output.value is None:
             return None, said
@@ -139,7 +112,7 @@ def open3d_method(kind: str) -> Method:
 
 def methods() -> dict[str, Method]:
     """Everyone who takes part; a peer that is not installed is left out."""
-    found: dict[str, Method] = {f"cdff {i}": ours(i) for i in ("PointToPlane", "Gicp")}
+    found: dict[str, Method] = {f"cdff {i}": ours(i) for i in IMPLEMENTATIONS}
     try:
         import small_gicp  # noqa: F401
 
@@ -157,19 +130,49 @@ def methods() -> dict[str, Method]:
 
 def errors(T: Points, T_true: Points) -> dict[str, float]:
     """Distance of the translations and angle between the rotations."""
+    return dict(zip(("error_m", "error_deg"), pose_errors(T, T_true), strict=True))
+
+
+def on_terrain(count: int, peer: str | None) -> dict[str, Any]:
+    """Median and greatest error and median CPU time of everyone on simulated scans, from the identity."""
+    taking_part = methods()
+    rows: dict[str, list[tuple[float, float, float]]] = {name: [] for name in taking_part}
+    scans = [scan_pair(3000 + seed) for seed in range(count)]
+    for index, (scene, model, T_true) in enumerate([scans[0], *scans]):  # the first time warms up
+        for name, run in taking_part.items():
+            started = time.process_time()
+            T, _ = run(scene, model, np.eye(4))
+            cpu_s = time.process_time() - started
+            if T is not None and index:
+                rows[name].append((*pose_errors(T, T_true), cpu_s))
+    if peer:
+        found = kiss_icp(peer, [(model, scene) for scene, model, _ in [scans[0], *scans]])[1:]
+        rows["kiss_icp, two frames"] = [
+            (*pose_errors(T, T_true), cpu_s)
+            for (T, cpu_s), (*_, T_true) in zip(found, scans, strict=True)
+            if T is not None
+        ]
     return {
-        "error_m": float(np.linalg.norm(T[:3, 3] - T_true[:3, 3])),
-        "error_deg": float(np.degrees(se3.rotation_angle(T[:3, :3] @ T_true[:3, :3].T))),
-    }
+        "pairs": count, "points": len(scans[0][0]),
+        "methods": {
+            name: {
+                "answered": len(row), "median_m": float(np.median([r[0] for r in row])),
+                "max_m": max(r[0] for r in row), "median_deg": float(np.median([r[1] for r in row])),
+                "median_cpu_s": float(np.median([r[2] for r in row])),
+            }
+            for name, row in rows.items() if row
+        },
+    }  # fmt: skip
 
 
 def on_pairs(data: Path, rounds: int) -> dict[str, Any]:
     """Every method on every pair, in turns."""
     report: dict[str, Any] = {}
+    taking_part = methods()
     for name, scene, model, T_true in pairs(data):
-        rows: dict[str, Any] = {method: {"cpu_s": []} for method in methods()}
+        rows: dict[str, Any] = {method: {"cpu_s": []} for method in taking_part}
         for _ in range(rounds + 1):  # the first round warms up
-            for method, run in methods().items():
+            for method, run in taking_part.items():
                 started = time.process_time()
                 T, said = run(scene, model, np.eye(4))
                 rows[method]["cpu_s"].append(time.process_time() - started)
@@ -185,9 +188,10 @@ def on_pairs(data: Path, rounds: int) -> dict[str, Any]:
 
 def on_devon(data: Path, trials: int) -> dict[str, Any]:
     """Every method on the trials of the road; within 2 cm and 0.1 degrees is right."""
-    rows: dict[str, Any] = {m: {"right": 0, "wrong": 0, "refused": 0, "error_m": [], "nees": []} for m in methods()}
+    taking_part = methods()
+    rows: dict[str, Any] = {m: {"right": 0, "wrong": 0, "refused": 0, "error_m": [], "nees": []} for m in taking_part}
     for scene, model, T_true, guess in devon_trials(data, trials):
-        for method, run in methods().items():
+        for method, run in taking_part.items():
             row = rows[method]
             T, said = run(scene, model, guess)
             if T is None:
@@ -209,11 +213,13 @@ def on_devon(data: Path, trials: int) -> dict[str, Any]:
 def of_dfns(data: Path, rounds: int) -> dict[str, Any]:
     """CPU seconds and memory of each DFN on the first pair."""
     from cdff_core.dfns.normals_estimation._interface import NormalsEstimationInputs
+    from cdff_core.dfns.point_cloud_assembly._interface import PointCloudAssemblyInputs
     from cdff_core.dfns.point_cloud_downsampling._interface import PointCloudDownsamplingInputs
     from cdff_core.dfns.point_cloud_filtering._interface import PointCloudFilteringInputs
     from cdff_core.dfns.point_cloud_transformation._interface import PointCloudTransformationInputs
     from cdff_core.dfns.registration_3d._interface import Registration3DInputs
     from cdff_core.dfns.registration_assessment._interface import RegistrationAssessmentInputs
+    from cdff_core.dfns.voxelization._interface import VoxelizationInputs
 
     def node(name: str, implementation: str | None = None) -> Any:
         made = Registry.default().make_dfn(name, implementation)
@@ -234,6 +240,13 @@ def of_dfns(data: Path, rounds: int) -> dict[str, Any]:
         "PointCloudDownsampling/VoxelGrid": (
             thin, PointCloudDownsamplingInputs(scene), f"{len(scene)} points to {len(s)}"
         ),
+        **{
+            f"PointCloudAssembly/{i}": (
+                node("point_cloud_assembly", i), PointCloudAssemblyInputs(scene, model), f"{len(scene)} + {len(model)}"
+            )
+            for i in ("VoxelBinning", "NeighbourPointAverage")
+        },
+        "Voxelization/Octree": (node("voxelization"), VoxelizationInputs(scene), f"{len(scene)} points"),
         "NormalsEstimation/PrincipalAxis": (normals, NormalsEstimationInputs(s), f"{len(s)} points"),
         "PointCloudTransformation/CartesianSystemTransform": (
             node("point_cloud_transformation"), PointCloudTransformationInputs(scene, T), f"{len(scene)} points"
@@ -242,7 +255,7 @@ def of_dfns(data: Path, rounds: int) -> dict[str, Any]:
             node("registration_assessment"), RegistrationAssessmentInputs(m, nm, s, ns, T), f"{len(m)} and {len(s)}"
         ),
     }  # fmt: skip
-    for implementation in ("PointToPlaneIcp", "Gicp"):
+    for implementation in ("PointToPlaneIcp", "Gicp", "Ndt"):
         registration = node("registration_3d", implementation)
         calls[f"Registration3D/{implementation}"] = (
             registration, Registration3DInputs(m, s, ns, np.eye(4)), f"{len(m)} to {len(s)} points, 1.1 m apart"
@@ -269,6 +282,8 @@ def main() -> None:
     beside = Path(__file__).resolve().parents[2] / "shared" / "data"
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("CDFF_DATA") or beside))
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--terrain-pairs", type=int, default=12)
+    parser.add_argument("--peer-python", default=os.environ.get("CDFF_PEER_PYTHON"), help="interpreter with kiss-icp")
     parser.add_argument("--devon-trials", type=int, default=10)
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
@@ -277,6 +292,8 @@ def main() -> None:
         "load_1min": os.getloadavg()[0], "voxel_m_of_peers": VOXEL_M,
         "pairs": on_pairs(args.data, args.rounds), "dfns": of_dfns(args.data, args.rounds),
     }  # fmt: skip
+    if args.terrain_pairs:
+        report["simulated_scans"] = on_terrain(args.terrain_pairs, args.peer_python)
     if args.devon_trials:
         report["devon_island"] = on_devon(args.data, args.devon_trials)
     text = json.dumps(report, indent=1)

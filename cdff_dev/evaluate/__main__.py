@@ -12,6 +12,7 @@ import pkgutil
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from cdff_common.cli import run_safely
 from cdff_common.errors import InputError
@@ -35,6 +36,7 @@ def main(argv: list[str] | None = None) -> int:
     """Run them all, or those named."""
     parser = argparse.ArgumentParser(prog="evaluate", description=__doc__)
     parser.add_argument("names", nargs="*", help="evaluations (default: all)")
+    parser.add_argument("--draw-only", action="store_true", help="draw the figures of the JSON that is there again")
     parser.add_argument("--data", type=Path, help="folder of the real data sets; CDFF_DATA, ../shared/data")
     args = parser.parse_args(argv)
     data = args.data or Path(os.environ.get("CDFF_DATA") or ROOT.parent / "shared" / "data")
@@ -44,11 +46,26 @@ def main(argv: list[str] | None = None) -> int:
     unknown = [n for n in args.names if n not in known]
     if unknown:
         raise InputError(f"no evaluation {unknown[0]!r}; known are {', '.join(known)}")
+    if args.draw_only:
+        for name in args.names or known:
+            path = ROOT / "docs" / "evaluation" / f"{name}.json"
+            if path.is_file():
+                _draw(known[name], name, json.loads(path.read_text(encoding="utf-8"))["figures"])
+        return 0
     for name in args.names or known:
         figures = known[name].evaluate(data, _say)
         path = write(ROOT, name, figures)
         sys.stdout.write(f"{name}: {json.dumps(figures)}\nwrote {path.relative_to(ROOT)}\n")
+        _draw(known[name], name, figures)
     return 0
+
+
+def _draw(module: ModuleType, name: str, figures: dict[str, Any]) -> None:
+    """Where an evaluation has a function ``draw(figures) -> bytes``, its SVG goes beside the page of its DFPC."""
+    if hasattr(module, "draw"):
+        path = ROOT / "docs" / "dfpcs" / f"{name}.svg"
+        path.write_bytes(module.draw(figures))
+        sys.stdout.write(f"wrote {path.relative_to(ROOT)}\n")
 
 
 def _say(text: str) -> None:

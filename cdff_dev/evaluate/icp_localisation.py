@@ -25,6 +25,7 @@ from cdff_common.geometry.covariance import pose_error
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfpc import Output
 from cdff_common.interfaces.product import Status
+from cdff_dev.evaluate._chart import Bar, Panel, chart
 from cdff_dev.evaluate._clouds import devon_halves, kitti_pair, small_gicp_pair
 from cdff_dev.evaluate._icp import IMPLEMENTATIONS, localised, made
 from cdff_dev.evaluate._terrain import scan_pair
@@ -86,6 +87,26 @@ def of_terrain(entries: Sequence[tuple[Output, float, FloatArray]]) -> dict[str,
         "mean_sigma_m": round(float(np.mean(sigma_m)), 5), "mean_sigma_deg": round(float(np.mean(sigma_deg)), 5),
         "covariance_kind": str(entries[0][0].quality.covariance_kind),
     }  # fmt: skip
+
+
+def draw(figures: dict[str, Any]) -> bytes:
+    """Errors, CPU time and honesty of the covariances of each implementation on simulated scans."""
+    rows = figures["simulated_scans"]
+    names = list(rows)
+
+    def spread_of(key: str, factor: float) -> dict[str, list[Bar | None]]:
+        bars = [tuple(factor * rows[name][key][of] for of in ("median", "min", "p95")) for name in names]
+        return {"median, least to 95 %": bars}
+
+    nees: dict[str, list[Bar | None]] = {"mean, and 95 % band": [(rows[n]["nees"]["mean"],) * 3 for n in names]}
+    band = tuple(rows[names[0]]["nees"]["band_95"])
+    return chart(
+        [
+            Panel("error, mm", names, spread_of("error_m", 1e3), 40.0),
+            Panel("CPU, ms", names, spread_of("cpu_s", 1e3), 500.0),
+            Panel("squared normalised error, 6 expected", names, nees, 10.0, band),
+        ]
+    )
 
 
 def _devon(dfpc: Any, data: Path, progress: Callable[[str], None]) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from cdff_common.interfaces.dfpc import Dfpc, Sample
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Pointcloud
 from cdff_core.dfns.global_registration_3d._interface import GlobalRegistration3DInputs
+from cdff_dev.evaluate._chart import Bar, Panel, chart
 from cdff_dev.evaluate._clouds import devon_halves, small_gicp_pair
 from cdff_dev.evaluate._peers import kiss_matcher, peer_python
 from cdff_dev.evaluate._terrain import window_pair
@@ -124,6 +125,34 @@ def on_measured(data: Path) -> dict[str, Any]:
         "answered": T is not None, "reasons": reasons, "cpu_s": round(cpu_s, 2)
     }  # fmt: skip
     return figures
+
+
+def draw(figures: dict[str, Any]) -> bytes:
+    """Recall by overlap, and false accepts, with their 95 % intervals."""
+    rows = figures["simulated_terrain"]
+    names = [name for name, overlap, other, _ in ROWS if overlap > 0.0 and not other]
+    apart = [name for name, *_ in ROWS if name not in names]
+    methods = list(rows[names[0]])
+    return chart(
+        [
+            Panel(
+                "right within 0.3 m and 3°, %",
+                [f"{float(name.removeprefix('overlap_')):.0%} overlap" for name in names],
+                {method: [_percent(rows[name][method]["right"]) for name in names] for method in methods},
+                100.0,
+            ),
+            Panel(
+                "false accepts, %",
+                [name.replace("_", " ") for name in apart],
+                {method: [_percent(rows[name][method]["wrong"]) for name in apart] for method in methods},
+                40.0,
+            ),
+        ]
+    )
+
+
+def _percent(rate: dict[str, float]) -> Bar:
+    return 100.0 * rate["rate"], 100.0 * rate["low"], 100.0 * rate["high"]
 
 
 def made() -> Dfpc:

@@ -27,6 +27,7 @@ from cdff_core.dfns.features_description_3d._interface import FeaturesDescriptio
 from cdff_core.dfns.features_extraction_3d._interface import FeaturesExtraction3DInputs
 from cdff_core.dfns.features_matching_3d._interface import FeaturesMatching3DInputs
 from cdff_core.dfns.normals_estimation._interface import NormalsEstimationInputs
+from cdff_dev.evaluate._chart import Bar, Panel, chart
 from cdff_dev.evaluate._clouds import devon_halves, milk_carton, small_gicp_pair
 from cdff_dev.evaluate._terrain import window_pair
 from cdff_dev.registration.rates import interval, pose_errors
@@ -118,6 +119,24 @@ def on_measured(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
             entry |= {"error_m": round(error_m, 5), "error_deg": round(error_deg, 5)}
         figures[name] = entry
     return figures
+
+
+def draw(figures: dict[str, Any]) -> bytes:
+    """Recall of SHOT and FPFH by radius, one panel for each set of clouds."""
+    panels = []
+    for name in list(figures)[:3]:
+        methods: dict[str, list[Bar | None]] = {
+            kind: [_percent(figures[name][f"radius {radius:g} voxels, {kind}"]["recall"]) for radius in RADII_VOXELS]
+            for kind in ("Shot", "Fpfh")
+        }
+        top = 1.1 * max(bar[2] for bars in methods.values() for bar in bars if bar)
+        label = f"{name.replace('_', ' ')}: recall, %"
+        panels.append(Panel(label, [f"radius {radius:g} voxels" for radius in RADII_VOXELS], methods, top))
+    return chart(panels)
+
+
+def _percent(rate: dict[str, float]) -> Bar:
+    return 100.0 * rate["rate"], 100.0 * rate["low"], 100.0 * rate["high"]
 
 
 def found_in(scene: FloatArray, model: FloatArray, implementation: str | None = None) -> tuple[Output, float]:

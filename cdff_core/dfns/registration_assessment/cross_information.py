@@ -34,7 +34,8 @@ class CrossInformationConfig(DfnConfig):
     cell_gates: float = Field(
         4.0, ge=1.0, le=100.0, description="Edge of cells that count as one measurement, in gates"
     )
-    covariance_inflation: float = Field(4.0, ge=0.01, le=1e4, description="Factor on the covariance")
+    covariance_inflation: float = Field(4.0, ge=0.01, le=1e4, description="Factor on the variance of translations")
+    rotation_inflation: float = Field(4.0, ge=0.01, le=1e4, description="Factor on the variance of rotations")
     floor_spacings: float = Field(0.02, ge=0.0, le=1.0, description="Least sigma of a translation, in spacings")
 
 
@@ -49,7 +50,7 @@ class CrossInformation(RegistrationAssessmentInterface):
     eigenvector v of H the ratio ``v^T X v / v^T H v`` is near 1 for structure seen by both, near 0 for a free
     direction and for a wrong alignment that slid along it. The covariance is the sandwich ``H^-1 B H^-1`` with B
     summed over cells, since neighbouring residuals are not independent (Liang and Zeger 1986,
-    doi:10.1093/biomet/73.1.13), inflated.
+    doi:10.1093/biomet/73.1.13), inflated: translations of the centre and turns about it by a factor each.
     """
 
     Config: ClassVar[type[DfnConfig]] = CrossInformationConfig
@@ -86,7 +87,8 @@ class CrossInformation(RegistrationAssessmentInterface):
         information, directions, agreement = _agreement(J_target, J_source, weight)
         covariance = _clustered_covariance(J_target, residual_m, weight, p, cfg.cell_gates * gate_m)
         floor_m2 = (cfg.floor_spacings * spacing_m) ** 2
-        covariance = cfg.covariance_inflation * covariance + floor_m2 * np.eye(6)
+        inflation = np.sqrt([cfg.covariance_inflation] * 3 + [cfg.rotation_inflation] * 3)
+        covariance = covariance * np.outer(inflation, inflation) + floor_m2 * np.eye(6)
         return RegistrationAssessmentOutputs(
             covariance=_about_origin(covariance, centre, radius_m, T),
             overlap_source=np.array(np.mean(paired)),

@@ -87,7 +87,8 @@ def _metrics(found: Alignment) -> dict[str, float]:
         "least_information": float(a.information[0]),
         "least_agreement": float(a.agreement.min()),
         "level_jump_gates": found.jump,
-    }
+        "overlap_radius_m": float(a.radius_m),
+    } | {f"overlap_{axis}_m": float(value) for axis, value in zip(_AXES, a.centre_m, strict=True)}
 
 
 def direction_names(directions: NDArray[np.float64]) -> list[str]:
