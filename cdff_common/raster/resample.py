@@ -4,12 +4,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from math import floor
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
+from cdff_common.raster.geometry import GridGeometry
 from cdff_common.raster.statistics import CellStatistics
 
 _RELATIVE_TOLERANCE = 1e-6
@@ -71,3 +74,26 @@ def aggregate(statistics: CellStatistics, factor: int) -> CellStatistics:
 def aggregate_to(statistics: CellStatistics, resolution_m: float) -> CellStatistics:
     """Pool to cells of exactly ``resolution_m``; raises InputError if that is no integer multiple of the cell size."""
     return aggregate(statistics, integer_factor(statistics.geometry.resolution_m, resolution_m))
+
+
+def largest_of_blocks(
+    layers: Mapping[str, NDArray[Any]], geometry: GridGeometry, factor: int
+) -> tuple[dict[str, NDArray[Any]], GridGeometry]:
+    """Layers of cells ``factor`` times as large, each the largest of those in it: for hazards the worst one counts.
+
+    Parameters
+    ----------
+    layers : mapping of str to array, shape (rows, cols)
+        Whole numbers with 0 for unknown, or numbers with NaN; a cell is unknown only where all in it are.
+    """
+    coarse = geometry.coarsened(factor)
+    top, left = coarse.top * factor - geometry.top, geometry.left - coarse.left * factor
+    made = {}
+    for name, layer in layers.items():
+        is_float = np.issubdtype(layer.dtype, np.floating)
+        least = layer.dtype.type(-np.inf if is_float else 0)
+        padded = np.full((coarse.rows * factor, coarse.cols * factor), least)
+        padded[top : top + geometry.rows, left : left + geometry.cols] = np.where(layer == layer, layer, least)
+        largest = padded.reshape(coarse.rows, factor, coarse.cols, factor).max(axis=(1, 3))
+        made[name] = np.where(np.isneginf(largest), np.nan, largest).astype(layer.dtype) if is_float else largest
+    return made, coarse

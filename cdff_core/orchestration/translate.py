@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.region import Region
-from cdff_common.raster import GridGeometry
+from cdff_common.raster import GridGeometry, delivered_resolution
+from cdff_common.raster.resample import integer_factor, largest_of_blocks
 from cdff_common.types import (
     Array3D,
     Array3DDepthT,
@@ -265,6 +266,19 @@ def merged_maps(maps: Sequence[NavigationMap]) -> NavigationMap:
         for name, layer in layers.items():
             layer[rows, cols][new] = m.layer(name)[new]
     return NavigationMap.from_layers(whole, layers, t0_ns=min(m.t0_ns for m in maps), t1_ns=max(m.t1_ns for m in maps))
+
+
+def coarser_map(value: NavigationMap, resolution_m: float | None) -> NavigationMap:
+    """Return a map in the largest cells that are no larger than asked: the worst class of a cell counts (contract §7).
+
+    Unknown is only what is unknown altogether; slope, step, roughness and cost are the largest in the cell.
+    """
+    g = value.geometry
+    if resolution_m is None or resolution_m < 2.0 * g.resolution_m * (1.0 - 1e-6):
+        return value
+    factor = integer_factor(g.resolution_m, delivered_resolution([g.resolution_m], resolution_m))
+    layers, geometry = largest_of_blocks({n: value.layer(n) for n in value.layer_names}, g, factor)
+    return NavigationMap.from_layers(geometry, layers, t0_ns=value.t0_ns, t1_ns=value.t1_ns)
 
 
 def masked_map(value: MapT, region: Region) -> MapT:

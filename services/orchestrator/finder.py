@@ -276,7 +276,7 @@ class Finder:
                 continue
             parts.append(translate.masked_map(value, placed))
             sources.append(h)
-            merged = translate.merged_maps(parts)
+            merged = translate.coarser_map(translate.merged_maps(parts), request.resolution_m)
             coverage = translate.grid_coverage(merged.geometry, translate.observed_cells(merged), placed)
             candidate = self._candidate(sources, robot, coverage, merged.geometry.resolution_m)
             found = Found(candidate, tuple(sources), merged, h.frame, region=placed)

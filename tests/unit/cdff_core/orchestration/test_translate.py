@@ -181,3 +181,16 @@ def test_maps_are_assembled_cell_by_cell_the_first_one_that_knows_it() -> None:
     assert (merged.t0_ns, merged.t1_ns) == (0, 2000)
     with pytest.raises(InputError, match="same frame and cell size"):
         translate.merged_maps([])
+
+
+def test_the_worst_class_of_a_coarser_cell_counts() -> None:
+    geometry = GridGeometry("site", 0.1, 0.1, 0.5, 4, 4)  # its edges are not those of cells of 0.2 m
+    classes = np.array([[1, 1, 0, 0], [1, 3, 0, 0], [0, 0, 2, 1], [0, 0, 1, 1]], dtype=np.uint8)
+    slope = np.where(classes == 0, np.nan, classes * 10.0).astype(np.float32)
+    fine = NavigationMap.from_layers(geometry, {"class": classes, "slope_deg": slope}, t0_ns=0, t1_ns=1000)
+    coarse = translate.coarser_map(fine, 0.25)
+    assert coarse.geometry == GridGeometry("site", 0.2, 0.0, 0.6, 3, 3)
+    np.testing.assert_array_equal(coarse.layer("class"), [[1, 1, 0], [1, 3, 1], [0, 1, 1]])
+    np.testing.assert_array_equal(coarse.layer("slope_deg"), [[10, 10, np.nan], [10, 30, 10], [np.nan, 10, 10]])
+    assert translate.coarser_map(fine, 0.15) is fine
+    assert translate.coarser_map(fine, None) is fine
