@@ -4,15 +4,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
-from sqlalchemy import ColumnElement, exists, or_, tuple_
+from sqlalchemy import ColumnElement, Connection, exists, or_, select, tuple_
 from sqlalchemy.sql.base import ReadOnlyColumnCollection
 
 from dpm_store import schema
 from dpm_store.annotations import carries, has_successor
 from dpm_store.records import MetricBound, Order, Query, read_cursor
 
+#: So few products are better looked at one by one.
+_FEW = 1000
 Columns = ReadOnlyColumnCollection[str, Any]
 
 
@@ -55,9 +58,26 @@ def ordering(query: Query, p: Columns = schema.products.c) -> tuple[Any, ...]:
     return (p.t1_ns, p.ordinal) if query.order is Order.OLDEST else (p.t1_ns.desc(), p.ordinal.desc())
 
 
+def few_with(connection: Connection, bounds: Sequence[MetricBound]) -> list[int] | None:
+    """Ordinals of the products within one of the bounds, where one leaves few; None where all leave many.
+
+    Looking at those few is better then than walking through time until enough of them have come by.
+    """
+    m, found = schema.product_metrics, None
+    for bound in bounds:
+        wanted = select(m.c.ordinal).where(m.c.name == bound.name, *_bounded(m.c.value, bound)).limit(_FEW + 1)
+        ordinals = list(connection.execute(wanted).scalars())
+        if len(ordinals) <= _FEW and (found is None or len(ordinals) < len(found)):
+            found = ordinals
+    return found
+
+
 def _within(bound: MetricBound, ordinal: ColumnElement[int]) -> ColumnElement[bool]:
     m = schema.product_metrics.alias()
-    value = m.c.value
-    low = value > bound.low if bound.strict else value >= bound.low
-    high = value < bound.high if bound.strict else value <= bound.high
-    return exists().where(m.c.ordinal == ordinal, m.c.name == bound.name, low, high)
+    return exists().where(m.c.ordinal == ordinal, m.c.name == bound.name, *_bounded(m.c.value, bound))
+
+
+def _bounded(value: ColumnElement[float], bound: MetricBound) -> tuple[ColumnElement[bool], ColumnElement[bool]]:
+    if bound.strict:
+        return value > bound.low, value < bound.high
+    return value >= bound.low, value <= bound.high

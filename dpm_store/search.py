@@ -19,12 +19,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import Connection, distinct, or_, select, text
+from sqlalchemy import Connection, distinct, or_, select
 
 from cdff_common.clock import NS_PER_S
 from cdff_common.geometry.region import Region
 from dpm_store import outlines, schema, sqlite
-from dpm_store.conditions import conditions, ordering
+from dpm_store.conditions import conditions, few_with, ordering
 from dpm_store.database import Database
 from dpm_store.footprints import rings_in
 from dpm_store.frames import FrameTable, FrameTree, Known
@@ -36,7 +36,6 @@ from dpm_store.products import RECORD_COLUMNS, ProductTable, record_of
 from dpm_store.records import LATEST_NS, Cursor, Order, Page, ProductRecord, Query, read_cursor
 from dpm_store.slices import slices
 
-_BUCKETS = text("SELECT ordinal, frame, product FROM index_buckets")
 #: What makes a record, then every other column that a search asks for.
 _LISTED = sqlite.listed_products(
     [*RECORD_COLUMNS, *(c.name for c in schema.products.c if c.name not in (*RECORD_COLUMNS, "sha256"))]
@@ -74,7 +73,7 @@ class Search:
             if query.order is Order.NEAREST:
                 return self._nearest.run(connection, query, tree)
             if query.region is None:
-                rows = self.rows(connection, query, [], {}, query.limit + 1)
+                rows = self._rows(connection, query, query.limit + 1)
                 return _page(query, [record_of(row) for row in rows], (), tree)
             return self._run_spatial(connection, query, query.region, tree)
 
@@ -157,12 +156,12 @@ class Search:
         return self._epoch_ns
 
     @staticmethod
-    def rows(
-        connection: Connection, query: Query, extra: list[Any], values: dict[str, Any], limit: int
-    ) -> Sequence[Any]:
-        """Rows of products in the query's order."""
-        statement = select(schema.products).where(*conditions(query), *extra).order_by(*ordering(query)).limit(limit)
-        return connection.execute(statement, values).all()
+    def _rows(connection: Connection, query: Query, limit: int) -> Sequence[Any]:
+        """Rows of products in the query's order, wherever they are."""
+        few = few_with(connection, query.metrics)
+        source, values = (schema.products.c, {}) if few is None else (_LISTED.c, {"ordinals": sqlite.list_value(few)})
+        statement = select(*(source[name] for name in RECORD_COLUMNS)).where(*conditions(query, source))
+        return connection.execute(statement.order_by(*ordering(query, source)).limit(limit), values).all()
 
     @staticmethod
     def inside(
@@ -200,7 +199,7 @@ def _in_buckets(
 ) -> list[sqlite.IndexBox]:
     """Boxes in frames as the index names them: one for each of the query's types that the frame holds."""
     frames = {frame for frame, _ in boxes}
-    found = connection.execute(_BUCKETS)
+    found = sqlite.buckets(connection)
     return [
         (bucket, box)
         for bucket, frame, product in found
