@@ -55,18 +55,17 @@ def _in_parts(dpm: Dpm, rules: Sequence[Rule], apply: bool) -> Iterator[Reply]:
     yield _final(dpm.retire(rules, apply=apply), len(rules), apply, verdicts=False)
 
 
-def _final(plan: Plan, rules: int, applied: bool, *, verdicts: bool = True) -> Reply:
+def plan_told(plan: Plan, rules: int, applied: bool, *, verdicts: bool = True) -> dict[str, Any]:
+    """A plan as plain data, with its first verdicts where wanted."""
     told = [_told(v) for v in plan.verdicts[:MAX_TOLD]] if verdicts else []
-    return Reply.of(
-        {
-            "applied": applied,
-            "rules": rules,
-            "retired": plan.going,
-            "bytes": plan.bytes,
-            "kept": plan.staying,
-            "verdicts": told,
-        }
-    )
+    return {
+        "applied": applied, "rules": rules, "retired": plan.going, "bytes": plan.bytes, "kept": plan.staying,
+        "verdicts": told,
+    }  # fmt: skip
+
+
+def _final(plan: Plan, rules: int, applied: bool, *, verdicts: bool = True) -> Reply:
+    return Reply.of(plan_told(plan, rules, applied, verdicts=verdicts))
 
 
 def _told(v: Verdict) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import functools
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from cdff_common.bus import Bus, Qos, Reply, Request, keys
@@ -99,11 +99,23 @@ def _as_scope(
     who = Actor(request.scope, "robot" if robot else "operator", "zenoh")
     try:
         with acting(who):
-            return handler(dpm, request)
+            answer = handler(dpm, request)
+            return answer if isinstance(answer, Reply) else _acting_parts(who, answer)
     except CdffError as error:
         if verb in _WRITES_BARE or (verb in _WRITES and request.payload):
             refusals.enter(who, f"dpm/@rpc/{verb}", rpc_code(error)[0], str(error))
         raise
+
+
+def _acting_parts(who: Actor, parts: Iterable[Reply]) -> Iterator[Reply]:
+    """Parts of an answer, each made while ``who`` acts."""
+    following = iter(parts)
+    while True:
+        with acting(who):
+            part = next(following, None)
+        if part is None:
+            return
+        yield part
 
 
 def search(dpm: Dpm, request: Request) -> Reply:

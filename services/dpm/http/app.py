@@ -24,6 +24,7 @@ from services.dpm.http.routes import (
     page,
     products,
     requests,
+    retention,
     robots,
     stac,
     status,
@@ -34,7 +35,8 @@ from services.dpm.refusals import Refusals
 
 #: The last is the page: for people, not in the OpenAPI document.
 MODULES = (
-    products, transactions, annotations, robots, frames, bodies, maps, tiles, requests, status, stac, ogc, page,
+    products, transactions, annotations, robots, frames, bodies, maps, tiles, requests, retention, status, stac, ogc,
+    page,
 )  # fmt: skip
 
 

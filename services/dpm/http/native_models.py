@@ -240,6 +240,29 @@ class Happened(Open):
     kind: str
 
 
+class Verdict(Open):
+    """What retention does with a product, and why."""
+
+    id: str
+    product: str
+    robot: str
+    t1_ns: StampNs
+    size: int
+    retire: bool
+    why: str
+
+
+class RetentionPlan(Open):
+    """What the rules let go; the first thousand verdicts."""
+
+    applied: bool
+    rules: int
+    retired: int
+    bytes: int
+    kept: int
+    verdicts: list[Verdict]
+
+
 class Changes(Open):
     """What happened; go on from ``next``."""
 

@@ -153,7 +153,9 @@ function productCard(product) {
   if (product.resolution_m) detail.unshift(`${product.resolution_m * 100 < 100 ? +(product.resolution_m * 100).toFixed(1) + " cm" : product.resolution_m + " m"} cells`);
   const metrics = product.quality.metrics || {};
   if (metrics.coverage !== undefined) detail.push(`${(metrics.coverage * 100).toFixed(0)} % covered`);
-  const links = make("p", { class: "links" }, make("a", { href: product.links.self }, "details"));
+  const details = make("a", { href: product.links.self, class: "details" }, "details");
+  details.addEventListener("click", (event) => { event.preventDefault(); showDetail(product.id); });
+  const links = make("p", { class: "links" }, details);
   if (product.quality.status !== "FAILED") {
     for (const format of FILES[product.product] || []) {
       links.append(make("a", { href: `${product.links.payload}?format=${format}`, download: `${product.id}.${format}` }, format));
@@ -166,6 +168,84 @@ function productCard(product) {
       make("p", null, `${product.robot}, ${words(product.dfpc)}`),
       make("p", null, frame), make("p", null, time(product.t1_ns)), make("p", null, detail.join(", ")),
       ...(reasons.length ? [make("p", { class: "warn" }, reasons.join(", "))] : []), links));
+}
+
+const facts = (pairs) => make("dl", { class: "facts" }, ...pairs.filter(([, value]) => value !== null && value !== undefined && value !== "")
+  .flatMap(([name, value]) => [make("dt", null, name), make("dd", null, value)]));
+
+/** Products that one was made from, or that were made from it: known ones can be looked at. */
+function generations(title, provenance) {
+  const rows = provenance.items.map((item) => {
+    if (!item.known) return make("li", null, `${item.id} (not stored here)`);
+    const link = make("a", { href: `/api/v1/products/${item.id}` }, `${words(item.product)} of ${item.robot}, ${words(item.dfpc)}`);
+    link.addEventListener("click", (event) => { event.preventDefault(); showDetail(item.id); });
+    return make("li", null, link, ` ${time(item.t1_ns)}${item.deleted_ns ? ", deleted" : ""}${item.generation > 1 ? `, generation ${item.generation}` : ""}`);
+  });
+  return make("div", null, make("h4", null, title), rows.length ? make("ul", null, ...rows) : make("p", { class: "empty" }, "nothing"));
+}
+
+async function showDetail(id) {
+  const base = `/api/v1/products/${encodeURIComponent(id)}`;
+  const body = byId("detail-body");
+  body.replaceChildren(make("p", { class: "empty" }, "Loading …"));
+  if (!byId("detail").open) byId("detail").showModal();
+  try {
+    const [product, up, down, said] = await Promise.all([ask(base), ask(`${base}/provenance?direction=up`),
+      ask(`${base}/provenance?direction=down`), ask(`${base}/revisions`)]);
+    const note = product.annotation;
+    const metrics = Object.entries(product.quality.metrics || {}).map(([name, value]) => `${words(name)} ${value === null ? "–" : +value.toPrecision(4)}`);
+    const files = make("p", { class: "links" }, ...product.formats.map((format) =>
+      make("a", { href: `${product.links.payload}?format=${format}`, download: `${product.id}.${format}` }, format)));
+    body.replaceChildren(
+      make("h3", { id: "detail-title" }, words(product.product), " ", badge(product.quality.status)), picture(product),
+      facts([["Robot", product.robot], ["Made by", `${product.dfpc}/${product.port}, ${product.producer}`],
+        ["Configuration", product.config_hash], ["Frame", product.child ? `${product.child} in ${product.frame}` : product.frame],
+        ["Captured", `${time(product.t0_ns)} to ${time(product.t1_ns)}`], ["Stored", time(product.inserted_ns)],
+        ["Box", product.box_m ? `${product.box_m.map(metres).join(", ")} m` : null],
+        ["Cells", product.resolution_m ? `${product.resolution_m} m` : null], ["Size", bytes(product.size)],
+        ["Reasons", (product.quality.reasons || []).join(", ")], ["Quality", metrics.join(", ")],
+        ["Tags", note.tags.join(", ")], ["Notes", note.notes], ["Pinned", note.pinned ? "yes, it is neither deleted nor retired" : null],
+        ["Superseded by", note.superseded_by],
+        ["Said", said.items.map((r) => `r${r.revision} by ${r.author}, ${time(r.stamp_ns)}`).join("; ")],
+        ["Id", product.id], ["SHA-256", product.sha256]]),
+      files, generations("Made from", up), generations("Used for", down));
+  } catch (error) {
+    body.replaceChildren(make("p", { class: "error" }, error.message));
+  }
+}
+
+function position(T) {
+  const yaw = (Math.atan2(T[1][0], T[0][0]) * 180) / Math.PI;
+  return `${metres(T[0][3])}, ${metres(T[1][3])}, ${metres(T[2][3])} m, ${yaw.toFixed(1)}°`;
+}
+
+async function showFrames() {
+  const { items: fixed, tracks } = await ask("/api/v1/frames");
+  const rows = fixed.map((f) => [f.frame, f.parent, "fixed", `r${f.revision}`, position(f.T), time(f.inserted_ns)]);
+  const moving = tracks.map((t) => [t.child, t.parent, `moving, ${t.source}`, "", `${t.count} poses`, `${time(t.t0_ns)} to ${time(t.t1_ns)}`]);
+  const all = [...rows, ...moving].map((cells) => make("tr", null, ...cells.map((cell) => make("td", null, cell))));
+  byId("frames").tBodies[0].replaceChildren(...(all.length ? all : [nothing("No frame known.")]));
+  options("frame", [...new Set([...fixed.map((f) => f.frame), ...tracks.map((t) => t.parent)])].filter((f) => f !== "site").sort());
+  const { anchor } = await ask("/api/v1/places/site");
+  byId("place").textContent = anchor
+    ? `The site lies on ${words(anchor.body)} at ${anchor.lon_deg.toFixed(5)}° east, ${anchor.lat_deg.toFixed(5)}° north, ${metres(anchor.height_m)} m.`
+    : "The site is not anchored on a body: products have no longitude and latitude.";
+}
+
+async function showPlan() {
+  byId("plan-sum").textContent = "Looking …";
+  try {
+    const plan = await ask("/api/v1/retention");
+    byId("plan-sum").textContent = plan.rules
+      ? `${plan.retired} products with ${bytes(plan.bytes)} would go, ${plan.kept} stay though their rule lets them go.`
+      : "The profile has no rule: everything stays.";
+    byId("plan-scroll").hidden = plan.verdicts.length === 0;
+    byId("verdicts").tBodies[0].replaceChildren(...plan.verdicts.map((v) => make("tr", null, ...[
+      make("span", { class: `badge ${v.retire ? "warn" : "ok"}` }, v.retire ? "goes" : "stays"), words(v.product), v.robot,
+      time(v.t1_ns), bytes(v.size), v.why].map((cell) => make("td", null, cell)))));
+  } catch (error) {
+    byId("plan-sum").textContent = error.message;
+  }
 }
 
 async function showProducts(older) {
@@ -187,7 +267,7 @@ async function showProducts(older) {
 }
 
 async function refresh() {
-  const others = [showRobots(), showRequests()];
+  const others = [showRobots(), showRequests(), showFrames()];
   await showStatus().catch(() => live("lost", "No answer, trying again …"));
   if (items.length <= PAGE) others.push(showProducts(false));
   await Promise.allSettled(others);
@@ -209,7 +289,7 @@ function follow() {
   source.onerror = () => live("lost", "Connection lost, trying again …");
   // Poses come several times a second: the clock below is enough for them.
   source.addEventListener("inserted", (event) => { if (JSON.parse(event.data).product !== "pose") soon(); });
-  for (const kind of ["deleted", "activated", "deactivated", "reanchored", "sensor_mode", "alarm"]) {
+  for (const kind of ["deleted", "activated", "deactivated", "reanchored", "updated", "sensor_mode", "alarm"]) {
     source.addEventListener(kind, soon);
   }
 }
@@ -224,10 +304,11 @@ byId("filter").addEventListener("submit", async (event) => {
     byId("filter-error").textContent = error.message;
   }
 });
-for (const name of ["type", "robot"]) {
+for (const name of ["type", "robot", "status"]) {
   byId("filter").elements[name].addEventListener("change", () => byId("filter").requestSubmit());
 }
 byId("more").addEventListener("click", () => showProducts(true));
+byId("plan").addEventListener("click", showPlan);
 refresh();
 follow();
 setInterval(soon, 5000);

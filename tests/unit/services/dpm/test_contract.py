@@ -99,4 +99,4 @@ def test_every_operation_answers_as_the_document_says(document: Any, method: str
 @pytest.mark.slow
 @pytest.mark.parametrize(("method", "path"), OPERATIONS)
 def test_every_operation_answers_many_questions_as_the_document_says(document: Any, method: str, path: str) -> None:
-    tried(document, method, path, 150)
+    tried(document, method, path, 50)
