@@ -13,6 +13,7 @@ from cdff_common.errors import InputError, ProductNotFoundError
 from cdff_common.geometry import FrameGraph, UncertainTransform, se3
 from cdff_common.interfaces.dfpc import DfpcContext, Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Status
+from cdff_common.interfaces.registry import Registry
 from cdff_common.types import LidarMap, Pointcloud, TransformWithCovariance
 from cdff_core.dfpcs.lidar_slam.compound import LidarSlam
 from tests.hills import Float, Ground, circle, hills, plain, scan, standing
@@ -132,6 +133,22 @@ def test_the_odometry_never_jumps_when_the_map_does(lapped: tuple[Rover, list[Ou
         step = se3.inverse(before.value.transform.matrix) @ now.value.transform.matrix
         true = se3.inverse(rover.truth[before.t1_ns]) @ rover.truth[now.t1_ns]
         assert np.linalg.norm((se3.inverse(true) @ step)[:3, 3]) < 0.06
+
+
+def test_the_position_manager_takes_the_odometry(lapped: tuple[Rover, list[Output]]) -> None:
+    rover, _ = lapped
+    manager = Registry.default().make_dfpc("position_manager")
+    manager.configure(None, rover.node.context)
+    made: list[Output] = []
+    for i, output in enumerate(of(rover.outputs, "odometry")[:40]):
+        sample = Sample("visual_odometry", output.t1_ns, i, output.value, quality=output.quality)
+        made += manager.step(sample)
+    last = [o for o in made if o.port == "pose"][-1]
+    first = rover.truth[min(rover.truth)]
+    moved = se3.inverse(first) @ rover.truth[last.t1_ns]
+    assert (last.frame, last.child) == ("site", "mana/base")
+    assert "source:vo" in last.quality.reasons
+    assert abs(np.linalg.norm(last.value.transform.matrix[:3, 3]) - np.linalg.norm(moved[:3, 3])) < 0.2
 
 
 @pytest.mark.req("CDFF-CORE-076")

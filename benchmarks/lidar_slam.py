@@ -1,0 +1,140 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""lidar_slam beside kiss-icp on the same simulated sweeps of 64 x 1800: CPU and wall time a sweep, memory of the maps.
+
+OMP_NUM_THREADS=1 python benchmarks/lidar_slam.py [--sweeps N] [--seed N] [--out FILE]
+
+Sweeps of deploy/simulation/lidar_traverse.yaml, simulated first and held in memory. Both run on one thread; the first
+ten sweeps warm up. Closed loops are in our times, kiss-icp has none. Errors are the odometry's, of segments of 20 m.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cdff_common.geometry import FrameGraph, UncertainTransform, se3
+from cdff_common.interfaces.dfpc import DfpcContext, Sample
+from cdff_common.interfaces.registry import Registry
+from cdff_common.types import LidarScan
+from cdff_dev.simulate.scenario import load_scenario
+from cdff_dev.simulate.traverse import simulate
+from cdff_dev.trajectory.compare import compare
+from cdff_dev.trajectory.track import Track
+
+WARM_UP = 10
+Step = Callable[[LidarScan], Any]
+
+
+def sweeps(seed: int, count: int) -> tuple[list[LidarScan], Track, np.ndarray]:
+    """Sweeps, the true poses of the lidar, and its mount."""
+    scenario = load_scenario("lidar_traverse", seed).model_copy(update={"duration_s": count / 2.0 + 0.6})
+    mount, found, truth = scenario.lidar.mount.matrix(), [], {}
+    for entry, value in simulate(scenario, workers=0):
+        if entry.stream.endswith("/lidar.scan"):
+            found.append(value)
+        elif entry.stream.endswith("/truth.pose"):
+            truth[entry.stamp_ns] = value.transform.matrix @ mount
+    stamps = np.array([s.t1_ns for s in found])
+    return found, Track("truth", stamps, np.array([truth[int(t)] for t in stamps])), mount
+
+
+def ours(mount: np.ndarray) -> tuple[Step, Callable[[], dict[str, float]]]:
+    """The DFPC with its defaults."""
+    frames = FrameGraph()
+    frames.set_static("mana/base", "mana/lidar", UncertainTransform(mount, np.zeros((6, 6))))
+    node = Registry.default().make_dfpc("lidar_slam")
+    node.configure(None, DfpcContext("mana", frames))
+
+    def step(scan: LidarScan) -> Any:
+        outputs = list(node.step(Sample("scan", scan.t1_ns, 0, scan)))
+        return next(o.value.transform.matrix for o in outputs if o.port == "odometry")
+
+    def memory() -> dict[str, float]:
+        return {"keyframes": len(node.places), "keyframes_mb": round(node.places.point_bytes / 1e6, 1)}
+
+    return step, memory
+
+
+def kiss(range_m: tuple[float, float]) -> tuple[Step, Callable[[], dict[str, float]]]:
+    """kiss-icp with its own parameters for the range, given the motion of a sweep and not of a period to deskew by."""
+    from kiss_icp.config import KISSConfig
+    from kiss_icp.kiss_icp import KissICP
+
+    config = KISSConfig()
+    config.data.min_range, config.data.max_range = range_m
+    config.mapping.voxel_size = range_m[1] / 100.0
+    config.registration.max_num_threads = 1
+    peer = KissICP(config)
+    preprocess, last = peer.preprocessor.preprocess, [0]
+
+    def step(scan: LidarScan) -> Any:
+        share = (scan.t1_ns - scan.t0_ns) / (scan.t1_ns - last[0])
+        motion, last[0] = se3.exp_se3(share * se3.log_se3(peer.last_delta)), scan.t1_ns
+        peer.preprocessor.preprocess = lambda frame, stamps, _: preprocess(frame, stamps, motion)
+        length_us = (scan.t1_ns - scan.t0_ns) / 1000.0
+        peer.register_frame(np.asarray(scan.points_m, np.float64), np.asarray(scan.time_offset_us) / length_us)
+        return peer.last_pose.copy()
+
+    return step, dict
+
+
+def measured(name: str, step: Step, scans: list[LidarScan], truth: Track) -> dict[str, Any]:
+    """Times a sweep, and the errors of the poses."""
+    cpu_s, wall_s, poses = [], [], []
+    for scan in scans:
+        began, wall = time.process_time(), time.perf_counter()
+        poses.append(step(scan))
+        cpu_s.append(time.process_time() - began)
+        wall_s.append(time.perf_counter() - wall)
+    segment_m = min(20.0, 0.4 * float(truth.distances_m[-1]))
+    figures = compare(Track(name, truth.stamps_ns, np.array(poses)), truth, segments_m=(segment_m,)).figures
+    cpu, wall = np.array(cpu_s[WARM_UP:]), np.array(wall_s[WARM_UP:])
+    return {
+        "cpu_ms": {"mean": ms(cpu.mean()), "median": ms(np.median(cpu)), "p95": ms(np.quantile(cpu, 0.95)), "max": ms(cpu.max())},
+        "wall_ms": {"mean": ms(wall.mean()), "median": ms(np.median(wall))},
+        "sweeps_per_cpu_s": round(1.0 / float(cpu.mean()), 1),
+        "drift_percent": {segment_m: round(s["translation_percent"], 4) for s in figures["drift"]["segments"]},
+    }  # fmt: skip
+
+
+def ms(seconds: float) -> float:
+    """Milliseconds, a tenth."""
+    return round(1000.0 * float(seconds), 1)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sweeps", type=int, default=200, help="sweeps (two a second)")
+    parser.add_argument("--seed", type=int, default=20260901, help="of the scenario")
+    parser.add_argument("--out", type=Path, help="JSON report")
+    args = parser.parse_args()
+    scans, truth, mount = sweeps(args.seed, max(args.sweeps, 2 * WARM_UP))
+    report: dict[str, Any] = {
+        "machine": f"{platform.machine()}, {os.cpu_count()} cores", "sweeps": len(scans),
+        "points_a_sweep": int(np.mean([len(s.points_m) for s in scans])),
+    }  # fmt: skip
+    step, memory = ours(mount)
+    report["cdff lidar_slam"] = measured("cdff", step, scans, truth) | memory()
+    try:
+        step, _ = kiss((0.5, 60.0))
+    except ImportError:
+        report["kiss-icp"] = "not installed (extra dev)"
+    else:
+        report["kiss-icp"] = measured("kiss-icp", step, scans, truth)
+    text = json.dumps(report, indent=1)
+    print(text)
+    if args.out:
+        args.out.write_text(text + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,133 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cdff_common.errors import CdffError, CodecError, InputError
+from cdff_common.interfaces.dfpc import Dfpc
+from cdff_common.types import Time
+from services.dfpc_host.keeping import Keeper, state_file
+
+
+class Remembering(Dfpc):
+    """A DFPC whose state is a time."""
+
+    name = "remembering"
+
+    def __init__(self) -> None:
+        self.now: Time | None = None
+
+    def setup(self) -> None:
+        self.now = None
+
+    def reset(self) -> None:
+        self.setup()
+
+    def step(self, sample: Any) -> Any:
+        self.now = sample
+        self.state_revision += 1
+        return ()
+
+    def state(self) -> Time | None:
+        return self.now
+
+    def resume(self, state: Any) -> None:
+        if not isinstance(state, Time):
+            raise InputError(f"state {type(state).__name__}, expected Time")
+        self.now = state
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "dfpc" / "mana" / "remembering.state"
+
+
+def kept(path: Path, ns: int = 5_000) -> Remembering:
+    node = Remembering()
+    keeper = Keeper(path, period_s=0.0)
+    keeper.give_back(node)
+    node.step(Time.from_ns(ns))
+    keeper.keep(node)
+    return node
+
+
+@pytest.mark.req("CDFF-CORE-077")
+def test_what_was_kept_is_given_back_to_the_next_process(path: Path) -> None:
+    kept(path)
+    node = Remembering()
+    Keeper(path).give_back(node)
+    assert node.now is not None
+    assert node.now.ns == 5_000
+
+
+def test_nothing_is_written_while_nothing_changes(path: Path) -> None:
+    node = Remembering()
+    keeper = Keeper(path, period_s=0.0)
+    keeper.give_back(node)
+    keeper.keep(node, now=True)
+    assert not path.exists()
+
+
+def test_it_is_saved_once_a_period_but_at_once_when_it_ends(path: Path) -> None:
+    node = Remembering()
+    keeper = Keeper(path, period_s=3600.0)
+    keeper.give_back(node)
+    node.step(Time.from_ns(1_000))
+    keeper.keep(node)
+    assert not path.exists()
+    keeper.keep(node, now=True)
+    assert path.exists()
+
+
+def test_a_state_that_was_forgotten_is_forgotten_on_disk(path: Path) -> None:
+    node = kept(path)
+    keeper = Keeper(path, period_s=0.0)
+    keeper.give_back(node)
+    node.now = None
+    node.state_revision += 1
+    keeper.keep(node)
+    assert not path.exists()
+
+
+@pytest.mark.parametrize(
+    "damage", [lambda d: d[:-1], lambda d: d[:-1] + b"\xff", lambda d: b"", lambda d: b"\x00" * 99]
+)
+def test_a_damaged_file_is_put_aside_and_said(path: Path, damage: Any) -> None:
+    kept(path)
+    path.write_bytes(damage(path.read_bytes()))
+    node = Remembering()
+    with pytest.raises(CodecError, match="SHA-256"):
+        Keeper(path).give_back(node)
+    assert node.now is None
+    assert not path.exists()
+    assert path.with_suffix(".broken").exists()
+
+
+def test_a_state_that_the_dfpc_does_not_take_is_put_aside(path: Path) -> None:
+    kept(path)
+
+    class Other(Remembering):
+        def resume(self, state: Any) -> None:
+            raise InputError("not mine")
+
+    with pytest.raises(CdffError, match="not mine"):
+        Keeper(path).give_back(Other())
+    assert path.with_suffix(".broken").exists()
+
+
+def test_a_save_that_was_cut_short_leaves_the_one_before(path: Path) -> None:
+    kept(path, ns=7_000)
+    path.with_suffix(".part").write_bytes(b"half of")
+    node = Remembering()
+    Keeper(path).give_back(node)
+    assert node.now is not None
+    assert node.now.ns == 7_000
+
+
+def test_the_file_lies_in_the_data_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("CDFF_DATA_DIR", str(tmp_path))
+    assert state_file("mana", "lidar_slam") == tmp_path / "dfpc" / "mana" / "lidar_slam.state"
