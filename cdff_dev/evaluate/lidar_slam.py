@@ -31,7 +31,8 @@ from cdff_core.runtime import Runner
 from cdff_dev.evaluate.record import spread
 from cdff_dev.simulate.scenario import Scenario, load_scenario
 from cdff_dev.simulate.traverse import simulate
-from cdff_dev.trajectory.compare import compare
+from cdff_dev.trajectory.compare import Comparison, compare
+from cdff_dev.trajectory.plot import panel
 from cdff_dev.trajectory.track import Track
 
 ROBOT = "mana"
@@ -167,7 +168,8 @@ def traverse(run: Run) -> dict[str, Any]:
 
 def errors(track: Track, run: Run) -> dict[str, Any]:
     """Drift over segments, absolute error and normalised squared error."""
-    figures = compare(track, run.reference(track), segments_m=SEGMENTS_M).figures
+    found = compare(track, run.reference(track), segments_m=SEGMENTS_M)
+    figures = found.figures
     drift = figures["drift"]
     rmse_m = figures["ate"]["translation_m"]["rmse"]
     return {
@@ -176,7 +178,43 @@ def errors(track: Track, run: Run) -> dict[str, Any]:
         "ate_rmse_m": round(rmse_m, 4),
         "ate_percent_of_way": round(figures["ate"]["rmse_percent_of_way"], 5),
         "nees": _nees(track, run.reference(track)),
+        "along": _along(found),
     }
+
+
+def _along(found: Comparison) -> dict[str, list[float]]:
+    """A hundred poses of the way: its length, where the lidar was and was thought to be, the distance between both."""
+    rows = np.unique(np.linspace(0, len(found.reference) - 1, 100).astype(int))
+    xy, estimate = found.reference.positions_m[rows, :2], found.estimate.positions_m[rows, :2]
+    columns = {
+        "way_m": found.reference.distances_m[rows], "error_m": found.position_errors_m[rows],
+        "x_m": xy[:, 0], "y_m": xy[:, 1], "estimated_x_m": estimate[:, 0], "estimated_y_m": estimate[:, 1],
+    }  # fmt: skip
+    return {name: [round(float(v), 3) for v in column] for name, column in columns.items()}
+
+
+def draw(figures: dict[str, Any]) -> bytes:
+    """SVG: the first traverse from above, true and estimated, and the errors along it beside kiss-icp's."""
+    rows = figures["simulated"]
+    ours = rows[f"lidar_traverse, seed {SEEDS[0]}"]
+    final = ours["trajectory at the end"]["along"]
+    curves = {"#c0392b": final, "#2c7fb8": ours["odometry"]["along"]}
+    peer = rows.get(f"kiss-icp 1.3.0, seed {SEEDS[0]}", {})
+    if "along" in peer:
+        curves["#777777"] = peer["along"]
+    plan = [np.column_stack([final[f"{of}x_m"], final[f"{of}y_m"]]) for of in ("", "estimated_")]
+    errors_m = [np.column_stack([c["way_m"], c["error_m"]]) for c in curves.values()]
+    above = panel(0.0, plan, ("#777777", "#c0392b"), ("x m", "y m"), equal=True)
+    along = panel(520.0, errors_m, tuple(curves), ("way m", "error m"), equal=False)
+    names = ("trajectory at the end", "odometry", "kiss-icp")[: len(curves)]
+    legend = "".join(
+        f'<text x="{572 + 150 * i}" y="18" fill="{colour}">{name}</text>'
+        for i, (name, colour) in enumerate(zip(names, curves, strict=True))
+    )
+    return (
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1040 360" font-family="sans-serif" font-size="12">'
+        f'<rect width="100%" height="100%" fill="white"/>{legend}{above}{along}</svg>\n'
+    ).encode()
 
 
 def _nees(track: Track, reference: Track) -> dict[str, float]:

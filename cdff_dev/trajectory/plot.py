@@ -20,8 +20,8 @@ def drawn(found: Comparison) -> str:
     first, second = sorted(np.argsort(np.ptp(found.reference.positions_m, axis=0))[-2:])
     tracks = [track.positions_m[:, [first, second]] for track in (found.reference, found.estimate)]
     errors = np.column_stack([found.reference.distances_m, found.position_errors_m])
-    above = _panel(0.0, tracks, ("#777777", "#c0392b"), (f"{'xyz'[first]} m", f"{'xyz'[second]} m"), equal=True)
-    along = _panel(_WIDTH, [errors], ("#c0392b",), ("way m", "error m"), equal=False)
+    above = panel(0.0, tracks, ("#777777", "#c0392b"), (f"{'xyz'[first]} m", f"{'xyz'[second]} m"), equal=True)
+    along = panel(_WIDTH, [errors], ("#c0392b",), ("way m", "error m"), equal=False)
     legend = (
         f'<text x="{_MARGIN}" y="18">reference</text><text x="{_MARGIN + 80}" y="18" fill="#c0392b">estimate</text>'
     )
@@ -31,9 +31,7 @@ def drawn(found: Comparison) -> str:
     )
 
 
-def _panel(
-    left: float, curves: Sequence[Float], colours: Sequence[str], labels: tuple[str, str], *, equal: bool
-) -> str:
+def panel(left: float, curves: Sequence[Float], colours: Sequence[str], labels: tuple[str, str], *, equal: bool) -> str:
     """Curves ``(n, 2)`` with axes; ``equal`` draws a metre as long in both."""
     points = np.vstack(curves)
     low, high = points.min(axis=0), points.max(axis=0)
