@@ -128,6 +128,7 @@ def stac(server: Server) -> Any:
     return pystac_client.Client.open(f"{server.url}/stac")
 
 
+@pytest.mark.req("CDFF-SUP-160")
 @pytest.mark.parametrize("method", ["GET", "POST"])
 def test_pystac_client_finds_every_item_once_over_all_pages(stac: Any, server: Server, method: str) -> None:
     found = [i.id for i in stac.search(collections=["dem"], limit=10, method=method).items()]
@@ -155,6 +156,7 @@ def test_pystac_client_searches_by_place_time_and_id(stac: Any, server: Server, 
     assert anywhere == {*server.patches, server.turned}
 
 
+@pytest.mark.req("CDFF-SUP-160")
 def test_items_collections_and_catalog_are_valid_stac(stac: Any, server: Server) -> None:
     from pystac.validation import validate_dict
 
@@ -259,6 +261,7 @@ def test_gdal_reads_every_layer_and_every_feature(gdal: dict[str, Any], server: 
     assert len(gdal["trajectories"]["ids"]) == 1
 
 
+@pytest.mark.req("CDFF-SUP-160")
 def test_gdal_says_that_it_is_mars(gdal: dict[str, Any]) -> None:
     import pyproj
 

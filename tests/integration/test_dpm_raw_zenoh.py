@@ -102,6 +102,7 @@ def outsider(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Outsider]:
         session.close()
 
 
+@pytest.mark.req("CDFF-SUP-165")
 def test_a_payload_is_pulled_in_parts_and_is_whole(outsider: Outsider) -> None:
     stored = msgpack.unpackb(outsider.put(seq=1).payload)
     assert stored["result"] == "inserted"
@@ -149,6 +150,7 @@ def test_an_unknown_product_is_not_found(outsider: Outsider) -> None:
         assert said.error["code"] == "NOT_FOUND"
 
 
+@pytest.mark.req("CDFF-SUP-165")
 def test_events_are_told_to_who_subscribes(outsider: Outsider) -> None:
     heard: queue.SimpleQueue[tuple[str, dict[str, Any]]] = queue.SimpleQueue()
     subscriber = outsider.session.declare_subscriber(

@@ -179,6 +179,7 @@ def test_searching_by_tag_and_time(page: Browser) -> None:
     page.eventually("document.querySelectorAll('.card').length === 3")
 
 
+@pytest.mark.req("CDFF-SUP-166")
 def test_details_show_provenance_that_one_can_walk(page: Browser) -> None:
     card = "[...document.querySelectorAll('.card')].find((c) => c.innerText.includes('pointcloud'))"
     page.value(f"{card}.querySelector('.details').click()")
@@ -195,6 +196,7 @@ def test_details_show_provenance_that_one_can_walk(page: Browser) -> None:
     page.eventually("!document.getElementById('detail').open")
 
 
+@pytest.mark.req("CDFF-SUP-166")
 def test_retention_is_explained_and_nothing_goes(page: Browser, dpm: Dpm) -> None:
     before = dpm.store.statistics().count
     page.value("document.getElementById('plan').click()")
@@ -208,6 +210,7 @@ def test_a_new_product_appears_by_itself(page: Browser, dpm: Dpm) -> None:
     page.eventually("document.querySelectorAll('.card').length === 4")
 
 
+@pytest.mark.req("CDFF-SUP-166")
 def test_nothing_failed_on_the_page_and_nothing_came_from_elsewhere(page: Browser) -> None:
     page.value("1")
     errors = [t for t in page.told if t.get("method") == "Runtime.exceptionThrown"]

@@ -112,6 +112,7 @@ BOMBS: dict[str, tuple[Callable[[bytes], object], Callable[[], bytes]]] = {
 }
 
 
+@pytest.mark.req("CDFF-SUP-162")
 @pytest.mark.parametrize("what", BOMBS)
 def test_a_bomb_is_refused_and_memory_stays_flat(what: str) -> None:
     read, make = BOMBS[what]

@@ -155,6 +155,7 @@ def over_zenoh(dpm: Dpm, names: dict[str, str], payload: bytes, encoding: str, a
     assert str(refused.value)
 
 
+@pytest.mark.req("CDFF-SUP-162")
 @pytest.mark.parametrize("what", HEADERS)
 def test_a_bad_header_is_refused(http: TestClient, dpm: Dpm, what: str) -> None:
     header = HEADERS[what](Header.from_attachment(ATTACHMENT).to_dict())
@@ -167,6 +168,7 @@ def test_a_bad_header_is_refused(http: TestClient, dpm: Dpm, what: str) -> None:
         over_zenoh(dpm, NAMES, PAYLOAD, ENCODING, attachment)
 
 
+@pytest.mark.req("CDFF-SUP-162")
 @pytest.mark.parametrize("what", PAYLOADS)
 def test_a_bad_payload_is_refused(http: TestClient, dpm: Dpm, what: str) -> None:
     names, payload, encoding = PAYLOADS[what]

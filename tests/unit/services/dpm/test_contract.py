@@ -91,6 +91,7 @@ def tried(document: Any, method: str, path: str, questions: int) -> None:
     ask()
 
 
+@pytest.mark.req("CDFF-SUP-161")
 @pytest.mark.parametrize(("method", "path"), OPERATIONS)
 def test_every_operation_answers_as_the_document_says(document: Any, method: str, path: str) -> None:
     tried(document, method, path, 8)

@@ -73,6 +73,7 @@ def test_events_come_as_they_happen_and_in_order(dpm: Dpm, port: int) -> None:
     reader.close()
 
 
+@pytest.mark.req("CDFF-SUP-164")
 def test_a_reader_who_comes_back_misses_nothing_and_hears_nothing_twice(dpm: Dpm, port: int) -> None:
     reader = Reader(port, 0)
     for i in range(5):
@@ -95,6 +96,7 @@ def test_a_quiet_stream_shows_that_it_lives(dpm: Dpm, port: int, monkeypatch: py
     reader.close()
 
 
+@pytest.mark.req("CDFF-SUP-164")
 def test_who_does_not_read_holds_up_nobody_and_costs_no_memory(dpm: Dpm, port: int) -> None:
     slow = socket.create_connection(("127.0.0.1", port), timeout=20)
     slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)

@@ -65,6 +65,7 @@ def test_every_route_that_writes_names_its_roles_and_admin_is_one(method: str, r
     assert "admin" in rule.roles
 
 
+@pytest.mark.req("CDFF-SUP-163")
 @pytest.mark.parametrize(("method", "rule"), WRITES, ids=lambda v: v.path if isinstance(v, Rule) else v)
 @pytest.mark.parametrize("role", ROLES)
 def test_a_role_may_what_the_route_says(guarded: TestClient, method: str, rule: Rule, role: str) -> None:
@@ -143,6 +144,7 @@ def test_a_robot_writes_its_own_products_only(guarded: TestClient, dpm: Dpm) -> 
     assert dpm.store.statistics().count == 1
 
 
+@pytest.mark.req("CDFF-SUP-163")
 def test_the_history_says_who_wrote_and_who_was_refused(guarded: TestClient, dpm: Dpm) -> None:
     made = guarded.post("/api/v1/products", **insertion("mana")).json()["id"]
     url = f"/api/v1/products/{made}"
