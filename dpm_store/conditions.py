@@ -81,3 +81,33 @@ def _bounded(value: ColumnElement[float], bound: MetricBound) -> tuple[ColumnEle
     if bound.strict:
         return value > bound.low, value < bound.high
     return value >= bound.low, value <= bound.high
+
+
+#: What conditions on one column each are as text; their values have the names of the query's fields.
+_PLAIN = {
+    **{name: f"{name} = :{name}" for name in ("robot", "dfpc", "port", "status", "child", "config_hash")},
+    "covariance_kind": "covariance_kind = :covariance_kind", "t0_ns": "t1_ns >= :t0_ns", "t1_ns": "t0_ns <= :t1_ns",
+    "resolution_max_m": "resolution_m <= :resolution_max_m", "resolution_above_m": "resolution_m > :resolution_above_m",
+    "inserted_after": "ordinal > :inserted_after",
+}  # fmt: skip
+
+
+def plain_conditions(query: Query) -> tuple[list[str], dict[str, Any]] | None:
+    """As ``conditions``, as text with values, which takes a tenth of the time; None where a query asks for more.
+
+    Tags, successors, numbers of the quality and what was known earlier need other tables, and are left to SQLAlchemy.
+    """
+    if query.tags or query.metrics or query.superseded is not None or query.as_of_ns is not None:
+        return None
+    values = {name: value for name in _PLAIN if (value := getattr(query, name)) is not None}
+    found = ["deleted_ns IS NULL", *(_PLAIN[name] for name in values)]
+    if query.types:
+        types = {f"type_{i}": name for i, name in enumerate(query.types)}
+        found.append(f"product IN ({', '.join(f':{name}' for name in types)})")
+        values |= types
+    if query.cursor is not None:
+        cursor = read_cursor(query.cursor, query.order)
+        side = ">" if query.order is Order.OLDEST else "<"
+        found.append(f"(t1_ns, ordinal) {side} (:cursor_t1_ns, :cursor_ordinal)")
+        values |= {"cursor_t1_ns": cursor.t1_ns, "cursor_ordinal": cursor.ordinal}
+    return found, values

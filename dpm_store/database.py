@@ -137,3 +137,5 @@ def _translated() -> Iterator[None]:
         yield
     except DatabaseError as error:
         raise StorageError(f"store: {error.orig}") from error
+    except sqlite.Error as error:
+        raise StorageError(f"store: {error}") from error

@@ -27,7 +27,6 @@ _MAX_DRAWN = 256
 #: A footprint that covers more of the box than this says no more than the box.
 _FULL = 0.95
 _BATCH = 500
-_LISTED = select(schema.footprints).where(schema.footprints.c.ordinal.in_(sqlite.listed("ordinals")))
 
 
 def footprint_of(header: Header, value: Any) -> FloatArray | None:
@@ -65,8 +64,7 @@ def ring_from(data: bytes) -> FloatArray:
 
 def rings_in(connection: Connection, ordinals: Iterable[int]) -> dict[int, FloatArray]:
     """Rings of the products that have one."""
-    rows = connection.execute(_LISTED, {"ordinals": sqlite.list_value(list(ordinals))})
-    return {row.ordinal: ring_from(row.ring) for row in rows}
+    return {ordinal: ring_from(ring) for ordinal, ring in sqlite.rings(connection, ordinals)}
 
 
 def footprints(connection: Connection, ids: Iterable[str]) -> dict[str, FloatArray]:

@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,7 @@ from sqlalchemy import Connection, distinct, or_, select
 from cdff_common.clock import NS_PER_S
 from cdff_common.geometry.region import Region
 from dpm_store import outlines, schema, sqlite
-from dpm_store.conditions import conditions, few_with, ordering
+from dpm_store.conditions import conditions, few_with, ordering, plain_conditions
 from dpm_store.database import Database
 from dpm_store.footprints import rings_in
 from dpm_store.frames import FrameTable, FrameTree, Known
@@ -40,8 +39,8 @@ from dpm_store.slices import slices
 _LISTED = sqlite.listed_products(
     [*RECORD_COLUMNS, *(c.name for c in schema.products.c if c.name not in (*RECORD_COLUMNS, "sha256"))]
 )
-_ANSWER = select(*(_LISTED.c[name] for name in (*RECORD_COLUMNS, "frame", *SIDES)))
-_RECORD = slice(len(RECORD_COLUMNS))
+_ANSWERED = (*RECORD_COLUMNS, "frame", *SIDES)
+_RECORD, _FRAME, _BOX = slice(len(RECORD_COLUMNS)), -1 - len(SIDES), slice(-len(SIDES), None)
 
 
 class Search:
@@ -99,10 +98,7 @@ class Search:
         boxes = [(frame.ordinal, box) for frame in placed.values() for box in frame.boxes(region)]
         found: list[ProductRecord] = []
         for ordinals, after_ns, until_ns in self._parts(connection, query, boxes):
-            p = _LISTED.c
-            here = [*conditions(query, p), p.t1_ns > after_ns, p.t1_ns <= until_ns]
-            statement = _ANSWER.where(*here).order_by(*ordering(query, p))
-            rows = connection.execute(statement, {"ordinals": sqlite.list_value(sorted(set(ordinals)))}).all()
+            rows = _rows_of(connection, query, ordinals, after_ns, until_ns)
             kept = self.inside(connection, rows, region, placed)
             found += [ProductRecord._make(rows[i][_RECORD]) for i in np.flatnonzero(kept).tolist()]
             if len(found) > query.limit:
@@ -117,7 +113,7 @@ class Search:
         in_buckets = _in_buckets(connection, query, boxes)
         if epoch is None or not in_buckets:
             return
-        wanted = query.limit + query.limit // 4 + 1
+        wanted = query.limit + query.limit // 16 + 1
         ordinals: list[int] = []
         after, until = LATEST_NS, -LATEST_NS
         for part in slices(connection, query, in_buckets, epoch, wanted):
@@ -167,24 +163,43 @@ class Search:
     def inside(
         connection: Connection, rows: Sequence[Any], region: Region, placed: dict[str, Placed]
     ) -> NDArray[np.bool_]:
-        """Tell which rows' outlines touch the region."""
+        """Tell which rows' outlines touch the region; a row begins with the ordinal and ends with frame and box."""
         keep = np.zeros(len(rows), dtype=bool)
         of_frame: dict[str, list[int]] = {}
         for i, row in enumerate(rows):
-            of_frame.setdefault(row.frame, []).append(i)
+            of_frame.setdefault(row[_FRAME], []).append(i)
         for name, those in of_frame.items():
-            boxes = np.array([_box_of(rows[i]) for i in those])
+            boxes = np.array([rows[i][_BOX] for i in those])
             keep[those] = outlines.touches(region, boxes, placed[name].matrix)
-        rings = rings_in(connection, (rows[i].ordinal for i in np.flatnonzero(keep).tolist()))
-        for name in {row.frame for row in rows if row.ordinal in rings}:
-            ringed = [i for i, row in enumerate(rows) if row.frame == name and row.ordinal in rings and keep[i]]
-            heights = np.array([[rows[i].zmin_m, rows[i].zmax_m] for i in ringed])
-            outline = [rings[rows[i].ordinal] for i in ringed]
-            keep[ringed] = outlines.footprints_touch(region, outline, heights, placed[name].matrix)
+        rings = rings_in(connection, [rows[i][0] for i in np.flatnonzero(keep).tolist()])
+        if not rings:
+            return keep
+        for name, those in of_frame.items():
+            ringed = [i for i in those if keep[i] and rows[i][0] in rings]
+            if ringed:
+                heights = np.array([rows[i][_BOX][2::3] for i in ringed])
+                outline = [rings[rows[i][0]] for i in ringed]
+                keep[ringed] = outlines.footprints_touch(region, outline, heights, placed[name].matrix)
         return keep
 
 
-_box_of = attrgetter(*SIDES)
+def _rows_of(
+    connection: Connection, query: Query, ordinals: Sequence[int], after_ns: int, until_ns: int
+) -> Sequence[Any]:
+    """Those of some products that the query asks for and that ended in a slice of time, in its order."""
+    values: dict[str, Any] = {"ordinals": sqlite.list_value(sorted(set(ordinals)))}
+    plain = plain_conditions(query)
+    if plain is not None:
+        where, asked = plain
+        where += ["t1_ns > :after_ns", "t1_ns <= :until_ns"]
+        values |= asked | {"after_ns": after_ns, "until_ns": until_ns}
+        order = "t1_ns, ordinal" if query.order is Order.OLDEST else "t1_ns DESC, ordinal DESC"
+        return sqlite.listed_rows(connection, _ANSWERED, where, order, values)
+    p = _LISTED.c
+    statement = select(*(p[name] for name in _ANSWERED)).order_by(*ordering(query, p))
+    return connection.execute(
+        statement.where(*conditions(query, p), p.t1_ns > after_ns, p.t1_ns <= until_ns), values
+    ).all()
 
 
 def types_present(connection: Connection) -> list[str]:

@@ -118,4 +118,4 @@ class _Look:
 
     def _growth(self, found: Slice) -> int:
         count = len(found.ordinals)
-        return _GROWTH if not count else max(1, min(2 * _GROWTH, 3 * self._wanted // (2 * count)))
+        return _GROWTH if not count else max(1, min(2 * _GROWTH, 5 * self._wanted // (4 * count)))

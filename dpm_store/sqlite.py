@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,8 @@ from dpm_store import schema
 
 #: Execution option that says a connection is going to write.
 WRITES = "cdff_writes"
+#: What the engine raises by itself.
+Error = sqlite3.Error
 #: Largest offset that stands for "no bound" in the index: float32 keeps it.
 _FAR = 1e30
 
@@ -215,9 +217,8 @@ def unindex_product(connection: Connection, ordinal: int) -> None:
 
 def ends_of_capture(connection: Connection) -> tuple[int, int]:
     """First and last end of capture of all products that were ever inserted; (0, -1) without any."""
-    first, last = connection.exec_driver_sql(
-        "SELECT (SELECT min(t1_ns) FROM products), (SELECT max(t1_ns) FROM products)"
-    ).one()
+    ends = "SELECT (SELECT min(t1_ns) FROM products), (SELECT max(t1_ns) FROM products)"
+    first, last = _driver(connection).execute(ends).fetchone()
     return (0, -1) if first is None else (first, last)
 
 
@@ -242,13 +243,13 @@ def candidates_between(
     """
     low, high = ends_s[0] * _PER_S, (ends_s[1] + _PAD_S) * _PER_S
     times = (_FAR if began_s is None else began_s * _PER_S, low - _rounding(low), high + _rounding(high))
-    statement = _BETWEEN.format(index)
+    statement, driver = _BETWEEN.format(index), _driver(connection)
     found: list[int] = []
     for bucket, b in boxes:
         middle = bucket * _BUCKET + _BUCKET / 4
         sides = (_kept(b[3]), _kept(b[0]), _kept(b[4]), _kept(b[1]), _kept(b[5]), _kept(b[2]))
         values = (middle, middle, *sides, *times, -1 if most is None else most + 1)
-        found += connection.exec_driver_sql(statement, values).scalars()
+        found += [row[0] for row in driver.execute(statement, values)]
     return list(set(found)) if len(boxes) > 1 else found
 
 
@@ -266,13 +267,42 @@ def listed_products(columns: Sequence[str]) -> Subquery:
     return statement.columns(*(schema.products.c[name] for name in columns)).subquery("listed_products")
 
 
-def listed(name: str) -> Select[Any]:
-    """A subquery of the numbers in the parameter ``name``; see ``list_value``."""
-    return select(literal_column("value")).select_from(text(f"json_each(:{name})"))
+def listed_rows(
+    connection: Connection, columns: Sequence[str], where: Sequence[str], order: str, values: Mapping[str, Any]
+) -> list[tuple[Any, ...]]:
+    """Rows of ``products`` whose ordinals are listed in ``values["ordinals"]``; conditions and order as text."""
+    return (
+        _driver(connection)
+        .execute(
+            f"SELECT {', '.join(columns)} FROM (SELECT products.* FROM json_each(:ordinals) AS listed "
+            "CROSS JOIN products ON products.ordinal = listed.value LIMIT -1) "
+            f"WHERE {' AND '.join(where)} ORDER BY {order}",
+            dict(values),
+        )
+        .fetchall()
+    )
+
+
+def buckets(connection: Connection) -> list[tuple[int, int, str]]:
+    """Ordinal, ordinal of the frame, and type of every bucket of the index."""
+    return _driver(connection).execute("SELECT ordinal, frame, product FROM index_buckets").fetchall()
+
+
+def rings(connection: Connection, ordinals: Iterable[int]) -> list[tuple[int, bytes]]:
+    """Ordinal and ring of the products that have a footprint."""
+    statement = "SELECT ordinal, ring FROM footprints WHERE ordinal IN (SELECT value FROM json_each(?))"
+    return _driver(connection).execute(statement, (list_value(list(ordinals)),)).fetchall()
+
+
+def _driver(connection: Connection) -> sqlite3.Connection:
+    """The engine's own connection, for the few statements of every search: SQLAlchemy takes longer than they do."""
+    driver = connection.connection.driver_connection
+    assert isinstance(driver, sqlite3.Connection)
+    return driver
 
 
 def list_value(numbers: Sequence[int]) -> str:
-    """A value for a parameter of ``listed`` and ``listed_products``."""
+    """A value for the parameter of ``listed_products``."""
     return json.dumps(numbers)
 
 
