@@ -75,7 +75,7 @@ class DfpcHost:
             if body is not None and not isinstance(body, dict):
                 raise InputError(f"configure: body is a {type(body).__name__}, expected a map of parameters")
             hosted.configure(body)
-            return Reply.of({"state": str(hosted.state)})
+            return Reply.of({"state": str(hosted.state)}, changes=hosted.changes)
 
         def activate(request: Request) -> Reply:
             request.check_parameters()
@@ -85,19 +85,19 @@ class DfpcHost:
                 raise InputError("activate: expected a body {inputs: {port: source}}, or none")
             hosted.activate({str(port): str(source) for port, source in inputs.items()})
             self._beat(hosted)
-            return Reply.of({"state": str(hosted.state)})
+            return Reply.of({"state": str(hosted.state)}, changes=hosted.changes)
 
         def deactivate(request: Request) -> Reply:
             request.check_parameters()
             hosted.deactivate()
             self._beat(hosted)
-            return Reply.of({"state": str(hosted.state)})
+            return Reply.of({"state": str(hosted.state)}, changes=hosted.changes)
 
         def clean_up(request: Request) -> Reply:
             request.check_parameters()
             hosted.clean_up()
             self._beat(hosted)
-            return Reply.of({"state": str(hosted.state)})
+            return Reply.of({"state": str(hosted.state)}, changes=hosted.changes)
 
         def call(request: Request) -> Reply:
             return _value(hosted.call(request.key.rsplit("/", 1)[1], request.parameters, BUSY_S))

@@ -38,7 +38,9 @@ class HostedDfpc:
 
     def __init__(self, bus: Bus, outbox: Outbox, robot: Robot, entry: DfpcEntry) -> None:
         self.robot, self.entry = robot, entry
-        self.state = State.UNCONFIGURED
+        self._state = State.UNCONFIGURED
+        #: How often the state has changed: tells an old status from a new one.
+        self.changes = 0
         self.step_started_s: float | None = None
         self.malformed = 0
         self.refused_inputs = 0
@@ -56,6 +58,16 @@ class HostedDfpc:
         self._times_s: dict[str, float] = {"last_step_s": 0.0, "max_step_s": 0.0, "step_cpu_s": 0.0}
         self._thread: threading.Thread | None = None
         self._stopping = threading.Event()
+
+    @property
+    def state(self) -> State:
+        """Where it stands."""
+        return self._state
+
+    @state.setter
+    def state(self, state: State) -> None:
+        self.changes += state is not self._state
+        self._state = state
 
     # -- life cycle ---------------------------------------------------------------------------------------------
 
@@ -210,6 +222,7 @@ class HostedDfpc:
             "name": self.entry.name,
             "robot": self.robot.id,
             "state": str(self.state),
+            "changes": self.changes,
             "wired": dict(self.wired),
             **counters,
             "pending": 0 if self._runner is None else self._runner.pending,

@@ -117,7 +117,8 @@ class Controller:
         try:
             chosen = dict(action.inputs) if isinstance(action, Activate) else {}
             payload = pack({"inputs": chosen}) if chosen else b""
-            body = self._bus.call(keys.dfpc_rpc(*maker, verb), payload=payload, timeout_s=_DFPC_TIMEOUT_S).body()
+            reply = self._bus.call(keys.dfpc_rpc(*maker, verb), payload=payload, timeout_s=_DFPC_TIMEOUT_S)
+            state = str(reply.body().get("state", ""))
         except CdffError as error:
             logger.warning("%s of %s: %s", verb, maker, error)
             self._journal.append("activation", dfpc=str(maker), action=verb, ok=False, reason=str(error))
@@ -131,4 +132,5 @@ class Controller:
         if verb in reasons:
             self._state.own(maker, owned=False)
         logger.info("%s of %s: done", verb, maker)
-        self._state.seen_state(maker, str(body.get("state", "")), wired=chosen or None)
+        changes = reply.attachment.get("changes")
+        self._state.seen_state(maker, state, wired=chosen or None, changes=None if changes is None else int(changes))

@@ -44,6 +44,8 @@ _SENDING_PART = 0.5
 _OWN_LIMIT_S = 0.05
 #: Least time between two looks into the DPM, and longest wait without any change, seconds.
 _LOOK_EVERY_S, _IDLE_S = 0.1, 1.0
+#: Reasons for leaving earlier plans that the final answer tells.
+_REMEMBERED = 4
 #: A DFPC of a plan that failed this often in a row is planned around.
 _FAILURES = 3
 
@@ -55,6 +57,7 @@ class _Progress:
     plan: Plan | None = None
     excluded: set[MakerId] = field(default_factory=set)
     failures: dict[str, int] = field(default_factory=dict)
+    past: dict[str, None] = field(default_factory=dict)
     held: float | None = None
     better_since_ns: int | None = None
     best: tuple[Found, Judgement] | None = None
@@ -304,7 +307,7 @@ class Flow:
         if p.plan is not None:
             reasons = self._troubles(job, robots, p)
             if reasons:
-                p.plan = None
+                p.plan, p.past = None, dict.fromkeys([*p.past, *reasons][-_REMEMBERED:])
                 self._book.move(job, JobState.PLANNING, "; ".join(reasons))
         if p.plan is None:
             return self._make_plan(job, robots, p)
@@ -332,7 +335,9 @@ class Flow:
         if taken:
             self._journal.append("decision", job=job.id, lost_modes=taken)
         failures = progress["failures"]
-        broken = {m for m in p.plan.order if failures.get(str(m), (0, ""))[0] >= _FAILURES}
+        counts = {m: failures.get(str(m), (0, ""))[0] for m in p.plan.order}
+        # What failed before this plan is held against a DFPC only once it fails again.
+        broken = {m for m, n in counts.items() if n >= _FAILURES and n > p.failures.get(str(m), 0)}
         reasons = [*taken, *progress["lost"].values(), *(failures[str(m)][1] for m in sorted(broken))]
         p.excluded |= broken
         for sensor in map(str, p.plan.modes):
@@ -368,6 +373,8 @@ class Flow:
         self._state.hold(job.id, chosen, job.request.priority)
         self._journal.append("lease", action="acquire", holder=job.id, makers=[str(m) for m in chosen.order])
         p.plan = chosen
+        failures = self._state.progress(chosen.order, chosen.modes)["failures"]
+        p.failures = {what: count for what, (count, _) in failures.items()}
         whose = ", ".join(sorted({str(m) for m in chosen.order if job.request.product in self._state.products_of(m)}))
         rest = "" if p.held is None else f"; the DPM holds {p.held:.0%} of the region"
         self._book.move(job, JobState.PREPARING, f"{whose or chosen.maker} is to make it{rest}", plan=chosen.describe())
@@ -437,6 +444,7 @@ class Flow:
             elif progress["modes_missing"] or progress["missing"]:
                 reasons.append(f"not started: {', '.join([*progress['modes_missing'], *progress['missing']])}")
             reasons += [reason for _, reason in progress["failures"].values()]
+        reasons += p.past
         text = "; ".join(dict.fromkeys(reasons)) or "nothing was made in time"
         what = f"no {job.request.product} of {job.request.robot} as asked: {text}"
         if p.impossible or p.dpm_error or self._is_uncovered(job.request, p):

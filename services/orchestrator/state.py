@@ -24,6 +24,8 @@ REFUSAL_S = 30.0
 HEALTHY_S = 5.0
 #: A sensor that an active DFPC got no sample of for so long, seconds, is silent.
 STARVED_S = 4.0
+#: A process that has been gone for so long, seconds, is planned around where that can be.
+GONE_S = 3.0
 #: Outputs that a DFPC may refuse in a row before it is planned around.
 REFUSED_OUTPUTS = 5
 
@@ -46,6 +48,8 @@ class State:
         self._inserted: dict[str, int] = {}
         self._changed_modes: set[SensorId] = set()
         self._active_since_s: dict[MakerId, float] = {}
+        self._gone_since_s: dict[MakerId, float] = {}
+        self._changes: dict[MakerId, int] = {}
         self._fed: dict[MakerId, dict[str, tuple[int, float]]] = {}
         self._refusals: dict[MakerId, tuple[int, int, int]] = {}
         self._measured: dict[MakerId, Measured] = {}
@@ -101,18 +105,33 @@ class State:
         with self._changed:
             (self._observed.alive.add if alive else self._observed.alive.discard)(maker)
             if not alive:
+                self._gone_since_s.setdefault(maker, self._timing.now_s())
                 self._seen_inactive(maker)
                 self._observed.states.pop(maker, None)
+                self._changes.pop(maker, None)
                 self._measured.pop(maker, None)
             else:
+                self._gone_since_s.pop(maker, None)
                 self._observed.succeeded(maker)
             self._touch()
 
     def seen_state(
-        self, maker: MakerId, state: str, last_error: str = "", wired: Mapping[str, str] | None = None
+        self,
+        maker: MakerId,
+        state: str,
+        last_error: str = "",
+        wired: Mapping[str, str] | None = None,
+        changes: int | None = None,
     ) -> None:
-        """A DFPC said which state it is in, and what feeds it."""
+        """A DFPC said which state it is in, and what feeds it.
+
+        ``changes`` counts its changes of state: what it said before the last one, and comes late, is passed over.
+        """
         with self._changed:
+            if changes is not None and changes < self._changes.get(maker, 0):
+                return
+            if changes is not None:
+                self._changes[maker] = changes
             o, now_s = self._observed, self._timing.now_s()
             was = (maker in o.active, o.states.get(maker), o.wired.get(maker))
             if state in ("unconfigured", "inactive", "active", "error"):
@@ -309,12 +328,14 @@ class State:
     def progress(self, makers: Iterable[MakerId], modes: Mapping[SensorId, str]) -> dict[str, Any]:
         """How far a plan is: what runs, what is still missing, and failures in a row with their reasons.
 
-        ``silent`` are makers that run and get nothing, or refuse all they make, and why.
+        ``silent`` are makers that run and get nothing, refuse all they make, or are gone for long, and why.
         """
         with self._changed:
             makers, now_s = list(makers), self._timing.now_s()
             o = self._observed
             silent = {m: why for m in makers if (why := self._starved(m, now_s))}
+            gone = {m for m in makers if now_s - self._gone_since_s.get(m, now_s) > GONE_S}
+            silent |= {m: f"the process of {m} is gone" for m in gone}
             silent |= {m: f"{m} refuses all it makes" for m in makers if m not in silent and self._refuses(m)}
             return {
                 "missing": [str(m) for m in makers if m not in o.active],

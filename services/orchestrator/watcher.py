@@ -97,9 +97,13 @@ class Watcher:
         if maker in self._tokens and maker not in self._met:
             self._work.put(lambda: self._meet(maker))
         if maker in self._met and "state" in body:
-            wired = body.get("wired")
+            wired, changes = body.get("wired"), body.get("changes")
             self._state.seen_state(
-                maker, str(body["state"]), str(body.get("last_error", "")), wired if isinstance(wired, dict) else None
+                maker,
+                str(body["state"]),
+                str(body.get("last_error", "")),
+                wired if isinstance(wired, dict) else None,
+                changes if isinstance(changes, int) else None,
             )
             try:
                 self._state.seen_status(maker, body)

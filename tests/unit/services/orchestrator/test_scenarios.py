@@ -127,7 +127,6 @@ def test_what_fails_is_planned_around(stage: Stage, trouble: str) -> None:
         stage.mission.icu.lose("mana", "lidar", "no power")
     if trouble == "crash":
         stage.mission.stop(dem)
-        stage.orchestrator._state._observed.attempt(dem.id).failures = 3
     for _ in range(8 if trouble == "raise" else 0):
         stage.run_until(lambda: dem.state == "active", 3.0)
         stage.mission.fail(dem)
@@ -240,3 +239,14 @@ def test_the_catalogue_says_of_each_type_how_it_can_be_made_or_why_not_and_what_
     assert not lost["possible"]
     assert "sensor minnie/lidar is lost: no power" in lost["why_not"]
     assert "pose of minnie" in lost["nearest"]
+
+
+def test_a_status_from_before_the_last_change_that_comes_late_is_passed_over(stage: Stage) -> None:
+    state, dem = stage.orchestrator._state, MakerId("mana", "dem")
+    state.seen_state(dem, "active", changes=5)
+    state.seen_state(dem, "error", "long ago", changes=4)
+    assert dem in state._observed.active
+    assert dem not in state._observed.attempts
+    state.seen_alive(dem, alive=False)
+    state.seen_state(dem, "inactive", changes=1)
+    assert state._observed.states[dem] == "inactive", "a new process counts anew"
