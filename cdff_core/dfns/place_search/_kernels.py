@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 Float = NDArray[np.float64]
 
+#: After so many points a place whose mean is above this share of the cut-off is given up.
+_GLANCE, _HOPELESS = 40, 0.6
+
 
 @njit(cache=True)
 def residuals(
@@ -50,6 +53,9 @@ def residuals(
                 off = abs(T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3] - height)
                 total += min(off, cutoff)
                 count += 1
+                if count == _GLANCE and total > _HOPELESS * cutoff * count:
+                    count = 0
+                    break
             if count >= needed and count > 0:
                 out[s, t] = total / count
     return out

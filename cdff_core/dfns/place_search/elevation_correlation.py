@@ -66,7 +66,7 @@ class ElevationCorrelation(PlaceSearchInterface):
         near = scan[np.linalg.norm(scan, axis=1) <= cfg.range_m]
         # Evenly over the area, so that the dense rings around the robot do not outvote what is farther away.
         spread = voxel_means(se3.transform_points(T_foot_robot, near), 2.0 * cfg.cell_m)
-        points = spread[np.linspace(0, len(spread) - 1, min(cfg.points, len(spread))).astype(int)]
+        points = spread[np.random.default_rng(0).permutation(len(spread))[: cfg.points]]
         heights, origin = raster(ground, cfg.cell_m)
         starts = self._starts(heights, origin)
         turns = np.radians(np.arange(0.0, 360.0, cfg.heading_step_deg))

@@ -68,6 +68,8 @@ class LidarLocalisationConfig(DfpcConfig):
     ambiguity: float = Field(1.5, ge=1, description="Another place is as good within this factor on the residuals")
     # The covariance, calibrated on simulated terrain: docs/dfpcs/lidar_localisation.md.
     covariance_scale: float = Field(1.0, gt=0.0, description="Factor on the covariance of the assessment")
-    floor_m: float = Field(0.002, ge=0.0, description="Standard deviation that the map leaves of a place, metres")
-    floor_deg: float = Field(0.01, ge=0.0, description="Standard deviation that the map leaves of a turn, degrees")
+    map_sigma_xy_m: float = Field(0.0087, ge=0.0, description="What errors of the map leave along x and y, metres")
+    map_sigma_z_m: float = Field(0.0029, ge=0.0, description="The same along z, metres")
+    map_sigma_tilt_deg: float = Field(0.0112, ge=0.0, description="The same about x and y, degrees")
+    map_sigma_yaw_deg: float = Field(0.0332, ge=0.0, description="The same about z, degrees")
     free_sigma_m: float = Field(10.0, gt=0.0, description="Of a match along directions that are free, metres")

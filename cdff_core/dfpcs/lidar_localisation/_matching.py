@@ -103,23 +103,35 @@ class SweepMatcher:
         found = Found(step.transform, a, bool(step.converged), moved_m, metrics)
         return Match(found, self._judged(found, may_be_free=may_be_free))
 
+    def approached(self, sweep: Sweep, local: LocalMap, T: se3.FloatArray) -> se3.FloatArray:
+        """Pose ``(4, 4)`` from metres and tens of degrees away, good to centimetres.
+
+        Raises
+        ------
+        RefusedError
+            If sweep and map do not fit where that ends.
+        """
+        step = self._coarse.process(Registration3DInputs(sweep.coarse_m, local.coarse_m, local.coarse_normals, T))
+        residual_m, most_m = float(step.residual_scale_m), self._config.max_coarse_residual_m
+        if residual_m > most_m:
+            reason = f"large_residuals:{residual_m:.3g}m>{most_m:g}m"
+            raise RefusedError(f"from afar sweep and map lie {residual_m:.3g} m apart", [reason])
+        return step.transform
+
     def far(self, sweep: Sweep, local: LocalMap, T: se3.FloatArray, *, may_be_free: bool) -> Match:
-        """The same from metres and tens of degrees away: coarse first."""
+        """``near`` after an approach from afar."""
         try:
-            first = self._coarse.process(Registration3DInputs(sweep.coarse_m, local.coarse_m, local.coarse_normals, T))
+            first = self.approached(sweep, local, T)
         except (RefusedError, DegenerateGeometryError) as error:
             return Match(None, Quality(Status.FAILED, tuple(error.reasons)))
-        residual_m = float(first.residual_scale_m)
-        if residual_m > self._config.max_coarse_residual_m:
-            reason = f"large_residuals:{residual_m:.3g}m>{self._config.max_coarse_residual_m:g}m"
-            return Match(None, Quality(Status.FAILED, (reason,)))
-        return self.near(sweep, local, first.transform, may_be_free=may_be_free)
+        return self.near(sweep, local, first, may_be_free=may_be_free)
 
     def pose(self, found: Found) -> UncertainTransform:
         """``T_map_base`` with calibrated covariance, large along directions that the match leaves free."""
         cfg, a, T = self._config, found.assessment, found.T_target_source
-        floor = np.repeat([cfg.floor_m, np.radians(cfg.floor_deg)], 3)
-        C = cfg.covariance_scale * a.covariance + np.diag(floor**2)
+        tilt, yaw = np.radians([cfg.map_sigma_tilt_deg, cfg.map_sigma_yaw_deg])
+        of_map = np.array([cfg.map_sigma_xy_m, cfg.map_sigma_xy_m, cfg.map_sigma_z_m, tilt, tilt, yaw])
+        C = cfg.covariance_scale * a.covariance + np.diag(of_map**2)
         for direction in a.directions[a.agreement < cfg.min_agreement]:
             # A shift and a turn about the middle of the overlap, as a change of translation and rotation.
             turn = direction[3:] / float(a.radius_m)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cdff_common.errors import InputError, RefusedError
+from cdff_common.errors import DegenerateGeometryError, InputError, RefusedError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.product import Quality, Status
@@ -55,29 +55,27 @@ class Relocaliser:
             Around which descriptors are compared; the middle of the map where there are none.
         """
         refusals: list[tuple[str, ...]] = []
+        good: list[Match] = []
         for candidates in (self._by_shape(sweep, scan_map), self._by_descriptors(sweep, scan_map, places_m)):
-            good: list[Match] = []
-            for match in candidates:
-                if match.is_good:
-                    good.append(match)
-                else:
-                    refusals.append(match.quality.reasons)
+            try:
+                for T in candidates:
+                    match = self._registered(sweep, scan_map, T, good)
+                    if match is not None and match.is_good:
+                        good.append(match)
+                    elif match is not None:
+                        refusals.append(match.quality.reasons)
+            except RefusedError as error:
+                refusals.append(tuple(error.reasons))
             if good:
                 return self._best(good)
         return Match(None, refused("not_on_the_map", refusals[0] if refusals else ()))
 
-    def _by_shape(self, sweep: Sweep, scan_map: ScanMap) -> Iterator[Match]:
-        """Candidates of PlaceSearch, registered coarse to fine."""
-        try:
-            places = self._search.process(PlaceSearchInputs(scan_map.points_m, sweep.whole_m)).transforms
-        except RefusedError as error:
-            yield Match(None, Quality(Status.FAILED, tuple(error.reasons)))
-            return
-        for T in places:
-            yield self._registered(sweep, scan_map, T)
+    def _by_shape(self, sweep: Sweep, scan_map: ScanMap) -> Iterator[se3.FloatArray]:
+        """Places of the same shape; raises RefusedError where the sweep shows no ground."""
+        yield from self._search.process(PlaceSearchInputs(scan_map.points_m, sweep.whole_m)).transforms
 
-    def _by_descriptors(self, sweep: Sweep, scan_map: ScanMap, places_m: se3.FloatArray) -> Iterator[Match]:
-        """Candidates of descriptors around some places, registered coarse to fine."""
+    def _by_descriptors(self, sweep: Sweep, scan_map: ScanMap, places_m: se3.FloatArray) -> Iterator[se3.FloatArray]:
+        """Poses that descriptors around some places agree on."""
         cfg = self._config
         source = _sample("scan", sweep.whole_m)
         centres = places_m if len(places_m) else scan_map.points_m.mean(axis=0)[None]
@@ -88,17 +86,28 @@ class Relocaliser:
                 clouds = [self._clouds.prepared(s, self._thin_matched) for s in (source, target)]
                 search = Search(self._clouds, *clouds, cfg, self._judged_roughly)
                 for rough, _ in search.acceptable():
-                    yield self._registered(sweep, scan_map, rough.T_target_source)
+                    yield rough.T_target_source
             except InputError:  # too little is left there to be described
                 continue
-            if search.refusals:
-                yield Match(None, Quality(Status.FAILED, search.refusals))
 
-    def _registered(self, sweep: Sweep, scan_map: ScanMap, T: se3.FloatArray) -> Match:
+    def _registered(self, sweep: Sweep, scan_map: ScanMap, T: se3.FloatArray, known: list[Match]) -> Match | None:
+        """The match from a candidate; None where it leads to a place that is known to be good."""
         local = scan_map.local(T[:3, 3], _LEAST_POINTS)
         if local is None:
             return Match(None, Quality(Status.FAILED, ("map_too_thin",)))
-        return self._matcher.far(sweep, local, T, may_be_free=False)
+        try:
+            near = self._matcher.approached(sweep, local, T)
+        except (RefusedError, DegenerateGeometryError) as error:
+            return Match(None, Quality(Status.FAILED, tuple(error.reasons)))
+        if any(self._is_same(match, near) for match in known):
+            return None
+        return self._matcher.near(sweep, local, near, may_be_free=False)
+
+    def _is_same(self, match: Match, T: se3.FloatArray) -> bool:
+        if match.found is None:
+            return False
+        a = match.found.assessment
+        return displacement_m(match.found.T_target_source, T, a.centre_m, float(a.radius_m)) <= float(a.gate_m)
 
     def _judged_roughly(self, found: Found) -> Quality:
         return judged(found, float(found.assessment.overlap_source), self._config)
@@ -107,14 +116,10 @@ class Relocaliser:
         """The match of the least residuals, unless one elsewhere is nearly as good."""
         order = sorted(good, key=_residual_m)
         best = order[0]
-        assert best.found is not None
-        a = best.found.assessment
         for other in order[1:]:
-            assert other.found is not None
-            moved_m = displacement_m(
-                best.found.T_target_source, other.found.T_target_source, a.centre_m, float(a.radius_m)
-            )
-            if moved_m > float(a.gate_m) and _residual_m(other) <= self._config.ambiguity * _residual_m(best):
+            if other.found is None or self._is_same(best, other.found.T_target_source):
+                continue
+            if _residual_m(other) <= self._config.ambiguity * _residual_m(best):
                 return Match(None, refused("ambiguous", best.quality.reasons))
         return best
 
