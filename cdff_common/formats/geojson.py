@@ -3,8 +3,8 @@
 """GeoJSON in a frame's own metres: paths, outlines, and the areas of a navigation map.
 
 RFC 7946 knows longitude and latitude on Earth only. Sites of other bodies are metres in a frame, so the collection
-says, as GeoJSON of 2008 had it, ``"crs": null``: not known to whoever reads only that; GDAL and QGIS then take
-coordinates as they are. ``cdff`` holds the frame's name and, where it has one, its CRS as WKT.
+names its CRS as GeoJSON of 2008 did, by WKT: GDAL and QGIS read it and put nothing on Earth. A reader that knows only
+RFC 7946 does not: ``cdff`` says the frame once more.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+from cdff_common.formats.geotiff import engineering_crs
 
 if TYPE_CHECKING:
     from cdff_common.types import NavigationMap, PoseTrajectory, TransformWithCovariance
@@ -27,8 +29,9 @@ Feature = dict[str, Any]
 
 def write_geojson(features: Iterable[Feature], frame: str, wkt: str | None = None) -> bytes:
     """Bytes of a collection of features in a frame, metres."""
-    about = {"frame": frame} | ({} if wkt is None else {"wkt": wkt})
-    collection = {"type": "FeatureCollection", "name": frame, "crs": None, "cdff": about, "features": list(features)}
+    crs = {"type": "name", "properties": {"name": wkt or engineering_crs(frame)}}
+    about = {"frame": frame, "unit": "m"}
+    collection = {"type": "FeatureCollection", "name": frame, "crs": crs, "cdff": about, "features": list(features)}
     return (json.dumps(collection, allow_nan=False) + "\n").encode()
 
 

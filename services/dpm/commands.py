@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff dpm search|get|rm|stat|retention|verify|backup|restore``: what a DPM holds, and whether it is whole."""
+"""``cdff dpm search|get|rm|stat|retention|verify|backup|restore|export``: what a DPM holds, and whether it is whole."""
 
 from __future__ import annotations
 
@@ -53,9 +53,43 @@ def register(nouns: Any) -> None:
     restore.add_argument("--data-dir", help="new or empty; default: CDFF_DATA_DIR, ~/.local/share/cdff")
     restore.add_argument("--json", action="store_true")
     restore.set_defaults(run=run_restore)
-    for verb in (search, get, remove, stat, retention):
+    export = verbs.add_parser("export", help="what a search finds as files: COG, PLY, LAZ, GeoJSON, TUM, g2o")
+    _export_arguments(export)
+    for verb in (search, get, remove, stat, retention, export):
         verb.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
         verb.add_argument("--json", action="store_true")
+
+
+def _export_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("out", type=Path, help="folder, or one file: tif ply las laz pcd tum geojson g2o")
+    parser.add_argument("--type", help="pose trajectory pointcloud dem navigation_map …; several with commas")
+    parser.add_argument("--robot")
+    parser.add_argument("--dfpc")
+    parser.add_argument("--region", help="bbox: box: circle: polygon: path: near:, metres")
+    parser.add_argument("--frame", help="frame of the region, and of one file; default: site")
+    parser.add_argument("--t0", help="captured at or after: nanoseconds or RFC 3339")
+    parser.add_argument("--t1", help="captured at or before")
+    parser.add_argument("--tag")
+    parser.add_argument("--as-of", help="what the store knew then")
+    parser.add_argument("--format", help="of each file in a folder, where the type has it")
+    parser.add_argument("--resolution-m", type=float, help="cells of a tif; coarser data come as they are")
+    parser.add_argument("--points", type=int, help="at most so many in one cloud")
+    parser.set_defaults(run=run_export)
+
+
+def run_export(args: argparse.Namespace) -> int:
+    """Write files and say which."""
+    from cdff_common.bus import Bus
+    from services.dpm.export import export
+
+    with Bus.open(args.connect, name="cdff dpm") as bus:
+        files = export(bus, args)
+    if args.json:
+        print(json.dumps({"files": files}))
+        return 0
+    for file in files:
+        print(f"{file['file']}: {file['bytes']} bytes, {file['products']} products")
+    return 0
 
 
 def run_search(args: argparse.Namespace) -> int:

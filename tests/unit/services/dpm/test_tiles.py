@@ -1,0 +1,128 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Tiles as clients get them: pictures without seams, values, tags, and the documents that say where they lie."""
+
+from __future__ import annotations
+
+import io
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+
+from cdff_common.raster import GridGeometry, hillshade
+from cdff_common.raster.tiles import Tile, tiles_over
+from cdff_common.types import ElevationMap
+from services.dpm.operations import Dpm
+from services.dpm.tiles import LAYERS, TileRequest
+
+from .conftest import S, TestClient, elevation, parcel
+
+
+def hills(left: int, cols: int, top: int = 200, rows: int = 200, seq: int = 1) -> ElevationMap:
+    """Rolling ground in cells of 10 cm, from a column of the frame's grid on."""
+    geometry = GridGeometry.from_cells("site", 0.1, left=left, top=top, rows=rows, cols=cols)
+    x, y = geometry.centres_m()
+    mean = (np.sin(x / 2.0) + np.cos(y / 3.0)).astype(np.float32)
+    one = np.ones_like(mean)
+    layers = {"mean": mean, "variance": one * 1e-3, "min": mean, "max": mean, "count": one, "age_s": one * 0}
+    return ElevationMap.from_layers(geometry, layers, t0_ns=seq * S, t1_ns=seq * S)
+
+
+def put_hills(dpm: Dpm) -> None:
+    for seq, left in enumerate((-200, 0), 1):
+        dpm.put(*parcel(hills(left, 200, seq=seq), "dem", seq, resolution_m=0.1))
+
+
+def pixels(data: bytes) -> np.ndarray:
+    from PIL import Image
+
+    return np.asarray(Image.open(io.BytesIO(data)).convert("RGBA"))
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_a_tile_is_a_picture_that_is_transparent_where_nothing_is_known(dpm: Dpm, layer: str) -> None:
+    put_hills(dpm)
+    columns, rows = tiles_over(17, (-19.0, 1.0, 19.0, 1.0))
+    assert len(columns) == 2
+    for x in columns:
+        rgba = pixels(dpm.tiles.get(TileRequest("site", layer, Tile(17, x, rows[0]))).data)
+        assert rgba.shape == (256, 256, 4)
+        shown = rgba[..., 3] > 0
+        assert 0.55 < shown.mean() < 0.65
+        assert len(np.unique(rgba[shown], axis=0)) > (0 if layer == "variance" else 20)
+
+
+def test_shading_has_no_seam_between_tiles(dpm: Dpm) -> None:
+    put_hills(dpm)
+    columns, rows = tiles_over(17, (-19.0, 1.0, 19.0, 1.0))
+    tiles = [dpm.tiles.get(TileRequest("site", "hillshade", Tile(17, x, rows[0]), "bin")).data for x in columns]
+    side_by_side = np.hstack([np.frombuffer(data, "<f4").reshape(256, 256) for data in tiles])
+    whole = Tile(17, columns[0], rows[0]).geometry("site")
+    both = GridGeometry.from_cells("site", 0.1, left=whole.left - 1, top=whole.top + 1, rows=258, cols=514)
+    window = hills(-200, 400)
+    heights = np.full(both.shape, np.nan)
+    common = both.intersection(window.geometry)
+    assert common is not None
+    heights[both.slices_of(common)] = window.layer("mean")[window.geometry.slices_of(common)]
+    wanted = hillshade(heights, 0.1)[1:-1, 1:-1].astype(np.float32)
+    wanted[wanted == 0] = np.nan
+    np.testing.assert_allclose(side_by_side, wanted, atol=1.0)
+
+
+def test_values_come_as_geotiff_and_as_plain_numbers(dpm: Dpm) -> None:
+    put_hills(dpm)
+    columns, rows = tiles_over(17, (1.0, 1.0, 1.0, 1.0))
+    tile = Tile(17, columns[0], rows[0])
+    plain = np.frombuffer(dpm.tiles.get(TileRequest("site", "elevation", tile, "bin")).data, "<f4").reshape(256, 256)
+    from rasterio.io import MemoryFile
+
+    data = dpm.tiles.get(TileRequest("site", "elevation", tile, "tif")).data
+    with MemoryFile(data) as memory, memory.open() as file:
+        np.testing.assert_array_equal(file.read(1), plain)
+        assert tuple(file.bounds) == pytest.approx(tuple(tile.geometry("site").bounds))
+        assert "site" in file.crs.to_wkt()
+    slope = np.frombuffer(dpm.tiles.get(TileRequest("site", "slope", tile, "bin")).data, "<f4")
+    assert 5.0 < np.nanmax(slope) < 45.0
+
+
+def test_a_tile_is_rendered_again_only_when_something_in_it_changed(dpm: Dpm) -> None:
+    put_hills(dpm)
+    columns, rows = tiles_over(17, (1.0, 1.0, 1.0, 1.0))
+    asked = TileRequest("site", "elevation", Tile(17, columns[0], rows[0]))
+    first = dpm.tiles.get(asked)
+    assert dpm.tiles.get(asked) is first
+    dpm.put(*parcel(elevation(300.0), "dem", 8, resolution_m=0.1))
+    assert dpm.tiles.get(asked) is first
+    dpm.put(*parcel(elevation(3.0, 5.0), "dem", 9, resolution_m=0.1))
+    changed = dpm.tiles.get(asked)
+    assert changed.etag != first.etag
+
+
+def test_tiles_over_http_are_revalidated_by_their_tag(http: TestClient, dpm: Dpm) -> None:
+    put_hills(dpm)
+    columns, rows = tiles_over(17, (1.0, 1.0, 1.0, 1.0))
+    path = f"/tiles/hillshade/17/{columns[0]}/{rows[0]}.png"
+    answer = http.get(path)
+    assert (answer.status_code, answer.headers["content-type"]) == (200, "image/png")
+    again = http.get(path, headers={"If-None-Match": answer.headers["etag"]})
+    assert (again.status_code, again.content) == (304, b"")
+    assert http.get(f"{path}?low=5&high=1").status_code == 422
+    assert http.get("/tiles/soil/0/0/0.png").status_code == 422
+    assert http.get("/tiles/dem/2/4/0.png").status_code == 422
+    assert http.get("/tiles/dem/2/1/0.jpg").status_code == 422
+
+
+def test_the_documents_agree_on_the_grid(http: TestClient) -> None:
+    matrix_set = http.get("/tiles/tile_matrix_set").json()
+    layers = http.get("/tiles").json()["items"]
+    assert [layer["name"] for layer in layers] == list(LAYERS)
+    assert matrix_set["crs"]["wkt"]["type"] == "EngineeringCRS"
+    root = ET.fromstring(http.get("/tiles/wmts.xml").content)
+    space = {"w": "http://www.opengis.net/wmts/1.0", "o": "http://www.opengis.net/ows/1.1"}
+    matrices = root.findall(".//w:TileMatrix", space)
+    assert len([m for m in matrices if m.find("w:TopLeftCorner", space) is not None]) == len(matrix_set["tileMatrices"])
+    assert [e.text for e in root.findall(".//w:Layer/o:Identifier", space)] == list(LAYERS)
+    assert "/tiles/dem/{TileMatrix}/{TileCol}/{TileRow}.png" in root.findall(".//w:ResourceURL", space)[0].get(
+        "template", ""
+    )
