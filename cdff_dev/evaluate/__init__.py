@@ -3,7 +3,7 @@
 """Accuracy against truth on real data: ``make evaluate`` reruns every figure and writes ``docs/evaluation/*.json``.
 
 A module of this package with a function ``evaluate(data: Path, progress: Callable[[str], None]) -> dict`` is an
-evaluation; its name is that of the file written. One with ``draw(figures) -> bytes`` also has its SVG drawn into
-``docs/dfpcs``. Figures carry trials and seeds; the frame around them says which
+evaluation; its name is that of the file written. One with ``draw(figures) -> bytes`` has its SVG beside the page of
+its DFPC in ``docs/dfpcs``, one with ``table(figures) -> str`` its tables in that page, between two marks. Figures carry trials and seeds; the frame around them says which
 commit, lock file, Python and machine they come from.
 """

@@ -61,11 +61,24 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _draw(module: ModuleType, name: str, figures: dict[str, Any]) -> None:
-    """Where an evaluation has a function ``draw(figures) -> bytes``, its SVG goes beside the page of its DFPC."""
+    """Put the SVG of ``draw(figures) -> bytes`` and the tables of ``table(figures) -> str`` into the DFPC's page."""
+    folder = ROOT / "docs" / "dfpcs"
     if hasattr(module, "draw"):
-        path = ROOT / "docs" / "dfpcs" / f"{name}.svg"
-        path.write_bytes(module.draw(figures))
-        sys.stdout.write(f"wrote {path.relative_to(ROOT)}\n")
+        (folder / f"{name}.svg").write_bytes(module.draw(figures))
+        sys.stdout.write(f"wrote docs/dfpcs/{name}.svg\n")
+    if hasattr(module, "table"):
+        page = folder / f"{name}.md"
+        page.write_text(filled(page.read_text(encoding="utf-8"), name, module.table(figures)), encoding="utf-8")
+        sys.stdout.write(f"wrote docs/dfpcs/{name}.md\n")
+
+
+def filled(page: str, name: str, table: str) -> str:
+    """The page with its text between the marks of an evaluation replaced; raises InputError where it has no marks."""
+    first, last = f"<!-- written by python -m cdff_dev.evaluate {name} -->\n", "<!-- until here -->\n"
+    if page.count(first) != 1 or last not in page[page.index(first) :]:
+        raise InputError(f"docs/dfpcs/{name}.md: expected one line {first.strip()} and a line {last.strip()} after it")
+    begin = page.index(first) + len(first)
+    return page[:begin] + table.rstrip() + "\n" + page[page.index(last, begin) :]
 
 
 def _say(text: str) -> None:

@@ -30,7 +30,7 @@ from cdff_dev.evaluate._clouds import devon_halves, kitti_pair, small_gicp_pair
 from cdff_dev.evaluate._icp import IMPLEMENTATIONS, localised, made
 from cdff_dev.evaluate._terrain import scan_pair
 from cdff_dev.evaluate.record import spread
-from cdff_dev.registration.rates import interval, nees_band, pose_errors
+from cdff_dev.registration.rates import in_words, interval, nees_band, pose_errors
 
 HELD_OUT_SEEDS = range(2000, 2100)
 DEVON_TRIALS = 100
@@ -107,6 +107,43 @@ def draw(figures: dict[str, Any]) -> bytes:
             Panel("squared normalised error, 6 expected", names, nees, 10.0, band),
         ]
     )
+
+
+def table(figures: dict[str, Any]) -> str:
+    """Errors, cost and honesty of each implementation on simulated scans; measured clouds."""
+    rows = figures["simulated_scans"]
+    lines = [
+        "| implementation | trials | median error | 95 % | greatest | CPU ms | mean NEES (95 % band) | mean σ |",
+        "|---" * 8 + "|",
+    ]
+    for name, row in rows.items():
+        m, d, nees = row["error_m"], row["error_deg"], row["nees"]
+        low, high = nees["band_95"]
+        lines.append(
+            f"| `{name}` | {m['count'] + row['refused']}, {row['refused']} refused "
+            f"| {1e3 * m['median']:.2f} mm, {d['median']:.4f}° "
+            f"| {1e3 * m['p95']:.1f} mm, {d['p95']:.3f}° | {1e3 * m['max']:.1f} mm, {d['max']:.3f}° "
+            f"| {1e3 * row['cpu_s']['median']:.0f} | {nees['mean']:.2f} ({low:.2f}–{high:.2f}) "
+            f"| {1e3 * row['mean_sigma_m']:.2f} mm, {row['mean_sigma_deg']:.4f}° |"
+        )
+    lines += ["", "| measured clouds, `PointToPlane` | answer |", "|---|---|"]
+    measured = figures["measured_clouds"]
+    for name in list(measured)[:2]:
+        entry = measured[name]
+        answer = (
+            ", ".join(entry.get("reasons", []))
+            or f"{1e3 * entry['translation_m']:.1f} mm, {entry['rotation_deg']:.3f}°"
+        )
+        lines.append(f"| {name.replace('_', ' ')} | {entry['status']}, {answer} |")
+    devon = measured["devon_island"]
+    m, d = devon["translation_m"], devon["rotation_deg"]
+    lines.append(
+        f"| Devon Island, guesses off by up to {MAX_GUESS_M} m and {MAX_GUESS_DEG:g}° "
+        f"| within 2 cm and 0.1°: {in_words(devon['within_2_cm_and_0.1_deg'])}, wrong {in_words(devon['wrong'])}; "
+        f"median {1e3 * m['median']:.1f} mm, {d['median']:.3f}°, greatest {1e3 * m['max']:.1f} mm, {d['max']:.3f}°; "
+        f"mean NEES {devon['mean_nees']} |"
+    )
+    return "\n".join(lines)
 
 
 def _devon(dfpc: Any, data: Path, progress: Callable[[str], None]) -> dict[str, Any]:

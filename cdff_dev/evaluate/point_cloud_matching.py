@@ -29,7 +29,7 @@ from cdff_dev.evaluate._clouds import devon_halves, small_gicp_pair
 from cdff_dev.evaluate._peers import kiss_matcher, peer_python
 from cdff_dev.evaluate._terrain import window_pair
 from cdff_dev.evaluate.record import spread
-from cdff_dev.registration.rates import Trial, interval, pose_errors, summary, trial
+from cdff_dev.registration.rates import Trial, in_words, interval, pose_errors, summary, trial
 
 SOLVER_TRIALS = 500
 GATE_M, GATE_DEG = 0.3, 3.0
@@ -149,6 +149,43 @@ def draw(figures: dict[str, Any]) -> bytes:
             ),
         ]
     )
+
+
+def table(figures: dict[str, Any]) -> str:
+    """Right and wrong answers of each method, the solver, and measured clouds."""
+    rows = figures["simulated_terrain"]
+    methods = list(rows["all_overlaps"])
+    head = " | ".join(f"{m.replace('_', '-')} right | wrong | median error | CPU s" for m in methods)
+    lines = [f"| clouds | {head} |", "|---" * (1 + 4 * len(methods)) + "|"]
+    for name in (*(n for n, *_ in ROWS), "all_overlaps"):
+        cells = []
+        for method in methods:
+            row = rows[name][method]
+            shares = row["right"]["count"] or ("overlap" in name and name != "no_overlap")
+            error = (
+                f"{1e3 * row['error_m']['median']:.1f} mm, {row['error_deg']['median']:.2f}°"
+                if "error_m" in row
+                else "–"
+            )
+            cells += [in_words(row["right"]) if shares else "–", in_words(row["wrong"]), error]
+            cells.append(f"{row['cpu_s']['median']:.2f}")
+        lines.append(f"| {name.replace('_', ' ')} | {' | '.join(cells)} |")
+    accepts = "; ".join(
+        f"{method.replace('_', '-')} {in_words(rate)}" for method, rate in rows["false_accepts"].items()
+    )
+    solver = figures["solver_alone"]
+    lines += ["", f"False accepts where no ground is shared: {accepts}.", ""]
+    lines.append(
+        f"The solver alone, {solver['pairs']} pairs in a cube of 2 m, 1 cm noise, {solver['wrong_share']:.0%} of the "
+        f"partners random: {in_words(solver['right'])} right, median {1e3 * solver['cpu_s']['median']:.1f} ms CPU, "
+        f"at most {1e3 * solver['cpu_s']['max']:.1f} ms."
+    )
+    lines += ["", "| measured clouds | answer | CPU s |", "|---|---|---|"]
+    for name, entry in figures["measured_clouds"].items():
+        answer = f"{1e3 * entry['error_m']:.1f} mm, {entry['error_deg']:.3f}°" if entry["answered"] else "FAILED: "
+        answer += "" if entry["answered"] else ", ".join(f"`{reason}`" for reason in entry["reasons"])
+        lines.append(f"| {name.replace('_', ' ')} | {answer} | {entry['cpu_s']:.1f} |")
+    return "\n".join(lines)
 
 
 def _percent(rate: dict[str, float]) -> Bar:

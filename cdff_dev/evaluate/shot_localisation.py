@@ -30,7 +30,7 @@ from cdff_core.dfns.normals_estimation._interface import NormalsEstimationInputs
 from cdff_dev.evaluate._chart import Bar, Panel, chart
 from cdff_dev.evaluate._clouds import devon_halves, milk_carton, small_gicp_pair
 from cdff_dev.evaluate._terrain import window_pair
-from cdff_dev.registration.rates import interval, pose_errors
+from cdff_dev.registration.rates import in_words, interval, pose_errors
 
 RADII_VOXELS = (8.0, 12.0, 15.0)
 TERRAIN_SEEDS = range(5)
@@ -133,6 +133,32 @@ def draw(figures: dict[str, Any]) -> bytes:
         label = f"{name.replace('_', ' ')}: recall, %"
         panels.append(Panel(label, [f"radius {radius:g} voxels" for radius in RADII_VOXELS], methods, top))
     return chart(panels)
+
+
+def table(figures: dict[str, Any]) -> str:
+    """Recall and cost by radius, and the poses on measured clouds."""
+    lines = [
+        "| clouds | radius, voxels | SHOT | FPFH | SHOT µs per keypoint | FPFH µs per keypoint |",
+        "|---" * 6 + "|",
+    ]
+    for name in list(figures)[:3]:
+        for radius in RADII_VOXELS:
+            rows = [figures[name][f"radius {radius:g} voxels, {kind}"] for kind in ("Shot", "Fpfh")]
+            recalls = " | ".join(f"{row['recall']['rate']:.1%}: {in_words(row['recall'])}" for row in rows)
+            costs = " | ".join(f"{row['us_per_keypoint']:.0f}" for row in rows)
+            lines.append(f"| {name.replace('_', ' ')} | {radius:g} | {recalls} | {costs} |")
+    lines += ["", "| model in scene, no guess | answer | CPU s |", "|---|---|---|"]
+    for name, entry in figures["measured_scenes"].items():
+        answer = entry["status"]
+        if "centre_from_pcl_m" in entry:
+            answer += (
+                f", {1e3 * entry['centre_from_pcl_m']:.1f} mm and {entry['turn_from_pcl_deg']:.1f}° from PCL's pose"
+            )
+            answer += f", residuals {1e3 * entry['rms_m']:.2f} mm"
+        if "error_m" in entry:
+            answer += f", {1e3 * entry['error_m']:.1f} mm, {entry['error_deg']:.3f}°"
+        lines.append(f"| {name} | {answer} | {entry['cpu_s']:.1f} |")
+    return "\n".join(lines)
 
 
 def _percent(rate: dict[str, float]) -> Bar:

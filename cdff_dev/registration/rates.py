@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -76,6 +76,11 @@ def summary(trials: Sequence[Trial], gate_m: float, gate_deg: float) -> dict[str
             "error_deg": spread([t.error_deg or 0.0 for t in right], 5),
         }
     return figures
+
+
+def in_words(rate: Mapping[str, float]) -> str:
+    """``3 of 20 (3-38 %)`` with the interval, for tables."""
+    return f"{rate['count']} of {rate['trials']} ({100 * rate['low']:.1f}–{100 * rate['high']:.1f} %)"
 
 
 def nees_band(trials: int, freedoms: int = 6) -> tuple[float, float]:
