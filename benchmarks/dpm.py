@@ -20,6 +20,7 @@ import os
 import platform
 import random
 import resource
+import shutil
 import socket
 import sqlite3
 import subprocess
@@ -302,20 +303,29 @@ def main() -> None:
             for name, measure in (("raw", raw), ("ours", ours)):
                 directory = Path(base) / f"{name}-{products}"
                 directory.mkdir()
-                results[f"{name}, {products} products"] = measure(directory, products, args.searches)
+                results[f"{name}, {products} products"] = show(
+                    f"{name}, {products} products", measure(directory, products, args.searches)
+                )
+                if name == "raw":
+                    shutil.rmtree(directory)
         if args.access:
-            results["service"] = access(Path(base) / f"ours-{counts[-1]}", counts[-1], args.searches)
+            served = access(Path(base) / f"ours-{counts[-1]}", counts[-1], args.searches)
+            results["service"] = show("service", served)
         about = {
             "products": args.products, "payload_bytes": PAYLOAD_BYTES, "file_system": file_system(Path(base)),
             "sync_ms": syncs(Path(base))["p50_ms"], "sqlite": sqlite3.sqlite_version,
             "python": platform.python_version(), "cpus": os.cpu_count(), "load": os.getloadavg()[0],
         }  # fmt: skip
-    print(", ".join(f"{name} {value}" for name, value in about.items()))
-    for name, figures in results.items():
-        for operation, found in figures.items():
-            print(f"{name:24} {operation:12} {json.dumps(_rounded(found))}")
+    show("about", about)
     if args.out is not None:
         args.out.write_text(json.dumps({"about": about, **results}, indent=2) + "\n")
+
+
+def show(name: str, figures: Figures) -> Figures:
+    """Print figures, one operation a line, and hand them on."""
+    for operation, found in figures.items():
+        print(f"{name:22} {operation:14} {json.dumps(_rounded(found))}", flush=True)
+    return figures
 
 
 def _rounded(found: Any) -> Any:

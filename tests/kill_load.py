@@ -106,6 +106,8 @@ class Writer:
             tell("delete", seq=seq)
             self._store.delete(parcel(seq).header.id)
             tell("delete done", seq=seq)
+            if self._rng.random() < 0.3:
+                self._store.purge(parcel(seq).header.id)
 
     def frame(self) -> None:
         """Re-anchor a frame of one's own."""

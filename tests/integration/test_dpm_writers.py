@@ -44,7 +44,7 @@ def notes(system: System, product_id: str) -> str:
     return str(system.get(f"/api/v1/products/{product_id}")["annotation"]["notes"])
 
 
-@pytest.mark.req("CDFF-SUP-032")
+@pytest.mark.req("CDFF-SUP-173")
 def test_eight_processes_lose_no_update_over_http(system: System, tmp_path: Path) -> None:
     ids = [system.put(cloud(), "pointcloud", seq) for seq in range(WRITERS + 1)]
     command = [sys.executable, "-c", WRITER, f"{system.http}/api/v1/products/", ids[0]]

@@ -36,6 +36,7 @@ def test_what_was_acknowledged_before_a_kill_is_there_and_nothing_is_half_writte
     assert summary["told"]["put done"] > 0
 
 
+@pytest.mark.req("CDFF-SUP-172")
 @pytest.mark.skipif(COMPILER is None, reason="needs a C compiler to make the calls that fail")
 @pytest.mark.parametrize("stride", [97, pytest.param(13, marks=pytest.mark.slow)])
 def test_wherever_a_call_fails_the_error_is_typed_and_the_store_is_whole(
@@ -85,7 +86,7 @@ def fill_store(store: Store, size: int) -> None:
         put(store, header(seq), seq.to_bytes(2, "big") * (size // 2))
 
 
-@pytest.mark.req("CDFF-SUP-036")
+@pytest.mark.req("CDFF-SUP-170")
 @pytest.mark.parametrize("size", [INLINE_BYTES, 4 * INLINE_BYTES])
 def test_on_a_full_disk_nothing_is_added_and_everything_can_be_deleted(
     small_disk: Path, clock: ManualClock, size: int
@@ -118,7 +119,7 @@ def test_a_reserve_is_not_taken_unasked(tmp_path: Path) -> None:
     assert not (tmp_path / "store.reserve").exists()
 
 
-@pytest.mark.req("CDFF-SUP-032")
+@pytest.mark.req("CDFF-SUP-171")
 @pytest.mark.parametrize("size", [10, INLINE_BYTES, INLINE_BYTES + 1, 3 * CHUNK_BYTES])
 @pytest.mark.parametrize("where", [0.0, 0.5, 1.0])
 def test_a_flipped_bit_is_found_and_never_served(store: Store, size: int, where: float) -> None:
