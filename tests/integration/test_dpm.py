@@ -20,11 +20,11 @@ import pytest
 from cdff_common.bus import Bus, Message, Reply, keys
 from cdff_common.codecs import decode, encode
 from cdff_common.codecs.encoding import encoding_string
-from cdff_common.errors import InputError, ProductNotFoundError
+from cdff_common.errors import DeniedError, InputError, ProductNotFoundError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.product import Header, product_id
 from cdff_common.raster import GridGeometry
-from cdff_common.types import ElevationMap, Pointcloud, TransformWithCovariance
+from cdff_common.types import ElevationMap, IMUSensors, Pointcloud, Time, TransformWithCovariance
 
 from .conftest import ROOT, Eventually, Spawn, free_port, wait_until
 
@@ -33,11 +33,16 @@ pytestmark = pytest.mark.integration
 S = 1_000_000_000
 PROFILE = """
 name: test
+body: {name: mars, site_lon_deg: 77.5, site_lat_deg: 18.4}
 robots:
 - id: mana
   frames:
   - {parent: mana/base, child: mana/lidar, translation_m: [0.0, 0.0, 2.0]}
+  sensors:
+    imu: {kind: imu, frame: mana/imu, streams: {sample: IMUSensors}}
 - id: minnie
+history:
+- {sensor: imu, stream: sample, span_s: 1.0}
 """
 
 
@@ -322,3 +327,70 @@ def test_a_second_dpm_on_the_same_data_is_refused(system: System, spawn: Spawn, 
     second = spawn("services.dpm", "--http", f"127.0.0.1:{free_port()}")
     assert second.wait(20) == 1
     assert "in use by process" in (tmp_path / "services.dpm.log").read_text()
+
+
+@pytest.mark.req("CDFF-SUP-084")
+def test_samples_on_the_bus_become_products_by_the_policy_of_the_profile(
+    shared: System, eventually: Eventually
+) -> None:
+    for seq in range(25):
+        t_ns = seq * S // 10
+        sample = IMUSensors(Time.from_ns(t_ns), np.array([0.0, 0.0, 9.81]), np.zeros(3), np.zeros(3))
+        header = Header(
+            id=product_id("mana", "imu", "sample", t_ns, seq, ""), seq=seq, t0_ns=t_ns, t1_ns=t_ns, frame="mana/imu",
+            producer="imu",
+        )  # fmt: skip
+        key, encoding = keys.sensor("mana", "imu", "sample"), encoding_string("IMUSensors", "uper")
+        shared.bus.publish(key, encode(sample, "uper"), encoding=encoding, attachment=header.to_attachment())
+
+    def spans() -> list[dict[str, Any]]:
+        items: list[dict[str, Any]] = shared.call("search", type="imu_span", order="oldest").body()["items"]
+        return items
+
+    eventually(lambda: len(spans()) == 2, 30, "two spans of a second")
+    assert [len(span["inputs"]) for span in spans()] == [10, 10]
+    made_from = shared.call("provenance", id=spans()[0]["id"]).body()["items"]
+    assert len(made_from) == 10
+
+
+@pytest.mark.req("CDFF-SUP-080", "CDFF-SUP-081")
+def test_a_corrected_site_is_told_and_answers_before_it_can_be_had_again(
+    shared: System, eventually: Eventually
+) -> None:
+    told: list[dict[str, Any]] = []
+    subscription = shared.bus.subscribe(
+        keys.event("ground", "reanchored"), lambda message: told.append(msgpack.unpackb(message.payload))
+    )
+    before = shared.call("place", frame="site").body()
+    assert before["anchor"]["lon_deg"] == pytest.approx(77.5)
+    moved = {"body": "mars", "lon_deg": 77.6, "lat_deg": 18.4, "expected_revision": 1}
+    revision = shared.call("place", payload=msgpack.packb(moved), frame="site").body()
+    eventually(lambda: bool(told), 10, "the event")
+    assert told[0]["frames_revision"] == revision["frames_revision"]
+    assert shared.call("place", frame="site").body()["anchor"]["lon_deg"] == pytest.approx(77.6)
+    again = shared.call("place", frame="site", frames_revision=before["frames_revision"]).body()
+    assert again["anchor"] == before["anchor"]
+    with pytest.raises(InputError, match="revision 2, not 1"):
+        shared.call("place", payload=msgpack.packb(moved), frame="site")
+    with pytest.raises(DeniedError):
+        shared.call("place", scope="mana", payload=msgpack.packb(moved), frame="site")
+    subscription.close()
+
+
+@pytest.mark.req("CDFF-SUP-083")
+def test_a_transaction_over_the_bus_is_all_or_nothing(shared: System) -> None:
+    ids = [shared.put(a_map(), "dem", seq, robot="minnie") for seq in (901, 902)]
+    changes: list[dict[str, Any]] = [{"do": "pin", "id": ids[0]}, {"do": "delete", "id": ids[1]}]
+    with pytest.raises(ProductNotFoundError):
+        shared.call("transact", payload=msgpack.packb([*changes, {"do": "delete", "id": "f" * 36}]))
+    assert {i["id"] for i in shared.call("search", robot="minnie", type="dem").body()["items"]} >= set(ids)
+    items = shared.call("transact", payload=msgpack.packb(changes)).body()["items"]
+    assert (items[0]["pinned"], items[1]["deleted"]) == (True, True)
+    assert shared.call("purge", id=ids[1]).body()["bytes"] >= 0
+
+
+def a_map() -> ElevationMap:
+    """Two by two cells."""
+    grid = GridGeometry("site", 0.5, 0.0, 1.0, 2, 2)
+    layers = {"mean": np.ones((2, 2), np.float32), "count": np.ones((2, 2), np.float32)}
+    return ElevationMap.from_layers(grid, layers, t0_ns=0, t1_ns=0)

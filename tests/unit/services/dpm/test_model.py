@@ -140,9 +140,7 @@ def test_a_transaction_of_many_changes_is_one(http: TestClient, dpm: Dpm, filled
     assert told[4] == {"deleted": True}
     assert told[5]["revision"] == 1
     before = dpm.store.events.last_ordinal()
-    refused = http.post(
-        "/api/v1/transactions", json=[{"do": "unpin", "id": new_id}, {"do": "delete", "id": "f" * 36}]
-    )
+    refused = http.post("/api/v1/transactions", json=[{"do": "unpin", "id": new_id}, {"do": "delete", "id": "f" * 36}])
     assert refused.status_code == 404
     assert dpm.store.annotations.get(new_id).pinned
     assert all(e.kind == "refused" for e in dpm.store.events.since(before))
@@ -169,9 +167,7 @@ def test_a_deleted_product_is_purged_and_another_is_not(http: TestClient, filled
 
 
 @pytest.mark.req("CDFF-SUP-085")
-def test_poses_are_asked_as_they_were_known_and_within_a_limit(
-    http: TestClient, dpm: Dpm, clock: ManualClock
-) -> None:
+def test_poses_are_asked_as_they_were_known_and_within_a_limit(http: TestClient, dpm: Dpm, clock: ManualClock) -> None:
     dpm.put(*parcel(pose(1, 1.0), "pose", 1, child="mana/base"))
     then_ns = clock.now_ns()
     clock.set_ns(then_ns + S)
