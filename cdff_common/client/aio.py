@@ -140,9 +140,9 @@ class AsyncClient:
         """Cancel a job by its id or its request's."""
         await self._run(lambda: self._open.cancel(job, robot))
 
-    async def catalogue(self, robot: str = "any") -> dict[str, Any]:
-        """What could be asked for, what would make it, and why not."""
-        return await self._run(lambda: self._open.catalogue(robot))
+    async def catalogue(self, robot: str = "any", product: str | None = None) -> dict[str, Any]:
+        """What could be asked for, what would make it at what cost, and why not; of one product where it is named."""
+        return await self._run(lambda: self._open.catalogue(robot, product))
 
     async def history(
         self, *, kinds: Sequence[str] = (), robot: str = "any", since: int = 0, limit: int = 1000

@@ -267,9 +267,10 @@ class Client:
         """Cancel a job by its id or its request's; whoever waits for it gets UNAVAILABLE."""
         self._call(keys.orchestrator_rpc(_scope(robot), "cancel"), {"job": job})
 
-    def catalogue(self, robot: str = "any") -> dict[str, Any]:
-        """What could be asked for, what would make it, and why not."""
-        body: dict[str, Any] = self._call(keys.orchestrator_rpc(_scope(robot), "catalogue"), _named(robot)).body()
+    def catalogue(self, robot: str = "any", product: str | None = None) -> dict[str, Any]:
+        """What could be asked for, what would make it at what cost, and why not; of one product where it is named."""
+        asked = {**_named(robot), **({} if product is None else {"type": product})}
+        body: dict[str, Any] = self._call(keys.orchestrator_rpc(_scope(robot), "catalogue"), asked).body()
         return body
 
     def history(

@@ -63,6 +63,7 @@ def register_orchestrator(nouns: Any) -> None:
     cancel.add_argument("job", help="id of the job or of the request")
     cancel.set_defaults(run=run_cancel)
     catalogue = verbs.add_parser("catalogue", help="what could be asked for, and why not")
+    catalogue.add_argument("--type", help="of this product alone: every way to it, or why there is none")
     catalogue.set_defaults(run=run_catalogue)
     history = verbs.add_parser("history", help="requests, decisions, activations and mode changes, from the DPM")
     history.add_argument("--since", type=int, default=0, help="ordinal of the last entry that is known")
@@ -215,7 +216,7 @@ def run_catalogue(args: argparse.Namespace) -> int:
     from cdff_common.client import Client
 
     with Client(args.connect, name="cdff orchestrator") as client:
-        catalogue = client.catalogue(args.robot)
+        catalogue = client.catalogue(args.robot, args.type)
     if args.json:
         _print_json(catalogue)
         return 0
@@ -223,6 +224,12 @@ def run_catalogue(args: argparse.Namespace) -> int:
         plan = product.get("plan")
         how = f"not now: {product.get('why_not')}" if plan is None else " -> ".join(plan["order"])
         print(f"{product['robot']:12} {product['type']:16} {how}")
+        for way in product["by"] if args.type else ():
+            cost = f"{way['cpu_cores']:.3f} cores, {way['memory_mb']:g} MB, ready in {way['ready_s']:g} s"
+            grain = "" if way["resolution_m"] is None else f", {way['resolution_m']:g} m"
+            print(f"{'':12}   {way['dfpc']}/{way['implementation']}: {cost}{grain} {'; '.join(way.get('why_not', ()))}")
+        if args.type and product.get("nearest"):
+            print(f"{'':12}   nearest: {', '.join(product['nearest'])}")
     for dfpc in catalogue["dfpcs"]:
         state = "active" if dfpc["active"] else "there" if dfpc["alive"] else "not there"
         print(f"{dfpc['robot']:12} {dfpc['name']:28} {dfpc['implementation']:24} {state}")

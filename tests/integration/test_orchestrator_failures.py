@@ -12,8 +12,9 @@ from typing import Any
 import pytest
 
 from cdff_common.bus import Bus, keys
+from cdff_common.bus.message import pack
 from cdff_common.client import Client
-from cdff_common.errors import DeadlineError, UnavailableError
+from cdff_common.errors import DeadlineError, InputError, UnavailableError
 from tests.integration.conftest import Spawn, free_port, process_starter
 from tests.integration.conftest import wait_until as eventually
 from tests.integration.test_orchestrator import Driver
@@ -139,5 +140,9 @@ def test_a_dfpc_is_cleaned_up_configured_and_activated_by_its_verbs(bus: Bus) ->
     assert bus.call(keys.dfpc_rpc("mana", "understudy", "describe")).body()["config_hash"] == ""
     assert call("clean_up") == "unconfigured"
     assert call("configure") == "inactive"
+    with pytest.raises(InputError, match="expected sensor/wheels/odometry"):
+        bus.call(keys.dfpc_rpc("mana", "understudy", "activate"), payload=pack({"inputs": {"poses": "sensor/x/y"}}))
+    chosen = pack({"inputs": {"poses": "sensor/wheels/odometry"}})
+    bus.call(keys.dfpc_rpc("mana", "understudy", "activate"), payload=chosen)
     assert call("activate") == "active"
     assert call("deactivate") == "inactive"

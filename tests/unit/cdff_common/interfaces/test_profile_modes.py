@@ -1,0 +1,77 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Sensor modes and wiring of a profile: needs become modes, transitions become ways, mistakes are named."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from cdff_common.interfaces.profile import ModeNeed, Profile, Sensor, SensorMode
+
+NAVCAM: dict[str, Any] = {
+    "kind": "stereo_camera", "frame": "mana/navcam_left", "streams": {"pair": "FramePair"}, "initial_mode": "off",
+    "modes": {
+        "off": {"on": False},
+        "slow": {"rate_hz": 1.0, "stereo": True, "width_px": 1024, "height_px": 768, "exposure": "auto"},
+        "fast": {"rate_hz": 10.0, "stereo": True, "width_px": 512, "height_px": 384, "exposure": "short"},
+        "mono": {"rate_hz": 10.0, "stereo": False, "width_px": 1024, "height_px": 768, "exposure": "auto"},
+        "bare": {},
+    },
+    "switch_s": 0.5,
+}  # fmt: skip
+
+
+def robot(**entry: Any) -> Profile:
+    dfpc = {"name": "visual_odometry_sparse", "inputs": {"stereo": "sensor/navcam/pair"}, **entry}
+    robots = [{"id": "mana", "sensors": {"navcam": NAVCAM}, "dfpcs": [dfpc, {"name": "other", "inputs": {}}]}]
+    return Profile.model_validate({"name": "p", "robots": robots})
+
+
+@pytest.mark.req("CDFF-SUP-143")
+@pytest.mark.parametrize(
+    ("need", "modes"),
+    [
+        ("slow", "slow"),
+        ("fast|slow", "fast|slow"),
+        ({"stereo": True}, "slow|fast"),
+        ({"min_rate_hz": 5.0}, "fast|mono"),
+        ({"max_rate_hz": 5.0}, "slow"),
+        ({"min_width_px": 800, "min_height_px": 700}, "slow|mono"),
+        ({"exposure": ["short", "long"]}, "fast"),
+        ({}, "slow|fast|mono|bare"),
+    ],
+)
+def test_what_a_dfpc_needs_of_a_mode_becomes_the_modes_that_serve_it(need: Any, modes: str) -> None:
+    mana = robot(modes={"navcam": need}).robot("mana")
+    assert mana.modes_of(mana.dfpcs[0]) == {"navcam": modes}
+
+
+@pytest.mark.parametrize("need", ["x_ray", "slow|x_ray", {"min_rate_hz": 99.0}])
+def test_a_need_that_no_mode_serves_is_refused(need: Any) -> None:
+    with pytest.raises(ValidationError, match="which no sensor has"):
+        robot(modes={"navcam": need})
+
+
+def test_a_mode_that_does_not_stream_serves_no_need() -> None:
+    assert not ModeNeed().served_by(SensorMode(on=False))
+
+
+@pytest.mark.req("CDFF-SUP-141")
+def test_inputs_may_have_alternatives_each_of_which_has_to_exist() -> None:
+    robot(inputs={"stereo": "sensor/navcam/pair|product/other/pair"})
+    with pytest.raises(ValidationError, match="no DFPC 'nobody'"):
+        robot(inputs={"stereo": "sensor/navcam/pair|product/nobody/pair"})
+
+
+def test_the_quickest_way_between_two_modes_is_taken() -> None:
+    ways = {"off": {"slow": 5.0, "mono": 1.0}, "mono": {"slow": 1.0}, "slow": {}}
+    sensor = Sensor.model_validate(NAVCAM | {"transitions": ways})
+    assert sensor.way("off", "slow") == (("mono", 1.0), ("slow", 1.0))
+    assert sensor.way("off", "off") == ()
+    assert sensor.way("slow", "off") is None
+    assert sensor.way("fast", "off") == (("off", 0.5),), "what names no transitions goes anywhere in switch_s"
+    with pytest.raises(ValidationError, match="not among modes"):
+        Sensor.model_validate(NAVCAM | {"transitions": {"off": {"x_ray": 1.0}}})
