@@ -1,0 +1,76 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+import threading
+
+import pytest
+
+from dpm_store import Insertion, Store, maintenance
+from dpm_store.insertion import INLINE_BYTES
+
+from .conftest import header, put
+
+SMALL, LARGE = b"s" * 100, b"l" * (INLINE_BYTES + 1)
+
+
+@pytest.mark.req("CDFF-SUP-036")
+def test_the_same_content_is_kept_once_and_the_sums_say_so(store: Store) -> None:
+    for seq in range(6):
+        put(store, header(seq), SMALL if seq % 2 else LARGE, robot="mana" if seq < 4 else "minnie")
+    there = store.statistics()
+    assert there.count == 6
+    assert there.payload_bytes == 3 * (len(SMALL) + len(LARGE))
+    assert (there.payloads, there.stored_bytes) == (2, len(SMALL) + len(LARGE))
+    assert there.product_bytes[("minnie", "dem")] == len(SMALL) + len(LARGE)
+    assert there.free_bytes > 0
+    for seq in range(5):
+        store.delete(header(seq).id)
+    assert store.collect() == len(LARGE)  # product 5 still has the small one
+    there = store.statistics()
+    assert (there.count, there.payloads, there.stored_bytes) == (1, 1, len(SMALL))
+    assert store.payload(header(5).id) == SMALL
+
+
+def test_a_collection_in_steps_takes_everything_and_nothing_more(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(maintenance, "_WRITE", 3)
+    for seq in range(20):
+        put(store, header(seq), bytes([seq]) * (100 if seq % 2 else INLINE_BYTES + 1))
+    orphan = store.directory / "blobs" / "ab" / ("c" * 62)
+    orphan.parent.mkdir(exist_ok=True)
+    orphan.write_bytes(b"x" * 7)
+    for seq in range(15):
+        store.delete(header(seq).id)
+    assert store.collect() == 7 * 100 + 8 * (INLINE_BYTES + 1) + 7
+    assert store.collect() == 0
+    assert not orphan.exists()
+    for seq in range(15, 20):
+        assert store.payload(header(seq).id) == bytes([seq]) * (100 if seq % 2 else INLINE_BYTES + 1)
+    assert store.verify() == ()
+
+
+def test_a_collection_takes_nothing_that_is_inserted_beside_it(store: Store) -> None:
+    done = threading.Event()
+
+    def collect() -> None:
+        while not done.is_set():
+            store.collect()
+
+    collector = threading.Thread(target=collect)
+    collector.start()
+    try:
+        for seq in range(60):  # the same few contents come and go
+            content = bytes([seq % 4]) * (INLINE_BYTES + 1 if seq % 2 else 50)
+            assert put(store, header(seq), content) is Insertion.INSERTED
+            assert store.payload(header(seq).id) == content
+            store.delete(header(seq).id)
+    finally:
+        done.set()
+        collector.join()
+    assert store.verify() == ()
+
+
+def test_sums_and_index_that_are_off_are_found(store: Store) -> None:
+    put(store, header(0, box_m=(0, 0, 0, 1, 1, 1)))
+    with store._database.write() as connection:
+        connection.exec_driver_sql("UPDATE tallies SET live = 2")
+        connection.exec_driver_sql("UPDATE product_index SET x0 = 0.5, x1 = 0.6")
+    assert {p.what.split(":")[0] for p in store.verify()} == {"spatial index", "sums"}
