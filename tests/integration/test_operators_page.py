@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import json
 import os
 import shutil
@@ -129,23 +131,30 @@ def dpm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Dpm]:
         yield made
 
 
+@contextlib.contextmanager
+def opened(port: int, folder: Path) -> Iterator[Browser]:
+    """A browser that was sent to the page; skips where there is none."""
+    program = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+    if program is None:
+        pytest.skip(f"no browser of the Chromium family is installed: none of {', '.join(BROWSERS)} was found")
+    browser = Browser(program, folder)
+    try:
+        browser.send("Page.navigate", url=f"http://127.0.0.1:{port}/")
+        yield browser
+    finally:
+        browser.close()
+
+
 @pytest.fixture(scope="module")
 def page(dpm: Dpm, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     """The page, loaded."""
-    program = next((found for name in BROWSERS if (found := shutil.which(name))), None)
-    if program is None:
-        pytest.skip(f"no browser of the Chromium family is installed: none of {', '.join(BROWSERS)} was found")
     profile = Profile(
         name="page", robots=(RobotProfile(id="mana"),), retention=(Retention(product="dem", max_age_s=1.0),)
     )  # fmt: skip
-    with HttpServer(Context(dpm, Settings(dpm.store.directory, port=0), profile=profile)) as server:
-        browser = Browser(program, tmp_path_factory.mktemp("browser"))
-        try:
-            browser.send("Page.navigate", url=f"http://127.0.0.1:{server.port}/")
-            browser.eventually("document.querySelectorAll('.card').length === 3")
-            yield browser
-        finally:
-            browser.close()
+    context = Context(dpm, Settings(dpm.store.directory, port=0), profile=profile)
+    with HttpServer(context) as server, opened(server.port, tmp_path_factory.mktemp("browser")) as browser:
+        browser.eventually("document.querySelectorAll('.card').length === 3")
+        yield browser
 
 
 def test_the_page_shows_what_there_is(page: Browser) -> None:
@@ -218,3 +227,19 @@ def test_nothing_failed_on_the_page_and_nothing_came_from_elsewhere(page: Browse
     asked = [t["params"]["request"]["url"] for t in page.told if t.get("method") == "Network.requestWillBeSent"]
     assert asked
     assert all(url.startswith(("http://127.0.0.1:", "data:")) for url in asked)
+
+
+def test_with_keys_the_page_asks_for_one_and_shows_everything_with_it(dpm: Dpm, tmp_path: Path) -> None:
+    keys = tmp_path / "keys"
+    keys.write_text(f"{hashlib.sha256(b'sesame').hexdigest()} reader anna\n")
+    context = Context(dpm, Settings(dpm.store.directory, port=0, keys_file=keys))
+    with HttpServer(context) as server, opened(server.port, tmp_path / "browser") as page:
+        page.eventually("document.getElementById('key')?.open")
+        assert page.value("document.querySelectorAll('.card').length") == 0
+        page.value(
+            "document.querySelector('#key input').value = 'sesame'; document.querySelector('#key button').click()"
+        )
+        page.eventually("document.querySelectorAll('.card').length >= 3")
+        page.eventually("[...document.images].filter((i) => i.naturalWidth > 1).length >= 3")
+        page.eventually("document.getElementById('live')?.dataset.state === 'live'")
+        assert "sesame" not in page.value("document.documentElement.outerHTML")

@@ -23,11 +23,13 @@ from services.dpm.http.roles import LOCAL, SAFE, Keys, Rule, rule_for
 from services.dpm.refusals import Refusals
 from services.dpm.settings import Settings
 
-_OPEN = frozenset({"/healthz", "/readyz"})
+#: Without a key: is it there, the page, and the interface's description. They hold no data; the page asks for a key.
+_OPEN = frozenset({"/healthz", "/readyz", "/", "/docs", "/openapi.json"})
+_OPEN_BELOW = "/static/"
 _HEADERS = (
     (b"x-content-type-options", b"nosniff"),
     (b"referrer-policy", b"no-referrer"),
-    (b"content-security-policy", b"default-src 'self'; img-src 'self' data:; frame-ancestors 'none'"),
+    (b"content-security-policy", b"default-src 'self'; img-src 'self' data: blob:; frame-ancestors 'none'"),
 )
 
 
@@ -97,7 +99,7 @@ class Guard:
             return Refusal(403, f"Origin {origin[:80]!r} may not write here")
         if method not in SAFE and headers.get("sec-fetch-site") == "cross-site":
             return Refusal(403, "a page of another site may not write here")
-        if actor is None and path not in _OPEN:
+        if actor is None and not (method in SAFE and (path in _OPEN or path.startswith(_OPEN_BELOW))):
             return Refusal(401, "expected Authorization: Bearer with a key that this server knows")
         if actor is not None and rule is not None and (rule.roles is None or actor.role not in rule.roles):
             return Refusal(403, f"role {actor.role} may not {method} {rule.path}")

@@ -120,7 +120,7 @@ async def _stream(context: Context, request: Request, last: int) -> AsyncIterato
 
     context.dpm.listen(on_event)
     try:
-        yield ": connected\nretry: 2000\n\n"
+        yield ": connected\n\n"
         spoke_s = monotonic_s()
         while not (context.closing.is_set() or await request.is_disconnected()):
             news.clear()

@@ -26,8 +26,32 @@ function make(tag, attributes, ...children) {
   return element;
 }
 
+/** Off loopback a key is needed: it is kept for this tab only, and sent with everything. */
+const key = () => sessionStorage.getItem("cdff-key");
+const authorised = (more) => ({ ...more, ...(key() ? { Authorization: `Bearer ${key()}` } : {}) });
+
+async function get(path, headers) {
+  const response = await fetch(path, { headers: authorised(headers) });
+  if (response.status === 401 && !byId("key").open) byId("key").showModal();
+  return response;
+}
+
+/** A link to a file; the browser itself would not send the key. */
+function fileLink(path, name, text) {
+  const link = make("a", { href: path, download: name }, text);
+  if (key()) {
+    link.addEventListener("click", async (event) => {
+      event.preventDefault();
+      const url = URL.createObjectURL(await (await get(path)).blob());
+      make("a", { href: url, download: name }).click();
+      setTimeout(() => URL.revokeObjectURL(url), 60000);
+    });
+  }
+  return link;
+}
+
 async function ask(path) {
-  const response = await fetch(path, { headers: { Accept: "application/json" } });
+  const response = await get(path, { Accept: "application/json" });
   const body = await response.json();
   if (!response.ok) throw new Error(body.detail || response.statusText);
   return body;
@@ -135,8 +159,10 @@ const nothing = (text) => make("tr", null, make("td", { colspan: 6, class: "empt
 function picture(product) {
   const box = make("div", { class: "picture" });
   if (PICTURED.has(product.product) && product.quality.status !== "FAILED") {
-    const image = make("img", { src: product.links.thumbnail, alt: `${words(product.product)} seen from above`, loading: "lazy" });
+    const image = make("img", { alt: `${words(product.product)} seen from above`, loading: "lazy" });
     image.addEventListener("error", () => image.replaceWith(make("span", null, "no picture")));
+    if (key()) get(product.links.thumbnail).then((answer) => answer.blob()).then((blob) => { image.src = URL.createObjectURL(blob); });
+    else image.src = product.links.thumbnail;
     box.append(image);
   } else if (product.box_m) {
     const [x, y, z] = product.box_m;
@@ -158,7 +184,7 @@ function productCard(product) {
   const links = make("p", { class: "links" }, details);
   if (product.quality.status !== "FAILED") {
     for (const format of FILES[product.product] || []) {
-      links.append(make("a", { href: `${product.links.payload}?format=${format}`, download: `${product.id}.${format}` }, format));
+      links.append(fileLink(`${product.links.payload}?format=${format}`, `${product.id}.${format}`, format));
     }
   }
   const reasons = product.quality.reasons || [];
@@ -195,7 +221,7 @@ async function showDetail(id) {
     const note = product.annotation;
     const metrics = Object.entries(product.quality.metrics || {}).map(([name, value]) => `${words(name)} ${value === null ? "–" : +value.toPrecision(4)}`);
     const files = make("p", { class: "links" }, ...product.formats.map((format) =>
-      make("a", { href: `${product.links.payload}?format=${format}`, download: `${product.id}.${format}` }, format)));
+      fileLink(`${product.links.payload}?format=${format}`, `${product.id}.${format}`, format)));
     body.replaceChildren(
       make("h3", { id: "detail-title" }, words(product.product), " ", badge(product.quality.status)), picture(product),
       facts([["Robot", product.robot], ["Made by", `${product.dfpc}/${product.port}, ${product.producer}`],
@@ -283,17 +309,42 @@ function live(state, text) {
   byId("live").textContent = text;
 }
 
-function follow() {
-  const source = new EventSource("/api/v1/events");
-  source.onopen = () => { live("live", "Live"); soon(); };
-  source.onerror = () => live("lost", "Connection lost, trying again …");
-  // Poses come several times a second: the clock below is enough for them.
-  source.addEventListener("inserted", (event) => { if (JSON.parse(event.data).product !== "pose") soon(); });
-  for (const kind of ["deleted", "activated", "deactivated", "reanchored", "updated", "sensor_mode", "alarm"]) {
-    source.addEventListener(kind, soon);
+// What the page shows may have changed with these; poses come several times a second: the clock below is enough for them.
+const NEWS = new Set(["inserted", "deleted", "activated", "deactivated", "reanchored", "updated", "sensor_mode", "alarm"]);
+
+function heard(block) {
+  const fields = Object.fromEntries(block.split("\n").map((line) => [line.slice(0, line.indexOf(": ")), line.slice(line.indexOf(": ") + 2)]));
+  if (NEWS.has(fields.event) && !(fields.event === "inserted" && JSON.parse(fields.data).product === "pose")) soon();
+  return fields.id;
+}
+
+/** The stream of events; by fetch, because an EventSource cannot send a key. */
+async function follow() {
+  let last = null;
+  for (;;) {
+    try {
+      const answer = await get("/api/v1/events", { Accept: "text/event-stream", ...(last ? { "Last-Event-ID": last } : {}) });
+      if (!answer.ok) throw new Error(answer.statusText);
+      live("live", "Live");
+      soon();
+      const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
+      for (let rest = "", part = await reader.read(); !part.done; part = await reader.read()) {
+        const blocks = (rest + part.value).split("\n\n");
+        rest = blocks.pop();
+        for (const block of blocks) last = heard(block) || last;
+      }
+    } catch (error) {
+      console.debug(error);
+    }
+    live("lost", "Connection lost, trying again …");
+    await new Promise((resolve) => setTimeout(resolve, 2000));
   }
 }
 
+byId("key").addEventListener("close", () => {
+  sessionStorage.setItem("cdff-key", byId("key").querySelector("input").value.trim());
+  location.reload();
+});
 byId("filter").addEventListener("submit", async (event) => {
   event.preventDefault();
   asked = Object.fromEntries([...new FormData(event.target)].filter(([name, value]) => value !== "" || name === "type"));

@@ -40,7 +40,7 @@ class Reader:
         self.connection.request("GET", "/api/v1/events", headers=headers)
         self.answer = self.connection.getresponse()
         assert self.answer.getheader("Content-Type", "").startswith("text/event-stream")
-        assert self.block() == [": connected", "retry: 2000"]
+        assert self.block() == [": connected"]
 
     def block(self) -> list[str]:
         """Lines up to the next empty one."""
