@@ -18,6 +18,7 @@ import statistics
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +29,11 @@ from cdff_common.codecs import encode
 from cdff_common.geometry.region import parse_region
 from cdff_common.interfaces.product import Header, product_id
 from cdff_common.raster import ELEVATION_LAYERS, GridGeometry
+from cdff_common.raster.tiles import Tile, level_of, tiles_over
 from cdff_common.types import ElevationMap
 from dpm_store import Parcel, open_store
 from dpm_store.maps import WindowQuery
+from services.dpm.tiles import TileRequest, Tiles
 
 S = 1_000_000_000
 CELL_M = 0.05
@@ -93,6 +96,36 @@ def window(url: str, trials: int) -> dict[str, Any]:
     return {"patches": len(found.patches), "coverage": found.coverage, "cold": middle, "warm": warm}
 
 
+def tiles(url: str) -> dict[str, Any]:
+    """Every tile over the patches at their own level and four overviews: cold in a store just opened, then warm.
+
+    ``first`` is a tile whose patches nobody has read yet, ``cold`` every rendering that is not kept yet,
+    ``overview_first`` includes pooling the levels below, once.
+    """
+    level = level_of(CELL_M)
+    side = (1.0, 1.0, SIDE_CELLS * CELL_M - 1.0, SIDE_CELLS * CELL_M - 1.0)
+    columns, rows = tiles_over(level, side)
+    here = [Tile(level, x, y) for x in columns for y in rows]
+    for _ in range(2):  # the first run compiles
+        with open_store(url) as store:
+            store.search()
+            rendered = Tiles(store)
+            first = [timed(partial(rendered.get, TileRequest("site", "hillshade", tile)), 1) for tile in here]
+            other = [timed(partial(rendered.get, TileRequest("site", "slope", tile)), 1) for tile in here]
+            warm = [timed(partial(rendered.get, TileRequest("site", "slope", tile)), 20) for tile in here]
+            above = [Tile(z, *(r[0] for r in tiles_over(z, side))) for z in (level - 1, level - 3, level - 8, 0)]
+            overview = [timed(partial(rendered.get, TileRequest("site", "hillshade", tile)), 1) for tile in above]
+            again = [timed(partial(rendered.get, TileRequest("site", "slope", tile)), 1) for tile in above]
+
+    def middle(spans: list[dict[str, float]]) -> dict[str, float]:
+        return {name: round(statistics.median(s[name] for s in spans), 3) for name in ("p50_ms", "cpu_ms")}
+
+    return {
+        "tiles": len(here), "first": middle(first), "cold": middle(other), "warm": middle(warm),
+        "overview_first": middle(overview), "overview_cold": middle(again),
+    }  # fmt: skip
+
+
 def filled(url: str, patches: int, side: int) -> None:
     """A store with the patches."""
     rng = np.random.default_rng(1)
@@ -115,6 +148,7 @@ def main() -> int:
             "machine": {"cpu_count": os.cpu_count(), "python": platform.python_version()},
             "patches": {"count": args.patches, "side_cells": args.side, "cell_m": CELL_M},
             "window_1000x1000": window(url, args.trials),
+            "tile_256x256": tiles(url),
         }
     text = json.dumps(figures, indent=1)
     print(text)

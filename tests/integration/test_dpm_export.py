@@ -80,6 +80,7 @@ def export(endpoint: str, capsys: pytest.CaptureFixture[str], *arguments: str) -
     return files
 
 
+@pytest.mark.req("CDFF-SUP-183")
 def test_exports_are_read_by_others(
     system: System, endpoint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -174,3 +175,17 @@ def test_profiles_and_clouds_come_over_zenoh(system: System) -> None:
     reply = system.call("get", robot="any", type="pointcloud", points=500, region="circle:5,5,3")
     assert (reply.attachment["points"], reply.attachment["kind"]) == (500, "product")
     assert system.get("/api/v1/maps/dem/profile?path=1,1,2,2")["coverage"] == 1.0
+
+
+def test_gdal_reads_the_tiles_as_a_map_in_the_frame_of_the_site(system: System, tmp_path: Path) -> None:
+    import rasterio
+    from rasterio.windows import from_bounds
+
+    address = f"WMTS:{system.http}/tiles/wmts.xml,layer=hillshade,tilematrix=17"
+    with rasterio.Env(GDAL_DEFAULT_WMS_CACHE_PATH=str(tmp_path)), rasterio.open(address) as file:
+        assert file.crs.to_wkt().startswith('LOCAL_CS["site"')
+        assert file.res == pytest.approx((0.1, 0.1))
+        rgba = file.read(window=from_bounds(0.0, 0.0, 50.0, 30.0, file.transform))
+    shown = rgba[3] > 0
+    assert not shown[:10].any()
+    assert shown[10:].all()

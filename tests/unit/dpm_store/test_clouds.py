@@ -36,6 +36,7 @@ def test_points_of_all_clouds_in_the_region_come_in_one_frame(store: Store, rng:
     assert found.cloud.frame == "site"
 
 
+@pytest.mark.req("CDFF-SUP-182")
 def test_a_budget_is_filled_and_fair_to_sparse_places(store: Store, rng: np.random.Generator) -> None:
     dense = rng.uniform(0.0, 1.0, (60_000, 3))
     sparse = rng.uniform(10.0, 20.0, (300, 3))

@@ -53,6 +53,7 @@ def test_one_robot_can_be_asked_for(store: Store, rng: np.random.Generator) -> N
     assert store.maps.elevation_window(WindowQuery(WHOLE, robot="minnie")).robots == ("minnie",)
 
 
+@pytest.mark.req("CDFF-SUP-180")
 def test_what_disagrees_is_counted_and_can_be_left_out(store: Store, rng: np.random.Generator) -> None:
     put_patch(store, rng, (0.0, 0.0, 4.0, 4.0), 1)
     put_patch(store, rng, (0.0, 0.0, 2.0, 4.0), 2, lift_m=0.5)
@@ -74,6 +75,7 @@ def anchored(store: Store, dx_m: float, yaw_deg: float = 0.0) -> None:
     store.frames.set("mana/odom", "site", UncertainTransform(T))
 
 
+@pytest.mark.req("CDFF-SUP-180")
 def test_a_patch_of_a_corrected_frame_is_carried_to_where_it_is_now_and_was_then(
     store: Store, rng: np.random.Generator, clock: ManualClock
 ) -> None:
@@ -126,6 +128,7 @@ def test_windows_without_patches_or_too_large_are_refused(store: Store, rng: np.
         store.maps.elevation_window(WindowQuery(WHOLE, newest_after_ns=2 * S))
 
 
+@pytest.mark.req("CDFF-SUP-182")
 def test_a_profile_reads_the_cell_under_each_sample(store: Store, rng: np.random.Generator) -> None:
     put_patch(store, rng, (0.0, 0.0, 4.0, 2.0), 1, n=30_000)
     path = np.array([[0.55, 0.55], [3.55, 0.55], [3.55, 5.0]])

@@ -61,6 +61,7 @@ def test_tiles_beyond_the_grid_are_refused(address: tuple[int, int, int]) -> Non
         Tile(*address)
 
 
+@pytest.mark.req("CDFF-SUP-181")
 def test_few_patches_make_a_tile_at_every_level(store: Store, rng: np.random.Generator) -> None:
     points = np.vstack([put_patch(store, rng, (i, 1.0, i + 3.0, 4.0), i + 1)[1] for i in range(4)])
     for z in (17, 16, 12, 0):
@@ -92,6 +93,7 @@ def test_coarse_patches_count_at_their_own_levels(store: Store, rng: np.random.G
         assert_equal_to_points(store, tile_at(z, 10.0, 10.0), np.vstack([fine, coarse]))
 
 
+@pytest.mark.req("CDFF-SUP-181")
 def test_insertions_and_deletions_are_seen_at_every_level(store: Store, rng: np.random.Generator) -> None:
     points = crowd(store, rng)
     tiles = [tile_at(z, 10.0, 10.0) for z in (16, 14, 0)]
@@ -120,6 +122,7 @@ def test_a_change_drops_only_what_it_touches(store: Store, rng: np.random.Genera
     assert touched([above], Change("site", (30.0, 1.0, 31.0, 25.55)), margin_cells=1) == [above]
 
 
+@pytest.mark.req("CDFF-SUP-181")
 def test_a_corrected_frame_moves_its_patches_from_tile_to_tile(store: Store, rng: np.random.Generator) -> None:
     def anchor(x_m: float) -> None:
         store.frames.set("mana/odom", "site", UncertainTransform(se3.transform(np.eye(3), [x_m, 0.0, 0.0])))
