@@ -105,10 +105,15 @@ class Catalogue:
 
     def collection(self, name: str) -> Collection:
         """One by its name; raises ProductNotFoundError."""
-        for known in self.collections():
-            if known.id == name:
-                return known
-        raise ProductNotFoundError(f"no collection {name[:64]!r}")
+        extents = self._extents(name)
+        if not extents:
+            raise ProductNotFoundError(f"no collection {name[:64]!r}")
+        return self._collection(name, extents)
+
+    def check(self, name: str) -> None:
+        """Raise ProductNotFoundError where there is no such collection."""
+        if not self._extents(name):
+            raise ProductNotFoundError(f"no collection {name[:64]!r}")
 
     def get(self, collection: str, product_id: str) -> Placed:
         """A product of a collection with its outlines; raises ProductNotFoundError."""
@@ -172,6 +177,9 @@ class Catalogue:
                 continue
         fitting = self.placed([record for record in records if _fits(record, query)])
         return Found(tuple(p for p in fitting if place is None or p.touches(place)), None)
+
+    def _extents(self, name: str) -> list[Extent]:
+        return [e for e in self._context.extents.get(self._context.dpm.store) if e.product == name]
 
     def _collection(self, name: str, extents: Sequence[Extent]) -> Collection:
         boxes = [(e.frame, shapely.box(*e.box_m[:2], *e.box_m[3:5])) for e in extents if e.box_m is not None]

@@ -122,7 +122,8 @@ def collection(context: Ctx, request: Request, collection: Name) -> OgcCollectio
 @router.get("/collections/{collection}/items", response_model=FeatureCollection, responses=_GEOJSON_BODY)
 def items(context: Ctx, request: Request, collection: Name, asked: Annotated[ItemParameters, Query()]) -> Response:
     """Features of a collection; ``links`` and ``Link`` lead to the next page, ``Content-Crs`` names the CRS."""
-    _one(context, collection)
+    if collection != TRACKS:
+        Catalogue(context).check(collection)
     writer = FeatureWriter(base_url(request), crs_list(context, request), asked.crs)
     bbox = writer.degrees(numbers_of(asked.bbox), asked.bbox_crs)
     t0_ns, t1_ns = span_of(asked.datetime)
@@ -189,10 +190,8 @@ def _all(context: Context) -> list[Collection]:
 
 
 def _one(context: Context, name: str) -> Collection:
-    for known in _all(context):
-        if known.id == name:
-            return known
-    raise ProductNotFoundError(f"no collection {name[:64]!r}")
+    found = track_collection(context) if name == TRACKS else None
+    return found or Catalogue(context).collection(name)
 
 
 def _described(c: Collection, base: str, crs: CrsList | None) -> OgcCollection:

@@ -173,7 +173,7 @@ def collection(context: Ctx, request: Request, collection: Name) -> StacCollecti
 @router.get("/collections/{collection}/items", response_model=ItemCollection, responses=_GEOJSON_BODY)
 def items(context: Ctx, request: Request, collection: Name, asked: Annotated[PageParameters, Query()]) -> Response:
     """Items of a collection, newest first."""
-    Catalogue(context).collection(collection)
+    Catalogue(context).check(collection)
     body = SearchBody(
         bbox=numbers_of(asked.bbox), datetime=asked.datetime, limit=asked.limit, token=asked.token,
         collections=[collection],
