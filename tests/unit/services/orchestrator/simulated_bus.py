@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from cdff_common.bus import Message, Reply, Request, keys
-from cdff_common.bus.message import pack
+from cdff_common.bus.message import pack, unpack
 from cdff_common.clock import NS_PER_S
 from cdff_common.codecs import encode
 from cdff_common.codecs.encoding import encoding_string
@@ -116,6 +116,7 @@ class Mission:
         self.observed = {r.id: np.zeros((4, 4), dtype=bool) for r in profile.robots}
         self.tokens = {keys.alive(r.id, s) for r in profile.robots for s in ("icu", "dpm")}
         self.buses: list[SimulatedBus] = []
+        self.history = 0
         for process in self.processes.values():
             scheduler.start(lambda p=process: self._live(p), f"dfpc {process.id}")  # type: ignore[misc]
 
@@ -254,6 +255,13 @@ class Mission:
     def _on_mode(self, robot: str, event: Mapping[str, object]) -> None:
         self.publish(keys.event(robot, "sensor_mode"), event)
 
+    def keep(self, entries: list[dict[str, Any]]) -> Reply:
+        """Keep records of the journal in the history: each once, and none left out."""
+        for entry in entries:
+            assert entry["number"] <= self.history + 1, f"record {self.history + 1} was left out"
+            self.history = max(self.history, entry["number"])
+        return Reply.of({"last": self.history})
+
     # -- the DPM ------------------------------------------------------------------------------------------------------
 
     def dpm(self, verb: str, p: Mapping[str, Any]) -> Reply:
@@ -345,7 +353,7 @@ class SimulatedBus:
         if parts[3] == "dpm":
             if not m.dpm_up:
                 raise NoAnswerError("nobody answers")
-            return m.dpm(verb, p)
+            return m.keep(unpack(payload)["entries"]) if verb == "history" else m.dpm(verb, p)
         if parts[3] == "icu":
             if not m.icu_up:
                 raise NoAnswerError("nobody answers")

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A day of virtual time with random requests and faults: the orchestrator's own service keeps its invariants.
 
-The whole service runs (flow, finder, sharing, delivery, control, watcher, journal) on a simulated bus; only what is
-behind the bus is simulated. DFPCs crash, hang, raise, refuse, degrade and go deaf; sensors are refused and lost; the
+The whole service runs (flow, finder, sharing, delivery, control, watcher, journal, history) on a simulated bus; only
+what is behind the bus is simulated. DFPCs crash, hang, raise, refuse, degrade and go deaf; sensors are refused and lost; the
 DPM and the ICU go away; the orchestrator is killed and restarted. A seed replays its day, thread for thread.
 """
 
@@ -23,7 +23,6 @@ from cdff_common.interfaces.registry import Registry
 from cdff_core.orchestration.catalogue import feeds_of, uses_of
 from cdff_core.orchestration.leases import ALWAYS
 from cdff_core.orchestration.lifecycle import FINAL_STATES
-from services.orchestrator import service
 from services.orchestrator.service import Orchestrator
 from tests.unit.services.orchestrator import mission
 from tests.unit.services.orchestrator.simulated_bus import Mission, SimulatedBus
@@ -44,19 +43,6 @@ class Asked:
     until_s: float
     finals: int = 0
     how: str = ""
-
-
-class NoHistory:
-    """Forwarding to the DPM's history has tests of its own."""
-
-    def __init__(self, *_: object) -> None:
-        pass
-
-    def start(self) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
 
 
 class Day:
@@ -301,7 +287,6 @@ class Day:
 @pytest.fixture(autouse=True)
 def simulated(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Registry, "default", classmethod(lambda cls: mission.SimulatedRegistry()))
-    monkeypatch.setattr(service, "HistoryForwarder", NoHistory)
     monkeypatch.setattr(os, "fsync", lambda _: None)
 
 
@@ -323,6 +308,8 @@ def test_the_service_keeps_its_invariants_over_requests_and_faults(seed: int, ho
     how = endings(day)
     assert how["product"] > day.count / 4, how
     assert {"product", "UnavailableError"} <= set(how)
+    numbers = [int(r["n"]) for r in day.orchestrator._journal.records() if "n" in r]
+    assert numbers[-1] - day.mission.history <= 200, "the DPM's history has followed the journal, each record once"
     assert day.most["open"] <= 2 * CAPACITY, "those that made room end at once"
     assert day.most["jobs"] <= CAPACITY + 200
     assert day.most["looks"] <= CAPACITY

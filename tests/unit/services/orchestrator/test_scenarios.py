@@ -21,7 +21,6 @@ from services.orchestrator import service
 from services.orchestrator.service import Orchestrator
 from tests.unit.services.orchestrator import mission
 from tests.unit.services.orchestrator.simulated_bus import Mission
-from tests.unit.services.orchestrator.test_day import NoHistory
 from tests.unit.services.orchestrator.virtual import Scheduler, VirtualTiming
 
 DEM = {"type": "dem", "robot": "mana", "max_age_s": "4", "deadline_ms": "40000"}
@@ -88,7 +87,6 @@ class Stage:
 @pytest.fixture
 def stage(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Stage:
     monkeypatch.setattr(Registry, "default", classmethod(lambda cls: mission.SimulatedRegistry()))
-    monkeypatch.setattr(service, "HistoryForwarder", NoHistory)
     return Stage(tmp_path)
 
 
