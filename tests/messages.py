@@ -38,7 +38,7 @@ _TEXTS = ["", "mana/lidar", "é", "x" * 256, "\udce9", "1"]
 _CONSISTENT = {
     "PointCloudData", "LidarScanData", "PoseTrajectoryData", "ElevationMap", "NavigationMap", "PoseGraph",
     "PoseGraphVertices", "PoseGraphEdges", "LandmarkMapData", "KeyFrameData", "MeshData", "ObjectTrackData",
-    "ImuSpanData",
+    "ImuSpanData", "LidarMap", "LidarMapClouds", "LidarMapPosition",
 }  # fmt: skip
 
 
@@ -117,6 +117,17 @@ def _consistent(node: Struct, rng: np.random.Generator) -> Any:
             ends = rng.choice(vertices.ids, (n, 2))
             edges = class_of("PoseGraphEdges")(ends, _reals(7)(n, rng), _reals(36)(n, rng), _octets(n, rng))
         return cls(_value(node.fields[0].node, rng), vertices, edges)
+    if node.class_name == "LidarMapPosition":
+        return cls(np.arange(min(n, 1)), _reals(7)(min(n, 1), rng))
+    if node.class_name == "LidarMapClouds":
+        counts = rng.integers(0, 4, n)
+        return cls(counts, _reals(3, np.float32)(int(counts.sum()), rng))
+    if node.class_name == "LidarMap":
+        graph = _value(node.fields[1].node, rng)
+        ids = graph.vertices.ids
+        clouds = class_of("LidarMapClouds")(np.ones(len(ids), np.int64), _reals(3, np.float32)(len(ids), rng))
+        position = class_of("LidarMapPosition")(ids[:1], _reals(7)(len(ids[:1]), rng))
+        return cls(_value(node.fields[0].node, rng), graph, clouds, position)
     metadata = class_of("GridMapMetadata")(frame_id="site", resolution=0.5, x_min=-1.0, y_max=1.0, rows=2, cols=n)
     layers = tuple(
         class_of("GridLayer").from_array(name, rng.normal(size=(2, n)).astype(dtype))

@@ -116,6 +116,7 @@ def test_a_lap_closes_loops_and_ends_with_trajectory_graph_and_cloud(lapped: tup
     assert np.median(np.abs(height)) < 0.05
 
 
+@pytest.mark.slow
 def test_a_second_lap_adds_next_to_nothing(ground: Ground) -> None:
     rover, way = Rover(ground, seed=3), laps(ground, 2.6)
     one = round(len(way) / 2)
