@@ -9,15 +9,17 @@
 
 from dpm_store.annotations import Annotation, StaleRevisionError
 from dpm_store.events import Event
-from dpm_store.frames import FrameRevision
+from dpm_store.frames import FrameRevision, Known
 from dpm_store.poses import StampedPose, Track
 from dpm_store.provenance import Lineage
-from dpm_store.records import Insertion, Page, Parcel, ProductRecord, Query
+from dpm_store.records import Insertion, MetricBound, Order, Page, Parcel, ProductRecord, Query
 from dpm_store.retention import Plan, Verdict
 from dpm_store.rules import Prefer, Rule
 from dpm_store.store import Store, open_store
+from dpm_store.transaction import Delete, Insert, Reanchor, Update
 
 __all__ = [
-    "Annotation", "Event", "FrameRevision", "Insertion", "Lineage", "Page", "Parcel", "Plan", "Prefer",
-    "ProductRecord", "Query", "Rule", "StaleRevisionError", "StampedPose", "Store", "Track", "Verdict", "open_store",
+    "Annotation", "Delete", "Event", "FrameRevision", "Insert", "Insertion", "Known", "Lineage", "MetricBound", "Order",
+    "Page", "Parcel", "Plan", "Prefer", "ProductRecord", "Query", "Reanchor", "Rule", "StaleRevisionError",
+    "StampedPose", "Store", "Track", "Update", "Verdict", "open_store",
 ]  # fmt: skip

@@ -22,6 +22,12 @@ def register(nouns: Any) -> None:
     search.add_argument("--frame", help="frame of the region; default: site")
     search.add_argument("--t0", help="captured at or after: nanoseconds or RFC 3339")
     search.add_argument("--t1", help="captured at or before")
+    search.add_argument("--tag", help="carries this tag; all of several with commas")
+    search.add_argument("--quality", help="numbers of the quality, as inliers>=30,rmse_px<0.5")
+    search.add_argument("--order", choices=("newest", "oldest", "nearest"))
+    search.add_argument("--point", help="with --order nearest: x,y in the frame; default: the region's centre")
+    search.add_argument("--as-of", help="what the store knew then: nanoseconds or RFC 3339")
+    search.add_argument("--frames-revision", type=int, help="state of the frame tree to place products by")
     search.add_argument("--limit", type=int, default=20)
     search.set_defaults(run=run_search)
     get = verbs.add_parser("get", help="the payload of a product")
@@ -92,13 +98,19 @@ def run_export(args: argparse.Namespace) -> int:
     return 0
 
 
+_SEARCHED = (
+    "robot", "dfpc", "region", "frame", "t0", "t1", "tag", "quality", "order", "point", "as_of", "frames_revision",
+    "limit",
+)  # fmt: skip
+
+
 def run_search(args: argparse.Namespace) -> int:
     """Print one line per product."""
     from cdff_common.client import Client
     from cdff_common.clock import format_stamp
     from cdff_common.json_form import jsonable
 
-    wishes = {name: getattr(args, name) for name in ("robot", "dfpc", "region", "frame", "t0", "t1", "limit")}
+    wishes = {name: getattr(args, name) for name in _SEARCHED}
     with Client(args.connect, name="cdff dpm") as client:
         items = client.search(args.type, **{k: v for k, v in wishes.items() if v is not None})
     if args.json:

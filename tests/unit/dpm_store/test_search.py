@@ -1,6 +1,7 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
 import itertools
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,8 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.region import Region, parse_region
 from cdff_common.interfaces.product import Quality, Status
 from dpm_store import Query, Store, open_store
-from dpm_store.records import Order
 from dpm_store.outlines import touches
+from dpm_store.records import Order
 
 from .conftest import header, put
 
@@ -89,6 +90,28 @@ def test_pages_neither_repeat_nor_skip_while_products_come_and_go(store: Store) 
 def test_a_cursor_that_no_search_gave_is_refused(store: Store, cursor: str) -> None:
     with pytest.raises(InputError, match="cursor"):
         store.search(Query(cursor=cursor))
+
+
+@pytest.mark.req("CDFF-SUP-081", "CDFF-SUP-082")
+@pytest.mark.parametrize("order", list(Order))
+def test_pages_go_on_by_the_frames_of_the_first_while_a_site_is_re_anchored(store: Store, order: Order) -> None:
+    def shift(x_m: float) -> UncertainTransform:
+        return UncertainTransform(se3.transform(np.eye(3), [x_m, 0, 0]))
+
+    store.frames.set("mana/odom", "site", shift(0.0))
+    for seq in range(9):
+        put(store, header(seq, frame="mana/odom", box_m=(seq, 0, 0, seq + 1, 1, 1)))
+    asked, seen, cursor = Query(limit=2, region=parse_region("bbox:-1,-1,20,2"), order=order), [], None
+    while True:
+        page = store.search(replace(asked, cursor=cursor))
+        seen += [record.header.seq for record in page.items]
+        store.frames.set("mana/odom", "site", shift(100.0 * len(seen)))
+        cursor = page.cursor
+        if cursor is None:
+            break
+    assert sorted(seen) == list(range(9))
+    assert store.search(asked).items == ()
+    assert len(store.search(replace(asked, limit=9, frames_revision=1)).items) == 9
 
 
 def test_a_cursor_of_the_other_order_is_refused(store: Store) -> None:
