@@ -3,8 +3,8 @@
 """A day of virtual time with random requests and faults: the orchestrator's own service keeps its invariants.
 
 The whole service runs (flow, finder, sharing, delivery, control, watcher, journal, history) on a simulated bus; only
-what is behind the bus is simulated. DFPCs crash, hang, raise, refuse, degrade and go deaf; sensors are refused and lost; the
-DPM and the ICU go away; the orchestrator is killed and restarted. A seed replays its day, thread for thread.
+what is behind the bus is simulated. DFPCs crash, hang, raise, refuse, degrade and go deaf; sensors are refused and
+lost; the DPM and the ICU go away; the orchestrator is killed and restarted. A seed replays its day, thread for thread.
 """
 
 from __future__ import annotations
