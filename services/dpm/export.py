@@ -3,8 +3,8 @@
 """``cdff dpm export``: what a search finds as files that others read, one for each product or all in one.
 
 The suffix of the target says what is written: a folder holds each product in its type's first format and the outlines
-of all as ``index.geojson``; one file is an assembled window (``tif``) or cloud (``ply las laz pcd``), all poses as one
-trajectory (``tum``), all outlines (``geojson``), or the newest pose graph (``g2o``).
+of all as ``index_{frame}.geojson``, a file for each frame; one file is an assembled window (``tif``) or cloud (``ply las
+laz pcd``), all poses as one trajectory (``tum``), all outlines (``geojson``), or the newest pose graph (``g2o``).
 """
 
 from __future__ import annotations
@@ -44,7 +44,10 @@ def export(bus: Bus, args: argparse.Namespace) -> list[dict[str, Any]]:
         return [_poses(bus, args.out, asked)]
     if suffix == "geojson":
         items = list(_items(bus, asked))
-        return [_written(args.out, _outlines(items, asked.get("frame")), len(items))]
+        frames = sorted({item["frame"] for item in items})
+        if len(frames) > 1:
+            raise InputError(f"outlines in {', '.join(frames[:5])}: one file holds one frame; export into a folder")
+        return [_written(args.out, _outlines(bus, items), len(items))]
     raise InputError(f"{args.out}: expected a folder, or a file of {', '.join((*_WHOLE, 'tum', 'geojson'))}")
 
 
@@ -62,7 +65,10 @@ def _folder(bus: Bus, folder: Path, asked: dict[str, str], wanted: str | None) -
         name = f"{item['product']}_{item['robot']}_{item['t1_ns']}_{item['id'][:8]}.{form}"
         files.append(_written(folder / name, _get(bus, {"id": item["id"], "format": form}).payload, 1))
         items.append(item | {"file": name})
-    files.append(_written(folder / "index.geojson", _outlines(items, asked.get("frame")), len(items)))
+    for frame in sorted({item["frame"] for item in items}):
+        here = [item for item in items if item["frame"] == frame]
+        name = f"index_{frame.replace('/', '_')}.geojson"
+        files.append(_written(folder / name, _outlines(bus, here), len(here)))
     return files
 
 
@@ -116,21 +122,21 @@ def _get(bus: Bus, parameters: dict[str, str]) -> Reply:
     return bus.call(keys.dpm_rpc(keys.GROUND, "get"), parameters, timeout_s=_TIMEOUT_S)
 
 
-def _outlines(items: list[dict[str, Any]], frame: str | None) -> bytes:
-    """Outlines of products, each in the frame that it lies in, as its property ``frame`` says."""
+def _outlines(bus: Bus, items: list[dict[str, Any]]) -> bytes:
+    """Outlines of products of one frame, in its CRS."""
     from cdff_common.formats.geojson import outline, write_geojson
 
+    placed = [item for item in items if item.get("box_m") is not None]
+    frame = placed[0]["frame"] if placed else "site"
     features = []
-    for item in items:
-        box = item.get("box_m")
-        if box is None:
-            continue
-        x0, y0, _, x1, y1, _ = box
+    for item in placed:
+        x0, y0, _, x1, y1, _ = item["box_m"]
         told = {name: item.get(name) for name in ("id", "product", "robot", "dfpc", "port", "frame", "child", "file")}
         told |= {"t0_ns": str(item["t0_ns"]), "t1_ns": str(item["t1_ns"]), "status": item["quality"]["status"]}
         ring = item.get("footprint_m") or [[x0, y0], [x1, y0], [x1, y1], [x0, y1]]
         features.append(outline(ring, {name: value for name, value in told.items() if value is not None}))
-    return write_geojson(features, frame or "site")
+    place = bus.call(keys.dpm_rpc(keys.GROUND, "place"), {"frame": frame}, timeout_s=_TIMEOUT_S).body()
+    return write_geojson(features, frame, place["wkt"])
 
 
 def _written(path: Path, data: bytes, products: int) -> dict[str, Any]:
