@@ -46,12 +46,11 @@ class _Gates:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Loop:
-    """A verified loop: ``T_old_new`` of two key frames, and how it was found."""
+    """A verified loop: ``T_old_new`` of two key frames."""
 
     old: int
     new: int
     T: UncertainTransform
-    globally: bool
 
 
 class LoopCloser:
@@ -162,10 +161,10 @@ class LoopCloser:
             return None
         try:
             found = self._matcher.refined(source, target, guess, {})
-        except (RefusedError, DegenerateGeometryError, InputError) as error:
-            self.refusals[(getattr(error, "reasons", None) and error.reasons[0]) or "bad_cloud"] += 1
+        except (RefusedError, DegenerateGeometryError) as error:
+            self.refusals[next(iter(error.reasons), "not_registered")] += 1
             return None
-        return self._accepted(places, old, key, found, ways, globally=False)
+        return self._accepted(places, old, key, found, ways)
 
     def _searched(self, places: KeyFrameMap, old: int, key: int, ways: dict[int, float]) -> Loop | None:
         """Register without a guess."""
@@ -177,11 +176,9 @@ class LoopCloser:
             found, _ = next(search.acceptable(), (None, None))
         except InputError:
             found = None
-        return None if found is None else self._accepted(places, old, key, found, ways, globally=True)
+        return None if found is None else self._accepted(places, old, key, found, ways)
 
-    def _accepted(
-        self, places: KeyFrameMap, old: int, key: int, found: Found, ways: dict[int, float], *, globally: bool
-    ) -> Loop | None:
+    def _accepted(self, places: KeyFrameMap, old: int, key: int, found: Found, ways: dict[int, float]) -> Loop | None:
         """The loop, where both clouds agree on it and the graph allows it."""
         quality = self._judged(found)
         if quality.status is Status.FAILED:
@@ -191,7 +188,7 @@ class LoopCloser:
             self.refusals["contradicts_graph"] += 1
             return None
         T = UncertainTransform(found.T_target_source, found.assessment.covariance)
-        return Loop(old, key, T, globally)
+        return Loop(old, key, T)
 
     def _judged(self, found: Found) -> Quality:
         overlap = max(float(found.assessment.overlap_source), float(found.assessment.overlap_target))
