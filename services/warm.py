@@ -14,6 +14,7 @@ import sys
 import time
 
 from cdff_common.codecs.warm import warm_wire
+from cdff_common.raster.warm import warm_rasters
 
 
 def warm_algorithms() -> tuple[int, dict[str, str]]:
@@ -55,6 +56,7 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     started = time.monotonic()
     warm_wire()
+    warm_rasters()
     count, left = warm_algorithms() if args.algorithms else (0, {})
     for name, reason in left.items():
         sys.stderr.write(f"not warmed: {name}: {' '.join(reason.split())}\n")

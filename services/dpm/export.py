@@ -3,8 +3,8 @@
 """``cdff dpm export``: what a search finds as files that others read, one for each product or all in one.
 
 The suffix of the target says what is written: a folder holds each product in its type's first format and the outlines
-of all as ``index_{frame}.geojson``, a file for each frame; one file is an assembled window (``tif``) or cloud (``ply las
-laz pcd``), all poses as one trajectory (``tum``), all outlines (``geojson``), or the newest pose graph (``g2o``).
+of all as ``index_{frame}.geojson``, a file for each frame; one file is an assembled window (``tif``) or cloud (``ply
+las laz pcd``), all poses as one trajectory (``tum``), all outlines (``geojson``), or the newest pose graph (``g2o``).
 """
 
 from __future__ import annotations

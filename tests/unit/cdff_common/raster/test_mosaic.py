@@ -169,3 +169,12 @@ def test_a_map_beside_the_window_leaves_it_as_it_was(rng: np.random.Generator) -
     mosaic = Mosaic(GridGeometry.aligned("site", 0.1, (0.0, 0.0, 1.0, 1.0)))
     assert not mosaic.add(geometry, layers, S)
     assert not mosaic.statistics()[0].observed.any()
+
+
+def test_the_loops_are_compiled_for_maps_as_they_come_from_the_wire() -> None:
+    from cdff_common.raster import _kernels
+    from cdff_common.raster.warm import warm_rasters
+
+    warm_rasters()
+    for kernel in (_kernels.pool_layers, _kernels.pool_moved, _kernels.pool_blocks, _kernels.fill_layers):
+        assert kernel.signatures
