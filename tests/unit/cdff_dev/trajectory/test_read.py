@@ -124,6 +124,7 @@ def drifting(real_data: Callable[[str], Path], tmp_path: Path) -> tuple[Path, Pa
     return tmp_path / "est", tmp_path / "ref"
 
 
+@pytest.mark.req("CDFF-DEV-051")
 @pytest.mark.slow
 def test_evo_finds_the_same_errors(drifting: tuple[Path, Path]) -> None:
     from cdff_dev.trajectory.compare import compare

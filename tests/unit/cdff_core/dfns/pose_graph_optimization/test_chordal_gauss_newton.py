@@ -55,6 +55,7 @@ def built(poses: Any, ends: Any, measured: Any, information: Any, kinds: Any, fi
     )  # fmt: skip
 
 
+@pytest.mark.req("CDFF-CORE-079")
 @pytest.mark.parametrize("name", OPTIMA)
 def test_published_optima_are_found(name: str, real_data: Callable[[str], Path]) -> None:
     graph = read_pose_graph(real_data(f"posegraphs/{name}.g2o"), frame="map")
@@ -164,7 +165,7 @@ def test_a_prior_places_the_graph() -> None:
 
 def test_covariances_are_those_of_repeated_noise() -> None:
     errors, stated = [], None
-    for seed in range(300):
+    for seed in range(150):
         graph, true = circle(np.random.default_rng(seed), n=12, loops=3)
         _, out = solved(graph, np.array([0, 11]))
         T = out.graph.vertices.matrices[11]
@@ -172,7 +173,7 @@ def test_covariances_are_those_of_repeated_noise() -> None:
         stated = out.covariances
     np.testing.assert_array_equal(stated[0], 0.0)
     nees = np.einsum("ni,ij,nj->n", errors, np.linalg.inv(stated[1]), errors)
-    assert 5.5 < nees.mean() < 6.5  # 300 independent errors: 95 % within 5.61 to 6.40
+    assert 5.4 < nees.mean() < 6.6  # 150 independent errors: 95 % within 5.46 to 6.57
 
 
 def test_a_graph_without_edges_is_its_own_optimum() -> None:

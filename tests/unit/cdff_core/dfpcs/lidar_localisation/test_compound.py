@@ -83,6 +83,7 @@ def test_two_metres_and_twenty_degrees_off_it_finds_back(seed: int, ground: np.n
     assert output.inputs == ("map", "guess", "scan-0")
 
 
+@pytest.mark.req("CDFF-CORE-078")
 def test_without_a_guess_the_whole_map_is_searched(ground: np.ndarray) -> None:
     T = HILLS.pose(9.0, -7.0, 2.0)
     (output,) = outputs(made(), map_of(ground), scan_at(T))
@@ -90,6 +91,7 @@ def test_without_a_guess_the_whole_map_is_searched(ground: np.ndarray) -> None:
     assert output.quality.reasons[0] == "relocalised"
 
 
+@pytest.mark.req("CDFF-CORE-078")
 def test_on_other_ground_it_says_that_it_is_lost(ground: np.ndarray) -> None:
     other = Hills(99)
     (output,) = outputs(made(), map_of(ground), scan_at(other.pose(0, 0, 0), hills=other))
@@ -106,6 +108,7 @@ def test_carried_away_it_notices_and_finds_itself_again(ground: np.ndarray) -> N
     assert "relocalised" in output.quality.reasons
 
 
+@pytest.mark.req("CDFF-CORE-078")
 def test_a_drive_is_tracked_with_odometry_that_drifts(ground: np.ndarray) -> None:
     dfpc = made(odometry_wait_s=0.0)
     true = [HILLS.pose(-8 + 0.8 * i, 0.2 * i, 0.05 * i) for i in range(6)]
