@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
+from cdff_common.formats.hillshade import CLASS_COLORS
 from cdff_common.interfaces.product import Header
+from cdff_common.raster.rendering import GROUND
 
 RGBA = NDArray[np.uint8]
 
@@ -19,10 +21,7 @@ RGBA = NDArray[np.uint8]
 MAX_SIDE_PX = 1024
 _CLOUD_SIDE_PX = 320
 _FEW_POINTS = 20_000
-#: Low to high ground, ochre to pale: readable without telling red from green.
-_GROUND = np.array([[88, 62, 48], [150, 104, 72], [204, 158, 112], [240, 222, 190]], dtype=np.float64)
-#: Unknown, safe, caution, hazard.
-_CLASSES = np.array([[0, 0, 0, 0], [70, 140, 120, 255], [232, 184, 72, 255], [176, 48, 56, 255]], dtype=np.uint8)
+_GROUND = np.array(GROUND, dtype=np.float64)
 
 
 def picture(value: Any, header: Header, max_side_px: int = MAX_SIDE_PX) -> bytes:
@@ -38,7 +37,7 @@ def picture(value: Any, header: Header, max_side_px: int = MAX_SIDE_PX) -> bytes
         case "ElevationMap":
             pixels = hillshade_rgba(np.asarray(value.layer("mean")), value.geometry.resolution_m)
         case "NavigationMap":
-            pixels = _CLASSES[np.minimum(np.asarray(value.layer("class")), 3)]
+            pixels = CLASS_COLORS[np.minimum(np.asarray(value.layer("class")), 3)]
         case "Pointcloud":
             pixels = cloud_rgba(value.points_m, side_px=min(_CLOUD_SIDE_PX, max_side_px))
         case "PoseTrajectory":
