@@ -4,11 +4,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 
 def jsonable(data: Any) -> Any:
-    """Plain data for JSON: every ``…_ns`` as a decimal string (contract §6), bytes as hexadecimal, NaN as null."""
+    """Plain data for JSON: every ``…_ns`` as a decimal string (contract §6), bytes as hexadecimal, null for NaN and ±inf."""
     if isinstance(data, dict):
         return {
             str(k): str(v) if isinstance(v, int) and str(k).endswith("_ns") and v is not True else jsonable(v)
@@ -18,6 +19,6 @@ def jsonable(data: Any) -> Any:
         return [jsonable(v) for v in data]
     if isinstance(data, bytes):
         return data.hex()
-    if isinstance(data, float) and data != data:
+    if isinstance(data, float) and not math.isfinite(data):
         return None
     return data

@@ -8,6 +8,7 @@ a body; ``proj:geometry`` and ``proj:bbox`` in an engineering CRS named after th
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 from cdff_common.clock import format_stamp
@@ -42,6 +43,8 @@ class ItemWriter:
         self._stac = f"{root}stac"
         self._places = places
         self._body = places.body
+        self._plane = functools.cache(lambda frame: crs_fields(places.of(frame).crs))
+        self._globe = {} if places.body is None else crs_fields(places.body.geographic_crs)
 
     def item(self, placed: Placed) -> dict[str, Any]:
         """A product as an item."""
@@ -107,8 +110,7 @@ class ItemWriter:
         return properties | self._projection(placed)
 
     def _projection(self, placed: Placed) -> dict[str, Any]:
-        crs = self._places.of(placed.record.header.frame).crs
-        found = {"proj:code": None, "proj:wkt2": crs.to_wkt("WKT2_2019"), "proj:projjson": crs.to_json_dict()}
+        found = {"proj:code": None, **self._plane(placed.record.header.frame)}
         if placed.in_frame is None:
             return found
         bounds = [float(v) for v in placed.in_frame.bounds]
@@ -122,10 +124,8 @@ class ItemWriter:
             "title": "Footprint", "roles": ["metadata"],
         }  # fmt: skip
         if self._body is not None and placed.on_body is not None:
-            crs = self._body.geographic_crs
             footprint |= {
-                "proj:code": code_of(self._body), "proj:wkt2": crs.to_wkt("WKT2_2019"),
-                "proj:projjson": crs.to_json_dict(), "proj:geometry": geojson(placed.on_body),
+                "proj:code": code_of(self._body), **self._globe, "proj:geometry": geojson(placed.on_body),
                 "proj:bbox": [float(v) for v in placed.on_body.bounds],
             }  # fmt: skip
         assets: dict[str, Any] = {"footprint": footprint}
@@ -145,6 +145,11 @@ class ItemWriter:
                 "href": f"{url}/thumbnail.png", "type": "image/png", "title": "Seen from above", "roles": ["thumbnail"],
             }  # fmt: skip
         return assets
+
+
+def crs_fields(crs: Any) -> dict[str, Any]:
+    """A CRS as the projection extension has it."""
+    return {"proj:wkt2": crs.to_wkt("WKT2_2019"), "proj:projjson": crs.to_json_dict()}
 
 
 def target(body: Body) -> str:

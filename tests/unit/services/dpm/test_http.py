@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cdff_common.codecs import decode, encode
-from cdff_common.interfaces.product import Header
+from cdff_common.interfaces.product import Header, Quality
 from services.dpm.http.context import jsonable
 from services.dpm.operations import Dpm
 
@@ -337,3 +337,13 @@ def test_no_question_makes_the_server_fail(http: TestClient, filled: Filled, pat
     assert answer.status_code < 500, answer.text
     if answer.status_code >= 400:
         assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_a_metric_that_is_no_number_is_null(http: TestClient, dpm: Dpm) -> None:
+    quality = Quality(metrics={"residual": float("inf"), "ratio": float("nan")})
+    _, header = dpm.put(*parcel(cloud(), "pointcloud", quality=quality))
+    for path in ("/api/v1/products", f"/api/v1/products/{header.id}"):
+        data = http.get(path).json()
+        item = data["items"][0] if "items" in data else data
+        assert item["quality"]["metrics"] == {"residual": None, "ratio": None}
+    assert http.get("/stac/search").status_code == 200
