@@ -9,7 +9,7 @@ from typing import Any
 
 
 def jsonable(data: Any) -> Any:
-    """Plain data for JSON: every ``…_ns`` as a decimal string (contract §6), bytes as hexadecimal, null for NaN and ±inf."""
+    """Plain data for JSON: ``…_ns`` as decimal strings (contract §6), bytes as hexadecimal, null for NaN and ±inf."""
     if isinstance(data, dict):
         return {
             str(k): str(v) if isinstance(v, int) and str(k).endswith("_ns") and v is not True else jsonable(v)
