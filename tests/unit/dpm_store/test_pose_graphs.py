@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -22,7 +24,7 @@ NAMES = {"product": "pose_graph", "type_name": "PoseGraph", "dfpc": "lidar_slam"
 def a_graph(rng: np.random.Generator) -> PoseGraph:
     n = 6
     poses = np.array([se3.exp_se3(rng.normal(size=6)) for _ in range(n)])
-    steps = np.array([se3.inverse(a) @ b for a, b in zip(poses, poses[1:], strict=False)])
+    steps = np.array([se3.inverse(a) @ b for a, b in pairwise(poses)])
     roots = rng.normal(size=(n, 6, 6))
     information = roots @ roots.transpose(0, 2, 1) + np.eye(6)
     information[-1] = np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])  # a prior on the position alone
