@@ -86,6 +86,7 @@ def test_disjoint_halves_of_devon_island_are_matched_without_a_guess(real_data: 
     assert error_deg <= 0.1
 
 
+@pytest.mark.req("CDFF-CORE-082")
 def test_two_drives_that_never_met_have_no_overlap(real_data: RealData) -> None:
     folder = real_data("kitti_velodyne")
     source, target = (read_kitti_bin(folder / f"{i:06d}.bin").points_m for i in (0, 94))
@@ -94,6 +95,7 @@ def test_two_drives_that_never_met_have_no_overlap(real_data: RealData) -> None:
     assert output.quality.reasons[0] == "no_overlap"
 
 
+@pytest.mark.req("CDFF-CORE-083")
 def test_the_milk_carton_is_found_once_where_pcl_finds_it(real_data: RealData) -> None:
     model, scene = milk(real_data("pcl_recognition/correspondence_grouping"))
     output = answered("shot_localisation", model=model, scene=scene)

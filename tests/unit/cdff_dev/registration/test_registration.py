@@ -51,6 +51,7 @@ def test_one_pose_is_judged_by_each_gate(tmp_path: Path, capsys: pytest.CaptureF
     assert found["nees"] == {"count": 0}
 
 
+@pytest.mark.req("CDFF-DEV-052")
 def test_a_folder_of_runs_counts_refusals_and_false_accepts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     report(tmp_path / "est" / "a", T_TRUE, matches=100.0, match_inliers=20.0)
     report(tmp_path / "est" / "b", None, matches=50.0)
