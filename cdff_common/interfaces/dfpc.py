@@ -214,7 +214,7 @@ class Dfpc(ABC):
     state_revision: int = 0
 
     def state(self) -> Any:
-        """Return what must survive a restart of the process, a ``cdff_common.types`` object; None where nothing must."""
+        """Return what must survive a restart, a ``cdff_common.types`` object; None where nothing must."""
         return None
 
     def resume(self, state: Any) -> None:
