@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Time and waiting as the orchestrator's parts use them, in one place: a simulation can run them all in its own.
 
-Everything that waits does so through what a ``Timing`` makes. The tests' virtual one runs the same code over a day in a
+Everything that waits does so through what a ``Timing`` makes. services.rehearsal.virtual runs the same code over a day in a
 minute, one thread at a time, in an order that a seed fixes.
 """
 

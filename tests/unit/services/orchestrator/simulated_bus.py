@@ -40,8 +40,8 @@ from cdff_core.orchestration.catalogue import description_of
 from cdff_core.orchestration.lifecycle import DFPC_TRANSITIONS
 from cdff_core.orchestration.world import MakerId
 from services.icu.unit import Faults, SimulatedIcu
+from services.rehearsal.virtual import Scheduler, VirtualTiming
 from tests.unit.services.orchestrator.mission import DFPCS
-from tests.unit.services.orchestrator.virtual import Scheduler, VirtualTiming
 
 START_NS = 1_700_000_000 * NS_PER_S
 MAP = GridGeometry("site", 1.0, 0.0, 4.0, 4, 4)

@@ -24,9 +24,9 @@ from cdff_core.orchestration.catalogue import feeds_of, uses_of
 from cdff_core.orchestration.leases import ALWAYS
 from cdff_core.orchestration.lifecycle import FINAL_STATES
 from services.orchestrator.service import Orchestrator
+from services.rehearsal.virtual import Scheduler, VirtualTiming
 from tests.unit.services.orchestrator import mission
 from tests.unit.services.orchestrator.simulated_bus import Mission, SimulatedBus
-from tests.unit.services.orchestrator.virtual import Scheduler, VirtualTiming
 
 HOUR_S, DAY_S = 3600.0, 86_400.0
 CAPACITY = 12

@@ -19,9 +19,9 @@ from cdff_common.interfaces.registry import Registry
 from cdff_core.orchestration.world import MakerId, SensorId
 from services.orchestrator import service
 from services.orchestrator.service import Orchestrator
+from services.rehearsal.virtual import Scheduler, VirtualTiming
 from tests.unit.services.orchestrator import mission
 from tests.unit.services.orchestrator.simulated_bus import Mission
-from tests.unit.services.orchestrator.virtual import Scheduler, VirtualTiming
 
 DEM = {"type": "dem", "robot": "mana", "max_age_s": "4", "deadline_ms": "40000"}
 
