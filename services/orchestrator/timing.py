@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Time and waiting as the orchestrator's parts use them, in one place: a simulation can run them all in its own.
 
-Everything that waits does so through what a ``Timing`` makes. services.rehearsal.virtual runs the same code over a day in a
-minute, one thread at a time, in an order that a seed fixes.
+Everything that waits does so through what a ``Timing`` makes. ``services.rehearsal.virtual`` runs the same code over a
+day in a minute, one thread at a time, in an order that a seed fixes.
 """
 
 from __future__ import annotations
