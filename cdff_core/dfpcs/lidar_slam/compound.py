@@ -96,7 +96,7 @@ class LidarSlam(LidarSlamInterface):
         self._gather(tracked)
         closed = self._end_keyframe(sample.stamp_ns) if self._is_far() else False
         assert self._current is not None
-        self._trajectory.append(sample.stamp_ns, self._current, self._T_current_lidar.matrix)
+        self._trajectory.append(sample.stamp_ns, self._current, self._T_current_lidar)
         self._used = (sample.id,) if sample.id else ()
         yield from self._poses(sample, tracked)
         if closed:
