@@ -47,7 +47,9 @@ class LidarMapPositionExt(Message):
     def _check_together(self) -> None:
         """One vertex and one pose, or none of both."""
         if len(self.vertices) != len(self.poses) or len(self.vertices) > 1:
-            raise InputError(f"LidarMapPosition: {len(self.vertices)} vertices, {len(self.poses)} poses, expected 0 or 1")
+            raise InputError(
+                f"LidarMapPosition: {len(self.vertices)} vertices, {len(self.poses)} poses, expected 0 or 1"
+            )
 
 
 class LidarMapExt(Message):
@@ -129,8 +131,7 @@ class LidarMapExt(Message):
     def points_m(self) -> NDArray[np.float64]:
         """All clouds in the frame of the map, one after the other, ``(n, 3)``."""
         placed = [
-            se3.transform_points(T, cloud)
-            for T, cloud in zip(self.graph.vertices.matrices, self.clouds_m, strict=True)
+            se3.transform_points(T, cloud) for T, cloud in zip(self.graph.vertices.matrices, self.clouds_m, strict=True)
         ]
         return np.concatenate(placed) if placed else np.zeros((0, 3))
 

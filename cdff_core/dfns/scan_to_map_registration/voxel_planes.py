@@ -39,7 +39,9 @@ class VoxelPlanesConfig(DfnConfig):
     points_voxel_m: float = Field(0.6, gt=0.0, le=10.0, description="One point in this is registered, metres")
     noise_m: float = Field(0.02, gt=0.0, le=1.0, description="Least sigma of a distance to a plane, metres")
     points_per_measurement: float = Field(10.0, ge=1.0, le=1000.0, description="Points that count as one measurement")
-    first_kernel_m: float = Field(0.5, gt=0.0, le=10.0, description="Width of the kernel at the first iteration, metres")
+    first_kernel_m: float = Field(
+        0.5, gt=0.0, le=10.0, description="Width of the kernel at the first iteration, metres"
+    )
     last_kernel_m: float = Field(0.06, gt=0.0, le=10.0, description="Width of the kernel at the end, metres")
     held_sigma_m: float = Field(
         0.045, gt=0.0, le=100.0, description="Sigma left by the map above which a direction stays as guessed, metres"
