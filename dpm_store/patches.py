@@ -7,6 +7,7 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -131,20 +132,29 @@ class Patches:
 
         Each payload is compared with its checksum when it is read.
         """
+        batches = [records[first : first + _AHEAD] for first in range(0, len(records), _AHEAD)]
+        # While one batch is pooled the next is read, checked and decoded.
+        with ThreadPoolExecutor(1, thread_name_prefix="patches") as pool:
+            coming = [pool.submit(self._loaded, batch) for batch in batches[:1]]
+            for number, batch in enumerate(batches):
+                known = coming.pop().result()
+                coming = [pool.submit(self._loaded, following) for following in batches[number + 1 : number + 2]]
+                for record in batch:
+                    yield record, known.get(record.id)
+
+    def _loaded(self, records: Sequence[ProductRecord]) -> dict[str, Patch]:
+        """Decoded patches of records by id, those that are kept as they are."""
         from cdff_common.codecs import decode
 
-        for first in range(0, len(records), _AHEAD):
-            batch = records[first : first + _AHEAD]
-            known = self._known(batch)
-            codecs = {record.id: record for record in batch if record.id not in known}
-            for product_id, payload in self._products.payloads(list(codecs)):
-                record = codecs[product_id]
-                value = decode("ElevationMap", payload, record.codec)
-                layers = {name: value.layer(name) for name in value.layer_names}
-                known[product_id] = Patch(value.geometry, layers, record.header.t1_ns)
-                self._keep(product_id, known[product_id])
-            for record in batch:
-                yield record, known.get(record.id)
+        known = self._known(records)
+        codecs = {record.id: record for record in records if record.id not in known}
+        for product_id, payload in self._products.payloads(list(codecs)):
+            record = codecs[product_id]
+            value = decode("ElevationMap", payload, record.codec)
+            layers = {name: value.layer(name) for name in value.layer_names}
+            known[product_id] = Patch(value.geometry, layers, record.header.t1_ns)
+            self._keep(product_id, known[product_id])
+        return known
 
     def _known(self, records: Sequence[ProductRecord]) -> dict[str, Patch]:
         with self._lock:

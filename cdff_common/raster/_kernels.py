@@ -19,7 +19,7 @@ Single = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def finite_bounds(points: Float) -> tuple[int, float, float, float, float]:  # pragma: no cover - compiled
     """Number of finite rows of ``(n, 3)``, and the least x, least y, greatest x and greatest y of them."""
     n, xmin, ymin, xmax, ymax = 0, np.inf, np.inf, -np.inf, -np.inf
@@ -32,7 +32,7 @@ def finite_bounds(points: Float) -> tuple[int, float, float, float, float]:  # p
     return n, xmin, ymin, xmax, ymax
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def accumulate(
     points: Float,
     stamps: Int,
@@ -95,7 +95,7 @@ def accumulate(
                 newest[cell[i]] = stamp
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, nogil=True, inline="always")
 def _pool(
     row: int, col: int, n: float, z: float, m2: float, low: float, high: float, stamp: int,
     count: Float, mean: Float, total: Float, minimum: Float, maximum: Float, newest: Int, within: Float,
@@ -114,7 +114,7 @@ def _pool(
     newest[row, col] = max(newest[row, col], stamp)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def pool_layers(
     layers: tuple[Single, ...], t1: int, factor: int, down: int, right: int,
     count: Float, mean: Float, m2: Float, minimum: Float, maximum: Float, newest: Int, within: Float,
@@ -140,7 +140,7 @@ def pool_layers(
             )  # fmt: skip
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def pool_moved(
     layers: tuple[Single, ...], t1: int, fine: float, left: int, top: int, T: Float, covariance: Float,
     coarse: float, window_left: int, window_top: int,
@@ -185,7 +185,7 @@ def pool_moved(
                 )  # fmt: skip
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def fill_layers(
     count: Float, mean: Float, m2: Float, minimum: Float, maximum: Float, newest: Int, t1: int, out: Single
 ) -> None:  # pragma: no cover - compiled
@@ -200,7 +200,7 @@ def fill_layers(
                 out[k, i] = np.nan
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def disagreeing(
     count: Float, m2: Float, within: Float, sigmas: float, agreed: float, out: Flags
 ) -> int:  # pragma: no cover - compiled
@@ -214,7 +214,7 @@ def disagreeing(
     return found
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def pool_blocks(
     cells: tuple[Float, ...], stamps: Int, factor: int, down: int, right: int,
     count: Float, mean: Float, m2: Float, minimum: Float, maximum: Float, newest: Int, within: Float,
