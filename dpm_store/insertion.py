@@ -28,6 +28,8 @@ from dpm_store.records import LATEST_NS, Insertion, Parcel
 #: Smaller payloads lie in the row's own database: one sync instead of three.
 INLINE_BYTES = 1 << 15
 MAX_PAYLOAD_BYTES = 1 << 30
+#: Corners of a box farther out, some astronomical units, could neither be indexed nor brought into another frame.
+FARTHEST_BOX_M = 1e12
 #: Of a number in the quality, to be found by.
 MAX_METRIC_NAME = 64
 #: Products whose payload is also entered in the pose series.
@@ -249,6 +251,8 @@ def _checked(header: Header, payload: bytes, names: dict[str, str], type_name: s
     box = header.box_m
     if box is not None and (not all(math.isfinite(v) for v in box) or any(box[i] > box[i + 3] for i in range(3))):
         raise InputError(f"box_m={box}: expected finite metres, each minimum at or below its maximum")
+    if box is not None and max(map(abs, box)) > FARTHEST_BOX_M:
+        raise InputError(f"box_m={box}: expected within {FARTHEST_BOX_M:g} m of the frame's origin")
     _check_footprint(header)
     sha256 = digest(payload)
     if header.sha256 not in (None, sha256):

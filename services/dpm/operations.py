@@ -28,7 +28,7 @@ from dpm_store.patches import DERIVED_DFPC
 from dpm_store.poses import EXTRAPOLATION_LIMIT_NS
 from dpm_store.profile import elevation_profile
 from dpm_store.provenance import MAX_GENERATIONS
-from dpm_store.transaction import Change, Insert, Reanchor
+from dpm_store.transaction import Change, Delete, Insert, Reanchor
 from services.dpm.changes import told
 from services.dpm.checks import FrameNames, check_header, check_value, whole_number
 from services.dpm.convert import Converted, convert
@@ -164,10 +164,14 @@ class Dpm:
             header, payload, names["robot"], names["dfpc"], names["port"], names["product"], type_name, codec, value
         )
 
-    def delete(self, product_id: str) -> bool:
-        """Leave a tombstone; False if it was deleted before."""
+    def delete(self, product_id: str, if_match: int | None = None) -> bool:
+        """Leave a tombstone; False if it was deleted before. StaleRevisionError if it is not at ``if_match``."""
         check_robot(self.store.get(product_id, deleted=True).robot)
-        deleted = self.store.delete(product_id)
+        if if_match is None:
+            deleted = self.store.delete(product_id)
+        else:
+            (outcome,) = self.store.transact([Delete(product_id, if_match)])
+            deleted = outcome is True
         self._count("deleted")
         self._tell()
         return deleted

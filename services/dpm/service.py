@@ -187,10 +187,11 @@ def update(dpm: Dpm, request: Request) -> Reply:
 
 
 def delete(dpm: Dpm, request: Request) -> Reply:
-    """Leave a tombstone; the reply is ``{id, deleted}``."""
-    check_names(request.parameters, frozenset({"id", "robot", "request"}), frozenset({"id"}))
-    product_id = request.parameters["id"]
-    return Reply.of({"id": product_id, "deleted": dpm.delete(product_id)})
+    """Leave a tombstone, with ``if_match`` only of that revision; the reply is ``{id, deleted}``."""
+    p = request.parameters
+    check_names(p, frozenset({"id", "if_match", "robot", "request"}), frozenset({"id"}))
+    if_match = revision_of(p["if_match"]) if "if_match" in p else None
+    return Reply.of({"id": p["id"], "deleted": dpm.delete(p["id"], if_match)})
 
 
 def pose(dpm: Dpm, request: Request) -> Reply:

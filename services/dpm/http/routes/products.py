@@ -14,9 +14,10 @@ import msgpack
 from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
+from starlette.exceptions import HTTPException
 
 from cdff_common.errors import InputError
-from dpm_store import Annotation, Insertion, ProductRecord
+from dpm_store import Annotation, Insertion, ProductRecord, StaleRevisionError
 from dpm_store.provenance import MAX_GENERATIONS
 from services.dpm.convert import Converted, convert, formats_of
 from services.dpm.http.conditional import matches
@@ -24,7 +25,7 @@ from services.dpm.http.context import Context, Ctx, jsonable
 from services.dpm.http.native_models import Deleted, Described, Inserted, InsertedAll, ProductPage, Provenance
 from services.dpm.http.ranges import parse_range
 from services.dpm.http.roles import allowed
-from services.dpm.parameters import GROUND, batch_of, search_query
+from services.dpm.parameters import GROUND, batch_of, revision_of, search_query
 
 router = APIRouter(prefix="/api/v1/products", tags=["products"])
 
@@ -131,9 +132,16 @@ def provenance(
 
 
 @router.delete("/{product_id}", response_model=Deleted, openapi_extra=allowed("operator"))
-def delete(context: Ctx, product_id: str) -> dict[str, Any]:
-    """Delete a product; its id is not free again."""
-    return {"id": product_id, "deleted": context.dpm.delete(product_id)}
+def delete(
+    context: Ctx, product_id: str,
+    if_match: Annotated[str | None, Header(max_length=40, description='ETag as "r3", or *')] = None,
+) -> dict[str, Any]:  # fmt: skip
+    """Delete a product; its id is not free again. With ``If-Match`` 412 where somebody changed it since."""
+    revision = None if if_match is None else revision_of(if_match)
+    try:
+        return {"id": product_id, "deleted": context.dpm.delete(product_id, revision)}
+    except StaleRevisionError as error:
+        raise HTTPException(412, str(error)) from error
 
 
 _BYTES: dict[int | str, dict[str, Any]] = {

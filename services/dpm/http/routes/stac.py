@@ -10,7 +10,7 @@ from urllib.parse import urlencode
 
 import shapely
 from fastapi import APIRouter, Path, Query, Request, Response
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cdff_common.errors import InputError
 from dpm_store import Query as StoreQuery
@@ -174,7 +174,7 @@ def collection(context: Ctx, request: Request, collection: Name) -> StacCollecti
 def items(context: Ctx, request: Request, collection: Name, asked: Annotated[PageParameters, Query()]) -> Response:
     """Items of a collection, newest first."""
     Catalogue(context).check(collection)
-    body = SearchBody(
+    body = _search_body(
         bbox=numbers_of(asked.bbox), datetime=asked.datetime, limit=asked.limit, token=asked.token,
         collections=[collection],
     )  # fmt: skip
@@ -193,7 +193,7 @@ def item(context: Ctx, request: Request, collection: Name, item: Name) -> Respon
 @router.get("/search", response_model=ItemCollection, responses=_GEOJSON_BODY)
 def search(context: Ctx, request: Request, asked: Annotated[SearchParameters, Query()]) -> Response:
     """Items of all collections."""
-    body = SearchBody(
+    body = _search_body(
         bbox=numbers_of(asked.bbox), datetime=asked.datetime, limit=asked.limit, token=asked.token,
         collections=_names(asked.collections), ids=_names(asked.ids),
         intersects=None if asked.intersects is None else _json(asked.intersects),
@@ -205,6 +205,15 @@ def search(context: Ctx, request: Request, asked: Annotated[SearchParameters, Qu
 def search_body(context: Ctx, request: Request, body: SearchBody) -> Response:
     """Items of all collections, asked with a JSON body."""
     return _answer(context, request, body, f"{stac_url(request)}/search", None)
+
+
+def _search_body(**asked: Any) -> SearchBody:
+    """A search asked in the address, held against the same bounds as one asked with a body; raises InputError."""
+    try:
+        return SearchBody(**asked)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(f"{'.'.join(str(part) for part in first['loc'])}: {first['msg']}") from error
 
 
 def stac_url(request: Request) -> str:

@@ -42,6 +42,16 @@ def test_an_update_needs_the_revision_that_it_was_made_from(http: TestClient, fi
     assert http.delete(url).status_code == 409
 
 
+def test_a_product_that_somebody_changed_since_is_not_deleted(http: TestClient, filled: Filled) -> None:
+    url = f"/api/v1/products/{filled('dem')}"
+    read = http.get(url).headers["etag"]
+    changed = http.patch(url, json={"notes": "keep this"}, headers={"If-Match": read}).headers["etag"]
+    assert http.delete(url, headers={"If-Match": read}).status_code == 412
+    assert http.delete(url, headers={"If-Match": "yesterday's"}).status_code == 422
+    assert http.get(url).json()["annotation"]["notes"] == "keep this"
+    assert http.delete(url, headers={"If-Match": changed}).json()["deleted"]
+
+
 @pytest.mark.parametrize(
     ("body", "match"),
     [

@@ -41,6 +41,7 @@ HEADERS: dict[str, Change] = {
     "an id with a NUL": lambda h: h | {"id": "\0" * 36},
     "a NaN in the box": lambda h: h | {"box_m": [NAN, *BOX[1:]]},
     "an infinite box": lambda h: h | {"box_m": [*BOX[:5], math.inf]},
+    "a box that ends beyond the solar system": lambda h: h | {"box_m": [-1e300, *BOX[1:]]},
     "a box inside out": lambda h: h | {"box_m": BOX[::-1]},
     "a box of five": lambda h: h | {"box_m": BOX[:5]},
     "a box that is text": lambda h: h | {"box_m": "abcdef"},
@@ -302,6 +303,10 @@ CROSSING = "polygon:0,0,4,4,4,0,0,4"
         ('/stac/search?intersects={"type":"Polygon","coordinates":[[[0,0],[4,4],[4,0],[0,4],[0,0]]]}', 400),
         ('/stac/search?intersects={"type":"Polygon","coordinates":[[[0,0],[4,"a"]]]}', 400),
         ("/stac/search?bbox=nan,0,1,1", 400),
+        ("/stac/search?bbox=1,2", 400),
+        ("/stac/search?bbox=1,2,3,4,5,6,7,8", 400),
+        ("/stac/search?ids=" + "a" * 65, 400),
+        ("/stac/search?collections=" + "a" * 65, 400),
     ],
 )
 def test_a_bad_place_is_refused_where_one_searches(http: TestClient, dpm: Dpm, path: str, status: int) -> None:
