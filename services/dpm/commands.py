@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff dpm search|get|rm|stat|retention|verify|backup|restore|export``: what a DPM holds, and whether it is whole."""
+"""``cdff dpm search|get|put|rm|stat|retention|verify|backup|restore|export``: what a DPM holds, whether it is whole."""
 
 from __future__ import annotations
 
@@ -35,6 +35,17 @@ def register(nouns: Any) -> None:
     get.add_argument("--format", help="uper ber xer msgpack tif ply png tum …; default: as it is stored")
     get.add_argument("--out", type=Path, required=True)
     get.set_defaults(run=run_get)
+    put = verbs.add_parser("put", help="insert a file as a product")
+    put.add_argument(
+        "file", type=Path, help="ply pcd las laz bin tif json tum g2o png, or a payload: uper ber xer msgpack"
+    )
+    put.add_argument("--robot", required=True)
+    put.add_argument("--type", help="pose trajectory pointcloud dem …; default: what the suffix stands for")
+    put.add_argument("--dfpc", default="manual", help="who made it; default: manual")
+    put.add_argument("--port", help="default: the type")
+    put.add_argument("--frame", help="of a file that names none; default: site")
+    put.add_argument("-t", "--t", help="when it was captured: nanoseconds or RFC 3339; default: the file's, else now")
+    put.set_defaults(run=run_put)
     remove = verbs.add_parser("rm", help="delete a product")
     remove.add_argument("id")
     remove.set_defaults(run=run_remove)
@@ -61,7 +72,7 @@ def register(nouns: Any) -> None:
     restore.set_defaults(run=run_restore)
     export = verbs.add_parser("export", help="what a search finds as files: COG, PLY, LAZ, GeoJSON, TUM, g2o")
     _export_arguments(export)
-    for verb in (search, get, remove, stat, retention, export):
+    for verb in (search, get, put, remove, stat, retention, export):
         verb.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
         verb.add_argument("--json", action="store_true")
 
@@ -149,6 +160,17 @@ def _payload(args: argparse.Namespace) -> bytes:
     with Bus.open(args.connect, name="cdff dpm") as bus:
         reply = bus.call(keys.dpm_rpc(keys.GROUND, "get"), {"id": args.id, "format": args.format}, timeout_s=30.0)
         return reply.payload
+
+
+def run_put(args: argparse.Namespace) -> int:
+    """Insert a file and print its id."""
+    from cdff_common.bus import Bus
+    from services.dpm.put import put
+
+    with Bus.open(args.connect, name="cdff dpm") as bus:
+        done = put(bus, args)
+    print(json.dumps(done) if args.json else f"{done['id']}  {done['result']}")
+    return 0
 
 
 def run_remove(args: argparse.Namespace) -> int:

@@ -21,6 +21,7 @@ from cdff_common.errors import InputError
 from cdff_common.geodesy import Body, Place
 from cdff_common.geometry.region import Region
 from dpm_store import ProductRecord, Store
+from dpm_store.insertion import FARTHEST_BOX_M
 
 SITE = "site"
 #: Points along each side of a box that is carried from degrees to metres: its sides are curved there.
@@ -59,6 +60,8 @@ class Places:
         """An outline of a frame in degrees, longitude first; None where the frame is not anchored on the body."""
         place = self.of(frame)
         if outline is None or place.anchor is None or place.body != self.body:
+            return None
+        if max(map(abs, outline.bounds)) > FARTHEST_BOX_M:  # of a store that was filled before such boxes were refused
             return None
         degrees = shapely.transform(outline, lambda xy: place.lonlat(xy)[:, :2])
         return cut_at_antimeridian(degrees, place.anchor.lon_deg)

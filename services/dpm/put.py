@@ -1,0 +1,143 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``cdff dpm put``: a file becomes a product, by a suffix that says what it holds."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cdff_common.bus import Bus, keys
+from cdff_common.clock import parse_stamp
+from cdff_common.codecs import decode, encode
+from cdff_common.codecs.encoding import encoding_string
+from cdff_common.codecs.siblings import wire_type
+from cdff_common.errors import InputError
+from cdff_common.formats.source import load
+from cdff_common.interfaces.product import Header, product_id
+from services.dpm.parameters import PRODUCT_TYPES
+
+_CODECS = ("uper", "ber", "xer", "msgpack")
+#: What a file of each suffix becomes where ``--type`` does not say it.
+_PRODUCTS = {
+    **dict.fromkeys(("ply", "pcd", "las", "laz", "bin"), "pointcloud"), "tif": "dem", "json": "pose",
+    "tum": "trajectory", "g2o": "pose_graph", **dict.fromkeys(("png", "pgm", "ppm"), "image"),
+}  # fmt: skip
+_TIMEOUT_S = 60.0
+
+
+def put(bus: Bus, args: argparse.Namespace) -> dict[str, Any]:
+    """Insert a file; returns ``{id, result}``, ``result`` inserted or already.
+
+    Raises
+    ------
+    InputError
+        If the suffix is none that is known, or the file does not hold what it says.
+    """
+    now_ns = bus.mission_clock.now_ns() // 1000 * 1000
+    suffix = args.file.suffix.lower().lstrip(".")
+    product = args.type or _PRODUCTS.get(suffix)
+    if product not in PRODUCT_TYPES:
+        expected = ", ".join(PRODUCT_TYPES)
+        raise InputError(f"{args.file}: which product is it? expected --type, one of {expected}; given {args.type}")
+    stamp_ns = None if args.t is None else parse_stamp(args.t, "t")
+    value = read_value(args.file, suffix, product, frame=args.frame, robot=args.robot, stamp_ns=stamp_ns or now_ns)
+    if stamp_ns is None:
+        stamp_ns = value.stamp_ns or now_ns
+    payload = encode(value, "uper")
+    port = args.port or product
+    frame = getattr(value, "parent_frame", None) or getattr(value, "frame", None) or args.frame or f"{args.robot}/base"
+    t0_ns = min(_begin_ns(value, stamp_ns), stamp_ns)
+    header = Header(
+        product_id(args.robot, args.dfpc, port, stamp_ns, 0, ""), 0, t0_ns, stamp_ns, frame,
+        f"{args.dfpc}/file", child=getattr(value, "child_frame", None), box_m=value.extent_m(),
+        resolution_m=value.geometry.resolution_m if hasattr(value, "geometry") else None,
+    )  # fmt: skip
+    reply = bus.call(
+        keys.dpm_rpc(keys.GROUND, "put"), {"robot": args.robot, "dfpc": args.dfpc, "port": port, "product": product},
+        payload=payload, encoding=encoding_string(wire_type(value), "uper"), attachment=header.to_attachment(),
+        timeout_s=_TIMEOUT_S,
+    )  # fmt: skip
+    body: dict[str, Any] = reply.body()
+    return body
+
+
+def read_value(path: Path, suffix: str, product: str, *, frame: str | None, robot: str, stamp_ns: int) -> Any:
+    """The value that a file holds, of the type that ``product`` is stored as.
+
+    Parameters
+    ----------
+    frame : str or None
+        Of a file that names none; default ``site``, for images and children of poses ``{robot}/base``.
+    stamp_ns : int
+        Of a file that has no time.
+    """
+    from cdff_common import types
+
+    type_name = PRODUCT_TYPES[product]
+    if type_name is None:
+        raise InputError(f"{path}: a {product} has no type of its own and cannot be put from a file")
+    source = load(path)
+    if suffix in _CODECS:
+        return decode(type_name, source.data, suffix)
+    site, base = frame or "site", f"{robot}/base"
+    match type_name, suffix:
+        case "Pointcloud", "ply" | "pcd" | "las" | "laz" | "bin":
+            cloud = _cloud(source, suffix)
+            return types.Pointcloud.from_points(
+                cloud.points_m, frame=site, stamp_ns=stamp_ns, intensity=_whole(cloud.intensity), colors=cloud.colors
+            )
+        case "ElevationMap" | "NavigationMap", "tif":
+            from cdff_common.formats.geotiff import read_map
+
+            return read_map(source, type_name, frame=site)
+        case "TransformWithCovariance", "json" | "tum":
+            from cdff_common.formats.pose import read_pose
+
+            pose = read_pose(source)
+            return types.TransformWithCovariance.from_transform(
+                pose.T, parent=pose.parent or site, child=pose.child or base, stamp_ns=pose.stamp_ns or stamp_ns
+            )
+        case "PoseTrajectory", "tum":
+            from cdff_common.formats.tum import read_tum
+
+            stamps_ns, matrices = read_tum(source)
+            return types.PoseTrajectory.from_arrays(stamps_ns, matrices, None, parent=site, child=base)
+        case "PoseGraph", "g2o":
+            from cdff_common.formats.pose_graph import read_pose_graph
+
+            return read_pose_graph(source, frame=site)
+        case "Frame", "png" | "pgm" | "ppm":
+            from cdff_common.formats.image import read_image
+
+            image = read_image(source)
+            mode = {3: "RGB", 4: "RGBA"}.get(image.shape[2] if image.ndim == 3 else 1, "GRAY")
+            return types.Frame.from_image(image, stamp_ns=stamp_ns, mode=mode, sensor=frame or base)
+        case _:
+            known = sorted(s for s, p in _PRODUCTS.items() if PRODUCT_TYPES[p] == type_name)
+            raise InputError(f"{path}: a {product} is read from {', '.join((*_CODECS, *known))}, not from {suffix!r}")
+
+
+def _begin_ns(value: Any, stamp_ns: int) -> int:
+    stamps_ns = getattr(value, "stamps_ns", ())
+    return int(stamps_ns[0]) if len(stamps_ns) else int(getattr(value, "t0_ns", 0)) or stamp_ns
+
+
+def _whole(intensity: Any) -> Any:
+    """Intensities as the wire has them, whole numbers; reflectances in 0 to 1 become thousandths."""
+    if intensity is None or not len(intensity):
+        return None
+    known = np.nan_to_num(intensity)
+    return np.rint(np.clip(known * (1000.0 if known.max() <= 1.0 else 1.0), -(2**31), 2**31 - 1)).astype(np.int32)
+
+
+def _cloud(source: Any, suffix: str) -> Any:
+    from cdff_common.formats.kitti_bin import read_kitti_bin
+    from cdff_common.formats.las import read_las
+    from cdff_common.formats.pcd import read_pcd
+    from cdff_common.formats.ply import read_ply
+
+    return {"ply": read_ply, "pcd": read_pcd, "las": read_las, "laz": read_las, "bin": read_kitti_bin}[suffix](source)

@@ -1,0 +1,104 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``cdff dpm put``, with the DPM behind the call itself instead of behind a bus."""
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdff_common.bus import Request
+from cdff_common.codecs import encode
+from cdff_common.errors import InputError, StorageError
+from cdff_common.formats.payload import to_file
+from cdff_common.types import PoseTrajectory
+from dpm_store import Query
+from services.dpm import service
+from services.dpm.commands import register
+from services.dpm.operations import Dpm
+from services.dpm.put import put
+
+from .conftest import S, cloud, elevation, navigation, pose
+
+Put = Callable[..., dict[str, Any]]
+
+
+@pytest.fixture
+def run(dpm: Dpm) -> Put:
+    """Runs ``cdff dpm put`` with the words given."""
+
+    def call(
+        key: str, parameters: dict[str, str], *, payload: bytes, encoding: str, attachment: bytes, **_: Any
+    ) -> Any:
+        return service.put(dpm, Request(key, parameters, payload, encoding, attachment))
+
+    bus: Any = SimpleNamespace(call=call, mission_clock=dpm.clock)
+
+    def words(*given: str) -> dict[str, Any]:
+        parser = argparse.ArgumentParser()
+        register(parser.add_subparsers())
+        return put(bus, parser.parse_args(["dpm", "put", *given, "--robot", "mana"]))
+
+    return words
+
+
+def path_of() -> PoseTrajectory:
+    stamps_ns = np.array([2, 3, 4]) * S
+    return PoseTrajectory.from_arrays(stamps_ns, [np.eye(4)] * 3, None, parent="site", child="mana/base")
+
+
+@pytest.mark.parametrize(
+    ("value", "suffix", "product"),
+    [
+        (cloud(), "ply", "pointcloud"),
+        (cloud(), "laz", "pointcloud"),
+        (elevation(1.0, 3.0), "tif", "dem"),
+        (navigation(), "tif", "navigation_map"),
+        (pose(3, 1.0), "json", "pose"),
+        (path_of(), "tum", "trajectory"),
+    ],
+)
+def test_what_was_exported_can_be_put_again(
+    run: Put, dpm: Dpm, tmp_path: Path, value: Any, suffix: str, product: str
+) -> None:
+    file = tmp_path / f"value.{suffix}"
+    file.write_bytes(to_file(value, suffix))
+    done = run(str(file), "--type", product)
+    assert done["result"] == "inserted"
+    record = dpm.store.get(done["id"])
+    assert (record.product, record.header.frame, record.type_name) == (product, "site", type(value).__name__)
+    assert record.header.box_m == pytest.approx(value.extent_m(), abs=1e-3)
+
+
+def test_a_payload_goes_in_as_it_is_and_twice_is_once(run: Put, dpm: Dpm, tmp_path: Path) -> None:
+    file = tmp_path / "value.uper"
+    file.write_bytes(encode(pose(3, 1.0), "uper"))
+    first, again = run(str(file), "--type", "pose"), run(str(file), "--type", "pose")
+    assert (first["result"], again["result"], first["id"]) == ("inserted", "already", again["id"])
+    assert dpm.store.payload(first["id"]) == file.read_bytes()
+    assert dpm.store.get(first["id"]).header.t1_ns == 3 * S
+
+
+def test_the_time_of_a_file_that_has_none_is_said_or_now(run: Put, dpm: Dpm, tmp_path: Path) -> None:
+    file = tmp_path / "cloud.ply"
+    file.write_bytes(to_file(cloud(), "ply"))
+    said = dpm.store.get(run(str(file), "--t", str(7 * S), "--frame", "mana/lidar")["id"]).header
+    assert (said.t1_ns, said.frame) == (7 * S, "mana/lidar")
+    assert dpm.store.get(run(str(file))["id"]).header.t1_ns == dpm.clock.now_ns()
+
+
+def test_a_file_that_does_not_fit_is_refused_with_what_would(run: Put, dpm: Dpm, tmp_path: Path) -> None:
+    file = tmp_path / "cloud.ply"
+    with pytest.raises((InputError, StorageError), match=r"cloud\.ply"):
+        run(str(file))
+    file.write_bytes(b"no cloud")
+    for words, message in (
+        ([], "ply"), (["--type", "dem"], "tif"), (["--type", "nonsense"], "pointcloud"), (["--type", "track"], "track"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=message):
+            run(str(file), *words)
+    assert not dpm.store.search(Query()).items
