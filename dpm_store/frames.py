@@ -17,7 +17,7 @@ from sqlalchemy import ColumnElement, Connection, Row, and_, exists, func, inser
 from cdff_common.clock import Clock
 from cdff_common.errors import ConflictError, FrameNotFoundError, InputError
 from cdff_common.geometry import FrameGraph, UncertainTransform, checked_frame
-from dpm_store import schema
+from dpm_store import schema, sqlite
 from dpm_store.arrays import pack, unpack
 from dpm_store.database import Database
 from dpm_store.events import EventTable
@@ -213,8 +213,7 @@ class FrameTable:
     @staticmethod
     def state_in(connection: Connection) -> int:
         """As ``state``, inside a transaction."""
-        newest: int | None = connection.execute(select(func.max(schema.frame_log.c.ordinal))).scalar_one()
-        return newest or 0
+        return sqlite.newest_frame_revision(connection)
 
     def state_of(self, frame: str, revision: int) -> int:
         """State of the tree right after a revision of one frame; raises FrameNotFoundError without it."""

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import Connection, select
+from sqlalchemy import Connection
 
 from cdff_common.geometry import UncertainTransform
 from cdff_common.geometry.region import Region
-from dpm_store import schema
+from dpm_store import sqlite
 from dpm_store.frames import IDENTITY, FrameTree
 from dpm_store.outlines import corners_of
 
@@ -69,12 +69,12 @@ class Placed:
 def placed_frames(connection: Connection, tree: FrameTree, frame: str) -> tuple[dict[str, Placed], tuple[str, ...]]:
     """Frames that hold products and can be placed in ``frame``, by name; and the names of the others."""
     placed, unplaced = {}, []
-    for row in connection.execute(select(schema.frame_names).order_by(schema.frame_names.c.frame)):
-        T = tree.find(frame, row.frame)
+    for ordinal, name, zmin_m, zmax_m in sqlite.frames_of_products(connection):
+        T = tree.find(frame, name)
         if T is None:
-            unplaced.append(row.frame)
+            unplaced.append(name)
         else:
-            placed[row.frame] = Placed(row.ordinal, T, None if row.zmin_m is None else (row.zmin_m, row.zmax_m))
+            placed[name] = Placed(ordinal, T, None if zmin_m is None or zmax_m is None else (zmin_m, zmax_m))
     return placed, tuple(unplaced)
 
 

@@ -43,6 +43,11 @@ _BETWEEN = (
     "SELECT id FROM {} WHERE f0 <= ? AND f1 >= ? AND x0 <= ? AND x1 >= ? AND y0 <= ? AND y1 >= ? "
     "AND z0 <= ? AND z1 >= ? AND t0 <= ? AND t1 >= ? AND t1 <= ? LIMIT ?"
 )
+#: Products one by one, by their ordinals alone; only the value keeps the name of a column of the list's.
+_LISTED = (
+    "FROM (SELECT value FROM json_each(:ordinals)) AS listed "
+    "CROSS JOIN products NOT INDEXED ON products.ordinal = listed.value"
+)
 #: Run by the migrations after the tables are made.
 DDL = (
     "CREATE VIRTUAL TABLE product_index USING rtree(id, f0, f1, x0, x1, y0, y1, z0, z1, t0, t1)",
@@ -257,13 +262,9 @@ def listed_products(columns: Sequence[str]) -> Subquery:
     """Products whose ordinals are in the parameter ``ordinals`` (see ``list_value``), with some of their columns.
 
     They are looked up one by one: to SQLite, an index of ``products`` by anything else would look as good, and is not.
-    The limit, of none, keeps it from looking into the subquery.
     """
     names = ", ".join(f"products.{name}" for name in columns)
-    statement = text(
-        f"SELECT {names} FROM json_each(:ordinals) AS listed CROSS JOIN products ON products.ordinal = listed.value "
-        "LIMIT -1"
-    )
+    statement = text(f"SELECT {names} {_LISTED}")
     return statement.columns(*(schema.products.c[name] for name in columns)).subquery("listed_products")
 
 
@@ -274,9 +275,7 @@ def listed_rows(
     return (
         _driver(connection)
         .execute(
-            f"SELECT {', '.join(columns)} FROM (SELECT products.* FROM json_each(:ordinals) AS listed "
-            "CROSS JOIN products ON products.ordinal = listed.value LIMIT -1) "
-            f"WHERE {' AND '.join(where)} ORDER BY {order}",
+            f"SELECT {', '.join(columns)} {_LISTED} WHERE {' AND '.join(where)} ORDER BY {order}",
             dict(values),
         )
         .fetchall()
@@ -286,6 +285,18 @@ def listed_rows(
 def buckets(connection: Connection) -> list[tuple[int, int, str]]:
     """Ordinal, ordinal of the frame, and type of every bucket of the index."""
     return _driver(connection).execute("SELECT ordinal, frame, product FROM index_buckets").fetchall()
+
+
+def frames_of_products(connection: Connection) -> list[tuple[int, str, float | None, float | None]]:
+    """Ordinal, name, and lowest and highest z of every frame that ever held products, by name."""
+    statement = "SELECT ordinal, frame, zmin_m, zmax_m FROM frame_names ORDER BY frame"
+    return _driver(connection).execute(statement).fetchall()
+
+
+def newest_frame_revision(connection: Connection) -> int:
+    """Number of the newest revision of any frame, 0 without any."""
+    (newest,) = _driver(connection).execute("SELECT max(ordinal) FROM frame_log").fetchone()
+    return newest or 0
 
 
 def rings(connection: Connection, ordinals: Iterable[int]) -> list[tuple[int, bytes]]:
