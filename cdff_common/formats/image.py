@@ -68,6 +68,26 @@ def write_png(image: NDArray[Any]) -> bytes:
     return out.getvalue()
 
 
+def write_jpg(image: NDArray[Any]) -> bytes:
+    """JPEG bytes of ``(rows, cols)`` or ``(rows, cols, 3)`` uint8, for looking at: small, and not what was measured.
+
+    Raises
+    ------
+    InputError
+        For other pixels: JPEG has 8 bits and no transparency.
+    """
+    from PIL import Image
+
+    a = np.ascontiguousarray(image[:, :, 0] if image.ndim == 3 and image.shape[2] == 1 else image)
+    if a.dtype != np.uint8 or 0 in a.shape or not (a.ndim == 2 or (a.ndim == 3 and a.shape[2] == 3)):
+        raise InputError(
+            f"image {a.shape} {a.dtype} as jpg: expected uint8, grey or of 3 channels; png, tif and npz hold others"
+        )
+    buffer = io.BytesIO()
+    Image.fromarray(a).save(buffer, "JPEG", quality=90)
+    return buffer.getvalue()
+
+
 def write_netpbm(image: NDArray[Any]) -> bytes:
     """Bytes of a binary PGM (grey) or PPM (RGB), uint8 or uint16 (big-endian, as the format has it)."""
     a = np.ascontiguousarray(image)

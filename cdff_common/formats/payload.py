@@ -35,6 +35,7 @@ MEDIA_TYPES = {
     "npz": "application/x-npz",
     "tif": "image/tiff; application=geotiff",
     "png": "image/png",
+    "jpg": "image/jpeg",
     "json": "application/json",
     "geojson": "application/geo+json",
     "tum": "text/plain; charset=utf-8",
@@ -49,7 +50,7 @@ FORMATS: dict[str, tuple[str, ...]] = {
     "TransformWithCovariance": ("json", "tum", "geojson"),
     "PoseTrajectory": ("tum", "npz", "geojson"),
     "PoseGraph": ("g2o",),
-    "Frame": ("png", "tif", "npz"),
+    "Frame": ("png", "jpg", "tif", "npz"),
 }
 
 
@@ -169,7 +170,7 @@ def _pose_graph(value: PoseGraph, _fmt: str, _wkt: str | None) -> bytes:
 
 def _frame(value: Frame, fmt: str, wkt: str | None) -> bytes:
     from cdff_common.formats.geotiff import write_bands
-    from cdff_common.formats.image import write_png
+    from cdff_common.formats.image import write_jpg, write_png
     from cdff_common.formats.npz import write_npz
 
     image = value.image
@@ -179,4 +180,5 @@ def _frame(value: Frame, fmt: str, wkt: str | None) -> bytes:
         channels = image[:, :, None] if image.ndim == 2 else image
         return write_bands({f"band{i + 1}": channels[:, :, i] for i in range(channels.shape[2])})
     mode = value.metadata.mode.name
-    return write_png(image[:, :, ::-1] if mode == "MODE_BGR" and image.ndim == 3 else image)
+    write = write_jpg if fmt == "jpg" else write_png
+    return write(image[:, :, ::-1] if mode == "MODE_BGR" and image.ndim == 3 else image)

@@ -80,41 +80,41 @@ def read_value(path: Path, suffix: str, product: str, *, frame: str | None, robo
     type_name = PRODUCT_TYPES[product]
     if type_name is None:
         raise InputError(f"{path}: a {product} has no type of its own and cannot be put from a file")
-    source = load(path)
     if suffix in _CODECS:
-        return decode(type_name, source.data, suffix)
+        return decode(type_name, load(path).data, suffix)
     site, base = frame or "site", f"{robot}/base"
     match type_name, suffix:
         case "Pointcloud", "ply" | "pcd" | "las" | "laz" | "bin":
-            cloud = _cloud(source, suffix)
+            cloud = _cloud(path, suffix)
             return types.Pointcloud.from_points(
                 cloud.points_m, frame=site, stamp_ns=stamp_ns, intensity=_whole(cloud.intensity), colors=cloud.colors
             )
         case "ElevationMap" | "NavigationMap", "tif":
             from cdff_common.formats.geotiff import read_map
 
-            return read_map(source, type_name, frame=site)
+            return read_map(path, type_name, frame=site)
         case "TransformWithCovariance", "json" | "tum":
             from cdff_common.formats.pose import read_pose
 
-            pose = read_pose(source)
+            pose = read_pose(path)
             return types.TransformWithCovariance.from_transform(
                 pose.T, parent=pose.parent or site, child=pose.child or base, stamp_ns=pose.stamp_ns or stamp_ns
             )
         case "PoseTrajectory", "tum":
             from cdff_common.formats.tum import read_tum
 
-            stamps_ns, matrices = read_tum(source)
+            stamps_ns, matrices = read_tum(path)
             return types.PoseTrajectory.from_arrays(stamps_ns, matrices, None, parent=site, child=base)
         case "PoseGraph", "g2o":
             from cdff_common.formats.pose_graph import read_pose_graph
 
-            return read_pose_graph(source, frame=site)
+            return read_pose_graph(path, frame=site)
         case "Frame", "png" | "pgm" | "ppm":
             from cdff_common.formats.image import read_image
 
-            image = read_image(source)
-            mode = {3: "RGB", 4: "RGBA"}.get(image.shape[2] if image.ndim == 3 else 1, "GRAY")
+            image: Any = read_image(path)
+            channels: dict[int, str] = {3: "RGB", 4: "RGBA"}
+            mode = channels.get(image.shape[-1], "GRAY") if image.ndim > 2 else "GRAY"
             return types.Frame.from_image(image, stamp_ns=stamp_ns, mode=mode, sensor=frame or base)
         case _:
             known = sorted(s for s, p in _PRODUCTS.items() if PRODUCT_TYPES[p] == type_name)
@@ -122,7 +122,7 @@ def read_value(path: Path, suffix: str, product: str, *, frame: str | None, robo
 
 
 def _begin_ns(value: Any, stamp_ns: int) -> int:
-    stamps_ns = getattr(value, "stamps_ns", ())
+    stamps_ns: Any = getattr(value, "stamps_ns", ())
     return int(stamps_ns[0]) if len(stamps_ns) else int(getattr(value, "t0_ns", 0)) or stamp_ns
 
 
@@ -134,10 +134,10 @@ def _whole(intensity: Any) -> Any:
     return np.rint(np.clip(known * (1000.0 if known.max() <= 1.0 else 1.0), -(2**31), 2**31 - 1)).astype(np.int32)
 
 
-def _cloud(source: Any, suffix: str) -> Any:
+def _cloud(path: Path, suffix: str) -> Any:
     from cdff_common.formats.kitti_bin import read_kitti_bin
     from cdff_common.formats.las import read_las
     from cdff_common.formats.pcd import read_pcd
     from cdff_common.formats.ply import read_ply
 
-    return {"ply": read_ply, "pcd": read_pcd, "las": read_las, "laz": read_las, "bin": read_kitti_bin}[suffix](source)
+    return {"ply": read_ply, "pcd": read_pcd, "las": read_las, "laz": read_las, "bin": read_kitti_bin}[suffix](path)

@@ -255,6 +255,9 @@ FRAMES: dict[str, dict[str, Any]] = {
     "a matrix of text": {"parent": "site", "T": [["a"] * 4] * 4},
     "no rotation": {"parent": "site", "T": [[2, 0, 0, 0], [0, 2, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]]},
     "a NaN": {"parent": "site", "T": [[1, 0, 0, NAN], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
+    "a place beyond the solar system": {
+        "parent": "site", "T": [[1, 0, 0, 1e300], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+    },
     "a path as parent": {"parent": "../site", "T": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
     "itself as parent": {"parent": "mana/odom", "T": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
     "times that are words": {

@@ -3,6 +3,7 @@
 """``cdff dpm put``, with the DPM behind the call itself instead of behind a bus."""
 
 import argparse
+import io
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,6 +20,7 @@ from cdff_common.types import PoseTrajectory
 from dpm_store import Query
 from services.dpm import service
 from services.dpm.commands import register
+from services.dpm.convert import convert
 from services.dpm.operations import Dpm
 from services.dpm.put import put
 
@@ -81,6 +83,18 @@ def test_a_payload_goes_in_as_it_is_and_twice_is_once(run: Put, dpm: Dpm, tmp_pa
     assert (first["result"], again["result"], first["id"]) == ("inserted", "already", again["id"])
     assert dpm.store.payload(first["id"]) == file.read_bytes()
     assert dpm.store.get(first["id"]).header.t1_ns == 3 * S
+
+
+def test_a_picture_comes_back_as_jpeg(run: Put, dpm: Dpm, tmp_path: Path) -> None:
+    from PIL import Image
+
+    file = tmp_path / "eye.png"
+    Image.fromarray(np.full((8, 6), 200, np.uint8)).save(file)
+    record = dpm.store.get(run(str(file), "--frame", "mana/eye")["id"])
+    body = convert(record.type_name, record.codec, dpm.store.payload(record.id), "jpg", None, record.header)
+    assert (body.encoding, body.suffix) == ("image/jpeg", "jpg")
+    with Image.open(io.BytesIO(body.data)) as image:
+        assert (image.format, image.size, image.getpixel((0, 0))) == ("JPEG", (6, 8), 200)
 
 
 def test_the_time_of_a_file_that_has_none_is_said_or_now(run: Put, dpm: Dpm, tmp_path: Path) -> None:
