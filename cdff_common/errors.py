@@ -28,18 +28,21 @@ A message names the thing, the value, what was expected and what to try. ``RPC_C
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 
 class CdffError(Exception):
     """Root of all errors raised on purpose by the framework.
 
     ``retriable`` is set where the error came from another process, which says whether trying again makes sense.
-    ``request`` is the id of the request it answers, set where the one who raises it made that id.
+    ``request`` is the id of the request it answers, set where the one who raises it made that id; ``asked`` is that
+    request as it was understood, set where it was.
     """
 
     retriable: bool | None = None
     request: str = ""
+    asked: Mapping[str, Any] | None = None
 
 
 class ConfigurationError(CdffError):

@@ -130,15 +130,23 @@ def request_id_of(text: str) -> str:
     return unquote_to_bytes(found[1]).decode("utf-8", "replace") if found else ""
 
 
-def error_body(error: BaseException, request: str = "") -> dict[str, Any]:
-    """``{code, retriable, detail, request}`` of an error, with ``retry_after_s`` where it is known.
+def asked_of(text: str) -> dict[str, str]:
+    """Parameters as they came, for an error to repeat, even where they are wrong."""
+    named = (part.partition("=") for part in text.split(";")[:_MAX_PARAMETERS] if part)
+    return {name: unquote_to_bytes(value).decode("utf-8", "replace") for name, _, value in named}
 
-    ``request`` is the caller's name for it; without one, that which the error carries.
+
+def error_body(error: BaseException, request: str = "", asked: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """``{code, retriable, detail, request, asked}`` of an error, with ``retry_after_s`` where it is known.
+
+    ``request`` is the caller's name for it; without one, that which the error carries. ``asked`` is what was asked as it
+    came, or as it was understood where the error carries that.
     """
     code, retriable = rpc_code(error)
     detail = str(error) if isinstance(error, CdffError) else f"{type(error).__name__}: {error}"
     named = request or getattr(error, "request", "")
     body: dict[str, Any] = {"code": code, "retriable": retriable, "detail": detail, "request": named}
+    body["asked"] = dict(getattr(error, "asked", None) or asked or {})
     if isinstance(error, OverloadedError):
         body["retry_after_s"] = error.retry_after_s
     return body
@@ -152,4 +160,5 @@ def error_of(body: Any) -> CdffError:
     detail = str(body.get("detail", ""))
     error = OverloadedError(detail, float(body.get("retry_after_s", 1.0))) if cls is OverloadedError else cls(detail)
     error.retriable = bool(body.get("retriable", False))
+    error.request, error.asked = str(body.get("request", "")), body.get("asked")
     return error

@@ -17,6 +17,7 @@ import zenoh
 from cdff_common.bus.message import (
     Reply,
     Request,
+    asked_of,
     error_body,
     error_of,
     format_parameters,
@@ -57,8 +58,7 @@ class Served:
         if not self._slots.acquire(blocking=False):
             with query:
                 error = OverloadedError(f"{self._key}: too many calls at once", retry_after_s=1.0)
-                body = error_body(error, request_id_of(str(query.parameters)))
-                query.reply_err(pack(body), encoding="application/msgpack")
+                refuse(query, error)
             return
         try:
             self._pool.submit(self._answer, query)
@@ -67,7 +67,6 @@ class Served:
             query.drop()
 
     def _answer(self, query: zenoh.Query) -> None:
-        request_id = request_id_of(str(query.parameters))
         with query:
             try:
                 request = _request_of(query)
@@ -82,12 +81,19 @@ class Served:
                         attachment=pack({"kind": "result", "final": True, **reply.attachment}),
                     )
             except CdffError as error:
-                query.reply_err(pack(error_body(error, request_id)), encoding="application/msgpack")
+                refuse(query, error)
             except Exception as error:  # the caller must hear INTERNAL rather than nothing
                 logger.exception("handler of %s failed", self._key)
-                query.reply_err(pack(error_body(error, request_id)), encoding="application/msgpack")
+                refuse(query, error)
             finally:
                 self._slots.release()
+
+
+def refuse(query: zenoh.Query, error: BaseException) -> None:
+    """End a query with an error's body."""
+    text = str(query.parameters)
+    body = error_body(error, request_id_of(text), asked_of(text))
+    query.reply_err(pack(body), encoding="application/msgpack")
 
 
 def _request_of(query: zenoh.Query) -> Request:

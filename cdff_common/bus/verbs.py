@@ -8,8 +8,7 @@ from collections.abc import Callable
 
 import zenoh
 
-from cdff_common.bus.message import error_body, pack, request_id_of
-from cdff_common.bus.rpc import Served
+from cdff_common.bus.rpc import Served, refuse
 from cdff_common.errors import CdffError, InputError, UnavailableError
 
 RPC = "/@rpc/"
@@ -55,5 +54,4 @@ class VerbTable:
         else:
             error = UnavailableError(f"{self._prefix} is starting; {verb!r} is not served yet")
         with query:
-            body = error_body(error, request_id_of(str(query.parameters)))
-            query.reply_err(pack(body), encoding="application/msgpack")
+            refuse(query, error)

@@ -31,6 +31,8 @@ class Answer:
         ``frame resolution_m coverage age_s oldest_age_s differences …`` of a request; empty for a product got by id.
     job, request : str
         Of a request.
+    asked : mapping
+        The request as the orchestrator understood it; empty for a product got by id.
     """
 
     value: Any
@@ -42,6 +44,7 @@ class Answer:
     delivered: Mapping[str, Any] = field(default_factory=dict)
     job: str = ""
     request: str = ""
+    asked: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def is_degraded(self) -> bool:
@@ -57,6 +60,7 @@ class Answer:
             "size": len(self.data),
             "job": self.job,
             "request": self.request,
+            "asked": dict(self.asked),
             "delivered": dict(self.delivered),
             "header": self.header.to_dict(),
         }

@@ -348,7 +348,7 @@ def _named(robot: str) -> dict[str, object]:
 
 
 def _of_request(attachment: Mapping[str, Any]) -> dict[str, Any]:
-    return {k: attachment[k] for k in ("delivered", "job", "request") if k in attachment}
+    return {k: attachment[k] for k in ("asked", "delivered", "job", "request") if k in attachment}
 
 
 def _answer(reply: Reply) -> Answer:
@@ -370,4 +370,5 @@ def _answer(reply: Reply) -> Answer:
         extra.get("delivered", {}),
         str(extra.get("job", "")),
         str(extra.get("request", "")),
+        extra.get("asked", {}),
     )

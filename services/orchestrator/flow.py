@@ -97,7 +97,7 @@ class Flow:
         try:
             job = self._book.open(request)
         except CdffError as error:
-            error.request = request.id
+            error.request, error.asked = request.id, request.describe()
             raise
         try:
             yield from self._tell(job)
@@ -109,7 +109,7 @@ class Flow:
             cancelled = job.cancelled.is_set() and job.retry_after_s is None
             state = JobState.CANCELLED if cancelled else JobState.FAILED
             self._book.move(job, state, str(error), error=type(error).__name__)
-            error.request = request.id
+            error.request, error.asked = request.id, request.describe()
             raise
         finally:
             if job.state not in FINAL_STATES:  # the requester went away, or a bug
@@ -157,7 +157,9 @@ class Flow:
                 **costed(again, hopeful),
                 "waits_for": [str(m) for m in again.order if not now.makers[m].available],
             }
-        body["would"] = "serve" if served else "make" if body["plan"] else "refuse"
+        # Where nothing better can be made, what meets all that is mandatory is served with its differences.
+        acceptable = found is not None and found[1].acceptable
+        body["would"] = "serve" if served else "make" if body["plan"] else "serve" if acceptable else "refuse"
         return Reply.of(body, kind="explanation", final=True, request=request.id)
 
     def _serve(self, job: Job, p: _Progress) -> Iterator[Reply]:
@@ -227,6 +229,7 @@ class Flow:
         self._book.move(job, JobState.DELIVERING)
         self._book.move(job, JobState.DONE, "its lease was not renewed", result={"kind": "end", "sent": sent})
         body = {"job": job.id, "request": job.request.id, "sent": sent, "reason": job.reason}
+        body |= {"asked": job.request.describe()}
         yield Reply.of(body, kind="end", job=job.id, final=True)
 
     # -- steps ------------------------------------------------------------------------------------------------------
@@ -376,7 +379,7 @@ class Flow:
         failures = self._state.progress(chosen.order, chosen.modes)["failures"]
         p.failures = {what: count for what, (count, _) in failures.items()}
         whose = ", ".join(sorted({str(m) for m in chosen.order if job.request.product in self._state.products_of(m)}))
-        rest = "" if p.held is None else f"; the DPM holds {p.held:.0%} of the region"
+        rest = "" if p.held is None else f"; the DPM held {p.held:.0%} of the region"
         self._book.move(job, JobState.PREPARING, f"{whose or chosen.maker} is to make it{rest}", plan=chosen.describe())
 
     def _best_plan(self, job: Job, robots: Sequence[str], p: _Progress, exclude: frozenset[MakerId]) -> Plan | NoPlan:
@@ -385,9 +388,12 @@ class Flow:
         What is only away for a moment is held too: its supervisor brings it back, the control loop switches it on.
         """
         request, margin_s = job.request, self._margin_s(job)
-        found = None if p.best is None else p.best[0]
+        # What a standing request waits for is newer than all that is held.
+        standing = request.every_s is not None
+        found = None if p.best is None or standing else p.best[0]
         cover = self._cover(request, robots, found, job.deadline_s - margin_s, job.remaining_s())
-        p.held = None if cover is None else (found.candidate.coverage or 0.0) if found is not None else 0.0
+        if job.plan is None:  # later on, what is held has been made for it
+            p.held = None if cover is None or standing else 0.0 if found is None else found.candidate.coverage or 0.0
         now = self._planned(request, self._state.world(priority=request.priority), robots, exclude, cover)
         world = self._state.world(hopeful=True, priority=request.priority)
         hopeful = self._planned(request, world, robots, exclude, cover)

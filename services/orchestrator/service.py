@@ -6,11 +6,12 @@ from __future__ import annotations
 
 import logging
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from cdff_common.bus import Bus, Reply, Request, keys
-from cdff_common.errors import InputError
+from cdff_common.errors import CdffError, InputError
 from cdff_common.interfaces.profile import Profile
 from cdff_core.orchestration.journal import recover
 from cdff_core.orchestration.request import PRODUCTS, parse_deadline_s, parse_request, parse_robot
@@ -121,16 +122,18 @@ class Orchestrator:
 
     def _on_request(self, call: Request) -> Reply | Iterator[Reply]:
         name = call.parameters.get("request") or str(uuid.uuid4())
+        asked: Mapping[str, Any] = {**call.parameters, "request": name}
         try:
             request = parse_request({**call.parameters, "request": name}, call.scope)
             if request.robot not in (*self._profile.robot_ids, "any"):
                 raise InputError(
                     f"robot={request.robot!r}: expected any or one of {', '.join(self._profile.robot_ids)}"
                 )
-        except InputError as error:
-            error.request = name
+            asked = request.describe()
+            return self._flow.explain(request) if request.explain else self._flow.run(request)
+        except CdffError as error:
+            error.request, error.asked = name, asked
             raise
-        return self._flow.explain(request) if request.explain else self._flow.run(request)
 
     def _on_jobs(self, call: Request) -> Reply:
         _check(call, _JOBS)

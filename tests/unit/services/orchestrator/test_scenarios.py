@@ -248,3 +248,43 @@ def test_a_status_from_before_the_last_change_that_comes_late_is_passed_over(sta
     state.seen_alive(dem, alive=False)
     state.seen_state(dem, "inactive", changes=1)
     assert state._observed.states[dem] == "inactive", "a new process counts anew"
+
+
+@pytest.mark.req("CDFF-SUP-024")
+def test_an_error_says_what_was_asked_too(stage: Stage) -> None:
+    error = stage.answer(stage.ask(**{**DEM, "region": "bbox:300,300,310,310", "request": "mine"}))
+    assert isinstance(error, UnavailableError)
+    assert error.asked is not None
+    assert (error.request, error.asked["region"]) == ("mine", "bbox:300,300,310,310")
+    wrong = stage.answer(stage.ask(**{**DEM, "priority": "11"}))
+    assert wrong.asked["priority"] == "11"
+    assert wrong.asked["request"] == wrong.request
+
+
+def test_a_standing_request_goes_on_where_the_dpm_holds_all_of_its_region(stage: Stage) -> None:
+    wish = {"type": "dem", "robot": "mana", "region": "bbox:0,0,2,2", "deadline_ms": "60000", "min_coverage": "0.01"}
+    whole = stage.answer(stage.ask(**{**wish, "min_coverage": "0.99", "deadline_ms": "600000"}), 600.0)
+    assert isinstance(whole, Reply), whole
+    end = stage.answer(stage.ask(**wish, every_s="0"), 70.0)
+    assert isinstance(end, Reply), end
+    assert end.attachment["kind"] == "end"
+    assert end.body()["sent"] > 1
+    assert end.body()["asked"]["every_s"] == 0.0
+
+
+def test_what_is_held_though_coarser_is_said_to_be_served_where_nothing_finer_can_be_made(stage: Stage) -> None:
+    wish = {"type": "dem", "robot": "mana", "region": "bbox:0,0,2,2", "resolution_m": "0.001"}
+    whole = stage.answer(stage.ask(**wish, min_coverage="0.99", deadline_ms="600000"), 600.0)
+    assert isinstance(whole, Reply), whole
+    told = stage.answer(stage.ask(**wish, explain="true")).body()
+    given = stage.answer(stage.ask(**wish))
+    assert isinstance(given, Reply), given
+    assert given.attachment["delivered"]["differences"]
+    assert told["would"] == ("make" if told["plan"] else "serve")
+
+
+def test_what_was_made_is_not_said_to_have_been_held_where_it_is_planned_anew(stage: Stage) -> None:
+    stage.process("dem").degraded = stage.process("stereo_dem").degraded = True
+    given = stage.answer(stage.ask(**DEM, region="bbox:0,0,4,4")).attachment["delivered"]
+    assert "what mana/dem made is DEGRADED" in stage.decisions()
+    assert given["assembled"] == {"stored": 0.0, "made": pytest.approx(given["coverage"], abs=1e-4)}
