@@ -139,8 +139,8 @@ def asked_of(text: str) -> dict[str, str]:
 def error_body(error: BaseException, request: str = "", asked: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """``{code, retriable, detail, request, asked}`` of an error, with ``retry_after_s`` where it is known.
 
-    ``request`` is the caller's name for it; without one, that which the error carries. ``asked`` is what was asked as it
-    came, or as it was understood where the error carries that.
+    ``request`` is the caller's name for it; without one, that which the error carries. ``asked`` is what was asked: as
+    it came, or as it was understood where the error carries that.
     """
     code, retriable = rpc_code(error)
     detail = str(error) if isinstance(error, CdffError) else f"{type(error).__name__}: {error}"
