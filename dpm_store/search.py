@@ -33,7 +33,7 @@ from dpm_store.placing import SIDES, Placed, placed_frames
 from dpm_store.poses import PoseTable
 from dpm_store.products import RECORD_COLUMNS, ProductTable, record_of
 from dpm_store.records import LATEST_NS, Cursor, Order, Page, ProductRecord, Query, read_cursor
-from dpm_store.slices import slices
+from dpm_store.slices import Slice, portions, slices
 
 #: What makes a record, then every other column that a search asks for.
 _LISTED = sqlite.listed_products(
@@ -67,7 +67,7 @@ class Search:
         with self._database.read() as connection:
             query = _pinned(query)
             tree = self._frames.tree_in(connection, _known(query))
-            if query.region is not None:
+            if query.region is not None and not query.region.is_resolved:
                 query = replace(query, region=self.resolved(connection, query))
             if query.order is Order.NEAREST:
                 return self._nearest.run(connection, query, tree)
@@ -97,8 +97,8 @@ class Search:
         placed, unplaced = placed_frames(connection, tree, query.frame)
         boxes = [(frame.ordinal, box) for frame in placed.values() for box in frame.boxes(region)]
         found: list[ProductRecord] = []
-        for ordinals, after_ns, until_ns in self._parts(connection, query, boxes):
-            rows = _rows_of(connection, query, ordinals, after_ns, until_ns)
+        for part in self._parts(connection, query, boxes):
+            rows = _rows_of(connection, query, part)
             kept = self.inside(connection, rows, region, placed)
             found += [ProductRecord._make(rows[i][_RECORD]) for i in np.flatnonzero(kept).tolist()]
             if len(found) > query.limit:
@@ -107,23 +107,23 @@ class Search:
 
     def _parts(
         self, connection: Connection, query: Query, boxes: Sequence[tuple[int, Sequence[float]]]
-    ) -> Iterator[tuple[list[int], int, int]]:
-        """Candidates in the query's order, some at a time: ordinals, and after and until when their capture ended."""
+    ) -> Iterator[Slice]:
+        """Candidates in the query's order, about as many at a time as are wanted."""
         epoch = self._epoch(connection)
         in_buckets = _in_buckets(connection, query, boxes)
         if epoch is None or not in_buckets:
             return
         wanted = query.limit + query.limit // 16 + 1
-        ordinals: list[int] = []
-        after, until = LATEST_NS, -LATEST_NS
+        newest_first = query.order is not Order.OLDEST
+        whole = Slice(LATEST_NS, -LATEST_NS, [])
         for part in slices(connection, query, in_buckets, epoch, wanted):
-            ordinals += part.ordinals
-            after, until = min(after, part.after_ns), max(until, part.until_ns)
-            if len(ordinals) >= wanted:
-                yield ordinals, after, until
-                ordinals, after, until = [], LATEST_NS, -LATEST_NS
-        if ordinals:
-            yield ordinals, after, until
+            after, until = min(whole.after_ns, part.after_ns), max(whole.until_ns, part.until_ns)
+            whole = Slice(after, until, whole.found + part.found)
+            if len(whole.found) >= wanted:
+                yield from portions(whole, wanted, epoch, newest_first=newest_first)
+                whole = Slice(LATEST_NS, -LATEST_NS, [])
+        if whole.found:
+            yield whole
 
     def candidates(
         self, connection: Connection, query: Query, boxes: Sequence[tuple[int, Sequence[float]]]
@@ -183,22 +183,20 @@ class Search:
         return keep
 
 
-def _rows_of(
-    connection: Connection, query: Query, ordinals: Sequence[int], after_ns: int, until_ns: int
-) -> Sequence[Any]:
-    """Those of some products that the query asks for and that ended in a slice of time, in its order."""
-    values: dict[str, Any] = {"ordinals": sqlite.list_value(sorted(set(ordinals)))}
+def _rows_of(connection: Connection, query: Query, part: Slice) -> Sequence[Any]:
+    """Those of a slice's candidates that the query asks for, in its order."""
+    values: dict[str, Any] = {"ordinals": sqlite.list_value(part.ordinals)}
     plain = plain_conditions(query)
     if plain is not None:
         where, asked = plain
         where += ["t1_ns > :after_ns", "t1_ns <= :until_ns"]
-        values |= asked | {"after_ns": after_ns, "until_ns": until_ns}
+        values |= asked | {"after_ns": part.after_ns, "until_ns": part.until_ns}
         order = "t1_ns, ordinal" if query.order is Order.OLDEST else "t1_ns DESC, ordinal DESC"
         return sqlite.listed_rows(connection, _ANSWERED, where, order, values)
     p = _LISTED.c
     statement = select(*(p[name] for name in _ANSWERED)).order_by(*ordering(query, p))
     return connection.execute(
-        statement.where(*conditions(query, p), p.t1_ns > after_ns, p.t1_ns <= until_ns), values
+        statement.where(*conditions(query, p), p.t1_ns > part.after_ns, p.t1_ns <= part.until_ns), values
     ).all()
 
 

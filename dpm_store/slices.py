@@ -9,8 +9,10 @@ wanted, however many there are.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 
 from sqlalchemy import Connection
 
@@ -28,11 +30,22 @@ _TOO_MANY = 8
 
 @dataclass(frozen=True, slots=True)
 class Slice:
-    """Candidates whose capture ended after ``after_ns`` and at or before ``until_ns``; some lie just outside."""
+    """Candidates whose capture ended after ``after_ns`` and at or before ``until_ns``; some lie just outside.
+
+    Attributes
+    ----------
+    found : list of int and float
+        Ordinal and end of capture as the index counts it, of each.
+    """
 
     after_ns: int
     until_ns: int
-    ordinals: list[int]
+    found: list[tuple[int, float]]
+
+    @property
+    def ordinals(self) -> list[int]:
+        """In order, each once."""
+        return sorted({ordinal for ordinal, _ in self.found})
 
 
 def slices(
@@ -59,12 +72,38 @@ def slices(
         low, high = (low, min(high, place)) if newest_first else (max(low, place), high)
     look = _Look(connection, query, boxes, epoch_ns, wanted)
     body_end = high if query.t1_ns is None else min(high, query.t1_ns)
-    tail = [(max(body_end, low - 1), high)] if body_end < high else []  # ends after the time asked for, began within
-    for after, until in tail if newest_first else ():
-        yield look.at(after, until)
-    yield from look.backwards(low - 1, body_end) if newest_first else look.forwards(low - 1, body_end)
-    for after, until in () if newest_first else tail:
-        yield look.at(after, until)
+    body_end = max(body_end, low - 1)
+    if newest_first:
+        yield from look.backwards(low - 1, body_end, high)
+        return
+    yield from look.forwards(low - 1, body_end)
+    if body_end < high:  # ends after the time asked for, began within
+        yield look.at(body_end, high)
+
+
+def portions(whole: Slice, wanted: int, epoch_ns: int, *, newest_first: bool) -> Iterator[Slice]:
+    """The slice as shorter ones with about as many candidates as wanted: their rows are what takes longest to read.
+
+    The index tells when each ended to about a second; those near a cut are looked at on both sides of it.
+    """
+    left = sorted(whole.found, key=itemgetter(1), reverse=newest_first)
+    after, until = whole.after_ns, whole.until_ns
+    while len(left) > wanted:
+        bounds_ns = [_bounds_ns(counted, epoch_ns) for _, counted in left[wanted // 2 : wanted + 1]]
+        cut = bounds_ns[-1][1] if newest_first else bounds_ns[-1][0] - 1
+        cut = min(max(cut, after), until)
+        sure = sum(first > cut if newest_first else last <= cut for first, last in bounds_ns[:-1])
+        if not sure:  # so many ended at nearly one time
+            break
+        yield Slice(cut, until, left[:wanted]) if newest_first else Slice(after, cut, left[:wanted])
+        left = left[wanted // 2 + sure :]
+        after, until = (after, cut) if newest_first else (cut, until)
+    yield Slice(after, until, left)
+
+
+def _bounds_ns(counted: float, epoch_ns: int) -> tuple[int, int]:
+    first_s, last_s = sqlite.ended_s(counted)
+    return epoch_ns + math.floor(first_s * NS_PER_S), epoch_ns + math.ceil(last_s * NS_PER_S)
 
 
 class _Look:
@@ -81,28 +120,33 @@ class _Look:
     def at(self, after_ns: int, until_ns: int, most: int | None = None) -> Slice:
         """Candidates of one slice: all of them, or some more than ``most``."""
         ends_s = ((after_ns - self._epoch_ns) / NS_PER_S, (until_ns - self._epoch_ns) / NS_PER_S)
-        found: list[int] = []
+        found: list[tuple[int, float]] = []
         for index in self._indexes:
             found += sqlite.candidates_between(self._connection, index, self._boxes, ends_s, self._began_s, most)
         return Slice(after_ns, until_ns, found)
 
-    def backwards(self, low: int, high: int) -> Iterator[Slice]:
-        """From the newest on."""
-        width, until = self._first(low, high), high
-        while until > low:
-            found = self.at(max(low, until - width), until, most := self._most(width))
-            if most is not None and len(found.ordinals) > most:
-                width //= _GROWTH
+    def backwards(self, low: int, end: int, high: int) -> Iterator[Slice]:
+        """From the newest on; what began within the time asked for and ended after ``end`` is in the first slice."""
+        width, until, upper = self._first(low, end), end, high
+        while upper > low:
+            found = self.at(max(low, until - width), upper, most := self._most(width))
+            if most is not None and len(found.found) > most:
+                if upper > until:
+                    yield self.at(until, upper)
+                    upper = until
+                else:
+                    width //= _GROWTH
                 continue
             yield found
             until, width = found.after_ns, width * self._growth(found)
+            upper = until
 
     def forwards(self, low: int, high: int) -> Iterator[Slice]:
         """From the oldest on."""
         width, after = self._first(low, high), low
         while after < high:
             found = self.at(after, min(high, after + width), most := self._most(width))
-            if most is not None and len(found.ordinals) > most:
+            if most is not None and len(found.found) > most:
                 width //= _GROWTH
                 continue
             yield found
@@ -117,5 +161,5 @@ class _Look:
         return _TOO_MANY * self._wanted if width >= NS_PER_S else None
 
     def _growth(self, found: Slice) -> int:
-        count = len(found.ordinals)
-        return _GROWTH if not count else max(1, min(2 * _GROWTH, 5 * self._wanted // (4 * count)))
+        count = len(found.found)
+        return _GROWTH if not count else max(1, min(4 * _GROWTH, 3 * self._wanted // (2 * count)))

@@ -40,7 +40,7 @@ INDEXES = ("product_index", "deleted_index")
 #: apart, and half a minute counts as much as a metre. Measured in ADR 6.
 _BUCKET, _PAD_M, _PAD_S, _PER_S = 65536.0, 0.05, 0.5, 0.03
 _BETWEEN = (
-    "SELECT id FROM {} WHERE f0 <= ? AND f1 >= ? AND x0 <= ? AND x1 >= ? AND y0 <= ? AND y1 >= ? "
+    "SELECT id, t1 FROM {} WHERE f0 <= ? AND f1 >= ? AND x0 <= ? AND x1 >= ? AND y0 <= ? AND y1 >= ? "
     "AND z0 <= ? AND z1 >= ? AND t0 <= ? AND t1 >= ? AND t1 <= ? LIMIT ?"
 )
 #: Products one by one, by their ordinals alone; only the value keeps the name of a column of the list's.
@@ -234,8 +234,8 @@ def candidates_between(
     ends_s: tuple[float, float],
     began_s: float | None,
     most: int | None = None,
-) -> list[int]:
-    """Ordinals in an index whose box may overlap one of these.
+) -> list[tuple[int, float]]:
+    """Ordinals in an index whose box may overlap one of these, and when each ended as the index counts (``ended_s``).
 
     Parameters
     ----------
@@ -249,13 +249,19 @@ def candidates_between(
     low, high = ends_s[0] * _PER_S, (ends_s[1] + _PAD_S) * _PER_S
     times = (_FAR if began_s is None else began_s * _PER_S, low - _rounding(low), high + _rounding(high))
     statement, driver = _BETWEEN.format(index), _driver(connection)
-    found: list[int] = []
+    found: list[tuple[int, float]] = []
     for bucket, b in boxes:
         middle = bucket * _BUCKET + _BUCKET / 4
         sides = (_kept(b[3]), _kept(b[0]), _kept(b[4]), _kept(b[1]), _kept(b[5]), _kept(b[2]))
         values = (middle, middle, *sides, *times, -1 if most is None else most + 1)
-        found += [row[0] for row in driver.execute(statement, values)]
+        found += driver.execute(statement, values).fetchall()
     return list(set(found)) if len(boxes) > 1 else found
+
+
+def ended_s(counted: float) -> tuple[float, float]:
+    """Not before and not after when a capture ended, seconds since the epoch, of the end as the index counts it."""
+    slack = _rounding(counted)
+    return (counted - slack) / _PER_S - _PAD_S, (counted + slack) / _PER_S - _PAD_S
 
 
 def listed_products(columns: Sequence[str]) -> Subquery:

@@ -16,9 +16,9 @@ from cdff_common.geometry.region import Region, parse_region
 from cdff_common.interfaces.product import Quality, Status
 from dpm_store import Query, Store, open_store
 from dpm_store.outlines import touches
-from dpm_store.records import Order
+from dpm_store.records import Order, Parcel
 
-from .conftest import header, put
+from .conftest import NAMES, header, put
 
 
 def found(store: Store, **query: object) -> list[int]:
@@ -214,6 +214,17 @@ def test_times_years_after_the_first_product_are_found_to_the_microsecond(store:
     assert found(store, region=region, t0_ns=first + year) == [1]
     assert found(store, region=region, t0_ns=first + year + 1000) == []
     assert found(store, region=region, t1_ns=first - 1000) == []
+
+
+@pytest.mark.parametrize("order", [Order.NEWEST, Order.OLDEST])
+def test_many_that_ended_at_nearly_one_time_are_each_found_once_in_order(store: Store, order: Order) -> None:
+    s, box = 1_000_000_000, (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
+    stamps = [s, *(2 * s + i // 3 * 1000 for i in range(60)), *(3 * s + i * s // 4 for i in range(60))]
+    parcels = [Parcel(header(i, t1_ns=t, box_m=box), bytes([i]), **NAMES) for i, t in enumerate(stamps)]
+    store.put_all(parcels)
+    wanted = sorted(range(len(stamps)), key=lambda i: (stamps[i], i), reverse=order is Order.NEWEST)
+    for limit in (1, 5, 40):
+        assert found(store, region=Region("bbox", (-1e4, -1e4, 1e4, 1e4)), limit=limit, order=order) == wanted
 
 
 def test_coordinates_far_from_the_origin_are_compared_exactly(store: Store) -> None:
