@@ -83,9 +83,7 @@ class BlobFiles:
         """
         target = self.path(sha256)
         try:
-            if _holds(target, payload):
-                _sync(target)  # somebody wrote it, and may have been killed before it was durable
-                _sync(target.parent)
+            if _holds(target, payload) and _made_durable(target):
                 return
             new_directory = not target.parent.exists()
             target.parent.mkdir(exist_ok=True)
@@ -161,6 +159,16 @@ def _holds(path: Path, payload: bytes) -> bool:
             return all(file.read(CHUNK_BYTES) == view[i : i + CHUNK_BYTES] for i in range(0, len(view), CHUNK_BYTES))
     except FileNotFoundError:
         return False
+
+
+def _made_durable(path: Path) -> bool:
+    """Sync a file that somebody wrote and may have been killed before it was durable; False if it is gone since."""
+    try:
+        _sync(path)
+    except FileNotFoundError:  # a collection took it
+        return False
+    _sync(path.parent)
+    return True
 
 
 def _sync(path: Path) -> None:

@@ -1,10 +1,13 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
+import hashlib
 import threading
+from pathlib import Path
 
 import pytest
 
-from dpm_store import Insertion, Store, maintenance
+from dpm_store import Insertion, Store, blobs, maintenance
+from dpm_store.blobs import BlobFiles
 from dpm_store.insertion import INLINE_BYTES
 
 from .conftest import header, put
@@ -74,3 +77,21 @@ def test_sums_and_index_that_are_off_are_found(store: Store) -> None:
         connection.exec_driver_sql("UPDATE tallies SET live = 2")
         connection.exec_driver_sql("UPDATE product_index SET x0 = 0.5, x1 = 0.6")
     assert {p.what.split(":")[0] for p in store.verify()} == {"spatial index", "sums"}
+
+
+def test_a_payload_that_is_collected_while_it_is_written_again_is_written_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files, payload = BlobFiles(tmp_path / "blobs"), b"x" * 40_000
+    digest = hashlib.sha256(payload).hexdigest()
+    files.write(digest, payload)
+    real = blobs._holds
+
+    def collected_after(path: Path, content: bytes) -> bool:
+        held = real(path, content)
+        files.remove(digest)
+        return held
+
+    monkeypatch.setattr(blobs, "_holds", collected_after)
+    files.write(digest, payload)
+    assert files.path(digest).read_bytes() == payload

@@ -57,7 +57,7 @@ def test_a_dfpc_writes_a_pose_as_the_contract_has_it(tmp_path: Path, rng: np.ran
     assert report["quality"]["status"] == "OK"
     value = report["outputs"]["pose"]["value"]
     assert set(value) == {"parent", "child", "stamp_ns", "T", "covariance", "covariance_kind"}
-    assert (value["parent"], value["child"], value["covariance_kind"]) == ("scene", "model", "formal")
+    assert (value["parent"], value["child"], value["covariance_kind"]) == ("scene", "model", "calibrated")
     np.testing.assert_allclose(np.array(value["T"]), T_TRUE, atol=0.01)
     assert np.array(value["covariance"]).shape == (6, 6)
     assert json.loads((tmp_path / "out" / report["outputs"]["pose"]["file"]).read_text()) == value
