@@ -15,7 +15,7 @@ from sqlalchemy import Connection, func, insert, select, update
 
 from cdff_common.clock import Clock
 from cdff_common.errors import InputError
-from dpm_store import schema
+from dpm_store import schema, sqlite
 from dpm_store.actor import actor
 from dpm_store.database import Database
 
@@ -104,7 +104,9 @@ class EventTable:
     def append_all_in(self, connection: Connection, kind: str, bodies: Sequence[tuple[str, Mapping[str, Any]]]) -> None:
         """Add events of one kind, each with its scope, inside a transaction."""
         stamp = self._clock.now_ns()
-        connection.execute(insert(schema.events), [_row(scope, kind, signed(body), stamp) for scope, body in bodies])
+        sqlite.insert_rows(
+            connection, schema.events, [_row(scope, kind, signed(body), stamp) for scope, body in bodies]
+        )
 
     def append_from(self, origin: str, entries: Sequence[Entry]) -> int:
         """Add the entries of another service's journal, each once however often it is sent.

@@ -12,7 +12,7 @@ from typing import Any
 
 import msgpack
 import numpy as np
-from sqlalchemy import Connection, Row, Table, func, insert, select, update
+from sqlalchemy import Connection, Row, func, insert, select, update
 
 from cdff_common.clock import NS_PER_S, Clock
 from cdff_common.errors import CodecError, ConflictError, InputError
@@ -110,15 +110,16 @@ class Inserter:
              "content": item.parcel.payload if item.inline else None}
             for item in new
         ]  # fmt: skip
-        connection.execute(sqlite.insert_blobs(), blobs)
-        connection.execute(insert(schema.products), [item.row(ordinal, now_ns) for ordinal, item in numbered])
+        sqlite.insert_blobs(connection, blobs)
+        add = sqlite.insert_rows
+        add(connection, schema.products, [item.row(ordinal, now_ns) for ordinal, item in numbered])
         _index(connection, numbered)
-        _add(connection, schema.footprints, [{"ordinal": o, "ring": item.ring} for o, item in numbered if item.ring])
-        _add(connection, schema.product_metrics, [row for o, item in numbered for row in _metrics(o, item.header)])
-        _add(connection, schema.provenance, [row for item in new for row in _links(item.header)])
+        add(connection, schema.footprints, [{"ordinal": o, "ring": item.ring} for o, item in numbered if item.ring])
+        add(connection, schema.product_metrics, [row for o, item in numbered for row in _metrics(o, item.header)])
+        add(connection, schema.provenance, [row for item in new for row in _links(item.header)])
         for nodes, edges in (item.graph for item in new if item.graph is not None):
-            _add(connection, schema.pose_graph_nodes, nodes)
-            _add(connection, schema.pose_graph_edges, edges)
+            add(connection, schema.pose_graph_nodes, nodes)
+            add(connection, schema.pose_graph_edges, edges)
         for item in new:
             header, parcel = item.header, item.parcel
             if item.poses is not None and header.child is not None:
@@ -197,11 +198,6 @@ def _widen(connection: Connection, frame: Row[Any], boxes_m: Sequence[tuple[floa
         ordinal = schema.frame_names.c.ordinal
         grown = {"zmin_m": span[0], "zmax_m": span[1]}
         connection.execute(update(schema.frame_names).where(ordinal == frame.ordinal).values(grown))
-
-
-def _add(connection: Connection, table: Table, rows: list[dict[str, Any]]) -> None:
-    if rows:
-        connection.execute(insert(table), rows)
 
 
 def _metrics(ordinal: int, header: Header) -> list[dict[str, Any]]:

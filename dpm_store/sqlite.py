@@ -192,13 +192,22 @@ def insert_new(table: Table) -> Insert:
     return insert(table).on_conflict_do_nothing()
 
 
-def insert_blobs() -> Insert:
-    """An insertion of payloads; one that lies in the database already is mended where it is not what it was."""
-    statement = insert(schema.blobs)
-    kept, given = schema.blobs.c.content, statement.excluded.content
-    return statement.on_conflict_do_update(
-        index_elements=["sha256"], set_={"content": given}, where=kept.is_not(None) & (kept != given)
-    )
+def insert_rows(connection: Connection, table: Table, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Insert rows that name the same columns: a batch has thousands, and SQLAlchemy would look at each."""
+    _insert_rows(connection, table, rows, "")
+
+
+def insert_blobs(connection: Connection, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Insert payloads; one that lies in the database already is mended where it is not what it was."""
+    mend = "DO UPDATE SET content = excluded.content WHERE content IS NOT NULL AND content <> excluded.content"
+    _insert_rows(connection, schema.blobs, rows, f"ON CONFLICT (sha256) {mend}")
+
+
+def _insert_rows(connection: Connection, table: Table, rows: Sequence[Mapping[str, Any]], conflict: str) -> None:
+    if rows:
+        places = ", ".join(f":{name}" for name in rows[0])
+        statement = f"INSERT INTO {table.name} ({', '.join(rows[0])}) VALUES ({places}) {conflict}"
+        _driver(connection).executemany(statement, rows)
 
 
 def index_products(connection: Connection, entries: Iterable[tuple[int, IndexBox, tuple[float, float]]]) -> None:
@@ -210,7 +219,7 @@ def index_products(connection: Connection, entries: Iterable[tuple[int, IndexBox
         )
         for ordinal, (bucket, b), t_s in entries
     ]  # fmt: skip
-    connection.exec_driver_sql("INSERT INTO product_index VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
+    _driver(connection).executemany("INSERT INTO product_index VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
 
 
 def unindex_product(connection: Connection, ordinal: int) -> None:
