@@ -40,8 +40,11 @@ def run(args: argparse.Namespace) -> int:
     """Replay; 0 when it ran, 3 when every output was FAILED."""
     from contextlib import closing
 
+    from cdff_common.errors import InputError
     from cdff_dev.logs import open_log
 
+    if args.dfpc and args.store:
+        raise InputError("--store is for --requests: one DFPC's outputs go to --out alone")
     with closing(open_log(args.log)) as log:
         return _replay(args, log) if args.dfpc else _mission(args, log)
 

@@ -450,12 +450,15 @@ class Flow:
             elif progress["modes_missing"] or progress["missing"]:
                 reasons.append(f"not started: {', '.join([*progress['modes_missing'], *progress['missing']])}")
             reasons += [reason for _, reason in progress["failures"].values()]
+            if not (progress["silent"] or progress["missing"] or progress["modes_missing"]):
+                reasons.append(f"{p.plan.maker} runs, but made nothing better in time")
         reasons += p.past
         text = "; ".join(dict.fromkeys(reasons)) or "nothing was made in time"
         what = f"no {job.request.product} of {job.request.robot} as asked: {text}"
-        if p.impossible or p.dpm_error or self._is_uncovered(job.request, p):
+        if p.impossible:
             raise UnavailableError(what)
-        raise DeadlineError(f"{what} (deadline of {job.request.deadline_s:g} s)")
+        what += f" (deadline of {job.request.deadline_s:g} s)"
+        raise (UnavailableError if p.dpm_error or self._is_uncovered(job.request, p) else DeadlineError)(what)
 
     @staticmethod
     def _is_uncovered(request: ProductRequest, p: _Progress) -> bool:

@@ -33,7 +33,7 @@ logger = logging.getLogger(__name__)
 #: Why jobs that were open when a process ended have failed.
 RESTARTED = "the orchestrator was restarted: ask again"
 #: Threads beyond the capacity: for who is told OVERLOADED, explained to, or admitted while another makes room.
-_SPARE = 8
+_SPARE = 32
 _JOBS = {"robot", "job", "limit"}
 _MAX_LISTED = 200
 #: A journal larger than this at the start is put aside; what it leads to is carried over.

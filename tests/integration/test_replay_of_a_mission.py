@@ -146,3 +146,5 @@ def test_options_that_do_not_go_together_are_refused(folder: Path, capsys: pytes
     ):
         assert main(["replay", log, "--requests", "r.yaml", *more]) == 1
         assert said in capsys.readouterr().err
+    assert main(["replay", log, "--dfpc", "position_manager", "--store", "dpm"]) == 1
+    assert "--store is for --requests" in capsys.readouterr().err

@@ -288,3 +288,12 @@ def test_what_was_made_is_not_said_to_have_been_held_where_it_is_planned_anew(st
     given = stage.answer(stage.ask(**DEM, region="bbox:0,0,4,4")).attachment["delivered"]
     assert "what mana/dem made is DEGRADED" in stage.decisions()
     assert given["assembled"] == {"stored": 0.0, "made": pytest.approx(given["coverage"], abs=1e-4)}
+
+
+@pytest.mark.req("CDFF-SUP-027")
+def test_what_is_not_made_in_time_is_a_deadline_that_says_how_far_it_came(stage: Stage) -> None:
+    activate(stage)
+    error = stage.answer(stage.ask(**{**DEM, "max_age_s": "0", "deadline_ms": "300"}))
+    assert isinstance(error, DeadlineError), error
+    assert "deadline of 0.3 s" in str(error)
+    assert "runs, but made nothing better in time" in str(error)
