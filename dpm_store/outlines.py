@@ -33,7 +33,8 @@ def touches(region: Region, boxes_m: FloatArray, T_region_boxes: FloatArray) -> 
 
     Of a box in space, turned against the others, nothing separates them along an axis of either.
     """
-    if region.kind in _UPRIGHT and np.array_equal(T_region_boxes[:3, :3], _UNTURNED):  # most often by far
+    unturned = bool((T_region_boxes[:3, :3] == _UNTURNED).all())
+    if region.kind in _UPRIGHT and unturned:  # most often by far
         low, high = boxes_m[:, :3] + T_region_boxes[:3, 3], boxes_m[:, 3:] + T_region_boxes[:3, 3]
     else:
         corners = corners_of(boxes_m) @ T_region_boxes[:3, :3].T + T_region_boxes[:3, 3]
@@ -41,7 +42,7 @@ def touches(region: Region, boxes_m: FloatArray, T_region_boxes: FloatArray) -> 
     x0, y0, z0, x1, y1, z1 = region.box_m
     near = (low[:, 0] <= x1) & (high[:, 0] >= x0) & (low[:, 1] <= y1) & (high[:, 1] >= y0)
     near &= (low[:, 2] <= z1) & (high[:, 2] >= z0)
-    aligned = _is_aligned(T_region_boxes)
+    aligned = unturned or _is_aligned(T_region_boxes)
     if aligned and region.kind in ("bbox", "box"):
         return np.asarray(near)
     if aligned and region.kind == "circle":

@@ -100,7 +100,7 @@ class Search:
         for part in self._parts(connection, query, boxes):
             rows = _rows_of(connection, query, part)
             kept = self.inside(connection, rows, region, placed)
-            found += [ProductRecord._make(rows[i][_RECORD]) for i in np.flatnonzero(kept).tolist()]
+            found += [ProductRecord._make(row[_RECORD]) for row, keep in zip(rows, kept.tolist(), strict=True) if keep]
             if len(found) > query.limit:
                 break
         return _page(query, found, unplaced, tree)
