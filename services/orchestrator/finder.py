@@ -135,7 +135,7 @@ class Finder:
         """
         region, frame = (None, "") if found is None else (found.region, found.frame)
         if region is None:
-            region, frame = self._placed(request, robots[0], until_s)
+            region, frame, _ = self._placed(request, robots[0], until_s)
         # Larger than what is held has: each that it covers holds the middle of one of its cells.
         resolution_m = 0.0 if found is None else found.candidate.resolution_m or 0.0
         cells = Cells.of(region, 1.5 * resolution_m)
@@ -192,14 +192,14 @@ class Finder:
         """The newest cloud of the region; several, newest first, where one does not cover it."""
         if request.region is None:
             return self._newest(request, robot, until_s)
-        region, frame = self._placed(request, robot, until_s)
+        region, frame, last_ns = self._placed(request, robot, until_s)
         now_ns = self._now_ns(request)
         cell_m = request.resolution_m or _CLOUD_CELL_M
         parts: list[Pointcloud] = []
         sources: list[Header] = []
         moved_by: UncertainTransform | None = None
         merged, coverage = None, 0.0
-        for item in self._clouds(request, robot, region, frame, until_s):
+        for item in self._clouds(request, robot, region, frame, last_ns, until_s):
             if sources and now_ns - int(item["t1_ns"]) > request.max_age_s * NS_PER_S:
                 break
             stored = self._dpm.value(str(item["id"]), robot, until_s)
@@ -225,20 +225,22 @@ class Finder:
         return Found(candidate, tuple(sources), merged, frame, region=region, moved_by=moved_by)
 
     def _clouds(
-        self, request: ProductRequest, robot: str, region: Region, frame: str, until_s: float
+        self, request: ProductRequest, robot: str, region: Region, frame: str, last_ns: int | None, until_s: float
     ) -> list[dict[str, Any]]:
         """Clouds that may reach into the region, newest first; those of moving frames are not found by place."""
         asked = {"type": "pointcloud", "robot": robot, "limit": _CLOUDS}
-        items = self._search(request, until_s, region=region.text, frame=frame, **asked)
-        return items or [i for i in self._search(request, until_s, **asked) if i["frame"] != frame]
+        items = self._search(request, until_s, last_ns, region=region.text, frame=frame, **asked)
+        return items or [i for i in self._search(request, until_s, last_ns, **asked) if i["frame"] != frame]
 
     def _dem(self, request: ProductRequest, robot: str, until_s: float) -> Found | None:
         """The window that the DPM pools from all patches of the region; asked for only if something is new enough."""
         if request.region is None:
             stored = self._dpm.window(until_s, robot=robot, resolution_m=request.resolution_m, t1=request.t_ns)
             return self._window(stored, None, robot)
-        region, frame = self._placed(request, robot, until_s)
-        items = self._search(request, until_s, type="dem", robot=robot, region=region.text, frame=frame, limit=5)
+        region, frame, last_ns = self._placed(request, robot, until_s)
+        items = self._search(
+            request, until_s, last_ns, type="dem", robot=robot, region=region.text, frame=frame, limit=5
+        )
         if not items:
             return None
         home = str(items[0]["frame"])
@@ -248,7 +250,7 @@ class Finder:
             header = Header.from_dict(items[0])
             return Found(newest, (header,), None, home, region=placed)
         stored = self._dpm.window(
-            until_s, robot=robot, region=placed.text, frame=home, resolution_m=request.resolution_m, t1=request.t_ns
+            until_s, robot=robot, region=placed.text, frame=home, resolution_m=request.resolution_m, t1=last_ns
         )
         return self._window(stored, placed, robot)
 
@@ -256,9 +258,9 @@ class Finder:
         """The newest navigation map of the region; several of the same cells, newer on top, where one is too little."""
         if request.region is None:
             return self._newest(request, robot, until_s)
-        region, frame = self._placed(request, robot, until_s)
+        region, frame, last_ns = self._placed(request, robot, until_s)
         items = self._search(
-            request, until_s, type="navigation_map", robot=robot, region=region.text, frame=frame, limit=_MAPS
+            request, until_s, last_ns, type="navigation_map", robot=robot, region=region.text, frame=frame, limit=_MAPS
         )
         parts: list[NavigationMap] = []
         sources: list[Header] = []
@@ -286,19 +288,22 @@ class Finder:
 
     # -- shared ------------------------------------------------------------------------------------------
 
-    def _placed(self, request: ProductRequest, robot: str, until_s: float) -> tuple[Region, str]:
-        """The request's region and its frame; ``near`` is resolved at the end of capture of the newest product."""
+    def _placed(self, request: ProductRequest, robot: str, until_s: float) -> tuple[Region, str, int | None]:
+        """The request's region, its frame, and until when captures count: what comes meanwhile lies elsewhere.
+
+        ``near`` is resolved at the end of capture of the newest product; other regions stay where they are.
+        """
         assert request.region is not None
         region, frame = request.region, request.region_frame
         if region.near_frame is None:
-            return region, frame
+            return region, frame, request.t_ns
         newest = self._search(request, until_s, type=request.product, robot=robot, limit=10)
         t_ns = int(newest[0]["t1_ns"]) if newest else None
         try:
             T = self._dpm.pose(robot, frame, region.near_frame, t_ns, until_s)
         except ProductNotFoundError:  # nobody knows it at that time
             T = self._dpm.pose(robot, frame, region.near_frame, None, until_s)
-        return region.resolved(float(T.matrix[0, 3]), float(T.matrix[1, 3])), frame
+        return region.resolved(float(T.matrix[0, 3]), float(T.matrix[1, 3])), frame, t_ns
 
     def _seen_from(self, region: Region, frame: str, home: str, robot: str, t_ns: int, until_s: float) -> Region:
         if home == frame:
@@ -313,11 +318,13 @@ class Finder:
         """The mission time that ages are of: the one asked for, else now."""
         return self._clock.now_ns() if request.t_ns is None else request.t_ns
 
-    def _search(self, request: ProductRequest, until_s: float, **parameters: object) -> list[dict[str, Any]]:
-        """Metadata of usable products, newest first; of those captured until the time asked for, where one is."""
-        asked = {**parameters, "t1": request.t_ns}
-        items = self._usable(self._dpm.search(until_s, **asked))
-        return [i for i in items if request.t_ns is None or int(i["t1_ns"]) <= request.t_ns]
+    def _search(
+        self, request: ProductRequest, until_s: float, last_ns: int | None = None, **parameters: object
+    ) -> list[dict[str, Any]]:
+        """Metadata of usable products, newest first; of those captured until ``last_ns``, else the time asked for."""
+        until_ns = request.t_ns if last_ns is None else last_ns
+        items = self._usable(self._dpm.search(until_s, **parameters, t1=until_ns))
+        return [i for i in items if until_ns is None or int(i["t1_ns"]) <= until_ns]
 
     @staticmethod
     def _usable(items: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
