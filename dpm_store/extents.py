@@ -33,6 +33,8 @@ class Extent:
     t0_ns, t1_ns : int
         First begin and last end of capture.
     count : int
+    resolution_m : float or None
+        Smallest cell or voxel; None where no product has one.
     """
 
     product: str
@@ -41,6 +43,7 @@ class Extent:
     t0_ns: int
     t1_ns: int
     count: int
+    resolution_m: float | None = None
 
 
 def extents(database: Database) -> tuple[Extent, ...]:
@@ -49,12 +52,13 @@ def extents(database: Database) -> tuple[Extent, ...]:
     lows = [func.min(c) for c in (p.xmin_m, p.ymin_m, p.zmin_m)]
     highs = [func.max(c) for c in (p.xmax_m, p.ymax_m, p.zmax_m)]
     statement = (
-        select(p.product, p.frame, *lows, *highs, func.min(p.t0_ns), func.max(p.t1_ns), func.count())
+        select(p.product, p.frame, *lows, *highs, func.min(p.t0_ns), func.max(p.t1_ns), func.count(),
+               func.min(p.resolution_m))
         .where(p.deleted_ns.is_(None)).group_by(p.product, p.frame).order_by(p.product, p.frame)
     )  # fmt: skip
     with database.read() as connection:
         rows = connection.execute(statement).all()
-    return tuple(Extent(r[0], r[1], None if r[2] is None else tuple(r[2:8]), r[8], r[9], r[10]) for r in rows)
+    return tuple(Extent(r[0], r[1], None if r[2] is None else tuple(r[2:8]), *r[8:12]) for r in rows)
 
 
 def frame_names(database: Database) -> tuple[str, ...]:

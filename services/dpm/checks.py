@@ -7,13 +7,14 @@ from __future__ import annotations
 import math
 import re
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from cdff_common.clock import NS_PER_S
 from cdff_common.errors import FrameNotFoundError, InputError
 from cdff_common.geodesy import body_names
 from cdff_common.interfaces.product import Header
+from cdff_common.types import ElevationMap, Map, NavigationMap, Pointcloud
 from dpm_store import Store
 from dpm_store.records import LATEST_NS
 
@@ -24,6 +25,8 @@ _MAX_REASONS, _MAX_METRICS = 64, 256
 _MAX_TEXT = 256
 _INPUT = re.compile(r"[A-Za-z0-9_\-:.]{1,64}\Z")
 _SITE = "site"
+#: By this much, and this part of the content's size, content may reach out of its box: rounding.
+_BOX_SLACK_M, _BOX_SLACK = 1e-3, 1e-6
 
 
 def check_header(header: Header, now_ns: int) -> None:
@@ -64,7 +67,7 @@ def check_header(header: Header, now_ns: int) -> None:
 
 
 def check_value(value: Any, header: Header) -> None:
-    """Refuse a decoded value that says another frame than its header, or no time at all.
+    """Refuse a decoded value that says another frame than its header, no time at all, or lies outside of its box.
 
     Raises
     ------
@@ -74,6 +77,31 @@ def check_value(value: Any, header: Header) -> None:
     frame = getattr(value, "frame", None)
     if isinstance(frame, str) and frame not in ("", header.frame):
         raise InputError(f"a value in frame {frame[:128]!r}, its header says {header.frame}")
+    _check_box(value, header)
+
+
+def _check_box(value: Any, header: Header) -> None:
+    extent = value.extent_m()
+    if extent is None:
+        if isinstance(value, Pointcloud) and len(value.points_m):
+            raise InputError(f"none of {len(value.points_m)} points is finite: expected at least one, or no points")
+        return
+    if header.box_m is None or isinstance(value, Map):  # a Map's own extent is that of its plane, without heights
+        return
+    box = header.box_m
+    size_m = max(extent[i + 3] - extent[i] for i in range(3))
+    slack_m = _BOX_SLACK_M + _BOX_SLACK * size_m
+    flat = isinstance(value, (ElevationMap, NavigationMap)) and extent[2] == extent[5] == 0.0  # it may have no heights
+    for i in range(2 if flat else 3):
+        if not (box[i] - slack_m <= extent[i] and extent[i + 3] <= box[i + 3] + slack_m):
+            raise InputError(
+                f"box_m={_numbers(box)} m does not contain the content, which lies in {_numbers(extent)} m: "
+                "give the box of what is sent, or none"
+            )
+
+
+def _numbers(box: Sequence[float]) -> str:
+    return "[" + ", ".join(f"{v:g}" for v in box) + "]"
 
 
 def whole_number(body: Mapping[str, Any], name: str) -> int | None:

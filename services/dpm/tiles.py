@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
+from cdff_common.raster.geometry import GridGeometry
 from cdff_common.raster.rendering import RENDERINGS, indices, relief
-from cdff_common.raster.tiles import Tile, cell_m
+from cdff_common.raster.tiles import Tile
 from dpm_store import Store
 from dpm_store.pyramid import Change, touched
 
@@ -48,15 +49,12 @@ class TileRequest:
             raise InputError(f"layer={self.layer[:40]!r}: expected one of {', '.join(LAYERS)}")
         if self.form not in MEDIA_TYPES:
             raise InputError(f"a tile as {self.form[:16]!r}: expected one of {', '.join(MEDIA_TYPES)}")
-        low, high = self.range
-        if not low < high:
-            raise InputError(f"low={low:g}, high={high:g}: expected low below high")
+        range_of(self.layer, self.low, self.high)
 
     @property
     def range(self) -> tuple[float, float]:
         """Values of the first and of the last colour."""
-        usual = RENDERINGS["elevation" if self.layer == RELIEF else self.layer]
-        return usual.low if self.low is None else self.low, usual.high if self.high is None else self.high
+        return range_of(self.layer, self.low, self.high)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,29 +88,14 @@ class Tiles:
                 return known
         cells = pyramid.statistics(asked.frame, tile.z, tile.geometry(asked.frame, margin=1))
         layers = cells.to_layers(0)
-        data = self._drawn(asked, layers["mean"], layers["variance"])
+        wkt = self._store.places.of(asked.frame).wkt if asked.form == "tif" else None
+        geometry = tile.geometry(asked.frame)
+        data = drawn(asked.layer, asked.form, asked.range, layers["mean"], layers["variance"], geometry, wkt)
         etag = f'"{hashlib.blake2b(data, digest_size=12).hexdigest()}"'
         made = RenderedTile(data, MEDIA_TYPES[asked.form], etag)
         if pyramid.sync() == before:
             self._keep(key, asked, made)
         return made
-
-    def _drawn(self, asked: TileRequest, mean: NDArray[np.float32], variance: NDArray[np.float32]) -> bytes:
-        from cdff_common.formats.image import write_indexed_png
-
-        resolution_m = cell_m(asked.tile.z)
-        if asked.layer == RELIEF and asked.form == "png":
-            return write_indexed_png(*relief(mean, resolution_m, *asked.range))
-        rendering = RENDERINGS["elevation" if asked.layer == RELIEF else asked.layer]
-        values = rendering.value(mean, variance, resolution_m)
-        if asked.form == "png":
-            return write_indexed_png(indices(values, *asked.range), rendering.palette)
-        if asked.form == "bin":
-            return np.ascontiguousarray(values, dtype="<f4").tobytes()
-        from cdff_common.formats.geotiff import write_bands
-
-        wkt = self._store.places.of(asked.frame).wkt
-        return write_bands({asked.layer: values}, asked.tile.geometry(asked.frame), wkt=wkt, cloud_optimized=False)
 
     def _keep(self, key: tuple[str, int, int, int], asked: TileRequest, made: RenderedTile) -> None:
         with self._lock:
@@ -125,6 +108,48 @@ class Tiles:
         with self._lock:
             for key in touched(tuple(self._kept), change, margin_cells=1):
                 self._bytes -= _size(self._kept.pop(key))
+
+
+def drawn(
+    layer: str, form: str, limits: tuple[float, float], mean: NDArray[np.float32], variance: NDArray[np.float32],
+    geometry: GridGeometry, wkt: str | None,
+) -> bytes:  # fmt: skip
+    """Bytes of a layer as ``form``.
+
+    Parameters
+    ----------
+    limits : tuple of float
+        Values of the first and of the last colour.
+    mean, variance : array, shape (rows + 2, cols + 2)
+        Of the height, metres and square metres, with a margin of one cell; NaN where unobserved.
+    geometry : GridGeometry
+        Without the margin.
+    wkt : str or None
+        CRS, for ``tif``.
+    """
+    from cdff_common.formats.image import write_indexed_png
+
+    resolution_m = geometry.resolution_m
+    if layer == RELIEF and form == "png":
+        return write_indexed_png(*relief(mean, resolution_m, *limits))
+    rendering = RENDERINGS["elevation" if layer == RELIEF else layer]
+    values = rendering.value(mean, variance, resolution_m)
+    if form == "png":
+        return write_indexed_png(indices(values, *limits), rendering.palette)
+    if form == "bin":
+        return np.ascontiguousarray(values, dtype="<f4").tobytes()
+    from cdff_common.formats.geotiff import write_bands
+
+    return write_bands({layer: values}, geometry, wkt=wkt, cloud_optimized=False)
+
+
+def range_of(layer: str, low: float | None, high: float | None) -> tuple[float, float]:
+    """Values of the first and of the last colour; raises InputError where they are not in this order."""
+    usual = RENDERINGS["elevation" if layer == RELIEF else layer]
+    limits = usual.low if low is None else low, usual.high if high is None else high
+    if not limits[0] < limits[1]:
+        raise InputError(f"low={limits[0]:g}, high={limits[1]:g}: expected low below high")
+    return limits
 
 
 def _size(tiles: dict[TileRequest, Any]) -> int:

@@ -7,11 +7,11 @@ from __future__ import annotations
 import functools
 from typing import Any
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 
 from services.dpm.http import problems
 from services.dpm.http.conditional import Conditional
-from services.dpm.http.context import Context
+from services.dpm.http.context import Context, once
 from services.dpm.http.guard import Guard
 from services.dpm.http.models import Problem
 from services.dpm.http.roles import rules_of
@@ -19,6 +19,7 @@ from services.dpm.http.routes import (
     annotations,
     bodies,
     frames,
+    layers,
     maps,
     ogc,
     page,
@@ -35,8 +36,8 @@ from services.dpm.refusals import Refusals
 
 #: The last is the page: for people, not in the OpenAPI document.
 MODULES = (
-    products, transactions, annotations, robots, frames, bodies, maps, tiles, requests, retention, status, stac, ogc,
-    page,
+    products, transactions, annotations, robots, frames, bodies, maps, layers, tiles, requests, retention, status, stac,
+    ogc, page,
 )  # fmt: skip
 
 
@@ -59,7 +60,7 @@ def openapi() -> dict[str, Any]:
 def _routed() -> FastAPI:
     app = FastAPI(title="CDFF Data Product Manager", version="1", docs_url=None, redoc_url=None)
     for module in MODULES[:-1]:
-        app.include_router(module.router, responses=problems.RESPONSES)
+        app.include_router(module.router, responses=problems.RESPONSES, dependencies=[Depends(once)])
     app.include_router(page.router)
     app.openapi = functools.partial(_described, app)  # type: ignore[method-assign]  # FastAPI's way to add to it
     return app

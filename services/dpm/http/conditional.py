@@ -7,7 +7,10 @@ from __future__ import annotations
 import hashlib
 
 from starlette.datastructures import MutableHeaders
+from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from services.dpm.parameters import revision_of
 
 #: Answered as GET without a body; a stream of events has no end that a HEAD could wait for.
 _NO_HEAD = frozenset({"/api/v1/events"})
@@ -22,6 +25,21 @@ def matches(if_none_match: str | None, etag: str) -> bool:
         return False
     known = {part.strip().removeprefix("W/") for part in if_none_match.split(",")}
     return "*" in known or etag.removeprefix("W/") in known
+
+
+def required_revision(if_match: str) -> int | None:
+    """The revision that ``If-Match`` wants, None for any; it compares strongly (RFC 9110 §13.1.1).
+
+    Raises
+    ------
+    HTTPException
+        412 for a weak tag: it never matches.
+    InputError
+        If it names no revision.
+    """
+    if if_match.strip().startswith("W/"):
+        raise HTTPException(412, f'If-Match: {if_match[:40]} is weak and never matches: send the ETag as "r3"')
+    return revision_of(if_match)
 
 
 class Conditional:

@@ -11,7 +11,7 @@ from typing import Annotated, cast
 from fastapi import Depends, Request
 
 from cdff_common.bus import Bus
-from cdff_common.errors import UnavailableError
+from cdff_common.errors import InputError, UnavailableError
 from cdff_common.interfaces.profile import Profile
 from cdff_common.json_form import jsonable as jsonable  # for the routes
 from dpm_store.extents import ExtentCache
@@ -45,6 +45,23 @@ class Context:
 def context_of(request: Request) -> Context:
     """The context of the application that a request came to."""
     return cast(Context, request.app.state.context)
+
+
+def once(request: Request) -> None:
+    """Refuse a parameter that is repeated, as over Zenoh: which one counts would be a guess.
+
+    STAC and OGC have rules of their own. None of the native parameters is a list.
+
+    Raises
+    ------
+    InputError
+    """
+    if not request.url.path.startswith("/api/"):
+        return
+    names = [name for name, _ in request.query_params.multi_items()]
+    repeated = next((name for name in names if names.count(name) > 1), None)
+    if repeated is not None:
+        raise InputError(f"parameter {repeated[:80]!r} is repeated: expected it once, several values with commas")
 
 
 Ctx = Annotated[Context, Depends(context_of)]

@@ -28,6 +28,10 @@ RESPONSES: dict[int | str, dict[str, Any]] = {
 _STANDARD = ("/ogc", "/stac")
 
 
+#: Codes of what HTTP itself refuses; others are INVALID_ARGUMENT below 500 and UNAVAILABLE from there on.
+_CODES = {401: "DENIED", 403: "DENIED", 404: "NOT_FOUND", 409: "CONFLICT", 412: "CONFLICT", 500: "INTERNAL"}
+
+
 def problem(status: int, detail: str, *, code: str = "", headers: dict[str, str] | None = None) -> JSONResponse:
     """A problem document."""
     body: dict[str, Any] = {"type": "about:blank", "title": _title(status), "status": status, "detail": detail}
@@ -58,7 +62,9 @@ async def _invalid(request: Request, error: Exception) -> JSONResponse:
 
 async def _http(_request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
-    return problem(error.status_code, str(error.detail), headers=dict(error.headers or {}))
+    status = error.status_code
+    code = _CODES.get(status, "INVALID_ARGUMENT" if status < 500 else "UNAVAILABLE")
+    return problem(status, str(error.detail), code=code, headers=dict(error.headers or {}))
 
 
 async def _unknown(request: Request, error: Exception) -> JSONResponse:

@@ -11,11 +11,11 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.exceptions import HTTPException
 
 from dpm_store import StaleRevisionError
+from services.dpm.http.conditional import required_revision
 from services.dpm.http.context import Ctx, jsonable
 from services.dpm.http.native_models import Annotations, NewAnnotation
 from services.dpm.http.roles import allowed
 from services.dpm.http.routes.products import etag
-from services.dpm.parameters import revision_of
 
 router = APIRouter(prefix="/api/v1/products", tags=["products"])
 
@@ -53,7 +53,7 @@ def update(
         raise HTTPException(428, 'If-Match is missing: send the ETag that the product was read with, as "r3"')
     wanted = changes.model_dump(exclude_unset=True)
     try:
-        annotation = context.dpm.update(product_id, wanted, revision_of(if_match), author="http")
+        annotation = context.dpm.update(product_id, wanted, required_revision(if_match), author="http")
     except StaleRevisionError as error:
         raise HTTPException(412, str(error)) from error
     response.headers["ETag"] = etag(annotation)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
@@ -88,13 +89,7 @@ def window(context: Ctx, asked: Annotated[WindowParameters, Query()]) -> Respons
     request = window_request(GROUND, given, context.dpm.clock.now_ns())
     answer = context.dpm.window(request, asked.format, deliver="inline")
     response = file_response(answer.body, "dem_window")
-    m = answer.metadata
-    response.headers["CDFF-Coverage"] = f"{m['coverage']:.4f}"
-    response.headers["CDFF-Resolution-M"] = f"{m['resolution_m']:g}"
-    response.headers["CDFF-Patches"] = str(len(m["patches"]))
-    response.headers["CDFF-Disagreeing"] = str(m["disagreeing"])
-    response.headers["CDFF-Frames-Revision"] = str(m["frames_revision"])
-    response.headers["CDFF-Newest-Ns"], response.headers["CDFF-Oldest-Ns"] = str(m["newest_ns"]), str(m["oldest_ns"])
+    say_origin(response, answer.metadata)
     return response
 
 
@@ -114,3 +109,13 @@ def cloud(context: Ctx, asked: Annotated[CloudParameters, Query()]) -> Response:
 def profile(context: Ctx, asked: Annotated[ProfileParameters, Query()]) -> dict[str, Any]:
     """Elevation along a line, each sample the cell that it lies in."""
     return context.dpm.profile(profile_request(GROUND, asked.model_dump(exclude_none=True)))
+
+
+def say_origin(response: Response, m: Mapping[str, Any]) -> None:
+    """Say in headers what a window was made from and how complete it is."""
+    response.headers["CDFF-Coverage"] = f"{m['coverage']:.4f}"
+    response.headers["CDFF-Resolution-M"] = f"{m['resolution_m']:g}"
+    response.headers["CDFF-Patches"] = str(len(m["patches"]))
+    response.headers["CDFF-Disagreeing"] = str(m["disagreeing"])
+    response.headers["CDFF-Frames-Revision"] = str(m["frames_revision"])
+    response.headers["CDFF-Newest-Ns"], response.headers["CDFF-Oldest-Ns"] = str(m["newest_ns"]), str(m["oldest_ns"])

@@ -20,12 +20,12 @@ from cdff_common.errors import InputError
 from dpm_store import Annotation, Insertion, ProductRecord, StaleRevisionError
 from dpm_store.provenance import MAX_GENERATIONS
 from services.dpm.convert import Converted, convert, formats_of
-from services.dpm.http.conditional import matches
+from services.dpm.http.conditional import matches, required_revision
 from services.dpm.http.context import Context, Ctx, jsonable
 from services.dpm.http.native_models import Deleted, Described, Inserted, InsertedAll, ProductPage, Provenance
 from services.dpm.http.ranges import parse_range
 from services.dpm.http.roles import allowed
-from services.dpm.parameters import GROUND, batch_of, revision_of, search_query
+from services.dpm.parameters import GROUND, batch_of, search_query
 
 router = APIRouter(prefix="/api/v1/products", tags=["products"])
 
@@ -137,7 +137,7 @@ def delete(
     if_match: Annotated[str | None, Header(max_length=40, description='ETag as "r3", or *')] = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Delete a product; its id is not free again. With ``If-Match`` 412 where somebody changed it since."""
-    revision = None if if_match is None else revision_of(if_match)
+    revision = None if if_match is None else required_revision(if_match)
     try:
         return {"id": product_id, "deleted": context.dpm.delete(product_id, revision)}
     except StaleRevisionError as error:

@@ -60,7 +60,6 @@ def test_a_product_that_somebody_changed_since_is_not_deleted(http: TestClient, 
         ({}, '"r0"'),
         ({"quality": {"status": "SUPERB"}}, '"r0"'),
         ({"notes": "x"}, '"x"'),
-        ({"notes": "x"}, 'W/"r0"'),
     ],
 )
 def test_what_an_annotation_cannot_hold_is_a_problem(

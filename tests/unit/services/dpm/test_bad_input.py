@@ -12,14 +12,16 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import msgpack
+import numpy as np
 import psutil
 import pytest
 from fastapi.testclient import TestClient
 
 from cdff_common.bus import Request
 from cdff_common.clock import ManualClock
-from cdff_common.errors import CdffError, rpc_code
+from cdff_common.errors import CdffError, InputError, rpc_code
 from cdff_common.interfaces.product import Header
+from cdff_common.types import Pointcloud
 from dpm_store import open_store
 from services.dpm import service
 from services.dpm.checks import MAX_SKEW_S
@@ -28,7 +30,7 @@ from services.dpm.http.context import Context
 from services.dpm.operations import Dpm
 from services.dpm.settings import Settings
 
-from .conftest import S, cloud, elevation, parcel
+from .conftest import S, cloud, elevation, navigation, parcel
 
 Change = Callable[[dict[str, Any]], dict[str, Any]]
 NAN = math.nan
@@ -43,6 +45,8 @@ HEADERS: dict[str, Change] = {
     "an infinite box": lambda h: h | {"box_m": [*BOX[:5], math.inf]},
     "a box that ends beyond the solar system": lambda h: h | {"box_m": [-1e300, *BOX[1:]]},
     "a box inside out": lambda h: h | {"box_m": BOX[::-1]},
+    "a box elsewhere than the content": lambda h: h | {"box_m": [500.0, 500.0, 500.0, 501.0, 501.0, 501.0]},
+    "a box that holds a part of the content": lambda h: h | {"box_m": [*BOX[:5], 0.0]},
     "a box of five": lambda h: h | {"box_m": BOX[:5]},
     "a box that is text": lambda h: h | {"box_m": "abcdef"},
     "a self-crossing footprint": lambda h: h | {"box_m": BOX, "footprint_m": [[0, 0], [4, 4], [4, 0], [0, 4]]},
@@ -317,3 +321,22 @@ def test_a_bad_place_is_refused_where_one_searches(http: TestClient, dpm: Dpm, p
         answer = http.get(path)
         assert answer.status_code == status, answer.text
         assert answer.json()["detail"]
+
+
+def test_a_box_may_be_larger_than_the_content_and_smaller_by_rounding(dpm: Dpm) -> None:
+    x0, *others = cloud().extent_m()
+    dpm.put(*parcel(cloud(), "pointcloud", 1, box_m=(x0 + 5e-4, *others)))
+    dpm.put(*parcel(cloud(), "pointcloud", 2, box_m=tuple(BOX)))
+    with pytest.raises(InputError, match=r"box_m=\[.*\] m does not contain the content, which lies in \[.*\] m"):
+        dpm.put(*parcel(cloud(), "pointcloud", 3, box_m=(x0 + 2e-3, *others)))
+
+
+def test_a_map_of_which_only_the_plane_is_known_may_have_a_box_with_heights(dpm: Dpm) -> None:
+    dpm.put(*parcel(navigation(), "navigation_map", 1, box_m=(0.0, 0.0, 3.0, 1.0, 1.0, 4.0)))
+
+
+def test_a_cloud_without_a_finite_point_is_refused_and_an_empty_one_is_not(dpm: Dpm) -> None:
+    lost, none = (Pointcloud.from_points(np.full((n, 3), NAN), frame="site", stamp_ns=S) for n in (4, 0))
+    with pytest.raises(InputError, match="none of 4 points is finite"):
+        dpm.put(*parcel(lost, "pointcloud", 11))
+    dpm.put(*parcel(none, "pointcloud", 12))

@@ -1,0 +1,114 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Layers of the map by name, and questions that are refused the same way on all native routes."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from cdff_common.formats.geotiff import read_bands
+from cdff_common.formats.source import load
+from cdff_common.raster.rendering import RENDERINGS
+from services.dpm.http.routes.layers import LAYERS
+from services.dpm.operations import Dpm
+
+from .conftest import TestClient, elevation, parcel
+from .test_tiles import pixels, put_hills
+
+MAPS = "/api/v1/maps"
+REGION = {"region": "bbox:-5,0,5,8"}
+
+
+def test_the_layers_say_what_is_held_and_lead_to_it(http: TestClient, filled: Callable[[str], str]) -> None:
+    items = {item["layer"]: item for item in http.get(MAPS).json()["items"]}
+    assert set(items) == set(LAYERS)
+    (held,) = items["slope"]["frames"]
+    assert (held["frame"], held["resolution_m"], held["newest_ns"], held["count"]) == ("site", 0.1, "0", 1)
+    assert held["box_m"] == pytest.approx([0, 0, 0, 2, 2, 0])
+    for name, item in items.items():
+        assert http.get(f"{MAPS}/{name}").json() == item
+        for kind in ("self", "products", "window"):
+            if kind in item["links"]:
+                assert http.get(item["links"][kind]).status_code == 200
+        if "profile" in item["links"]:
+            assert http.get(item["links"]["profile"], params={"path": "0.5,0.5,1.5,0.5"}).json()["mean_m"]
+        if "tiles" in item["links"]:
+            assert http.get(item["links"]["tiles"].format(z=0, x=0, y=0)).status_code == 200
+
+
+@pytest.mark.parametrize("layer", RENDERINGS)
+def test_a_window_of_a_layer_is_a_picture_or_its_values(http: TestClient, dpm: Dpm, layer: str) -> None:
+    put_hills(dpm)
+    picture = http.get(f"{MAPS}/{layer}/window", params=REGION)
+    assert (picture.status_code, picture.headers["content-type"]) == (200, "image/png")
+    assert picture.headers["cdff-coverage"] == "1.0000"
+    assert pixels(picture.content).shape == (80, 100, 4)
+    raster = http.get(f"{MAPS}/{layer}/window", params=REGION | {"format": "tif"})
+    bands, (resolution_m, xmin_m, ymax_m), _ = read_bands(load(raster.content))
+    assert (resolution_m, xmin_m, ymax_m) == pytest.approx((0.1, -5.0, 8.0))
+    whole = np.load(io.BytesIO(http.get(f"{MAPS}/dem/window", params=REGION | {"format": "npz"}).content))
+    mean, variance = (np.pad(whole[name], 1, constant_values=np.nan) for name in ("mean", "variance"))
+    np.testing.assert_array_equal(bands[layer], RENDERINGS[layer].value(mean, variance, 0.1))
+    assert np.isfinite(bands[layer][1:-1, 1:-1]).all()
+
+
+@pytest.mark.parametrize("path", ["soil", "soil/window", "soil/profile"])
+def test_an_unknown_layer_is_answered_with_those_that_are_known(http: TestClient, path: str) -> None:
+    answer = http.get(f"{MAPS}/{path}")
+    assert (answer.status_code, answer.json()["code"]) == (404, "NOT_FOUND")
+    assert ", ".join(LAYERS) in answer.json()["detail"]
+
+
+@pytest.mark.parametrize("path", ["navigation_map/window", "slope/profile?path=0,0,1,1"])
+def test_a_view_that_a_layer_has_not_is_not_found(http: TestClient, path: str) -> None:
+    assert http.get(f"{MAPS}/{path}").json()["code"] == "NOT_FOUND"
+
+
+@pytest.mark.parametrize("asked", ["low=3&high=2", "format=jpg", "low=nan", "choice=any"])
+def test_a_window_that_cannot_be_drawn_is_refused(http: TestClient, dpm: Dpm, asked: str) -> None:
+    dpm.put(*parcel(elevation(0.0), "dem", 1))
+    assert http.get(f"{MAPS}/slope/window?{asked}").status_code == 422
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["products?type=dem&type=pose", "products?limit=1&limit=2",
+     "poses?robot=mana&robot=mana", "maps/dem/window?t1=1&t1=2",
+     "history?since=0&since=1", "status?x=1&x=2"],
+)  # fmt: skip
+def test_a_repeated_parameter_is_refused(http: TestClient, path: str) -> None:
+    answer = http.get(f"/api/v1/{path}")
+    assert (answer.status_code, answer.json()["code"]) == (422, "INVALID_ARGUMENT")
+    assert "repeated" in answer.json()["detail"]
+
+
+def test_a_deletion_with_a_repeated_parameter_deletes_nothing(http: TestClient, filled: Callable[[str], str]) -> None:
+    url = f"/api/v1/products/{filled('dem')}"
+    assert http.delete(f"{url}?a=1&a=1").status_code == 422
+    assert http.get(url).status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "headers", "status", "code"),
+    [
+        ("GET", "/nowhere", {}, 404, "NOT_FOUND"),
+        ("GET", "/static/x", {}, 404, "NOT_FOUND"),
+        ("PUT", "/api/v1/products", {}, 405, "INVALID_ARGUMENT"),
+        ("PATCH", "{dem}", {}, 428, "INVALID_ARGUMENT"),
+        ("PATCH", "{dem}", {"If-Match": '"r7"'}, 412, "CONFLICT"),
+        ("PATCH", "{dem}", {"If-Match": 'W/"r0"'}, 412, "CONFLICT"),
+        ("DELETE", "{dem}", {"If-Match": 'W/"r0"'}, 412, "CONFLICT"),
+        ("GET", "{dem}/payload", {"Range": "bytes=9999999-"}, 416, "INVALID_ARGUMENT"),
+    ],
+)
+def test_every_refusal_has_a_code(
+    http: TestClient, filled: Callable[[str], str], method: str, path: str, headers: dict[str, str], status: int,
+    code: str,
+) -> None:  # fmt: skip
+    url = path.format(dem=f"/api/v1/products/{filled('dem')}")
+    answer = http.request(method, url, headers=headers, json={"notes": "x"} if method == "PATCH" else None)
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
