@@ -43,7 +43,13 @@ class Explanation:
         }
 
 
-def explain(world: World, product: str, robots: Iterable[str], cover: Cover | None = None) -> Explanation:
+def explain(
+    world: World,
+    product: str,
+    robots: Iterable[str],
+    cover: Cover | None = None,
+    chosen: Plan | NoPlan | None = None,
+) -> Explanation:
     """Plan for ``product`` once as a request would, and once with each maker of it as the only one.
 
     Parameters
@@ -55,10 +61,13 @@ def explain(world: World, product: str, robots: Iterable[str], cover: Cover | No
         Robots whose product would do.
     cover : Cover, optional
         Where a region is asked: what of it is held, and who sees the rest.
+    chosen : Plan or NoPlan, optional
+        What a request would get, where more than the product decides it.
     """
     robots = tuple(robots)
     roots = sorted(m.id for m in world.makers.values() if m.id.robot in robots and product in m.products)
-    chosen = plan(world, product, robots) if cover is None else plan_cover(world, product, robots, cover)
+    if chosen is None:
+        chosen = plan(world, product, robots) if cover is None else plan_cover(world, product, robots, cover)
     alternatives: list[Plan] = []
     refused: dict[MakerId, str] = {}
     for root in roots:

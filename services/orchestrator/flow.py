@@ -146,8 +146,9 @@ class Flow:
         now = self._state.world(priority=request.priority)
         hopeful = self._state.world(hopeful=True, priority=request.priority)
         held_now = None if found is None else found[0]
-        cover = self._cover(request, robots, held_now, until_s, request.deadline_s)
-        told = explain(now, request.product, robots, cover)
+        counted = None if held_now is not None and _could_be_finer(request, hopeful, robots, held_now) else held_now
+        cover = self._cover(request, robots, counted, until_s, request.deadline_s)
+        told = explain(now, request.product, robots, cover, self._planned(request, now, robots, frozenset(), cover))
         body |= told.describe(now)
         again = self._planned(request, hopeful, robots, frozenset(), cover)
         if cover is not None:
@@ -391,11 +392,12 @@ class Flow:
         # What a standing request waits for is newer than all that is held.
         standing = request.every_s is not None
         found = None if p.best is None or standing else p.best[0]
-        cover = self._cover(request, robots, found, job.deadline_s - margin_s, job.remaining_s())
+        world = self._state.world(hopeful=True, priority=request.priority)
+        counted = None if found is not None and _could_be_finer(request, world, robots, found) else found
+        cover = self._cover(request, robots, counted, job.deadline_s - margin_s, job.remaining_s())
         if job.plan is None:  # later on, what is held has been made for it
             p.held = None if cover is None or standing else 0.0 if found is None else found.candidate.coverage or 0.0
         now = self._planned(request, self._state.world(priority=request.priority), robots, exclude, cover)
-        world = self._state.world(hopeful=True, priority=request.priority)
         hopeful = self._planned(request, world, robots, exclude, cover)
         if isinstance(hopeful, NoPlan):
             return hopeful
@@ -423,7 +425,7 @@ class Flow:
     ) -> Plan | NoPlan:
         """The cheapest plan of those fine enough, else of all: coarser is delivered rather than nothing."""
         makers = [m for m in world.makers.values() if request.product in m.products]
-        limit_m = float("inf") if request.resolution_m is None else request.resolution_m * RESOLUTION_TOLERANCE
+        limit_m = _limit_m(request)
         fine = frozenset(m.id for m in makers if m.resolution_m is None or m.resolution_m <= limit_m)
         made: Plan | NoPlan = NoPlan(())
         for roots in (fine, None) if 0 < len(fine) < len(makers) else (None,):
@@ -505,3 +507,17 @@ class Flow:
             "plan": job.plan,
         }
         return [Reply.of(body, kind="progress", job=job.id, final=False)] if job.request.progress else []
+
+
+def _limit_m(request: ProductRequest) -> float:
+    """Coarsest resolution that is as asked, metres."""
+    return float("inf") if request.resolution_m is None else request.resolution_m * RESOLUTION_TOLERANCE
+
+
+def _could_be_finer(request: ProductRequest, world: World, robots: Sequence[str], found: Found) -> bool:
+    """Whether what is held is coarser than asked, and some DFPC declares that it makes it as fine."""
+    limit_m, held_m = _limit_m(request), found.candidate.resolution_m
+    if held_m is None or held_m <= limit_m:
+        return False
+    makers = (m for m in world.makers.values() if request.product in m.products and m.id.robot in robots)
+    return any(m.resolution_m is not None and m.resolution_m <= limit_m for m in makers)

@@ -283,6 +283,28 @@ def test_what_is_held_though_coarser_is_said_to_be_served_where_nothing_finer_ca
     assert told["would"] == ("make" if told["plan"] else "serve")
 
 
+def test_what_is_held_coarser_than_asked_is_made_by_who_declares_to_be_finer(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    plain = mission.profile()
+    cells = {"dem": 1.0, "stereo_dem": 0.5}
+    finer = {name: {"parameters": {"resolution_m": m}} for name, m in cells.items()}
+    robots = tuple(
+        r.model_copy(update={"dfpcs": tuple(e.model_copy(update=finer.get(e.name, {})) for e in r.dfpcs)})
+        for r in plain.robots
+    )
+    monkeypatch.setattr(mission, "profile", lambda: plain.model_copy(update={"robots": robots}))
+    monkeypatch.setattr(Registry, "default", classmethod(lambda cls: mission.SimulatedRegistry()))
+    stage, wish = Stage(tmp_path), {"type": "dem", "robot": "mana", "region": "bbox:0,0,2,2"}
+    whole = stage.answer(stage.ask(**wish, min_coverage="0.99", deadline_ms="600000"), 600.0)
+    assert whole.attachment["delivered"]["resolution_m"] == 1.0
+    stage.run(60.0)
+    told = stage.answer(stage.ask(**wish, resolution_m="0.5", explain="true")).body()
+    assert (told["would"], told["plan"]["maker"]) == ("make", "mana/stereo_dem")
+    stage.answer(stage.ask(**wish, resolution_m="0.5"))
+    assert "mana/stereo_dem is to make it" in stage.decisions()
+
+
 def test_what_was_made_is_not_said_to_have_been_held_where_it_is_planned_anew(stage: Stage) -> None:
     stage.process("dem").degraded = stage.process("stereo_dem").degraded = True
     given = stage.answer(stage.ask(**DEM, region="bbox:0,0,4,4")).attachment["delivered"]
