@@ -127,6 +127,37 @@ def _select(points: Float, order: Int, a: int, b: int, k: int, axis: int) -> Non
 
 
 @njit(cache=True)
+def _leaf_below(
+    tree: KdTree, x: float, y: float, z: float, node: int, depth: int, d2: float, ox: float, oy: float, oz: float,
+    worst: float, nodes: Int, bounds: Float,
+) -> tuple[int, int]:  # pragma: no cover - compiled  # fmt: skip
+    """Go down from a node to the leaf of a point; far sides nearer than ``worst`` are put on the stack.
+
+    ``d2`` is the squared distance of the point from the node's box, ``ox, oy, oz`` its parts along the axes, metres.
+    Returns the leaf and the height of the stack (Arya and Mount 1993, doi:10.1109/DCC.1993.253111).
+    """
+    inner = len(tree.axis)
+    while node < inner:
+        c = tree.axis[node]
+        if c == 0:
+            off, was = x - tree.split[node], ox
+        elif c == 1:
+            off, was = y - tree.split[node], oy
+        else:
+            off, was = z - tree.split[node], oz
+        far = d2 - was * was + off * off
+        if far < worst:
+            bounds[depth, 0] = far
+            bounds[depth, 1] = off if c == 0 else ox
+            bounds[depth, 2] = off if c == 1 else oy
+            bounds[depth, 3] = off if c == 2 else oz
+            nodes[depth] = 2 * node + 2 if off < 0.0 else 2 * node + 1
+            depth += 1
+        node = 2 * node + 1 if off < 0.0 else 2 * node + 2
+    return node - inner, depth
+
+
+@njit(cache=True)
 def nearest_row(
     tree: KdTree, x: float, y: float, z: float, best: int, best_d2: float, nodes: Int, bounds: Float
 ) -> tuple[int, float]:  # pragma: no cover - compiled
@@ -139,28 +170,10 @@ def nearest_row(
     nodes, bounds : ndarray, shapes (40,) and (40, 4)
         Scratch, see ``scratch``.
     """
-    inner = len(tree.axis)
     node, depth = 0, 0
     d2 = ox = oy = oz = 0.0
     while True:
-        while node < inner:
-            c = tree.axis[node]
-            if c == 0:
-                off, was = x - tree.split[node], ox
-            elif c == 1:
-                off, was = y - tree.split[node], oy
-            else:
-                off, was = z - tree.split[node], oz
-            far = d2 - was * was + off * off
-            if far < best_d2:
-                bounds[depth, 0] = far
-                bounds[depth, 1] = off if c == 0 else ox
-                bounds[depth, 2] = off if c == 1 else oy
-                bounds[depth, 3] = off if c == 2 else oz
-                nodes[depth] = 2 * node + 2 if off < 0.0 else 2 * node + 1
-                depth += 1
-            node = 2 * node + 1 if off < 0.0 else 2 * node + 2
-        leaf = node - inner
+        leaf, depth = _leaf_below(tree, x, y, z, node, depth, d2, ox, oy, oz, best_d2, nodes, bounds)
         for i in range(tree.start[leaf], tree.start[leaf + 1]):
             dx, dy, dz = tree.points[i, 0] - x, tree.points[i, 1] - y, tree.points[i, 2] - z
             d = dx * dx + dy * dy + dz * dz
@@ -180,29 +193,12 @@ def nearest_rows(
     tree: KdTree, x: float, y: float, z: float, rows: Int, d2s: Float, nodes: Int, bounds: Float
 ) -> int:  # pragma: no cover - compiled
     """Fill ``rows`` and ``d2s`` with the nearest reordered rows, nearest first; returns how many there are."""
-    inner, count, found = len(tree.axis), len(rows), 0
+    count, found = len(rows), 0
     worst = np.inf
     node, depth = 0, 0
     d2 = ox = oy = oz = 0.0
     while True:
-        while node < inner:
-            c = tree.axis[node]
-            if c == 0:
-                off, was = x - tree.split[node], ox
-            elif c == 1:
-                off, was = y - tree.split[node], oy
-            else:
-                off, was = z - tree.split[node], oz
-            far = d2 - was * was + off * off
-            if far < worst:
-                bounds[depth, 0] = far
-                bounds[depth, 1] = off if c == 0 else ox
-                bounds[depth, 2] = off if c == 1 else oy
-                bounds[depth, 3] = off if c == 2 else oz
-                nodes[depth] = 2 * node + 2 if off < 0.0 else 2 * node + 1
-                depth += 1
-            node = 2 * node + 1 if off < 0.0 else 2 * node + 2
-        leaf = node - inner
+        leaf, depth = _leaf_below(tree, x, y, z, node, depth, d2, ox, oy, oz, worst, nodes, bounds)
         for i in range(tree.start[leaf], tree.start[leaf + 1]):
             dx, dy, dz = tree.points[i, 0] - x, tree.points[i, 1] - y, tree.points[i, 2] - z
             d = dx * dx + dy * dy + dz * dz

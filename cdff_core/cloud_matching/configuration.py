@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What point_cloud_matching and shot_localisation let be configured alike."""
+"""What every DFPC that matches clouds lets be configured alike."""
 
 from __future__ import annotations
 
@@ -8,24 +8,15 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
+from cdff_common.interfaces.dfn import StrictModel
 from cdff_common.interfaces.dfpc import DfpcConfig
 
 Radii = tuple[Annotated[float, Field(ge=2.0, le=100.0)], ...]
 
 
-class MatchingConfig(DfpcConfig):
-    """Parameters of the DFN slots, scales in voxels of the matched clouds, and the gates an answer must pass."""
+class MatchingGates(StrictModel):
+    """Scales in voxels of the matched clouds, how widely is searched, and the gates an answer must pass."""
 
-    filter: dict[str, Any] = Field({}, description="Of PointCloudFiltering, on the clouds as they come")
-    thin: dict[str, Any] = Field({}, description="Of PointCloudDownsampling, for refinement and assessment")
-    outliers: dict[str, Any] = Field({}, description="Of PointCloudFiltering, after thinning")
-    normals: dict[str, Any] = Field({}, description="Of NormalsEstimation")
-    keypoints: dict[str, Any] = Field({}, description="Of FeaturesExtraction3D")
-    describe: dict[str, Any] = Field({}, description="Of FeaturesDescription3D")
-    match: dict[str, Any] = Field({}, description="Of FeaturesMatching3D")
-    solve: dict[str, Any] = Field({}, description="Of GlobalRegistration3D")
-    refine: dict[str, Any] = Field({}, description="Of Registration3D")
-    assess: dict[str, Any] = Field({}, description="Of RegistrationAssessment")
     keypoint_voxels: float = Field(1.5, ge=1.0, le=50.0, description="Scale of the keypoints, in voxels")
     support_voxels: Radii = Field(
         (11.0, 8.0), min_length=1, max_length=8, description="Radii of the descriptors, in voxels, tried in turn"
@@ -39,3 +30,18 @@ class MatchingConfig(DfpcConfig):
     min_agreement: float = Field(0.5, ge=0, le=1, description="Agreement of a direction below which it is FAILED")
     good_agreement: float = Field(0.7, ge=0, le=1, description="Agreement of a direction below which it is DEGRADED")
     max_chance: float = Field(1e-3, gt=0, description="Cliques expected among random matches, FAILED above")
+
+
+class MatchingConfig(MatchingGates, DfpcConfig):
+    """The same with the parameters of the DFN slots."""
+
+    filter: dict[str, Any] = Field({}, description="Of PointCloudFiltering, on the clouds as they come")
+    thin: dict[str, Any] = Field({}, description="Of PointCloudDownsampling, for refinement and assessment")
+    outliers: dict[str, Any] = Field({}, description="Of PointCloudFiltering, after thinning")
+    normals: dict[str, Any] = Field({}, description="Of NormalsEstimation")
+    keypoints: dict[str, Any] = Field({}, description="Of FeaturesExtraction3D")
+    describe: dict[str, Any] = Field({}, description="Of FeaturesDescription3D")
+    match: dict[str, Any] = Field({}, description="Of FeaturesMatching3D")
+    solve: dict[str, Any] = Field({}, description="Of GlobalRegistration3D")
+    refine: dict[str, Any] = Field({}, description="Of Registration3D")
+    assess: dict[str, Any] = Field({}, description="Of RegistrationAssessment")

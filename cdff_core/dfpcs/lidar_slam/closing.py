@@ -29,21 +29,6 @@ Float = NDArray[np.float64]
 _PREPARED = 16
 
 
-@dataclass(frozen=True, slots=True)
-class _Gates:
-    """What a registration must pass (``acceptance.Gates``), and how widely is searched (``search.Scales``)."""
-
-    min_overlap: float
-    good_overlap: float
-    min_inlier_ratio: float
-    max_rms_gates: float
-    min_agreement: float
-    good_agreement: float
-    max_chance: float
-    support_voxels: tuple[float, ...]
-    candidates: int
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Loop:
     """A verified loop: ``T_old_new`` of two key frames."""
@@ -66,11 +51,7 @@ class LoopCloser:
     def __init__(self, dfpc: Dfpc, config: LidarSlamConfig) -> None:
         c = self._config = config
         self._detect, self._thin_matched = dfpc.dfn("detect"), dfpc.dfn("thin_matched")
-        self._matcher = CloudMatcher(dfpc, c.keypoint_voxels, c.noise_voxels)
-        self._gates = _Gates(
-            c.min_overlap, c.good_overlap, c.min_inlier_share, c.max_rms_gates, c.min_agreement, c.good_agreement,
-            c.max_chance, c.support_voxels, c.cliques,
-        )  # fmt: skip
+        self._matcher = CloudMatcher(dfpc, c.loops.keypoint_voxels, c.loops.noise_voxels)
         self._prepared: dict[int, Cloud] = {}
         self.refusals: Counter[str] = Counter()
 
@@ -172,7 +153,7 @@ class LoopCloser:
         if source is None or target is None:
             return None
         try:
-            search = Search(self._matcher, source, target, self._gates, self._judged)
+            search = Search(self._matcher, source, target, self._config.loops, self._judged)
             found, _ = next(search.acceptable(), (None, None))
         except InputError:
             found = None
@@ -192,7 +173,7 @@ class LoopCloser:
 
     def _judged(self, found: Found) -> Quality:
         overlap = max(float(found.assessment.overlap_source), float(found.assessment.overlap_target))
-        return judged(found, overlap, self._gates)
+        return judged(found, overlap, self._config.loops)
 
     def _allowed(self, places: KeyFrameMap, old: int, key: int, T: Float, way_m: float) -> bool:
         """Whether a loop differs from the graph by no more than drift on the way round explains."""

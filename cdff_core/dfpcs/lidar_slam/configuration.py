@@ -4,11 +4,21 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Any
 
 from pydantic import Field
 
 from cdff_common.interfaces.dfpc import DfpcConfig
+from cdff_core.cloud_matching.configuration import MatchingGates
+
+
+class LoopGates(MatchingGates):
+    """Gates of a loop, which is right or none: what is only good enough for DEGRADED is refused."""
+
+    candidates: int = Field(2, ge=1, le=20, description="Cliques of the matches that are tried, for each radius")
+    min_overlap: float = Field(0.4, gt=0, le=1, description="Larger of both overlaps below which a loop is refused")
+    good_overlap: float = Field(0.4, gt=0, le=1, description="As min_overlap")
+    good_agreement: float = Field(0.5, ge=0, le=1, description="As min_agreement")
 
 
 class LidarSlamConfig(DfpcConfig):
@@ -68,19 +78,7 @@ class LidarSlamConfig(DfpcConfig):
         20_000, ge=10, le=10_000_000, description="Poses of the trajectory kept; beyond, every other goes"
     )
 
-    keypoint_voxels: float = Field(1.5, ge=1.0, le=50.0, description="Scale of the keypoints, in voxels")
-    support_voxels: tuple[Annotated[float, Field(ge=2.0, le=100.0)], ...] = Field(
-        (11.0, 8.0), min_length=1, max_length=8, description="Radii of the descriptors, in voxels, tried in turn"
-    )
-    cliques: int = Field(2, ge=1, le=20, description="Cliques of the matches that are tried, for each radius")
-    noise_voxels: float = Field(1.0, gt=0.0, le=20.0, description="Noise of right pairs, in voxels")
-    min_overlap: float = Field(0.4, gt=0, le=1, description="Larger of both overlaps below which a loop is refused")
-    good_overlap: float = Field(0.4, gt=0, le=1, description="As min_overlap: a loop is right or none")
-    min_inlier_share: float = Field(0.5, gt=0, le=1, description="Share of pairs the kernel keeps, refused below")
-    max_rms_gates: float = Field(0.25, gt=0, le=1, description="Residuals in gates of the overlap, refused above")
-    min_agreement: float = Field(0.5, ge=0, le=1, description="Agreement of a direction below which it is refused")
-    good_agreement: float = Field(0.5, ge=0, le=1, description="As min_agreement: a loop is right or none")
-    max_chance: float = Field(1e-3, gt=0, description="Cliques expected among random matches, refused above")
+    loops: LoopGates = Field(LoopGates(), description="What an alignment of two key frames must pass to be a loop")
     drift_allowed_m: float = Field(0.5, gt=0.0, description="A loop may differ from the graph by this, metres")
     drift_allowed_share: float = Field(0.03, ge=0.0, le=1.0, description="And by this share of the way round")
     turn_allowed_rad: float = Field(0.05, gt=0.0, description="A loop may differ from the graph by this turn")
