@@ -59,7 +59,7 @@ def rehearse(
     CdffError
         If the script is malformed, or the store or the folder cannot be used.
     """
-    script = read_script(requests, start_ns)
+    script = read_script(requests, start_ns, profile.robot_ids)
     journal = out / "journal.jsonl"
     journal.unlink(missing_ok=True)
     with ExitStack() as stack:

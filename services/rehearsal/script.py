@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ class ScriptedRequest:
     parameters: Mapping[str, str]
 
 
-def read_script(path: Path, start_ns: int) -> list[ScriptedRequest]:
+def read_script(path: Path, start_ns: int, robots: Collection[str]) -> list[ScriptedRequest]:
     """Read a YAML file of requests.
 
     Parameters
@@ -37,6 +37,8 @@ def read_script(path: Path, start_ns: int) -> list[ScriptedRequest]:
         request as an autonomy framework would send them. ``request`` is made up where it is left out.
     start_ns : int
         Stamp of the log's first sample.
+    robots : collection of str
+        Those of the mission.
 
     Returns
     -------
@@ -53,6 +55,10 @@ def read_script(path: Path, start_ns: int) -> list[ScriptedRequest]:
     if not isinstance(entries, list) or not entries or set(document) != {"requests"}:
         raise InputError(f"{path}: {_HELP}")
     script = [_entry(path, number, entry, start_ns) for number, entry in enumerate(entries, 1)]
+    for number, scripted in enumerate(script, 1):
+        if scripted.request.robot not in (*robots, "any"):
+            known = ", ".join(robots)
+            raise InputError(f"{path}: request {number}: robot={scripted.request.robot!r}, expected any or {known}")
     names = [s.request.id for s in script]
     repeated = {name for name in names if names.count(name) > 1}
     if repeated:

@@ -17,7 +17,7 @@ START_NS = 1_000_000_000
 def read(tmp_path: Path, text: str) -> list[tuple[int, str, str]]:
     path = tmp_path / "requests.yaml"
     path.write_text(text)
-    return [(s.at_ns, s.request.product, s.request.id) for s in read_script(path, START_NS)]
+    return [(s.at_ns, s.request.product, s.request.id) for s in read_script(path, START_NS, ["mana"])]
 
 
 def test_requests_come_in_the_order_of_their_times(tmp_path: Path) -> None:
@@ -35,6 +35,7 @@ def test_requests_come_in_the_order_of_their_times(tmp_path: Path) -> None:
         ("requests: [{at_s: -1, type: dem, robot: any}]", "at_s=-1"),
         ("requests: [{at_s: 0, type: cheese, robot: any}]", "request 1: type"),
         ("requests: [{at_s: 0, type: dem, robot: any, every_s: 1}]", "answered once"),
+        ("requests: [{at_s: 0, type: dem, robot: zhurong}]", "request 1: robot='zhurong', expected any or mana"),
         (
             "requests: [{at_s: 0, type: dem, robot: any, request: a}, {at_s: 1, type: dem, robot: any, request: a}]",
             "there twice",
