@@ -26,24 +26,37 @@ class ParameterRow:
 
 
 def parameter_rows(config: type[StrictModel]) -> list[ParameterRow]:
-    """One row per field of the model, in its order."""
+    """One row per field of the model, in its order; fields of a model within it follow with its name and a dot."""
     schema = config.model_json_schema()
-    required = set(schema.get("required", ()))
-    return [
-        ParameterRow(
-            name=name,
+    return list(_rows(schema, schema, {}, ""))
+
+
+def _rows(model: dict[str, Any], schema: dict[str, Any], given: dict[str, Any], prefix: str) -> Iterator[ParameterRow]:
+    """Rows of a model; ``given`` are the values that the field which holds it sets, before the model's own defaults."""
+    required = set(model.get("required", ())) - set(given)
+    for name, field in model.get("properties", {}).items():
+        default = given.get(name, field.get("default"))
+        inner = _resolved(field, schema)
+        if inner.get("properties"):
+            yield from _rows(inner, schema, default or {}, f"{prefix}{name}.")
+            continue
+        yield ParameterRow(
+            name=prefix + name,
             type=_type(field, schema),
-            default="required" if name in required else json.dumps(field.get("default"), ensure_ascii=False),
+            default="required" if name in required else json.dumps(default, ensure_ascii=False),
             bounds=", ".join(_bounds(field)),
             doc=" ".join(field.get("description", "").split()),
         )
-        for name, field in schema.get("properties", {}).items()
-    ]
+
+
+def _resolved(field: dict[str, Any], schema: dict[str, Any]) -> dict[str, Any]:
+    """The field, or the definition it refers to."""
+    return schema["$defs"][field["$ref"].rsplit("/", 1)[1]] if "$ref" in field else field
 
 
 def _type(field: dict[str, Any], schema: dict[str, Any]) -> str:
     if "$ref" in field:
-        return _type(schema["$defs"][field["$ref"].rsplit("/", 1)[1]], schema)
+        return _type(_resolved(field, schema), schema)
     if "enum" in field:
         return " or ".join(json.dumps(value) for value in field["enum"])
     if "const" in field:

@@ -10,8 +10,13 @@ from cdff_common.interfaces.dfn import DfnConfig, StrictModel
 from cdff_common.interfaces.parameters import ParameterRow, parameter_rows
 
 
+class _Inner(StrictModel):
+    y: Annotated[float, Field(gt=0, description="metres")]
+
+
 class _Part(StrictModel):
     x: int = 0
+    inner: _Inner = _Inner(y=2.0)
 
 
 class _Config(DfnConfig):
@@ -20,18 +25,27 @@ class _Config(DfnConfig):
     kind: Literal["a", "b"] = "a"
     corner_m: tuple[float, float, float]
     names: tuple[str, ...] = ()
-    part: _Part = _Part()
+    part: _Part = _Part(x=7)
+    other: _Inner
 
 
 def test_rows_give_type_default_bounds_and_meaning_in_the_order_of_the_model() -> None:
     rows = parameter_rows(_Config)
-    assert [r.name for r in rows] == ["window", "limit_m", "kind", "corner_m", "names", "part"]
+    assert [r.name for r in rows] == [
+        *("window", "limit_m", "kind", "corner_m", "names", "part.x", "part.inner.y", "other.y")
+    ]
     assert rows[0] == ParameterRow("window", "integer", "3", "≥ 1, < 50", "beams on each side")
     assert (rows[1].type, rows[1].default, rows[1].bounds) == ("number or null", "null", "> 0")
     assert rows[2].type == '"a" or "b"'
     assert (rows[3].type, rows[3].default) == ("3 x number", "required")
     assert rows[4].type == "list of string"
-    assert rows[5].type == "object"
+
+
+def test_fields_of_models_within_a_model_are_rows_with_dots_and_the_defaults_of_the_outermost() -> None:
+    x, y, other = parameter_rows(_Config)[5:]
+    assert x == ParameterRow("part.x", "integer", "7", "", "")
+    assert y == ParameterRow("part.inner.y", "number", "2.0", "> 0", "metres")
+    assert other.default == "required"
 
 
 def test_configuration_without_fields_has_no_rows() -> None:
