@@ -8,6 +8,7 @@ meridian, metres (of an orbital target: as its model has it). Longitudes are eas
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -102,14 +103,16 @@ class Body:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Body:
-        """Inverse of ``to_dict``; a body with radii and without a CRS gets the sphere of their geometric mean.
+        """Inverse of ``to_dict``; a body with radii and without a CRS gets a sphere.
+
+        Its radius is ``mean_radius_m`` (that of equal volume) where it is given, else the geometric mean of the radii.
 
         Raises
         ------
         InputError
             On a field that is missing, unknown or out of range, or a CRS that is no geographic one.
         """
-        known = {"name", "kind", "naif_id", "radii_m", "crs", "source"}
+        known = {"name", "kind", "naif_id", "radii_m", "mean_radius_m", "crs", "source"}
         if unknown := sorted(set(map(str, data)) - known):
             raise InputError(f"body: unknown field {unknown[0][:80]!r}, expected {', '.join(sorted(known))}")
         try:
@@ -119,7 +122,9 @@ class Body:
             axes = None if radii is None else (float(radii[0]), float(radii[1]), float(radii[2]))
             name, kind, crs = str(data["name"]), str(data["kind"]), data.get("crs")
             if crs is None and axes is not None and kind != "target":
-                crs = sphere_wkt(name, (axes[0] * axes[1] * axes[2]) ** (1.0 / 3.0))
+                crs = sphere_wkt(name, _sphere_m(name, axes, data.get("mean_radius_m")))
+            elif data.get("mean_radius_m") is not None:
+                raise InputError(f"body {name}: mean_radius_m is of bodies with radii_m, a surface and no crs")
             return cls(
                 name, kind, None if naif_id is None else int(naif_id), axes,
                 None if crs is None else str(crs), str(data.get("source", "")),
@@ -183,6 +188,16 @@ def engineering_projjson(frame: str, *, height: bool = False) -> dict[str, Any]:
         "datum": {"type": "EngineeringDatum", "name": f"Origin and axes of frame {frame}"},
         "coordinate_system": {"subtype": "Cartesian", "axis": axes},
     }  # fmt: skip
+
+
+def _sphere_m(name: str, axes_m: tuple[float, float, float], mean_m: float | None) -> float:
+    """Radius of the sphere for longitude and latitude, metres; a shape is nowhere outside of its semi-axes."""
+    if not all(0.0 < r < 1e10 for r in axes_m):
+        raise InputError(f"body {name}: radii_m {axes_m}, expected metres above 0")
+    radius_m = math.prod(axes_m) ** (1.0 / 3.0) if mean_m is None else float(mean_m)
+    if not 0.0 < radius_m <= max(axes_m):
+        raise InputError(f"body {name}: mean_radius_m {radius_m:g}, expected above 0 and at most {max(axes_m):g}")
+    return radius_m
 
 
 def _check_geographic(name: str, crs: Any) -> None:

@@ -37,6 +37,12 @@ class Body(BaseModel):
     source: Annotated[str, Field(max_length=1000)] = ""
 
 
+class NewBody(Body):
+    """A body as it is entered; the sphere is one of ``mean_radius_m`` where it is given."""
+
+    mean_radius_m: Annotated[float | None, Field(gt=0, lt=1e10, allow_inf_nan=False)] = None
+
+
 class Bodies(BaseModel):
     """Bodies that were entered or anchored on."""
 
@@ -97,7 +103,7 @@ def body(context: Ctx, name: str) -> dict[str, Any]:
 
 
 @router.post("/bodies", response_model=DefinedBody, status_code=201, openapi_extra=allowed("operator"))
-def define(context: Ctx, new: Body) -> dict[str, Any]:
+def define(context: Ctx, new: NewBody) -> dict[str, Any]:
     """Enter a body that no authority lists, or a new revision of one."""
     return context.dpm.define_body(new.model_dump(), "http")
 
