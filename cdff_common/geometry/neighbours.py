@@ -81,17 +81,18 @@ def _search(
                 if first_z > last_z or off_x * off_x + off_y * off_y > 1.000001 * radius * radius:
                     continue
                 run = (gx * size[1] + gy) * size[2]
-                last = run + last_z
-                for j in range(np.searchsorted(key, run + first_z), len(key)):
-                    if key[j] > last:
-                        break
+                low_j = np.searchsorted(key, run + first_z)
+                high_j = low_j
+                while high_j < len(key) and key[high_j] <= run + last_z:
+                    high_j += 1
+                if total + high_j - low_j > len(index):
+                    larger = np.empty(2 * len(index) + high_j - low_j, np.int64)
+                    larger[:total] = index[:total]
+                    index = larger
+                for j in range(low_j, high_j):
                     dx, dy, dz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z
-                    if dx * dx + dy * dy + dz * dz <= radius * radius:
-                        if total == len(index):
-                            larger = np.empty(2 * len(index), np.int64)
-                            larger[:total] = index
-                            index = larger
-                        index[total] = order[j]
-                        total += 1
+                    # Written always, kept where it is near: a branch here is foretold wrongly half of the time.
+                    index[total] = order[j]
+                    total += dx * dx + dy * dy + dz * dz <= radius * radius
         start[i + 1] = total
     return start, index[:total].copy()

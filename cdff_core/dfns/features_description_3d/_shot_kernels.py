@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled loops of SHOT: scatter and signs of the local reference frame, and the histogram."""
+"""Compiled loops of SHOT: the local reference frames, and the histograms."""
 
 from __future__ import annotations
 
@@ -10,23 +10,53 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from cdff_common.geometry.plane_fits import eigen
+
 Float = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 Int = NDArray[np.int64]
 
 AZIMUTHS, ELEVATIONS, SHELLS, COSINES = 8, 2, 2, 11
 LENGTH = AZIMUTHS * ELEVATIONS * SHELLS * COSINES
+#: Bins of the cosine and one that only ever gets 0, so that each neighbour has two.
+_ROW = COSINES + 1
 
 
-@njit(cache=True)
-def scatters(points: Float, keypoints: Float, start: Int, index: Int, radius: float) -> Float:  # pragma: no cover
-    """Weighted scatter about each keypoint, (k, 3, 3): ``sum (R - d) (p - q)(p - q)^T / sum (R - d)``."""
-    out = np.zeros((len(keypoints), 3, 3))
+def _arctangent() -> tuple[float, ...]:
+    """Coefficients of t, t^3, ... of ``atan t`` in [0, 1], within 4e-10: its Chebyshev series, cut after 11 terms.
+
+    ``atan t = 2 sum (-1)^k q^(2k+1) / (2k+1) T_(2k+1)(t)``, ``q = sqrt 2 - 1`` (Mason, Handscomb 2003, 5.2).
+    """
+    series = np.zeros(22)
+    k = np.arange(11)
+    series[1::2] = 2.0 * (-1.0) ** k * (math.sqrt(2.0) - 1.0) ** (2 * k + 1) / (2 * k + 1)
+    return tuple(float(c) for c in np.polynomial.chebyshev.cheb2poly(series)[1::2])
+
+
+_A0, _A1, _A2, _A3, _A4, _A5, _A6, _A7, _A8, _A9, _A10 = _arctangent()
+
+
+@njit(cache=True, fastmath=True)
+def local_frames(
+    points: Float, keypoints: Float, start: Int, index: Int, radius: float
+) -> tuple[Float, Float]:  # pragma: no cover - compiled
+    """Axes x, y, z as rows (k, 3, 3) and variances (k, 3) ascending of ``sum (R - d) (p - q)(p - q)^T / sum (R - d)``.
+
+    x and z point to where most neighbours lie; on a tie the sum of the projections decides, since the paper's subset
+    about the median distance can tie again.
+    """
+    frames, variance = np.zeros((len(keypoints), 3, 3)), np.zeros((len(keypoints), 3))
+    offset = np.empty((3, _most(start)))
+    scatter, values, vectors = np.empty((3, 3)), np.empty(3), np.empty((3, 3))
     for k in range(len(keypoints)):
-        total = 0.0
-        xx = xy = xz = yy = yz = zz = 0.0
-        for i in index[start[k] : start[k + 1]]:
-            x, y, z = points[i, 0] - keypoints[k, 0], points[i, 1] - keypoints[k, 1], points[i, 2] - keypoints[k, 2]
+        n = start[k + 1] - start[k]
+        qx, qy, qz = keypoints[k, 0], keypoints[k, 1], keypoints[k, 2]
+        for j in range(n):
+            i = index[start[k] + j]
+            offset[0, j], offset[1, j], offset[2, j] = points[i, 0] - qx, points[i, 1] - qy, points[i, 2] - qz
+        total = xx = xy = xz = yy = yz = zz = sx = sy = sz = 0.0
+        for j in range(n):
+            x, y, z = offset[0, j], offset[1, j], offset[2, j]
             w = radius - math.sqrt(x * x + y * y + z * z)
             total += w
             xx += w * x * x
@@ -35,38 +65,32 @@ def scatters(points: Float, keypoints: Float, start: Int, index: Int, radius: fl
             yy += w * y * y
             yz += w * y * z
             zz += w * z * z
-        if total > 0.0:
-            m = out[k]
-            m[0, 0], m[1, 1], m[2, 2] = xx / total, yy / total, zz / total
-            m[0, 1] = m[1, 0] = xy / total
-            m[0, 2] = m[2, 0] = xz / total
-            m[1, 2] = m[2, 1] = yz / total
-    return out
+            sx += x
+            sy += y
+            sz += z
+        if total <= 0.0:
+            continue
+        scatter[0, 0], scatter[1, 1], scatter[2, 2] = xx / total, yy / total, zz / total
+        scatter[1, 0], scatter[2, 0], scatter[2, 1] = xy / total, xz / total, yz / total
+        eigen(scatter, values, vectors)
+        variance[k] = values
+        for row, column in ((0, 2), (2, 0)):
+            ax, ay, az = vectors[0, column], vectors[1, column], vectors[2, column]
+            majority = 0
+            for j in range(n):
+                s = offset[0, j] * ax + offset[1, j] * ay + offset[2, j] * az
+                majority += (s > 0.0) - (s < 0.0)
+            turned = majority < 0 or (majority == 0 and sx * ax + sy * ay + sz * az < 0.0)
+            sign = -1.0 if turned else 1.0
+            frames[k, row, 0], frames[k, row, 1], frames[k, row, 2] = sign * ax, sign * ay, sign * az
+        x, z = frames[k, 0], frames[k, 2]
+        frames[k, 1, 0] = z[1] * x[2] - z[2] * x[1]
+        frames[k, 1, 1] = z[2] * x[0] - z[0] * x[2]
+        frames[k, 1, 2] = z[0] * x[1] - z[1] * x[0]
+    return frames, variance
 
 
-@njit(cache=True)
-def turn_to_majority(axis: Float, points: Float, keypoints: Float, start: Int, index: Int) -> None:  # pragma: no cover
-    """Negate each ``axis`` (k, 3) that has more neighbours behind it than before it.
-
-    On a tie the sum of the projections decides: the paper's subset about the median distance can tie again.
-    """
-    for k in range(len(keypoints)):
-        before, behind, total = 0, 0, 0.0
-        for i in index[start[k] : start[k + 1]]:
-            s = 0.0
-            for c in range(3):
-                s += (points[i, c] - keypoints[k, c]) * axis[k, c]
-            total += s
-            if s > 0.0:
-                before += 1
-            elif s < 0.0:
-                behind += 1
-        if behind > before or (behind == before and total < 0.0):
-            for c in range(3):
-                axis[k, c] = -axis[k, c]
-
-
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True, fastmath=True)
 def histograms(
     points: Float, normals: Float, keypoints: Float, frames: Float, start: Int, index: Int, radius: float, signed: bool
 ) -> Float32:  # pragma: no cover - compiled
@@ -75,85 +99,99 @@ def histograms(
     Order of the bins: azimuth, elevation, shell, cosine (fastest). Each neighbour is spread over the two nearest bins
     of each dimension with weights ``1 - d``; d is the distance to the bin's centre over the distance between centres.
     What falls outside the outermost centres of shell and elevation is lost, as the definition has no bin for it.
+
+    Two loops: the first, over arrays, is compiled to vector instructions; the second adds up, elevations and shells
+    side by side in memory.
     """
     out = np.zeros((len(keypoints), LENGTH), np.float32)
-    h = np.zeros(LENGTH)
+    h = np.zeros(AZIMUTHS * _ROW * 4)
+    at = np.empty((6, _most(start)))  # positions in bins of azimuth and cosine, weights of elevations and shells
+    p = np.empty((6, _most(start)))
     least2 = (1e-12 * radius) ** 2
     for k in range(len(keypoints)):
+        n = start[k + 1] - start[k]
+        for j in range(n):
+            i = index[start[k] + j]
+            for c in range(3):
+                p[c, j], p[3 + c, j] = points[i, c] - keypoints[k, c], normals[i, c]
+        _positions(p, at, n, frames[k], radius, least2, signed)
         h[:] = 0.0
-        qx, qy, qz = keypoints[k, 0], keypoints[k, 1], keypoints[k, 2]
-        xx, xy, xz = frames[k, 0, 0], frames[k, 0, 1], frames[k, 0, 2]
-        yx, yy, yz = frames[k, 1, 0], frames[k, 1, 1], frames[k, 1, 2]
-        zx, zy, zz = frames[k, 2, 0], frames[k, 2, 1], frames[k, 2, 2]
-        for i in index[start[k] : start[k + 1]]:
-            px, py, pz = points[i, 0] - qx, points[i, 1] - qy, points[i, 2] - qz
-            d2 = px * px + py * py + pz * pz
-            if d2 < least2:
-                continue
-            x, y, z = xx * px + xy * py + xz * pz, yx * px + yy * py + yz * pz, zx * px + zy * py + zz * pz
-            cosine = zx * normals[i, 0] + zy * normals[i, 1] + zz * normals[i, 2]
-            if not signed:
-                cosine = 2.0 * abs(cosine) - 1.0
-            cosine = min(max(cosine, -1.0), 1.0)
-            azimuth, latitude = angle(y, x), angle(z, math.sqrt(x * x + y * y))
-            c0, c1, u, v = _split(0.5 * (1.0 + cosine) * (COSINES - 1), COSINES)
-            e0, e1, ew0, ew1 = _split((latitude / math.pi + 0.5) * ELEVATIONS - 0.5, ELEVATIONS)
-            r0, r1, rw0, rw1 = _split(math.sqrt(d2) / radius * SHELLS - 0.5, SHELLS)
-            position = (azimuth / (2.0 * math.pi) + 0.5) * AZIMUTHS - 0.5
-            first = math.floor(position)
-            aw1 = position - first
-            a0 = int(first) % AZIMUTHS
-            a1 = (a0 + 1) % AZIMUTHS
-            for a, aw in ((a0, 1.0 - aw1), (a1, aw1)):
-                for e, ew in ((e0, aw * ew0), (e1, aw * ew1)):
-                    row = (a * ELEVATIONS + e) * SHELLS
-                    at = (row + r0) * COSINES
-                    h[at + c0] += ew * rw0 * u
-                    h[at + c1] += ew * rw0 * v
-                    at = (row + r1) * COSINES
-                    h[at + c0] += ew * rw1 * u
-                    h[at + c1] += ew * rw1 * v
+        for j in range(n):
+            a, c = int(at[0, j]), int(at[1, j])
+            aw, cw = at[0, j] - a, at[1, j] - c
+            first, second = (a % AZIMUTHS * _ROW + c) * 4, ((a + 1) % AZIMUTHS * _ROW + c) * 4
+            e0, e1, s0, s1 = at[2, j], at[3, j], at[4, j], at[5, j]
+            e0s0, e0s1, e1s0, e1s1 = e0 * s0, e0 * s1, e1 * s0, e1 * s1
+            for low, w in ((first, 1.0 - aw), (second, aw)):
+                v = w * (1.0 - cw)
+                h[low] += v * e0s0
+                h[low + 1] += v * e0s1
+                h[low + 2] += v * e1s0
+                h[low + 3] += v * e1s1
+                v = w * cw
+                h[low + 4] += v * e0s0
+                h[low + 5] += v * e0s1
+                h[low + 6] += v * e1s0
+                h[low + 7] += v * e1s1
         norm = 0.0
-        for j in range(LENGTH):
+        for j in range(len(h)):
             norm += h[j] * h[j]
-        if norm > 0.0:
-            norm = 1.0 / math.sqrt(norm)
-            for j in range(LENGTH):
-                out[k, j] = h[j] * norm
+        if norm <= 0.0:
+            continue
+        norm = 1.0 / math.sqrt(norm)
+        for a in range(AZIMUTHS):
+            for es in range(4):
+                for c in range(COSINES):
+                    out[k, (a * 4 + es) * COSINES + c] = h[(a * _ROW + c) * 4 + es] * norm
     return out
 
 
-@njit(cache=True, inline="always")
-def _split(position: float, count: int) -> tuple[int, int, float, float]:  # pragma: no cover - compiled
-    """The two bins about ``position``, whose integers are bin centres, and their weights; 0 for a bin that is not."""
-    low = math.floor(position)
-    second = position - low
-    first = 1.0 - second
-    i = int(low)
-    j = i + 1
-    if i < 0:
-        i, first = 0, 0.0
-    if j >= count:
-        j, second = count - 1, 0.0
-    return i, j, first, second
+@njit(cache=True, fastmath=True)
+def _positions(
+    p: Float, at: Float, n: int, axes: Float, radius: float, least2: float, signed: bool
+) -> None:  # pragma: no cover - compiled
+    """Rows of ``at`` from offsets and normals ``p`` (6, n); a neighbour at the keypoint itself gets weights 0."""
+    xx, xy, xz = axes[0, 0], axes[0, 1], axes[0, 2]
+    yx, yy, yz = axes[1, 0], axes[1, 1], axes[1, 2]
+    zx, zy, zz = axes[2, 0], axes[2, 1], axes[2, 2]
+    for j in range(n):
+        dx, dy, dz = p[0, j], p[1, j], p[2, j]
+        x, y, z = xx * dx + xy * dy + xz * dz, yx * dx + yy * dy + yz * dz, zx * dx + zy * dy + zz * dz
+        flat2 = x * x + y * y
+        d2 = flat2 + z * z
+        cosine = zx * p[3, j] + zy * p[4, j] + zz * p[5, j]
+        cosine = cosine if signed else 2.0 * abs(cosine) - 1.0
+        cosine = min(max(cosine, -1.0), 1.0)
+        turn = angle(y, x) * (0.5 * AZIMUTHS / math.pi) + (0.5 * AZIMUTHS - 0.5)
+        turn = turn if turn >= 0.0 else turn + AZIMUTHS
+        elevation = angle(z, math.sqrt(flat2)) * (ELEVATIONS / math.pi) + 0.5 * (ELEVATIONS - 1)
+        shell = math.sqrt(d2) * (SHELLS / radius) - 0.5
+        counts = 1.0 if d2 >= least2 else 0.0
+        at[0, j] = turn
+        at[1, j] = 0.5 * (1.0 + cosine) * (COSINES - 1)
+        at[2, j] = counts * max(1.0 - abs(elevation), 0.0)
+        at[3, j] = counts * max(1.0 - abs(elevation - 1.0), 0.0)
+        at[4, j] = max(1.0 - abs(shell), 0.0)
+        at[5, j] = max(1.0 - abs(shell - 1.0), 0.0)
+
+
+@njit(cache=True)
+def _most(start: Int) -> int:  # pragma: no cover - compiled
+    """The greatest number of neighbours."""
+    most = 0
+    for k in range(len(start) - 1):
+        most = max(most, start[k + 1] - start[k])
+    return most
 
 
 @njit(cache=True, inline="always")
 def angle(y: float, x: float) -> float:  # pragma: no cover - compiled
-    """``atan2(y, x)`` within 2e-8, at a third of its cost: the arctangent's series after two reductions."""
+    """``atan2(y, x)`` within 1e-9 and without branches; 0 where both are."""
     ax, ay = abs(x), abs(y)
-    most, least = max(ax, ay), min(ax, ay)
-    if most == 0.0:
-        return 0.0
-    t, base = least / most, 0.0
-    if t > 0.41421356237309503:  # tan(pi / 8): atan t = pi / 4 + atan((t - 1) / (t + 1))
-        t, base = (t - 1.0) / (t + 1.0), 0.25 * math.pi
+    t = min(ax, ay) / max(max(ax, ay), 1e-300)
     u = t * t
-    series = 1.0 / 9.0 - u * (1.0 / 11.0 - u * (1.0 / 13.0 - u / 15.0))
-    series = 1.0 / 3.0 - u * (1.0 / 5.0 - u * (1.0 / 7.0 - u * series))
-    found = base + t * (1.0 - u * series)
-    if ay > ax:
-        found = 0.5 * math.pi - found
-    if x < 0.0:
-        found = math.pi - found
+    s = _A6 + u * (_A7 + u * (_A8 + u * (_A9 + u * _A10)))
+    found = t * (_A0 + u * (_A1 + u * (_A2 + u * (_A3 + u * (_A4 + u * (_A5 + u * s))))))
+    found = 0.5 * math.pi - found if ay > ax else found
+    found = math.pi - found if x < 0.0 else found
     return -found if y < 0.0 else found

@@ -55,7 +55,7 @@ class Shot(FeaturesDescription3DInterface):
         self, points: Float, normals: Float, keypoints: Float, radius_m: float, least: int
     ) -> FeaturesDescription3DOutputs:
         from cdff_common.geometry.neighbours import radius_neighbours
-        from cdff_core.dfns.features_description_3d._shot_kernels import histograms
+        from cdff_core.dfns.features_description_3d._shot_kernels import histograms, local_frames
 
         cfg: Any = self.config
         start, index = radius_neighbours(points, keypoints, radius_m)
@@ -67,15 +67,3 @@ class Shot(FeaturesDescription3DInterface):
         descriptors[~valid] = 0.0
         return FeaturesDescription3DOutputs(descriptors=descriptors, valid=valid)
 
-
-def local_frames(
-    points: Float, keypoints: Float, start: np.ndarray, index: np.ndarray, radius_m: float
-) -> tuple[Float, Float]:
-    """Local reference frames (k, 3, 3) with the axes x, y, z as rows, and the variances (k, 3) ascending."""
-    from cdff_core.dfns.features_description_3d._shot_kernels import scatters, turn_to_majority
-
-    variance, vectors = np.linalg.eigh(scatters(points, keypoints, start, index, radius_m))
-    x, z = np.ascontiguousarray(vectors[:, :, 2]), np.ascontiguousarray(vectors[:, :, 0])
-    turn_to_majority(x, points, keypoints, start, index)
-    turn_to_majority(z, points, keypoints, start, index)
-    return np.stack([x, np.cross(z, x), z], axis=1), variance

@@ -11,7 +11,8 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.geometry.neighbours import radius_neighbours
 from cdff_core.dfns.features_description_3d._interface import FeaturesDescription3DInputs
-from cdff_core.dfns.features_description_3d.shot import Shot, local_frames
+from cdff_core.dfns.features_description_3d._shot_kernels import local_frames
+from cdff_core.dfns.features_description_3d.shot import Shot
 from tests import surfaces
 
 Array = np.ndarray
