@@ -9,31 +9,25 @@ deadline the best that meets all that is mandatory is delivered, or an error say
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from cdff_common.bus import Reply
 from cdff_common.clock import Clock
-from cdff_common.errors import CdffError, DeadlineError, FrameNotFoundError, UnavailableError
-from cdff_core.orchestration.catalogue import frames_of
-from cdff_core.orchestration.cover import Cover, plan_cover
-from cdff_core.orchestration.explain import costed, explain
-from cdff_core.orchestration.judge import RESOLUTION_TOLERANCE, Judgement, delivered
+from cdff_common.errors import CdffError, DeadlineError, UnavailableError
+from cdff_core.orchestration.judge import Judgement
 from cdff_core.orchestration.lifecycle import FINAL_STATES, JobState
-from cdff_core.orchestration.planner import NoPlan, Plan, plan
+from cdff_core.orchestration.planner import NoPlan, Plan
 from cdff_core.orchestration.request import ProductRequest
-from cdff_core.orchestration.world import MakerId, World
+from cdff_core.orchestration.world import MakerId
 from services.orchestrator.delivery import Delivery, TooOldError
 from services.orchestrator.finder import Finder, Found
 from services.orchestrator.jobs import Job, JobBook
 from services.orchestrator.journal import Journal
+from services.orchestrator.planning import Planning
 from services.orchestrator.sharing import SharedLooks
 from services.orchestrator.state import State
 from services.orchestrator.timing import REAL, Timing
-
-logger = logging.getLogger(__name__)
 
 #: Kept back from the deadline for translating and sending the answer: this part of it, within so many seconds, but
 #: never more than half of it.
@@ -77,6 +71,7 @@ class Flow:
         self,
         state: State,
         finder: Finder,
+        planning: Planning,
         delivery: Delivery,
         book: JobBook,
         journal: Journal,
@@ -91,6 +86,7 @@ class Flow:
         self._clock = clock
         self._timing = timing
         self._shared = SharedLooks(clock, timing)
+        self._planning = planning
 
     def run(self, request: ProductRequest) -> Iterator[Reply]:
         """Yield progress, then the final reply; raises the typed error that is the final answer otherwise."""
@@ -118,56 +114,11 @@ class Flow:
                 self._journal.append("lease", action="release", holder=job.id, makers=[])
                 self._state.release(job.id)
 
-    def explain(self, request: ProductRequest) -> Reply:
-        """Say what would be served or made for a request, what else could be, and why not; no job, nothing is run.
-
-        Raises FrameNotFoundError for a frame that nobody knows.
-        """
-        robots = self._state.profile.robot_ids if request.robot == "any" else (request.robot,)
-        until_s = self._timing.now_s() + request.deadline_s
-        self._check_frames(request, robots, until_s)
-        body: dict[str, Any] = {
-            "request": request.id,
-            "asked": request.describe(),
-            "stored": None,
-            "why_not_stored": "",
-        }
-        served = False
-        try:
-            found, why = self._finder.find(request, robots, until_s)
-        except UnavailableError as error:
-            found, why = None, f"the DPM: {error}"
-        if found is not None:
-            stored, judgement = found
-            served = judgement.satisfies
-            what = delivered(stored.candidate, judgement, request, self._clock.now_ns(), stored.frame)
-            body["stored"] = {"id": stored.candidate.id, **what}
-        body["why_not_stored"] = "" if served else why
-        now = self._state.world(priority=request.priority)
-        hopeful = self._state.world(hopeful=True, priority=request.priority)
-        held_now = None if found is None else found[0]
-        counted = None if held_now is not None and _could_be_finer(request, hopeful, robots, held_now) else held_now
-        cover = self._cover(request, robots, counted, until_s, request.deadline_s)
-        told = explain(now, request.product, robots, cover, self._planned(request, now, robots, frozenset(), cover))
-        body |= told.describe(now)
-        again = self._planned(request, hopeful, robots, frozenset(), cover)
-        if cover is not None:
-            body["held"] = 0.0 if held_now is None else held_now.candidate.coverage
-        if body["plan"] is None and isinstance(again, Plan):
-            body["plan"] = {
-                **costed(again, hopeful),
-                "waits_for": [str(m) for m in again.order if not now.makers[m].available],
-            }
-        # Where nothing better can be made, what meets all that is mandatory is served with its differences.
-        acceptable = found is not None and found[1].acceptable
-        body["would"] = "serve" if served else "make" if body["plan"] else "serve" if acceptable else "refuse"
-        return Reply.of(body, kind="explanation", final=True, request=request.id)
-
     def _serve(self, job: Job, p: _Progress) -> Iterator[Reply]:
         request = job.request
-        robots = self._state.profile.robot_ids if request.robot == "any" else (request.robot,)
-        self._check_frames(job.request, robots, job.deadline_s - self._margin_s(job))
         margin_s = self._margin_s(job)
+        robots = self._planning.robots(request)
+        self._planning.check_frames(request, robots, job.deadline_s - margin_s)
         seen = -1
         while True:
             job.check_cancelled()
@@ -197,8 +148,8 @@ class Flow:
 
     def _stand(self, job: Job, p: _Progress) -> Iterator[Reply]:
         """Each newer product, not more often than asked, until the lease runs out; what makes it is held until then."""
-        robots = self._state.profile.robot_ids if job.request.robot == "any" else (job.request.robot,)
-        self._check_frames(job.request, robots, job.deadline_s - self._margin_s(job))
+        robots = self._planning.robots(job.request)
+        self._planning.check_frames(job.request, robots, job.deadline_s - self._margin_s(job))
         every_s, sent, sent_s, sent_t1_ns = job.request.every_s or 0.0, 0, float("-inf"), -1
         seen = -1
         while job.remaining_s() > 0.0:
@@ -243,19 +194,6 @@ class Flow:
     def _ask_until_s(self, job: Job) -> float:
         """Until when the DPM may be asked for what the answer needs, monotonic seconds."""
         return job.deadline_s - _SENDING_PART * self._margin_s(job)
-
-    def _check_frames(self, request: ProductRequest, robots: Sequence[str], until_s: float) -> None:
-        """Raise FrameNotFoundError for a frame that neither the mission nor the DPM knows of.
-
-        One that the profile names may have no pose yet: that comes once its robot has started.
-        """
-        for frame in request.frames - frames_of(self._state.profile):
-            try:
-                known = self._finder.knows_frame(frame, robots, until_s)
-            except UnavailableError:
-                return  # the search for the product will say so
-            if not known:
-                raise FrameNotFoundError(f"frame {frame!r} is in neither the profile nor the DPM's frame tree")
 
     def _look_if_new(self, job: Job, robots: Sequence[str], p: _Progress) -> None:
         """Look when something that matters was inserted, else now and then: an event may be lost."""
@@ -384,58 +322,15 @@ class Flow:
         self._book.move(job, JobState.PREPARING, f"{whose or chosen.maker} is to make it{rest}", plan=chosen.describe())
 
     def _best_plan(self, job: Job, robots: Sequence[str], p: _Progress, exclude: frozenset[MakerId]) -> Plan | NoPlan:
-        """The plan to follow now.
-
-        What is only away for a moment is held too: its supervisor brings it back, the control loop switches it on.
-        """
-        request, margin_s = job.request, self._margin_s(job)
+        """The plan to follow now; remembers how much of the region was held when the job first planned."""
         # What a standing request waits for is newer than all that is held.
-        standing = request.every_s is not None
+        standing = job.request.every_s is not None
         found = None if p.best is None or standing else p.best[0]
-        world = self._state.world(hopeful=True, priority=request.priority)
-        counted = None if found is not None and _could_be_finer(request, world, robots, found) else found
-        cover = self._cover(request, robots, counted, job.deadline_s - margin_s, job.remaining_s())
+        until_s = job.deadline_s - self._margin_s(job)
+        chosen, covered = self._planning.best(job.request, robots, found, exclude, until_s, job.remaining_s())
         if job.plan is None:  # later on, what is held has been made for it
-            p.held = None if cover is None or standing else 0.0 if found is None else found.candidate.coverage or 0.0
-        now = self._planned(request, self._state.world(priority=request.priority), robots, exclude, cover)
-        hopeful = self._planned(request, world, robots, exclude, cover)
-        if isinstance(hopeful, NoPlan):
-            return hopeful
-        return hopeful if isinstance(now, NoPlan) or now.maker == hopeful.maker else now
-
-    def _cover(
-        self, request: ProductRequest, robots: Sequence[str], found: Found | None, until_s: float, horizon_s: float
-    ) -> Cover | None:
-        """What of the region is held and who can see the rest; None where no region is asked, or nobody can say."""
-        if request.region is None or not request.is_spatial:
-            return None
-        try:
-            return self._finder.cover(request, robots, found, until_s, horizon_s)
-        except CdffError as error:
-            logger.info("cover of request %s is not known: %s", request.id, error)
-            return None
-
-    @staticmethod
-    def _planned(
-        request: ProductRequest,
-        world: World,
-        robots: Sequence[str],
-        exclude: frozenset[MakerId],
-        cover: Cover | None,
-    ) -> Plan | NoPlan:
-        """The cheapest plan of those fine enough, else of all: coarser is delivered rather than nothing."""
-        makers = [m for m in world.makers.values() if request.product in m.products]
-        limit_m = _limit_m(request)
-        fine = frozenset(m.id for m in makers if m.resolution_m is None or m.resolution_m <= limit_m)
-        made: Plan | NoPlan = NoPlan(())
-        for roots in (fine, None) if 0 < len(fine) < len(makers) else (None,):
-            if cover is None:
-                made = plan(world, request.product, robots, exclude, roots)
-            else:
-                made = plan_cover(world, request.product, robots, cover, exclude, roots)
-            if isinstance(made, Plan):
-                break
-        return made
+            p.held = None if not covered or standing else 0.0 if found is None else found.candidate.coverage or 0.0
+        return chosen
 
     def _last_word(self, job: Job, p: _Progress) -> Reply:
         """The best that is acceptable, else the error that says why there is none."""
@@ -507,17 +402,3 @@ class Flow:
             "plan": job.plan,
         }
         return [Reply.of(body, kind="progress", job=job.id, final=False)] if job.request.progress else []
-
-
-def _limit_m(request: ProductRequest) -> float:
-    """Coarsest resolution that is as asked, metres."""
-    return float("inf") if request.resolution_m is None else request.resolution_m * RESOLUTION_TOLERANCE
-
-
-def _could_be_finer(request: ProductRequest, world: World, robots: Sequence[str], found: Found) -> bool:
-    """Whether what is held is coarser than asked, and some DFPC declares that it makes it as fine."""
-    limit_m, held_m = _limit_m(request), found.candidate.resolution_m
-    if held_m is None or held_m <= limit_m:
-        return False
-    makers = (m for m in world.makers.values() if request.product in m.products and m.id.robot in robots)
-    return any(m.resolution_m is not None and m.resolution_m <= limit_m for m in makers)

@@ -24,6 +24,7 @@ from services.orchestrator.history import HistoryForwarder
 from services.orchestrator.jobs import JobBook
 from services.orchestrator.journal import Journal
 from services.orchestrator.metrics import Metrics
+from services.orchestrator.planning import Planning
 from services.orchestrator.state import State
 from services.orchestrator.timing import REAL, Timing
 from services.orchestrator.watcher import Watcher
@@ -68,7 +69,9 @@ class Orchestrator:
         self._recover()
         clock, dpm = bus.mission_clock, Dpm(bus, timing)
         finder = Finder(dpm, clock, profile)
-        self._flow = Flow(self._state, finder, Delivery(dpm, clock), self._book, self._journal, clock, timing)
+        self._planning = Planning(self._state, finder, clock, timing)
+        delivery = Delivery(dpm, clock)
+        self._flow = Flow(self._state, finder, self._planning, delivery, self._book, self._journal, clock, timing)
         self._watcher = Watcher(bus, self._state, timing)
         self._controller = Controller(bus, self._state, self._journal, timing)
         # Two orchestrators of a mission serve different robots: each has a history of its own.
@@ -130,7 +133,7 @@ class Orchestrator:
                     f"robot={request.robot!r}: expected any or one of {', '.join(self._profile.robot_ids)}"
                 )
             asked = request.describe()
-            return self._flow.explain(request) if request.explain else self._flow.run(request)
+            return self._planning.explain(request) if request.explain else self._flow.run(request)
         except CdffError as error:
             error.request, error.asked = name, asked
             raise

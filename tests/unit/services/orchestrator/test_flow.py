@@ -25,6 +25,7 @@ from services.orchestrator.finder import Found
 from services.orchestrator.flow import Flow
 from services.orchestrator.jobs import JobBook
 from services.orchestrator.journal import Journal
+from services.orchestrator.planning import Planning
 from services.orchestrator.sharing import Result
 from services.orchestrator.state import State
 
@@ -78,7 +79,8 @@ def journal(tmp_path: Path) -> Iterator[Journal]:
 def answer(journal: Journal, script: Script, **asked: str) -> list[Reply]:
     state = State(load_profile(PROFILE))
     book = JobBook(journal, 4, wake=state.touch)
-    flow = Flow(state, script, Delivery(None, script.clock), book, journal, script.clock)  # type: ignore[arg-type]
+    planning = Planning(state, script, script.clock)  # type: ignore[arg-type]
+    flow = Flow(state, script, planning, Delivery(None, script.clock), book, journal, script.clock)  # type: ignore[arg-type]
     request = parse_request({"type": "pose", "deadline_ms": "1500", **asked}, "mana")
     return list(flow.run(request))
 
