@@ -12,6 +12,7 @@ from collections import OrderedDict
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 from sqlalchemy import ColumnElement, Connection, Row, and_, exists, func, insert, or_, select
 
 from cdff_common.clock import Clock
@@ -23,6 +24,8 @@ from dpm_store.database import Database
 from dpm_store.events import EventTable
 
 _MAX_DEPTH = 64
+#: A frame farther from its parent, some astronomical units, or known worse, would not leave numbers to calculate with.
+FARTHEST_FRAME_M = 1e12
 #: States of the tree kept ready; searches nearly always ask for the newest.
 _CACHED_TREES = 8
 #: Made once: every search by region asks for its own frame in itself.
@@ -148,7 +151,7 @@ class FrameTable:
         Raises
         ------
         InputError
-            If the edge would close a loop, or the validity is empty.
+            If the edge would close a loop, is longer than ``FARTHEST_FRAME_M``, or the validity is empty.
         ConflictError
             If somebody else revised the frame first.
         """
@@ -166,6 +169,7 @@ class FrameTable:
         """As ``set``, inside a transaction."""
         checked_frame(frame)
         checked_frame(parent, "parent")
+        _check_bounds(frame, T_parent_frame)
         if valid_from_ns is not None and valid_until_ns is not None and valid_from_ns >= valid_until_ns:
             raise InputError(f"frame {frame}: validity {valid_from_ns}..{valid_until_ns} is empty")
         last = self._last_revision(connection, frame)
@@ -308,6 +312,16 @@ class FrameTable:
         f = schema.frames.c
         last: int | None = connection.execute(select(func.max(f.revision)).where(f.frame == frame)).scalar_one()
         return last or 0
+
+
+def _check_bounds(frame: str, T: UncertainTransform) -> None:
+    distance_m = float(np.abs(T.matrix[:3, 3]).max())
+    variance = 0.0 if T.covariance is None else float(np.abs(T.covariance).max())
+    if not (distance_m <= FARTHEST_FRAME_M and variance <= FARTHEST_FRAME_M**2):
+        raise InputError(
+            f"frame {frame}: {distance_m:g} m from its parent, variances up to {variance:g}; expected at most "
+            f"{FARTHEST_FRAME_M:g} m and its square"
+        )
 
 
 _NUMBER = schema.frame_log.c

@@ -75,7 +75,10 @@ class Places:
             )
 
     def of(self, frame: str, known: Known = EVERYTHING) -> Place:
-        """Where a frame is, by fixed edges; a frame that none joins with a body is a place of its own."""
+        """Where a frame is, by fixed edges; a frame that none joins with a body is a place of its own.
+
+        One that is joined with a body and lies at its centre, or too far out to be near its surface, has no anchor.
+        """
         with self._database.read() as connection:
             return self.of_in(connection, frame, known)
 
@@ -91,7 +94,11 @@ class Places:
         T = tree.find(root, frame)
         if found.crs is None or frame == root or T is None:
             return Place(frame, found, None, tree.state)
-        return Place(frame, found, Anchor.from_transform(found, T.matrix), tree.state)
+        try:
+            anchor = Anchor.from_transform(found, T.matrix)
+        except InputError:  # at the body's centre, far out in space: nowhere on its surface
+            anchor = None
+        return Place(frame, found, anchor, tree.state)
 
     def _define_in(self, connection: Connection, new: Body, producer: str) -> int:
         b, f = schema.bodies.c, schema.frames.c

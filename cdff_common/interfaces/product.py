@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from typing import Any
 
@@ -23,6 +23,7 @@ WIRE_VERSION = 1
 #: Namespace of product ids: UUIDv5 of ``robot/dfpc/port/t1_ns/seq/config_hash``.
 PRODUCT_NAMESPACE = uuid.uuid5(uuid.NAMESPACE_URL, "urn:cdff:product")
 _MAX_ATTACHMENT_BYTES = 1 << 20
+_QUALITY_FIELDS = frozenset({"status", "reasons", "covariance_kind", "metrics"})
 
 
 class Status(StrEnum):
@@ -215,8 +216,11 @@ class Header:
         return bytes(msgpack.packb(self.to_dict()))
 
     @classmethod
-    def from_attachment(cls, data: bytes) -> Header:
-        """Inverse of ``to_attachment``; raises CodecError on bytes that are no header."""
+    def from_attachment(cls, data: bytes, *, strict: bool = False) -> Header:
+        """Inverse of ``to_attachment``; raises CodecError on bytes that are no header.
+
+        With ``strict`` a field that this version does not know is refused (InputError) instead of being lost.
+        """
         if len(data) > _MAX_ATTACHMENT_BYTES:
             raise CodecError(f"attachment of {len(data)} bytes: expected at most {_MAX_ATTACHMENT_BYTES}")
         try:
@@ -225,7 +229,21 @@ class Header:
             raise CodecError(f"attachment is not MessagePack: {error}") from error
         if not isinstance(unpacked, dict):
             raise CodecError(f"attachment holds a {type(unpacked).__name__}, expected a map")
+        if strict:
+            _check_fields("header", unpacked, _HEADER_FIELDS)
+            quality = unpacked.get("quality")
+            if isinstance(quality, dict):
+                _check_fields("quality", quality, _QUALITY_FIELDS)
         return cls.from_dict(unpacked)
+
+
+_HEADER_FIELDS = frozenset({"v", *(f.name for f in fields(Header))})
+
+
+def _check_fields(what: str, given: Mapping[Any, Any], known: frozenset[str]) -> None:
+    unknown = sorted(str(name) for name in given if name not in known)
+    if unknown:
+        raise InputError(f"{what}: unknown field {unknown[0][:80]!r}, expected some of {', '.join(sorted(known))}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,7 +30,7 @@ _BOX_SLACK_M, _BOX_SLACK = 1e-3, 1e-6
 
 
 def check_header(header: Header, now_ns: int) -> None:
-    """Refuse a header that lies in the future, or whose parts are out of bounds.
+    """Refuse a header that lies before the mission's clock began or in the future, or whose parts are out of bounds.
 
     Parameters
     ----------
@@ -42,6 +42,8 @@ def check_header(header: Header, now_ns: int) -> None:
     ------
     InputError
     """
+    if header.t0_ns < 0:
+        raise InputError(f"capture begins at t0_ns={header.t0_ns}: expected 0 (mission start, or 1970) or later")
     late_s = (header.t1_ns - now_ns) / NS_PER_S
     if late_s > MAX_SKEW_S:
         raise InputError(

@@ -22,7 +22,6 @@ from cdff_common.raster.choice import Choice, Disagreement
 from dpm_store import Query
 from dpm_store.clouds import DEFAULT_POINTS, MAX_POINTS
 from dpm_store.frames import Known
-from dpm_store.insertion import FARTHEST_BOX_M
 from dpm_store.maps import FARTHEST_M, WindowQuery
 from dpm_store.profile import MAX_CORNERS
 from dpm_store.records import LATEST_NS
@@ -288,12 +287,8 @@ def revision_of(text: str | None) -> int | None:
 
 def transform_of(body: Mapping[str, Any]) -> UncertainTransform:
     """``T`` (4x4 rows) and ``covariance`` (6x6 or absent) of a map; raises InputError."""
-    import numpy as np
-
     try:
         matrix = np.array(body["T"], dtype=np.float64)
-        if np.abs(matrix).max(initial=0.0) > FARTHEST_BOX_M:
-            raise ValueError(f"{np.abs(matrix).max():g} m away, farther than {FARTHEST_BOX_M:g} m")
         covariance = body.get("covariance")
         return UncertainTransform(matrix, None if covariance is None else np.array(covariance, dtype=np.float64))
     except (KeyError, TypeError, ValueError) as error:

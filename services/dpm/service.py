@@ -16,9 +16,10 @@ from dpm_store import Event, Rule
 from dpm_store.actor import Actor, acting
 from dpm_store.events import CHANGES
 from dpm_store.provenance import MAX_GENERATIONS
+from services.dpm.delivering import Answer
 from services.dpm.history import history
 from services.dpm.model import bodies, place, purge, robots_known, transact
-from services.dpm.operations import OWN_EVENTS, Answer, Dpm
+from services.dpm.operations import OWN_EVENTS, Dpm
 from services.dpm.parameters import (
     GROUND,
     SEARCH,

@@ -11,7 +11,7 @@ from fastapi import Depends, FastAPI
 
 from services.dpm.http import problems
 from services.dpm.http.conditional import Conditional
-from services.dpm.http.context import Context, once
+from services.dpm.http.context import Context, checked_query
 from services.dpm.http.guard import Guard
 from services.dpm.http.models import Problem
 from services.dpm.http.roles import rules_of
@@ -60,7 +60,7 @@ def openapi() -> dict[str, Any]:
 def _routed() -> FastAPI:
     app = FastAPI(title="CDFF Data Product Manager", version="1", docs_url=None, redoc_url=None)
     for module in MODULES[:-1]:
-        app.include_router(module.router, responses=problems.RESPONSES, dependencies=[Depends(once)])
+        app.include_router(module.router, responses=problems.RESPONSES, dependencies=[Depends(checked_query)])
     app.include_router(page.router)
     app.openapi = functools.partial(_described, app)  # type: ignore[method-assign]  # FastAPI's way to add to it
     return app

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, field
-from typing import Annotated, cast
+from typing import Annotated, Any, cast
 
 from fastapi import Depends, Request
 
@@ -47,21 +47,37 @@ def context_of(request: Request) -> Context:
     return cast(Context, request.app.state.context)
 
 
-def once(request: Request) -> None:
-    """Refuse a parameter that is repeated, as over Zenoh: which one counts would be a guess.
+def checked_query(request: Request) -> None:
+    """Refuse a parameter that is repeated or that the route does not have: as over Zenoh and OGC 17-069r4 §7.9.
 
-    STAC and OGC have rules of their own. None of the native parameters is a list.
+    Which of two values counts would be a guess, and one that is misspelt would silently mean something else. None of
+    the parameters is a list.
 
     Raises
     ------
     InputError
     """
-    if not request.url.path.startswith("/api/"):
-        return
     names = [name for name, _ in request.query_params.multi_items()]
+    if not names:
+        return
     repeated = next((name for name in names if names.count(name) > 1), None)
     if repeated is not None:
         raise InputError(f"parameter {repeated[:80]!r} is repeated: expected it once, several values with commas")
+    declared = _declared(request)
+    if any(p["schema"].get("type") == "object" for p in declared):  # of any names: the route looks at them itself
+        return
+    known = {p["name"] for p in declared}
+    unknown = next((name for name in names if name not in known), None)
+    if unknown is not None:
+        expected = f"expected one of {', '.join(sorted(known))}" if known else "there are none here"
+        raise InputError(f"unknown parameter {unknown[:80]!r}: {expected}")
+
+
+def _declared(request: Request) -> list[dict[str, Any]]:
+    """Query parameters that the OpenAPI document gives the route."""
+    operations = request.app.openapi()["paths"][request.scope["route"].path_format]
+    operation = operations["get" if request.method == "HEAD" else request.method.lower()]
+    return [p for p in operation.get("parameters", ()) if p["in"] == "query"]
 
 
 Ctx = Annotated[Context, Depends(context_of)]

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
+from fastapi import Query
 from pydantic import BaseModel, ConfigDict, Field
 
 #: Media type of the OpenAPI document.
@@ -41,6 +42,17 @@ class Link(Open):
     method: Literal["GET", "POST"] | None = None
     body: Json | None = None
     merge: bool | None = None
+
+
+Form = Annotated[
+    Literal["json"] | None, Field(description="Form of the answer: json (GeoJSON for features), which is the only one")
+]
+
+
+def as_json(
+    f: Annotated[Literal["json"] | None, Query(description="Form of the answer: json, the only one")] = None,
+) -> None:
+    """Let ``f=json`` be said, as clients of OGC interfaces customarily do; another form is refused."""
 
 
 class Conformance(BaseModel):

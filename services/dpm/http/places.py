@@ -64,6 +64,8 @@ class Places:
         if max(map(abs, outline.bounds)) > FARTHEST_BOX_M:  # of a store that was filled before such boxes were refused
             return None
         degrees = shapely.transform(outline, lambda xy: place.lonlat(xy)[:, :2])
+        if not np.isfinite(degrees.bounds).all():
+            return None
         return cut_at_antimeridian(degrees, place.anchor.lon_deg)
 
     def region(self, bounds_deg: Sequence[float]) -> tuple[str, Region] | None:

@@ -10,7 +10,7 @@ import pytest
 from cdff_common.clock import ManualClock
 from cdff_common.errors import ConfigurationError, InputError
 from cdff_common.geodesy import Anchor, Body, body
-from cdff_common.geometry import UncertainTransform
+from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.region import parse_region
 from dpm_store import Query, Store
 from dpm_store.frames import Known
@@ -110,3 +110,21 @@ def test_a_robot_is_described_once_and_again_when_it_changes(store: Store, clock
     assert robot.description == {"limits": {"width_m": 1.0}}
     assert robot.updated_ns - robot.inserted_ns == 10**9
     assert [e.body["description"]["limits"]["width_m"] for e in store.events.since(kind="robot_described")] == [0.9, 1]
+
+
+@pytest.mark.parametrize("position_m", [(0.0, 0.0, 0.0), (1e12, 0.0, 0.0)], ids=["at the centre", "far out"])
+def test_a_frame_that_is_not_near_the_surface_has_no_anchor(store: Store, position_m: tuple[float, ...]) -> None:
+    store.frames.set("site", "mars", UncertainTransform(se3.transform(np.eye(3), position_m)))
+    place = store.places.of("site")
+    assert place.body is not None
+    assert place.body.name == "mars"
+    assert place.anchor is None
+    assert "ENGCRS" in place.wkt
+
+
+@pytest.mark.parametrize("sigma_m", [None, 1e13])
+def test_a_frame_beyond_all_numbers_is_refused(store: Store, sigma_m: float | None) -> None:
+    far = se3.transform(np.eye(3), [1e300 if sigma_m is None else 0.0, 0.0, 0.0])
+    with pytest.raises(InputError, match="expected at most 1e\\+12 m"):
+        store.frames.set("site", "mars", UncertainTransform(far, None if sigma_m is None else np.eye(6) * sigma_m**2))
+    assert store.frames.current() == ()

@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Annotated, Any
 from urllib.parse import urlencode
 
-from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from fastapi.responses import PlainTextResponse
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -21,12 +21,12 @@ from dpm_store import Query as StoreQuery
 from services.dpm.http.catalogue import Catalogue, Collection, numbers_of, page_size, span_of
 from services.dpm.http.context import Context, Ctx
 from services.dpm.http.crs import CrsList, lonlat
-from services.dpm.http.models import OPENAPI, Conformance, Feature, FeatureCollection, Json, Link, Open
+from services.dpm.http.models import OPENAPI, Conformance, Feature, FeatureCollection, Form, Json, Link, Open, as_json
 from services.dpm.http.ogc_features import FeatureWriter
 from services.dpm.http.places import Places
 from services.dpm.http.tracks import TRACKS, track_collection, track_of, tracks_in
 
-router = APIRouter(prefix="/ogc", tags=["ogc"])
+router = APIRouter(prefix="/ogc", tags=["ogc"], dependencies=[Depends(as_json)])
 
 GEOJSON = "application/geo+json"
 _CONFORMS = [
@@ -81,6 +81,7 @@ class ItemParameters(BaseModel):
     robot: Text = Field(None, description="Of this robot only")
     status: Text = Field(None, description="OK, DEGRADED or FAILED only")
     cursor: Text = Field(None, description="Of the page before")
+    f: Form = None
 
 
 @router.get("")

@@ -19,6 +19,11 @@ router = APIRouter(prefix="/api/v1/requests", tags=["requests"])
 _LIST_TIMEOUT_S = 3.0
 _MAX_DEADLINE_MS = 600_000
 _EXAMPLE = {"type": "dem", "robot": "mana", "region": "circle:0,0,10", "max_age_s": 60}
+#: Parameters of contract §5, as OpenAPI describes ones of any names.
+_ANY: dict[str, Any] = {
+    "in": "query", "name": "parameters", "style": "form", "explode": True,
+    "schema": {"type": "object", "additionalProperties": {"type": "string"}},
+}  # fmt: skip
 
 
 @router.get("")
@@ -37,7 +42,7 @@ def job(context: Ctx, job: str) -> Any:
     return jsonable(bus.call(keys.orchestrator_rpc(keys.GROUND, "jobs"), asked, timeout_s=_LIST_TIMEOUT_S).body())
 
 
-@router.post("", openapi_extra=allowed("robot", "operator"))
+@router.post("", openapi_extra=allowed("robot", "operator") | {"parameters": [_ANY]})
 def ask(
     context: Ctx, request: Request, body: Annotated[dict[str, Any] | None, Body(examples=[_EXAMPLE])] = None
 ) -> Any:

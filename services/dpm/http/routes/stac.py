@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
 
 import shapely
-from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cdff_common.errors import InputError
@@ -17,11 +17,11 @@ from dpm_store import Query as StoreQuery
 from dpm_store.actor import ROLES
 from services.dpm.http.catalogue import Catalogue, Found, numbers_of, page_size, span_of
 from services.dpm.http.context import Context, Ctx
-from services.dpm.http.models import OPENAPI, Conformance, Feature, FeatureCollection, Json, Link, Open
+from services.dpm.http.models import OPENAPI, Conformance, Feature, FeatureCollection, Form, Json, Link, Open, as_json
 from services.dpm.http.roles import allowed
 from services.dpm.http.stac_items import GEOJSON, VERSION, ItemWriter
 
-router = APIRouter(prefix="/stac", tags=["stac"])
+router = APIRouter(prefix="/stac", tags=["stac"], dependencies=[Depends(as_json)])
 
 _CONFORMS = [
     "https://api.stacspec.org/v1.0.0/core",
@@ -94,6 +94,7 @@ class PageParameters(BaseModel):
     datetime: Text = Field(None, description="RFC 3339 time, or an interval t0/t1, open with ..")
     limit: Limit | None = Field(None, description="Of the page; 1000 at most")
     token: Text = Field(None, description="Of the page before")
+    f: Form = None
 
 
 class SearchParameters(PageParameters):

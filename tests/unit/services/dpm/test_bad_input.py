@@ -58,6 +58,9 @@ HEADERS: dict[str, Change] = {
     "a frame that is a list": lambda h: h | {"frame": ["site"]},
     "a time in the future": lambda h: h | {"t1_ns": LATE_NS},
     "a time beyond all columns": lambda h: h | {"t1_ns": 2**63 // 1000 * 1000},
+    "a time before the mission": lambda h: h | {"t0_ns": -S},
+    "a field that there is not": lambda h: h | {"boxm": BOX},
+    "a field of the quality that there is not": lambda h: h | {"quality": h["quality"] | {"reason": ["few_points"]}},
     "a time of half a microsecond": lambda h: h | {"t0_ns": 500},
     "an end before the begin": lambda h: h | {"t0_ns": 2 * S, "t1_ns": S},
     "an infinite counter": lambda h: h | {"seq": math.inf},
@@ -261,6 +264,9 @@ FRAMES: dict[str, dict[str, Any]] = {
     "a NaN": {"parent": "site", "T": [[1, 0, 0, NAN], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
     "a place beyond the solar system": {
         "parent": "site", "T": [[1, 0, 0, 1e300], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+    },
+    "a covariance beyond the solar system": {
+        "parent": "site", "T": np.eye(4).tolist(), "covariance": (np.eye(6) * 1e300).tolist(),
     },
     "a path as parent": {"parent": "../site", "T": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
     "itself as parent": {"parent": "mana/odom", "T": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},

@@ -12,7 +12,9 @@ import shapely
 from fastapi.testclient import TestClient
 
 from cdff_common.geodesy import Anchor, body
+from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.types import Pointcloud
+from dpm_store import frames
 from services.dpm.http.conditional import matches
 from services.dpm.http.crs import CrsList
 from services.dpm.http.places import cut_at_antimeridian
@@ -50,6 +52,20 @@ def test_anchoring_the_site_gives_everything_a_place_at_once(http: TestClient, d
     dpm.store.places.anchor("site", Anchor(MARS, 20.0, 0.0))
     assert found(http, "/stac/search?bbox=9.99,-0.01,10.01,0.01") == []
     assert filled("dem") in found(http, "/ogc/collections/dem/items?bbox=19.99,-0.01,20.01,0.01")
+
+
+@pytest.mark.parametrize("position_m", [0.0, 1e12, 1e155, 1e300])
+def test_a_frame_that_is_nowhere_on_its_body_hides_nothing(
+    http: TestClient, dpm: Dpm, filled: Filled, monkeypatch: pytest.MonkeyPatch, position_m: float
+) -> None:
+    monkeypatch.setattr(frames, "FARTHEST_FRAME_M", np.inf)  # a store that was filled before such frames were refused
+    T = se3.transform(np.eye(3), [position_m, 0.0, position_m])
+    dpm.store.frames.set("site", "mars", UncertainTransform(T))
+    for path in ("/stac/search?collections=dem", "/ogc/collections/dem/items"):
+        assert found(http, path) == [filled("dem")]
+    for path in ("/stac", "/ogc/collections", "/api/v1/places/site", "/api/v1/frames", "/tiles/wmts.xml",
+                 "/api/v1/maps/dem/window", "/stac/search?bbox=0,0,1,1"):  # fmt: skip
+        assert http.get(path).status_code == 200
 
 
 def test_a_site_on_the_antimeridian_is_found_from_both_sides(http: TestClient, dpm: Dpm) -> None:

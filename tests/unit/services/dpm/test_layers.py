@@ -75,24 +75,6 @@ def test_a_window_that_cannot_be_drawn_is_refused(http: TestClient, dpm: Dpm, as
 
 
 @pytest.mark.parametrize(
-    "path",
-    ["products?type=dem&type=pose", "products?limit=1&limit=2",
-     "poses?robot=mana&robot=mana", "maps/dem/window?t1=1&t1=2",
-     "history?since=0&since=1", "status?x=1&x=2"],
-)  # fmt: skip
-def test_a_repeated_parameter_is_refused(http: TestClient, path: str) -> None:
-    answer = http.get(f"/api/v1/{path}")
-    assert (answer.status_code, answer.json()["code"]) == (422, "INVALID_ARGUMENT")
-    assert "repeated" in answer.json()["detail"]
-
-
-def test_a_deletion_with_a_repeated_parameter_deletes_nothing(http: TestClient, filled: Callable[[str], str]) -> None:
-    url = f"/api/v1/products/{filled('dem')}"
-    assert http.delete(f"{url}?a=1&a=1").status_code == 422
-    assert http.get(url).status_code == 200
-
-
-@pytest.mark.parametrize(
     ("method", "path", "headers", "status", "code"),
     [
         ("GET", "/nowhere", {}, 404, "NOT_FOUND"),

@@ -151,7 +151,7 @@ def test_events_of_others_are_kept_and_told(dpm: Dpm) -> None:
 
 @pytest.mark.parametrize("fields", [{"t1_ns": 2**63 // 1000 * 1000}, {"t1_ns": -(2**63) // 1000 * 1000 + 1000}])
 def test_times_that_no_column_holds_are_refused(dpm: Dpm, fields: dict[str, int]) -> None:
-    with pytest.raises(InputError, match=r"out of range|mission clock"):
+    with pytest.raises(InputError, match=r"out of range|mission clock|expected 0"):
         dpm.put(*parcel(cloud(), "pointcloud", 1, **fields))
 
 

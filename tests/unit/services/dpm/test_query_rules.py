@@ -1,0 +1,68 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Parameters of an address: repeated and unknown ones are refused on every route, ``f=json`` is understood."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from fastapi.testclient import TestClient
+
+Filled = Callable[[str], str]
+
+
+@pytest.mark.parametrize(
+    ("path", "status"),
+    [
+        ("/api/v1/products?type=dem&type=pose", 422),
+        ("/api/v1/products?limit=1&limit=2", 422),
+        ("/api/v1/poses?robot=mana&robot=mana", 422),
+        ("/api/v1/maps/dem/window?t1=1&t1=2", 422),
+        ("/api/v1/history?since=0&since=1", 422),
+        ("/tiles?frame=site&frame=site", 422),
+        ("/stac/search?limit=1&limit=2", 400),
+        ("/stac/search?collections=dem&collections=pose", 400),
+        ("/ogc/collections/dem/items?bbox=1,2,3,4&bbox=1,2,3,5", 400),
+        ("/ogc?f=json&f=json", 400),
+    ],
+)
+def test_a_repeated_parameter_is_refused(http: TestClient, filled: Filled, path: str, status: int) -> None:
+    answer = http.get(path)
+    assert (answer.status_code, answer.json()["code"]) == (status, "INVALID_ARGUMENT")
+    assert "repeated" in answer.json()["detail"]
+
+
+@pytest.mark.parametrize(
+    ("path", "status"),
+    [
+        ("/api/v1/products?typ=dem", 422),
+        ("/api/v1/frames?asof=1", 422),
+        ("/api/v1/status?x=1", 422),
+        ("/stac?x=1", 400),
+        ("/stac/search?colections=dem", 400),
+        ("/ogc/collections?x=1", 400),
+        ("/ogc/collections/dem/items?nonsense=1", 400),
+    ],
+)
+def test_an_unknown_parameter_is_refused(http: TestClient, filled: Filled, path: str, status: int) -> None:
+    answer = http.get(path)
+    assert (answer.status_code, answer.json()["code"]) == (status, "INVALID_ARGUMENT")
+
+
+def test_a_deletion_with_a_strange_parameter_deletes_nothing(http: TestClient, filled: Filled) -> None:
+    url = f"/api/v1/products/{filled('dem')}"
+    assert http.delete(f"{url}?a=1&a=1").status_code == 422
+    assert http.delete(f"{url}?dry_run=true").status_code == 422
+    assert http.get(url).status_code == 200
+
+
+@pytest.mark.parametrize("path", ["", "/conformance", "/collections", "/collections/dem", "/collections/dem/items"])
+@pytest.mark.parametrize("interface", ["/ogc", "/stac"])
+def test_json_may_be_asked_for_and_nothing_else(http: TestClient, filled: Filled, interface: str, path: str) -> None:
+    plain, named = http.get(f"{interface}{path}"), http.get(f"{interface}{path}?f=json")
+    assert (plain.status_code, named.status_code) == (200, 200)
+    assert named.json().keys() == plain.json().keys()
+    refused = http.get(f"{interface}{path}?f=html")
+    assert refused.status_code == 400
+    assert "json" in refused.json()["detail"]
