@@ -12,6 +12,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from functools import lru_cache
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +34,7 @@ from cdff_dev.evaluate._terrain import window_pair
 from cdff_dev.evaluate.record import spread
 from cdff_dev.registration.rates import Trial, in_words, interval, pose_errors, summary, trial
 
+PROCESSES = 2
 SOLVER_TRIALS = 500
 GATE_M, GATE_DEG = 0.3, 3.0
 #: Name, overlap, whether the target lies on other terrain, and trials: 500 that overlap, and 500 that do not.
@@ -50,11 +54,13 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     progress("point_cloud_matching: solver")
     figures: dict[str, Any] = {"solver_alone": of_solver()}
     found: Found = {}
-    for seed in range(max(trials for *_, trials in ROWS)):
-        progress(f"point_cloud_matching: seed {seed}")
-        for name, methods in on_terrain(seed).items():
-            for method, trial_ in methods.items():
-                found.setdefault(name, {}).setdefault(method, []).append(trial_)
+    seeds = range(max(trials for *_, trials in ROWS))
+    with ProcessPoolExecutor(PROCESSES, mp_context=get_context("spawn")) as pool:
+        for seed, rows in zip(seeds, pool.map(on_terrain, seeds), strict=True):
+            progress(f"point_cloud_matching: seed {seed}")
+            for name, methods in rows.items():
+                for method, trial_ in methods.items():
+                    found.setdefault(name, {}).setdefault(method, []).append(trial_)
     return figures | {"simulated_terrain": of_terrain(found), "measured_clouds": on_measured(data)}
 
 
@@ -192,8 +198,9 @@ def _percent(rate: dict[str, float]) -> Bar:
     return 100.0 * rate["rate"], 100.0 * rate["low"], 100.0 * rate["high"]
 
 
+@lru_cache(maxsize=1)
 def made() -> Dfpc:
-    """The DFPC with its default configuration."""
+    """The DFPC with its default configuration; one in a process."""
     dfpc = Registry.default().make_dfpc("point_cloud_matching")
     dfpc.configure()
     return dfpc
