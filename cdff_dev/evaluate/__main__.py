@@ -16,6 +16,7 @@ from typing import Any
 
 from cdff_common.cli import run_safely
 from cdff_common.errors import InputError
+from cdff_common.interfaces.registry import Registry
 from cdff_dev import evaluate
 from cdff_dev.evaluate.record import write
 
@@ -61,22 +62,27 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _draw(module: ModuleType, name: str, figures: dict[str, Any]) -> None:
-    """Put the SVG of ``draw(figures) -> bytes`` and the tables of ``table(figures) -> str`` into the DFPC's page."""
-    folder = ROOT / "docs" / "dfpcs"
+    """Put the SVG of ``draw(figures) -> bytes`` and the tables of ``table(figures) -> str`` beside and into its page."""
+    folder = folder_of(name)
     if hasattr(module, "draw"):
         (folder / f"{name}.svg").write_bytes(module.draw(figures))
-        sys.stdout.write(f"wrote docs/dfpcs/{name}.svg\n")
+        sys.stdout.write(f"wrote docs/{folder.name}/{name}.svg\n")
     if hasattr(module, "table"):
         page = folder / f"{name}.md"
         page.write_text(filled(page.read_text(encoding="utf-8"), name, module.table(figures)), encoding="utf-8")
-        sys.stdout.write(f"wrote docs/dfpcs/{name}.md\n")
+        sys.stdout.write(f"wrote docs/{folder.name}/{name}.md\n")
+
+
+def folder_of(name: str) -> Path:
+    """Folder of the page of what is evaluated: a DFN or a DFPC."""
+    return ROOT / "docs" / ("dfns" if name in Registry.default().dfns else "dfpcs")
 
 
 def filled(page: str, name: str, table: str) -> str:
     """The page with its text between the marks of an evaluation replaced; raises InputError where it has no marks."""
     first, last = f"<!-- written by python -m cdff_dev.evaluate {name} -->\n", "<!-- until here -->\n"
     if page.count(first) != 1 or last not in page[page.index(first) :]:
-        raise InputError(f"docs/dfpcs/{name}.md: expected one line {first.strip()} and a line {last.strip()} after it")
+        raise InputError(f"page of {name}: expected one line {first.strip()} and a line {last.strip()} after it")
     begin = page.index(first) + len(first)
     return page[:begin] + table.rstrip() + "\n" + page[page.index(last, begin) :]
 

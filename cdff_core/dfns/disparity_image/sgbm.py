@@ -10,128 +10,33 @@ References
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import cv2
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from cdff_common.errors import ConfigurationError, InputError
 from cdff_common.interfaces.dfn import DfnConfig
-from cdff_common.types import Frame
-from cdff_core.dfns.disparity_image._interface import (
-    DisparityImageInputs,
-    DisparityImageInterface,
-    DisparityImageOutputs,
-)
+from cdff_core.dfns.disparity_image._checked import CheckedMatcher, MatcherConfig
 
 _MODES = {3: cv2.STEREO_SGBM_MODE_SGBM_3WAY, 5: cv2.STEREO_SGBM_MODE_SGBM, 8: cv2.STEREO_SGBM_MODE_HH}
-_TO_GREY = {
-    "MODE_RGB": cv2.COLOR_RGB2GRAY, "MODE_RGBA": cv2.COLOR_RGBA2GRAY,
-    "MODE_BGR": cv2.COLOR_BGR2GRAY, "MODE_BGRA": cv2.COLOR_BGRA2GRAY,
-}  # fmt: skip
-#: OpenCV's disparities are fixed-point numbers with 4 fractional bits.
-_SCALE = 16
 
 
-class SgbmConfig(DfnConfig):
-    """Search range, costs and checks."""
+class SgbmConfig(MatcherConfig):
+    """Costs and their aggregation."""
 
-    min_disparity_px: int = Field(0, ge=-512, le=512, description="Smallest disparity searched, px")
-    num_disparities: int = Field(128, ge=16, le=1024, description="Disparities searched, px; a multiple of 16")
     block_px: int = Field(3, ge=1, le=15, description="Edge of the matched block, px; odd")
     paths: Literal[3, 5, 8] = Field(5, description="Directions in which costs are aggregated")
-    uniqueness_percent: int = Field(10, ge=0, le=100, description="Margin of the best over the second best cost, %")
-    left_right_px: float = Field(1.0, gt=0.0, le=16.0, description="Largest left-right difference, px")
-    speckle_px: int = Field(100, ge=0, le=100_000, description="Smallest connected area kept, px")
-    speckle_range_px: float = Field(1.0, gt=0.0, le=16.0, description="Largest step inside a connected area, px")
 
 
-class Sgbm(DisparityImageInterface):
-    """Match left to right and right to left ([1]_), keep where both agree, drop specks; sub-pixel by parabola.
-
-    The images are widened on the left by the search range: OpenCV gives no disparity there otherwise, though all but
-    the part that the other camera does not see can be matched.
-    """
+class Sgbm(CheckedMatcher):
+    """Costs of blocks aggregated along several directions ([1]_); sub-pixel by a parabola through the costs."""
 
     Config: ClassVar[type[DfnConfig]] = SgbmConfig
 
-    def setup(self) -> None:
-        """Make the matcher."""
+    def _made(self) -> cv2.StereoMatcher:
         c = self.config
-        if c.num_disparities % 16:
-            raise ConfigurationError(f"Sgbm: num_disparities={c.num_disparities}: expected a multiple of 16")
-        if c.block_px % 2 == 0:
-            raise ConfigurationError(f"Sgbm: block_px={c.block_px}: expected an odd number")
-        self._matcher = cv2.StereoSGBM.create(
+        return cv2.StereoSGBM.create(
             minDisparity=c.min_disparity_px, numDisparities=c.num_disparities, blockSize=c.block_px,
             P1=8 * c.block_px**2, P2=32 * c.block_px**2, disp12MaxDiff=-1, preFilterCap=31,
             uniquenessRatio=c.uniqueness_percent, speckleWindowSize=0, speckleRange=0, mode=_MODES[c.paths],
         )  # fmt: skip
-
-    def process(self, inputs: DisparityImageInputs) -> DisparityImageOutputs:
-        """Return the disparity image; raises InputError where the images do not fit each other."""
-        left, right = grey_pair(inputs.left, inputs.right)
-        disparity = self._match(left, right)
-        mirrored = self._match(right[:, ::-1], left[:, ::-1])[:, ::-1]
-        disparity[~self._agree(disparity, mirrored)] = np.nan
-        return DisparityImageOutputs(disparity=_like(inputs.left, self._without_specks(disparity)))
-
-    def _match(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[np.float32]:
-        pad = max(self.config.min_disparity_px + self.config.num_disparities, 0)
-        wide = [cv2.copyMakeBorder(i, 0, 0, pad, 0, cv2.BORDER_REPLICATE) for i in (left, right)]
-        fixed = self._matcher.compute(wide[0], wide[1])[:, pad:]
-        valid = fixed >= self.config.min_disparity_px * _SCALE
-        return np.where(valid, fixed.astype(np.float32) / _SCALE, np.float32(np.nan))
-
-    def _agree(self, left: NDArray[np.float32], right: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Where the right image's disparity at the matched column is the same; outside the right image nothing is."""
-        cols = left.shape[1]
-        matched = np.arange(cols, dtype=np.float32)[None, :] - left
-        column = np.rint(np.nan_to_num(matched, nan=-1.0)).astype(np.int32)
-        inside = (column >= 0) & (column < cols)
-        there = np.take_along_axis(right, np.where(inside, column, 0), axis=1)
-        return np.asarray(inside & (np.abs(there - left) <= self.config.left_right_px), dtype=np.bool_)
-
-    def _without_specks(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
-        if self.config.speckle_px == 0:
-            return disparity
-        hole = (self.config.min_disparity_px - 1) * _SCALE
-        fixed = np.where(np.isfinite(disparity), disparity * _SCALE, hole).astype(np.int16)
-        cv2.filterSpeckles(fixed, hole, self.config.speckle_px, round(self.config.speckle_range_px * _SCALE))
-        return np.where(fixed == hole, np.float32(np.nan), disparity)
-
-
-def grey_pair(left: Frame, right: Frame) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Both images as 8-bit grey ``(rows, cols)``; 16-bit ones scaled alike, by the left's 99.9th percentile.
-
-    Raises
-    ------
-    InputError
-        If they differ in size or depth, or are neither 8 nor 16 bit.
-    """
-    a, b = left.image, right.image
-    if a.shape[:2] != b.shape[:2] or a.dtype != b.dtype or a.size == 0:
-        raise InputError(f"left {a.dtype} {a.shape}, right {b.dtype} {b.shape}: expected one size and depth")
-    if a.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"images of {a.dtype}: expected uint8 or uint16")
-    greys = [_grey(a, left.metadata.mode.name), _grey(b, right.metadata.mode.name)]
-    if a.dtype == np.uint16:
-        top = max(float(np.percentile(greys[0], 99.9)), 1.0)
-        greys = [np.clip(g.astype(np.float32) * (255.0 / top), 0, 255).astype(np.uint8) for g in greys]
-    return greys[0], greys[1]
-
-
-def _grey(image: NDArray[Any], mode: str) -> NDArray[Any]:
-    if image.ndim == 2:
-        return np.ascontiguousarray(image)
-    default = "MODE_RGB" if image.shape[2] == 3 else "MODE_RGBA"
-    return cv2.cvtColor(np.ascontiguousarray(image), _TO_GREY.get(mode, _TO_GREY[default]))
-
-
-def _like(left: Frame, disparity: NDArray[np.float32]) -> Frame:
-    return Frame.from_image(
-        disparity, stamp_ns=left.stamp_ns, mode="UNDEF", sensor=left.frame, T_robot_sensor=left.T_robot_sensor,
-        camera_matrix=left.camera_matrix if np.any(left.camera_matrix) else None,
-    )  # fmt: skip
