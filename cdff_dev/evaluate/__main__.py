@@ -62,7 +62,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _draw(module: ModuleType, name: str, figures: dict[str, Any]) -> None:
-    """Put the SVG of ``draw(figures) -> bytes`` and the tables of ``table(figures) -> str`` beside and into its page."""
+    """Put the SVG of ``draw(figures) -> bytes`` beside its page and the tables of ``table(figures) -> str`` into it."""
     folder = folder_of(name)
     if hasattr(module, "draw"):
         (folder / f"{name}.svg").write_bytes(module.draw(figures))

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Dense disparity on the measured Middlebury pairs, beside OpenCV's plain SGBM at equal density.
 
-bad-1 and bad-2 are the shares of the given disparities that are off by more than 1 and 2 px, over all pixels with ground
-truth, hidden ones too; density is the share of those pixels that are given any. Ours has one setting for all pairs, its
-search range too; the plain one is given the range of each. Its density is varied by its ratio of uniqueness, and its
-bad-1 read off at the density of ours.
+bad-1 and bad-2 are the shares of the given disparities that are off by more than 1 and 2 px, over all pixels with
+ground truth, hidden ones too; density is the share of those pixels that are given any. Ours has one setting for all
+pairs, its search range too; the plain one is given the range of each. Its density is varied by its ratio of uniqueness,
+and its bad-1 read off at the density of ours.
 """
 
 from __future__ import annotations
