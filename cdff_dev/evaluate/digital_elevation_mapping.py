@@ -24,12 +24,10 @@ from cdff_common.geometry import FrameGraph, UncertainTransform, se3
 from cdff_common.interfaces.dfpc import DfpcContext, Sample
 from cdff_common.interfaces.profile import load_profile
 from cdff_common.interfaces.registry import Registry
-from cdff_common.raster import GridGeometry
 from cdff_common.types import ElevationMap, Frame, FramePair, TransformWithCovariance
 from cdff_core.dfns.disparity_image._interface import DisparityImageInputs
+from cdff_dev.elevation import compare
 
-#: Half width of the 90 % interval of a normal distribution, in standard deviations.
-Z_90 = 1.6448536269514722
 PROFILE = Path(__file__).resolve().parents[2] / "deploy" / "profiles" / "rover_traverse.yaml"
 #: Folder, disparity scale and search range of the Middlebury pairs.
 PAIRS = (("teddy", 4.0, 64), ("tsukuba", 16.0, 16))
@@ -42,46 +40,6 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
         "rover_traverse (simulated), true poses, 5 cm": _simulated(progress),
         "middlebury, all pixels with truth": {name: _middlebury(data, name, *rest) for name, *rest in PAIRS},
         "kitti_stereo, true poses, 20 cm": _kitti(data / "kitti_stereo" / "KITTI_sequence_1", progress),
-    }
-
-
-def dem_scores(
-    geometry: GridGeometry,
-    mean: NDArray[np.floating],
-    variance: NDArray[np.floating],
-    truth: GridGeometry,
-    heights_m: NDArray[np.floating],
-) -> dict[str, float]:
-    """Scores of a map against a terrain given on another grid of the same frame.
-
-    Parameters
-    ----------
-    mean, variance : NDArray, shape (rows, cols)
-        Of the map, metres and square metres; NaN where unobserved.
-    heights_m : NDArray, shape of ``truth``
-        True heights. Each map cell is compared with the true cell its centre lies in.
-
-    Returns
-    -------
-    dict of str to float
-        ``cells``; ``bias_m``, ``rmse_m``, ``nmad_m`` (1.4826 times the median distance from the median [1]_),
-        ``le90_m`` (90th percentile of the absolute error); ``within_90_percent``: share of errors within 1.645 sigma.
-    """
-    row, col = np.nonzero(np.isfinite(mean))
-    r, c, inside = truth.cells_of(geometry.x_centres_m()[col], geometry.y_centres_m()[row])
-    error = (mean[row, col].astype(np.float64) - heights_m[r, c])[inside]
-    sigma = np.sqrt(variance[row, col].astype(np.float64))[inside]
-    known = np.isfinite(error)
-    error, sigma = error[known], sigma[known]
-    if not len(error):
-        return {"cells": 0}
-    return {
-        "cells": len(error),
-        "bias_m": float(error.mean()),
-        "rmse_m": float(np.sqrt(np.mean(error**2))),
-        "nmad_m": float(1.4826 * np.median(np.abs(error - np.median(error)))),
-        "le90_m": float(np.percentile(np.abs(error), 90)),
-        "within_90_percent": float(np.mean(np.abs(error) <= Z_90 * sigma)),
     }
 
 
@@ -103,9 +61,7 @@ def _simulated(progress: Callable[[str], None]) -> dict[str, Any]:
             samples = (Sample(ports[s.stream], s.stamp_ns, s.seq, s.value) for s in log.samples(list(ports)))
             dem = _mapped(samples, context, variant, {"resolution_m": 0.05, "fusion": {"size_m": 60.0}})
             for name, least in (("all cells", 1), ("5 or more measurements", 5)):
-                kept = np.where(dem.layer("count") >= least, dem.layer("mean"), np.nan)
-                scores = dem_scores(dem.geometry, kept, dem.layer("variance"), terrain.geometry, terrain.layer("mean"))
-                report[f"{robot} {variant.lower()}, {name}"] = _rounded(scores)
+                report[f"{robot} {variant.lower()}, {name}"] = _rounded(compare(dem, terrain, least_count=least))
     return report
 
 
@@ -182,5 +138,5 @@ def _kitti(folder: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     })  # fmt: skip
 
 
-def _rounded(scores: dict[str, float]) -> dict[str, float]:
-    return {name: round(value, 5) for name, value in scores.items()}
+def _rounded(scores: dict[str, Any]) -> dict[str, Any]:
+    return {k: round(v, 5) if isinstance(v, float) else v for k, v in scores.items()}

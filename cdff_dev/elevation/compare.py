@@ -1,0 +1,180 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""An elevation map against the true terrain.
+
+References
+----------
+.. [1] Höhle, J., Höhle, M. (2009). Accuracy assessment of digital elevation models by means of robust statistical
+   methods. ISPRS Journal 64(4). doi:10.1016/j.isprsjprs.2009.02.003 (NMAD, quantiles)
+.. [2] Nuth, C., Kääb, A. (2011). Co-registration and bias corrections of satellite elevation data sets for quantifying
+   glacier thickness change. The Cryosphere 5. doi:10.5194/tc-5-271-2011 (the shift)
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import correlate1d, map_coordinates
+
+from cdff_common.errors import InputError
+from cdff_common.raster import GridGeometry
+from cdff_common.types import ElevationMap
+
+Grid = NDArray[np.float64]
+
+#: Half width of the 90 % interval of a normal distribution, in standard deviations.
+Z_90 = 1.6448536269514722
+_SHIFT_ROUNDS = 30
+#: Errors beyond this many NMAD do not say where the map lies.
+_SHIFT_GATE = 3.0
+
+
+def compare(
+    dem: ElevationMap, truth: ElevationMap, *, remove_shift: bool = False, least_count: int = 1
+) -> dict[str, Any]:
+    """Figures of a map.
+
+    Parameters
+    ----------
+    dem : ElevationMap
+        Layer ``mean``; with ``variance`` the coverage of intervals is told, with ``count`` cells can be left out.
+    truth : ElevationMap
+        Layer ``mean``, in the same frame. Where its cells are smaller their mean over a cell of the map is taken, else
+        its heights are interpolated at the cell's centre.
+    remove_shift : bool
+        Whether the map is first moved as a whole to where it fits best; the shift is told either way.
+    least_count : int
+        Cells with fewer measurements are left out.
+
+    Returns
+    -------
+    dict
+        ``cells``, ``completeness`` (share of the true cells within the map's extent that it shows), ``bias_m``,
+        ``rmse_m``, ``nmad_m`` and ``le90_m`` [1]_, ``max_m``, ``slope_rmse_deg``, ``within_90_percent`` (share of the
+        true heights within 1.645 sigma), ``chi2_per_cell``, and the ``shift_m`` (east, north, up) that was found [2]_.
+
+    Raises
+    ------
+    InputError
+        If the frames differ or no cell of the map has a known true height.
+    """
+    if dem.frame != truth.frame:
+        raise InputError(f"map in frame {dem.frame!r}, truth in {truth.frame!r}: expected one frame")
+    mean = dem.layer("mean").astype(np.float64)
+    if "count" in dem.layer_names:
+        mean = np.where(dem.layer("count") >= least_count, mean, np.nan)
+    shift = _shift(dem.geometry, mean, truth)
+    moved = shift if remove_shift else np.zeros(3)
+    true = true_heights(dem.geometry, truth, moved[:2])
+    error = mean + moved[2] - true
+    known = np.isfinite(error)
+    if not known.any():
+        raise InputError("no cell of the map has a known true height: do the two overlap?")
+    e = error[known]
+    figures: dict[str, Any] = {
+        "cells": len(e),
+        "completeness": float(len(e) / max(1, np.count_nonzero(np.isfinite(true)))),
+        "bias_m": float(e.mean()),
+        "rmse_m": float(np.sqrt(np.mean(e**2))),
+        "nmad_m": _nmad(e),
+        "le90_m": float(np.percentile(np.abs(e), 90)),
+        "max_m": float(np.abs(e).max()),
+        "slope_rmse_deg": _slope_rmse_deg(np.where(known, mean, np.nan), true, dem.geometry.resolution_m),
+        "shift_m": [float(v) for v in shift],
+        "shift_removed": remove_shift,
+    }
+    if "variance" in dem.layer_names:
+        variance = dem.layer("variance").astype(np.float64)[known]
+        figures["within_90_percent"] = float(np.mean(np.abs(e) <= Z_90 * np.sqrt(variance)))
+        figures["chi2_per_cell"] = float(np.median(e**2 / np.maximum(variance, 1e-12)) / 0.4549)
+    return figures
+
+
+def true_heights(geometry: GridGeometry, truth: ElevationMap, shift_m: NDArray[np.float64] | None = None) -> Grid:
+    """True height of each cell ``(rows, cols)``, metres; NaN where unknown.
+
+    Parameters
+    ----------
+    shift_m : ndarray, shape (2,), optional
+        East and north that are added to the cells' places before the truth is read.
+    """
+    t, heights = truth.geometry, truth.layer("mean").astype(np.float64)
+    dx, dy = (0.0, 0.0) if shift_m is None else (float(v) for v in shift_m)
+    cells_per_cell = round(geometry.resolution_m / t.resolution_m)
+    if cells_per_cell > 1 and dx == dy == 0.0:
+        return _mean_over_cells(geometry, truth)
+    if cells_per_cell > 1:  # between two places of a true cell its mean over the map's cell changes smoothly
+        for axis in (0, 1):
+            heights = correlate1d(heights, np.full(cells_per_cell, 1.0 / cells_per_cell), axis, mode="nearest")
+    col = (geometry.x_centres_m() + dx - t.xmin_m) / t.resolution_m - 0.5
+    row = (t.ymax_m - geometry.y_centres_m() - dy) / t.resolution_m - 0.5
+    if cells_per_cell % 2 == 0:  # the mean of an even number lies between two
+        row, col = row + 0.5, col + 0.5
+    whole = max(np.abs(a - np.rint(a)).max() for a in (row, col)) < 1e-6  # cell on cell: unknown ones do not spread
+    if whole:
+        row, col = np.rint(row), np.rint(col)
+    at = np.meshgrid(row, col, indexing="ij")
+    return np.asarray(map_coordinates(heights, at, order=0 if whole else 1, mode="constant", cval=np.nan))
+
+
+def _mean_over_cells(geometry: GridGeometry, truth: ElevationMap) -> Grid:
+    heights = truth.layer("mean").astype(np.float64).ravel()
+    x, y = truth.geometry.centres_m()
+    row, col, inside = geometry.cells_of(x.ravel(), y.ravel())
+    use = inside & np.isfinite(heights)
+    cell, cells = (row * geometry.cols + col)[use], geometry.rows * geometry.cols
+    with np.errstate(invalid="ignore"):
+        mean = np.bincount(cell, heights[use], cells) / np.bincount(cell, minlength=cells)
+    return np.asarray(mean.reshape(geometry.shape))
+
+
+def table(figures: dict[str, Any]) -> str:
+    """Lines for people."""
+    unit = {"m": " m", "deg": " deg"}
+    rows = []
+    for name, value in figures.items():
+        text = ", ".join(f"{v:.4f}" for v in value) if isinstance(value, list) else _text(value)
+        rows.append(f"{name.rsplit('_', 1)[0] if name.endswith(('_m', '_deg')) else name:18} {text}"
+                    + next((u for end, u in unit.items() if name.endswith(f"_{end}")), ""))  # fmt: skip
+    return "\n".join(rows)
+
+
+def _text(value: Any) -> str:
+    return f"{value:.4f}" if isinstance(value, float) else str(value)
+
+
+def _nmad(error: Grid) -> float:
+    return float(1.4826 * np.median(np.abs(error - np.median(error))))
+
+
+def _slope_rmse_deg(mean: Grid, true: Grid, resolution_m: float) -> float:
+    """Root mean square difference of the slopes over neighbouring cells, degrees; NaN where none are neighbours."""
+    if min(mean.shape) < 2:
+        return float("nan")
+    slopes = [np.degrees(np.arctan(np.hypot(*np.gradient(z, resolution_m)))) for z in (mean, true)]
+    difference = (slopes[0] - slopes[1])[np.isfinite(slopes[0] - slopes[1])]
+    return float(np.sqrt(np.mean(difference**2))) if len(difference) else float("nan")
+
+
+def _shift(geometry: GridGeometry, mean: Grid, truth: ElevationMap) -> NDArray[np.float64]:
+    """East, north and up to add to the map so that it fits best, metres."""
+    shift = np.zeros(3)
+    if min(mean.shape) < 2:
+        return shift
+    for _ in range(_SHIFT_ROUNDS):
+        true = true_heights(geometry, truth, shift[:2])
+        down, east = np.gradient(true, geometry.resolution_m)
+        error = mean + shift[2] - true
+        use = np.isfinite(error) & np.isfinite(east) & np.isfinite(down)
+        if np.count_nonzero(use) < 10:
+            return shift
+        e = error[use]
+        near = np.abs(e - np.median(e)) <= _SHIFT_GATE * max(_nmad(e), 1e-9)
+        A = np.column_stack([east[use], -down[use], -np.ones(len(e))])[near]
+        step = np.linalg.lstsq(A, e[near], rcond=None)[0]
+        shift += step
+        if np.abs(step).max() < 1e-5:
+            break
+    return shift
