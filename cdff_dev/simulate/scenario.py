@@ -262,11 +262,21 @@ class Scenario(StrictModel):
 def load_scenario(name: str, seed: int | None = None) -> Scenario:
     """Read a shipped scenario by name, or a scenario file by path; ``seed`` replaces the file's.
 
+    A file that says ``extends: NAME`` holds only what differs from that shipped scenario.
+
     Raises
     ------
     ConfigurationError
         If there is no such scenario, or a key or value in it is wrong.
     """
+    data = _read(name)
+    if seed is not None:
+        data["seed"] = seed
+    return validated(Scenario, data, name)
+
+
+def _read(name: str) -> dict[str, Any]:
+    """Contents of a scenario file laid over those it extends; the robots are the file's own where it has any."""
     path = Path(name) if name.endswith((".yaml", ".yml")) else SCENARIO_FOLDER / f"{name}.yaml"
     if not path.is_file():
         known = ", ".join(sorted(p.stem for p in SCENARIO_FOLDER.glob("*.yaml")))
@@ -275,6 +285,22 @@ def load_scenario(name: str, seed: int | None = None) -> Scenario:
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
     except yaml.YAMLError as error:
         raise ConfigurationError(f"{path}: {error}") from error
-    if isinstance(data, dict) and seed is not None:
-        data["seed"] = seed
-    return validated(Scenario, data, str(path))
+    if not isinstance(data, dict):
+        raise ConfigurationError(f"{path}: expected a mapping, got {type(data).__name__}")
+    base = data.pop("extends", None)
+    if base is None:
+        return data
+    if not isinstance(base, str) or base == path.stem:
+        raise ConfigurationError(f"{path}: extends: {base!r}: expected the name of another scenario")
+    below = _read(base)
+    if "robots" in data:
+        below.pop("robots", None)
+    return _laid_over(below, data)
+
+
+def _laid_over(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    """The mapping below with what the one above says instead, mappings within laid over each other likewise."""
+    return below | {
+        key: _laid_over(below[key], value) if isinstance(value, dict) and isinstance(below.get(key), dict) else value
+        for key, value in above.items()
+    }

@@ -36,6 +36,21 @@ def test_an_unknown_key_is_refused_by_name(tmp_path: Path) -> None:
         load_scenario(str(tmp_path / "odd.yaml"))
 
 
+def test_a_scenario_that_extends_another_says_only_what_differs() -> None:
+    base, sand = load_scenario("rover_traverse"), load_scenario("visual_sand")
+    assert sand.terrain.surface.albedo_contrast == 0.06
+    assert sand.terrain.surface.sun_elevation_deg == base.terrain.surface.sun_elevation_deg
+    assert sand.navcam == base.navcam.model_copy(update={"rate_hz": sand.navcam.rate_hz})
+    assert sand.robots == load_scenario("visual_rocks").robots
+
+
+@pytest.mark.parametrize("value", ["odd", ["rover_traverse"]])
+def test_a_scenario_extends_no_list_and_not_itself(tmp_path: Path, value: object) -> None:
+    (tmp_path / "odd.yaml").write_text(yaml.safe_dump({"extends": value}), encoding="utf-8")
+    with pytest.raises(ConfigurationError, match="extends"):
+        load_scenario(str(tmp_path / "odd.yaml"))
+
+
 def test_an_unknown_scenario_is_answered_with_those_there_are() -> None:
     with pytest.raises(ConfigurationError, match="rover_traverse"):
         load_scenario("moon_walk")
