@@ -32,7 +32,7 @@ from cdff_common.raster import ELEVATION_LAYERS, GridGeometry
 from cdff_common.raster.tiles import Tile, level_of, tiles_over
 from cdff_common.types import ElevationMap
 from dpm_store import Parcel, open_store
-from dpm_store.maps import WindowQuery
+from dpm_store.windows import WindowQuery
 from services.dpm.tiles import TileRequest, Tiles
 
 S = 1_000_000_000

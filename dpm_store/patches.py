@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Elevation patches on their way into a window: found by region, read in order, kept decoded while there is room."""
+"""Maps on their way into a window: found by region, read in order, kept decoded while there is room."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 DERIVED_DFPC = "dpm"
 #: Of one window.
 MAX_PATCHES = 20_000
-#: Of decoded patches that are kept in memory.
+#: Of decoded elevation patches that are kept in memory.
 CACHE_BYTES = 48 << 20
 #: Patches read together; as many are in memory at a time.
 _AHEAD = 32
@@ -37,10 +37,10 @@ _AHEAD = 32
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patch:
-    """A decoded elevation map: layers float32 ``(rows, cols)`` by name."""
+    """A decoded map: layers ``(rows, cols)`` by name."""
 
     geometry: GridGeometry
-    layers: dict[str, NDArray[np.float32]]
+    layers: dict[str, NDArray[Any]]
     t1_ns: int
 
 
@@ -67,9 +67,23 @@ class Found:
 
 
 class Patches:
-    """Finds and reads elevation patches."""
+    """Finds and reads maps of one kind, elevation unless another is named.
 
-    def __init__(self, search: Search, products: ProductTable, frames: FrameTable) -> None:
+    Parameters
+    ----------
+    product, type_name : str
+        What they are stored as.
+    cache_bytes : int
+        Of decoded maps that are kept in memory.
+    """
+
+    def __init__(
+        self, search: Search, products: ProductTable, frames: FrameTable, product: str = "dem",
+        type_name: str = "ElevationMap", cache_bytes: int = CACHE_BYTES,
+    ) -> None:  # fmt: skip
+        self.product = product
+        self._type_name = type_name
+        self._cache_bytes = cache_bytes
         self._search = search
         self._products = products
         self._frames = frames
@@ -77,13 +91,17 @@ class Patches:
         self._kept: OrderedDict[str, Patch] = OrderedDict()
         self._kept_bytes = 0
 
+    def of(self, product: str, type_name: str) -> Patches:
+        """Maps of another kind in the same store, with a smaller cache."""
+        return Patches(self._search, self._products, self._frames, product, type_name, self._cache_bytes // 4)
+
     def any(self, query: Query) -> bool:
         """Whether a search finds a patch; derived maps count."""
-        return bool(self._search.run(replace(query, types=("dem",), limit=1)).items)
+        return bool(self._search.run(replace(query, types=(self.product,), limit=1)).items)
 
     def find_few(self, query: Query, most: int) -> Found | None:
         """As ``find``; None where there are more than ``most``, or as many derived maps."""
-        page = self._search.run(replace(query, types=("dem",), limit=2 * most))
+        page = self._search.run(replace(query, types=(self.product,), limit=2 * most))
         found = [r for r in page.items if r.dfpc != DERIVED_DFPC and r.size]
         if page.cursor is not None or len(found) > most:
             return None
@@ -92,14 +110,14 @@ class Patches:
     def find(self, query: Query) -> Found:
         """Patches that a search finds, and how they lie in the query's frame; raises InputError on too many."""
         found: list[ProductRecord] = []
-        page = self._search.run(replace(query, types=("dem",), limit=MAX_LIMIT))
+        page = self._search.run(replace(query, types=(self.product,), limit=MAX_LIMIT))
         while True:
             found += [r for r in page.items if r.dfpc != DERIVED_DFPC and r.size]
             if page.cursor is None:
                 break
             if len(found) >= MAX_PATCHES:
                 raise InputError(f"more than {MAX_PATCHES} patches in that region; ask for a smaller one")
-            page = self._search.run(replace(query, types=("dem",), limit=MAX_LIMIT, cursor=page.cursor))
+            page = self._search.run(replace(query, types=(self.product,), limit=MAX_LIMIT, cursor=page.cursor))
         return self._placed(query, found, page)
 
     def _placed(self, query: Query, found: Sequence[ProductRecord], page: Page) -> Found:
@@ -150,7 +168,7 @@ class Patches:
         codecs = {record.id: record for record in records if record.id not in known}
         for product_id, payload in self._products.payloads(list(codecs)):
             record = codecs[product_id]
-            value = decode("ElevationMap", payload, record.codec)
+            value = decode(self._type_name, payload, record.codec)
             layers = {name: value.layer(name) for name in value.layer_names}
             known[product_id] = Patch(value.geometry, layers, record.header.t1_ns)
             self._keep(product_id, known[product_id])
@@ -165,14 +183,14 @@ class Patches:
 
     def _keep(self, product_id: str, patch: Patch) -> None:
         size = sum(layer.nbytes for layer in patch.layers.values())
-        if size > CACHE_BYTES // 4:
+        if size > self._cache_bytes // 4:
             return
         with self._lock:
             if product_id in self._kept:
                 return
             self._kept[product_id] = patch
             self._kept_bytes += size
-            while self._kept_bytes > CACHE_BYTES:
+            while self._kept_bytes > self._cache_bytes:
                 _, gone = self._kept.popitem(last=False)
                 self._kept_bytes -= sum(layer.nbytes for layer in gone.layers.values())
 

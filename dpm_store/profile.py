@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from cdff_common.errors import InputError, ProductNotFoundError
 from cdff_common.geometry.region import Region
-from dpm_store.maps import Maps, WindowQuery
+from dpm_store.maps import Maps
 from dpm_store.patches import Found, bounds_each
+from dpm_store.windows import WindowQuery
 
 MAX_CORNERS = 1024
 MAX_SAMPLES = 20_000
@@ -110,7 +111,7 @@ def elevation_profile(maps: Maps, asked: WindowQuery, path_m: NDArray[np.float64
         mean[at] = made.statistics.mean[rows[seen], cols[seen]]
         sigma[at] = np.sqrt(made.statistics.variance[rows[seen], cols[seen]])
         count[at] = made.statistics.count[rows[seen], cols[seen]]
-        used |= {record.id for record in made.used}
+        used |= {record.id for record in made.made.used}
         first = last
     return Profile(distance, points, mean, sigma, count, cell_m, tuple(sorted(used)))
 

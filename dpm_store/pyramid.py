@@ -15,7 +15,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,22 +41,26 @@ FEW = 24
 #: Tiles kept in memory, 3.3 MB each, and bytes kept as files.
 _KEPT = 12
 _FILE_BYTES = 512 << 20
+#: Products that tiles are drawn of.
+MAPS = ("dem", "navigation_map")
 _KINDS = ("inserted", "deleted", "reanchored")
 _EVENTS = 1000
 #: A patch that ends at the edge of a rectangle does not reach into it.
 _INSET_M = 1e-4
 _ATTEMPTS = 3
 
+Read = TypeVar("Read")
 Key = tuple[str, int, int, int]
 Bounds = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A rectangle of a frame in which an event changed what there is, metres."""
+    """A rectangle of a frame in which an event changed what there is of a product, metres; of any with no product."""
 
     frame: str
     bounds: Bounds
+    product: str | None = None
 
 
 class Pyramid:
@@ -95,7 +99,8 @@ class Pyramid:
             while page == _EVENTS:
                 events = self._events.since(self._seen, kind=_KINDS, limit=_EVENTS)
                 for change in (change for event in events for change in self._changes(event)):
-                    self._drop(change)
+                    if change.product in (None, "dem"):
+                        self._drop(change)
                     for listener in self._listeners:
                         listener(change)
                 page = len(events)
@@ -116,11 +121,15 @@ class Pyramid:
         UnavailableError
             If products come faster than the rectangle can be read.
         """
+        return self.settled(frame, lambda: self._rectangle(frame, z, geometry))
+
+    def settled(self, frame: str, make: Callable[[], Read]) -> Read:
+        """What ``make`` reads of a frame, once nothing changed meanwhile; raises as ``statistics``."""
         with self._lock:
             self._asked_frames.add(frame)
             for _ in range(_ATTEMPTS):
                 before = self.sync()
-                made = self._rectangle(frame, z, geometry)
+                made = make()
                 if self.sync() == before:
                     return made
             raise UnavailableError(f"tiles of {frame}: products come faster than they can be pooled; ask again")
@@ -172,10 +181,10 @@ class Pyramid:
         from cdff_common.raster.tiles import LAST_LEVEL, cell_m
 
         if tile.z == LAST_LEVEL:
-            return self._pooled(self._patches.find(_query(frame, geometry)), geometry)
+            return self._pooled(self._patches.find(tile_query(frame, geometry)), geometry)
         finer_m = cell_m(tile.z + 1) * (1.0 + 1e-6)
-        result = self._pooled(self._patches.find(_query(frame, geometry, above_m=finer_m)), geometry)
-        if self._patches.any(_query(frame, geometry, most_m=finer_m)):
+        result = self._pooled(self._patches.find(tile_query(frame, geometry, above_m=finer_m)), geometry)
+        if self._patches.any(tile_query(frame, geometry, most_m=finer_m)):
             for child in tile.children():
                 part = self._tile(frame, child)
                 if part is not None:
@@ -183,7 +192,7 @@ class Pyramid:
         return result
 
     def _few(self, frame: str, geometry: GridGeometry) -> Found | None:
-        return self._patches.find_few(_query(frame, geometry), FEW)
+        return self._patches.find_few(tile_query(frame, geometry), FEW)
 
     def _pooled(self, found: Found, geometry: GridGeometry) -> CellStatistics:
         from cdff_common.raster.mosaic import Mosaic, is_level
@@ -204,8 +213,8 @@ class Pyramid:
         body = event.body
         if event.kind == "reanchored":
             yield from self._moved(int(body["frames_revision"]))
-        elif body.get("product") == "dem" and body.get("dfpc") != DERIVED_DFPC and "box_m" in body:
-            yield from self._touched(str(body["frame"]), np.array(body["box_m"], dtype=np.float64))
+        elif body.get("product") in MAPS and body.get("dfpc") != DERIVED_DFPC and "box_m" in body:
+            yield from self._touched(body["product"], str(body["frame"]), np.array(body["box_m"], dtype=np.float64))
 
     def _moved(self, state: int) -> Iterable[Change]:
         """Where the patches were that a frame's revision moves, and where they are, as one rectangle a frame each."""
@@ -224,13 +233,13 @@ class Pyramid:
                         if T is not None and np.isfinite(box).all():
                             yield Change(frame, bounds_in(T, box))
 
-    def _touched(self, home: str, box: NDArray[np.float64]) -> Iterable[Change]:
+    def _touched(self, product: str, home: str, box: NDArray[np.float64]) -> Iterable[Change]:
         with self._database.read() as connection:
             tree = self._frames.tree_in(connection)
         for frame in sorted(self._asked_frames):
             T = tree.find(frame, home)
             if T is not None:
-                yield Change(frame, bounds_in(T, box))
+                yield Change(frame, bounds_in(T, box), product)
 
 
 def touched(keys: Iterable[Key], change: Change, margin_cells: int = 0) -> list[Key]:
@@ -261,16 +270,18 @@ def bounds_in(T: UncertainTransform, box: NDArray[np.float64]) -> Bounds:
 
 
 def _patches_box(connection: Connection, frame: str) -> NDArray[np.float64]:
-    """Box around all patches of a frame, not finite without any."""
+    """Box around all maps of a frame, not finite without any."""
     p = schema.products.c
     low = func.min(p.xmin_m), func.min(p.ymin_m), func.min(p.zmin_m)
     high = func.max(p.xmax_m), func.max(p.ymax_m), func.max(p.zmax_m)
-    here = p.frame == frame, p.product == "dem", p.dfpc != DERIVED_DFPC, p.deleted_ns.is_(None)
+    here = p.frame == frame, p.product.in_(MAPS), p.dfpc != DERIVED_DFPC, p.deleted_ns.is_(None)
     row = connection.execute(select(*low, *high).where(*here)).one()
     return np.array([np.nan if v is None else v for v in row], dtype=np.float64)
 
 
-def _query(frame: str, geometry: GridGeometry, *, above_m: float | None = None, most_m: float | None = None) -> Query:
+def tile_query(
+    frame: str, geometry: GridGeometry, *, above_m: float | None = None, most_m: float | None = None
+) -> Query:
     """Patches that may reach into a rectangle and whose cells are no larger than its own."""
     b = geometry.bounds
     region = Region("bbox", (b.xmin + _INSET_M, b.ymin + _INSET_M, b.xmax - _INSET_M, b.ymax - _INSET_M))

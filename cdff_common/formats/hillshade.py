@@ -14,8 +14,6 @@ from cdff_common.raster.slope import hillshade
 if TYPE_CHECKING:
     from cdff_common.types import ElevationMap, NavigationMap
 
-#: Red, green, blue, alpha of the classes unknown, safe, caution, hazard.
-CLASS_COLORS = np.array([[0, 0, 0, 0], [70, 150, 90, 255], [230, 180, 60, 255], [190, 60, 50, 255]], dtype=np.uint8)
 _EXAGGERATION = 2.0
 
 
@@ -39,6 +37,8 @@ def hillshade_png(value: ElevationMap, *, largest: int | None = None) -> bytes:
 
 def classes_png(value: NavigationMap, *, largest: int | None = None) -> bytes:
     """PNG of the classes: green safe, amber caution, red hazard, transparent unknown."""
+    from cdff_common.raster.rendering import CLASS_COLORS
+
     classes = np.asarray(value.layer("class"))
     step = 1 if largest is None else max(1, -(-max(classes.shape) // largest))
     return write_png(CLASS_COLORS[np.minimum(classes[::step, ::step], 3).astype(np.intp)])

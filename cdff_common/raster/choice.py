@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a cell of a window holds where several patches have measured it."""
+"""What a cell of a window holds where several patches have measured or judged it."""
 
 from __future__ import annotations
 
@@ -22,3 +22,11 @@ class Disagreement(StrEnum):
     KEEP = "keep"  # they stay pooled: the variance holds the spread between the patches
     NEWEST = "newest"  # they hold what the newest patch measured
     DROP = "drop"  # they are unobserved
+
+
+class NavigationChoice(StrEnum):
+    """Whose judgement a cell holds where several maps know it."""
+
+    NEWEST = "newest"  # of the map whose capture ended last
+    OLDEST = "oldest"  # of the map whose capture ended first
+    WORST = "worst"  # the worst class of any map, and the largest of every other layer

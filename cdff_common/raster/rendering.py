@@ -1,14 +1,15 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pictures of elevation for the eye, as indices into a palette: 0 where unobserved, transparent.
+"""Pictures of elevation and navigation for the eye, as indices into a palette: 0 where unobserved, transparent.
 
 Every rendering but the relief has a fixed range, so that neighbouring tiles show the same height in the same colour.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ _SHADES = 17
 
 
 @dataclass(frozen=True, slots=True)
-class Rendering:
+class Look:
     """How a layer looks.
 
     Attributes
@@ -34,9 +35,6 @@ class Rendering:
     low, high : float
         Range shown by default; what lies beyond takes the colour at its end.
     palette : Palette, shape (256, 3)
-    value : callable
-        Heights and variances ``(rows, cols)`` with a margin of one cell, and the cell size, to values
-        ``(rows - 2, cols - 2)`` in ``unit``, NaN where unknown.
     """
 
     title: str
@@ -44,7 +42,33 @@ class Rendering:
     low: float
     high: float
     palette: Palette
+
+
+@dataclass(frozen=True, slots=True)
+class Rendering(Look):
+    """A layer of elevation.
+
+    Attributes
+    ----------
+    value : callable
+        Heights and variances ``(rows, cols)`` with a margin of one cell, and the cell size, to values
+        ``(rows - 2, cols - 2)`` in ``unit``, NaN where unknown.
+    """
+
     value: Callable[[NDArray[np.float32], NDArray[np.float32], float], NDArray[np.float32]]
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement(Look):
+    """A layer of navigation maps.
+
+    Attributes
+    ----------
+    value : callable
+        Layers ``(rows, cols)`` of a navigation map to values of that shape, NaN where unknown.
+    """
+
+    value: Callable[[Mapping[str, NDArray[Any]]], NDArray[np.float32]]
 
 
 def _ramp(*colors: tuple[int, int, int]) -> Palette:
@@ -80,6 +104,34 @@ RENDERINGS = {
     "variance": Rendering("Variance of the height", "m2", 0.0, 0.01, _ramp(*_VIRIDIS), lambda _h, v, _m: _inner(v)),
 }
 
+#: Red, green, blue, alpha of the classes unknown, safe, caution, hazard.
+CLASS_COLORS = np.array([[0, 0, 0, 0], [70, 150, 90, 255], [230, 180, 60, 255], [190, 60, 50, 255]], dtype=np.uint8)
+
+
+def _classes(layers: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
+    classes = layers["class"].astype(np.float32)
+    classes[classes == 0] = np.nan
+    return classes
+
+
+def _cost(layers: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
+    classes = layers["class"]
+    return np.asarray(layers.get("cost", np.full(classes.shape, np.nan)), dtype=np.float32)
+
+
+#: Of the classes every value is the index of its colour.
+NAVIGATION = {
+    "navigation_map": Judgement(
+        "Where a rover may drive",
+        "1",
+        1.0,
+        255.0,
+        np.vstack([CLASS_COLORS[:, :3], np.zeros((252, 3), np.uint8)]),
+        _classes,
+    ),
+    "cost": Judgement("Cost of driving", "1", 0.0, 1.0, _ramp(*_VIRIDIS), _cost),
+}
+
 
 def indices(values: NDArray[np.float32], low: float, high: float) -> Indices:
     """Indices 1 to 255 of values between ``low`` and ``high``; 0 where NaN."""
@@ -107,3 +159,4 @@ def _relief_palette() -> Palette:
 
 
 _RELIEF = _relief_palette()
+RELIEF_LOOK = Look("Relief tinted by height", "m", -8.0, 8.0, _RELIEF)

@@ -13,9 +13,11 @@ from cdff_common.errors import ProductNotFoundError, UnavailableError
 from cdff_common.interfaces.product import Status
 from dpm_store import Page, ProductRecord, Query
 from dpm_store.clouds import DERIVED_PORT as CLOUD_PORT
-from dpm_store.maps import DERIVED_PORT, ElevationWindow
+from dpm_store.maps import DERIVED_PORT
+from dpm_store.navigation import DERIVED_PORT as NAVIGATION_PORT
 from dpm_store.patches import DERIVED_DFPC
 from dpm_store.profile import elevation_profile
+from dpm_store.windows import Window
 from services.dpm.announcing import Announcing
 from services.dpm.convert import Converted, convert
 from services.dpm.parameters import CloudRequest, ProfileRequest, WindowRequest
@@ -80,6 +82,14 @@ class Delivering(Announcing):
         window = self.elevation(asked)
         return self._derived(window, window.map, DERIVED_PORT, "dem", format_name, as_type, deliver)
 
+    def navigation_window(
+        self, asked: WindowRequest, format_name: str | None = None, as_type: str | None = None, deliver: str = "auto"
+    ) -> Answer:
+        """As ``window``, of navigation maps."""
+        self._count("windows")
+        window = self.navigation(asked)
+        return self._derived(window, window.map, NAVIGATION_PORT, "navigation_map", format_name, as_type, deliver)
+
     def cloud(
         self, asked: CloudRequest, format_name: str | None = None, as_type: str | None = None, deliver: str = "auto"
     ) -> Answer:
@@ -110,14 +120,21 @@ class Delivering(Announcing):
         self._tell()
         return Answer(Converted(b"", "", ""), metadata, made.header.id)
 
-    def elevation(self, asked: WindowRequest) -> ElevationWindow:
+    def elevation(self, asked: WindowRequest) -> Window:
         """An elevation window as a value; raises UnavailableError below the coverage asked."""
-        window = self.store.maps.elevation_window(asked.query)
-        if window.coverage < asked.min_coverage:
-            raise UnavailableError(f"coverage {window.coverage:.3f} of the region, asked {asked.min_coverage:.3f}")
-        return window
+        return _covered(self.store.maps.elevation_window(asked.query), asked)
+
+    def navigation(self, asked: WindowRequest) -> Window:
+        """A window of navigation maps as a value; raises UnavailableError below the coverage asked."""
+        return _covered(self.store.maps.navigation.window(asked.query), asked)
 
     def payload(self, product_id: str, offset: int = 0, length: int | None = None) -> tuple[ProductRecord, bytes]:
         """Bytes as they are stored, from an offset on."""
         self._count("gets")
         return self.store.get(product_id), self.store.payload(product_id, offset, length)
+
+
+def _covered(window: Window, asked: WindowRequest) -> Window:
+    if window.coverage < asked.min_coverage:
+        raise UnavailableError(f"coverage {window.coverage:.3f} of the region, asked {asked.min_coverage:.3f}")
+    return window

@@ -18,13 +18,13 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform, checked_frame
 from cdff_common.geometry.region import Region, parse_region
 from cdff_common.interfaces.product import Status
-from cdff_common.raster.choice import Choice, Disagreement
+from cdff_common.raster.choice import Choice, Disagreement, NavigationChoice
 from dpm_store import Query
 from dpm_store.clouds import DEFAULT_POINTS, MAX_POINTS
 from dpm_store.frames import Known
-from dpm_store.maps import FARTHEST_M, WindowQuery
 from dpm_store.profile import MAX_CORNERS
 from dpm_store.records import LATEST_NS
+from dpm_store.windows import FARTHEST_M, WindowQuery
 from services.dpm.terms import covariance_kind, metric_bounds, order_terms
 
 GROUND = "ground"
@@ -143,8 +143,8 @@ def _superseded(parameters: Mapping[str, str]) -> bool | None:
     return {"include": None, "exclude": False, "only": True}[wanted]
 
 
-def window_request(scope: str, p: Mapping[str, str], now_ns: int) -> WindowRequest:
-    """What a window is asked with; ``max_age_s`` counts back from ``now_ns``."""
+def window_request(scope: str, p: Mapping[str, str], now_ns: int, *, navigation: bool = False) -> WindowRequest:
+    """What a window of elevation, or of navigation maps, is asked with; ``max_age_s`` counts back from ``now_ns``."""
     frame = checked_frame(p.get("frame", "site"))
     region_frame = checked_frame(p.get("region_frame", frame), "region_frame")
     if region_frame != frame:
@@ -155,12 +155,23 @@ def window_request(scope: str, p: Mapping[str, str], now_ns: int) -> WindowReque
         newest_after = max(newest_after or 0, now_ns - int(max_age_s * 1e9))
     query = WindowQuery(
         region_of(p), number(p, "resolution_m", low=1e-4, high=1e4), frame, robot_under(scope, p), newest_after,
-        stamp(p, "t1"), stamp(p, "as_of"), integer(p, "frames_revision"), Choice(one_of(p, "choice", tuple(Choice))),
-        Disagreement(one_of(p, "disagreement", tuple(Disagreement))),
+        stamp(p, "t1"), stamp(p, "as_of"), integer(p, "frames_revision"), **_choices(p, navigation),
     )  # fmt: skip
     if query.choice != Choice.POOLED and query.disagreement != Disagreement.KEEP:
         raise InputError(f"choice={query.choice}, disagreement={query.disagreement}: only pooled cells can disagree")
     return WindowRequest(query, number(p, "min_coverage", low=0.0, high=1.0) or 0.0)
+
+
+def _choices(p: Mapping[str, str], navigation: bool) -> dict[str, Any]:
+    """``choice`` of a query, of elevation with ``disagreement``: judgements are not pooled, so they cannot disagree."""
+    if navigation:
+        if "disagreement" in p:
+            raise InputError(f"disagreement={p['disagreement'][:40]!r}: of navigation maps one is chosen, see choice")
+        return {"judgement": NavigationChoice(one_of(p, "choice", tuple(NavigationChoice)))}
+    return {
+        "choice": Choice(one_of(p, "choice", tuple(Choice))),
+        "disagreement": Disagreement(one_of(p, "disagreement", tuple(Disagreement))),
+    }
 
 
 def cloud_request(scope: str, p: Mapping[str, str]) -> CloudRequest:

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
-from cdff_common.formats.hillshade import CLASS_COLORS
 from cdff_common.interfaces.product import Header
-from cdff_common.raster.rendering import GROUND
+from cdff_common.raster.rendering import CLASS_COLORS, GROUND
 
 RGBA = NDArray[np.uint8]
 

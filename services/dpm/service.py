@@ -49,7 +49,7 @@ _GET = SEARCH | {
     "id", "format", "as", "deliver", "resolution_m", "max_age_s", "newest_after", "min_coverage", "choice",
     "disagreement", "points", "frames_revision",
 }  # fmt: skip
-#: Parameters that make a get of dem a window rather than the newest patch.
+#: Parameters of a window of dem, or of navigation_map with ``choice``.
 _WINDOW = frozenset(
     {"type", "robot", "region", "frame", "region_frame", "resolution_m", "max_age_s", "newest_after", "min_coverage",
      "t1", "as_of", "frames_revision", "choice", "disagreement", "format", "as", "deliver", "request"}
@@ -126,7 +126,9 @@ def search(dpm: Dpm, request: Request) -> Reply:
 
 
 def get(dpm: Dpm, request: Request) -> Reply:
-    """One product: by ``id``, a window for ``type=dem``, else the newest that the search finds."""
+    """One product: by ``id``; a window for ``type=dem``, or ``type=navigation_map`` with ``choice``; all points of a
+    region for ``type=pointcloud`` with ``points``; else the newest that the search finds.
+    """
     p = dict(request.parameters)
     check_names(p, _GET)
     format_name, as_type, deliver = p.get("format"), p.get("as"), p.get("deliver", "inline")
@@ -139,6 +141,10 @@ def get(dpm: Dpm, request: Request) -> Reply:
         check_names(p, _WINDOW)
         asked = window_request(request.scope, p, dpm.clock.now_ns())
         return _reply(dpm.window(asked, format_name, as_type, deliver))
+    if p.get("type") == "navigation_map" and "choice" in p:
+        check_names(p, _WINDOW)
+        asked = window_request(request.scope, p, dpm.clock.now_ns(), navigation=True)
+        return _reply(dpm.navigation_window(asked, format_name, as_type, deliver))
     if p.get("type") == "pointcloud" and "points" in p:
         check_names(p, _CLOUD)
         return _reply(dpm.cloud(cloud_request(request.scope, p), format_name, as_type, deliver))

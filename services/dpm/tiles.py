@@ -1,12 +1,13 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tiles of elevation: rendered as PNG, or their values as GeoTIFF or plain float32; kept until they change."""
+"""Tiles of elevation and navigation: as PNG, or their values as GeoTIFF or plain float32; kept until they change."""
 
 from __future__ import annotations
 
 import hashlib
 import threading
 from collections import OrderedDict
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,14 +16,17 @@ from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
 from cdff_common.raster.geometry import GridGeometry
-from cdff_common.raster.rendering import RENDERINGS, indices, relief
+from cdff_common.raster.rendering import NAVIGATION, RELIEF_LOOK, RENDERINGS, Look, indices, relief
 from cdff_common.raster.tiles import Tile
 from dpm_store import Store
 from dpm_store.pyramid import Change, touched
 
 #: The relief is drawn in colours; its values are heights.
 RELIEF = "dem"
-LAYERS = (RELIEF, *RENDERINGS)
+CLASSES = "navigation_map"
+#: Layers of tiles by name, and the product that each is made from.
+LOOKS: dict[str, Look] = {RELIEF: RELIEF_LOOK, **RENDERINGS, **NAVIGATION}
+LAYERS = {name: "navigation_map" if name in NAVIGATION else "dem" for name in LOOKS}
 MEDIA_TYPES = {"png": "image/png", "tif": "image/tiff; application=geotiff", "bin": "application/octet-stream"}
 _KEPT_BYTES = 32 << 20
 
@@ -86,11 +90,15 @@ class Tiles:
             if known is not None:
                 self._kept.move_to_end(key)
                 return known
-        cells = pyramid.statistics(asked.frame, tile.z, tile.geometry(asked.frame, margin=1))
-        layers = cells.to_layers(0)
         wkt = self._store.places.of(asked.frame).wkt if asked.form == "tif" else None
         geometry = tile.geometry(asked.frame)
-        data = drawn(asked.layer, asked.form, asked.range, layers["mean"], layers["variance"], geometry, wkt)
+        if asked.layer in NAVIGATION:
+            navigation = self._store.maps.navigation
+            layers = pyramid.settled(asked.frame, lambda: navigation.tile(asked.frame, tile))
+            data = drawn_judgement(asked.layer, asked.form, asked.range, layers, geometry, wkt)
+        else:
+            layers = pyramid.statistics(asked.frame, tile.z, tile.geometry(asked.frame, margin=1)).to_layers(0)
+            data = drawn(asked.layer, asked.form, asked.range, layers["mean"], layers["variance"], geometry, wkt)
         etag = f'"{hashlib.blake2b(data, digest_size=12).hexdigest()}"'
         made = RenderedTile(data, MEDIA_TYPES[asked.form], etag)
         if pyramid.sync() == before:
@@ -107,7 +115,13 @@ class Tiles:
     def _forget(self, change: Change) -> None:
         with self._lock:
             for key in touched(tuple(self._kept), change, margin_cells=1):
-                self._bytes -= _size(self._kept.pop(key))
+                tiles = self._kept.pop(key)
+                left = {
+                    asked: made for asked, made in tiles.items() if change.product not in (None, LAYERS[asked.layer])
+                }
+                self._bytes -= _size(tiles) - _size(left)
+                if left:
+                    self._kept[key] = left
 
 
 def drawn(
@@ -127,15 +141,31 @@ def drawn(
     wkt : str or None
         CRS, for ``tif``.
     """
-    from cdff_common.formats.image import write_indexed_png
-
     resolution_m = geometry.resolution_m
     if layer == RELIEF and form == "png":
+        from cdff_common.formats.image import write_indexed_png
+
         return write_indexed_png(*relief(mean, resolution_m, *limits))
     rendering = RENDERINGS["elevation" if layer == RELIEF else layer]
-    values = rendering.value(mean, variance, resolution_m)
+    return _written(layer, form, limits, rendering.value(mean, variance, resolution_m), geometry, wkt)
+
+
+def drawn_judgement(
+    layer: str, form: str, limits: tuple[float, float], layers: Mapping[str, NDArray[Any]], geometry: GridGeometry,
+    wkt: str | None,
+) -> bytes:  # fmt: skip
+    """As ``drawn``, of the layers ``(rows, cols)`` of a navigation map."""
+    return _written(layer, form, limits, NAVIGATION[layer].value(layers), geometry, wkt)
+
+
+def _written(
+    layer: str, form: str, limits: tuple[float, float], values: NDArray[np.float32], geometry: GridGeometry,
+    wkt: str | None,
+) -> bytes:  # fmt: skip
     if form == "png":
-        return write_indexed_png(indices(values, *limits), rendering.palette)
+        from cdff_common.formats.image import write_indexed_png
+
+        return write_indexed_png(indices(values, *limits), LOOKS[layer].palette)
     if form == "bin":
         return np.ascontiguousarray(values, dtype="<f4").tobytes()
     from cdff_common.formats.geotiff import write_bands
@@ -145,7 +175,9 @@ def drawn(
 
 def range_of(layer: str, low: float | None, high: float | None) -> tuple[float, float]:
     """Values of the first and of the last colour; raises InputError where they are not in this order."""
-    usual = RENDERINGS["elevation" if layer == RELIEF else layer]
+    usual = LOOKS[layer]
+    if layer == CLASSES and (low is not None or high is not None):
+        raise InputError("low, high: classes have a colour each, and no range")
     limits = usual.low if low is None else low, usual.high if high is None else high
     if not limits[0] < limits[1]:
         raise InputError(f"low={limits[0]:g}, high={limits[1]:g}: expected low below high")

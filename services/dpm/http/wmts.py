@@ -6,9 +6,8 @@ from __future__ import annotations
 
 from xml.etree import ElementTree as ET
 
-from cdff_common.raster.rendering import RENDERINGS
 from cdff_common.raster.tiles import HALF_SIDE_M, LAST_LEVEL, TILE_CELLS, cell_m
-from services.dpm.tiles import LAYERS, RELIEF
+from services.dpm.tiles import LOOKS
 
 _WMTS, _OWS, _XLINK = (
     "http://www.opengis.net/wmts/1.0",
@@ -34,14 +33,13 @@ def capabilities(base: str, frame: str, wkt: str) -> bytes:
     ET.register_namespace("xlink", _XLINK)
     root = ET.Element(f"{{{_WMTS}}}Capabilities", {"version": "1.0.0"})
     identification = ET.SubElement(root, f"{{{_OWS}}}ServiceIdentification")
-    _text(identification, _OWS, "Title", f"Elevation of frame {frame}")
+    _text(identification, _OWS, "Title", f"Elevation and navigation in frame {frame}")
     _text(identification, _OWS, "ServiceType", "OGC WMTS")
     _text(identification, _OWS, "ServiceTypeVersion", "1.0.0")
     contents = ET.SubElement(root, f"{{{_WMTS}}}Contents")
-    for name in LAYERS:
+    for name, look in LOOKS.items():
         layer = ET.SubElement(contents, f"{{{_WMTS}}}Layer")
-        title = "Relief tinted by height" if name == RELIEF else RENDERINGS[name].title
-        _text(layer, _OWS, "Title", title)
+        _text(layer, _OWS, "Title", look.title)
         _text(layer, _OWS, "Identifier", name)
         style = ET.SubElement(layer, f"{{{_WMTS}}}Style", {"isDefault": "true"})
         _text(style, _OWS, "Identifier", "default")

@@ -14,8 +14,8 @@ from cdff_common.geometry.region import parse_region
 from cdff_common.raster import CellStatistics
 from cdff_common.raster.choice import Choice, Disagreement
 from dpm_store import Store
-from dpm_store.maps import WindowQuery
 from dpm_store.profile import elevation_profile
+from dpm_store.windows import WindowQuery
 from tests.unit.dpm_store.map_products import S, ground, put_patch
 
 WHOLE = parse_region("bbox:0,0,10,10")

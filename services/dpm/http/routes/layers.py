@@ -11,22 +11,20 @@ from fastapi import APIRouter, Depends, Path, Query, Response
 from pydantic import Field
 
 from cdff_common.errors import ProductNotFoundError
-from cdff_common.raster.rendering import RENDERINGS
+from cdff_common.raster.rendering import NAVIGATION, RENDERINGS
 from services.dpm.convert import Converted
 from services.dpm.http.context import Context, Ctx, jsonable
 from services.dpm.http.models import Open, StampNs
 from services.dpm.http.routes.maps import ProfileAnswer, ProfileParameters, WindowParameters, profile, say_origin
 from services.dpm.http.routes.products import file_response
 from services.dpm.parameters import GROUND, window_request
-from services.dpm.tiles import MEDIA_TYPES, RELIEF, drawn, range_of
+from services.dpm.tiles import LAYERS as TILES
+from services.dpm.tiles import LOOKS, MEDIA_TYPES, RELIEF, drawn, drawn_judgement, range_of
 
 router = APIRouter(prefix="/api/v1/maps", tags=["maps"])
 
 #: Layer -> product that it is made from.
-LAYERS = {RELIEF: "dem", **dict.fromkeys(RENDERINGS, "dem"), "pointcloud": "pointcloud"}
-LAYERS["navigation_map"] = "navigation_map"
-_TITLES = {RELIEF: "Elevation with its statistics", "pointcloud": "Points", "navigation_map": "Where a rover may drive"}
-_UNITS = {RELIEF: "m", "pointcloud": "m", "navigation_map": "1"}
+LAYERS = {**TILES, "pointcloud": "pointcloud"}
 _HEIGHTS = (RELIEF, "elevation")
 _PICTURE: dict[int | str, dict[str, Any]] = {
     200: {"description": "The picture or its values", "content": {MEDIA_TYPES[form]: {} for form in ("png", "tif")}}
@@ -93,16 +91,22 @@ def layer_of(context: Ctx, layer: Layer) -> dict[str, Any]:
 
 @router.get("/{layer}/window", response_class=Response, responses=_PICTURE)
 def window(context: Ctx, layer: Layer, asked: Annotated[PictureParameters, Query()]) -> Response:
-    """A region of elevation, hillshade, slope or variance, as tiles draw it; cells at the rim have no slope."""
-    if layer not in RENDERINGS:
+    """A region of a layer as tiles draw it; cells at the rim have no slope. Of navigation maps one judges each cell."""
+    if layer not in RENDERINGS and layer not in NAVIGATION:
         raise ProductNotFoundError(f"layer {layer} has no window of its own: ask /api/v1/products?type={LAYERS[layer]}")
     limits = range_of(layer, asked.low, asked.high)
     given = asked.model_dump(exclude_none=True, exclude={"format", "low", "high"})
-    found = context.dpm.elevation(window_request(GROUND, given, context.dpm.clock.now_ns()))
-    # A margin of one cell, of which nothing is known, as the renderings want it.
-    mean, variance = (np.pad(found.map.layer(name), 1, constant_values=np.nan) for name in ("mean", "variance"))
+    judged = layer in NAVIGATION
+    request = window_request(GROUND, given, context.dpm.clock.now_ns(), navigation=judged)
+    found = context.dpm.navigation(request) if judged else context.dpm.elevation(request)
     wkt = context.dpm.crs_wkt(found.header.frame, asked.format)
-    data = drawn(layer, asked.format, limits, mean, variance, found.map.geometry, wkt)
+    if judged:
+        layers = {name: found.map.layer(name) for name in found.map.layer_names}
+        data = drawn_judgement(layer, asked.format, limits, layers, found.map.geometry, wkt)
+    else:
+        # A margin of one cell, of which nothing is known, as the renderings want it.
+        mean, variance = (np.pad(found.map.layer(name), 1, constant_values=np.nan) for name in ("mean", "variance"))
+        data = drawn(layer, asked.format, limits, mean, variance, found.map.geometry, wkt)
     response = file_response(Converted(data, MEDIA_TYPES[asked.format], asked.format), f"{layer}_window")
     say_origin(response, found.manifest())
     return response
@@ -117,21 +121,20 @@ def profile_of(context: Ctx, layer: Layer, asked: Annotated[ProfileParameters, Q
 
 
 def _described(context: Context, name: str) -> dict[str, Any]:
-    product, look = LAYERS[name], RENDERINGS.get(name)
+    product = LAYERS[name]
     frames = [
         {"frame": e.frame, "box_m": e.box_m, "resolution_m": e.resolution_m, "t0_ns": e.t0_ns, "newest_ns": e.t1_ns,
          "count": e.count}
         for e in context.extents.get(context.dpm.store) if e.product == product
     ]  # fmt: skip
     base = f"/api/v1/maps/{name}"
-    links = {"self": base, "products": f"/api/v1/products?type={product}"}
-    if name != "navigation_map":
-        links["window"] = f"{base}/window"
+    links = {"self": base, "products": f"/api/v1/products?type={product}", "window": f"{base}/window"}
     if name in _HEIGHTS:
         links["profile"] = f"{base}/profile"
-    if product == "dem":
+    look = LOOKS.get(name)
+    if look is not None:
         links["tiles"] = f"/tiles/{name}/{{z}}/{{x}}/{{y}}.png"
-    title, unit = (_TITLES[name], _UNITS[name]) if look is None else (look.title, look.unit)
+    title, unit = ("Points", "m") if look is None else (look.title, look.unit)
     told: dict[str, Any] = jsonable(
         {"layer": name, "title": title, "unit": unit, "product": product, "frames": frames, "links": links}
     )

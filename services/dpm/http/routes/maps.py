@@ -52,6 +52,17 @@ class WindowParameters(_Pooled):
     format: Annotated[str, Field(max_length=16)] = "tif"
 
 
+class JudgedParameters(_Asked):
+    """What a window of navigation maps is asked with."""
+
+    region: Text = Field(None, description="bbox: box: circle: polygon: path: near:, metres; default: everything")
+    resolution_m: Text = Field(None, description="Cell size wanted, metres; the worst of the cells in one counts")
+    choice: Text = Field(None, description="Whose judgement a cell holds: newest (default), oldest or worst")
+    max_age_s: Text = Field(None, description="Of the newest map")
+    min_coverage: Text = Field(None, description="0 to 1; less is 503")
+    format: Annotated[str, Field(max_length=16)] = "tif"
+
+
 class CloudParameters(_Asked):
     """What a cloud is asked with."""
 
@@ -89,6 +100,17 @@ def window(context: Ctx, asked: Annotated[WindowParameters, Query()]) -> Respons
     request = window_request(GROUND, given, context.dpm.clock.now_ns())
     answer = context.dpm.window(request, asked.format, deliver="inline")
     response = file_response(answer.body, "dem_window")
+    say_origin(response, answer.metadata)
+    return response
+
+
+@router.get("/navigation_map/window", response_class=Response, responses=_file_of("NavigationMap"))
+def navigation(context: Ctx, asked: Annotated[JudgedParameters, Query()]) -> Response:
+    """Where a rover may drive in a region: each cell is what the newest map says of it, or the oldest or the worst."""
+    given = asked.model_dump(exclude_none=True, exclude={"format"})
+    request = window_request(GROUND, given, context.dpm.clock.now_ns(), navigation=True)
+    answer = context.dpm.navigation_window(request, asked.format, deliver="inline")
+    response = file_response(answer.body, "navigation_map_window")
     say_origin(response, answer.metadata)
     return response
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``/tiles``: elevation as tiles of a frame's grid, and the documents by which map clients find their way."""
+"""``/tiles``: elevation and navigation as tiles of a frame's grid, and documents that lead map clients to them."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 
 from cdff_common.geometry import checked_frame
-from cdff_common.raster.rendering import RENDERINGS
 from cdff_common.raster.tiles import HALF_SIDE_M, LAST_LEVEL, TILE_CELLS, Tile, cell_m, tile_matrix_set
 from services.dpm.http.conditional import matches
 from services.dpm.http.context import Ctx
 from services.dpm.http.models import Open
 from services.dpm.http.wmts import capabilities
-from services.dpm.tiles import LAYERS, MEDIA_TYPES, RELIEF, TileRequest
+from services.dpm.tiles import LAYERS, LOOKS, MEDIA_TYPES, TileRequest
 
 router = APIRouter(prefix="/tiles", tags=["tiles"])
 
@@ -36,6 +35,7 @@ class Layer(Open):
     name: str
     title: str
     unit: str
+    product: str
     low: float
     high: float
     tiles: list[str]
@@ -56,11 +56,10 @@ def layers(request: Request, frame: Frame = "site") -> dict[str, Any]:
     checked_frame(frame)
     base = str(request.base_url).rstrip("/")
     items = []
-    for name in LAYERS:
-        look = RENDERINGS["elevation" if name == RELIEF else name]
+    for name, look in LOOKS.items():
         items.append(
             {
-                "name": name, "title": "Relief tinted by height" if name == RELIEF else look.title, "unit": look.unit,
+                "name": name, "title": look.title, "unit": look.unit, "product": LAYERS[name],
                 "low": look.low, "high": look.high, "minzoom": 0, "maxzoom": LAST_LEVEL, "tilejson": "3.0.0",
                 "tiles": [f"{base}/tiles/{name}/{{z}}/{{x}}/{{y}}.png?frame={frame}"],
                 "bounds": [-HALF_SIDE_M, -HALF_SIDE_M, HALF_SIDE_M, HALF_SIDE_M],

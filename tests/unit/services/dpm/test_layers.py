@@ -12,11 +12,13 @@ import pytest
 
 from cdff_common.formats.geotiff import read_bands
 from cdff_common.formats.source import load
-from cdff_common.raster.rendering import RENDERINGS
+from cdff_common.raster.rendering import CLASS_COLORS, RENDERINGS
+from cdff_common.raster.tiles import tiles_over
+from cdff_common.types import NavigationMap
 from services.dpm.http.routes.layers import LAYERS
 from services.dpm.operations import Dpm
 
-from .conftest import TestClient, elevation, parcel
+from .conftest import S, TestClient, elevation, navigation, parcel
 from .test_tiles import pixels, put_hills
 
 MAPS = "/api/v1/maps"
@@ -63,7 +65,7 @@ def test_an_unknown_layer_is_answered_with_those_that_are_known(http: TestClient
     assert ", ".join(LAYERS) in answer.json()["detail"]
 
 
-@pytest.mark.parametrize("path", ["navigation_map/window", "slope/profile?path=0,0,1,1"])
+@pytest.mark.parametrize("path", ["navigation_map/profile?path=0,0,1,1", "slope/profile?path=0,0,1,1"])
 def test_a_view_that_a_layer_has_not_is_not_found(http: TestClient, path: str) -> None:
     assert http.get(f"{MAPS}/{path}").json()["code"] == "NOT_FOUND"
 
@@ -94,3 +96,42 @@ def test_every_refusal_has_a_code(
     url = path.format(dem=f"/api/v1/products/{filled('dem')}")
     answer = http.request(method, url, headers=headers, json={"notes": "x"} if method == "PATCH" else None)
     assert (answer.status_code, answer.json()["code"]) == (status, code)
+
+
+@pytest.mark.req("CDFF-SUP-184")
+def test_navigation_maps_come_as_window_and_tiles_by_the_judgement_chosen(http: TestClient, dpm: Dpm) -> None:
+    dpm.put(*parcel(navigation(), "navigation_map", 1, resolution_m=0.1))
+    safe = NavigationMap.from_layers(
+        navigation().geometry, {"class": np.ones((10, 10), np.uint8)}, t0_ns=2 * S, t1_ns=2 * S
+    )
+    dpm.put(*parcel(safe, "navigation_map", 2, resolution_m=0.1))
+    for choice, hazards in (("newest", 0), ("oldest", 50), ("worst", 50)):
+        answer = http.get(f"{MAPS}/navigation_map/window?region=bbox:0,0,1,1&format=npz&choice={choice}")
+        assert answer.status_code == 200, answer.text
+        assert (np.load(io.BytesIO(answer.content))["class"] == 3).sum() == hazards
+        assert (answer.headers["CDFF-Patches"], answer.headers["CDFF-Disagreeing"]) == ("2", "50")
+    for form in ("tif", "png", "geojson"):
+        assert http.get(f"{MAPS}/navigation_map/window?format={form}").status_code == 200
+    assert http.get(f"{MAPS}/cost/window").status_code == 200
+    for wrong in ("choice=pooled", "disagreement=drop", "choice=best"):
+        assert http.get(f"{MAPS}/navigation_map/window?{wrong}").status_code == 422
+
+
+@pytest.mark.req("CDFF-SUP-184")
+def test_a_tile_of_navigation_maps_is_drawn_again_when_one_of_them_comes(http: TestClient, dpm: Dpm) -> None:
+    dpm.put(*parcel(navigation(), "navigation_map", 1, resolution_m=0.1))
+    columns, rows = tiles_over(17, (0.5, 0.5, 0.5, 0.5))
+    tile = f"/tiles/navigation_map/17/{columns[0]}/{rows[0]}"
+    values = np.frombuffer(http.get(f"{tile}.bin").content, "<f4")
+    assert (np.isfinite(values).sum(), (values == 3).sum()) == (100, 50)
+    before = http.get(f"{tile}.png")
+    shown = pixels(before.content).reshape(-1, 4)
+    assert {tuple(c) for c in np.unique(shown[shown[:, 3] > 0], axis=0)} == {tuple(CLASS_COLORS[c]) for c in (1, 3)}
+    assert http.get(f"{tile}.png?low=0").status_code == 422
+    dpm.put(*parcel(elevation(0.0), "dem", 3, resolution_m=0.1))
+    assert http.get(f"{tile}.png").headers["ETag"] == before.headers["ETag"]
+    safe = NavigationMap.from_layers(
+        navigation().geometry, {"class": np.ones((10, 10), np.uint8)}, t0_ns=4 * S, t1_ns=4 * S
+    )
+    dpm.put(*parcel(safe, "navigation_map", 4, resolution_m=0.1))
+    assert http.get(f"{tile}.png").headers["ETag"] != before.headers["ETag"]
