@@ -1,0 +1,84 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Normalised correlation of two masked vector fields over all shifts, by Fourier transforms.
+
+References
+----------
+.. [1] Padfield, D. (2012). Masked object registration in the Fourier domain. IEEE Transactions on Image Processing
+   21(5). doi:10.1109/TIP.2011.2181402
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+Float = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Field:
+    """Spectra of a masked vector field.
+
+    Attributes
+    ----------
+    components : tuple of 2 Complex
+        Of x and y, 0 where unobserved.
+    mask, energy : Complex
+        Of the mask and of the squared length.
+    """
+
+    components: tuple[Complex, Complex]
+    mask: Complex
+    energy: Complex
+
+
+def field(gradient: tuple[Float, Float], shape: tuple[int, int]) -> Field:
+    """Spectra of a gradient, each component ``(rows, cols)`` with NaN where unobserved, padded to ``shape``."""
+    seen = np.isfinite(gradient[0])
+    x, y = (np.where(seen, g, 0.0) for g in gradient)
+
+    def spectrum(a: Float) -> Complex:
+        return np.asarray(fft.rfft2(a, s=shape))
+
+    return Field((spectrum(x), spectrum(y)), spectrum(seen.astype(np.float64)), spectrum(x * x + y * y))
+
+
+def correlation(template: Field, reference: Field, shape: tuple[int, int], least: float) -> Float:
+    """Correlation of two vector fields about their means, for every shift; equation numbers are of [1]_.
+
+    Parameters
+    ----------
+    template, reference : Field
+        Of one padded ``shape``.
+    least : float
+        Cells that must be observed in both.
+
+    Returns
+    -------
+    Float, of ``shape``
+        At ``[s]`` that of ``template[r]`` with ``reference[r + s]``, indices modulo the shape; NaN where too few cells
+        meet.
+    """
+
+    def sums(a: Complex, b: Complex) -> Float:
+        return np.asarray(fft.irfft2(np.conj(a) * b, s=shape))
+
+    (fx, fy), (gx, gy) = template.components, reference.components
+    n = sums(template.mask, reference.mask)
+    enough = n >= max(least, 1.0) - 0.5
+    n = np.where(enough, n, 1.0)
+    f_x, f_y = sums(fx, reference.mask), sums(fy, reference.mask)
+    g_x, g_y = sums(template.mask, gx), sums(template.mask, gy)
+    both = np.asarray(fft.irfft2(np.conj(fx) * gx + np.conj(fy) * gy, s=shape)) - (f_x * g_x + f_y * g_y) / n  # eq. 12
+    f = sums(template.energy, reference.mask) - (f_x**2 + f_y**2) / n
+    g = sums(template.mask, reference.energy) - (g_x**2 + g_y**2) / n
+    floor = 1e-9 * max(float(f.max()), 1e-300) * max(float(g.max()), 1e-300)
+    product = f * g
+    usable = enough & (f > 0.0) & (g > 0.0) & (product > floor)
+    return np.where(usable, np.clip(both / np.sqrt(np.where(usable, product, 1.0)), -1.0, 1.0), np.nan)

@@ -1,0 +1,131 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Simulated ground with an orbital elevation model of it, and a rover's patches along a way that drifts."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry.se3 import FloatArray
+from cdff_common.interfaces.dfpc import Sample
+from cdff_common.raster import GridGeometry
+from cdff_common.types import ElevationMap, TransformWithCovariance
+from cdff_dev.simulate.relief import crater_profile, fractal_tile, power_law_sizes
+
+EDGE_M, FINE_M, ORBITAL_M = 192.0, 0.2, 1.0
+#: Of the orbital heights: standard deviation, and how far errors of neighbours resemble one another.
+ORBITAL_NOISE_M, ORBITAL_CORRELATED_M = 0.15, 1.5
+ROVER_NOISE_M, VIEW_M, PATCH_M = 0.02, 8.0, 5.0
+#: Of the rover's own pose: share of the way, and turn per metre, one standard deviation.
+DRIFT, DRIFT_RAD_PER_M = 0.02, np.radians(0.05)
+#: Of the pose it starts with: uniform in x and y, normal in yaw (a sun sensor's).
+PRIOR_M, PRIOR_DEG = 20.0, 1.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ground:
+    """True heights ``(n, n)`` on nodes every ``FINE_M`` about the origin, row 0 at ymax, metres."""
+
+    heights_m: FloatArray
+
+    @classmethod
+    def make(cls, seed: int, slope_deg: float = 6.0, craters: int = 60) -> Ground:
+        """Fractal relief with craters; ``slope_deg`` 0 is a plain with 1 cm of texture."""
+        rng = np.random.default_rng([seed, 7])
+        n = round(EDGE_M / FINE_M)
+        if slope_deg == 0.0:
+            return cls(gaussian_filter(rng.normal(0.0, 0.05, (n, n)), 2.0))
+        z = fractal_tile(rng, n, FINE_M, (6.0, 96.0), 0.8, np.tan(np.radians(slope_deg)))
+        z += fractal_tile(rng, n, FINE_M, (0.6, 6.0), 0.8, np.tan(np.radians(0.5 * slope_deg)))
+        axis = (np.arange(n) + 0.5) * FINE_M - 0.5 * EDGE_M
+        for diameter in power_law_sizes(rng, craters, 1.5, 25.0, 1.8):
+            cx, cy = rng.uniform(-0.5 * EDGE_M, 0.5 * EDGE_M, 2)
+            i = slice(*np.searchsorted(axis, [cy - 1.5 * diameter, cy + 1.5 * diameter]))
+            j = slice(*np.searchsorted(axis, [cx - 1.5 * diameter, cx + 1.5 * diameter]))
+            r = np.hypot(axis[None, j] - cx, axis[i, None] - cy)
+            z[i, j] += crater_profile(r, diameter, diameter * rng.uniform(0.05, 0.2), 0.04 * diameter)
+        return cls(z[::-1].copy())
+
+    def at(self, xy_m: FloatArray) -> FloatArray:
+        """Heights ``(n,)`` at points ``(n, 2)``, bilinear."""
+        row = (0.5 * EDGE_M - xy_m[:, 1]) / FINE_M - 0.5
+        col = (xy_m[:, 0] + 0.5 * EDGE_M) / FINE_M - 0.5
+        return np.asarray(map_coordinates(self.heights_m, np.stack([row, col]), order=1, mode="nearest"))
+
+    def orbital(self, seed: int, datum_m: float) -> ElevationMap:
+        """What an orbiter made of it: means of cells, blurred, with noise, about another datum."""
+        rng = np.random.default_rng([seed, 8])
+        k = round(ORBITAL_M / FINE_M)
+        n = len(self.heights_m) // k
+        cells = self.heights_m.reshape(n, k, n, k).mean(axis=(1, 3))
+        noise = gaussian_filter(rng.normal(size=(n, n)), ORBITAL_CORRELATED_M / ORBITAL_M / 2.0)
+        seen = gaussian_filter(cells, 0.5, mode="nearest") + noise * (ORBITAL_NOISE_M / noise.std())
+        geometry = GridGeometry.aligned("site", ORBITAL_M, (-0.5 * EDGE_M, -0.5 * EDGE_M, 0.5 * EDGE_M, 0.5 * EDGE_M))
+        return ElevationMap.from_layers(geometry, {"mean": (seen + datum_m).astype(np.float32)}, t0_ns=0, t1_ns=0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drive:
+    """A rover's way: true poses, and those it believes, ``T_site_base``, ``(n, 4, 4)``; one a patch."""
+
+    true: FloatArray
+    believed: FloatArray
+
+    @classmethod
+    def make(cls, ground: Ground, seed: int, way_m: float) -> Drive:
+        """A curved way through the middle; the belief begins off by the prior and drifts."""
+        rng = np.random.default_rng([seed, 9])
+        steps = max(1, round(way_m / PATCH_M))
+        heading = rng.uniform(-np.pi, np.pi) + np.cumsum(rng.normal(0.0, 0.15, steps + 1))
+        xy = np.cumsum(PATCH_M * np.column_stack([np.cos(heading), np.sin(heading)]), axis=0)
+        xy += rng.uniform(-25.0, 25.0, 2) - xy.mean(axis=0)
+        true = np.stack([_upright(h, *p, z) for h, p, z in zip(heading, xy, ground.at(xy), strict=True)])
+        off = _upright(np.radians(rng.normal(0.0, PRIOR_DEG)), 0.0, 0.0, rng.normal(0.0, 1.0))
+        off[:2, 3] = rng.uniform(-PRIOR_M, PRIOR_M, 2) + xy[0] - off[:2, :2] @ xy[0]
+        believed = [off @ true[0]]
+        for before, after in itertools.pairwise(true):
+            slip = _upright(rng.normal(0.0, DRIFT_RAD_PER_M * PATCH_M), *rng.normal(0.0, DRIFT * PATCH_M, 2),
+                            rng.normal(0.0, 0.01))  # fmt: skip
+            believed.append(believed[-1] @ se3.inverse(before) @ after @ slip)
+        return cls(true, np.stack(believed))
+
+    def samples(self, ground: Ground, seed: int, robot: str = "mana") -> Iterator[Sample]:
+        """A pose, then the patch seen there: half of what lies within ``VIEW_M``, with noise, by the believed pose."""
+        rng = np.random.default_rng([seed, 10])
+        variances = [PRIOR_M**2 / 3.0, PRIOR_M**2 / 3.0, 1.0, 1e-5, 1e-5, np.radians(PRIOR_DEG) ** 2]
+        for i, (true, believed) in enumerate(zip(self.true, self.believed, strict=True)):
+            stamp_ns = (i + 1) * 10_000_000_000
+            yield Sample("poses", stamp_ns, i, TransformWithCovariance.from_transform(
+                UncertainTransform(believed, np.diag(variances)),
+                parent="site", child=f"{robot}/base", stamp_ns=stamp_ns,
+            ))  # fmt: skip
+            yield Sample("dem", stamp_ns, i, _patch(ground, true, believed, stamp_ns, rng))
+
+
+def _patch(ground: Ground, true: FloatArray, believed: FloatArray, t_ns: int, rng: np.random.Generator) -> ElevationMap:
+    x, y = believed[:2, 3]
+    geometry = GridGeometry.aligned("site", FINE_M, (x - VIEW_M, y - VIEW_M, x + VIEW_M, y + VIEW_M))
+    gx, gy = geometry.centres_m()
+    away = np.column_stack([gx.ravel(), gy.ravel()]) - believed[:2, 3]
+    hidden = gaussian_filter(rng.normal(size=geometry.shape), 2.0) > 0.0  # rocks and folds hide half, in patches
+    seen = (np.hypot(*away.T) <= VIEW_M).reshape(geometry.shape) & ~hidden
+    xy = away @ believed[:2, :2] @ true[:2, :2].T + true[:2, 3]
+    z = ground.at(xy).reshape(geometry.shape) - true[2, 3] + believed[2, 3] + rng.normal(0.0, ROVER_NOISE_M, seen.shape)
+    layers = {
+        "mean": np.where(seen, z, np.nan), "variance": np.where(seen, ROVER_NOISE_M**2, np.nan),
+        "min": np.where(seen, z, np.nan), "max": np.where(seen, z, np.nan),
+        "count": np.where(seen, 4.0, 0.0), "age_s": np.where(seen, 0.0, np.nan),
+    }  # fmt: skip
+    return ElevationMap.from_layers(
+        geometry, {name: a.astype(np.float32) for name, a in layers.items()}, t0_ns=t_ns - 9_000_000_000, t1_ns=t_ns
+    )
+
+
+def _upright(yaw: float, x: float, y: float, z: float) -> FloatArray:
+    return se3.transform(se3.exp_so3(np.array([0.0, 0.0, yaw])), np.array([x, y, z]))

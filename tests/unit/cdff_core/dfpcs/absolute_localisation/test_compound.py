@@ -1,0 +1,146 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdff_common.errors import ConfigurationError, ProductNotFoundError
+from cdff_common.interfaces.dfpc import DfpcContext, Output, Sample
+from cdff_common.interfaces.product import CovarianceKind, Status
+from cdff_common.types import ElevationMap
+from cdff_core.dfpcs.absolute_localisation.compound import AbsoluteLocalisation
+from cdff_dev.evaluate._orbital import Drive, Ground
+
+DATUM_M, WAY_M = 40.0, 75.0
+
+
+@pytest.fixture(scope="module")
+def ground() -> Ground:
+    return Ground.make(2)
+
+
+@pytest.fixture(scope="module")
+def orbital(ground: Ground) -> ElevationMap:
+    return ground.orbital(2, DATUM_M)
+
+
+@pytest.fixture(scope="module")
+def drive(ground: Ground) -> Drive:
+    return Drive.make(ground, 2, WAY_M)
+
+
+def localisation(**config: Any) -> AbsoluteLocalisation:
+    made = AbsoluteLocalisation()
+    made.configure(config, DfpcContext("mana"))
+    return made
+
+
+def run(node: AbsoluteLocalisation, samples: Iterator[Sample], orbital: ElevationMap | None) -> list[Output]:
+    if orbital is not None:
+        assert list(node.step(Sample("orbital", 0, 0, orbital, id="o"))) == []
+    return [output for sample in samples for output in node.step(sample)]
+
+
+def errors_m(output: Output, drive: Drive) -> np.ndarray:
+    true = drive.true[output.t1_ns // 10_000_000_000 - 1]
+    error: np.ndarray = output.value.transform.matrix[:3, 3] - true[:3, 3] - [0.0, 0.0, DATUM_M]
+    return error
+
+
+@pytest.mark.req("CDFF-CORE-088")
+def test_each_segment_of_relief_leads_to_a_fix_within_its_covariance(
+    ground: Ground, orbital: ElevationMap, drive: Drive
+) -> None:
+    node = localisation()
+    outputs = run(node, drive.samples(ground, 2), orbital)
+    assert len(outputs) == 2
+    for output in outputs:
+        assert output.quality.status is not Status.FAILED, output.quality.reasons
+        assert np.hypot(*errors_m(output, drive)[:2]) < 1.0
+        assert abs(errors_m(output, drive)[2]) < 0.2
+        assert (output.frame, output.child) == ("site", "mana/base")
+        assert output.quality.covariance_kind is CovarianceKind.CALIBRATED
+        P = output.value.transform.covariance
+        assert 0.05 < np.sqrt(P[0, 0] + P[1, 1]) < 1.0
+    assert outputs[1].quality.metrics["matches"] == 2
+    assert np.hypot(*(drive.believed[-1] - drive.true[-1])[:2, 3]) > 3.0  # what the robot itself believed
+
+
+@pytest.mark.req("CDFF-CORE-088")
+def test_the_model_of_other_ground_and_flat_ground_are_refused(ground: Ground, drive: Drive) -> None:
+    other = run(localisation(), drive.samples(ground, 2), Ground.make(77).orbital(1, DATUM_M))
+    assert [o.value for o in other] == [None, None]
+    plain = Ground.make(3, 0.0)
+    flat = run(localisation(), Drive.make(plain, 3, 35.0).samples(plain, 3), plain.orbital(3, 0.0))
+    assert [(o.quality.status, o.quality.reasons) for o in flat] == [(Status.FAILED, ("flat",))]
+
+
+def test_without_a_model_nothing_is_answered_and_nothing_is_kept_of_another(
+    ground: Ground, orbital: ElevationMap, drive: Drive
+) -> None:
+    node = localisation()
+    samples = list(drive.samples(ground, 2))
+    assert run(node, iter(samples[:20]), None) == []
+    with pytest.raises(ProductNotFoundError):
+        node.call("get_correction", {})
+    assert node.call("get_map", {}) is node.store.get("rover_map")
+    first = run(node, iter(samples[20:22]), orbital)
+    assert len(first) == 1  # the segment was long enough, the model was what was missing
+    node.call("forget", {})
+    with pytest.raises(ProductNotFoundError):
+        node.call("get_map", {})
+    assert node.store.get("orbital") is orbital
+
+
+def test_the_correction_brings_the_robots_frame_onto_the_model(
+    ground: Ground, orbital: ElevationMap, drive: Drive
+) -> None:
+    node = localisation()
+    outputs = run(node, drive.samples(ground, 2), orbital)
+    correction = node.call("get_correction", {})
+    assert (correction.parent_frame, correction.child_frame) == ("site", "mana/map")
+    last = drive.believed[outputs[-1].t1_ns // 10_000_000_000 - 1]
+    np.testing.assert_allclose(correction.transform.matrix @ last, outputs[-1].value.transform.matrix, atol=1e-6)
+    assert node.store.get("correction") is correction
+
+
+def test_without_poses_the_extent_of_the_map_says_when_and_the_answer_is_the_maps_place(
+    ground: Ground, orbital: ElevationMap, drive: Drive
+) -> None:
+    node = localisation(prior_m=12.0, segment_m=45.0)
+    patches = (s for s in drive.samples(ground, 2) if s.port == "dem")
+    outputs = run(node, patches, orbital)
+    assert outputs[0].child == "mana/map"
+    assert outputs[0].value is not None
+    middle = drive.believed[3]
+    at = (outputs[0].value.transform.matrix @ middle)[:2, 3]
+    assert np.hypot(*(at - drive.true[3][:2, 3])) < 1.2
+
+
+def test_patches_in_another_frame_than_the_poses_are_refused(
+    ground: Ground, orbital: ElevationMap, drive: Drive
+) -> None:
+    pose, dem = list(drive.samples(ground, 2))[:2]
+    moved = ElevationMap.from_layers(
+        type(dem.value.geometry)("elsewhere", *_placement(dem.value)),
+        {name: dem.value.layer(name) for name in dem.value.layer_names}, t0_ns=0, t1_ns=1000,
+    )  # fmt: skip
+    outputs = run(localisation(), iter([pose, Sample("dem", 1000, 0, moved)]), orbital)
+    assert outputs[0].quality.status is Status.FAILED
+    assert "elsewhere" in outputs[0].quality.reasons[0]
+
+
+def test_configured_otherwise_the_covariance_is_formal(ground: Ground, orbital: ElevationMap, drive: Drive) -> None:
+    outputs = run(localisation(match={"candidates": 8}), drive.samples(ground, 2), orbital)
+    assert outputs[0].quality.covariance_kind is CovarianceKind.FORMAL
+    with pytest.raises(ConfigurationError, match="segment"):
+        localisation(segment_m=0.0)
+
+
+def _placement(dem: ElevationMap) -> tuple[float, float, float, int, int]:
+    g = dem.geometry
+    return g.resolution_m, g.xmin_m, g.ymax_m, g.rows, g.cols
