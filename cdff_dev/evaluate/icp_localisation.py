@@ -32,7 +32,7 @@ from cdff_dev.evaluate._terrain import scan_pair
 from cdff_dev.evaluate.record import spread
 from cdff_dev.registration.rates import in_words, interval, nees_band, pose_errors
 
-HELD_OUT_SEEDS = range(2000, 2100)
+HELD_OUT_SEEDS = range(3000, 3100)
 DEVON_TRIALS = 100
 MAX_GUESS_M, MAX_GUESS_DEG = 0.5, 10.0
 LIMIT_M, LIMIT_DEG = 0.02, 0.1
