@@ -188,6 +188,38 @@ def test_searching_by_tag_and_time(page: Browser) -> None:
     page.eventually("document.querySelectorAll('.card').length === 3")
 
 
+#: Share of a tile's pixels that are drawn, of the tile that most of is.
+DRAWN = """(async () => {
+  const shares = await Promise.all([...document.querySelectorAll('#map img')].filter((i) => i.src).map(async (i) => {
+    await i.decode();
+    const canvas = document.createElement('canvas');
+    canvas.width = canvas.height = 256;
+    const context = canvas.getContext('2d');
+    context.drawImage(i, 0, 0);
+    return context.getImageData(0, 0, 256, 256).data.filter((v, n) => n % 4 === 3 && v > 0).length / 65536;
+  }));
+  return Math.max(0, ...shares);
+})()"""
+
+
+@pytest.mark.req("CDFF-SUP-166")
+def test_the_map_shows_tiles_is_moved_and_measures(page: Browser) -> None:
+    page.eventually("document.querySelectorAll('#map img').length >= 2")
+    page.eventually(f"(async () => await {DRAWN} > 0)()")
+    page.value("look(1, 1, 17)")  # the patch of 2 m lies in the middle, 20 cells wide
+    page.eventually("document.getElementById('map-scale').innerText.includes('10 cm')")
+    page.eventually(f"(async () => Math.abs(await {DRAWN} - 400 / 65536) < 1e-3)()")
+    page.value("document.getElementById('map-in').click()")
+    page.eventually("document.getElementById('map-scale').innerText.includes('5 cm')")
+    page.eventually(f"(async () => await {DRAWN} === 0)()")  # finer than what is held
+    page.value("document.getElementById('map-out').click(); identify(1, 1)")
+    page.eventually("document.getElementById('map-note').innerText.includes('height 0.00 m ± 0.10 m, 2 measurements')")
+    page.value("identify(500, 500)")
+    page.eventually("/Nothing was measured|no dem patch/.test(document.getElementById('map-note').innerText)")
+    page.value("document.getElementById('map-fit').click()")
+    page.eventually("Math.abs(map.x - 26) < 0.5")
+
+
 @pytest.mark.req("CDFF-SUP-166")
 def test_details_show_provenance_that_one_can_walk(page: Browser) -> None:
     card = "[...document.querySelectorAll('.card')].find((c) => c.innerText.includes('pointcloud'))"
@@ -215,8 +247,11 @@ def test_retention_is_explained_and_nothing_goes(page: Browser, dpm: Dpm) -> Non
 
 
 def test_a_new_product_appears_by_itself(page: Browser, dpm: Dpm) -> None:
+    page.value("look(1, 1, 17)")
+    page.eventually(f"(async () => Math.abs(await {DRAWN} - 400 / 65536) < 1e-3)()")
     dpm.put(*parcel(elevation(9.0), "dem", 20, resolution_m=0.1))
     page.eventually("document.querySelectorAll('.card').length === 4")
+    page.eventually(f"(async () => Math.abs(await {DRAWN} - 800 / 65536) < 1e-3)()")
 
 
 @pytest.mark.req("CDFF-SUP-166")
@@ -226,7 +261,7 @@ def test_nothing_failed_on_the_page_and_nothing_came_from_elsewhere(page: Browse
     assert errors == []
     asked = [t["params"]["request"]["url"] for t in page.told if t.get("method") == "Network.requestWillBeSent"]
     assert asked
-    assert all(url.startswith(("http://127.0.0.1:", "data:")) for url in asked)
+    assert all(url.startswith(("http://127.0.0.1:", "data:", "blob:http://127.0.0.1:")) for url in asked)
 
 
 def test_with_keys_the_page_asks_for_one_and_shows_everything_with_it(dpm: Dpm, tmp_path: Path) -> None:

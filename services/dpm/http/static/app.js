@@ -96,8 +96,7 @@ async function showStatus() {
   options("robot", Object.keys(status.by_robot));
 }
 
-function options(name, values) {
-  const select = byId("filter").elements[name];
+function options(name, values, select = byId("filter").elements[name]) {
   for (const value of values) {
     if (![...select.options].some((option) => option.value === value)) {
       select.append(make("option", { value }, words(value)));
@@ -251,7 +250,9 @@ async function showFrames() {
   const moving = tracks.map((t) => [t.child, t.parent, `moving, ${t.source}`, "", `${t.count} poses`, `${time(t.t0_ns)} to ${time(t.t1_ns)}`]);
   const all = [...rows, ...moving].map((cells) => make("tr", null, ...cells.map((cell) => make("td", null, cell))));
   byId("frames").tBodies[0].replaceChildren(...(all.length ? all : [nothing("No frame known.")]));
-  options("frame", [...new Set([...fixed.map((f) => f.frame), ...tracks.map((t) => t.parent)])].filter((f) => f !== "site").sort());
+  const names = [...new Set([...fixed.map((f) => f.frame), ...tracks.map((t) => t.parent)])].filter((f) => f !== "site").sort();
+  options("frame", names);
+  options("frame", names, byId("map-frame"));
   const { anchor } = await ask("/api/v1/places/site");
   byId("place").textContent = anchor
     ? `The site lies on ${words(anchor.body)} at ${anchor.lon_deg.toFixed(5)}° east, ${anchor.lat_deg.toFixed(5)}° north, ${metres(anchor.height_m)} m.`
@@ -314,7 +315,10 @@ const NEWS = new Set(["inserted", "deleted", "activated", "deactivated", "reanch
 
 function heard(block) {
   const fields = Object.fromEntries(block.split("\n").map((line) => [line.slice(0, line.indexOf(": ")), line.slice(line.indexOf(": ") + 2)]));
-  if (NEWS.has(fields.event) && !(fields.event === "inserted" && JSON.parse(fields.data).product === "pose")) soon();
+  if (NEWS.has(fields.event) && !(fields.event === "inserted" && JSON.parse(fields.data).product === "pose")) {
+    soon();
+    document.dispatchEvent(new Event("news"));
+  }
   return fields.id;
 }
 
