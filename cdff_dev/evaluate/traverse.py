@@ -59,9 +59,9 @@ class Drive:
         return [Sample(ports[s.stream], s.stamp_ns, s.seq, s.value) for s in self.log.samples(list(ports))]
 
 
-def drives() -> tuple[int, list[Drive]]:
-    """The scenario's seed and its rovers' drives; simulated now where they are not in the cache."""
-    scenario = load_scenario(SCENARIO)
+def drives(name: str = SCENARIO, seed: int | None = None) -> tuple[int, list[Drive]]:
+    """A scenario's seed and its rovers' drives; simulated now where they are not in the cache."""
+    scenario = load_scenario(name, seed)
     folder: Path = simulated_log(scenario)
     described: dict[str, Any] = json.loads((folder / SIDECAR).read_text(encoding="utf-8"))["robots"]
     made = []

@@ -19,6 +19,7 @@ class VisualOdometrySparseConfig(DfpcConfig):
     keyframe_survival: Annotated[float, Field(gt=0, lt=1)] = 0.6
     patience: Annotated[int, Field(ge=1, le=100)] = 2
     sigma_calibration_walk_px: Annotated[float, Field(ge=0, le=1)] = 0.002
+    felt_memory_s: Annotated[float, Field(gt=0, le=600, description="Wheel poses and rates are kept so long, s")] = 10.0
     trajectory_length: Annotated[int, Field(ge=2)] = 100_000
     assessment: dict[str, Any] = {}
     extraction: dict[str, Any] = {}
@@ -29,3 +30,4 @@ class VisualOdometrySparseConfig(DfpcConfig):
     tracking: dict[str, Any] = {}
     pnp: dict[str, Any] = {}
     motion: dict[str, Any] = {}
+    gyro: dict[str, Any] = {}

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,6 +17,12 @@ from cdff_common.types import FramePair, PoseTrajectory
 from cdff_core.imaging.grey import grey_image
 
 FloatArray = NDArray[np.float64]
+#: Translation and rotation of ``T_left1_left2`` between two times as other sensors felt it; None where not.
+Increment = Callable[[int, int], tuple[FloatArray | None, FloatArray | None]]
+#: What is unseen across a gap, one sigma: where nothing was felt a tenth of a metre and the way expected; with wheels
+#: so much of the way they tell of (slip), with a gyro so much for each second (its bias).
+_BLIND_M, _BLIND_RAD, _BLIND_RAD_S = 0.1, 0.05, 0.1
+_SLIP_SHARE, _FELT_M, _FELT_RAD, _GYRO_RAD_S = 0.2, 0.02, 0.01, 0.003
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,9 +92,10 @@ class Calibration:
 
 @dataclass(slots=True)
 class Path:
-    """Poses ``T_vo_left`` in order of time, and the motion that the measured ones lead one to expect."""
+    """Poses ``T_vo_left`` in order of time, and the motion that they and other sensors lead one to expect."""
 
     length: int
+    felt: Increment
     stamps_ns: deque[int] = field(init=False)
     poses: deque[UncertainTransform] = field(init=False)
     _measured: tuple[int, UncertainTransform] | None = field(default=None, init=False)
@@ -123,19 +131,38 @@ class Path:
         return self._measured
 
     def predict(self, stamp_ns: int) -> FloatArray:
-        """``T_vo_left`` (4, 4) expected at a time, at constant velocity for at most a second."""
+        """``T_vo_left`` (4, 4) expected at a time: as felt since, else at constant velocity, for a second."""
         last_ns, last = self._last()
-        return last.matrix @ se3.exp_se3(self._twist * min(1e-9 * (stamp_ns - last_ns), 1.0))
+        return last.matrix @ self._expected(self.felt(last_ns, stamp_ns), 1e-9 * (stamp_ns - last_ns))
+
+    def is_felt(self, stamp_ns: int) -> bool:
+        """Whether anything but the images tells of the motion up to a time."""
+        last_ns, _ = self._last()
+        return any(part is not None for part in self.felt(last_ns, stamp_ns))
 
     def across_gap(self, stamp_ns: int) -> UncertainTransform:
         """The expected pose with a covariance for not having seen the way: as far off as the way itself is long."""
         last_ns, last = self._last()
         elapsed_s = 1e-9 * (stamp_ns - last_ns)
-        moved_m = 0.1 + float(np.linalg.norm(self._twist[:3])) * elapsed_s
-        turned_rad = min(0.05 + (0.1 + float(np.linalg.norm(self._twist[3:]))) * elapsed_s, np.pi)
-        blind = np.diag([moved_m**2] * 3 + [turned_rad**2] * 3)
+        translation, rotation = self.felt(last_ns, stamp_ns)
+        off_m = _BLIND_M + float(np.linalg.norm(self._twist[:3])) * elapsed_s
+        off_rad = min(_BLIND_RAD + (_BLIND_RAD_S + float(np.linalg.norm(self._twist[3:]))) * elapsed_s, np.pi)
+        if translation is not None:
+            off_m = _FELT_M + _SLIP_SHARE * float(np.linalg.norm(translation))
+        if rotation is not None:
+            off_rad = min(_FELT_RAD + _GYRO_RAD_S * elapsed_s, np.pi)
+        blind = np.diag([off_m**2] * 3 + [off_rad**2] * 3)
         before = np.zeros((6, 6)) if last.covariance is None else last.covariance
-        return UncertainTransform(self.predict(stamp_ns), before + blind)
+        expected = self._expected((translation, rotation), elapsed_s)
+        return UncertainTransform(last.matrix @ expected, before + blind)
+
+    def _expected(self, felt: tuple[FloatArray | None, FloatArray | None], elapsed_s: float) -> FloatArray:
+        """``T_left1_left2`` after a time."""
+        translation, rotation = felt
+        T = se3.exp_se3(self._twist * min(elapsed_s, 1.0))
+        return se3.transform(
+            T[:3, :3] if rotation is None else rotation, T[:3, 3] if translation is None else translation
+        )
 
     def trajectory(self, parent: str, child: str) -> PoseTrajectory | None:
         """All poses; None where there is none yet."""

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cdff_common.errors import InputError, RefusedError
+from cdff_common.errors import FrameNotFoundError, InputError, RefusedError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
@@ -21,6 +21,7 @@ from cdff_common.types import FramePair, PoseTrajectory, TransformWithCovariance
 from cdff_core.dfns.features_extraction_2d._interface import FeaturesExtraction2DInputs
 from cdff_core.dfns.features_prediction_2d._interface import FeaturesPrediction2DInputs
 from cdff_core.dfns.features_tracking_2d._interface import FeaturesTracking2DInputs
+from cdff_core.dfns.gyro_integration._interface import GyroIntegrationInputs
 from cdff_core.dfns.image_assessment._interface import ImageAssessmentInputs
 from cdff_core.dfns.perspective_n_point_solving._interface import PerspectiveNPointSolvingInputs
 from cdff_core.dfns.rectification_refinement._interface import RectificationRefinementInputs
@@ -29,6 +30,7 @@ from cdff_core.dfns.stereo_motion_estimation._interface import StereoMotionEstim
 from cdff_core.dfns.stereo_triangulation._interface import StereoTriangulationInputs
 from cdff_core.dfpcs.visual_odometry_sparse import _verdict as verdict
 from cdff_core.dfpcs.visual_odometry_sparse._config import VisualOdometrySparseConfig
+from cdff_core.dfpcs.visual_odometry_sparse._felt import Felt
 from cdff_core.dfpcs.visual_odometry_sparse._interface import VisualOdometrySparseInterface
 from cdff_core.dfpcs.visual_odometry_sparse._state import Calibration, FloatArray, KeyFrame, Path, View, required
 
@@ -50,7 +52,9 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
             self.pnp.configure(self.pnp.config.model_copy(update={"seed": self.context.seed}))
         c = self.config
         self._parent, self._child = f"{self.context.robot}/vo", f"{self.context.robot}/navcam_left"
-        self._path = Path(c.trajectory_length)
+        self._gyro = self.dfn("gyro")
+        self._felt = Felt(self._integrate, int(c.felt_memory_s * 1e9))
+        self._path = Path(c.trajectory_length, self._felt.increment)
         self._calibration = Calibration(c.sigma_calibration_walk_px)
         self._key: KeyFrame | None = None
         self._last: View | None = None
@@ -73,6 +77,16 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         except InputError as error:
             return [self._output(sample.stamp_ns, (sample.id,), None, Quality(Status.FAILED, (f"input:{error}",)))]
 
+    def on_odometry(self, sample: Sample) -> Iterable[Output]:
+        """Keep the wheels' pose: it tells where to look."""
+        self._felt.add_pose(sample.stamp_ns, sample.value.transform.matrix)
+        return ()
+
+    def on_imu(self, sample: Sample) -> Iterable[Output]:
+        """Keep the angular rate: it tells how far the picture has turned."""
+        self._felt.add_rate(sample.stamp_ns, np.asarray(sample.value.gyro, np.float64))
+        return ()
+
     def get_trajectory(self) -> PoseTrajectory:
         """All poses since the start or reset, with covariance."""
         trajectory: PoseTrajectory = self.store.get("trajectory")
@@ -86,7 +100,27 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
             raise RefusedError("stamps must rise", [f"stamp_not_after:{self._last.stamp_ns}"])
         if self._last is not None and view.left.shape != self._last.left.shape:
             self.reset()  # another camera: nothing known so far applies to it
+        self._mount(view)
         return view
+
+    def _mount(self, view: View) -> None:
+        """Learn how the camera sits on the robot, and the gyro: of what is not known, nothing is felt."""
+        robot = self.context.robot
+        mount = view.pair.left.T_robot_sensor
+        try:
+            mount = mount or self.context.frames.lookup(f"{robot}/base", self._child, view.stamp_ns)
+            self._felt.T_left_base = se3.inverse(mount.matrix)
+            T_base_imu = self.context.frames.lookup(f"{robot}/base", f"{robot}/imu", view.stamp_ns).matrix
+            self._felt.R_left_imu = self._felt.T_left_base[:3, :3] @ T_base_imu[:3, :3]
+        except FrameNotFoundError:
+            return
+
+    def _integrate(self, stamps_ns: list[int], rates: list[FloatArray], begin_ns: int, end_ns: int) -> FloatArray:
+        """``R_imu1_imu2``; raises RefusedError where the rates leave a gap."""
+        interval_ns = np.array([begin_ns, end_ns], dtype=np.int64)
+        inputs = GyroIntegrationInputs(np.array(stamps_ns, np.int64), np.array(rates), np.zeros(3), interval_ns)
+        R: FloatArray = self._gyro.process(inputs).rotation
+        return R
 
     def _assess(self, view: View) -> tuple[bool, float]:
         """Whether the pair is the last one again, and how sharp it is; raises RefusedError on empty images."""
@@ -138,6 +172,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
 
     def _follow(self, view: View, key: KeyFrame, sharpness: float) -> Output:
         """Locate the camera against the key frame; re-anchor when that fails ``patience`` times in a row."""
+        felt = float(self._path.is_felt(view.stamp_ns))
         try:
             T_key_now, metrics, reasons = self._locate(view, key)
         except RefusedError:
@@ -157,7 +192,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
             except RefusedError as doubt:
                 reasons += doubt.reasons
         offset_px, decentring_px = (float(p) for p in self._calibration.mean_px)
-        metrics |= {"sharpness": sharpness, "gaps": float(self._gaps)}
+        metrics |= {"sharpness": sharpness, "gaps": float(self._gaps), "felt": felt}
         metrics |= {"disparity_offset_px": offset_px, "decentring_px": decentring_px}
         return self._output(view.stamp_ns, (key.view.sample_id, view.sample_id), pose, self._quality(reasons, metrics))
 
