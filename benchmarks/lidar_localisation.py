@@ -6,7 +6,9 @@ OMP_NUM_THREADS=1 python benchmarks/lidar_localisation.py [--trials N] [--out FI
 
 The map and the sweeps are those of ``cdff_dev.evaluate.lidar_localisation``: simulated ground, a map put down with the
 errors of a survey. small_gicp gets the whole map at our voxel and each guess, with its defaults and with pairs as far
-as the guess is off; map and tree are made once for it, as ours are.
+as the guess is off; map and tree are made once for it, as ours are. KISS-ICP gets the same where CDFF_PEER_PYTHON names
+an environment that has it: the map as its voxel map, each guess as its prediction, and a kernel of a third of the reach
+of pairs, as it has it itself.
 """
 
 from __future__ import annotations
@@ -14,6 +16,8 @@ from __future__ import annotations
 import argparse
 import json
 import platform
+import subprocess
+import tempfile
 import time
 import tracemalloc
 from pathlib import Path
@@ -25,10 +29,51 @@ import small_gicp
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.voxels import voxel_means
 from cdff_core.dfns.place_search._interface import PlaceSearchInputs
+from cdff_dev.evaluate._peers import peer_python
 from cdff_dev.evaluate.lidar_localisation import LIMIT_DEG, LIMIT_M, localised, localiser, place, trial
 
 VOXEL_M, SCAN_VOXEL_M, RANGE_M, OFF_M = 0.15, 0.3, 25.0, 5.0
 STARTS = {"at the truth": 0.0, "2 m and 20 deg off": 1.0}
+
+
+class KissIcp:
+    """KISS-ICP's registration against a map, in an environment of its own; one call for all sweeps and guesses."""
+
+    CODE = """
+import sys, time, numpy as np
+from kiss_icp.config import KISSConfig
+from kiss_icp.kiss_icp import KissICP
+z = np.load(sys.argv[1])
+config = KISSConfig()
+config.data.max_range, config.data.deskew, config.registration.max_num_threads = float(z["range_m"]), False, 1
+config.mapping.voxel_size = float(z["range_m"]) / 100.0
+odometry = KissICP(config)
+odometry.local_map.add_points(z["map"])
+T, cpu = [], []
+for i, guess in enumerate(z["guesses"]):
+    began = time.process_time()
+    frame = odometry.preprocessor.preprocess(z[f"sweep{i}"], np.zeros(len(z[f"sweep{i}"])), np.eye(4))
+    source, _ = odometry.voxelize(frame)
+    T.append(odometry.registration.align_points_to_map(
+        points=source, voxel_map=odometry.local_map, initial_guess=guess,
+        max_correspondance_distance=float(z["reach_m"]), kernel=float(z["reach_m"]) / 3.0))
+    cpu.append(time.process_time() - began)
+np.savez(sys.argv[2], T=T, cpu=cpu)
+"""
+
+    @staticmethod
+    def answers(python: str, points_m: np.ndarray, given: list[Any], reach_m: float) -> list[tuple[np.ndarray, float]]:
+        """``T_map_lidar`` and CPU seconds of each of ``given``: a guess and a sweep."""
+        with tempfile.TemporaryDirectory() as folder:
+            asked, found = Path(folder) / "asked.npz", Path(folder) / "found.npz"
+            sweeps = {f"sweep{i}": sweep.astype(np.float64) for i, (_, sweep) in enumerate(given)}
+            guesses = np.array([guess for guess, _ in given])
+            np.savez(
+                asked, map=voxel_means(points_m, VOXEL_M), guesses=guesses, range_m=RANGE_M, reach_m=reach_m, **sweeps
+            )
+            subprocess.run([python, "-c", KissIcp.CODE, str(asked), str(found)], check=True)
+            z = np.load(found)
+            return list(zip(z["T"], z["cpu"].tolist(), strict=True))
 
 
 class Peer:
@@ -81,6 +126,15 @@ def main() -> None:
                 found = answer(begin, sweep)
                 spent = time.process_time() - began
                 rows[start].setdefault(name, []).append((*_error(T, found), spent))
+    if python := peer_python():
+        for start, share in STARTS.items():
+            given = [trial(ground, seed) for seed in range(args.trials)]
+            asked = [(guess if share else T, sweep) for T, sweep, guess in given]
+            for reach_m in (1.0, OFF_M):
+                answers_ = KissIcp.answers(python, points, asked, reach_m)
+                rows[start][f"kiss-icp, pairs within {reach_m:g} m"] = [
+                    (*_error(T, found), spent) for (T, *_), (found, spent) in zip(given, answers_, strict=True)
+                ]
     search = dfpc.dfn("search")
     T, sweep, _ = trial(ground, 0)
     began = time.process_time()

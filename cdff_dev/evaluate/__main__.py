@@ -62,15 +62,19 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _draw(module: ModuleType, name: str, figures: dict[str, Any]) -> None:
-    """Put the SVG of ``draw(figures) -> bytes`` beside its page and the tables of ``table(figures) -> str`` into it."""
-    folder = folder_of(name)
+    """Put the SVG of ``draw(figures) -> bytes`` beside its page and the tables of ``table(figures) -> str`` into it.
+
+    The page is that of what is evaluated; a module that evaluates more of the same names it in ``PAGE``.
+    """
+    subject = getattr(module, "PAGE", name)
+    folder = folder_of(subject)
     if hasattr(module, "draw"):
         (folder / f"{name}.svg").write_bytes(module.draw(figures))
         sys.stdout.write(f"wrote docs/{folder.name}/{name}.svg\n")
     if hasattr(module, "table"):
-        page = folder / f"{name}.md"
+        page = folder / f"{subject}.md"
         page.write_text(filled(page.read_text(encoding="utf-8"), name, module.table(figures)), encoding="utf-8")
-        sys.stdout.write(f"wrote docs/{folder.name}/{name}.md\n")
+        sys.stdout.write(f"wrote docs/{folder.name}/{subject}.md\n")
 
 
 def folder_of(name: str) -> Path:

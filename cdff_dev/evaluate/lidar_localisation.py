@@ -51,7 +51,7 @@ class Place:
     def __init__(self, seed: int | None = None) -> None:
         self.scenario = load_scenario(SCENARIO, seed)
         world = make_world(self.scenario)
-        self._relief, self._scene = world.relief, cast_scene(world.relief, world.rocks)
+        self.relief, self._scene = world.relief, cast_scene(world.relief, world.rocks)
         (self._motion,) = world.motions.values()
 
     def sweep(self, T_site_base: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -66,7 +66,7 @@ class Place:
         """``T_site_base`` somewhere beside the mapped part of the way, with any heading."""
         middle = self.on_the_way(rng.uniform(MAP_TIMES_S[0] + 2.0, MAP_TIMES_S[-1] - 2.0))[:2, 3]
         xy, heading = middle + rng.uniform(-ASIDE_M, ASIDE_M, 2), rng.uniform(-np.pi, np.pi)
-        return settle(self._relief, self.scenario.chassis, xy[None], np.array([heading]))[0]
+        return settle(self.relief, self.scenario.chassis, xy[None], np.array([heading]))[0]
 
     @cache  # noqa: B019  one instance for each seed, kept for the run
     def surveyed(self) -> list[tuple[FloatArray, FloatArray]]:
@@ -78,11 +78,13 @@ class Place:
 
     def map(self, seed: int) -> FloatArray:
         """Points (n, 3) of a map whose sweeps are put down with errors of this seed."""
+        return np.vstack(self.pieces(seed))
+
+    def pieces(self, seed: int) -> list[FloatArray]:
+        """The same, sweep by sweep."""
         rng = np.random.default_rng([seed, 1])
         sigma = np.repeat([MAP_SIGMA_M, np.radians(MAP_SIGMA_DEG)], 3)
-        return np.vstack(
-            [se3.transform_points(T @ se3.exp_se3(sigma * rng.normal(size=6)), p) for T, p in self.surveyed()]
-        )
+        return [se3.transform_points(T @ se3.exp_se3(sigma * rng.normal(size=6)), p) for T, p in self.surveyed()]
 
 
 class _AtRest:
@@ -208,3 +210,35 @@ def covariance(ground: Place, seeds: Iterable[int], progress: Callable[[str], No
         "nees": spread(nees, 3), "mean_sigma_m": round(float(np.mean(sigma_m)), 5),
         "mean_sigma_deg": round(float(np.mean(sigma_deg)), 5),
     }  # fmt: skip
+
+
+def table(figures: dict[str, Any]) -> str:
+    """Right, refused and wrong answers of each kind of trial, and the covariance."""
+    lines = [
+        "| simulated | within 3 cm and 0.1° | median error | greatest | refused | wrong |",
+        "|---" * 6 + "|",
+    ]
+    for name in ("from 2 m and 20 deg off", "from nothing"):
+        row = figures[name]
+        m, d = row["translation_m"], row["rotation_deg"]
+        lines.append(
+            f"| {name.replace(' deg', '°')} | {_rate(row['within_3_cm_and_0.1_deg'], row['trials'], row['within_95'])} "
+            f"| {1e3 * m['median']:.1f} mm, {d['median']:.3f}° | {1e3 * m['max']:.1f} mm, {d['max']:.3f}° "
+            f"| {row['refused']} | {_rate(row['wrong'], row['trials'], row['wrong_95'])} |"
+        )
+    other = figures["on other ground"]
+    wrong = _rate(other["accepted"], other["trials"], other["accepted_95"])
+    lines.append(f"| on other ground | – | – | – | {other['trials'] - other['accepted']} | {wrong} |")
+    c = figures["covariance"]
+    low, high = c["band_95"]
+    lines += [
+        "",
+        f"Covariance over {c['seeds']} held-out maps: mean squared normalised error {c['mean_nees']:.2f} (6 expected, "
+        f"95 % band {low:.2f} to {high:.2f}), mean sigma of an axis {1e3 * c['mean_sigma_m']:.1f} mm and "
+        f"{c['mean_sigma_deg']:.3f}°.",
+    ]
+    return "\n".join(lines)
+
+
+def _rate(count: int, trials: int, bounds: list[float]) -> str:
+    return f"{count} of {trials} ({100 * bounds[0]:.1f}–{100 * bounds[1]:.1f} %)"

@@ -188,7 +188,7 @@ def _most(start: Int) -> int:  # pragma: no cover - compiled
 def angle(y: float, x: float) -> float:  # pragma: no cover - compiled
     """``atan2(y, x)`` within 1e-9 and without branches; 0 where both are."""
     ax, ay = abs(x), abs(y)
-    t = min(ax, ay) / max(max(ax, ay), 1e-300)
+    t = min(ax, ay) / max(ax, ay, 1e-300)
     u = t * t
     s = _A6 + u * (_A7 + u * (_A8 + u * (_A9 + u * _A10)))
     found = t * (_A0 + u * (_A1 + u * (_A2 + u * (_A3 + u * (_A4 + u * (_A5 + u * s))))))

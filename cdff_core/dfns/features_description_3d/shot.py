@@ -66,4 +66,3 @@ class Shot(FeaturesDescription3DInterface):
         descriptors = histograms(points, normals, keypoints, frames, start, index, radius_m, cfg.signed_normals)
         descriptors[~valid] = 0.0
         return FeaturesDescription3DOutputs(descriptors=descriptors, valid=valid)
-

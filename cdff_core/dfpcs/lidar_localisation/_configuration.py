@@ -4,14 +4,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Any, Literal
 
 from pydantic import Field
 
 from cdff_common.interfaces.dfpc import DfpcConfig
+from cdff_core.cloud_matching.configuration import MatchingGates, Radii
+
+Way = Literal["shape", "descriptors"]
 
 
-class LidarLocalisationConfig(DfpcConfig):
+class LidarLocalisationConfig(MatchingGates, DfpcConfig):
     """Parameters of the DFN slots, of map and prediction, and the gates an answer must pass."""
 
     range: dict[str, Any] = Field({}, description="Of PointCloudFiltering, on the sweep")
@@ -47,24 +50,23 @@ class LidarLocalisationConfig(DfpcConfig):
     drift_m_s: float = Field(0.5, gt=0.0, description="Of a prediction without odometry, metres a second")
     drift_deg_s: float = Field(10.0, gt=0.0, description="Of a prediction without odometry, degrees a second")
     odometry_wait_s: float = Field(0.3, ge=0.0, description="How much later odometry may come than a sweep")
-    # Descriptors, in voxels of the matched clouds.
-    keypoint_voxels: float = Field(1.5, ge=1.0, le=50.0, description="Scale of the keypoints, in voxels")
-    support_voxels: tuple[Annotated[float, Field(ge=2.0, le=100.0)], ...] = Field(
+    # The search of the whole map.
+    relocalise_by: tuple[Way, ...] = Field(
+        ("shape", "descriptors"), max_length=2, description="Ways to search the whole map, tried in turn"
+    )
+    descriptor_places: int = Field(1, ge=0, le=100, description="Parts of the map that are searched by descriptors")
+    # Scales and gates that differ from those of clouds of one kind.
+    support_voxels: Radii = Field(
         (12.0,), min_length=1, max_length=8, description="Radii of the descriptors, in voxels, tried in turn"
     )
     candidates: int = Field(1, ge=1, le=20, description="Cliques of the matches that are tried, for each radius")
     noise_voxels: float = Field(1.5, gt=0.0, le=20.0, description="Noise of right pairs, in voxels")
-    descriptor_places: int = Field(1, ge=0, le=100, description="Parts of the map that are searched by descriptors")
-    # Gates.
     min_overlap: float = Field(0.6, gt=0, le=1, description="Share of the sweep that lies on the map, FAILED below")
     good_overlap: float = Field(0.8, gt=0, le=1, description="Share of the sweep that lies on the map, DEGRADED below")
     min_inlier_ratio: float = Field(0.6, gt=0, le=1, description="Share of pairs the kernel keeps, FAILED below")
-    max_rms_gates: float = Field(0.25, gt=0, le=1, description="Residuals in gates of the overlap, FAILED above")
+    good_agreement: float = Field(0.6, ge=0, le=1, description="Agreement of a direction below which it is weak")
     max_residual_m: float = Field(0.03, gt=0, description="Robust distance of the sweep from the map, FAILED above")
     max_coarse_residual_m: float = Field(0.06, gt=0, description="The same from afar, not looked at closely above")
-    min_agreement: float = Field(0.5, ge=0, le=1, description="Agreement of a direction below which it is free")
-    good_agreement: float = Field(0.6, ge=0, le=1, description="Agreement of a direction below which it is weak")
-    max_chance: float = Field(1e-3, gt=0, description="Cliques expected among random matches, FAILED above")
     ambiguity: float = Field(1.5, ge=1, description="Another place is as good within this factor on the residuals")
     # The covariance, calibrated on simulated terrain: docs/dfpcs/lidar_localisation.md.
     covariance_scale: float = Field(1.0, gt=0.0, description="Factor on the covariance of the assessment")

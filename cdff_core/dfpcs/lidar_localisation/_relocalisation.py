@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where on the whole map a sweep was taken: by the shape of the ground, then by descriptors."""
+"""Where on the whole map a sweep was taken: by the shape of the ground, by descriptors."""
 
 from __future__ import annotations
 
@@ -56,7 +56,11 @@ class Relocaliser:
         """
         refusals: list[tuple[str, ...]] = []
         good: list[Match] = []
-        for candidates in (self._by_shape(sweep, scan_map), self._by_descriptors(sweep, scan_map, places_m)):
+        ways = {
+            "shape": self._by_shape(sweep, scan_map),
+            "descriptors": self._by_descriptors(sweep, scan_map, places_m),
+        }
+        for candidates in (ways[way] for way in self._config.relocalise_by):
             try:
                 for T in candidates:
                     match = self._registered(sweep, scan_map, T, good)

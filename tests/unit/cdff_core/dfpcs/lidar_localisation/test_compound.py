@@ -91,6 +91,20 @@ def test_without_a_guess_the_whole_map_is_searched(ground: np.ndarray) -> None:
     assert output.quality.reasons[0] == "relocalised"
 
 
+@pytest.mark.parametrize("way", ["shape", "descriptors"])
+def test_each_way_of_searching_the_map_finds_the_place_alone(way: str, ground: np.ndarray) -> None:
+    T = HILLS.pose(-8.0, 5.0, 1.0)
+    (output,) = outputs(made(relocalise_by=(way,)), map_of(ground), scan_at(T))
+    assert_right(output, T)
+    assert output.quality.reasons[0] == "relocalised"
+
+
+def test_where_the_map_is_not_to_be_searched_a_robot_without_a_guess_is_lost(ground: np.ndarray) -> None:
+    (output,) = outputs(made(relocalise_by=()), map_of(ground), scan_at(HILLS.pose(0, 0, 0)))
+    assert output.quality.status is Status.FAILED
+    assert output.quality.reasons == ("lost", "not_on_the_map")
+
+
 @pytest.mark.req("CDFF-CORE-078")
 def test_on_other_ground_it_says_that_it_is_lost(ground: np.ndarray) -> None:
     other = Hills(99)
