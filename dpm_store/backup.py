@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Copies of a store that another process may be writing, and stores from copies.
 
-The database is copied by SQLite's own online backup, which gives one committed state; then the payload files that this
-state names. Payloads never change, so the copy of a file is right whenever it is made; one that a ``collect`` took in
-between was of a product deleted since, and the copy is begun anew.
+The database is copied by SQLite's own online backup, which gives one committed state; then the payloads that this
+state names. Payloads never change, so a copy is right whenever it is made. Packs keep what they hold while they are
+copied; a file that a ``collect`` took in between was of a product deleted since, and the copy is begun anew.
 """
 
 from __future__ import annotations
@@ -16,16 +16,17 @@ from pathlib import Path
 
 from cdff_common.errors import ConfigurationError, StorageError
 from dpm_store import sqlite
-from dpm_store.blobs import BlobFiles
+from dpm_store.blobs import BlobFiles, sync
+from dpm_store.packs import PackFiles
+from dpm_store.payloads import BLOBS, PACKS
 
 DATABASE = "store.sqlite"
-BLOBS = "blobs"
 _ATTEMPTS = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Backup:
-    """What was copied: live products, payload files, bytes on disk."""
+    """What was copied: live products, files of large payloads, bytes."""
 
     products: int
     files: int
@@ -51,9 +52,10 @@ def backup(source: Path, target: Path) -> Backup:
     try:
         for _ in range(_ATTEMPTS):
             part.mkdir(parents=True)
-            done = _copy(source, part)
+            with PackFiles(source / PACKS).copying():
+                done = _copy(source, part)
             if done is not None:
-                _sync(part)
+                _sync_all(part)
                 if target.exists():
                     target.rmdir()
                 part.rename(target)
@@ -72,9 +74,13 @@ def restore(source: Path, target: Path) -> Backup:
 
 def _copy(source: Path, part: Path) -> Backup | None:
     """One attempt; None where a file was taken meanwhile."""
-    products, named = sqlite.copy_database(source / DATABASE, part / DATABASE)
+    products, named, spans = sqlite.copy_database(source / DATABASE, part / DATABASE)
     here, there = BlobFiles(part / BLOBS), source / BLOBS
-    size = (part / DATABASE).stat().st_size
+    size = (part / DATABASE).stat().st_size + sum(length for _, length in spans)
+    try:
+        PackFiles(source / PACKS).copy(spans, PackFiles(part / PACKS))
+    except FileNotFoundError:
+        return None
     for sha256 in named:
         target = here.path(sha256)
         target.parent.mkdir(exist_ok=True)
@@ -86,12 +92,8 @@ def _copy(source: Path, part: Path) -> Backup | None:
     return Backup(products, len(named), size)
 
 
-def _sync(directory: Path) -> None:
+def _sync_all(directory: Path) -> None:
     """Make every file and directory below durable."""
     for root, _, names in os.walk(directory):
         for name in (*names, "."):
-            descriptor = os.open(Path(root) / name, os.O_RDONLY)
-            try:
-                os.fsync(descriptor)
-            finally:
-                os.close(descriptor)
+            sync(Path(root) / name)

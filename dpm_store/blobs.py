@@ -21,7 +21,8 @@ from pathlib import Path
 from cdff_common.errors import InputError, StorageError
 
 CHUNK_BYTES = 1 << 18
-_FULL = (errno.ENOSPC, errno.EDQUOT)
+#: Errors that say so.
+FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 def digest(payload: bytes) -> str:
@@ -88,7 +89,7 @@ class BlobFiles:
             new_directory = not target.parent.exists()
             target.parent.mkdir(exist_ok=True)
             if new_directory:
-                _sync(self._directory)
+                sync(self._directory)
             descriptor, part = tempfile.mkstemp(suffix=".part", dir=self._directory)
             try:
                 with os.fdopen(descriptor, "wb") as file:
@@ -99,9 +100,9 @@ class BlobFiles:
             except OSError:
                 Path(part).unlink(missing_ok=True)
                 raise
-            _sync(target.parent)
+            sync(target.parent)
         except OSError as error:
-            why = "the disk is full; delete products" if error.errno in _FULL else "the disk failed"
+            why = "the disk is full; delete products" if error.errno in FULL else "the disk failed"
             raise StorageError(f"payload of {len(payload)} bytes not stored: {why} ({error.strerror})") from error
 
     def read(self, sha256: str, size: int, sums: bytes, offset: int, length: int, what: str) -> bytes:
@@ -164,14 +165,15 @@ def _holds(path: Path, payload: bytes) -> bool:
 def _made_durable(path: Path) -> bool:
     """Sync a file that somebody wrote and may have been killed before it was durable; False if it is gone since."""
     try:
-        _sync(path)
+        sync(path)
     except FileNotFoundError:  # a collection took it
         return False
-    _sync(path.parent)
+    sync(path.parent)
     return True
 
 
-def _sync(path: Path) -> None:
+def sync(path: Path) -> None:
+    """Make a file or directory durable."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -85,7 +85,10 @@ class Database:
 
     def admit(self, wanted_bytes: int) -> None:
         """Raise StorageError where so many bytes of payload would leave too little room to delete."""
-        self.room.admit(wanted_bytes, lambda: sqlite.reusable_bytes(self.engine))
+        if not self.room.holds(wanted_bytes):
+            with self.writing:
+                sqlite.fold_log(self.engine)
+        self.room.admit(wanted_bytes)
 
     def close(self) -> None:
         """Close every connection; the last one folds the write-ahead log into the file."""

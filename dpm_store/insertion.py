@@ -18,15 +18,14 @@ from cdff_common.clock import NS_PER_S, Clock
 from cdff_common.errors import CodecError, ConflictError, InputError
 from cdff_common.interfaces.product import Header
 from dpm_store import schema, sqlite
-from dpm_store.blobs import BlobFiles, chunk_sums, digest
+from dpm_store.blobs import chunk_sums, digest
 from dpm_store.events import EventTable
 from dpm_store.footprints import footprint_of, ring_bytes
+from dpm_store.payloads import PACKED_BYTES, Content, Payloads
 from dpm_store.pose_graphs import TYPE_NAME, Rows, rows_of
 from dpm_store.poses import PoseTable
 from dpm_store.records import LATEST_NS, Insertion, Parcel
 
-#: Smaller payloads lie in the row's own database: one sync instead of three.
-INLINE_BYTES = 1 << 15
 MAX_PAYLOAD_BYTES = 1 << 30
 #: Corners of a box farther out, some astronomical units, could neither be indexed nor brought into another frame.
 FARTHEST_BOX_M = 1e12
@@ -54,9 +53,9 @@ class Ready:
     graph: Rows | None = None
 
     @property
-    def inline(self) -> bool:
-        """Tell whether the payload goes into the database."""
-        return len(self.parcel.payload) <= INLINE_BYTES
+    def is_packed(self) -> bool:
+        """Tell whether the payload goes into a pack."""
+        return len(self.parcel.payload) <= PACKED_BYTES
 
     def row(self, ordinal: int, inserted_ns: int) -> dict[str, Any]:
         """Of ``products``."""
@@ -75,8 +74,8 @@ class Ready:
 class Inserter:
     """Enters products with all that goes with them."""
 
-    def __init__(self, files: BlobFiles, events: EventTable, clock: Clock) -> None:
-        self._files = files
+    def __init__(self, payloads: Payloads, events: EventTable, clock: Clock) -> None:
+        self._payloads = payloads
         self._events = events
         self._clock = clock
 
@@ -97,20 +96,15 @@ class Inserter:
     def write_files(self, ready: Iterable[Ready]) -> None:
         """Make the payloads durable that go into files."""
         for item in ready:
-            if not item.inline:
-                self._files.write(item.header.sha256 or "", item.parcel.payload)
+            if not item.is_packed:
+                self._payloads.files.write(item.header.sha256 or "", item.parcel.payload)
 
     def _enter(self, connection: Connection, new: Sequence[Ready]) -> None:
-        self.write_files(new)  # again only if a collection took one since
         now_ns = self._clock.now_ns()
         first: int = (connection.execute(select(func.max(schema.products.c.ordinal))).scalar() or 0) + 1
         numbered = list(enumerate(new, first))
-        blobs = [
-            {"sha256": item.header.sha256, "size": len(item.parcel.payload), "chunk_sums": item.chunk_sums,
-             "content": item.parcel.payload if item.inline else None}
-            for item in new
-        ]  # fmt: skip
-        sqlite.insert_blobs(connection, blobs)
+        contents = {item.header.sha256 or "": Content(item.parcel.payload, item.chunk_sums) for item in new}
+        self._payloads.enter(connection, contents)
         add = sqlite.insert_rows
         add(connection, schema.products, [item.row(ordinal, now_ns) for ordinal, item in numbered])
         _index(connection, numbered)
@@ -129,6 +123,7 @@ class Inserter:
                 )  # fmt: skip
         bodies = [(item.parcel.robot, event_body(item.header, item.parcel.names)) for item in new]
         self._events.append_all_in(connection, "inserted", bodies)
+        self._payloads.settle()
 
 
 def compare(connection: Connection, ready: Sequence[Ready]) -> dict[str, Insertion]:

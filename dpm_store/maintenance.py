@@ -11,13 +11,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import msgpack
-from sqlalchemy import Connection, bindparam, exists, func, select, update
+from sqlalchemy import Connection, bindparam, func, select, update
 
 from cdff_common.errors import InputError, StorageError
 from cdff_common.interfaces.product import Header
 from dpm_store import schema, sqlite
-from dpm_store.blobs import BlobFiles, digest
+from dpm_store.blobs import digest
 from dpm_store.database import Database
+from dpm_store.payloads import Payloads
 
 #: Rows looked at in one read, and payloads removed in one write.
 _READ, _WRITE = 1000, 200
@@ -69,7 +70,7 @@ class Statistics:
         return sum(self.product_bytes.values())
 
 
-def verify(database: Database, files: BlobFiles) -> tuple[Problem, ...]:
+def verify(database: Database, payloads: Payloads) -> tuple[Problem, ...]:
     """Check the database, the index, the headers, the sums that are kept, and the SHA-256 of every payload."""
     with database.read() as connection:
         problems = [Problem("database", what) for what in sqlite.check(connection)]
@@ -81,10 +82,7 @@ def verify(database: Database, files: BlobFiles) -> tuple[Problem, ...]:
                 row = connection.execute(select(schema.blobs).where(schema.blobs.c.sha256 == sha256)).first()
             if row is None:
                 continue
-            payload = row.content
-            if payload is None:
-                payload = files.read(sha256, row.size, row.chunk_sums, 0, row.size, where) if row.size else b""
-            if digest(payload) != sha256:
+            if digest(payloads.read(row, 0, row.size, where)) != sha256:
                 problems.append(Problem(where, "content has another digest"))
         except StorageError as error:
             problems.append(Problem(where, str(error)))
@@ -125,7 +123,7 @@ def _digests(database: Database) -> Iterator[str]:
         yield from found
 
 
-def collect(database: Database, files: BlobFiles) -> int:
+def collect(database: Database, payloads: Payloads) -> int:
     """Remove payloads that only tombstones name, and files that no row names; returns the bytes freed.
 
     Safe beside writers: what seemed unused is looked at again in the transaction that removes it, and a product that
@@ -133,14 +131,15 @@ def collect(database: Database, files: BlobFiles) -> int:
     """
     freed = 0
     for digests in _of_tombstones(database):
-        freed += _forget(database, digests)
-    for found in files.names():
+        freed += _forget(database, payloads, digests)
+    payloads.reclaim(database)
+    for found in payloads.files.names():
         for start in range(0, len(found), _WRITE):
             with database.read() as connection:
                 unnamed = _unnamed(connection, found[start : start + _WRITE])
             if unnamed:
                 with database.freeing() as connection:
-                    freed += sum(files.remove(sha256) for sha256 in _unnamed(connection, unnamed))
+                    freed += sum(payloads.files.remove(sha256) for sha256 in _unnamed(connection, unnamed))
     return freed
 
 
@@ -160,12 +159,12 @@ def _of_tombstones(database: Database) -> Iterator[Sequence[str]]:
         yield [str(sha256) for sha256 in found]
 
 
-def _forget(database: Database, digests: Sequence[str]) -> int:
-    """Take payloads without a live product out of the database; bytes of those that lay in it."""
+def _forget(database: Database, payloads: Payloads, digests: Sequence[str]) -> int:
+    """Take the rows of payloads without a live product out; bytes of those in packs."""
     p, b = schema.products.c, schema.blobs.c
-    alive = exists().where(p.sha256 == b.sha256, p.deleted_ns.is_(None))
-    unused = select(b.sha256, b.size, b.content.is_not(None)).where(b.sha256.in_(digests), ~alive)
-    unname = update(schema.products).where(p.sha256 == bindparam("gone")).values(sha256=None)
+    unused = select(b.sha256, b.size, b.place).where(b.sha256.in_(digests), b.live == 0)
+    unname = update(schema.products).values(sha256=None)
+    unname = unname.where(p.sha256 == bindparam("gone"), p.sha256.is_not(None), p.deleted_ns.is_not(None))
     with database.freeing() as connection:
         rows = connection.execute(unused).all()
         if rows:
@@ -173,12 +172,14 @@ def _forget(database: Database, digests: Sequence[str]) -> int:
             connection.execute(
                 schema.blobs.delete().where(b.sha256 == bindparam("gone")), [{"gone": r[0]} for r in rows]
             )
-    return sum(int(size) for _, size, inline in rows if inline)
+    for _, _, place in rows:
+        payloads.lost(place)
+    return sum(int(size) for _, size, place in rows if place is not None)
 
 
 def _unnamed(connection: Connection, digests: Sequence[str]) -> list[str]:
     b = schema.blobs.c
-    named = set(connection.execute(select(b.sha256).where(b.sha256.in_(digests), b.content.is_(None))).scalars())
+    named = set(connection.execute(select(b.sha256).where(b.sha256.in_(digests), b.place.is_(None))).scalars())
     return [sha256 for sha256 in digests if sha256 not in named]
 
 

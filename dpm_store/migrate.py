@@ -4,15 +4,19 @@
 
 from __future__ import annotations
 
+import logging
 from importlib.resources import files
 
 from sqlalchemy import inspect, text
 
-from cdff_common.errors import ConfigurationError
+from cdff_common.errors import ConfigurationError, StorageError
+from dpm_store import sqlite
 from dpm_store.database import Database
 
+logger = logging.getLogger(__name__)
+
 #: The newest revision under ``migrations/versions``; a test holds it to that.
-HEAD = "0004"
+HEAD = "0005"
 
 
 def revision_of(database: Database) -> str | None:
@@ -45,7 +49,17 @@ def migrate(database: Database, target: str = HEAD) -> None:
         with database.freeing() as connection:
             config.attributes["connection"] = connection
             command.upgrade(config, target)
+        if revision is not None:
+            _shrink(database)
     except CommandError as error:
         raise ConfigurationError(
             f"the store has schema {revision}, this version knows up to {HEAD}; open it with a newer version"
         ) from error
+
+
+def _shrink(database: Database) -> None:
+    """Give the disk back what a migration left free; where it cannot be, later insertions use it."""
+    try:
+        sqlite.shrink(database.engine)
+    except StorageError as error:
+        logger.warning("file not made smaller", extra={"why": str(error)})

@@ -10,14 +10,14 @@ from typing import Any
 from sqlalchemy import Connection, Row, func, select, update
 
 from cdff_common.clock import Clock
-from cdff_common.errors import ConflictError, InputError, ProductNotFoundError
+from cdff_common.errors import ConflictError, InputError, ProductNotFoundError, StorageError
 from cdff_common.interfaces.product import Header
 from dpm_store import schema, sqlite
 from dpm_store.annotations import AnnotationTable, is_pinned
-from dpm_store.blobs import CHUNK_BYTES, BlobFiles, check_chunks, covering
 from dpm_store.database import Database
 from dpm_store.events import EventTable
 from dpm_store.insertion import Inserter, Ready, compare, event_body, prepared
+from dpm_store.payloads import Payloads
 from dpm_store.poses import PoseTable
 from dpm_store.records import Insertion, Parcel, ProductRecord
 
@@ -36,14 +36,14 @@ class ProductTable:
     """Products with their payloads, index and provenance."""
 
     def __init__(
-        self, database: Database, files: BlobFiles, events: EventTable, annotations: AnnotationTable, clock: Clock
+        self, database: Database, payloads: Payloads, events: EventTable, annotations: AnnotationTable, clock: Clock
     ) -> None:
         self._database = database
-        self._files = files
+        self._payloads = payloads
         self._annotations = annotations
         self._events = events
         self._clock = clock
-        self._inserter = Inserter(files, events, clock)
+        self._inserter = Inserter(payloads, events, clock)
 
     def put(
         self, header: Header, payload: bytes, *, robot: str, dfpc: str, port: str, product: str, type_name: str,
@@ -96,7 +96,7 @@ class ProductTable:
             raise InputError(f"batch of {len(parcels)}: expected at most {MAX_BATCH}, each id once")
         ready = [prepared(parcel) for parcel in parcels]
         self._database.admit(sum(len(item.parcel.payload) for item in ready))
-        large = [item for item in ready if not item.inline]
+        large = [item for item in ready if not item.is_packed]
         if large:  # what is refused for its id leaves no file behind
             with self._database.read() as connection:
                 known = compare(connection, large)
@@ -129,21 +129,29 @@ class ProductTable:
         StorageError
             If the disk gave back something else than was written.
         """
+        row = self._payload_row(product_id)
+        if not 0 <= offset <= row.size or (length is not None and length < 0):
+            raise InputError(f"product {product_id}: offset {offset}, length {length} of {row.size} bytes")
+        wanted = row.size - offset if length is None else min(length, row.size - offset)
+        while True:
+            try:
+                return self._payloads.read(row, offset, wanted, f"product {product_id}")
+            except StorageError:
+                if (now := self._payload_row(product_id)) == row:
+                    raise
+                row = now  # mended, or deleted and stored anew meanwhile
+
+    def _payload_row(self, product_id: str) -> Any:
         p, b = schema.products.c, schema.blobs.c
         statement = (
-            select(b.sha256, b.size, b.chunk_sums, b.content).join_from(schema.products, schema.blobs)
+            select(b.sha256, b.size, b.chunk_sums, b.place).join_from(schema.products, schema.blobs)
             .where(p.id == product_id, p.deleted_ns.is_(None))
         )  # fmt: skip
         with self._database.read() as connection:
             row = connection.execute(statement).first()
         if row is None:
             raise ProductNotFoundError(f"no product {product_id[:64]!r}")
-        if not 0 <= offset <= row.size or (length is not None and length < 0):
-            raise InputError(f"product {product_id}: offset {offset}, length {length} of {row.size} bytes")
-        wanted = row.size - offset if length is None else min(length, row.size - offset)
-        if wanted == 0:
-            return b""
-        return self._content(row, product_id, offset, wanted)
+        return row
 
     def payloads(self, product_ids: Sequence[str]) -> Iterator[tuple[str, bytes]]:
         """Ids and whole payloads, checked, in any order and a few in memory at a time.
@@ -153,21 +161,13 @@ class ProductTable:
         p, b = schema.products.c, schema.blobs.c
         for first in range(0, len(product_ids), _TOGETHER):
             statement = (
-                select(p.id, b.sha256, b.size, b.chunk_sums, b.content).join_from(schema.products, schema.blobs)
+                select(p.id, b.sha256, b.size, b.chunk_sums, b.place).join_from(schema.products, schema.blobs)
                 .where(p.id.in_(product_ids[first : first + _TOGETHER]))
             )  # fmt: skip
             with self._database.read() as connection:
                 rows = connection.execute(statement).all()
             for row in rows:
-                yield row.id, self._content(row, row.id, 0, row.size) if row.size else b""
-
-    def _content(self, row: Any, product_id: str, offset: int, wanted: int) -> bytes:
-        what = f"product {product_id}"
-        if row.content is None:
-            return self._files.read(row.sha256, row.size, row.chunk_sums, offset, wanted, what)
-        first, last = covering(offset, wanted)
-        check_chunks(row.content[first * CHUNK_BYTES : last * CHUNK_BYTES], first, row.chunk_sums, what)
-        return bytes(row.content[offset : offset + wanted])
+                yield row.id, self._payloads.read(row, 0, row.size, f"product {row.id}")
 
     def delete(self, product_id: str) -> bool:
         """Leave a tombstone: not found any more, its id not free again. False if it was deleted before.

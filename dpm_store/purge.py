@@ -6,17 +6,17 @@ from __future__ import annotations
 
 from typing import Any
 
-from sqlalchemy import Connection, exists, select, update
+from sqlalchemy import Connection, Row, exists, select, update
 
 from cdff_common.errors import ConflictError, ProductNotFoundError
 from dpm_store import schema
-from dpm_store.blobs import BlobFiles
 from dpm_store.database import Database
 from dpm_store.events import EventTable
+from dpm_store.payloads import Payloads
 from dpm_store.pose_graphs import forget_in
 
 
-def purge(database: Database, files: BlobFiles, events: EventTable, product_id: str) -> int:
+def purge(database: Database, payloads: Payloads, events: EventTable, product_id: str) -> int:
     """Remove the payload of a deleted product; returns the bytes freed, 0 where another product has the same content.
 
     Raises
@@ -39,25 +39,26 @@ def purge(database: Database, files: BlobFiles, events: EventTable, product_id: 
         forget_in(connection, product_id)
         body: dict[str, Any] = {"id": product_id, "sha256": row.sha256, "size": row.size}
         events.append_in(connection, row.robot, "purged", body)
-        inline = _forget(connection, row.sha256)
-    if inline is None:
+        blob = _forget(connection, row.sha256)
+    if blob is None:
         return 0
-    if inline:
+    if blob.place is not None:
+        payloads.lost(blob.place)
+        payloads.reclaim(database)
         return int(row.size)
     # the row is gone for good before the file is; a put meanwhile waits for the lock and writes its file anew
     with database.freeing() as connection:
-        return files.remove(row.sha256) if not _is_named(connection, row.sha256) else 0
+        return payloads.files.remove(row.sha256) if not _is_named(connection, row.sha256) else 0
 
 
-def _forget(connection: Connection, sha256: str) -> bool | None:
-    """Take a payload out that no product names any more: whether it lay in the database; None where one does."""
+def _forget(connection: Connection, sha256: str) -> Row[Any] | None:
+    """Take the row of a payload out that no product names any more; None where one does."""
     p, b = schema.products.c, schema.blobs.c
-    used = exists().where(p.sha256 == b.sha256)
-    found = connection.execute(select(b.content.is_not(None)).where(b.sha256 == sha256, ~used)).first()
-    if found is None:
-        return None
-    connection.execute(schema.blobs.delete().where(b.sha256 == sha256))
-    return bool(found[0])
+    of_tombstone = exists().where(p.sha256 == sha256, p.sha256.is_not(None), p.deleted_ns.is_not(None))
+    found = connection.execute(select(b.place).where(b.sha256 == sha256, b.live == 0, ~of_tombstone)).first()
+    if found is not None:
+        connection.execute(schema.blobs.delete().where(b.sha256 == sha256))
+    return found
 
 
 def _is_named(connection: Connection, sha256: str) -> bool:

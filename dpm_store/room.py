@@ -12,7 +12,7 @@ from __future__ import annotations
 import logging
 import os
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -58,30 +58,28 @@ class Room:
         """Tell whether additions are refused, or soon will be."""
         return self.free_bytes() < 2 * self._low_water
 
-    def admit(self, wanted_bytes: int, reusable_bytes: Callable[[], int]) -> None:
+    def holds(self, wanted_bytes: int) -> bool:
+        """Tell whether there is room for so many bytes of payloads."""
+        return self.free_bytes() - wanted_bytes >= self._low_water
+
+    def admit(self, wanted_bytes: int) -> None:
         """Let an addition pass, or refuse it while there is still room to delete.
 
         Parameters
         ----------
         wanted_bytes : int
             Of payloads.
-        reusable_bytes : callable
-            Bytes inside the database's file that are free; asked only where the disk alone does not suffice.
 
         Raises
         ------
         StorageError
             If less than the low water would be left.
         """
-        left = self.free_bytes() - wanted_bytes
-        if left >= self._low_water:
-            return
-        if left >= self._low_water // 4 and left + reusable_bytes() >= self._low_water:
-            return
-        raise StorageError(
-            f"{wanted_bytes} bytes not stored: the disk has {left + wanted_bytes} left and {self._low_water} are kept "
-            "for deleting; delete products, or let `cdff dpm retention --apply` do it"
-        )
+        if not self.holds(wanted_bytes):
+            raise StorageError(
+                f"{wanted_bytes} bytes not stored: the disk has {self.free_bytes()} left and {self._low_water} are "
+                "kept for deleting; delete products, or let `cdff dpm retention --apply` do it"
+            )
 
     @contextmanager
     def freeing(self) -> Iterator[None]:

@@ -92,14 +92,19 @@ robots = Table(
     Column("updated_ns", BigInteger, nullable=False),
 )
 
+_PACKED = text("place IS NOT NULL")
+#: Payloads by content: where in the packs each begins (none: it has a file), and how many live products have it
+#: (kept by triggers, see the dialect module).
 blobs = Table(
     "blobs",
     metadata,
     Column("sha256", String(64), primary_key=True),
     Column("size", BigInteger, nullable=False),
     Column("chunk_sums", LargeBinary, nullable=False),
-    Column("content", LargeBinary),
+    Column("place", BigInteger),
+    Column("live", BigInteger, nullable=False, server_default="0"),
 )
+Index("blobs_by_place", blobs.c.place, blobs.c.size, sqlite_where=_PACKED)
 
 products = Table(
     "products",
@@ -135,10 +140,9 @@ products = Table(
 Index("products_by_time", products.c.t1_ns, products.c.ordinal)
 Index("products_by_type", products.c.product, products.c.t1_ns, products.c.ordinal)
 Index("products_by_robot", products.c.robot, products.c.product, products.c.t1_ns, products.c.ordinal)
-Index("products_by_blob", products.c.sha256)
 _GONE = text("deleted_ns IS NOT NULL AND sha256 IS NOT NULL")
 #: Tombstones whose payload was not collected yet.
-Index("products_gone", products.c.sha256, sqlite_where=_GONE, postgresql_where=_GONE)
+Index("products_gone", products.c.sha256, sqlite_where=_GONE)
 
 #: Outlines of products in the x-y plane of their frame, where they say more than the box: x, y as float64.
 footprints = Table(
@@ -274,7 +278,7 @@ tallies = Table(
     Column("bytes", BigInteger, nullable=False),
 )
 
-#: Payloads that are kept, each content once, in the database (inline) and in files; kept by triggers.
+#: Payloads that are kept, each content once, in packs (inline) and in files of their own; kept by triggers.
 blob_tallies = Table(
     "blob_tallies",
     metadata,

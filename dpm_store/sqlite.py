@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -25,6 +25,7 @@ from sqlalchemy.sql import Select, Subquery
 
 from cdff_common.errors import StorageError
 from dpm_store import schema
+from dpm_store.packs import Span, merged
 
 #: Execution option that says a connection is going to write.
 WRITES = "cdff_writes"
@@ -119,28 +120,46 @@ DDL_0004 = (
     "UPDATE blob_tallies SET payloads = payloads - 1, bytes = bytes - OLD.size "
     "WHERE inline = (OLD.content IS NOT NULL); END",
 )
+#: The same for revision 0005, once contents are in packs: sums go by the place, and count who has a payload.
+DDL_0005_FIRST = tuple(f"DROP TRIGGER {name}" for name in ("blobs_add", "blobs_remove"))
+DDL_0005 = (
+    "UPDATE blobs SET live = (SELECT count(*) FROM products p WHERE p.sha256 = blobs.sha256 AND p.deleted_ns IS NULL)",
+    "DROP INDEX products_by_blob",
+    "CREATE TRIGGER blobs_add AFTER INSERT ON blobs BEGIN "
+    "INSERT INTO blob_tallies VALUES (NEW.place IS NOT NULL, 1, NEW.size) "
+    "ON CONFLICT DO UPDATE SET payloads = payloads + 1, bytes = bytes + NEW.size; END",
+    "CREATE TRIGGER blobs_remove AFTER DELETE ON blobs BEGIN "
+    "UPDATE blob_tallies SET payloads = payloads - 1, bytes = bytes - OLD.size "
+    "WHERE inline = (OLD.place IS NOT NULL); END",
+    "CREATE TRIGGER products_use AFTER INSERT ON products WHEN NEW.deleted_ns IS NULL "
+    "BEGIN UPDATE blobs SET live = live + 1 WHERE sha256 = NEW.sha256; END",
+    "CREATE TRIGGER products_leave AFTER UPDATE OF deleted_ns ON products "
+    "WHEN OLD.deleted_ns IS NULL AND NEW.deleted_ns IS NOT NULL "
+    "BEGIN UPDATE blobs SET live = live - 1 WHERE sha256 = OLD.sha256; END",
+)
 
 
 def open_engine(path: Path) -> Engine:
-    """Open or make the database file: WAL, every commit synced, foreign keys on."""
+    """Open or make the database file: WAL, every commit synced."""
     engine = create_engine(
         f"sqlite:///{path}",
         connect_args={"timeout": 10.0, "check_same_thread": False},
         pool_size=8,
         max_overflow=24,
+        pool_use_lifo=True,  # the one used last has the most pages in its cache
     )
     event.listen(engine, "connect", _on_connect)
     event.listen(engine, "begin", _on_begin)
     return engine
 
 
-def copy_database(source: Path, target: Path) -> tuple[int, list[str]]:
+def copy_database(source: Path, target: Path) -> tuple[int, list[str], list[Span]]:
     """Copy one committed state of a database that may be in use.
 
     Returns
     -------
-    tuple of int and list of str
-        Live products in it, and the digests of the payloads that lie in files.
+    tuple of int, list of str, list of Span
+        Live products in it, the digests of the payloads that lie in files, and what is used of packs.
 
     Raises
     ------
@@ -155,19 +174,48 @@ def copy_database(source: Path, target: Path) -> tuple[int, list[str]]:
             there.backup(here)
             here.execute("PRAGMA journal_mode=DELETE")  # one file, nothing beside it
             (products,) = here.execute("SELECT count(*) FROM products WHERE deleted_ns IS NULL").fetchone()
-            named = here.execute("SELECT sha256 FROM blobs WHERE content IS NULL AND size > 0 ORDER BY sha256")
-            return int(products), [row[0] for row in named]
+            named = here.execute("SELECT sha256 FROM blobs WHERE place IS NULL ORDER BY sha256")
+            digests = [row[0] for row in named]
+            packed = here.execute("SELECT place, size FROM blobs WHERE place IS NOT NULL ORDER BY place")
+            return int(products), digests, merged(packed)
     except sqlite3.Error as error:
         raise StorageError(f"backup of {source}: {error}") from error
 
 
-def reusable_bytes(engine: Engine) -> int:
-    """Bytes inside the database's file that are free: deletions leave them to later insertions."""
-    with engine.connect() as connection:
-        pages, size = (
-            connection.exec_driver_sql(f"PRAGMA {name}").scalar_one() for name in ("freelist_count", "page_size")
-        )
-        return int(pages) * int(size)
+def contents(connection: Connection, most: int) -> Iterator[list[tuple[int, bytes]]]:
+    """Row numbers and contents of the payloads that lie in the database up to revision 0004, some at a time."""
+    statement, last = (
+        "SELECT rowid, content FROM blobs WHERE rowid > ? AND content IS NOT NULL ORDER BY rowid LIMIT ?",
+        0,
+    )
+    while found := _driver(connection).execute(statement, (last, most)).fetchall():
+        yield found
+        last = found[-1][0]
+
+
+def place_contents(connection: Connection, placed: Iterable[tuple[int, int]]) -> None:
+    """Say where contents lie now, place and row number of each; they are no longer in the database."""
+    _driver(connection).executemany("UPDATE blobs SET place = ?, content = NULL WHERE rowid = ?", placed)
+
+
+def directory(connection: Connection) -> Path:
+    """Where the database's file is."""
+    (_, _, path) = _driver(connection).execute("PRAGMA database_list").fetchone()
+    return Path(path).parent
+
+
+def shrink(engine: Engine) -> None:
+    """Write the file anew where more than half of it is free, if there is room for that.
+
+    Raises
+    ------
+    StorageError
+        If the disk is full or fails; the file stays as it was.
+    """
+    with _outside_transactions(engine) as cursor:
+        free, pages = (cursor.execute(f"PRAGMA {name}").fetchone()[0] for name in ("freelist_count", "page_count"))
+        if 2 * free > pages:
+            cursor.execute("VACUUM")
 
 
 def fold_log(engine: Engine) -> None:
@@ -178,11 +226,17 @@ def fold_log(engine: Engine) -> None:
     StorageError
         If the disk fails; nothing is lost, the log stays.
     """
+    with _outside_transactions(engine) as cursor:
+        cursor.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+
+
+@contextmanager
+def _outside_transactions(engine: Engine) -> Iterator[Any]:
     connection = engine.raw_connection()
     try:
-        connection.cursor().execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        yield connection.cursor()
     except sqlite3.Error as error:
-        raise StorageError(f"store: the log was not folded: {error}") from error
+        raise StorageError(f"store: {error}; nothing is lost") from error
     finally:
         connection.close()
 
@@ -198,9 +252,21 @@ def insert_rows(connection: Connection, table: Table, rows: Sequence[Mapping[str
 
 
 def insert_blobs(connection: Connection, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Insert payloads; one that lies in the database already is mended where it is not what it was."""
-    mend = "DO UPDATE SET content = excluded.content WHERE content IS NOT NULL AND content <> excluded.content"
-    _insert_rows(connection, schema.blobs, rows, f"ON CONFLICT (sha256) {mend}")
+    """Insert payloads; one that is there already lies where the new row says from now on."""
+    move = "DO UPDATE SET place = excluded.place WHERE place IS NOT NULL AND excluded.place IS NOT NULL"
+    _insert_rows(connection, schema.blobs, rows, f"ON CONFLICT (sha256) {move}")
+
+
+def placed(connection: Connection, digests: Sequence[str]) -> dict[str, int | None]:
+    """Where payloads lie that are there: their places in packs, None for those in files."""
+    statement = "SELECT sha256, place FROM blobs WHERE sha256 IN (SELECT value FROM json_each(?))"
+    return dict(_driver(connection).execute(statement, (json.dumps(digests),)).fetchall())
+
+
+def spans(connection: Connection, first: int, end: int) -> list[Span]:
+    """Places and sizes of the payloads whose place is at or after the first and before the end, in order."""
+    statement = "SELECT place, size FROM blobs WHERE place >= ? AND place < ? ORDER BY place"
+    return _driver(connection).execute(statement, (first, end)).fetchall()
 
 
 def _insert_rows(connection: Connection, table: Table, rows: Sequence[Mapping[str, Any]], conflict: str) -> None:
@@ -383,7 +449,14 @@ def check(connection: Connection) -> list[str]:
             "SELECT robot, product, count(*), sum(size) FROM products WHERE deleted_ns IS NULL GROUP BY robot, product)"
         )
     ).one()
-    return problems + ([f"sums: {differing} differ from what is there"] if differing else [])
+    problems += [f"sums: {differing} differ from what is there"] if differing else []
+    (miscounted,) = connection.execute(
+        text(
+            "SELECT count(*) FROM (SELECT sha256, live FROM blobs WHERE live <> 0 EXCEPT SELECT sha256, count(*) "
+            "FROM products WHERE deleted_ns IS NULL GROUP BY sha256)"
+        )
+    ).one()
+    return problems + ([f"payloads: {miscounted} have other products than they count"] if miscounted else [])
 
 
 def _kept(value: float) -> float:
@@ -393,8 +466,8 @@ def _kept(value: float) -> float:
 def _on_connect(connection: sqlite3.Connection, _record: object) -> None:
     connection.isolation_level = None  # begun by _on_begin, not by the driver
     for pragma in (
-        "journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "busy_timeout=10000", "cache_size=-32768",
-        "wal_autocheckpoint=4000", "secure_delete=OFF",
+        "journal_mode=WAL", "synchronous=FULL", "busy_timeout=10000", "cache_size=-32768",
+        "wal_autocheckpoint=16000", "secure_delete=OFF",
     ):  # fmt: skip
         connection.execute(f"PRAGMA {pragma}")
 

@@ -17,7 +17,6 @@ from cdff_common.interfaces.product import Header
 from cdff_common.output import make_folder
 from dpm_store import pose_graphs
 from dpm_store.annotations import AnnotationTable
-from dpm_store.blobs import BlobFiles
 from dpm_store.clouds import Clouds
 from dpm_store.database import Database, directory_of
 from dpm_store.events import EventTable
@@ -29,6 +28,7 @@ from dpm_store.maintenance import Problem, Statistics, collect, statistics, veri
 from dpm_store.maps import Maps
 from dpm_store.migrate import migrate
 from dpm_store.patches import Patches
+from dpm_store.payloads import Payloads
 from dpm_store.places import Places
 from dpm_store.pose_graphs import NodeFound
 from dpm_store.poses import PoseTable, Track
@@ -48,7 +48,6 @@ if TYPE_CHECKING:
     from cdff_common.types import PoseGraph
 
 _DATABASE = "store.sqlite"
-_BLOBS = "blobs"
 _TILES = "tiles"
 
 
@@ -117,7 +116,7 @@ class Store:
         try:
             self._database = Database(directory / _DATABASE, Room(directory, low_water_bytes, reserve_bytes))
             migrate(self._database)
-            self._files = BlobFiles(directory / _BLOBS)
+            self._payloads = Payloads(directory)
         except BaseException:
             self._lock.release()
             raise
@@ -127,7 +126,7 @@ class Store:
         self.robots = RobotTable(self._database, self.events, clock)
         self.poses = PoseTable(self._database, self.frames)
         self.annotations = AnnotationTable(self._database, self.events, clock)
-        self._products = ProductTable(self._database, self._files, self.events, self.annotations, clock)
+        self._products = ProductTable(self._database, self._payloads, self.events, self.annotations, clock)
         self._transactions = Transactions(self._database, self._products, self.annotations, self.frames)
         self.retention = Retention(self._database, self._products, clock)
         self._search = Search(self._database, self._products, self.frames, self.poses)
@@ -176,7 +175,7 @@ class Store:
 
     def purge(self, product_id: str) -> int:
         """Remove the payload of a deleted product. See ``purge.purge``."""
-        return purge(self._database, self._files, self.events, product_id)
+        return purge(self._database, self._payloads, self.events, product_id)
 
     def transact(self, changes: Sequence[Change]) -> tuple[Outcome, ...]:
         """Make several changes in one transaction, all or none. See ``Transactions.run``."""
@@ -188,11 +187,11 @@ class Store:
 
     def verify(self) -> tuple[Problem, ...]:
         """Look at everything that is stored; what was found wrong, empty when sound."""
-        return verify(self._database, self._files)
+        return verify(self._database, self._payloads)
 
     def collect(self) -> int:
         """Remove payloads that no live product names; returns the bytes freed."""
-        return collect(self._database, self._files)
+        return collect(self._database, self._payloads)
 
     def statistics(self) -> Statistics:
         """Counts and sizes."""
@@ -227,4 +226,5 @@ class Store:
         """Close the database and let another process open it."""
         self.pyramid.close()
         self._database.close()
+        self._payloads.close()
         self._lock.release()

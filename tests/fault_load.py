@@ -33,6 +33,7 @@ CALLS = {"write": 0, "sync": 1, "rename": 2, "unlink": 3, "truncate": 4}
 PLACES = (
     ("write", "store.sqlite"), ("sync", "store.sqlite"), ("truncate", "store.sqlite"), ("write", "/blobs"),
     ("sync", "/blobs"), ("rename", "/blobs"), ("unlink", "/blobs"),
+    ("write", "/packs"), ("sync", "/packs"), ("truncate", "/packs"),
 )  # fmt: skip
 ERRORS = ("EIO", "ENOSPC")
 _ALL = 1 << 30

@@ -7,6 +7,7 @@
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/types.h>
@@ -53,5 +54,6 @@ int fsync(int f) { REAL(fsync); return fails(SYNC, f) ? -1 : real(f); }
 int fdatasync(int f) { REAL(fdatasync); return fails(SYNC, f) ? -1 : real(f); }
 int ftruncate(int f, off_t n) { REAL(ftruncate); return fails(TRUNCATE, f) ? -1 : real(f, n); }
 int ftruncate64(int f, off64_t n) { REAL(ftruncate64); return fails(TRUNCATE, f) ? -1 : real(f, n); }
+int fallocate(int f, int m, off_t o, off_t n) { REAL(fallocate); return fails(TRUNCATE, f) ? -1 : real(f, m, o, n); }
 int rename(const char *a, const char *b) { REAL(rename); return fails_at(RENAME, b) ? -1 : real(a, b); }
 int unlink(const char *a) { REAL(unlink); return fails_at(UNLINK, a) ? -1 : real(a); }

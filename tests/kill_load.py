@@ -24,7 +24,7 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.product import Header, product_id
 from dpm_store import Parcel, Rule, Store, open_store
 from dpm_store.backup import backup
-from dpm_store.insertion import INLINE_BYTES
+from dpm_store.payloads import PACKED_BYTES
 
 S = 1_000_000_000
 #: Products of this type may go.
@@ -34,8 +34,9 @@ WRITERS = 2
 
 
 def payload(seq: int) -> bytes:
-    """Of a product: every fifth lies in a file."""
-    return seq.to_bytes(4, "big") * (INLINE_BYTES // 4 + 100 if seq % 5 == 0 else 50 + seq % 7)
+    """Of a product: every fifth lies in a file, and every fifth takes some blocks of a pack."""
+    words = PACKED_BYTES // 4 + 100 if seq % 5 == 0 else 3000 if seq % 5 == 1 else 50 + seq % 7
+    return seq.to_bytes(4, "big") * words
 
 
 def parcel(seq: int, product: str = KEPT) -> Parcel:

@@ -8,13 +8,13 @@ import pytest
 from cdff_common.errors import ConfigurationError, StorageError
 from dpm_store import Query, Store, open_store
 from dpm_store.backup import backup, restore
-from dpm_store.insertion import INLINE_BYTES
+from dpm_store.payloads import PACKED_BYTES
 
 from .conftest import header, put
 
 
 def payload(seq: int) -> bytes:
-    return seq.to_bytes(4, "big") * (10 if seq % 2 else INLINE_BYTES)
+    return seq.to_bytes(4, "big") * (10 if seq % 2 else PACKED_BYTES)
 
 
 @pytest.mark.req("CDFF-SUP-032")

@@ -5,7 +5,7 @@ import pytest
 from cdff_common.errors import ConflictError, InputError, StorageError
 from dpm_store import Insertion, Parcel, Query, Store, products
 from dpm_store.events import EventTable
-from dpm_store.insertion import INLINE_BYTES
+from dpm_store.payloads import PACKED_BYTES
 
 from .conftest import NAMES, header, put
 
@@ -16,7 +16,7 @@ def parcels(*seqs: int) -> list[Parcel]:
 
 
 def payload(seq: int) -> bytes:
-    return bytes([seq]) * (INLINE_BYTES + 1 if seq % 2 else 10)
+    return bytes([seq]) * (PACKED_BYTES + 1 if seq % 2 else 10)
 
 
 @pytest.mark.req("CDFF-SUP-030")

@@ -17,7 +17,8 @@ from cdff_common.clock import ManualClock
 from cdff_common.errors import StorageError
 from dpm_store import Insertion, Query, Rule, Store, open_store
 from dpm_store.blobs import CHUNK_BYTES, BlobFiles, digest
-from dpm_store.insertion import INLINE_BYTES
+from dpm_store.packs import pack_of, places_of
+from dpm_store.payloads import PACKED_BYTES
 from tests.kill_dpm import campaign
 
 from .conftest import header, put
@@ -53,7 +54,7 @@ def test_wherever_a_call_fails_the_error_is_typed_and_the_store_is_whole(
     )  # fmt: skip
     summary = json.loads(done.stdout)
     assert summary["problems"] == []
-    assert len(summary["injected"]) == 14
+    assert len(summary["injected"]) == 20
     assert all(count > 0 for count in summary["injected"].values()), summary["injected"]
 
 
@@ -87,7 +88,7 @@ def fill_store(store: Store, size: int) -> None:
 
 
 @pytest.mark.req("CDFF-SUP-170")
-@pytest.mark.parametrize("size", [INLINE_BYTES, 4 * INLINE_BYTES])
+@pytest.mark.parametrize("size", [PACKED_BYTES, 4 * PACKED_BYTES])
 def test_on_a_full_disk_nothing_is_added_and_everything_can_be_deleted(
     small_disk: Path, clock: ManualClock, size: int
 ) -> None:
@@ -120,7 +121,7 @@ def test_a_reserve_is_not_taken_unasked(tmp_path: Path) -> None:
 
 
 @pytest.mark.req("CDFF-SUP-171")
-@pytest.mark.parametrize("size", [10, INLINE_BYTES, INLINE_BYTES + 1, 3 * CHUNK_BYTES])
+@pytest.mark.parametrize("size", [10, PACKED_BYTES, PACKED_BYTES + 1, 3 * CHUNK_BYTES])
 @pytest.mark.parametrize("where", [0.0, 0.5, 1.0])
 def test_a_flipped_bit_is_found_and_never_served(store: Store, size: int, where: float) -> None:
     payload = bytes(range(256)) * (size // 256 + 1)
@@ -138,16 +139,15 @@ def test_a_flipped_bit_is_found_and_never_served(store: Store, size: int, where:
 def flip(store: Store, sha256: str, at: int) -> None:
     """Change one bit of a payload, where it lies."""
     path = store.directory / "blobs" / sha256[:2] / sha256[2:]
-    if path.exists():
-        data = bytearray(path.read_bytes())
-        data[at] ^= 4
-        path.write_bytes(data)
-        return
-    with store._database.write() as connection:
-        row = connection.exec_driver_sql("SELECT content FROM blobs WHERE sha256 = ?", (sha256,)).one()
-        data = bytearray(row.content)
-        data[at] ^= 4
-        connection.exec_driver_sql("UPDATE blobs SET content = ? WHERE sha256 = ?", (bytes(data), sha256))
+    if not path.exists():
+        with store._database.read() as connection:
+            place = connection.exec_driver_sql("SELECT place FROM blobs WHERE sha256 = ?", (sha256,)).scalar_one()
+        path, at = store._payloads.packs.path(pack_of(place)), place - places_of(pack_of(place))[0] + at
+    with path.open("r+b") as file:
+        file.seek(at)
+        changed = bytes([file.read(1)[0] ^ 4])
+        file.seek(at)
+        file.write(changed)
 
 
 def test_a_header_that_was_changed_is_found(store: Store) -> None:

@@ -8,11 +8,11 @@ import pytest
 
 from dpm_store import Insertion, Store, blobs, maintenance
 from dpm_store.blobs import BlobFiles
-from dpm_store.insertion import INLINE_BYTES
+from dpm_store.payloads import PACKED_BYTES
 
 from .conftest import header, put
 
-SMALL, LARGE = b"s" * 100, b"l" * (INLINE_BYTES + 1)
+SMALL, LARGE = b"s" * 100, b"l" * (PACKED_BYTES + 1)
 
 
 @pytest.mark.req("CDFF-SUP-036")
@@ -36,17 +36,17 @@ def test_the_same_content_is_kept_once_and_the_sums_say_so(store: Store) -> None
 def test_a_collection_in_steps_takes_everything_and_nothing_more(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(maintenance, "_WRITE", 3)
     for seq in range(20):
-        put(store, header(seq), bytes([seq]) * (100 if seq % 2 else INLINE_BYTES + 1))
+        put(store, header(seq), bytes([seq]) * (100 if seq % 2 else PACKED_BYTES + 1))
     orphan = store.directory / "blobs" / "ab" / ("c" * 62)
     orphan.parent.mkdir(exist_ok=True)
     orphan.write_bytes(b"x" * 7)
     for seq in range(15):
         store.delete(header(seq).id)
-    assert store.collect() == 7 * 100 + 8 * (INLINE_BYTES + 1) + 7
+    assert store.collect() == 7 * 100 + 8 * (PACKED_BYTES + 1) + 7
     assert store.collect() == 0
     assert not orphan.exists()
     for seq in range(15, 20):
-        assert store.payload(header(seq).id) == bytes([seq]) * (100 if seq % 2 else INLINE_BYTES + 1)
+        assert store.payload(header(seq).id) == bytes([seq]) * (100 if seq % 2 else PACKED_BYTES + 1)
     assert store.verify() == ()
 
 
@@ -61,7 +61,7 @@ def test_a_collection_takes_nothing_that_is_inserted_beside_it(store: Store) -> 
     collector.start()
     try:
         for seq in range(60):  # the same few contents come and go
-            content = bytes([seq % 4]) * (INLINE_BYTES + 1 if seq % 2 else 50)
+            content = bytes([seq % 4]) * (PACKED_BYTES + 1 if seq % 2 else 50)
             assert put(store, header(seq), content) is Insertion.INSERTED
             assert store.payload(header(seq).id) == content
             store.delete(header(seq).id)

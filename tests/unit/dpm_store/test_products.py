@@ -10,11 +10,11 @@ from cdff_common.errors import CodecError, ConflictError, InputError, ProductNot
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
 from dpm_store import Insertion, Query, Store
 from dpm_store.blobs import CHUNK_BYTES
-from dpm_store.insertion import INLINE_BYTES
+from dpm_store.payloads import PACKED_BYTES
 
 from .conftest import NAMES, header, put
 
-SIZES = [0, 1, INLINE_BYTES, INLINE_BYTES + 1, CHUNK_BYTES, 2 * CHUNK_BYTES + 17]
+SIZES = [0, 1, PACKED_BYTES, PACKED_BYTES + 1, CHUNK_BYTES, 2 * CHUNK_BYTES + 17]
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -119,7 +119,7 @@ def test_unknown_ids_are_not_found(store: Store) -> None:
 
 
 def test_equal_payloads_are_stored_once(store: Store) -> None:
-    payload = b"x" * (INLINE_BYTES + 1)
+    payload = b"x" * (PACKED_BYTES + 1)
     put(store, header(0), payload)
     put(store, header(1), payload)
     assert len([p for p in (store.directory / "blobs").glob("??/*") if p.is_file()]) == 1
@@ -129,31 +129,26 @@ def test_equal_payloads_are_stored_once(store: Store) -> None:
 
 
 def test_collecting_frees_what_only_tombstones_name(store: Store) -> None:
-    for seq, size in enumerate((10, INLINE_BYTES + 1)):
+    for seq, size in enumerate((10, PACKED_BYTES + 1)):
         put(store, header(seq), bytes([seq]) * size)
         store.delete(header(seq).id)
-    assert store.collect() == 10 + INLINE_BYTES + 1
+    assert store.collect() == 10 + PACKED_BYTES + 1
     assert store.collect() == 0
     assert store.verify() == ()
-    assert put(store, header(7), bytes([1]) * (INLINE_BYTES + 1)) is Insertion.INSERTED
-    assert store.payload(header(7).id) == bytes([1]) * (INLINE_BYTES + 1)
+    assert put(store, header(7), bytes([1]) * (PACKED_BYTES + 1)) is Insertion.INSERTED
+    assert store.payload(header(7).id) == bytes([1]) * (PACKED_BYTES + 1)
 
 
-@pytest.mark.parametrize("size", [100, INLINE_BYTES + 100, 3 * CHUNK_BYTES])
+@pytest.mark.parametrize("size", [100, PACKED_BYTES + 100, 3 * CHUNK_BYTES])
 def test_a_flipped_bit_is_found_and_never_served(store: Store, size: int) -> None:
     payload = bytes(i % 256 for i in range(size))
     put(store, header(0), payload)
     sha256 = store.get(header(0).id).sha256
-    if size > INLINE_BYTES:
-        path = store.directory / "blobs" / sha256[:2] / sha256[2:]
-        data = bytearray(path.read_bytes())
-        data[size // 2] ^= 0x10
-        path.write_bytes(data)
-    else:
-        changed = bytearray(payload)
-        changed[size // 2] ^= 0x10
-        with store._database.write() as connection:
-            connection.exec_driver_sql("UPDATE blobs SET content = ? WHERE sha256 = ?", (bytes(changed), sha256))
+    path = store.directory / "blobs" / sha256[:2] / sha256[2:]
+    path = path if size > PACKED_BYTES else store.directory / "packs" / "00000001.pack"
+    data = bytearray(path.read_bytes())
+    data[size // 2] ^= 0x10
+    path.write_bytes(data)
     with pytest.raises(StorageError, match="not what was written"):
         store.payload(header(0).id)
     assert [p.where for p in store.verify()] == [f"payload {sha256}"]
@@ -162,7 +157,7 @@ def test_a_flipped_bit_is_found_and_never_served(store: Store, size: int) -> Non
 
 
 def test_a_truncated_or_missing_file_is_said_to_be_so(store: Store) -> None:
-    put(store, header(0), b"y" * (INLINE_BYTES + 5))
+    put(store, header(0), b"y" * (PACKED_BYTES + 5))
     sha256 = store.get(header(0).id).sha256
     path = store.directory / "blobs" / sha256[:2] / sha256[2:]
     path.write_bytes(b"y" * 10)

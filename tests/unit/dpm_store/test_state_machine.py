@@ -26,7 +26,7 @@ from cdff_common.errors import ConflictError, ProductNotFoundError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.region import parse_region
 from dpm_store import Insertion, Parcel, Query, Rule, StaleRevisionError, Store, open_store
-from dpm_store.insertion import INLINE_BYTES
+from dpm_store.payloads import PACKED_BYTES
 from dpm_store.transaction import Delete, Insert
 
 from .conftest import NAMES, header
@@ -119,7 +119,7 @@ class StoreMachine(RuleBasedStateMachine):
         inputs = (
             data.draw(st.lists(st.sampled_from(sorted(self.world.products)), max_size=2, unique=True)) if seq else []
         )
-        payload = bytes([seq % 3]) * (INLINE_BYTES + 1 if large else 10)  # some share their content
+        payload = bytes([seq % 3]) * (PACKED_BYTES + 1 if large else 10)  # some share their content
         self.world.products[seq] = Known(float(x), product, frame, payload, tuple(inputs))
         return seq
 

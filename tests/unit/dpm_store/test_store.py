@@ -11,8 +11,8 @@ import pytest
 
 from cdff_common.errors import ConfigurationError, UnavailableError
 from dpm_store import Query, Store, open_store
-from dpm_store.insertion import INLINE_BYTES
 from dpm_store.migrate import HEAD, revision_of
+from dpm_store.payloads import PACKED_BYTES
 from dpm_store.schema import metadata
 
 from .conftest import header, put
@@ -93,7 +93,7 @@ def test_readers_do_not_wait_for_a_writer(store: Store) -> None:
 
 def test_the_same_product_from_many_threads_is_inserted_once(store: Store) -> None:
     results: list[str] = []
-    payload = b"z" * (INLINE_BYTES + 1)
+    payload = b"z" * (PACKED_BYTES + 1)
     threads = [threading.Thread(target=lambda: results.append(str(put(store, header(0), payload)))) for _ in range(6)]
     for thread in threads:
         thread.start()

@@ -13,7 +13,7 @@ from cdff_common.errors import ConflictError, InputError, ProductNotFoundError, 
 from cdff_common.geometry import UncertainTransform
 from cdff_common.geometry.region import parse_region
 from dpm_store import Parcel, Query, StaleRevisionError, Store
-from dpm_store.insertion import INLINE_BYTES
+from dpm_store.payloads import PACKED_BYTES
 from dpm_store.transaction import Change, Delete, Insert, Reanchor, Update
 
 from .conftest import NAMES, header, put
@@ -69,7 +69,7 @@ def test_of_a_transaction_that_fails_nothing_is_left(store: Store, why: str) -> 
     before = store.events.last_ordinal()
     change, error = LAST[why]
     first: list[Change] = [
-        Insert(parcel(5, b"x" * (INLINE_BYTES + 1))), Update(header(1).id, {"tags": ["a"]}),
+        Insert(parcel(5, b"x" * (PACKED_BYTES + 1))), Update(header(1).id, {"tags": ["a"]}),
         Reanchor("mana/odom", "site", shift(2.0)),
     ]  # fmt: skip
     with pytest.raises(error):
@@ -87,7 +87,7 @@ def test_a_transaction_holds_one_change_at_least(store: Store) -> None:
 
 
 def test_a_purge_frees_the_payload_and_keeps_what_was_known(store: Store) -> None:
-    for seq, size in ((1, 100), (2, INLINE_BYTES + 1)):
+    for seq, size in ((1, 100), (2, PACKED_BYTES + 1)):
         put(store, header(seq), bytes([seq]) * size)
         with pytest.raises(ConflictError, match="delete it first"):
             store.purge(header(seq).id)
@@ -101,7 +101,7 @@ def test_a_purge_frees_the_payload_and_keeps_what_was_known(store: Store) -> Non
     assert store.verify() == ()
 
 
-@pytest.mark.parametrize("size", [10, INLINE_BYTES + 1])
+@pytest.mark.parametrize("size", [10, PACKED_BYTES + 1])
 def test_a_purge_leaves_what_another_product_holds_too(store: Store, size: int) -> None:
     for seq in (1, 2):
         put(store, header(seq), b"s" * size)

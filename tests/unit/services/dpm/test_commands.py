@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from cdff_common import cli
-from dpm_store.insertion import INLINE_BYTES
+from dpm_store.payloads import PACKED_BYTES
 from services.dpm.commands import register
 from services.dpm.operations import Dpm
 
@@ -27,7 +27,7 @@ def test_verify_tells_a_sound_store_from_one_that_the_disk_changed(
 ) -> None:
     _, header = dpm.put(*parcel(cloud(5000), "pointcloud"))
     record = dpm.store.get(header.id)
-    assert record.size > INLINE_BYTES
+    assert record.size > PACKED_BYTES
     dpm.store.close()
     assert run("verify", "--data-dir", str(tmp_path)) == 0
     path = tmp_path / "blobs" / record.sha256[:2] / record.sha256[2:]
