@@ -26,6 +26,7 @@ from cdff_common.codecs import encode
 from cdff_common.codecs.siblings import wire_type
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.se3 import FloatArray
+from cdff_common.geometry.voxels import voxel_means
 from cdff_common.interfaces.dfpc import Dfpc, Sample
 from cdff_common.interfaces.product import Header, Status, product_id
 from cdff_common.interfaces.registry import Registry
@@ -44,8 +45,8 @@ PAGE = "lidar_localisation"
 
 WAYS = ("shape", "descriptors")
 SWEEPS, ASIDE_M = 40, 0.5
-SEARCHES = 40
-CELL_M, MOST_POINTS = 0.1, 500_000
+SEARCHES = 30
+CELL_M, CLOUD_VOXEL_M, MOST_POINTS = 0.1, 0.15, 1_000_000
 SPREAD_M, SPREAD_POINTS = 18.0, 12_000
 _DRIFT = np.array([0.01, 0.0, 0.0, 0.0, 0.0, np.radians(0.1)])
 
@@ -87,7 +88,7 @@ def from_dpm(ground: Place) -> tuple[Pointcloud, ElevationMap]:
     parcels = []
     for i, points in enumerate(ground.pieces(0)):
         stamp_ns = (i + 1) * NS_PER_S
-        cloud = Pointcloud.from_points(points, frame="site", stamp_ns=stamp_ns)
+        cloud = Pointcloud.from_points(voxel_means(points, CLOUD_VOXEL_M), frame="site", stamp_ns=stamp_ns)
         low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
         geometry = GridGeometry.aligned("site", CELL_M, (*low, *high))
         layers = CellStatistics.from_points(geometry, points, stamps_ns=stamp_ns).to_layers(stamp_ns)
