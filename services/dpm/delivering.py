@@ -46,6 +46,7 @@ class Delivering(Announcing):
         self._count("searches")
         if query.region is not None:
             self._frames.check_known(query.frame)
+            self._frames.check_known(query.region.near_frame or query.frame)
         return self.store.search(query)
 
     def product(self, product_id: str, format_name: str | None = None, as_type: str | None = None) -> Answer:
