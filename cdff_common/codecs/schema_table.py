@@ -31,27 +31,104 @@ _0 = Struct(
         Field("data", "data", Octets(1073741824, "|u1", 0)),
     ),
 )
-_1 = Alias("Vector2d", "Vector2d", "values", Array(Real(), ((2, 2),), ("T-Double",)))
-_2 = Alias("Vector3d", "Vector3d", "values", Array(Real(), ((3, 3),), ("T-Double",)))
-_3 = Alias("Vector4d", "Vector4d", "values", Array(Real(), ((4, 4),), ("T-Double",)))
-_4 = Alias("Vector6d", "Vector6d", "values", Array(Real(), ((6, 6),), ("T-Double",)))
-_5 = Alias("VectorXd", "VectorXd", "values", Array(Real(), ((0, 100),), ("T-Double",)))
-_6 = Alias("Quaterniond", "Quaterniond", "values", Array(Real(), ((4, 4),), ("T-Double",)))
-_7 = Alias("AngleAxisd", "AngleAxisd", "values", Array(Real(), ((4, 4),), ("T-Double",)))
-_8 = Alias("Matrix2d", "Matrix2d", "values", Array(Real(), ((2, 2), (2, 2)), ("SEQUENCE_OF", "T-Double")))
-_9 = Alias("Matrix3d", "Matrix3d", "values", Array(Real(), ((3, 3), (3, 3)), ("SEQUENCE_OF", "T-Double")))
-_10 = Alias("Matrix4d", "Matrix4d", "values", Array(Real(), ((4, 4), (4, 4)), ("SEQUENCE_OF", "T-Double")))
-_11 = Alias("Matrix6d", "Matrix6d", "values", Array(Real(), ((6, 6), (6, 6)), ("SEQUENCE_OF", "T-Double")))
-_12 = Alias("MatrixXd", "MatrixXd", "values", Array(Real(), ((0, 20), (0, 20)), ("SEQUENCE_OF", "T-Double")))
-_13 = Alias("Affine3d", "Affine3d", "values", Array(Real(), ((4, 4), (4, 4)), ("SEQUENCE_OF", "T-Double")))
-_14 = Alias("Isometry3d", "Isometry3d", "values", Array(Real(), ((4, 4), (4, 4)), ("SEQUENCE_OF", "T-Double")))
-_15 = Alias("Transform3d", "Transform3d", "values", Array(Real(), ((4, 4), (4, 4)), ("SEQUENCE_OF", "T-Double")))
-_16 = Alias("Covariance", "Covariance", "values", Array(Real(), ((6, 6), (6, 6)), ("SEQUENCE_OF", "T-Double")))
-_17 = Alias("Point", "Point", "values", Array(Real(), ((3, 3),), ("T-Double",)))
-_18 = Alias("Point2D", "Point2D", "values", Array(Real(), ((2, 2),), ("T-Double",)))
-_19 = Alias("Point3D", "Point3D", "values", Array(Real(), ((3, 3),), ("T-Double",)))
-_20 = Struct("Angle", "Angle", (Field("rad", "rad", Real()),))
-_21 = Struct(
+_1 = Struct(
+    "Time",
+    "Time",
+    (
+        Field("microseconds", "microseconds", Integer(-9223372036854775807, 9223372036854775807)),
+        Field("usecPerSec", "usec_per_sec", Integer(-2147483648, 2147483647)),
+    ),
+)
+_2 = Struct(
+    "Bundle-Metadata",
+    "BundleMetadata",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("producerId", "producer_id", Text(256)),
+        Field("frameId", "frame_id", Text(256)),
+        Field("timeStamp", "time_stamp", _1),
+    ),
+)
+_3 = Struct(
+    "Bundle-Cameras",
+    "BundleCameras",
+    (
+        Field("ids", "ids", Octets(1073741824, "<i8", 0)),
+        Field("stamps", "stamps", Octets(1073741824, "<i8", 0)),
+        Field("poses", "poses", Octets(1073741824, "<f8", 7)),
+        Field("lenses", "lenses", Octets(1073741824, "<u4", 0)),
+        Field("fixed", "fixed", Octets(1073741824, "<u1", 0)),
+    ),
+)
+_4 = Struct(
+    "Bundle-Lenses",
+    "BundleLenses",
+    (
+        Field("values", "values", Octets(1073741824, "<f8", 10)),
+        Field("free", "free", Octets(1073741824, "<u4", 0)),
+    ),
+)
+_5 = Struct(
+    "Bundle-Points",
+    "BundlePoints",
+    (
+        Field("ids", "ids", Octets(1073741824, "<i8", 0)),
+        Field("positions", "positions", Octets(1073741824, "<f8", 3)),
+        Field("fixed", "fixed", Octets(1073741824, "<u1", 0)),
+    ),
+)
+_6 = Struct(
+    "Bundle-Observations",
+    "BundleObservations",
+    (
+        Field("cameras", "cameras", Octets(1073741824, "<u4", 0)),
+        Field("points", "points", Octets(1073741824, "<u4", 0)),
+        Field("pixels", "pixels", Octets(1073741824, "<f8", 3)),
+    ),
+)
+_7 = Struct(
+    "Bundle-Prior",
+    "BundlePrior",
+    (
+        Field("cameras", "cameras", Octets(1073741824, "<i8", 0)),
+        Field("poses", "poses", Octets(1073741824, "<f8", 7)),
+        Field("information", "information", Octets(1073741824, "<f8", 0)),
+        Field("gradient", "gradient", Octets(1073741824, "<f8", 0)),
+    ),
+)
+_8 = Struct(
+    "BundleProblem",
+    "BundleProblem",
+    (
+        Field("metadata", "metadata", _2),
+        Field("cameras", "cameras", _3),
+        Field("lenses", "lenses", _4),
+        Field("points", "points", _5),
+        Field("observations", "observations", _6),
+        Field("prior", "prior", _7),
+    ),
+)
+_9 = Alias("Vector2d", "Vector2d", "values", Array(Real(), ((2, 2),), ("T-Double",)))
+_10 = Alias("Vector3d", "Vector3d", "values", Array(Real(), ((3, 3),), ("T-Double",)))
+_11 = Alias("Vector4d", "Vector4d", "values", Array(Real(), ((4, 4),), ("T-Double",)))
+_12 = Alias("Vector6d", "Vector6d", "values", Array(Real(), ((6, 6),), ("T-Double",)))
+_13 = Alias("VectorXd", "VectorXd", "values", Array(Real(), ((0, 100),), ("T-Double",)))
+_14 = Alias("Quaterniond", "Quaterniond", "values", Array(Real(), ((4, 4),), ("T-Double",)))
+_15 = Alias("AngleAxisd", "AngleAxisd", "values", Array(Real(), ((4, 4),), ("T-Double",)))
+_16 = Alias("Matrix2d", "Matrix2d", "values", Array(Real(), ((2, 2), (2, 2)), ("SEQUENCE_OF", "T-Double")))
+_17 = Alias("Matrix3d", "Matrix3d", "values", Array(Real(), ((3, 3), (3, 3)), ("SEQUENCE_OF", "T-Double")))
+_18 = Alias("Matrix4d", "Matrix4d", "values", Array(Real(), ((4, 4), (4, 4)), ("SEQUENCE_OF", "T-Double")))
+_19 = Alias("Matrix6d", "Matrix6d", "values", Array(Real(), ((6, 6), (6, 6)), ("SEQUENCE_OF", "T-Double")))
+_20 = Alias("MatrixXd", "MatrixXd", "values", Array(Real(), ((0, 20), (0, 20)), ("SEQUENCE_OF", "T-Double")))
+_21 = Alias("Affine3d", "Affine3d", "values", Array(Real(), ((4, 4), (4, 4)), ("SEQUENCE_OF", "T-Double")))
+_22 = Alias("Isometry3d", "Isometry3d", "values", Array(Real(), ((4, 4), (4, 4)), ("SEQUENCE_OF", "T-Double")))
+_23 = Alias("Transform3d", "Transform3d", "values", Array(Real(), ((4, 4), (4, 4)), ("SEQUENCE_OF", "T-Double")))
+_24 = Alias("Covariance", "Covariance", "values", Array(Real(), ((6, 6), (6, 6)), ("SEQUENCE_OF", "T-Double")))
+_25 = Alias("Point", "Point", "values", Array(Real(), ((3, 3),), ("T-Double",)))
+_26 = Alias("Point2D", "Point2D", "values", Array(Real(), ((2, 2),), ("T-Double",)))
+_27 = Alias("Point3D", "Point3D", "values", Array(Real(), ((3, 3),), ("T-Double",)))
+_28 = Struct("Angle", "Angle", (Field("rad", "rad", Real()),))
+_29 = Struct(
     "AngleSegment",
     "AngleSegment",
     (
@@ -59,7 +136,7 @@ _21 = Struct(
         Field("width", "width", Real()),
     ),
 )
-_22 = Struct(
+_30 = Struct(
     "Correspondence2D",
     "Correspondence2D",
     (
@@ -68,8 +145,8 @@ _22 = Struct(
         Field("probability", "probability", Real()),
     ),
 )
-_23 = Alias("CorrespondenceMap2D", "CorrespondenceMap2D", "items", ListOf(_22, 0, 1024, "Correspondence2D"))
-_24 = Struct(
+_31 = Alias("CorrespondenceMap2D", "CorrespondenceMap2D", "items", ListOf(_30, 0, 1024, "Correspondence2D"))
+_32 = Struct(
     "Correspondence3D",
     "Correspondence3D",
     (
@@ -78,8 +155,8 @@ _24 = Struct(
         Field("probability", "probability", Real()),
     ),
 )
-_25 = Alias("CorrespondenceMap3D", "CorrespondenceMap3D", "items", ListOf(_24, 0, 51200, "Correspondence3D"))
-_26 = Struct(
+_33 = Alias("CorrespondenceMap3D", "CorrespondenceMap3D", "items", ListOf(_32, 0, 51200, "Correspondence3D"))
+_34 = Struct(
     "VisualPointFeature2D",
     "VisualPointFeature2D",
     (
@@ -87,10 +164,10 @@ _26 = Struct(
         Field("descriptor", "descriptor", Array(Real(), ((0, 128),), ("T-Float",))),
     ),
 )
-_27 = Alias(
-    "VisualPointFeatureVector2D", "VisualPointFeatureVector2D", "items", ListOf(_26, 0, 1024, "VisualPointFeature2D")
+_35 = Alias(
+    "VisualPointFeatureVector2D", "VisualPointFeatureVector2D", "items", ListOf(_34, 0, 1024, "VisualPointFeature2D")
 )
-_28 = Struct(
+_36 = Struct(
     "Point3DReference",
     "Point3DReference",
     (
@@ -98,22 +175,22 @@ _28 = Struct(
         Field("index", "index", Integer(0, 9223372036854775807)),
     ),
 )
-_29 = Choice(
+_37 = Choice(
     "VisualPointFeature3DPoint",
     (
         Field("position", "position", Array(Real(), ((3, 3),), ("T-Double",))),
-        Field("reference", "reference", _28),
+        Field("reference", "reference", _36),
     ),
 )
-_30 = Struct(
+_38 = Struct(
     "VisualPointFeature3D",
     "VisualPointFeature3D",
     (
-        Field("point", "point", _29),
+        Field("point", "point", _37),
         Field("descriptor", "descriptor", Array(Real(), ((0, 352),), ("T-Float",))),
     ),
 )
-_31 = Enumeration(
+_39 = Enumeration(
     "VisualPointFeatureVector3DType",
     (
         ("all-positions", 0),
@@ -121,7 +198,7 @@ _31 = Enumeration(
         ("hybrid-vector", 2),
     ),
 )
-_32 = Enumeration(
+_40 = Enumeration(
     "VisualPointFeature3DType",
     (
         ("histogram", 0),
@@ -129,16 +206,16 @@ _32 = Enumeration(
         ("pfh", 2),
     ),
 )
-_33 = Struct(
+_41 = Struct(
     "VisualPointFeatureVector3D",
     "VisualPointFeatureVector3D",
     (
-        Field("list", "list", ListOf(_30, 0, 51200, "VisualPointFeature3D")),
-        Field("list-type", "list_type", _31),
-        Field("feature-type", "feature_type", _32),
+        Field("list", "list", ListOf(_38, 0, 51200, "VisualPointFeature3D")),
+        Field("list-type", "list_type", _39),
+        Field("feature-type", "feature_type", _40),
     ),
 )
-_34 = Enumeration(
+_42 = Enumeration(
     "Array3DDepthT",
     (
         ("depth-8U", 0),
@@ -150,7 +227,7 @@ _34 = Enumeration(
         ("depth-64F", 6),
     ),
 )
-_35 = Struct(
+_43 = Struct(
     "Array3D",
     "Array3D",
     (
@@ -158,12 +235,12 @@ _35 = Struct(
         Field("rows", "rows", Integer(0, 4294967295)),
         Field("cols", "cols", Integer(0, 4294967295)),
         Field("channels", "channels", Integer(0, 4294967295)),
-        Field("depth", "depth", _34),
+        Field("depth", "depth", _42),
         Field("rowSize", "row_size", Integer(0, 4294967295)),
         Field("data", "data", Octets(66355200, "|u1", 0)),
     ),
 )
-_36 = Enumeration(
+_44 = Enumeration(
     "FramePixelModelT",
     (
         ("pix-UNDEF", 0),
@@ -171,7 +248,7 @@ _36 = Enumeration(
         ("pix-DISP", 2),
     ),
 )
-_37 = Enumeration(
+_45 = Enumeration(
     "FrameErrorTypeT",
     (
         ("error-UNDEFINED", 0),
@@ -179,15 +256,15 @@ _37 = Enumeration(
         ("error-FILTERED", 2),
     ),
 )
-_38 = Struct(
+_46 = Struct(
     "Frame-error-t",
     "FrameErrorT",
     (
-        Field("type", "type", _37),
+        Field("type", "type", _45),
         Field("value", "value", Real()),
     ),
 )
-_39 = Struct(
+_47 = Struct(
     "Frame-attrib-t",
     "FrameAttribT",
     (
@@ -195,7 +272,7 @@ _39 = Struct(
         Field("data", "data", Text(256)),
     ),
 )
-_40 = Enumeration(
+_48 = Enumeration(
     "FrameModeT",
     (
         ("mode-UNDEF", 0),
@@ -222,7 +299,7 @@ _40 = Enumeration(
         ("mode-PNG", 21),
     ),
 )
-_41 = Enumeration(
+_49 = Enumeration(
     "FrameStatusT",
     (
         ("status-EMPTY", 0),
@@ -230,30 +307,22 @@ _41 = Enumeration(
         ("status-INVALID", 2),
     ),
 )
-_42 = Struct(
-    "Time",
-    "Time",
-    (
-        Field("microseconds", "microseconds", Integer(-9223372036854775807, 9223372036854775807)),
-        Field("usecPerSec", "usec_per_sec", Integer(-2147483648, 2147483647)),
-    ),
-)
-_43 = Struct(
+_50 = Struct(
     "Frame-metadata-t",
     "FrameMetadataT",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("timeStamp", "time_stamp", _42),
-        Field("receivedTime", "received_time", _42),
-        Field("pixelModel", "pixel_model", _36),
+        Field("timeStamp", "time_stamp", _1),
+        Field("receivedTime", "received_time", _1),
+        Field("pixelModel", "pixel_model", _44),
         Field("pixelCoeffs", "pixel_coeffs", Array(Real(), ((0, 100),), ("T-Double",))),
-        Field("errValues", "err_values", ListOf(_38, 0, 3, "Frame-error-t")),
-        Field("attributes", "attributes", ListOf(_39, 0, 5, "Frame-attrib-t")),
-        Field("mode", "mode", _40),
-        Field("status", "status", _41),
+        Field("errValues", "err_values", ListOf(_46, 0, 3, "Frame-error-t")),
+        Field("attributes", "attributes", ListOf(_47, 0, 5, "Frame-attrib-t")),
+        Field("mode", "mode", _48),
+        Field("status", "status", _49),
     ),
 )
-_44 = Enumeration(
+_51 = Enumeration(
     "FrameCameraModelT",
     (
         ("cam-UNDEF", 0),
@@ -262,18 +331,18 @@ _44 = Enumeration(
         ("cam-MAPS", 3),
     ),
 )
-_45 = Struct(
+_52 = Struct(
     "Frame-intrinsic-t",
     "FrameIntrinsicT",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("sensorId", "sensor_id", Text(256)),
         Field("cameraMatrix", "camera_matrix", Array(Real(), ((3, 3), (3, 3)), ("SEQUENCE_OF", "T-Double"))),
-        Field("cameraModel", "camera_model", _44),
+        Field("cameraModel", "camera_model", _51),
         Field("distCoeffs", "dist_coeffs", Array(Real(), ((0, 100),), ("T-Double",))),
     ),
 )
-_46 = Struct(
+_53 = Struct(
     "TransformWithCovariance-Metadata",
     "TransformWithCovarianceMetadata",
     (
@@ -281,12 +350,12 @@ _46 = Struct(
         Field("producerId", "producer_id", Text(256)),
         Field("dataEstimated", "data_estimated", Array(Boolean(), ((7, 7),), ("BOOLEAN",))),
         Field("parentFrameId", "parent_frame_id", Text(256)),
-        Field("parentTime", "parent_time", _42),
+        Field("parentTime", "parent_time", _1),
         Field("childFrameId", "child_frame_id", Text(256)),
-        Field("childTime", "child_time", _42),
+        Field("childTime", "child_time", _1),
     ),
 )
-_47 = Struct(
+_54 = Struct(
     "TransformWithCovariance-Data",
     "TransformWithCovarianceData",
     (
@@ -295,67 +364,67 @@ _47 = Struct(
         Field("cov", "cov", Array(Real(), ((6, 6), (6, 6)), ("SEQUENCE_OF", "T-Double"))),
     ),
 )
-_48 = Struct(
+_55 = Struct(
     "TransformWithCovariance",
     "TransformWithCovariance",
     (
-        Field("metadata", "metadata", _46),
-        Field("data", "data", _47),
+        Field("metadata", "metadata", _53),
+        Field("data", "data", _54),
     ),
 )
-_49 = Struct(
+_56 = Struct(
     "Frame-extrinsic-t",
     "FrameExtrinsicT",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("hasFixedTransform", "has_fixed_transform", Boolean()),
-        Field("pose-robotFrame-sensorFrame", "pose_robot_frame_sensor_frame", _48),
-        Field("pose-fixedFrame-robotFrame", "pose_fixed_frame_robot_frame", _48),
+        Field("pose-robotFrame-sensorFrame", "pose_robot_frame_sensor_frame", _55),
+        Field("pose-fixedFrame-robotFrame", "pose_fixed_frame_robot_frame", _55),
     ),
 )
-_50 = Struct(
+_57 = Struct(
     "Frame",
     "Frame",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("metadata", "metadata", _43),
-        Field("intrinsic", "intrinsic", _45),
-        Field("extrinsic", "extrinsic", _49),
-        Field("data", "data", _35),
+        Field("metadata", "metadata", _50),
+        Field("intrinsic", "intrinsic", _52),
+        Field("extrinsic", "extrinsic", _56),
+        Field("data", "data", _43),
     ),
 )
-_51 = Struct(
+_58 = Struct(
     "FramePair",
     "FramePair",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("baseline", "baseline", Real()),
-        Field("left", "left", _50),
-        Field("right", "right", _50),
+        Field("left", "left", _57),
+        Field("right", "right", _57),
     ),
 )
-_52 = Enumeration(
+_59 = Enumeration(
     "FrameCompressedModeT",
     (
         ("mode-compressed-undefined", 0),
         ("mode-pjpg", 1),
     ),
 )
-_53 = Struct(
+_60 = Struct(
     "CompressedFrame",
     "CompressedFrame",
     (
-        Field("ref-time", "ref_time", _42),
-        Field("received-time", "received_time", _42),
+        Field("ref-time", "ref_time", _1),
+        Field("received-time", "received_time", _1),
         Field("image", "image", Array(Integer(0, 255), ((1, 262144),), ("T-UInt8",))),
-        Field("attributes", "attributes", ListOf(_39, 1, 10, "Frame-attrib-t")),
+        Field("attributes", "attributes", ListOf(_47, 1, 10, "Frame-attrib-t")),
         Field("rows", "rows", Integer(0, 4294967295)),
         Field("cols", "cols", Integer(0, 4294967295)),
-        Field("frame-mode", "frame_mode", _52),
-        Field("frame-status", "frame_status", _41),
+        Field("frame-mode", "frame_mode", _59),
+        Field("frame-status", "frame_status", _49),
     ),
 )
-_54 = Struct(
+_61 = Struct(
     "ImuSpan-Metadata",
     "ImuSpanMetadata",
     (
@@ -363,7 +432,7 @@ _54 = Struct(
         Field("sensorId", "sensor_id", Text(256)),
     ),
 )
-_55 = Struct(
+_62 = Struct(
     "ImuSpan-Data",
     "ImuSpanData",
     (
@@ -373,15 +442,15 @@ _55 = Struct(
         Field("mag", "mag", Octets(1073741824, "<f8", 3)),
     ),
 )
-_56 = Struct(
+_63 = Struct(
     "ImuSpan",
     "ImuSpan",
     (
-        Field("metadata", "metadata", _54),
-        Field("data", "data", _55),
+        Field("metadata", "metadata", _61),
+        Field("data", "data", _62),
     ),
 )
-_57 = Struct(
+_64 = Struct(
     "JointState",
     "JointState",
     (
@@ -392,15 +461,15 @@ _57 = Struct(
         Field("acceleration", "acceleration", Real()),
     ),
 )
-_58 = Struct(
+_65 = Struct(
     "JointLimitRange",
     "JointLimitRange",
     (
-        Field("min", "min", _57),
-        Field("max", "max", _57),
+        Field("min", "min", _64),
+        Field("max", "max", _64),
     ),
 )
-_59 = Struct(
+_66 = Struct(
     "OutOfBounds",
     "OutOfBounds",
     (
@@ -410,84 +479,84 @@ _59 = Struct(
         Field("value", "value", Real()),
     ),
 )
-_60 = Struct(
+_67 = Struct(
     "JointLimits",
     "JointLimits",
     (
         Field("vector-name", "vector_name", Text(256)),
-        Field("ranges", "ranges", ListOf(_58, 1, 60, "JointLimitRange")),
+        Field("ranges", "ranges", ListOf(_65, 1, 60, "JointLimitRange")),
     ),
 )
-_61 = Struct(
+_68 = Struct(
     "Joints",
     "Joints",
     (
-        Field("timestamp", "timestamp", _42),
+        Field("timestamp", "timestamp", _1),
         Field("names", "names", ListOf(Text(256), 0, 50, "T-String")),
-        Field("elements", "elements", ListOf(_57, 0, 50, "JointState")),
+        Field("elements", "elements", ListOf(_64, 0, 50, "JointState")),
     ),
 )
-_62 = Alias("JointTrajectory", "JointTrajectory", "items", ListOf(_57, 1, 60, "JointState"))
-_63 = Struct(
+_69 = Alias("JointTrajectory", "JointTrajectory", "items", ListOf(_64, 1, 60, "JointState"))
+_70 = Struct(
     "JointsTrajectory",
     "JointsTrajectory",
     (
         Field("vector-name", "vector_name", ListOf(Text(256), 1, 60, "T-String")),
-        Field("timetags", "timetags", ListOf(_42, 1, 60, "Time")),
-        Field("trajectory", "trajectory", ListOf(ListOf(_57, 1, 60, "JointState"), 1, 60, "JointTrajectory")),
+        Field("timetags", "timetags", ListOf(_1, 1, 60, "Time")),
+        Field("trajectory", "trajectory", ListOf(ListOf(_64, 1, 60, "JointState"), 1, 60, "JointTrajectory")),
     ),
 )
-_64 = Struct("InvalidTimeStep", "InvalidTimeStep", (Field("time-step", "time_step", Integer(0, 4294967295)),))
-_65 = Struct("InvalidName", "InvalidName", (Field("nameString", "name_string", Text(256)),))
-_66 = Struct(
+_71 = Struct("InvalidTimeStep", "InvalidTimeStep", (Field("time-step", "time_step", Integer(0, 4294967295)),))
+_72 = Struct("InvalidName", "InvalidName", (Field("nameString", "name_string", Text(256)),))
+_73 = Struct(
     "Wrench",
     "Wrench",
     (
-        Field("timestamp", "timestamp", _42),
+        Field("timestamp", "timestamp", _1),
         Field("force", "force", Array(Real(), ((3, 3),), ("T-Double",))),
         Field("torque", "torque", Array(Real(), ((3, 3),), ("T-Double",))),
     ),
 )
-_67 = Struct(
+_74 = Struct(
     "Wrenches",
     "Wrenches",
     (
         Field("vector-name", "vector_name", Text(256)),
-        Field("timestamp", "timestamp", _42),
-        Field("wrenches", "wrenches", ListOf(_66, 1, 60, "Wrench")),
+        Field("timestamp", "timestamp", _1),
+        Field("wrenches", "wrenches", ListOf(_73, 1, 60, "Wrench")),
     ),
 )
-_68 = Struct(
+_75 = Struct(
     "Pressure",
     "Pressure",
     (
-        Field("timestamp", "timestamp", _42),
+        Field("timestamp", "timestamp", _1),
         Field("pascals", "pascals", Real()),
     ),
 )
-_69 = Struct("Temperature", "Temperature", (Field("kelvin", "kelvin", Real()),))
-_70 = Struct(
+_76 = Struct("Temperature", "Temperature", (Field("kelvin", "kelvin", Real()),))
+_77 = Struct(
     "IMUSensors",
     "IMUSensors",
     (
-        Field("timestamp", "timestamp", _42),
+        Field("timestamp", "timestamp", _1),
         Field("acc", "acc", Array(Real(), ((3, 3),), ("T-Double",))),
         Field("gyro", "gyro", Array(Real(), ((3, 3),), ("T-Double",))),
         Field("mag", "mag", Array(Real(), ((3, 3),), ("T-Double",))),
     ),
 )
-_71 = Struct(
+_78 = Struct(
     "LandmarkMap-Metadata",
     "LandmarkMapMetadata",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("producerId", "producer_id", Text(256)),
         Field("frameId", "frame_id", Text(256)),
-        Field("timeStamp", "time_stamp", _42),
+        Field("timeStamp", "time_stamp", _1),
         Field("descriptorType", "descriptor_type", Text(256)),
     ),
 )
-_72 = Struct(
+_79 = Struct(
     "Array3DLarge",
     "Array3D",
     (
@@ -495,12 +564,12 @@ _72 = Struct(
         Field("rows", "rows", Integer(0, 4294967295)),
         Field("cols", "cols", Integer(0, 4294967295)),
         Field("channels", "channels", Integer(0, 4294967295)),
-        Field("depth", "depth", _34),
+        Field("depth", "depth", _42),
         Field("rowSize", "row_size", Integer(0, 4294967295)),
         Field("data", "data", Octets(1073741824, "|u1", 0)),
     ),
 )
-_73 = Struct(
+_80 = Struct(
     "LandmarkMap-Data",
     "LandmarkMapData",
     (
@@ -508,85 +577,85 @@ _73 = Struct(
         Field("positions", "positions", Octets(1073741824, "<f8", 3)),
         Field("covariances", "covariances", Octets(1073741824, "<f8", 9)),
         Field("observations", "observations", Octets(1073741824, "<u4", 0)),
-        Field("descriptors", "descriptors", _72),
+        Field("descriptors", "descriptors", _79),
     ),
 )
-_74 = Struct(
+_81 = Struct(
     "LandmarkMap",
     "LandmarkMap",
     (
-        Field("metadata", "metadata", _71),
-        Field("data", "data", _73),
+        Field("metadata", "metadata", _78),
+        Field("data", "data", _80),
     ),
 )
-_75 = Struct(
+_82 = Struct(
     "KeyFrame-Metadata",
     "KeyFrameMetadata",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("id", "id", Integer(0, 9223372036854775807)),
         Field("sensorId", "sensor_id", Text(256)),
-        Field("timeStamp", "time_stamp", _42),
+        Field("timeStamp", "time_stamp", _1),
         Field("descriptorType", "descriptor_type", Text(256)),
     ),
 )
-_76 = Struct(
+_83 = Struct(
     "KeyFrame-Data",
     "KeyFrameData",
     (
         Field("keypoints", "keypoints", Octets(1073741824, "<f4", 2)),
         Field("scales", "scales", Octets(1073741824, "<f4", 0)),
         Field("landmarks", "landmarks", Octets(1073741824, "<i8", 0)),
-        Field("descriptors", "descriptors", _72),
+        Field("descriptors", "descriptors", _79),
     ),
 )
-_77 = Struct(
+_84 = Struct(
     "KeyFrame",
     "KeyFrame",
     (
-        Field("metadata", "metadata", _75),
-        Field("pose", "pose", _48),
-        Field("intrinsic", "intrinsic", _45),
-        Field("data", "data", _76),
+        Field("metadata", "metadata", _82),
+        Field("pose", "pose", _55),
+        Field("intrinsic", "intrinsic", _52),
+        Field("data", "data", _83),
     ),
 )
-_78 = Struct(
+_85 = Struct(
     "FrameLarge",
     "Frame",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("metadata", "metadata", _43),
-        Field("intrinsic", "intrinsic", _45),
-        Field("extrinsic", "extrinsic", _49),
-        Field("data", "data", _72),
+        Field("metadata", "metadata", _50),
+        Field("intrinsic", "intrinsic", _52),
+        Field("extrinsic", "extrinsic", _56),
+        Field("data", "data", _79),
     ),
 )
-_79 = Struct(
+_86 = Struct(
     "FramePairLarge",
     "FramePair",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("baseline", "baseline", Real()),
-        Field("left", "left", _78),
-        Field("right", "right", _78),
+        Field("left", "left", _85),
+        Field("right", "right", _85),
     ),
 )
-_80 = Alias("FramesSequenceLarge", "FramesSequence", "items", ListOf(_78, 0, 1024, "FrameLarge"))
-_81 = Struct(
+_87 = Alias("FramesSequenceLarge", "FramesSequence", "items", ListOf(_85, 0, 1024, "FrameLarge"))
+_88 = Struct(
     "CompressedFrameLarge",
     "CompressedFrame",
     (
-        Field("ref-time", "ref_time", _42),
-        Field("received-time", "received_time", _42),
+        Field("ref-time", "ref_time", _1),
+        Field("received-time", "received_time", _1),
         Field("image", "image", Array(Integer(0, 255), ((1, 268435456),), ("T-UInt8",))),
-        Field("attributes", "attributes", ListOf(_39, 1, 10, "Frame-attrib-t")),
+        Field("attributes", "attributes", ListOf(_47, 1, 10, "Frame-attrib-t")),
         Field("rows", "rows", Integer(0, 4294967295)),
         Field("cols", "cols", Integer(0, 4294967295)),
-        Field("frame-mode", "frame_mode", _52),
-        Field("frame-status", "frame_status", _41),
+        Field("frame-mode", "frame_mode", _59),
+        Field("frame-status", "frame_status", _49),
     ),
 )
-_82 = Enumeration(
+_89 = Enumeration(
     "MapTypeT",
     (
         ("map-UNDEF", 0),
@@ -594,28 +663,28 @@ _82 = Enumeration(
         ("map-NAV", 2),
     ),
 )
-_83 = Struct(
+_90 = Struct(
     "Map-metadata-t",
     "MapMetadataT",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("timeStamp", "time_stamp", _42),
-        Field("type", "type", _82),
-        Field("errValues", "err_values", ListOf(_38, 0, 5, "Frame-error-t")),
+        Field("timeStamp", "time_stamp", _1),
+        Field("type", "type", _89),
+        Field("errValues", "err_values", ListOf(_46, 0, 5, "Frame-error-t")),
         Field("scale", "scale", Real()),
-        Field("pose-fixedFrame-mapFrame", "pose_fixed_frame_map_frame", _48),
+        Field("pose-fixedFrame-mapFrame", "pose_fixed_frame_map_frame", _55),
     ),
 )
-_84 = Struct(
+_91 = Struct(
     "MapLarge",
     "Map",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("metadata", "metadata", _83),
-        Field("data", "data", _72),
+        Field("metadata", "metadata", _90),
+        Field("data", "data", _79),
     ),
 )
-_85 = Struct(
+_92 = Struct(
     "PointCloud-DataLarge",
     "PointCloudData",
     (
@@ -624,69 +693,69 @@ _85 = Struct(
         Field("intensity", "intensity", Array(Integer(-2147483648, 2147483647), ((0, 16777216),), ("T-Int32",))),
     ),
 )
-_86 = Struct(
+_93 = Struct(
     "PointCloud-Metadata",
     "PointCloudMetadata",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("sensorId", "sensor_id", Text(256)),
         Field("frameId", "frame_id", Text(256)),
-        Field("timeStamp", "time_stamp", _42),
+        Field("timeStamp", "time_stamp", _1),
         Field("height", "height", Integer(0, 4294967295)),
         Field("width", "width", Integer(0, 4294967295)),
         Field("isRegistered", "is_registered", Boolean()),
         Field("isOrdered", "is_ordered", Boolean()),
         Field("hasFixedTransform", "has_fixed_transform", Boolean()),
-        Field("pose-robotFrame-sensorFrame", "pose_robot_frame_sensor_frame", _48),
-        Field("pose-fixedFrame-robotFrame", "pose_fixed_frame_robot_frame", _48),
+        Field("pose-robotFrame-sensorFrame", "pose_robot_frame_sensor_frame", _55),
+        Field("pose-fixedFrame-robotFrame", "pose_fixed_frame_robot_frame", _55),
     ),
 )
-_87 = Struct(
+_94 = Struct(
     "PointcloudLarge",
     "Pointcloud",
     (
-        Field("metadata", "metadata", _86),
-        Field("data", "data", _85),
+        Field("metadata", "metadata", _93),
+        Field("data", "data", _92),
     ),
 )
-_88 = Struct(
+_95 = Struct(
     "OctreeLarge",
     "Octree",
     (
         Field("resolution", "resolution", Real()),
-        Field("pointCloud", "point_cloud", _87),
+        Field("pointCloud", "point_cloud", _94),
     ),
 )
-_89 = Alias("CorrespondenceMap2DLarge", "CorrespondenceMap2D", "items", ListOf(_22, 0, 1048576, "Correspondence2D"))
-_90 = Alias("CorrespondenceMap3DLarge", "CorrespondenceMap3D", "items", ListOf(_24, 0, 1048576, "Correspondence3D"))
-_91 = Alias(
+_96 = Alias("CorrespondenceMap2DLarge", "CorrespondenceMap2D", "items", ListOf(_30, 0, 1048576, "Correspondence2D"))
+_97 = Alias("CorrespondenceMap3DLarge", "CorrespondenceMap3D", "items", ListOf(_32, 0, 1048576, "Correspondence3D"))
+_98 = Alias(
     "CorrespondenceMaps2DSequenceLarge",
     "CorrespondenceMaps2DSequence",
     "items",
-    ListOf(ListOf(_22, 0, 1048576, "Correspondence2D"), 0, 16384, "CorrespondenceMap2DLarge"),
+    ListOf(ListOf(_30, 0, 1048576, "Correspondence2D"), 0, 16384, "CorrespondenceMap2DLarge"),
 )
-_92 = Alias(
+_99 = Alias(
     "CorrespondenceMaps3DSequenceLarge",
     "CorrespondenceMaps3DSequence",
     "items",
-    ListOf(ListOf(_24, 0, 1048576, "Correspondence3D"), 0, 16384, "CorrespondenceMap3DLarge"),
+    ListOf(ListOf(_32, 0, 1048576, "Correspondence3D"), 0, 16384, "CorrespondenceMap3DLarge"),
 )
-_93 = Alias(
+_100 = Alias(
     "VisualPointFeatureVector2DLarge",
     "VisualPointFeatureVector2D",
     "items",
-    ListOf(_26, 0, 1048576, "VisualPointFeature2D"),
+    ListOf(_34, 0, 1048576, "VisualPointFeature2D"),
 )
-_94 = Struct(
+_101 = Struct(
     "VisualPointFeatureVector3DLarge",
     "VisualPointFeatureVector3D",
     (
-        Field("list", "list", ListOf(_30, 0, 1048576, "VisualPointFeature3D")),
-        Field("list-type", "list_type", _31),
-        Field("feature-type", "feature_type", _32),
+        Field("list", "list", ListOf(_38, 0, 1048576, "VisualPointFeature3D")),
+        Field("list-type", "list_type", _39),
+        Field("feature-type", "feature_type", _40),
     ),
 )
-_95 = Struct(
+_102 = Struct(
     "Pose",
     "Pose",
     (
@@ -694,28 +763,28 @@ _95 = Struct(
         Field("orient", "orient", Array(Real(), ((4, 4),), ("T-Double",))),
     ),
 )
-_96 = Alias("PosesSequenceLarge", "PosesSequence", "items", ListOf(_95, 0, 1048576, "Pose"))
-_97 = Alias(
+_103 = Alias("PosesSequenceLarge", "PosesSequence", "items", ListOf(_102, 0, 1048576, "Pose"))
+_104 = Alias(
     "PointSequenceLarge", "PointSequence", "values", Array(Real(), ((0, 16777216), (3, 3)), ("Point", "T-Double"))
 )
-_98 = Alias("DoubleSequenceLarge", "DoubleSequence", "values", Array(Real(), ((0, 16777216),), ("T-Double",)))
-_99 = Alias("StringSequenceLarge", "StringSequence", "items", ListOf(Text(256), 0, 65536, "T-String"))
-_100 = Alias(
+_105 = Alias("DoubleSequenceLarge", "DoubleSequence", "values", Array(Real(), ((0, 16777216),), ("T-Double",)))
+_106 = Alias("StringSequenceLarge", "StringSequence", "items", ListOf(Text(256), 0, 65536, "T-String"))
+_107 = Alias(
     "VectorXdSequenceLarge",
     "VectorXdSequence",
     "items",
     ListOf(Array(Real(), ((0, 100),), ("T-Double",)), 0, 16777216, "VectorXd"),
 )
-_101 = Struct(
+_108 = Struct(
     "PathLarge",
     "Path",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("timeStamp", "time_stamp", _42),
-        Field("waypoints", "waypoints", ListOf(_48, 0, 1048576, "TransformWithCovariance")),
+        Field("timeStamp", "time_stamp", _1),
+        Field("waypoints", "waypoints", ListOf(_55, 0, 1048576, "TransformWithCovariance")),
     ),
 )
-_102 = Struct(
+_109 = Struct(
     "TrajectoryLarge",
     "Trajectory",
     (
@@ -723,11 +792,11 @@ _102 = Struct(
         Field("points", "points", Array(Real(), ((1, 1048576), (3, 3)), ("Point", "T-Double"))),
     ),
 )
-_103 = Struct(
+_110 = Struct(
     "LaserScanLarge",
     "LaserScan",
     (
-        Field("ref-time", "ref_time", _42),
+        Field("ref-time", "ref_time", _1),
         Field("start-angle", "start_angle", Real()),
         Field("angular-resolution", "angular_resolution", Real()),
         Field("speed", "speed", Real()),
@@ -737,21 +806,21 @@ _103 = Struct(
         Field("remission", "remission", Array(Real(), ((1, 16777216),), ("T-Float",))),
     ),
 )
-_104 = Enumeration(
+_111 = Enumeration(
     "ProjectionType",
     (
         ("polar", 0),
         ("planar", 1),
     ),
 )
-_105 = Struct(
+_112 = Struct(
     "DepthMapLarge",
     "DepthMap",
     (
-        Field("ref-time", "ref_time", _42),
-        Field("timestamps", "timestamps", ListOf(_42, 1, 16777216, "Time")),
-        Field("vertical-projection", "vertical_projection", _104),
-        Field("horizontal-projection", "horizontal_projection", _104),
+        Field("ref-time", "ref_time", _1),
+        Field("timestamps", "timestamps", ListOf(_1, 1, 16777216, "Time")),
+        Field("vertical-projection", "vertical_projection", _111),
+        Field("horizontal-projection", "horizontal_projection", _111),
         Field("vertical-interval", "vertical_interval", Array(Real(), ((1, 16777216),), ("T-Double",))),
         Field("horizontal-interval", "horizontal_interval", Array(Real(), ((1, 16777216),), ("T-Double",))),
         Field("vertical-size", "vertical_size", Integer(0, 4294967295)),
@@ -760,11 +829,11 @@ _105 = Struct(
         Field("remissions", "remissions", Array(Real(), ((1, 16777216),), ("T-Float",))),
     ),
 )
-_106 = Struct(
+_113 = Struct(
     "DistanceImageLarge",
     "DistanceImage",
     (
-        Field("ref-time", "ref_time", _42),
+        Field("ref-time", "ref_time", _1),
         Field("width", "width", Integer(0, 65535)),
         Field("height", "height", Integer(0, 65535)),
         Field("scale-x", "scale_x", Real()),
@@ -774,17 +843,17 @@ _106 = Struct(
         Field("data", "data", Array(Real(), ((1, 16777216),), ("T-Float",))),
     ),
 )
-_107 = Struct(
+_114 = Struct(
     "LidarMap-Metadata",
     "LidarMapMetadata",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("producerId", "producer_id", Text(256)),
         Field("sensorId", "sensor_id", Text(256)),
-        Field("timeStamp", "time_stamp", _42),
+        Field("timeStamp", "time_stamp", _1),
     ),
 )
-_108 = Struct(
+_115 = Struct(
     "LidarMap-Clouds",
     "LidarMapClouds",
     (
@@ -792,7 +861,7 @@ _108 = Struct(
         Field("points", "points", Octets(1073741824, "<f4", 3)),
     ),
 )
-_109 = Struct(
+_116 = Struct(
     "LidarMap-Position",
     "LidarMapPosition",
     (
@@ -800,17 +869,17 @@ _109 = Struct(
         Field("poses", "poses", Octets(1073741824, "<f8", 7)),
     ),
 )
-_110 = Struct(
+_117 = Struct(
     "PoseGraph-Metadata",
     "PoseGraphMetadata",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("producerId", "producer_id", Text(256)),
         Field("frameId", "frame_id", Text(256)),
-        Field("timeStamp", "time_stamp", _42),
+        Field("timeStamp", "time_stamp", _1),
     ),
 )
-_111 = Struct(
+_118 = Struct(
     "PoseGraph-Vertices",
     "PoseGraphVertices",
     (
@@ -820,7 +889,7 @@ _111 = Struct(
         Field("fixed", "fixed", Octets(1073741824, "<u1", 0)),
     ),
 )
-_112 = Struct(
+_119 = Struct(
     "PoseGraph-Edges",
     "PoseGraphEdges",
     (
@@ -830,37 +899,37 @@ _112 = Struct(
         Field("kinds", "kinds", Octets(1073741824, "<u1", 0)),
     ),
 )
-_113 = Struct(
+_120 = Struct(
     "PoseGraph",
     "PoseGraph",
     (
-        Field("metadata", "metadata", _110),
-        Field("vertices", "vertices", _111),
-        Field("edges", "edges", _112),
+        Field("metadata", "metadata", _117),
+        Field("vertices", "vertices", _118),
+        Field("edges", "edges", _119),
     ),
 )
-_114 = Struct(
+_121 = Struct(
     "LidarMap",
     "LidarMap",
     (
-        Field("metadata", "metadata", _107),
-        Field("graph", "graph", _113),
-        Field("clouds", "clouds", _108),
-        Field("position", "position", _109),
+        Field("metadata", "metadata", _114),
+        Field("graph", "graph", _120),
+        Field("clouds", "clouds", _115),
+        Field("position", "position", _116),
     ),
 )
-_115 = Struct(
+_122 = Struct(
     "LidarScan-Metadata",
     "LidarScanMetadata",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("sensorId", "sensor_id", Text(256)),
         Field("frameId", "frame_id", Text(256)),
-        Field("startTime", "start_time", _42),
-        Field("endTime", "end_time", _42),
+        Field("startTime", "start_time", _1),
+        Field("endTime", "end_time", _1),
     ),
 )
-_116 = Struct(
+_123 = Struct(
     "LidarScan-Data",
     "LidarScanData",
     (
@@ -870,31 +939,31 @@ _116 = Struct(
         Field("ring", "ring", Octets(1073741824, "<u2", 0)),
     ),
 )
-_117 = Struct(
+_124 = Struct(
     "LidarScan",
     "LidarScan",
     (
-        Field("metadata", "metadata", _115),
-        Field("data", "data", _116),
+        Field("metadata", "metadata", _122),
+        Field("data", "data", _123),
     ),
 )
-_118 = Struct(
+_125 = Struct(
     "Map",
     "Map",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("metadata", "metadata", _83),
-        Field("data", "data", _35),
+        Field("metadata", "metadata", _90),
+        Field("data", "data", _43),
     ),
 )
-_119 = Struct(
+_126 = Struct(
     "GridMap-Metadata",
     "GridMapMetadata",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("frameId", "frame_id", Text(256)),
-        Field("startTime", "start_time", _42),
-        Field("endTime", "end_time", _42),
+        Field("startTime", "start_time", _1),
+        Field("endTime", "end_time", _1),
         Field("resolution", "resolution", Real()),
         Field("xMin", "x_min", Real()),
         Field("yMax", "y_max", Real()),
@@ -902,42 +971,42 @@ _119 = Struct(
         Field("cols", "cols", Integer(0, 4294967295)),
     ),
 )
-_120 = Struct(
+_127 = Struct(
     "GridLayer",
     "GridLayer",
     (
         Field("name", "name", Text(256)),
-        Field("depth", "depth", _34),
+        Field("depth", "depth", _42),
         Field("data", "data", Octets(1073741824, "|u1", 0)),
     ),
 )
-_121 = Struct(
+_128 = Struct(
     "ElevationMap",
     "ElevationMap",
     (
-        Field("metadata", "metadata", _119),
-        Field("layers", "layers", ListOf(_120, 0, 64, "GridLayer")),
+        Field("metadata", "metadata", _126),
+        Field("layers", "layers", ListOf(_127, 0, 64, "GridLayer")),
     ),
 )
-_122 = Struct(
+_129 = Struct(
     "NavigationMap",
     "NavigationMap",
     (
-        Field("metadata", "metadata", _119),
-        Field("layers", "layers", ListOf(_120, 0, 64, "GridLayer")),
+        Field("metadata", "metadata", _126),
+        Field("layers", "layers", ListOf(_127, 0, 64, "GridLayer")),
     ),
 )
-_123 = Struct(
+_130 = Struct(
     "Mesh-Metadata",
     "MeshMetadata",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("producerId", "producer_id", Text(256)),
         Field("frameId", "frame_id", Text(256)),
-        Field("timeStamp", "time_stamp", _42),
+        Field("timeStamp", "time_stamp", _1),
     ),
 )
-_124 = Struct(
+_131 = Struct(
     "Mesh-Data",
     "MeshData",
     (
@@ -947,38 +1016,38 @@ _124 = Struct(
         Field("colors", "colors", Octets(1073741824, "<u1", 3)),
     ),
 )
-_125 = Struct(
+_132 = Struct(
     "Mesh",
     "Mesh",
     (
-        Field("metadata", "metadata", _123),
-        Field("data", "data", _124),
+        Field("metadata", "metadata", _130),
+        Field("data", "data", _131),
     ),
 )
-_126 = Struct(
+_133 = Struct(
     "ObjectDetection",
     "ObjectDetection",
     (
         Field("label", "label", Text(256)),
         Field("score", "score", Real()),
-        Field("pose", "pose", _48),
+        Field("pose", "pose", _55),
         Field("size", "size", Array(Real(), ((3, 3),), ("T-Double",))),
         Field("imageBox", "image_box", Array(Real(), ((4, 4),), ("T-Double",))),
     ),
 )
-_127 = Struct(
+_134 = Struct(
     "ObjectDetections",
     "ObjectDetections",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("timeStamp", "time_stamp", _42),
+        Field("timeStamp", "time_stamp", _1),
         Field("producerId", "producer_id", Text(256)),
         Field("sensorId", "sensor_id", Text(256)),
         Field("frameId", "frame_id", Text(256)),
-        Field("detections", "detections", ListOf(_126, 0, 4096, "ObjectDetection")),
+        Field("detections", "detections", ListOf(_133, 0, 4096, "ObjectDetection")),
     ),
 )
-_128 = Enumeration(
+_135 = Enumeration(
     "ObjectTrackStatusT",
     (
         ("track-TENTATIVE", 0),
@@ -986,22 +1055,22 @@ _128 = Enumeration(
         ("track-LOST", 2),
     ),
 )
-_129 = Struct(
+_136 = Struct(
     "ObjectTrack-Metadata",
     "ObjectTrackMetadata",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("timeStamp", "time_stamp", _42),
+        Field("timeStamp", "time_stamp", _1),
         Field("producerId", "producer_id", Text(256)),
         Field("frameId", "frame_id", Text(256)),
         Field("trackId", "track_id", Integer(0, 4294967295)),
         Field("label", "label", Text(256)),
-        Field("status", "status", _128),
+        Field("status", "status", _135),
         Field("score", "score", Real()),
         Field("size", "size", Array(Real(), ((3, 3),), ("T-Double",))),
     ),
 )
-_130 = Struct(
+_137 = Struct(
     "ObjectTrack-Data",
     "ObjectTrackData",
     (
@@ -1011,15 +1080,15 @@ _130 = Struct(
         Field("covariances", "covariances", Octets(1073741824, "<f8", 36)),
     ),
 )
-_131 = Struct(
+_138 = Struct(
     "ObjectTrack",
     "ObjectTrack",
     (
-        Field("metadata", "metadata", _129),
-        Field("data", "data", _130),
+        Field("metadata", "metadata", _136),
+        Field("data", "data", _137),
     ),
 )
-_132 = Enumeration(
+_139 = Enumeration(
     "Og2RegionKindT",
     (
         ("region-ANY", 0),
@@ -1030,16 +1099,16 @@ _132 = Enumeration(
         ("region-NEAR", 5),
     ),
 )
-_133 = Struct(
+_140 = Struct(
     "OG2-Region",
     "Og2Region",
     (
-        Field("kind", "kind", _132),
+        Field("kind", "kind", _139),
         Field("frameId", "frame_id", Text(256)),
         Field("numbers", "numbers", Array(Real(), ((0, 100),), ("T-Double",))),
     ),
 )
-_134 = Enumeration(
+_141 = Enumeration(
     "Og2DeliverT",
     (
         ("deliver-AUTO", 0),
@@ -1047,7 +1116,7 @@ _134 = Enumeration(
         ("deliver-REFERENCE", 2),
     ),
 )
-_135 = Struct(
+_142 = Struct(
     "OG2-Request",
     "Og2Request",
     (
@@ -1060,16 +1129,16 @@ _135 = Struct(
         Field("frameId", "frame_id", Text(256)),
         Field("childFrameId", "child_frame_id", Text(256)),
         Field("hasTime", "has_time", Boolean()),
-        Field("time", "time", _42),
-        Field("region", "region", _133),
+        Field("time", "time", _1),
+        Field("region", "region", _140),
         Field("maxAge", "max_age", Real()),
         Field("resolution", "resolution", Real()),
         Field("minCoverage", "min_coverage", Real()),
-        Field("deliver", "deliver", _134),
+        Field("deliver", "deliver", _141),
         Field("deadline", "deadline", Integer(0, 4294967295)),
     ),
 )
-_136 = Enumeration(
+_143 = Enumeration(
     "Og2JobStateT",
     (
         ("job-RECEIVED", 0),
@@ -1083,23 +1152,23 @@ _136 = Enumeration(
         ("job-CANCELLED", 8),
     ),
 )
-_137 = Struct(
+_144 = Struct(
     "OG2-Job",
     "Og2Job",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("timeStamp", "time_stamp", _42),
+        Field("timeStamp", "time_stamp", _1),
         Field("jobId", "job_id", Text(256)),
         Field("requestId", "request_id", Text(256)),
         Field("robot", "robot", Text(256)),
         Field("product", "product", Text(256)),
-        Field("state", "state", _136),
+        Field("state", "state", _143),
         Field("reason", "reason", Text(256)),
         Field("remaining", "remaining", Real()),
         Field("plan", "plan", ListOf(Text(256), 0, 256, "T-String")),
     ),
 )
-_138 = Enumeration(
+_145 = Enumeration(
     "Og2ReplyKindT",
     (
         ("reply-PROGRESS", 0),
@@ -1108,7 +1177,7 @@ _138 = Enumeration(
         ("reply-ERROR", 3),
     ),
 )
-_139 = Enumeration(
+_146 = Enumeration(
     "Og2ErrorCodeT",
     (
         ("error-NONE", 0),
@@ -1122,7 +1191,7 @@ _139 = Enumeration(
         ("error-INTERNAL", 8),
     ),
 )
-_140 = Enumeration(
+_147 = Enumeration(
     "ProductStatusT",
     (
         ("status-OK", 0),
@@ -1130,7 +1199,7 @@ _140 = Enumeration(
         ("status-FAILED", 2),
     ),
 )
-_141 = Enumeration(
+_148 = Enumeration(
     "ProductCovarianceKindT",
     (
         ("covariance-NONE", 0),
@@ -1138,7 +1207,7 @@ _141 = Enumeration(
         ("covariance-CALIBRATED", 2),
     ),
 )
-_142 = Struct(
+_149 = Struct(
     "Product-metric-t",
     "ProductMetricT",
     (
@@ -1146,17 +1215,17 @@ _142 = Struct(
         Field("value", "value", Real()),
     ),
 )
-_143 = Struct(
+_150 = Struct(
     "Product-Quality",
     "ProductQuality",
     (
-        Field("status", "status", _140),
+        Field("status", "status", _147),
         Field("reasons", "reasons", ListOf(Text(256), 0, 256, "T-String")),
-        Field("covarianceKind", "covariance_kind", _141),
-        Field("metrics", "metrics", ListOf(_142, 0, 1024, "Product-metric-t")),
+        Field("covarianceKind", "covariance_kind", _148),
+        Field("metrics", "metrics", ListOf(_149, 0, 1024, "Product-metric-t")),
     ),
 )
-_144 = Struct(
+_151 = Struct(
     "Product-Metadata",
     "ProductMetadata",
     (
@@ -1170,33 +1239,33 @@ _144 = Struct(
         Field("size", "size", Integer(0, 9223372036854775807)),
         Field("sha256", "sha256", Text(256)),
         Field("seq", "seq", Integer(0, 9223372036854775807)),
-        Field("startTime", "start_time", _42),
-        Field("endTime", "end_time", _42),
+        Field("startTime", "start_time", _1),
+        Field("endTime", "end_time", _1),
         Field("frameId", "frame_id", Text(256)),
         Field("childFrameId", "child_frame_id", Text(256)),
         Field("producerId", "producer_id", Text(256)),
         Field("configHash", "config_hash", Text(256)),
         Field("inputs", "inputs", ListOf(Text(256), 0, 65535, "T-String")),
-        Field("quality", "quality", _143),
+        Field("quality", "quality", _150),
         Field("hasBox", "has_box", Boolean()),
         Field("box", "box", Array(Real(), ((6, 6),), ("T-Double",))),
         Field("resolution", "resolution", Real()),
     ),
 )
-_145 = Struct(
+_152 = Struct(
     "OG2-Reply",
     "Og2Reply",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("timeStamp", "time_stamp", _42),
+        Field("timeStamp", "time_stamp", _1),
         Field("requestId", "request_id", Text(256)),
         Field("jobId", "job_id", Text(256)),
-        Field("kind", "kind", _138),
+        Field("kind", "kind", _145),
         Field("isFinal", "is_final", Boolean()),
-        Field("errorCode", "error_code", _139),
+        Field("errorCode", "error_code", _146),
         Field("retriable", "retriable", Boolean()),
         Field("detail", "detail", Text(256)),
-        Field("metadata", "metadata", _144),
+        Field("metadata", "metadata", _151),
         Field("coverage", "coverage", Real()),
         Field("age", "age", Real()),
         Field("oldestAge", "oldest_age", Real()),
@@ -1204,7 +1273,7 @@ _145 = Struct(
         Field("payload", "payload", Octets(1073741824, "|u1", 0)),
     ),
 )
-_146 = Struct(
+_153 = Struct(
     "PointCloud-Data",
     "PointCloudData",
     (
@@ -1213,26 +1282,26 @@ _146 = Struct(
         Field("intensity", "intensity", Array(Integer(-2147483648, 2147483647), ((0, 400000),), ("T-Int32",))),
     ),
 )
-_147 = Struct(
+_154 = Struct(
     "Pointcloud",
     "Pointcloud",
     (
-        Field("metadata", "metadata", _86),
-        Field("data", "data", _146),
+        Field("metadata", "metadata", _93),
+        Field("data", "data", _153),
     ),
 )
-_148 = Struct(
+_155 = Struct(
     "Octree",
     "Octree",
     (
         Field("resolution", "resolution", Real()),
-        Field("pointCloud", "point_cloud", _147),
+        Field("pointCloud", "point_cloud", _154),
     ),
 )
-_149 = Alias("Position", "Position", "values", Array(Real(), ((3, 3),), ("T-Double",)))
-_150 = Alias("Position2D", "Position2D", "values", Array(Real(), ((2, 2),), ("T-Double",)))
-_151 = Alias("Orientation", "Orientation", "values", Array(Real(), ((4, 4),), ("T-Double",)))
-_152 = Struct(
+_156 = Alias("Position", "Position", "values", Array(Real(), ((3, 3),), ("T-Double",)))
+_157 = Alias("Position2D", "Position2D", "values", Array(Real(), ((2, 2),), ("T-Double",)))
+_158 = Alias("Orientation", "Orientation", "values", Array(Real(), ((4, 4),), ("T-Double",)))
+_159 = Struct(
     "PoseUpdateThreshold",
     "PoseUpdateThreshold",
     (
@@ -1240,7 +1309,7 @@ _152 = Struct(
         Field("angle", "angle", Real()),
     ),
 )
-_153 = Struct(
+_160 = Struct(
     "Pose2D",
     "Pose2D",
     (
@@ -1248,7 +1317,7 @@ _153 = Struct(
         Field("orientation", "orientation", Real()),
     ),
 )
-_154 = Struct(
+_161 = Struct(
     "Motion2D",
     "Motion2D",
     (
@@ -1256,15 +1325,15 @@ _154 = Struct(
         Field("rotation", "rotation", Real()),
     ),
 )
-_155 = Struct(
+_162 = Struct(
     "TwistWithCovariance-metadata",
     "TwistWithCovarianceMetadata",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("timeStamp", "time_stamp", _42),
+        Field("timeStamp", "time_stamp", _1),
     ),
 )
-_156 = Struct(
+_163 = Struct(
     "TwistWithCovariance-data",
     "TwistWithCovarianceData",
     (
@@ -1273,28 +1342,28 @@ _156 = Struct(
         Field("cov", "cov", Array(Real(), ((6, 6), (6, 6)), ("SEQUENCE_OF", "T-Double"))),
     ),
 )
-_157 = Struct(
+_164 = Struct(
     "TwistWithCovariance",
     "TwistWithCovariance",
     (
-        Field("metadata", "metadata", _155),
-        Field("data", "data", _156),
+        Field("metadata", "metadata", _162),
+        Field("data", "data", _163),
     ),
 )
-_158 = Struct(
+_165 = Struct(
     "BodyState",
     "BodyState",
     (
-        Field("ref-time", "ref_time", _42),
-        Field("pose", "pose", _48),
-        Field("velocity", "velocity", _157),
+        Field("ref-time", "ref_time", _1),
+        Field("pose", "pose", _55),
+        Field("velocity", "velocity", _164),
     ),
 )
-_159 = Struct(
+_166 = Struct(
     "RigidBodyState",
     "RigidBodyState",
     (
-        Field("timestamp", "timestamp", _42),
+        Field("timestamp", "timestamp", _1),
         Field("sourceFrame", "source_frame", Text(256)),
         Field("targetFrame", "target_frame", Text(256)),
         Field("pos", "pos", Array(Real(), ((3, 3),), ("T-Double",))),
@@ -1309,16 +1378,16 @@ _159 = Struct(
         ),
     ),
 )
-_160 = Struct(
+_167 = Struct(
     "RigidBodyAcceleration",
     "RigidBodyAcceleration",
     (
-        Field("ref-time", "ref_time", _42),
+        Field("ref-time", "ref_time", _1),
         Field("acceleration", "acceleration", Array(Real(), ((3, 3),), ("T-Double",))),
         Field("cov-acceleration", "cov_acceleration", Array(Real(), ((3, 3), (3, 3)), ("SEQUENCE_OF", "T-Double"))),
     ),
 )
-_161 = Struct(
+_168 = Struct(
     "Waypoint",
     "Waypoint",
     (
@@ -1328,7 +1397,7 @@ _161 = Struct(
         Field("tol-heading", "tol_heading", Real()),
     ),
 )
-_162 = Struct(
+_169 = Struct(
     "Trajectory",
     "Trajectory",
     (
@@ -1336,16 +1405,16 @@ _162 = Struct(
         Field("points", "points", Array(Real(), ((1, 50), (3, 3)), ("Point", "T-Double"))),
     ),
 )
-_163 = Struct(
+_170 = Struct(
     "Path",
     "Path",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("timeStamp", "time_stamp", _42),
-        Field("waypoints", "waypoints", ListOf(_48, 0, 100, "TransformWithCovariance")),
+        Field("timeStamp", "time_stamp", _1),
+        Field("waypoints", "waypoints", ListOf(_55, 0, 100, "TransformWithCovariance")),
     ),
 )
-_164 = Struct(
+_171 = Struct(
     "PoseTrajectory-Metadata",
     "PoseTrajectoryMetadata",
     (
@@ -1355,7 +1424,7 @@ _164 = Struct(
         Field("childFrameId", "child_frame_id", Text(256)),
     ),
 )
-_165 = Struct(
+_172 = Struct(
     "PoseTrajectory-Data",
     "PoseTrajectoryData",
     (
@@ -1364,15 +1433,59 @@ _165 = Struct(
         Field("covariances", "covariances", Octets(1073741824, "<f8", 36)),
     ),
 )
-_166 = Struct(
+_173 = Struct(
     "PoseTrajectory",
     "PoseTrajectory",
     (
-        Field("metadata", "metadata", _164),
-        Field("data", "data", _165),
+        Field("metadata", "metadata", _171),
+        Field("data", "data", _172),
     ),
 )
-_167 = Enumeration(
+_174 = Struct(
+    "PositionState-Metadata",
+    "PositionStateMetadata",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("producerId", "producer_id", Text(256)),
+    ),
+)
+_175 = Struct(
+    "PositionState-Links",
+    "PositionStateLinks",
+    (
+        Field("covariances", "covariances", Octets(1073741824, "<f8", 9)),
+        Field("links", "links", Octets(1073741824, "<f8", 9)),
+        Field("pins", "pins", Octets(1073741824, "<i8", 0)),
+        Field("broken", "broken", Octets(1073741824, "<i8", 0)),
+    ),
+)
+_176 = Struct(
+    "PositionState-Filter",
+    "PositionStateFilter",
+    (
+        Field("start", "start", Octets(1073741824, "<f8", 7)),
+        Field("startCovariance", "start_covariance", Octets(1073741824, "<f8", 36)),
+        Field("body", "body", Octets(1073741824, "<f8", 7)),
+        Field("vectors", "vectors", Octets(1073741824, "<f8", 3)),
+        Field("names", "names", ListOf(Text(256), 0, 64, "T-String")),
+        Field("stamps", "stamps", Octets(1073741824, "<i8", 0)),
+        Field("poses", "poses", Octets(1073741824, "<f8", 7)),
+        Field("measured", "measured", Octets(1073741824, "<f8", 7)),
+        Field("measuredCovariances", "measured_covariances", Octets(1073741824, "<f8", 36)),
+        Field("covariance", "covariance", Octets(1073741824, "<f8", 6)),
+    ),
+)
+_177 = Struct(
+    "PositionState",
+    "PositionState",
+    (
+        Field("metadata", "metadata", _174),
+        Field("line", "line", _173),
+        Field("links", "links", _175),
+        Field("filter", "filter", _176),
+    ),
+)
+_178 = Enumeration(
     "LaserRangeErrors",
     (
         ("too-far", 0),
@@ -1383,11 +1496,11 @@ _167 = Enumeration(
         ("end-laser-range-errors", 5),
     ),
 )
-_168 = Struct(
+_179 = Struct(
     "LaserScan",
     "LaserScan",
     (
-        Field("ref-time", "ref_time", _42),
+        Field("ref-time", "ref_time", _1),
         Field("start-angle", "start_angle", Real()),
         Field("angular-resolution", "angular_resolution", Real()),
         Field("speed", "speed", Real()),
@@ -1397,7 +1510,7 @@ _168 = Struct(
         Field("remission", "remission", Array(Real(), ((1, 2000),), ("T-Float",))),
     ),
 )
-_169 = Enumeration(
+_180 = Enumeration(
     "UnitAxis",
     (
         ("unit-x", 0),
@@ -1405,7 +1518,7 @@ _169 = Enumeration(
         ("unit-z", 2),
     ),
 )
-_170 = Enumeration(
+_181 = Enumeration(
     "DepthMeasurementState",
     (
         ("valid-measurement", 0),
@@ -1414,14 +1527,14 @@ _170 = Enumeration(
         ("measurement-error", 3),
     ),
 )
-_171 = Struct(
+_182 = Struct(
     "DepthMap",
     "DepthMap",
     (
-        Field("ref-time", "ref_time", _42),
-        Field("timestamps", "timestamps", ListOf(_42, 1, 30000, "Time")),
-        Field("vertical-projection", "vertical_projection", _104),
-        Field("horizontal-projection", "horizontal_projection", _104),
+        Field("ref-time", "ref_time", _1),
+        Field("timestamps", "timestamps", ListOf(_1, 1, 30000, "Time")),
+        Field("vertical-projection", "vertical_projection", _111),
+        Field("horizontal-projection", "horizontal_projection", _111),
         Field("vertical-interval", "vertical_interval", Array(Real(), ((1, 30000),), ("T-Double",))),
         Field("horizontal-interval", "horizontal_interval", Array(Real(), ((1, 30000),), ("T-Double",))),
         Field("vertical-size", "vertical_size", Integer(0, 4294967295)),
@@ -1430,11 +1543,11 @@ _171 = Struct(
         Field("remissions", "remissions", Array(Real(), ((1, 30000),), ("T-Float",))),
     ),
 )
-_172 = Struct(
+_183 = Struct(
     "DistanceImage",
     "DistanceImage",
     (
-        Field("ref-time", "ref_time", _42),
+        Field("ref-time", "ref_time", _1),
         Field("width", "width", Integer(0, 65535)),
         Field("height", "height", Integer(0, 65535)),
         Field("scale-x", "scale_x", Real()),
@@ -1444,28 +1557,28 @@ _172 = Struct(
         Field("data", "data", Array(Real(), ((1, 60),), ("T-Float",))),
     ),
 )
-_173 = Struct(
+_184 = Struct(
     "Sonar",
     "Sonar",
     (
-        Field("ref-time", "ref_time", _42),
-        Field("timestamps", "timestamps", ListOf(_42, 1, 60, "Time")),
-        Field("bin-duration", "bin_duration", _42),
-        Field("beam-width", "beam_width", _20),
-        Field("beam-height", "beam_height", _20),
-        Field("bearings", "bearings", ListOf(_20, 1, 60, "Angle")),
+        Field("ref-time", "ref_time", _1),
+        Field("timestamps", "timestamps", ListOf(_1, 1, 60, "Time")),
+        Field("bin-duration", "bin_duration", _1),
+        Field("beam-width", "beam_width", _28),
+        Field("beam-height", "beam_height", _28),
+        Field("bearings", "bearings", ListOf(_28, 1, 60, "Angle")),
         Field("speed-of-sound", "speed_of_sound", Real()),
         Field("bin-count", "bin_count", Integer(0, 4294967295)),
         Field("beam-count", "beam_count", Integer(0, 4294967295)),
         Field("bins", "bins", Array(Real(), ((1, 60),), ("T-Float",))),
     ),
 )
-_174 = Struct(
+_185 = Struct(
     "SonarBeam",
     "SonarBeam",
     (
-        Field("ref-time", "ref_time", _42),
-        Field("bearing", "bearing", _20),
+        Field("ref-time", "ref_time", _1),
+        Field("bearing", "bearing", _28),
         Field("sampling-interval", "sampling_interval", Real()),
         Field("speed-of-sound", "speed_of_sound", Real()),
         Field("beamwidth-horizontal", "beamwidth_horizontal", Real()),
@@ -1473,72 +1586,72 @@ _174 = Struct(
         Field("beam", "beam", Array(Integer(0, 255), ((1, 60),), ("T-UInt8",))),
     ),
 )
-_175 = Struct(
+_186 = Struct(
     "SonarScan",
     "SonarScan",
     (
-        Field("ref-time", "ref_time", _42),
+        Field("ref-time", "ref_time", _1),
         Field("data", "data", Array(Integer(0, 255), ((1, 60),), ("T-UInt8",))),
-        Field("time-beams", "time_beams", ListOf(_42, 1, 60, "Time")),
+        Field("time-beams", "time_beams", ListOf(_1, 1, 60, "Time")),
         Field("number-of-beams", "number_of_beams", Integer(0, 65535)),
         Field("number-of-bins", "number_of_bins", Integer(0, 65535)),
-        Field("start-bearing", "start_bearing", _20),
-        Field("angular-resolution", "angular_resolution", _20),
+        Field("start-bearing", "start_bearing", _28),
+        Field("angular-resolution", "angular_resolution", _28),
         Field("sampling-interval", "sampling_interval", Real()),
         Field("speed-of-sound", "speed_of_sound", Real()),
-        Field("beamwidth-horizontal", "beamwidth_horizontal", _20),
-        Field("beamwidth-vertical", "beamwidth_vertical", _20),
+        Field("beamwidth-horizontal", "beamwidth_horizontal", _28),
+        Field("beamwidth-vertical", "beamwidth_vertical", _28),
         Field("memory-layout-column", "memory_layout_column", Boolean()),
         Field("polar-coordinates", "polar_coordinates", Boolean()),
     ),
 )
-_176 = Alias("FramesSequence", "FramesSequence", "items", ListOf(_50, 0, 10, "Frame"))
-_177 = Alias("PosesSequence", "PosesSequence", "items", ListOf(_95, 0, 10, "Pose"))
-_178 = Alias(
+_187 = Alias("FramesSequence", "FramesSequence", "items", ListOf(_57, 0, 10, "Frame"))
+_188 = Alias("PosesSequence", "PosesSequence", "items", ListOf(_102, 0, 10, "Pose"))
+_189 = Alias(
     "CorrespondenceMaps2DSequence",
     "CorrespondenceMaps2DSequence",
     "items",
-    ListOf(ListOf(_22, 0, 1024, "Correspondence2D"), 0, 56, "CorrespondenceMap2D"),
+    ListOf(ListOf(_30, 0, 1024, "Correspondence2D"), 0, 56, "CorrespondenceMap2D"),
 )
-_179 = Alias(
+_190 = Alias(
     "CorrespondenceMaps3DSequence",
     "CorrespondenceMaps3DSequence",
     "items",
-    ListOf(ListOf(_24, 0, 51200, "Correspondence3D"), 0, 56, "CorrespondenceMap3D"),
+    ListOf(ListOf(_32, 0, 51200, "Correspondence3D"), 0, 56, "CorrespondenceMap3D"),
 )
-_180 = Alias("PointSequence", "PointSequence", "values", Array(Real(), ((0, 327680), (3, 3)), ("Point", "T-Double")))
-_181 = Alias("DoubleSequence", "DoubleSequence", "values", Array(Real(), ((0, 327680),), ("T-Double",)))
-_182 = Alias("StringSequence", "StringSequence", "items", ListOf(Text(256), 0, 100, "T-String"))
-_183 = Alias(
+_191 = Alias("PointSequence", "PointSequence", "values", Array(Real(), ((0, 327680), (3, 3)), ("Point", "T-Double")))
+_192 = Alias("DoubleSequence", "DoubleSequence", "values", Array(Real(), ((0, 327680),), ("T-Double",)))
+_193 = Alias("StringSequence", "StringSequence", "items", ListOf(Text(256), 0, 100, "T-String"))
+_194 = Alias(
     "VectorXdSequence",
     "VectorXdSequence",
     "items",
     ListOf(Array(Real(), ((0, 100),), ("T-Double",)), 0, 327680, "VectorXd"),
 )
-_184 = Enumeration(
+_195 = Enumeration(
     "IcuStateT",
     (
         ("icu-STEADY", 0),
         ("icu-SWITCHING", 1),
     ),
 )
-_185 = Struct(
+_196 = Struct(
     "ICU-Mode",
     "IcuMode",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("timeStamp", "time_stamp", _42),
+        Field("timeStamp", "time_stamp", _1),
         Field("robot", "robot", Text(256)),
         Field("sensor", "sensor", Text(256)),
         Field("mode", "mode", Text(256)),
         Field("target", "target", Text(256)),
-        Field("state", "state", _184),
+        Field("state", "state", _195),
         Field("isOn", "is_on", Boolean()),
         Field("rate", "rate", Real()),
         Field("holder", "holder", Text(256)),
     ),
 )
-_186 = Enumeration(
+_197 = Enumeration(
     "DfpcStateT",
     (
         ("dfpc-UNCONFIGURED", 0),
@@ -1547,17 +1660,17 @@ _186 = Enumeration(
         ("dfpc-ERROR", 3),
     ),
 )
-_187 = Struct(
+_198 = Struct(
     "DFPC-Status",
     "DfpcStatus",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("timeStamp", "time_stamp", _42),
+        Field("timeStamp", "time_stamp", _1),
         Field("robot", "robot", Text(256)),
         Field("dfpc", "dfpc", Text(256)),
         Field("implementation", "implementation", Text(256)),
         Field("configHash", "config_hash", Text(256)),
-        Field("state", "state", _186),
+        Field("state", "state", _197),
         Field("samples", "samples", Integer(0, 9223372036854775807)),
         Field("outputs", "outputs", Integer(0, 9223372036854775807)),
         Field("degraded", "degraded", Integer(0, 9223372036854775807)),
@@ -1569,19 +1682,19 @@ _187 = Struct(
         Field("lastError", "last_error", Text(256)),
     ),
 )
-_188 = Struct(
+_199 = Struct(
     "Event",
     "Event",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("ordinal", "ordinal", Integer(0, 9223372036854775807)),
-        Field("timeStamp", "time_stamp", _42),
+        Field("timeStamp", "time_stamp", _1),
         Field("scope", "scope", Text(256)),
         Field("kind", "kind", Text(256)),
         Field("body", "body", Octets(65536, "|u1", 0)),
     ),
 )
-_189 = Enumeration(
+_200 = Enumeration(
     "Resolution",
     (
         ("seconds", 0),
@@ -1593,169 +1706,180 @@ _189 = Enumeration(
 #: ASN.1 name -> node, of every type that can be a message.
 MESSAGES: dict[str, Message] = {
     "Asn1Bitstream": _0,
-    "Vector2d": _1,
-    "Vector3d": _2,
-    "Vector4d": _3,
-    "Vector6d": _4,
-    "VectorXd": _5,
-    "Quaterniond": _6,
-    "AngleAxisd": _7,
-    "Matrix2d": _8,
-    "Matrix3d": _9,
-    "Matrix4d": _10,
-    "Matrix6d": _11,
-    "MatrixXd": _12,
-    "Affine3d": _13,
-    "Isometry3d": _14,
-    "Transform3d": _15,
-    "Covariance": _16,
-    "Point": _17,
-    "Point2D": _18,
-    "Point3D": _19,
-    "Angle": _20,
-    "AngleSegment": _21,
-    "Correspondence2D": _22,
-    "CorrespondenceMap2D": _23,
-    "Correspondence3D": _24,
-    "CorrespondenceMap3D": _25,
-    "VisualPointFeature2D": _26,
-    "VisualPointFeatureVector2D": _27,
-    "Point3DReference": _28,
-    "VisualPointFeature3D": _30,
-    "VisualPointFeatureVector3D": _33,
-    "Array3D": _35,
-    "Frame-error-t": _38,
-    "Frame-attrib-t": _39,
-    "Time": _42,
-    "Frame-metadata-t": _43,
-    "Frame-intrinsic-t": _45,
-    "TransformWithCovariance-Metadata": _46,
-    "TransformWithCovariance-Data": _47,
-    "TransformWithCovariance": _48,
-    "Frame-extrinsic-t": _49,
-    "Frame": _50,
-    "FramePair": _51,
-    "CompressedFrame": _53,
-    "ImuSpan-Metadata": _54,
-    "ImuSpan-Data": _55,
-    "ImuSpan": _56,
-    "JointState": _57,
-    "JointLimitRange": _58,
-    "OutOfBounds": _59,
-    "JointLimits": _60,
-    "Joints": _61,
-    "JointTrajectory": _62,
-    "JointsTrajectory": _63,
-    "InvalidTimeStep": _64,
-    "InvalidName": _65,
-    "Wrench": _66,
-    "Wrenches": _67,
-    "Pressure": _68,
-    "Temperature": _69,
-    "IMUSensors": _70,
-    "LandmarkMap-Metadata": _71,
-    "Array3DLarge": _72,
-    "LandmarkMap-Data": _73,
-    "LandmarkMap": _74,
-    "KeyFrame-Metadata": _75,
-    "KeyFrame-Data": _76,
-    "KeyFrame": _77,
-    "FrameLarge": _78,
-    "FramePairLarge": _79,
-    "FramesSequenceLarge": _80,
-    "CompressedFrameLarge": _81,
-    "Map-metadata-t": _83,
-    "MapLarge": _84,
-    "PointCloud-DataLarge": _85,
-    "PointCloud-Metadata": _86,
-    "PointcloudLarge": _87,
-    "OctreeLarge": _88,
-    "CorrespondenceMap2DLarge": _89,
-    "CorrespondenceMap3DLarge": _90,
-    "CorrespondenceMaps2DSequenceLarge": _91,
-    "CorrespondenceMaps3DSequenceLarge": _92,
-    "VisualPointFeatureVector2DLarge": _93,
-    "VisualPointFeatureVector3DLarge": _94,
-    "Pose": _95,
-    "PosesSequenceLarge": _96,
-    "PointSequenceLarge": _97,
-    "DoubleSequenceLarge": _98,
-    "StringSequenceLarge": _99,
-    "VectorXdSequenceLarge": _100,
-    "PathLarge": _101,
-    "TrajectoryLarge": _102,
-    "LaserScanLarge": _103,
-    "DepthMapLarge": _105,
-    "DistanceImageLarge": _106,
-    "LidarMap-Metadata": _107,
-    "LidarMap-Clouds": _108,
-    "LidarMap-Position": _109,
-    "PoseGraph-Metadata": _110,
-    "PoseGraph-Vertices": _111,
-    "PoseGraph-Edges": _112,
-    "PoseGraph": _113,
-    "LidarMap": _114,
-    "LidarScan-Metadata": _115,
-    "LidarScan-Data": _116,
-    "LidarScan": _117,
-    "Map": _118,
-    "GridMap-Metadata": _119,
-    "GridLayer": _120,
-    "ElevationMap": _121,
-    "NavigationMap": _122,
-    "Mesh-Metadata": _123,
-    "Mesh-Data": _124,
-    "Mesh": _125,
-    "ObjectDetection": _126,
-    "ObjectDetections": _127,
-    "ObjectTrack-Metadata": _129,
-    "ObjectTrack-Data": _130,
-    "ObjectTrack": _131,
-    "OG2-Region": _133,
-    "OG2-Request": _135,
-    "OG2-Job": _137,
-    "Product-metric-t": _142,
-    "Product-Quality": _143,
-    "Product-Metadata": _144,
-    "OG2-Reply": _145,
-    "PointCloud-Data": _146,
-    "Pointcloud": _147,
-    "Octree": _148,
-    "Position": _149,
-    "Position2D": _150,
-    "Orientation": _151,
-    "PoseUpdateThreshold": _152,
-    "Pose2D": _153,
-    "Motion2D": _154,
-    "TwistWithCovariance-metadata": _155,
-    "TwistWithCovariance-data": _156,
-    "TwistWithCovariance": _157,
-    "BodyState": _158,
-    "RigidBodyState": _159,
-    "RigidBodyAcceleration": _160,
-    "Waypoint": _161,
-    "Trajectory": _162,
-    "Path": _163,
-    "PoseTrajectory-Metadata": _164,
-    "PoseTrajectory-Data": _165,
-    "PoseTrajectory": _166,
-    "LaserScan": _168,
-    "DepthMap": _171,
-    "DistanceImage": _172,
-    "Sonar": _173,
-    "SonarBeam": _174,
-    "SonarScan": _175,
-    "FramesSequence": _176,
-    "PosesSequence": _177,
-    "CorrespondenceMaps2DSequence": _178,
-    "CorrespondenceMaps3DSequence": _179,
-    "PointSequence": _180,
-    "DoubleSequence": _181,
-    "StringSequence": _182,
-    "VectorXdSequence": _183,
-    "ICU-Mode": _185,
-    "DFPC-Status": _187,
-    "Event": _188,
+    "Time": _1,
+    "Bundle-Metadata": _2,
+    "Bundle-Cameras": _3,
+    "Bundle-Lenses": _4,
+    "Bundle-Points": _5,
+    "Bundle-Observations": _6,
+    "Bundle-Prior": _7,
+    "BundleProblem": _8,
+    "Vector2d": _9,
+    "Vector3d": _10,
+    "Vector4d": _11,
+    "Vector6d": _12,
+    "VectorXd": _13,
+    "Quaterniond": _14,
+    "AngleAxisd": _15,
+    "Matrix2d": _16,
+    "Matrix3d": _17,
+    "Matrix4d": _18,
+    "Matrix6d": _19,
+    "MatrixXd": _20,
+    "Affine3d": _21,
+    "Isometry3d": _22,
+    "Transform3d": _23,
+    "Covariance": _24,
+    "Point": _25,
+    "Point2D": _26,
+    "Point3D": _27,
+    "Angle": _28,
+    "AngleSegment": _29,
+    "Correspondence2D": _30,
+    "CorrespondenceMap2D": _31,
+    "Correspondence3D": _32,
+    "CorrespondenceMap3D": _33,
+    "VisualPointFeature2D": _34,
+    "VisualPointFeatureVector2D": _35,
+    "Point3DReference": _36,
+    "VisualPointFeature3D": _38,
+    "VisualPointFeatureVector3D": _41,
+    "Array3D": _43,
+    "Frame-error-t": _46,
+    "Frame-attrib-t": _47,
+    "Frame-metadata-t": _50,
+    "Frame-intrinsic-t": _52,
+    "TransformWithCovariance-Metadata": _53,
+    "TransformWithCovariance-Data": _54,
+    "TransformWithCovariance": _55,
+    "Frame-extrinsic-t": _56,
+    "Frame": _57,
+    "FramePair": _58,
+    "CompressedFrame": _60,
+    "ImuSpan-Metadata": _61,
+    "ImuSpan-Data": _62,
+    "ImuSpan": _63,
+    "JointState": _64,
+    "JointLimitRange": _65,
+    "OutOfBounds": _66,
+    "JointLimits": _67,
+    "Joints": _68,
+    "JointTrajectory": _69,
+    "JointsTrajectory": _70,
+    "InvalidTimeStep": _71,
+    "InvalidName": _72,
+    "Wrench": _73,
+    "Wrenches": _74,
+    "Pressure": _75,
+    "Temperature": _76,
+    "IMUSensors": _77,
+    "LandmarkMap-Metadata": _78,
+    "Array3DLarge": _79,
+    "LandmarkMap-Data": _80,
+    "LandmarkMap": _81,
+    "KeyFrame-Metadata": _82,
+    "KeyFrame-Data": _83,
+    "KeyFrame": _84,
+    "FrameLarge": _85,
+    "FramePairLarge": _86,
+    "FramesSequenceLarge": _87,
+    "CompressedFrameLarge": _88,
+    "Map-metadata-t": _90,
+    "MapLarge": _91,
+    "PointCloud-DataLarge": _92,
+    "PointCloud-Metadata": _93,
+    "PointcloudLarge": _94,
+    "OctreeLarge": _95,
+    "CorrespondenceMap2DLarge": _96,
+    "CorrespondenceMap3DLarge": _97,
+    "CorrespondenceMaps2DSequenceLarge": _98,
+    "CorrespondenceMaps3DSequenceLarge": _99,
+    "VisualPointFeatureVector2DLarge": _100,
+    "VisualPointFeatureVector3DLarge": _101,
+    "Pose": _102,
+    "PosesSequenceLarge": _103,
+    "PointSequenceLarge": _104,
+    "DoubleSequenceLarge": _105,
+    "StringSequenceLarge": _106,
+    "VectorXdSequenceLarge": _107,
+    "PathLarge": _108,
+    "TrajectoryLarge": _109,
+    "LaserScanLarge": _110,
+    "DepthMapLarge": _112,
+    "DistanceImageLarge": _113,
+    "LidarMap-Metadata": _114,
+    "LidarMap-Clouds": _115,
+    "LidarMap-Position": _116,
+    "PoseGraph-Metadata": _117,
+    "PoseGraph-Vertices": _118,
+    "PoseGraph-Edges": _119,
+    "PoseGraph": _120,
+    "LidarMap": _121,
+    "LidarScan-Metadata": _122,
+    "LidarScan-Data": _123,
+    "LidarScan": _124,
+    "Map": _125,
+    "GridMap-Metadata": _126,
+    "GridLayer": _127,
+    "ElevationMap": _128,
+    "NavigationMap": _129,
+    "Mesh-Metadata": _130,
+    "Mesh-Data": _131,
+    "Mesh": _132,
+    "ObjectDetection": _133,
+    "ObjectDetections": _134,
+    "ObjectTrack-Metadata": _136,
+    "ObjectTrack-Data": _137,
+    "ObjectTrack": _138,
+    "OG2-Region": _140,
+    "OG2-Request": _142,
+    "OG2-Job": _144,
+    "Product-metric-t": _149,
+    "Product-Quality": _150,
+    "Product-Metadata": _151,
+    "OG2-Reply": _152,
+    "PointCloud-Data": _153,
+    "Pointcloud": _154,
+    "Octree": _155,
+    "Position": _156,
+    "Position2D": _157,
+    "Orientation": _158,
+    "PoseUpdateThreshold": _159,
+    "Pose2D": _160,
+    "Motion2D": _161,
+    "TwistWithCovariance-metadata": _162,
+    "TwistWithCovariance-data": _163,
+    "TwistWithCovariance": _164,
+    "BodyState": _165,
+    "RigidBodyState": _166,
+    "RigidBodyAcceleration": _167,
+    "Waypoint": _168,
+    "Trajectory": _169,
+    "Path": _170,
+    "PoseTrajectory-Metadata": _171,
+    "PoseTrajectory-Data": _172,
+    "PoseTrajectory": _173,
+    "PositionState-Metadata": _174,
+    "PositionState-Links": _175,
+    "PositionState-Filter": _176,
+    "PositionState": _177,
+    "LaserScan": _179,
+    "DepthMap": _182,
+    "DistanceImage": _183,
+    "Sonar": _184,
+    "SonarBeam": _185,
+    "SonarScan": _186,
+    "FramesSequence": _187,
+    "PosesSequence": _188,
+    "CorrespondenceMaps2DSequence": _189,
+    "CorrespondenceMaps3DSequence": _190,
+    "PointSequence": _191,
+    "DoubleSequence": _192,
+    "StringSequence": _193,
+    "VectorXdSequence": _194,
+    "ICU-Mode": _196,
+    "DFPC-Status": _198,
+    "Event": _199,
 }
 
 #: ASN.1 name -> that of the sibling with room for more.

@@ -98,6 +98,8 @@ class DfpcContext:
         Each sensor's entry of the profile (frame, calibration).
     seed : int
         For every random number drawn.
+    urdf : str
+        Document of the robot's internal joints; empty where it has none.
     """
 
     robot: str
@@ -105,6 +107,7 @@ class DfpcContext:
     limits: Mapping[str, float] = field(default_factory=dict)
     sensors: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     seed: int = 0
+    urdf: str = ""
 
 
 class LocalStore:

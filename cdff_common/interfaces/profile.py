@@ -15,6 +15,7 @@ from pydantic import Field, model_validator
 
 from cdff_common.errors import ConfigurationError
 from cdff_common.geometry import FrameGraph, UncertainTransform, se3
+from cdff_common.geometry.urdf import read_urdf
 from cdff_common.interfaces.dfn import StrictModel, validated
 from cdff_common.interfaces.dfpc import DfpcContext
 from cdff_common.interfaces.registry import Registry
@@ -216,7 +217,8 @@ class Robot(StrictModel):
     """A robot: frames, sensors, limits, DFPCs.
 
     ``limits`` holds bounds of motion for the DFPCs, and what the orchestrator plans within: ``memory_mb`` and
-    ``cpu_cores`` for all DFPCs together, ``max_speed_m_s`` for where it may be in time.
+    ``cpu_cores`` for all DFPCs together, ``max_speed_m_s`` for where it may be in time. ``urdf`` names the file of its
+    internal joints, beside the profile; once read, it holds the document. Its fixed joints are frames like ``frames``.
     """
 
     id: RobotId
@@ -225,6 +227,7 @@ class Robot(StrictModel):
     sensors: dict[Name, Sensor] = {}
     limits: dict[Name, float] = {}
     dfpcs: tuple[DfpcEntry, ...] = ()
+    urdf: str = ""
 
     @model_validator(mode="after")
     def _names_are_wired(self) -> Robot:
@@ -272,12 +275,17 @@ class Robot(StrictModel):
         graph = FrameGraph()
         for edge in self.frames:
             graph.set_static(edge.parent, edge.child, edge.transform)
+        if self.urdf:
+            model = read_urdf(self.urdf)
+            for joint in (j for j in model.joints if not j.movable):
+                ends = model.frame(self.id, joint.parent), model.frame(self.id, joint.child)
+                graph.set_static(*ends, UncertainTransform(joint.origin, np.zeros((6, 6))))
         return graph
 
     def context(self, entry: DfpcEntry) -> DfpcContext:
         """What the DFPC of an entry is told of where it runs."""
         sensors = {name: sensor.model_dump() for name, sensor in self.sensors.items()}
-        return DfpcContext(self.id, self.frame_graph(), dict(self.limits), sensors, entry.seed)
+        return DfpcContext(self.id, self.frame_graph(), dict(self.limits), sensors, entry.seed, self.urdf)
 
 
 _NO_SENSOR = Sensor(kind="other", frame="none", streams={})
@@ -446,6 +454,21 @@ class Profile(StrictModel):
         return groups
 
 
+def _with_documents(profile: Profile, path: Path) -> Profile:
+    """The profile with the URDF documents that it names; raises ConfigurationError for one that cannot be read."""
+    robots = []
+    for robot in profile.robots:
+        if robot.urdf:
+            try:
+                text = (path.parent / robot.urdf).read_text(encoding="utf-8")
+            except (OSError, UnicodeDecodeError) as error:
+                raise ConfigurationError(f"profile {path}: {robot.id}.urdf: {error}") from error
+            read_urdf(text)
+            robot = robot.model_copy(update={"urdf": text})
+        robots.append(robot)
+    return profile.model_copy(update={"robots": tuple(robots)})
+
+
 def load_profile(path: str | Path) -> Profile:
     """Read and check a profile, ports and DFPC names included.
 
@@ -455,7 +478,7 @@ def load_profile(path: str | Path) -> Profile:
         Naming the file, the key, the value and what was expected.
     """
     path = Path(path)
-    profile = validated(Profile, read_mapping(path), f"profile {path}")
+    profile = _with_documents(validated(Profile, read_mapping(path), f"profile {path}"), path)
     registry = Registry.default()
     for robot in profile.robots:
         for entry in robot.dfpcs:

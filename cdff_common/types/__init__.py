@@ -7,6 +7,15 @@
 from __future__ import annotations
 
 from cdff_common.types.bitstream import Asn1Bitstream
+from cdff_common.types.bundle import (
+    BundleCameras,
+    BundleLenses,
+    BundleMetadata,
+    BundleObservations,
+    BundlePoints,
+    BundlePrior,
+    BundleProblem,
+)
 from cdff_common.types.eigen import (
     Affine3d,
     Angle,
@@ -135,6 +144,12 @@ from cdff_common.types.pose import (
 )
 from cdff_common.types.pose_graph import PoseGraph, PoseGraphEdges, PoseGraphMetadata, PoseGraphVertices
 from cdff_common.types.pose_trajectory import PoseTrajectory, PoseTrajectoryData, PoseTrajectoryMetadata
+from cdff_common.types.position_state import (
+    PositionState,
+    PositionStateFilter,
+    PositionStateLinks,
+    PositionStateMetadata,
+)
 from cdff_common.types.product import (
     ProductCovarianceKindT,
     ProductMetadata,
@@ -177,6 +192,13 @@ __all__ = [
     "Asn1Bitstream",
     "BodyState",
     "Box",
+    "BundleCameras",
+    "BundleLenses",
+    "BundleMetadata",
+    "BundleObservations",
+    "BundlePoints",
+    "BundlePrior",
+    "BundleProblem",
     "CompressedFrame",
     "Correspondence2D",
     "Correspondence3D",
@@ -293,6 +315,10 @@ __all__ = [
     "PosesSequence",
     "Position",
     "Position2D",
+    "PositionState",
+    "PositionStateFilter",
+    "PositionStateLinks",
+    "PositionStateMetadata",
     "Pressure",
     "ProductCovarianceKindT",
     "ProductMetadata",

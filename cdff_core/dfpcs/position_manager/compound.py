@@ -1,352 +1,341 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""PositionManager: frame tree and time line of a robot, moved on by increments of the better source."""
+"""PositionManager: frame tree and time line of a robot, from all that says how it moves and where it is."""
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Iterable, Iterator
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import Field
 
-from cdff_common.errors import DegenerateGeometryError, ExtrapolationError, RefusedError
-from cdff_common.geometry import FrameGraph, PoseTrack, UncertainTransform, se3
-from cdff_common.interfaces.dfpc import DfpcConfig, Output, Sample
+from cdff_common.errors import ExtrapolationError, InputError, ProductNotFoundError
+from cdff_common.geometry import UncertainTransform
+from cdff_common.geometry.se3 import FloatArray
+from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
-from cdff_common.types import PoseTrajectory, TransformWithCovariance
-from cdff_core.dfns.gravity_levelling._interface import GravityLevellingInputs
-from cdff_core.dfns.gyro_integration._interface import GyroIntegrationInputs
-from cdff_core.dfns.odometry_increment._interface import OdometryIncrementInputs
+from cdff_common.types import PoseTrajectory, PositionState, TransformWithCovariance
 from cdff_core.dfpcs.position_manager._interface import PositionManagerInterface
 from cdff_core.dfpcs.position_manager.buffers import ImuBuffer
+from cdff_core.dfpcs.position_manager.configuration import PositionManagerConfig
+from cdff_core.dfpcs.position_manager.drivers import Drivers
+from cdff_core.dfpcs.position_manager.estimate import Estimate
+from cdff_core.dfpcs.position_manager.estimator import Estimator, Event
+from cdff_core.dfpcs.position_manager.frames import RobotFrames
+from cdff_core.dfpcs.position_manager.history import History
+from cdff_core.dfpcs.position_manager.kept import from_message, to_message
+from cdff_core.dfpcs.position_manager.questions import Questions
+from cdff_core.dfpcs.position_manager.start import begin
+from cdff_core.dfpcs.position_manager.time_line import TimeLine
 
-Seconds = Annotated[float, Field(gt=0, le=86_400)]
-#: Drivers of the newest pose, as they stand in the reasons.
-START, VISUAL, WHEELS, NOTHING = "source:start", "source:vo", "source:wheels", "source:none"
-
-
-class PositionManagerConfig(DfpcConfig):
-    """Parameters of PositionManager."""
-
-    levelling: dict[str, Any] = Field(default_factory=dict)
-    visual_increment: dict[str, Any] = Field(default_factory=dict)
-    wheel_increment: dict[str, Any] = Field(default_factory=dict)
-    gyro: dict[str, Any] = Field(default_factory=dict)
-    levelling_s: Annotated[Seconds, Field(description="IMU readings that level the start pose")] = 0.5
-    start_wait_s: Annotated[Seconds, Field(description="longest wait for those readings")] = 1.0
-    start_tilt_sigma_rad: Annotated[
-        float, Field(ge=0, le=1, description="roll, pitch of a start that is not levelled")
-    ] = 0.05
-    visual_timeout_s: Annotated[Seconds, Field(description="silence after which the wheels are published")] = 1.2
-    visual_gap_s: Annotated[Seconds, Field(description="longest interval whose visual increment is taken")] = 2.0
-    disagreement_m: Annotated[float, Field(ge=0, description="gate between visual and wheel increments")] = 0.25
-    disagreement_share: Annotated[float, Field(ge=0, description="the gate's part that grows with the motion")] = 0.5
-    unseen_speed_m_s: Annotated[float, Field(ge=0, le=10, description="sigma of a motion nobody measured")] = 0.3
-    max_wheel_speed_m_s: Annotated[float, Field(gt=0, le=100, description="beyond it the wheels' origin was reset")] = (
-        5.0
-    )
-    memory_s: Annotated[Seconds, Field(description="wheel poses and gyro rates kept")] = 20.0
-    history_s: Annotated[Seconds, Field(description="time line kept")] = 7200.0
-    trajectory_period_s: Seconds = 5.0
-    extrapolation_s: Annotated[
-        float, Field(ge=0, le=10, description="how far beyond its ends the time line answers")
-    ] = 0.2
+_NS = 1e9
 
 
 class PositionManager(PositionManagerInterface):
-    """One time line ``T_odom_base``; the site's anchor and the sensors' mounts are the frames around it."""
+    """One time line ``T_site_base``, corrected backwards as far as late measurements reach."""
 
     Config = PositionManagerConfig
     config: PositionManagerConfig
 
     def setup(self) -> None:
-        """Copy the fixed frames, make the DFNs, offer the store."""
-        robot, c = self.context.robot, self.config
-        self._odom, self._base = f"{robot}/odom", f"{robot}/base"
+        """Grow the frame tree, make the DFNs, offer the store."""
+        c, context = self.config, self.context
+        self._frames = RobotFrames(context.robot, context.frames, context.urdf)
+        self._imu = ImuBuffer(int(2 * c.memory_s * _NS))
         self._levelling = self.dfn("levelling")
-        self._visual_increment = self.dfn("visual_increment")
-        self._wheel_increment = self.dfn("wheel_increment")
-        self._gyro = self.dfn("gyro")
-        self._frames = _fixed_frames(self.context.frames, self._odom)
-        self._line = self._frames.track(self._odom, self._base, int(c.extrapolation_s * 1e9))
-        self._wheels = PoseTrack()
-        self._imu = ImuBuffer(int(c.memory_s * 1e9))
-        self._R_base_imu: np.ndarray | None = None
-        self._gyro_bias = np.zeros(3)
-        self._held: list[Sample] = []
-        self._started = False
+        self._estimator = Estimator(c, self.dfn, self._imu, self._mount, self._place)
+        self._line = TimeLine(self.dfn("interpolation"))
+        self._drivers = Drivers(c)
+        self._history: History | None = None
+        self._start = UncertainTransform.identity()
         self._start_reasons: tuple[str, ...] = ()
-        self._visual: tuple[int, UncertainTransform] | None = None
-        self._awaiting: tuple[Sample, UncertainTransform, tuple[str, ...]] | None = None
-        self._visual_ns = 0
+        self._held: list[Sample] = []
+        self._R_base_imu: FloatArray | None = None
+        self._wheels: tuple[int, FloatArray] | None = None
         self._published_ns = -1
         self._trajectory_ns = 0
-        self._degraded = 0
-        self.store.offer("trajectory", lambda: self.get_trajectory(-1, -1) if self._line.stamps_ns else None)
-        self.store.offer("pose", lambda: self.get_pose("site", self._base, -1) if self._line.stamps_ns else None)
+        self._questions = Questions(self._frames, self._line, self._ahead)
+        self.store.offer("trajectory", lambda: self.get_trajectory(-1, -1) if self._history else None)
+        self.store.offer("pose", lambda: self.get_pose("site", self._frames.base, -1) if self._history else None)
+        self.store.offer("pins", lambda: self.get_pins() if self._line.pins else None)
+
+    # -- input ----------------------------------------------------------------------------------------------------
 
     def on_imu(self, sample: Sample) -> Iterable[Output]:
-        """Keep the reading in the body's axes; the start waits for enough of them."""
+        """Keep the reading in the base's axes; estimate by it alone where nothing else speaks."""
         if self._R_base_imu is None:
-            self._R_base_imu = self._frames.lookup(self._base, f"{self.context.robot}/imu", 0).matrix[:3, :3]
-        R = self._R_base_imu
-        self._imu.append(sample.stamp_ns, R @ np.asarray(sample.value.acc), R @ np.asarray(sample.value.gyro))
-        if not self._started:
+            T = self._frames.on_robot(self._frames.base, f"{self.context.robot}/imu", sample.stamp_ns).matrix
+            self._R_base_imu, self._estimator.lever_m = T[:3, :3], T[:3, 3]
+        reading = np.concatenate([self._R_base_imu @ sample.value.acc, self._R_base_imu @ sample.value.gyro])
+        self._imu.insert(sample.stamp_ns, reading)
+        if self._waits(sample):
             yield from self._hold(sample)
+            return
+        history = self._begun()
+        history.doubt(sample.stamp_ns)
+        if sample.stamp_ns - self._line.stamps_ns[-1] >= self.config.imu_period_s * _NS:
+            yield from self._take(sample, Event(sample.stamp_ns, "imu"))
 
     def on_odometry(self, sample: Sample) -> Iterable[Output]:
-        """Keep the wheel pose and move the end of the time line on by it."""
-        if not self._started:
+        """Take the increment of the wheels, unless they speak faster than it helps."""
+        if self._waits(sample):
             yield from self._hold(sample)
             return
-        self._take_wheels(sample.stamp_ns, sample.value.transform)
-        self._wheels.forget_before(sample.stamp_ns - int(self.config.memory_s * 1e9))
-        if self._awaiting is not None and sample.stamp_ns >= self._awaiting[0].stamp_ns:
-            yield from self._attach(*self._awaiting)
-        self._follow_wheels()
-        silent_ns = sample.stamp_ns - self._visual_ns
-        if silent_ns > self.config.visual_timeout_s * 1e9 and self._line.stamps_ns[-1] == sample.stamp_ns:
-            self._visual = None
-            yield from self._publish(sample, WHEELS)
+        before, T = self._wheels, sample.value.transform.matrix
+        if before is not None and 0 <= sample.stamp_ns - before[0] < self.config.wheel_period_s * _NS:
+            return
+        self._wheels = (sample.stamp_ns, T)
+        yield from self._take(sample, self._event(sample, afresh=before is not None and self._reset(before, sample)))
 
     def on_visual_odometry(self, sample: Sample) -> Iterable[Output]:
-        """Move the time line on by the increment since the visual pose before, or attach to it anew."""
-        if not self._started:
+        """Take the increment of visual odometry."""
+        yield from self._on_odometer(sample)
+
+    def on_lidar_odometry(self, sample: Sample) -> Iterable[Output]:
+        """Take the increment of lidar odometry."""
+        yield from self._on_odometer(sample)
+
+    def on_fix(self, sample: Sample) -> Iterable[Output]:
+        """Take an absolute pose."""
+        if self._waits(sample):
             yield from self._hold(sample)
-            return
-        if self._awaiting is not None:
-            yield from self._attach(*self._awaiting)
-        if sample.value is None or sample.quality.status is Status.FAILED:
-            self._visual = None
-            return
-        pose = sample.value.transform
-        before, self._visual = self._visual, (sample.stamp_ns, pose)
-        if before is None or not 0 < sample.stamp_ns - before[0] <= self.config.visual_gap_s * 1e9:
-            yield from self._attach(sample, pose, ("vo_attached",))
-            return
-        mount = self._frames.lookup(self._base, sample.value.child_frame, 0).matrix
-        step = self._visual_increment.process(
-            OdometryIncrementInputs(before[1].matrix, pose.matrix, mount, before[1].covariance, pose.covariance)
-        )
-        wheels = self._wheel_step(before[0], sample.stamp_ns)
-        if wheels is not None and self._disagrees(step.increment, wheels.matrix):
-            yield from self._attach(sample, pose, ("vo_disagrees_with_wheels",))
-            return
-        if wheels is not None and sample.quality.status is Status.DEGRADED:
-            yield from self._attach(sample, pose, ("vo_degraded",))
-            return
-        here = self._line.at(before[0]) @ UncertainTransform(step.increment, step.covariance)
-        self._line.forget_after(before[0])
-        self._line.insert(sample.stamp_ns, here)
-        self._visual_ns = sample.stamp_ns
-        self._follow_wheels()
-        degraded = ("vo_degraded",) if sample.quality.status is Status.DEGRADED else ()
-        yield from self._publish(sample, VISUAL, degraded)
+        elif sample.value is not None and sample.quality.status is not Status.FAILED:
+            yield from self._take(sample, self._event(sample))
+
+    def on_joints(self, sample: Sample) -> Iterable[Output]:
+        """Move the frames below the base."""
+        self._frames.set_joints(sample.value, sample.stamp_ns, sample.stamp_ns - int(self.config.history_s * _NS))
+        return ()
 
     def finish(self) -> Iterable[Output]:
         """Start with what there is where the input was short; then the whole trajectory."""
-        if not self._started and self._held:
-            yield from self._start()
-        if self._awaiting is not None:
-            yield from self._attach(*self._awaiting)
-        if self._line.stamps_ns:
+        if self._history is None and self._held:
+            yield from self._start_line()
+        if self._history is not None:
+            self._history.refresh()
             yield self._trajectory(())
 
+    # -- operations -----------------------------------------------------------------------------------------------
+
     def get_pose(self, parent: str, child: str, t_ns: int) -> TransformWithCovariance:
-        """``T_parent_child``, interpolated.
+        """``T_parent_child``; raises FrameNotFoundError, or ExtrapolationError outside the time line."""
+        return self.get_transform(parent, t_ns, child, t_ns)
+
+    def get_transform(self, parent: str, parent_t_ns: int, child: str, child_t_ns: int) -> TransformWithCovariance:
+        """``T_parent(t1)_child(t2)``; stamped with the child's time.
 
         Raises
         ------
         FrameNotFoundError
             If a frame is unknown.
         ExtrapolationError
-            If the time lies outside the time line by more than ``extrapolation_s``.
+            If a time lies outside the time line by more than ``extrapolation_s``, or was forgotten.
         """
-        if t_ns < 0:
-            t_ns = self._line.stamps_ns[-1] if self._line.stamps_ns else 0
-        T = self._frames.lookup(parent, child, t_ns)
+        newest_ns = self._newest_ns()
+        times = [newest_ns if t < 0 else t for t in (parent_t_ns, child_t_ns)]
+        T = self._questions.transform(parent, times[0], child, times[1], self._start)
         return TransformWithCovariance.from_transform(
-            T, parent=parent, child=child, stamp_ns=t_ns // 1000 * 1000, producer=self.name
+            T, parent=parent, child=child, stamp_ns=times[1] // 1000 * 1000, producer=self.name
         )
 
     def get_trajectory(self, t0_ns: int, t1_ns: int) -> PoseTrajectory:
-        """``T_site_base`` at every estimate between two times; raises ExtrapolationError where there is none."""
-        stamps = [t for t in self._line.stamps_ns if (t0_ns < 0 or t >= t0_ns) and (t1_ns < 0 or t <= t1_ns)]
-        if not stamps:
+        """``T_site_base`` at every estimate kept between two times; raises ExtrapolationError where there is none."""
+        self._newest_ns()
+        nodes = [
+            n for n in self._line.nodes if (t0_ns < 0 or n.stamp_ns >= t0_ns) and (t1_ns < 0 or n.stamp_ns <= t1_ns)
+        ]
+        if not nodes:
             raise ExtrapolationError(f"trajectory from {t0_ns} to {t1_ns}: no estimate lies there")
-        anchor = self._frames.lookup("site", self._odom, 0)
-        poses = [anchor @ self._line.poses[t] for t in stamps]
-        unknown = np.full((6, 6), np.nan)
         return PoseTrajectory.from_arrays(
-            np.array(stamps),
-            np.array([p.matrix for p in poses]),
-            np.array([unknown if p.covariance is None else p.covariance for p in poses]),
+            np.array([n.stamp_ns for n in nodes]) // 1000 * 1000,
+            np.array([n.pose for n in nodes]),
+            np.array([n.covariance[:6, :6] for n in nodes]),
             parent="site",
-            child=self._base,
+            child=self._frames.base,
+            producer=self.name,
         )
+
+    def pin(self, t_ns: int) -> TransformWithCovariance:
+        """Keep a time; raises ExtrapolationError where it is not in the time line."""
+        t_ns = self._newest_ns() if t_ns < 0 else t_ns // 1000 * 1000
+        pose = self.get_pose("site", self._frames.base, t_ns)
+        self._line.pins.add(t_ns)
+        self.state_revision += 1
+        return pose
+
+    def unpin(self, t_ns: int) -> None:
+        """Let a time go; raises ProductNotFoundError where it is not pinned."""
+        t_ns = t_ns // 1000 * 1000
+        if t_ns not in self._line.pins:
+            raise ProductNotFoundError(f"t={t_ns} is not pinned; pinned are {sorted(self._line.pins) or 'none'}")
+        self._line.pins.remove(t_ns)
+        self.state_revision += 1
+
+    def get_pins(self) -> PoseTrajectory:
+        """``T_site_base`` at the pinned times."""
+        stamps = sorted(self._line.pins)
+        poses = [self._questions.at(t) for t in stamps]
+        return PoseTrajectory.from_arrays(
+            stamps,
+            np.array([p.matrix for p in poses]).reshape(-1, 4, 4),
+            np.array([p.covariance for p in poses]).reshape(-1, 6, 6),
+            parent="site",
+            child=self._frames.base,
+            producer=self.name,
+        )
+
+    # -- what survives a restart ----------------------------------------------------------------------------------
+
+    def state(self) -> PositionState | None:
+        """Time line, pins and the filter's newest estimate; None before the start."""
+        if self._history is None:
+            return None
+        gravity = self._estimator.gravity_m_s2
+        return to_message(self._line, self._history.newest, self._start, gravity, self._frames.base, self.name)
+
+    def resume(self, state: Any) -> None:
+        """Go on where the state ends; wheels that counted on bridge the time in between.
+
+        Raises
+        ------
+        InputError
+            If the state is no PositionState, or its parts do not fit together.
+        """
+        if not isinstance(state, PositionState):
+            raise InputError(f"{self.name}: state of type {type(state).__name__}, expected PositionState")
+        kept = from_message(state)
+        self.reset()
+        self._line.nodes, self._line.stamps_ns = kept.nodes, [n.stamp_ns for n in kept.nodes]
+        self._line.pins |= kept.pins
+        self._start, self._estimator.gravity_m_s2 = kept.start, kept.gravity_m_s2
+        self._history = History(self._estimator, kept.estimate, self._line, int(self.config.memory_s * _NS))
+        self._published_ns = self._trajectory_ns = kept.estimate.stamp_ns
+        self._drivers.begin(kept.estimate.stamp_ns)
+        self._start_reasons = ("resumed",)
+
+    # -- control --------------------------------------------------------------------------------------------------
+
+    def _waits(self, sample: Sample) -> bool:
+        """Whether the line has not begun; a clock that went back to before it begins it anew."""
+        if self._history is not None and sample.stamp_ns < self._line.stamps_ns[0] - self.config.memory_s * _NS:
+            readings = ImuBuffer(self._imu.memory_ns)
+            if sample.port == "imu":
+                readings.insert(sample.stamp_ns, self._imu.readings[0])
+            self.reset()
+            self._imu.stamps_ns, self._imu.readings = readings.stamps_ns, readings.readings
+        return self._history is None
 
     def _hold(self, sample: Sample) -> Iterator[Output]:
         """Keep a sample until the start pose can be levelled or the wait is over."""
         self._held.append(sample)
         waited_ns = sample.stamp_ns - self._held[0].stamp_ns
-        if self._imu.span_ns >= self.config.levelling_s * 1e9 or waited_ns >= self.config.start_wait_s * 1e9:
-            yield from self._start()
+        if self._imu.span_ns >= self.config.levelling_s * _NS or waited_ns >= self.config.start_wait_s * _NS:
+            yield from self._start_line()
 
-    def _start(self) -> Iterator[Output]:
-        """Set the start pose at the first pose that was held, then take what was held."""
+    def _start_line(self) -> Iterator[Output]:
+        """Begin the line at the first pose that was held, then take what was held."""
         held, self._held = self._held, []
-        poses = [s for s in held if s.port != "imu"] or held[:1]
-        start_ns = min(s.stamp_ns for s in poses)
+        poses = [s for s in held if s.port != "imu" and s.value is not None] or held[:1]
         wheels = next((s.value.transform for s in held if s.port == "odometry"), UncertainTransform.identity())
-        self._line.insert(start_ns, self._levelled(wheels))
-        self._started = True
-        self._visual_ns = start_ns
-        self._trajectory_ns = start_ns
+        anchor = self._frames.fixed("site", self._frames.odom)
+        start = begin(min(s.stamp_ns for s in poses), anchor, wheels, self._imu, self._levelling, self.config)
+        self._start, self._start_reasons = start.T_odom_base, start.reasons
+        self._estimator.gravity_m_s2 = start.gravity_m_s2
+        self._history = History(self._estimator, start.estimate, self._line, int(self.config.memory_s * _NS))
+        self._trajectory_ns = start.estimate.stamp_ns
+        self._drivers.begin(start.estimate.stamp_ns)
         for sample in held:
             if sample.port != "imu":
                 yield from self.step(sample)
 
-    def _levelled(self, wheels: UncertainTransform) -> UncertainTransform:
-        """``T_odom_base`` at the start: position and heading the wheels count, roll and pitch against gravity."""
-        forces, rates = self._imu.until(self._imu.stamps_ns[-1] if self._imu.stamps_ns else 0)
-        tilt, sigma = np.eye(3), np.diag([self.config.start_tilt_sigma_rad**2] * 2 + [0.0])
-        try:
-            level = self._levelling.process(GravityLevellingInputs(forces, rates))
-        except (RefusedError, DegenerateGeometryError) as error:
-            self._start_reasons = ("not_levelled", *error.reasons)
+    def _on_odometer(self, sample: Sample) -> Iterator[Output]:
+        """Visual and lidar odometry alike; one that FAILED leaves the next increment without a begin."""
+        if self._waits(sample):
+            yield from self._hold(sample)
+        elif sample.value is None or sample.quality.status is Status.FAILED:
+            self._drivers.lose(sample.port)
         else:
-            tilt, sigma, self._gyro_bias = level.rotation, level.covariance, level.gyro_bias_rad_s
-            self._start_reasons = () if bool(level.at_rest) else ("levelled_in_motion",)
-        forward = wheels.matrix[:3, 0]
-        turn = se3.exp_so3([0.0, 0.0, float(np.arctan2(forward[1], forward[0]))])
-        covariance = np.zeros((6, 6)) if wheels.covariance is None else wheels.covariance.copy()
-        covariance[3:5, :] = covariance[:, 3:5] = 0.0
-        covariance[3:, 3:] += turn @ sigma @ turn.T
-        return UncertainTransform(se3.transform(turn @ tilt, wheels.matrix[:3, 3]), covariance)
+            yield from self._take(sample, self._event(sample, afresh=self._drivers.lost(sample.port)))
 
-    def _attach(self, sample: Sample, pose: UncertainTransform, reasons: tuple[str, ...]) -> Iterator[Output]:
-        """Bring the time line up to a visual pose without its help; the increments after it count from there."""
-        t_ns = sample.stamp_ns
-        self._visual = (t_ns, pose)
-        self._follow_wheels()
-        end_ns = self._line.stamps_ns[-1]
-        source = WHEELS
-        if t_ns > end_ns:
-            step = self._wheel_step(end_ns, t_ns)
-            wheels_ns = self._wheels.stamps_ns[-1] if self._wheels.stamps_ns else -1
-            lively = wheels_ns >= t_ns - self.config.visual_timeout_s * 1e9
-            if step is None and lively and self._awaiting is None:
-                self._awaiting = (sample, pose, reasons)
-                return
-            source, step = (WHEELS, step) if step is not None else (NOTHING, self._unseen(t_ns - end_ns))
-            here = self._line.at(end_ns) @ step
-        else:
-            here = self._line.at(t_ns)
-            source = START if t_ns == self._line.stamps_ns[0] else WHEELS
-        self._awaiting = None
-        self._line.insert(t_ns, here)
-        self._visual_ns = t_ns
-        yield from self._publish(sample, source, reasons)
+    def _event(self, sample: Sample, *, afresh: bool = False) -> Event:
+        value: TransformWithCovariance = sample.value
+        child = "" if sample.port == "odometry" else value.child_frame
+        scale = self._drivers.scale(sample)
+        return Event(sample.stamp_ns, sample.port, value.transform, value.parent_frame, child, scale, afresh)
 
-    def _take_wheels(self, stamp_ns: int, pose: UncertainTransform) -> None:
-        """Keep a wheel pose; one that no wheel could have reached begins a new count."""
-        if self._wheels.stamps_ns:
-            last_ns = self._wheels.stamps_ns[-1]
-            moved_m = float(np.linalg.norm(pose.matrix[:3, 3] - self._wheels.poses[last_ns].matrix[:3, 3]))
-            if moved_m > self.config.max_wheel_speed_m_s * abs(stamp_ns - last_ns) * 1e-9:
-                self._wheels = PoseTrack()
-        self._wheels.insert(stamp_ns, pose)
+    def _take(self, sample: Sample, event: Event) -> Iterator[Output]:
+        """Put a measurement in its place, run again from there, publish."""
+        history = self._begun()
+        if not history.reaches(event.stamp_ns):
+            self._drivers.refuse(sample.port, ("too_late",))
+            return
+        verdict = history.insert(event)
+        self._drivers.judge(event, verdict)
+        self.state_revision += 1
+        if self._drivers.speaks(event, self._line.stamps_ns[-1]):
+            yield from self._publish(sample, verdict.reasons)
 
-    def _follow_wheels(self) -> None:
-        """Move the end of the time line on by every wheel pose beyond it."""
-        end_ns = self._line.stamps_ns[-1]
-        if self._wheels.stamps_ns and end_ns < self._wheels.stamps_ns[0]:
-            first_ns = self._wheels.stamps_ns[0]
-            self._line.insert(first_ns, self._line.at(end_ns) @ self._unseen(first_ns - end_ns))
-            end_ns = first_ns
-        for t_ns in self._wheels.stamps_ns[bisect_right(self._wheels.stamps_ns, end_ns) :]:
-            step = self._wheel_step(end_ns, t_ns)
-            if step is not None:
-                self._line.insert(t_ns, self._line.at(end_ns) @ step)
-                end_ns = t_ns
-
-    def _wheel_step(self, begin_ns: int, end_ns: int) -> UncertainTransform | None:
-        """Motion between two times by the wheels, turned by the gyro where it was read; None outside their span."""
-        try:
-            first, second = self._wheels.at(begin_ns), self._wheels.at(end_ns)
-        except ExtrapolationError:
-            return None
-        step = self._wheel_increment.process(
-            OdometryIncrementInputs(first.matrix, second.matrix, np.eye(4), None, None)
-        )
-        T, covariance = step.increment.copy(), step.covariance.copy()
-        stamps, rates = self._imu.around(begin_ns, end_ns)
-        try:
-            turned = self._gyro.process(
-                GyroIntegrationInputs(stamps, rates, self._gyro_bias, np.array([begin_ns, end_ns]))
-            )
-        except RefusedError:
-            return UncertainTransform(T, covariance)
-        T[:3, :3] = turned.rotation
-        covariance[3:, 3:] = turned.covariance
-        return UncertainTransform(T, covariance)
-
-    def _unseen(self, span_ns: int) -> UncertainTransform:
-        sigma = self.config.unseen_speed_m_s * span_ns * 1e-9
-        return UncertainTransform(np.eye(4), np.diag([sigma**2] * 6))
-
-    def _disagrees(self, visual: np.ndarray, wheels: np.ndarray) -> bool:
-        distance_m = float(np.linalg.norm(wheels[:3, 3]))
-        apart_m = float(np.linalg.norm(visual[:3, 3] - wheels[:3, 3]))
-        return apart_m > self.config.disagreement_m + self.config.disagreement_share * distance_m
-
-    def _publish(self, sample: Sample, source: str, reasons: tuple[str, ...] = ()) -> Iterator[Output]:
+    def _publish(self, sample: Sample, reasons: tuple[str, ...]) -> Iterator[Output]:
         """The pose at the sample's time, unless a later one is out already; the trajectory when it is due."""
         t_ns = sample.stamp_ns
         if t_ns <= self._published_ns:
             return
         self._published_ns = t_ns
-        T = self._frames.lookup("site", self._base, t_ns)
+        T = self._line.at(t_ns)
+        base, inputs = self._frames.base, (sample.id,) if sample.id else ()
         value = TransformWithCovariance.from_transform(
-            T, parent="site", child=self._base, stamp_ns=t_ns, producer=self.name
+            T, parent="site", child=base, stamp_ns=t_ns // 1000 * 1000, producer=self.name
         )
-        fine = source in (START, VISUAL) and "vo_degraded" not in reasons
-        self._degraded += not fine
-        sigma = np.zeros(6) if T.covariance is None else np.sqrt(np.diagonal(T.covariance))
-        quality = Quality(
-            Status.OK if fine else Status.DEGRADED,
-            (source, *reasons, *self._start_reasons),
-            CovarianceKind.NONE if T.covariance is None else CovarianceKind.FORMAL,
-            {"sigma_position_m": float(np.linalg.norm(sigma[:3])), "visual_age_s": (t_ns - self._visual_ns) * 1e-9},
-        )
-        yield Output("pose", value, t_ns, t_ns, "site", self._base, quality, (sample.id,) if sample.id else ())
-        if t_ns - self._trajectory_ns >= self.config.trajectory_period_s * 1e9:
+        quality = self._drivers.quality(t_ns, T, (*reasons, *self._start_reasons))
+        yield Output("pose", value, t_ns, t_ns, "site", base, quality, inputs)
+        if t_ns - self._trajectory_ns >= self.config.trajectory_period_s * _NS:
             self._trajectory_ns = t_ns
-            self._line.forget_before(t_ns - int(self.config.history_s * 1e9))
-            yield self._trajectory((sample.id,) if sample.id else ())
+            c = self.config
+            self._line.thin(t_ns - int(c.dense_s * _NS), int(c.thin_s * _NS), t_ns - int(c.history_s * _NS))
+            yield self._trajectory(inputs)
 
     def _trajectory(self, inputs: tuple[str, ...]) -> Output:
         """The time line so far."""
         value = self.get_trajectory(-1, -1)
         stamps = value.stamps_ns
+        degraded = self._drivers.degraded
         quality = Quality(
-            Status.DEGRADED if self._degraded else Status.OK,
-            ("source:wheels_at_times",) if self._degraded else (),
+            Status.DEGRADED if degraded else Status.OK,
+            ("source:wheels_at_times",) if degraded else (),
             CovarianceKind.FORMAL,
-            {"poses": float(len(stamps)), "degraded_poses": float(self._degraded)},
+            {"poses": float(len(stamps)), "degraded_poses": float(degraded)},
         )
-        return Output("trajectory", value, int(stamps[0]), int(stamps[-1]), "site", self._base, quality, inputs)
+        return Output("trajectory", value, int(stamps[0]), int(stamps[-1]), "site", self._frames.base, quality, inputs)
 
+    # -- what the parts ask ---------------------------------------------------------------------------------------
 
-def _fixed_frames(context: FrameGraph, odom: str) -> FrameGraph:
-    """A copy of the robot's fixed frames, to which the moving edge can be added; without an anchor odom is the site."""
-    frames = FrameGraph()
-    for child in context.frames:
-        parent = context.parent_of(child)
-        if parent is not None:
-            frames.set_static(parent, child, context.lookup(parent, child, 0))
-    if odom not in frames.frames:
-        frames.set_static("site", odom, UncertainTransform.identity())
-    return frames
+    def _begun(self) -> History:
+        assert self._history is not None  # _waits has looked
+        return self._history
+
+    def _newest_ns(self) -> int:
+        if self._history is not None:
+            self._history.refresh()
+        return self._line.stamps_ns[-1] // 1000 * 1000 if self._line.stamps_ns else 0
+
+    def _ahead(self, stamp_ns: int) -> Estimate | None:
+        """An estimate of a time within ``extrapolation_s`` beyond the newest, by the IMU; None inside the line."""
+        if self._history is None:
+            return None
+        newest = self._history.newest
+        if not 0 < stamp_ns - newest.stamp_ns <= self.config.extrapolation_s * _NS:
+            return None
+        return self._estimator.ahead(newest, stamp_ns)
+
+    def _reset(self, before: tuple[int, FloatArray], sample: Sample) -> bool:
+        """Whether no wheel could have come from the pose before: they count from a new origin."""
+        moved_m = float(np.linalg.norm(sample.value.transform.matrix[:3, 3] - before[1][:3, 3]))
+        return moved_m > self.config.max_wheel_speed_m_s * abs(sample.stamp_ns - before[0]) / _NS
+
+    def _mount(self, child: str, stamp_ns: int) -> FloatArray:
+        return self._frames.on_robot(self._frames.base, child, stamp_ns).matrix
+
+    def _place(self, frame: str) -> FloatArray | None:
+        if not self._frames.knows(frame) or self._frames.moves(frame):
+            return None
+        return self._frames.fixed("site", frame).matrix

@@ -1,0 +1,221 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Drives for the statistics of position estimates: simulated as measurements, no images and no sweeps are made.
+
+Ground, rover, IMU and wheels with their slip are those of the frozen scenario ``rover_traverse``, each drawn anew by
+seed. Visual and lidar odometry are drawn too: the true motion with the errors that the odometry of the images and
+sweeps of that scenario shows, and the covariance that it states, which is smaller. Fixes have a stated sigma.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from cdff_common.geometry import FrameGraph, UncertainTransform, se3
+from cdff_common.geometry.covariance import compose_covariance
+from cdff_common.geometry.se3 import FloatArray
+from cdff_common.interfaces.dfpc import DfpcContext, Sample
+from cdff_common.types import IMUSensors, Time, TransformWithCovariance
+from cdff_dev.simulate.drive import Motion, make_motion
+from cdff_dev.simulate.proprioception import imu_readings, wheel_odometry
+from cdff_dev.simulate.relief import Relief, make_relief
+from cdff_dev.simulate.scenario import Drive, Scenario, load_scenario
+from cdff_dev.simulate.traverse import levelled, sample_times_us
+
+SCENARIO, ROBOT = "rover_traverse", "mana"
+EPOCH_NS = 1_785_585_600_000_000_000
+REST_S, END_S = 2.0, 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Odometry:
+    """An odometry by its errors per increment, in the sensor's axes.
+
+    Attributes
+    ----------
+    sigma_m, sigma_rad : tuple of float
+        Of a step's noise.
+    stated : float
+        What it says of its variances, as a share of what they are.
+    """
+
+    port: str
+    parent: str
+    child: str
+    rate_hz: float
+    sigma_m: tuple[float, float, float]
+    sigma_rad: tuple[float, float, float]
+    stated: float
+
+
+#: Errors of the increments on ``rover_traverse``, and the share of their variances that is stated there.
+VISUAL = Odometry(
+    "visual_odometry",
+    f"{ROBOT}/vo",
+    f"{ROBOT}/navcam_left",
+    3.0,
+    (3.0e-4, 2.8e-4, 4.6e-4),
+    (3.0e-5, 3.0e-5, 5.0e-5),
+    0.26,
+)
+LIDAR = Odometry(
+    "lidar_odometry",
+    f"{ROBOT}/lidar_odom",
+    f"{ROBOT}/lidar",
+    2.0,
+    (2.5e-3, 2.5e-3, 2.0e-3),
+    (2.5e-4, 2.5e-4, 3e-4),
+    0.5,
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Travel:
+    """One drive: what each port gets, and the truth.
+
+    Attributes
+    ----------
+    samples : dict of str to list of Sample
+        By port.
+    """
+
+    seed: int
+    context: DfpcContext
+    motion: Motion
+    duration_s: float
+    samples: dict[str, list[Sample]]
+
+    @property
+    def way_m(self) -> float:
+        """Length of the way."""
+        return float(self.motion.distance(self.duration_s))
+
+    def truth(self, stamp_ns: int) -> FloatArray:
+        """``T_site_base``, shape (4, 4)."""
+        return np.asarray(self.motion.poses(np.array([(stamp_ns - EPOCH_NS) * 1e-9]))[0])
+
+
+@cache
+def _ground(seed: int) -> tuple[Scenario, Relief]:
+    """The scenario's relief without rocks, coarser, of another seed."""
+    full = load_scenario(SCENARIO).model_dump()
+    full["terrain"] |= {"resolution_m": 0.2, "fine_half_width_m": 100.0, "far_half_width_m": 140.0}
+    full["terrain"]["surface"] |= {"texel_m": 0.5}
+    full["terrain"]["rocks"] |= {"count": 0}
+    full["seed"] = 900_000 + seed
+    scenario = Scenario.model_validate(full)
+    return scenario, make_relief(scenario.terrain, np.random.default_rng(scenario.seed))
+
+
+def travel(seed: int, way_m: float = 60.0, ground: int = 0) -> Travel:
+    """One drive of about a way, winding over the ground; anchor and mounts known exactly."""
+    rng = np.random.default_rng([77, seed])
+    scenario, relief = _ground(ground)
+    speed = 0.4
+    duration_s = round(way_m / speed + REST_S + END_S + 1.5, 1)
+    drive = _wander(rng, way_m, speed)
+    motion = make_motion(drive, scenario.chassis, relief, duration_s)
+    T0 = motion.poses(np.zeros(1))[0]
+    frames, mounts = FrameGraph(), {
+        "imu": scenario.imu.mount.matrix(), "lidar": scenario.lidar.mount.matrix(),
+        "navcam_left": scenario.navcam.T_base_left,  # type: ignore[union-attr]  # the scenario has a navcam
+    }  # fmt: skip
+    frames.set_static("site", f"{ROBOT}/odom", UncertainTransform(levelled(T0), np.zeros((6, 6))))
+    for name, T in mounts.items():
+        frames.set_static(f"{ROBOT}/base", f"{ROBOT}/{name}", UncertainTransform(T, np.zeros((6, 6))))
+    samples = {
+        "imu": _imu(scenario, motion, duration_s, rng),
+        "odometry": _wheels(scenario, motion, duration_s, rng),
+        "visual_odometry": _odometry(VISUAL, motion, mounts["navcam_left"], duration_s, rng),
+        "lidar_odometry": _odometry(LIDAR, motion, mounts["lidar"], duration_s, rng),
+        "fix": _fixes(motion, duration_s, rng),
+    }
+    return Travel(seed, DfpcContext(ROBOT, frames), motion, duration_s, samples)
+
+
+def _wander(rng: np.random.Generator, way_m: float, speed: float) -> Drive:
+    """A way of random bends that stays on the ground: it turns back towards the middle on the whole."""
+    knots = np.arange(0.0, way_m + 6.0, 3.0)
+    bends = 0.18 * rng.standard_normal(len(knots)) + rng.choice([-1.0, 1.0]) * 0.05
+    return Drive(
+        start_xy_m=tuple(rng.uniform(-25.0, 25.0, 2)),
+        heading_deg=float(rng.uniform(-180.0, 180.0)),
+        curvature_1pm=tuple((float(s), float(np.clip(b, -0.4, 0.4))) for s, b in zip(knots, bends, strict=True)),
+        speed_m_s=speed,
+        rest_before_s=REST_S,
+        rest_after_s=END_S,
+        ramp_s=1.2,
+    )
+
+
+def _stamps(rate_hz: float, duration_s: float) -> np.ndarray:
+    return sample_times_us(rate_hz, duration_s)
+
+
+def _imu(scenario: Scenario, motion: Motion, duration_s: float, rng: np.random.Generator) -> list[Sample]:
+    t_us = _stamps(scenario.imu.rate_hz, duration_s)
+    track = imu_readings(scenario.imu, motion, t_us * 1e-6, scenario.gravity_m_s2, rng)
+    out = []
+    for k, us in enumerate(t_us):
+        at = EPOCH_NS + int(us) * 1000
+        value = IMUSensors(Time.from_ns(at), track.acc_m_s2[k], track.gyro_rad_s[k], np.zeros(3))
+        out.append(Sample("imu", at, k, value))
+    return out
+
+
+def _wheels(scenario: Scenario, motion: Motion, duration_s: float, rng: np.random.Generator) -> list[Sample]:
+    t_us = _stamps(scenario.wheels.rate_hz, duration_s)
+    track = wheel_odometry(scenario.wheels, motion, t_us * 1e-6, rng)
+    return [
+        _pose("odometry", k, int(us), T, C, f"{ROBOT}/odom", f"{ROBOT}/base")
+        for k, (us, T, C) in enumerate(zip(t_us, track.poses, track.covariances, strict=True))
+    ]
+
+
+def _odometry(
+    model: Odometry, motion: Motion, mount: FloatArray, duration_s: float, rng: np.random.Generator
+) -> list[Sample]:
+    """Increments of the sensor's true motion with noise, summed up, with the covariance as it is stated."""
+    t_us = _stamps(model.rate_hz, duration_s)
+    true = motion.poses(t_us * 1e-6) @ mount
+    sigma = np.array([*model.sigma_m, *model.sigma_rad])
+    step_covariance = np.diag(model.stated * sigma**2)
+    T, C = np.eye(4), np.zeros((6, 6))
+    out = [_pose(model.port, 0, int(t_us[0]), T, C, model.parent, model.child)]
+    for k in range(1, len(t_us)):
+        step = se3.inverse(true[k - 1]) @ true[k]
+        noise = sigma * rng.standard_normal(6)
+        felt = se3.transform(se3.exp_so3(noise[3:]) @ step[:3, :3], step[:3, 3] + noise[:3])
+        C = compose_covariance(T, C, felt, step_covariance)
+        T = T @ felt
+        out.append(_pose(model.port, k, int(t_us[k]), T, C, model.parent, model.child))
+    return out
+
+
+def _fixes(motion: Motion, duration_s: float, rng: np.random.Generator, shared: float = 0.0) -> list[Sample]:
+    """``T_site_base`` every ten seconds; the share ``shared`` of the errors' variance is one draw for a drive."""
+    sigma = np.array([0.10, 0.10, 0.15, 0.02, 0.02, 0.02])
+    t_us = _stamps(0.1, duration_s)[1:]
+    common = np.sqrt(shared) * sigma * rng.standard_normal(6)
+    out = []
+    for k, (us, T) in enumerate(zip(t_us, motion.poses(t_us * 1e-6), strict=True)):
+        noise = common + np.sqrt(1.0 - shared) * sigma * rng.standard_normal(6)
+        measured = se3.transform(se3.exp_so3(noise[3:]) @ T[:3, :3], T[:3, 3] + noise[:3])
+        out.append(_pose("fix", k, int(us), measured, np.diag(sigma**2), "site", f"{ROBOT}/base"))
+    return out
+
+
+def shared_fixes(drive: Travel, shared: float) -> list[Sample]:
+    """Fixes of a drive that share a part of their errors, as those on one map do."""
+    return _fixes(drive.motion, drive.duration_s, np.random.default_rng([78, drive.seed]), shared)
+
+
+def _pose(port: str, seq: int, us: int, T: FloatArray, C: FloatArray, parent: str, child: str) -> Sample:
+    at = EPOCH_NS + us * 1000
+    value = TransformWithCovariance.from_transform(
+        UncertainTransform(T, C), parent=parent, child=child, stamp_ns=at, producer="simulator"
+    )
+    return Sample(port, at, seq, value)
