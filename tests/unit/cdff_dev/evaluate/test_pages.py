@@ -17,7 +17,8 @@ WITH_TABLES = [name for name, module in evaluations().items() if hasattr(module,
 @pytest.mark.parametrize("name", WITH_TABLES)
 def test_a_page_holds_the_tables_of_its_figures(name: str) -> None:
     figures = json.loads((ROOT / "docs" / "evaluation" / f"{name}.json").read_text(encoding="utf-8"))["figures"]
-    page = (folder_of(name) / f"{name}.md").read_text(encoding="utf-8")
+    subject = getattr(evaluations()[name], "PAGE", name)
+    page = (folder_of(subject) / f"{subject}.md").read_text(encoding="utf-8")
     again = f"run: python -m cdff_dev.evaluate --draw-only {name}"
     assert filled(page, name, evaluations()[name].table(figures)) == page, again
 
