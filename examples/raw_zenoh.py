@@ -66,4 +66,6 @@ def main(asn1_folder, robot="mana", region="circle:0,0,5"):
 
 
 if __name__ == "__main__":
+    if not 2 <= len(sys.argv) <= 4 or sys.argv[1].startswith("-"):
+        sys.exit(__doc__)
     main(*sys.argv[1:])

@@ -8,13 +8,17 @@ import argparse
 import json
 import sys
 from collections.abc import Mapping
+from contextlib import closing
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cdff_common.clock import parse_stamp
 from cdff_common.errors import InputError
 
 if TYPE_CHECKING:
-    from cdff_common.client import Client
+    from cdff_common.client import Answer
+    from cdff_common.client.wishes import Wishes
 
 #: Other spellings of endings that name a format.
 _ENDINGS = {"tiff": "tif", "xml": "xer"}
@@ -35,6 +39,7 @@ def register_request(nouns: Any) -> None:
     parser.add_argument("--region-frame", help="frame of the region; default: --frame")
     parser.add_argument("--frame", help="frame to have it in; default: site")
     parser.add_argument("--child", help="of a pose: whose; default: the robot's base")
+    parser.add_argument("--t", help="mission time to have it of: RFC 3339 or nanoseconds; default: the newest")
     parser.add_argument("--max-age-s", type=float)
     parser.add_argument("--resolution-m", type=float)
     parser.add_argument("--min-coverage", type=float)
@@ -45,6 +50,10 @@ def register_request(nouns: Any) -> None:
     parser.add_argument("--deliver", choices=("auto", "inline", "reference"))
     parser.add_argument("--deadline-s", type=float, default=20.0)
     parser.add_argument("--priority", type=int, choices=range(10), help="9 goes first; default: 5")
+    parser.add_argument(
+        "--every-s", type=float, help="stay and take each newer one, not more often than this; 0: each change"
+    )
+    parser.add_argument("--count", type=int, help="with --every-s: end after so many; default: until interrupted")
     parser.add_argument("--explain", action="store_true", help="say what would be done, at what cost; run nothing")
     parser.add_argument("--out", type=Path, help="file for the payload")
     parser.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
@@ -79,40 +88,60 @@ def register_orchestrator(nouns: Any) -> None:
 def run_request(args: argparse.Namespace) -> int:
     """Ask, show what came, write the payload where a file is named."""
     from cdff_common.client import Client  # heavy: zenoh and the types
-    from cdff_common.output import check_file, write_file
+    from cdff_common.output import check_file
 
+    if args.every_s is None and args.count is not None:
+        raise InputError(f"--count {args.count}: expected together with --every-s")
+    if args.count is not None and args.count < 1:
+        raise InputError(f"--count {args.count}: expected at least 1")
     form = args.format or format_of(args.out, args.type)
     if args.out is not None:
         check_file(args.out)
     show = _progress if sys.stderr.isatty() and not args.json else None
+    wishes = _wishes(args, form)
     with Client(args.connect, name="cdff request") as client:
         if args.explain:
-            return _show_explanation(_explanation(client, args, form), args.json)
-        answer = client.request(
-            args.type,
-            robot=args.robot,
-            region=args.region,
-            region_frame=args.region_frame,
-            frame=args.frame,
-            child=args.child,
-            max_age_s=args.max_age_s,
-            resolution_m=args.resolution_m,
-            min_coverage=args.min_coverage,
-            as_type=args.as_type,
-            format=form,
-            deliver=args.deliver,
-            priority=args.priority,
-            deadline_s=args.deadline_s,
-            on_progress=show,
-        )
+            told = client.explain(args.type, robot=args.robot, deadline_s=args.deadline_s, **wishes)
+            return _show_explanation(told, args.json)
+        if args.every_s is None:
+            answer = client.request(args.type, robot=args.robot, deadline_s=args.deadline_s, on_progress=show, **wishes)
+            _take(answer, args)
+            return 0
+        with closing(client.standing(args.type, robot=args.robot, every_s=args.every_s, **wishes)) as answers:
+            for answer in islice(answers, args.count):
+                _take(answer, args)
+    return 0
+
+
+def _wishes(args: argparse.Namespace, form: str | None) -> Wishes:
+    return {
+        "region": args.region,
+        "region_frame": args.region_frame,
+        "frame": args.frame,
+        "child": args.child,
+        "t_ns": None if args.t is None else parse_stamp(args.t, "--t"),
+        "max_age_s": args.max_age_s,
+        "resolution_m": args.resolution_m,
+        "min_coverage": args.min_coverage,
+        "as_type": args.as_type,
+        "format": form,
+        "deliver": args.deliver,
+        "priority": args.priority,
+    }
+
+
+def _take(answer: Answer, args: argparse.Namespace) -> None:
+    """Write the payload where a file is named, and tell what came."""
+    from cdff_common.output import write_file
+
     if args.out is not None:
         write_file(args.out, answer.data)
     summary = answer.summary()
     if args.json:
         _print_json(summary)
-        return 0
+        return
     delivered, quality = summary["delivered"], summary["header"]["quality"]
-    print(f"{summary['type']} of {summary['robot']}, {summary['size']} bytes, {quality['status']}")
+    print(f"{summary['type']} of {summary['robot']}, {summary['size']} bytes, {quality['status']}", flush=True)
     for reason in quality["reasons"]:
         print(f"  {reason}")
     for name, value in delivered.items():
@@ -120,26 +149,6 @@ def run_request(args: argparse.Namespace) -> int:
             print(f"  {name}: {value}")
     if args.out is not None:
         print(f"  written to {args.out}")
-    return 0
-
-
-def _explanation(client: Client, args: argparse.Namespace, form: str | None) -> dict[str, Any]:
-    return client.explain(
-        args.type,
-        robot=args.robot,
-        region=args.region,
-        region_frame=args.region_frame,
-        frame=args.frame,
-        child=args.child,
-        max_age_s=args.max_age_s,
-        resolution_m=args.resolution_m,
-        min_coverage=args.min_coverage,
-        as_type=args.as_type,
-        format=form,
-        deliver=args.deliver,
-        priority=args.priority,
-        deadline_s=args.deadline_s,
-    )
 
 
 def _show_explanation(told: dict[str, Any], as_json: bool) -> int:
@@ -245,7 +254,7 @@ def _progress(body: Mapping[str, Any]) -> None:
 def _print_json(data: Any) -> None:
     from cdff_common.json_form import jsonable
 
-    print(json.dumps(jsonable(data)))
+    print(json.dumps(jsonable(data)), flush=True)
 
 
 def format_of(out: Path | None, product: str) -> str | None:

@@ -302,5 +302,7 @@ def test_the_command_line_asks_writes_the_file_and_lists_what_there_is(
     assert json.loads(capsys.readouterr().out)["jobs"][0]["state"] == "done"
     assert main(["orchestrator", "catalogue"]) == 0
     assert "troublemaker" in capsys.readouterr().out
+    assert main(["request", "pose", "--robot", "mana", "--every-s", "0", "--count", "1", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["type"] == "TransformWithCovariance"
     assert main(["request", "dem", "--robot", "mana", "--region", "circle:900,0,1", "--deadline-s", "3"]) == 1
     assert capsys.readouterr().err.startswith("cdff: no dem of mana as asked")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,12 @@ class Answered:
 
     def request(self, *_: object, **__: object) -> Answered:
         return self
+
+    def standing(self, *_: object, **wishes: object) -> Iterator[Answered]:
+        assert wishes["every_s"] == 2.0
+        assert wishes["t_ns"] == STAMP_NS
+        while True:
+            yield self
 
     def summary(self) -> dict[str, Any]:
         return {"header": {"t1_ns": STAMP_NS}, "delivered": {"newest_ns": STAMP_NS}}
@@ -84,3 +91,17 @@ def test_format_says_what_a_file_of_any_name_holds(answered: None, tmp_path: Pat
     path = tmp_path / "pose.dat"
     assert cli.main(["request", "pose", "--format", "uper", "--out", str(path), "--json"]) == 0
     assert path.read_bytes() == Answered.data
+
+
+def test_a_standing_request_writes_a_line_for_each_answer(answered: None, capsys: pytest.CaptureFixture[str]) -> None:
+    asked = ["request", "pose", "--every-s", "2", "--count", "3", "--t", str(STAMP_NS), "--json"]
+    assert cli.main(asked) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 3
+
+
+@pytest.mark.parametrize("asked", [["--count", "3"], ["--every-s", "1", "--count", "0"], ["--t", "yesterday"]])
+def test_wishes_that_make_no_sense_are_refused(
+    answered: None, asked: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["request", "pose", *asked]) == 1
+    assert asked[-2] in capsys.readouterr().err
