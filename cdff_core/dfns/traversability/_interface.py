@@ -19,7 +19,7 @@ class TraversabilityInputs:
     Attributes
     ----------
     dem : ElevationMap
-        Elevation map with the layer mean.
+        Elevation map with the layer mean; with variance, what is called safe is so at some standard deviations.
     """
 
     dem: ElevationMap
@@ -32,8 +32,8 @@ class TraversabilityOutputs:
     Attributes
     ----------
     map : NavigationMap
-        Layers class (0 unknown, 1 safe, 2 caution, 3 hazard), slope_deg, step_m, roughness_m, cost; NaN where
-        unknown.
+        Layers class (0 unknown, 1 safe, 2 caution, 3 hazard), slope_deg, step_m, roughness_m, cost, confidence
+        (that the cell keeps its limits); NaN where unknown.
     """
 
     map: NavigationMap

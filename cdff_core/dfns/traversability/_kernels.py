@@ -18,7 +18,7 @@ _MIN_SPREAD = 0.05
 
 
 @njit(cache=True)
-def fit_planes(z: Float, half: int, least: int) -> tuple[Float, Float]:  # pragma: no cover - compiled
+def fit_planes(z: Float, half: int, least: int) -> tuple[Float, Float, Float, Float]:  # pragma: no cover - compiled
     """Least-squares plane of the observed heights in the square of ``2 half + 1`` cells around each cell.
 
     Sums run along columns and then along the row, so that the cost does not depend on the size of the square.
@@ -27,9 +27,12 @@ def fit_planes(z: Float, half: int, least: int) -> tuple[Float, Float]:  # pragm
     -------
     gradient : height per cell, NaN where fewer than ``least`` cells are observed or they lie along a line
     rms : root mean square distance of the heights from the plane, measured along z
+    middle : height of the plane at the cell
+    leverage : variance of that height where every height has variance 1; infinite where there is no plane
     """
     rows, cols = z.shape
     gradient, rms = np.full((rows, cols), np.nan), np.full((rows, cols), np.nan)
+    middle, leverage = np.full((rows, cols), np.nan), np.full((rows, cols), np.inf)
     column = np.zeros((cols, 6))  # n, z, zz, y, yy, yz over the rows of the window
     for r in range(-half, rows):
         for sign, row in ((1.0, r + half), (-1.0, r - half - 1)):
@@ -70,4 +73,7 @@ def fit_planes(z: Float, half: int, least: int) -> tuple[Float, Float]:  # pragm
             a, b = (xz * yy - yz * xy) / det, (yz * xx - xz * xy) / det
             gradient[r, c] = math.sqrt(a * a + b * b)
             rms[r, c] = math.sqrt(max(zz - a * xz - b * yz, 0.0) / n)
-    return gradient, rms
+            dx, dy = c - sx / n, r - sy / n
+            middle[r, c] = sz / n + a * dx + b * dy
+            leverage[r, c] = 1.0 / n + (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / det
+    return gradient, rms, middle, leverage
