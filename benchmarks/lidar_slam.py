@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """lidar_slam beside kiss-icp on the same simulated sweeps of 64 x 1800: CPU and wall time a sweep, memory of the maps.
 
-OMP_NUM_THREADS=1 python benchmarks/lidar_slam.py [--sweeps N] [--seed N] [--out FILE]
+OMP_NUM_THREADS=1 python benchmarks/lidar_slam.py [--sweeps N] [--seed N] [--peer-python PYTHON] [--out FILE]
 
 Sweeps of deploy/simulation/lidar_traverse.yaml, simulated first and held in memory. Both run on one thread; the first
 ten sweeps warm up. Closed loops are in our times, kiss-icp has none. Errors are the odometry's, of segments of 20 m.
@@ -21,10 +21,11 @@ from typing import Any
 
 import numpy as np
 
-from cdff_common.geometry import FrameGraph, UncertainTransform, se3
+from cdff_common.geometry import FrameGraph, UncertainTransform
 from cdff_common.interfaces.dfpc import DfpcContext, Sample
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import LidarScan
+from cdff_dev.evaluate._peers import SweepFile, peer_python
 from cdff_dev.simulate.scenario import load_scenario
 from cdff_dev.simulate.traverse import simulate
 from cdff_dev.trajectory.compare import compare
@@ -64,29 +65,6 @@ def ours(mount: np.ndarray) -> tuple[Step, Callable[[], dict[str, float]]]:
     return step, memory
 
 
-def kiss(range_m: tuple[float, float]) -> tuple[Step, Callable[[], dict[str, float]]]:
-    """kiss-icp with its own parameters for the range, given the motion of a sweep and not of a period to deskew by."""
-    from kiss_icp.config import KISSConfig
-    from kiss_icp.kiss_icp import KissICP
-
-    config = KISSConfig()
-    config.data.min_range, config.data.max_range = range_m
-    config.mapping.voxel_size = range_m[1] / 100.0
-    config.registration.max_num_threads = 1
-    peer = KissICP(config)
-    preprocess, last = peer.preprocessor.preprocess, [0]
-
-    def step(scan: LidarScan) -> Any:
-        share = (scan.t1_ns - scan.t0_ns) / (scan.t1_ns - last[0])
-        motion, last[0] = se3.exp_se3(share * se3.log_se3(peer.last_delta)), scan.t1_ns
-        peer.preprocessor.preprocess = lambda frame, stamps, _: preprocess(frame, stamps, motion)
-        length_us = (scan.t1_ns - scan.t0_ns) / 1000.0
-        peer.register_frame(np.asarray(scan.points_m, np.float64), np.asarray(scan.time_offset_us) / length_us)
-        return peer.last_pose.copy()
-
-    return step, dict
-
-
 def measured(name: str, step: Step, scans: list[LidarScan], truth: Track) -> dict[str, Any]:
     """Times a sweep, and the errors of the poses."""
     cpu_s, wall_s, poses = [], [], []
@@ -95,8 +73,13 @@ def measured(name: str, step: Step, scans: list[LidarScan], truth: Track) -> dic
         poses.append(step(scan))
         cpu_s.append(time.process_time() - began)
         wall_s.append(time.perf_counter() - wall)
-    figures = compare(Track(name, truth.stamps_ns, np.array(poses)), truth, segments_m=(20.0,)).figures
-    cpu, wall = np.array(cpu_s[WARM_UP:]), np.array(wall_s[WARM_UP:])
+    return row(name, np.array(poses), np.array(cpu_s), np.array(wall_s), truth)
+
+
+def row(name: str, poses: np.ndarray, cpu_s: np.ndarray, wall_s: np.ndarray, truth: Track) -> dict[str, Any]:
+    """The figures of one of both."""
+    figures = compare(Track(name, truth.stamps_ns, poses), truth, segments_m=(20.0,)).figures
+    cpu, wall = cpu_s[WARM_UP:], wall_s[WARM_UP:]
     return {
         "cpu_ms": {
             "mean": ms(cpu.mean()), "median": ms(np.median(cpu)),
@@ -117,6 +100,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sweeps", type=int, default=200, help="sweeps (two a second)")
     parser.add_argument("--seed", type=int, default=20260901, help="of the scenario")
+    parser.add_argument("--peer-python", default=peer_python(), help="interpreter with kiss-icp; CDFF_PEER_PYTHON")
     parser.add_argument("--out", type=Path, help="JSON report")
     args = parser.parse_args()
     scans, truth, mount = sweeps(args.seed, max(args.sweeps, 60))
@@ -126,12 +110,14 @@ def main() -> None:
     }  # fmt: skip
     step, memory = ours(mount)
     report["cdff lidar_slam"] = measured("cdff", step, scans, truth) | memory()
-    try:
-        step, _ = kiss((0.5, 60.0))
-    except ImportError:
-        report["kiss-icp"] = "not installed (extra dev)"
+    python = args.peer_python
+    if python:
+        with SweepFile() as stored:
+            for scan in scans:
+                stored.append(scan)
+            report["kiss-icp"] = row("kiss-icp", *stored.kiss_icp(python, (0.5, 60.0)), truth)
     else:
-        report["kiss-icp"] = measured("kiss-icp", step, scans, truth)
+        report["kiss-icp"] = "left out: --peer-python names no interpreter with kiss-icp"
     text = json.dumps(report, indent=1)
     print(text)
     if args.out:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""KISS-Matcher and KISS-ICP on given clouds, in an environment of their own: CDFF_PEER_PYTHON names its interpreter."""
+"""KISS-Matcher and KISS-ICP on given clouds and sweeps, in an environment of their own that CDFF_PEER_PYTHON names."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from cdff_common.geometry.se3 import FloatArray
+from cdff_common.types import LidarScan
 
 PEER_VOXEL_M = 0.3
 _PAIRS = """
@@ -52,6 +53,38 @@ def register(s, t):
         odometry.register_frame(cloud, np.zeros(len(cloud)))
     return np.array(odometry.last_pose), True
 """
+# It deskews by the motion between sweeps: where a revolution is shorter than their period, it is given its share of it.
+_ODOMETRY = """
+import sys, time, numpy as np
+from kiss_icp.config import KISSConfig
+from kiss_icp.kiss_icp import KissICP
+folder, least, most = sys.argv[1], float(sys.argv[2]), float(sys.argv[3])
+config = KISSConfig()
+config.data.min_range, config.data.max_range = least, most
+config.mapping.voxel_size = most / 100.0
+config.registration.max_num_threads = 1
+odometry = KissICP(config)
+preprocess, last, poses, cpu, wall = odometry.preprocessor.preprocess, None, [], [], []
+def part(T, share):
+    M, A = np.eye(4), 0.5 * (T[:3, :3] - T[:3, :3].T)
+    sine = np.sqrt(0.5 * np.sum(A * A))
+    angle, K = share * np.arctan2(sine, 0.5 * (np.trace(T[:3, :3]) - 1.0)), A / max(sine, 1e-300)
+    M[:3, :3] += np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K
+    M[:3, 3] = share * T[:3, 3]
+    return M
+for n, (begin, end) in enumerate(np.load(folder + "/spans.npy")):
+    z = np.load(f"{folder}/{n}.npz")
+    points, fraction = z["points"].astype(np.float64), z["fraction"].astype(np.float64)
+    started, clock = time.process_time(), time.perf_counter()
+    motion = part(odometry.last_delta, 1.0 if last is None else (end - begin) / (end - last))
+    odometry.preprocessor.preprocess = lambda frame, stamps, _: preprocess(frame, stamps, motion)
+    odometry.register_frame(points, fraction)
+    cpu.append(time.process_time() - started)
+    wall.append(time.perf_counter() - clock)
+    poses.append(odometry.last_pose.copy())
+    last = end
+np.savez(folder + "/found.npz", poses=poses, cpu=cpu, wall=wall)
+"""
 
 
 def peer_python() -> str | None:
@@ -69,6 +102,36 @@ def kiss_icp(python: str, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> lis
     return _registered(python, _ICP, pairs)
 
 
+class SweepFile:
+    """Sweeps on disk, for a peer that reads one after the other; a context manager, gone with it."""
+
+    def __init__(self) -> None:
+        self._folder = tempfile.TemporaryDirectory()
+        self._spans_s: list[tuple[float, float]] = []
+
+    def __enter__(self) -> SweepFile:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._folder.cleanup()
+
+    def append(self, scan: LidarScan) -> None:
+        """Keep a sweep."""
+        length_us = max((scan.t1_ns - scan.t0_ns) / 1000.0, 1e-3)
+        fraction = (np.asarray(scan.time_offset_us) / length_us).astype(np.float32)
+        path = Path(self._folder.name) / f"{len(self._spans_s)}.npz"
+        np.savez(path, points=np.asarray(scan.points_m, np.float32), fraction=fraction)
+        self._spans_s.append((scan.t0_ns / 1e9, scan.t1_ns / 1e9))
+
+    def kiss_icp(self, python: str, range_m: tuple[float, float]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Poses (n, 4, 4) of kiss-icp's odometry, CPU and wall seconds (n,) of each sweep; on one thread."""
+        folder = Path(self._folder.name)
+        np.save(folder / "spans.npy", np.array(self._spans_s) - self._spans_s[0][0])
+        _run([python, "-c", _ODOMETRY, str(folder), *(str(m) for m in range_m)])
+        z = np.load(folder / "found.npz")
+        return z["poses"], z["cpu"], z["wall"]
+
+
 def _registered(
     python: str, code: str, pairs: Sequence[tuple[FloatArray, FloatArray]]
 ) -> list[tuple[FloatArray | None, float]]:
@@ -77,8 +140,11 @@ def _registered(
         arrays = {f"source{i}": pair[0] for i, pair in enumerate(pairs)}
         arrays |= {f"target{i}": pair[1] for i, pair in enumerate(pairs)}
         np.savez(given, count=np.array(len(pairs)), **arrays)
-        environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
-        command = [python, "-c", code + _PAIRS, str(given), str(taken)]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, env=environment)
+        _run([python, "-c", code + _PAIRS, str(given), str(taken)])
         z = np.load(taken)
         return [(T if ok else None, float(cpu)) for T, ok, cpu in zip(z["T"], z["valid"], z["cpu"], strict=True)]
+
+
+def _run(command: list[str]) -> None:
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, env=environment)

@@ -3,23 +3,25 @@
 """Lidar SLAM against truth: simulated traverses beside kiss-icp, loops, plains, laps; real sweeps as they are.
 
 Simulated: ``deploy/simulation/lidar_traverse.yaml`` and ``lidar_plain.yaml``. Seeds 1 and 2 were used while the DFPC
-was made and are not used here. kiss-icp gets the same sweeps with its own parameters for the range; it deskews by the
-motion between sweeps, so it is given that motion in the share of a sweep that a revolution takes.
+was made, its covariance included, and are not used here. kiss-icp gets the same sweeps where CDFF_PEER_PYTHON names an
+environment that has it, with its own parameters for the range; it deskews by the motion between sweeps, so it is given
+that motion in the share of a sweep that a revolution takes.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import beta
+from scipy.stats import beta, chi2
 
 from cdff_common.formats.kitti_bin import read_kitti_bin
 from cdff_common.geometry import FrameGraph, UncertainTransform, se3
+from cdff_common.geometry.covariance import pose_error
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfpc import DfpcContext, Sample
 from cdff_common.interfaces.product import Product, Status
@@ -28,22 +30,29 @@ from cdff_common.types import LidarScan
 from cdff_core.dfpcs.lidar_slam.closing import LoopCloser
 from cdff_core.dfpcs.lidar_slam.compound import LidarSlam
 from cdff_core.runtime import Runner
+from cdff_dev.evaluate._lidar_slam_page import draw, table
+from cdff_dev.evaluate._peers import SweepFile, peer_python
 from cdff_dev.evaluate.record import spread
 from cdff_dev.simulate.scenario import Scenario, load_scenario
 from cdff_dev.simulate.traverse import simulate
 from cdff_dev.trajectory.compare import Comparison, compare
-from cdff_dev.trajectory.plot import panel
 from cdff_dev.trajectory.track import Track
+
+__all__ = ["draw", "evaluate", "table"]
 
 ROBOT = "mana"
 SEEDS = (20260901, 20260911)
-PLAIN_SEEDS = (20260902, 20260912, 20260922)
+PLAIN_SEEDS = (20260902, 20260912)
+#: Short drives, one squared error by covariance of each.
+SHORT_SEEDS, SHORT_S = range(3000, 3050), 16.0
+#: Their ground: that of the traverse so far as they see it.
+SHORT_HALF_WIDTH_M = 70.0
 SEGMENTS_M = (10.0, 20.0, 50.0, 100.0, 200.0, 400.0)
 PAIRS = 500
 #: Places so far apart are not one; a registration of them is right within these of the truth.
 APART_M, RIGHT_M, RIGHT_DEG = 20.0, 0.3, 3.0
-#: Lidar of the laps: half of the points.
-LAPS = {"columns": 900}
+#: Lidar of the laps: a third of the points.
+LAPS = {"columns": 600}
 KITTI_CALIBRATION = np.array(
     [
         [4.276802385584e-04, -9.999672484946e-01, -8.084491683471e-03, -1.198459927713e-02],
@@ -63,16 +72,20 @@ class Run:
     node : LidarSlam
     truth : dict of int to ndarray, shape (4, 4)
         ``T_site_lidar`` by stamp.
+    wheels : dict of int to ndarray, shape (4, 4)
+        ``T_odom_lidar`` by the wheels alone.
     products : dict of str to list of Product
         By port.
-    cpu_s : list of float
+    cpu_s, wall_s : list of float
         Of each sweep.
     """
 
     node: LidarSlam
     truth: dict[int, FloatArray] = field(default_factory=dict)
+    wheels: dict[int, FloatArray] = field(default_factory=dict)
     products: dict[str, list[Product]] = field(default_factory=dict)
     cpu_s: list[float] = field(default_factory=list)
+    wall_s: list[float] = field(default_factory=list)
 
     def track(self, port: str) -> Track:
         """Poses of a port, those that were refused left out."""
@@ -94,15 +107,20 @@ class Run:
 def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     """All figures."""
     figures: dict[str, Any] = {"simulated": {}, "real": {"kitti_velodyne": kitti(data / "kitti_velodyne")}}
+    python = peer_python()
     for seed in SEEDS:
-        run, scans = drive(load_scenario("lidar_traverse", seed), progress, keep_scans=seed == SEEDS[0])
-        figures["simulated"][f"lidar_traverse, seed {seed}"] = traverse(run)
+        with SweepFile() as stored:
+            keep = stored if python and seed == SEEDS[0] else None
+            run = drive(load_scenario("lidar_traverse", seed), progress, keep=keep)
+            figures["simulated"][f"lidar_traverse, seed {seed}"] = traverse(run)
+            if keep is not None and python:
+                progress(f"lidar slam: kiss-icp, {len(run.cpu_s)} sweeps")
+                figures["simulated"][f"kiss-icp 1.3.0, seed {seed}"] = kiss_icp(python, keep, run)
         if seed == SEEDS[0]:
             figures["simulated"]["loops"] = loops(run, progress)
-            figures["simulated"][f"kiss-icp 1.3.0, seed {seed}"] = kiss_icp(scans, run, progress)
+    figures["simulated"]["short drives"] = consistency(progress)
     figures["simulated"]["lidar_plain"] = plains(progress)
     figures["simulated"]["laps"] = laps(progress)
-    figures["simulated"]["lidar_traverse with 32 x 450"] = sparse(progress)
     return figures
 
 
@@ -117,28 +135,31 @@ def slam(scenario: Scenario) -> LidarSlam:
 
 
 def drive(
-    scenario: Scenario, progress: Callable[[str], None], *, wheels: bool = False, keep_scans: bool = False
-) -> tuple[Run, list[LidarScan]]:
-    """Run the DFPC over a scenario as it is simulated; nothing is stored."""
-    run, scans = Run(slam(scenario)), []
+    scenario: Scenario, progress: Callable[[str], None], *, wheels: bool = False, keep: SweepFile | None = None
+) -> Run:
+    """Run the DFPC over a scenario as it is simulated; nothing is stored but the sweeps for a peer."""
+    run = Run(slam(scenario))
     runner = Runner(run.node)
     ports = {f"/{ROBOT}/lidar.scan": "scan"} | ({f"/{ROBOT}/wheels.odometry": "odometry"} if wheels else {})
-    for entry, value in simulate(scenario, workers=0):
+    for entry, value in simulate(scenario, workers=int(scenario.duration_s > SHORT_S)):
+        if entry.stream == f"/{ROBOT}/wheels.odometry":
+            run.wheels[entry.stamp_ns] = value.transform.matrix @ scenario.lidar.mount.matrix()
         if entry.stream == f"/{ROBOT}/truth.pose":
             run.truth[entry.stamp_ns] = value.transform.matrix @ scenario.lidar.mount.matrix()
         if entry.stream not in ports:
             continue
         if ports[entry.stream] == "scan":
             progress(f"lidar slam: {scenario.name}, seed {scenario.seed}, sweep {len(run.cpu_s)}")
-            if keep_scans:
-                scans.append(value)
+            if keep is not None:
+                keep.append(value)
         runner.push(Sample(ports[entry.stream], entry.stamp_ns, entry.header.seq, value))
-        began_s = time.process_time()
+        began_s, began_wall_s = time.process_time(), time.perf_counter()
         _sort(run, runner.drain())
         if ports[entry.stream] == "scan":
             run.cpu_s.append(time.process_time() - began_s)
+            run.wall_s.append(time.perf_counter() - began_wall_s)
     _sort(run, runner.finish())
-    return run, scans
+    return run
 
 
 def _sort(run: Run, products: Any) -> None:
@@ -163,7 +184,8 @@ def traverse(run: Run) -> dict[str, Any]:
         "cloud_mb": round(metrics["cloud_mb"], 1),
         "degraded": sum(s is Status.DEGRADED for s in statuses),
         "failed": sum(s is Status.FAILED for s in statuses),
-        "cpu_s_per_sweep": spread(run.cpu_s[2:]) | {"mean": round(float(np.mean(run.cpu_s[2:])), 4)},
+        "cpu_s_per_sweep": _times(run.cpu_s),
+        "wall_s_per_sweep": _times(run.wall_s),
     }
 
 
@@ -194,34 +216,8 @@ def _along(found: Comparison) -> dict[str, list[float]]:
     return {name: [round(float(v), 3) for v in column] for name, column in columns.items()}
 
 
-def draw(figures: dict[str, Any]) -> bytes:
-    """SVG: the first traverse from above, true and estimated, and the errors along it beside kiss-icp's."""
-    rows = figures["simulated"]
-    ours = rows[f"lidar_traverse, seed {SEEDS[0]}"]
-    final = ours["trajectory at the end"]["along"]
-    curves = {"#c0392b": final, "#2c7fb8": ours["odometry"]["along"]}
-    peer = rows.get(f"kiss-icp 1.3.0, seed {SEEDS[0]}", {})
-    if "along" in peer:
-        curves["#777777"] = peer["along"]
-    plan = [np.column_stack([final[f"{of}x_m"], final[f"{of}y_m"]]) for of in ("", "estimated_")]
-    errors_m = [np.column_stack([c["way_m"], c["error_m"]]) for c in curves.values()]
-    above = panel(0.0, plan, ("#777777", "#c0392b"), ("x m", "y m"), equal=True)
-    along = panel(520.0, errors_m, tuple(curves), ("way m", "error m"), equal=False)
-    names = ("trajectory at the end", "odometry", "kiss-icp")[: len(curves)]
-    legend = "".join(
-        f'<text x="{572 + 150 * i}" y="18" fill="{colour}">{name}</text>'
-        for i, (name, colour) in enumerate(zip(names, curves, strict=True))
-    )
-    return (
-        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1040 360" font-family="sans-serif" font-size="12">'
-        f'<rect width="100%" height="100%" fill="white"/>{legend}{above}{along}</svg>\n'
-    ).encode()
-
-
 def _nees(track: Track, reference: Track) -> dict[str, float]:
     """Squared error by the stated covariance, both tracks begun at the same pose; 6 are expected."""
-    from cdff_common.geometry.covariance import pose_error
-
     if track.covariances is None:
         return {"count": 0}
     T_first = track.matrices[0] @ se3.inverse(reference.matrices[0])
@@ -298,31 +294,47 @@ def loops(run: Run, progress: Callable[[str], None]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def kiss_icp(scans: list[LidarScan], run: Run, progress: Callable[[str], None]) -> dict[str, Any]:
-    """The peer on the same sweeps; left out where it is not installed."""
-    try:
-        from kiss_icp.config import KISSConfig
-        from kiss_icp.kiss_icp import KissICP
-    except ImportError:
-        return {"left_out": "kiss-icp is not installed (extra test)"}
-    config = KISSConfig()
-    config.data.max_range, config.data.min_range = run.node.config.max_range_m, run.node.config.min_range_m
-    config.mapping.voxel_size = config.data.max_range / 100.0
-    config.registration.max_num_threads = 1
-    peer = KissICP(config)
-    preprocess, poses, cpu_s = peer.preprocessor.preprocess, [], []
-    share = (scans[0].t1_ns - scans[0].t0_ns) / (scans[1].t1_ns - scans[0].t1_ns)
-    for n, scan in enumerate(scans):
-        progress(f"lidar slam: kiss-icp, sweep {n}")
-        began_s = time.process_time()
-        motion = se3.exp_se3(share * se3.log_se3(peer.last_delta))
-        peer.preprocessor.preprocess = lambda frame, stamps, _, motion=motion: preprocess(frame, stamps, motion)
-        length_us = (scan.t1_ns - scan.t0_ns) / 1000.0
-        peer.register_frame(np.asarray(scan.points_m, np.float64), np.asarray(scan.time_offset_us) / length_us)
-        cpu_s.append(time.process_time() - began_s)
-        poses.append(peer.last_pose.copy())
-    track = Track("kiss-icp", np.array([s.t1_ns for s in scans]), np.array(poses))
-    return {**errors(track, run), "cpu_s_per_sweep": spread(cpu_s)}
+def kiss_icp(python: str, stored: SweepFile, run: Run) -> dict[str, Any]:
+    """The peer on the same sweeps, on one thread."""
+    config = run.node.config
+    poses, cpu_s, wall_s = stored.kiss_icp(python, (config.min_range_m, config.max_range_m))
+    track = Track("kiss-icp", run.track("odometry").stamps_ns, poses)
+    return errors(track, run) | {"cpu_s_per_sweep": _times(cpu_s), "wall_s_per_sweep": _times(wall_s)}
+
+
+def _times(seconds: Sequence[float]) -> dict[str, float]:
+    """Of a sweep, the two at which code is compiled left out."""
+    return spread(seconds[2:]) | {"mean": round(float(np.mean(seconds[2:])), 4)}
+
+
+def consistency(progress: Callable[[str], None]) -> dict[str, Any]:
+    """Squared error by covariance of the last pose of short drives from rest, each on ground of its own."""
+    values, shifts_m, turns_deg = [], [], []
+    for seed in SHORT_SEEDS:
+        run = drive(_short(seed), progress)
+        track = run.track("odometry")
+        T_true = se3.inverse(run.truth[int(track.stamps_ns[0])]) @ run.truth[int(track.stamps_ns[-1])]
+        C, e = track.covariances[-1], pose_error(T_true, track.matrices[-1])
+        values.append(float(e @ np.linalg.solve(C, e)))
+        shifts_m.append(float(np.sqrt(np.trace(C[:3, :3]) / 3.0)))
+        turns_deg.append(float(np.degrees(np.sqrt(np.trace(C[3:, 3:]) / 3.0))))
+    n = len(values)
+    return {
+        "drives": n, "seconds": SHORT_S, "mean_nees": round(float(np.mean(values)), 3), "nees": spread(values),
+        "band_95": [round(float(chi2.ppf(q, 6 * n)) / n, 3) for q in (0.025, 0.975)],
+        "mean_sigma_m": round(float(np.mean(shifts_m)), 5), "mean_sigma_deg": round(float(np.mean(turns_deg)), 5),
+    }  # fmt: skip
+
+
+def _short(seed: int) -> Scenario:
+    """The begin of a traverse, on a piece of such ground with as many craters and rocks a square metre."""
+    base = load_scenario("lidar_traverse", seed)
+    ground: dict[str, Any] = {"fine_half_width_m": SHORT_HALF_WIDTH_M}
+    for of in ("craters", "rocks"):
+        part = getattr(base.terrain, of)
+        count = round(part.count * (SHORT_HALF_WIDTH_M / part.half_width_m) ** 2)
+        ground[of] = part.model_copy(update={"count": count, "half_width_m": SHORT_HALF_WIDTH_M})
+    return base.model_copy(update={"duration_s": SHORT_S, "terrain": base.terrain.model_copy(update=ground)})
 
 
 def plains(progress: Callable[[str], None]) -> dict[str, Any]:
@@ -330,7 +342,7 @@ def plains(progress: Callable[[str], None]) -> dict[str, Any]:
     flagged = {"on": [0, 0], "off": [0, 0]}
     rows: dict[str, Any] = {}
     for seed in PLAIN_SEEDS:
-        run, _ = drive(load_scenario("lidar_plain", seed), progress, wheels=True)
+        run = drive(load_scenario("lidar_plain", seed), progress, wheels=True)
         for product in run.products["pose"][6:]:
             x = abs(float(run.truth[product.header.t1_ns][0, 3]))
             degenerate = any(r.startswith("degenerate:") for r in product.header.quality.reasons)
@@ -338,7 +350,12 @@ def plains(progress: Callable[[str], None]) -> dict[str, Any]:
             if where is not None:
                 flagged[where][0] += degenerate
                 flagged[where][1] += 1
-        rows[f"seed {seed}, with wheel odometry"] = errors(run.track("odometry"), run)
+        odometry = run.track("odometry")
+        rows[f"seed {seed}, with wheel odometry"] = errors(odometry, run)
+        stamps = [t for t in odometry.stamps_ns.tolist() if t in run.wheels]
+        rows[f"seed {seed}, wheels alone"] = errors(
+            Track("wheels", np.array(stamps), np.array([run.wheels[t] for t in stamps])), run
+        )
     return {
         "sweeps_on_the_plain_flagged": _rate(flagged["on"]), "sweeps_off_it_flagged": _rate(flagged["off"]), **rows
     }  # fmt: skip
@@ -352,20 +369,12 @@ def laps(progress: Callable[[str], None]) -> dict[str, Any]:
     """Key frames and memory over laps of one loop: the scenario driven on, with half of the points."""
     base = load_scenario("lidar_traverse", SEEDS[0])
     scenario = base.model_copy(update={"duration_s": 1020.0, "lidar": base.lidar.model_copy(update=LAPS)})
-    run, _ = drive(scenario, progress)
+    run = drive(scenario, progress)
     rows = {}
     for product in run.products["graph"]:
         m = product.header.quality.metrics
         rows[int(m["way_m"] // 50) * 50] = {"keyframes": int(m["keyframes"]), "cloud_mb": round(m["cloud_mb"], 1)}
     return {"by_way_m": rows, "trajectory at the end": errors(run.trajectory(), run)}
-
-
-def sparse(progress: Callable[[str], None]) -> dict[str, Any]:
-    """A lidar with an eighth of the points, with the defaults made for 64 x 1800: where they end."""
-    base = load_scenario("lidar_traverse", SEEDS[0])
-    scenario = base.model_copy(update={"lidar": base.lidar.model_copy(update={"rings": 32, "columns": 450})})
-    run, _ = drive(scenario, progress)
-    return traverse(run)
 
 
 def kitti(folder: Path) -> dict[str, Any]:

@@ -96,7 +96,7 @@ class LidarSlam(LidarSlamInterface):
         self._gather(tracked)
         closed = self._end_keyframe(sample.stamp_ns) if self._is_far() else False
         assert self._current is not None
-        self._trajectory.append(sample.stamp_ns, self._current, self._T_current_lidar)
+        self._trajectory.append(sample.stamp_ns, self._current, _noisy(self._T_current_lidar, tracked))
         self._used = (sample.id,) if sample.id else ()
         yield from self._poses(sample, tracked)
         if closed:
@@ -301,7 +301,7 @@ class LidarSlam(LidarSlamInterface):
         self._degraded += bool(reasons)
         metrics = metrics_of(tracked) | {"keyframes": float(len(self._places)), "way_m": self._way_m}
         status = Status.DEGRADED if reasons else Status.OK
-        quality = Quality(status, reasons, CovarianceKind.FORMAL, metrics)
+        quality = Quality(status, reasons, CovarianceKind.CALIBRATED, metrics)
         if tracked.lost:
             failed = Quality(Status.FAILED, ("lost", *reasons), CovarianceKind.NONE, metrics)
             for port, frame in (("odometry", self._odom), ("pose", self._slam)):
@@ -313,13 +313,13 @@ class LidarSlam(LidarSlamInterface):
         assert odometry.covariance is not None  # every increment has one
         assert self._current is not None  # since the sweep was tracked
         self._odometry_covariance = odometry.covariance
-        yield self._pose("odometry", self._odom, odometry, scan, quality)
+        yield self._pose("odometry", self._odom, _noisy(odometry, tracked), scan, quality)
         if self._current not in self._places.part(self._places.root):
             unknown = Quality(Status.FAILED, ("not_localised_in_map", *reasons), CovarianceKind.NONE, metrics)
             yield Output("pose", None, scan.t0_ns, scan.t1_ns, self._slam, self._lidar, unknown, self._used)
             return
         key = UncertainTransform(self._places.poses[self._current], self._places.covariances[self._current])
-        yield self._pose("pose", self._slam, key @ self._T_current_lidar, scan, quality)
+        yield self._pose("pose", self._slam, _noisy(key @ self._T_current_lidar, tracked), scan, quality)
 
     def _pose(self, port: str, parent: str, T: UncertainTransform, scan: Any, quality: Quality) -> Output:
         value = TransformWithCovariance.from_transform(
@@ -348,7 +348,7 @@ class LidarSlam(LidarSlamInterface):
             "cloud_mb": self._places.point_bytes / 1e6,
             "way_m": self._way_m,
         }
-        return Quality(Status.DEGRADED if reasons else Status.OK, tuple(reasons), CovarianceKind.FORMAL, metrics)
+        return Quality(Status.DEGRADED if reasons else Status.OK, tuple(reasons), CovarianceKind.CALIBRATED, metrics)
 
     def _graph(self) -> PoseGraph:
         return self._places.graph(frame=self._slam, producer=self.name)
@@ -359,6 +359,11 @@ class LidarSlam(LidarSlamInterface):
     def _newest_ns(self) -> int:
         newest = max(f.stamp_ns for f in self._places.frames.values())
         return max(newest, self._trajectory.last_ns)
+
+
+def _noisy(T: UncertainTransform, tracked: Tracked) -> UncertainTransform:
+    """The pose with the noise of the sweep that it was measured by."""
+    return T @ UncertainTransform(np.eye(4), tracked.noise)
 
 
 def _rigid(T: Float) -> Float:

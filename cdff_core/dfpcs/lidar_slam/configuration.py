@@ -55,8 +55,20 @@ class LidarSlamConfig(DfpcConfig):
     )
     sweep_sigma_m: float = Field(0.03, gt=0.0, description="Of the predicted translation during a sweep, metres")
     sweep_sigma_rad: float = Field(0.012, gt=0.0, description="Of the predicted rotation during a sweep")
-    covariance_share: float = Field(
-        0.15, gt=0.0, le=100.0, description="Of a registration's covariance that adds up from sweep to sweep"
+    noise_share: float = Field(
+        0.13, gt=0.0, le=100.0, description="Of a registration's covariance: what the pose of one sweep has"
+    )
+    noise_floor_m: float = Field(0.0018, ge=0.0, description="Least sigma of a translation on the map, metres")
+    noise_floor_rad: float = Field(0.00025, ge=0.0, description="Least sigma of a rotation on the map")
+    drift_share: float = Field(
+        0.01, ge=0.0, le=100.0, description="Of the covariance of one sweep's pose: what adds up with each metre"
+    )
+    settling_m: float = Field(3.0, gt=0.0, le=100.0, description="Way on which a new map holds sweeps poorly, metres")
+    settling_noise: float = Field(
+        60.0, ge=0.0, description="What that adds to the covariance of a pose at its begin, in such covariances"
+    )
+    settling_drift: float = Field(
+        2.5, ge=0.0, description="What adds up on it with each metre, in covariances of one sweep's pose"
     )
     weak_sigma_m: float = Field(
         0.045, gt=0.0, description="Sigma that the map leaves along a direction: DEGRADED above"

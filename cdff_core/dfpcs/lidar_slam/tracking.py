@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.clock import NS_PER_S
-from cdff_common.errors import ExtrapolationError, RefusedError
+from cdff_common.errors import RefusedError
 from cdff_common.geometry import UncertainTransform, se3
-from cdff_common.geometry.frame_graph import PoseTrack
 from cdff_common.interfaces.dfn import Dfn
 from cdff_common.types import LidarScan, PoseTrajectory
 from cdff_core.dfns.point_cloud_deskewing._interface import PointCloudDeskewingInputs
@@ -22,6 +21,7 @@ from cdff_core.dfns.scan_to_map_registration._interface import (
     ScanToMapRegistrationOutputs,
 )
 from cdff_core.dfpcs.lidar_slam.configuration import LidarSlamConfig
+from cdff_core.dfpcs.lidar_slam.wheels import Wheels
 
 Float = NDArray[np.float64]
 
@@ -37,7 +37,9 @@ class Tracked:
     T_odom_lidar : ndarray, shape (4, 4)
         At the end of the sweep.
     increment : UncertainTransform
-        ``T_before_now`` since the sweep before.
+        ``T_before_now`` since the sweep before, with what adds up from sweep to sweep.
+    noise : ndarray, shape (6, 6)
+        Of this pose alone, in axes of the lidar; it does not add up, since the next sweep is placed on the map anew.
     points_m : ndarray, shape (n, 3)
         In the lidar's frame at the end of the sweep.
     registration : ScanToMapRegistrationOutputs or None
@@ -50,6 +52,7 @@ class Tracked:
 
     T_odom_lidar: Float
     increment: UncertainTransform
+    noise: Float
     points_m: Float
     registration: ScanToMapRegistrationOutputs | None
     lost: bool
@@ -75,11 +78,12 @@ class Tracker:
         T_base_lidar: Float,
     ) -> None:
         self._config, self._deskewing, self._registration = config, deskewing, registration
-        self._T_base_lidar = T_base_lidar
-        self._wheels = PoseTrack(int(config.wheels_age_s * NS_PER_S))
+        self._wheels = Wheels(config.wheels_age_s, T_base_lidar)
         self._T = np.eye(4)
         self._stamp_ns: int | None = None
         self._velocity = np.zeros(6)  # of the lidar in its own axes, per second
+        self._held = 0  # sweeps in a row that the ground did not hold in all directions
+        self._way_m = 0.0  # since the map of the surroundings was begun
         self._surface: Float | None = None
 
     @property
@@ -90,17 +94,17 @@ class Tracker:
     def begin_at(self, T_odom_lidar: Float, surface: Float) -> None:
         """Begin at a pose within surroundings that are known, points in the odometry's frame."""
         self._T, self._surface = T_odom_lidar.copy(), surface
+        self._way_m = self._config.settling_m
 
     def take_odometry(self, stamp_ns: int, T_odom_base: UncertainTransform) -> None:
         """Keep a pose of the odometry."""
-        self._wheels.insert(stamp_ns, T_odom_base)
-        self._wheels.forget_before(stamp_ns - 60 * NS_PER_S)
+        self._wheels.take(stamp_ns, T_odom_base)
 
     def track(self, scan: LidarScan) -> Tracked:
         """Register a sweep; raises InputError where it has no points."""
         points, fraction = self._usable(scan)
         first = self._stamp_ns is None and self._surface is None
-        wheels = self._by_wheels(scan.t1_ns)
+        wheels = self._wheels.since_last_sweep(scan.t1_ns)
         span_s = 0.1 if self._stamp_ns is None else (scan.t1_ns - self._stamp_ns) / NS_PER_S
         guess, guess_covariance = self._guess(wheels, span_s)
         T_before = self._T
@@ -127,18 +131,48 @@ class Tracker:
             a = self._config.smoothing
             self._velocity = (1.0 - a) * self._velocity + a * _twist(increment) / span_s
         self._stamp_ns = scan.t1_ns
-        covariance = np.zeros((6, 6))
+        way_m = float(np.linalg.norm(increment[:3, 3]))
+        self._way_m += way_m
+        drift, noise = np.zeros((6, 6)), np.zeros((6, 6))
         if not first:
-            known = registration is not None and not lost
-            covariance = registration.covariance if known and registration is not None else guess_covariance
+            kept = registration if registration is not None and not lost else None
+            drift, noise = self._spread(kept, guess_covariance, way_m)
         return Tracked(
             self._T.copy(),
-            UncertainTransform(increment, _turned(covariance, T_before[:3, :3].T) * self._config.covariance_share),
+            UncertainTransform(increment, _turned(drift, T_before[:3, :3].T)),
+            _turned(noise, self._T[:3, :3].T),
             still,
             registration,
             lost,
             wheels is not None,
         )
+
+    def _spread(self, found: ScanToMapRegistrationOutputs | None, guess: Float, way_m: float) -> tuple[Float, Float]:
+        """What adds up to the covariance by a sweep, and what is of its pose alone, in axes of the odometry's frame.
+
+        What the ground holds has the registration's covariance times ``noise_share`` and a floor, and drifts by
+        ``drift_share`` of it a metre. What it does not hold adds the guess's, which is wrong by the same share from
+        sweep to sweep: its sigma grows with the way, not with its root. A map of sweeps from one place holds the next
+        ones poorly: both are larger until the way settles it.
+        """
+        c = self._config
+        if found is None:
+            free = np.eye(6)
+            covariance = np.zeros((6, 6))
+        else:
+            scale = np.concatenate([np.ones(3), np.full(3, max(float(found.radius_m), 1e-6))])
+            weak = found.directions[found.sigma_m > c.weak_sigma_m]
+            free = (weak.T @ weak) * scale[None, :] / scale[:, None]
+            floor = np.square([c.noise_floor_m] * 3 + [c.noise_floor_rad] * 3)
+            covariance = c.noise_share * found.covariance + np.diag(floor)
+        held = np.eye(6) - free
+        noise = held @ covariance @ held.T
+        young = max(0.0, 1.0 - self._way_m / c.settling_m)
+        share = c.drift_share + (c.settling_drift if young > 0.0 else 0.0)
+        drift = share * way_m * noise + (2 * self._held + 1) * (free @ guess @ free.T)
+        noise = (1.0 + c.settling_noise * young**2) * noise
+        self._held = self._held + 1 if np.any(free) else 0
+        return drift, noise
 
     def _usable(self, scan: LidarScan) -> tuple[Float, Float]:
         """Points within range, and when in the sweep: -1 at its begin, 0 at its end."""
@@ -150,17 +184,6 @@ class Tracker:
             return points[kept], np.zeros(int(kept.sum()))
         fraction = np.asarray(scan.time_offset_us, dtype=np.float64)[kept] / length_us - 1.0
         return points[kept], np.minimum(fraction, 0.0)
-
-    def _by_wheels(self, stamp_ns: int) -> Float | None:
-        """``T_before_now`` of the lidar by the odometry; None where it does not reach."""
-        if self._stamp_ns is None:
-            return None
-        try:
-            before, now = self._wheels.at(self._stamp_ns).matrix, self._wheels.at(stamp_ns).matrix
-        except ExtrapolationError:
-            return None
-        M = self._T_base_lidar
-        return se3.inverse(M) @ se3.inverse(before) @ now @ M
 
     def _guess(self, wheels: Float | None, span_s: float) -> tuple[Float, Float]:
         """Motion since the sweep before, and its covariance in axes of the odometry's frame."""

@@ -95,7 +95,7 @@ def test_poses_follow_the_lidar_with_covariance_and_quality(lapped: tuple[Rover,
     assert max(rover.error_m(o) for o in poses) < 0.15
     last = poses[-1]
     assert (last.frame, last.child) == ("mana/slam", "mana/lidar")
-    assert last.quality.covariance_kind is CovarianceKind.FORMAL
+    assert last.quality.covariance_kind is CovarianceKind.CALIBRATED
     assert np.all(np.linalg.eigvalsh(last.value.transform.covariance) > 0)
     assert last.inputs[0].startswith("scan")
 
@@ -162,7 +162,17 @@ def test_a_plain_is_said_to_hold_nothing_and_the_wheels_hold_instead() -> None:
     assert "held_by:odometry" in reasons
     assert {"degenerate:translation_x", "degenerate:translation_y"} <= reasons
     assert rover.error_m(late[-1]) < 0.5
-    assert late[-1].value.transform.covariance[0, 0] > of(made, "pose")[0].value.transform.covariance[0, 0]
+
+
+@pytest.mark.req("CDFF-CORE-076")
+def test_where_the_wheels_hold_the_sigma_grows_with_the_way_and_not_with_its_root() -> None:
+    rover = Rover(plain)
+    made = of(rover.drive([standing(plain, 0.5 * i, 0.0, 0.0) for i in range(24)], wheels=True), "odometry")
+    sigma_m = np.array([np.sqrt(o.value.transform.covariance[0, 0]) for o in made])
+    assert sigma_m[23] > 1.7 * sigma_m[12] > 0.3
+    assert 0.06 * 11.5 < sigma_m[23] < 0.12 * 11.5  # wheels are off by 8 %
+    up_m = np.sqrt(made[-1].value.transform.covariance[2, 2])
+    assert up_m < 0.1 * sigma_m[23]  # that the ground does hold
 
 
 @pytest.mark.req("CDFF-CORE-077")
