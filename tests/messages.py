@@ -38,7 +38,8 @@ _TEXTS = ["", "mana/lidar", "é", "x" * 256, "\udce9", "1"]
 _CONSISTENT = {
     "PointCloudData", "LidarScanData", "PoseTrajectoryData", "ElevationMap", "NavigationMap", "PoseGraph",
     "PoseGraphVertices", "PoseGraphEdges", "LandmarkMapData", "KeyFrameData", "MeshData", "ObjectTrackData",
-    "ImuSpanData", "LidarMap", "LidarMapClouds", "LidarMapPosition",
+    "ImuSpanData", "LidarMap", "LidarMapClouds", "LidarMapPosition", "BundleCameras", "BundleLenses",
+    "BundlePoints", "BundleObservations", "BundlePrior", "BundleProblem",
 }  # fmt: skip
 
 
@@ -128,6 +129,12 @@ def _consistent(node: Struct, rng: np.random.Generator) -> Any:
         clouds = class_of("LidarMapClouds")(np.ones(len(ids), np.int64), _reals(3, np.float32)(len(ids), rng))
         position = class_of("LidarMapPosition")(ids[:1], _reals(7)(len(ids[:1]), rng))
         return cls(_value(node.fields[0].node, rng), graph, clouds, position)
+    if node.class_name == "BundleProblem":
+        metadata, cameras, lenses, points = (_value(field.node, rng) for field in node.fields[:4])
+        cameras = cameras if len(lenses.values) else class_of("BundleCameras")()
+        return cls(metadata, cameras, lenses, points, class_of("BundleObservations")(), class_of("BundlePrior")())
+    if node.class_name == "BundlePrior":
+        return cls(np.arange(n), _reals(7)(n, rng), rng.normal(size=36 * n * n), rng.normal(size=6 * n))
     metadata = class_of("GridMapMetadata")(frame_id="site", resolution=0.5, x_min=-1.0, y_max=1.0, rows=2, cols=n)
     layers = tuple(
         class_of("GridLayer").from_array(name, rng.normal(size=(2, n)).astype(dtype))
@@ -169,6 +176,12 @@ _COLUMNS: dict[str, tuple[Column, ...]] = {
     "MeshData": (
         _reals(3), lambda n, rng: np.zeros((n, 3), np.uint32), _reals(3, np.float32),
         lambda n, rng: rng.integers(0, 256, (n, 3)).astype(np.uint8),
+    ),
+    "BundleCameras": (_counted, _counted, _reals(7), lambda n, rng: np.zeros(n, np.uint32), _octets),
+    "BundleLenses": (_reals(10), lambda n, rng: np.zeros(n, np.uint32)),
+    "BundlePoints": (_counted, _reals(3), _octets),
+    "BundleObservations": (
+        lambda n, rng: np.zeros(n, np.uint32), lambda n, rng: np.zeros(n, np.uint32), _reals(3),
     ),
     "ObjectTrackData": (_counted, _reals(7), _none(6, np.float64), _reals(36)),
 }  # fmt: skip

@@ -6,12 +6,14 @@ from __future__ import annotations
 
 import json
 
+from cdff_common.formats.bundle_problem import looks_like_bal, looks_like_libmv
 from cdff_common.formats.kitti_bin import looks_like_scan
 from cdff_common.formats.source import Readable, load
 
 #: What ``detect`` can answer.
 FORMATS = (
-    "ply", "pcd", "las", "png", "pgm", "ppm", "tif", "npz", "json", "pose_txt", "tum", "g2o", "csv", "msg", "bin",
+    "ply", "pcd", "las", "png", "pgm", "ppm", "tif", "npz", "json", "pose_txt", "tum", "g2o", "bal", "libmv", "csv",
+    "msg", "bin",
 )  # fmt: skip
 
 _MAGIC = (
@@ -47,6 +49,8 @@ def detect(source: Readable) -> str:
             return found
     if s.data and (0x80 <= s.data[0] <= 0x8F or s.data[0] in (0xDE, 0xDF)) and _is_log(s.data):
         return "msg"
+    if looks_like_libmv(s.data):
+        return "libmv"
     if looks_like_scan(s.data):
         return "bin"
     raise s.error(f"format not recognised, expected one of {', '.join(FORMATS)}")
@@ -77,6 +81,8 @@ def _text_format(text: str, data: bytes) -> str | None:
     words = [line.replace(",", " ").split() for line in lines[:5]]
     if words[0][0].startswith(("VERTEX_SE", "EDGE_SE", "PARAMS_SE3OFFSET")) or words[0][0] == "FIX":
         return "g2o"
+    if looks_like_bal(words):
+        return "bal"
     if all(_are_numbers(w) for w in words):
         numbers = sum(len(line.replace(",", " ").split()) for line in lines)
         if len(words[0]) == 8:

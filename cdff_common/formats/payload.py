@@ -17,6 +17,8 @@ from cdff_common.formats.pose import PoseValue
 
 if TYPE_CHECKING:
     from cdff_common.types import (
+        BundleProblem,
+        CorrespondenceMap2D,
         ElevationMap,
         Frame,
         NavigationMap,
@@ -40,6 +42,9 @@ MEDIA_TYPES = {
     "geojson": "application/geo+json",
     "tum": "text/plain; charset=utf-8",
     "g2o": "text/plain; charset=utf-8",
+    "csv": "text/csv; charset=utf-8",
+    "bal": "text/plain; charset=utf-8",
+    "libmv": "application/octet-stream",
 }
 
 #: Formats of each type, the preferred one first.
@@ -50,6 +55,8 @@ FORMATS: dict[str, tuple[str, ...]] = {
     "TransformWithCovariance": ("json", "tum", "geojson"),
     "PoseTrajectory": ("tum", "npz", "geojson"),
     "PoseGraph": ("g2o",),
+    "CorrespondenceMap2D": ("csv",),
+    "BundleProblem": ("bal", "libmv"),
     "Frame": ("png", "jpg", "tif", "npz"),
 }
 
@@ -89,6 +96,8 @@ def to_file(value: Any, fmt: str, wkt: str | None = None) -> bytes:
         "TransformWithCovariance": _pose,
         "PoseTrajectory": _trajectory,
         "PoseGraph": _pose_graph,
+        "CorrespondenceMap2D": _matches,
+        "BundleProblem": _bundle,
         "Frame": _frame,
     }
     return writers[name](value, fmt, wkt)
@@ -166,6 +175,20 @@ def _pose_graph(value: PoseGraph, _fmt: str, _wkt: str | None) -> bytes:
     from cdff_common.formats.pose_graph import write_pose_graph
 
     return write_pose_graph(value)
+
+
+def _bundle(value: BundleProblem, fmt: str, _wkt: str | None) -> bytes:
+    from cdff_common.formats.bal import write_bal
+    from cdff_common.formats.libmv import write_libmv
+
+    return write_bal(value) if fmt == "bal" else write_libmv(value)
+
+
+def _matches(value: CorrespondenceMap2D, _fmt: str, _wkt: str | None) -> bytes:
+    """Contract §2: ``x0,y0,x1,y1,score``, the score being the probability."""
+    rows = np.column_stack([value.sources_px, value.sinks_px, value.probabilities]).tolist()
+    lines = [f"{a:.4f},{b:.4f},{c:.4f},{d:.4f},{p:.6f}" for a, b, c, d, p in rows]
+    return "\n".join(["x0,y0,x1,y1,score", *lines, ""]).encode()
 
 
 def _frame(value: Frame, fmt: str, wkt: str | None) -> bytes:

@@ -118,6 +118,7 @@ def _typed(port: Port, text: str, setting: _Setting) -> Any:
         "NavigationMap": _map,
         "PoseTrajectory": _trajectory,
         "PoseGraph": _pose_graph,
+        "BundleProblem": _bundle,
     }
     if fmt == "json":
         return _from_plain(name, s)
@@ -237,6 +238,15 @@ def _pose_graph(s: Source, fmt: str, setting: _Setting) -> Any:
     if fmt != "g2o":
         raise InputError(f"{s.name}: a {fmt} file, expected g2o, json or msg")
     return read_pose_graph(s, frame=setting.frame)
+
+
+def _bundle(s: Source, fmt: str, setting: _Setting) -> Any:
+    from cdff_common.formats.bal import read_bal
+    from cdff_common.formats.libmv import read_libmv
+
+    if fmt not in ("bal", "libmv"):
+        raise InputError(f"{s.name}: a {fmt} file, expected bal, libmv, json or msg")
+    return (read_bal if fmt == "bal" else read_libmv)(s, frame=setting.frame)
 
 
 def _from_plain(type_name: str, s: Source) -> Any:

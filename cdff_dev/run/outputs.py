@@ -28,7 +28,7 @@ def write_outputs(result: Result, folder: Path) -> dict[str, Any]:
     """Write each output and ``outputs.json`` into ``folder``, and return what the latter holds.
 
     A port that gave several values has the last in ``<port>.<ext>``, the earlier ones in ``<port>.<index>.<ext>``.
-    A graph, which is a file only, has the metrics of the run as its value.
+    A graph or a bundle, which is a file only, has the metrics of the run as its value.
     Where the run FAILED no value is written.
 
     Raises
@@ -46,7 +46,7 @@ def write_outputs(result: Result, folder: Path) -> dict[str, Any]:
             for index, emitted in enumerate([] if failed else values):
                 stem = port.attribute if index == len(values) - 1 else f"{port.attribute}.{index}"
                 entry |= _write(port, emitted, folder, stem)
-                if port.type_name == "PoseGraph":
+                if port.type_name in ("PoseGraph", "BundleProblem"):
                     entry["value"] = dict(result.quality.metrics)
             if len(values) > 1 and not failed:
                 entry["count"] = len(values)
@@ -76,6 +76,8 @@ def _write(port: Port, emitted: Emitted, folder: Path, stem: str) -> dict[str, A
         fmt = FORMATS[name][0]
         if name == "Frame" and value.image.dtype.kind == "f":
             fmt = "tif"
+        if name == "BundleProblem" and len(value.lenses.values) == 1 < len(value.cameras.ids):
+            fmt = "libmv"
         return _put(folder, f"{stem}.{fmt}", to_file(value, fmt))
     from cdff_common.codecs.plain import to_plain
 

@@ -36,12 +36,18 @@ class FeaturesExtraction2DOutputs:
     features : ndarray of float64, shape (n,2)
         Column and row of each point, pixels, the best of each cell first.
     scores : ndarray of float64, shape (n)
-        Higher is better: GridGftt smaller eigenvalue of the mean gradient matrix (DN/px)^2, GridFast the corner
-        score DN.
+        Higher is better: GridGftt smaller eigenvalue of the mean gradient matrix (DN/px)^2, GridFast and
+        AdaptiveFast the corner score DN, Sift the contrast, Orb the measure of Harris.
+    sizes : ndarray of float64, shape (n), optional
+        Diameter of each point, pixels; absent from detectors of corners of one size.
+    angles : ndarray of float64, shape (n), optional
+        Direction of each point, degrees clockwise from x; absent as sizes.
     """
 
     features: NDArray[np.float64]
     scores: NDArray[np.float64]
+    sizes: NDArray[np.float64] | None = None
+    angles: NDArray[np.float64] | None = None
 
 
 class FeaturesExtraction2DInterface(Dfn[Any, FeaturesExtraction2DInputs, FeaturesExtraction2DOutputs]):

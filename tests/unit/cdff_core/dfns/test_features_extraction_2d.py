@@ -7,8 +7,11 @@ import pytest
 
 from cdff_common.errors import InputError
 from cdff_core.dfns.features_extraction_2d._interface import FeaturesExtraction2DInputs, FeaturesExtraction2DInterface
+from cdff_core.dfns.features_extraction_2d.adaptive_fast import AdaptiveFast
 from cdff_core.dfns.features_extraction_2d.grid_fast import GridFast
 from cdff_core.dfns.features_extraction_2d.grid_gftt import GridGftt
+from cdff_core.dfns.features_extraction_2d.orb import Orb
+from cdff_core.dfns.features_extraction_2d.sift import Sift
 from tests.corridor import texture
 
 BOTH = pytest.mark.parametrize("implementation", [GridGftt, GridFast])
@@ -47,3 +50,32 @@ def test_a_corner_is_where_it_is_and_a_flat_image_has_none(implementation: type)
 def test_a_colour_image_is_refused(implementation: type) -> None:
     with pytest.raises(InputError, match="uint8"):
         made(implementation).process(FeaturesExtraction2DInputs(np.zeros((64, 64, 3), np.uint8)))
+
+
+@pytest.mark.parametrize("implementation", [AdaptiveFast, Sift, Orb])
+def test_the_other_detectors_refuse_colours_and_find_nothing_in_a_flat_image(implementation: type) -> None:
+    dfn = made(implementation)
+    assert len(dfn.process(FeaturesExtraction2DInputs(np.full((100, 100), 50, np.uint8))).features) == 0
+    with pytest.raises(InputError, match="uint8"):
+        dfn.process(FeaturesExtraction2DInputs(np.zeros((64, 64, 3), np.uint8)))
+
+
+def test_adaptive_suppression_gives_dim_regions_their_share() -> None:
+    image = np.clip(texture(5, 256), 0, 255)
+    image[:, :128] = 40 + (image[:, :128] - 40) * 0.3  # the left half has a third of the contrast
+    features = made(AdaptiveFast).process(FeaturesExtraction2DInputs(image.astype(np.uint8))).features
+    assert 100 <= len(features) <= 200
+    assert np.mean(features[:, 0] < 128) > 0.25
+
+
+def test_blobs_have_the_size_and_place_that_they_were_drawn_with() -> None:
+    y, x = np.mgrid[:200, :200]
+    image = np.full((200, 200), 60.0)
+    for cx, cy, sigma in ((60.3, 70.6, 4.0), (140.0, 120.0, 8.0)):
+        image += 150.0 * np.exp(-((x - cx) ** 2 + (y - cy) ** 2) / (2.0 * sigma**2))
+    out = made(Sift).process(FeaturesExtraction2DInputs(image.astype(np.uint8)))
+    for cx, cy, sigma in ((60.3, 70.6, 4.0), (140.0, 120.0, 8.0)):
+        near = np.hypot(out.features[:, 0] - cx, out.features[:, 1] - cy)
+        best = int(np.argmin(near + np.abs(out.sizes - 2.0 * sigma)))
+        assert near[best] < 0.5
+        assert out.sizes[best] == pytest.approx(2.0 * sigma, rel=0.25)

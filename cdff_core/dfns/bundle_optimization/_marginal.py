@@ -1,0 +1,71 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Cameras that are dropped, and what they and the points they saw say of those that stay, as a prior.
+
+Sibley, Matthies, Sukhatme (2010), Sliding window filter, doi:10.1002/rob.20360; Triggs et al. (2000) §6.1 for the
+Schur complement.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.errors import InputError
+from cdff_common.types import BundleCameras, BundleObservations, BundlePoints, BundlePrior, BundleProblem
+from cdff_core.dfns.bundle_optimization._kernels import POSE
+from cdff_core.dfns.bundle_optimization._system import System
+
+
+def marginalised(problem: BundleProblem, dropped: NDArray[np.int64], loss: int, scale: float) -> BundleProblem:
+    """The problem without cameras and without the points they saw; their observations become a prior on the rest.
+
+    Linearised where the problem is; lenses count as known. Raises InputError where a camera is not there or none stays.
+    """
+    missing = np.setdiff1d(dropped, problem.cameras.ids)
+    gone = np.isin(problem.cameras.ids, dropped)
+    if missing.size or gone.all() or not gone.any():
+        raise InputError(f"dropped {dropped.tolist()}: expected ids of the problem's cameras, and one that stays")
+    seen = problem.observations
+    lost = np.zeros(len(problem.points.ids), bool)
+    lost[seen.points[gone[seen.cameras]]] = True
+    theirs = lost[seen.points]
+    part = replace(problem, observations=_only(seen, theirs))
+    system = System.of(part, 0, loss, scale)
+    at = System.first(part)
+    r, weights, *_ = system.residuals(at)
+    S, b, _, _ = system.reduced(system.normal(at, r, weights), 0.0)
+    S = np.tril(S) + np.tril(S, -1).T
+    away, stay = (system.pose_column[rows & (system.pose_column >= 0)] for rows in (gone, ~gone))
+    out, keep = ((c[:, None] + np.arange(POSE)).reshape(-1) for c in (away, stay))
+    gain = np.linalg.pinv(S[np.ix_(out, out)], rcond=1e-13, hermitian=True) if len(out) else np.zeros((0, 0))
+    H = S[np.ix_(keep, keep)] - S[np.ix_(keep, out)] @ gain @ S[np.ix_(out, keep)]
+    gradient = b[keep] - S[np.ix_(keep, out)] @ gain @ b[out]
+    stays = ~gone & (system.pose_column >= 0)
+    cameras = problem.cameras
+    prior = BundlePrior(cameras.ids[stays], cameras.poses[stays], (0.5 * (H + H.T)).reshape(-1), gradient)
+    return _without(problem, gone, lost, theirs, prior)
+
+
+def _only(seen: BundleObservations, kept: NDArray[np.bool_]) -> BundleObservations:
+    return BundleObservations(seen.cameras[kept], seen.points[kept], seen.pixels[kept])
+
+
+def _without(
+    problem: BundleProblem, gone: NDArray[np.bool_], lost: NDArray[np.bool_], theirs: NDArray[np.bool_],
+    prior: BundlePrior,
+) -> BundleProblem:  # fmt: skip
+    c, p, seen = problem.cameras, problem.points, _only(problem.observations, ~theirs)
+    camera_row, point_row = np.cumsum(~gone) - 1, np.cumsum(~lost) - 1
+    return BundleProblem(
+        problem.metadata,
+        BundleCameras(c.ids[~gone], c.stamps[~gone], c.poses[~gone], c.lenses[~gone], c.fixed[~gone]),
+        problem.lenses,
+        BundlePoints(p.ids[~lost], p.positions[~lost], p.fixed[~lost]),
+        BundleObservations(
+            camera_row[seen.cameras].astype(np.uint32), point_row[seen.points].astype(np.uint32), seen.pixels
+        ),
+        prior,
+    )

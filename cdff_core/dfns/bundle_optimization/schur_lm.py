@@ -1,0 +1,171 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""SchurLm: points eliminated one by one, cameras and lenses solved together, damped."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from cdff_common.interfaces.dfn import DfnConfig
+from cdff_common.types import BundleCameras, BundleLenses, BundlePoints, BundleProblem
+from cdff_common.types.bundle_ext import FOCAL, K1, K2, K3, PRINCIPAL_POINT, TANGENTIAL
+from cdff_common.types.columns import pack_poses
+from cdff_core.dfns.bundle_optimization._gauge import Gauge
+from cdff_core.dfns.bundle_optimization._interface import (
+    BundleOptimizationInputs,
+    BundleOptimizationInterface,
+    BundleOptimizationOutputs,
+)
+from cdff_core.dfns.bundle_optimization._kernels import CAUCHY, HUBER, NO_LOSS, POSE, point_covariances
+from cdff_core.dfns.bundle_optimization._marginal import marginalised
+from cdff_core.dfns.bundle_optimization._solve import Solution, minimised
+from cdff_core.dfns.bundle_optimization._system import Estimate, System
+
+Float = NDArray[np.float64]
+_LOSSES = {"none": NO_LOSS, "huber": HUBER, "cauchy": CAUCHY}
+_FREE = {
+    "given": None, "fixed": 0, "focal": FOCAL, "radial": FOCAL | K1 | K2,
+    "all": FOCAL | PRINCIPAL_POINT | K1 | K2 | K3 | TANGENTIAL,
+}  # fmt: skip
+
+
+class SchurLmConfig(DfnConfig):
+    """What is minimised, what may move, when it ends."""
+
+    loss: Literal["none", "huber", "cauchy"] = "none"
+    loss_scale_px: Annotated[float, Field(gt=0, le=1000)] = 1.0
+    lenses: Literal["given", "fixed", "focal", "radial", "all"] = "given"
+    max_iterations: Annotated[int, Field(ge=0, le=10_000)] = 100
+    tolerance: Annotated[float, Field(gt=0, lt=0.1)] = 1e-7
+    covariances: Literal["none", "poses", "all"] = "all"
+
+
+class SchurLm(BundleOptimizationInterface):
+    """Levenberg-Marquardt with the points eliminated; robust losses by reweighting [1]_.
+
+    The reduced system is dense: its cost grows with the cube of the number of cameras, up to some hundreds. Of
+    rectified pairs the right column is a third residual. Covariances are ``s2`` times the inverse of the normal matrix with
+    the gauge held, s2 the weighted residuals' square sum over their freedom.
+
+    References
+    ----------
+    .. [1] B. Triggs et al., Bundle Adjustment - A Modern Synthesis, 2000, doi:10.1007/3-540-44480-7_21
+    """
+
+    Config = SchurLmConfig
+    config: SchurLmConfig
+
+    def setup(self) -> None:
+        """Compile the kernels on the smallest problem."""
+        T = np.tile(np.eye(4), (2, 1, 1))
+        T[1, 0, 3] = 1.0
+        seen = (np.tile([0, 1], 4), np.repeat(np.arange(4), 2))
+        X = np.array([[0.0, 0, 5], [1, 0, 6], [0, 1, 7], [1, 1, 8]])
+        tiny = BundleProblem.from_arrays(T, [1.0, 1, 0, 0], X, seen, np.zeros((8, 2)), frame="frame", fixed=[1, 0])
+        system = System.of(tiny, None, NO_LOSS, 1.0)
+        at = System.first(tiny)
+        minimised(system, at, 1, 1e-3)
+        self._covariances(system, at, Gauge(None, None), np.ones(8), 1.0)
+
+    def process(self, inputs: BundleOptimizationInputs) -> BundleOptimizationOutputs:
+        """Adjust; raises InputError where the problem cannot be used."""
+        c, problem = self.config, inputs.problem
+        loss = _LOSSES[c.loss]
+        system, first = System.of(problem, _FREE[c.lenses], loss, c.loss_scale_px), System.first(problem)
+        gauge = Gauge.of(system, first)
+        solution = minimised(system, first, c.max_iterations, c.tolerance)
+        estimate = gauge.restored(first, solution.estimate)
+        variance, freedom = self._unit_variance(system, solution, gauge)
+        covariances = self._covariances(system, estimate, gauge, solution.weights, variance)
+        self._report(solution, variance, freedom, len(system.cam))
+        result = _with(problem, estimate)
+        back = np.empty_like(system.order)
+        back[system.order] = np.arange(len(back))
+        remaining = None
+        if inputs.dropped is not None:
+            remaining = marginalised(result, np.asarray(inputs.dropped, np.int64), loss, c.loss_scale_px)
+        held = [row for row in (gauge.camera, gauge.distant) if row is not None]
+        return BundleOptimizationOutputs(
+            result, *covariances, solution.residuals[back], solution.weights[back], problem.cameras.ids[held], remaining
+        )
+
+    @staticmethod
+    def _unit_variance(system: System, solution: Solution, gauge: Gauge) -> tuple[float, int]:
+        """Variance of unit weight and the residuals' freedom; NaN where they have none."""
+        per = 2 + (~np.isnan(system.pixels[:, 2])).astype(int)
+        moving = system.size + 3 * int(((system.held == 0) & (np.diff(system.start) > 0)).sum())
+        freed = (6 if gauge.camera is not None and system.pose_column[gauge.camera] >= 0 else 0) + (
+            gauge.distant is not None
+        )
+        freedom = round(float((per * solution.weights).sum())) - moving + freed
+        square = float((solution.weights * (solution.residuals**2).sum(axis=1)).sum())
+        return (square / freedom if freedom > 0 else float("nan")), freedom
+
+    def _covariances(
+        self, system: System, at: Estimate, gauge: Gauge, weights: Float, variance: float
+    ) -> tuple[Float, Float]:
+        """Of poses ``(n, 6, 6)`` and points ``(p, 3, 3)``; NaN where they were not asked for or do not exist."""
+        n, p = len(at.c), len(at.X)
+        poses, points = np.full((n, POSE, POSE), np.nan), np.full((p, 3, 3), np.nan)
+        if self.config.covariances == "none" or not np.isfinite(variance):
+            return poses, points
+        r, weights, *_ = system.residuals(at)
+        normal = system.normal(at, r, weights)
+        S, _, inverses, fine = system.reduced(normal, 0.0)
+        C = _inverse(np.tril(S) + np.tril(S, -1).T, gauge.held_directions(system, at))
+        if C is None:
+            return poses, points
+        for row, column in enumerate(system.pose_column):
+            own = slice(column, column + POSE)
+            poses[row] = variance * C[own, own] if column >= 0 else 0.0
+        if self.config.covariances == "all":
+            points = variance * point_covariances(
+                system.start, system.cam, system.columns, system.count, normal.W, inverses, fine, C
+            )
+        return poses, points
+
+    def _report(self, s: Solution, variance: float, freedom: int, observations: int) -> None:
+        self.metrics = {
+            "cost_initial": s.cost_initial, "cost_final": s.cost_final,
+            "rmse_px": float(np.sqrt(2.0 * s.cost_final / observations)), "robust_cost_initial": s.robust_initial,
+            "robust_cost_final": s.robust_final, "unit_variance": variance, "iterations": float(s.iterations),
+            "observations": float(observations), "outliers": float((s.weights < 0.25).sum()),
+        }  # fmt: skip
+        reasons = {
+            "not_converged": not s.converged, "underdetermined": freedom <= 0,
+            f"behind_camera:{s.behind}": s.behind > 0,
+        }  # fmt: skip
+        self.reasons = tuple(name for name, applies in reasons.items() if applies)
+
+
+def _inverse(S: Float, held: Float) -> Float | None:
+    """Inverse of the reduced system where nothing moves along ``held``; None where more than that is free."""
+    if not len(S):
+        return np.zeros((0, 0))
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(S), 1e-300))
+    M = S * np.outer(scale, scale)
+    basis = np.eye(len(S))
+    if len(held):
+        normals = np.linalg.qr((held / scale).T)[0]  # directions of scaled columns
+        basis = np.linalg.svd(np.eye(len(S)) - normals @ normals.T)[0][:, : len(S) - len(held)]
+    try:
+        inner = cho_solve(cho_factor(basis.T @ M @ basis, lower=True), np.eye(basis.shape[1]))
+    except LinAlgError:
+        return None
+    C = basis @ inner @ basis.T * np.outer(scale, scale)
+    return 0.5 * (C + C.T)
+
+
+def _with(problem: BundleProblem, at: Estimate) -> BundleProblem:
+    c, p = problem.cameras, problem.points
+    poses = pack_poses(at.matrices(), "BundleOptimization camera") if len(c.ids) else c.poses
+    return replace(
+        problem, cameras=BundleCameras(c.ids, c.stamps, poses, c.lenses, c.fixed),
+        lenses=BundleLenses(at.lenses, problem.lenses.free), points=BundlePoints(p.ids, at.X, p.fixed),
+    )  # fmt: skip

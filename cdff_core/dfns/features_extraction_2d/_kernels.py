@@ -1,0 +1,30 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Compiled loop of AdaptiveFast."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+
+@njit(cache=True)
+def spread(
+    columns: NDArray[np.int64], rows: NDArray[np.int64], shape: tuple[int, int], radius: int
+) -> NDArray[np.bool_]:
+    """Which points stay when each, in the given order, clears a square of ``radius`` around itself."""
+    cell = max(radius // 2, 1)
+    covered = np.zeros((shape[0] // cell + 1, shape[1] // cell + 1), np.bool_)
+    reach = radius // cell
+    kept = np.zeros(len(columns), np.bool_)
+    for i in range(len(columns)):
+        r, c = rows[i] // cell, columns[i] // cell
+        if covered[r, c]:
+            continue
+        kept[i] = True
+        covered[
+            max(r - reach, 0) : min(r + reach + 1, covered.shape[0]),
+            max(c - reach, 0) : min(c + reach + 1, covered.shape[1]),
+        ] = True
+    return kept

@@ -1,0 +1,61 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Rotation and direction of translation of an essential matrix."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cdff_common.errors import InputError
+from cdff_core.imaging.two_view import homogeneous
+
+FloatArray = NDArray[np.float64]
+
+
+def checked_cameras(source: ArrayLike, sink: ArrayLike | None) -> tuple[FloatArray, FloatArray]:
+    """Both camera matrices, the first for both where the second is absent; raises InputError where one is none."""
+    first = np.asarray(source, np.float64)
+    second = first if sink is None else np.asarray(sink, np.float64)
+    for K in (first, second):
+        if K.shape != (3, 3) or not np.isfinite(K).all() or K[0, 0] <= 0.0 or K[1, 1] <= 0.0:
+            raise InputError(f"camera matrix {K.tolist()}: expected 3x3 with positive focal lengths, pixels")
+    return first, second
+
+
+def rays(points: FloatArray, K: FloatArray) -> FloatArray:
+    """``(n, 3)``, third coordinate 1, of pixels ``(n, 2)``."""
+    return homogeneous(points) @ np.linalg.inv(K).T
+
+
+def angles(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Angles ``(n,)`` between vectors ``(n, 3)``, radians; exact for small ones."""
+    return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ij,ij->i", a, b)))
+
+
+def depths(R: FloatArray, t: FloatArray, source: FloatArray, sink: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Depths ``(n,)`` along the rays of both cameras at which they pass nearest, in units of the translation."""
+    a, b = source @ R.T, sink
+    aa, bb, ab = (np.einsum("ij,ij->i", u, v) for u, v in ((a, a), (b, b), (a, b)))
+    at, bt = a @ t, b @ t
+    determinant = np.maximum(aa * bb - ab**2, 1e-300)
+    return (ab * bt - bb * at) / determinant, (aa * bt - ab * at) / determinant
+
+
+def decomposed(E: FloatArray, source: FloatArray, sink: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """R, unit t of ``x_sink = R x_source + t``, and which pairs of rays then meet in front of both cameras.
+
+    Of the four solutions (Hartley and Zisserman 2004, §9.6.2) that with most pairs in front.
+    """
+    U, _, Vt = np.linalg.svd(E)
+    U, Vt = U * np.sign(np.linalg.det(U)), Vt * np.sign(np.linalg.det(Vt))
+    W = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    best = np.eye(3), U[:, 2], np.zeros(len(source), bool)
+    for turn in (W, W.T):
+        R = U @ turn @ Vt
+        for t in (U[:, 2], -U[:, 2]):
+            first, second = depths(R, t, source, sink)
+            front = (first > 0.0) & (second > 0.0)
+            if front.sum() > best[2].sum():
+                best = R, t, front
+    return best

@@ -1,0 +1,252 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""What two images of one scene have in common: residuals of a model, its refinement, its covariance, its significance.
+
+Points are homogeneous or plain pixels ``(n, 2)``, source before sink; ``F`` is such that ``sink' F source = 0``.
+
+References
+----------
+.. [1] R. Hartley, A. Zisserman, Multiple View Geometry, 2nd ed., 2004, doi:10.1017/CBO9780511811685, §4.2, §5.2,
+   §11.4
+.. [2] A. Bartoli, P. Sturm, Nonlinear Estimation of the Fundamental Matrix with Minimal Parameters, PAMI 26(3), 2004,
+   doi:10.1109/TPAMI.2004.1262342
+.. [3] L. Moisan, B. Stival, A Probabilistic Criterion to Detect Rigid Point Matches Between Two Images, IJCV 57(3),
+   2004, doi:10.1023/B:VISI.0000013094.38752.54
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import gammaln
+
+from cdff_common.errors import InputError
+from cdff_common.geometry import se3
+
+FloatArray = NDArray[np.float64]
+Function = Callable[[FloatArray], FloatArray]
+#: Median absolute deviation of a Gaussian to its standard deviation.
+_MAD = 1.4826
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """A model fitted to pairs.
+
+    Attributes
+    ----------
+    matrix : ndarray, shape (3, 3)
+    covariance : ndarray, shape (9, 9)
+        Of the matrix read row by row; its rank is the model's number of parameters.
+    inliers : ndarray of bool, shape (n,)
+    residuals : ndarray, shape (n,)
+        Distance of each pair from the model, pixels.
+    sigma_px : float
+        Standard deviation of one residual of an inlier.
+    parameters : ndarray, shape (d, d)
+        Covariance of the model's own parameters.
+    """
+
+    matrix: FloatArray
+    covariance: FloatArray
+    inliers: NDArray[np.bool_]
+    residuals: FloatArray
+    sigma_px: float
+    parameters: FloatArray
+
+
+def checked_pairs(source: ArrayLike, sink: ArrayLike, least: int) -> tuple[FloatArray, FloatArray]:
+    """Both as ``(n, 2)`` float64; raises InputError where they do not fit or are fewer than ``least``."""
+    a, b = np.ascontiguousarray(source, np.float64), np.ascontiguousarray(sink, np.float64)
+    if a.ndim != 2 or a.shape[1] != 2 or a.shape != b.shape or not (np.isfinite(a).all() and np.isfinite(b).all()):
+        raise InputError(f"source {a.shape}, sink {b.shape}: expected both (n, 2) and finite")
+    if len(a) < least:
+        raise InputError(f"{len(a)} pairs: expected at least {least}")
+    return a, b
+
+
+def homogeneous(points: FloatArray) -> FloatArray:
+    """``(n, 3)`` of ``(n, 2)``."""
+    return np.column_stack([points, np.ones(len(points))])
+
+
+def sampson(F: FloatArray, source: FloatArray, sink: FloatArray) -> FloatArray:
+    """Signed Sampson distances ``(n,)``, pixels: first-order distance of a pair from the epipolar geometry ([1]_)."""
+    x, y = homogeneous(source), homogeneous(sink)
+    Fx, Fy = x @ F.T, y @ F
+    norm = np.sqrt(Fx[:, 0] ** 2 + Fx[:, 1] ** 2 + Fy[:, 0] ** 2 + Fy[:, 1] ** 2)
+    return np.asarray(np.einsum("ij,ij->i", y, Fx) / np.maximum(norm, 1e-300))
+
+
+def transfer(H: FloatArray, points: FloatArray) -> FloatArray:
+    """Points ``(n, 2)`` moved by a homography; NaN at its horizon."""
+    moved = homogeneous(points) @ H.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(moved[:, :2] / moved[:, 2:])
+
+
+def homography_residuals(H: FloatArray, source: FloatArray, sink: FloatArray) -> FloatArray:
+    """``(n, 2)``: transfer errors in the sink, scaled as if half of each were in the source (Sampson for H ~ rigid)."""
+    with np.errstate(invalid="ignore"):
+        error = (transfer(H, source) - sink) / np.sqrt(2.0)
+    return np.where(np.isfinite(error), error, 1e6)
+
+
+def fit_fundamental(F: FloatArray, source: FloatArray, sink: FloatArray, gate_sigmas: float, floor_px: float) -> Fit:
+    """Refine a fundamental matrix on its seven parameters ([2]_): ``F = U diag(cos a, sin a, 0) V'``; unit norm."""
+    first, second = _conditioning(source), _conditioning(sink)
+    U, s, Vt = np.linalg.svd(np.linalg.inv(second).T @ F @ np.linalg.inv(first))
+    state = [U * np.sign(np.linalg.det(U)), float(np.arctan2(s[1], s[0])), Vt.T * np.sign(np.linalg.det(Vt))]
+
+    def moved(d: FloatArray) -> FloatArray:
+        R, V = state[0] @ se3.exp_so3(d[:3]), state[2] @ se3.exp_so3(d[3:6])
+        angle = state[1] + d[6]
+        M = second.T @ R @ np.diag([np.cos(angle), np.sin(angle), 0.0]) @ V.T @ first
+        return np.asarray(M / np.linalg.norm(M))
+
+    def accept(d: FloatArray) -> None:
+        state[0], state[2] = state[0] @ se3.exp_so3(d[:3]), state[2] @ se3.exp_so3(d[3:6])
+        state[1] += float(d[6])
+
+    return _fit(moved, accept, lambda M: sampson(M, source, sink)[:, None], 7, gate_sigmas, floor_px)
+
+
+def fit_essential(
+    R: FloatArray, t: FloatArray, K: tuple[FloatArray, FloatArray], source: FloatArray, sink: FloatArray,
+    gate_sigmas: float, floor_px: float,
+) -> tuple[Fit, FloatArray, FloatArray]:  # fmt: skip
+    """Refine rotation and direction of translation (five parameters); the fit's matrix is E, residuals are pixels.
+
+    Returns the fit, R and unit t of ``x_sink = R x_source + t``; ``parameters`` is 5x5: three of the rotation
+    (perturbation on the left), two of t along the columns of ``tangents(t)``.
+    """
+    state = [np.array(R), np.array(t) / np.linalg.norm(t)]
+    inverse = np.linalg.inv(K[0]), np.linalg.inv(K[1])
+
+    def pose(d: FloatArray) -> tuple[FloatArray, FloatArray]:
+        direction = state[1] + tangents(state[1]) @ d[3:5]
+        return se3.exp_so3(d[:3]) @ state[0], direction / np.linalg.norm(direction)
+
+    def moved(d: FloatArray) -> FloatArray:
+        rotation, direction = pose(d)
+        return np.asarray(se3.skew(direction) @ rotation)
+
+    def accept(d: FloatArray) -> None:
+        state[0], state[1] = pose(d)
+
+    def residuals(E: FloatArray) -> FloatArray:
+        return sampson(inverse[1].T @ E @ inverse[0], source, sink)[:, None]
+
+    fit = _fit(moved, accept, residuals, 5, gate_sigmas, floor_px)
+    return fit, se3.normalise_rotation(state[0]), state[1]
+
+
+def fit_homography(H: FloatArray, source: FloatArray, sink: FloatArray, gate_sigmas: float, floor_px: float) -> Fit:
+    """Refine a homography on the eight directions that change it; unit norm."""
+    first, second = _conditioning(source), _conditioning(sink)
+    state = [second @ H @ np.linalg.inv(first)]
+    state[0] /= np.linalg.norm(state[0])
+
+    def turned(d: FloatArray) -> FloatArray:
+        basis = np.linalg.svd(state[0].reshape(1, 9))[2][1:].T
+        return np.asarray(state[0] + (basis @ d).reshape(3, 3))
+
+    def moved(d: FloatArray) -> FloatArray:
+        M = np.linalg.inv(second) @ turned(d) @ first
+        return np.asarray(M / np.linalg.norm(M))
+
+    def accept(d: FloatArray) -> None:
+        state[0] = turned(d) / np.linalg.norm(turned(d))
+
+    return _fit(moved, accept, lambda M: homography_residuals(M, source, sink), 8, gate_sigmas, floor_px)
+
+
+def _conditioning(points: FloatArray) -> FloatArray:
+    """Shift and scale that bring points about the origin at unit distance ([1]_ §4.4.4)."""
+    centre = points.mean(axis=0)
+    scale = 1.0 / max(float(np.sqrt(np.mean((points - centre) ** 2))), 1e-9)
+    return np.array([[scale, 0.0, -scale * centre[0]], [0.0, scale, -scale * centre[1]], [0.0, 0.0, 1.0]])
+
+
+def tangents(direction: FloatArray) -> FloatArray:
+    """Two orthonormal columns ``(3, 2)`` at right angles to a unit vector."""
+    return np.asarray(np.linalg.svd(direction[None])[2][1:].T)
+
+
+def _fit(
+    moved: Function, accept: Callable[[FloatArray], None], residuals: Function, dimension: int, gate: float,
+    floor_px: float,
+) -> Fit:  # fmt: skip
+    """Gauss-Newton with inliers chosen anew at each step, by ``gate`` times the residuals' own spread.
+
+    ``moved`` gives the matrix after a small move of the parameters ``(d,)``, ``residuals`` those ``(n, k)`` of one.
+    """
+    zero, steps = np.zeros(dimension), 1e-6 * np.eye(dimension)
+
+    def derivative(of: Function) -> FloatArray:
+        return np.stack([(of(d) - of(-d)) / 2e-6 for d in steps], axis=-1)
+
+    inliers, sigma = np.zeros(0, bool), floor_px
+    for iteration in range(12):
+        r = residuals(moved(zero))
+        size = np.linalg.norm(r, axis=1) / np.sqrt(r.shape[1])
+        core = size < 4.0 * sigma if iteration else size < np.inf
+        near = size[core][size[core] < 8.0 * floor_px]
+        sigma = float(np.clip(_MAD * np.median(near) if len(near) else floor_px, 0.25 * floor_px, floor_px))
+        inliers = size < gate * sigma
+        if inliers.sum() * r.shape[1] <= dimension:
+            break
+        J = derivative(lambda d: residuals(moved(d)))[inliers].reshape(-1, dimension)
+        normal = J.T @ J
+        step = -np.linalg.lstsq(normal, J.T @ r[inliers].reshape(-1), rcond=1e-14)[0]
+        accept(step)
+        if float(step @ normal @ step) < 1e-8 * sigma**2:
+            break
+    r = residuals(moved(zero))
+    size = np.linalg.norm(r, axis=1) / np.sqrt(r.shape[1])
+    inliers = size < gate * sigma
+    return _judged(moved(zero), derivative(moved), derivative(lambda d: residuals(moved(d))), r, inliers, sigma)
+
+
+def _judged(
+    matrix: FloatArray, slope: FloatArray, J: FloatArray, r: FloatArray, inliers: NDArray[np.bool_], sigma: float
+) -> Fit:
+    """The fit with ``s2 (J'J)^-1``, s2 from the inliers' residuals, carried over to the nine numbers."""
+    dimension = J.shape[-1]
+    size = np.linalg.norm(r, axis=1) / np.sqrt(r.shape[1])
+    freedom = inliers.sum() * r.shape[1] - dimension
+    if freedom <= 0:
+        unknown = np.full((dimension, dimension), np.inf)
+        return Fit(matrix, np.full((9, 9), np.inf), inliers, size, sigma, unknown)
+    variance = float((r[inliers] ** 2).sum()) / freedom
+    A = J[inliers].reshape(-1, dimension)
+    parameters = variance * np.linalg.pinv(A.T @ A, rcond=1e-15, hermitian=True)
+    D = slope.reshape(9, dimension)
+    return Fit(matrix, D @ parameters @ D.T, inliers, size, float(np.sqrt(variance)), parameters)
+
+
+def log10_false_alarms(pairs: int, inliers: int, chance: float, minimal: int) -> float:
+    """Logarithm of how many models with so many inliers chance alone would bring among random pairs ([3]_).
+
+    ``chance`` is the probability that a random pair is within the inliers' distance, ``minimal`` how many pairs make
+    a model. Below 0 the inliers mean something.
+    """
+    if inliers <= minimal:
+        return float("inf")
+
+    def log10_choose(n: int, k: int) -> float:
+        return float(gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1)) / np.log(10.0)
+
+    tests = np.log10(max(pairs - minimal, 1)) + log10_choose(pairs, inliers) + log10_choose(inliers, minimal)
+    return float(tests + (inliers - minimal) * np.log10(min(max(chance, 1e-12), 1.0)))
+
+
+def inlier_probabilities(residuals: FloatArray, sigma_px: float, inlier_share: float, span_px: float) -> FloatArray:
+    """Probability that each pair is right: Gaussian residuals of right pairs against ones spread over ``span_px``."""
+    sigma = max(sigma_px, 1e-6)
+    right = inlier_share * np.exp(-0.5 * (residuals / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
+    wrong = (1.0 - inlier_share) / span_px
+    return np.asarray(right / (right + wrong + 1e-300))

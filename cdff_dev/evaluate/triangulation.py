@@ -1,0 +1,191 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Triangulation: sparse points beside GTSAM's least reprojection error, dense depths against Middlebury's truth.
+
+Sparse: simulated cameras and points, the same observations for both. Dense: measured disparities; the depth of each
+pixel in units of the depth at disparity 1, since the data set states neither focal length nor baseline.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.geometry import se3
+from cdff_common.interfaces.registry import Registry
+from cdff_common.types import BundleProblem, Frame
+from cdff_core.dfns.disparity_image._interface import DisparityImageInputs
+from cdff_core.dfns.disparity_to_point_cloud._interface import DisparityToPointCloudInputs
+from cdff_core.dfns.n_view_triangulation._interface import NViewTriangulationInputs
+from cdff_dev.evaluate._chart import Bar, Panel, chart
+from cdff_dev.evaluate._image_pairs import grey
+
+Float = NDArray[np.float64]
+POINTS = 100_000
+CAMERA = (700.0, 700.0, 320.0, 240.0)
+SIGMA_PX = 0.5
+#: Name, number of views, and depths of the points, metres; the cameras are about half a metre apart.
+SCENES = (
+    ("2 views", 2, (4.0, 30.0)),
+    ("3 views", 3, (4.0, 30.0)),
+    ("5 views", 5, (4.0, 30.0)),
+    ("2 views, far", 2, (20.0, 80.0)),
+)
+DISPARITIES = {"teddy": 64, "tsukuba": 16}
+
+
+def evaluate(data: Path, progress: Callable[[str], None], points: int = POINTS) -> dict[str, Any]:
+    """Figures of sparse points, simulated, and of dense ones, measured."""
+    figures: dict[str, Any] = {"sparse_simulated": {}, "dense_measured": {}}
+    for name, views, depths in SCENES:
+        progress(f"triangulation: {name}")
+        figures["sparse_simulated"][name] = sparse(views, depths, points)
+    for name in DISPARITIES:
+        figures["dense_measured"][name] = dense(data, name)
+    return figures
+
+
+def scene(views: int, depths: tuple[float, float], points: int, seed: int = 0) -> tuple[BundleProblem, Float]:
+    """Cameras side by side, points before them and noisy observations, and the true points."""
+    rng = np.random.default_rng(seed)
+    z = rng.uniform(*depths, points)
+    X = np.column_stack([rng.uniform(-0.4, 0.4, points) * z, rng.uniform(-0.3, 0.3, points) * z, z])
+    T = [se3.transform(se3.exp_so3(rng.normal(0, 0.03, 3)), [0.5 * i, *rng.normal(0, 0.1, 2)]) for i in range(views)]
+    fx, fy, cx, cy = CAMERA
+    pixels = []
+    for pose in T:
+        p = se3.transform_points(se3.inverse(pose), X)
+        pixels.append(p[:, :2] / p[:, 2:] * [fx, fy] + [cx, cy] + rng.normal(0, SIGMA_PX, (points, 2)))
+    seen = (np.tile(np.arange(views), points), np.repeat(np.arange(points), views))
+    return BundleProblem.from_arrays(
+        T, CAMERA, np.zeros((points, 3)), seen, np.stack(pixels, axis=1).reshape(-1, 2), frame="site"
+    ), X
+
+
+def sparse(views: int, depths: tuple[float, float], points: int) -> dict[str, Any]:
+    """Errors, consistency of covariances, and rates of ours and of GTSAM on the same points."""
+    problem, truth = scene(views, depths, points)
+    dfn = Registry.default().make_dfn("n_view_triangulation")
+    dfn.configure({"min_angle_deg": 0.0, "max_residual_px": 1000.0, "sigma_px": SIGMA_PX})
+    times = []
+    for _ in range(5):
+        started = time.process_time()
+        found = dfn.process(NViewTriangulationInputs(problem))
+        times.append(time.process_time() - started)
+    peer, peer_s = _gtsam(problem, views)
+    both = found.valid & np.isfinite(peer).all(axis=1)
+    error = found.points - truth
+    nees = np.einsum("ni,nij,nj->n", error[both], np.linalg.inv(found.covariances[both]), error[both]) / 3.0
+    half = 1.96 * float(nees.std()) / len(nees) ** 0.5
+    rmse = {
+        "cdff": float(np.sqrt(np.mean(error[both] ** 2) * 3.0)),
+        "gtsam": float(np.sqrt(np.mean((peer - truth)[both] ** 2) * 3.0)),
+    }
+    return {
+        "points": points,
+        "answered": {"cdff": int(found.valid.sum()), "gtsam": int(np.isfinite(peer).all(axis=1).sum())},
+        "rmse_m": rmse, "rmse_ratio": rmse["cdff"] / rmse["gtsam"],
+        "median_error_m": float(np.median(np.linalg.norm(error[both], axis=1))),
+        "nees_ratio": {"mean": float(nees.mean()), "low": float(nees.mean()) - half, "high": float(nees.mean()) + half},
+        "points_per_cpu_s": {"cdff": points / float(np.median(times)), "gtsam": points / peer_s},
+    }  # fmt: skip
+
+
+def _gtsam(problem: BundleProblem, views: int) -> tuple[Float, float]:
+    """Points by GTSAM's nonlinear triangulation, NaN where it gave none, and CPU seconds."""
+    import gtsam
+
+    poses = [gtsam.Pose3(T) for T in problem.cameras.matrices]
+    fx, fy, cx, cy = CAMERA
+    calibration = gtsam.Cal3_S2(fx, fy, 0.0, cx, cy)
+    pixels = problem.observations.pixels[:, :2].reshape(-1, views, 2)
+    found = np.full((len(pixels), 3), np.nan)
+    started = time.process_time()
+    for i, seen in enumerate(pixels):
+        try:
+            found[i] = gtsam.triangulatePoint3(poses, calibration, list(seen), 1e-9, True)
+        except RuntimeError:  # GTSAM's way to say that there is no point
+            continue
+    return found, time.process_time() - started
+
+
+def dense(data: Path, name: str) -> dict[str, Any]:
+    """Depths of a stereo pair against the truth, in units of their stated standard deviation."""
+    folder = data / "middlebury" / name
+    scale = {"teddy": 4.0, "tsukuba": 16.0}[name]
+    truth = grey(folder / "disp2.png").astype(np.float64) / scale
+    K = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    left, right = (Frame.from_image(grey(folder / f"im{i}.png"), stamp_ns=0, camera_matrix=K) for i in (2, 6))
+    matcher = Registry.default().make_dfn("disparity_image")
+    matcher.configure({"num_disparities": DISPARITIES[name]})
+    disparity = matcher.process(DisparityImageInputs(left, right)).disparity
+    construct = Registry.default().make_dfn("disparity_to_point_cloud")
+    construct.configure({"min_depth_m": 0.0, "max_depth_m": 1e9, "max_depth_sigma_m": 1000.0})
+    made = construct.process(DisparityToPointCloudInputs(disparity, np.array(1.0), left))
+    at = np.rint(made.points[:, :2] / made.points[:, 2:]).astype(int)
+    d = truth[at[:, 1], at[:, 0]]
+    known = d > 0.0
+    z, sigma, d = made.points[known, 2], made.depth_sigma_m[known], d[known]
+    normalised = (z - 1.0 / d) / sigma
+    right_ones = np.abs(1.0 / z - d) <= 1.0
+    within = {f"{k}": round(float(np.mean(np.abs(normalised[right_ones]) <= k)), 4) for k in (1, 2, 3)}
+    shade = left.image[at[:, 1], at[:, 0]]
+    return {
+        "pixels_with_truth": int((truth > 0).sum()), "density": round(float(known.sum() / (truth > 0).sum()), 4),
+        "bad_1": round(float(1.0 - right_ones.mean()), 4), "sigma_px": construct.config.sigma_px,
+        "disparity_rms_px": round(float(np.sqrt(np.mean((1.0 / z - d)[right_ones] ** 2))), 3),
+        "nees": round(float(np.mean(normalised[right_ones] ** 2)), 3), "within_sigmas": within,
+        "truth_step_px": 1.0 / scale if name == "teddy" else 1.0,
+        "intensity_is_the_left_image": bool(np.array_equal(made.intensity, shade)),
+    }  # fmt: skip
+
+
+def draw(figures: dict[str, Any]) -> bytes:
+    """RMSE over GTSAM's, consistency of covariances, and shares of dense depths within their sigmas."""
+    rows, measured = figures["sparse_simulated"], figures["dense_measured"]
+    ratio: list[Bar | None] = [(r["rmse_ratio"],) * 3 for r in rows.values()]
+    nees: list[Bar | None] = [tuple(r["nees_ratio"][k] for k in ("mean", "low", "high")) for r in rows.values()]  # type: ignore[misc]  # three keys
+    shares: dict[str, list[Bar | None]] = {
+        name: [(100 * r["within_sigmas"][k],) * 3 for k in "123"] for name, r in measured.items()
+    }
+    shares["Gaussian"] = [(68.3,) * 3, (95.4,) * 3, (99.7,) * 3]
+    return chart(
+        [
+            Panel("RMSE over GTSAM's (grey: to 1.02)", list(rows), {"cdff": ratio}, 1.5, (0.0, 1.02)),
+            Panel("squared error over stated covariance", list(rows), {"cdff": nees}, 2.0),
+            Panel("dense depths within 1, 2, 3 sigma, %", ["1", "2", "3"], shares, 100.0),
+        ]
+    )
+
+
+def table(figures: dict[str, Any]) -> str:
+    """Sparse points beside GTSAM, dense ones against the truth."""
+    head = (
+        "| simulated, 0.5 px noise | points | RMSE cdff | RMSE GTSAM | ratio | error² / covariance | points per CPU s | "
+        "GTSAM's |"
+    )
+    lines = [head, "|---" * 8 + "|"]
+    for name, row in figures["sparse_simulated"].items():
+        rate, ratio = row["points_per_cpu_s"], row["nees_ratio"]
+        lines.append(
+            f"| {name} | {row['points']} | {row['rmse_m']['cdff']:.5g} m | {row['rmse_m']['gtsam']:.5g} m | "
+            f"{row['rmse_ratio']:.4f} | {ratio['mean']:.3f} ({ratio['low']:.3f} to {ratio['high']:.3f}) | "
+            f"{rate['cdff'] / 1e6:.2f} million | {rate['gtsam'] / 1e6:.3f} million |"
+        )
+    lines += [
+        "",
+        "| measured | density | bad-1 | RMS of right disparities | error² / σ_z² | within 1, 2, 3 σ_z |",
+        "|---" * 6 + "|",
+    ]
+    for name, row in figures["dense_measured"].items():
+        within = ", ".join(f"{100 * row['within_sigmas'][k]:.1f} %" for k in "123")
+        lines.append(
+            f"| {name} | {100 * row['density']:.1f} % | {100 * row['bad_1']:.1f} % | {row['disparity_rms_px']} px | "
+            f"{row['nees']:.2f} | {within} |"
+        )
+    return "\n".join(lines)

@@ -1,0 +1,124 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdff_common.geometry import covariance as cov
+from cdff_common.geometry import se3
+from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
+from cdff_common.interfaces.product import CovarianceKind, Status
+from cdff_common.interfaces.registry import Registry
+from cdff_common.types import Frame
+from cdff_dev.evaluate._image_pairs import marked_dlr
+from tests.corridor import CAMERA, render, texture
+
+VARIANTS = ("RootSift", "Sift", "Orb", "FastGrid", "GfttKlt")
+T_WORLD_LEFT = np.eye(4)
+T_WORLD_RIGHT = se3.transform(se3.exp_so3([0.0, 0.03, 0.0]), [0.25, 0.02, 0.1])
+
+
+def made(implementation: str | None = None, **config: object) -> Dfpc:
+    dfpc = Registry.default().make_dfpc("feature_matching")
+    dfpc.configure(config, implementation=implementation)
+    return dfpc
+
+
+def frame(image: np.ndarray, camera: bool = False) -> Frame:
+    return Frame.from_image(image, stamp_ns=0, camera_matrix=CAMERA if camera else None)
+
+
+def shown(dfpc: Dfpc, left: Frame, right: Frame) -> list[Output]:
+    return [o for port, f in (("left", left), ("right", right)) for o in dfpc.step(Sample(port, 1000, 0, f, id=port))]
+
+
+def corridor(camera: bool = True) -> tuple[Frame, Frame]:
+    rng = np.random.default_rng(0)
+    return frame(render(T_WORLD_LEFT, rng), camera), frame(render(T_WORLD_RIGHT, rng), camera)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_every_variant_matches_two_views_and_finds_how_the_cameras_stand(variant: str) -> None:
+    matches, transform = shown(made(variant), *corridor())
+    assert matches.quality.status is not Status.FAILED
+    assert matches.inputs == ("left", "right")
+    E = se3.inverse(T_WORLD_RIGHT)
+    F = np.linalg.inv(CAMERA).T @ se3.skew(E[:3, 3]) @ E[:3, :3] @ np.linalg.inv(CAMERA)
+    from cdff_core.imaging.two_view import sampson
+
+    distances = np.abs(sampson(F, matches.value.sources_px, matches.value.sinks_px))
+    assert np.mean(distances < 1.5) > 0.9
+    assert ((matches.value.probabilities > 0.0) & (matches.value.probabilities <= 1.0)).all()
+    assert transform.quality.status is not Status.FAILED
+    assert transform.quality.covariance_kind is CovarianceKind.FORMAL
+    assert "scale_unknown" in transform.quality.reasons
+    T_true = se3.inverse(T_WORLD_LEFT) @ T_WORLD_RIGHT
+    T_true[:3, 3] /= np.linalg.norm(T_true[:3, 3])
+    error = cov.pose_error(T_true, transform.value.transform.matrix)
+    assert np.degrees(np.linalg.norm(error[3:])) < 1.0
+    assert np.linalg.norm(error[:3]) < 0.4
+
+
+def test_without_cameras_there_are_matches_alone_and_the_store_holds_the_models() -> None:
+    dfpc = made()
+    (matches,) = shown(dfpc, *corridor(camera=False))
+    assert matches.port == "matches"
+    F, covariance = dfpc.store.get("fundamental_matrix").values, dfpc.store.get("fundamental_covariance").values
+    assert F.shape == (3, 3)
+    assert covariance.shape == (9, 9)
+    assert np.linalg.eigvalsh(covariance).min() > -1e-12
+    assert dfpc.store.get("homography_covariance").values.shape == (9, 9)
+    assert len(dfpc.store.get("features").points_px) > 100
+
+
+def test_a_plane_is_judged_as_one_and_leaves_the_transform_degraded() -> None:
+    import cv2
+
+    left = np.clip(texture(3, 256), 0, 255).astype(np.uint8)
+    H = np.array([[0.95, -0.1, 12.0], [0.1, 0.95, 4.0], [1e-4, 0.0, 1.0]])
+    right = cv2.warpPerspective(left, H, (256, 256))
+    outputs = shown(made(), frame(left, True), frame(right, True))
+    assert outputs[0].quality.metrics["planar_share"] == 1.0
+    from cdff_core.imaging.two_view import transfer
+
+    errors = np.hypot(*(transfer(H, outputs[0].value.sources_px) - outputs[0].value.sinks_px).T)
+    assert np.mean(errors < 2.0) > 0.98
+    assert outputs[1].quality.status is not Status.OK
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_images_of_nothing_in_common_fail_with_the_reason(variant: str) -> None:
+    images = (frame(np.clip(texture(seed, 256), 0, 255).astype(np.uint8)) for seed in (1, 2))
+    (output,) = shown(made(variant), *images)
+    assert output.value is None
+    assert output.quality.status is Status.FAILED
+    assert output.quality.reasons[0] == "no_common_scene"
+
+
+def test_a_right_image_waits_for_its_left_one_and_forget_forgets() -> None:
+    dfpc = made("Orb")
+    left, right = corridor()
+    assert not list(dfpc.step(Sample("right", 1000, 0, right)))
+    assert len(list(dfpc.step(Sample("left", 2000, 0, left)))) == 2
+    dfpc.call("forget", {})
+    assert not list(dfpc.step(Sample("right", 3000, 0, right)))
+
+
+def test_an_image_without_texture_or_of_another_depth_fails_and_says_why() -> None:
+    flat = frame(np.full((100, 120), 90, np.uint8))
+    (output,) = shown(made(), flat, flat)
+    assert output.quality.reasons == ("no_common_scene", "few_matches:0<12")
+    (output,) = made().step(Sample("left", 0, 0, Frame.from_image(np.zeros((90, 90), np.uint16), stamp_ns=0)))
+    assert output.quality.reasons[0].startswith("bad_left")
+
+
+def test_the_hand_marked_points_of_the_mock_up_are_found_within_five_pixels(real_data: Callable[[str], Path]) -> None:
+    pair = marked_dlr(real_data("cdff_upstream").parent)
+    value = shown(made(), frame(pair.left), frame(pair.right))[0].value
+    for source, sink in zip(pair.points, pair.partners, strict=True):
+        errors = np.maximum(np.hypot(*(value.sources_px - source).T), np.hypot(*(value.sinks_px - sink).T))
+        assert errors.min() <= 5.0
