@@ -21,7 +21,7 @@ from cdff_common.interfaces.product import Status
 from cdff_common.raster.choice import Choice, Disagreement, NavigationChoice
 from dpm_store import Query
 from dpm_store.clouds import DEFAULT_POINTS, MAX_POINTS
-from dpm_store.frames import Known
+from dpm_store.frames import FARTHEST_FRAME_M, Known
 from dpm_store.profile import MAX_CORNERS
 from dpm_store.records import LATEST_NS
 from dpm_store.windows import FARTHEST_M, WindowQuery
@@ -300,6 +300,8 @@ def transform_of(body: Mapping[str, Any]) -> UncertainTransform:
     """``T`` (4x4 rows) and ``covariance`` (6x6 or absent) of a map; raises InputError."""
     try:
         matrix = np.array(body["T"], dtype=np.float64)
+        if np.abs(matrix).max(initial=0.0) > FARTHEST_FRAME_M:  # before anything is calculated with it
+            raise ValueError(f"a number of {np.abs(matrix).max():g}, expected at most {FARTHEST_FRAME_M:g} m")
         covariance = body.get("covariance")
         return UncertainTransform(matrix, None if covariance is None else np.array(covariance, dtype=np.float64))
     except (KeyError, TypeError, ValueError) as error:
