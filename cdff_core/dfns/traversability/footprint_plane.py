@@ -154,7 +154,7 @@ class FootprintPlane(TraversabilityInterface):
 
 def _gaps(seen: Mask, gap_m: float, cell_m: float) -> Mask:
     """Unobserved cells of holes at least that wide; the map's edge counts as observed."""
-    cells = max(1, round(gap_m / cell_m))
+    cells = 2 * max(0, round(0.5 * (gap_m / cell_m - 1.0))) + 1  # odd: an even opening would move what it keeps
     disc = cv2.getStructuringElement(cv2.MORPH_RECT, (cells, cells))
     hidden = cv2.morphologyEx((~seen).astype(np.uint8), cv2.MORPH_OPEN, disc, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(hidden > 0)

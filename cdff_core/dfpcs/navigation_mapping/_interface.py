@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 from cdff_common.errors import InputError
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
-from cdff_common.types import NavigationMap
+from cdff_common.types import NavigationMap, PointSequence, PoseTrajectory
 
 
 class NavigationMappingInterface(Dfpc):
@@ -34,3 +34,21 @@ class NavigationMappingInterface(Dfpc):
     @abstractmethod
     def get_map(self) -> NavigationMap:
         """The navigation map as last computed."""
+
+    @abstractmethod
+    def get_polygons(self, kind: str, tolerance_m: float) -> PointSequence:
+        """Outlines of the areas of a kind in the map's frame, metres: rings one after another, each closed by its
+        first corner, outer ones counter-clockwise, holes clockwise.
+        """
+
+    @abstractmethod
+    def get_reachable(self, x_m: float, y_m: float) -> NavigationMap:
+        """The map with the layer travel_cost_m: what it costs to reach each cell from a place, NaN where it cannot
+        be reached.
+        """
+
+    @abstractmethod
+    def get_route(self, from_x_m: float, from_y_m: float, to_x_m: float, to_y_m: float) -> PoseTrajectory:
+        """The cheapest way between two places, a pose a cell, x ahead; stamps count from the map's time, a second
+        for each metre of cost.
+        """

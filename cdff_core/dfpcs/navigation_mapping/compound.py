@@ -11,13 +11,17 @@ import numpy as np
 from pydantic import Field
 
 from cdff_common.errors import InputError, ProductNotFoundError
+from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import DfpcConfig, Output, Sample
 from cdff_common.interfaces.product import Quality, Status
 from cdff_common.raster import delivered_resolution
-from cdff_common.types import NavigationMap
+from cdff_common.types import ElevationMap, NavigationMap, PointSequence, PoseTrajectory
 from cdff_core.dfns.dem_fusion._interface import DemFusionInputs
+from cdff_core.dfns.route_search._interface import RouteSearchInputs
 from cdff_core.dfns.traversability._interface import TraversabilityInputs
+from cdff_core.dfpcs.navigation_mapping._increment import rated
 from cdff_core.dfpcs.navigation_mapping._interface import NavigationMappingInterface
+from cdff_core.dfpcs.navigation_mapping._polygons import KINDS, rings
 
 #: What the profile's rover limits are called, and the parameters of ``traversability`` they set.
 LIMITS = ("length_m", "width_m", "max_slope_deg", "max_step_m", "max_roughness_m")
@@ -32,6 +36,7 @@ class NavigationMappingConfig(DfpcConfig):
     )  # fmt: skip
     fusion: dict[str, Any] = Field(default_factory=dict)
     traversability: dict[str, Any] = Field(default_factory=dict)
+    route: dict[str, Any] = Field(default_factory=dict)
 
 
 class NavigationMapping(NavigationMappingInterface):
@@ -48,6 +53,8 @@ class NavigationMapping(NavigationMappingInterface):
         self._fusion = self.dfn("fusion")
         self._fusion_m: float | None = None
         self._inputs: tuple[str, ...] = ()
+        self._route = self.dfn("route")
+        self._dem: ElevationMap | None = None
         self._map: NavigationMap | None = None
         self.store.offer("navigation_map", lambda: self._map)
 
@@ -62,7 +69,9 @@ class NavigationMapping(NavigationMappingInterface):
             quality = Quality(status=Status.FAILED, reasons=(f"patch_refused:{error}",))
             t0_ns, t1_ns = sample.value.t0_ns, sample.value.t1_ns
             return [Output("navigation_map", None, t0_ns, t1_ns, sample.value.frame, quality=quality)]
-        made: NavigationMap = self._traversability.process(TraversabilityInputs(dem=fused)).map
+        before = None if self._dem is None or self._map is None else (self._dem, self._map)
+        made = rated(fused, before, self._reach_m(fused.geometry.resolution_m), self._rated)
+        self._dem = fused
         self._inputs = (*self._inputs, sample.id)[-_MAX_INPUTS:] if sample.id else self._inputs
         previous, self._map = self._map, made
         if previous is not None and _same(previous, made):
@@ -78,12 +87,54 @@ class NavigationMapping(NavigationMappingInterface):
             raise ProductNotFoundError(f"{self.name}: no elevation patch has come yet")
         return self._map
 
+    def get_polygons(self, kind: str, tolerance_m: float) -> PointSequence:
+        """Rings of the areas of a kind, z 0; raises InputError on an unknown kind."""
+        if kind not in KINDS:
+            raise InputError(f"{self.name}.get_polygons: kind {kind!r}, expected one of {', '.join(KINDS)}")
+        corners = rings(self.get_map(), kind, max(tolerance_m, 0.0))
+        return PointSequence(np.column_stack([corners, np.zeros(len(corners))]))
+
+    def get_reachable(self, x_m: float, y_m: float) -> NavigationMap:
+        """The map with what it costs to get to each cell; raises InputError, or RefusedError where x, y is blocked."""
+        whole = self.get_map()
+        costs = self._route.process(RouteSearchInputs(whole, np.array([x_m, y_m]))).costs_m
+        reached = np.where(np.isfinite(costs), costs, np.nan).astype(np.float32)
+        layers = {name: whole.layer(name) for name in whole.layer_names} | {"travel_cost_m": reached}
+        return NavigationMap.from_layers(whole.geometry, layers, t0_ns=whole.t0_ns, t1_ns=whole.t1_ns)
+
+    def get_route(self, from_x_m: float, from_y_m: float, to_x_m: float, to_y_m: float) -> PoseTrajectory:
+        """The cheapest way; raises InputError, or RefusedError where an end is blocked or there is no way."""
+        whole, dem = self.get_map(), self._dem
+        ends = np.array([[from_x_m, from_y_m], [to_x_m, to_y_m]])
+        found = self._route.process(RouteSearchInputs(whole, ends[0], ends[1]))
+        row, col, _ = whole.geometry.cells_of(found.way[:, 0], found.way[:, 1])
+        heights = dem.layer("mean")[row, col].astype(np.float64) if dem is not None else np.zeros(len(row))
+        ahead = np.diff(found.way, axis=0, append=found.way[-1:])
+        ahead[-1] = ahead[-2] if len(ahead) > 1 else [1.0, 0.0]
+        turns = np.zeros((len(row), 3))
+        turns[:, 2] = np.arctan2(ahead[:, 1], ahead[:, 0])
+        poses = se3.transform(se3.exp_so3(turns), np.column_stack([found.way, heights]))
+        # A metre of cost is a second: stamps are whole microseconds and rise with every cell.
+        stamps_ns = whole.t1_ns + 1000 * np.rint(1e6 * found.costs_m[row, col]).astype(np.int64)
+        return PoseTrajectory.from_arrays(stamps_ns, poses, parent=whole.frame, child=f"{self.context.robot}/base")
+
+    def _rated(self, dem: ElevationMap) -> NavigationMap:
+        made: NavigationMap = self._traversability.process(TraversabilityInputs(dem=dem)).map
+        return made
+
+    def _reach_m(self, cell_m: float) -> float:
+        """How far a height bears on the classes of others: through planes, steps, holes and inflation."""
+        c = self._traversability.config
+        footprint_m = 0.5 * max(c.length_m, c.width_m)
+        inflation_m = 0.5 * float(np.hypot(c.length_m, c.width_m)) + c.margin_m + c.gap_m
+        return max(footprint_m, max(c.step_reach_m, 2.0 * cell_m) + inflation_m) + 4.0 * cell_m
+
     def _fit_cells(self, patch_m: float) -> None:
         """Configure the fusion for the patches' cell size, which is known with the first patch."""
         wanted_m = delivered_resolution([patch_m], self.config.resolution_m)
         if self._fusion_m is None or wanted_m > self._fusion_m:
             self._fusion.configure({"size_m": self.config.size_m, **self.config.fusion, "resolution_m": wanted_m})
-            self._fusion_m, self._inputs = wanted_m, ()
+            self._fusion_m, self._inputs, self._dem = wanted_m, (), None
 
     def _quality(self, made: NavigationMap, sample: Sample) -> Quality:
         counts = np.bincount(made.layer("class").ravel(), minlength=4)

@@ -112,3 +112,43 @@ def test_a_map_without_heights_and_a_limit_out_of_bounds_are_refused() -> None:
         node.process(TraversabilityInputs(dem=bare))
     with pytest.raises(ConfigurationError, match="max_slope_deg"):
         node.configure({"max_slope_deg": 90.0})
+
+
+def noisy(sigma_m: float, rng: np.random.Generator, base: np.ndarray | None = None, **config: Any) -> NavigationMap:
+    node = FootprintPlane()
+    node.configure({**ROVER, **config})
+    heights = (np.zeros(GRID.shape) if base is None else base) + rng.normal(0.0, sigma_m, GRID.shape)
+    layers = {"mean": heights, "variance": np.full(GRID.shape, sigma_m**2)}
+    dem = ElevationMap.from_layers(GRID, {k: v.astype(np.float32) for k, v in layers.items()}, t0_ns=0, t1_ns=0)
+    return node.process(TraversabilityInputs(dem=dem)).map
+
+
+INNER = (slice(10, -10), slice(10, -10))
+
+
+@pytest.mark.req("CDFF-CORE-073")
+def test_noise_that_is_stated_does_not_pass_for_steps(rng: np.random.Generator) -> None:
+    made = noisy(0.02, rng)
+    assert (made.layer("class")[INNER] == SAFE).mean() > 0.97
+    assert np.nanmedian(made.layer("step_m")[INNER]) < 0.03
+    assert (made.layer("confidence")[INNER] > 0.99).mean() > 0.97
+
+
+@pytest.mark.req("CDFF-CORE-073")
+@pytest.mark.parametrize("sigma_m", [0.03, 0.06])
+def test_safe_keeps_its_limits_by_three_standard_deviations(sigma_m: float, rng: np.random.Generator) -> None:
+    lump = np.where((np.abs(X) < 0.35) & (np.abs(Y) < 0.35), 0.19, 0.0)  # a step over the limit, but not by much
+    made = noisy(sigma_m, rng, lump, max_roughness_m=1.0, max_slope_deg=60.0)
+    assert (made.layer("class")[np.hypot(X, Y) < 0.5] != SAFE).all()
+    flat = noisy(0.5, rng, max_roughness_m=5.0, max_step_m=0.3)
+    assert (flat.layer("class")[INNER] == SAFE).mean() < 0.05  # too noisy to call anything safe
+
+
+def test_ground_beside_a_hole_that_may_hide_a_step_is_not_safe_and_beside_a_pinhole_is() -> None:
+    heights = np.zeros(GRID.shape)
+    heights[38:42, 48:52] = np.nan
+    heights[20, 20] = np.nan
+    classes = rate(heights).layer("class")
+    near = np.hypot(X, Y) < 0.55
+    assert (classes[near] != SAFE).all()
+    assert (classes[19:22, 19:22][np.isfinite(heights[19:22, 19:22])] == SAFE).all()

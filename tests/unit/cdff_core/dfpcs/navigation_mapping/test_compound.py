@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdff_common.errors import ConfigurationError, ProductNotFoundError
+from cdff_common.errors import ConfigurationError, InputError, ProductNotFoundError, RefusedError
 from cdff_common.interfaces.dfpc import DfpcContext, Output, Sample
 from cdff_common.interfaces.product import Quality, Status
 from cdff_common.raster import CellStatistics, GridGeometry
@@ -125,3 +125,104 @@ def test_a_wrong_configuration_is_refused(config: dict[str, Any]) -> None:
 def test_a_limit_of_the_profile_out_of_bounds_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="max_slope_deg"):
         navigation({"max_slope_deg": 120.0})
+
+
+def rough(seed: int, x0: float = -4.0, *, t_ns: int = T_NS, lump_m: float = 0.0) -> ElevationMap:
+    """A patch of hills with noise, the same ground wherever it lies, and a lump at (1, 1)."""
+    g = GridGeometry.aligned("site", 0.05, (x0, -4.0, x0 + 8.0, 4.0))
+    x, y = (c.ravel() for c in g.centres_m())
+    z = 0.3 * np.sin(x) * np.cos(0.7 * y) + np.random.default_rng(seed).normal(0.0, 0.01, x.shape)
+    z += lump_m * (np.hypot(x - 1.0, y - 1.0) < 0.3)
+    seen = np.hypot(x + 1.0, y - 2.0) > 0.6
+    points = np.column_stack([x, y, z])[seen]
+    layers = CellStatistics.from_points(
+        g, points, stamps_ns=t_ns, height_variance_m2=np.full(len(points), 1e-4)
+    ).to_layers(t_ns)
+    return ElevationMap.from_layers(g, layers, t0_ns=t_ns - 1000, t1_ns=t_ns)
+
+
+@pytest.mark.req("CDFF-CORE-073")
+def test_rating_only_what_changed_gives_what_rating_everything_gives() -> None:
+    patches = [rough(0), rough(1), rough(2, 1.0), rough(3, 1.5), rough(4, lump_m=0.4)]
+    parts = [patches[0], _only(patches[1], 0.5), patches[2], _only(patches[3], 2.0), _only(patches[4], 1.0)]
+    node, whole = navigation(size_m=14.0), navigation(size_m=14.0)
+    for part in parts:
+        step(node, part)
+        whole._dem = None  # makes it begin anew
+        step(whole, part)
+        a, b = node.get_map(), whole.get_map()
+        assert a.geometry == b.geometry
+        np.testing.assert_array_equal(a.layer("class"), b.layer("class"))
+        for name in ("slope_deg", "step_m", "roughness_m", "cost", "confidence"):
+            np.testing.assert_allclose(a.layer(name), b.layer(name), rtol=1e-4, atol=1e-5, err_msg=name)
+
+
+def _only(dem: ElevationMap, half_m: float) -> ElevationMap:
+    """A patch of which only what lies around (1, 1) was seen."""
+    x, y = dem.geometry.centres_m()
+    near = (np.abs(x - 1.0) < half_m) & (np.abs(y - 1.0) < half_m)
+    layers = {n: np.where(near, dem.layer(n), 0.0 if n == "count" else np.nan) for n in dem.layer_names}
+    return ElevationMap.from_layers(
+        dem.geometry, {n: a.astype(np.float32) for n, a in layers.items()}, t0_ns=dem.t0_ns, t1_ns=dem.t1_ns
+    )
+
+
+@pytest.mark.req("CDFF-CORE-073")
+def test_a_way_goes_around_a_hazard_and_says_what_it_costs() -> None:
+    node = navigation()
+    step(node, rough(0, lump_m=0.5))
+    way = node.call("get_route", {"from_x_m": "-2.5", "from_y_m": "-1.5", "to_x_m": "2.8", "to_y_m": "2.2"})
+    made = node.get_map()
+    x, y = way.matrices[:, 0, 3], way.matrices[:, 1, 3]
+    row, col, inside = made.geometry.cells_of(x, y)
+    assert inside.all()
+    assert np.isin(made.layer("class")[row, col], (1, 2)).all()
+    length_m = np.hypot(np.diff(x), np.diff(y)).sum()
+    cost_m = 1e-9 * (way.stamps_ns[-1] - way.stamps_ns[0])
+    assert length_m > np.hypot(5.3, 3.7) - 0.2
+    assert length_m <= cost_m <= 5.0 * length_m
+    assert (way.parent_frame, way.child_frame) == ("site", "mana/base")
+    reach = node.call("get_reachable", {"x_m": "-2.5", "y_m": "-1.5"})
+    assert reach.layer("travel_cost_m")[row[-1], col[-1]] == pytest.approx(cost_m, abs=1e-3)
+    blocked = ~np.isin(made.layer("class"), (1, 2))
+    assert np.isnan(reach.layer("travel_cost_m")[blocked]).all()
+
+
+@pytest.mark.parametrize("kind", ["free", "passable", "hazard", "blocked"])
+@pytest.mark.parametrize("tolerance_m", ["0.0", "0.2"])
+def test_outlines_hold_the_cells_of_their_kind_and_err_to_the_safe_side(kind: str, tolerance_m: str) -> None:
+    import shapely
+
+    node = navigation()
+    step(node, rough(0, lump_m=0.5))
+    corners = node.call("get_polygons", {"kind": kind, "tolerance_m": tolerance_m}).values
+    area = shapely.MultiPolygon()
+    begin = 0
+    while begin < len(corners):
+        end = begin + 1 + int(np.flatnonzero((corners[begin + 1 :] == corners[begin]).all(axis=1))[0])
+        ring = shapely.LinearRing(corners[begin : end + 1, :2])
+        part = shapely.Polygon(ring)
+        area = area.union(part) if ring.is_ccw else area.difference(part)
+        begin = end + 1
+    made = node.get_map()
+    classes = {"free": (1,), "passable": (1, 2), "hazard": (3,), "blocked": (0, 3)}[kind]
+    x, y = made.geometry.centres_m()
+    inside, is_kind = shapely.contains_xy(area, x, y), np.isin(made.layer("class"), classes)
+    if tolerance_m == "0.0":
+        np.testing.assert_array_equal(inside, is_kind)
+        assert area.area == pytest.approx(is_kind.sum() * made.geometry.resolution_m**2)
+    elif kind in ("free", "passable"):
+        assert not (inside & ~is_kind).any()
+    else:
+        assert not (is_kind & ~inside).any()
+
+
+def test_places_that_are_blocked_or_outside_and_unknown_kinds_are_refused() -> None:
+    node = navigation()
+    step(node, rough(0, lump_m=0.5))
+    with pytest.raises(RefusedError, match="start"):
+        node.call("get_reachable", {"x_m": "1.0", "y_m": "1.0"})
+    with pytest.raises(InputError, match="goal"):
+        node.call("get_route", {"from_x_m": "0", "from_y_m": "0", "to_x_m": "90", "to_y_m": "0"})
+    with pytest.raises(InputError, match="swamp"):
+        node.call("get_polygons", {"kind": "swamp"})
