@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """lidar_slam beside kiss-icp on the same simulated sweeps of 64 x 1800: CPU and wall time a sweep, memory of the maps.
 
-OMP_NUM_THREADS=1 python benchmarks/lidar_slam.py [--sweeps N] [--seed N] [--peer-python PYTHON] [--out FILE]
+OMP_NUM_THREADS=1 python benchmarks/lidar_slam.py [--sweeps N] [--seed N] [--rings N] [--columns N] [--tracking JSON]
+    [--peer-python PYTHON] [--out FILE]
 
 Sweeps of deploy/simulation/lidar_traverse.yaml, simulated first and held in memory. Both run on one thread; the first
 ten sweeps warm up. Closed loops are in our times, kiss-icp has none. Errors are the odometry's, of segments of 20 m.
@@ -35,9 +36,11 @@ WARM_UP = 10
 Step = Callable[[LidarScan], Any]
 
 
-def sweeps(seed: int, count: int) -> tuple[list[LidarScan], Track, np.ndarray]:
+def sweeps(seed: int, count: int, rings: int, columns: int) -> tuple[list[LidarScan], Track, np.ndarray]:
     """Sweeps, the true poses of the lidar, and its mount."""
-    scenario = load_scenario("lidar_traverse", seed).model_copy(update={"duration_s": count / 2.0 + 0.6})
+    base = load_scenario("lidar_traverse", seed)
+    lidar = base.lidar.model_copy(update={"rings": rings, "columns": columns})
+    scenario = base.model_copy(update={"duration_s": count / 2.0 + 0.6, "lidar": lidar})
     mount, found, truth = scenario.lidar.mount.matrix(), [], {}
     for entry, value in simulate(scenario, workers=0):
         if entry.stream.endswith("/lidar.scan"):
@@ -48,12 +51,12 @@ def sweeps(seed: int, count: int) -> tuple[list[LidarScan], Track, np.ndarray]:
     return found, Track("truth", stamps, np.array([truth[int(t)] for t in stamps])), mount
 
 
-def ours(mount: np.ndarray) -> tuple[Step, Callable[[], dict[str, float]]]:
-    """The DFPC with its defaults."""
+def ours(mount: np.ndarray, tracking: dict[str, Any]) -> tuple[Step, Callable[[], dict[str, float]]]:
+    """The DFPC; ``tracking`` are parameters of its registration beside the defaults."""
     frames = FrameGraph()
     frames.set_static("mana/base", "mana/lidar", UncertainTransform(mount, np.zeros((6, 6))))
     node = Registry.default().make_dfpc("lidar_slam")
-    node.configure(None, DfpcContext("mana", frames))
+    node.configure({"tracking": tracking}, DfpcContext("mana", frames))
 
     def step(scan: LidarScan) -> Any:
         outputs = list(node.step(Sample("scan", scan.t1_ns, 0, scan)))
@@ -100,15 +103,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sweeps", type=int, default=200, help="sweeps (two a second)")
     parser.add_argument("--seed", type=int, default=20260901, help="of the scenario")
+    parser.add_argument("--rings", type=int, default=64, help="of a sweep")
+    parser.add_argument("--columns", type=int, default=1800, help="of a sweep")
+    parser.add_argument("--tracking", type=json.loads, default={}, help="parameters of the registration, JSON")
     parser.add_argument("--peer-python", default=peer_python(), help="interpreter with kiss-icp; CDFF_PEER_PYTHON")
     parser.add_argument("--out", type=Path, help="JSON report")
     args = parser.parse_args()
-    scans, truth, mount = sweeps(args.seed, max(args.sweeps, 60))
+    scans, truth, mount = sweeps(args.seed, max(args.sweeps, 60), args.rings, args.columns)
     report: dict[str, Any] = {
         "machine": f"{platform.machine()}, {os.cpu_count()} cores", "sweeps": len(scans),
         "points_a_sweep": int(np.mean([len(s.points_m) for s in scans])),
     }  # fmt: skip
-    step, memory = ours(mount)
+    step, memory = ours(mount, args.tracking)
     report["cdff lidar_slam"] = measured("cdff", step, scans, truth) | memory()
     python = args.peer_python
     if python:

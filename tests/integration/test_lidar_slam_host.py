@@ -87,7 +87,7 @@ def test_poses_go_on_in_the_same_map_after_a_restart(
         process = started()
         sender.drive(0, 24)
         process.send_signal(signal.SIGTERM)
-        process.wait(30)
+        process.wait(120)
         eventually(lambda: not bus.alive(keys.alive("mana", "*")), timeout_s=30)
         assert (tmp_path / "data" / "dfpc" / "mana" / f"{NAME}.state").is_file()
         started()
