@@ -3,7 +3,8 @@
 """Problems of libmv's tracker, as Ceres reads them: one lens for all images, binary, single precision.
 
 Ceres Solver, examples/libmv_bundle_adjuster.cc: ``v`` or ``V`` (little, big endian), ``P`` or ``N`` (markers in
-pixels, or on the plane z = 1), eight intrinsics, then counted cameras (image, R by columns, t), points (track, X) and markers.
+pixels, or on the plane z = 1), eight intrinsics, then counted cameras (image, R by columns, t), points (track, X) and
+markers.
 """
 
 from __future__ import annotations

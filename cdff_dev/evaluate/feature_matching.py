@@ -38,7 +38,7 @@ Float = NDArray[np.float64]
 VARIANTS = ("RootSift", "Sift", "Orb", "FastGrid", "GfttKlt")
 #: Those that warped views and strange images are shown to: KLT is for views that hardly differ.
 TURNED = VARIANTS[:4]
-VIEWS, STRANGERS, MODEL_TRIALS = 100, 500, 500
+VIEWS, STRANGERS, MODEL_TRIALS = 30, 500, 100
 FOUND_PX, RIGHT_PX = 5.0, 3.0
 
 
@@ -86,8 +86,8 @@ def _drawn(data: Path, trials: int) -> list[tuple[int, tuple[str, Any]]]:
 
 
 def strangers(data: Path, trials: int) -> list[tuple[NDArray[np.uint8], NDArray[np.uint8]]]:
-    """Windows of 320 x 240 pixels of images of different scenes."""
-    views = [warped(name, base, seed, (320, 240)) for seed, (name, base) in _drawn(data, trials)]
+    """Windows of 240 x 180 pixels of images of different scenes."""
+    views = [warped(name, base, seed, (240, 180)) for seed, (name, base) in _drawn(data, trials)]
     return [(views[i].left, views[(i + 1) % trials].right) for i in range(trials)]
 
 

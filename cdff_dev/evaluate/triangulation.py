@@ -166,8 +166,8 @@ def draw(figures: dict[str, Any]) -> bytes:
 def table(figures: dict[str, Any]) -> str:
     """Sparse points beside GTSAM, dense ones against the truth."""
     head = (
-        "| simulated, 0.5 px noise | points | RMSE cdff | RMSE GTSAM | ratio | error² / covariance | points per CPU s | "
-        "GTSAM's |"
+        "| simulated, 0.5 px noise | points | RMSE cdff | RMSE GTSAM | ratio | error² / covariance | points per CPU s "
+        "| GTSAM's |"
     )
     lines = [head, "|---" * 8 + "|"]
     for name, row in figures["sparse_simulated"].items():

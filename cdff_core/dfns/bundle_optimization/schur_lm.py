@@ -50,8 +50,8 @@ class SchurLm(BundleOptimizationInterface):
     """Levenberg-Marquardt with the points eliminated; robust losses by reweighting [1]_.
 
     The reduced system is dense: its cost grows with the cube of the number of cameras, up to some hundreds. Of
-    rectified pairs the right column is a third residual. Covariances are ``s2`` times the inverse of the normal matrix with
-    the gauge held, s2 the weighted residuals' square sum over their freedom.
+    rectified pairs the right column is a third residual. Covariances are ``s2`` times the inverse of the normal matrix
+    with the gauge held, s2 the weighted residuals' square sum over their freedom.
 
     References
     ----------
@@ -152,7 +152,7 @@ def _inverse(S: Float, held: Float) -> Float | None:
     M = S * np.outer(scale, scale)
     basis = np.eye(len(S))
     if len(held):
-        normals = np.linalg.qr((held / scale).T)[0]  # directions of scaled columns
+        normals = np.linalg.qr((held * scale).T)[0]  # directions of scaled columns
         basis = np.linalg.svd(np.eye(len(S)) - normals @ normals.T)[0][:, : len(S) - len(held)]
     try:
         inner = cho_solve(cho_factor(basis.T @ M @ basis, lower=True), np.eye(basis.shape[1]))

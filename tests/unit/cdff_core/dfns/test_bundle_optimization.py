@@ -1,0 +1,165 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cdff_common.errors import InputError
+from cdff_common.geometry import se3
+from cdff_common.types import BundleObservations, BundleProblem
+from cdff_common.types.bundle_ext import FOCAL, K1, K2, PRINCIPAL_POINT, TANGENTIAL
+from cdff_core.dfns.bundle_optimization._interface import BundleOptimizationInputs, BundleOptimizationOutputs
+from cdff_core.dfns.bundle_optimization._kernels import CAUCHY, HUBER, NO_LOSS
+from cdff_core.dfns.bundle_optimization._system import System
+from cdff_core.dfns.bundle_optimization.schur_lm import SchurLm
+from cdff_dev.evaluate._bundles import by_gtsam, cost, ring
+from cdff_dev.evaluate.bundle_adjustment import consistency
+
+ALL = FOCAL | PRINCIPAL_POINT | K1 | K2 | TANGENTIAL
+
+
+def solved(
+    problem: BundleProblem, dropped: list[int] | None = None, **config: object
+) -> tuple[BundleOptimizationOutputs, SchurLm]:
+    dfn = SchurLm()
+    dfn.configure(config)
+    ids = None if dropped is None else np.array(dropped, np.int64)
+    return dfn.process(BundleOptimizationInputs(problem, ids)), dfn
+
+
+def stereo_ring(seed: int = 0) -> tuple[BundleProblem, np.ndarray, np.ndarray]:
+    problem, T, X = ring(8, 60, 6, 0.5, seed)
+    o, lens = problem.observations, [800.0, 800.0, 500.0, 400.0, 0, 0, 0, 0, 0, 0.3]
+    p = np.einsum("nij,nj->ni", se3.inverse(T)[o.cameras][:, :3, :3], X[o.points]) + se3.inverse(T)[o.cameras][:, :3, 3]
+    right = (p[:, 0] - 0.3) / p[:, 2] * 800.0 + 500.0 + np.random.default_rng(seed).normal(0, 0.5, len(p))
+    pixels = np.column_stack([o.pixels[:, :2], right])
+    made = BundleProblem.from_arrays(
+        problem.cameras.matrices, lens, problem.points.positions, (o.cameras, o.points), pixels, frame="site"
+    )
+    return made, T, X
+
+
+@pytest.mark.parametrize("loss", [NO_LOSS, HUBER, CAUCHY])
+def test_the_gradient_of_cameras_lenses_and_points_is_that_of_the_cost(loss: int) -> None:
+    problem, *_ = stereo_ring()
+    values = problem.lenses.values.copy()
+    values[:, 4:9] = [-0.05, 0.01, 0.001, -0.002, 0.003]
+    problem = replace(problem, lenses=replace(problem.lenses, values=values))
+    system = System.of(problem, ALL | 16, loss, 3.0)
+    at = System.first(problem)
+    r, weights, *_ = system.residuals(at)
+    normal = system.normal(at, r, weights)
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        d, dp = rng.normal(size=system.size), rng.normal(size=at.X.shape)
+        d[system.lens_columns[0, 3:]] *= 0.1
+        h = 1e-6
+        costs = [system.residuals(system.moved(at, s * h * d, s * h * dp))[2] for s in (1.0, -1.0)]
+        slope = float(normal.g @ d + (normal.gp * dp).sum())
+        assert (costs[0] - costs[1]) / (2.0 * h) == pytest.approx(slope, rel=1e-5)
+
+
+@pytest.mark.parametrize("free", [0, FOCAL | K1 | K2])
+def test_the_cost_is_that_of_gtsam_on_the_same_objective(free: int) -> None:
+    problem, *_ = ring(8, 80, 6, 1.0, 0, free)
+    found, dfn = solved(problem, tolerance=1e-10)
+    peer, _ = by_gtsam(problem, 1e-10)
+    assert dfn.metrics["cost_final"] == pytest.approx(cost(peer), rel=1e-4)
+    assert cost(found.problem) == pytest.approx(dfn.metrics["cost_final"])
+    assert dfn.metrics["rmse_px"] == pytest.approx(np.sqrt(2.0 * cost(peer) / 480), rel=1e-4)
+
+
+def test_covariances_are_as_large_as_the_errors() -> None:
+    figures = consistency(12)
+    assert 0.75 < figures["poses"]["mean"] < 1.4
+    assert 0.85 < figures["points"]["mean"] < 1.2
+
+
+def test_the_gauge_keeps_the_first_camera_and_a_distance_for_single_images_only() -> None:
+    problem, *_ = ring(8, 60, 6)
+    found, _ = solved(problem)
+    first, far = (int(i) for i in found.gauge)
+    before, after = problem.cameras.matrices, found.problem.cameras.matrices
+    assert after[first] == pytest.approx(before[first], abs=1e-9)
+    gap = [np.linalg.norm(T[far, :3, 3] - T[first, :3, 3]) for T in (before, after)]
+    assert gap[0] == pytest.approx(gap[1])
+    assert not found.pose_covariances[first].any()
+    along = after[far, :3, 3] - after[first, :3, 3]
+    C = found.pose_covariances[far, :3, :3]
+    assert along @ C @ along / (along @ along) < 1e-9 * np.trace(C)
+    stereo, T, _ = stereo_ring()
+    found, _ = solved(stereo)
+    assert len(found.gauge) == 1
+    scale = [np.linalg.norm(t[4, :3, 3] - t[0, :3, 3]) for t in (T, found.problem.cameras.matrices)]
+    assert scale[0] == pytest.approx(scale[1], rel=0.01)
+
+
+def test_a_robust_loss_bears_wrong_observations() -> None:
+    problem, T_true, X_true = ring(8, 80, 6, 0.5, 3)
+    o = problem.observations
+    pixels = o.pixels.copy()
+    wrong = np.random.default_rng(0).choice(len(pixels), 30, replace=False)
+    pixels[wrong, :2] += 60.0
+    problem = replace(problem, observations=BundleObservations(o.cameras, o.points, pixels))
+    fixed = np.zeros(8)
+    fixed[:2] = 1
+    T = problem.cameras.matrices
+    T[:2] = T_true[:2]
+    problem = BundleProblem.from_arrays(
+        T, [800.0, 800, 500, 400], problem.points.positions, (o.cameras, o.points), pixels, frame="site", fixed=fixed
+    )
+    errors = {}
+    for loss in ("none", "huber", "cauchy"):
+        found, dfn = solved(problem, loss=loss)
+        errors[loss] = np.median(np.linalg.norm(found.problem.points.positions - X_true, axis=1))
+        assert dfn.metrics["robust_cost_final"] <= dfn.metrics["cost_final"] + 1e-9
+    assert errors["cauchy"] < 0.5 * errors["none"]
+    assert errors["huber"] < errors["none"]
+    assert (found.weights[wrong] < 0.1).all()
+
+
+def test_lenses_are_adjusted_as_the_problem_or_the_configuration_says() -> None:
+    problem, *_ = ring(8, 80, 6, 0.3)
+    values = problem.lenses.values.copy()
+    values[0, :2] *= 1.02
+    off = replace(problem, lenses=replace(problem.lenses, values=values))
+    assert solved(off)[0].problem.lenses.values[0, 0] == pytest.approx(816.0)
+    assert solved(off, lenses="focal")[0].problem.lenses.values[0, :2] == pytest.approx([800.0, 800.0], rel=0.005)
+    radial = solved(off, lenses="all")[0].problem.lenses.values[0]
+    assert radial[4] != 0.0
+    assert radial[9] == 0.0
+
+
+def test_marginalised_cameras_become_a_prior_that_stands_for_them() -> None:
+    problem, *_ = ring(10, 120, 5, 0.5, 1)
+    whole, _ = solved(problem, tolerance=1e-12)
+    remaining = solved(whole.problem, dropped=[7, 8, 9], max_iterations=0)[0].remaining
+    assert remaining is not None
+    assert remaining.cameras.ids.tolist() == list(range(7))
+    assert np.linalg.eigvalsh(remaining.prior.matrix).min() > -1e-6 * np.abs(remaining.prior.matrix).max()
+    again, _ = solved(remaining, tolerance=1e-12)
+    kept = whole.problem.cameras.matrices[:7]
+    assert np.abs(again.problem.cameras.matrices - kept).max() < 1e-4
+    alone = replace(remaining, prior=type(remaining.prior)())
+    shift = np.abs(solved(alone, tolerance=1e-12)[0].problem.cameras.matrices - kept).max()
+    assert shift > 10.0 * np.abs(again.problem.cameras.matrices - kept).max()
+
+
+def test_fewer_residuals_than_unknowns_and_bad_numbers_are_said() -> None:
+    T = np.stack([np.eye(4), se3.transform(np.eye(3), [1.0, 0, 0])])
+    few = BundleProblem.from_arrays(
+        T, [700.0, 700, 0, 0], [[0.0, 0, 5], [1, 0, 5]], ([0, 1, 0, 1], [0, 0, 1, 1]), np.zeros((4, 2)), frame="site"
+    )
+    found, dfn = solved(few)
+    assert "underdetermined" in dfn.reasons
+    assert np.isnan(found.pose_covariances).any()
+    pixels = np.full((4, 2), np.nan)
+    o = few.observations
+    bad = BundleProblem.from_arrays(T, [700.0] * 4, np.ones((2, 3)), (o.cameras, o.points), pixels, frame="site")
+    with pytest.raises(InputError, match="finite"):
+        solved(bad)
+    with pytest.raises(InputError, match="dropped"):
+        solved(few, dropped=[99])

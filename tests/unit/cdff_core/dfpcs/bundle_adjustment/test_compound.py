@@ -1,0 +1,62 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cdff_common.errors import InputError, ProductNotFoundError
+from cdff_common.interfaces.dfpc import Dfpc, Sample
+from cdff_common.interfaces.product import CovarianceKind, Status
+from cdff_common.interfaces.registry import Registry
+from cdff_common.types import BundleProblem
+from cdff_dev.evaluate._bundles import cost, ring
+
+
+def made(implementation: str | None = None, **config: object) -> Dfpc:
+    dfpc = Registry.default().make_dfpc("bundle_adjustment")
+    dfpc.configure(config, implementation=implementation)
+    return dfpc
+
+
+@pytest.mark.parametrize("implementation", ["LeastSquares", "Robust"])
+def test_a_problem_becomes_poses_and_landmarks_with_covariances_and_a_stated_gauge(implementation: str) -> None:
+    problem, *_ = ring(8, 60, 6)
+    stamped = replace(problem, cameras=replace(problem.cameras, stamps=np.arange(8) * 1000))
+    dfpc = made(implementation)
+    answer, trajectory, landmarks = dfpc.step(Sample("problem", 8_000_000, 0, stamped, id="p"))
+    assert answer.quality.status is Status.OK
+    assert answer.quality.covariance_kind is CovarianceKind.FORMAL
+    assert any(reason.startswith("scale_kept") for reason in answer.quality.reasons)
+    assert cost(answer.value) < 0.01 * cost(problem)
+    assert answer.quality.metrics["cost_final"] == pytest.approx(cost(answer.value))
+    assert trajectory.value.covariances.shape == (8, 6, 6)
+    assert landmarks.value.covariances.shape == (60, 3, 3)
+    assert np.linalg.eigvalsh(landmarks.value.covariances).min() > 0.0
+    assert dfpc.store.get("last_problem") is answer.value
+
+
+def test_marginalise_keeps_the_rest_with_a_prior() -> None:
+    dfpc = made()
+    with pytest.raises(ProductNotFoundError):
+        dfpc.call("marginalise", {"cameras": "1"})
+    list(dfpc.step(Sample("problem", 0, 0, ring(8, 60, 6)[0])))
+    remaining = dfpc.call("marginalise", {"cameras": "6,7"})
+    assert remaining.cameras.ids.tolist() == list(range(6))
+    assert len(remaining.prior.cameras) == 6
+    with pytest.raises(InputError, match="commas"):
+        dfpc.call("marginalise", {"cameras": "six"})
+    dfpc.call("forget", {})
+    with pytest.raises(ProductNotFoundError):
+        dfpc.store.get("last_problem")
+
+
+def test_more_noise_than_stated_is_degraded_and_an_empty_problem_fails() -> None:
+    (answer, *_) = made(sigma_px=0.1).step(Sample("problem", 0, 0, ring(8, 60, 6)[0]))
+    assert answer.quality.status is Status.DEGRADED
+    assert answer.quality.reasons[0].startswith("residuals_exceed_noise")
+    (failed,) = made().step(Sample("problem", 0, 0, BundleProblem()))
+    assert failed.quality.status is Status.FAILED
+    assert failed.quality.reasons[0].startswith("bad_problem")

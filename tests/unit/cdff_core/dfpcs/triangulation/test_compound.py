@@ -1,0 +1,87 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
+from cdff_common.interfaces.product import CovarianceKind, Status
+from cdff_common.interfaces.registry import Registry
+from cdff_common.types import CorrespondenceMap2D, FramePair, TransformWithCovariance
+from cdff_dev.evaluate.triangulation import CAMERA, scene
+from tests.corridor import CAMERA as K
+from tests.corridor import SHAPE, texture
+
+
+def made(**config: object) -> Dfpc:
+    dfpc = Registry.default().make_dfpc("triangulation")
+    dfpc.configure(config)
+    return dfpc
+
+
+def given(dfpc: Dfpc, **values: object) -> list[Output]:
+    return [o for port, value in values.items() for o in dfpc.step(Sample(port, 1000, 0, value, id=port))]
+
+
+def test_tracks_become_landmarks_with_covariances_and_a_cloud() -> None:
+    problem, truth = scene(3, (4.0, 20.0), 500)
+    landmarks, cloud = given(made(triangulate={"max_residual_px": 100.0}), tracks=problem)
+    assert landmarks.quality.status is Status.OK
+    assert landmarks.quality.covariance_kind is CovarianceKind.FORMAL
+    error = landmarks.value.data.positions - truth[landmarks.value.data.ids]
+    nees = np.einsum("ni,nij,nj->n", error, np.linalg.inv(landmarks.value.covariances), error) / 3.0
+    assert 0.8 < nees.mean() < 1.25
+    assert (landmarks.value.data.observations == 3).all()
+    assert cloud.value.frame == "site"
+    assert len(cloud.value.points_m) == len(error)
+
+
+def test_matches_wait_for_the_pose_and_need_a_camera() -> None:
+    problem, truth = scene(2, (4.0, 20.0), 200)
+    pixels = problem.observations.pixels[:, :2].reshape(-1, 2, 2)
+    matches = CorrespondenceMap2D.from_arrays(pixels[:, 0], pixels[:, 1])
+    T = problem.cameras.matrices
+    T_left_right = se3.inverse(T[0]) @ T[1]
+    pose = TransformWithCovariance.from_transform(
+        UncertainTransform(T_left_right), parent="mana/left", child="mana/right", stamp_ns=1000
+    )
+    dfpc = made(camera=CAMERA)
+    assert not given(dfpc, matches=matches)
+    landmarks, _ = given(dfpc, pose=pose)
+    assert landmarks.frame == "mana/left"
+    assert landmarks.inputs == ("matches", "pose")
+    expected = se3.transform_points(se3.inverse(T[0]), truth)[landmarks.value.data.ids]
+    assert np.median(np.linalg.norm(landmarks.value.data.positions - expected, axis=1)) < 0.6
+    (failed,) = given(made(), matches=matches, pose=pose)
+    assert failed.quality.reasons[0].startswith("no_camera")
+
+
+def test_a_stereo_pair_becomes_a_cloud_with_grey_values_and_the_uncertainty_of_its_depths() -> None:
+    image = np.clip(texture(3, 512), 0, 255).astype(np.uint8)
+    rows, columns = SHAPE
+    left, right = (np.ascontiguousarray(image[:rows, start : start + columns]) for start in (0, 12))
+    pair = FramePair.from_images(left, right, baseline_m=0.2, camera_matrix=K, stamp_ns=1000)
+    dfpc = made(disparity={"num_disparities": 32})
+    (cloud,) = given(dfpc, stereo=pair)
+    z = K[0, 0] * 0.2 / 12.0
+    points = cloud.value.points_m
+    assert np.median(points[:, 2]) == pytest.approx(z, rel=0.01)
+    sigmas = dfpc.store.get("depth_sigmas").values
+    assert np.allclose(sigmas, points[:, 2] ** 2 / (K[0, 0] * 0.2) * 0.3)
+    at = np.rint(points[:, :2] / points[:, 2:] * [K[0, 0], K[1, 1]] + [K[0, 2], K[1, 2]]).astype(int)
+    assert np.array_equal(cloud.value.intensity, left[at[:, 1], at[:, 0]])
+
+
+def test_what_cannot_be_built_fails_with_the_reason_and_much_noise_is_degraded() -> None:
+    flat = np.full(SHAPE, 90, np.uint8)
+    pair = FramePair.from_images(flat, flat, baseline_m=0.2, camera_matrix=K, stamp_ns=1000)
+    (failed,) = given(made(), stereo=pair)
+    assert failed.quality.reasons[0] == "no_points"
+    problem, _ = scene(3, (4.0, 20.0), 300)
+    landmarks, _ = given(made(triangulate={"sigma_px": 0.1, "max_residual_px": 100.0}), tracks=problem)
+    assert landmarks.quality.status is Status.DEGRADED
+    assert landmarks.quality.reasons[0].startswith("residuals_exceed_noise")
+    (failed,) = given(made(triangulate={"max_residual_px": 1e-6}), tracks=problem)
+    assert failed.quality.reasons == ("no_points", "mostly:large_residual")
