@@ -196,9 +196,9 @@ def _odometry(
 
 
 def _fixes(motion: Motion, duration_s: float, rng: np.random.Generator, shared: float = 0.0) -> list[Sample]:
-    """``T_site_base`` every ten seconds; the share ``shared`` of the errors' variance is one draw for a drive."""
+    """``T_site_base`` every five seconds; the share ``shared`` of the errors' variance is one draw for a drive."""
     sigma = np.array([0.10, 0.10, 0.15, 0.02, 0.02, 0.02])
-    t_us = _stamps(0.1, duration_s)[1:]
+    t_us = _stamps(0.2, duration_s)[1:]
     common = np.sqrt(shared) * sigma * rng.standard_normal(6)
     out = []
     for k, (us, T) in enumerate(zip(t_us, motion.poses(t_us * 1e-6), strict=True)):

@@ -1,9 +1,13 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Position manager and visual odometry on the simulated traverse: error at the end, by which sources there were.
+"""Position manager on simulated traverses: error at the end by which sources there were, and consistency.
 
-The anchor and the mounts are known exactly, so that what is judged is the estimate. A trial is a seed of the visual
-odometry; the drive, its images and the errors of wheels and IMU are those of the scenario's one seed.
+The anchor and the mounts are known exactly, so that what is judged is the estimate. Two parts:
+
+- The frozen scenario ``rover_traverse`` with its images and sweeps: a trial is a seed of the visual odometry; the
+  drive, its images, sweeps and the errors of wheels and IMU are those of the scenario's one seed.
+- Drives simulated as measurements (``_dead_reckoning``), each with ground, way and all errors of its own: the squared
+  error by the stated covariance over ``HELD_OUT`` seeds, of which none served to choose a parameter (``TRAINING`` did).
 """
 
 from __future__ import annotations
@@ -15,10 +19,12 @@ from typing import Any
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.product import Product
+from cdff_dev.evaluate._chart import Panel, chart
+from cdff_dev.evaluate._consistency import consistency
 from cdff_dev.evaluate.record import spread
-from cdff_dev.evaluate.traverse import SCENARIO, Drive, drives, normalised_error, run, visual_odometry
+from cdff_dev.evaluate.traverse import SCENARIO, Drive, drives, lidar_odometry, normalised_error, run, visual_odometry
 
-SEEDS = range(10)
+SEEDS = range(3)
 FELT = {"wheels.odometry": "odometry", "imu.sample": "imu"}
 #: Name of a set of sources -> (wheels and IMU, whether visual odometry is there at a time in seconds from the start).
 SOURCES: dict[str, tuple[bool, Callable[[float], bool]]] = {
@@ -38,6 +44,7 @@ def evaluate(_data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     for drive in found:
         report[drive.robot] = _drive(drive, progress)
         drive.log.close()
+    report["measurement level"] = consistency(progress)
     return report
 
 
@@ -63,6 +70,13 @@ def _drive(drive: Drive, progress: Callable[[str], None]) -> dict[str, Any]:
             share, squared = _error(drive, [*(felt if has_felt else []), *_as_samples(drive, seen, has_seen)])
             percent[name].append(100 * share)
             nees[name].append(squared)
+    swept = lidar_odometry(drive)
+    with_lidar = [
+        Sample("lidar_odometry", p.header.t1_ns, p.header.seq, p.value, quality=p.header.quality) for p in swept
+    ]
+    for name, more in (("wheels, imu, lidar odometry", []), ("all of them", _as_samples(drive, seen, lambda _t: True))):
+        share, squared = _error(drive, [*felt, *with_lidar, *more])
+        percent[name], nees[name] = [100 * share], [squared]
     return {
         "way_m": round(drive.way_m, 3),
         "visual_odometry_sparse": {
@@ -71,9 +85,62 @@ def _drive(drive: Drive, progress: Callable[[str], None]) -> dict[str, Any]:
             **{key: spread(values) for key, values in visual.items()},
         },
         "position_manager": {
-            name: {"end_error_percent": spread(percent[name]), "nees": spread(nees[name])} for name in SOURCES
+            name: {"end_error_percent": spread(percent[name]), "nees": spread(nees[name])} for name in percent
         },
     }
+
+
+def draw(figures: dict[str, Any]) -> bytes:
+    """Errors and squared errors of the measurement-level drives, each with its band."""
+    level = figures["measurement level"]
+    names = list(level["position_manager"])
+    peers = {"position_manager": level["position_manager"], "gtsam smoother": level["gtsam"]}
+    errors = {
+        method: [
+            (e["median"], e["min"], e["p95"]) if (e := found.get(n, {}).get("end_error_percent")) else None
+            for n in names
+        ]
+        for method, found in peers.items()
+    }
+    squared = {
+        method: [(m, m, m) if (m := found.get(n, {}).get("mean_nees")) else None for n in names]
+        for method, found in peers.items()
+    }
+    return chart([
+        Panel("error at the end, % of the way: median, least to 95 %", names, errors, 2.5),
+        Panel("mean squared error by covariance, 95 % band grey", names, squared, 12.0, tuple(level["band"])),
+    ])  # fmt: skip
+
+
+def table(figures: dict[str, Any]) -> str:
+    """Both parts as tables."""
+    level = figures["measurement level"]
+    robots = [r for r in ("mana", "minnie") if r in figures]
+    lines = [
+        f"| frozen traverse with its images and sweeps, median | {' | '.join(robots)} |",
+        "|---" * (len(robots) + 1) + "|",
+    ]
+    for name in figures[robots[0]]["position_manager"]:
+        cells = [
+            f"{f['end_error_percent']['median']:.2f} %, {f['nees']['median']:.1f}"
+            for f in (figures[r]["position_manager"][name] for r in robots)
+        ]
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    low, high = level["band"]
+    lines += [
+        "",
+        "Each: error of the last position over the way, squared error by the stated covariance (6 expected).",
+        "",
+        f"| {level['drives']} held-out drives of {level['way_m']:.0f} m | error, median | 95 % | largest "
+        f"| mean squared error by covariance (band {low:.2f} to {high:.2f}) |",
+        "|---|---|---|---|---|",
+    ]
+    for method in ("position_manager", "gtsam"):
+        for name, f in level[method].items():
+            shares = " | ".join(f"{f['end_error_percent'][key]:.2f} %" for key in ("median", "p95", "max"))
+            fewer = "" if f["drives"] == level["drives"] else f" ({f['drives']} drives)"
+            lines.append(f"| {method}: {name}{fewer} | {shares} | {f['mean_nees']:.2f} |")
+    return "\n".join(lines)
 
 
 def _as_samples(drive: Drive, seen: list[Product], has_seen: Callable[[float], bool]) -> list[Sample]:

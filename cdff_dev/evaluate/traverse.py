@@ -76,8 +76,8 @@ def drives(name: str = SCENARIO, seed: int | None = None) -> tuple[int, list[Dri
     return scenario.seed, made
 
 
-def run(dfpc: str, context: DfpcContext, samples: Sequence[Sample]) -> list[Product]:
-    """The poses that a DFPC makes of samples, with its default parameters."""
+def run(dfpc: str, context: DfpcContext, samples: Sequence[Sample], port: str = "pose") -> list[Product]:
+    """The poses that a DFPC makes of samples on a port, with its default parameters."""
     node = Registry.default().make_dfpc(dfpc)
     node.configure(None, context)
     runner = Runner(node)
@@ -86,13 +86,18 @@ def run(dfpc: str, context: DfpcContext, samples: Sequence[Sample]) -> list[Prod
         runner.push(sample)
         products += runner.drain()
     products += runner.finish()
-    return [p for p in products if p.port == "pose" and p.value is not None]
+    return [p for p in products if p.port == port and p.value is not None]
 
 
 def visual_odometry(drive: Drive, seed: int) -> list[Product]:
     """Poses ``T_vo_left`` of a drive's image pairs."""
     context = replace(drive.context, seed=seed)
     return run("visual_odometry_sparse", context, drive.samples({"navcam.pair": "stereo"}))
+
+
+def lidar_odometry(drive: Drive) -> list[Product]:
+    """Poses ``T_lidarodom_lidar`` of a drive's sweeps."""
+    return run("lidar_slam", drive.context, drive.samples({"lidar.scan": "scan"}), "odometry")
 
 
 def normalised_error(T_true: se3.FloatArray, estimate: UncertainTransform) -> tuple[float, float]:

@@ -77,6 +77,8 @@ class InertialErrorState(KalmanPredictionInterface):
                 p_end, v_end = self._carried(inputs, R_end, dv, dp, rates, T_s)
                 F[V, PHI], F[P, PHI] = -se3.skew(dv), -se3.skew(dp)
                 F[V, BA], F[P, BA] = -turned, -0.5 * T_s * turned
+                leaning = se3.skew(dv) @ turned
+                F[V, BG], F[P, BG] = leaning / 2.0, leaning * T_s / 6.0
         q[PHI], q[V] = rate**2 * T_s, force**2 * T_s
         q[BG], q[BA] = c.gyro_walk_rad_s2_sqrt_hz**2 * T_s, c.acc_walk_m_s3_sqrt_hz**2 * T_s
         q[P] = force**2 * T_s**3 / 3.0

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -81,11 +82,15 @@ class PositionManager(PositionManagerInterface):
         if self._waits(sample):
             yield from self._hold(sample)
             return
-        before, T = self._wheels, sample.value.transform.matrix
+        before = self._wheels
         if before is not None and 0 <= sample.stamp_ns - before[0] < self.config.wheel_period_s * _NS:
             return
-        self._wheels = (sample.stamp_ns, T)
-        yield from self._take(sample, self._event(sample, afresh=before is not None and self._reset(before, sample)))
+        event = self._event(sample)
+        assert event.measured is not None  # a pose is all that the port takes
+        self._wheels = (sample.stamp_ns, event.measured.matrix)
+        if before is not None and self._reset(before, *self._wheels):
+            event = replace(event, afresh=True)
+        yield from self._take(sample, event)
 
     def on_visual_odometry(self, sample: Sample) -> Iterable[Output]:
         """Take the increment of visual odometry."""
@@ -327,10 +332,10 @@ class PositionManager(PositionManagerInterface):
             return None
         return self._estimator.ahead(newest, stamp_ns)
 
-    def _reset(self, before: tuple[int, FloatArray], sample: Sample) -> bool:
+    def _reset(self, before: tuple[int, FloatArray], stamp_ns: int, T: FloatArray) -> bool:
         """Whether no wheel could have come from the pose before: they count from a new origin."""
-        moved_m = float(np.linalg.norm(sample.value.transform.matrix[:3, 3] - before[1][:3, 3]))
-        return moved_m > self.config.max_wheel_speed_m_s * abs(sample.stamp_ns - before[0]) / _NS
+        moved_m = float(np.linalg.norm(T[:3, 3] - before[1][:3, 3]))
+        return moved_m > self.config.max_wheel_speed_m_s * abs(stamp_ns - before[0]) / _NS
 
     def _mount(self, child: str, stamp_ns: int) -> FloatArray:
         return self._frames.on_robot(self._frames.base, child, stamp_ns).matrix

@@ -46,7 +46,7 @@ class PositionManagerConfig(DfpcConfig):
     slip_sigma: Annotated[tuple[Sigma, Sigma, Sigma], Field(description="ahead, aside, up, per way")] = (
         0.09,
         0.025,
-        0.025,
+        0.03,
     )
     slip_time_s: Annotated[Seconds, Field(description="over which slip changes")] = 6.0
     wheel_floor_m: Annotated[Sigma, Field(description="of a wheel increment, also at rest")] = 1e-3
@@ -57,7 +57,7 @@ class PositionManagerConfig(DfpcConfig):
     )
 
     visual_scale: Annotated[Scale, Field(description="of what visual odometry says of its variances")] = 4.0
-    lidar_scale: Annotated[Scale, Field(description="of what lidar odometry says of its variances")] = 2.0
+    lidar_scale: Annotated[Scale, Field(description="of what lidar odometry says of its variances")] = 2.4
     degraded_scale: Annotated[Scale, Field(description="of the variances of a DEGRADED odometry, further")] = 25.0
     unstated_sigma_m: Annotated[Sigma, Field(description="of an increment whose odometry states no covariance")] = 0.02
     unstated_sigma_rad: Annotated[Sigma, Field(description="of its turn")] = 0.005

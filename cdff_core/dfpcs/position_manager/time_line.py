@@ -117,8 +117,8 @@ class TimeLine:
         """Keep one node a period before a time and none before another, but the first and those around pins."""
         kept: list[Node] = self.nodes[:1]
         needed = self._needed()
-        for k, node in enumerate(self.nodes[1:], 1):
-            last = kept[-1]
+        for k in range(1, len(self.nodes)):
+            last, node = kept[-1], self.nodes[k]
             if node.stamp_ns >= before_ns or k in needed or k == len(self.nodes) - 1:
                 kept.append(node)
             elif node.stamp_ns < forget_before_ns:
