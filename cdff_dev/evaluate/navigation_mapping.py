@@ -33,7 +33,7 @@ from cdff_dev.simulate.relief import crater_profile, fractal_tile, power_law_siz
 
 PROFILE = Path(__file__).resolve().parents[2] / "deploy" / "profiles" / "rover_traverse.yaml"
 LIMITS = ("length_m", "width_m", "max_slope_deg", "max_step_m", "max_roughness_m")
-SEEDS, SIGMAS_M = range(20), (0.0, 0.01, 0.02, 0.03)
+SEEDS, SIGMAS_M = range(6), (0.0, 0.01, 0.02, 0.03)
 EDGE_M, CELL_M, FINE_M = 40.0, 0.1, 0.025
 UNKNOWN, SAFE, CAUTION, HAZARD = range(4)
 

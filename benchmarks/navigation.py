@@ -1,0 +1,153 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""CPU time of navigation mapping: rating a million cells, rating a change, routes beside scikit-image's MCP_Geometric.
+
+python benchmarks/navigation.py [--out FILE] [--rounds N] [--peer-python PYTHON]
+
+Medians of CPU seconds (``time.process_time``), one thread, compiled and warmed up before. The peer is left out without
+``--peer-python`` (CDFF_PEER_PYTHON, with scikit-image).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.interfaces.dfpc import Sample
+from cdff_common.interfaces.registry import Registry
+from cdff_common.raster import CellStatistics, GridGeometry
+from cdff_common.types import ElevationMap, NavigationMap
+from cdff_core.dfns.route_search._interface import RouteSearchInputs
+from cdff_core.dfns.traversability._interface import TraversabilityInputs
+
+SEED = 1
+_PEER = """
+import sys, time, numpy as np
+from skimage.graph import MCP_Geometric
+z = np.load(sys.argv[1])
+times = []
+for _ in range(int(z["rounds"]) + 1):
+    started = time.process_time()
+    costs, _ = MCP_Geometric(z["price"], sampling=tuple(z["cell"])).find_costs([tuple(z["start"])])
+    times.append(time.process_time() - started)
+np.savez(sys.argv[2], cpu=np.median(times[1:]), costs=costs)
+"""
+
+
+def cpu_s(call: Callable[[], object], rounds: int) -> float:
+    """Median CPU seconds of a call after one to warm up."""
+    call()
+    times = []
+    for _ in range(rounds):
+        started = time.process_time()
+        call()
+        times.append(time.process_time() - started)
+    return statistics.median(times)
+
+
+def hills(cells: int, cell_m: float, change: bool = False, only: bool = False) -> ElevationMap:
+    """Hills with 1 cm of noise; with ``only`` a tenth of their edges is seen, with ``change`` a lump is there."""
+    rng = np.random.default_rng(SEED)
+    geometry = GridGeometry.aligned("site", cell_m, (0.0, 0.0, cells * cell_m, cells * cell_m))
+    x, y = geometry.centres_m()
+    z = 0.5 * np.sin(0.4 * x) * np.cos(0.3 * y) + rng.normal(0.0, 0.01, x.shape)
+    middle = 0.5 * cells * cell_m
+    near = (np.abs(x - middle) < 0.05 * cells * cell_m) & (np.abs(y - middle) < 0.05 * cells * cell_m)
+    z += 0.3 * change * near
+    seen = near if only else np.ones_like(near)
+    points = np.column_stack([x[seen], y[seen], z[seen]])
+    layers = CellStatistics.from_points(
+        geometry, points, stamps_ns=0, height_variance_m2=np.full(len(points), 1e-4)
+    ).to_layers(0)
+    return ElevationMap.from_layers(geometry, layers, t0_ns=0, t1_ns=0)
+
+
+def changes(rounds: int) -> dict[str, float]:
+    """A map of 1000 x 1000 cells in the DFPC: the first patch, and patches that touch a hundredth of it."""
+    node = Registry.default().make_dfpc("navigation_mapping")
+    node.configure({"size_m": 50.0, "resolution_m": 0.05})
+    first, small = hills(1000, 0.05), hills(1000, 0.05, change=True, only=True)
+    started = time.process_time()
+    list(node.step(Sample("dem", 0, 0, first)))
+    whole_s = time.process_time() - started
+    return {
+        "first_patch_cpu_s": whole_s,
+        "change_of_a_hundredth_cpu_s": cpu_s(lambda: list(node.step(Sample("dem", 0, 0, small))), rounds),
+    }
+
+
+def routes(rounds: int, python: str | None) -> dict[str, Any]:
+    """Costs to all cells of 300 x 300, with hazards on a tenth of them."""
+    rng = np.random.default_rng(SEED)
+    geometry = GridGeometry.aligned("site", 0.1, (0.0, 0.0, 30.0, 30.0))
+    classes = np.where(rng.random(geometry.shape) < 0.1, 3, 1).astype(np.uint8)
+    classes[150, 150] = 1
+    cost = rng.random(geometry.shape).astype(np.float32)
+    made = NavigationMap.from_layers(geometry, {"class": classes, "cost": cost}, t0_ns=0, t1_ns=0)
+    node = Registry.default().make_dfn("route_search")
+    node.configure()
+    inputs = RouteSearchInputs(made, np.array([15.05, 14.95]))
+    report: dict[str, Any] = {"cells": classes.size, "cpu_s": cpu_s(lambda: node.process(inputs), rounds)}
+    if python:
+        price = np.where(classes == 1, 1.0 + 4.0 * cost.astype(np.float64), np.inf)
+        report |= _peer(python, price, (150, 150), rounds, node.process(inputs).costs_m)
+    return report
+
+
+def _peer(
+    python: str, price: NDArray[np.float64], start: tuple[int, int], rounds: int, ours: NDArray[np.float64]
+) -> dict[str, float]:
+    with tempfile.TemporaryDirectory() as folder:
+        np.savez(f"{folder}/in.npz", price=price, start=start, rounds=rounds, cell=np.array([0.1, 0.1]))
+        environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+        subprocess.run([python, "-c", _PEER, f"{folder}/in.npz", f"{folder}/out.npz"], check=True, env=environment)
+        with np.load(f"{folder}/out.npz") as out:
+            both = np.isfinite(ours) & np.isfinite(out["costs"])
+            # The peer cuts corners between two hazards, so that its costs are no higher than ours.
+            difference = (ours - out["costs"])[both]
+            below_m = float(max(-difference.min(), 0.0))
+            return {
+                "mcp_geometric_cpu_s": float(out["cpu"]), "ours_below_peer_by_at_most_m": below_m,
+                "median_difference_m": float(np.median(difference)),
+            }  # fmt: skip
+
+
+def main() -> None:
+    """Measure and print JSON."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument(
+        "--peer-python", default=os.environ.get("CDFF_PEER_PYTHON"), help="interpreter with scikit-image"
+    )
+    args = parser.parse_args()
+    cv2.setNumThreads(1)
+    rating, dem = Registry.default().make_dfn("traversability"), hills(1000, 0.05)
+    rating.configure({})
+    report: dict[str, Any] = {
+        "benchmark": "navigation", "python": platform.python_version(), "machine": platform.machine(),
+        "cells": 1_000_000,
+        "traversability_cpu_s": cpu_s(lambda: rating.process(TraversabilityInputs(dem=dem)), args.rounds),
+        **changes(args.rounds), "routes": routes(args.rounds, args.peer_python),
+    }  # fmt: skip
+    text = json.dumps(report, indent=1)
+    print(text)
+    if args.out:
+        args.out.write_text(text + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
