@@ -39,12 +39,13 @@ def compare(
     Parameters
     ----------
     dem : ElevationMap
-        Layer ``mean``; with ``variance`` the coverage of intervals is told, with ``count`` cells can be left out.
+        Layer ``mean``; with ``error_variance`` (else ``variance``) the coverage of intervals is told, with ``count``
+        cells can be left out.
     truth : ElevationMap
         Layer ``mean``, in the same frame. Where its cells are smaller their mean over a cell of the map is taken, else
         its heights are interpolated at the cell's centre.
     remove_shift : bool
-        Whether the map is first moved as a whole to where it fits best; the shift is told either way.
+        Whether the map is first moved and tilted as a whole to where it fits best; how far is told either way.
     least_count : int
         Cells with fewer measurements are left out.
 
@@ -53,7 +54,8 @@ def compare(
     dict
         ``cells``, ``completeness`` (share of the true cells within the map's extent that it shows), ``bias_m``,
         ``rmse_m``, ``nmad_m`` and ``le90_m`` [1]_, ``max_m``, ``slope_rmse_deg``, ``within_90_percent`` (share of the
-        true heights within 1.645 sigma), ``chi2_per_cell``, and the ``shift_m`` (east, north, up) that was found [2]_.
+        true heights within 1.645 sigma), ``chi2_per_cell``, and the ``shift_m`` (east, north, up) and ``tilt_mrad``
+        (rise to the east, to the north) that were found [2]_.
 
     Raises
     ------
@@ -65,10 +67,20 @@ def compare(
     mean = dem.layer("mean").astype(np.float64)
     if "count" in dem.layer_names:
         mean = np.where(dem.layer("count") >= least_count, mean, np.nan)
-    shift = _shift(dem.geometry, mean, truth)
-    moved = shift if remove_shift else np.zeros(3)
-    true = true_heights(dem.geometry, truth, moved[:2])
-    error = mean + moved[2] - true
+    row, col = np.nonzero(np.isfinite(mean))
+    if not len(row):
+        raise InputError("no cell of the map was observed")
+    g = dem.geometry
+    seen = GridGeometry.from_cells(
+        g.frame, g.resolution_m, left=g.left + int(col.min()), top=g.top - int(row.min()),
+        rows=int(np.ptp(row)) + 1, cols=int(np.ptp(col)) + 1,
+    )  # fmt: skip
+    window = g.slices_of(seen)
+    mean = mean[window]
+    shift = _shift(seen, mean, truth)
+    moved = shift if remove_shift else np.zeros(5)
+    true = true_heights(seen, truth, moved[:2])
+    error = mean + _raised(seen, moved) - true
     known = np.isfinite(error)
     if not known.any():
         raise InputError("no cell of the map has a known true height: do the two overlap?")
@@ -81,12 +93,15 @@ def compare(
         "nmad_m": _nmad(e),
         "le90_m": float(np.percentile(np.abs(e), 90)),
         "max_m": float(np.abs(e).max()),
-        "slope_rmse_deg": _slope_rmse_deg(np.where(known, mean, np.nan), true, dem.geometry.resolution_m),
-        "shift_m": [float(v) for v in shift],
+        "slope_rmse_deg": _slope_rmse_deg(np.where(known, mean, np.nan), true, g.resolution_m),
+        "shift_m": [float(v) for v in shift[:3]],
+        "tilt_mrad": [1e3 * float(v) for v in shift[3:]],
         "shift_removed": remove_shift,
     }
-    if "variance" in dem.layer_names:
-        variance = dem.layer("variance").astype(np.float64)[known]
+    interval = next((name for name in ("error_variance", "variance") if name in dem.layer_names), None)
+    if interval is not None:
+        variance = dem.layer(interval)[window].astype(np.float64)[known]
+        figures["interval_of"] = interval
         figures["within_90_percent"] = float(np.mean(np.abs(e) <= Z_90 * np.sqrt(variance)))
         figures["chi2_per_cell"] = float(np.median(e**2 / np.maximum(variance, 1e-12)) / 0.4549)
     return figures
@@ -158,23 +173,31 @@ def _slope_rmse_deg(mean: Grid, true: Grid, resolution_m: float) -> float:
     return float(np.sqrt(np.mean(difference**2))) if len(difference) else float("nan")
 
 
+def _raised(geometry: GridGeometry, motion: NDArray[np.float64]) -> Grid:
+    """How much shift and tilt add to each cell's height ``(rows, cols)``, metres."""
+    x, y = geometry.centres_m()
+    return np.asarray(motion[2] + motion[3] * (x - x.mean()) + motion[4] * (y - y.mean()))
+
+
 def _shift(geometry: GridGeometry, mean: Grid, truth: ElevationMap) -> NDArray[np.float64]:
-    """East, north and up to add to the map so that it fits best, metres."""
-    shift = np.zeros(3)
+    """East, north and up (metres), rise to the east and to the north (radians) to add so that the map fits best."""
+    motion = np.zeros(5)
     if min(mean.shape) < 2:
-        return shift
+        return motion
+    x, y = geometry.centres_m()
     for _ in range(_SHIFT_ROUNDS):
-        true = true_heights(geometry, truth, shift[:2])
+        true = true_heights(geometry, truth, motion[:2])
         down, east = np.gradient(true, geometry.resolution_m)
-        error = mean + shift[2] - true
+        error = mean + _raised(geometry, motion) - true
         use = np.isfinite(error) & np.isfinite(east) & np.isfinite(down)
         if np.count_nonzero(use) < 10:
-            return shift
+            return motion
         e = error[use]
         near = np.abs(e - np.median(e)) <= _SHIFT_GATE * max(_nmad(e), 1e-9)
-        A = np.column_stack([east[use], -down[use], -np.ones(len(e))])[near]
+        ones = np.ones(len(e))
+        A = np.column_stack([east[use], -down[use], -ones, x.mean() - x[use], y.mean() - y[use]])[near]
         step = np.linalg.lstsq(A, e[near], rcond=None)[0]
-        shift += step
-        if np.abs(step).max() < 1e-5:
+        motion += step
+        if np.abs(step).max() < 1e-4:
             break
-    return shift
+    return motion

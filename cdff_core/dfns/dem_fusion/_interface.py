@@ -21,14 +21,20 @@ class DemFusionInputs:
 
     Attributes
     ----------
-    patch : ElevationMap
-        Statistics of measurements that no earlier patch held.
+    patch : ElevationMap, optional
+        Statistics of measurements that no earlier patch held; nothing is added where absent.
     centre : ndarray of float64, shape (2), optional
-        X and y the map is centred on, metres; the patch's middle where absent.
+        X and y the window is centred on, metres; where it was, or the patch's middle, where absent.
+    rays : ndarray of float64, shape (n,6), optional
+        From the sensor to the points of the patch, x y z each, metres; clears cells that two of them passed below.
+    bounds : ndarray of float64, shape (4), optional
+        Xmin ymin xmax ymax of the map to return in place of the window, metres; not finite for all there is.
     """
 
-    patch: ElevationMap
+    patch: ElevationMap | None = None
     centre: NDArray[np.float64] | None = None
+    rays: NDArray[np.float64] | None = None
+    bounds: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,12 +45,15 @@ class DemFusionOutputs:
     ----------
     map : ElevationMap
         The window around the centre, in cells of the configured size or the patches'.
+    cleared : ndarray of int64, shape ()
+        Cells that were forgotten.
     """
 
     map: ElevationMap
+    cleared: NDArray[np.int64]
 
 
 class DemFusionInterface(Dfn[Any, DemFusionInputs, DemFusionOutputs]):
-    """Pools elevation patches into a map that moves with the robot, exactly as if all measurements had been
-    rasterised at once.
+    """Pools elevation patches into a map, exactly as if all measurements had been rasterised at once, and forgets
+    what later rays passed through.
     """

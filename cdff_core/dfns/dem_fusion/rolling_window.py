@@ -1,18 +1,21 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A square map that moves with the robot."""
+"""A map that moves with the robot."""
 
 from __future__ import annotations
 
-from math import floor
 from typing import ClassVar
 
+import numpy as np
 from pydantic import Field
 
+from cdff_common.errors import InputError
 from cdff_common.interfaces.dfn import DfnConfig
-from cdff_common.raster import CellStatistics, GridGeometry, WindowAssembler
-from cdff_common.types import ElevationMap
+from cdff_common.raster import GridGeometry
 from cdff_core.dfns.dem_fusion._interface import DemFusionInputs, DemFusionInterface, DemFusionOutputs
+from cdff_core.elevation import visibility
+from cdff_core.elevation.fusing import bounds_of, middle_of, window_around
+from cdff_core.elevation.map_cells import MapCells
 
 
 class RollingWindowConfig(DfnConfig):
@@ -20,6 +23,7 @@ class RollingWindowConfig(DfnConfig):
 
     size_m: float = Field(40.0, gt=0.0, le=10_000.0, description="Edge of the square window, metres")
     resolution_m: float | None = Field(None, gt=0.0, description="Edge of a cell, metres; the patches' where absent")
+    clear_margin_m: float = Field(0.1, ge=0.0, description="How far below a cell rays must pass to clear it, metres")
 
 
 class RollingWindow(DemFusionInterface):
@@ -33,45 +37,44 @@ class RollingWindow(DemFusionInterface):
 
     def setup(self) -> None:
         """Start with nothing observed."""
-        self._window: WindowAssembler | None = None
-        self._span_ns: tuple[int, int] | None = None
+        visibility.compile_now(1.0)
+        self._cells: MapCells | None = None
+        self._span_ns = (0, 0)
 
     def process(self, inputs: DemFusionInputs) -> DemFusionOutputs:
-        """Return the window after the patch; raises InputError if the patch's cells do not fit into the window's."""
-        geometry = inputs.patch.geometry
-        statistics = CellStatistics.from_layers(
-            geometry, {name: inputs.patch.layer(name) for name in inputs.patch.layer_names}, inputs.patch.t1_ns
-        )
-        if inputs.centre is None:
-            b = geometry.bounds
-            x, y = 0.5 * (b.xmin + b.xmax), 0.5 * (b.ymin + b.ymax)
-        else:
-            x, y = (float(v) for v in inputs.centre)
-        window = self._moved(self._around(x, y, geometry))
-        window.add(statistics)
-        t0_ns, t1_ns = inputs.patch.t0_ns, inputs.patch.t1_ns
-        if self._span_ns is not None:
-            t0_ns, t1_ns = min(t0_ns, self._span_ns[0]), max(t1_ns, self._span_ns[1])
-        self._span_ns = (t0_ns, t1_ns)
-        fused = window.statistics
-        layers = fused.to_layers(t1_ns)
-        return DemFusionOutputs(map=ElevationMap.from_layers(fused.geometry, layers, t0_ns=t0_ns, t1_ns=t1_ns))
+        """Return the window after the patch.
 
-    def _around(self, x_m: float, y_m: float, patch: GridGeometry) -> GridGeometry:
-        resolution_m = self.config.resolution_m or patch.resolution_m
-        cells = max(1, round(self.config.size_m / resolution_m))
-        left = floor(x_m / resolution_m) - cells // 2
-        top = floor(y_m / resolution_m) + 1 + (cells - 1) // 2
-        return GridGeometry.from_cells(patch.frame, resolution_m, left=left, top=top, rows=cells, cols=cells)
+        Raises
+        ------
+        InputError
+            If the patch's cells do not fit into the window's, or there is neither a patch nor a window.
+        """
+        patch, cleared = inputs.patch, 0
+        if patch is not None:
+            new = MapCells.of_map(patch, self.config.resolution_m)
+            xy = middle_of(patch.geometry) if inputs.centre is None else np.asarray(inputs.centre, dtype=np.float64)
+            resolution_m = new.geometry.resolution_m
+            cells = self._move(
+                window_around(patch.frame, resolution_m, xy, self.config.size_m), patch.t0_ns, patch.t1_ns
+            )
+            if inputs.rays is not None:
+                cleared = visibility.clear_seen_through(cells, inputs.rays, patch.t0_ns, self.config.clear_margin_m)
+            cells.add(new)
+        if self._cells is None:
+            raise InputError("no patch yet: nothing to return a map of")
+        cells = self._cells
+        if inputs.bounds is not None and np.all(np.isfinite(inputs.bounds)):
+            g = cells.geometry
+            cells = cells.window(GridGeometry.aligned(g.frame, g.resolution_m, bounds_of(inputs.bounds)))
+        return DemFusionOutputs(map=cells.to_map(*self._span_ns), cleared=np.array(cleared))
 
-    def _moved(self, geometry: GridGeometry) -> WindowAssembler:
-        """The window shifted to ``geometry``; cells of another frame or size start anew."""
-        old = self._window
-        if old is not None and old.statistics.geometry == geometry:
-            return old
-        self._window = WindowAssembler(geometry)
-        if old is not None and old.statistics.geometry.shares_cells_with(geometry):
-            self._window.statistics = old.statistics.window(geometry)
-        else:
-            self._span_ns = None
-        return self._window
+    def _move(self, geometry: GridGeometry, t0_ns: int, t1_ns: int) -> MapCells:
+        """Shift the window to ``geometry`` and return it; cells of another frame or size start anew."""
+        old = self._cells
+        if old is not None and old.geometry.shares_cells_with(geometry):
+            self._span_ns = (min(self._span_ns[0], t0_ns), max(self._span_ns[1], t1_ns))
+            if old.geometry != geometry:
+                self._cells = old.window(geometry)
+            return self._cells or old
+        self._cells, self._span_ns = MapCells.empty(geometry), (t0_ns, t1_ns)
+        return self._cells

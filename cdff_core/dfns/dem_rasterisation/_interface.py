@@ -27,11 +27,18 @@ class DemRasterisationInputs:
         Variance of each height that the spread in a cell does not show, square metres.
     stamps_ns : ndarray of int64, shape (n), optional
         When each point was measured, nanoseconds; 0 where absent.
+    noise_variance : ndarray of float64, shape (n), optional
+        Variance of each height by the sensor's own noise, which the spread in a cell shows as far as it holds many
+        heights, square metres.
+    intensity : ndarray of float64, shape (n), optional
+        Brightness of each point, NaN where unknown.
     """
 
     points: NDArray[np.float64]
     height_variance: NDArray[np.float64] | None = None
     stamps_ns: NDArray[np.int64] | None = None
+    noise_variance: NDArray[np.float64] | None = None
+    intensity: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +48,9 @@ class DemRasterisationOutputs:
     Attributes
     ----------
     map : ElevationMap
-        Smallest grid that holds all points; layers mean, variance, min, max, count, age_s, NaN where unobserved.
+        Smallest grid that holds all points; layers mean, variance, min, max, count, age_s, NaN where unobserved;
+        further layers for further inputs: pose_variance (mean of heightVariance), intensity (mean), first_age_s (of
+        the oldest), overhang_m (lowest height of what hangs over the cell).
     """
 
     map: ElevationMap

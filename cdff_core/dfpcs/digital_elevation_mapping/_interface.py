@@ -58,5 +58,9 @@ class DigitalElevationMappingInterface(Dfpc):
         """Local map around the robot, in cells of the given size where that is an integer multiple of the map's."""
 
     @abstractmethod
+    def get_whole_map(self) -> ElevationMap:
+        """All that the map holds, in the map's cells; with implementation LidarGlobal all that was seen."""
+
+    @abstractmethod
     def publish_patch(self) -> None:
         """End the patch with the next sample instead of waiting for its period."""

@@ -20,16 +20,18 @@ from cdff_common.errors import (
 )
 from cdff_common.interfaces.dfpc import DfpcConfig, Output, Sample
 from cdff_common.interfaces.product import Quality, Status
-from cdff_common.raster import CellStatistics, aggregate_to, delivered_resolution
+from cdff_common.raster import delivered_resolution
 from cdff_common.types import ElevationMap, Pointcloud
 from cdff_core.dfns.dem_fusion._interface import DemFusionInputs
 from cdff_core.dfns.dem_rasterisation._interface import DemRasterisationInputs
 from cdff_core.dfns.point_cloud_downsampling._interface import PointCloudDownsamplingInputs
 from cdff_core.dfpcs.digital_elevation_mapping._interface import DigitalElevationMappingInterface
+from cdff_core.dfpcs.digital_elevation_mapping.aligning import Aligning
 from cdff_core.dfpcs.digital_elevation_mapping.configuration import DigitalElevationMappingConfig
 from cdff_core.dfpcs.digital_elevation_mapping.measuring import Measuring
-from cdff_core.dfpcs.digital_elevation_mapping.patch import Patch
+from cdff_core.dfpcs.digital_elevation_mapping.patch import Joined, Patch
 from cdff_core.dfpcs.digital_elevation_mapping.pose_history import PoseHistory
+from cdff_core.elevation.map_cells import MapCells
 
 
 class DigitalElevationMapping(DigitalElevationMappingInterface):
@@ -45,13 +47,16 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
 
     def setup(self) -> None:
         """Make the DFNs and offer the local map."""
-        if {"resolution_m", "frame"} & set(self.config.rasterisation):
-            raise ConfigurationError(f"{self.name}: rasterisation: resolution_m is the DFPC's, frame that of the poses")
+        if {"resolution_m", "frame", "overhang_gap_m"} & set(self.config.rasterisation):
+            raise ConfigurationError(
+                f"{self.name}: rasterisation: resolution_m and overhang_gap_m are the DFPC's, frame that of the poses"
+            )
         if self.config.max_range_m is not None and self.config.min_range_m >= self.config.max_range_m:
             raise ConfigurationError(f"{self.name}: min_range_m={self.config.min_range_m}: expected below max_range_m")
         self._rasterisation = self.dfn("rasterisation")
-        self._rasterise_in("map")
+        self._aligning = Aligning(self.dfn("registration"))
         self._fusion = self.dfn("fusion")
+        self._far_fusion = self.dfn("far_fusion")
         self._thinning = self.dfn("thinning")
         self._poses = PoseHistory(self.config.pose_history_s)
         self._measuring = Measuring(
@@ -68,8 +73,10 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
         self._last_report_ns: int | None = None
         self._newest_ns = 0
         self._map: ElevationMap | None = None
+        self._far_map: ElevationMap | None = None
         self._newest_patch: ElevationMap | None = None
         self.store.offer("map", lambda: self._map)
+        self.store.offer("far_map", lambda: self._far_map)
         self.store.offer("patch", lambda: self._newest_patch)
 
     def on_cloud(self, sample: Sample) -> Iterable[Output]:
@@ -127,12 +134,24 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
             raise ProductNotFoundError(f"{self.name}: nothing has been mapped yet")
         if resolution_m <= 0.0:
             return self._map
-        fine = CellStatistics.from_layers(
-            self._map.geometry, {name: self._map.layer(name) for name in self._map.layer_names}, self._map.t1_ns
-        )
-        coarse = aggregate_to(fine, delivered_resolution([fine.geometry.resolution_m], resolution_m))
-        layers = coarse.to_layers(self._map.t1_ns)
-        return ElevationMap.from_layers(coarse.geometry, layers, t0_ns=self._map.t0_ns, t1_ns=self._map.t1_ns)
+        local = self._map
+        if self._far_map is not None and resolution_m >= self._far_map.geometry.resolution_m:
+            local = self._far_map
+        wanted_m = delivered_resolution([local.geometry.resolution_m], resolution_m)
+        return MapCells.of_map(local, wanted_m).to_map(local.t0_ns, local.t1_ns)
+
+    def get_whole_map(self) -> ElevationMap:
+        """All that the fusion keeps, which for a moving window is the window.
+
+        Raises
+        ------
+        ProductNotFoundError
+            If nothing has been mapped yet.
+        """
+        if self._map is None:
+            raise ProductNotFoundError(f"{self.name}: nothing has been mapped yet")
+        whole: ElevationMap = self._fusion.process(DemFusionInputs(bounds=np.full(4, np.nan))).map
+        return whole
 
     def publish_patch(self) -> None:
         """End the patch with the next sample."""
@@ -182,6 +201,8 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
         except InputError:
             self._patch.drops["malformed"] += 1
         else:
+            if measured is not None and self.config.align:
+                measured = self._aligning.aligned(measured, self._map)
             if measured is not None:
                 self._patch.add(measured)
 
@@ -205,32 +226,50 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
     def _publish(self) -> list[Output]:
         """Rasterise the patch, thin its cloud, pool it into the local map, and start the next."""
         patch, self._patch, self._patch_asked_for = self._patch, Patch(), False
-        points, stamps, own_variance = patch.joined()
+        measured = patch.joined()
         t0_ns, t1_ns = patch.t0_ns, patch.t1_ns
         frame = self._poses.map_frame or patch.captures[0].sample.value.frame or "map"
-        self._rasterise_in(frame)
         try:
-            made: ElevationMap = self._rasterisation.process(
-                DemRasterisationInputs(points=points, height_variance=own_variance, stamps_ns=stamps)
-            ).map
+            made = self._rasterised(measured.only(measured.near), frame, 1)
+            position = None
+            if self._poses.reaches(t1_ns) and not self._poses.begins_after(t1_ns):
+                position = self._poses.at(t1_ns).matrix[:2, 3].copy()
+            rays = patch.rays(self.config.max_rays) if self.config.max_rays else None
+            fused = self._fusion.process(DemFusionInputs(patch=made, centre=position, rays=rays))
+            if self.config.far_factor:
+                far = self._rasterised(measured, frame, self.config.far_factor)
+                self._far_map = self._far_fusion.process(DemFusionInputs(patch=far, centre=position, rays=rays)).map
         except InputError as error:
             return self._failed(patch, str(error))
-        position = None
-        if self._poses.reaches(t1_ns) and not self._poses.begins_after(t1_ns):
-            position = self._poses.at(t1_ns).matrix[:2, 3].copy()
-        self._map = self._fusion.process(DemFusionInputs(patch=made, centre=position)).map
+        self._map = fused.map
         self._newest_patch, self._last_report_ns = made, t1_ns
-        quality = patch.quality(int(np.count_nonzero(np.isfinite(made.layer("mean")))))
-        thin = self._thinned(points, frame, t1_ns)
+        quality = patch.quality(int(np.count_nonzero(np.isfinite(made.layer("mean")))), int(fused.cleared))
+        thin = self._thinned(measured.points_m[measured.near], frame, t1_ns)
         return [
             Output("map", made, t0_ns, t1_ns, frame, quality=quality, inputs=patch.inputs),
             Output("cloud", thin, t0_ns, t1_ns, frame, quality=quality, inputs=patch.inputs),
         ]
 
-    def _rasterise_in(self, frame: str) -> None:
-        """Let the patches lie in ``frame``, which is known with the first pose."""
-        fixed = {"resolution_m": self.config.resolution_m, "frame": frame}
-        self._rasterisation.configure({**self.config.rasterisation, **fixed})
+    def _rasterised(self, measured: Joined, frame: str, factor: int) -> ElevationMap:
+        """Elevation map of measurements in cells ``factor`` times the map's."""
+        self._rasterisation.configure(
+            {
+                **self.config.rasterisation,
+                "resolution_m": self.config.resolution_m * factor,
+                "frame": frame,
+                "overhang_gap_m": self.config.overhang_gap_m,
+            }
+        )
+        made: ElevationMap = self._rasterisation.process(
+            DemRasterisationInputs(
+                points=measured.points_m,
+                height_variance=measured.pose_variance_m2,
+                stamps_ns=measured.stamps_ns,
+                noise_variance=measured.noise_variance_m2,
+                intensity=measured.brightness,
+            )
+        ).map
+        return made
 
     def _thinned(self, points: NDArray[np.float64], frame: str, stamp_ns: int) -> Pointcloud:
         thin = self._thinning.process(PointCloudDownsamplingInputs(points=points)).points

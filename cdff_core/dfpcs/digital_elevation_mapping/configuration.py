@@ -30,12 +30,22 @@ class DigitalElevationMappingConfig(DfpcConfig):
     stereo_distance_m: float = Field(0.3, ge=0.0, description="Motion after which the next pair is used, metres")
     stereo_period_s: float = Field(2.0, ge=0.0, description="Time after which the next pair is used anyway, seconds")
     stereo_min_period_s: float = Field(0.5, ge=0.0, description="Time before which no other pair is used, seconds")
+    align: bool = Field(True, description="Whether captures are fitted to the local map within their poses' covariance")
+    overhang_gap_m: float | None = Field(
+        1.0, gt=0.0, description="Empty height in a cell above which all is an overhang, metres; absent: none"
+    )
+    max_rays: int = Field(20_000, ge=0, description="Rays of a patch that clear what they pass through; 0: none")
+    far_factor: int = Field(
+        4, ge=0, le=64, description="Size of the far map's cells, in cells of the map; 0: no far map"
+    )
     max_waiting: int = Field(40, ge=1, le=10_000, description="Captures that may wait for poses")
     pose_history_s: float = Field(30.0, gt=0.0, description="How long poses are kept, seconds")
     max_cloud_points: int = Field(100_000, ge=1, description="Points of a published cloud")
     deskewing: dict[str, Any] = Field(default_factory=dict)
     rasterisation: dict[str, Any] = Field(default_factory=dict)
+    registration: dict[str, Any] = Field(default_factory=dict)
     fusion: dict[str, Any] = Field(default_factory=dict)
+    far_fusion: dict[str, Any] = Field(default_factory=dict)
     thinning: dict[str, Any] = Field(default_factory=dict)
     disparity: dict[str, Any] = Field(default_factory=dict)
     triangulation: dict[str, Any] = Field(default_factory=dict)

@@ -59,12 +59,14 @@ class Measuring:
 
     def as_it_is(self, sample: Sample) -> Measurements:
         """A cloud that is already in the frame of the map: no sensor, so no gate and no uncertainty of a pose."""
-        points = sample.value.points_m
-        points = points[np.isfinite(points).all(axis=1)]
-        stamps = np.full(len(points), sample.stamp_ns, dtype=np.int64)
+        given = sample.value.points_m
+        finite = np.isfinite(given).all(axis=1)
+        n = int(np.count_nonzero(finite))
+        stamps = np.full(n, sample.stamp_ns, dtype=np.int64)
         return Measurements(
-            points, stamps, np.zeros(len(points)), np.zeros(len(points)), sample, [], len(sample.value.points_m)
-        )
+            given[finite], stamps, np.zeros(n), np.zeros(n), _brightness(sample.value.intensity, len(given))[finite],
+            np.ones(n, dtype=np.bool_), sample, [], len(given), sample.value.frame,
+        )  # fmt: skip
 
     def measure(self, sample: Sample, at_ns: int | None) -> Measurements | None:
         """Points of a capture in the frame of the map, within the gates; None for a pair that is not needed.
@@ -88,14 +90,17 @@ class Measuring:
         T_map_body = self._poses.at(t1_ns)
         if sample.port == "stereo" and not self._pair_is_due(t1_ns, T_map_body):
             return None
-        points, stamps, sigma_m = self._points_of(sample)
+        points, stamps, sigma_m, brightness = self._points_of(sample)
         taken = len(points)
         range_m = np.linalg.norm(points, axis=1)
-        near_enough = (range_m >= self._config.min_range_m) & (range_m <= self._max_range_m(sample))  # false for NaN
-        points, stamps, sigma_m, range_m = (a[near_enough] for a in (points, stamps, sigma_m, range_m))
+        near_m, far_m = self._ranges_m(sample)
+        kept = (range_m >= self._config.min_range_m) & (range_m <= far_m)  # false for NaN
+        points, stamps, sigma_m, brightness, range_m = (a[kept] for a in (points, stamps, sigma_m, brightness, range_m))
         if len(points) == 0:
-            none = np.empty(0)
-            return Measurements(np.empty((0, 3)), np.empty(0, np.int64), none, none, sample, [], taken)
+            none, frame = np.empty(0), self._poses.map_frame
+            return Measurements(
+                np.empty((0, 3)), np.empty(0, np.int64), none, none, none, none > 0, sample, [], taken, frame
+            )
         pose_stamps = stamps if at_ns is None else np.full(len(points), at_ns, dtype=np.int64)
         trajectory, poses = self._poses.around(int(pose_stamps.min()), int(pose_stamps.max()))
         moved = self._deskewing.process(
@@ -109,8 +114,10 @@ class Measuring:
         if self._config.max_height_m is not None:
             keep &= above_m <= self._config.max_height_m
         return Measurements(
-            moved.points[keep], stamps[keep], moved.height_variance[keep], noise_m2[keep], sample, poses, taken
-        )
+            moved.points[keep], stamps[keep], moved.height_variance[keep], noise_m2[keep], brightness[keep],
+            (range_m <= near_m)[keep], sample, poses, taken, self._poses.map_frame, T_map_body,
+            (T_map_body @ T_body_sensor).matrix[:3, 3],
+        )  # fmt: skip
 
     def _extrinsics(self, sample: Sample) -> UncertainTransform:
         """``T_body_sensor`` of the profile's frames, else as the sample states it; raises FrameNotFoundError."""
@@ -130,29 +137,38 @@ class Measuring:
                 raise
             return stated
 
-    def _points_of(self, sample: Sample) -> tuple[Points, Stamps, Points]:
-        """Points ``(n, 3)`` in the sensor's frame, their stamps ``(n,)`` and noise along the ray ``(n,)``, metres."""
+    def _points_of(self, sample: Sample) -> tuple[Points, Stamps, Points, Points]:
+        """Points ``(n, 3)`` in the sensor's frame, their stamps, noise along the ray (metres) and brightness."""
         value = sample.value
         if sample.port == "scan":
             behind_ns = (value.t1_ns - value.t0_ns) - value.time_offset_us.astype(np.int64) * 1000
             sigma_m = np.full(len(value.points_m), self._config.range_sigma_m)
-            return value.points_m.astype(np.float64), sample.stamp_ns - behind_ns, sigma_m
+            brightness = _brightness(value.intensity, len(sigma_m))
+            return value.points_m.astype(np.float64), sample.stamp_ns - behind_ns, sigma_m, brightness
         if sample.port == "stereo":
             disparity = self._disparity.process(DisparityImageInputs(left=value.left, right=value.right)).disparity
             baseline_m = np.array(value.baseline, dtype=np.float64)
-            seen = self._triangulation.process(DisparityToPointCloudInputs(disparity=disparity, baseline_m=baseline_m))
-            points = seen.points
+            seen = self._triangulation.process(DisparityToPointCloudInputs(
+                disparity=disparity, baseline_m=baseline_m, left=value.left
+            ))  # fmt: skip
+            points, brightness = seen.points, seen.intensity.astype(np.float64)
             sigma_m = seen.depth_sigma_m * np.linalg.norm(points, axis=1) / points[:, 2]
         else:
             points = value.points_m
             sigma_m = np.full(len(points), self._config.range_sigma_m)
-        return points, np.full(len(points), sample.stamp_ns, dtype=np.int64), sigma_m
+            brightness = _brightness(value.intensity, len(points))
+        return points, np.full(len(points), sample.stamp_ns, dtype=np.int64), sigma_m, brightness
 
-    def _max_range_m(self, sample: Sample) -> float:
-        """Far rings of a sweep lie many cells apart: a patch that held them would be empty for the most part."""
-        if self._config.max_range_m is not None:
-            return self._config.max_range_m
-        return _SWEEP_RANGE_CELLS * self._config.resolution_m if sample.port == "scan" else _RANGE_M
+    def _ranges_m(self, sample: Sample) -> tuple[float, float]:
+        """How far points go into patches, and into the far map.
+
+        Far rings of a sweep lie many cells apart: a patch that held them would be empty for the most part.
+        """
+        c = self._config
+        if c.max_range_m is not None:
+            return c.max_range_m, c.max_range_m
+        near_m = _SWEEP_RANGE_CELLS * c.resolution_m if sample.port == "scan" else _RANGE_M
+        return near_m, max(near_m, min(near_m * c.far_factor, _RANGE_M))
 
     def _pair_is_due(self, stamp_ns: int, T_map_body: UncertainTransform) -> bool:
         position = T_map_body.matrix[:3, 3]
@@ -164,3 +180,10 @@ class Measuring:
                 return False
         self._last_pair = (stamp_ns, position)
         return True
+
+
+def _brightness(intensity: Any, points: int) -> Points:
+    """Intensity of each point, NaN where the capture has none."""
+    if intensity is None or len(intensity) != points:
+        return np.full(points, np.nan)
+    return np.asarray(intensity, dtype=np.float64)

@@ -5,11 +5,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
 from cdff_core.dfpcs.digital_elevation_mapping.pose_history import covariance_kind_of, degraded
@@ -27,21 +28,61 @@ class Measurements:
         What the pose's covariance puts on z, square metres; NaN where unknown.
     noise_variance_m2 : NDArray[np.float64], shape (n,)
         What the sensor's noise puts on z, square metres.
+    brightness : NDArray[np.float64], shape (n,)
+        Intensity; NaN where unknown.
+    near : NDArray[np.bool_], shape (n,)
+        Which go into the patch; the others only into the far map.
     sample : Sample
         What they were measured in.
     poses : list of Sample
         What brought them into the frame.
     taken : int
         Points of the capture, those outside the gates among them.
+    frame : str
+        Of the points.
+    pose : UncertainTransform or None
+        T_map_body at the end of capture; None where the points came in the frame of the map.
+    origin_m : NDArray[np.float64] or None, shape (3,)
+        Where the sensor was then.
+    correction_m : float
+        How far the capture was moved to fit the map.
     """
 
     points_m: NDArray[np.float64]
     stamps_ns: NDArray[np.int64]
     pose_variance_m2: NDArray[np.float64]
     noise_variance_m2: NDArray[np.float64]
+    brightness: NDArray[np.float64]
+    near: NDArray[np.bool_]
     sample: Sample
     poses: list[Sample]
     taken: int
+    frame: str
+    pose: UncertainTransform | None = None
+    origin_m: NDArray[np.float64] | None = None
+    correction_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joined:
+    """All measurements of a patch, in one frame.
+
+    Attributes
+    ----------
+    points_m, stamps_ns, pose_variance_m2, noise_variance_m2, brightness, near : NDArray
+        As in ``Measurements``; an unknown variance of the pose counts as 0, ``Patch.quality`` says so.
+    """
+
+    points_m: NDArray[np.float64]
+    stamps_ns: NDArray[np.int64]
+    pose_variance_m2: NDArray[np.float64]
+    noise_variance_m2: NDArray[np.float64]
+    brightness: NDArray[np.float64]
+    near: NDArray[np.bool_]
+
+    def only(self, keep: NDArray[np.bool_]) -> Joined:
+        """Those of ``keep`` ``(n,)``."""
+        return Joined(*(getattr(self, f.name)[keep] for f in fields(self)))
 
 
 @dataclass(slots=True)
@@ -88,18 +129,19 @@ class Patch:
         samples = [s for c in self.captures for s in (c.sample, *c.poses)]
         return tuple(dict.fromkeys(s.id for s in samples if s.id))
 
-    def joined(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-        """Points ``(n, 3)``, stamps ``(n,)`` and own variances of the heights ``(n,)``, of all captures.
+    def joined(self) -> Joined:
+        """The measurements of all captures."""
+        arrays = {f.name: np.concatenate([getattr(c, f.name) for c in self.captures]) for f in fields(Joined)}
+        return Joined(**{**arrays, "pose_variance_m2": np.nan_to_num(arrays["pose_variance_m2"])})
 
-        An unknown variance of the pose counts as 0 there; ``quality`` says so.
-        """
-        return (
-            np.concatenate([c.points_m for c in self.captures]),
-            np.concatenate([c.stamps_ns for c in self.captures]),
-            np.concatenate([np.nan_to_num(c.pose_variance_m2) + c.noise_variance_m2 for c in self.captures]),
-        )
+    def rays(self, most: int) -> NDArray[np.float64]:
+        """At most so many rays ``(m, 6)`` from where the sensor was to what was hit, spread over the captures."""
+        seen = [(c.origin_m, c.points_m) for c in self.captures if c.origin_m is not None]
+        step = -(-sum(len(points) for _, points in seen) // most) if seen else 1
+        rays = [np.column_stack([np.broadcast_to(origin, p[::step].shape), p[::step]]) for origin, p in seen]
+        return np.concatenate(rays) if rays else np.empty((0, 6))
 
-    def quality(self, cells: int) -> Quality:
+    def quality(self, cells: int, cleared: int = 0) -> Quality:
         """DEGRADED where captures were dropped or poses were; the rest in metrics."""
         poses = [p for c in self.captures for p in c.poses]
         variance = np.concatenate([c.pose_variance_m2 for c in self.captures])
@@ -120,9 +162,12 @@ class Patch:
                 "points": len(variance),
                 "points_gated": self.points_in - len(variance),
                 "cells": cells,
+                "cells_cleared": cleared,
                 "noise_height_sigma_m": float(
                     np.sqrt(np.concatenate([c.noise_variance_m2 for c in self.captures]).mean())
                 ),
                 "pose_height_sigma_m": float(np.sqrt(known.mean())) if len(known) else 0.0,
+                "captures_aligned": sum(c.correction_m > 0.0 for c in self.captures),
+                "correction_m": max((c.correction_m for c in self.captures), default=0.0),
             },
         )

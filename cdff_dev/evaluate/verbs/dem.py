@@ -23,7 +23,7 @@ def add(verbs: Any) -> None:
     parser.add_argument("--map-stream", metavar="NAME", help="stream of MAP where that is a log of several")
     parser.add_argument("--truth-stream", metavar="NAME", help="stream of TRUTH where that is a log of several")
     parser.add_argument(
-        "--remove-shift", action="store_true", help="move the map as a whole to where it fits best first"
+        "--remove-shift", action="store_true", help="move and tilt the map as a whole to where it fits best first"
     )
     parser.add_argument("--least-count", type=int, default=1, metavar="N", help="leave out cells of fewer measurements")
     parser.add_argument("--json", action="store_true", help="print JSON")

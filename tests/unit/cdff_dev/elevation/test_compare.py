@@ -62,8 +62,8 @@ def test_a_map_put_elsewhere_tells_its_shift_and_fits_without_it() -> None:
 def test_unobserved_cells_and_those_of_few_measurements_are_not_judged_but_missed() -> None:
     whole = made(GRID)
     layers = {name: whole.layer(name).copy() for name in whole.layer_names}
-    layers["mean"][:40] = np.nan
-    layers["count"][40:80] = 3
+    layers["mean"][40:80] = np.nan
+    layers["count"][80:120] = 3
     dem = ElevationMap.from_layers(GRID, layers, t0_ns=0, t1_ns=0)
     assert compare(dem, TRUE)["completeness"] == pytest.approx(0.75)
     assert compare(dem, TRUE, least_count=2)["cells"] == 40 * GRID.cols

@@ -1,0 +1,137 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""A map of all that was seen, in tiles."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Iterator
+from typing import ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from cdff_common.errors import InputError
+from cdff_common.interfaces.dfn import DfnConfig
+from cdff_common.raster import GridGeometry
+from cdff_core.dfns.dem_fusion._interface import DemFusionInputs, DemFusionInterface, DemFusionOutputs
+from cdff_core.elevation import visibility
+from cdff_core.elevation.fusing import bounds_of, middle_of, window_around
+from cdff_core.elevation.map_cells import MapCells
+
+#: Cells along a tile's edge.
+TILE = 128
+
+
+class TiledMapConfig(DfnConfig):
+    """Size of the window that is returned, and of the map."""
+
+    size_m: float = Field(40.0, gt=0.0, le=10_000.0, description="Edge of the square window returned, metres")
+    resolution_m: float | None = Field(None, gt=0.0, description="Edge of a cell, metres; the patches' where absent")
+    clear_margin_m: float = Field(0.1, ge=0.0, description="How far below a cell rays must pass to clear it, metres")
+    max_tiles: int = Field(2000, ge=1, description="Tiles kept at most; each holds 16384 cells")
+
+
+class TiledMap(DemFusionInterface):
+    """Pool each patch into tiles of 128 x 128 cells, made where something was seen: memory grows with the area seen."""
+
+    Config: ClassVar[type[DfnConfig]] = TiledMapConfig
+
+    def setup(self) -> None:
+        """Start with nothing observed."""
+        visibility.compile_now(1.0)
+        self._tiles: OrderedDict[tuple[int, int], MapCells] = OrderedDict()
+        self._like: GridGeometry | None = None
+        self._span_ns = (0, 0)
+        self._centre = np.zeros(2)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of all tiles, bytes."""
+        return sum(tile.nbytes for tile in self._tiles.values())
+
+    def process(self, inputs: DemFusionInputs) -> DemFusionOutputs:
+        """Return the window around the centre, or the bounds, after the patch.
+
+        Raises
+        ------
+        InputError
+            If the patch's cells do not fit into the map's, or there is neither a patch nor a map.
+        """
+        patch, cleared = inputs.patch, 0
+        if patch is not None:
+            new = MapCells.of_map(patch, self.config.resolution_m)
+            self._begin(new.geometry, patch.t0_ns, patch.t1_ns)
+            if inputs.centre is None:
+                self._centre = middle_of(patch.geometry)
+            if inputs.rays is not None:
+                reached = [key for key in self._keys_of(_reach(new.geometry, inputs.rays)) if key in self._tiles]
+                for tile in (self._tiles[key] for key in reached):
+                    cleared += visibility.clear_seen_through(tile, inputs.rays, patch.t0_ns, self.config.clear_margin_m)
+            for key in self._keys_of(new.geometry):
+                self._add(key, new)
+        if not self._tiles:
+            raise InputError("no patch yet: nothing to return a map of")
+        if inputs.centre is not None:
+            self._centre = np.asarray(inputs.centre, dtype=np.float64)
+        wanted = MapCells.empty(self._wanted(inputs))
+        for key in self._keys_of(wanted.geometry):
+            if key in self._tiles:
+                wanted.add(self._tiles[key])
+        return DemFusionOutputs(map=wanted.to_map(*self._span_ns), cleared=np.array(cleared))
+
+    @property
+    def _grid(self) -> GridGeometry:
+        """A grid of the map's cells; raises InputError before the first patch."""
+        if self._like is None:
+            raise InputError("no patch yet: nothing to return a map of")
+        return self._like
+
+    def _begin(self, geometry: GridGeometry, t0_ns: int, t1_ns: int) -> None:
+        if self._like is None or not self._like.shares_cells_with(geometry):
+            self._tiles.clear()
+            self._like, self._span_ns = geometry, (t0_ns, t1_ns)
+        self._span_ns = (min(self._span_ns[0], t0_ns), max(self._span_ns[1], t1_ns))
+
+    def _add(self, key: tuple[int, int], new: MapCells) -> None:
+        """Pool into a tile, made if there is something in it."""
+        tile = self._geometry(key)
+        part = new.geometry.intersection(tile)
+        if part is None or not new.statistics.count[new.geometry.slices_of(part)].any():
+            return
+        if key not in self._tiles:
+            self._tiles[key] = MapCells.empty(tile)
+        self._tiles[key].add(new)
+        self._tiles.move_to_end(key)
+        if len(self._tiles) > self.config.max_tiles:
+            self._tiles.popitem(last=False)
+
+    def _geometry(self, key: tuple[int, int]) -> GridGeometry:
+        like, (i, j) = self._grid, key
+        return GridGeometry.from_cells(
+            like.frame, like.resolution_m, left=j * TILE, top=(i + 1) * TILE, rows=TILE, cols=TILE
+        )
+
+    def _keys_of(self, g: GridGeometry) -> Iterator[tuple[int, int]]:
+        """Tiles that a grid reaches into."""
+        for i in range((g.top - g.rows) // TILE, (g.top - 1) // TILE + 1):
+            for j in range(g.left // TILE, (g.left + g.cols - 1) // TILE + 1):
+                yield i, j
+
+    def _wanted(self, inputs: DemFusionInputs) -> GridGeometry:
+        like = self._grid
+        if inputs.bounds is None:
+            return window_around(like.frame, like.resolution_m, self._centre, self.config.size_m)
+        if np.all(np.isfinite(inputs.bounds)):
+            return GridGeometry.aligned(like.frame, like.resolution_m, bounds_of(inputs.bounds))
+        i, j = (np.array(part) for part in zip(*self._tiles, strict=True))
+        rows, cols = (int(k.max() - k.min() + 1) * TILE for k in (i, j))
+        return GridGeometry.from_cells(
+            like.frame, like.resolution_m, left=int(j.min()) * TILE, top=int(i.max() + 1) * TILE, rows=rows, cols=cols
+        )
+
+
+def _reach(like: GridGeometry, rays: np.ndarray) -> GridGeometry:
+    """The grid below all rays."""
+    x, y = rays[:, [0, 3]], rays[:, [1, 4]]
+    return GridGeometry.aligned(like.frame, like.resolution_m, (x.min(), y.min(), x.max(), y.max()))

@@ -1,0 +1,164 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Layers of an elevation map beyond the statistics of its heights, and how they pool.
+
+``pose_variance`` mean variance that the poses put on the heights, m2 · ``error_variance`` variance of the cell's mean
+as the height of the ground, m2 · ``intensity`` mean brightness · ``first_age_s`` age of the oldest measurement, seconds
+before the map's end · ``overhang_m`` lowest height of what hangs over the cell. All float32, NaN where unknown.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.raster import CellStatistics, GridGeometry
+from cdff_common.types import ElevationMap
+
+Grid = NDArray[np.float64]
+
+_NEVER_NS = np.iinfo(np.int64).max
+
+
+def error_variance(statistics: CellStatistics, pose_variance: Grid) -> Grid:
+    """Variance of the error of each cell's mean as the ground's height, square metres; NaN where unobserved.
+
+    The poses' part is common to all heights of a cell and does not shrink with their number. The rest does: their
+    spread with their noise, and the relief within the cell, which one height does not show and the differences to the
+    neighbouring cells do.
+
+    Parameters
+    ----------
+    statistics : CellStatistics
+    pose_variance : ndarray, shape (rows, cols)
+        What of ``statistics.variance`` is the poses', square metres.
+    """
+    own = np.maximum(statistics.variance - pose_variance, 0.0) + _relief(statistics)
+    return np.asarray(pose_variance + own / np.maximum(statistics.count, 1.0))
+
+
+def _relief(statistics: CellStatistics) -> Grid:
+    """Variance of the ground within each cell, that of a plane through its neighbours, square metres."""
+    seen, mean = statistics.observed, statistics.mean
+    squares, pairs = np.zeros(seen.shape), np.zeros(seen.shape)
+    for here, there in (
+        (np.s_[1:, :], np.s_[:-1, :]),
+        (np.s_[:, 1:], np.s_[:, :-1]),
+    ):
+        both = seen[here] & seen[there]
+        squared = np.where(both, (mean[here] - mean[there]) ** 2, 0.0)
+        for side in (here, there):
+            squares[side] += squared
+            pairs[side] += both
+    known = pairs > 0
+    typical = float(np.median(squares[known] / pairs[known])) if known.any() else 0.0
+    # Over a cell of edge r a slope s has the variance (s r)^2 / 12 along each axis; neighbours differ by s r.
+    return np.where(known, squares / np.maximum(pairs, 1.0), typical) * (2.0 / 12.0)
+
+
+@dataclass(slots=True, eq=False)
+class FurtherLayers:
+    """Sums that pool, arrays ``(rows, cols)``.
+
+    Attributes
+    ----------
+    geometry : GridGeometry
+    pose_m2 : Grid
+        Sum of the variances that the poses put on the heights, square metres.
+    brightness, lit : Grid
+        Sum of the brightnesses of the points that have one, and their number.
+    first_ns : NDArray[np.int64]
+        Stamp of the oldest measurement.
+    overhang : Grid
+        Lowest height of what hangs over the cell, metres; +inf where nothing does.
+    """
+
+    geometry: GridGeometry
+    pose_m2: Grid
+    brightness: Grid
+    lit: Grid
+    first_ns: NDArray[np.int64]
+    overhang: Grid
+
+    @classmethod
+    def empty(cls, geometry: GridGeometry) -> Self:
+        """Nothing known."""
+        shape = geometry.shape
+        return cls(
+            geometry, np.zeros(shape), np.zeros(shape), np.zeros(shape), np.full(shape, _NEVER_NS, dtype=np.int64),
+            np.full(shape, np.inf),
+        )  # fmt: skip
+
+    @classmethod
+    def of_map(cls, dem: ElevationMap) -> Self:
+        """The sums behind a map's layers; a map of the six layers alone has none of the others."""
+        made, names = cls.empty(dem.geometry), dem.layer_names
+        count = np.nan_to_num(dem.layer("count").astype(np.float64))
+        if "pose_variance" in names:
+            made.pose_m2 = np.nan_to_num(dem.layer("pose_variance").astype(np.float64)) * count
+        if "intensity" in names:
+            brightness = dem.layer("intensity").astype(np.float64)
+            made.lit = np.where(np.isfinite(brightness), count, 0.0)
+            made.brightness = np.nan_to_num(brightness) * made.lit
+        age = dem.layer("first_age_s" if "first_age_s" in names else "age_s").astype(np.float64)
+        known = np.isfinite(age)
+        made.first_ns[known] = dem.t1_ns - np.rint(age[known] * 1e9).astype(np.int64)
+        if "overhang_m" in names:
+            overhang = dem.layer("overhang_m").astype(np.float64)
+            made.overhang = np.where(np.isfinite(overhang), overhang, np.inf)
+        return made
+
+    def add(self, other: FurtherLayers) -> None:
+        """Pool another grid of the same cells into this one; what lies outside is left out."""
+        common = self.geometry.intersection(other.geometry)
+        if common is None:
+            return
+        mine, theirs = self.geometry.slices_of(common), other.geometry.slices_of(common)
+        for name in ("pose_m2", "brightness", "lit"):
+            getattr(self, name)[mine] += getattr(other, name)[theirs]
+        np.minimum(self.first_ns[mine], other.first_ns[theirs], out=self.first_ns[mine])
+        np.minimum(self.overhang[mine], other.overhang[theirs], out=self.overhang[mine])
+
+    def window(self, geometry: GridGeometry) -> FurtherLayers:
+        """A copy in another window of the same cells."""
+        made = FurtherLayers.empty(geometry)
+        made.add(self)
+        return made
+
+    def coarsened(self, factor: int) -> FurtherLayers:
+        """Pooled into cells ``factor`` times as large."""
+        made = FurtherLayers.empty(self.geometry.coarsened(factor))
+        down = made.geometry.top * factor - self.geometry.top
+        right = self.geometry.left - made.geometry.left * factor
+        row = (np.arange(self.geometry.rows) + down)[:, None] // factor
+        col = (np.arange(self.geometry.cols) + right)[None, :] // factor
+        for name in ("pose_m2", "brightness", "lit"):
+            np.add.at(getattr(made, name), (row, col), getattr(self, name))
+        np.minimum.at(made.first_ns, (row, col), self.first_ns)
+        np.minimum.at(made.overhang, (row, col), self.overhang)
+        return made
+
+    def forget(self, cells: NDArray[np.bool_]) -> None:
+        """Unlearn cells ``(rows, cols)``."""
+        for name, nothing in (
+            ("pose_m2", 0.0), ("brightness", 0.0), ("lit", 0.0), ("first_ns", _NEVER_NS), ("overhang", np.inf)
+        ):  # fmt: skip
+            getattr(self, name)[cells] = nothing
+
+    def to_layers(self, statistics: CellStatistics, t1_ns: int) -> dict[str, NDArray[np.float32]]:
+        """The layers of the same cells, whose heights have these statistics; unknown ones are left out."""
+        seen = statistics.observed
+        with np.errstate(invalid="ignore", divide="ignore"):
+            pose = np.where(seen, self.pose_m2 / statistics.count, np.nan)
+            error = error_variance(statistics, pose)
+            age_s = np.where(seen & (self.first_ns != _NEVER_NS), (t1_ns - self.first_ns) * 1e-9, np.nan)
+            intensity = np.where(self.lit > 0, self.brightness / self.lit, np.nan)
+        layers = {"pose_variance": pose, "error_variance": error, "first_age_s": age_s}
+        if np.any(self.lit > 0):
+            layers["intensity"] = intensity
+        if np.any(np.isfinite(self.overhang)):
+            layers["overhang_m"] = np.where(np.isfinite(self.overhang), self.overhang, np.nan)
+        return {name: layer.astype(np.float32) for name, layer in layers.items()}

@@ -1,0 +1,50 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cdff_common.errors import InputError
+from cdff_common.raster import CellStatistics, GridGeometry
+from cdff_common.types import ElevationMap
+from cdff_core.dfns.dem_fusion._interface import DemFusionInputs
+from cdff_core.dfns.dem_fusion.tiled_map import TILE, TiledMap
+
+
+def patch(x0: float, frame: str = "site") -> ElevationMap:
+    g = GridGeometry.aligned(frame, 0.1, (x0, -5.0, x0 + 10.0, 5.0))
+    points = np.column_stack([*(c.ravel() for c in g.centres_m()), np.ones(g.rows * g.cols)])
+    return ElevationMap.from_layers(
+        g, CellStatistics.from_points(g, points, stamps_ns=0).to_layers(0), t0_ns=0, t1_ns=0
+    )
+
+
+def test_the_window_is_cut_from_tiles_across_their_borders() -> None:
+    node = TiledMap()
+    node.configure({"size_m": 4.0})
+    edge = TILE * 0.1
+    out = node.process(DemFusionInputs(patch=patch(edge - 5.0), centre=np.array([edge, 0.0]))).map
+    assert out.geometry.shape == (40, 40)
+    assert np.all(out.layer("count") == 1)
+
+
+def test_the_least_recently_touched_tile_goes_first() -> None:
+    node = TiledMap()
+    node.configure({"max_tiles": 4})
+    for x0 in (0.0, 100.0, 200.0):
+        node.process(DemFusionInputs(patch=patch(x0)))
+    whole = node.process(DemFusionInputs(bounds=np.array([0.0, -5.0, 20.0, 5.0]))).map
+    assert np.nansum(whole.layer("count")) == 0
+
+
+def test_a_patch_in_another_frame_starts_anew_and_nothing_is_refused() -> None:
+    node = TiledMap()
+    node.configure()
+    with pytest.raises(InputError, match="no patch yet"):
+        node.process(DemFusionInputs())
+    node.process(DemFusionInputs(patch=patch(0.0)))
+    node.process(DemFusionInputs(patch=patch(50.0, "mana/odom")))
+    whole = node.process(DemFusionInputs(bounds=np.full(4, np.nan))).map
+    assert whole.frame == "mana/odom"
+    assert np.nansum(whole.layer("count")) == 10_000
