@@ -9,7 +9,8 @@ nothing checked, hashed or told. Payloads are 10 kB and all different, boxes abo
 product a second. A search names a region, a span of time and a type that together hold 0.1 % of the products, in three
 shapes (part of the area x part of the time), with a limit of 100, newest first. Store and clients run on this machine;
 ``--access`` also asks over HTTP and Zenoh. ``--flat`` measures searches at smaller stores too. Times are medians of
-several calls with the CPU time beside them; ``sync_ms`` is what fsync of 4 kB takes on the same file system.
+several calls with the CPU time beside them, of searches that nobody asked before and of the same ones again;
+``sync_ms`` is what fsync of 4 kB takes on the same file system.
 """
 
 from __future__ import annotations
@@ -88,11 +89,33 @@ def timed(calls: Sequence[Callable[[], object]]) -> Figures:
     return {"p50_ms": float(np.median(spans)), "p99_ms": float(np.percentile(spans, 99)), "cpu_ms": cpu_ms}
 
 
-def rate(count: int, call: Callable[[], object]) -> Figures:
-    """Products per second of one long call, by the wall and by the CPU time of this process."""
-    wall, cpu = time.perf_counter(), time.process_time()
-    call()
-    return {"per_s": count / (time.perf_counter() - wall), "cpu_us": (time.process_time() - cpu) * 1e6 / count}
+class Rate:
+    """Products per second of calls that store a batch each, by the wall and by the CPU time of this process."""
+
+    def __init__(self) -> None:
+        self._calls: list[tuple[int, float, float, int]] = []
+
+    def add(self, count: int, call: Callable[[], object]) -> None:
+        """Measure one call."""
+        wall, cpu, written = time.perf_counter(), time.process_time(), _written()
+        call()
+        self._calls.append((count, time.perf_counter() - wall, time.process_time() - cpu, _written() - written))
+
+    @property
+    def figures(self) -> Figures:
+        """Of all, and of the last tenth: the store is nearly full then."""
+        tenth = self._calls[-max(1, len(self._calls) // 10) :]
+        return {"all": self._figures(self._calls), "last_tenth": self._figures(tenth)}
+
+    @staticmethod
+    def _figures(calls: Sequence[tuple[int, float, float, int]]) -> Figures:
+        count, wall, cpu, written = (sum(column) for column in zip(*calls, strict=True))
+        return {"per_s": count / wall, "cpu_us": cpu * 1e6 / count, "written_kb": written / 1e3 / count}
+
+
+def _written() -> int:
+    """Bytes that this process handed to the system."""
+    return int(psutil.Process().io_counters().write_chars)
 
 
 def parcels(first: int, given: Sequence[tuple[float, ...]], filler: bytes) -> list[Parcel]:
@@ -120,12 +143,14 @@ def in_batches(count: int) -> Iterator[list[tuple[float, ...]]]:
         yield batch
 
 
-def fill(store: Store, count: int) -> None:
+def fill(store: Store, count: int) -> Figures:
     """Insert products in batches."""
-    filler, first = os.urandom(PAYLOAD_BYTES - 8), 0
+    filler, first, rate = os.urandom(PAYLOAD_BYTES - 8), 0, Rate()
     for batch in in_batches(count):
-        store.put_all(parcels(first, batch, filler))
+        given = parcels(first, batch, filler)
+        rate.add(len(batch), lambda: store.put_all(given))  # noqa: B023  # called at once
         first += len(batch)
+    return rate.figures
 
 
 def searches(store: Store, products: int, count: int) -> Figures:
@@ -139,7 +164,8 @@ def searches(store: Store, products: int, count: int) -> Figures:
     figures = {}
     for name, (area, span) in SHAPES.items():
         timed([search(w) for w in windows(products, 20, area, span)])  # what a first search compiles and reads
-        figures[name] = timed([search(w) for w in windows(products, count, area, span)])
+        asked = [search(w) for w in windows(products, count, area, span)]
+        figures[name] = timed(asked) | {"again": timed(asked)}
     return figures
 
 
@@ -147,7 +173,7 @@ def ours(directory: Path, products: int, asked: int) -> Figures:
     """Figures of the store; a search runs in a process of its own, whose memory is measured."""
     url = f"sqlite:///{directory}"
     with open_store(url, ManualClock(S)) as store:
-        figures: Figures = {"bulk": rate(products, lambda: fill(store, products))}
+        figures: Figures = {"bulk": fill(store, products)}
         rng, filler = list(boxes(200)), os.urandom(PAYLOAD_BYTES - 8)
         singles = parcels(products + 1000, rng, filler)
         figures["insert"] = timed([lambda p=p: store.put_all((p,)) for p in singles])  # type: ignore[misc]
@@ -188,13 +214,11 @@ def raw(directory: Path, products: int, asked: int) -> Figures:
             db.executemany("INSERT INTO box VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", sides)
             db.execute("COMMIT")
 
-        def fill_raw() -> None:
-            first = 0
-            for batch in in_batches(products):
-                insert(first, batch)
-                first += len(batch)
-
-        figures: Figures = {"bulk": rate(products, fill_raw)}
+        first, rate = 0, Rate()
+        for batch in in_batches(products):
+            rate.add(len(batch), lambda: insert(first, batch))  # noqa: B023  # called at once
+            first += len(batch)
+        figures: Figures = {"bulk": rate.figures}
         singles = list(enumerate(boxes(200), products + 1000))
         figures["insert"] = timed([lambda i=i, b=b: insert(i, [b]) for i, b in singles])  # type: ignore[misc]
         statement = (
@@ -226,6 +250,8 @@ def access(directory: Path, products: int, asked: int) -> Figures:
                 if time.perf_counter() - begun > 60:
                     raise TimeoutError("the DPM did not start")
             figures: Figures = {"ready_s": time.perf_counter() - begun}
+            spent = psutil.Process(processes[1].pid).cpu_times()
+            figures["ready_cpu_s"] = spent.user + spent.system
 
             def over_http(parameters: dict[str, str]) -> None:
                 http.request("GET", f"/api/v1/products?{urlencode(parameters)}")
@@ -243,7 +269,8 @@ def access(directory: Path, products: int, asked: int) -> Figures:
                     given = [_parameters(w) for w in windows(products, asked, area, span)]
                     timed([lambda g=g, ask=ask: ask(g) for g in given[:20]])  # type: ignore[misc]
                     figures[name][shape] = timed([lambda g=g, ask=ask: ask(g) for g in given])  # type: ignore[misc]
-            figures["rss_mb"] = psutil.Process(processes[1].pid).memory_info().rss / 2**20
+            held = psutil.Process(processes[1].pid).memory_full_info()
+            figures |= {"rss_mb": held.rss / 2**20, "of_its_own_mb": held.uss / 2**20}
         return figures
     finally:
         for process in reversed(processes):

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -104,9 +105,11 @@ class Inserter:
         first: int = (connection.execute(select(func.max(schema.products.c.ordinal))).scalar() or 0) + 1
         numbered = list(enumerate(new, first))
         contents = {item.header.sha256 or "": Content(item.parcel.payload, item.chunk_sums) for item in new}
-        self._payloads.enter(connection, contents)
+        self._payloads.enter(connection, contents, Counter(item.header.sha256 or "" for item in new))
         add = sqlite.insert_rows
         add(connection, schema.products, [item.row(ordinal, now_ns) for ordinal, item in numbered])
+        sizes = ((item.parcel.robot, item.parcel.product, len(item.parcel.payload)) for item in new)
+        sqlite.count_products(connection, sizes)
         _index(connection, numbered)
         add(connection, schema.footprints, [{"ordinal": o, "ring": item.ring} for o, item in numbered if item.ring])
         add(connection, schema.product_metrics, [row for o, item in numbered for row in _metrics(o, item.header)])

@@ -42,8 +42,15 @@ class Payloads:
         self.packs = PackFiles(directory / PACKS)
         self._untidy = set(self.packs.numbers())  # a crash may have left something
 
-    def enter(self, connection: Connection, contents: Mapping[str, Content]) -> None:
+    def enter(self, connection: Connection, contents: Mapping[str, Content], products: Mapping[str, int]) -> None:
         """Write payloads, durable once ``settle`` returns, and their rows, inside a transaction; by digest.
+
+        Parameters
+        ----------
+        connection : Connection
+        contents : mapping of str to Content
+        products : mapping of str to int
+            How many products that are entered have each.
 
         Those there already are kept where they are as they were.
 
@@ -63,11 +70,15 @@ class Payloads:
                     self.lost(there[sha256])
         places = dict(zip(packed, self.packs.append(list(packed.values())), strict=True)) if packed else {}
         rows = [
-            {"sha256": sha256, "size": len(payload), "chunk_sums": sums, "place": places.get(sha256)}
+            {
+                "sha256": sha256, "size": len(payload), "chunk_sums": sums, "place": places.get(sha256),
+                "live": products[sha256],
+            }
             for sha256, (payload, sums) in contents.items()
-            if sha256 not in there or sha256 in places
-        ]
+        ]  # fmt: skip
         sqlite.insert_blobs(connection, rows)
+        new = [(sha256 in places, len(content.payload)) for sha256, content in contents.items() if sha256 not in there]
+        sqlite.count_blobs(connection, new)
 
     def settle(self) -> None:
         """Wait until the disk has what was entered; raises StorageError where it fails. Then rows may be committed."""

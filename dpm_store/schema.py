@@ -94,7 +94,7 @@ robots = Table(
 
 _PACKED = text("place IS NOT NULL")
 #: Payloads by content: where in the packs each begins (none: it has a file), and how many live products have it
-#: (kept by triggers, see the dialect module).
+#: (a trigger takes deleted ones off).
 blobs = Table(
     "blobs",
     metadata,
@@ -268,7 +268,7 @@ pose_graph_edges = Table(
     Column("information", LargeBinary),
 )
 
-#: Live products and the bytes of their payloads by robot and type; kept by triggers (see the dialect module).
+#: Live products and the bytes of their payloads by robot and type; triggers take off what goes.
 tallies = Table(
     "tallies",
     metadata,
@@ -278,7 +278,7 @@ tallies = Table(
     Column("bytes", BigInteger, nullable=False),
 )
 
-#: Payloads that are kept, each content once, in packs (inline) and in files of their own; kept by triggers.
+#: Payloads that are kept, each content once, in packs (inline) and in files of their own; triggers take off what goes.
 blob_tallies = Table(
     "blob_tallies",
     metadata,

@@ -31,6 +31,8 @@ from dpm_store.packs import Span, merged
 WRITES = "cdff_writes"
 #: What the engine raises by itself.
 Error = sqlite3.Error
+#: Pages kept in memory by a connection while it writes, and while it reads.
+_WRITER_KB, _READER_KB = 65536, 16384
 #: Largest offset that stands for "no bound" in the index: float32 keeps it.
 _FAR = 1e30
 
@@ -120,19 +122,15 @@ DDL_0004 = (
     "UPDATE blob_tallies SET payloads = payloads - 1, bytes = bytes - OLD.size "
     "WHERE inline = (OLD.content IS NOT NULL); END",
 )
-#: The same for revision 0005, once contents are in packs: sums go by the place, and count who has a payload.
-DDL_0005_FIRST = tuple(f"DROP TRIGGER {name}" for name in ("blobs_add", "blobs_remove"))
+#: The same for revision 0005, once contents are in packs: sums go by the place, payloads count the products that have
+#: them. What is added is summed by whoever adds it (``count_products``).
+DDL_0005_FIRST = tuple(f"DROP TRIGGER {name}" for name in ("blobs_add", "blobs_remove", "products_add"))
 DDL_0005 = (
     "UPDATE blobs SET live = (SELECT count(*) FROM products p WHERE p.sha256 = blobs.sha256 AND p.deleted_ns IS NULL)",
     "DROP INDEX products_by_blob",
-    "CREATE TRIGGER blobs_add AFTER INSERT ON blobs BEGIN "
-    "INSERT INTO blob_tallies VALUES (NEW.place IS NOT NULL, 1, NEW.size) "
-    "ON CONFLICT DO UPDATE SET payloads = payloads + 1, bytes = bytes + NEW.size; END",
     "CREATE TRIGGER blobs_remove AFTER DELETE ON blobs BEGIN "
     "UPDATE blob_tallies SET payloads = payloads - 1, bytes = bytes - OLD.size "
     "WHERE inline = (OLD.place IS NOT NULL); END",
-    "CREATE TRIGGER products_use AFTER INSERT ON products WHEN NEW.deleted_ns IS NULL "
-    "BEGIN UPDATE blobs SET live = live + 1 WHERE sha256 = NEW.sha256; END",
     "CREATE TRIGGER products_leave AFTER UPDATE OF deleted_ns ON products "
     "WHEN OLD.deleted_ns IS NULL AND NEW.deleted_ns IS NOT NULL "
     "BEGIN UPDATE blobs SET live = live - 1 WHERE sha256 = OLD.sha256; END",
@@ -247,14 +245,38 @@ def insert_new(table: Table) -> Insert:
 
 
 def insert_rows(connection: Connection, table: Table, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Insert rows that name the same columns: a batch has thousands, and SQLAlchemy would look at each."""
+    """Insert rows that name the same columns in one order: a batch has thousands, and SQLAlchemy would look at each."""
     _insert_rows(connection, table, rows, "")
 
 
 def insert_blobs(connection: Connection, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Insert payloads; one that is there already lies where the new row says from now on."""
-    move = "DO UPDATE SET place = excluded.place WHERE place IS NOT NULL AND excluded.place IS NOT NULL"
-    _insert_rows(connection, schema.blobs, rows, f"ON CONFLICT (sha256) {move}")
+    """Insert payloads; one that is there already has so many products more, and lies where the row says if it does."""
+    more = "DO UPDATE SET live = live + excluded.live, place = coalesce(excluded.place, place)"
+    _insert_rows(connection, schema.blobs, rows, f"ON CONFLICT (sha256) {more}")
+
+
+def count_products(connection: Connection, sizes: Iterable[tuple[str, str, int]]) -> None:
+    """Add products to the sums: robot, type and bytes of each. A trigger for each of them takes longer than its row."""
+    _count(connection, "tallies", "live", [((robot, product), size) for robot, product, size in sizes])
+
+
+def count_blobs(connection: Connection, sizes: Iterable[tuple[bool, int]]) -> None:
+    """Add payloads to the sums: whether it is in a pack, and bytes, of each."""
+    _count(connection, "blob_tallies", "payloads", [((int(packed),), size) for packed, size in sizes])
+
+
+def _count(connection: Connection, table: str, column: str, sizes: Sequence[tuple[tuple[Any, ...], int]]) -> None:
+    sums: dict[tuple[Any, ...], tuple[int, int]] = {}
+    for key, size in sizes:
+        count, total = sums.get(key, (0, 0))
+        sums[key] = count + 1, total + size
+    rows = [(*key, count, total) for key, (count, total) in sums.items()]
+    if rows:
+        statement = (
+            f"INSERT INTO {table} VALUES ({', '.join('?' * len(rows[0]))}) ON CONFLICT DO UPDATE "
+            f"SET {column} = {column} + excluded.{column}, bytes = bytes + excluded.bytes"
+        )
+        _driver(connection).executemany(statement, rows)
 
 
 def placed(connection: Connection, digests: Sequence[str]) -> dict[str, int | None]:
@@ -271,9 +293,9 @@ def spans(connection: Connection, first: int, end: int) -> list[Span]:
 
 def _insert_rows(connection: Connection, table: Table, rows: Sequence[Mapping[str, Any]], conflict: str) -> None:
     if rows:
-        places = ", ".join(f":{name}" for name in rows[0])
+        places = ", ".join("?" * len(rows[0]))
         statement = f"INSERT INTO {table.name} ({', '.join(rows[0])}) VALUES ({places}) {conflict}"
-        _driver(connection).executemany(statement, rows)
+        _driver(connection).executemany(statement, [tuple(row.values()) for row in rows])
 
 
 def index_products(connection: Connection, entries: Iterable[tuple[int, IndexBox, tuple[float, float]]]) -> None:
@@ -456,7 +478,14 @@ def check(connection: Connection) -> list[str]:
             "FROM products WHERE deleted_ns IS NULL GROUP BY sha256)"
         )
     ).one()
-    return problems + ([f"payloads: {miscounted} have other products than they count"] if miscounted else [])
+    problems += [f"payloads: {miscounted} have other products than they count"] if miscounted else []
+    (other,) = connection.execute(
+        text(
+            "SELECT count(*) FROM (SELECT inline, payloads, bytes FROM blob_tallies WHERE payloads <> 0 EXCEPT "
+            "SELECT place IS NOT NULL, count(*), sum(size) FROM blobs GROUP BY 1)"
+        )
+    ).one()
+    return problems + ([f"sums: {other} of payloads differ from what is there"] if other else [])
 
 
 def _kept(value: float) -> float:
@@ -466,12 +495,16 @@ def _kept(value: float) -> float:
 def _on_connect(connection: sqlite3.Connection, _record: object) -> None:
     connection.isolation_level = None  # begun by _on_begin, not by the driver
     for pragma in (
-        "journal_mode=WAL", "synchronous=FULL", "busy_timeout=10000", "cache_size=-32768",
-        "wal_autocheckpoint=16000", "secure_delete=OFF",
+        "journal_mode=WAL", "synchronous=FULL", "busy_timeout=10000", "wal_autocheckpoint=16000", "secure_delete=OFF",
     ):  # fmt: skip
         connection.execute(f"PRAGMA {pragma}")
 
 
 def _on_begin(connection: Connection) -> None:
     writes = connection.get_execution_options().get(WRITES, False)
+    if (
+        connection.info.get(WRITES) != writes
+    ):  # a batch changes many pages; a reader's are as near in the system's cache
+        connection.info[WRITES] = writes
+        connection.exec_driver_sql(f"PRAGMA cache_size=-{_WRITER_KB if writes else _READER_KB}")
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
