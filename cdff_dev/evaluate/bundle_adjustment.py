@@ -135,12 +135,12 @@ def table(figures: dict[str, Any]) -> str:
     lines = ["| problem | size | cost before | solver | cost after | CPU s |", "|---" * 6 + "|"]
     for name, row in figures["costs"].items():
         size = f"{row['cameras']} cameras, {row['points']} points, {row['observations']} observations"
-        for solver in ("cdff", "gtsam", "ceres"):
-            if solver in row:
-                lines.append(
-                    f"| {name} | {size} | {row['cost_initial']:.6g} | {solver} | {row[solver]['cost']:.8g} | "
-                    f"{row[solver]['cpu_s']:.2f} |"
-                )
+        lines += [
+            f"| {name} | {size} | {row['cost_initial']:.6g} | {solver} | {row[solver]['cost']:.8g} | "
+            f"{row[solver]['cpu_s']:.2f} |"
+            for solver in ("cdff", "gtsam", "ceres")
+            if solver in row
+        ]
     lines.append("")
     for what in ("poses", "points"):
         r = figures["covariances"][what]

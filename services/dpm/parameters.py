@@ -32,8 +32,8 @@ GROUND = "ground"
 PRODUCT_TYPES: dict[str, str | None] = {
     "pose": "TransformWithCovariance", "trajectory": "PoseTrajectory", "pointcloud": "Pointcloud",
     "dem": "ElevationMap", "navigation_map": "NavigationMap", "image": "Frame", "disparity": "Frame",
-    "pose_graph": "PoseGraph", "detections": None, "track": None, "mesh": None, "feature_matches": None,
-    "landmarks": None,
+    "pose_graph": "PoseGraph", "detections": None, "track": None, "mesh": None,
+    "feature_matches": "CorrespondenceMap2D", "landmarks": "LandmarkMap",
     "scan": "LidarScan", "image_pair": "FramePair", "imu_span": "ImuSpan", "sample": None,  # kept from sensors
     "delivery": None,  # derived for one request by the orchestrator, fetched by id
 }  # fmt: skip

@@ -1,0 +1,150 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Cost of the DFNs and DFPCs of seeing, beside COLMAP and GTSAM, at the sizes that their descriptions name.
+
+OMP_NUM_THREADS=1 python benchmarks/seeing.py [--data DIR] [--rounds N] [--peer-python PYTHON] [--out FILE]
+
+Feature matching, triangulation and bundle adjustment: CPU seconds are medians over the rounds, memory is what Python's
+allocators had at most. What is accurate is in docs/evaluation: ``python -m cdff_dev.evaluate feature_matching`` and
+``triangulation`` and ``bundle_adjustment``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import time
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from cdff_common.interfaces.registry import Registry
+from cdff_core.dfns.bundle_optimization._interface import BundleOptimizationInputs
+from cdff_core.dfns.cameras_transform_estimation._interface import CamerasTransformEstimationInputs
+from cdff_core.dfns.essential_matrix_computation._interface import EssentialMatrixComputationInputs
+from cdff_core.dfns.features_description_2d._interface import FeaturesDescription2DInputs
+from cdff_core.dfns.features_extraction_2d._interface import FeaturesExtraction2DInputs
+from cdff_core.dfns.features_matching_2d._interface import FeaturesMatching2DInputs
+from cdff_core.dfns.fundamental_matrix_computation._interface import FundamentalMatrixComputationInputs
+from cdff_core.dfns.homography_computation._interface import HomographyComputationInputs
+from cdff_core.dfns.n_view_triangulation._interface import NViewTriangulationInputs
+from cdff_dev.evaluate import _colmap, feature_matching
+from cdff_dev.evaluate._bundles import by_gtsam, ring
+from cdff_dev.evaluate._image_pairs import grey
+from cdff_dev.evaluate.triangulation import scene
+
+
+def node(name: str, implementation: str | None = None, **config: Any) -> Any:
+    """A configured DFN."""
+    made = Registry.default().make_dfn(name, implementation)
+    made.configure(config)
+    return made
+
+
+def measured(call: Callable[[], Any], rounds: int) -> dict[str, float]:
+    """Median CPU seconds, and megabytes at most."""
+    call()
+    times = []
+    for _ in range(rounds):
+        started = time.process_time()
+        call()
+        times.append(time.process_time() - started)
+    tracemalloc.start()
+    call()
+    peak = tracemalloc.get_traced_memory()[1] / 1e6
+    tracemalloc.stop()
+    return {"cpu_s": round(statistics.median(times), 4), "memory_mb": round(peak, 1)}
+
+
+def of_dfns(left: np.ndarray, rounds: int) -> dict[str, Any]:
+    """Every DFN at its stated size."""
+    calls: dict[str, Callable[[], Any]] = {}
+    for name in ("AdaptiveFast", "Sift", "Orb"):
+        dfn = node("features_extraction_2d", name)
+        calls[f"FeaturesExtraction2D/{name}"] = lambda dfn=dfn: dfn.process(FeaturesExtraction2DInputs(left))
+    points = node("features_extraction_2d", "AdaptiveFast").process(FeaturesExtraction2DInputs(left)).features[:2000]
+    for name in ("RootSift", "Sift", "Orb"):
+        dfn = node("features_description_2d", name)
+        calls[f"FeaturesDescription2D/{name}"] = lambda dfn=dfn: dfn.process(FeaturesDescription2DInputs(left, points))
+    rng = np.random.default_rng(0)
+    a, b = (rng.integers(0, 256, (2000, 128), np.uint8) for _ in range(2))
+    match = node("features_matching_2d")
+    calls["FeaturesMatching2D/MutualRatio"] = lambda: match.process(FeaturesMatching2DInputs(a, b))
+    v = feature_matching.two_views(0, 1000)
+    source, sink, K = v["source"], v["sink"], v["K"]
+    fundamental, essential = node("fundamental_matrix_computation"), node("essential_matrix_computation")
+    homography = node("homography_computation", min_inliers=8, max_log10_false_alarms=0.0)
+    plane = source @ np.array([[0.9, 0.1], [-0.1, 0.9]]) + rng.normal(0, 0.5, source.shape)
+    decompose = node("cameras_transform_estimation")
+    E = essential.process(EssentialMatrixComputationInputs(source, sink, K)).essential_matrix
+    calls |= {
+        "FundamentalMatrixComputation/Magsac": lambda: fundamental.process(
+            FundamentalMatrixComputationInputs(source, sink)
+        ),
+        "EssentialMatrixComputation/Magsac": lambda: essential.process(
+            EssentialMatrixComputationInputs(source, sink, K)
+        ),
+        "HomographyComputation/Magsac": lambda: homography.process(HomographyComputationInputs(source, plane)),
+        "CamerasTransformEstimation/EssentialDecomposition": lambda: decompose.process(
+            CamerasTransformEstimationInputs(E, source, sink, K)
+        ),
+    }
+    tracks, _ = scene(2, (4.0, 30.0), 100_000)
+    triangulate, adjust = node("n_view_triangulation"), node("bundle_optimization", covariances="none")
+    covariances = node("bundle_optimization")
+    problem = ring()[0]
+    calls |= {
+        "NViewTriangulation/LinearThenReprojection": lambda: triangulate.process(NViewTriangulationInputs(tracks)),
+        "BundleOptimization/SchurLm": lambda: adjust.process(BundleOptimizationInputs(problem)),
+        "BundleOptimization/SchurLm with covariances": lambda: covariances.process(BundleOptimizationInputs(problem)),
+    }
+    return {name: measured(call, rounds) for name, call in calls.items()}
+
+
+def of_matching(left: np.ndarray, right: np.ndarray, rounds: int) -> dict[str, Any]:
+    """Every variant of feature_matching on a stereo pair."""
+    report = {}
+    for name in feature_matching.VARIANTS:
+        dfpc = feature_matching.made(name)
+        report[name] = measured(lambda dfpc=dfpc: feature_matching.matched(dfpc, left, right), rounds)
+        report[name]["matches"] = len(feature_matching.matched(dfpc, left, right)[0])
+    return report
+
+
+def main() -> None:
+    """Measure and print JSON."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    beside = Path(__file__).resolve().parents[2] / "shared" / "data"
+    parser.add_argument("--data", type=Path, default=Path(os.environ.get("CDFF_DATA") or beside))
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--peer-python", help="interpreter of an environment with pycolmap")
+    parser.add_argument("--out", type=Path)
+    args = parser.parse_args()
+    cv2.setNumThreads(1)
+    images = sorted((args.data / "kitti_stereo").rglob("*.png"))
+    left = grey(images[0])
+    right = grey(next(p for p in images if p.name == images[0].name and p.parent != images[0].parent))
+    report: dict[str, Any] = {
+        "benchmark": "seeing", "python": platform.python_version(),
+        "threads": os.environ.get("OMP_NUM_THREADS", "all"), "load_1min": os.getloadavg()[0],
+        "dfns": of_dfns(left, args.rounds), "feature_matching": of_matching(left, right, args.rounds),
+        "gtsam_bundle_adjustment_cpu_s": by_gtsam(ring()[0], 1e-7)[1],
+    }  # fmt: skip
+    if args.peer_python:
+        found, cpu_s = _colmap.matches(args.peer_python, [(left, right)])[0]
+        report["colmap_sift"] = {"cpu_s": cpu_s, "matches": len(found)}
+    text = json.dumps(report, indent=1)
+    print(text)
+    if args.out:
+        args.out.write_text(text + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
