@@ -117,7 +117,7 @@ def _peer(
         with np.load(f"{folder}/out.npz") as out:
             both = np.isfinite(ours) & np.isfinite(out["costs"])
             # The peer cuts corners between two hazards, so that its costs are no higher than ours.
-            difference = (ours - out["costs"])[both]
+            difference = ours[both] - out["costs"][both]
             below_m = float(max(-difference.min(), 0.0))
             return {
                 "mcp_geometric_cpu_s": float(out["cpu"]), "ours_below_peer_by_at_most_m": below_m,
