@@ -31,6 +31,8 @@ from cdff_dev.elevation import compare
 PROFILE = Path(__file__).resolve().parents[2] / "deploy" / "profiles" / "rover_traverse.yaml"
 #: Folder, disparity scale and search range of the Middlebury pairs.
 PAIRS = (("teddy", 4.0, 64), ("tsukuba", 16.0, 16))
+#: Of the simulated runs; the lidar's noise is that of its data sheet.
+CONFIG = {"resolution_m": 0.05, "far_factor": 0, "fusion": {"size_m": 60.0}}
 T_BASE_CAMERA = se3.transform([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], np.zeros(3))
 
 
@@ -59,7 +61,7 @@ def _simulated(progress: Callable[[str], None]) -> dict[str, Any]:
         for port, stream, variant in (("scan", "lidar.scan", "Lidar"), ("stereo", "navcam.pair", "Stereo")):
             ports = {f"/{robot}/truth.pose": "poses", f"/{robot}/{stream}": port}
             samples = (Sample(ports[s.stream], s.stamp_ns, s.seq, s.value) for s in log.samples(list(ports)))
-            dem = _mapped(samples, context, variant, {"resolution_m": 0.05, "fusion": {"size_m": 60.0}})
+            dem = _mapped(samples, context, variant, {**CONFIG, "range_sigma_m": scenario.lidar.range_sigma_m})
             for name, least in (("all cells", 1), ("5 or more measurements", 5)):
                 report[f"{robot} {variant.lower()}, {name}"] = _rounded(compare(dem, terrain, least_count=least))
     return report

@@ -201,7 +201,7 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
         except InputError:
             self._patch.drops["malformed"] += 1
         else:
-            if measured is not None and self.config.align:
+            if measured is not None and self.config.align and sample.port != "stereo":  # far pairs are biased
                 measured = self._aligning.aligned(measured, self._map)
             if measured is not None:
                 self._patch.add(measured)
