@@ -102,7 +102,7 @@ class Travel:
 def _ground(seed: int) -> tuple[Scenario, Relief]:
     """The scenario's relief without rocks, coarser, of another seed."""
     full = load_scenario(SCENARIO).model_dump()
-    full["terrain"] |= {"resolution_m": 0.2, "fine_half_width_m": 100.0, "far_half_width_m": 140.0}
+    full["terrain"] |= {"resolution_m": 0.2, "fine_half_width_m": 60.0, "far_half_width_m": 100.0}
     full["terrain"]["surface"] |= {"texel_m": 0.5}
     full["terrain"]["rocks"] |= {"count": 0}
     full["seed"] = 900_000 + seed
