@@ -301,7 +301,7 @@ class LidarSlam(LidarSlamInterface):
         self._degraded += bool(reasons)
         metrics = metrics_of(tracked) | {"keyframes": float(len(self._places)), "way_m": self._way_m}
         status = Status.DEGRADED if reasons else Status.OK
-        quality = Quality(status, reasons, CovarianceKind.CALIBRATED, metrics)
+        quality = Quality(status, reasons, CovarianceKind.FORMAL, metrics)
         if tracked.lost:
             failed = Quality(Status.FAILED, ("lost", *reasons), CovarianceKind.NONE, metrics)
             for port, frame in (("odometry", self._odom), ("pose", self._slam)):
@@ -348,7 +348,7 @@ class LidarSlam(LidarSlamInterface):
             "cloud_mb": self._places.point_bytes / 1e6,
             "way_m": self._way_m,
         }
-        return Quality(Status.DEGRADED if reasons else Status.OK, tuple(reasons), CovarianceKind.CALIBRATED, metrics)
+        return Quality(Status.DEGRADED if reasons else Status.OK, tuple(reasons), CovarianceKind.FORMAL, metrics)
 
     def _graph(self) -> PoseGraph:
         return self._places.graph(frame=self._slam, producer=self.name)

@@ -95,7 +95,7 @@ def test_poses_follow_the_lidar_with_covariance_and_quality(lapped: tuple[Rover,
     assert max(rover.error_m(o) for o in poses) < 0.15
     last = poses[-1]
     assert (last.frame, last.child) == ("mana/slam", "mana/lidar")
-    assert last.quality.covariance_kind is CovarianceKind.CALIBRATED
+    assert last.quality.covariance_kind is CovarianceKind.FORMAL
     assert np.all(np.linalg.eigvalsh(last.value.transform.covariance) > 0)
     assert last.inputs[0].startswith("scan")
 
