@@ -22,6 +22,8 @@ from cdff_common.formats.tum import read_tum, write_tum
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.raster.geometry import GridGeometry
 from cdff_common.types import (
+    BundleProblem,
+    CorrespondenceMap2D,
     ElevationMap,
     Frame,
     NavigationMap,
@@ -181,6 +183,8 @@ def test_every_type_can_be_written_in_each_of_its_formats(dem: ElevationMap, pos
         PoseGraph.from_arrays(
             [0], [0], T, np.zeros((0, 2)), np.zeros((0, 4, 4)), np.zeros((0, 6, 6)), [], frame="site"
         ),
+        CorrespondenceMap2D.from_arrays([[1, 2]], [[3, 4]]),
+        BundleProblem.from_arrays(T, [9.0, 9.0, 0.0, 0.0], [[0, 0, 1]], ([0], [0]), [[0.0, 0.0]], frame="site"),
     ]
     assert {type(v).__name__ for v in values} == set(FORMATS)
     for value in values:
