@@ -26,7 +26,8 @@ def description(name: str) -> DfpcDescription:
 
 
 def test_the_only_stream_of_the_only_port_of_a_type_is_wired() -> None:
-    assert wire(description("visual_odometry_sparse"), LOG, "mana", {}) == {"stereo": "/mana/navcam.pair"}
+    wired = wire(description("visual_odometry_sparse"), LOG, "mana", {})
+    assert wired == {"stereo": "/mana/navcam.pair", "odometry": "/mana/wheels.odometry", "imu": "/mana/imu.sample"}
 
 
 def test_a_stream_named_like_the_port_is_wired_and_the_truth_never() -> None:
