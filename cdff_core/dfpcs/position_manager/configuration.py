@@ -37,7 +37,10 @@ class PositionManagerConfig(DfpcConfig):
     start_tilt_sigma_rad: Annotated[
         float, Field(ge=0, le=1, description="roll, pitch of a start that is not levelled")
     ] = 0.05
-    start_speed_sigma_m_s: Annotated[Sigma, Field(description="of a start that is not seen to be at rest")] = 0.5
+    start_speed_sigma_m_s: Annotated[Sigma, Field(description="of a start that the IMU feels to be in motion")] = 0.5
+    unknown_speed_sigma_m_s: Annotated[
+        Sigma, Field(description="of a start that no IMU feels, and of a velocity that is doubted: a car's")
+    ] = 15.0
     rest_speed_sigma_m_s: Annotated[Sigma, Field(description="of a start that the IMU feels to be at rest")] = 0.02
     gyro_bias_sigma_rad_s: Annotated[Sigma, Field(description="before it is felt at rest")] = 3e-3
     felt_bias_sigma_rad_s: Annotated[Sigma, Field(description="of the mean rate at rest")] = 2.2e-4

@@ -114,7 +114,7 @@ class Estimator:
         if clone is None or event.afresh or gap:
             return estimate.cloned(event.source, measured), Verdict(False, (f"{event.source}_attached",))
         if estimate.refused >= self.config.refusals:
-            estimate = _doubted(estimate, self.config.start_speed_sigma_m_s)
+            estimate = _doubted(estimate, self.config.unknown_speed_sigma_m_s)
         try:
             estimate = self._stepped(estimate, event, clone.measured)
         except RefusedError as error:

@@ -69,7 +69,8 @@ def begin(
     T_odom_base = UncertainTransform(se3.transform(turn @ tilt, wheels.matrix[:3, 3]), covariance)
     felt = config.felt_bias_sigma_rad_s if at_rest else config.gyro_bias_sigma_rad_s
     biases = np.array([felt] * 3 + [config.acc_bias_sigma_m_s2] * 3)
-    speed = config.rest_speed_sigma_m_s if at_rest else config.start_speed_sigma_m_s
+    in_motion = config.unknown_speed_sigma_m_s if gravity is None else config.start_speed_sigma_m_s
+    speed = config.rest_speed_sigma_m_s if at_rest else in_motion
     estimate = first_estimate(stamp_ns, anchor @ T_odom_base, speed, biases, np.array(config.slip_sigma))
     estimate = replace(estimate, biases=bias)
     if gravity is not None and at_rest:
