@@ -50,6 +50,10 @@ class CellStatisticsRaster(DemRasterisationInterface):
         """Compile, so that the first cloud is as fast as the others."""
         grid = GridGeometry.aligned(self.config.frame, self.config.resolution_m, (0.0, 0.0, 0.0, 0.0))
         CellStatistics.from_points(grid, np.zeros((1, 3)), stamps_ns=0)
+        for writeable in (True, False):
+            points = np.zeros((1, 3))
+            points.setflags(write=writeable)
+            GridGeometry.around(self.config.frame, self.config.resolution_m, points)
 
     def process(self, inputs: DemRasterisationInputs) -> DemRasterisationOutputs:
         """Return the elevation map of the cloud.

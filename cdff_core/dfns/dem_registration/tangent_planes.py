@@ -60,7 +60,9 @@ class TangentPlanes(DemRegistrationInterface):
 
     def setup(self) -> None:
         """Compile, so that the first capture is as fast as the others."""
-        self._over(np.zeros((1, 3)), np.zeros((5, 5), np.float32), (0.1, 0.0, 0.5))
+        heights = np.zeros((5, 5), np.float32)
+        heights.setflags(write=False)  # layers of a message cannot be written to: another type to the compiler
+        self._over(np.zeros((1, 3)), heights, (0.1, 0.0, 0.5))
 
     def process(self, inputs: DemRegistrationInputs) -> DemRegistrationOutputs:
         """Return the correction; raises InputError on arrays that do not fit or a covariance that is none."""
