@@ -32,7 +32,7 @@ WRITES = "cdff_writes"
 #: What the engine raises by itself.
 Error = sqlite3.Error
 #: Pages kept in memory by a connection while it writes, and while it reads.
-_WRITER_KB, _READER_KB = 65536, 16384
+_WRITER_KB, _READER_KB = 65536, 4096
 #: Largest offset that stands for "no bound" in the index: float32 keeps it.
 _FAR = 1e30
 
