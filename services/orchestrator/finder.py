@@ -27,6 +27,8 @@ _CLOUDS = 8
 _MAPS = 8
 #: Cell in which a point counts as covering, metres, where no resolution was asked.
 _CLOUD_CELL_M = 0.5
+#: "Until then" of captures where none counts.
+_NEVER_NS = -1
 #: ``dfpc`` of products that the DPM or the orchestrator derived from others: their sources are found instead.
 _DERIVED = ("dpm", DERIVED_DFPC)
 
@@ -291,7 +293,8 @@ class Finder:
     def _placed(self, request: ProductRequest, robot: str, until_s: float) -> tuple[Region, str, int | None]:
         """The request's region, its frame, and until when captures count: what comes meanwhile lies elsewhere.
 
-        ``near`` is resolved at the end of capture of the newest product; other regions stay where they are.
+        ``near`` is resolved at the end of capture of the newest product; other regions stay where they are. Where there
+        is no product yet none counts, not one either that comes a moment later: the robot is elsewhere by then.
         """
         assert request.region is not None
         region, frame = request.region, request.region_frame
@@ -303,7 +306,8 @@ class Finder:
             T = self._dpm.pose(robot, frame, region.near_frame, t_ns, until_s)
         except ProductNotFoundError:  # nobody knows it at that time
             T = self._dpm.pose(robot, frame, region.near_frame, None, until_s)
-        return region.resolved(float(T.matrix[0, 3]), float(T.matrix[1, 3])), frame, t_ns
+        placed = region.resolved(float(T.matrix[0, 3]), float(T.matrix[1, 3]))
+        return placed, frame, _NEVER_NS if t_ns is None else t_ns
 
     def _seen_from(self, region: Region, frame: str, home: str, robot: str, t_ns: int, until_s: float) -> Region:
         if home == frame:
@@ -323,6 +327,8 @@ class Finder:
     ) -> list[dict[str, Any]]:
         """Metadata of usable products, newest first; of those captured until ``last_ns``, else the time asked for."""
         until_ns = request.t_ns if last_ns is None else last_ns
+        if until_ns == _NEVER_NS:
+            return []
         items = self._usable(self._dpm.search(until_s, **parameters, t1=until_ns))
         return [i for i in items if until_ns is None or int(i["t1_ns"]) <= until_ns]
 
