@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import functools
+import threading
 from typing import Any
 
 from fastapi import Depends, FastAPI
@@ -40,6 +41,8 @@ MODULES = (
     ogc, page,
 )  # fmt: skip
 
+_DESCRIBING = threading.Lock()
+
 
 def create_app(context: Context) -> FastAPI:
     """Return the application over a DPM."""
@@ -67,9 +70,13 @@ def _routed() -> FastAPI:
 
 
 def _described(app: FastAPI) -> dict[str, Any]:
-    """The OpenAPI document, with the problem document that every operation refers to."""
-    if app.openapi_schema is None:
-        document = FastAPI.openapi(app)
-        document.setdefault("components", {}).setdefault("schemas", {})["Problem"] = Problem.model_json_schema()
-        app.openapi_schema = document
-    return app.openapi_schema
+    """The OpenAPI document, with the problem document that every operation refers to.
+
+    The first requests ask for it in several threads at once, and FastAPI makes it right in one only.
+    """
+    with _DESCRIBING:
+        if app.openapi_schema is None:
+            document = FastAPI.openapi(app)
+            document.setdefault("components", {}).setdefault("schemas", {})["Problem"] = Problem.model_json_schema()
+            app.openapi_schema = document
+        return app.openapi_schema

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 
 import pytest
@@ -66,3 +68,15 @@ def test_json_may_be_asked_for_and_nothing_else(http: TestClient, filled: Filled
     refused = http.get(f"{interface}{path}?f=html")
     assert refused.status_code == 400
     assert "json" in refused.json()["detail"]
+
+
+def test_the_first_requests_may_come_all_at_once() -> None:
+    script = """
+from concurrent.futures import ThreadPoolExecutor
+from services.dpm.http.app import _routed
+app = _routed()
+with ThreadPoolExecutor(4) as threads:
+    documents = list(threads.map(lambda _: app.openapi(), range(4)))
+assert all("Problem" in document["components"]["schemas"] for document in documents)
+"""
+    subprocess.run([sys.executable, "-c", script], check=True)  # what FastAPI keeps of the routes is the process's
