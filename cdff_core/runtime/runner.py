@@ -59,6 +59,7 @@ class Runner:
         self._arrivals = 0
         self._newest_ns: dict[str, int] = {}
         self._stepped_ns = -(1 << 62)
+        self._stepping_ns: int | None = None
         self._next_seq: dict[str, int] = {}
         self.counters = Counters()
 
@@ -66,6 +67,13 @@ class Runner:
     def pending(self) -> int:
         """Samples that wait to be stepped."""
         return len(self._heap)
+
+    @property
+    def oldest_ns(self) -> int | None:
+        """Capture time of the sample that is being stepped, else of the one that is next; None without any."""
+        if self._stepping_ns is not None:
+            return self._stepping_ns
+        return self._heap[0][0] if self._heap else None
 
     def push(self, sample: Sample) -> bool:
         """Queue a sample; False if it is not newer than the port's newest one, and dropped.
@@ -102,12 +110,15 @@ class Runner:
         self.counters.samples += 1
         by_port = self.counters.samples_by_port
         by_port[sample.port] = by_port.get(sample.port, 0) + 1
+        self._stepping_ns = sample.stamp_ns
         try:
             return list(self._products(self._dfpc.step(sample)))
         except CdffError as error:
             self.counters.errors += 1
             self.counters.last_error = f"{type(error).__name__}: {error}"
             return []
+        finally:
+            self._stepping_ns = None
 
     def drain(self) -> Iterator[Product]:
         """Step everything queued."""

@@ -27,6 +27,8 @@ from cdff_common.interfaces.profile import Profile
 #: How long the system may take to be ready, and to end, seconds.
 READY_S = 90.0
 END_S = 3.5
+#: The clock of the mission is held while a DFPC is further behind, mission seconds.
+PATIENCE_S = 2.0
 
 
 def check_free(host: str, port: int, what: str) -> None:
@@ -156,7 +158,7 @@ class Stage:
 
     def play(self, log: str, rate: float) -> None:
         """Start the player."""
-        self._spawn("play", log, "--speed", str(rate))
+        self._spawn("play", log, "--speed", str(rate), "--patience", str(PATIENCE_S))
 
     def check_running(self) -> None:
         """Raise UnavailableError if the system or the player has ended."""

@@ -14,6 +14,9 @@ def register(nouns: Any) -> None:
     parser = nouns.add_parser("play", help="play a log's sensors onto the bus, with the mission clock")
     parser.add_argument("log", metavar="LOG", help="a log file, folder or pattern, or a KITTI folder")
     parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="mission seconds per second (default 1)")
+    parser.add_argument(
+        "--patience", type=float, metavar="S", help="hold the clock while a DFPC is S mission seconds behind"
+    )
     parser.add_argument("--robots", nargs="+", metavar="ID", help="only these robots (default: all in the log)")
     parser.add_argument(
         "--wait-for", nargs="+", default=[], metavar="KEYEXPR", help="start when these tokens are alive"
@@ -40,7 +43,7 @@ def _run(args: argparse.Namespace) -> int:
             with Bus.open(args.connect, name="player") as bus:
                 wait_for(bus, args.wait_for, args.wait_s, stop)
                 if not stop.is_set():
-                    Player(bus, log, args.speed, args.robots).run(stop, stay=not args.exit_at_end)
+                    Player(bus, log, args.speed, args.robots, args.patience).run(stop, stay=not args.exit_at_end)
         finally:
             log.close()
 

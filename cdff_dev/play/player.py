@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Plays a log: sets the mission clock, publishes each sample when that clock reaches it, tells how it goes."""
+"""Plays a log: sets the mission clock, publishes each sample when that clock reaches it, tells how it goes.
+
+A sensor waits for nobody, and neither does the player, unless it is given patience: then its clock stands still while a
+DFPC is further behind, so that a slow machine shows the same mission and only takes longer.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,9 @@ from cdff_common.clock import NS_PER_S, monotonic_s
 from cdff_common.errors import CdffError, InputError, UnavailableError
 from cdff_common.interfaces.registry import Registry
 from cdff_dev.logs import LogSource
+from cdff_dev.play.backlog import Backlog
 from cdff_dev.play.gate import SensorGate
+from cdff_dev.play.pace import Pace
 from cdff_dev.play.prefetch import Item, Prefetch, split_stream
 
 logger = logging.getLogger(__name__)
@@ -38,6 +44,8 @@ class Progress:
         Samples sent; held back since their sensor is off or slow; dropped since they were too late.
     lag_s, worst_lag_s : float
         How much later than due the newest sample was sent, and the latest of all.
+    held_s : float
+        How long the clock stood still for DFPCs that were behind.
     """
 
     now_ns: int = 0
@@ -47,6 +55,7 @@ class Progress:
     dropped: int = 0
     lag_s: float = 0.0
     worst_lag_s: float = 0.0
+    held_s: float = 0.0
     ended: bool = False
 
 
@@ -94,32 +103,42 @@ class Player:
         Seconds of mission time per second.
     robots : collection of str, optional
         All where it is not given.
+    patience_s : float, optional
+        Hold the clock while a DFPC is behind by more than this, seconds of mission time; None holds it never.
     """
 
-    def __init__(self, bus: Bus, log: LogSource, speed: float = 1.0, robots: Collection[str] | None = None) -> None:
+    def __init__(
+        self, bus: Bus, log: LogSource, speed: float = 1.0, robots: Collection[str] | None = None,
+        patience_s: float | None = None,
+    ) -> None:  # fmt: skip
         if not speed > 0:
             raise InputError(f"speed={speed}: expected above 0")
+        if patience_s is not None and not patience_s > 0:
+            raise InputError(f"patience_s={patience_s}: expected above 0")
         self._bus = bus
         self._log = log
-        self._speed = speed
+        self._patience_s = patience_s
         self._streams = playable(log, robots)
         self._robots = sorted({split_stream(s)[0] for s in self._streams})
         self.gate = SensorGate()
         infos = [log.streams[s] for s in self._streams]
         self.begin_ns = min(i.t0_ns for i in infos)
         self.progress = Progress(now_ns=self.begin_ns, t_end_ns=max(i.t1_ns for i in infos))
-        self._started_s = 0.0
+        self._pace = Pace(self.begin_ns, speed)
+        self._backlog = Backlog()
 
     def now_ns(self) -> int:
         """Mission time."""
-        return self.begin_ns + int((monotonic_s() - self._started_s) * self._speed * 1e6) * 1000
+        return self._pace.now_ns()
 
     def run(self, stop: threading.Event, stay: bool = True) -> Progress:
         """Play until the end and, if ``stay``, keep the clock running until ``stop`` is set."""
         self._follow_modes(stop)
+        if self._patience_s is not None:
+            self._bus.subscribe(keys.dfpc_status("*", "*"), self._on_status)
         prefetch = Prefetch(self._log.samples(self._streams), self.gate.is_on)
         prefetch.wait_filled(AHEAD_NS, AHEAD_TIMEOUT_S)
-        self._started_s = monotonic_s()
+        self._pace.start()
         ticking = threading.Thread(target=self._tick, args=(stop,), name="clock", daemon=True)
         ticking.start()
         try:
@@ -136,33 +155,49 @@ class Player:
 
     def _play(self, items: Iterator[Item], stop: threading.Event) -> None:
         for item in items:
-            due_s = self._started_s + (item.stamp_ns - self.begin_ns) / NS_PER_S / self._speed
-            if stop.wait(max(due_s - monotonic_s(), 0.0)) or stop.is_set():
+            if not self._pace.wait_until(item.stamp_ns, stop):
                 return
             if not self.gate.passes(item.robot, item.sensor, item.stream, item.stamp_ns):
                 self.progress.gated += 1
                 continue
-            if monotonic_s() - due_s > LATE_LIMIT_S:
+            if self._pace.late_s(item.stamp_ns) > LATE_LIMIT_S:
                 self.progress.dropped += 1
                 continue
             self._bus.publish(
                 item.key, item.encoded(), encoding=item.encoding, attachment=item.attachment, qos=Qos.STREAM
             )
             self.progress.published += 1
-            self.progress.lag_s = max(monotonic_s() - due_s, 0.0)
+            self.progress.lag_s = self._pace.late_s(item.stamp_ns)
             self.progress.worst_lag_s = max(self.progress.worst_lag_s, self.progress.lag_s)
 
     def _tick(self, stop: threading.Event) -> None:
         """The mission clock, and every second how it goes."""
         told_s = monotonic_s()
         while True:
-            self._bus.publish_map(keys.CLOCK, {"now_ns": self.now_ns(), "rate": self._speed}, qos=Qos.POSE)
+            self._hold_or_resume()
+            self._bus.publish_map(keys.CLOCK, {"now_ns": self.now_ns(), "rate": self._pace.rate}, qos=Qos.POSE)
             if monotonic_s() - told_s >= PROGRESS_PERIOD_S:
                 told_s = monotonic_s()
-                self.progress.now_ns = self.now_ns()
+                self.progress.now_ns, self.progress.held_s = self.now_ns(), self._pace.held_s
                 self._bus.publish_map(keys.event(keys.GROUND, "playback"), asdict(self.progress))
             if stop.wait(CLOCK_PERIOD_S):
                 return
+
+    def _hold_or_resume(self) -> None:
+        """Hold the clock for a DFPC that is behind, until it has caught up by half."""
+        if self._patience_s is None:
+            return
+        behind_s = self._backlog.lag_s(self.now_ns())
+        if behind_s > self._patience_s:
+            self._pace.hold()
+        elif behind_s <= self._patience_s / 2:
+            self._pace.resume()
+
+    def _on_status(self, message: Message) -> None:
+        try:
+            self._backlog.on_status(message.key, unpack(message.payload))
+        except (CdffError, AttributeError) as error:
+            logger.warning("%s: %s", message.key, error)
 
     def _follow_modes(self, stop: threading.Event) -> None:
         """Follow the ICU of each robot: its events, and all its modes now and whenever it comes back."""

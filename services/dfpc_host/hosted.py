@@ -226,6 +226,7 @@ class HostedDfpc:
             "wired": dict(self.wired),
             **counters,
             "pending": 0 if self._runner is None else self._runner.pending,
+            "oldest_ns": self._oldest_ns(),
             "dropped": self._dropped_before + sum(s.dropped for s in tuple(self._subscriptions.values())),
             "malformed": self.malformed,
             "refused_inputs": self.refused_inputs,
@@ -233,6 +234,11 @@ class HostedDfpc:
             **self._times_s,
             "last_error": self.last_error or step_error,
         }
+
+    def _oldest_ns(self) -> int | None:
+        """Capture time of the oldest sample that is not done with, None when nothing waits."""
+        with self._queue:
+            return None if self._runner is None else self._runner.oldest_ns
 
     # -- inside -----------------------------------------------------------------------------------------------------
 

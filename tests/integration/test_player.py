@@ -147,3 +147,26 @@ def test_it_waits_for_those_it_is_told_to_wait_for_and_says_who_did_not_come(end
 def test_a_robot_that_is_not_in_the_log_is_refused(log: LogSource) -> None:
     with pytest.raises(InputError, match="mana"):
         playable(log, ["rosalind"])
+
+
+def test_a_patient_clock_stands_still_while_a_dfpc_is_behind(endpoint: str, log: LogSource) -> None:
+    with Bus.open(endpoint, name="dfpc") as dfpc, Bus.open(endpoint, name="player") as bus:
+        ears, stop = Ears(dfpc), threading.Event()
+        player = Player(bus, log, patience_s=0.2)
+        running = threading.Thread(target=player.run, args=(stop, False))
+        behind = {"state": "active", "oldest_ns": T0 + 100 * MS}
+        running.start()
+        until(lambda: bool(ears.of("wheels")))
+        until(lambda: _told(dfpc, behind) and bool(ears.ticks) and ears.ticks[-1]["rate"] == 0.0)
+        stood_ns = player.now_ns()
+        assert stood_ns < T0 + 1_000 * MS
+        heard = len(ears.ticks)
+        until(lambda: _told(dfpc, behind) and len(ears.ticks) >= heard + 5)
+        assert player.now_ns() == stood_ns
+        until(lambda: _told(dfpc, {"state": "active", "oldest_ns": None}) and not running.is_alive())
+        assert (player.progress.published, player.progress.dropped, player.progress.ended) == (32, 0, True)
+
+
+def _told(bus: Bus, status: dict[str, object]) -> bool:
+    bus.publish_map(keys.dfpc_status("mana", "mapper"), status)
+    return True
