@@ -49,24 +49,36 @@ def checked_covariance(covariance: ArrayLike, name: str = "covariance") -> Float
 
 def compose_covariance(T_a_b: ArrayLike, cov_a_b: ArrayLike, T_b_c: ArrayLike, cov_b_c: ArrayLike) -> FloatArray:
     """Covariance ``(6, 6)`` of ``T_a_c = T_a_b @ T_b_c``, first order, the two errors independent."""
+    J1, J2 = compose_jacobians(T_a_b, T_b_c)
+    return np.asarray(J1 @ np.asarray(cov_a_b) @ J1.T + J2 @ np.asarray(cov_b_c) @ J2.T, dtype=np.float64)
+
+
+def compose_jacobians(T_a_b: ArrayLike, T_b_c: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """How the errors of ``T_a_b`` and of ``T_b_c`` show in ``T_a_b @ T_b_c``: two ``(6, 6)``."""
     Tab, Tbc = np.asarray(T_a_b, dtype=np.float64), np.asarray(T_b_c, dtype=np.float64)
     R = Tab[:3, :3]
     J1 = np.eye(6)
     J1[:3, 3:] = -skew(R @ Tbc[:3, 3])
     J2 = np.zeros((6, 6))
     J2[:3, :3] = J2[3:, 3:] = R
-    return np.asarray(J1 @ np.asarray(cov_a_b) @ J1.T + J2 @ np.asarray(cov_b_c) @ J2.T, dtype=np.float64)
+    return J1, J2
 
 
 def inverse_covariance(T_a_b: ArrayLike, cov_a_b: ArrayLike) -> FloatArray:
     """Covariance ``(6, 6)`` of ``T_b_a = inverse(T_a_b)``, perturbation in frame b."""
+    J = inverse_jacobian(T_a_b)
+    return np.asarray(J @ np.asarray(cov_a_b) @ J.T, dtype=np.float64)
+
+
+def inverse_jacobian(T_a_b: ArrayLike) -> FloatArray:
+    """How the error of ``T_a_b`` shows in ``inverse(T_a_b)``: ``(6, 6)``."""
     T = np.asarray(T_a_b, dtype=np.float64)
     Rt = T[:3, :3].T
     J = np.zeros((6, 6))
     J[:3, :3] = -Rt
     J[:3, 3:] = -Rt @ skew(T[:3, 3])
     J[3:, 3:] = -Rt
-    return np.asarray(J @ np.asarray(cov_a_b) @ J.T, dtype=np.float64)
+    return J
 
 
 def pose_error(T_true: ArrayLike, T_estimated: ArrayLike) -> FloatArray:

@@ -60,7 +60,14 @@ class StereoMotionEstimationOutputs:
     motion : ndarray of float64, shape (4,4)
         T_reference_current, metres.
     covariance : ndarray of float64, shape (6,6)
-        Of the motion, [x y z rx ry rz], perturbation in the reference frame.
+        Of the motion, [x y z rx ry rz], perturbation in the reference frame: noise and what all points share.
+    noise_covariance : ndarray of float64, shape (6,6)
+        Its part that is new with these two pairs.
+    common_response : ndarray of float64, shape (6,5)
+        What one sigma of an error common to all points adds to the motion: a shift in column, row and disparity, a
+        magnification, a stretch of rows.
+    calibration_response : ndarray of float64, shape (6,k)
+        Derivatives of the motion by the calibration parameters, per pixel.
     inliers : ndarray of bool, shape (n)
         Points whose residual agrees with the noise model.
     residuals : ndarray of float64, shape (n,3)
@@ -77,6 +84,9 @@ class StereoMotionEstimationOutputs:
 
     motion: NDArray[np.float64]
     covariance: NDArray[np.float64]
+    noise_covariance: NDArray[np.float64]
+    common_response: NDArray[np.float64]
+    calibration_response: NDArray[np.float64]
     inliers: NDArray[np.bool_]
     residuals: NDArray[np.float64]
     unit_variance: NDArray[np.float64]

@@ -182,10 +182,18 @@ class ReprojectionLm(StereoMotionEstimationInterface):
         information[6:, 6:] += (1.0 - 1.0 / scale) * problem.prior_information
         inverse = np.linalg.inv(information)
         inverse = 0.5 * (inverse + inverse.T)
-        common = c.sigma_common_px * (inverse @ system.common)[:6] / scale
+        J = cov.inverse_jacobian(T)  # from T_current_reference, which was estimated, to the motion
+        common = J @ (c.sigma_common_px * (inverse @ system.common)[:6] / scale)
+        by_calibration = -J @ np.linalg.solve(information[:6, :6], information[:6, 6:])
+        noise = J @ np.linalg.inv(information[:6, :6]) @ J.T
+        noise = 0.5 * (noise + noise.T)
+        shared = by_calibration @ inverse[6:, 6:] @ by_calibration.T + common @ common.T
         return StereoMotionEstimationOutputs(
             motion=se3.inverse(T),
-            covariance=cov.inverse_covariance(T, inverse[:6, :6] + common @ common.T),
+            covariance=noise + 0.5 * (shared + shared.T),
+            noise_covariance=noise,
+            common_response=common,
+            calibration_response=by_calibration,
             inliers=inliers,
             residuals=system.residuals,
             unit_variance=np.array([unit_variance]),
@@ -208,9 +216,14 @@ class ReprojectionLm(StereoMotionEstimationInterface):
 
 
 def _common_modes(reference: FloatArray) -> FloatArray:
-    """Errors that all points can share, as residuals ``(n, 3, 4)``: a shift of u, of v, of d, and a magnification."""
-    modes = np.zeros((len(reference), 3, 4))
+    """Errors that all points can share, as residuals ``(n, 3, 5)``: shifts of u, v and d, a magnification, a stretch.
+
+    The stretch is along columns alone: patches of the ground ahead grow more towards the camera than across.
+    """
+    modes = np.zeros((len(reference), 3, 5))
     modes[:, 0, 0] = modes[:, 1, 1] = modes[:, 2, 2] = 1.0
     centred = reference[:, :2] - reference[:, :2].mean(axis=0)
-    modes[:, :2, 3] = centred / max(float(np.sqrt(np.mean(centred**2))), 1.0)
+    centred /= np.maximum(np.sqrt(np.mean(centred**2, axis=0)), 1.0)
+    modes[:, :2, 3] = centred
+    modes[:, 1, 4] = centred[:, 1]
     return modes

@@ -20,6 +20,9 @@ class VisualOdometrySparseConfig(DfpcConfig):
     patience: Annotated[int, Field(ge=1, le=100)] = 2
     sigma_calibration_walk_px: Annotated[float, Field(ge=0, le=1)] = 0.002
     felt_memory_s: Annotated[float, Field(gt=0, le=600, description="Wheel poses and rates are kept so long, s")] = 10.0
+    common_persistence: Annotated[
+        float, Field(ge=0, le=1, description="Share of the variance common to all points that stays along the way")
+    ] = 1.0
     trajectory_length: Annotated[int, Field(ge=2)] = 100_000
     assessment: dict[str, Any] = {}
     extraction: dict[str, Any] = {}

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from cdff_common.errors import RefusedError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.types import FramePair, PoseTrajectory
+from cdff_core.dfpcs.visual_odometry_sparse._linked import LinkedPose
 from cdff_core.imaging.grey import grey_image
 
 FloatArray = NDArray[np.float64]
@@ -56,7 +57,7 @@ class KeyFrame:
     """The pair that is tracked against: its points in pixels and in space, and its pose ``T_vo_keyframe``."""
 
     view: View
-    pose: UncertainTransform
+    pose: LinkedPose
     features: FloatArray
     disparities: FloatArray
     basis: FloatArray

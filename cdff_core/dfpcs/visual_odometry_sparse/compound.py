@@ -32,6 +32,7 @@ from cdff_core.dfpcs.visual_odometry_sparse import _verdict as verdict
 from cdff_core.dfpcs.visual_odometry_sparse._config import VisualOdometrySparseConfig
 from cdff_core.dfpcs.visual_odometry_sparse._felt import Felt
 from cdff_core.dfpcs.visual_odometry_sparse._interface import VisualOdometrySparseInterface
+from cdff_core.dfpcs.visual_odometry_sparse._linked import LinkedPose
 from cdff_core.dfpcs.visual_odometry_sparse._state import Calibration, FloatArray, KeyFrame, Path, View, required
 
 
@@ -144,13 +145,16 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
     def _begin(self, view: View, sharpness: float) -> Output:
         """Anchor at the first usable pair: the origin of the odometry."""
         pose = UncertainTransform.identity()
-        self._key, reasons = self._anchor(view, pose, sharpness)
+        self._key, reasons = self._anchor(view, self._unlinked(pose), sharpness)
         reasons += verdict.blur_reasons(sharpness, None, self.config.limits)
         self._path.measured(view.stamp_ns, pose)
         metrics = {"features": float(len(self._key.features)), "sharpness": sharpness, "gaps": 0.0}
         return self._output(view.stamp_ns, (view.sample_id,), pose, self._quality(reasons, metrics))
 
-    def _anchor(self, view: View, pose: UncertainTransform, sharpness: float) -> tuple[KeyFrame, list[str]]:
+    def _unlinked(self, pose: UncertainTransform) -> LinkedPose:
+        return LinkedPose.unlinked(pose, len(self._calibration.mean_px))
+
+    def _anchor(self, view: View, pose: LinkedPose, sharpness: float) -> tuple[KeyFrame, list[str]]:
         """Make a key frame of a pair, with doubts about it; raises RefusedError where left and right differ."""
         found = self.extraction.process(FeaturesExtraction2DInputs(image=view.left))
         paired = self.stereo_matching.process(StereoMatching2DInputs(view.left, view.right, found.features))
@@ -174,21 +178,20 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         """Locate the camera against the key frame; re-anchor when that fails ``patience`` times in a row."""
         felt = float(self._path.is_felt(view.stamp_ns))
         try:
-            T_key_now, metrics, reasons = self._locate(view, key)
+            linked, pose, metrics, reasons = self._locate(view, key)
         except RefusedError:
             self._lost += 1
             if self._lost >= self.config.patience:
-                self._key, _ = self._anchor(view, self._path.across_gap(view.stamp_ns), sharpness)
+                self._key, _ = self._anchor(view, self._unlinked(self._path.across_gap(view.stamp_ns)), sharpness)
                 self._gaps, self._gap_open, self._lost = self._gaps + 1, True, 0
             raise
         reasons += verdict.blur_reasons(sharpness, key.sharpness, self.config.limits)
         reasons += ["gap"] if self._gap_open else []
-        pose = key.pose @ T_key_now
         self._path.measured(view.stamp_ns, pose, after_gap=self._gap_open)
         self._lost, self._gap_open = 0, False
         if metrics["inliers"] < self.config.keyframe_survival * len(key.features):
             try:
-                self._key, _ = self._anchor(view, pose, sharpness)
+                self._key, _ = self._anchor(view, linked, sharpness)
             except RefusedError as doubt:
                 reasons += doubt.reasons
         offset_px, decentring_px = (float(p) for p in self._calibration.mean_px)
@@ -196,8 +199,8 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         metrics |= {"disparity_offset_px": offset_px, "decentring_px": decentring_px}
         return self._output(view.stamp_ns, (key.view.sample_id, view.sample_id), pose, self._quality(reasons, metrics))
 
-    def _locate(self, view: View, key: KeyFrame) -> tuple[UncertainTransform, dict[str, float], list[str]]:
-        """``T_key_now`` by tracking, outlier rejection, stereo matching and refinement; raises RefusedError."""
+    def _locate(self, view: View, key: KeyFrame) -> tuple[LinkedPose, UncertainTransform, dict[str, float], list[str]]:
+        """``T_vo_now`` by tracking, outlier rejection, stereo matching and refinement; raises RefusedError."""
         T_now_key = se3.inverse(self._path.predict(view.stamp_ns)) @ key.pose.matrix
         tracked, matches, visible = self._track(view, key, T_now_key)
         T_now_key, agreeing = self._agree(view, key, tracked, matches, T_now_key)
@@ -226,7 +229,9 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         metrics = verdict.motion_metrics(refined, reference[:, 2], counts, self.config.limits)
         reasons = verdict.judge_motion(metrics, self.config.limits)
         self._calibration.note(refined.calibration, refined.calibration_covariance)
-        return UncertainTransform(refined.motion, refined.covariance), metrics, reasons
+        before = key.pose.corrected(refined.calibration - self._calibration.mean_px)
+        linked = before @ LinkedPose.of_motion(refined, self.config.common_persistence)
+        return linked, linked.stated(refined.calibration_covariance), metrics, reasons
 
     def _predict(self, view: View, key: KeyFrame, T_now_key: FloatArray) -> Any:
         return self.prediction.process(
