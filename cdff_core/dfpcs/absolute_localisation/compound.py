@@ -64,7 +64,7 @@ class AbsoluteLocalisationConfig(DfpcConfig):
         0.7, gt=0.0, le=1.0, description="Of these two gates where an earlier segment agrees"
     )
     max_sigma_cells: float = Field(
-        1.0, gt=0.0, description="Standard deviation of the place in orbital cells, FAILED above"
+        0.4, gt=0.0, description="Standard deviation of the place in orbital cells, FAILED above"
     )
 
 
