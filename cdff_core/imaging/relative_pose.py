@@ -1,14 +1,16 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rotation and direction of translation of an essential matrix."""
+"""Rotation and direction of translation of an essential matrix, and which pairs they put behind a camera."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cdff_common.errors import InputError
-from cdff_core.imaging.two_view import homogeneous
+from cdff_core.imaging.two_view import Fit, fit_essential, homogeneous
 
 FloatArray = NDArray[np.float64]
 
@@ -59,3 +61,25 @@ def decomposed(E: FloatArray, source: FloatArray, sink: FloatArray) -> tuple[Flo
             if front.sum() > best[2].sum():
                 best = R, t, front
     return best
+
+
+def fit_in_front(
+    R: FloatArray, t: FloatArray, K: tuple[FloatArray, FloatArray], source: FloatArray, sink: FloatArray,
+    gate_sigmas: float, floor_px: float,
+) -> tuple[Fit, FloatArray, FloatArray]:  # fmt: skip
+    """``fit_essential`` over the pairs whose rays do not meet clearly behind a camera: half of all wrong pairs do.
+
+    A pair whose rays are parallel within three standard deviations says nothing of its side and stays.
+    """
+    fit, R, t = fit_essential(R, t, K, source, sink, gate_sigmas, floor_px)
+    a, b = rays(source, K[0]), rays(sink, K[1])
+    first, second = depths(R, t, a, b)
+    sigma_rad = fit.sigma_px * np.sqrt(1.0 / (K[0][0, 0] * K[0][1, 1]) + 1.0 / (K[1][0, 0] * K[1][1, 1]))
+    behind = ((first < 0.0) | (second < 0.0)) & (angles(a @ R.T, b) > 3.0 * sigma_rad)
+    kept = ~behind
+    if not (behind & fit.inliers).any() or kept.sum() < 5:
+        return fit, R, t
+    again, R, t = fit_essential(R, t, K, source[kept], sink[kept], gate_sigmas, floor_px)
+    inliers, residuals = fit.inliers & kept, fit.residuals.copy()
+    inliers[kept], residuals[kept] = again.inliers, again.residuals
+    return replace(again, inliers=inliers, residuals=residuals), R, t

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Levenberg-Marquardt on the reduced camera system.
+"""Levenberg-Marquardt on the reduced system: of cameras, or of points where these are far fewer.
 
 References
 ----------
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from cdff_core.dfns.bundle_optimization import _poses_first
 from cdff_core.dfns.bundle_optimization._kernels import point_steps
 from cdff_core.dfns.bundle_optimization._system import Estimate, Normal, System
 
@@ -56,9 +57,10 @@ def minimised(system: System, first: Estimate, max_iterations: int, tolerance: f
     initial = plain, robust
     damping, growth, iterations, converged = _FIRST_DAMPING, 2.0, 0, False
     normal = system.normal(at, r, weights)
+    stepped = _poses_first.stepped if _poses_first.is_smaller(system) else _points_first
     while iterations < max_iterations and not converged:
         iterations += 1
-        step, point_step = _step(system, normal, damping)
+        step, point_step = stepped(system, normal, damping)
         if step is not None:
             tried = system.moved(at, step, point_step)
             r_, weights_, robust_, plain_, behind_ = system.residuals(tried)
@@ -80,7 +82,7 @@ def minimised(system: System, first: Estimate, max_iterations: int, tolerance: f
     return Solution(at, r, weights, initial[0], plain, initial[1], robust, behind, iterations, converged)
 
 
-def _step(system: System, normal: Normal, damping: float) -> tuple[Float | None, Float]:
+def _points_first(system: System, normal: Normal, damping: float) -> tuple[Float | None, Float]:
     """Step of cameras and lenses, and of points; None where the damped system is not positive."""
     S, b, inverses, _ = system.reduced(normal, damping)
     step = np.zeros(0)

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg.lapack import dpotrf, dpotri
 
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_common.types import BundleCameras, BundleLenses, BundlePoints, BundleProblem
@@ -49,9 +49,10 @@ class SchurLmConfig(DfnConfig):
 class SchurLm(BundleOptimizationInterface):
     """Levenberg-Marquardt with the points eliminated; robust losses by reweighting [1]_.
 
-    The reduced system is dense: its cost grows with the cube of the number of cameras, up to some hundreds. Of
-    rectified pairs the right column is a third residual. Covariances are ``s2`` times the inverse of the normal matrix
-    with the gauge held, s2 the weighted residuals' square sum over their freedom.
+    Where points are far fewer than cameras the poses are eliminated instead. The reduced system is dense: its cost
+    grows with the cube of the smaller side, up to some hundreds of cameras or a thousand points. Of rectified pairs
+    the right column is a third residual. Covariances are ``s2`` times the inverse of the normal matrix with the gauge
+    held, s2 the weighted residuals' square sum over their freedom.
 
     References
     ----------
@@ -123,7 +124,7 @@ class SchurLm(BundleOptimizationInterface):
             return poses, points
         for row, column in enumerate(system.pose_column):
             own = slice(column, column + POSE)
-            poses[row] = variance * C[own, own] if column >= 0 else 0.0
+            poses[row] = variance * C[own, own] if column >= 0 and row != gauge.camera else 0.0
         if self.config.covariances == "all":
             points = variance * point_covariances(
                 system.start, system.cam, system.columns, system.count, normal.W, inverses, fine, C
@@ -145,21 +146,22 @@ class SchurLm(BundleOptimizationInterface):
 
 
 def _inverse(S: Float, held: Float) -> Float | None:
-    """Inverse of the reduced system where nothing moves along ``held``; None where more than that is free."""
+    """Inverse of the reduced system where nothing moves along ``held``; None where more than that is free.
+
+    With ``N`` an orthonormal basis of what is held: ``M1 = S + NN'``, then ``M1^-1 - M1^-1 N (N'M1^-1 N)^-1 N'M1^-1``.
+    """
     if not len(S):
         return np.zeros((0, 0))
     scale = 1.0 / np.sqrt(np.maximum(np.diag(S), 1e-300))
-    M = S * np.outer(scale, scale)
-    basis = np.eye(len(S))
-    if len(held):
-        normals = np.linalg.qr((held * scale).T)[0]  # directions of scaled columns
-        basis = np.linalg.svd(np.eye(len(S)) - normals @ normals.T)[0][:, : len(S) - len(held)]
-    try:
-        inner = cho_solve(cho_factor(basis.T @ M @ basis, lower=True), np.eye(basis.shape[1]))
-    except LinAlgError:
+    N = np.linalg.qr((held * scale).T)[0]  # directions of scaled columns
+    factor, failed = dpotrf(S * np.outer(scale, scale) + N @ N.T, lower=True, overwrite_a=True)
+    if failed:
         return None
-    C = basis @ inner @ basis.T * np.outer(scale, scale)
-    return 0.5 * (C + C.T)
+    inverse, _ = dpotri(factor, lower=True, overwrite_c=True)
+    inverse = np.tril(inverse) + np.tril(inverse, -1).T
+    along = inverse @ N
+    C = (inverse - along @ np.linalg.solve(N.T @ along, along.T)) * np.outer(scale, scale)
+    return np.asarray(0.5 * (C + C.T))
 
 
 def _with(problem: BundleProblem, at: Estimate) -> BundleProblem:

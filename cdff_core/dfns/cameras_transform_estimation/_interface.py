@@ -48,7 +48,7 @@ class CamerasTransformEstimationOutputs:
     transform : ndarray of float64, shape (4,4)
         T_source_sink: pose of the second camera in the first, its translation of length 1.
     covariance : ndarray of float64, shape (6,6)
-        Formal, [x y z rx ry rz], perturbation in the first camera's frame; nothing along the translation, whose
+        Calibrated, [x y z rx ry rz], perturbation in the first camera's frame; nothing along the translation, whose
         length is not known.
     inliers : ndarray of bool, shape (n)
         Pairs that agree and meet in front of both cameras.

@@ -19,8 +19,8 @@ from cdff_core.dfns.cameras_transform_estimation._interface import (
     CamerasTransformEstimationInterface,
     CamerasTransformEstimationOutputs,
 )
-from cdff_core.imaging.relative_pose import angles, checked_cameras, decomposed, depths, rays
-from cdff_core.imaging.two_view import checked_pairs, fit_essential, tangents
+from cdff_core.imaging.relative_pose import angles, checked_cameras, decomposed, depths, fit_in_front, rays
+from cdff_core.imaging.two_view import checked_pairs, tangents
 
 
 class EssentialDecompositionConfig(DfnConfig):
@@ -55,7 +55,7 @@ class EssentialDecomposition(CamerasTransformEstimationInterface):
         K = checked_cameras(inputs.source_camera, inputs.sink_camera)
         a, b = rays(source, K[0]), rays(sink, K[1])
         R, t, _ = decomposed(E, a, b)
-        fit, R, t = fit_essential(R, t, K, source, sink, c.gate_sigmas, c.threshold_px)
+        fit, R, t = fit_in_front(R, t, K, source, sink, c.gate_sigmas, c.threshold_px)
         self._refuse_rotation(a[fit.inliers], b[fit.inliers], fit.sigma_px / float(np.sqrt(K[1][0, 0] * K[1][1, 1])))
         first, second = depths(R, t, a, b)
         inliers = fit.inliers & (first > 0.0) & (second > 0.0)

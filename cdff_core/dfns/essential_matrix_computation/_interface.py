@@ -45,8 +45,8 @@ class EssentialMatrixComputationOutputs:
     essential_matrix : ndarray of float64, shape (3,3)
         E = [t]x R with t of length 1, x_sink = R x_source + t.
     covariance : ndarray of float64, shape (9,9)
-        Of the matrix read row by row, formal: s2 (J'J)^-1 over the inliers; its rank is the number of parameters,
-        5.
+        Of the matrix read row by row, calibrated: sandwich over the inliers with their leverage, enlarged for wrong
+        pairs within the gate; its rank is the number of parameters, 5.
     inliers : ndarray of bool, shape (n)
         Pairs that agree with the model.
     residuals : ndarray of float64, shape (n)

@@ -13,8 +13,8 @@ from cdff_core.dfns.essential_matrix_computation._interface import (
     EssentialMatrixComputationOutputs,
 )
 from cdff_core.imaging.magsac import MagsacConfig, accepted, found, parameters, refused_few
-from cdff_core.imaging.relative_pose import checked_cameras, decomposed, rays
-from cdff_core.imaging.two_view import checked_pairs, fit_essential
+from cdff_core.imaging.relative_pose import checked_cameras, decomposed, fit_in_front, rays
+from cdff_core.imaging.two_view import checked_pairs
 
 
 class Magsac(EssentialMatrixComputationInterface):
@@ -31,7 +31,7 @@ class Magsac(EssentialMatrixComputationInterface):
         refused_few(len(source), c)
         E = found(cv2.findEssentialMat(source, sink, K[0], K[1], None, None, parameters(c))[0], len(source))
         R, t, _ = decomposed(E, rays(source, K[0]), rays(sink, K[1]))
-        fit, *_ = fit_essential(R, t, K, source, sink, c.gate_sigmas, c.threshold_px)
+        fit, *_ = fit_in_front(R, t, K, source, sink, c.gate_sigmas, c.threshold_px)
         alarms = accepted(fit, c, sink, 5, is_line=True)
         return EssentialMatrixComputationOutputs(
             fit.matrix, fit.covariance, fit.inliers, fit.residuals, np.array(fit.sigma_px), np.array(alarms)

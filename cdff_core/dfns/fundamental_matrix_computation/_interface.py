@@ -39,8 +39,8 @@ class FundamentalMatrixComputationOutputs:
     fundamental_matrix : ndarray of float64, shape (3,3)
         F of unit norm and rank 2: sink' F source = 0.
     covariance : ndarray of float64, shape (9,9)
-        Of the matrix read row by row, formal: s2 (J'J)^-1 over the inliers; its rank is the number of parameters,
-        7.
+        Of the matrix read row by row, calibrated: sandwich over the inliers with their leverage, enlarged for wrong
+        pairs within the gate; its rank is the number of parameters, 7.
     inliers : ndarray of bool, shape (n)
         Pairs that agree with the model.
     residuals : ndarray of float64, shape (n)

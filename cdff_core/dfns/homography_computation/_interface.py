@@ -39,8 +39,8 @@ class HomographyComputationOutputs:
     homography : ndarray of float64, shape (3,3)
         H of unit norm: sink ~ H source.
     covariance : ndarray of float64, shape (9,9)
-        Of the matrix read row by row, formal: s2 (J'J)^-1 over the inliers; its rank is the number of parameters,
-        8.
+        Of the matrix read row by row, calibrated: sandwich over the inliers with their leverage; its rank is the
+        number of parameters, 8.
     inliers : ndarray of bool, shape (n)
         Pairs that agree with the model.
     residuals : ndarray of float64, shape (n)

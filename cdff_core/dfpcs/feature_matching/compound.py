@@ -164,7 +164,7 @@ class FeatureMatching(FeatureMatchingInterface):
         status = Status.DEGRADED if len(reasons) > 1 else Status.OK
         return [
             self._output(
-                "transform", right.sample, used, value, Quality(status, reasons, CovarianceKind.FORMAL, metrics)
+                "transform", right.sample, used, value, Quality(status, reasons, CovarianceKind.CALIBRATED, metrics)
             )
         ]
 

@@ -11,6 +11,7 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.types import BundleObservations, BundleProblem
 from cdff_common.types.bundle_ext import FOCAL, K1, K2, PRINCIPAL_POINT, TANGENTIAL
+from cdff_core.dfns.bundle_optimization import _poses_first, _solve
 from cdff_core.dfns.bundle_optimization._interface import BundleOptimizationInputs, BundleOptimizationOutputs
 from cdff_core.dfns.bundle_optimization._kernels import CAUCHY, HUBER, NO_LOSS
 from cdff_core.dfns.bundle_optimization._system import System
@@ -70,6 +71,37 @@ def test_the_cost_is_that_of_gtsam_on_the_same_objective(free: int) -> None:
     assert dfn.metrics["cost_final"] == pytest.approx(cost(peer), rel=1e-4)
     assert cost(found.problem) == pytest.approx(dfn.metrics["cost_final"])
     assert dfn.metrics["rmse_px"] == pytest.approx(np.sqrt(2.0 * cost(peer) / 480), rel=1e-4)
+
+
+def motion(cameras: int = 60, free: int = FOCAL | K1 | K2) -> BundleProblem:
+    """Many images of few points, some of them held; one point that nobody saw."""
+    problem, *_ = ring(cameras, 12, cameras, 0.5, 0, free)
+    o, X = problem.observations, np.vstack([problem.points.positions, [[0.0, 0.0, 9.0]]])
+    held = [1] + [0] * (len(X) - 1)
+    return BundleProblem.from_arrays(
+        problem.cameras.matrices, problem.lenses.values, X, (o.cameras, o.points), o.pixels, frame="site",
+        fixed=[0, 0, 1] + [0] * (cameras - 3), fixed_points=held, free=free,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("free", [0, FOCAL | K1 | K2])
+def test_eliminating_poses_leads_to_the_same_step_as_eliminating_points(free: int) -> None:
+    problem = motion(free=free)
+    system, at = System.of(problem, None, HUBER, 1.0), System.first(problem)
+    assert _poses_first.is_smaller(system)
+    r, weights, *_ = system.residuals(at)
+    normal = system.normal(at, r, weights)
+    steps = [by(system, normal, 1e-3) for by in (_poses_first.stepped, _solve._points_first)]
+    assert steps[0][0] == pytest.approx(steps[1][0], rel=1e-6, abs=1e-9)
+    assert steps[0][1] == pytest.approx(steps[1][1], rel=1e-6, abs=1e-9)
+    assert not steps[0][1][[0, -1]].any()
+
+
+def test_a_long_camera_motion_over_few_points_ends_at_the_cost_of_gtsam() -> None:
+    problem, *_ = ring(60, 12, 60, 0.5, 0)
+    assert _poses_first.is_smaller(System.of(problem, None, NO_LOSS, 1.0))
+    found, _ = solved(problem, tolerance=1e-9)
+    assert cost(found.problem) == pytest.approx(cost(by_gtsam(problem, 1e-9)[0]), rel=1e-6)
 
 
 def test_covariances_are_as_large_as_the_errors() -> None:
