@@ -118,6 +118,11 @@ def travel(seed: int, way_m: float = 60.0, ground: int = 0) -> Travel:
     duration_s = round(way_m / speed + REST_S + END_S + 1.5, 1)
     drive = _wander(rng, way_m, speed)
     motion = make_motion(drive, scenario.chassis, relief, duration_s)
+    return measured(scenario, motion, duration_s, rng, seed)
+
+
+def measured(scenario: Scenario, motion: Motion, duration_s: float, rng: np.random.Generator, seed: int) -> Travel:
+    """What the ports get of a motion; the scenario has a navcam."""
     T0 = motion.poses(np.zeros(1))[0]
     frames, mounts = FrameGraph(), {
         "imu": scenario.imu.mount.matrix(), "lidar": scenario.lidar.mount.matrix(),

@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Elevation against true terrain (simulated), disparity against Middlebury, a real road against its camera's height.
+"""Elevation against true terrain (simulated), and a real road against its camera's height.
 
-The simulated part maps the log of ``rover_traverse`` with its true poses: what is judged is the mapping, not the poses.
+The simulated part maps the log of ``rover_traverse`` with its true poses, and with those that ``position_manager``
+makes of its wheels, IMU and images; then drives of the same scenario on other seeds (``_dem_drives``).
 
 References
 ----------
@@ -18,91 +19,105 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from cdff_common.geometry import FrameGraph, UncertainTransform, se3
 from cdff_common.interfaces.dfpc import DfpcContext, Sample
-from cdff_common.interfaces.profile import load_profile
-from cdff_common.interfaces.registry import Registry
-from cdff_common.types import ElevationMap, Frame, FramePair, TransformWithCovariance
-from cdff_core.dfns.disparity_image._interface import DisparityImageInputs
+from cdff_common.types import FramePair, TransformWithCovariance
 from cdff_dev.elevation import compare
+from cdff_dev.evaluate._chart import Bar, Panel, chart
+from cdff_dev.evaluate._dem_drives import CONFIG, as_samples, mapped, of_drives
+from cdff_dev.evaluate.traverse import SCENARIO, drives, run, visual_odometry
+from cdff_dev.simulate.scenario import load_scenario
 
-PROFILE = Path(__file__).resolve().parents[2] / "deploy" / "profiles" / "rover_traverse.yaml"
-#: Folder, disparity scale and search range of the Middlebury pairs.
-PAIRS = (("teddy", 4.0, 64), ("tsukuba", 16.0, 16))
-#: Of the simulated runs; the lidar's noise is that of its data sheet.
-CONFIG = {"resolution_m": 0.05, "far_factor": 0, "fusion": {"size_m": 60.0}}
 T_BASE_CAMERA = se3.transform([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], np.zeros(3))
 
 
 def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Scores of the three sets."""
+    """Scores of the three sets; the disparities have an evaluation of their own."""
     return {
-        "rover_traverse (simulated), true poses, 5 cm": _simulated(progress),
-        "middlebury, all pixels with truth": {name: _middlebury(data, name, *rest) for name, *rest in PAIRS},
+        "rover_traverse (simulated), 5 cm": _simulated(progress),
+        "other seeds (simulated), lidar, 5 cm": of_drives(progress),
         "kitti_stereo, true poses, 20 cm": _kitti(data / "kitti_stereo" / "KITTI_sequence_1", progress),
     }
 
 
 def _simulated(progress: Callable[[str], None]) -> dict[str, Any]:
-    from cdff_dev.logs import open_log
-    from cdff_dev.simulate.scenario import load_scenario
-    from cdff_dev.simulate.store import simulated_log
-
-    progress("dem: simulated traverse")
-    scenario = load_scenario("rover_traverse")
-    log, profile = open_log(simulated_log(scenario)), load_profile(PROFILE)
-    terrain = next(iter(log.samples(["/site/truth.terrain"]))).value
-    report: dict[str, Any] = {"seed": scenario.seed}
-    for robot in profile.robot_ids:
-        entry = profile.robot(robot)
-        context = entry.context(entry.dfpc("digital_elevation_mapping"))
+    """Both rovers' maps by lidar and by stereo, with true and with estimated poses."""
+    seed, found = drives()
+    scenario = load_scenario(SCENARIO)
+    terrain = next(iter(found[0].log.samples(["/site/truth.terrain"]))).value
+    report: dict[str, Any] = {"seed": seed}
+    for drive in found:
+        progress(f"dem: {drive.robot} on the simulated traverse")
+        felt = drive.samples({"wheels.odometry": "odometry", "imu.sample": "imu"})
+        seen = as_samples(visual_odometry(drive, 0), "visual_odometry")
+        poses = {
+            "true poses": drive.samples({"truth.pose": "poses"}),
+            "estimated poses": as_samples(run("position_manager", drive.context, [*felt, *seen]), "poses"),
+        }
         for port, stream, variant in (("scan", "lidar.scan", "Lidar"), ("stereo", "navcam.pair", "Stereo")):
-            ports = {f"/{robot}/truth.pose": "poses", f"/{robot}/{stream}": port}
-            samples = (Sample(ports[s.stream], s.stamp_ns, s.seq, s.value) for s in log.samples(list(ports)))
-            dem = _mapped(samples, context, variant, {**CONFIG, "range_sigma_m": scenario.lidar.range_sigma_m})
-            for name, least in (("all cells", 1), ("5 or more measurements", 5)):
-                report[f"{robot} {variant.lower()}, {name}"] = _rounded(compare(dem, terrain, least_count=least))
+            captures = drive.samples({stream: port})
+            for name, given in poses.items():
+                samples = sorted([*given, *captures], key=lambda s: (s.stamp_ns, s.port))
+                config = {**CONFIG, "range_sigma_m": scenario.lidar.range_sigma_m}
+                dem = mapped(samples, drive.context, variant, config)
+                whole, own = compare(dem, terrain), compare(dem, terrain, remove_shift=True)
+                report[f"{drive.robot}, {variant.lower()}, {name}"] = _rounded(
+                    {**whole, "rmse_without_shift_and_tilt_m": own["rmse_m"]}
+                )
+        drive.log.close()
     return report
 
 
-def _mapped(samples: Iterator[Sample], context: DfpcContext, variant: str, config: dict[str, Any]) -> ElevationMap:
-    """The local map after all samples."""
-    node = Registry.default().make_dfpc("digital_elevation_mapping")
-    node.configure(config, context, variant)
-    for sample in samples:
-        list(node.step(sample))
-    list(node.finish())
-    dem: ElevationMap = node.call("get_map", {})
-    return dem
+def draw(figures: dict[str, Any]) -> bytes:
+    """Errors and coverage on the other seeds."""
+    rows = figures["other seeds (simulated), lidar, 5 cm"]["rows"]
+    names = list(rows)
+    error: list[Bar | None] = [tuple(1e3 * rows[n]["rmse_m"][k] for k in ("median", "min", "p95")) for n in names]
+    inside: list[Bar | None] = [tuple(100 * v for v in _around(rows[n]["within_90_percent"])) for n in names]
+    return chart([
+        Panel("RMSE of a drive's map, mm: median, least to 95 %", names, {"maps": error}, 40.0),
+        Panel("true heights within the 90 % interval, %: mean, 95 % (grey: wanted)", names, {"maps": inside}, 100.0,
+              (88.0, 92.0)),
+    ])  # fmt: skip
 
 
-def _middlebury(data: Path, name: str, scale: float, search: int) -> dict[str, Any]:
-    """Bad-1, bad-2 and density, ours beside OpenCV's SGBM alone (block 5, its own left-right check)."""
-    folder = data / "middlebury" / name
-    left, right, given = (
-        cv2.imread(str(folder / f), cv2.IMREAD_GRAYSCALE) for f in ("im2.png", "im6.png", "disp2.png")
-    )
-    truth = given.astype(np.float64) / scale
-    node = Registry.default().make_dfn("disparity_image")
-    node.configure({"num_disparities": search})
-    frames = [Frame.from_image(i, stamp_ns=0) for i in (left, right)]
-    ours = node.process(DisparityImageInputs(left=frames[0], right=frames[1])).disparity.image
-    plain = cv2.StereoSGBM.create(0, search, 5, 200, 800, 1, 31, 10).compute(left, right) / 16.0
-
-    def score(disparity: NDArray[np.floating]) -> dict[str, float]:
-        known = (truth > 0) & np.isfinite(disparity)
-        error = np.abs(disparity - truth)[known]
-        return _rounded(
-            {
-                "bad_1": float(np.mean(error > 1.0)),
-                "bad_2": float(np.mean(error > 2.0)),
-                "density": float(known.sum() / np.count_nonzero(truth)),
-            }
+def table(figures: dict[str, Any]) -> str:
+    """The frozen run, then the other seeds, then atlaas."""
+    frozen = figures["rover_traverse (simulated), 5 cm"]
+    lines = [
+        f"| `{SCENARIO}`, seed {frozen['seed']} | bias, mm | RMSE, mm | NMAD, mm | RMSE without shift and tilt, mm "
+        "| within the 90 % interval |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name, row in frozen.items():
+        if isinstance(row, dict):
+            lines.append(
+                f"| {name} | {1e3 * row['bias_m']:.1f} | {1e3 * row['rmse_m']:.1f} | {1e3 * row['nmad_m']:.1f} "
+                f"| {1e3 * row['rmse_without_shift_and_tilt_m']:.1f} | {100 * row['within_90_percent']:.1f} % |"
+            )
+    other = figures["other seeds (simulated), lidar, 5 cm"]
+    lines += [
+        "",
+        f"| {other['drives']} drives, seeds {other['seeds'][0]} to {other['seeds'][1]} | bias, root mean square, mm "
+        "| RMSE of a drive, median (95 %), mm | over that of true poses, all drives "
+        "| within the 90 % interval, mean (95 % of the mean) |",
+        "|---|---|---|---|---|",
+    ]
+    for name, row in other["rows"].items():
+        mean, low, high = _around(row["within_90_percent"])
+        rmse = row["rmse_m"]
+        lines.append(
+            f"| {name} | {1e3 * row['bias_rms_m']:.1f} | {1e3 * rmse['median']:.1f} ({1e3 * rmse['p95']:.1f}) "
+            f"| {row['rmse_ratio']:.2f} | {100 * mean:.1f} % ({100 * low:.1f}–{100 * high:.1f}) |"
         )
+    return "\n".join(lines)
 
-    return {"disparity_image": score(ours), "opencv_sgbm": score(np.where(plain >= 0, plain, np.nan))}
+
+def _around(found: dict[str, float]) -> tuple[float, float, float]:
+    """Mean and its 95 % interval."""
+    half = 1.96 * found["standard_error"]
+    return found["mean"], found["mean"] - half, min(found["mean"] + half, 1.0)
 
 
 def _kitti(folder: Path, progress: Callable[[str], None]) -> dict[str, Any]:
@@ -131,7 +146,7 @@ def _kitti(folder: Path, progress: Callable[[str], None]) -> dict[str, Any]:
             ))  # fmt: skip
 
     config = {"resolution_m": 0.2, "max_height_m": 1.0, "fusion": {"size_m": 150.0}}
-    dem = _mapped(samples(), DfpcContext("kitti", frames), "Stereo", config)
+    dem = mapped(samples(), DfpcContext("kitti", frames), "Stereo", config)
     row, col, inside = dem.geometry.cells_of(T_site_base[:, 0, 3], T_site_base[:, 1, 3])
     height_m = (T_site_base[:, 2, 3] - dem.layer("mean")[row, col])[inside]
     height_m = height_m[np.isfinite(height_m)]

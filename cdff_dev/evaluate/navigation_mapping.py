@@ -157,7 +157,7 @@ def _highest_step(truth: NavigationMap, called: np.ndarray, limits: dict[str, fl
 def _simulated(limits: dict[str, float], progress: Callable[[str], None]) -> dict[str, Any]:
     """The demonstration's log mapped with its true poses, both rovers, in cells of ``CELL_M``."""
     from cdff_common.interfaces.dfpc import Sample
-    from cdff_dev.evaluate.digital_elevation_mapping import _mapped
+    from cdff_dev.evaluate._dem_drives import mapped
     from cdff_dev.logs import open_log
     from cdff_dev.simulate.scenario import load_scenario
     from cdff_dev.simulate.store import simulated_log
@@ -171,7 +171,7 @@ def _simulated(limits: dict[str, float], progress: Callable[[str], None]) -> dic
         ports = {f"/{robot}/truth.pose": "poses", f"/{robot}/lidar.scan": "scan"}
         samples = (Sample(ports[s.stream], s.stamp_ns, s.seq, s.value) for s in log.samples(list(ports)))
         context = entry.context(entry.dfpc("digital_elevation_mapping"))
-        dem = _mapped(samples, context, "Lidar", {"resolution_m": 0.05, "fusion": {"size_m": 40.0}})
+        dem = mapped(samples, context, "Lidar", {"resolution_m": 0.05, "fusion": {"size_m": 40.0}})
         maps.append(_coarse(dem, terrain, limits))
     return scores(maps, limits)
 

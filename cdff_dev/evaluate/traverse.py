@@ -76,10 +76,13 @@ def drives(name: str = SCENARIO, seed: int | None = None) -> tuple[int, list[Dri
     return scenario.seed, made
 
 
-def run(dfpc: str, context: DfpcContext, samples: Sequence[Sample], port: str = "pose") -> list[Product]:
-    """The poses that a DFPC makes of samples on a port, with its default parameters."""
+def run(
+    dfpc: str, context: DfpcContext, samples: Sequence[Sample], port: str = "pose", *,
+    parameters: Mapping[str, Any] | None = None,
+) -> list[Product]:  # fmt: skip
+    """The poses that a DFPC makes of samples on a port, with its default parameters where none are given."""
     node = Registry.default().make_dfpc(dfpc)
-    node.configure(None, context)
+    node.configure(parameters, context)
     runner = Runner(node)
     products: list[Product] = []
     for sample in sorted(samples, key=lambda s: (s.stamp_ns, s.port)):
