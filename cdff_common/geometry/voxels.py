@@ -50,26 +50,41 @@ def voxel_for(points_m: FloatArray, wanted: int) -> float:
 
     The number occupied falls with a power of the edge: secant steps in logarithms, inside a bracket.
     """
+    return _searched(np.ascontiguousarray(points_m, dtype=np.float64), wanted)[0]
+
+
+def thinned(points_m: FloatArray, wanted: int) -> tuple[FloatArray, float]:
+    """``voxel_means`` with voxels of which about ``wanted`` are occupied, and their edge; 0 where all points stay."""
     points = np.ascontiguousarray(points_m, dtype=np.float64)
+    voxel_m, numbered = _searched(points, wanted)
+    if numbered is None:
+        return (points if voxel_m == 0.0 else voxel_means(points, voxel_m)), voxel_m
+    voxel, keys = numbered
+    return _means(points, voxel, np.argsort(keys)), voxel_m
+
+
+def _searched(points: FloatArray, wanted: int) -> tuple[float, tuple[Int, Int] | None]:
+    """Edge of the voxels, and ``voxel_rows`` for them where the search has come to them."""
     if len(points) <= wanted:
-        return 0.0
+        return 0.0, None
     floor, ceiling = extent(points)
     extent_m = float(np.max(ceiling - floor))
     if extent_m == 0.0:
-        return 0.0
+        return 0.0, None
     low, high = extent_m * 1e-4, extent_m
     voxel_m, exponent, before = extent_m / np.sqrt(8.0 * wanted), 2.0, (0.0, 0)
     for _ in range(_SEARCH_STEPS):
-        occupied = _occupied(points, floor, voxel_m, _size(floor, ceiling, voxel_m), 2 * wanted)
+        numbered = _number(points, floor, voxel_m, _size(floor, ceiling, voxel_m), 2 * wanted)
+        occupied = min(len(numbered[1]), 2 * wanted)
         if abs(occupied - wanted) <= _WITHIN * wanted:
-            break
+            return float(voxel_m), numbered
         low, high = (voxel_m, high) if occupied > wanted else (low, voxel_m)
         if before[1] not in (0, occupied) and max(before[1], occupied) < 2 * wanted:
             exponent = np.log(before[1] / occupied) / np.log(voxel_m / before[0])
         before = voxel_m, occupied
         voxel_m *= (occupied / wanted) ** (1.0 / min(max(exponent, 0.5), 3.0))
         voxel_m = voxel_m if low < voxel_m < high else np.sqrt(low * high)
-    return float(voxel_m)
+    return float(voxel_m), None
 
 
 def _size(low: FloatArray, high: FloatArray, voxel_m: float) -> Int:
@@ -137,11 +152,6 @@ def _slot(slot: NDArray[np.int32], keys: Int, key: int, bits: int) -> int:  # pr
     while slot[at] >= 0 and keys[slot[at]] != key:
         at = (at + 1) & last
     return int(at)
-
-
-@njit(cache=True)
-def _occupied(points: FloatArray, low: FloatArray, voxel: float, size: Int, most: int) -> int:  # pragma: no cover
-    return min(len(_number(points, low, voxel, size, most)[1]), most)
 
 
 @njit(cache=True)

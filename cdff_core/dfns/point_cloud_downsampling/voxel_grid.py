@@ -33,21 +33,25 @@ class VoxelGrid(PointCloudDownsamplingInterface):
 
     def setup(self) -> None:
         """Compile, so that the first cloud is as fast as the others; a read-only array is another type to it."""
+        from cdff_common.geometry.voxels import voxel_means
+
         for writeable in (True, False):
             points = np.zeros((1, 3))
             points.setflags(write=writeable)
-            self.process(PointCloudDownsamplingInputs(points=points))
+            voxel_means(points, 1.0)
 
     def process(self, inputs: PointCloudDownsamplingInputs) -> PointCloudDownsamplingOutputs:
         """Return the thinned cloud and the voxel size; raises InputError on a malformed cloud."""
-        from cdff_common.geometry.voxels import voxel_for, voxel_means
+        from cdff_common.geometry.voxels import thinned, voxel_means
 
         p = checked_points(inputs.points)
         if inputs.edge_m is not None:
             voxel_m = float(inputs.edge_m)
             if not (np.isfinite(voxel_m) and voxel_m > 0.0):
                 raise InputError(f"edge_m={voxel_m}: expected metres above 0")
+        elif self.config.voxel_m is not None:
+            voxel_m = self.config.voxel_m
         else:
-            voxel_m = self.config.voxel_m or voxel_for(p, self.config.max_points)
-        thinned = voxel_means(p, voxel_m) if voxel_m > 0.0 else p
-        return PointCloudDownsamplingOutputs(points=thinned, voxel_m=np.array(voxel_m))
+            points, voxel_m = thinned(p, self.config.max_points)
+            return PointCloudDownsamplingOutputs(points=points, voxel_m=np.array(voxel_m))
+        return PointCloudDownsamplingOutputs(points=voxel_means(p, voxel_m), voxel_m=np.array(voxel_m))

@@ -47,7 +47,7 @@ class RangeFilter(PointCloudFilteringInterface):
         """Return the points within the limits; raises InputError if none is left."""
         p = checked_points(inputs.points, finite=False)
         with np.errstate(invalid="ignore", over="ignore"):
-            range_m = np.linalg.norm(p, axis=1)
+            range_m = np.sqrt(np.einsum("ij,ij->i", p, p))
             keep = (range_m >= self.config.min_range_m) & (range_m <= self.config.max_range_m)
             if self.config.self_mask_m is not None:
                 low, high = np.array(self.config.self_mask_m[:3]), np.array(self.config.self_mask_m[3:])
@@ -55,4 +55,5 @@ class RangeFilter(PointCloudFilteringInterface):
         kept = np.flatnonzero(keep)
         if not len(kept):
             raise InputError(f"points: none of {len(p)} is finite and within the limits {self.config}")
-        return PointCloudFilteringOutputs(filtered_points=p[kept], kept=kept.astype(np.int64))
+        points = p if len(kept) == len(p) else p[kept]
+        return PointCloudFilteringOutputs(filtered_points=points, kept=kept.astype(np.int64, copy=False))

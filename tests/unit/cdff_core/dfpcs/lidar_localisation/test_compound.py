@@ -99,6 +99,14 @@ def test_each_way_of_searching_the_map_finds_the_place_alone(way: str, ground: n
     assert output.quality.reasons[0] == "relocalised"
 
 
+def test_a_map_that_is_tilted_as_its_first_sweep_was_is_searched_too(ground: np.ndarray) -> None:
+    T_map_site = se3.transform(se3.exp_so3(np.radians(20.0) * np.array([0.6, 0.8, 0.0])), np.zeros(3))
+    T = HILLS.pose(9.0, -7.0, 2.0)
+    (output,) = outputs(made(), map_of(se3.transform_points(T_map_site, ground), "rover/slam"), scan_at(T))
+    assert_right(output, T_map_site @ T)
+    assert output.quality.reasons[0] == "relocalised"
+
+
 def test_where_the_map_is_not_to_be_searched_a_robot_without_a_guess_is_lost(ground: np.ndarray) -> None:
     (output,) = outputs(made(relocalise_by=()), map_of(ground), scan_at(HILLS.pose(0, 0, 0)))
     assert output.quality.status is Status.FAILED
