@@ -26,6 +26,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import binned_statistic_2d
 
 from cdff_common.geometry import FrameGraph, UncertainTransform, se3
 from cdff_common.interfaces.dfpc import DfpcContext, Sample
@@ -37,6 +38,7 @@ from cdff_core.dfns.dem_rasterisation._interface import DemRasterisationInputs
 from cdff_core.dfns.disparity_image._interface import DisparityImageInputs
 from cdff_core.dfns.point_cloud_deskewing._interface import PointCloudDeskewingInputs
 from cdff_core.dfns.traversability._interface import TraversabilityInputs
+from cdff_dev.evaluate._atlaas import AtlaasMap
 
 SEED = 1
 POINTS = 2_000_000
@@ -78,6 +80,17 @@ def numpy_statistics(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], 
     return n, mean, variance, low, high
 
 
+def scipy_statistics(points: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """The same with what SciPy offers for it."""
+    x0, y0, x1, y1 = GRID.bounds
+    edges = [np.linspace(y0, y1, GRID.rows + 1), np.linspace(x0, x1, GRID.cols + 1)]
+    names = ("count", "mean", "std", "min", "max")
+    y, x, z = points[:, 1], points[:, 0], points[:, 2]
+    first = binned_statistic_2d(y, x, z, names[0], bins=edges)
+    rest = [binned_statistic_2d(y, x, z, n, bins=edges, binned_statistic_result=first) for n in names[1:]]
+    return [first.statistic, *(r.statistic for r in rest)]
+
+
 def rasterising(rounds: int) -> dict[str, Any]:
     """2 million points into a million cells: kernel, DFN with its layers, and the update of a map of that size."""
     rng = np.random.default_rng(SEED)
@@ -91,6 +104,7 @@ def rasterising(rounds: int) -> dict[str, Any]:
         fusion.process(DemFusionInputs(patch=raster.process(inputs).map, centre=centre))
 
     ours, plain = CellStatistics.from_points(GRID, points, stamps_ns=0), numpy_statistics(points)
+    atlaas = AtlaasMap(GRID)
     seen = ours.observed.ravel()
     return {
         "points": POINTS, "cells": GRID.rows * GRID.cols,
@@ -99,6 +113,8 @@ def rasterising(rounds: int) -> dict[str, Any]:
         "fusion_cpu_s": cpu_s(lambda: fusion.process(DemFusionInputs(patch=patch, centre=centre)), rounds),
         "full_update_cpu_s": cpu_s(update, rounds),
         "numpy_bincount_cpu_s": cpu_s(lambda: numpy_statistics(points), rounds),
+        "scipy_binned_statistic_2d_cpu_s": cpu_s(lambda: scipy_statistics(points), 1),
+        "fusion_by_atlaas_rules_in_numpy_cpu_s": cpu_s(lambda: atlaas.merge(patch, centre), rounds),
         "largest_difference_of_means_m": float(np.max(np.abs(ours.mean.ravel() - plain[1])[seen])),
     }  # fmt: skip
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cdff_common.errors import DegenerateGeometryError, RefusedError
 from cdff_common.geometry import UncertainTransform, se3
@@ -65,8 +66,10 @@ def begin(
     turn = se3.exp_so3([0.0, 0.0, float(np.arctan2(ahead[1], ahead[0]))])
     covariance = np.zeros((6, 6)) if wheels.covariance is None else wheels.covariance.copy()
     covariance[3:5, :] = covariance[:, 3:5] = 0.0
-    covariance[3:, 3:] += turn @ np.diag([sigma**2, sigma**2, 0.0]) @ turn.T
-    T_odom_base = UncertainTransform(se3.transform(turn @ tilt, wheels.matrix[:3, 3]), covariance)
+    R = turn @ tilt
+    held = _heading_held(R)
+    covariance[3:, 3:] += sigma**2 * held @ held.T
+    T_odom_base = UncertainTransform(se3.transform(R, wheels.matrix[:3, 3]), covariance)
     felt = config.felt_bias_sigma_rad_s if at_rest else config.gyro_bias_sigma_rad_s
     biases = np.array([felt] * 3 + [config.acc_bias_sigma_m_s2] * 3)
     in_motion = config.unknown_speed_sigma_m_s if gravity is None else config.start_speed_sigma_m_s
@@ -78,15 +81,28 @@ def begin(
     return Start(estimate, T_odom_base, gravity, reasons)
 
 
+def _heading_held(R: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation error ``(3, 3)`` that an error of the tilt (x, y, unused) makes where the heading is known.
+
+    The heading is that of the base's x axis a. If a climbs, an error w about its horizontal part moves a sideways, and
+    only a turn about z keeps the heading: ``w_z = a_z (w_x a_x + w_y a_y) / (a_x^2 + a_y^2)``.
+    """
+    ahead = R[:, 0]
+    held = np.diag([1.0, 1.0, 0.0])
+    held[2, :2] = ahead[2] * ahead[:2] / float(ahead[:2] @ ahead[:2])
+    return held
+
+
 def _leaning(estimate: Estimate, gravity_m_s2: float, sigma_m_s2: float) -> Estimate:
     """With the tilt's error hanging on the accelerometer's bias, which it came from.
 
-    What is taken for gravity is ``R^T g + b``: a bias b leans the base by ``(-b_y, b_x, 0) / g`` in level axes. Its
-    part along gravity went into the strength of gravity, and is known as far as that is used.
+    What is taken for gravity is ``R^T g + b``: a bias b leans the base by ``(-b_y, b_x, 0) / g`` in level axes, and by
+    what holds the heading about z. Its part along gravity went into the strength of gravity, and is known as far as
+    that is used.
     """
     R = estimate.pose[:3, :3]
     level = np.diag([sigma_m_s2**2, sigma_m_s2**2, (0.1 * sigma_m_s2) ** 2])
-    lean = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) / gravity_m_s2
+    lean = _heading_held(R) @ np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) / gravity_m_s2
     P = estimate.covariance.copy()
     P[FORCE, FORCE] = R.T @ level @ R
     P[ROTATION, FORCE] = lean @ level @ R

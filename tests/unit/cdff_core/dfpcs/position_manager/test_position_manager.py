@@ -28,9 +28,9 @@ LEVEL = np.eye(3)
 TILT = se3.exp_so3([0, 0.1, 0]) @ se3.exp_so3([0.05, 0, 0])
 
 
-def frames() -> FrameGraph:
+def frames(anchor_variances: np.ndarray = SIGMA) -> FrameGraph:
     graph = FrameGraph()
-    graph.set_static("site", "mana/odom", UncertainTransform(T_SITE_ODOM, np.diag(SIGMA)))
+    graph.set_static("site", "mana/odom", UncertainTransform(T_SITE_ODOM, np.diag(anchor_variances)))
     graph.set_static("mana/base", "mana/navcam_left", UncertainTransform(T_BASE_CAMERA, np.zeros((6, 6))))
     graph.set_static("mana/base", "mana/imu", UncertainTransform(T_BASE_IMU, np.zeros((6, 6))))
     return graph
@@ -122,6 +122,29 @@ def test_the_start_is_levelled_by_gravity_through_the_imu_s_mount() -> None:
     out = poses(feed(manager(), samples))
     assert max(error_m(o, TILT) for o in out) < 2e-3
     assert "not_levelled" not in out[0].quality.reasons
+
+
+def test_where_the_heading_is_known_a_wrong_tilt_turns_about_z_and_the_covariance_says_so() -> None:
+    """Uphill by 25 degrees; the accelerometer's bias leans the start by 2 mrad to the side."""
+    uphill = se3.exp_so3(np.radians([0.0, -25.0, 0.0]))
+    bias = 2e-3 * MARS_M_S2 * np.array([0.0, 1.0, 0.0])
+
+    def biased(t_s: float) -> Sample:
+        sample = imu(t_s, uphill)
+        force = sample.value.acc + T_BASE_IMU[:3, :3].T @ bias
+        value = IMUSensors(sample.value.timestamp, force, sample.value.gyro, np.zeros(3))
+        return Sample("imu", sample.stamp_ns, 0, value)
+
+    made = PositionManager()
+    made.configure({}, DfpcContext("mana", frames(np.zeros(6))))
+    samples = [*(biased(t) for t in times(100, 0.8)), *(visual(t, tilt=uphill) for t in times(4, 0.8))]
+    found = poses(feed(made, samples))[0].value.transform
+    error = se3.log_so3(found.matrix[:3, :3] @ (T_SITE_ODOM @ truth(0.0, uphill))[:3, :3].T)
+    heading = np.arctan2(T_SITE_ODOM[1, 0], T_SITE_ODOM[0, 0])
+    ahead = np.array([np.cos(heading), np.sin(heading)])
+    P = found.covariance[3:, 3:]
+    assert abs(error[2]) == pytest.approx(np.tan(np.radians(25.0)) * 2e-3, rel=0.05)
+    assert P[2, :2] @ ahead / (ahead @ P[:2, :2] @ ahead) == pytest.approx(error[2] / (error[:2] @ ahead), rel=0.1)
 
 
 def test_a_start_without_imu_says_that_it_is_not_levelled_and_widens_the_tilt() -> None:
