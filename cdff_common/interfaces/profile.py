@@ -408,7 +408,11 @@ class Retention(StrictModel):
 
 
 class Profile(StrictModel):
-    """One mission."""
+    """One mission.
+
+    ``merging`` has the maps that the robots make put where they belong (``services.map_merging``): its parameters, none
+    of them needed. Absent, nobody does.
+    """
 
     name: Name
     doc: str = ""
@@ -417,6 +421,7 @@ class Profile(StrictModel):
     retention: tuple[Retention, ...] = ()
     history: tuple[History, ...] = ()
     threads_per_process: Annotated[int, Field(ge=1, le=64)] = 1
+    merging: dict[str, Any] | None = None
 
     @model_validator(mode="after")
     def _robots_are_unique(self) -> Profile:

@@ -107,6 +107,15 @@ def _run_system(args: argparse.Namespace) -> int:
                 _say(f"this machine is too slow for the mission: its clock was held for {held_s:.0f} s in all")
             _say(f"found over HTTP at {args.http}: {found_over_http(args.http)}")
             code = _verdict(outcomes)
+            if script.sharing is not None:
+                from cdff_dev.demo.sharing import shared
+
+                found = shared(script.sharing, profile, log, bus, args.http)
+                for line in found.lines():
+                    _say(line)
+                wrong = found.faults(script.sharing)
+                _say("FAIL the shared map: " + "; ".join(wrong) if wrong else "ok   the shared map is as asked")
+                code = max(code, int(bool(wrong)))
             if code:
                 stage.keep = True
                 _say(f"the logs of every process are kept in {stage.log_dir}")

@@ -50,12 +50,28 @@ class Ask(StrictModel):
         return ", ".join(parts)
 
 
+class Sharing(StrictModel):
+    """What is judged of a map that two robots share, against the log's truth, when the requests are answered.
+
+    ``within_m`` says which places of the two belong to the overlap, ``at_most_m`` how far off one may be as seen from
+    the other; ``region`` and ``resolution_m`` are of the elevation map of both.
+    """
+
+    robots: tuple[str, str]
+    within_m: Annotated[float, Field(gt=0)]
+    at_most_m: Annotated[float, Field(gt=0)]
+    region: str
+    resolution_m: Annotated[float, Field(gt=0)]
+    wait_s: Annotated[float, Field(gt=0)] = 60.0
+
+
 class Script(StrictModel):
     """Contents of ``deploy/demo/*.yaml``; ``rate`` is mission seconds per second."""
 
     profile: str
     rate: Annotated[float, Field(gt=0, le=100)] = 1.0
     requests: Annotated[tuple[Ask, ...], Field(min_length=1)]
+    sharing: Sharing | None = None
 
 
 def load_script(path: Path) -> Script:

@@ -136,7 +136,8 @@ class Stage:
     @property
     def expected(self) -> set[str]:
         """Liveliness tokens of a system that is ready."""
-        services = {keys.alive("ground", s) for s in ("router", "dpm", "orchestrator", "icu")}
+        merging = () if self.profile.merging is None else ("map_merging",)
+        services = {keys.alive("ground", s) for s in ("router", "dpm", "orchestrator", "icu", *merging)}
         return services | {keys.alive(r.id, d.name) for r in self.profile.robots for d in r.dfpcs}
 
     def wait_ready(self, bus: Bus, on_progress: object = None) -> None:

@@ -121,7 +121,7 @@ def _grid_of(value: Any) -> tuple[GridGeometry, np.ndarray[Any, np.dtype[np.bool
         return value.geometry, np.isfinite(value.layer("mean"))
     if isinstance(value, NavigationMap):
         return value.geometry, value.layer("class") != 0
-    heights = value.data.image
+    heights = value.data.array
     pose = value.metadata.pose_fixed_frame_map_frame
     x, y, _ = pose.transform.matrix[:3, 3]
     rows, cols = heights.shape[:2]

@@ -245,7 +245,8 @@ class Finder:
         )
         if not items:
             return None
-        home = str(items[0]["frame"])
+        # Of several robots, whose maps have frames of their own, the DPM resamples into the frame asked for.
+        home = request.frame if robot == "any" else str(items[0]["frame"])
         newest = Candidate(str(items[0]["id"]), robot, int(items[0]["t1_ns"]), int(items[0]["t1_ns"]))
         placed = self._seen_from(region, frame, home, robot, newest.t1_ns, until_s)
         if any(m.startswith(("age", "time")) for m in judge(newest, request, self._clock.now_ns()).missing):

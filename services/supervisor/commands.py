@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 DEFAULT_HTTP = "127.0.0.1:8080"
-SERVICES = ("router", "dpm", "orchestrator", "icu")
+SERVICES = ("router", "dpm", "orchestrator", "icu", "map_merging")
 
 
 def register_up(nouns: Any) -> None:

@@ -69,6 +69,8 @@ def plan(profile: Profile, profile_path: Path, *, connect: str, http: str, data_
         spec("orchestrator", "services.orchestrator", tokens=(("ground", "orchestrator"),)),
         spec("icu", "services.icu", tokens=(("ground", "icu"),)),
     ]
+    if profile.merging is not None:
+        specs.append(spec("map_merging", "services.map_merging", tokens=(("ground", "map_merging"),)))
     for process, entries in profile.processes().items():
         tokens = tuple((robot, entry.name) for robot, entry in entries)
         specs.append(spec(process, "services.dfpc_host", "--process", process, tokens=tokens))

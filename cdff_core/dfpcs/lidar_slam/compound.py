@@ -94,12 +94,13 @@ class LidarSlam(LidarSlamInterface):
             self._T_current_lidar = self._T_current_lidar @ tracked.increment
             self._way_m += float(np.linalg.norm(tracked.increment.matrix[:3, 3]))
         self._gather(tracked)
-        closed = self._end_keyframe(sample.stamp_ns) if self._is_far() else False
+        ended = self._is_far()
+        closed = self._end_keyframe(sample.stamp_ns) if ended else False
         assert self._current is not None
         self._trajectory.append(sample.stamp_ns, self._current, _noisy(self._T_current_lidar, tracked))
         self._used = (sample.id,) if sample.id else ()
         yield from self._poses(sample, tracked)
-        if closed:
+        if closed or (ended and self.config.report_keyframes):
             yield from self._reports(sample.stamp_ns)
 
     def on_map(self, sample: Sample) -> Iterable[Output]:

@@ -83,6 +83,9 @@ class LidarSlamConfig(DfpcConfig):
         12.0, gt=0.0, le=500.0, description="Key frames that the graph places so near are tried"
     )
     candidates: int = Field(2, ge=1, le=20, description="Key frames tried for each that ends")
+    report_keyframes: bool = Field(
+        False, description="Publish trajectory and graph with each key frame that ends, not only with each loop"
+    )
     resumed_inlier_ratio: float = Field(
         0.6, gt=0.0, le=1.0, description="Share of points on the map with which the place before a restart is confirmed"
     )
