@@ -94,10 +94,10 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
         self._begin_segment()
 
     def on_orbital(self, sample: Sample) -> Iterable[Output]:
-        """Keep the orbital model; matches with another one do not count."""
+        """Keep the orbital model; matches with another one do not count. A segment that waited for it is matched."""
         self._orbital = sample
         self._hypotheses = ()
-        return ()
+        return self._matched()
 
     def on_poses(self, sample: Sample) -> Iterable[Output]:
         """Keep the pose and add to the way driven."""
@@ -121,9 +121,14 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
         self._inputs = (*self._inputs, sample.id)[-_MAX_INPUTS:] if sample.id else self._inputs
         self._t0_ns = min(self._t0_ns or sample.value.t0_ns, sample.value.t0_ns)
         self._span_m = max(self._span_m, _span(self._map)) if self._pose is None else self._way_m - self._begun_m
-        if self._orbital is None or self._span_m < self.config.segment_m:
+        self._patch = sample
+        return self._matched()
+
+    def _matched(self) -> Iterable[Output]:
+        """What the segment's map is worth, where it is long enough and there is a model; then the next begins."""
+        if self._orbital is None or self._map is None or self._patch is None or self._span_m < self.config.segment_m:
             return ()
-        output = self._located(sample, self._orbital.value, self._map)
+        output = self._located(self._patch, self._orbital.value, self._map)
         self._begin_segment()
         return [output]
 
@@ -254,6 +259,7 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
         self._fusion = self.dfn("fusion")
         self._fusion.configure({"size_m": self.config.map_m, **self.config.fusion})
         self._map: ElevationMap | None = None
+        self._patch: Sample | None = None
         self._inputs: tuple[str, ...] = ()
         self._t0_ns: int | None = None
         self._span_m = 0.0
