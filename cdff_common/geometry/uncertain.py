@@ -43,8 +43,8 @@ class UncertainTransform:
 
     @classmethod
     def identity(cls) -> UncertainTransform:
-        """The identity, exactly known."""
-        return cls(np.eye(4), np.zeros((6, 6)))
+        """The identity, exactly known: one for all, so that composing with it costs nothing."""
+        return _IDENTITY
 
     def inverse(self) -> UncertainTransform:
         """``T_b_a`` with its covariance in b."""
@@ -53,6 +53,10 @@ class UncertainTransform:
 
     def __matmul__(self, other: UncertainTransform) -> UncertainTransform:
         """``T_a_c = T_a_b @ T_b_c``; the covariance is unknown if either is."""
+        if other is _IDENTITY:
+            return self
+        if self is _IDENTITY:
+            return other
         c = None
         if self.covariance is not None and other.covariance is not None:
             c = cov.compose_covariance(self.matrix, self.covariance, other.matrix, other.covariance)
@@ -61,6 +65,9 @@ class UncertainTransform:
     def apply(self, points_b: ArrayLike) -> FloatArray:
         """Map points ``(n, 3)`` in b into a, metres."""
         return se3.transform_points(self.matrix, points_b)
+
+
+_IDENTITY = UncertainTransform(np.eye(4), np.zeros((6, 6)))
 
 
 def interpolate(first: UncertainTransform, second: UncertainTransform, fraction: float) -> UncertainTransform:
