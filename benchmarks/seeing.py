@@ -35,6 +35,7 @@ from cdff_core.dfns.features_matching_2d._interface import FeaturesMatching2DInp
 from cdff_core.dfns.fundamental_matrix_computation._interface import FundamentalMatrixComputationInputs
 from cdff_core.dfns.homography_computation._interface import HomographyComputationInputs
 from cdff_core.dfns.n_view_triangulation._interface import NViewTriangulationInputs
+from cdff_core.dfns.transform_estimation_3d._interface import TransformEstimation3DInputs
 from cdff_dev.evaluate import _colmap, feature_matching
 from cdff_dev.evaluate._bundles import by_gtsam, ring
 from cdff_dev.evaluate._image_pairs import grey
@@ -95,6 +96,14 @@ def of_dfns(left: np.ndarray, rounds: int) -> dict[str, Any]:
         "CamerasTransformEstimation/EssentialDecomposition": lambda: decompose.process(
             CamerasTransformEstimationInputs(E, source, sink, K)
         ),
+    }
+    cloud = rng.uniform(-2.0, 2.0, (1000, 3))
+    moved = cloud[:, [1, 2, 0]] + rng.normal(0.0, 0.01, cloud.shape)
+    mixed = np.vstack([moved[:500], rng.uniform(-2.0, 2.0, (500, 3))])
+    rigid, robust = node("transform_estimation_3d"), node("transform_estimation_3d", "TruncatedGnc")
+    calls |= {
+        "TransformEstimation3D/LeastSquares": lambda: rigid.process(TransformEstimation3DInputs(cloud, moved)),
+        "TransformEstimation3D/TruncatedGnc": lambda: robust.process(TransformEstimation3DInputs(cloud, mixed)),
     }
     tracks, _ = scene(2, (4.0, 30.0), 100_000)
     triangulate, adjust = node("n_view_triangulation"), node("bundle_optimization", covariances="none")
