@@ -43,8 +43,8 @@ def read_camera(path: Path, name: str = "") -> CameraModel:
     ----------
     path : Path
     name : str
-        Which camera of a file that holds several: ``cam0`` (Kalibr), ``P0`` or ``00`` (KITTI), ``1`` (OpenCV stereo);
-        by default the first.
+        Which camera of a file that holds several: ``cam0`` (Kalibr), ``P0``, ``00`` or ``rect_00`` (KITTI), ``1``
+        (OpenCV stereo); by default the first.
 
     Raises
     ------
@@ -215,17 +215,20 @@ def _kitti_lines(text: str) -> dict[str, NDArray[np.float64]]:
 def _of_kitti(rows: Mapping[str, NDArray[np.float64]]) -> tuple[Cameras, Poses]:
     cameras: Cameras = {}
     poses: Poses = {}
-    for name in sorted(n for n in rows if re.fullmatch(r"P\d", n)):
-        P = rows[name].reshape(3, 4)
-        cameras[name] = CameraModel.from_matrix(P[:, :3])
-        poses[name] = np.eye(4)
-        poses[name][:3, 3] = np.linalg.solve(P[:, :3], P[:, 3])
+    projections = {n: n for n in rows if re.fullmatch(r"P\d", n)}
+    rectified = {n[2:]: n for n in rows if re.fullmatch(r"P_rect_\d\d", n)}
     for name in sorted(n[2:] for n in rows if re.fullmatch(r"K_\d\d", n)):
         cols, rows_px = (int(v) for v in rows[f"S_{name}"])
         distortion = rows.get(f"D_{name}", np.zeros(0))
         cameras[name] = CameraModel.from_matrix(rows[f"K_{name}"].reshape(3, 3), distortion, rows=rows_px, cols=cols)
         poses[name] = np.eye(4)
         poses[name][:3, :3], poses[name][:3, 3] = rows[f"R_{name}"].reshape(3, 3), rows[f"T_{name}"]
+    for name, row in sorted((projections | rectified).items()):
+        P = rows[row].reshape(3, 4)
+        cols, rows_px = (int(v) for v in rows.get(f"S_{name}", (0, 0)))
+        cameras[name] = CameraModel.from_matrix(P[:, :3], rows=rows_px, cols=cols)
+        poses[name] = np.eye(4)
+        poses[name][:3, 3] = np.linalg.solve(P[:, :3], P[:, 3])
     return cameras, poses
 
 

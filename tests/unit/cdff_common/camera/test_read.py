@@ -70,6 +70,7 @@ def test_a_rovers_opencv_file_is_read(real_data: Callable[[str], Path]) -> None:
     assert read_camera(path, "2").fx == 1066.44771376037
 
 
+@pytest.mark.req("CDFF-CORE-094")
 def test_what_opencv_writes_is_read(tmp_path: Path) -> None:
     K, D = (
         np.array([[500.0, 0.0, 320.0], [0.0, 501.0, 240.0], [0.0, 0.0, 1.0]]),
@@ -84,6 +85,7 @@ def test_what_opencv_writes_is_read(tmp_path: Path) -> None:
     assert (camera.rows, camera.cols, camera.fy, camera.distortion) == (480, 640, 501.0, tuple(D[0]))
 
 
+@pytest.mark.req("CDFF-CORE-094")
 def test_a_kalibr_chain_is_read(file: Callable[[str], Path]) -> None:
     stereo = read_stereo(file(KALIBR))
     assert (stereo.left.fisheye, stereo.right.fisheye) == (False, True)
@@ -97,12 +99,26 @@ def test_kittis_projection_matrices_are_read(real_data: Callable[[str], Path]) -
     assert stereo.baseline_m == pytest.approx(379.8145 / 707.0912)
 
 
+@pytest.mark.req("CDFF-CORE-094")
 def test_kittis_raw_calibration_is_read(file: Callable[[str], Path]) -> None:
     stereo = read_stereo(file(KITTI_RAW))
     assert stereo.left.distortion[4] == -7.233722e-02
     assert (stereo.left.rows, stereo.left.cols) == (512, 1392)
     assert stereo.baseline_m == pytest.approx(0.537168, abs=1e-6)
     assert not stereo.is_rectified
+
+
+def test_kittis_rectified_cameras_are_read_beside_the_raw_ones_and_alone(file: Callable[[str], Path]) -> None:
+    rectified = (
+        "S_rect_00: 1.242e+03 3.75e+02\nP_rect_00: 721.5 0 609.6 0 0 721.5 172.9 0 0 0 1 0\n"
+        "S_rect_01: 1.242e+03 3.75e+02\nP_rect_01: 721.5 0 609.6 -387.6 0 721.5 172.9 0 0 0 1 0\n"
+    )
+    for text in (rectified, KITTI_RAW + rectified):
+        stereo = read_stereo(file(text), "rect_00", "rect_01")
+        assert stereo.is_rectified
+        assert stereo.baseline_m == pytest.approx(387.6 / 721.5)
+        assert (stereo.left.cols, stereo.left.rows) == (1242, 375)
+    assert read_camera(file(KITTI_RAW + rectified)).distortion
 
 
 @pytest.mark.parametrize(

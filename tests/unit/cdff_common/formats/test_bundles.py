@@ -39,6 +39,7 @@ def test_a_bal_camera_looks_along_minus_z_and_residuals_keep_their_size() -> Non
     assert cost(only) == pytest.approx(0.5 * first @ first)
 
 
+@pytest.mark.req("CDFF-CORE-095")
 def test_bal_and_libmv_survive_a_round_trip() -> None:
     problem = read_bal(BAL.encode(), frame="site")
     again = read_bal(write_bal(problem), frame="site")

@@ -63,6 +63,7 @@ def test_the_gradient_of_cameras_lenses_and_points_is_that_of_the_cost(loss: int
         assert (costs[0] - costs[1]) / (2.0 * h) == pytest.approx(slope, rel=1e-5)
 
 
+@pytest.mark.req("CDFF-CORE-092")
 @pytest.mark.parametrize("free", [0, FOCAL | K1 | K2])
 def test_the_cost_is_that_of_gtsam_on_the_same_objective(free: int) -> None:
     problem, *_ = ring(8, 80, 6, 1.0, 0, free)

@@ -55,6 +55,7 @@ def test_errors_are_as_large_as_the_covariance_says(kind: Any) -> None:
     assert np.mean(squared) == pytest.approx(54.0 / 52.0, abs=0.15)
 
 
+@pytest.mark.req("CDFF-CORE-093")
 def test_half_of_the_pairs_may_be_wrong(rng: np.random.Generator) -> None:
     source, sink = pairs(rng, 200, 100)
     out = made(TruncatedGnc, threshold=0.05).process(TransformEstimation3DInputs(source, sink))

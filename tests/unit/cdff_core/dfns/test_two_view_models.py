@@ -28,6 +28,7 @@ def made(kind: Any, **config: Any) -> Any:
     return dfn
 
 
+@pytest.mark.req("CDFF-CORE-093")
 def test_the_fundamental_matrix_survives_outliers_and_its_covariance_says_how_far_lines_are_off() -> None:
     ratios = []
     for seed in range(12):

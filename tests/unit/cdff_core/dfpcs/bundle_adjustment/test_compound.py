@@ -21,6 +21,7 @@ def made(implementation: str | None = None, **config: object) -> Dfpc:
     return dfpc
 
 
+@pytest.mark.req("CDFF-CORE-092")
 @pytest.mark.parametrize("implementation", ["LeastSquares", "Robust"])
 def test_a_problem_becomes_poses_and_landmarks_with_covariances_and_a_stated_gauge(implementation: str) -> None:
     problem, *_ = ring(8, 60, 6)

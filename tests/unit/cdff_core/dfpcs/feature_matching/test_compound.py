@@ -41,6 +41,7 @@ def corridor(camera: bool = True) -> tuple[Frame, Frame]:
     return frame(render(T_WORLD_LEFT, rng), camera), frame(render(T_WORLD_RIGHT, rng), camera)
 
 
+@pytest.mark.req("CDFF-CORE-090")
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_every_variant_matches_two_views_and_finds_how_the_cameras_stand(variant: str) -> None:
     matches, transform = shown(made(variant), *corridor())
@@ -92,6 +93,7 @@ def test_a_plane_is_judged_as_one_and_leaves_the_transform_degraded() -> None:
     assert outputs[1].quality.status is not Status.OK
 
 
+@pytest.mark.req("CDFF-CORE-090")
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_images_of_nothing_in_common_fail_with_the_reason(variant: str) -> None:
     images = (frame(np.clip(texture(seed, 256), 0, 255).astype(np.uint8)) for seed in (1, 2))
@@ -118,6 +120,7 @@ def test_an_image_without_texture_or_of_another_depth_fails_and_says_why() -> No
     assert output.quality.reasons[0].startswith("bad_left")
 
 
+@pytest.mark.req("CDFF-CORE-090")
 def test_the_hand_marked_points_of_the_mock_up_are_found_within_five_pixels(real_data: Callable[[str], Path]) -> None:
     pair = marked_dlr(real_data("cdff_upstream").parent)
     value = shown(made(), frame(pair.left), frame(pair.right))[0].value

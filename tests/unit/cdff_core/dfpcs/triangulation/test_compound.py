@@ -25,6 +25,7 @@ def given(dfpc: Dfpc, **values: object) -> list[Output]:
     return [o for port, value in values.items() for o in dfpc.step(Sample(port, 1000, 0, value, id=port))]
 
 
+@pytest.mark.req("CDFF-CORE-091")
 def test_tracks_become_landmarks_with_covariances_and_a_cloud() -> None:
     problem, truth = scene(3, (4.0, 20.0), 500)
     landmarks, cloud = given(made(triangulate={"max_residual_px": 100.0}), tracks=problem)
@@ -58,6 +59,7 @@ def test_matches_wait_for_the_pose_and_need_a_camera() -> None:
     assert failed.quality.reasons[0].startswith("no_camera")
 
 
+@pytest.mark.req("CDFF-CORE-091")
 def test_a_stereo_pair_becomes_a_cloud_with_grey_values_and_the_uncertainty_of_its_depths() -> None:
     image = np.clip(texture(3, 512), 0, 255).astype(np.uint8)
     rows, columns = SHAPE
