@@ -31,7 +31,9 @@ class ReprojectionLmConfig(DfnConfig):
 
     sigma_track_px: Annotated[float, Field(gt=0, le=10)] = 0.2
     sigma_disparity_px: Annotated[float, Field(gt=0, le=10)] = 0.2
-    sigma_common_px: Annotated[float, Field(ge=0, le=5)] = 0.02
+    sigma_common_px: Annotated[float, Field(ge=0, le=5)] = 0.006
+    sigma_common_disparity_px: Annotated[float, Field(ge=0, le=5)] = 0.016
+    noise_factor: Annotated[float, Field(ge=1, le=100)] = 2.2
     robust_scale: Annotated[float, Field(gt=0.5, le=100)] = 3.0
     gate: Annotated[float, Field(gt=1, le=100)] = 3.4
     max_iterations: Annotated[int, Field(ge=1, le=200)] = 30
@@ -89,8 +91,9 @@ class ReprojectionLm(StereoMotionEstimationInterface):
     measurement's plus that of the triangulated reference point, projected: to first order this is two-view bundle
     adjustment with the structure eliminated, and it weighs near and far points as their geometry deserves. Cauchy
     weights; Levenberg-Marquardt on ``R3 x SO(3)``; covariance ``s2 (J^T W J)^-1`` [1]_, plus what an error common to
-    all points does (``sigma_common_px``: a shift in each component, and a magnification), which more points do not
-    average out: pixel locking and the perspective of patches leave 0.01 to 0.02 px.
+    all points does (``_common_modes``), which more points do not average out: pixel locking and the perspective of
+    patches leave 0.005 to 0.02 px. ``noise_factor`` is what the points of one pair, whose patches overlap and whose
+    reference disparities are measured in the same images, lack in independence.
 
     What a calibration leaves over bends near and far depths differently and is therefore visible in the motion itself
     [2]_: parameters to which the disparities respond as the two bases say are estimated along with the motion, held by
@@ -183,9 +186,10 @@ class ReprojectionLm(StereoMotionEstimationInterface):
         inverse = np.linalg.inv(information)
         inverse = 0.5 * (inverse + inverse.T)
         J = cov.inverse_jacobian(T)  # from T_current_reference, which was estimated, to the motion
-        common = J @ (c.sigma_common_px * (inverse @ system.common)[:6] / scale)
+        sigmas = [c.sigma_common_px, c.sigma_common_px, c.sigma_common_disparity_px, *[c.sigma_common_px] * 2]
+        common = J @ ((inverse @ system.common)[:6] / scale) * sigmas
         by_calibration = -J @ np.linalg.solve(information[:6, :6], information[:6, 6:])
-        noise = J @ np.linalg.inv(information[:6, :6]) @ J.T
+        noise = c.noise_factor * J @ np.linalg.inv(information[:6, :6]) @ J.T
         noise = 0.5 * (noise + noise.T)
         shared = by_calibration @ inverse[6:, 6:] @ by_calibration.T + common @ common.T
         return StereoMotionEstimationOutputs(

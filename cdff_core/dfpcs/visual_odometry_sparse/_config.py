@@ -17,12 +17,12 @@ class VisualOdometrySparseConfig(DfpcConfig):
 
     limits: Limits = Limits()
     keyframe_survival: Annotated[float, Field(gt=0, lt=1)] = 0.6
+    window: Annotated[
+        int, Field(ge=1, le=2, description="2: a new key frame is located against the last two, else against the last")
+    ] = 1
     patience: Annotated[int, Field(ge=1, le=100)] = 2
     sigma_calibration_walk_px: Annotated[float, Field(ge=0, le=1)] = 0.002
     felt_memory_s: Annotated[float, Field(gt=0, le=600, description="Wheel poses and rates are kept so long, s")] = 10.0
-    common_persistence: Annotated[
-        float, Field(ge=0, le=1, description="Share of the variance common to all points that stays along the way")
-    ] = 1.0
     trajectory_length: Annotated[int, Field(ge=2)] = 100_000
     assessment: dict[str, Any] = {}
     extraction: dict[str, Any] = {}
@@ -31,6 +31,8 @@ class VisualOdometrySparseConfig(DfpcConfig):
     triangulation: dict[str, Any] = {}
     prediction: dict[str, Any] = {}
     tracking: dict[str, Any] = {}
+    description: dict[str, Any] = {}
+    matching: dict[str, Any] = {}
     pnp: dict[str, Any] = {}
     motion: dict[str, Any] = {}
     gyro: dict[str, Any] = {}

@@ -52,12 +52,10 @@ class LinkedPose:
         return cls(pose.matrix, noise, np.zeros((6, COMMON + parameters)))
 
     @classmethod
-    def of_motion(cls, refined: StereoMotionEstimationOutputs, persistence: float) -> LinkedPose:
-        """An estimated motion; ``persistence`` is the share of the common errors' variance that stays the same."""
-        common = refined.common_response
-        passing = (1.0 - persistence) * common @ common.T
-        response = np.hstack([np.sqrt(persistence) * common, refined.calibration_response])
-        return cls(refined.motion, refined.noise_covariance + 0.5 * (passing + passing.T), response)
+    def of_motion(cls, refined: StereoMotionEstimationOutputs) -> LinkedPose:
+        """An estimated motion."""
+        response = np.hstack([refined.common_response, refined.calibration_response])
+        return cls(refined.motion, refined.noise_covariance, response)
 
     def __matmul__(self, motion: LinkedPose) -> LinkedPose:
         """``T_a_c = T_a_b @ T_b_c``."""
@@ -72,6 +70,15 @@ class LinkedPose:
         off = self.response[:, COMMON:] @ calibration_change
         T = se3.transform(se3.exp_so3(off[3:]) @ self.matrix[:3, :3], self.matrix[:3, 3] + off[:3])
         return LinkedPose(T, self.noise, self.response)
+
+    def fused(self, other: LinkedPose) -> LinkedPose:
+        """The mean with another estimate of the same transform, weighed by the noise of both as if independent."""
+        share = np.linalg.solve((self.noise + other.noise).T, self.noise.T).T
+        off = share @ cov.pose_error(other.matrix, self.matrix)
+        T = se3.transform(se3.exp_so3(off[3:]) @ self.matrix[:3, :3], self.matrix[:3, 3] + off[:3])
+        noise = self.noise - share @ self.noise
+        response = self.response + share @ (other.response - self.response)
+        return LinkedPose(T, 0.5 * (noise + noise.T), response)
 
     def stated(self, calibration_covariance: FloatArray) -> UncertainTransform:
         """The pose with its whole covariance."""

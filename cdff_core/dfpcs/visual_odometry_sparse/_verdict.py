@@ -66,8 +66,9 @@ def blur_reasons(sharpness: float, reference: float | None, limits: Limits) -> l
     return [f"blurred:{sharpness:.2f}<{least:.2f}"] if sharpness < least else []
 
 
-def judge_stereo(matched: int, detected: int, limits: Limits) -> list[str]:
+def judge_stereo(disparities: np.ndarray, detected: int, limits: Limits) -> list[str]:
     """Reasons for a doubtful key frame; raises RefusedError where left and right do not show the same."""
+    matched, near = len(disparities), int((disparities >= limits.near_disparity_px).sum())
     fraction = matched / max(detected, 1)
     if matched < limits.min_stereo:
         raise RefusedError(f"{matched} stereo points", [f"few_stereo_points:{matched}<{limits.min_stereo}"])
@@ -79,6 +80,8 @@ def judge_stereo(matched: int, detected: int, limits: Limits) -> list[str]:
         reasons.append(f"few_stereo_points:{matched}<{limits.good_stereo}")
     if fraction < limits.good_stereo_fraction:
         reasons.append(f"stereo_mismatch:{fraction:.2f}<{limits.good_stereo_fraction:.2f}")
+    if near < limits.good_near:
+        reasons.append(f"few_near_points:{near}<{limits.good_near}")
     return reasons
 
 

@@ -18,7 +18,9 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
 from cdff_common.types import FramePair, PoseTrajectory, TransformWithCovariance
+from cdff_core.dfns.features_description_2d._interface import FeaturesDescription2DInputs
 from cdff_core.dfns.features_extraction_2d._interface import FeaturesExtraction2DInputs
+from cdff_core.dfns.features_matching_2d._interface import FeaturesMatching2DInputs
 from cdff_core.dfns.features_prediction_2d._interface import FeaturesPrediction2DInputs
 from cdff_core.dfns.features_tracking_2d._interface import FeaturesTracking2DInputs
 from cdff_core.dfns.gyro_integration._interface import GyroIntegrationInputs
@@ -26,7 +28,10 @@ from cdff_core.dfns.image_assessment._interface import ImageAssessmentInputs
 from cdff_core.dfns.perspective_n_point_solving._interface import PerspectiveNPointSolvingInputs
 from cdff_core.dfns.rectification_refinement._interface import RectificationRefinementInputs
 from cdff_core.dfns.stereo_matching_2d._interface import StereoMatching2DInputs
-from cdff_core.dfns.stereo_motion_estimation._interface import StereoMotionEstimationInputs
+from cdff_core.dfns.stereo_motion_estimation._interface import (
+    StereoMotionEstimationInputs,
+    StereoMotionEstimationOutputs,
+)
 from cdff_core.dfns.stereo_triangulation._interface import StereoTriangulationInputs
 from cdff_core.dfpcs.visual_odometry_sparse import _verdict as verdict
 from cdff_core.dfpcs.visual_odometry_sparse._config import VisualOdometrySparseConfig
@@ -48,6 +53,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         self.stereo_matching, self.refinement = self.dfn("stereo_matching"), self.dfn("refinement")
         self.triangulation = self.dfn("triangulation")
         self.prediction, self.tracking = self.dfn("prediction"), self.dfn("tracking")
+        self.describing, self.matching = self.dfn("description"), self.dfn("matching")
         self.pnp, self.motion = self.dfn("pnp"), self.dfn("motion")
         if "seed" not in self.config.pnp:
             self.pnp.configure(self.pnp.config.model_copy(update={"seed": self.context.seed}))
@@ -58,6 +64,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         self._path = Path(c.trajectory_length, self._felt.increment)
         self._calibration = Calibration(c.sigma_calibration_walk_px)
         self._key: KeyFrame | None = None
+        self._before: tuple[KeyFrame, LinkedPose] | None = None
         self._last: View | None = None
         self._lost, self._gaps, self._gap_open = 0, 0, False
         self.store.offer("keyframe", lambda: self._key and self._key.view.pair)
@@ -158,7 +165,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         """Make a key frame of a pair, with doubts about it; raises RefusedError where left and right differ."""
         found = self.extraction.process(FeaturesExtraction2DInputs(image=view.left))
         paired = self.stereo_matching.process(StereoMatching2DInputs(view.left, view.right, found.features))
-        doubts = verdict.judge_stereo(int(paired.valid.sum()), len(found.features), self.config.limits)
+        doubts = verdict.judge_stereo(paired.disparities[paired.valid], len(found.features), self.config.limits)
         features, disparities = found.features[paired.valid], paired.disparities[paired.valid]
         field = self.refinement.process(
             RectificationRefinementInputs(features, disparities, view.camera_matrix, paired.row_offsets[paired.valid])
@@ -176,22 +183,32 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
 
     def _follow(self, view: View, key: KeyFrame, sharpness: float) -> Output:
         """Locate the camera against the key frame; re-anchor when that fails ``patience`` times in a row."""
-        felt = float(self._path.is_felt(view.stamp_ns))
+        c, felt = self.config, float(self._path.is_felt(view.stamp_ns))
         try:
-            linked, pose, metrics, reasons = self._locate(view, key)
+            T_now_key = se3.inverse(self._path.predict(view.stamp_ns)) @ key.pose.matrix
+            refined, metrics, reasons = self._locate(view, key, T_now_key)
         except RefusedError:
             self._lost += 1
-            if self._lost >= self.config.patience:
+            if self._lost >= c.patience:
                 self._key, _ = self._anchor(view, self._unlinked(self._path.across_gap(view.stamp_ns)), sharpness)
                 self._gaps, self._gap_open, self._lost = self._gaps + 1, True, 0
+                self._before = None
             raise
-        reasons += verdict.blur_reasons(sharpness, key.sharpness, self.config.limits)
+        reasons += verdict.blur_reasons(sharpness, key.sharpness, c.limits)
         reasons += ["gap"] if self._gap_open else []
+        motion, renew = LinkedPose.of_motion(refined), metrics["inliers"] < c.keyframe_survival * len(key.features)
+        corrected = key.pose.corrected(refined.calibration - self._calibration.mean_px)
+        linked = corrected @ motion
+        if renew:
+            linked = self._refine(view, motion, linked)
+        pose = linked.stated(refined.calibration_covariance)
+        self._calibration.note(refined.calibration, refined.calibration_covariance)
         self._path.measured(view.stamp_ns, pose, after_gap=self._gap_open)
         self._lost, self._gap_open = 0, False
-        if metrics["inliers"] < self.config.keyframe_survival * len(key.features):
+        if renew:
             try:
                 self._key, _ = self._anchor(view, linked, sharpness)
+                self._before = (key, motion) if c.window > 1 else None
             except RefusedError as doubt:
                 reasons += doubt.reasons
         offset_px, decentring_px = (float(p) for p in self._calibration.mean_px)
@@ -199,11 +216,32 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         metrics |= {"disparity_offset_px": offset_px, "decentring_px": decentring_px}
         return self._output(view.stamp_ns, (key.view.sample_id, view.sample_id), pose, self._quality(reasons, metrics))
 
-    def _locate(self, view: View, key: KeyFrame) -> tuple[LinkedPose, UncertainTransform, dict[str, float], list[str]]:
-        """``T_vo_now`` by tracking, outlier rejection, stereo matching and refinement; raises RefusedError."""
-        T_now_key = se3.inverse(self._path.predict(view.stamp_ns)) @ key.pose.matrix
+    def _refine(self, view: View, motion: LinkedPose, linked: LinkedPose) -> LinkedPose:
+        """``T_vo_now`` of a coming key frame, seen from the one before the last too where that still shows enough."""
+        if self._before is None:
+            return linked
+        old, T_old_key = self._before
+        chained = T_old_key @ motion
+        try:
+            refined, _, doubts = self._locate(view, old, se3.inverse(chained.matrix))
+        except RefusedError:
+            return linked
+        return linked if doubts else old.pose @ chained.fused(LinkedPose.of_motion(refined))
+
+    def _locate(
+        self, view: View, key: KeyFrame, T_now_key: FloatArray
+    ) -> tuple[StereoMotionEstimationOutputs, dict[str, float], list[str]]:
+        """The motion from a key frame by tracking, outlier rejection, stereo matching and refinement.
+
+        Raises RefusedError where it cannot be stood for.
+        """
         tracked, matches, visible = self._track(view, key, T_now_key)
-        T_now_key, agreeing = self._agree(view, key, tracked, matches, T_now_key)
+        try:
+            T_now_key, agreeing = self._agree(view, key, tracked, matches, T_now_key)
+        except RefusedError:
+            T_now_key = self._search(view, key)
+            tracked, matches, visible = self._track(view, key, T_now_key)
+            T_now_key, agreeing = self._agree(view, key, tracked, matches, T_now_key)
         if len(tracked) < 0.5 * visible:
             again, again_matches, _ = self._track(view, key, T_now_key)
             if len(again) > len(tracked):
@@ -228,10 +266,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         counts = {"features": len(key.features), "visible": visible, "tracked": len(tracked)}
         metrics = verdict.motion_metrics(refined, reference[:, 2], counts, self.config.limits)
         reasons = verdict.judge_motion(metrics, self.config.limits)
-        self._calibration.note(refined.calibration, refined.calibration_covariance)
-        before = key.pose.corrected(refined.calibration - self._calibration.mean_px)
-        linked = before @ LinkedPose.of_motion(refined, self.config.common_persistence)
-        return linked, linked.stated(refined.calibration_covariance), metrics, reasons
+        return refined, metrics, reasons
 
     def _predict(self, view: View, key: KeyFrame, T_now_key: FloatArray) -> Any:
         return self.prediction.process(
@@ -253,8 +288,20 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         )
         return visible[found.valid], found.matches[found.valid], len(visible)
 
+    def _search(self, view: View, key: KeyFrame) -> FloatArray:
+        """``T_now_key`` without a prediction, by descriptors: after a jolt, or where images were dropped."""
+        found = self.extraction.process(FeaturesExtraction2DInputs(image=view.left))
+        before = self.describing.process(FeaturesDescription2DInputs(key.view.left, key.features))
+        now = self.describing.process(FeaturesDescription2DInputs(view.left, found.features))
+        candidates, corners = np.flatnonzero(before.valid), found.features[now.valid]
+        matched = self.matching.process(
+            FeaturesMatching2DInputs(before.descriptors[candidates], now.descriptors[now.valid])
+        )
+        pairs = matched.matches
+        return self._agree(view, key, candidates[pairs[:, 0]], corners[pairs[:, 1]], None)[0]
+
     def _agree(
-        self, view: View, key: KeyFrame, tracked: Any, matches: FloatArray, guess: FloatArray
+        self, view: View, key: KeyFrame, tracked: Any, matches: FloatArray, guess: FloatArray | None
     ) -> tuple[FloatArray, Any]:
         """``T_now_key`` that most tracked points agree on, and which do."""
         solved = self.pnp.process(

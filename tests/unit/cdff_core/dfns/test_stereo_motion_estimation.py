@@ -60,7 +60,7 @@ def test_outliers_are_found_and_do_not_move_the_result(rng: np.random.Generator)
 
 def test_errors_are_as_large_as_the_covariance_says(rng: np.random.Generator) -> None:
     """Mean NEES over 150 trials in six dimensions: its 99.9 % band is 5.1 to 6.9; Cauchy weights cost a little."""
-    dfn, nees = estimator(sigma_common_px=0.0), []
+    dfn, nees = estimator(sigma_common_px=0.0, sigma_common_disparity_px=0.0, noise_factor=1.0), []
     for _ in range(150):
         reference, current = measured(rng, scene(rng), 0.2)
         out = dfn.process(StereoMotionEstimationInputs(reference, current, CAMERA, BASELINE, np.eye(4)))
