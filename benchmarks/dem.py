@@ -26,7 +26,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binned_statistic_2d
+from scipy.stats import binned_statistic_dd
 
 from cdff_common.geometry import FrameGraph, UncertainTransform, se3
 from cdff_common.interfaces.dfpc import DfpcContext, Sample
@@ -84,10 +84,9 @@ def scipy_statistics(points: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     """The same with what SciPy offers for it."""
     x0, y0, x1, y1 = GRID.bounds
     edges = [np.linspace(y0, y1, GRID.rows + 1), np.linspace(x0, x1, GRID.cols + 1)]
-    names = ("count", "mean", "std", "min", "max")
-    y, x, z = points[:, 1], points[:, 0], points[:, 2]
-    first = binned_statistic_2d(y, x, z, names[0], bins=edges)
-    rest = [binned_statistic_2d(y, x, z, n, bins=edges, binned_statistic_result=first) for n in names[1:]]
+    where, z = points[:, [1, 0]], points[:, 2]
+    first = binned_statistic_dd(where, z, "count", bins=edges)  # the others take its cells over
+    rest = [binned_statistic_dd(where, z, n, binned_statistic_result=first) for n in ("mean", "std", "min", "max")]
     return [first.statistic, *(r.statistic for r in rest)]
 
 
@@ -113,7 +112,7 @@ def rasterising(rounds: int) -> dict[str, Any]:
         "fusion_cpu_s": cpu_s(lambda: fusion.process(DemFusionInputs(patch=patch, centre=centre)), rounds),
         "full_update_cpu_s": cpu_s(update, rounds),
         "numpy_bincount_cpu_s": cpu_s(lambda: numpy_statistics(points), rounds),
-        "scipy_binned_statistic_2d_cpu_s": cpu_s(lambda: scipy_statistics(points), 1),
+        "scipy_binned_statistic_dd_cpu_s": cpu_s(lambda: scipy_statistics(points), 1),
         "fusion_by_atlaas_rules_in_numpy_cpu_s": cpu_s(lambda: atlaas.merge(patch, centre), rounds),
         "largest_difference_of_means_m": float(np.max(np.abs(ours.mean.ravel() - plain[1])[seen])),
     }  # fmt: skip

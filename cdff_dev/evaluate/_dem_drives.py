@@ -67,11 +67,11 @@ def of_drive(drive: LidarDrive) -> dict[str, Scores]:
     made = {
         "true poses": _map(drive, drive.true_poses(), sweeps),
         "estimated poses": _map(drive, estimated, sweeps),
-        "estimated, attitude told once": _map(drive, levelled, sweeps),
+        "estimated, attitude told": _map(drive, levelled, sweeps),
     }
     scores = {name: _scores(dem, drive.truth) for name, dem in made.items()}
     scores["estimated, less shift and tilt"] = _scores(made["estimated poses"], drive.truth, remove_shift=True)
-    scores["atlaas's rules, attitude told once"] = _scores(_atlaas(drive, levelled, sweeps), drive.truth)
+    scores["atlaas's rules, attitude told"] = _scores(_atlaas(drive, levelled, sweeps), drive.truth)
     return scores
 
 

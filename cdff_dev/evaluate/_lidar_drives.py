@@ -24,8 +24,8 @@ from cdff_dev.simulate.traverse import sample_times_us
 from cdff_dev.simulate.world import cast_scene, generator, make_world, true_heights
 
 TRUTH_M = 0.05
-#: When a rover whose attitude is told begins to map, and how well it is told: roll and pitch, one sigma, as by stars.
-LEVELLED_S, LEVELLED_RAD = 1.0, 1e-4
+#: When a rover whose attitude is told begins to map; how often, and how well it is told: roll and pitch, one sigma.
+LEVELLED_S, TOLD_EVERY_S, LEVELLED_RAD = 1.0, 5.0, 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,18 +59,19 @@ class LidarDrive:
         Parameters
         ----------
         levelled : bool
-            Whether roll and pitch are told once, to ``LEVELLED_RAD``, while the rover still stands.
+            Whether roll and pitch are told now and then, to ``LEVELLED_RAD``, first while the rover still stands.
         """
         given = self.travel.samples
         samples = [*given["imu"], *given["odometry"], *given["visual_odometry"]]
         parameters = {}
         if levelled:
             rng = np.random.default_rng([79, self.travel.seed])
-            us = round(0.8e6 * LEVELLED_S)
-            turn = np.array([*rng.normal(0.0, LEVELLED_RAD, 2), 0.0])
-            T = self.travel.truth(EPOCH_NS + us * 1000)
             told = np.diag([100.0] * 3 + [LEVELLED_RAD**2] * 2 + [1.0])
-            samples.append(_pose("fix", 0, us, se3.transform(se3.exp_so3(turn) @ T[:3, :3], T[:3, 3]), told))
+            for k, t_s in enumerate(np.arange(0.8 * LEVELLED_S, self.travel.duration_s, TOLD_EVERY_S)):
+                us = round(1e6 * t_s)
+                turn = np.array([*rng.normal(0.0, LEVELLED_RAD, 2), 0.0])
+                T = self.travel.truth(EPOCH_NS + us * 1000)
+                samples.append(_pose("fix", k, us, se3.transform(se3.exp_so3(turn) @ T[:3, :3], T[:3, 3]), told))
             parameters = {"fix_weighting": "kalman"}
         found = run("position_manager", self.travel.context, samples, parameters=parameters)
         return [Sample("poses", p.header.t1_ns, p.header.seq, p.value, quality=p.header.quality) for p in found]

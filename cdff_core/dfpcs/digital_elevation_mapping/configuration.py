@@ -30,6 +30,9 @@ class DigitalElevationMappingConfig(DfpcConfig):
     stereo_distance_m: float = Field(0.3, ge=0.0, description="Motion after which the next pair is used, metres")
     stereo_period_s: float = Field(2.0, ge=0.0, description="Time after which the next pair is used anyway, seconds")
     stereo_min_period_s: float = Field(0.5, ge=0.0, description="Time before which no other pair is used, seconds")
+    stereo_common: float = Field(
+        0.3, ge=0.0, le=1.0, description="Share of a disparity's sigma that is its neighbours' too and never averages"
+    )
     align: bool = Field(True, description="Whether sweeps and clouds are fitted to the local map")
     overhang_gap_m: float | None = Field(
         1.0, gt=0.0, description="Empty height in a cell above which all is an overhang, metres; absent: none"

@@ -108,13 +108,16 @@ class Measuring:
         )
         above_m = moved.points[:, 2] - (T_map_body @ T_body_sensor).matrix[2, 3]
         noise_m2 = (sigma_m * above_m / range_m) ** 2  # the vertical part of the noise along the ray
+        shared_m2 = moved.height_variance
+        if sample.port == "stereo":
+            shared_m2 = shared_m2 + self._config.stereo_common**2 * noise_m2
         keep = np.ones(len(above_m), dtype=np.bool_)
         if self._config.min_height_m is not None:
             keep &= above_m >= self._config.min_height_m
         if self._config.max_height_m is not None:
             keep &= above_m <= self._config.max_height_m
         return Measurements(
-            moved.points[keep], stamps[keep], moved.height_variance[keep], noise_m2[keep], brightness[keep],
+            moved.points[keep], stamps[keep], shared_m2[keep], noise_m2[keep], brightness[keep],
             (range_m <= near_m)[keep], sample, poses, taken, self._poses.map_frame, T_map_body,
             (T_map_body @ T_body_sensor).matrix[:3, 3],
         )  # fmt: skip
