@@ -11,23 +11,20 @@ import numpy as np
 from cdff_dev.trajectory.plot import panel
 
 PEER = "kiss-icp 1.3.0"
+_HEAD = ("| drive | what | drift over 50 / 100 / 400 m | ATE | ATE of the way | NEES |", "|---" * 6 + "|")
 _OURS = ("odometry", "pose as published", "trajectory at the end")
 
 
 def draw(figures: dict[str, Any]) -> bytes:
-    """SVG: the first traverse from above, true and estimated, and the errors along it beside kiss-icp's."""
-    rows = figures["simulated"]
-    name, ours = next((k, v) for k, v in rows.items() if k.startswith("lidar_traverse, seed"))
+    """SVG: the first traverse from above, true and estimated, and the errors along it."""
+    ours = next(v for k, v in figures["simulated"].items() if k.startswith("lidar_traverse, seed"))
     final = ours["trajectory at the end"]["along"]
     curves = {"#c0392b": final, "#2c7fb8": ours["odometry"]["along"]}
-    peer = rows.get(name.replace("lidar_traverse", PEER), {})
-    if "along" in peer:
-        curves["#777777"] = peer["along"]
     plan = [np.column_stack([final[f"{of}x_m"], final[f"{of}y_m"]]) for of in ("", "estimated_")]
     errors_m = [np.column_stack([c["way_m"], c["error_m"]]) for c in curves.values()]
     above = panel(0.0, plan, ("#777777", "#c0392b"), ("x m", "y m"), equal=True)
     along = panel(520.0, errors_m, tuple(curves), ("way m", "error m"), equal=False)
-    names = ("trajectory at the end", "odometry", "kiss-icp")[: len(curves)]
+    names = ("trajectory at the end", "odometry")
     legend = "".join(
         f'<text x="{572 + 150 * i}" y="18" fill="{colour}">{name}</text>'
         for i, (name, colour) in enumerate(zip(names, curves, strict=True))
@@ -39,24 +36,25 @@ def draw(figures: dict[str, Any]) -> bytes:
 
 
 def table(figures: dict[str, Any]) -> str:
-    """Traverses beside the peer, loops, covariance, plains, laps, and real sweeps."""
-    rows = figures["simulated"]
-    lines = ["| drive | what | drift over 50 / 100 / 400 m | ATE | ATE of the way | NEES |", "|---" * 6 + "|"]
+    """Traverses, loops, and real sweeps."""
+    rows = {k: v for k, v in figures["simulated"].items() if k.startswith("lidar_traverse, seed")}
+    lines = list(_HEAD)
     for name, row in rows.items():
-        if name.startswith("lidar_traverse, seed"):
-            lines += [_errors(f"{name}, {row['way_m']:.0f} m", of, row[of]) for of in _OURS]
-            peer = rows.get(name.replace("lidar_traverse", PEER))
-            if peer is not None:
-                lines.append(_errors(name, PEER, peer))
-    lines.append("")
-    for name, row in rows.items():
-        if name.startswith("lidar_traverse, seed"):
-            lines.append(_traverse(name, row))
-        elif name.startswith(PEER):
-            cpu = row["cpu_s_per_sweep"]
-            lines.append(f"- {name}: {1e3 * cpu['mean']:.0f} ms of CPU a sweep on one thread.")
-    return "\n".join([*lines, "", *_loops(rows["loops"]), *_short(rows["short drives"]), *_plains(rows["lidar_plain"]),
-                      *_laps(rows["laps"]), *_real(figures["real"]["kitti_velodyne"])]) + "\n"  # fmt: skip
+        lines += [_errors(f"{name}, {row['way_m']:.0f} m", of, row[of]) for of in _OURS]
+    lines += ["", *(_traverse(name, row) for name, row in rows.items()), ""]
+    lines += [*_loops(figures["simulated"]["loops"]), *_real(figures["real"]["kitti_velodyne"])]
+    return "\n".join(lines) + "\n"
+
+
+def peer_table(figures: dict[str, Any]) -> str:
+    """The peer on each traverse."""
+    if not figures:
+        return "kiss-icp did not run: no interpreter had it (`CDFF_PEER_PYTHON`).\n"
+    lines = [*_HEAD, *(_errors(name, PEER, row) for name, row in figures.items()), ""]
+    for name, row in figures.items():
+        cpu = row["cpu_s_per_sweep"]
+        lines.append(f"- {PEER}, {name}: {1e3 * cpu['mean']:.0f} ms of CPU a sweep on one thread.")
+    return "\n".join(lines) + "\n"
 
 
 def _errors(drive: str, what: str, row: dict[str, Any]) -> str:
@@ -107,15 +105,15 @@ def _loops(row: dict[str, Any]) -> list[str]:
     ]
 
 
-def _short(row: dict[str, Any]) -> list[str]:
+def covariance_table(row: dict[str, Any]) -> str:
+    """Squared error by covariance at the end of short drives."""
     low, high = row["band_95"]
-    return [
+    return (
         f"**Covariance**, {row['drives']} drives of {row['seconds']:.0f} s on ground of their own: the last pose of "
-        f"`odometry` has a mean NEES of {row['mean_nees']:.2f} (median {row['nees']['median']:.2f}; the two-sided 95 % "
-        f"band of the mean is {low:.2f} to {high:.2f}), mean sigma {1e3 * row['mean_sigma_m']:.1f} mm and "
-        f"{row['mean_sigma_deg']:.3f}°.",
-        "",
-    ]
+        f"`odometry` has a mean NEES of {row['mean_nees']:.2f} (median {row['nees']['median']:.2f}, greatest "
+        f"{row['nees']['max']:.1f}; the two-sided 95 % band of the mean is {low:.2f} to {high:.2f}), mean sigma "
+        f"{1e3 * row['mean_sigma_m']:.1f} mm and {row['mean_sigma_deg']:.3f}°.\n"
+    )
 
 
 def _plains(row: dict[str, Any]) -> list[str]:
@@ -134,18 +132,31 @@ def _plains(row: dict[str, Any]) -> list[str]:
     return [*lines, ""]
 
 
-def _laps(row: dict[str, Any]) -> list[str]:
-    ways = sorted(row["by_way_m"], key=int)
-    shown = [ways[i] for i in sorted({0, len(ways) // 4, len(ways) // 2, 3 * len(ways) // 4, len(ways) - 1})]
-    steps = "; ".join(
-        f"{int(w)} m: {row['by_way_m'][w]['keyframes']}, {row['by_way_m'][w]['cloud_mb']:.1f} MB" for w in shown
-    )
-    end = row["trajectory at the end"]
-    return [
-        f"**Laps** of the same way with a third of the points, key frames and memory after {steps}; ATE at the end "
-        f"{100.0 * end['ate_rmse_m']:.1f} cm.",
+def ground_table(figures: dict[str, Any]) -> str:
+    """Plains, and lidars with few points."""
+    lines = _plains(figures["lidar_plain"])
+    lines += ["| lidar | parameters of `tracking` | drift over 10 / 20 m | OK / DEGRADED / FAILED |", "|---" * 4 + "|"]
+    for name, row in figures["sparse"].items():
+        drift = " / ".join(f"{row['drift_percent'][k]:.2f}" for k in _lengths(row["drift_percent"], 10, 20))
+        said = " / ".join(str(row["sweeps"].get(status, 0)) for status in ("OK", "DEGRADED", "FAILED"))
+        lines.append(f"| {name} | {row['tracking'] or 'defaults'} | {drift} % | {said} |")
+    return "\n".join(lines) + "\n"
+
+
+def laps_table(figures: dict[str, Any]) -> str:
+    """What is kept after each lap."""
+    lines = [
+        f"**Laps** of one circle of {figures['lap_m']:.0f} m, {figures['loops']} loops in the graph, ATE at the end "
+        f"{100.0 * figures['trajectory at the end']['ate_rmse_m']:.1f} cm:",
         "",
+        "| after lap | way | key frames | edges of the graph | clouds |",
+        "|---" * 5 + "|",
     ]
+    for lap, row in sorted(figures["after_lap"].items(), key=lambda item: int(item[0])):
+        lines.append(
+            f"| {lap} | {row['way_m']:.0f} m | {row['keyframes']} | {row['edges']} | {row['cloud_mb']:.1f} MB |"
+        )
+    return "\n".join(lines) + "\n"
 
 
 def _real(row: dict[str, Any]) -> list[str]:

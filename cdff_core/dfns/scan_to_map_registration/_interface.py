@@ -34,6 +34,11 @@ class ScanToMapRegistrationInputs:
         Of the guess: x y z rx ry rz, error in the frame of the map.
     sweep_covariance : ndarray of float64, shape (6,6), optional
         Of the sweep's motion: x y z rx ry rz.
+    before : ndarray of float64, shape (4,4), optional
+        T_map_sensor at the end of the sweep before; with sweepShare the sweep's motion is expected as that share of
+        the motion since then, whatever that turns out to be, and sweepGuess is but the begin.
+    sweep_share : ndarray of float64, shape (), optional
+        Length of the sweep by the time since the end of the sweep before.
     """
 
     surface: NDArray[np.float64] | None = None
@@ -43,6 +48,8 @@ class ScanToMapRegistrationInputs:
     sweep_guess: NDArray[np.float64] | None = None
     guess_covariance: NDArray[np.float64] | None = None
     sweep_covariance: NDArray[np.float64] | None = None
+    before: NDArray[np.float64] | None = None
+    sweep_share: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -36,17 +36,20 @@ class VoxelPlanesConfig(DfnConfig):
     radius_m: float = Field(60.0, gt=0.0, le=1000.0, description="What is farther from the sensor is forgotten, metres")
     full_count: int = Field(60, ge=6, le=10_000, description="Points after which a voxel takes no more")
     surface_voxel_m: float = Field(0.12, gt=0.0, le=10.0, description="One point in this is added to the map, metres")
-    points_voxel_m: float = Field(0.6, gt=0.0, le=10.0, description="One point in this is registered, metres")
+    points_voxel_m: float = Field(0.2, gt=0.0, le=10.0, description="One point in this is registered, metres")
     noise_m: float = Field(0.02, gt=0.0, le=1.0, description="Least sigma of a distance to a plane, metres")
     points_per_measurement: float = Field(10.0, ge=1.0, le=1000.0, description="Points that count as one measurement")
     first_kernel_m: float = Field(
         0.5, gt=0.0, le=10.0, description="Width of the kernel at the first iteration, metres"
     )
-    last_kernel_m: float = Field(0.06, gt=0.0, le=10.0, description="Width of the kernel at the end, metres")
+    last_kernel_m: float = Field(0.15, gt=0.0, le=10.0, description="Width of the kernel at the end, metres")
     held_sigma_m: float = Field(
         0.045, gt=0.0, le=100.0, description="Sigma left by the map above which a direction stays as guessed, metres"
     )
-    max_iterations: int = Field(20, ge=1, le=500, description="Iterations at most")
+    least_agreement: float = Field(
+        0.25, ge=0.0, le=1.0, description="Share that both halves of the map agree on below which it holds nothing"
+    )
+    max_iterations: int = Field(30, ge=1, le=500, description="Iterations at most")
     tolerance_m: float = Field(5e-4, gt=0.0, le=1.0, description="Step that has converged, metres")
 
 
@@ -58,8 +61,9 @@ class VoxelPlanes(ScanToMapRegistrationInterface):
     Map and adaptive use of a motion model after Vizzo et al. (2023), "KISS-ICP", doi:10.1109/LRA.2023.3236571, with
     planes in the voxels as in Yuan et al. (2022), "VoxelMap", doi:10.1109/LRA.2022.3187250. Pose and motion during the
     sweep are estimated together (Dellenbach et al. 2022, "CT-ICP", doi:10.1109/ICRA46639.2022.9811849), with the
-    guesses as prior information. Rings of a sweep that fall on the rings of the one before do not hold it: a voxel
-    without two dimensions of points has no plane.
+    guesses as prior information. Where the pose before is known, the motion during the sweep is expected to be its
+    share of that since then, so that speeding up and slowing down do not skew the sweep. Rings of a sweep that fall on
+    the rings of the one before do not hold it: a voxel without two dimensions of points has no plane.
     """
 
     Config: ClassVar[type[DfnConfig]] = VoxelPlanesConfig
@@ -104,11 +108,10 @@ class VoxelPlanes(ScanToMapRegistrationInterface):
         T_first, T = T, T.copy()
         motion = np.concatenate([-sweep[:3, 3], -se3.log_so3(sweep[:3, :3])])
         motion_first = motion.copy()
-        prior = np.zeros((12, 12))
-        prior[:6, :6] = _information(inputs.guess_covariance, "guess_covariance")
-        prior[6:, 6:] = _information(inputs.sweep_covariance, "sweep_covariance") + 1e6 * np.eye(6) * (
-            inputs.sweep_covariance is None
-        )
+        prior = _information(inputs.guess_covariance, "guess_covariance")
+        prior_sweep = _information(inputs.sweep_covariance, "sweep_covariance")
+        prior_sweep += 1e6 * np.eye(6) * (inputs.sweep_covariance is None)
+        before, share = _motion_before(inputs)
         kernel, iterations, converged = cfg.first_kernel_m, 0, False
         for _ in range(cfg.max_iterations):
             H, b, sums = self._kernels.normal_equations(
@@ -120,10 +123,15 @@ class VoxelPlanes(ScanToMapRegistrationInterface):
             iterations += 1
             rms_m, radius_m = float(np.sqrt(sums[2] / sums[0])), max(float(np.sqrt(sums[3] / sums[0])), 1e-6)
             variance = max(rms_m, cfg.noise_m) ** 2 * cfg.points_per_measurement
-            off = np.concatenate([_left_error(T_first, T), motion - motion_first])
-            A = H / variance + prior
+            A, g = H / variance, b / variance
+            A[:6, :6] += prior
+            g[:6] += prior @ _left_error(T_first, T)
+            expected, J = (motion_first, np.zeros((6, 6))) if before is None else _share_of_motion(before, T, share)
+            to_sweep = np.hstack([-J, np.eye(6)])
+            A += to_sweep.T @ prior_sweep @ to_sweep
+            g += to_sweep.T @ prior_sweep @ (motion - expected)
             A += _DAMPING * np.trace(A) * np.diag(np.concatenate([np.ones(3), np.full(3, radius_m**2)] * 2)) / 12.0
-            x = -np.linalg.solve(A, b / variance + prior @ off)
+            x = -np.linalg.solve(A, g)
             T[:3, :3] = se3.normalise_rotation(se3.exp_so3(x[3:6]) @ T[:3, :3])
             T[:3, 3] += x[:3]
             motion += x[6:]
@@ -156,8 +164,13 @@ class VoxelPlanes(ScanToMapRegistrationInterface):
     def _judged(
         self, points: Float, fraction: Float, T: Float, motion: Float, radius_m: float, variance: float
     ) -> tuple[Float, Float, Float]:
-        """Directions of the information, what both halves of the map agree on, and the sigma this leaves."""
+        """Directions of the information, what both halves of the map agree on, and the sigma this leaves.
+
+        Of one point a voxel: those that share a plane share its noise, and would count it as ground once more each.
+        """
         cfg: Any = self.config
+        kept = self._tables.thinned(points, cfg.voxel_m)
+        points, fraction = points[kept], fraction[kept]
         R = se3.exp_so3(fraction[:, None] * motion[None, 3:])
         still = np.einsum("nij,nj->ni", R, points) + fraction[:, None] * motion[:3]
         H, X, total = self._kernels.shared_information(
@@ -167,6 +180,7 @@ class VoxelPlanes(ScanToMapRegistrationInterface):
         values, vectors = np.linalg.eigh(H)
         shared = np.einsum("ij,ik,kj->j", vectors, X, vectors)
         agreement = shared / np.maximum(values, 1e-12)
+        shared[agreement < cfg.least_agreement] = 0.0
         sigma_m = np.sqrt(variance / np.maximum(shared * total, 1e-12))
         return np.ascontiguousarray(vectors.T), agreement, sigma_m
 
@@ -205,6 +219,25 @@ def _information(covariance: Float | None, name: str) -> Float:
     if C.shape != (6, 6) or not np.all(np.isfinite(C)):
         raise InputError(f"{name} {C.shape}: expected 6 by 6 finite values")
     return np.linalg.inv(C)
+
+
+def _motion_before(inputs: ScanToMapRegistrationInputs) -> tuple[Float | None, float]:
+    """Pose before, None where unknown, and the share of the motion since then that is expected of the sweep's."""
+    if inputs.before is None or inputs.sweep_share is None:
+        return None, 0.0
+    share = float(inputs.sweep_share)
+    if not 0.0 <= share <= 1.0:
+        raise InputError(f"sweep_share {share:g}: expected 0 to 1, a sweep ends before the next one begins")
+    return checked_transform(inputs.before, "before"), share
+
+
+def _share_of_motion(T_before: Float, T: Float, share: float) -> tuple[Float, Float]:
+    """Share of the motion since a pose, in axes of the sensor; derivative by shift and turn in axes of the map."""
+    R = T[:3, :3]
+    J = np.zeros((6, 6))
+    J[:3, :3] = J[3:, 3:] = share * R.T
+    turn = se3.log_so3(T_before[:3, :3].T @ R)
+    return share * np.concatenate([R.T @ (T[:3, 3] - T_before[:3, 3]), turn]), J
 
 
 def _held(

@@ -53,11 +53,7 @@ class LidarSlam(LidarSlamInterface):
 
     def forget(self) -> None:
         """Forget map and trajectory and begin anew."""
-        try:
-            T_base_lidar = self.context.frames.lookup(f"{self.context.robot}/base", self._lidar, 0).matrix
-        except FrameNotFoundError:
-            T_base_lidar = np.eye(4)  # without extrinsics odometry is taken as that of the lidar
-        self._tracker = Tracker(self.config, self.dfn("deskewing"), self.dfn("tracking"), T_base_lidar)
+        self._tracker = self._new_tracker()
         self._places = KeyFrameMap()
         self._trajectory = Trajectory(self.config.history)
         self._current: int | None = None
@@ -89,7 +85,7 @@ class LidarSlam(LidarSlamInterface):
         self._begin_where_it_was()
         tracked = self._tracker.track(sample.value)
         if self._current is None:
-            self._begin(sample.stamp_ns, tracked)
+            tracked = self._begin(sample, tracked)
         else:
             self._T_current_lidar = self._T_current_lidar @ tracked.increment
             self._way_m += float(np.linalg.norm(tracked.increment.matrix[:3, 3]))
@@ -205,19 +201,41 @@ class LidarSlam(LidarSlamInterface):
         ]
         self._tracker.begin_at(T, np.concatenate(around))
 
-    def _begin(self, stamp_ns: int, tracked: Tracked) -> None:
-        """The first key frame: of a new map, at the place of before, or of a part that a loop has yet to link."""
+    def _new_tracker(self) -> Tracker:
+        """Tracking that knows no surroundings yet."""
+        try:
+            T_base_lidar = self.context.frames.lookup(f"{self.context.robot}/base", self._lidar, 0).matrix
+        except FrameNotFoundError:
+            T_base_lidar = np.eye(4)  # without extrinsics odometry is taken as that of the lidar
+        return Tracker(self.config, self.dfn("deskewing"), self.dfn("tracking"), T_base_lidar)
+
+    def _begin(self, sample: Sample, tracked: Tracked) -> Tracked:
+        """The first key frame: of a new map, at the place of before, or of a part that a loop has yet to link.
+
+        Returns
+        -------
+        Tracked
+            Anew where the surroundings were not those of before.
+        """
         resumed, self._resumed_at = self._resumed_at, None
         found = tracked.registration
-        confirmed = found is not None and float(found.inlier_ratio) >= self.config.resumed_inlier_ratio
-        if resumed is not None and found is not None and confirmed:
-            T = UncertainTransform(_rigid(se3.inverse(self._places.poses[resumed[0]]) @ tracked.T_odom_lidar))
-            self._current = self._places.follow(resumed[0], stamp_ns, UncertainTransform(T.matrix, found.covariance))
-            self._T_current_lidar = UncertainTransform.identity()
-            return
-        self._current = self._places.begin(stamp_ns, tracked.T_odom_lidar)
-        self._begun_m[self._current] = self._way_m
         self._T_current_lidar = UncertainTransform.identity()
+        if resumed is not None:
+            ratio = 0.0 if found is None else float(found.inlier_ratio)
+            if (
+                found is not None
+                and ratio >= self.config.resumed_inlier_ratio
+                and not degraded_of(tracked, self.config)
+            ):
+                T = _rigid(se3.inverse(self._places.poses[resumed[0]]) @ tracked.T_odom_lidar)
+                here = UncertainTransform(T, found.covariance)
+                self._current = self._places.follow(resumed[0], sample.stamp_ns, here)
+                return tracked
+            self._tracker = self._new_tracker()
+            tracked = self._tracker.track(sample.value)
+        self._current = self._places.begin(sample.stamp_ns, tracked.T_odom_lidar)
+        self._begun_m[self._current] = self._way_m
+        return tracked
 
     def _gather(self, tracked: Tracked) -> None:
         """Add the sweep to the cloud of the current key frame."""

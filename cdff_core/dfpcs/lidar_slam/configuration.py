@@ -44,8 +44,7 @@ class LidarSlamConfig(DfpcConfig):
 
     min_range_m: float = Field(0.5, ge=0.0, le=100.0, description="Points nearer than this are the robot's own")
     max_range_m: float = Field(60.0, gt=0.0, le=500.0, description="Points farther than this are left out")
-    smoothing: float = Field(0.3, gt=0.0, le=1.0, description="Share of the newest motion in the predicted one")
-    guess_sigma_m: float = Field(0.1, gt=0.0, description="Of a translation predicted from the motion before, metres")
+    guess_sigma_m: float = Field(0.2, gt=0.0, description="Of a translation predicted from the motion before, metres")
     guess_sigma_rad: float = Field(0.05, gt=0.0, description="Of a rotation predicted from the motion before")
     wheels_sigma_m: float = Field(0.02, gt=0.0, description="Of a translation by the odometry: a part that is constant")
     wheels_share: float = Field(0.08, ge=0.0, le=1.0, description="Of a translation by the odometry: share of the way")
@@ -63,12 +62,12 @@ class LidarSlamConfig(DfpcConfig):
     drift_share: float = Field(
         0.01, ge=0.0, le=100.0, description="Of the covariance of one sweep's pose: what adds up with each metre"
     )
-    settling_m: float = Field(3.0, gt=0.0, le=100.0, description="Way on which a new map holds sweeps poorly, metres")
+    settling_m: float = Field(5.0, gt=0.0, le=100.0, description="Way on which a new map holds sweeps poorly, metres")
     settling_noise: float = Field(
         60.0, ge=0.0, description="What that adds to the covariance of a pose at its begin, in such covariances"
     )
     settling_drift: float = Field(
-        2.5, ge=0.0, description="What adds up on it with each metre, in covariances of one sweep's pose"
+        0.75, ge=0.0, description="What adds up on it with each metre, in covariances of one sweep's pose"
     )
     weak_sigma_m: float = Field(
         0.045, gt=0.0, description="Sigma that the map leaves along a direction: DEGRADED above"

@@ -105,7 +105,7 @@ class Tracker:
         points, fraction = self._usable(scan)
         first = self._stamp_ns is None and self._surface is None
         wheels = self._wheels.since_last_sweep(scan.t1_ns)
-        span_s = 0.1 if self._stamp_ns is None else (scan.t1_ns - self._stamp_ns) / NS_PER_S
+        span_s = 0.1 if self._stamp_ns is None else max((scan.t1_ns - self._stamp_ns) / NS_PER_S, 1e-3)
         guess, guess_covariance = self._guess(wheels, span_s)
         T_before = self._T
         registration: ScanToMapRegistrationOutputs | None = None
@@ -113,7 +113,8 @@ class Tracker:
         sweep = se3.inverse(_motion(velocity * (scan.t1_ns - scan.t0_ns) / NS_PER_S))
         if not first:
             try:
-                registration = self._register(points, fraction, T_before @ guess, sweep, guess_covariance)
+                share = None if self._stamp_ns is None else min(1.0, (scan.t1_ns - scan.t0_ns) / NS_PER_S / span_s)
+                registration = self._register(points, fraction, T_before @ guess, sweep, guess_covariance, share)
             except RefusedError:
                 registration = None
         else:
@@ -128,8 +129,7 @@ class Tracker:
         self._surface = se3.transform_points(self._T, still)
         increment = se3.inverse(T_before) @ self._T
         if self._stamp_ns is not None:
-            a = self._config.smoothing
-            self._velocity = (1.0 - a) * self._velocity + a * _twist(increment) / span_s
+            self._velocity = _twist(increment) / span_s
         self._stamp_ns = scan.t1_ns
         way_m = float(np.linalg.norm(increment[:3, 3]))
         self._way_m += way_m
@@ -199,7 +199,7 @@ class Tracker:
         return step, _turned(np.diag(np.concatenate([shift, turn])), self._T[:3, :3])
 
     def _register(
-        self, points: Float, fraction: Float, guess: Float, sweep: Float, covariance: Float
+        self, points: Float, fraction: Float, guess: Float, sweep: Float, covariance: Float, share: float | None
     ) -> ScanToMapRegistrationOutputs:
         c = self._config
         guess = se3.transform(se3.normalise_rotation(guess[:3, :3]), guess[:3, 3])
@@ -213,6 +213,8 @@ class Tracker:
                 sweep_guess=sweep,
                 guess_covariance=covariance,
                 sweep_covariance=np.diag(sigma**2),
+                before=None if share is None else self._T,
+                sweep_share=None if share is None else np.array(share),
             )
         )
         return found

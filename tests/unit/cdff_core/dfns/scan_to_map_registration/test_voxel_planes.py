@@ -63,6 +63,29 @@ def test_pose_and_motion_during_the_sweep_are_found_together(ground: Ground, rng
     assert np.all(np.linalg.eigvalsh(found.covariance) > 0.0)
 
 
+def test_slowing_down_does_not_skew_the_sweep_where_the_pose_before_is_known(
+    ground: Ground, rng: np.random.Generator
+) -> None:
+    node = mapped(ground, rng)
+    T_before, T_begin, T_end = (standing(ground, x, 0.1, 0.0) for x in (0.1, 0.28, 0.3))
+    points, fraction = sweep_points(ground, T_begin, T_end, rng)
+    too_fast = se3.transform(np.eye(3), np.array([-0.1, 0.0, 0.0]))  # as if it moved on at 1 m/s for 0.1 s
+    sweep = {"points": points, "fraction": fraction, "guess": T_end, "sweep_guess": too_fast}
+    prior = {"guess_covariance": 4.0 * PRIOR, "sweep_covariance": 0.1 * SWEEP_PRIOR}
+    alone = node.process(Inputs(**sweep, **prior))
+    known = node.process(Inputs(**sweep, **prior, before=T_before, sweep_share=np.array(0.1)))
+    off_m = [np.linalg.norm(f.transform[:3, 3] - T_end[:3, 3]) for f in (alone, known)]
+    assert off_m[1] < 0.02
+    assert off_m[1] < 0.6 * off_m[0]
+
+
+def test_a_sweep_longer_than_its_period_is_refused(ground: Ground, rng: np.random.Generator) -> None:
+    node, T = mapped(ground, rng), standing(ground, 0.1, 0.1, 0.0)
+    points, fraction = sweep_points(ground, T, T, rng)
+    with pytest.raises(InputError, match="sweep_share 2"):
+        node.process(Inputs(points=points, fraction=fraction, guess=T, before=T, sweep_share=np.array(2.0)))
+
+
 def test_on_a_plain_the_guess_holds_where_the_ground_says_nothing(rng: np.random.Generator) -> None:
     node = mapped(plain, rng)
     T = standing(plain, 0.4, 0.0, 0.0)
