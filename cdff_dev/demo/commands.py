@@ -31,6 +31,7 @@ def register(nouns: Any) -> None:
     parser.add_argument("--http", default="127.0.0.1:8080", metavar="HOST:PORT")
     parser.add_argument("--connect", default="tcp/127.0.0.1:7447", help="endpoint of the router")
     parser.add_argument("--data-dir", help="keep the products there; default: a fresh folder, removed at the end")
+    parser.add_argument("--report", type=Path, metavar="FILE", help="write a page of what came out, as mission.html")
     parser.add_argument(
         "--attach", action="store_true", help="ask a system that runs already, as one in containers, and start nothing"
     )
@@ -107,15 +108,26 @@ def _run_system(args: argparse.Namespace) -> int:
                 _say(f"this machine is too slow for the mission: its clock was held for {held_s:.0f} s in all")
             _say(f"found over HTTP at {args.http}: {found_over_http(args.http)}")
             code = _verdict(outcomes)
+            remarks: list[str] = []
             if script.sharing is not None:
                 from cdff_dev.demo.sharing import shared
 
                 found = shared(script.sharing, profile, log, bus, args.http)
-                for line in found.lines():
-                    _say(line)
                 wrong = found.faults(script.sharing)
-                _say("FAIL the shared map: " + "; ".join(wrong) if wrong else "ok   the shared map is as asked")
+                remarks += found.lines()
+                remarks.append(
+                    "FAIL the shared map: " + "; ".join(wrong) if wrong else "ok   the shared map is as asked"
+                )
                 code = max(code, int(bool(wrong)))
+            for line in remarks:
+                _say(line)
+            if args.report is not None:
+                from cdff_dev.demo.report import elevation_around, processes_under, ways, write_report
+
+                driven = ways(profile, log, args.http)
+                ground, used = elevation_around(bus, driven), processes_under(stage.supervisor_pid)
+                write_report(args.report, f"Mission {name}", profile, outcomes, remarks, driven, ground, used)
+                _say(f"the report is in {args.report}")
             if code:
                 stage.keep = True
                 _say(f"the logs of every process are kept in {stage.log_dir}")

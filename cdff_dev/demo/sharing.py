@@ -101,7 +101,8 @@ def shared(sharing: Sharing, profile: Profile, log: Path, bus: Bus, http: str) -
     seen, heights = [], []
     true_poses, terrain = truth(log, profile, sharing.robots)
     for state in (before, None):
-        found = [_poses(http, robot, state) for robot in sharing.robots]
+        series = [pose_series(http, robot, f"{robot}/lidar", state) for robot in sharing.robots]
+        found = [{int(item["stamp_ns"]): np.array(item["T"]) for item in items} for items in series]
         seen.append(relative_errors(found, [true_poses[r] for r in sharing.robots], sharing.within_m))
         heights.append(height_errors(_elevation(bus, sharing, state), terrain))
     graph = bus.call(keys.dpm_rpc(keys.GROUND, "get"), {"type": "pose_graph", "robot": keys.GROUND}, timeout_s=_CALL_S)
@@ -190,16 +191,16 @@ def _map_frame(bus: Bus, robot: str) -> str:
     return str(items[0]["frame"])
 
 
-def _poses(http: str, robot: str, state: int | None) -> dict[int, Float]:
-    """``T_site_lidar`` by time, as the DPM holds it in a state of its frames."""
-    asked = {"robot": robot, "frame": "site", "child": f"{robot}/lidar", "limit": 10_000}
+def pose_series(http: str, robot: str, child: str, state: int | None = None) -> list[dict[str, Any]]:
+    """Poses of a frame of a robot in the site, as the DPM holds them in a state of its frames, now without one."""
+    asked = {"robot": robot, "frame": "site", "child": child, "limit": 10_000}
     asked |= {} if state is None else {"frames_revision": state}
     try:
         with urllib.request.urlopen(f"http://{http}/api/v1/poses?{urlencode(asked)}", timeout=_CALL_S) as response:
-            items = json.load(response)["items"]
+            items: list[dict[str, Any]] = json.load(response)["items"]
     except (OSError, ValueError, KeyError) as error:
         raise CdffError(f"poses of {robot} over HTTP at {http}: {error}") from error
-    return {int(item["stamp_ns"]): np.array(item["T"]) for item in items}
+    return items
 
 
 def _elevation(bus: Bus, sharing: Sharing, state: int | None) -> ElevationMap:

@@ -15,7 +15,7 @@ from cdff_common.bus.message import pack
 from cdff_common.codecs import decode, encode
 from cdff_common.codecs.encoding import encoding_string, parse_encoding
 from cdff_common.codecs.siblings import wire_type
-from cdff_common.errors import FrameNotFoundError, ProductNotFoundError
+from cdff_common.errors import FrameNotFoundError, InputError, ProductNotFoundError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.product import Header, Quality, product_id
 from cdff_common.types import Pointcloud, PoseGraph
@@ -42,7 +42,13 @@ class Archive:
         self._inputs: dict[str, str] = {}
 
     def map_of(self, robot: str) -> RobotMap | None:
-        """The newest pose graph of a robot with the anchor of its frame; None while one of them is not there."""
+        """The newest pose graph of a robot with the anchor of its frame; None while one of them is not there.
+
+        Raises
+        ------
+        InputError
+            If the frame does not hang on the site itself.
+        """
         try:
             graph, header = self._newest_graph(robot)
             asked = {"frame": header.frame}
@@ -50,6 +56,10 @@ class Archive:
         except (ProductNotFoundError, FrameNotFoundError):
             return None
         first, last = found[0], found[-1]
+        if (hangs_on := last["parent"]) != SITE:
+            raise InputError(
+                f"frame {header.frame} hangs on {hangs_on}, expected {SITE}: its map cannot be re-anchored"
+            )
         self._revisions[header.frame], self._inputs[robot] = int(last["revision"]), header.id
         return RobotMap(robot, graph, *(UncertainTransform(r["T"], r["covariance"]) for r in (first, last)))
 
