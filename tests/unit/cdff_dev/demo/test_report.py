@@ -21,7 +21,8 @@ def way(off_m: float = 0.0) -> Way:
     stamps = np.arange(5, dtype=np.int64) * 1000
     true = np.column_stack([np.arange(5.0), np.zeros(5), np.zeros(5)])
     covariances = np.tile(np.diag([0.04, 0.01, 0.01]), (5, 1, 1))
-    return Way("mana", stamps, true + np.array([0.0, off_m, 0.0]), covariances, dict(zip(stamps.tolist(), true, strict=True)))
+    found = true + np.array([0.0, off_m, 0.0])
+    return Way("mana", stamps, found, covariances, dict(zip(stamps.tolist(), true, strict=True)))
 
 
 def ground() -> ElevationMap:
