@@ -36,7 +36,7 @@ from cdff_core.dfns.fundamental_matrix_computation._interface import Fundamental
 from cdff_core.dfns.homography_computation._interface import HomographyComputationInputs
 from cdff_core.dfns.n_view_triangulation._interface import NViewTriangulationInputs
 from cdff_core.dfns.transform_estimation_3d._interface import TransformEstimation3DInputs
-from cdff_dev.evaluate import _colmap, feature_matching
+from cdff_dev.evaluate import _colmap, feature_matching, feature_matching_models
 from cdff_dev.evaluate._bundles import by_gtsam, ring
 from cdff_dev.evaluate._image_pairs import grey
 from cdff_dev.evaluate.triangulation import scene
@@ -78,7 +78,7 @@ def of_dfns(left: np.ndarray, rounds: int) -> dict[str, Any]:
     a, b = (rng.integers(0, 256, (2000, 128), np.uint8) for _ in range(2))
     match = node("features_matching_2d")
     calls["FeaturesMatching2D/MutualRatio"] = lambda: match.process(FeaturesMatching2DInputs(a, b))
-    v = feature_matching.two_views(0, 1000)
+    v = feature_matching_models.two_views(0, 1000)
     source, sink, K = v["source"], v["sink"], v["K"]
     fundamental, essential = node("fundamental_matrix_computation"), node("essential_matrix_computation")
     homography = node("homography_computation", min_inliers=8, max_log10_false_alarms=0.0)

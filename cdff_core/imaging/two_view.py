@@ -36,7 +36,7 @@ Function = Callable[[FloatArray], FloatArray]
 _MAD = 1.4826
 _STEPS = 20
 #: By how much squared errors exceed the sandwich, times the number of inliers: wrong pairs within the gate. Chosen on
-#: ``two_views`` of cdff_dev.evaluate.feature_matching, 60 to 900 pairs with 30 % wrong, seeds from 10000 on.
+#: ``two_views`` of cdff_dev.evaluate.feature_matching_models, 60 to 900 pairs with 30 % wrong, seeds from 10000 on.
 _WRONG_PAIRS = 25.0
 
 

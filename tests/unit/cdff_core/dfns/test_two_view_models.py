@@ -19,7 +19,7 @@ from cdff_core.dfns.fundamental_matrix_computation._interface import Fundamental
 from cdff_core.dfns.homography_computation import magsac as homography
 from cdff_core.dfns.homography_computation._interface import HomographyComputationInputs
 from cdff_core.imaging.two_view import log10_false_alarms, sampson, transfer
-from cdff_dev.evaluate.feature_matching import two_views
+from cdff_dev.evaluate.feature_matching_models import two_views
 
 
 def made(kind: Any, **config: Any) -> Any:
