@@ -1,11 +1,15 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""KISS-Matcher and KISS-ICP on given clouds and sweeps, in an environment of their own that CDFF_PEER_PYTHON names."""
+"""KISS-Matcher and KISS-ICP on given clouds and sweeps, in a process of their own; CDFF_PEER_PYTHON may name another
+environment for it.
+"""
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import subprocess
+import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -87,9 +91,13 @@ np.savez(folder + "/found.npz", poses=poses, cpu=cpu, wall=wall)
 """
 
 
-def peer_python() -> str | None:
-    """Interpreter of an environment with kiss-matcher and numpy, or None: the peer's rows are then left out."""
-    return os.environ.get("CDFF_PEER_PYTHON") or None
+def peer_python(package: str = "") -> str | None:
+    """Interpreter that has the peer: of CDFF_PEER_PYTHON, else this one where it has the package.
+
+    None where there is neither: the peer's rows are then left out.
+    """
+    has_it = package and importlib.util.find_spec(package) is not None
+    return os.environ.get("CDFF_PEER_PYTHON") or (sys.executable if has_it else None)
 
 
 def kiss_matcher(python: str, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> list[tuple[FloatArray | None, float]]:

@@ -215,20 +215,22 @@ def covariance(ground: Place, seeds: Iterable[int], progress: Callable[[str], No
 def table(figures: dict[str, Any]) -> str:
     """Right, refused and wrong answers of each kind of trial, and the covariance."""
     lines = [
-        "| simulated | within 3 cm and 0.1° | median error | greatest | refused | wrong |",
-        "|---" * 6 + "|",
+        "| simulated | found | within 3 cm and 0.1° | median error | greatest | refused | wrong |",
+        "|---" * 7 + "|",
     ]
     for name in ("from 2 m and 20 deg off", "from nothing"):
         row = figures[name]
         m, d = row["translation_m"], row["rotation_deg"]
+        found = row["trials"] - row["refused"] - row["wrong"]
         lines.append(
-            f"| {name.replace(' deg', '°')} | {_rate(row['within_3_cm_and_0.1_deg'], row['trials'], row['within_95'])} "
+            f"| {name.replace(' deg', '°')} | {_rate(found, row['trials'], bound(found, row['trials']))} "
+            f"| {_rate(row['within_3_cm_and_0.1_deg'], row['trials'], row['within_95'])} "
             f"| {1e3 * m['median']:.1f} mm, {d['median']:.3f}° | {1e3 * m['max']:.1f} mm, {d['max']:.3f}° "
             f"| {row['refused']} | {_rate(row['wrong'], row['trials'], row['wrong_95'])} |"
         )
     other = figures["on other ground"]
     wrong = _rate(other["accepted"], other["trials"], other["accepted_95"])
-    lines.append(f"| on other ground | – | – | – | {other['trials'] - other['accepted']} | {wrong} |")
+    lines.append(f"| on other ground | – | – | – | – | {other['trials'] - other['accepted']} | {wrong} |")
     c = figures["covariance"]
     low, high = c["band_95"]
     lines += [

@@ -66,7 +66,7 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
 
 def on_terrain(seed: int) -> dict[str, dict[str, Trial]]:
     """The trial of every row and method with a seed."""
-    dfpc, peer = made(), peer_python()
+    dfpc, peer = made(), peer_python("kiss_matcher")
     pairs = {n: window_pair(seed, overlap, other_terrain=other) for n, overlap, other, trials in ROWS if seed < trials}
     found: dict[str, dict[str, Trial]] = {}
     for name, (source, target, T_true) in pairs.items():
