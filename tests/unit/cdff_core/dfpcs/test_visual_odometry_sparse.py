@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 from cdff_common.codecs import encode
 from cdff_common.errors import ConfigurationError
 from cdff_common.geometry import covariance as cov
+from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import Dfpc, DfpcContext, Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import FramePair
+from tests import corridor
 from tests.corridor import BASELINE_M, CAMERA, SHAPE, drive, stereo_pair, texture
 
 STEP_NS = 200_000_000
@@ -195,6 +197,34 @@ def test_a_longer_loss_leaves_a_gap_that_is_said_and_covered(pairs: list[FramePa
     error = cov.pose_error(TRUTH[7], T.matrix)
     assert error @ np.linalg.solve(T.covariance, error) < 20.0
     assert step(dfpc, pairs[8], 8).quality.metrics["gaps"] >= 1.0
+
+
+@pytest.mark.req("CDFF-SUP-014")
+def test_a_motorway_without_near_points_is_not_followed_silently(monkeypatch: pytest.MonkeyPatch) -> None:
+    """36 m/s between walls 30 m away, no texture on the road: nothing has the 10 px of disparity that carry a step."""
+    monkeypatch.setattr(corridor, "PLANES", ((0, -30.0, 1, 2), (0, 30.0, 1, 2), (1, -25.0, 0, 2), (2, 200.0, 0, 1)))
+    monkeypatch.setattr(corridor, "TEXEL_M", 0.12)
+    scene = [stereo_pair(se3.transform(np.eye(3), [0.0, 0.0, 3.6 * i]), i * STEP_NS) for i in range(4)]
+    outputs = run(made(limits={"min_disparity_px": 0.3}), scene)
+    assert [o.quality.status for o in outputs if o.quality.status is Status.OK] == []
+    assert all("near_points" in " ".join(o.quality.reasons) or o.value is None for o in outputs)
+
+
+def test_a_window_of_two_key_frames_finds_the_same_way(pairs: list[FramePair]) -> None:
+    outputs = run(made(window=2, keyframe_survival=0.95), pairs)
+    assert [o.quality.status for o in outputs] == [Status.OK] * len(pairs)
+    T = outputs[-1].value.transform
+    error = cov.pose_error(TRUTH[-1], T.matrix)
+    assert np.linalg.norm(error[:3]) < 0.01
+    assert error @ np.linalg.solve(T.covariance, error) < 40.0
+
+
+def test_dropped_pairs_are_bridged_by_descriptors(pairs: list[FramePair]) -> None:
+    dfpc = made()
+    kept = [0, 1, 6, 7, 8]
+    outputs = [step(dfpc, pairs[i], i) for i in kept]
+    assert Status.FAILED not in [o.quality.status for o in outputs]
+    assert np.linalg.norm(outputs[-1].value.transform.matrix[:3, 3] - TRUTH[-1, :3, 3]) < 0.01
 
 
 def test_stamps_must_rise(pairs: list[FramePair]) -> None:

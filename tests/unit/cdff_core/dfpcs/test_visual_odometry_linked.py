@@ -1,0 +1,57 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Poses of the visual odometry whose errors are linked."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry import covariance as cov
+from cdff_core.dfpcs.visual_odometry_sparse._linked import COMMON, LinkedPose
+
+STEP = se3.transform(se3.exp_so3([0.0, 0.1, 0.02]), [0.1, 0.0, 0.5])
+CALIBRATION = np.diag([0.04, 0.01])
+
+
+def motion(rng: np.random.Generator, noise: float = 1e-6) -> LinkedPose:
+    return LinkedPose(STEP, noise * np.eye(6), 1e-3 * rng.normal(size=(6, COMMON + 2)))
+
+
+def test_what_is_shared_adds_up_as_monte_carlo_says(rng: np.random.Generator) -> None:
+    steps = [motion(rng) for _ in range(8)]
+    pose = LinkedPose.unlinked(UncertainTransform.identity(), 2)
+    for step in steps:
+        pose = pose @ step
+    errors = []
+    for _ in range(4000):
+        shared = np.concatenate([rng.normal(size=COMMON), rng.multivariate_normal(np.zeros(2), CALIBRATION)])
+        T = np.eye(4)
+        for step in steps:
+            off = step.response @ shared + 1e-3 * rng.normal(size=6)
+            T = T @ se3.transform(se3.exp_so3(off[3:]) @ STEP[:3, :3], STEP[:3, 3] + off[:3])
+        errors.append(cov.pose_error(T, pose.matrix))
+    stated = pose.stated(CALIBRATION).covariance
+    np.testing.assert_allclose(np.cov(np.array(errors).T), stated, atol=0.1 * float(np.abs(stated).max()))
+    # As if independent the covariance would be much too small.
+    assert np.trace(stated) > 2.0 * np.trace(pose.noise)
+
+
+def test_a_calibration_learnt_later_corrects_the_way_behind(rng: np.random.Generator) -> None:
+    step, change = motion(rng), np.array([0.2, -0.1])
+    corrected = step.corrected(change)
+    expected = step.response[:, COMMON:] @ change
+    np.testing.assert_allclose(cov.pose_error(corrected.matrix, step.matrix), expected, atol=1e-9)
+
+
+def test_the_mean_of_two_equal_estimates_has_half_the_noise(rng: np.random.Generator) -> None:
+    first = motion(rng)
+    off = np.array([1e-3, 0.0, -2e-3, 0.0, 1e-3, 0.0])
+    second = LinkedPose(
+        se3.transform(se3.exp_so3(off[3:]) @ STEP[:3, :3], STEP[:3, 3] + off[:3]), first.noise, first.response
+    )
+    mean = first.fused(second)
+    np.testing.assert_allclose(mean.noise, 0.5 * first.noise, atol=1e-15)
+    np.testing.assert_allclose(cov.pose_error(mean.matrix, first.matrix), 0.5 * off, atol=1e-8)
+    assert mean.response == pytest.approx(first.response)
