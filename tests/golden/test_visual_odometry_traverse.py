@@ -1,0 +1,43 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""A slice of the simulated traverse visual_rocks: the first metres of one rover."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cdff_dev.evaluate._visual_traverses import judged
+from cdff_dev.evaluate.traverse import drives
+
+pytestmark = [pytest.mark.golden, pytest.mark.slow, pytest.mark.timeout(900)]
+SLICE = """
+extends: visual_rocks
+name: visual_rocks_slice
+duration_s: 8.0
+robots:
+  r2:
+    start_xy_m: [-9.6, 3.0]
+    heading_deg: -6.0
+    curvature_1pm: [[0.0, 0.0], [2.0, -0.12], [5.0, 0.12], [9.0, 0.0]]
+    speed_m_s: 0.40
+    rest_before_s: 1.0
+    rest_after_s: 0.5
+    ramp_s: 1.0
+"""
+
+
+@pytest.mark.req("CDFF-CORE-070")
+def test_a_slice_of_the_rocky_traverse_ends_within_one_percent_of_its_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    scenario = tmp_path / "visual_rocks_slice.yaml"
+    scenario.write_text(SLICE, encoding="utf-8")
+    (drive,) = drives(str(scenario))[1]
+    row = judged(drive)
+    assert row["way_m"] > 1.5
+    assert row["end_percent"] < 1.0
+    assert (row["failed"], row["degraded"]) == (0.0, 0.0)
+    assert row["nees"] < 22.5  # 99.9 % of six degrees of freedom
