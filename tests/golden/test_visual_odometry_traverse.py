@@ -37,6 +37,7 @@ def test_a_slice_of_the_rocky_traverse_ends_within_one_percent_of_its_way(
     scenario.write_text(SLICE, encoding="utf-8")
     (drive,) = drives(str(scenario))[1]
     row = judged(drive)
+    drive.log.close()
     assert row["way_m"] > 1.5
     assert row["end_percent"] < 1.0
     assert (row["failed"], row["degraded"]) == (0.0, 0.0)
