@@ -67,7 +67,11 @@ def run_script(
     def ask_one(index: int, ask: Ask) -> None:
         while clock.now_ns() < begin_ns + int(ask.at_s * NS_PER_S):
             time.sleep(0.02)
-        outcomes[index] = outcome = _ask(ask, clock, connect, http)
+        try:
+            outcome = _ask(ask, clock, connect, http)
+        except Exception as error:  # noqa: BLE001  # a bug must not take the request out of the count
+            outcome = Outcome(ask, (f"{type(error).__name__}: {error}",), 0.0)
+        outcomes[index] = outcome
         on_outcome(outcome)
 
     threads = [
