@@ -32,7 +32,8 @@ from cdff_dev.evaluate._terrain import scan_pair
 from cdff_dev.evaluate.record import spread
 from cdff_dev.registration.rates import in_words, interval, nees_band, pose_errors
 
-HELD_OUT_SEEDS = range(3000, 3100)
+#: Two blocks of a hundred that served for nothing: single trials reach 35 where 6 is expected, so one block scatters.
+HELD_OUT_SEEDS = (*range(3000, 3100), *range(4000, 4100))
 DEVON_TRIALS = 100
 MAX_GUESS_M, MAX_GUESS_DEG = 0.5, 10.0
 LIMIT_M, LIMIT_DEG = 0.02, 0.1
@@ -78,7 +79,7 @@ def of_terrain(entries: Sequence[tuple[Output, float, FloatArray]]) -> dict[str,
         sigma_deg.append(float(np.degrees(np.sqrt(variance[3:].sum()))))
     low, high = nees_band(len(nees))
     return {
-        "seeds": [HELD_OUT_SEEDS[0], HELD_OUT_SEEDS[0] + len(entries) - 1],
+        "seeds": list(HELD_OUT_SEEDS[: len(entries)]),
         "refused": len(entries) - len(answered),
         "error_m": spread([m for m, _ in errors], 5), "error_deg": spread([d for _, d in errors], 5),
         "cpu_s": spread([cpu_s for _, cpu_s, _ in entries], 4),
