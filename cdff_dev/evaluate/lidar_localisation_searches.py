@@ -28,7 +28,7 @@ from cdff_dev.registration.rates import in_words, interval, pose_errors
 PAGE = "lidar_localisation"
 
 WAYS = ("shape", "descriptors")
-SEARCHES = 30
+SEARCHES = 500
 SPREAD_M, SPREAD_POINTS = 18.0, 12_000
 
 
