@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Two rovers share one map although parts of one and the merging die and the other is out of contact for a while."""
+"""Two rovers share one map although the mapping of one and the merging die and the other is away for a while."""
 
 from __future__ import annotations
 
@@ -85,6 +85,6 @@ def test_two_rovers_share_one_map_although_processes_die_and_one_rover_is_out_of
     for process in away:
         process.send_signal(signal.SIGCONT)
     until(lambda: revisions(bus, "minnie/slam") > 1, "minnie's map is re-anchored")
-    process_of(stage, "minnie_slam").send_signal(signal.SIGKILL)  # what was merged stays
+    process_of(stage, "map_merging").send_signal(signal.SIGKILL)  # what was merged stays
     at(clock, begin_ns, END_S)
     until(lambda: not shared(SHARING, profile, log, bus, stage.http).faults(SHARING), "one map", LEFT_S)
