@@ -106,7 +106,9 @@ def main() -> None:
     parser.add_argument("--rings", type=int, default=64, help="of a sweep")
     parser.add_argument("--columns", type=int, default=1800, help="of a sweep")
     parser.add_argument("--tracking", type=json.loads, default={}, help="parameters of the registration, JSON")
-    parser.add_argument("--peer-python", default=peer_python("kiss_icp"), help="interpreter with kiss-icp; CDFF_PEER_PYTHON")
+    parser.add_argument(
+        "--peer-python", default=peer_python("kiss_icp"), help="interpreter with kiss-icp; CDFF_PEER_PYTHON"
+    )
     parser.add_argument("--out", type=Path, help="JSON report")
     args = parser.parse_args()
     scans, truth, mount = sweeps(args.seed, max(args.sweeps, 60), args.rings, args.columns)
