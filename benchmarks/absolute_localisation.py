@@ -14,7 +14,6 @@ left out.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import subprocess
@@ -24,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from _report import give_out
 
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.registry import Registry
@@ -123,10 +123,7 @@ def main() -> None:
     if args.peer_python:
         report["scikit-image, heights"] = peer(pieces, args.peer_python, slopes=False)
         report["scikit-image, slopes"] = peer(pieces, args.peer_python, slopes=True)
-    text = json.dumps(report, indent=1)
-    print(text)
-    if args.out:
-        args.out.write_text(text + "\n", encoding="utf-8")
+    give_out(report, args.out)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ hashes or decodes. Latency includes two process switches on a shared machine: co
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import resource
@@ -28,6 +27,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import zenoh
+from _report import give_out
 
 from cdff_common.bus import Bus, Message, Qos, Reply, Request
 from cdff_common.bus.session import open_client
@@ -198,10 +198,7 @@ def main() -> None:
         "shared_memory_off": run(0, args.scale),
         "peak_rss_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1),
     }
-    text = json.dumps(report, indent=2)
-    print(text)
-    if args.out:
-        args.out.write_text(text + "\n", encoding="utf-8")
+    give_out(report, args.out)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ python benchmarks/cli.py [--out FILE] [--rounds N]
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import statistics
@@ -16,6 +15,8 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+
+from _report import give_out
 
 
 def seconds(command: list[str], rounds: int) -> dict[str, float]:
@@ -48,10 +49,7 @@ def main() -> None:
         "cdff --version": seconds([cdff, "--version"], args.rounds),
         "cdff dfn list": seconds([cdff, "dfn", "list"], args.rounds),
     }  # fmt: skip
-    text = json.dumps(report, indent=2)
-    print(text)
-    if args.out:
-        args.out.write_text(text + "\n", encoding="utf-8")
+    give_out(report, args.out)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ Each figure is the least of the trials of ``time.process_time``, in milliseconds
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import subprocess
@@ -22,6 +21,7 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
+from _report import give_out
 
 from cdff_common import types
 from cdff_common.codecs import decode, encode, reference
@@ -125,11 +125,7 @@ def main() -> None:
         "first_use": first_use(),
         "results": results,
     }
-    text = json.dumps(report, indent=2)
-    if args.out:
-        args.out.write_text(text + "\n", encoding="utf-8")
-    else:
-        print(text)
+    give_out(report, args.out)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ which.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import statistics
@@ -25,6 +24,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from _report import give_out
 from numpy.typing import NDArray
 from scipy.stats import binned_statistic_dd
 
@@ -259,10 +259,7 @@ def main() -> None:
     with ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1) as alone:
         for part in (rasterising, deskewing, matching, sweeps, stereo_mapping, navigation):
             report[part.__name__] = alone.submit(with_memory, part, args.rounds).result()
-    text = json.dumps(report, indent=1)
-    print(text)
-    if args.out:
-        args.out.write_text(text + "\n", encoding="utf-8")
+    give_out(report, args.out)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ sum of what one call holds at once (tracemalloc). The ground is simulated. They 
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import statistics
@@ -23,6 +22,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from _report import give_out, measured
 from numpy.typing import NDArray
 
 from cdff_common.geometry import FrameGraph, UncertainTransform, se3
@@ -96,21 +96,6 @@ def calls() -> dict[str, tuple[Callable[[], object], str]]:
     return found
 
 
-def measured(call: Callable[[], object], rounds: int) -> dict[str, float]:
-    """Least CPU seconds of a call after one to warm up, and what it holds at most."""
-    call()
-    times = []
-    for _ in range(rounds):
-        started = time.process_time()
-        call()
-        times.append(time.process_time() - started)
-    tracemalloc.start()
-    call()
-    memory_mb = tracemalloc.get_traced_memory()[1] / 1e6
-    tracemalloc.stop()
-    return {"cpu_s": round(min(times), 4), "memory_mb": round(memory_mb, 1)}
-
-
 def sweeps(implementation: str, rounds: int) -> dict[str, Any]:
     """The DFPC on sweeps of 57 600 points at 10 Hz over hills, 5 cm cells: CPU seconds of one with all that follows."""
     rng = np.random.default_rng(SEED)
@@ -156,10 +141,7 @@ def main() -> None:
         "dfns": {name: {"input": given} | measured(call, args.rounds) for name, (call, given) in calls().items()},
         "dfpc": {name: sweeps(name, args.rounds) for name in ("Lidar", "LidarGlobal")},
     }  # fmt: skip
-    text = json.dumps(report, indent=1)
-    print(text)
-    if args.out:
-        args.out.write_text(text + "\n", encoding="utf-8")
+    give_out(report, args.out)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ the store anew: nothing is decoded or rendered yet. The payload files may be in 
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import statistics
@@ -23,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from _report import give_out
 
 from cdff_common.clock import ManualClock
 from cdff_common.codecs import encode
@@ -150,10 +150,7 @@ def main() -> int:
             "window_1000x1000": window(url, args.trials),
             "tile_256x256": tiles(url),
         }
-    text = json.dumps(figures, indent=1)
-    print(text)
-    if args.out is not None:
-        args.out.write_text(text + "\n")
+    give_out(figures, args.out)
     return 0
 
 

@@ -11,7 +11,6 @@ Who takes part and how: cdff_dev/evaluate/icp_peers.py, whose table is in docs/d
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import statistics
@@ -22,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from _report import give_out
 from numpy.typing import NDArray
 
 from cdff_common.geometry import covariance, se3
@@ -152,10 +152,7 @@ def main() -> None:
         report["simulated_scans"] = on_terrain(args.terrain_pairs, args.peer_python)
     if args.devon_trials:
         report["devon_island"] = on_devon(args.data, args.devon_trials)
-    text = json.dumps(report, indent=1)
-    print(text)
-    if args.out:
-        args.out.write_text(text + "\n", encoding="utf-8")
+    give_out(report, args.out)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ python benchmarks/imaging.py [--out FILE] [--rounds N]
 from __future__ import annotations
 
 import argparse
-import json
 import platform
 import statistics
 import time
@@ -18,6 +17,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from _report import give_out
 
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.registry import Registry
@@ -94,10 +94,7 @@ def main() -> None:
         if peer is not None:
             row["bare_opencv_cpu_s"] = median_cpu_s(peer, args.rounds)
         report[f"{name}/{implementation}" if implementation else name] = row
-    text = json.dumps(report, indent=2)
-    print(text)
-    if args.out is not None:
-        args.out.write_text(text + "\n")
+    give_out(report, args.out)
 
 
 if __name__ == "__main__":

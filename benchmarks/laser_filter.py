@@ -8,7 +8,6 @@ python benchmarks/laser_filter.py [--out FILE] [--rounds N]
 from __future__ import annotations
 
 import argparse
-import json
 import platform
 import statistics
 import time
@@ -16,6 +15,7 @@ import tracemalloc
 from pathlib import Path
 
 import numpy as np
+from _report import give_out
 
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import LaserScan, RigidBodyState
@@ -61,10 +61,7 @@ def main() -> None:
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         report[implementation] = {"cpu_s_median": round(statistics.median(times), 6), "memory_mb": round(peak / 1e6, 2)}
-    text = json.dumps(report, indent=2)
-    print(text)
-    if args.out:
-        args.out.write_text(text + "\n", encoding="utf-8")
+    give_out(report, args.out)
 
 
 if __name__ == "__main__":

@@ -11,38 +11,22 @@ The map and the sweeps are those of ``cdff_dev.evaluate.lidar_localisation``. Be
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import statistics
 import time
 import tracemalloc
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from _report import give_out, measured
 
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.registry import Registry
 from cdff_core.dfns.place_search._interface import PlaceSearchInputs
 from cdff_core.dfns.pose_estimation._interface import PoseEstimationInputs
 from cdff_dev.evaluate.lidar_localisation import localised, localiser, place, trial
-
-
-def measured(call: Callable[[], object], rounds: int) -> dict[str, float]:
-    """Least CPU seconds of a call after one to warm up (other load only adds), and what it holds at most."""
-    call()
-    times = []
-    for _ in range(rounds):
-        began = time.process_time()
-        call()
-        times.append(time.process_time() - began)
-    tracemalloc.start()
-    call()
-    memory_mb = tracemalloc.get_traced_memory()[1] / 1e6
-    tracemalloc.stop()
-    return {"cpu_s": round(min(times), 5), "memory_mb": round(memory_mb, 2)}
 
 
 def main() -> None:
@@ -81,10 +65,7 @@ def main() -> None:
             ),
         },
     }  # fmt: skip
-    text = json.dumps(report, indent=1)
-    print(text)
-    if args.out:
-        args.out.write_text(text + "\n", encoding="utf-8")
+    give_out(report, args.out)
 
 
 if __name__ == "__main__":

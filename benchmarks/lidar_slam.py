@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from _report import give_out
 
 from cdff_common.geometry import FrameGraph, UncertainTransform
 from cdff_common.interfaces.dfpc import DfpcContext, Sample
@@ -126,10 +127,7 @@ def main() -> None:
             report["kiss-icp"] = row("kiss-icp", *stored.kiss_icp(python, (0.5, 60.0)), truth)
     else:
         report["kiss-icp"] = "left out: --peer-python names no interpreter with kiss-icp"
-    text = json.dumps(report, indent=1)
-    print(text)
-    if args.out:
-        args.out.write_text(text + "\n", encoding="utf-8")
+    give_out(report, args.out)
 
 
 if __name__ == "__main__":

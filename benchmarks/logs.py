@@ -12,7 +12,6 @@ shows that memory does not grow with the log.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import resource
@@ -27,6 +26,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 import psutil
+from _report import give_out
 
 from cdff_common.types import Frame, FramePair
 from cdff_dev.logs import LogWriter, open_log
@@ -122,11 +122,7 @@ def main() -> None:
             "most_memory_while_reading_mb": round(max(most_mb, anonymous_mb())),
             "peak_rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10,
         }
-    text = json.dumps(report, indent=2)
-    if args.out:
-        args.out.write_text(text + "\n", encoding="utf-8")
-    else:
-        print(text)
+    give_out(report, args.out)
 
 
 if __name__ == "__main__":

@@ -11,15 +11,13 @@ them. Least CPU seconds (``time.process_time``; other load only adds); memory is
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
-import time
-import tracemalloc
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from _report import give_out, measured
 
 from cdff_common.interfaces.registry import Registry
 from cdff_core.dfns.loop_detection._interface import LoopDetectionInputs
@@ -47,24 +45,14 @@ def main() -> None:
     detect = Registry.default().make_dfn("loop_detection", "HeightContext")
     detect.configure()
     database = np.stack([detect.process(LoopDetectionInputs(seen(ground, rng))).descriptor for _ in range(PLACES)])
-    inputs, times = LoopDetectionInputs(seen(ground, rng), database), []
-    for _ in range(args.rounds):
-        began = time.process_time()
-        found = detect.process(inputs)
-        times.append(time.process_time() - began)
-    tracemalloc.start()
-    detect.process(inputs)
-    memory_mb = tracemalloc.get_traced_memory()[1] / 1e6
-    tracemalloc.stop()
+    inputs = LoopDetectionInputs(seen(ground, rng), database)
+    candidates = len(detect.process(inputs).candidates)
     report: dict[str, Any] = {
         "benchmark": "loop_detection", "python": platform.python_version(), "machine": platform.machine(),
-        "load_1min": os.getloadavg()[0], "points": POINTS, "places": PLACES, "candidates": len(found.candidates),
-        "LoopDetection/HeightContext": {"cpu_s": round(min(times), 5), "memory_mb": round(memory_mb, 1)},
+        "load_1min": os.getloadavg()[0], "points": POINTS, "places": PLACES, "candidates": candidates,
+        "LoopDetection/HeightContext": measured(lambda: detect.process(inputs), args.rounds),
     }  # fmt: skip
-    text = json.dumps(report, indent=1)
-    print(text)
-    if args.out:
-        args.out.write_text(text + "\n", encoding="utf-8")
+    give_out(report, args.out)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ Medians of CPU seconds (``time.process_time``), one thread, compiled and warmed 
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import statistics
@@ -24,6 +23,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from _report import give_out
 from numpy.typing import NDArray
 
 from cdff_common.interfaces.dfpc import Sample
@@ -143,10 +143,7 @@ def main() -> None:
         "traversability_cpu_s": cpu_s(lambda: rating.process(TraversabilityInputs(dem=dem)), args.rounds),
         **changes(args.rounds), "routes": routes(args.rounds, args.peer_python),
     }  # fmt: skip
-    text = json.dumps(report, indent=1)
-    print(text)
-    if args.out:
-        args.out.write_text(text + "\n", encoding="utf-8")
+    give_out(report, args.out)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,6 @@ at a time; one told OVERLOADED asks again after the time it is told. CPU times a
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import socket
@@ -32,6 +31,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from _report import give_out
 
 from cdff_common.bus import Bus, Reply, keys
 from cdff_common.clock import wall_ns
@@ -284,9 +284,7 @@ def main() -> None:
         with Bus.open(endpoint, name="benchmark", wait_s=30) as bus:
             figures["served"] = {name: served(bus, name, value, args.calls) for name, value in values().items()}
         figures["at_once"] = at_once(endpoint, args.requests, args.clients)
-    print(json.dumps(figures, indent=1))
-    if args.out is not None:
-        args.out.write_text(json.dumps(figures, indent=1))
+    give_out(figures, args.out)
 
 
 if __name__ == "__main__":

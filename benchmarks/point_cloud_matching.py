@@ -13,7 +13,6 @@ installed). SHOT beside FPFH: ``python -m cdff_dev.evaluate shot_localisation``.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import statistics
@@ -23,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from _report import give_out
 
 from cdff_common.geometry.voxels import voxel_for, voxel_means
 from cdff_common.interfaces.registry import Registry
@@ -111,10 +111,7 @@ def main() -> None:
     }  # fmt: skip
     if args.trials:
         report["simulated_terrain"] = on_terrain(args.trials)
-    text = json.dumps(report, indent=1)
-    print(text)
-    if args.out:
-        args.out.write_text(text + "\n", encoding="utf-8")
+    give_out(report, args.out)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ whole DFN. Trials alternate; the least CPU time counts.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import time
@@ -22,6 +21,7 @@ from typing import Any
 
 import gtsam
 import numpy as np
+from _report import give_out
 
 from cdff_common.formats.g2o import read_g2o
 from cdff_common.formats.pose_graph import read_pose_graph
@@ -104,10 +104,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
     report = {name: compared(args.data / "posegraphs" / f"{name}.g2o", args.trials) for name in GRAPHS}
-    text = json.dumps({"benchmark": "pose_graph", "machine": platform.machine(), **report}, indent=1)
-    print(text)
-    if args.out:
-        args.out.write_text(text + "\n")
+    give_out({"benchmark": "pose_graph", "machine": platform.machine(), **report}, args.out)
 
 
 if __name__ == "__main__":

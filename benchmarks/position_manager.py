@@ -8,7 +8,6 @@ python benchmarks/position_manager.py [--out FILE] [--seconds N]
 from __future__ import annotations
 
 import argparse
-import json
 import platform
 import time
 from collections.abc import Callable
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from _report import give_out
 
 from cdff_common.geometry import FrameGraph, UncertainTransform, se3
 from cdff_common.interfaces.dfpc import DfpcContext, Sample
@@ -145,10 +145,7 @@ def main() -> None:
         "FrameInterpolation/Geodesic": round(dfn_cpu_s("frame_interpolation", "Geodesic", between), 6),
         "GravityLevelling/MeanSpecificForce": round(dfn_cpu_s("gravity_levelling", "MeanSpecificForce", level), 6),
     }  # fmt: skip
-    text = json.dumps(report, indent=2)
-    print(text)
-    if args.out:
-        args.out.write_text(text + "\n", encoding="utf-8")
+    give_out(report, args.out)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ OUT = HERE.parent / "build" / "benchmarks"
 
 def main() -> int:
     """Run them all, or those named; exit 1 if one failed."""
-    known = {p.stem: p for p in sorted(HERE.glob("*.py")) if p != Path(__file__).resolve()}
+    known = {p.stem: p for p in sorted(HERE.glob("[!_]*.py")) if p != Path(__file__).resolve()}
     names = sys.argv[1:] or list(known)
     unknown = [n for n in names if n not in known]
     if unknown:

@@ -12,18 +12,15 @@ allocators had at most. What is accurate is in docs/evaluation: ``python -m cdff
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
-import statistics
-import time
-import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+from _report import give_out, measured
 
 from cdff_common.interfaces.registry import Registry
 from cdff_core.dfns.bundle_optimization._interface import BundleOptimizationInputs
@@ -47,21 +44,6 @@ def node(name: str, implementation: str | None = None, **config: Any) -> Any:
     made = Registry.default().make_dfn(name, implementation)
     made.configure(config)
     return made
-
-
-def measured(call: Callable[[], Any], rounds: int) -> dict[str, float]:
-    """Median CPU seconds, and megabytes at most."""
-    call()
-    times = []
-    for _ in range(rounds):
-        started = time.process_time()
-        call()
-        times.append(time.process_time() - started)
-    tracemalloc.start()
-    call()
-    peak = tracemalloc.get_traced_memory()[1] / 1e6
-    tracemalloc.stop()
-    return {"cpu_s": round(statistics.median(times), 4), "memory_mb": round(peak, 1)}
 
 
 def of_dfns(left: np.ndarray, rounds: int) -> dict[str, Any]:
@@ -149,10 +131,7 @@ def main() -> None:
     if args.peer_python:
         found, cpu_s = _colmap.matches(args.peer_python, [(left, right)])[0]
         report["colmap_sift"] = {"cpu_s": cpu_s, "matches": len(found)}
-    text = json.dumps(report, indent=1)
-    print(text)
-    if args.out:
-        args.out.write_text(text + "\n", encoding="utf-8")
+    give_out(report, args.out)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ seconds and resident memory (shared pages counted once, as PSS) over all its pro
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import socket
@@ -20,6 +19,7 @@ import time
 from pathlib import Path
 
 import psutil
+from _report import give_out
 
 from cdff_common.bus import Bus
 from cdff_common.interfaces.profile import load_profile
@@ -68,10 +68,7 @@ def main() -> None:
         "median": {key: round(statistics.median(run[key] for run in runs), 2) for key in runs[0]},
         "runs": runs,
     }
-    text = json.dumps(report, indent=2)
-    print(text)
-    if args.out:
-        args.out.write_text(text + "\n", encoding="utf-8")
+    give_out(report, args.out)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,6 @@ taken out: the truth's own start and mounting, which no odometry can know.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import resource
@@ -26,6 +25,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from _report import give_out
 
 from cdff_common.types import FramePair
 from cdff_dev.evaluate._visual_kitti import FloatArray, end_percent, lengths, ours, peer, read, segment_percent, turned
@@ -114,10 +114,7 @@ def main() -> int:
         times = {"cpu_ms_per_frame": round(statistics.median(cpu[name]), 1)}
         times["wall_ms_per_frame"] = round(statistics.median(wall[name]), 1)
         report[name] = summary(poses[name], truth) | times
-    text = json.dumps(report, indent=2)
-    print(text)
-    if args.out:
-        args.out.write_text(text + "\n", encoding="utf-8")
+    give_out(report, args.out)
     if args.figure:
         draw(args.figure, {"visual_odometry_sparse": poses["ours"][0], "OpenCV, minimal": poses["peer"][0]}, truth)
     return 0
