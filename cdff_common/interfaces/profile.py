@@ -18,6 +18,7 @@ from cdff_common.geometry import FrameGraph, UncertainTransform, se3
 from cdff_common.geometry.urdf import read_urdf
 from cdff_common.interfaces.dfn import StrictModel, validated
 from cdff_common.interfaces.dfpc import DfpcContext
+from cdff_common.interfaces.merging import MergingConfig
 from cdff_common.interfaces.registry import Registry
 from cdff_common.interfaces.yaml_file import read_mapping
 
@@ -421,7 +422,7 @@ class Profile(StrictModel):
     retention: tuple[Retention, ...] = ()
     history: tuple[History, ...] = ()
     threads_per_process: Annotated[int, Field(ge=1, le=64)] = 1
-    merging: dict[str, Any] | None = None
+    merging: MergingConfig | None = None
 
     @model_validator(mode="after")
     def _robots_are_unique(self) -> Profile:

@@ -11,10 +11,10 @@ from itertools import combinations
 import numpy as np
 
 from cdff_common.interfaces.dfpc import Sample
+from cdff_common.interfaces.merging import MergingConfig
 from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Pointcloud
-from cdff_core.map_merging.configuration import MergingConfig
 from cdff_core.map_merging.places import Closure, Place, RobotMap
 
 Pair = tuple[Place, Place]

@@ -12,11 +12,11 @@ import numpy as np
 
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.dfn import Dfn
+from cdff_common.interfaces.merging import MergingConfig
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import PoseGraph
 from cdff_common.types.pose_graph_ext import LOOP_CLOSURE, PRIOR
 from cdff_core.dfns.pose_graph_optimization._interface import PoseGraphOptimizationInputs, PoseGraphOptimizationOutputs
-from cdff_core.map_merging.configuration import MergingConfig
 from cdff_core.map_merging.places import Closure, Float, Place, RobotMap
 
 #: Ids of a robot's vertices in the graph of all begin at its place among the robots times this.

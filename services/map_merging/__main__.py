@@ -13,7 +13,7 @@ import threading
 
 from cdff_common.bus import Bus, keys
 from cdff_common.errors import ConfigurationError
-from cdff_common.interfaces.dfn import validated
+from cdff_common.interfaces.merging import MergingConfig
 from cdff_common.interfaces.profile import load_profile
 from cdff_common.process import cap_threads, run_service
 
@@ -30,11 +30,10 @@ def main(argv: list[str] | None = None) -> int:
         if not args.profile:
             raise ConfigurationError("no profile: give --profile FILE or set CDFF_PROFILE")
         profile = load_profile(args.profile)
-        from cdff_core.map_merging.configuration import MergingConfig  # heavy: after the thread caps
-        from services.map_merging.archive import Archive
+        from services.map_merging.archive import Archive  # heavy: after the thread caps
         from services.map_merging.rounds import Rounds, follow
 
-        config = validated(MergingConfig, profile.merging or {}, f"profile {profile.name}: merging")
+        config = profile.merging or MergingConfig.model_validate({})
         with Bus.open(args.connect, name="map_merging", wait_s=None, stop=stop) as bus:
             rounds = Rounds(Archive(bus, config), config, profile.robot_ids)
             bus.declare_alive(keys.GROUND, "map_merging")

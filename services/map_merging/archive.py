@@ -17,14 +17,16 @@ from cdff_common.codecs.encoding import encoding_string, parse_encoding
 from cdff_common.codecs.siblings import wire_type
 from cdff_common.errors import FrameNotFoundError, InputError, ProductNotFoundError
 from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.interfaces.merging import MergingConfig
 from cdff_common.interfaces.product import Header, Quality, product_id
 from cdff_common.types import Pointcloud, PoseGraph
-from cdff_core.map_merging.configuration import MergingConfig
 from cdff_core.map_merging.places import Place, RobotMap
 from cdff_core.map_merging.solving import PRODUCER, SITE, Merged
 
 #: Nobody waits for the merging: it rather waits for a DPM that is busy.
 _CALL_S = 60.0
+#: Whom the DPM enters as author of what ``write`` revises.
+_AUTHOR = f"{keys.GROUND}/rpc"
 
 
 class Archive:
@@ -44,10 +46,12 @@ class Archive:
     def map_of(self, robot: str) -> RobotMap | None:
         """The newest pose graph of a robot with the anchor of its frame; None while one of them is not there.
 
+        Its survey is the last revision that was not made here: the profile's, or one that was set by hand over HTTP.
+
         Raises
         ------
         InputError
-            If the frame does not hang on the site itself.
+            If the frame does not hang on the site itself, or its survey has no covariance.
         """
         try:
             graph, header = self._newest_graph(robot)
@@ -55,13 +59,16 @@ class Archive:
             found = self._bus.call(keys.dpm_rpc(keys.GROUND, "frames"), asked, timeout_s=_CALL_S).body()["revisions"]
         except (ProductNotFoundError, FrameNotFoundError):
             return None
-        first, last = found[0], found[-1]
+        last = found[-1]
+        surveyed = next((r for r in reversed(found) if r["producer"] != _AUTHOR), found[0])
         if (hangs_on := last["parent"]) != SITE:
             raise InputError(
                 f"frame {header.frame} hangs on {hangs_on}, expected {SITE}: its map cannot be re-anchored"
             )
+        if surveyed["covariance"] is None:
+            raise InputError(f"frame {header.frame}, revision {surveyed['revision']}: expected a covariance; set one")
         self._revisions[header.frame], self._inputs[robot] = int(last["revision"]), header.id
-        return RobotMap(robot, graph, *(UncertainTransform(r["T"], r["covariance"]) for r in (first, last)))
+        return RobotMap(robot, graph, *(UncertainTransform(r["T"], r["covariance"]) for r in (surveyed, last)))
 
     def merged_graph(self) -> PoseGraph | None:
         """The newest graph of all robots; None while there is none."""
@@ -104,7 +111,8 @@ class Archive:
         t0_ns, t1_ns = int(stamps.min()), int(stamps.max())
         used = tuple(self._inputs[m.robot] for m in maps)
         payload = encode(value, "uper")
-        config_hash = hashlib.sha256(payload).hexdigest()[:16]  # what is the same again has the same id
+        content = payload + repr((used, sorted(metrics.items()))).encode()
+        config_hash = hashlib.sha256(content).hexdigest()[:16]  # what is the same again has the same id
         header = Header(
             id=product_id(keys.GROUND, PRODUCER, "graph", t1_ns, 0, config_hash), seq=0, t0_ns=t0_ns, t1_ns=t1_ns,
             frame=SITE, producer=PRODUCER, config_hash=config_hash, inputs=used, box_m=value.extent_m(),

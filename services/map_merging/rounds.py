@@ -14,9 +14,9 @@ from cdff_common.bus import Bus, Message, keys
 from cdff_common.bus.message import unpack
 from cdff_common.clock import monotonic_s
 from cdff_common.errors import CdffError, ProductNotFoundError
+from cdff_common.interfaces.merging import MergingConfig
 from cdff_common.types import Pointcloud
 from cdff_core.map_merging.closing import InterRobotCloser, Pair
-from cdff_core.map_merging.configuration import MergingConfig
 from cdff_core.map_merging.places import Closure, Place, RobotMap
 from cdff_core.map_merging.solving import MapMerger, Merged, closures_of
 from services.map_merging.archive import Archive
@@ -69,6 +69,7 @@ class Rounds:
         self._archive, self._config, self._robots = archive, config, tuple(robots)
         self._closer, self._merger = InterRobotCloser(config), MapMerger(config, robots)
         self._closures: list[Closure] | None = None
+        self._unwritten = False
 
     def run(self) -> bool:
         """One round; whether another may find more. Raises what the DPM answers."""
@@ -83,9 +84,12 @@ class Rounds:
         if closures:
             merged = self._merger.merged(maps, closures)
             moved = [m.robot for m in maps if self._is_news(m, merged)]
-            if found or moved:
-                self._write(merged, maps, moved, len(closures))
+            # Kept before they are written: their pairs are not compared again where the DPM refuses.
             self._closures = [c for c in closures if c not in merged.rejected]
+            self._unwritten = self._unwritten or bool(found)
+            if self._unwritten or moved:
+                self._write(merged, maps, moved)
+                self._unwritten = False
         return compared > 0
 
     def _found(self, maps: Sequence[RobotMap]) -> tuple[list[Closure], int]:
@@ -121,8 +125,9 @@ class Rounds:
             return True
         return bool(np.trace(new.covariance) < self._config.sigma_share**2 * np.trace(m.anchor.covariance))
 
-    def _write(self, merged: Merged, maps: Sequence[RobotMap], moved: Sequence[str], closures: int) -> None:
-        metrics = {"closures": float(closures - len(merged.rejected)), "rejected": float(len(merged.rejected))}
+    def _write(self, merged: Merged, maps: Sequence[RobotMap], moved: Sequence[str]) -> None:
+        closures = len(closures_of(merged.graph, self._robots))
+        metrics = {"closures": float(closures), "rejected": float(len(merged.rejected))}
         metrics |= {f"bent_m_{robot}": value for robot, value in merged.bent_m.items()}
         graph = self._archive.write(merged, maps, moved, metrics)
         logger.info("graph %s of %d closures; re-anchored: %s", graph, closures, ", ".join(moved) or "nobody")

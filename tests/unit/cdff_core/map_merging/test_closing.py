@@ -9,9 +9,9 @@ import pytest
 
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.se3 import FloatArray
+from cdff_common.interfaces.merging import MergingConfig
 from cdff_common.types import Pointcloud, PoseGraph
 from cdff_core.map_merging.closing import InterRobotCloser
-from cdff_core.map_merging.configuration import MergingConfig
 from cdff_core.map_merging.places import Closure, Place, RobotMap
 
 T_FIRST_SECOND = se3.exp_se3([1.5, -0.7, 0.1, 0.01, 0.02, 0.6])

@@ -11,8 +11,8 @@ import pytest
 
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.se3 import FloatArray
+from cdff_common.interfaces.merging import MergingConfig
 from cdff_common.types import PoseGraph
-from cdff_core.map_merging.configuration import MergingConfig
 from cdff_core.map_merging.places import Closure, Place, RobotMap
 from cdff_core.map_merging.solving import MapMerger, closures_of, rigid_fit
 

@@ -10,14 +10,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cdff_common.errors import ProductNotFoundError
+from cdff_common.errors import ConflictError, ProductNotFoundError
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.interfaces.merging import MergingConfig
 from cdff_common.types import Pointcloud, PoseGraph
 from cdff_core.map_merging.closing import InterRobotCloser, Pair
-from cdff_core.map_merging.configuration import MergingConfig
 from cdff_core.map_merging.places import Closure, Place, RobotMap
-from cdff_core.map_merging.solving import Merged
+from cdff_core.map_merging.solving import Merged, closures_of
 from services.map_merging.rounds import Rounds
-from tests.unit.cdff_core.map_merging.test_solving import ROBOTS, closure, maps, off_m
+from tests.unit.cdff_core.map_merging.test_solving import ROBOTS, chain, closure, maps, off_m
+
+#: Farther than any two key frames that are compared.
+APART = se3.transform(np.eye(3), [100.0, 0.0, 0.0])
 
 
 class Archive:
@@ -29,6 +33,8 @@ class Archive:
         self.clouds = clouds
         self.graph: PoseGraph | None = None
         self.writes: list[tuple[str, ...]] = []
+        self.metrics: list[Mapping[str, float]] = []
+        self.refusals = 0
 
     def map_of(self, robot: str) -> RobotMap | None:
         return None if robot in self.away else self.maps[robot]
@@ -44,7 +50,11 @@ class Archive:
     def write(
         self, merged: Merged, maps: Sequence[RobotMap], moved: Sequence[str], metrics: Mapping[str, float]
     ) -> str:
+        if self.refusals:
+            self.refusals -= 1
+            raise ConflictError("somebody else was first")
         self.graph = merged.graph
+        self.metrics.append(metrics)
         self.writes.append(tuple(moved))
         self.maps = {r: replace(m, anchor=merged.anchors[r] if r in moved else m.anchor) for r, m in self.maps.items()}
         return "id"
@@ -105,3 +115,34 @@ def test_pairs_whose_clouds_are_still_on_their_way_are_compared_later() -> None:
     assert not merging.run()
     archive.clouds = True
     assert merging.run()
+
+
+@pytest.mark.req("CDFF-SUP-192")
+def test_what_the_dpm_refused_to_write_is_written_by_the_next_round() -> None:
+    archive = Archive()
+    merging = rounds(archive)
+    while merging.run():
+        pass
+    undisturbed = len(closures_of(archive.graph, ROBOTS)) if archive.graph is not None else 0
+    again = Archive()
+    again.refusals = 1
+    merging = rounds(again)
+    with pytest.raises(ConflictError):
+        merging.run()
+    while merging.run():
+        pass
+    assert again.graph is not None
+    assert len(closures_of(again.graph, ROBOTS)) == undisturbed > 0
+
+
+def test_closures_with_a_place_that_is_gone_are_not_counted() -> None:
+    archive = Archive()
+    merging = rounds(archive)
+    while merging.run():
+        pass
+    all_of_them = archive.metrics[-1]["closures"]
+    far = chain("minnie", np.eye(4), 1.5, places=2)
+    archive.maps["minnie"] = replace(far, anchor=UncertainTransform(far.surveyed.matrix @ APART, np.eye(6)))
+    merging.run()
+    assert archive.graph is not None
+    assert archive.metrics[-1]["closures"] == len(closures_of(archive.graph, ROBOTS)) < all_of_them

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Parameters of the merging of maps."""
+"""Parameters of the merging of maps: the profile states them, ``cdff_core.map_merging`` and its service use them."""
 
 from __future__ import annotations
 
