@@ -40,7 +40,7 @@ class TransformEstimation3DOutputs:
     Attributes
     ----------
     transform : ndarray of float64, shape (4,4)
-        T_sink_source.
+        T_sink_source, metres.
     covariance : ndarray of float64, shape (6,6)
         [x y z rx ry rz], perturbation in the sink frame, formal: from the residuals of the pairs that agree.
     inliers : ndarray of bool, shape (n)

@@ -69,6 +69,47 @@ def test_errors_are_as_large_as_the_covariance_says(rng: np.random.Generator) ->
     assert 4.6 < np.mean(nees) < 7.0
 
 
+@pytest.mark.parametrize("mode", range(5))
+def test_an_error_that_all_points_share_moves_the_motion_as_the_response_says(
+    rng: np.random.Generator, mode: int
+) -> None:
+    """Shifts of columns, rows and disparities, a magnification, a stretch of rows."""
+    reference, current = measured(rng, scene(rng), 0.0)
+    u, v = ((c - c.mean()) / c.std() for c in reference[:, :2].T)
+    one, none = np.ones(len(u)), np.zeros(len(u))
+    shared = [(one, none, none), (none, one, none), (none, none, one), (u, v, none), (none, v, none)][mode]
+    sigma_px = 0.016 if mode == 2 else 0.006
+    given = [current, current + sigma_px * np.column_stack(shared)]
+    out, off = (
+        estimator().process(StereoMotionEstimationInputs(reference, c, CAMERA, BASELINE, np.eye(4))) for c in given
+    )
+    error = cov.pose_error(off.motion, out.motion)
+    np.testing.assert_allclose(error, out.common_response[:, mode], atol=0.05 * float(np.abs(error).max()))
+
+
+def test_noise_counts_by_its_factor_and_what_is_shared_does_not(rng: np.random.Generator) -> None:
+    given = StereoMotionEstimationInputs(*measured(rng, scene(rng), 0.2), CAMERA, BASELINE, np.eye(4))
+    once, thrice = (estimator(noise_factor=factor).process(given) for factor in (1.0, 3.0))
+    np.testing.assert_allclose(thrice.noise_covariance, 3.0 * once.noise_covariance, rtol=1e-6, atol=1e-15)
+    np.testing.assert_allclose(thrice.covariance - once.covariance, 2.0 * once.noise_covariance, rtol=1e-6, atol=1e-15)
+    np.testing.assert_array_equal(thrice.common_response, once.common_response)
+
+
+def test_another_calibration_moves_the_motion_as_the_response_says(rng: np.random.Generator) -> None:
+    reference, current = measured(rng, scene(rng), 0.0)
+    basis, sure = np.ones((len(reference), 1)), np.array([[1e-12]])
+    out, off = (
+        estimator().process(
+            StereoMotionEstimationInputs(
+                reference, current, CAMERA, BASELINE, np.eye(4), basis, basis, np.array([known_px]), sure
+            )
+        )
+        for known_px in (0.0, 0.02)
+    )
+    error = cov.pose_error(off.motion, out.motion)
+    np.testing.assert_allclose(error, 0.02 * out.calibration_response[:, 0], atol=0.05 * float(np.abs(error).max()))
+
+
 @pytest.mark.parametrize("offset_px", [0.0, 0.4])
 def test_an_offset_of_all_disparities_is_found_and_none_is_invented(rng: np.random.Generator, offset_px: float) -> None:
     dfn, known, variance = estimator(), np.zeros(1), np.array([[0.25]])

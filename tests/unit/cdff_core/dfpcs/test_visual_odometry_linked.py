@@ -9,7 +9,11 @@ import pytest
 
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry import covariance as cov
+from cdff_core.dfns.stereo_motion_estimation._interface import StereoMotionEstimationInputs
+from cdff_core.dfns.stereo_motion_estimation.reprojection_lm import ReprojectionLm
 from cdff_core.dfpcs.visual_odometry_sparse._linked import COMMON, LinkedPose
+from cdff_core.imaging.rectified_camera import RectifiedCamera
+from tests.corridor import BASELINE_M, CAMERA
 
 STEP = se3.transform(se3.exp_so3([0.0, 0.1, 0.02]), [0.1, 0.0, 0.5])
 CALIBRATION = np.diag([0.04, 0.01])
@@ -55,3 +59,19 @@ def test_the_mean_of_two_equal_estimates_has_half_the_noise(rng: np.random.Gener
     np.testing.assert_allclose(mean.noise, 0.5 * first.noise, atol=1e-15)
     np.testing.assert_allclose(cov.pose_error(mean.matrix, first.matrix), 0.5 * off, atol=1e-8)
     assert mean.response == pytest.approx(first.response)
+
+
+def test_one_motion_has_the_covariance_that_its_estimation_states(rng: np.random.Generator) -> None:
+    z = rng.uniform(1.5, 12.0, 100)
+    points = np.column_stack([rng.uniform(-0.5, 0.5, 100) * z, rng.uniform(-0.4, 0.4, 100) * z, z])
+    camera = RectifiedCamera.from_matrix(CAMERA, BASELINE_M)
+    seen = camera.project(points), camera.project(se3.transform_points(se3.inverse(STEP), points))
+    basis, dfn = np.ones((100, 1)), ReprojectionLm()
+    dfn.configure({})
+    out = dfn.process(
+        StereoMotionEstimationInputs(
+            *seen, CAMERA, np.array([BASELINE_M]), STEP, basis, basis, np.zeros(1), np.array([[0.25]])
+        )
+    )
+    stated = LinkedPose.of_motion(out).stated(out.calibration_covariance)
+    np.testing.assert_allclose(stated.covariance, out.covariance, rtol=1e-9, atol=1e-15)

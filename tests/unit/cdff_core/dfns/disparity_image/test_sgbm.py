@@ -103,14 +103,20 @@ def test_parameters_out_of_bounds_are_refused(config: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "scale", "search", "bad_1", "density", "plain_bad_1"),
-    [("teddy", 4.0, 64, 0.055, 0.80, 0.10), ("tsukuba", 16.0, 16, 0.04, 0.92, 0.05)],
+    ("name", "scale", "search", "paths", "bad_1", "density", "plain_bad_1"),
+    [
+        ("teddy", 4.0, 64, 5, 0.055, 0.80, 0.10),
+        ("teddy", 4.0, 64, 3, 0.055, 0.84, 0.10),
+        ("tsukuba", 16.0, 16, 5, 0.04, 0.92, 0.05),
+        ("tsukuba", 16.0, 16, 3, 0.04, 0.94, 0.05),
+    ],
 )
 def test_middlebury_pairs_are_matched_better_than_by_plain_sgbm(
     real_data: Callable[[str], Path],
     name: str,
     scale: float,
     search: int,
+    paths: int,
     bad_1: float,
     density: float,
     plain_bad_1: float,
@@ -126,7 +132,7 @@ def test_middlebury_pairs_are_matched_better_than_by_plain_sgbm(
 
     plain = cv2.StereoSGBM.create(0, search, 5, 200, 800, 1, 31, 10).compute(left, right) / 16.0
     plain_score = score(np.where(plain >= 0, plain, np.nan))
-    ours = score(match(left, right, num_disparities=search))
+    ours = score(match(left, right, num_disparities=search, paths=paths))
     assert plain_score[0] > plain_bad_1
     assert ours[0] < bad_1
     assert ours[0] < plain_score[0]
