@@ -77,11 +77,13 @@ def _run_system(args: argparse.Namespace) -> int:
     from cdff_common.clock import NS_PER_S
     from cdff_common.errors import ConfigurationError
     from cdff_common.interfaces.profile import load_profile
-    from cdff_common.output import make_folder
+    from cdff_common.output import check_file, make_folder
     from cdff_dev.demo.run import found_over_http, run_script, wait_for_clock
     from cdff_dev.demo.script import load_script
     from cdff_dev.demo.stage import Stage
 
+    if args.report is not None:
+        check_file(args.report)
     data_dir = None if args.data_dir is None else make_folder(Path(args.data_dir))
     if data_dir is not None and (data_dir / "store.sqlite").exists():
         raise ConfigurationError(f"--data-dir {data_dir}: holds products of an earlier run; name an empty folder")
@@ -110,9 +112,9 @@ def _run_system(args: argparse.Namespace) -> int:
             code = _verdict(outcomes)
             remarks: list[str] = []
             if script.sharing is not None:
-                from cdff_dev.demo.sharing import shared
+                from cdff_dev.demo.sharing import settled
 
-                found = shared(script.sharing, profile, log, bus, args.http)
+                found = settled(script.sharing, profile, log, bus, args.http)
                 wrong = found.faults(script.sharing)
                 remarks += found.lines()
                 remarks.append(

@@ -15,7 +15,7 @@ import psutil
 from numpy.typing import NDArray
 
 from cdff_common.bus import Bus, keys
-from cdff_common.errors import UnavailableError
+from cdff_common.errors import FrameNotFoundError, ProductNotFoundError
 from cdff_common.formats.geotiff import read_map
 from cdff_common.formats.hillshade import hillshade_png
 from cdff_common.interfaces.profile import Profile
@@ -86,7 +86,7 @@ def processes_under(pid: int) -> list[Process]:
 
 
 def ways(profile: Profile, log: Path, http: str) -> list[Way]:
-    """The way of each robot as the DPM holds it now, in the site."""
+    """The way of each robot as the DPM holds it now, in the site; robots without poses are left out."""
     reader = open_log(log)
     found = []
     for robot in profile.robot_ids:
@@ -95,7 +95,10 @@ def ways(profile: Profile, log: Path, http: str) -> list[Way]:
         true = {s.stamp_ns: np.asarray(s.value.transform.matrix) for s in samples}
         items = pose_series(http, robot, f"{robot}/base")
         if not items:  # its pose is that of the lidar
-            T = profile.robot(robot).frame_graph().lookup(f"{robot}/base", f"{robot}/lidar", 0).matrix
+            try:
+                T = profile.robot(robot).frame_graph().lookup(f"{robot}/base", f"{robot}/lidar", 0).matrix
+            except FrameNotFoundError:
+                continue
             true = {t: T_site_base @ T for t, T_site_base in true.items()}
             items = pose_series(http, robot, f"{robot}/lidar")
         if items:
@@ -120,7 +123,7 @@ def elevation_around(bus: Bus, found: Sequence[Way]) -> ElevationMap | None:
     asked = {"type": "dem", "frame": "site", "region": region, "resolution_m": round(cell_m, 3), "format": "tif"}
     try:
         made = read_map(bus.call(keys.dpm_rpc(keys.GROUND, "get"), asked, timeout_s=_CALL_S).payload)
-    except UnavailableError:
+    except ProductNotFoundError:
         return None
     return made if isinstance(made, ElevationMap) else None
 

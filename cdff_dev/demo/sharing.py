@@ -88,6 +88,21 @@ class Shared:
         return found
 
 
+def settled(sharing: Sharing, profile: Profile, log: Path, bus: Bus, http: str) -> Shared:
+    """Look until all is as it should be, or for ``wait_s``: merging goes on after the drive, longer on a busy machine.
+
+    Raises
+    ------
+    UnavailableError
+        As ``shared``.
+    """
+    deadline_s = time.monotonic() + sharing.wait_s
+    while True:
+        found = shared(sharing, profile, log, bus, http)
+        if not found.faults(sharing) or time.monotonic() > deadline_s:
+            return found
+
+
 def shared(sharing: Sharing, profile: Profile, log: Path, bus: Bus, http: str) -> Shared:
     """Look at what the DPM holds, now and as it was before the first re-anchoring.
 

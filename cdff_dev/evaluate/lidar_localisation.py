@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import beta, chi2
+from scipy.stats import chi2
 
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.covariance import pose_error
@@ -25,6 +25,7 @@ from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import LidarScan, Pointcloud, TransformWithCovariance
 from cdff_dev.evaluate.record import spread
+from cdff_dev.registration.rates import bounds
 from cdff_dev.simulate.drive import settle
 from cdff_dev.simulate.lidar import scan
 from cdff_dev.simulate.scenario import load_scenario
@@ -156,7 +157,7 @@ def evaluate(_data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
         "seeds": [0, TRIALS - 1],
         "from 2 m and 20 deg off": rates(near),
         "from nothing": rates(anywhere),
-        "on other ground": {"trials": TRIALS, "accepted": accepted, "accepted_95": bound(accepted, TRIALS)},
+        "on other ground": {"trials": TRIALS, "accepted": accepted, "accepted_95": bounds(accepted, TRIALS)},
         "covariance": covariance(ground, NEES_SEEDS, progress),
     }
 
@@ -175,17 +176,10 @@ def rates(answers: Iterable[tuple[FloatArray, Output]]) -> dict[str, Any]:
     good = int(np.sum((metres <= LIMIT_M) & (degrees <= LIMIT_DEG)))
     wrong = int(np.sum(metres > WRONG_M))
     return {
-        "trials": trials, "within_3_cm_and_0.1_deg": good, "within_95": bound(good, trials),
-        "refused": refused, "wrong": wrong, "wrong_95": bound(wrong, trials),
+        "trials": trials, "within_3_cm_and_0.1_deg": good, "within_95": bounds(good, trials),
+        "refused": refused, "wrong": wrong, "wrong_95": bounds(wrong, trials),
         "translation_m": spread(metres, 5), "rotation_deg": spread(degrees, 5),
     }  # fmt: skip
-
-
-def bound(count: int, trials: int) -> list[float]:
-    """Two-sided 95 % interval of a rate."""
-    low = 0.0 if count == 0 else float(beta.ppf(0.025, count, trials - count + 1))
-    high = 1.0 if count == trials else float(beta.ppf(0.975, count + 1, trials - count))
-    return [round(low, 5), round(high, 5)]
 
 
 def covariance(ground: Place, seeds: Iterable[int], progress: Callable[[str], None]) -> dict[str, Any]:
@@ -223,7 +217,7 @@ def table(figures: dict[str, Any]) -> str:
         m, d = row["translation_m"], row["rotation_deg"]
         found = row["trials"] - row["refused"] - row["wrong"]
         lines.append(
-            f"| {name.replace(' deg', '°')} | {_rate(found, row['trials'], bound(found, row['trials']))} "
+            f"| {name.replace(' deg', '°')} | {_rate(found, row['trials'], bounds(found, row['trials']))} "
             f"| {_rate(row['within_3_cm_and_0.1_deg'], row['trials'], row['within_95'])} "
             f"| {1e3 * m['median']:.1f} mm, {d['median']:.3f}° | {1e3 * m['max']:.1f} mm, {d['max']:.3f}° "
             f"| {row['refused']} | {_rate(row['wrong'], row['trials'], row['wrong_95'])} |"

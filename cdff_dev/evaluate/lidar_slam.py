@@ -23,9 +23,10 @@ from cdff_common.interfaces.registry import Registry
 from cdff_common.types import LidarScan
 from cdff_core.dfpcs.lidar_slam.closing import LoopCloser
 from cdff_core.dfpcs.lidar_slam.compound import LidarSlam
-from cdff_dev.evaluate._lidar_drive import SEEDS, Run, bound, drive, errors, times
+from cdff_dev.evaluate._lidar_slam_drive import SEEDS, Run, drive, errors, times
 from cdff_dev.evaluate._lidar_slam_page import draw, table
 from cdff_dev.evaluate.record import spread
+from cdff_dev.registration.rates import bounds
 from cdff_dev.simulate.scenario import load_scenario
 
 __all__ = ["draw", "drive", "evaluate", "table"]
@@ -132,11 +133,12 @@ def loops(run: Run, progress: Callable[[str], None]) -> dict[str, Any]:
     return {
         "keyframes": len(keys), "pairs": len(keys) * (len(keys) - 1),
         "detection": {
-            "pairs_within_5_m": len(same), "named": hits, "recall_95": bound(hits, len(same)),
-            "named_in_all": len(named), "of_these_within_10_m": close, "precision_95": bound(close, max(len(named), 1)),
+            "pairs_within_5_m": len(same), "named": hits, "recall_95": bounds(hits, len(same)),
+            "named_in_all": len(named), "of_these_within_10_m": close,
+            "precision_95": bounds(close, max(len(named), 1)),
         },
         "verification": {
-            what: {"trials": sum(v), "right": v[0], "wrong": v[1], "refused": v[2], "wrong_95": bound(v[1], sum(v))}
+            what: {"trials": sum(v), "right": v[0], "wrong": v[1], "refused": v[2], "wrong_95": bounds(v[1], sum(v))}
             for what, v in verdicts.items()
         },
     }  # fmt: skip

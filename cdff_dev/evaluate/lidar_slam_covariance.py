@@ -16,7 +16,7 @@ from scipy.stats import chi2
 
 from cdff_common.geometry import se3
 from cdff_common.geometry.covariance import pose_error
-from cdff_dev.evaluate._lidar_drive import drive
+from cdff_dev.evaluate._lidar_slam_drive import drive
 from cdff_dev.evaluate._lidar_slam_page import covariance_table as table
 from cdff_dev.evaluate.record import spread
 from cdff_dev.simulate.scenario import Scenario, load_scenario

@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from cdff_dev.evaluate._lidar_drive import Run, bound, drive, errors
+from cdff_dev.evaluate._lidar_slam_drive import Run, drive, errors
 from cdff_dev.evaluate._lidar_slam_page import ground_table as table
+from cdff_dev.registration.rates import bounds
 from cdff_dev.simulate.scenario import load_scenario
 from cdff_dev.trajectory.track import Track
 
@@ -84,4 +85,4 @@ def plains(progress: Callable[[str], None]) -> dict[str, Any]:
 
 
 def _rate(counted: list[int]) -> dict[str, Any]:
-    return {"flagged": counted[0], "trials": counted[1], "interval_95": bound(*counted)}
+    return {"flagged": counted[0], "trials": counted[1], "interval_95": bounds(*counted)}

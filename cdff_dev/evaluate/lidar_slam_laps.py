@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from cdff_dev.evaluate._lidar_drive import SEEDS, Run, drive, errors
+from cdff_dev.evaluate._lidar_slam_drive import SEEDS, Run, drive, errors
 from cdff_dev.evaluate._lidar_slam_page import laps_table as table
 from cdff_dev.simulate.scenario import load_scenario
 

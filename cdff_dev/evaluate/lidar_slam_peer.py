@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from cdff_dev.evaluate._lidar_drive import ROBOT, SEEDS, Run, errors, slam, times
+from cdff_dev.evaluate._lidar_slam_drive import ROBOT, SEEDS, Run, errors, slam, times
 from cdff_dev.evaluate._lidar_slam_page import peer_table as table
 from cdff_dev.evaluate._peers import SweepFile, peer_python
 from cdff_dev.simulate.scenario import load_scenario

@@ -51,14 +51,19 @@ def pose_errors(T: FloatArray, T_true: FloatArray) -> tuple[float, float]:
     return float(np.linalg.norm(T[:3, 3] - T_true[:3, 3])), float(np.degrees(angle))
 
 
-def interval(count: int, trials: int) -> dict[str, float]:
-    """Rate with its two-sided 95 % interval, Clopper and Pearson (1934), doi:10.1093/biomet/26.4.404."""
+def bounds(count: int, trials: int, digits: int = 5) -> list[float]:
+    """Two-sided 95 % interval of a rate, Clopper and Pearson (1934), doi:10.1093/biomet/26.4.404."""
     from scipy.stats import beta
 
     low = float(beta.ppf(0.025, count, trials - count + 1)) if count else 0.0
     high = float(beta.ppf(0.975, count + 1, trials - count)) if count < trials else 1.0
-    rates = {"rate": count / trials, "low": low, "high": high}
-    return {"count": count, "trials": trials} | {key: round(value, 4) for key, value in rates.items()}
+    return [round(low, digits), round(high, digits)]
+
+
+def interval(count: int, trials: int) -> dict[str, float]:
+    """Rate with its ``bounds``."""
+    low, high = bounds(count, trials, 4)
+    return {"count": count, "trials": trials, "rate": round(count / trials, 4), "low": low, "high": high}
 
 
 def summary(trials: Sequence[Trial], gate_m: float, gate_deg: float) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.stats import beta
 
 from cdff_common.geometry import FrameGraph, UncertainTransform, se3
 from cdff_common.geometry.covariance import pose_error
@@ -165,10 +164,3 @@ def nees(track: Track, reference: Track) -> dict[str, float]:
 def times(seconds: Sequence[float]) -> dict[str, float]:
     """Of a sweep, the two at which code is compiled left out."""
     return spread(seconds[2:]) | {"mean": round(float(np.mean(seconds[2:])), 4)}
-
-
-def bound(count: int, trials: int) -> list[float]:
-    """Two-sided 95 % interval of a rate."""
-    low = 0.0 if count == 0 else float(beta.ppf(0.025, count, trials - count + 1))
-    high = 1.0 if count == trials else float(beta.ppf(0.975, count + 1, trials - count))
-    return [round(low, 5), round(high, 5)]
