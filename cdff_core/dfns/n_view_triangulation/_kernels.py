@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled loop over points: linear start, reprojection refinement, angle, depth and covariance of each."""
+"""Compiled loop over points: linear start, reprojection refinement, angle, depth and covariance of each.
+
+Sums are kept in scalars and handed on in tuples: in small arrays the compiler would write each one to memory.
+"""
 
 from __future__ import annotations
 
@@ -9,32 +12,43 @@ from numba import njit
 from numpy.typing import NDArray
 
 Float = NDArray[np.float64]
+#: A point or gradient: x, y, z.
+Three = tuple[float, float, float]
+#: A symmetric 3x3 matrix: xx, xy, xz, yy, yz, zz.
+Six = tuple[float, float, float, float, float, float]
 
 #: What became of a point.
 FOUND, FEW_VIEWS, DEGENERATE, BEHIND, SMALL_ANGLE, LARGE_RESIDUAL = 0, 1, 2, 3, 4, 5
 
 
 @njit(cache=True, inline="always", error_model="numpy", fastmath={"contract", "reassoc"})
-def _inverted(A: Float, out: Float) -> bool:
+def _inverted(A: Six) -> tuple[bool, Six]:
     """Inverse of a symmetric positive 3x3 matrix; False where it has none."""
-    a, b, c, d, e, f = A[0, 0], A[0, 1], A[0, 2], A[1, 1], A[1, 2], A[2, 2]
+    a, b, c, d, e, f = A
     x, y, z = d * f - e * e, c * e - b * f, b * e - c * d
     determinant = a * x + b * y + c * z
     if not (a > 0.0 and d > 0.0 and f > 0.0 and determinant > 1e-13 * a * d * f):
-        return False
+        return False, A
     w = 1.0 / determinant
-    out[0, 0], out[0, 1], out[0, 2] = x * w, y * w, z * w
-    out[1, 0], out[1, 1], out[1, 2] = y * w, (a * f - c * c) * w, (b * c - a * e) * w
-    out[2, 0], out[2, 1], out[2, 2] = z * w, (b * c - a * e) * w, (a * d - b * b) * w
-    return True
+    return True, (x * w, y * w, z * w, (a * f - c * c) * w, (b * c - a * e) * w, (a * d - b * b) * w)
 
 
 @njit(cache=True, inline="always", error_model="numpy", fastmath={"contract", "reassoc"})
-def _linear(lo: int, hi: int, cam: NDArray[np.int64], xy: Float, P: Float, X: Float, A: Float, inv: Float) -> bool:
-    """Least squares on the cross products, weighed by the depths that X has (all alike at first); X is replaced."""
-    b0, b1, b2 = 0.0, 0.0, 0.0
-    A[:] = 0.0
-    weighed = X[3] != 0.0
+def _times(A: Six, b: Three) -> Three:
+    """Product of a symmetric matrix and a vector."""
+    return (
+        A[0] * b[0] + A[1] * b[1] + A[2] * b[2],
+        A[1] * b[0] + A[3] * b[1] + A[4] * b[2],
+        A[2] * b[0] + A[4] * b[1] + A[5] * b[2],
+    )
+
+
+@njit(cache=True, inline="always", error_model="numpy", fastmath={"contract", "reassoc"})
+def _linear(
+    lo: int, hi: int, cam: NDArray[np.int64], xy: Float, P: Float, X: Three, weighed: bool
+) -> tuple[bool, Three]:
+    """Least squares on the cross products, on request weighed by the depths that X has; False where it has none."""
+    a00 = a01 = a02 = a11 = a12 = a22 = b0 = b1 = b2 = 0.0
     for k in range(lo, hi):
         p = P[cam[k]]
         w = 1.0
@@ -44,39 +58,34 @@ def _linear(lo: int, hi: int, cam: NDArray[np.int64], xy: Float, P: Float, X: Fl
         for i in range(2):
             v = xy[k, i]
             r0, r1, r2 = v * p[2, 0] - p[i, 0], v * p[2, 1] - p[i, 1], v * p[2, 2] - p[i, 2]
-            q = p[i, 3] - v * p[2, 3]
-            A[0, 0] += w * r0 * r0
-            A[0, 1] += w * r0 * r1
-            A[0, 2] += w * r0 * r2
-            A[1, 1] += w * r1 * r1
-            A[1, 2] += w * r1 * r2
-            A[2, 2] += w * r2 * r2
-            b0 += w * r0 * q
-            b1 += w * r1 * q
-            b2 += w * r2 * q
-    if not _inverted(A, inv):
-        return False
-    X[0] = inv[0, 0] * b0 + inv[0, 1] * b1 + inv[0, 2] * b2
-    X[1] = inv[1, 0] * b0 + inv[1, 1] * b1 + inv[1, 2] * b2
-    X[2] = inv[2, 0] * b0 + inv[2, 1] * b1 + inv[2, 2] * b2
-    X[3] = 1.0
-    return True
+            q = w * (p[i, 3] - v * p[2, 3])
+            a00 += w * r0 * r0
+            a01 += w * r0 * r1
+            a02 += w * r0 * r2
+            a11 += w * r1 * r1
+            a12 += w * r1 * r2
+            a22 += w * r2 * r2
+            b0 += r0 * q
+            b1 += r1 * q
+            b2 += r2 * q
+    found, inverse = _inverted((a00, a01, a02, a11, a12, a22))
+    return found, _times(inverse, (b0, b1, b2))
 
 
 @njit(cache=True, inline="always", error_model="numpy", fastmath={"contract", "reassoc"})
 def _normal(
-    lo: int, hi: int, cam: NDArray[np.int64], xy: Float, P: Float, f: Float, X: Float, A: Float, g: Float
-) -> tuple[float, float]:
-    """Normal equations of the reprojection error in pixels at X; its square sum and the least depth."""
-    A[:] = 0.0
-    g[:] = 0.0
-    cost, least = 0.0, np.inf
+    lo: int, hi: int, cam: NDArray[np.int64], xy: Float, P: Float, f: Float, X: Three
+) -> tuple[float, float, Six, Three]:
+    """Square sum of the reprojection errors in pixels at X, the least depth, normal matrix and gradient."""
+    a00 = a01 = a02 = a11 = a12 = a22 = g0 = g1 = g2 = cost = 0.0
+    least = np.inf
     for k in range(lo, hi):
         p = P[cam[k]]
         z = p[2, 0] * X[0] + p[2, 1] * X[1] + p[2, 2] * X[2] + p[2, 3]
         least = min(least, z)
         if abs(z) < 1e-12:
-            return np.inf, least
+            cost = np.inf
+            break
         iz = 1.0 / z
         for i in range(2):
             s = f[cam[k], i]
@@ -85,57 +94,51 @@ def _normal(
             m = s * iz
             j0, j1, j2 = m * (p[i, 0] - u * p[2, 0]), m * (p[i, 1] - u * p[2, 1]), m * (p[i, 2] - u * p[2, 2])
             cost += r * r
-            g[0] += j0 * r
-            g[1] += j1 * r
-            g[2] += j2 * r
-            A[0, 0] += j0 * j0
-            A[0, 1] += j0 * j1
-            A[0, 2] += j0 * j2
-            A[1, 1] += j1 * j1
-            A[1, 2] += j1 * j2
-            A[2, 2] += j2 * j2
-    return cost, least
+            g0 += j0 * r
+            g1 += j1 * r
+            g2 += j2 * r
+            a00 += j0 * j0
+            a01 += j0 * j1
+            a02 += j0 * j2
+            a11 += j1 * j1
+            a12 += j1 * j2
+            a22 += j2 * j2
+    return cost, least, (a00, a01, a02, a11, a12, a22), (g0, g1, g2)
 
 
 @njit(cache=True, inline="always", error_model="numpy", fastmath={"contract", "reassoc"})
 def _refined(
-    lo: int, hi: int, cam: NDArray[np.int64], xy: Float, P: Float, f: Float, iterations: int, X: Float, Y: Float,
-    A: Float, B: Float, inv: Float, g: Float, h: Float,
-) -> tuple[float, float]:  # fmt: skip
-    """Gauss-Newton, damped when a step does not help; leaves the normal matrix of the last point in A."""
-    cost, least = _normal(lo, hi, cam, xy, P, f, X, A, g)
+    lo: int, hi: int, cam: NDArray[np.int64], xy: Float, P: Float, f: Float, iterations: int, X: Three
+) -> tuple[Three, float, float, Six]:
+    """Gauss-Newton, damped when a step does not help: the point, its square sum, least depth and normal matrix."""
+    cost, least, A, g = _normal(lo, hi, cam, xy, P, f, X)
     damping = 0.0
     for _ in range(iterations):
-        B[:] = A
-        for i in range(3):
-            B[i, i] *= 1.0 + damping
-        if not _inverted(B, inv):
+        grown = 1.0 + damping
+        solved, inverse = _inverted((A[0] * grown, A[1], A[2], A[3] * grown, A[4], A[5] * grown))
+        if not solved:
             damping = max(10.0 * damping, 1e-6)
             if damping > 1e3:
                 break
             continue
-        gain = 0.0
-        for i in range(3):
-            step = -(inv[i, 0] * g[0] + inv[i, 1] * g[1] + inv[i, 2] * g[2])
-            Y[i] = X[i] + step
-            gain -= step * g[i]
-        tried, depth = _normal(lo, hi, cam, xy, P, f, Y, B, h)
+        step = _times(inverse, g)
+        Y = (X[0] - step[0], X[1] - step[1], X[2] - step[2])
+        gain = step[0] * g[0] + step[1] * g[1] + step[2] * g[2]
+        tried, depth, B, h = _normal(lo, hi, cam, xy, P, f, Y)
         if tried > cost * (1.0 + 1e-12) + 1e-20 or (depth <= 0.0 < least):
             damping = max(10.0 * damping, 1e-4)
             if damping > 1e6:
                 break
             continue
-        X[:3] = Y[:3]
-        A[:] = B
-        g[:] = h
+        X, A, g = Y, B, h
         cost, least, damping = tried, depth, damping * 0.1 if damping > 1e-7 else 0.0
         if gain <= 1e-5 * (1.0 + cost):  # the next step would be the square of this one
             break
-    return cost, least
+    return X, cost, least, A
 
 
 @njit(cache=True, inline="always", error_model="numpy", fastmath={"contract", "reassoc"})
-def _angle_cosine(lo: int, hi: int, cam: NDArray[np.int64], C: Float, X: Float) -> float:
+def _angle_cosine(lo: int, hi: int, cam: NDArray[np.int64], C: Float, X: Three) -> float:
     """Least cosine between rays from the point: to the camera farthest round from the first, then from that one."""
     at, cosine = lo, 1.0
     for _ in range(2):
@@ -167,31 +170,33 @@ def triangulated(
     n = len(start) - 1
     points, covariances = np.full((n, 3), np.nan), np.full((n, 3, 3), np.nan)
     costs, angles, status = np.full(n, np.nan), np.full(n, np.nan), np.zeros(n, np.uint8)
-    X, Y, A, B, inv, g, h = (
-        np.zeros(4), np.zeros(4), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros(3),
-    )  # fmt: skip
     for i in range(n):
         lo, hi = start[i], start[i + 1]
         if hi - lo < 2:
             status[i] = FEW_VIEWS
             continue
-        X[3] = 0.0
-        if not _linear(lo, hi, cam, xy, P, X, A, inv) or not _linear(lo, hi, cam, xy, P, X, A, inv):
+        solved, X = _linear(lo, hi, cam, xy, P, (0.0, 0.0, 0.0), False)
+        if solved:
+            solved, X = _linear(lo, hi, cam, xy, P, X, True)
+        if not solved:
             status[i] = DEGENERATE
             continue
-        cost, least = _refined(lo, hi, cam, xy, P, f, iterations, X, Y, A, B, inv, g, h)
-        points[i] = X[:3]
+        X, cost, least, A = _refined(lo, hi, cam, xy, P, f, iterations, X)
+        points[i, 0], points[i, 1], points[i, 2] = X
         costs[i] = cost
         cosine = _angle_cosine(lo, hi, cam, C, X)
         angles[i] = np.arccos(min(max(cosine, -1.0), 1.0))
+        solved, S = _inverted(A)
         if not least > min_depth:
             status[i] = BEHIND
-        elif not _inverted(A, inv):
+        elif not solved:
             status[i] = DEGENERATE
         elif cosine > max_cosine:
             status[i] = SMALL_ANGLE
         elif cost > max_residual_px * max_residual_px * (hi - lo):
             status[i] = LARGE_RESIDUAL
         if status[i] in (FOUND, SMALL_ANGLE, LARGE_RESIDUAL):
-            covariances[i] = inv
+            c = covariances[i]
+            c[0, 0], c[0, 1], c[0, 2], c[1, 1], c[1, 2], c[2, 2] = S
+            c[1, 0], c[2, 0], c[2, 1] = S[1], S[2], S[4]
     return points, covariances, costs, angles, status

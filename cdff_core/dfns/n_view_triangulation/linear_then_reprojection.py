@@ -66,7 +66,7 @@ class LinearThenReprojection(NViewTriangulationInterface):
             raise InputError("tracks: no cameras")
         start, order = _by_point(tracks)
         cam = tracks.observations.cameras[order].astype(np.int64)
-        xy = normalised(tracks)[order]
+        xy = np.ascontiguousarray(normalised(tracks)[order])
         focal = np.ascontiguousarray(tracks.lenses.values[tracks.cameras.lenses, :2])
         T = np.linalg.inv(tracks.cameras.matrices)
         points, inverse, costs, angles, status = triangulated(
@@ -94,7 +94,8 @@ def normalised(tracks: BundleProblem) -> Float:
     if len(used) and not (values[used, :2] > 0.0).all():
         raise InputError(f"lens {used[0]}: focal lengths {values[used[0], :2]} px, expected above 0")
     if len(used) == 1:
-        out = (pixels - values[used[0], 2:4]) / values[used[0], :2]
+        out = pixels - values[used[0], 2:4]
+        out /= values[used[0], :2]
     else:
         out = (pixels - values[lens, 2:4]) / values[lens, :2]
     for row in used:
@@ -104,12 +105,12 @@ def normalised(tracks: BundleProblem) -> Float:
             here = lens == row
             rays = camera.rays(pixels[here])
             out[here] = rays[:, :2] / rays[:, 2:]
-    return np.ascontiguousarray(out)
+    return out
 
 
-def _by_point(tracks: BundleProblem) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _by_point(tracks: BundleProblem) -> tuple[NDArray[np.int64], NDArray[np.int64] | slice]:
     """Where the observations of each point begin, and the order that brings them together."""
     rows = tracks.observations.points.astype(np.int64)
-    order = np.arange(len(rows)) if (np.diff(rows) >= 0).all() else np.argsort(rows, kind="stable")
+    order = slice(None) if (rows[1:] >= rows[:-1]).all() else np.argsort(rows, kind="stable")
     counts = np.bincount(rows, minlength=len(tracks.points.ids))
     return np.r_[0, np.cumsum(counts)].astype(np.int64), order
