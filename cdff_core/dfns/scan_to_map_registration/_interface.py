@@ -68,8 +68,8 @@ class ScanToMapRegistrationOutputs:
         Eigenvectors of the information as rows: shift of the sensor, and turn about it times radiusM, in axes of
         the map.
     agreement : ndarray of float64, shape (6)
-        Share of the information along each direction that both halves of the map agree on; near 0 where there is
-        none but noise.
+        Share of the information along each direction that both halves of the map agree on, where its planes are
+        known; near 0 where there is none but noise.
     sigma_m : ndarray of float64, shape (6)
         Standard deviation that the map alone leaves along each direction, metres.
     radius_m : ndarray of float64, shape ()

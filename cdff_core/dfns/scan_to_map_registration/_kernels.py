@@ -133,6 +133,7 @@ def shared_information(
     kernel: float,
     noise: float,
     radius: float,
+    known: int,
 ) -> tuple[Float, Float, float]:  # pragma: no cover - compiled
     """Information on shift and turn times ``radius``, by the normals of both halves of the map, and by their product.
 
@@ -140,6 +141,8 @@ def shared_information(
     ----------
     points : ndarray, shape (n, 3)
         In the sensor's frame at the end of the sweep.
+    known : int
+        Planes through fewer points are passed over.
 
     Returns
     -------
@@ -155,7 +158,7 @@ def shared_information(
         ay = R[1, 0] * q[0] + R[1, 1] * q[1] + R[1, 2] * q[2]
         az = R[2, 0] * q[0] + R[2, 1] * q[1] + R[2, 2] * q[2]
         row = nearest_plane(table.keys, table.planes, voxel, ax + t[0], ay + t[1], az + t[2], _FACES)
-        if row < 0:
+        if row < 0 or table.counts[row, 0] + table.counts[row, 1] < known:
             continue
         m = table.planes[row]
         r = (

@@ -43,11 +43,9 @@ class VoxelPlanesConfig(DfnConfig):
         0.5, gt=0.0, le=10.0, description="Width of the kernel at the first iteration, metres"
     )
     last_kernel_m: float = Field(0.15, gt=0.0, le=10.0, description="Width of the kernel at the end, metres")
+    known_count: int = Field(12, ge=6, le=10_000, description="Points of a voxel from which its plane tells directions")
     held_sigma_m: float = Field(
-        0.045, gt=0.0, le=100.0, description="Sigma left by the map above which a direction stays as guessed, metres"
-    )
-    least_agreement: float = Field(
-        0.25, ge=0.0, le=1.0, description="Share that both halves of the map agree on below which it holds nothing"
+        0.09, gt=0.0, le=100.0, description="Sigma left by the map above which a direction stays as guessed, metres"
     )
     max_iterations: int = Field(30, ge=1, le=500, description="Iterations at most")
     tolerance_m: float = Field(5e-4, gt=0.0, le=1.0, description="Step that has converged, metres")
@@ -167,6 +165,8 @@ class VoxelPlanes(ScanToMapRegistrationInterface):
         """Directions of the information, what both halves of the map agree on, and the sigma this leaves.
 
         Of one point a voxel: those that share a plane share its noise, and would count it as ground once more each.
+        Of planes that are known: normals through a few points far away, where a map is new, are noise with a long lever,
+        which hides what the near ground says of a turn.
         """
         cfg: Any = self.config
         kept = self._tables.thinned(points, cfg.voxel_m)
@@ -175,12 +175,11 @@ class VoxelPlanes(ScanToMapRegistrationInterface):
         still = np.einsum("nij,nj->ni", R, points) + fraction[:, None] * motion[:3]
         H, X, total = self._kernels.shared_information(
             self._table, cfg.voxel_m, still, np.ascontiguousarray(T[:3, :3]), T[:3, 3].copy(), cfg.last_kernel_m,
-            cfg.noise_m, radius_m,
+            cfg.noise_m, radius_m, cfg.known_count,
         )  # fmt: skip
         values, vectors = np.linalg.eigh(H)
         shared = np.einsum("ij,ik,kj->j", vectors, X, vectors)
         agreement = shared / np.maximum(values, 1e-12)
-        shared[agreement < cfg.least_agreement] = 0.0
         sigma_m = np.sqrt(variance / np.maximum(shared * total, 1e-12))
         return np.ascontiguousarray(vectors.T), agreement, sigma_m
 
@@ -209,7 +208,7 @@ class VoxelPlanes(ScanToMapRegistrationInterface):
         self._tables.moved_over(table, self._tables.empty_table(16), np.zeros(3), 1.0, 1.0)
         eye, zero = np.eye(3), np.zeros(3)
         self._kernels.normal_equations(table, 1.0, one, np.zeros(1), eye, zero, zero, zero, 1.0, 1.0)
-        self._kernels.shared_information(table, 1.0, one, eye, zero, 1.0, 1.0, 1.0)
+        self._kernels.shared_information(table, 1.0, one, eye, zero, 1.0, 1.0, 1.0, 12)
 
 
 def _information(covariance: Float | None, name: str) -> Float:

@@ -70,7 +70,7 @@ class LidarSlamConfig(DfpcConfig):
         0.75, ge=0.0, description="What adds up on it with each metre, in covariances of one sweep's pose"
     )
     weak_sigma_m: float = Field(
-        0.045, gt=0.0, description="Sigma that the map leaves along a direction: DEGRADED above"
+        0.09, gt=0.0, description="Sigma that the map leaves along a direction: DEGRADED above"
     )
     min_inlier_ratio: float = Field(0.25, gt=0.0, le=1.0, description="Share of points on the map: DEGRADED below")
     lost_inlier_ratio: float = Field(0.05, gt=0.0, le=1.0, description="Share of points on the map: FAILED below")
