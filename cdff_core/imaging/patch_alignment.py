@@ -20,6 +20,8 @@ FloatImage = NDArray[np.float32]
 FloatArray = NDArray[np.float64]
 
 _FLAT = 1e-3  # sum of squared grey-level deviations below which a patch holds no structure at all
+_MAX_SLOPE_STEP = 0.5
+_SLOPE_DAMPING = 0.05  # of the information of a shift: steps in slope stay short where a patch does not tell it
 _MAX_STEP_PX = 2.0  # the linearisation does not hold for longer steps
 
 
@@ -33,7 +35,7 @@ def _bilinear(image, x, y):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, fastmath={"reassoc", "contract", "arcp", "nsz"})
-def align_patches(reference, image, points, start, scales, half, iterations, tolerance_px):  # type: ignore[no-untyped-def]
+def align_patches(reference, image, points, start, warps, half, iterations, tolerance_px):  # type: ignore[no-untyped-def]
     """Find the patches around ``points`` of ``reference`` in ``image`` by inverse-compositional Gauss-Newton [1]_.
 
     Parameters
@@ -43,8 +45,8 @@ def align_patches(reference, image, points, start, scales, half, iterations, tol
         Patch centres x, y in ``reference``, pixels.
     start : NDArray[np.float64], shape (n, 2)
         Where to begin in ``image``, pixels.
-    scales : NDArray[np.float64], shape (n,)
-        Expected magnification from ``reference`` to ``image``.
+    warps : NDArray[np.float64], shape (n, 2, 2)
+        Derivatives of x, y in ``image`` by x, y in ``reference`` across each patch.
     half : int
         Patches are ``2 half + 1`` pixels wide.
     iterations : int
@@ -65,7 +67,8 @@ def align_patches(reference, image, points, start, scales, half, iterations, tol
     T, gx, gy, patch = np.empty(m), np.empty(m), np.empty(m), np.empty(m)
     block = np.empty((width + 2, width + 2))
     for i in range(n):
-        px, py, s = points[i, 0], points[i, 1], scales[i]
+        px, py = points[i, 0], points[i, 1]
+        axx, axy, ayx, ayy = warps[i, 0, 0], warps[i, 0, 1], warps[i, 1, 0], warps[i, 1, 1]
         margin = half + 2.0
         if not (margin <= px < reference.shape[1] - margin - 1 and margin <= py < reference.shape[0] - margin - 1):
             continue
@@ -95,7 +98,8 @@ def align_patches(reference, image, points, start, scales, half, iterations, tol
         determinant = hxx * hyy - hxy * hxy
         if energy < _FLAT or determinant <= 1e-6 * (hxx + hyy) ** 2:
             continue
-        x, y, reach, settled = start[i, 0], start[i, 1], half * s + 2.0, False
+        x, y, settled = start[i, 0], start[i, 1], False
+        reach = half * max(abs(axx) + abs(axy), abs(ayx) + abs(ayy)) + 2.0
         for _ in range(iterations + 1):
             if not (reach <= x < image.shape[1] - reach - 1 and reach <= y < image.shape[0] - reach - 1):
                 settled = False
@@ -103,7 +107,7 @@ def align_patches(reference, image, points, start, scales, half, iterations, tol
             level, k = 0.0, 0
             for v in range(-half, half + 1):
                 for u in range(-half, half + 1):
-                    patch[k] = _bilinear(image, x + s * u, y + s * v)
+                    patch[k] = _bilinear(image, x + axx * u + axy * v, y + ayx * u + ayy * v)
                     level += patch[k]
                     k += 1
             level /= m
@@ -128,12 +132,135 @@ def align_patches(reference, image, points, start, scales, half, iterations, tol
             length = np.sqrt(dx * dx + dy * dy)
             if length > _MAX_STEP_PX:
                 dx, dy = dx * _MAX_STEP_PX / length, dy * _MAX_STEP_PX / length
-            x, y = x - s * dx, y - s * dy
+            x, y = x - axx * dx - axy * dy, y - ayx * dx - ayy * dy
             settled = length < tolerance_px
         if not settled:
             score[i] = -1.0
         found[i, 0], found[i, 1] = x, y
     return found, score
+
+
+@nb.njit(cache=True, fastmath={"reassoc", "contract", "arcp", "nsz"})
+def align_slanted(left, right, points, start, half, iterations, tolerance_px, steepest):  # type: ignore[no-untyped-def]
+    """As ``align_patches`` from the left image of a rectified pair to the right one, with the slope of the disparity.
+
+    The pixel ``(u, v)`` from the centre of a patch lies at ``(x + u - a u - b v, y + v)``: a plane in space is a plane
+    in disparity [2]_, and on the ground ahead the disparity changes by ``b = baseline / height`` from row to row, by
+    pixels over a patch. Taken as facing the camera, such a patch is matched where its strongest texture happens to lie.
+
+    Parameters
+    ----------
+    left, right : NDArray[np.float32], shape (rows, cols)
+    points, start : NDArray[np.float64], shape (n, 2)
+        Patch centres in ``left`` and where to begin in ``right``, pixels.
+    half, iterations, tolerance_px
+        As in ``align_patches``.
+    steepest : float
+        A slope beyond this ends the search without a result.
+
+    Returns
+    -------
+    found : NDArray[np.float64], shape (n, 2)
+    slopes : NDArray[np.float64], shape (n, 2)
+        ``a, b``: derivatives of the disparity by column and row.
+    score : NDArray[np.float64], shape (n,)
+        As in ``align_patches``.
+    """
+    n = len(points)
+    found, slopes, score = start.copy(), np.zeros((n, 2)), np.full(n, -1.0)
+    width = 2 * half + 1
+    m = width * width
+    T, patch, G = np.empty(m), np.empty(m), np.empty((4, m))
+    block = np.empty((width + 2, width + 2))
+    H, rhs = np.empty((4, 4)), np.empty(4)
+    for i in range(n):
+        px, py = points[i, 0], points[i, 1]
+        margin = half + 2.0
+        if not (margin <= px < left.shape[1] - margin - 1 and margin <= py < left.shape[0] - margin - 1):
+            continue
+        for v in range(width + 2):
+            for u in range(width + 2):
+                block[v, u] = _bilinear(left, px + (u - half - 1), py + (v - half - 1))
+        k = 0
+        for v in range(1, width + 1):
+            for u in range(1, width + 1):
+                T[k] = block[v, u]
+                gx = 0.5 * (block[v, u + 1] - block[v, u - 1])
+                G[0, k] = gx
+                G[1, k] = 0.5 * (block[v + 1, u] - block[v - 1, u])
+                G[2, k] = gx * (u - half - 1) / half
+                G[3, k] = gx * (v - half - 1) / half
+                k += 1
+        T -= T.mean()
+        energy = 0.0
+        for k in range(m):
+            energy += T[k] * T[k]
+        for j in range(4):
+            G[j] -= G[j].mean()
+        for j in range(4):
+            for i2 in range(j + 1):
+                total = 0.0
+                for k in range(m):
+                    total += G[j, k] * G[i2, k]
+                H[j, i2] = H[i2, j] = total
+        if energy < _FLAT or H[0, 0] * H[1, 1] - H[0, 1] ** 2 <= 1e-6 * (H[0, 0] + H[1, 1]) ** 2:
+            continue
+        for j in range(2, 4):
+            H[j, j] += _SLOPE_DAMPING * H[0, 0]
+        inverse = np.linalg.inv(H)
+        x, y, a, b, settled = start[i, 0], start[i, 1], 0.0, 0.0, False
+        for _ in range(iterations + 1):
+            reach_x, reach_y = half * (abs(1.0 - a) + abs(b)) + 2.0, half + 2.0
+            if not (reach_x <= x < right.shape[1] - reach_x - 1 and reach_y <= y < right.shape[0] - reach_y - 1):
+                settled = False
+                break
+            level, k = 0.0, 0
+            for v in range(-half, half + 1):
+                for u in range(-half, half + 1):
+                    patch[k] = _bilinear(right, x + (1.0 - a) * u - b * v, y + v)
+                    level += patch[k]
+                    k += 1
+            level /= m
+            cross, other = 0.0, 0.0
+            for k in range(m):
+                patch[k] -= level
+                cross += patch[k] * T[k]
+                other += patch[k] * patch[k]
+            if other < _FLAT or cross <= 0.0:
+                settled = False
+                break
+            score[i] = cross / np.sqrt(other * energy)
+            if settled:
+                break
+            gain = energy / cross
+            for j in range(4):
+                total = 0.0
+                for k in range(m):
+                    total += G[j, k] * (patch[k] * gain - T[k])
+                rhs[j] = total
+            dx, dy, da, db = 0.0, 0.0, 0.0, 0.0
+            for j in range(4):
+                dx += inverse[0, j] * rhs[j]
+                dy += inverse[1, j] * rhs[j]
+                da += inverse[2, j] * rhs[j] / half
+                db += inverse[3, j] * rhs[j] / half
+            length = np.sqrt(dx * dx + dy * dy)
+            excess = max(length / _MAX_STEP_PX, abs(da) / _MAX_SLOPE_STEP, abs(db) / _MAX_SLOPE_STEP)
+            if excess > 1.0:
+                dx, dy, da, db = dx / excess, dy / excess, da / excess, db / excess
+            # The warp [[1 - a, -b], [0, 1]] times the inverse of the step's, [[1 + da, db], [0, 1]].
+            along = (1.0 - a) / (1.0 + da)
+            across = -b - along * db
+            x, y = x - along * dx - across * dy, y - dy
+            a, b = 1.0 - along, -across
+            if abs(a) > steepest or abs(b) > steepest:
+                settled = False
+                break
+            settled = length < tolerance_px and half * (abs(da) + abs(db)) < 4.0 * tolerance_px
+        if not settled:
+            score[i] = -1.0
+        found[i, 0], found[i, 1], slopes[i, 0], slopes[i, 1] = x, y, a, b
+    return found, slopes, score
 
 
 @nb.njit(cache=True, fastmath={"reassoc", "contract", "arcp", "nsz"})

@@ -30,6 +30,8 @@ class FeaturesPrediction2DInputs:
         Distance between the cameras, metres.
     image : ndarray of uint8, shape (r,c)
         Image in which the points are expected; gives the size only.
+    slopes : ndarray of float64, shape (n,2), optional
+        Derivatives of the disparity by column and row in the reference, of surfaces facing the camera where absent.
     """
 
     points: NDArray[np.float64]
@@ -37,6 +39,7 @@ class FeaturesPrediction2DInputs:
     camera_matrix: NDArray[np.float64]
     baseline: NDArray[np.float64]
     image: NDArray[np.uint8]
+    slopes: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,17 +52,20 @@ class FeaturesPrediction2DOutputs:
         Predicted column and row, pixels.
     disparities : ndarray of float64, shape (n)
         Predicted disparity, pixels.
-    magnification : ndarray of float64, shape (n)
-        Size in the predicted image over size in the reference.
+    warps : ndarray of float64, shape (n,2,2)
+        Derivatives of the predicted column and row by those of the reference: how a patch is magnified and sheared.
+    slopes : ndarray of float64, shape (n,2)
+        Derivatives of the disparity by column and row in the predicted image.
     visible : ndarray of bool, shape (n)
         In front of the camera, inside the image, and not magnified beyond what a patch can follow.
     """
 
     features: NDArray[np.float64]
     disparities: NDArray[np.float64]
-    magnification: NDArray[np.float64]
+    warps: NDArray[np.float64]
+    slopes: NDArray[np.float64]
     visible: NDArray[np.bool_]
 
 
 class FeaturesPrediction2DInterface(Dfn[Any, FeaturesPrediction2DInputs, FeaturesPrediction2DOutputs]):
-    """Say where known points will appear in the left and right image at a predicted pose, and how much larger."""
+    """Say where known points will appear in the left and right image at a predicted pose, and how warped."""

@@ -7,8 +7,10 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
+from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.features_prediction_2d._interface import (
@@ -18,7 +20,9 @@ from cdff_core.dfns.features_prediction_2d._interface import (
 )
 from cdff_core.imaging.rectified_camera import RectifiedCamera
 
+FloatArray = NDArray[np.float64]
 _NEAREST_M = 1e-3
+_EDGE_ON = 0.05  # a patch whose area shrinks to less is not followed by its warp
 
 
 class RectifiedProjectionConfig(DfnConfig):
@@ -29,7 +33,7 @@ class RectifiedProjectionConfig(DfnConfig):
 
 
 class RectifiedProjection(FeaturesPrediction2DInterface):
-    """Pinhole projection [1]_; a patch that faces the camera grows by the ratio of its two distances.
+    """Pinhole projection [1]_; a patch is warped as the plane that the slope of its disparity tells.
 
     References
     ----------
@@ -50,10 +54,41 @@ class RectifiedProjection(FeaturesPrediction2DInterface):
         rows, columns = inputs.image.shape
         inside = np.all((uvd[:, :2] >= c.border_px) & (uvd[:, :2] < np.array([columns, rows]) - c.border_px), axis=1)
         magnification = np.asarray(inputs.points)[:, 2] / moved[:, 2]
+        slopes = np.zeros((len(moved), 2)) if inputs.slopes is None else np.asarray(inputs.slopes, np.float64)
+        if slopes.shape != (len(moved), 2):
+            raise InputError(f"slopes {slopes.shape}: expected ({len(moved)}, 2)")
+        warps, seen = _warped(camera, np.asarray(inputs.points, np.float64), inputs.pose, slopes)
         followed = (magnification <= c.max_magnification) & (magnification >= 1.0 / c.max_magnification)
         return FeaturesPrediction2DOutputs(
             features=np.ascontiguousarray(uvd[:, :2]),
             disparities=np.ascontiguousarray(uvd[:, 2]),
-            magnification=magnification,
+            warps=warps,
+            slopes=seen,
             visible=ahead & inside & followed,
         )
+
+
+def _warped(
+    camera: RectifiedCamera, points: FloatArray, pose: FloatArray, slopes: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Warps ``(n, 2, 2)`` of patches, and the slopes ``(n, 2)`` of their disparity after the motion.
+
+    A patch is a plane ``1 / z = n . (x, y, 1)`` and moves by the homography ``R + t n^T`` ([1]_, §13.1), of which these
+    are the derivatives at its centre. One that is seen edge on is left as it was.
+    """
+    z, focal = points[:, 2], np.array([camera.fx, camera.fy])
+    bearings = points / z[:, None]
+    normals = np.empty((len(points), 3))
+    normals[:, :2] = slopes * focal / (camera.fx * camera.baseline_m)
+    normals[:, 2] = 1.0 / z - np.sum(normals[:, :2] * bearings[:, :2], axis=1)
+    H = pose[:3, :3] + pose[:3, 3][:, None] * normals[:, None, :]
+    moved = np.einsum("nij,nj->ni", H, bearings)
+    stretch = np.maximum(moved[:, 2], _NEAREST_M)
+    warps = (H[:, :2, :2] - (moved[:, :2] / stretch[:, None])[:, :, None] * H[:, 2:, :2]) / stretch[:, None, None]
+    warps = warps * focal[:, None] / focal
+    edge_on = np.linalg.det(warps) < _EDGE_ON
+    warps[edge_on] = np.eye(2)
+    growth = (normals[:, :2] - H[:, 2, :2] / (z * stretch)[:, None]) / stretch[:, None]  # of 1 / z, by x and y
+    growth *= camera.fx * camera.baseline_m / focal
+    growth[edge_on] = 0.0
+    return warps, np.linalg.solve(np.swapaxes(warps, 1, 2), growth[:, :, None])[:, :, 0]

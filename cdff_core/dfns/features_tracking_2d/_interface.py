@@ -28,15 +28,15 @@ class FeaturesTracking2DInputs:
         Points of the reference, column and row, pixels.
     guess : ndarray of float64, shape (n,2), optional
         Where to begin in the image, pixels; the same place where absent.
-    magnification : ndarray of float64, shape (n), optional
-        Expected size in the image over size in the reference, 1 where absent.
+    warps : ndarray of float64, shape (n,2,2), optional
+        Expected derivatives of column and row in the image by those of the reference, the identity where absent.
     """
 
     reference: NDArray[np.uint8]
     image: NDArray[np.uint8]
     features: NDArray[np.float64]
     guess: NDArray[np.float64] | None = None
-    magnification: NDArray[np.float64] | None = None
+    warps: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -26,7 +26,7 @@ class PyramidalKltConfig(WarpedKltConfig):
 
 
 class PyramidalKlt(FeaturesTracking2DInterface):
-    """Bouguet's pyramidal Lucas-Kanade [1]_ as OpenCV has it; the magnification only enters the correlation.
+    """Bouguet's pyramidal Lucas-Kanade [1]_ as OpenCV has it; the warps only enter the correlation.
 
     References
     ----------
@@ -43,11 +43,11 @@ class PyramidalKlt(FeaturesTracking2DInterface):
         guess = points if inputs.guess is None else np.array(inputs.guess, np.float64)
         if points.ndim != 2 or points.shape[1] != 2 or guess.shape != points.shape:
             raise InputError(f"features {points.shape}, guess {guess.shape}: expected both (n, 2)")
-        scales = np.ones(len(points)) if inputs.magnification is None else np.array(inputs.magnification, np.float64)
+        warps = np.tile(np.eye(2), (len(points), 1, 1)) if inputs.warps is None else np.array(inputs.warps, np.float64)
         matches, forward = self._flow(inputs.reference, inputs.image, points, guess)
         back, backward = self._flow(inputs.image, inputs.reference, matches, points)
         _, scores = align_patches(
-            smoothed(inputs.reference), smoothed(inputs.image), points, matches, scales, c.half_window_px, 1, np.inf
+            smoothed(inputs.reference), smoothed(inputs.image), points, matches, warps, c.half_window_px, 1, np.inf
         )
         valid = forward & backward & (scores >= c.min_correlation)
         valid &= np.hypot(*(back - points).T) <= c.max_return_error_px

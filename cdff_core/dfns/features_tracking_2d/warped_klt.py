@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""WarpedKlt: Lucas-Kanade tracking of patches that are scaled as a motion prediction says."""
+"""WarpedKlt: Lucas-Kanade tracking of patches that are warped as a motion prediction says."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ class WarpedKltConfig(DfnConfig):
 class WarpedKlt(FeaturesTracking2DInterface):
     """Inverse-compositional Lucas-Kanade [1]_ over a pyramid [2]_, forward and backward [3]_.
 
-    The patch is resampled at the expected magnification, so that a point approached by a quarter of its distance is
-    still followed without bias; gain and offset of the patch are removed, so that exposure may change.
+    The patch is resampled with the expected warp, so that a point approached by a quarter of its distance, or on ground
+    seen flatly, is still followed without bias; gain and offset of the patch are removed, so that exposure may change.
 
     References
     ----------
@@ -53,22 +53,24 @@ class WarpedKlt(FeaturesTracking2DInterface):
     def setup(self) -> None:
         """Compile the kernel."""
         image, point = np.zeros((48, 48), np.float32), np.full((1, 2), 24.0)
-        align_patches(image, image, point, point, np.ones(1), 3, 1, 0.1)
+        align_patches(image, image, point, point, np.eye(2)[None], 3, 1, 0.1)
 
     def process(self, inputs: FeaturesTracking2DInputs) -> FeaturesTracking2DOutputs:
         """Track every point; raises InputError where shapes do not fit."""
         c = self.config
         points = np.array(inputs.features, np.float64)
         guess = points if inputs.guess is None else np.array(inputs.guess, np.float64)
-        scales = np.ones(len(points)) if inputs.magnification is None else np.array(inputs.magnification, np.float64)
-        if points.ndim != 2 or points.shape[1] != 2 or guess.shape != points.shape or scales.shape != (len(points),):
-            shapes = f"features {points.shape}, guess {guess.shape}, magnification {scales.shape}"
-            raise InputError(f"{shapes}: expected (n, 2), (n, 2), (n,)")
+        warps = np.tile(np.eye(2), (len(points), 1, 1)) if inputs.warps is None else np.array(inputs.warps, np.float64)
+        n = len(points)
+        if points.shape != (n, 2) or guess.shape != (n, 2) or warps.shape != (n, 2, 2):
+            shapes = f"features {points.shape}, guess {guess.shape}, warps {warps.shape}"
+            raise InputError(f"{shapes}: expected (n, 2), (n, 2), (n, 2, 2)")
         reference, image = pyramid(inputs.reference, c.levels), pyramid(inputs.image, c.levels)
-        matches, scores = self._descend(reference, image, points, guess, scales)
+        matches, scores = self._descend(reference, image, points, guess, warps)
         back, returned = align_patches(
-            image[0], reference[0], matches, points, 1.0 / scales, c.half_window_px, c.iterations, c.tolerance_px
-        )
+            image[0], reference[0], matches, points, np.linalg.inv(warps),
+            c.half_window_px, c.iterations, c.tolerance_px,
+        )  # fmt: skip
         valid = (scores >= c.min_correlation) & (returned >= c.min_correlation)
         valid &= np.hypot(*(back - points).T) <= c.max_return_error_px
         return FeaturesTracking2DOutputs(matches=matches, valid=valid, scores=scores)
@@ -79,7 +81,7 @@ class WarpedKlt(FeaturesTracking2DInterface):
         image: list[NDArray[np.float32]],
         points: FloatArray,
         guess: FloatArray,
-        scales: FloatArray,
+        warps: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
         """Coarse to fine; a level on which a point is not found leaves its guess as it was."""
         c = self.config
@@ -91,7 +93,7 @@ class WarpedKlt(FeaturesTracking2DInterface):
                 image[level],
                 points / size,
                 found / size,
-                scales,
+                warps,
                 c.half_window_px,
                 c.iterations,
                 c.tolerance_px * (1.0 if level == 0 else 5.0),

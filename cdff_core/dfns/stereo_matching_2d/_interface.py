@@ -28,12 +28,15 @@ class StereoMatching2DInputs:
         Points of the left image, column and row, pixels.
     guess : ndarray of float64, shape (n), optional
         Expected disparities, pixels; the whole range is searched where absent.
+    slopes : ndarray of float64, shape (n,2), optional
+        Derivatives of the disparity by column and row across each patch; found along where absent.
     """
 
     left: NDArray[np.uint8]
     right: NDArray[np.uint8]
     features: NDArray[np.float64]
     guess: NDArray[np.float64] | None = None
+    slopes: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,12 +49,15 @@ class StereoMatching2DOutputs:
         Column in the left minus column in the right image, pixels; meaningless where not valid.
     row_offsets : ndarray of float64, shape (n)
         Row in the right minus row in the left image, pixels: what the rectification left.
+    slopes : ndarray of float64, shape (n,2)
+        Derivatives of the disparity by column and row across each patch, 0 where they cannot be told.
     valid : ndarray of bool, shape (n)
         Found once and only once.
     """
 
     disparities: NDArray[np.float64]
     row_offsets: NDArray[np.float64]
+    slopes: NDArray[np.float64]
     valid: NDArray[np.bool_]
 
 

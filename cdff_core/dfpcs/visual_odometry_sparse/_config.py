@@ -18,7 +18,7 @@ class VisualOdometrySparseConfig(DfpcConfig):
     limits: Limits = Limits()
     keyframe_survival: Annotated[float, Field(gt=0, lt=1)] = 0.6
     window: Annotated[
-        int, Field(ge=1, le=2, description="2: a new key frame is located against the last two, else against the last")
+        int, Field(ge=1, le=8, description="A new key frame is located against so many of the last ones")
     ] = 1
     patience: Annotated[int, Field(ge=1, le=100)] = 2
     sigma_calibration_walk_px: Annotated[float, Field(ge=0, le=1)] = 0.002

@@ -54,12 +54,16 @@ class View:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeyFrame:
-    """The pair that is tracked against: its points in pixels and in space, and its pose ``T_vo_keyframe``."""
+    """The pair that is tracked against: its points in pixels and in space, and its pose ``T_vo_keyframe``.
+
+    ``slopes`` (n, 2) are the derivatives of the disparity by column and row: how the surface lies around a point.
+    """
 
     view: View
     pose: LinkedPose
     features: FloatArray
     disparities: FloatArray
+    slopes: FloatArray
     basis: FloatArray
     points: FloatArray
     sharpness: float

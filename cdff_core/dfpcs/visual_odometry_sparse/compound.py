@@ -9,6 +9,7 @@ disparities, refine, judge, renew the key frame.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -64,7 +65,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         self._path = Path(c.trajectory_length, self._felt.increment)
         self._calibration = Calibration(c.sigma_calibration_walk_px)
         self._key: KeyFrame | None = None
-        self._before: tuple[KeyFrame, LinkedPose] | None = None
+        self._before: list[tuple[KeyFrame, LinkedPose]] = []  # older key frames with the motion to the one after each
         self._last: View | None = None
         self._lost, self._gaps, self._gap_open = 0, 0, False
         self.store.offer("keyframe", lambda: self._key and self._key.view.pair)
@@ -178,8 +179,9 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
             StereoTriangulationInputs(features[ahead], corrected[ahead], view.camera_matrix, view.baseline)
         )
         return KeyFrame(
-            view, pose, features[ahead], disparities[ahead], field.basis[ahead], triangulated.points, sharpness
-        ), doubts
+            view, pose, features[ahead], disparities[ahead], paired.slopes[paired.valid][ahead], field.basis[ahead],
+            triangulated.points, sharpness,
+        ), doubts  # fmt: skip
 
     def _follow(self, view: View, key: KeyFrame, sharpness: float) -> Output:
         """Locate the camera against the key frame; re-anchor when that fails ``patience`` times in a row."""
@@ -192,15 +194,15 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
             if self._lost >= c.patience:
                 self._key, _ = self._anchor(view, self._unlinked(self._path.across_gap(view.stamp_ns)), sharpness)
                 self._gaps, self._gap_open, self._lost = self._gaps + 1, True, 0
-                self._before = None
+                self._before = []
             raise
         reasons += verdict.blur_reasons(sharpness, key.sharpness, c.limits)
         reasons += ["gap"] if self._gap_open else []
         motion, renew = LinkedPose.of_motion(refined), metrics["inliers"] < c.keyframe_survival * len(key.features)
-        corrected = key.pose.corrected(refined.calibration - self._calibration.mean_px)
-        linked = corrected @ motion
-        if renew:
-            linked = self._refine(view, motion, linked)
+        change = refined.calibration - self._calibration.mean_px
+        linked = key.pose.corrected(change) @ motion
+        if renew and self._before:
+            linked = self._refine(view, motion, change)
         pose = linked.stated(refined.calibration_covariance)
         self._calibration.note(refined.calibration, refined.calibration_covariance)
         self._path.measured(view.stamp_ns, pose, after_gap=self._gap_open)
@@ -208,7 +210,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         if renew:
             try:
                 self._key, _ = self._anchor(view, linked, sharpness)
-                self._before = (key, motion) if c.window > 1 else None
+                self._before = [*self._before, (key, motion)][1 - c.window :] if c.window > 1 else []
             except RefusedError as doubt:
                 reasons += doubt.reasons
         offset_px, decentring_px = (float(p) for p in self._calibration.mean_px)
@@ -216,17 +218,25 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         metrics |= {"disparity_offset_px": offset_px, "decentring_px": decentring_px}
         return self._output(view.stamp_ns, (key.view.sample_id, view.sample_id), pose, self._quality(reasons, metrics))
 
-    def _refine(self, view: View, motion: LinkedPose, linked: LinkedPose) -> LinkedPose:
-        """``T_vo_now`` of a coming key frame, seen from the one before the last too where that still shows enough."""
-        if self._before is None:
-            return linked
-        old, T_old_key = self._before
-        chained = T_old_key @ motion
-        try:
-            refined, _, doubts = self._locate(view, old, se3.inverse(chained.matrix))
-        except RefusedError:
-            return linked
-        return linked if doubts else old.pose @ chained.fused(LinkedPose.of_motion(refined))
+    def _refine(self, view: View, motion: LinkedPose, change: FloatArray) -> LinkedPose:
+        """``T_vo_now`` of a coming key frame, seen from the older ones of the window too where they still show enough.
+
+        From the youngest to the oldest: what is known of the way from there, and what the images say of it at once.
+        """
+        self._before = [
+            (replace(old, pose=old.pose.corrected(change)), T_old_next.corrected(change))
+            for old, T_old_next in self._before
+        ]
+        estimate = motion
+        for old, T_old_next in reversed(self._before):
+            estimate = T_old_next @ estimate
+            try:
+                refined, _, doubts = self._locate(view, old, se3.inverse(estimate.matrix))
+            except RefusedError:
+                continue
+            if not doubts:
+                estimate = estimate.fused(LinkedPose.of_motion(refined))
+        return self._before[0][0].pose @ estimate
 
     def _locate(
         self, view: View, key: KeyFrame, T_now_key: FloatArray
@@ -248,10 +258,13 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
                 tracked, matches = again, again_matches
                 T_now_key, agreeing = self._agree(view, key, tracked, matches, T_now_key)
         candidates, matches = tracked[agreeing], matches[agreeing]
-        expected = self._predict(view, key, T_now_key).disparities[candidates]
+        predicted = self._predict(view, key, T_now_key)
+        expected = predicted.disparities[candidates]
         field = self.refinement.process(RectificationRefinementInputs(matches, expected, view.camera_matrix))
         shift = field.corrections + field.basis @ self._calibration.mean_px
-        paired = self.stereo_matching.process(StereoMatching2DInputs(view.left, view.right, matches, expected - shift))
+        paired = self.stereo_matching.process(
+            StereoMatching2DInputs(view.left, view.right, matches, expected - shift, predicted.slopes[candidates])
+        )
         least = max(self.config.limits.min_inliers, int(self.config.limits.min_pairing_fraction * len(candidates)))
         required(int(paired.valid.sum()), least, "stereo_mismatch")
         kept, ok = candidates[paired.valid], paired.valid
@@ -270,7 +283,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
 
     def _predict(self, view: View, key: KeyFrame, T_now_key: FloatArray) -> Any:
         return self.prediction.process(
-            FeaturesPrediction2DInputs(key.points, T_now_key, view.camera_matrix, view.baseline, view.left)
+            FeaturesPrediction2DInputs(key.points, T_now_key, view.camera_matrix, view.baseline, view.left, key.slopes)
         )
 
     def _track(self, view: View, key: KeyFrame, T_now_key: FloatArray) -> tuple[Any, FloatArray, int]:
@@ -283,7 +296,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
                 view.left,
                 key.features[visible],
                 expected.features[visible],
-                expected.magnification[visible],
+                expected.warps[visible],
             )
         )
         return visible[found.valid], found.matches[found.valid], len(visible)

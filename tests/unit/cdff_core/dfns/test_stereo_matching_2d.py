@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -29,6 +30,24 @@ def test_disparities_are_found_with_and_without_a_guess() -> None:
         assert np.abs(out.row_offsets[out.valid]).max() < 0.1
 
 
+def test_ground_seen_flatly_is_matched_with_its_slope_given_or_not() -> None:
+    """The disparity grows by 0.3 px a row, 5 px over a patch: 30 px in the middle row."""
+    smooth = cv2.GaussianBlur(texture(8, 256), (0, 0), 1.0)
+    shear = np.array([[1.0, -0.3, -30.0 + 0.3 * 128.0], [0.0, 1.0, 0.0]])
+    left, right = (np.clip(m, 0, 255).astype(np.uint8) for m in (smooth, cv2.warpAffine(smooth, shear, (256, 256))))
+    truth = 30.0 + 0.3 * (POINTS[:, 1] - 128.0)
+    inside = POINTS[:, 0] - truth > 30.0
+    rms_px = []
+    for slopes in (None, np.tile([0.0, 0.3], (len(POINTS), 1)), np.zeros((len(POINTS), 2))):
+        out = matcher().process(StereoMatching2DInputs(left, right, POINTS, None if slopes is None else truth, slopes))
+        rms_px.append(np.sqrt(np.mean((out.disparities - truth)[out.valid] ** 2)))
+        if slopes is None or slopes.any():
+            assert np.percentile(np.abs(out.disparities - truth)[out.valid], 95) < 0.06
+            assert np.percentile(np.abs(out.slopes - [0.0, 0.3])[out.valid], 95) < 0.03
+            assert out.valid[inside].mean() > 0.5
+    assert rms_px[2] > 5.0 * max(rms_px[:2])  # as if it faced the camera
+
+
 def test_images_of_two_scenes_do_not_match() -> None:
     other = np.clip(texture(9, 256), 0, 255).astype(np.uint8)
     assert matcher().process(StereoMatching2DInputs(IMAGE, other, POINTS)).valid.sum() <= 1
@@ -42,3 +61,5 @@ def test_a_repeating_texture_is_ambiguous_not_matched() -> None:
 def test_images_of_different_size_are_refused() -> None:
     with pytest.raises(InputError, match="equal size"):
         matcher().process(StereoMatching2DInputs(IMAGE, IMAGE[:200], POINTS))
+    with pytest.raises(InputError, match="slopes"):
+        matcher().process(StereoMatching2DInputs(IMAGE, IMAGE, POINTS, slopes=np.zeros((1, 2))))

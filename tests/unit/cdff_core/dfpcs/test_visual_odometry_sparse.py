@@ -210,8 +210,9 @@ def test_a_motorway_without_near_points_is_not_followed_silently(monkeypatch: py
     assert all(o.quality.reasons[0].startswith("few_near_points") for o in outputs)
 
 
-def test_a_window_of_two_key_frames_finds_the_same_way(pairs: list[FramePair]) -> None:
-    outputs = run(made(window=2, keyframe_survival=0.95), pairs)
+@pytest.mark.parametrize("window", [2, 4])
+def test_a_window_of_key_frames_finds_the_same_way(pairs: list[FramePair], window: int) -> None:
+    outputs = run(made(window=window, keyframe_survival=0.95), pairs)
     assert [o.quality.status for o in outputs] == [Status.OK] * len(pairs)
     T = outputs[-1].value.transform
     error = cov.pose_error(TRUTH[-1], T.matrix)

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
-from cdff_core.imaging.patch_alignment import align_patches, search_rows
+from cdff_core.imaging.patch_alignment import align_patches, align_slanted, search_rows
 from cdff_core.imaging.pyramid import pyramid, smoothed
 from tests.corridor import texture
 
@@ -20,6 +20,10 @@ def shifted(image: NDArray[np.float32], dx: float, dy: float) -> NDArray[np.uint
     return np.asarray(np.clip(np.rint(moved), 0, 255), dtype=np.uint8)
 
 
+def unwarped(n: int) -> NDArray[np.float64]:
+    return np.tile(np.eye(2), (n, 1, 1))
+
+
 POINTS = np.stack(np.meshgrid(np.arange(40.0, 216.0, 16.0), np.arange(40.0, 216.0, 16.0)), axis=-1).reshape(-1, 2)
 
 
@@ -28,7 +32,7 @@ def test_a_shift_is_found_to_a_few_hundredths_of_a_pixel(fraction: float) -> Non
     image = cv2.GaussianBlur(texture(1, 256), (0, 0), 1.0)
     first, second = smoothed(shifted(image, 0.0, 0.0)), smoothed(shifted(image, 2.0 + fraction, -1.0))
     start = POINTS + np.array([2.0, -1.0])
-    found, score = align_patches(first, second, POINTS, start, np.ones(len(POINTS)), 7, 20, 0.005)
+    found, score = align_patches(first, second, POINTS, start, unwarped(len(POINTS)), 7, 20, 0.005)
     error = found - POINTS - [2.0 + fraction, -1.0]
     assert np.all(score > 0.95)
     assert np.all(np.abs(np.median(error, axis=0)) < 0.02)
@@ -37,7 +41,7 @@ def test_a_shift_is_found_to_a_few_hundredths_of_a_pixel(fraction: float) -> Non
 
 def test_gain_and_offset_of_the_exposure_do_not_move_the_result() -> None:
     image = smoothed(shifted(texture(2, 256), 0.0, 0.0))
-    found, score = align_patches(image, 0.4 * image + 30.0, POINTS, POINTS + 0.7, np.ones(len(POINTS)), 7, 20, 0.005)
+    found, score = align_patches(image, 0.4 * image + 30.0, POINTS, POINTS + 0.7, unwarped(len(POINTS)), 7, 20, 0.005)
     assert np.all(score > 0.99)
     np.testing.assert_allclose(found, POINTS, atol=0.02)
 
@@ -48,16 +52,36 @@ def test_a_magnified_patch_is_found_where_its_magnification_is_known() -> None:
     larger = cv2.warpAffine(image, M, (256, 256), flags=cv2.INTER_CUBIC)
     near = POINTS[np.all(np.abs(POINTS - 128.0) < 70.0, axis=1)]
     truth = near @ M[:, :2].T + M[:, 2]
-    found, score = align_patches(image, larger, near, truth + 1.0, np.full(len(near), 1.3), 7, 20, 0.005)
+    found, score = align_patches(image, larger, near, truth + 1.0, 1.3 * unwarped(len(near)), 7, 20, 0.005)
     assert np.all(score > 0.97)
     assert np.percentile(np.abs(found - truth), 95) < 0.05
+
+
+def test_a_patch_on_a_slope_is_found_where_it_is_along_with_the_slope() -> None:
+    """The right camera sees the ground: the disparity grows by 0.3 px a row and falls by 0.1 px a column."""
+    image = cv2.GaussianBlur(texture(4, 256), (0, 0), 1.5).astype(np.float32)
+    slope = np.array([-0.1, 0.3])
+    M = np.array([[1.0 - slope[0], -slope[1], -20.0 + slope @ [128.0, 128.0]], [0.0, 1.0, 0.0]])
+    right = cv2.warpAffine(image, M, (256, 256), flags=cv2.INTER_CUBIC)
+    near = POINTS[np.all(np.abs(POINTS - 128.0) < 70.0, axis=1)]
+    truth = near @ M[:, :2].T + M[:, 2]
+    found, slopes, score = align_slanted(image, right, near, np.rint(truth), 7, 20, 0.005, 0.8)
+    assert np.mean(score > 0.97) > 0.95
+    error, off = (found - truth)[score > 0.97], (slopes - slope)[score > 0.97]
+    assert np.percentile(np.abs(error), 95) < 0.03
+    assert np.percentile(np.abs(off), 95) < 0.02
+    facing, _ = align_patches(image, right, near, np.rint(truth), unwarped(len(near)), 7, 20, 0.005)
+    assert np.sqrt(np.mean((facing - truth) ** 2)) > 10.0 * np.sqrt(np.mean(error**2))
 
 
 def test_flat_and_outlying_points_are_not_found() -> None:
     flat = np.full((64, 64), 100.0, np.float32)
     points = np.array([[32.0, 32.0], [2.0, 2.0], [200.0, 32.0]])
-    _, score = align_patches(flat, flat, points, points, np.ones(3), 5, 10, 0.01)
+    _, score = align_patches(flat, flat, points, points, unwarped(3), 5, 10, 0.01)
     assert list(score) == [-1.0, -1.0, -1.0]
+    _, slopes, score = align_slanted(flat, flat, points, points, 5, 10, 0.01, 0.8)
+    assert list(score) == [-1.0, -1.0, -1.0]
+    assert not slopes.any()
 
 
 def test_rows_are_searched_for_whole_disparities() -> None:
