@@ -75,11 +75,14 @@ def compound_cpu_s(seconds: int) -> float:
     return (time.process_time() - started) / seconds
 
 
-def answer_ms(seconds: int) -> dict[str, float]:
-    """Milliseconds of CPU from handing in a measurement to having the newest pose, per port: median and 95 %."""
+def answer_ms(seconds: int, late_ns: int = 0) -> dict[str, float]:
+    """Milliseconds of CPU from handing in a measurement to having the newest pose, per port: median and 95 %.
+
+    Visual odometry comes ``late_ns`` late: what came in between is then taken again before the answer.
+    """
     dfpc = made()
     taken: dict[str, list[float]] = {}
-    for sample in samples(seconds):
+    for sample in sorted(samples(seconds), key=lambda s: s.stamp_ns + late_ns * (s.port == "visual_odometry")):
         started = time.process_time_ns()
         list(dfpc.step(sample))
         if sample.stamp_ns > 2_000 * MS:
@@ -136,6 +139,7 @@ def main() -> None:
     report = {
         "benchmark": "position_manager", "python": platform.python_version(), "input_s": args.seconds,
         "cpu_s_per_input_s": round(compound_cpu_s(args.seconds), 4), "insert_to_answer": answer_ms(args.seconds),
+        "insert_to_answer, visual odometry 0.2 s late": answer_ms(args.seconds, 200 * MS),
         "OdometryIncrement/CovarianceDifference": round(dfn_cpu_s("odometry_increment", "CovarianceDifference", step), 6),  # noqa: E501
         "OdometryIncrement/DistanceModel": round(dfn_cpu_s("odometry_increment", "DistanceModel", step), 6),
         "GyroIntegration/MidpointRates": round(dfn_cpu_s("gyro_integration", "MidpointRates", gyro), 6),

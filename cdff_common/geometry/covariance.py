@@ -9,6 +9,8 @@ transforms is taken as independent unless said otherwise.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -17,6 +19,7 @@ from cdff_common.geometry.se3 import FloatArray, log_so3, skew
 
 #: Row and column order that turns [rx ry rz x y z] (GTSAM, small_gicp) into [x y z rx ry rz], and back.
 ROTATION_FIRST = np.array([3, 4, 5, 0, 1, 2])
+_EYE = np.eye(6)
 
 
 def swap_rotation_translation(covariance: ArrayLike) -> FloatArray:
@@ -36,14 +39,18 @@ def checked_covariance(covariance: ArrayLike, name: str = "covariance") -> Float
     c = np.asarray(covariance, dtype=np.float64)
     if c.shape != (6, 6):
         raise InputError(f"{name}: shape {c.shape}, expected (6, 6) in the order [x y z rx ry rz]")
-    if not np.all(np.isfinite(c)):
+    scale = float(np.abs(c).max())
+    if not math.isfinite(scale):
         raise InputError(f"{name}: holds values that are not finite; leave it out where it is unknown")
-    scale = max(float(np.max(np.abs(c))), 1e-300)
-    if np.max(np.abs(c - c.T)) > 1e-6 * scale:
-        raise InputError(f"{name}: not symmetric (largest difference {np.max(np.abs(c - c.T)):.3g})")
+    asymmetry = float(np.abs(c - c.T).max())
+    if asymmetry > 1e-6 * scale:
+        raise InputError(f"{name}: not symmetric (largest difference {asymmetry:.3g})")
     c = 0.5 * (c + c.T)
-    if float(np.linalg.eigvalsh(c)[0]) < -1e-9 * scale:
-        raise InputError(f"{name}: smallest eigenvalue {np.linalg.eigvalsh(c)[0]:.3g}, expected none below 0")
+    try:
+        # It succeeds where no eigenvalue is below what is allowed for, in half the time that they take.
+        np.linalg.cholesky(c + max(1e-9 * scale, 1e-300) * _EYE)
+    except np.linalg.LinAlgError:
+        raise InputError(f"{name}: smallest eigenvalue {np.linalg.eigvalsh(c)[0]:.3g}, expected none below 0") from None
     return c
 
 

@@ -13,6 +13,8 @@ References
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -20,8 +22,9 @@ from cdff_common.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
-_SMALL_RAD = 1e-7
-_EYE, _LAST_ROW = np.eye(3), np.array([0.0, 0.0, 0.0, 1.0])
+#: Added to what is divided by: below it, sin(t)/t and the like are at their limits.
+_TINY = 1e-300
+_EYE = np.eye(3)
 
 
 def skew(v: ArrayLike) -> FloatArray:
@@ -47,13 +50,10 @@ def skew(v: ArrayLike) -> FloatArray:
 def exp_so3(phi: ArrayLike) -> FloatArray:
     """Rotation matrices ``(..., 3, 3)`` of rotation vectors ``(..., 3)`` in radians (Rodrigues, [1]_ eq. 134)."""
     a = np.asarray(phi, dtype=np.float64)
-    theta = np.linalg.norm(a, axis=-1)[..., None, None]
+    half = 0.5 * np.sqrt((a * a).sum(axis=-1))[..., None, None] + _TINY
     K = skew(a)
-    small = theta < _SMALL_RAD
-    safe = np.where(small, 1.0, theta)
-    s = np.where(small, 1.0 - theta**2 / 6.0, np.sin(safe) / safe)
-    c = np.where(small, 0.5 - theta**2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
-    return np.asarray(np.eye(3) + s * K + c * (K @ K), dtype=np.float64)
+    s, c = np.sin(2.0 * half) / (2.0 * half), 0.5 * (np.sin(half) / half) ** 2
+    return np.asarray(_EYE + s * K + c * (K @ K), dtype=np.float64)
 
 
 def log_so3(R: ArrayLike) -> FloatArray:
@@ -65,41 +65,26 @@ def log_so3(R: ArrayLike) -> FloatArray:
 def rotation_vector_from_quaternion_xyzw(q_xyzw: ArrayLike) -> FloatArray:
     """Rotation vectors ``(..., 3)``, radians, of unit quaternions ``(..., 4)`` in x, y, z, w order."""
     q = np.asarray(q_xyzw, dtype=np.float64)
-    q = np.where(q[..., 3:] < 0.0, -q, q)
-    v, w = q[..., :3], q[..., 3]
-    n = np.linalg.norm(v, axis=-1)
-    angle = 2.0 * np.arctan2(n, w)
-    scale = np.where(n < _SMALL_RAD, 2.0, angle / np.where(n < _SMALL_RAD, 1.0, n))
-    return np.asarray(v * scale[..., None], dtype=np.float64)
+    v, w = q[..., :3], q[..., 3:]
+    n = np.sqrt((v * v).sum(axis=-1, keepdims=True)) + _TINY
+    # Of the quaternion and its negative the one with w >= 0: a turn by at most pi.
+    return np.asarray(np.where(w < 0.0, -2.0, 2.0) * np.arctan2(n, np.abs(w)) / n * v, dtype=np.float64)
 
 
 def quaternion_xyzw_from_matrix(R: ArrayLike) -> FloatArray:
     """Unit quaternions ``(..., 4)``, x, y, z, w with w >= 0, of rotation matrices ``(..., 3, 3)``."""
     m = np.asarray(R, dtype=np.float64)
-    d0, d1, d2 = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
-    # Bar-Itzhack's largest-of-four choice: the biggest component is found from the diagonal, the rest from sums.
-    q2 = np.stack([1 + d0 - d1 - d2, 1 - d0 + d1 - d2, 1 - d0 - d1 + d2, 1 + d0 + d1 + d2], axis=-1)
-    best = np.argmax(q2, axis=-1)
-    candidates = np.stack(
-        [
-            np.stack(
-                [q2[..., 0], m[..., 1, 0] + m[..., 0, 1], m[..., 0, 2] + m[..., 2, 0], m[..., 2, 1] - m[..., 1, 2]], -1
-            ),
-            np.stack(
-                [m[..., 1, 0] + m[..., 0, 1], q2[..., 1], m[..., 2, 1] + m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0]], -1
-            ),
-            np.stack(
-                [m[..., 0, 2] + m[..., 2, 0], m[..., 2, 1] + m[..., 1, 2], q2[..., 2], m[..., 1, 0] - m[..., 0, 1]], -1
-            ),
-            np.stack(
-                [m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1], q2[..., 3]], -1
-            ),
-        ],
-        axis=-2,
-    )
-    q = np.take_along_axis(candidates, best[..., None, None], axis=-2)[..., 0, :]
-    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    return np.asarray(np.where(q[..., 3:] < 0.0, -q, q), dtype=np.float64)
+    mt = np.swapaxes(m, -1, -2)
+    trace = (m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2])[..., None, None]
+    # 4 q q^T: each row is the quaternion times one of its components, and that with the largest is the most exact.
+    Q = np.empty((*m.shape[:-2], 4, 4))
+    Q[..., :3, :3] = m + mt + (1.0 - trace) * _EYE
+    Q[..., 3, :3] = Q[..., :3, 3] = (m - mt)[..., (2, 0, 1), (1, 2, 0)]
+    Q[..., 3:, 3:] = 1.0 + trace
+    rows = Q.reshape(-1, 4, 4)
+    q = rows[np.arange(len(rows)), rows[:, range(4), range(4)].argmax(axis=1)]
+    q *= (np.where(q[:, 3] < 0.0, -1.0, 1.0) / np.sqrt((q * q).sum(axis=1)))[:, None]
+    return np.asarray(q.reshape(*m.shape[:-2], 4), dtype=np.float64)
 
 
 def matrix_from_quaternion_xyzw(q_xyzw: ArrayLike) -> FloatArray:
@@ -115,13 +100,8 @@ def matrix_from_quaternion_xyzw(q_xyzw: ArrayLike) -> FloatArray:
     if not np.all(np.isfinite(n)) or np.any(n < 1e-12):
         raise InputError(f"quaternion {q.tolist()}: expected four finite numbers with a norm above 0")
     q = q / n
-    x, y, z, w = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
-    rows = [
-        np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], -1),
-        np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], -1),
-        np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], -1),
-    ]
-    return np.stack(rows, axis=-2)
+    v, w = q[..., :3], q[..., 3, None, None]
+    return np.asarray((2.0 * w * w - 1.0) * _EYE + 2.0 * (v[..., :, None] * v[..., None, :] + w * skew(v)))
 
 
 def left_jacobian_so3(phi: ArrayLike) -> FloatArray:
@@ -222,15 +202,24 @@ def normalise_rotation(R: ArrayLike) -> FloatArray:
 
 def rotation_angle(R: ArrayLike) -> FloatArray:
     """Angles ``(...)`` in radians of rotation matrices ``(..., 3, 3)``."""
-    return np.asarray(np.linalg.norm(log_so3(R), axis=-1), dtype=np.float64)
+    m = np.asarray(R, dtype=np.float64)
+    double_sine = (m - np.swapaxes(m, -1, -2))[..., (2, 0, 1), (1, 2, 0)]
+    double_cosine = m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2] - 1.0
+    return np.asarray(np.arctan2(np.sqrt((double_sine**2).sum(axis=-1)), double_cosine), dtype=np.float64)
 
 
 def is_transform(T: ArrayLike, tolerance: float = 1e-6) -> bool:
     """Tell whether a ``(4, 4)`` array is a finite rigid transform within ``tolerance``."""
     m = np.asarray(T, dtype=np.float64)
-    if m.shape != (4, 4) or not np.all(np.isfinite(m)):
+    if m.shape != (4, 4):
         return False
-    R = m[:3, :3]
-    # Not np.allclose: it takes ten times as long, and every transform that is made is looked at.
-    off = max(float(np.abs(m[3] - _LAST_ROW).max()), float(np.abs(R @ R.T - _EYE).max()))
-    return off <= tolerance and float(np.linalg.det(R)) > 0.0
+    # In scalars: every transform that is made is looked at, and numpy takes ten times as long over a matrix this small.
+    (a, b, c, x), (d, e, f, y), (g, h, i, z), (k, m, n, one) = m.tolist()
+    if not math.isfinite(x + y + z):
+        return False
+    errors = (
+        a * a + b * b + c * c - 1.0, d * d + e * e + f * f - 1.0, g * g + h * h + i * i - 1.0,
+        a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i, k, m, n, one - 1.0,
+    )  # fmt: skip
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    return determinant > 0.0 and all(-tolerance <= error <= tolerance for error in errors)

@@ -48,6 +48,8 @@ class UncertainTransform:
 
     def inverse(self) -> UncertainTransform:
         """``T_b_a`` with its covariance in b."""
+        if self is _IDENTITY:
+            return self
         c = None if self.covariance is None else cov.inverse_covariance(self.matrix, self.covariance)
         return UncertainTransform(se3.inverse(self.matrix), c)
 

@@ -46,7 +46,7 @@ class JosephForm(KalmanCorrectionInterface):
             )
         PH = P @ H.T
         S = H @ PH + N
-        solved = np.linalg.solve(S, np.column_stack([r, PH.T]))
+        solved = np.linalg.solve(S, np.concatenate([r[:, None], PH.T], axis=1))
         innovation = float(r @ solved[:, 0])
         if m not in self._limits:
             self._limits[m] = float(chi2.ppf(self.config.gate_probability, m))

@@ -43,16 +43,19 @@ class CovarianceDifference(OdometryIncrementInterface):
         """Difference of two cumulative poses; raises InputError on an input that is no rigid transform."""
         first = UncertainTransform(inputs.first, inputs.first_covariance)
         second = UncertainTransform(inputs.second, inputs.second_covariance)
-        mount = UncertainTransform(inputs.mount, np.zeros((6, 6)))
+        mount = UncertainTransform(inputs.mount).matrix
         step = se3.inverse(first.matrix) @ second.matrix
-        grown = np.zeros((6, 6))
+        back = se3.inverse(mount)
+        body = mount @ step @ back
+        covariance = np.diag(np.square([self.config.floor_m] * 3 + [self.config.floor_rad] * 3))
         if first.covariance is not None and second.covariance is not None:
             grown = _growth(first, second.covariance, step)
-        floor = np.square([self.config.floor_m] * 3 + [self.config.floor_rad] * 3)
-        body = mount @ UncertainTransform(step, grown) @ mount.inverse()
-        covariance = np.zeros((6, 6)) if body.covariance is None else body.covariance
-        distance_m = np.asarray(np.linalg.norm(body.matrix[:3, 3]))
-        return OdometryIncrementOutputs(body.matrix, covariance + np.diag(floor), distance_m)
+            # Errors of the sensor's step in the body: turned by the mount, and what its turn moves at the mount's lever.
+            J = np.zeros((6, 6))
+            J[:3, :3] = J[3:, 3:] = mount[:3, :3]
+            J[:3, 3:] = -se3.skew(body[:3, :3] @ mount[:3, :3] @ back[:3, 3]) @ mount[:3, :3]
+            covariance += J @ grown @ J.T
+        return OdometryIncrementOutputs(body, covariance, np.asarray(np.linalg.norm(body[:3, 3])))
 
 
 def _growth(first: UncertainTransform, second_covariance: FloatArray, step: FloatArray) -> FloatArray:
@@ -60,7 +63,8 @@ def _growth(first: UncertainTransform, second_covariance: FloatArray, step: Floa
     R = first.matrix[:3, :3]
     J1 = np.eye(6)
     J1[:3, 3:] = -se3.skew(R @ step[:3, 3])
-    J2 = np.kron(np.eye(2), R)
+    J2 = np.zeros((6, 6))
+    J2[:3, :3] = J2[3:, 3:] = R
     Q = J2.T @ (second_covariance - J1 @ first.covariance @ J1.T) @ J2
     values, vectors = np.linalg.eigh(0.5 * (Q + Q.T))
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T, dtype=np.float64)

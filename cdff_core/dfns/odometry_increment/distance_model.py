@@ -41,17 +41,19 @@ class DistanceModel(OdometryIncrementInterface):
     Config = DistanceModelConfig
     config: DistanceModelConfig
 
+    def setup(self) -> None:
+        """Variances per metre."""
+        c = self.config
+        self._per_metre = np.square(
+            [c.along_m_sqrt_m, c.across_m_sqrt_m, c.up_m_sqrt_m, c.tilt_rad_sqrt_m, c.tilt_rad_sqrt_m, c.yaw_rad_sqrt_m]
+        )
+
     def process(self, inputs: OdometryIncrementInputs) -> OdometryIncrementOutputs:
         """Difference of two cumulative poses; raises InputError on an input that is no rigid transform."""
         first, second = UncertainTransform(inputs.first).matrix, UncertainTransform(inputs.second).matrix
         mount = UncertainTransform(inputs.mount).matrix
         step = mount @ se3.inverse(first) @ second @ se3.inverse(mount)
         distance_m = float(np.linalg.norm(step[:3, 3]))
-        turn_rad = float(np.linalg.norm(se3.log_so3(step[:3, :3])))
-        c = self.config
-        per_metre = np.square(
-            [c.along_m_sqrt_m, c.across_m_sqrt_m, c.up_m_sqrt_m, c.tilt_rad_sqrt_m, c.tilt_rad_sqrt_m, c.yaw_rad_sqrt_m]
-        )
-        variance = per_metre * distance_m
-        variance[5] += (c.yaw_share * turn_rad) ** 2
+        variance = self._per_metre * distance_m
+        variance[5] += (self.config.yaw_share * float(se3.rotation_angle(step[:3, :3]))) ** 2
         return OdometryIncrementOutputs(step, np.diag(variance), np.asarray(distance_m))

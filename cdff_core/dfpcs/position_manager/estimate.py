@@ -84,40 +84,30 @@ class Estimate:
 
     def moved(self, correction: FloatArray) -> Estimate:
         """The state with a correction of its errors added; covariances stay."""
-        clones = {
-            name: replace(clone, pose=_moved(clone.pose, correction[CORE + 6 * k : CORE + 6 * k + 6]))
-            for k, (name, clone) in enumerate(self.clones.items())
-        }
+        errors = np.concatenate([correction[POSE], correction[CORE:]]).reshape(-1, 6)
+        poses = np.array([self.pose, *(clone.pose for clone in self.clones.values())])
+        poses[:, :3, :3] = se3.exp_so3(errors[:, 3:]) @ poses[:, :3, :3]
+        poses[:, :3, 3] += errors[:, :3]
         return replace(
             self,
-            pose=_moved(self.pose, correction[POSE]),
+            pose=poses[0],
             velocity=self.velocity + correction[VELOCITY],
             biases=self.biases + correction[9:15],
             slip=self.slip + correction[SLIP],
-            clones=clones,
+            clones={
+                name: Clone(pose, clone.measured, clone.stamp_ns)
+                for pose, (name, clone) in zip(poses[1:], self.clones.items(), strict=True)
+            },
         )
 
     def cloned(self, name: str, measured: UncertainTransform) -> Estimate:
         """With the pose of now as the clone ``name``."""
-        kept = self.without(name)
-        n = len(kept.covariance)
-        pick = np.r_[0:n, 0:6]
-        return replace(
-            kept,
-            covariance=kept.covariance[np.ix_(pick, pick)],
-            since=kept.since[pick],
-            clones={**kept.clones, name: Clone(self.pose, measured, self.stamp_ns)},
-        )
-
-    def without(self, name: str) -> Estimate:
-        """With the clone ``name`` forgotten, where there is one."""
-        if name not in self.clones:
-            return self
-        gone = self.index(name)
-        pick = np.r_[0 : gone.start, gone.stop : len(self.covariance)]
-        clones = {key: clone for key, clone in self.clones.items() if key != name}
-        return replace(self, covariance=self.covariance[np.ix_(pick, pick)], since=self.since[pick], clones=clones)
-
-
-def _moved(T: FloatArray, error: FloatArray) -> FloatArray:
-    return se3.transform(se3.exp_so3(error[3:]) @ T[:3, :3], T[:3, 3] + error[:3])
+        clones = {**self.clones, name: Clone(self.pose, measured, self.stamp_ns)}
+        n, size = len(self.covariance), CORE + 6 * len(clones)
+        covariance, since = np.empty((size, size)), np.empty((size, len(LINE)))
+        covariance[:n, :n], since[:n] = self.covariance, self.since
+        first = CORE + 6 * list(clones).index(name)
+        at = slice(first, first + 6)
+        covariance[at], since[at] = covariance[POSE], since[POSE]
+        covariance[:, at] = covariance[:, POSE]
+        return replace(self, covariance=covariance, since=since, clones=clones)

@@ -100,7 +100,7 @@ class Estimator:
     def after(self, estimate: Estimate, event: Event) -> tuple[Estimate, Verdict]:
         """The estimate at an event's time, with what it measured."""
         if event.stamp_ns > estimate.stamp_ns:
-            estimate = replace(estimate, since=estimate.covariance[:, LINE].copy())
+            estimate = replace(estimate, since=estimate.covariance[:, LINE])
         estimate = self.predict(estimate, event.stamp_ns)
         if event.measured is None:
             return estimate, Verdict(True)
@@ -124,7 +124,7 @@ class Estimator:
 
     def ahead(self, estimate: Estimate, stamp_ns: int) -> Estimate:
         """The estimate of a later time, linked to this one."""
-        return self.predict(replace(estimate, since=estimate.covariance[:, LINE].copy()), stamp_ns)
+        return self.predict(replace(estimate, since=estimate.covariance[:, LINE]), stamp_ns)
 
     def predict(self, estimate: Estimate, stamp_ns: int) -> Estimate:
         """Move on to a time that is not before the estimate's."""

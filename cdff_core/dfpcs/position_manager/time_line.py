@@ -18,6 +18,7 @@ from cdff_core.dfns.frame_interpolation._interface import FrameInterpolationInpu
 from cdff_core.dfpcs.position_manager.estimate import LINE, Estimate
 
 _JITTER = 1e-14 * np.eye(9)
+_SQUARE = np.ix_(LINE, LINE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,8 +46,7 @@ class Node:
     @classmethod
     def of(cls, estimate: Estimate) -> Node:
         """What the time line keeps of an estimate."""
-        square = np.ix_(LINE, LINE)
-        return cls(estimate.stamp_ns, estimate.pose, estimate.covariance[square], estimate.since[LINE])
+        return cls(estimate.stamp_ns, estimate.pose, estimate.covariance[_SQUARE], estimate.since[LINE])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,7 +146,7 @@ class TimeLine:
             raise ExtrapolationError("site to base: no pose is known yet")
         k = bisect_left(self.stamps_ns, stamp_ns)
         if k < len(nodes) and nodes[k].stamp_ns == stamp_ns:
-            return _Between(k, 0.0, UncertainTransform(nodes[k].pose, _positive(nodes[k].covariance[:6, :6])))
+            return _Between(k, 0.0, UncertainTransform(nodes[k].pose, nodes[k].covariance[:6, :6]))
         if k == 0 or k == len(nodes):
             first, last = nodes[0].stamp_ns, nodes[-1].stamp_ns
             outside = max(first - stamp_ns, stamp_ns - last) / 1e9
