@@ -39,7 +39,7 @@ _CONSISTENT = {
     "PointCloudData", "LidarScanData", "PoseTrajectoryData", "ElevationMap", "NavigationMap", "PoseGraph",
     "PoseGraphVertices", "PoseGraphEdges", "LandmarkMapData", "KeyFrameData", "MeshData", "ObjectTrackData",
     "ImuSpanData", "LidarMap", "LidarMapClouds", "LidarMapPosition", "BundleCameras", "BundleLenses",
-    "BundlePoints", "BundleObservations", "BundlePrior", "BundleProblem",
+    "BundlePoints", "BundleObservations", "BundlePrior", "BundleProblem", "GroundAreasData",
 }  # fmt: skip
 
 
@@ -118,6 +118,10 @@ def _consistent(node: Struct, rng: np.random.Generator) -> Any:
             ends = rng.choice(vertices.ids, (n, 2))
             edges = class_of("PoseGraphEdges")(ends, _reals(7)(n, rng), _reals(36)(n, rng), _octets(n, rng))
         return cls(_value(node.fields[0].node, rng), vertices, edges)
+    if node.class_name == "GroundAreasData":
+        rings = rng.integers(1, 3, n)
+        corners = rng.integers(3, 6, rings.sum())
+        return cls(_octets(n, rng), rng.normal(size=n), rings, corners, _reals(2)(int(corners.sum()), rng))
     if node.class_name == "LidarMapPosition":
         return cls(np.arange(min(n, 1)), _reals(7)(min(n, 1), rng))
     if node.class_name == "LidarMapClouds":

@@ -425,6 +425,38 @@ _60 = Struct(
     ),
 )
 _61 = Struct(
+    "GroundAreas-Metadata",
+    "GroundAreasMetadata",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("producerId", "producer_id", Text(256)),
+        Field("frameId", "frame_id", Text(256)),
+        Field("startTime", "start_time", _1),
+        Field("endTime", "end_time", _1),
+        Field("resolution", "resolution", Real()),
+        Field("tolerance", "tolerance", Real()),
+    ),
+)
+_62 = Struct(
+    "GroundAreas-Data",
+    "GroundAreasData",
+    (
+        Field("kinds", "kinds", Octets(1073741824, "<u1", 0)),
+        Field("areas", "areas", Octets(1073741824, "<f8", 0)),
+        Field("ringCounts", "ring_counts", Octets(1073741824, "<u4", 0)),
+        Field("cornerCounts", "corner_counts", Octets(1073741824, "<u4", 0)),
+        Field("corners", "corners", Octets(1073741824, "<f8", 2)),
+    ),
+)
+_63 = Struct(
+    "GroundAreas",
+    "GroundAreas",
+    (
+        Field("metadata", "metadata", _61),
+        Field("data", "data", _62),
+    ),
+)
+_64 = Struct(
     "ImuSpan-Metadata",
     "ImuSpanMetadata",
     (
@@ -432,7 +464,7 @@ _61 = Struct(
         Field("sensorId", "sensor_id", Text(256)),
     ),
 )
-_62 = Struct(
+_65 = Struct(
     "ImuSpan-Data",
     "ImuSpanData",
     (
@@ -442,15 +474,15 @@ _62 = Struct(
         Field("mag", "mag", Octets(1073741824, "<f8", 3)),
     ),
 )
-_63 = Struct(
+_66 = Struct(
     "ImuSpan",
     "ImuSpan",
     (
-        Field("metadata", "metadata", _61),
-        Field("data", "data", _62),
+        Field("metadata", "metadata", _64),
+        Field("data", "data", _65),
     ),
 )
-_64 = Struct(
+_67 = Struct(
     "JointState",
     "JointState",
     (
@@ -461,15 +493,15 @@ _64 = Struct(
         Field("acceleration", "acceleration", Real()),
     ),
 )
-_65 = Struct(
+_68 = Struct(
     "JointLimitRange",
     "JointLimitRange",
     (
-        Field("min", "min", _64),
-        Field("max", "max", _64),
+        Field("min", "min", _67),
+        Field("max", "max", _67),
     ),
 )
-_66 = Struct(
+_69 = Struct(
     "OutOfBounds",
     "OutOfBounds",
     (
@@ -479,36 +511,36 @@ _66 = Struct(
         Field("value", "value", Real()),
     ),
 )
-_67 = Struct(
+_70 = Struct(
     "JointLimits",
     "JointLimits",
     (
         Field("vector-name", "vector_name", Text(256)),
-        Field("ranges", "ranges", ListOf(_65, 1, 60, "JointLimitRange")),
+        Field("ranges", "ranges", ListOf(_68, 1, 60, "JointLimitRange")),
     ),
 )
-_68 = Struct(
+_71 = Struct(
     "Joints",
     "Joints",
     (
         Field("timestamp", "timestamp", _1),
         Field("names", "names", ListOf(Text(256), 0, 50, "T-String")),
-        Field("elements", "elements", ListOf(_64, 0, 50, "JointState")),
+        Field("elements", "elements", ListOf(_67, 0, 50, "JointState")),
     ),
 )
-_69 = Alias("JointTrajectory", "JointTrajectory", "items", ListOf(_64, 1, 60, "JointState"))
-_70 = Struct(
+_72 = Alias("JointTrajectory", "JointTrajectory", "items", ListOf(_67, 1, 60, "JointState"))
+_73 = Struct(
     "JointsTrajectory",
     "JointsTrajectory",
     (
         Field("vector-name", "vector_name", ListOf(Text(256), 1, 60, "T-String")),
         Field("timetags", "timetags", ListOf(_1, 1, 60, "Time")),
-        Field("trajectory", "trajectory", ListOf(ListOf(_64, 1, 60, "JointState"), 1, 60, "JointTrajectory")),
+        Field("trajectory", "trajectory", ListOf(ListOf(_67, 1, 60, "JointState"), 1, 60, "JointTrajectory")),
     ),
 )
-_71 = Struct("InvalidTimeStep", "InvalidTimeStep", (Field("time-step", "time_step", Integer(0, 4294967295)),))
-_72 = Struct("InvalidName", "InvalidName", (Field("nameString", "name_string", Text(256)),))
-_73 = Struct(
+_74 = Struct("InvalidTimeStep", "InvalidTimeStep", (Field("time-step", "time_step", Integer(0, 4294967295)),))
+_75 = Struct("InvalidName", "InvalidName", (Field("nameString", "name_string", Text(256)),))
+_76 = Struct(
     "Wrench",
     "Wrench",
     (
@@ -517,16 +549,16 @@ _73 = Struct(
         Field("torque", "torque", Array(Real(), ((3, 3),), ("T-Double",))),
     ),
 )
-_74 = Struct(
+_77 = Struct(
     "Wrenches",
     "Wrenches",
     (
         Field("vector-name", "vector_name", Text(256)),
         Field("timestamp", "timestamp", _1),
-        Field("wrenches", "wrenches", ListOf(_73, 1, 60, "Wrench")),
+        Field("wrenches", "wrenches", ListOf(_76, 1, 60, "Wrench")),
     ),
 )
-_75 = Struct(
+_78 = Struct(
     "Pressure",
     "Pressure",
     (
@@ -534,8 +566,8 @@ _75 = Struct(
         Field("pascals", "pascals", Real()),
     ),
 )
-_76 = Struct("Temperature", "Temperature", (Field("kelvin", "kelvin", Real()),))
-_77 = Struct(
+_79 = Struct("Temperature", "Temperature", (Field("kelvin", "kelvin", Real()),))
+_80 = Struct(
     "IMUSensors",
     "IMUSensors",
     (
@@ -545,7 +577,7 @@ _77 = Struct(
         Field("mag", "mag", Array(Real(), ((3, 3),), ("T-Double",))),
     ),
 )
-_78 = Struct(
+_81 = Struct(
     "LandmarkMap-Metadata",
     "LandmarkMapMetadata",
     (
@@ -556,7 +588,7 @@ _78 = Struct(
         Field("descriptorType", "descriptor_type", Text(256)),
     ),
 )
-_79 = Struct(
+_82 = Struct(
     "Array3DLarge",
     "Array3D",
     (
@@ -569,7 +601,7 @@ _79 = Struct(
         Field("data", "data", Octets(1073741824, "|u1", 0)),
     ),
 )
-_80 = Struct(
+_83 = Struct(
     "LandmarkMap-Data",
     "LandmarkMapData",
     (
@@ -577,18 +609,18 @@ _80 = Struct(
         Field("positions", "positions", Octets(1073741824, "<f8", 3)),
         Field("covariances", "covariances", Octets(1073741824, "<f8", 9)),
         Field("observations", "observations", Octets(1073741824, "<u4", 0)),
-        Field("descriptors", "descriptors", _79),
+        Field("descriptors", "descriptors", _82),
     ),
 )
-_81 = Struct(
+_84 = Struct(
     "LandmarkMap",
     "LandmarkMap",
     (
-        Field("metadata", "metadata", _78),
-        Field("data", "data", _80),
+        Field("metadata", "metadata", _81),
+        Field("data", "data", _83),
     ),
 )
-_82 = Struct(
+_85 = Struct(
     "KeyFrame-Metadata",
     "KeyFrameMetadata",
     (
@@ -599,27 +631,27 @@ _82 = Struct(
         Field("descriptorType", "descriptor_type", Text(256)),
     ),
 )
-_83 = Struct(
+_86 = Struct(
     "KeyFrame-Data",
     "KeyFrameData",
     (
         Field("keypoints", "keypoints", Octets(1073741824, "<f4", 2)),
         Field("scales", "scales", Octets(1073741824, "<f4", 0)),
         Field("landmarks", "landmarks", Octets(1073741824, "<i8", 0)),
-        Field("descriptors", "descriptors", _79),
+        Field("descriptors", "descriptors", _82),
     ),
 )
-_84 = Struct(
+_87 = Struct(
     "KeyFrame",
     "KeyFrame",
     (
-        Field("metadata", "metadata", _82),
+        Field("metadata", "metadata", _85),
         Field("pose", "pose", _55),
         Field("intrinsic", "intrinsic", _52),
-        Field("data", "data", _83),
+        Field("data", "data", _86),
     ),
 )
-_85 = Struct(
+_88 = Struct(
     "FrameLarge",
     "Frame",
     (
@@ -627,21 +659,21 @@ _85 = Struct(
         Field("metadata", "metadata", _50),
         Field("intrinsic", "intrinsic", _52),
         Field("extrinsic", "extrinsic", _56),
-        Field("data", "data", _79),
+        Field("data", "data", _82),
     ),
 )
-_86 = Struct(
+_89 = Struct(
     "FramePairLarge",
     "FramePair",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("baseline", "baseline", Real()),
-        Field("left", "left", _85),
-        Field("right", "right", _85),
+        Field("left", "left", _88),
+        Field("right", "right", _88),
     ),
 )
-_87 = Alias("FramesSequenceLarge", "FramesSequence", "items", ListOf(_85, 0, 1024, "FrameLarge"))
-_88 = Struct(
+_90 = Alias("FramesSequenceLarge", "FramesSequence", "items", ListOf(_88, 0, 1024, "FrameLarge"))
+_91 = Struct(
     "CompressedFrameLarge",
     "CompressedFrame",
     (
@@ -655,7 +687,7 @@ _88 = Struct(
         Field("frame-status", "frame_status", _49),
     ),
 )
-_89 = Enumeration(
+_92 = Enumeration(
     "MapTypeT",
     (
         ("map-UNDEF", 0),
@@ -663,28 +695,28 @@ _89 = Enumeration(
         ("map-NAV", 2),
     ),
 )
-_90 = Struct(
+_93 = Struct(
     "Map-metadata-t",
     "MapMetadataT",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("timeStamp", "time_stamp", _1),
-        Field("type", "type", _89),
+        Field("type", "type", _92),
         Field("errValues", "err_values", ListOf(_46, 0, 5, "Frame-error-t")),
         Field("scale", "scale", Real()),
         Field("pose-fixedFrame-mapFrame", "pose_fixed_frame_map_frame", _55),
     ),
 )
-_91 = Struct(
+_94 = Struct(
     "MapLarge",
     "Map",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("metadata", "metadata", _90),
-        Field("data", "data", _79),
+        Field("metadata", "metadata", _93),
+        Field("data", "data", _82),
     ),
 )
-_92 = Struct(
+_95 = Struct(
     "PointCloud-DataLarge",
     "PointCloudData",
     (
@@ -693,7 +725,7 @@ _92 = Struct(
         Field("intensity", "intensity", Array(Integer(-2147483648, 2147483647), ((0, 16777216),), ("T-Int32",))),
     ),
 )
-_93 = Struct(
+_96 = Struct(
     "PointCloud-Metadata",
     "PointCloudMetadata",
     (
@@ -710,43 +742,43 @@ _93 = Struct(
         Field("pose-fixedFrame-robotFrame", "pose_fixed_frame_robot_frame", _55),
     ),
 )
-_94 = Struct(
+_97 = Struct(
     "PointcloudLarge",
     "Pointcloud",
     (
-        Field("metadata", "metadata", _93),
-        Field("data", "data", _92),
+        Field("metadata", "metadata", _96),
+        Field("data", "data", _95),
     ),
 )
-_95 = Struct(
+_98 = Struct(
     "OctreeLarge",
     "Octree",
     (
         Field("resolution", "resolution", Real()),
-        Field("pointCloud", "point_cloud", _94),
+        Field("pointCloud", "point_cloud", _97),
     ),
 )
-_96 = Alias("CorrespondenceMap2DLarge", "CorrespondenceMap2D", "items", ListOf(_30, 0, 1048576, "Correspondence2D"))
-_97 = Alias("CorrespondenceMap3DLarge", "CorrespondenceMap3D", "items", ListOf(_32, 0, 1048576, "Correspondence3D"))
-_98 = Alias(
+_99 = Alias("CorrespondenceMap2DLarge", "CorrespondenceMap2D", "items", ListOf(_30, 0, 1048576, "Correspondence2D"))
+_100 = Alias("CorrespondenceMap3DLarge", "CorrespondenceMap3D", "items", ListOf(_32, 0, 1048576, "Correspondence3D"))
+_101 = Alias(
     "CorrespondenceMaps2DSequenceLarge",
     "CorrespondenceMaps2DSequence",
     "items",
     ListOf(ListOf(_30, 0, 1048576, "Correspondence2D"), 0, 16384, "CorrespondenceMap2DLarge"),
 )
-_99 = Alias(
+_102 = Alias(
     "CorrespondenceMaps3DSequenceLarge",
     "CorrespondenceMaps3DSequence",
     "items",
     ListOf(ListOf(_32, 0, 1048576, "Correspondence3D"), 0, 16384, "CorrespondenceMap3DLarge"),
 )
-_100 = Alias(
+_103 = Alias(
     "VisualPointFeatureVector2DLarge",
     "VisualPointFeatureVector2D",
     "items",
     ListOf(_34, 0, 1048576, "VisualPointFeature2D"),
 )
-_101 = Struct(
+_104 = Struct(
     "VisualPointFeatureVector3DLarge",
     "VisualPointFeatureVector3D",
     (
@@ -755,7 +787,7 @@ _101 = Struct(
         Field("feature-type", "feature_type", _40),
     ),
 )
-_102 = Struct(
+_105 = Struct(
     "Pose",
     "Pose",
     (
@@ -763,19 +795,19 @@ _102 = Struct(
         Field("orient", "orient", Array(Real(), ((4, 4),), ("T-Double",))),
     ),
 )
-_103 = Alias("PosesSequenceLarge", "PosesSequence", "items", ListOf(_102, 0, 1048576, "Pose"))
-_104 = Alias(
+_106 = Alias("PosesSequenceLarge", "PosesSequence", "items", ListOf(_105, 0, 1048576, "Pose"))
+_107 = Alias(
     "PointSequenceLarge", "PointSequence", "values", Array(Real(), ((0, 16777216), (3, 3)), ("Point", "T-Double"))
 )
-_105 = Alias("DoubleSequenceLarge", "DoubleSequence", "values", Array(Real(), ((0, 16777216),), ("T-Double",)))
-_106 = Alias("StringSequenceLarge", "StringSequence", "items", ListOf(Text(256), 0, 65536, "T-String"))
-_107 = Alias(
+_108 = Alias("DoubleSequenceLarge", "DoubleSequence", "values", Array(Real(), ((0, 16777216),), ("T-Double",)))
+_109 = Alias("StringSequenceLarge", "StringSequence", "items", ListOf(Text(256), 0, 65536, "T-String"))
+_110 = Alias(
     "VectorXdSequenceLarge",
     "VectorXdSequence",
     "items",
     ListOf(Array(Real(), ((0, 100),), ("T-Double",)), 0, 16777216, "VectorXd"),
 )
-_108 = Struct(
+_111 = Struct(
     "PathLarge",
     "Path",
     (
@@ -784,7 +816,7 @@ _108 = Struct(
         Field("waypoints", "waypoints", ListOf(_55, 0, 1048576, "TransformWithCovariance")),
     ),
 )
-_109 = Struct(
+_112 = Struct(
     "TrajectoryLarge",
     "Trajectory",
     (
@@ -792,7 +824,7 @@ _109 = Struct(
         Field("points", "points", Array(Real(), ((1, 1048576), (3, 3)), ("Point", "T-Double"))),
     ),
 )
-_110 = Struct(
+_113 = Struct(
     "LaserScanLarge",
     "LaserScan",
     (
@@ -806,21 +838,21 @@ _110 = Struct(
         Field("remission", "remission", Array(Real(), ((1, 16777216),), ("T-Float",))),
     ),
 )
-_111 = Enumeration(
+_114 = Enumeration(
     "ProjectionType",
     (
         ("polar", 0),
         ("planar", 1),
     ),
 )
-_112 = Struct(
+_115 = Struct(
     "DepthMapLarge",
     "DepthMap",
     (
         Field("ref-time", "ref_time", _1),
         Field("timestamps", "timestamps", ListOf(_1, 1, 16777216, "Time")),
-        Field("vertical-projection", "vertical_projection", _111),
-        Field("horizontal-projection", "horizontal_projection", _111),
+        Field("vertical-projection", "vertical_projection", _114),
+        Field("horizontal-projection", "horizontal_projection", _114),
         Field("vertical-interval", "vertical_interval", Array(Real(), ((1, 16777216),), ("T-Double",))),
         Field("horizontal-interval", "horizontal_interval", Array(Real(), ((1, 16777216),), ("T-Double",))),
         Field("vertical-size", "vertical_size", Integer(0, 4294967295)),
@@ -829,7 +861,7 @@ _112 = Struct(
         Field("remissions", "remissions", Array(Real(), ((1, 16777216),), ("T-Float",))),
     ),
 )
-_113 = Struct(
+_116 = Struct(
     "DistanceImageLarge",
     "DistanceImage",
     (
@@ -843,7 +875,7 @@ _113 = Struct(
         Field("data", "data", Array(Real(), ((1, 16777216),), ("T-Float",))),
     ),
 )
-_114 = Struct(
+_117 = Struct(
     "LidarMap-Metadata",
     "LidarMapMetadata",
     (
@@ -853,7 +885,7 @@ _114 = Struct(
         Field("timeStamp", "time_stamp", _1),
     ),
 )
-_115 = Struct(
+_118 = Struct(
     "LidarMap-Clouds",
     "LidarMapClouds",
     (
@@ -861,7 +893,7 @@ _115 = Struct(
         Field("points", "points", Octets(1073741824, "<f4", 3)),
     ),
 )
-_116 = Struct(
+_119 = Struct(
     "LidarMap-Position",
     "LidarMapPosition",
     (
@@ -869,7 +901,7 @@ _116 = Struct(
         Field("poses", "poses", Octets(1073741824, "<f8", 7)),
     ),
 )
-_117 = Struct(
+_120 = Struct(
     "PoseGraph-Metadata",
     "PoseGraphMetadata",
     (
@@ -879,7 +911,7 @@ _117 = Struct(
         Field("timeStamp", "time_stamp", _1),
     ),
 )
-_118 = Struct(
+_121 = Struct(
     "PoseGraph-Vertices",
     "PoseGraphVertices",
     (
@@ -889,7 +921,7 @@ _118 = Struct(
         Field("fixed", "fixed", Octets(1073741824, "<u1", 0)),
     ),
 )
-_119 = Struct(
+_122 = Struct(
     "PoseGraph-Edges",
     "PoseGraphEdges",
     (
@@ -899,26 +931,26 @@ _119 = Struct(
         Field("kinds", "kinds", Octets(1073741824, "<u1", 0)),
     ),
 )
-_120 = Struct(
+_123 = Struct(
     "PoseGraph",
     "PoseGraph",
+    (
+        Field("metadata", "metadata", _120),
+        Field("vertices", "vertices", _121),
+        Field("edges", "edges", _122),
+    ),
+)
+_124 = Struct(
+    "LidarMap",
+    "LidarMap",
     (
         Field("metadata", "metadata", _117),
-        Field("vertices", "vertices", _118),
-        Field("edges", "edges", _119),
+        Field("graph", "graph", _123),
+        Field("clouds", "clouds", _118),
+        Field("position", "position", _119),
     ),
 )
-_121 = Struct(
-    "LidarMap",
-    "LidarMap",
-    (
-        Field("metadata", "metadata", _114),
-        Field("graph", "graph", _120),
-        Field("clouds", "clouds", _115),
-        Field("position", "position", _116),
-    ),
-)
-_122 = Struct(
+_125 = Struct(
     "LidarScan-Metadata",
     "LidarScanMetadata",
     (
@@ -929,7 +961,7 @@ _122 = Struct(
         Field("endTime", "end_time", _1),
     ),
 )
-_123 = Struct(
+_126 = Struct(
     "LidarScan-Data",
     "LidarScanData",
     (
@@ -939,24 +971,24 @@ _123 = Struct(
         Field("ring", "ring", Octets(1073741824, "<u2", 0)),
     ),
 )
-_124 = Struct(
+_127 = Struct(
     "LidarScan",
     "LidarScan",
     (
-        Field("metadata", "metadata", _122),
-        Field("data", "data", _123),
+        Field("metadata", "metadata", _125),
+        Field("data", "data", _126),
     ),
 )
-_125 = Struct(
+_128 = Struct(
     "Map",
     "Map",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("metadata", "metadata", _90),
+        Field("metadata", "metadata", _93),
         Field("data", "data", _43),
     ),
 )
-_126 = Struct(
+_129 = Struct(
     "GridMap-Metadata",
     "GridMapMetadata",
     (
@@ -971,7 +1003,7 @@ _126 = Struct(
         Field("cols", "cols", Integer(0, 4294967295)),
     ),
 )
-_127 = Struct(
+_130 = Struct(
     "GridLayer",
     "GridLayer",
     (
@@ -980,23 +1012,23 @@ _127 = Struct(
         Field("data", "data", Octets(1073741824, "|u1", 0)),
     ),
 )
-_128 = Struct(
+_131 = Struct(
     "ElevationMap",
     "ElevationMap",
     (
-        Field("metadata", "metadata", _126),
-        Field("layers", "layers", ListOf(_127, 0, 64, "GridLayer")),
+        Field("metadata", "metadata", _129),
+        Field("layers", "layers", ListOf(_130, 0, 64, "GridLayer")),
     ),
 )
-_129 = Struct(
+_132 = Struct(
     "NavigationMap",
     "NavigationMap",
     (
-        Field("metadata", "metadata", _126),
-        Field("layers", "layers", ListOf(_127, 0, 64, "GridLayer")),
+        Field("metadata", "metadata", _129),
+        Field("layers", "layers", ListOf(_130, 0, 64, "GridLayer")),
     ),
 )
-_130 = Struct(
+_133 = Struct(
     "Mesh-Metadata",
     "MeshMetadata",
     (
@@ -1006,7 +1038,7 @@ _130 = Struct(
         Field("timeStamp", "time_stamp", _1),
     ),
 )
-_131 = Struct(
+_134 = Struct(
     "Mesh-Data",
     "MeshData",
     (
@@ -1016,15 +1048,15 @@ _131 = Struct(
         Field("colors", "colors", Octets(1073741824, "<u1", 3)),
     ),
 )
-_132 = Struct(
+_135 = Struct(
     "Mesh",
     "Mesh",
     (
-        Field("metadata", "metadata", _130),
-        Field("data", "data", _131),
+        Field("metadata", "metadata", _133),
+        Field("data", "data", _134),
     ),
 )
-_133 = Struct(
+_136 = Struct(
     "ObjectDetection",
     "ObjectDetection",
     (
@@ -1035,7 +1067,7 @@ _133 = Struct(
         Field("imageBox", "image_box", Array(Real(), ((4, 4),), ("T-Double",))),
     ),
 )
-_134 = Struct(
+_137 = Struct(
     "ObjectDetections",
     "ObjectDetections",
     (
@@ -1044,10 +1076,10 @@ _134 = Struct(
         Field("producerId", "producer_id", Text(256)),
         Field("sensorId", "sensor_id", Text(256)),
         Field("frameId", "frame_id", Text(256)),
-        Field("detections", "detections", ListOf(_133, 0, 4096, "ObjectDetection")),
+        Field("detections", "detections", ListOf(_136, 0, 4096, "ObjectDetection")),
     ),
 )
-_135 = Enumeration(
+_138 = Enumeration(
     "ObjectTrackStatusT",
     (
         ("track-TENTATIVE", 0),
@@ -1055,7 +1087,7 @@ _135 = Enumeration(
         ("track-LOST", 2),
     ),
 )
-_136 = Struct(
+_139 = Struct(
     "ObjectTrack-Metadata",
     "ObjectTrackMetadata",
     (
@@ -1065,12 +1097,12 @@ _136 = Struct(
         Field("frameId", "frame_id", Text(256)),
         Field("trackId", "track_id", Integer(0, 4294967295)),
         Field("label", "label", Text(256)),
-        Field("status", "status", _135),
+        Field("status", "status", _138),
         Field("score", "score", Real()),
         Field("size", "size", Array(Real(), ((3, 3),), ("T-Double",))),
     ),
 )
-_137 = Struct(
+_140 = Struct(
     "ObjectTrack-Data",
     "ObjectTrackData",
     (
@@ -1080,15 +1112,15 @@ _137 = Struct(
         Field("covariances", "covariances", Octets(1073741824, "<f8", 36)),
     ),
 )
-_138 = Struct(
+_141 = Struct(
     "ObjectTrack",
     "ObjectTrack",
     (
-        Field("metadata", "metadata", _136),
-        Field("data", "data", _137),
+        Field("metadata", "metadata", _139),
+        Field("data", "data", _140),
     ),
 )
-_139 = Enumeration(
+_142 = Enumeration(
     "Og2RegionKindT",
     (
         ("region-ANY", 0),
@@ -1099,16 +1131,16 @@ _139 = Enumeration(
         ("region-NEAR", 5),
     ),
 )
-_140 = Struct(
+_143 = Struct(
     "OG2-Region",
     "Og2Region",
     (
-        Field("kind", "kind", _139),
+        Field("kind", "kind", _142),
         Field("frameId", "frame_id", Text(256)),
         Field("numbers", "numbers", Array(Real(), ((0, 100),), ("T-Double",))),
     ),
 )
-_141 = Enumeration(
+_144 = Enumeration(
     "Og2DeliverT",
     (
         ("deliver-AUTO", 0),
@@ -1116,7 +1148,7 @@ _141 = Enumeration(
         ("deliver-REFERENCE", 2),
     ),
 )
-_142 = Struct(
+_145 = Struct(
     "OG2-Request",
     "Og2Request",
     (
@@ -1130,15 +1162,15 @@ _142 = Struct(
         Field("childFrameId", "child_frame_id", Text(256)),
         Field("hasTime", "has_time", Boolean()),
         Field("time", "time", _1),
-        Field("region", "region", _140),
+        Field("region", "region", _143),
         Field("maxAge", "max_age", Real()),
         Field("resolution", "resolution", Real()),
         Field("minCoverage", "min_coverage", Real()),
-        Field("deliver", "deliver", _141),
+        Field("deliver", "deliver", _144),
         Field("deadline", "deadline", Integer(0, 4294967295)),
     ),
 )
-_143 = Enumeration(
+_146 = Enumeration(
     "Og2JobStateT",
     (
         ("job-RECEIVED", 0),
@@ -1152,7 +1184,7 @@ _143 = Enumeration(
         ("job-CANCELLED", 8),
     ),
 )
-_144 = Struct(
+_147 = Struct(
     "OG2-Job",
     "Og2Job",
     (
@@ -1162,13 +1194,13 @@ _144 = Struct(
         Field("requestId", "request_id", Text(256)),
         Field("robot", "robot", Text(256)),
         Field("product", "product", Text(256)),
-        Field("state", "state", _143),
+        Field("state", "state", _146),
         Field("reason", "reason", Text(256)),
         Field("remaining", "remaining", Real()),
         Field("plan", "plan", ListOf(Text(256), 0, 256, "T-String")),
     ),
 )
-_145 = Enumeration(
+_148 = Enumeration(
     "Og2ReplyKindT",
     (
         ("reply-PROGRESS", 0),
@@ -1177,7 +1209,7 @@ _145 = Enumeration(
         ("reply-ERROR", 3),
     ),
 )
-_146 = Enumeration(
+_149 = Enumeration(
     "Og2ErrorCodeT",
     (
         ("error-NONE", 0),
@@ -1191,7 +1223,7 @@ _146 = Enumeration(
         ("error-INTERNAL", 8),
     ),
 )
-_147 = Enumeration(
+_150 = Enumeration(
     "ProductStatusT",
     (
         ("status-OK", 0),
@@ -1199,7 +1231,7 @@ _147 = Enumeration(
         ("status-FAILED", 2),
     ),
 )
-_148 = Enumeration(
+_151 = Enumeration(
     "ProductCovarianceKindT",
     (
         ("covariance-NONE", 0),
@@ -1207,7 +1239,7 @@ _148 = Enumeration(
         ("covariance-CALIBRATED", 2),
     ),
 )
-_149 = Struct(
+_152 = Struct(
     "Product-metric-t",
     "ProductMetricT",
     (
@@ -1215,17 +1247,17 @@ _149 = Struct(
         Field("value", "value", Real()),
     ),
 )
-_150 = Struct(
+_153 = Struct(
     "Product-Quality",
     "ProductQuality",
     (
-        Field("status", "status", _147),
+        Field("status", "status", _150),
         Field("reasons", "reasons", ListOf(Text(256), 0, 256, "T-String")),
-        Field("covarianceKind", "covariance_kind", _148),
-        Field("metrics", "metrics", ListOf(_149, 0, 1024, "Product-metric-t")),
+        Field("covarianceKind", "covariance_kind", _151),
+        Field("metrics", "metrics", ListOf(_152, 0, 1024, "Product-metric-t")),
     ),
 )
-_151 = Struct(
+_154 = Struct(
     "Product-Metadata",
     "ProductMetadata",
     (
@@ -1246,13 +1278,13 @@ _151 = Struct(
         Field("producerId", "producer_id", Text(256)),
         Field("configHash", "config_hash", Text(256)),
         Field("inputs", "inputs", ListOf(Text(256), 0, 65535, "T-String")),
-        Field("quality", "quality", _150),
+        Field("quality", "quality", _153),
         Field("hasBox", "has_box", Boolean()),
         Field("box", "box", Array(Real(), ((6, 6),), ("T-Double",))),
         Field("resolution", "resolution", Real()),
     ),
 )
-_152 = Struct(
+_155 = Struct(
     "OG2-Reply",
     "Og2Reply",
     (
@@ -1260,12 +1292,12 @@ _152 = Struct(
         Field("timeStamp", "time_stamp", _1),
         Field("requestId", "request_id", Text(256)),
         Field("jobId", "job_id", Text(256)),
-        Field("kind", "kind", _145),
+        Field("kind", "kind", _148),
         Field("isFinal", "is_final", Boolean()),
-        Field("errorCode", "error_code", _146),
+        Field("errorCode", "error_code", _149),
         Field("retriable", "retriable", Boolean()),
         Field("detail", "detail", Text(256)),
-        Field("metadata", "metadata", _151),
+        Field("metadata", "metadata", _154),
         Field("coverage", "coverage", Real()),
         Field("age", "age", Real()),
         Field("oldestAge", "oldest_age", Real()),
@@ -1273,7 +1305,7 @@ _152 = Struct(
         Field("payload", "payload", Octets(1073741824, "|u1", 0)),
     ),
 )
-_153 = Struct(
+_156 = Struct(
     "PointCloud-Data",
     "PointCloudData",
     (
@@ -1282,26 +1314,26 @@ _153 = Struct(
         Field("intensity", "intensity", Array(Integer(-2147483648, 2147483647), ((0, 400000),), ("T-Int32",))),
     ),
 )
-_154 = Struct(
+_157 = Struct(
     "Pointcloud",
     "Pointcloud",
     (
-        Field("metadata", "metadata", _93),
-        Field("data", "data", _153),
+        Field("metadata", "metadata", _96),
+        Field("data", "data", _156),
     ),
 )
-_155 = Struct(
+_158 = Struct(
     "Octree",
     "Octree",
     (
         Field("resolution", "resolution", Real()),
-        Field("pointCloud", "point_cloud", _154),
+        Field("pointCloud", "point_cloud", _157),
     ),
 )
-_156 = Alias("Position", "Position", "values", Array(Real(), ((3, 3),), ("T-Double",)))
-_157 = Alias("Position2D", "Position2D", "values", Array(Real(), ((2, 2),), ("T-Double",)))
-_158 = Alias("Orientation", "Orientation", "values", Array(Real(), ((4, 4),), ("T-Double",)))
-_159 = Struct(
+_159 = Alias("Position", "Position", "values", Array(Real(), ((3, 3),), ("T-Double",)))
+_160 = Alias("Position2D", "Position2D", "values", Array(Real(), ((2, 2),), ("T-Double",)))
+_161 = Alias("Orientation", "Orientation", "values", Array(Real(), ((4, 4),), ("T-Double",)))
+_162 = Struct(
     "PoseUpdateThreshold",
     "PoseUpdateThreshold",
     (
@@ -1309,7 +1341,7 @@ _159 = Struct(
         Field("angle", "angle", Real()),
     ),
 )
-_160 = Struct(
+_163 = Struct(
     "Pose2D",
     "Pose2D",
     (
@@ -1317,7 +1349,7 @@ _160 = Struct(
         Field("orientation", "orientation", Real()),
     ),
 )
-_161 = Struct(
+_164 = Struct(
     "Motion2D",
     "Motion2D",
     (
@@ -1325,7 +1357,7 @@ _161 = Struct(
         Field("rotation", "rotation", Real()),
     ),
 )
-_162 = Struct(
+_165 = Struct(
     "TwistWithCovariance-metadata",
     "TwistWithCovarianceMetadata",
     (
@@ -1333,7 +1365,7 @@ _162 = Struct(
         Field("timeStamp", "time_stamp", _1),
     ),
 )
-_163 = Struct(
+_166 = Struct(
     "TwistWithCovariance-data",
     "TwistWithCovarianceData",
     (
@@ -1342,24 +1374,24 @@ _163 = Struct(
         Field("cov", "cov", Array(Real(), ((6, 6), (6, 6)), ("SEQUENCE_OF", "T-Double"))),
     ),
 )
-_164 = Struct(
+_167 = Struct(
     "TwistWithCovariance",
     "TwistWithCovariance",
     (
-        Field("metadata", "metadata", _162),
-        Field("data", "data", _163),
+        Field("metadata", "metadata", _165),
+        Field("data", "data", _166),
     ),
 )
-_165 = Struct(
+_168 = Struct(
     "BodyState",
     "BodyState",
     (
         Field("ref-time", "ref_time", _1),
         Field("pose", "pose", _55),
-        Field("velocity", "velocity", _164),
+        Field("velocity", "velocity", _167),
     ),
 )
-_166 = Struct(
+_169 = Struct(
     "RigidBodyState",
     "RigidBodyState",
     (
@@ -1378,7 +1410,7 @@ _166 = Struct(
         ),
     ),
 )
-_167 = Struct(
+_170 = Struct(
     "RigidBodyAcceleration",
     "RigidBodyAcceleration",
     (
@@ -1387,7 +1419,7 @@ _167 = Struct(
         Field("cov-acceleration", "cov_acceleration", Array(Real(), ((3, 3), (3, 3)), ("SEQUENCE_OF", "T-Double"))),
     ),
 )
-_168 = Struct(
+_171 = Struct(
     "Waypoint",
     "Waypoint",
     (
@@ -1397,7 +1429,7 @@ _168 = Struct(
         Field("tol-heading", "tol_heading", Real()),
     ),
 )
-_169 = Struct(
+_172 = Struct(
     "Trajectory",
     "Trajectory",
     (
@@ -1405,7 +1437,7 @@ _169 = Struct(
         Field("points", "points", Array(Real(), ((1, 50), (3, 3)), ("Point", "T-Double"))),
     ),
 )
-_170 = Struct(
+_173 = Struct(
     "Path",
     "Path",
     (
@@ -1414,7 +1446,7 @@ _170 = Struct(
         Field("waypoints", "waypoints", ListOf(_55, 0, 100, "TransformWithCovariance")),
     ),
 )
-_171 = Struct(
+_174 = Struct(
     "PoseTrajectory-Metadata",
     "PoseTrajectoryMetadata",
     (
@@ -1424,7 +1456,7 @@ _171 = Struct(
         Field("childFrameId", "child_frame_id", Text(256)),
     ),
 )
-_172 = Struct(
+_175 = Struct(
     "PoseTrajectory-Data",
     "PoseTrajectoryData",
     (
@@ -1433,15 +1465,15 @@ _172 = Struct(
         Field("covariances", "covariances", Octets(1073741824, "<f8", 36)),
     ),
 )
-_173 = Struct(
+_176 = Struct(
     "PoseTrajectory",
     "PoseTrajectory",
     (
-        Field("metadata", "metadata", _171),
-        Field("data", "data", _172),
+        Field("metadata", "metadata", _174),
+        Field("data", "data", _175),
     ),
 )
-_174 = Struct(
+_177 = Struct(
     "PositionState-Metadata",
     "PositionStateMetadata",
     (
@@ -1449,7 +1481,7 @@ _174 = Struct(
         Field("producerId", "producer_id", Text(256)),
     ),
 )
-_175 = Struct(
+_178 = Struct(
     "PositionState-Links",
     "PositionStateLinks",
     (
@@ -1459,7 +1491,7 @@ _175 = Struct(
         Field("broken", "broken", Octets(1073741824, "<i8", 0)),
     ),
 )
-_176 = Struct(
+_179 = Struct(
     "PositionState-Filter",
     "PositionStateFilter",
     (
@@ -1475,17 +1507,17 @@ _176 = Struct(
         Field("covariance", "covariance", Octets(1073741824, "<f8", 6)),
     ),
 )
-_177 = Struct(
+_180 = Struct(
     "PositionState",
     "PositionState",
     (
-        Field("metadata", "metadata", _174),
-        Field("line", "line", _173),
-        Field("links", "links", _175),
-        Field("filter", "filter", _176),
+        Field("metadata", "metadata", _177),
+        Field("line", "line", _176),
+        Field("links", "links", _178),
+        Field("filter", "filter", _179),
     ),
 )
-_178 = Enumeration(
+_181 = Enumeration(
     "LaserRangeErrors",
     (
         ("too-far", 0),
@@ -1496,7 +1528,7 @@ _178 = Enumeration(
         ("end-laser-range-errors", 5),
     ),
 )
-_179 = Struct(
+_182 = Struct(
     "LaserScan",
     "LaserScan",
     (
@@ -1510,7 +1542,7 @@ _179 = Struct(
         Field("remission", "remission", Array(Real(), ((1, 2000),), ("T-Float",))),
     ),
 )
-_180 = Enumeration(
+_183 = Enumeration(
     "UnitAxis",
     (
         ("unit-x", 0),
@@ -1518,7 +1550,7 @@ _180 = Enumeration(
         ("unit-z", 2),
     ),
 )
-_181 = Enumeration(
+_184 = Enumeration(
     "DepthMeasurementState",
     (
         ("valid-measurement", 0),
@@ -1527,14 +1559,14 @@ _181 = Enumeration(
         ("measurement-error", 3),
     ),
 )
-_182 = Struct(
+_185 = Struct(
     "DepthMap",
     "DepthMap",
     (
         Field("ref-time", "ref_time", _1),
         Field("timestamps", "timestamps", ListOf(_1, 1, 30000, "Time")),
-        Field("vertical-projection", "vertical_projection", _111),
-        Field("horizontal-projection", "horizontal_projection", _111),
+        Field("vertical-projection", "vertical_projection", _114),
+        Field("horizontal-projection", "horizontal_projection", _114),
         Field("vertical-interval", "vertical_interval", Array(Real(), ((1, 30000),), ("T-Double",))),
         Field("horizontal-interval", "horizontal_interval", Array(Real(), ((1, 30000),), ("T-Double",))),
         Field("vertical-size", "vertical_size", Integer(0, 4294967295)),
@@ -1543,7 +1575,7 @@ _182 = Struct(
         Field("remissions", "remissions", Array(Real(), ((1, 30000),), ("T-Float",))),
     ),
 )
-_183 = Struct(
+_186 = Struct(
     "DistanceImage",
     "DistanceImage",
     (
@@ -1557,7 +1589,7 @@ _183 = Struct(
         Field("data", "data", Array(Real(), ((1, 60),), ("T-Float",))),
     ),
 )
-_184 = Struct(
+_187 = Struct(
     "Sonar",
     "Sonar",
     (
@@ -1573,7 +1605,7 @@ _184 = Struct(
         Field("bins", "bins", Array(Real(), ((1, 60),), ("T-Float",))),
     ),
 )
-_185 = Struct(
+_188 = Struct(
     "SonarBeam",
     "SonarBeam",
     (
@@ -1586,7 +1618,7 @@ _185 = Struct(
         Field("beam", "beam", Array(Integer(0, 255), ((1, 60),), ("T-UInt8",))),
     ),
 )
-_186 = Struct(
+_189 = Struct(
     "SonarScan",
     "SonarScan",
     (
@@ -1605,37 +1637,37 @@ _186 = Struct(
         Field("polar-coordinates", "polar_coordinates", Boolean()),
     ),
 )
-_187 = Alias("FramesSequence", "FramesSequence", "items", ListOf(_57, 0, 10, "Frame"))
-_188 = Alias("PosesSequence", "PosesSequence", "items", ListOf(_102, 0, 10, "Pose"))
-_189 = Alias(
+_190 = Alias("FramesSequence", "FramesSequence", "items", ListOf(_57, 0, 10, "Frame"))
+_191 = Alias("PosesSequence", "PosesSequence", "items", ListOf(_105, 0, 10, "Pose"))
+_192 = Alias(
     "CorrespondenceMaps2DSequence",
     "CorrespondenceMaps2DSequence",
     "items",
     ListOf(ListOf(_30, 0, 1024, "Correspondence2D"), 0, 56, "CorrespondenceMap2D"),
 )
-_190 = Alias(
+_193 = Alias(
     "CorrespondenceMaps3DSequence",
     "CorrespondenceMaps3DSequence",
     "items",
     ListOf(ListOf(_32, 0, 51200, "Correspondence3D"), 0, 56, "CorrespondenceMap3D"),
 )
-_191 = Alias("PointSequence", "PointSequence", "values", Array(Real(), ((0, 327680), (3, 3)), ("Point", "T-Double")))
-_192 = Alias("DoubleSequence", "DoubleSequence", "values", Array(Real(), ((0, 327680),), ("T-Double",)))
-_193 = Alias("StringSequence", "StringSequence", "items", ListOf(Text(256), 0, 100, "T-String"))
-_194 = Alias(
+_194 = Alias("PointSequence", "PointSequence", "values", Array(Real(), ((0, 327680), (3, 3)), ("Point", "T-Double")))
+_195 = Alias("DoubleSequence", "DoubleSequence", "values", Array(Real(), ((0, 327680),), ("T-Double",)))
+_196 = Alias("StringSequence", "StringSequence", "items", ListOf(Text(256), 0, 100, "T-String"))
+_197 = Alias(
     "VectorXdSequence",
     "VectorXdSequence",
     "items",
     ListOf(Array(Real(), ((0, 100),), ("T-Double",)), 0, 327680, "VectorXd"),
 )
-_195 = Enumeration(
+_198 = Enumeration(
     "IcuStateT",
     (
         ("icu-STEADY", 0),
         ("icu-SWITCHING", 1),
     ),
 )
-_196 = Struct(
+_199 = Struct(
     "ICU-Mode",
     "IcuMode",
     (
@@ -1645,13 +1677,13 @@ _196 = Struct(
         Field("sensor", "sensor", Text(256)),
         Field("mode", "mode", Text(256)),
         Field("target", "target", Text(256)),
-        Field("state", "state", _195),
+        Field("state", "state", _198),
         Field("isOn", "is_on", Boolean()),
         Field("rate", "rate", Real()),
         Field("holder", "holder", Text(256)),
     ),
 )
-_197 = Enumeration(
+_200 = Enumeration(
     "DfpcStateT",
     (
         ("dfpc-UNCONFIGURED", 0),
@@ -1660,7 +1692,7 @@ _197 = Enumeration(
         ("dfpc-ERROR", 3),
     ),
 )
-_198 = Struct(
+_201 = Struct(
     "DFPC-Status",
     "DfpcStatus",
     (
@@ -1670,7 +1702,7 @@ _198 = Struct(
         Field("dfpc", "dfpc", Text(256)),
         Field("implementation", "implementation", Text(256)),
         Field("configHash", "config_hash", Text(256)),
-        Field("state", "state", _197),
+        Field("state", "state", _200),
         Field("samples", "samples", Integer(0, 9223372036854775807)),
         Field("outputs", "outputs", Integer(0, 9223372036854775807)),
         Field("degraded", "degraded", Integer(0, 9223372036854775807)),
@@ -1682,7 +1714,7 @@ _198 = Struct(
         Field("lastError", "last_error", Text(256)),
     ),
 )
-_199 = Struct(
+_202 = Struct(
     "Event",
     "Event",
     (
@@ -1694,7 +1726,7 @@ _199 = Struct(
         Field("body", "body", Octets(65536, "|u1", 0)),
     ),
 )
-_200 = Enumeration(
+_203 = Enumeration(
     "Resolution",
     (
         ("seconds", 0),
@@ -1756,130 +1788,133 @@ MESSAGES: dict[str, Message] = {
     "Frame": _57,
     "FramePair": _58,
     "CompressedFrame": _60,
-    "ImuSpan-Metadata": _61,
-    "ImuSpan-Data": _62,
-    "ImuSpan": _63,
-    "JointState": _64,
-    "JointLimitRange": _65,
-    "OutOfBounds": _66,
-    "JointLimits": _67,
-    "Joints": _68,
-    "JointTrajectory": _69,
-    "JointsTrajectory": _70,
-    "InvalidTimeStep": _71,
-    "InvalidName": _72,
-    "Wrench": _73,
-    "Wrenches": _74,
-    "Pressure": _75,
-    "Temperature": _76,
-    "IMUSensors": _77,
-    "LandmarkMap-Metadata": _78,
-    "Array3DLarge": _79,
-    "LandmarkMap-Data": _80,
-    "LandmarkMap": _81,
-    "KeyFrame-Metadata": _82,
-    "KeyFrame-Data": _83,
-    "KeyFrame": _84,
-    "FrameLarge": _85,
-    "FramePairLarge": _86,
-    "FramesSequenceLarge": _87,
-    "CompressedFrameLarge": _88,
-    "Map-metadata-t": _90,
-    "MapLarge": _91,
-    "PointCloud-DataLarge": _92,
-    "PointCloud-Metadata": _93,
-    "PointcloudLarge": _94,
-    "OctreeLarge": _95,
-    "CorrespondenceMap2DLarge": _96,
-    "CorrespondenceMap3DLarge": _97,
-    "CorrespondenceMaps2DSequenceLarge": _98,
-    "CorrespondenceMaps3DSequenceLarge": _99,
-    "VisualPointFeatureVector2DLarge": _100,
-    "VisualPointFeatureVector3DLarge": _101,
-    "Pose": _102,
-    "PosesSequenceLarge": _103,
-    "PointSequenceLarge": _104,
-    "DoubleSequenceLarge": _105,
-    "StringSequenceLarge": _106,
-    "VectorXdSequenceLarge": _107,
-    "PathLarge": _108,
-    "TrajectoryLarge": _109,
-    "LaserScanLarge": _110,
-    "DepthMapLarge": _112,
-    "DistanceImageLarge": _113,
-    "LidarMap-Metadata": _114,
-    "LidarMap-Clouds": _115,
-    "LidarMap-Position": _116,
-    "PoseGraph-Metadata": _117,
-    "PoseGraph-Vertices": _118,
-    "PoseGraph-Edges": _119,
-    "PoseGraph": _120,
-    "LidarMap": _121,
-    "LidarScan-Metadata": _122,
-    "LidarScan-Data": _123,
-    "LidarScan": _124,
-    "Map": _125,
-    "GridMap-Metadata": _126,
-    "GridLayer": _127,
-    "ElevationMap": _128,
-    "NavigationMap": _129,
-    "Mesh-Metadata": _130,
-    "Mesh-Data": _131,
-    "Mesh": _132,
-    "ObjectDetection": _133,
-    "ObjectDetections": _134,
-    "ObjectTrack-Metadata": _136,
-    "ObjectTrack-Data": _137,
-    "ObjectTrack": _138,
-    "OG2-Region": _140,
-    "OG2-Request": _142,
-    "OG2-Job": _144,
-    "Product-metric-t": _149,
-    "Product-Quality": _150,
-    "Product-Metadata": _151,
-    "OG2-Reply": _152,
-    "PointCloud-Data": _153,
-    "Pointcloud": _154,
-    "Octree": _155,
-    "Position": _156,
-    "Position2D": _157,
-    "Orientation": _158,
-    "PoseUpdateThreshold": _159,
-    "Pose2D": _160,
-    "Motion2D": _161,
-    "TwistWithCovariance-metadata": _162,
-    "TwistWithCovariance-data": _163,
-    "TwistWithCovariance": _164,
-    "BodyState": _165,
-    "RigidBodyState": _166,
-    "RigidBodyAcceleration": _167,
-    "Waypoint": _168,
-    "Trajectory": _169,
-    "Path": _170,
-    "PoseTrajectory-Metadata": _171,
-    "PoseTrajectory-Data": _172,
-    "PoseTrajectory": _173,
-    "PositionState-Metadata": _174,
-    "PositionState-Links": _175,
-    "PositionState-Filter": _176,
-    "PositionState": _177,
-    "LaserScan": _179,
-    "DepthMap": _182,
-    "DistanceImage": _183,
-    "Sonar": _184,
-    "SonarBeam": _185,
-    "SonarScan": _186,
-    "FramesSequence": _187,
-    "PosesSequence": _188,
-    "CorrespondenceMaps2DSequence": _189,
-    "CorrespondenceMaps3DSequence": _190,
-    "PointSequence": _191,
-    "DoubleSequence": _192,
-    "StringSequence": _193,
-    "VectorXdSequence": _194,
-    "ICU-Mode": _196,
-    "DFPC-Status": _198,
-    "Event": _199,
+    "GroundAreas-Metadata": _61,
+    "GroundAreas-Data": _62,
+    "GroundAreas": _63,
+    "ImuSpan-Metadata": _64,
+    "ImuSpan-Data": _65,
+    "ImuSpan": _66,
+    "JointState": _67,
+    "JointLimitRange": _68,
+    "OutOfBounds": _69,
+    "JointLimits": _70,
+    "Joints": _71,
+    "JointTrajectory": _72,
+    "JointsTrajectory": _73,
+    "InvalidTimeStep": _74,
+    "InvalidName": _75,
+    "Wrench": _76,
+    "Wrenches": _77,
+    "Pressure": _78,
+    "Temperature": _79,
+    "IMUSensors": _80,
+    "LandmarkMap-Metadata": _81,
+    "Array3DLarge": _82,
+    "LandmarkMap-Data": _83,
+    "LandmarkMap": _84,
+    "KeyFrame-Metadata": _85,
+    "KeyFrame-Data": _86,
+    "KeyFrame": _87,
+    "FrameLarge": _88,
+    "FramePairLarge": _89,
+    "FramesSequenceLarge": _90,
+    "CompressedFrameLarge": _91,
+    "Map-metadata-t": _93,
+    "MapLarge": _94,
+    "PointCloud-DataLarge": _95,
+    "PointCloud-Metadata": _96,
+    "PointcloudLarge": _97,
+    "OctreeLarge": _98,
+    "CorrespondenceMap2DLarge": _99,
+    "CorrespondenceMap3DLarge": _100,
+    "CorrespondenceMaps2DSequenceLarge": _101,
+    "CorrespondenceMaps3DSequenceLarge": _102,
+    "VisualPointFeatureVector2DLarge": _103,
+    "VisualPointFeatureVector3DLarge": _104,
+    "Pose": _105,
+    "PosesSequenceLarge": _106,
+    "PointSequenceLarge": _107,
+    "DoubleSequenceLarge": _108,
+    "StringSequenceLarge": _109,
+    "VectorXdSequenceLarge": _110,
+    "PathLarge": _111,
+    "TrajectoryLarge": _112,
+    "LaserScanLarge": _113,
+    "DepthMapLarge": _115,
+    "DistanceImageLarge": _116,
+    "LidarMap-Metadata": _117,
+    "LidarMap-Clouds": _118,
+    "LidarMap-Position": _119,
+    "PoseGraph-Metadata": _120,
+    "PoseGraph-Vertices": _121,
+    "PoseGraph-Edges": _122,
+    "PoseGraph": _123,
+    "LidarMap": _124,
+    "LidarScan-Metadata": _125,
+    "LidarScan-Data": _126,
+    "LidarScan": _127,
+    "Map": _128,
+    "GridMap-Metadata": _129,
+    "GridLayer": _130,
+    "ElevationMap": _131,
+    "NavigationMap": _132,
+    "Mesh-Metadata": _133,
+    "Mesh-Data": _134,
+    "Mesh": _135,
+    "ObjectDetection": _136,
+    "ObjectDetections": _137,
+    "ObjectTrack-Metadata": _139,
+    "ObjectTrack-Data": _140,
+    "ObjectTrack": _141,
+    "OG2-Region": _143,
+    "OG2-Request": _145,
+    "OG2-Job": _147,
+    "Product-metric-t": _152,
+    "Product-Quality": _153,
+    "Product-Metadata": _154,
+    "OG2-Reply": _155,
+    "PointCloud-Data": _156,
+    "Pointcloud": _157,
+    "Octree": _158,
+    "Position": _159,
+    "Position2D": _160,
+    "Orientation": _161,
+    "PoseUpdateThreshold": _162,
+    "Pose2D": _163,
+    "Motion2D": _164,
+    "TwistWithCovariance-metadata": _165,
+    "TwistWithCovariance-data": _166,
+    "TwistWithCovariance": _167,
+    "BodyState": _168,
+    "RigidBodyState": _169,
+    "RigidBodyAcceleration": _170,
+    "Waypoint": _171,
+    "Trajectory": _172,
+    "Path": _173,
+    "PoseTrajectory-Metadata": _174,
+    "PoseTrajectory-Data": _175,
+    "PoseTrajectory": _176,
+    "PositionState-Metadata": _177,
+    "PositionState-Links": _178,
+    "PositionState-Filter": _179,
+    "PositionState": _180,
+    "LaserScan": _182,
+    "DepthMap": _185,
+    "DistanceImage": _186,
+    "Sonar": _187,
+    "SonarBeam": _188,
+    "SonarScan": _189,
+    "FramesSequence": _190,
+    "PosesSequence": _191,
+    "CorrespondenceMaps2DSequence": _192,
+    "CorrespondenceMaps3DSequence": _193,
+    "PointSequence": _194,
+    "DoubleSequence": _195,
+    "StringSequence": _196,
+    "VectorXdSequence": _197,
+    "ICU-Mode": _199,
+    "DFPC-Status": _201,
+    "Event": _202,
 }
 
 #: ASN.1 name -> that of the sibling with room for more.

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""GeoJSON in a frame's own metres: paths, outlines, and the areas of a navigation map.
+"""GeoJSON in a frame's own metres: paths, outlines, and areas of the ground.
 
 RFC 7946 knows longitude and latitude on Earth only. Sites of other bodies are metres in a frame, so the collection
 names its CRS as GeoJSON of 2008 did, by WKT: GDAL and QGIS read it and put nothing on Earth. A reader that knows only
@@ -17,12 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cdff_common.formats.geotiff import engineering_crs
+from cdff_common.types.ground_areas_ext import AreaKind
 
 if TYPE_CHECKING:
-    from cdff_common.types import NavigationMap, PoseTrajectory, TransformWithCovariance
-
-#: Names of the classes of a navigation map.
-CLASS_NAMES = ("unknown", "safe", "caution", "hazard")
+    from cdff_common.types import GroundAreas, PoseTrajectory, TransformWithCovariance
 
 Feature = dict[str, Any]
 
@@ -65,16 +63,14 @@ def pose_feature(pose: TransformWithCovariance) -> Feature:
     return feature("Point", T[:3, 3], properties)
 
 
-def class_features(value: NavigationMap) -> list[Feature]:
-    """The areas of each class but unknown, along the edges of their cells."""
-    import rasterio
-    from rasterio.features import shapes
-
-    g = value.geometry
-    classes = np.asarray(value.layer("class"), dtype=np.uint8)
-    placed = rasterio.Affine(g.resolution_m, 0.0, g.xmin_m, 0.0, -g.resolution_m, g.ymax_m)
-    found = shapes(classes, mask=classes > 0, connectivity=4, transform=placed)
+def area_features(areas: GroundAreas) -> list[Feature]:
+    """Each area as a polygon with its kind and size."""
+    columns = zip(areas.data.kinds.tolist(), areas.data.areas.tolist(), areas.polygons, strict=True)
     return [
-        {"type": "Feature", "properties": {"class": int(k), "name": CLASS_NAMES[min(int(k), 3)]}, "geometry": shape}
-        for shape, k in found
+        {
+            "type": "Feature",
+            "properties": {"class": kind, "name": AreaKind(kind).name.lower(), "area_m2": round(area_m2, 6)},
+            "geometry": {"type": "Polygon", "coordinates": [np.vstack([r, r[:1]]).tolist() for r in rings]},
+        }
+        for kind, area_m2, rings in columns
     ]

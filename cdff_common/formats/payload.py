@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         CorrespondenceMap2D,
         ElevationMap,
         Frame,
+        GroundAreas,
         NavigationMap,
         Pointcloud,
         PoseGraph,
@@ -58,6 +59,7 @@ FORMATS: dict[str, tuple[str, ...]] = {
     "CorrespondenceMap2D": ("csv",),
     "BundleProblem": ("bal", "libmv"),
     "Frame": ("png", "jpg", "tif", "npz"),
+    "GroundAreas": ("geojson",),
 }
 
 
@@ -99,6 +101,7 @@ def to_file(value: Any, fmt: str, wkt: str | None = None) -> bytes:
         "CorrespondenceMap2D": _matches,
         "BundleProblem": _bundle,
         "Frame": _frame,
+        "GroundAreas": _areas,
     }
     return writers[name](value, fmt, wkt)
 
@@ -128,15 +131,15 @@ def _cloud(value: Pointcloud, fmt: str, wkt: str | None) -> bytes:
 
 
 def _map(value: ElevationMap | NavigationMap, fmt: str, wkt: str | None) -> bytes:
-    from cdff_common.formats.geojson import class_features, write_geojson
     from cdff_common.formats.geotiff import write_map
     from cdff_common.formats.hillshade import classes_png, hillshade_png
     from cdff_common.formats.npz import write_npz
+    from cdff_common.raster.areas import CLASSES, outlined
 
     if fmt == "tif":
         return write_map(value, wkt=wkt)
     if fmt == "geojson":
-        return write_geojson(class_features(value), value.geometry.frame, wkt)  # type: ignore[arg-type]
+        return _areas(outlined(value, CLASSES), fmt, wkt)  # type: ignore[arg-type]
     if fmt == "png":
         return classes_png(value) if type(value).__name__ == "NavigationMap" else hillshade_png(value)  # type: ignore[arg-type]
     g = value.geometry
@@ -144,6 +147,12 @@ def _map(value: ElevationMap | NavigationMap, fmt: str, wkt: str | None) -> byte
     placement = np.array([g.resolution_m, g.xmin_m, g.ymax_m])
     times = np.array([value.t0_ns, value.t1_ns])
     return write_npz({**layers, "frame": np.array(g.frame), "resolution_xmin_ymax_m": placement, "t0_t1_ns": times})
+
+
+def _areas(value: GroundAreas, _fmt: str, wkt: str | None) -> bytes:
+    from cdff_common.formats.geojson import area_features, write_geojson
+
+    return write_geojson(area_features(value), value.frame, wkt)
 
 
 def _pose(value: TransformWithCovariance, fmt: str, wkt: str | None) -> bytes:

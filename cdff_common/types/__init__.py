@@ -71,6 +71,7 @@ from cdff_common.types.frame import (
     FramePixelModelT,
     FrameStatusT,
 )
+from cdff_common.types.ground_areas import GroundAreas, GroundAreasData, GroundAreasMetadata
 from cdff_common.types.imu_span import ImuSpan, ImuSpanData, ImuSpanMetadata
 from cdff_common.types.joints import (
     IMUSensors,
@@ -231,6 +232,9 @@ __all__ = [
     "FramesSequence",
     "GridLayer",
     "GridMapMetadata",
+    "GroundAreas",
+    "GroundAreasData",
+    "GroundAreasMetadata",
     "IMUSensors",
     "IcuMode",
     "IcuStateT",

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 from cdff_common.errors import InputError
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
-from cdff_common.types import NavigationMap, PointSequence, PoseTrajectory
+from cdff_common.types import GroundAreas, NavigationMap, PoseTrajectory
 
 
 class NavigationMappingInterface(Dfpc):
@@ -36,10 +36,8 @@ class NavigationMappingInterface(Dfpc):
         """The navigation map as last computed."""
 
     @abstractmethod
-    def get_polygons(self, kind: str, tolerance_m: float) -> PointSequence:
-        """Outlines of the areas of a kind in the map's frame, metres: rings one after another, each closed by its
-        first corner, outer ones counter-clockwise, holes clockwise.
-        """
+    def get_polygons(self, kind: str, tolerance_m: float) -> GroundAreas:
+        """Areas of a kind as polygons with holes, in the map's frame and of its time."""
 
     @abstractmethod
     def get_reachable(self, x_m: float, y_m: float) -> NavigationMap:

@@ -15,16 +15,22 @@ from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import DfpcConfig, Output, Sample
 from cdff_common.interfaces.product import Quality, Status
 from cdff_common.raster import delivered_resolution
-from cdff_common.types import ElevationMap, NavigationMap, PointSequence, PoseTrajectory
+from cdff_common.raster.areas import CLASSES, outlined
+from cdff_common.types import ElevationMap, GroundAreas, NavigationMap, PoseTrajectory
+from cdff_common.types.ground_areas_ext import AreaKind
 from cdff_core.dfns.dem_fusion._interface import DemFusionInputs
 from cdff_core.dfns.route_search._interface import RouteSearchInputs
 from cdff_core.dfns.traversability._interface import TraversabilityInputs
 from cdff_core.dfpcs.navigation_mapping._increment import rated
 from cdff_core.dfpcs.navigation_mapping._interface import NavigationMappingInterface
-from cdff_core.dfpcs.navigation_mapping._polygons import KINDS, rings
 
 #: What the profile's rover limits are called, and the parameters of ``traversability`` they set.
 LIMITS = ("length_m", "width_m", "max_slope_deg", "max_step_m", "max_roughness_m")
+#: What areas are asked for by.
+KINDS = {
+    "free": (AreaKind.SAFE,), "caution": (AreaKind.CAUTION,), "hazard": (AreaKind.HAZARD,), "all": CLASSES,
+    "passable": (AreaKind.PASSABLE,), "blocked": (AreaKind.BLOCKED,),
+}  # fmt: skip
 
 
 class NavigationMappingConfig(DfpcConfig):
@@ -87,12 +93,13 @@ class NavigationMapping(NavigationMappingInterface):
             raise ProductNotFoundError(f"{self.name}: no elevation patch has come yet")
         return self._map
 
-    def get_polygons(self, kind: str, tolerance_m: float) -> PointSequence:
-        """Rings of the areas of a kind, z 0; raises InputError on an unknown kind."""
+    def get_polygons(self, kind: str, tolerance_m: float) -> GroundAreas:
+        """Areas of a kind; raises InputError on an unknown kind or a tolerance below 0."""
         if kind not in KINDS:
             raise InputError(f"{self.name}.get_polygons: kind {kind!r}, expected one of {', '.join(KINDS)}")
-        corners = rings(self.get_map(), kind, max(tolerance_m, 0.0))
-        return PointSequence(np.column_stack([corners, np.zeros(len(corners))]))
+        if not 0.0 <= tolerance_m < np.inf:
+            raise InputError(f"{self.name}.get_polygons: tolerance_m {tolerance_m}, expected 0 or more")
+        return outlined(self.get_map(), KINDS[kind], tolerance_m)
 
     def get_reachable(self, x_m: float, y_m: float) -> NavigationMap:
         """The map with what it costs to get to each cell; raises InputError, or RefusedError where x, y is blocked."""

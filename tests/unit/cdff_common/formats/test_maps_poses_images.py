@@ -26,6 +26,7 @@ from cdff_common.types import (
     CorrespondenceMap2D,
     ElevationMap,
     Frame,
+    GroundAreas,
     NavigationMap,
     Pointcloud,
     PoseGraph,
@@ -83,6 +84,23 @@ def test_a_navigation_map_keeps_its_classes_through_float_bands() -> None:
     assert read_image(classes_png(value)).shape == (10, 10, 4)
     with pytest.raises(CodecError, match="NavigationMap"):
         read_map(write_map(value), "ElevationMap")
+
+
+def test_a_navigation_map_as_geojson_has_each_area_with_its_holes_kind_and_size() -> None:
+    classes = np.array([[3, 3, 3, 0], [3, 1, 3, 0], [3, 3, 3, 2]], np.uint8)
+    value = NavigationMap.from_layers(
+        GridGeometry("site", 0.5, 10.0, 1.5, 3, 4), {"class": classes}, t0_ns=0, t1_ns=0
+    )  # fmt: skip
+    made = json.loads(to_file(value, "geojson"))
+    assert made["cdff"] == {"frame": "site", "unit": "m"}
+    found = {f["properties"]["name"]: (f["properties"], f["geometry"]) for f in made["features"]}
+    assert {name: (p["class"], p["area_m2"]) for name, (p, _) in found.items()} == {
+        "safe": (1, 0.25), "caution": (2, 0.25), "hazard": (3, 2.0),
+    }  # fmt: skip
+    outer, hole = found["hazard"][1]["coordinates"]
+    assert sorted(map(tuple, outer[1:])) == [(10.0, 0.0), (10.0, 1.5), (11.5, 0.0), (11.5, 1.5)]
+    assert outer[0] == outer[-1]
+    assert sorted(map(tuple, hole[1:])) == [(10.5, 0.5), (10.5, 1.0), (11.0, 0.5), (11.0, 1.0)]
 
 
 def test_a_foreign_raster_becomes_the_mean_of_an_elevation_map() -> None:
@@ -185,6 +203,7 @@ def test_every_type_can_be_written_in_each_of_its_formats(dem: ElevationMap, pos
         ),
         CorrespondenceMap2D.from_arrays([[1, 2]], [[3, 4]]),
         BundleProblem.from_arrays(T, [9.0, 9.0, 0.0, 0.0], [[0, 0, 1]], ([0], [0]), [[0.0, 0.0]], frame="site"),
+        GroundAreas.from_rings([3], [1], [3], [[0, 0], [1, 0], [0, 1]], frame="site", t0_ns=0, t1_ns=0),
     ]
     assert {type(v).__name__ for v in values} == set(FORMATS)
     for value in values:

@@ -96,6 +96,48 @@ def test_a_key_frame_lies_where_its_camera_was() -> None:
         types.KeyFrame.from_arrays(3, pose, [[10.5, 20.0]], stamp_ns=_S, landmarks=[1, 2])
 
 
+SQUARE, HOLE = [[0, 0], [4, 0], [4, 3], [0, 3]], [[1, 1], [1, 2], [2, 1]]
+
+
+def _areas(**changes: Any) -> types.GroundAreas:
+    parts: dict[str, Any] = {
+        "kinds": [3, 1], "ring_counts": [2, 1], "corner_counts": [4, 3, 4], "corners_m": SQUARE + HOLE + SQUARE,
+        "frame": "site", "t0_ns": _S, "t1_ns": 2 * _S,
+    }  # fmt: skip
+    return types.GroundAreas.from_rings(**(parts | changes))
+
+
+def test_areas_of_the_ground_keep_their_rings_and_know_their_size_in_every_codec() -> None:
+    areas = _areas()
+    for codec in CODECS:
+        found = decode("GroundAreas", encode(areas, codec), codec)
+        assert found == areas
+        assert [[ring.tolist() for ring in rings] for rings in found.polygons] == [[SQUARE, HOLE], [SQUARE]]
+    assert areas.data.areas.tolist() == [11.5, 12.0]
+    assert (areas.frame, areas.t0_ns, areas.stamp_ns) == ("site", _S, 2 * _S)
+    assert areas.extent_m() == (0.0, 0.0, 0.0, 4.0, 3.0, 0.0)
+    none = _areas(kinds=[], ring_counts=[], corner_counts=[], corners_m=[])
+    assert (none.polygons, none.extent_m()) == ([], None)
+    far = _areas(corners_m=np.array(SQUARE + HOLE + SQUARE) + 1e9)
+    assert far.data.areas.tolist() == [11.5, 12.0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"kinds": [3, 6]}, "kinds: 6, expected 0 to 5"),
+        ({"kinds": [3]}, "areas: 2 rows, expected 1"),
+        ({"ring_counts": [3, 0]}, "ring_counts: 0, expected 1 at least"),
+        ({"ring_counts": [2, 2]}, "corner_counts: 3 rows, expected 4"),
+        ({"corner_counts": [5, 2, 4]}, "corner_counts: 2, expected 3 at least"),
+        ({"corner_counts": [4, 3, 5]}, "corners: 11 rows, expected 12"),
+    ],
+)
+def test_areas_whose_rings_do_not_fit_together_are_refused(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        _areas(**changes)
+
+
 def test_a_mesh_joins_vertices_that_are_there() -> None:
     vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
     mesh = types.Mesh.from_arrays(vertices, [[0, 1, 2]], frame="site", stamp_ns=_S, colors=[[255, 0, 0]] * 3)

@@ -195,22 +195,21 @@ def test_outlines_hold_the_cells_of_their_kind_and_err_to_the_safe_side(kind: st
 
     node = navigation()
     step(node, rough(0, lump_m=0.5))
-    corners = node.call("get_polygons", {"kind": kind, "tolerance_m": tolerance_m}).values
-    area = shapely.MultiPolygon()
-    begin = 0
-    while begin < len(corners):
-        end = begin + 1 + int(np.flatnonzero((corners[begin + 1 :] == corners[begin]).all(axis=1))[0])
-        ring = shapely.LinearRing(corners[begin : end + 1, :2])
-        part = shapely.Polygon(ring)
-        area = area.union(part) if ring.is_ccw else area.difference(part)
-        begin = end + 1
+    found = node.call("get_polygons", {"kind": kind, "tolerance_m": tolerance_m})
+    polygons = [shapely.Polygon(outer, holes) for outer, *holes in found.polygons]
+    assert all(polygon.is_valid and polygon.exterior.is_ccw for polygon in polygons)
+    np.testing.assert_allclose(found.data.areas, [polygon.area for polygon in polygons], rtol=1e-9)
+    area = shapely.union_all(polygons)
     made = node.get_map()
-    classes = {"free": (1,), "passable": (1, 2), "hazard": (3,), "blocked": (0, 3)}[kind]
+    number, classes = {"free": (1, (1,)), "passable": (4, (1, 2)), "hazard": (3, (3,)), "blocked": (5, (0, 3))}[kind]
+    assert set(found.data.kinds) == {number}
+    assert (found.frame, found.t0_ns, found.t1_ns) == (made.frame, made.t0_ns, made.t1_ns)
+    assert (found.metadata.resolution, found.metadata.tolerance) == (made.geometry.resolution_m, float(tolerance_m))
     x, y = made.geometry.centres_m()
     inside, is_kind = shapely.contains_xy(area, x, y), np.isin(made.layer("class"), classes)
     if tolerance_m == "0.0":
         np.testing.assert_array_equal(inside, is_kind)
-        assert area.area == pytest.approx(is_kind.sum() * made.geometry.resolution_m**2)
+        assert found.data.areas.sum() == pytest.approx(is_kind.sum() * made.geometry.resolution_m**2)
     elif kind in ("free", "passable"):
         assert not (inside & ~is_kind).any()
     else:
@@ -226,3 +225,17 @@ def test_places_that_are_blocked_or_outside_and_unknown_kinds_are_refused() -> N
         node.call("get_route", {"from_x_m": "0", "from_y_m": "0", "to_x_m": "90", "to_y_m": "0"})
     with pytest.raises(InputError, match="swamp"):
         node.call("get_polygons", {"kind": "swamp"})
+    with pytest.raises(InputError, match=r"tolerance_m -0\.1"):
+        node.call("get_polygons", {"tolerance_m": "-0.1"})
+
+
+def test_outlines_of_all_kinds_cover_what_is_known_once() -> None:
+    node = navigation()
+    step(node, rough(0, lump_m=0.5))
+    found, made = node.call("get_polygons", {}), node.get_map()
+    counts = np.bincount(made.layer("class").ravel(), minlength=4)
+    for kind in (1, 2, 3):
+        cells = found.data.areas[found.data.kinds == kind].sum() / made.geometry.resolution_m**2
+        assert cells == pytest.approx(counts[kind])
+    assert sorted(set(found.data.kinds)) == [1, 2, 3]
+    assert node.call("get_polygons", {"kind": "free", "tolerance_m": "50"}).polygons == []
