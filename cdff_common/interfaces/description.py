@@ -98,12 +98,21 @@ class Performance(StrictModel):
 
 
 class DfnDescription(StrictModel):
-    """Contents of ``dfn.yaml``."""
+    """Contents of ``dfn.yaml``.
+
+    Attributes
+    ----------
+    aliases : tuple of str
+        Other names of the DFN, and names that its first implementation has elsewhere.
+    implementation_aliases : dict
+        Names that other implementations have elsewhere, and which of this DFN each is: ``OrbDescriptor: Orb``.
+    """
 
     name: Identifier
     doc: str = ""
     version: str = "1"
     aliases: tuple[str, ...] = ()
+    implementation_aliases: dict[str, Identifier] = {}
     implementations: tuple[Identifier, ...] = ()
     input_ports: tuple[Port, ...] = ()
     output_ports: tuple[Port, ...] = ()
@@ -117,6 +126,17 @@ class DfnDescription(StrictModel):
     def folder(self) -> str:
         """Folder and command-line name."""
         return snake_case(self.name)
+
+    def implementation(self, name: str) -> str:
+        """The implementation of a name; the first one for the DFN's own names; raises ConfigurationError."""
+        if name in self.implementations:
+            return name
+        if name in self.implementation_aliases:
+            return self.implementation_aliases[name]
+        if name in (self.name, self.folder, *self.aliases):
+            return self.implementations[0]
+        known = ", ".join([*self.implementations, *self.implementation_aliases])
+        raise ConfigurationError(f"{self.name}: implementation {name!r}, expected one of {known}")
 
 
 class DfnSlot(StrictModel):

@@ -72,21 +72,21 @@ class Registry:
         return found
 
     def resolve(self, name: str) -> tuple[str, str]:
-        """Return ``("dfn"|"dfpc", folder)`` for a name that is unique over both."""
-        folder = self._folder(name)
+        """Return ``("dfn"|"dfpc", folder)`` for a name; a DFPC where it is both."""
+        folder = self._folder(self.dfpcs, name)
         if folder in self.dfpcs:
             return "dfpc", folder
-        self._find(self.dfns, name, "DFN or DFPC")
-        return "dfn", folder
+        return "dfn", self._find(self.dfns, name, "DFN or DFPC").description.folder
 
     def make_dfn(self, name: str, implementation: str | None = None) -> Dfn[Any, Any, Any]:
-        """Make an unconfigured DFN; raises ConfigurationError if it or its implementation is unknown."""
+        """Make an unconfigured DFN; raises ConfigurationError if it or its implementation is unknown.
+
+        Without ``implementation`` it is the first one, or the one that ``name`` is an alias of.
+        """
         found = self._find(self.dfns, name, "DFN")
         description: DfnDescription = found.description
-        chosen = implementation or description.implementations[0]
-        if chosen not in description.implementations:
-            known = ", ".join(description.implementations)
-            raise ConfigurationError(f"{description.name}: implementation {chosen!r}, expected one of {known}")
+        default = description.implementation_aliases.get(name, description.implementations[0])
+        chosen = description.implementation(implementation or default)
         module = importlib.import_module(f"{found.package}.{description.folder}.{snake_case(chosen)}")
         made: Dfn[Any, Any, Any] = getattr(module, chosen)()
         return made
@@ -99,14 +99,14 @@ class Registry:
         made: Dfpc = getattr(module, description.name)()
         return made
 
-    def _folder(self, name: str) -> str:
+    def _folder(self, known: dict[str, Found], name: str) -> str:
         # A folder's name stands for itself: snake_case of it may be another (X1 lies in x1, and x1 would be x_1).
-        if name in self.dfns or name in self.dfpcs or name in self.failures:
-            return name
-        return self.aliases.get(name, self.aliases.get(snake_case(name), snake_case(name)))
+        plain = snake_case(name)
+        candidates = (name, self.aliases.get(name, ""), self.aliases.get(plain, ""), plain)
+        return next((folder for folder in candidates if folder in known or folder in self.failures), plain)
 
     def _find(self, known: dict[str, Found], name: str, what: str) -> Found:
-        folder = self._folder(name)
+        folder = self._folder(known, name)
         if folder in known:
             return known[folder]
         if folder in self.failures:
@@ -125,7 +125,7 @@ class Registry:
             self.failures[folder] = str(error)
             return
         (self.dfns if kind == "dfn" else self.dfpcs)[folder] = Found(package, path, description)
-        for alias in description.aliases:
+        for alias in (*description.aliases, *getattr(description, "implementation_aliases", ())):
             self.aliases[alias] = folder
 
 

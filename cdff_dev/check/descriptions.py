@@ -37,6 +37,8 @@ def dfn_faults(root: Path, dfn: DfnDescription, registry: Registry) -> list[str]
     wrong += _type_faults([*dfn.input_ports, *dfn.output_ports])
     wrong += _test_faults(root, dfn.tests)
     wrong += [f"cost of {name!r}, which is no implementation" for name in set(dfn.cost) - set(dfn.implementations)]
+    strange = set(dfn.implementation_aliases.values()) - set(dfn.implementations)
+    wrong += [f"alias of {name!r}, which is no implementation" for name in strange]
     configured: dict[str, set[str]] = {}
     for implementation in dfn.implementations:
         try:

@@ -19,7 +19,8 @@ class ImageFilteringInputs:
     Attributes
     ----------
     image : Frame
-        Grey or RGB or BGR image, 8 bit; LocalContrast also 16 bit.
+        Grey or RGB or BGR image, 8 bit; LocalContrast also 16 bit; GaussianFilter also depth or disparity, float32,
+        NaN where unknown.
     """
 
     image: Frame

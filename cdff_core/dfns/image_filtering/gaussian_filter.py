@@ -4,10 +4,11 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from cdff_common.interfaces.dfn import DfnConfig
@@ -27,11 +28,31 @@ class GaussianFilterConfig(DfnConfig):
 
 
 class GaussianFilter(ImageFilteringInterface):
-    """Weighted mean of the neighbours; edges are reflected."""
+    """Weighted mean of the neighbours; edges are reflected.
+
+    Of a depth or disparity image (float32, NaN where nothing was measured) the mean is over what was measured
+    (normalised convolution [1]_): gaps spoil nothing beside them and stay gaps.
+
+    References
+    ----------
+    .. [1] H. Knutsson, C.-F. Westin, Normalized and differential convolution, CVPR 1993,
+       doi:10.1109/CVPR.1993.341081
+    """
 
     Config: ClassVar[type[DfnConfig]] = GaussianFilterConfig
 
     def process(self, inputs: ImageFilteringInputs) -> ImageFilteringOutputs:
-        """Return the smoothed image; raises InputError where it is not of 8 bit."""
-        image = cv2.GaussianBlur(eight_bit(inputs.image), (0, 0), self.config.sigma_px)
-        return ImageFilteringOutputs(image=with_image(inputs.image, np.asarray(image)))
+        """Return the smoothed image; raises InputError where it is neither of 8 bit nor one channel of float32."""
+        source = inputs.image.image
+        measured = source.ndim == 2 and source.dtype == np.float32
+        image = self._of_measured(source) if measured else self._blurred(eight_bit(inputs.image))
+        return ImageFilteringOutputs(image=with_image(inputs.image, image))
+
+    def _blurred(self, image: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(cv2.GaussianBlur(image, (0, 0), self.config.sigma_px))
+
+    def _of_measured(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
+        known = np.isfinite(image)
+        share = self._blurred(known.astype(np.float32))
+        total = self._blurred(np.where(known, image, np.float32(0.0)))
+        return np.divide(total, share, out=np.full_like(image, np.nan), where=known)

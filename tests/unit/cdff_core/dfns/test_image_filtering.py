@@ -39,6 +39,19 @@ def test_a_gaussian_lowers_noise_by_its_width_and_keeps_the_mean() -> None:
     assert smooth.mean() == pytest.approx(noisy.mean(), abs=0.6)
 
 
+def test_a_gaussian_of_depths_smooths_beside_gaps_and_leaves_them() -> None:
+    rng = np.random.default_rng(3)
+    depth = (4.0 + 0.01 * np.arange(120) + rng.normal(0, 0.1, (90, 120))).astype(np.float32)
+    depth[30:40, 50:60] = np.nan
+    smooth = filtered(depth, "GaussianFilter", sigma_px=2.0)
+    assert smooth.dtype == np.float32
+    np.testing.assert_array_equal(np.isnan(smooth), np.isnan(depth))
+    errors = smooth - (4.0 + 0.01 * np.arange(120))
+    beside = errors[27:43, 47:63]
+    assert np.nanstd(errors[10:-10, 10:-10]) == pytest.approx(0.1 / (2 * 2.0 * np.sqrt(np.pi)), rel=0.15)
+    assert np.nanmax(np.abs(beside)) < 0.1
+
+
 def test_a_median_takes_bad_pixels_away_and_leaves_edges() -> None:
     image = step()
     bad = image.copy()
