@@ -76,6 +76,31 @@ def end_percent(poses: FloatArray, truth: FloatArray) -> float:
     return float(100.0 * np.linalg.norm(poses[-1, :3, 3] - truth[-1, :3, 3]) / lengths(truth)[-1])
 
 
+def measured_from(truth: FloatArray) -> int:
+    """First pose of a truth that was measured: before it, all steps turn by the same angle to 0.01 degrees.
+
+    Where GPS/IMU readings are missing, KITTI's poses are interpolated; a measured step differs from the next by more.
+    """
+    turns = [se3.log_so3((se3.inverse(a) @ b)[:3, :3]) for a, b in pairwise(truth)]
+    changes = np.linalg.norm(np.diff(turns, axis=0), axis=1)
+    return int(np.argmax(changes > np.radians(0.01))) + 1 if changes[0] <= np.radians(0.01) else 0
+
+
+def measured_percent(poses: FloatArray, truth: FloatArray) -> float:
+    """End error over the measured part of the truth, in per cent of it."""
+    k = measured_from(truth)
+    return end_percent(se3.inverse(poses[k]) @ poses[k:], se3.inverse(truth[k]) @ truth[k:])
+
+
+def unmeasured_percent(poses: FloatArray, truth: FloatArray) -> float:
+    """End error, in per cent of the whole path, of moving as the truth does where it was measured, as ``poses`` before.
+
+    So much the end is off by the start alone, however good an odometry is afterwards.
+    """
+    k = measured_from(truth)
+    return end_percent(np.concatenate([poses[:k], poses[k] @ se3.inverse(truth[k]) @ truth[k:]]), truth)
+
+
 def turned(poses: FloatArray, truth: FloatArray) -> FloatArray:
     """The poses after the constant rotation about the start that fits them best to the truth (Kabsch)."""
     U, _, Vt = np.linalg.svd(poses[:, :3, 3].T @ truth[:, :3, 3])
@@ -119,6 +144,10 @@ def kitti(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
         "path_m": round(float(lengths(truth)[-1]), 2),
         "seeds": [SEEDS.start, SEEDS.stop - 1],
         "end_error_percent": spread(ends),
+        "measured_from": measured_from(truth),
+        "measured_m": round(float(lengths(truth)[-1] - lengths(truth)[measured_from(truth)]), 2),
+        "measured_end_error_percent": spread([measured_percent(p, truth) for p in found]),
+        "unmeasured_start_percent": spread([unmeasured_percent(p, truth) for p in found]),
         "end_error_turned_percent": spread([end_percent(turned(p, truth), truth) for p in found]),
         "path_length_percent": spread([100.0 * (lengths(p)[-1] / lengths(truth)[-1] - 1.0) for p in found]),
         "segments_percent": segment_percent(found[0], truth),
@@ -126,6 +155,8 @@ def kitti(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
         "ways": {
             name: {
                 "end_error_percent": round(end_percent(poses, truth[::stride]), 3),
+                "measured_percent": round(measured_percent(poses, truth[::stride]), 3),
+                "unmeasured_start_percent": round(unmeasured_percent(poses, truth[::stride]), 3),
                 "turned_percent": round(end_percent(turned(poses, truth[::stride]), truth[::stride]), 3),
                 "end_error_m": [round(float(v), 3) for v in (poses[-1] - truth[::stride][-1])[:3, 3]],
             }
@@ -149,6 +180,8 @@ def _other_ways(pairs: list[FramePair], first: FloatArray) -> dict[str, tuple[in
         "without calibration refinement": (1, ours(pairs, refinement={"sigma_offset_px": 0.001})),
         "key frames kept twice as long": (1, ours(pairs, keyframe_survival=0.3)),
         "window of two key frames": (1, ours(pairs, window=2)),
+        "window of three key frames": (1, ours(pairs, window=3)),
+        "window of five key frames": (1, ours(pairs, window=5)),
         "FAST corners, OpenCV's tracker": (1, _open_cv_tracker(pairs)),
         "every second frame": (2, ours(pairs[::2])),
         "upper half of the images": (1, ours(upper)),

@@ -10,6 +10,8 @@ import pytest
 
 from cdff_dev.evaluate._visual_traverses import judged
 from cdff_dev.evaluate.traverse import drives
+from cdff_dev.simulate.scenario import load_scenario
+from cdff_dev.simulate.store import simulated_log
 
 pytestmark = [pytest.mark.golden, pytest.mark.slow, pytest.mark.timeout(900)]
 SLICE = """
@@ -35,6 +37,9 @@ def test_a_slice_of_the_rocky_traverse_ends_within_one_percent_of_its_way(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     scenario = tmp_path / "visual_rocks_slice.yaml"
     scenario.write_text(SLICE, encoding="utf-8")
+    simulated_log(
+        load_scenario(str(scenario)), workers=0
+    )  # a dozen pairs: new processes would cost more than they cast
     (drive,) = drives(str(scenario))[1]
     row = judged(drive)
     drive.log.close()

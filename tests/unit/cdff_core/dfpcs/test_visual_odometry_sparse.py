@@ -182,6 +182,40 @@ def test_standing_still_is_no_motion_and_no_drift() -> None:
     assert len({o.inputs[0] for o in outputs}) == 1, "one key frame serves them all"
 
 
+def test_creeping_adds_up_to_the_way_and_not_to_drift() -> None:
+    """Two millimetres a pair are a sixth of a pixel nearby: less than the noise of one point, ten times over."""
+    truth = np.tile(np.eye(4), (6, 1, 1))
+    truth[:, 2, 3] = 0.002 * np.arange(6)
+    outputs = run(made(), [stereo_pair(T, i * STEP_NS) for i, T in enumerate(truth)])
+    assert [o.quality.status for o in outputs] == [Status.OK] * 6
+    assert {o.inputs[0] for o in outputs} == {"pair0"}  # one key frame for the whole way
+    errors = [cov.pose_error(T, o.value.transform.matrix) for T, o in zip(truth, outputs, strict=True)]
+    assert np.abs(np.array(errors)[:, :3]).max() < 0.002
+
+
+def test_the_light_may_change_from_one_pair_to_the_next(pairs: list[FramePair]) -> None:
+    """Exposure halved and an offset added, then as before: what the images say of the motion stays the same."""
+    darker = [pair_of((images(p)[0] // 2 + 20, images(p)[1] // 2 + 20), i) for i, p in enumerate(pairs)]
+    mixed = [darker[i] if i in (2, 3, 5) else pair for i, pair in enumerate(pairs)]
+    outputs = run(made(), mixed)
+    assert [o.quality.status for o in outputs] == [Status.OK] * len(pairs)
+    for T, output in zip(TRUTH, outputs, strict=True):
+        assert np.linalg.norm(cov.pose_error(T, output.value.transform.matrix)[:3]) < 0.006
+
+
+@pytest.mark.parametrize(("survival", "renewed"), [(0.3, False), (0.9, True)])
+def test_a_key_frame_is_kept_until_too_few_of_its_points_are_left(
+    pairs: list[FramePair], survival: float, renewed: bool
+) -> None:
+    outputs = run(made(keyframe_survival=survival), pairs)
+    key = "pair0"
+    for output in outputs[1:]:
+        assert output.inputs[0] == key
+        if output.quality.metrics["inliers"] < survival * output.quality.metrics["features"]:
+            key = output.inputs[1]
+    assert (key != "pair0") == renewed
+
+
 def test_a_longer_loss_leaves_a_gap_that_is_said_and_covered(pairs: list[FramePair]) -> None:
     dfpc = made()
     run(dfpc, pairs[:3])
