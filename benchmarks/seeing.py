@@ -22,6 +22,7 @@ import cv2
 import numpy as np
 from _report import give_out, measured
 
+from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.registry import Registry
 from cdff_core.dfns.bundle_optimization._interface import BundleOptimizationInputs
 from cdff_core.dfns.cameras_transform_estimation._interface import CamerasTransformEstimationInputs
@@ -109,6 +110,22 @@ def of_matching(left: np.ndarray, right: np.ndarray, rounds: int) -> dict[str, A
     return report
 
 
+def of_compounds(rounds: int) -> dict[str, Any]:
+    """Triangulation and bundle adjustment as DFPCs, with what they publish."""
+    tracks, problem = scene(2, (4.0, 30.0), 100_000)[0], ring()[0]
+    report = {}
+    for name, variant, port, value in (
+        ("triangulation", "Reprojection", "tracks", tracks),
+        ("bundle_adjustment", "LeastSquares", "problem", problem),
+        ("bundle_adjustment", "Robust", "problem", problem),
+    ):
+        dfpc = Registry.default().make_dfpc(name)
+        dfpc.configure(implementation=variant)
+        sample = Sample(port, 0, 0, value)
+        report[f"{name}/{variant}"] = measured(lambda dfpc=dfpc, sample=sample: list(dfpc.step(sample)), rounds)
+    return report
+
+
 def main() -> None:
     """Measure and print JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -126,6 +143,7 @@ def main() -> None:
         "benchmark": "seeing", "python": platform.python_version(),
         "threads": os.environ.get("OMP_NUM_THREADS", "all"), "load_1min": os.getloadavg()[0],
         "dfns": of_dfns(left, args.rounds), "feature_matching": of_matching(left, right, args.rounds),
+        "compounds": of_compounds(args.rounds),
         "gtsam_bundle_adjustment_cpu_s": by_gtsam(ring()[0], 1e-7)[1],
     }  # fmt: skip
     if args.peer_python:

@@ -54,16 +54,21 @@ def test_every_variant_matches_two_views_and_finds_how_the_cameras_stand(variant
     distances = np.abs(sampson(F, matches.value.sources_px, matches.value.sinks_px))
     assert np.mean(distances < 1.5) > 0.9
     assert ((matches.value.probabilities > 0.0) & (matches.value.probabilities <= 1.0)).all()
-    if variant in ("Orb", "FastGrid"):
-        return  # whole pixels: the parallax here is hardly more than their noise, and may be refused
+    if variant == "Orb":  # its points are good to some pixels here, the parallax is two: not told from a rotation
+        assert transform.value is None
+        assert transform.quality.reasons == ("degenerate:translation",)
+        return
     assert transform.quality.status is not Status.FAILED
     assert transform.quality.covariance_kind is CovarianceKind.CALIBRATED
     assert "scale_unknown" in transform.quality.reasons
     T_true = se3.inverse(T_WORLD_LEFT) @ T_WORLD_RIGHT
     T_true[:3, 3] /= np.linalg.norm(T_true[:3, 3])
     error = cov.pose_error(T_true, transform.value.transform.matrix)
-    assert np.degrees(np.linalg.norm(error[3:])) < 1.0
-    assert np.linalg.norm(error[:3]) < 0.4
+    assert np.degrees(np.linalg.norm(error[3:])) < (0.5 if variant == "FastGrid" else 0.1)
+    assert np.linalg.norm(error[:3]) < 0.06
+    # Of the translation's length nothing is said: five degrees of freedom, 99.9 %.
+    information = np.linalg.pinv(transform.value.transform.covariance, rcond=1e-9, hermitian=True)
+    assert error @ information @ error < 20.5
 
 
 def test_without_cameras_there_are_matches_alone_and_the_store_holds_the_models() -> None:
