@@ -51,16 +51,18 @@ class Odometry:
     stated: float
 
 
-#: Errors of the increments on ``rover_traverse``, and the share of their variances that is stated there.
+#: Errors of the increments on ``rover_traverse``; of their variances the share that is stated where least is: on the
+#: rocks of ``visual_rocks`` the mean squared error of visual odometry by its covariance was 9.55 where 6 is expected.
 VISUAL = Odometry(
     "visual_odometry",
     f"{ROBOT}/vo",
     f"{ROBOT}/navcam_left",
     3.0,
-    (3.0e-4, 2.8e-4, 4.6e-4),
-    (3.0e-5, 3.0e-5, 5.0e-5),
-    0.26,
+    (0.8e-4, 0.7e-4, 1.4e-4),
+    (2.6e-5, 3.3e-5, 2.7e-5),
+    0.63,
 )
+#: An odometry whose errors add up, as of sweep matched to sweep; ``lidar_slam``, which matches to a map, is better.
 LIDAR = Odometry(
     "lidar_odometry",
     f"{ROBOT}/lidar_odom",

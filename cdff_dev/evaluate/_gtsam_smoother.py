@@ -20,10 +20,10 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.registry import Registry
 from cdff_core.dfns.gravity_levelling._interface import GravityLevellingInputs
 from cdff_core.dfns.odometry_increment._interface import OdometryIncrementInputs
-from cdff_dev.evaluate._dead_reckoning import EPOCH_NS, Travel
+from cdff_dev.evaluate._dead_reckoning import EPOCH_NS, VISUAL, Travel
 
 LAG_S = 5.0
-_VISUAL_SCALE = 4.0
+_VISUAL_SCALE = 1.0 / VISUAL.stated
 _X, _V, _B = (gtsam.symbol_shorthand.X, gtsam.symbol_shorthand.V, gtsam.symbol_shorthand.B)
 
 

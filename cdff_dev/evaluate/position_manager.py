@@ -22,7 +22,7 @@ from cdff_common.interfaces.product import Product
 from cdff_dev.evaluate._chart import Panel, chart
 from cdff_dev.evaluate._consistency import consistency
 from cdff_dev.evaluate.record import spread
-from cdff_dev.evaluate.traverse import SCENARIO, Drive, drives, lidar_odometry, normalised_error, run, visual_odometry
+from cdff_dev.evaluate.traverse import SCENARIO, Drive, drives, lidar_slam, normalised_error, run, visual_odometry
 
 SEEDS = range(3)
 FELT = {"wheels.odometry": "odometry", "imu.sample": "imu"}
@@ -70,12 +70,16 @@ def _drive(drive: Drive, progress: Callable[[str], None]) -> dict[str, Any]:
             share, squared = _error(drive, [*(felt if has_felt else []), *_as_samples(drive, seen, has_seen)])
             percent[name].append(100 * share)
             nees[name].append(squared)
-    swept = lidar_odometry(drive)
-    with_lidar = [
-        Sample("lidar_odometry", p.header.t1_ns, p.header.seq, p.value, quality=p.header.quality) for p in swept
-    ]
-    for name, more in (("wheels, imu, lidar odometry", []), ("all of them", _as_samples(drive, seen, lambda _t: True))):
-        share, squared = _error(drive, [*felt, *with_lidar, *more])
+    swept = {
+        port: [Sample(port, p.header.t1_ns, p.header.seq, p.value, quality=p.header.quality) for p in found]
+        for port, found in (("fix", lidar_slam(drive, "pose")), ("lidar_odometry", lidar_slam(drive, "odometry")))
+    }
+    for name, given in (
+        ("wheels, imu, lidar_slam (its pose as fix)", swept["fix"]),
+        ("wheels, imu, visual odometry, lidar_slam", [*swept["fix"], *_as_samples(drive, seen, lambda _t: True)]),
+        ("wheels, imu, increments of lidar_slam's odometry", swept["lidar_odometry"]),
+    ):
+        share, squared = _error(drive, [*felt, *given])
         percent[name], nees[name] = [100 * share], [squared]
     return {
         "way_m": round(drive.way_m, 3),

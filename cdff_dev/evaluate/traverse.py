@@ -98,9 +98,9 @@ def visual_odometry(drive: Drive, seed: int) -> list[Product]:
     return run("visual_odometry_sparse", context, drive.samples({"navcam.pair": "stereo"}))
 
 
-def lidar_odometry(drive: Drive) -> list[Product]:
-    """Poses ``T_lidarodom_lidar`` of a drive's sweeps."""
-    return run("lidar_slam", drive.context, drive.samples({"lidar.scan": "scan"}), "odometry")
+def lidar_slam(drive: Drive, port: str) -> list[Product]:
+    """Poses of ``lidar_slam`` by a drive's sweeps and wheels: port ``pose`` or ``odometry``."""
+    return run("lidar_slam", drive.context, drive.samples({"lidar.scan": "scan", "wheels.odometry": "odometry"}), port)
 
 
 def normalised_error(T_true: se3.FloatArray, estimate: UncertainTransform) -> tuple[float, float]:

@@ -59,7 +59,7 @@ class PositionManagerConfig(DfpcConfig):
         5.0
     )
 
-    visual_scale: Annotated[Scale, Field(description="of what visual odometry says of its variances")] = 2.8
+    visual_scale: Annotated[Scale, Field(description="of what visual odometry says of its variances")] = 1.0
     lidar_scale: Annotated[Scale, Field(description="of what lidar odometry says of its variances")] = 1.45
     degraded_scale: Annotated[Scale, Field(description="of the variances of a DEGRADED odometry, further")] = 25.0
     unstated_sigma_m: Annotated[Sigma, Field(description="of an increment whose odometry states no covariance")] = 0.02

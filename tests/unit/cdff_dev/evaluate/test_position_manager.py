@@ -77,11 +77,11 @@ def test_each_set_of_sources_gets_what_it_names(drive: Drive, monkeypatch: pytes
     monkeypatch.setattr(traverse.Drive, "samples", lambda *_: [Sample("odometry", 0, 0, None)])
     monkeypatch.setattr(position_manager, "drives", lambda: (1, [drive]))
     monkeypatch.setattr(position_manager, "SEEDS", range(2))
-    monkeypatch.setattr(position_manager, "lidar_odometry", lambda _drive: [])
+    monkeypatch.setattr(position_manager, "lidar_slam", lambda _drive, _port: [])
     monkeypatch.setattr(position_manager, "consistency", lambda _progress: {"drives": 50})
     report = position_manager.evaluate(cast(Any, None), lambda _text: None)
     counts = [sum(s.port == "visual_odometry" for s in samples) for samples in given]
-    assert counts == [11, 10, 3, 0, 11, 11, 10, 3, 11, 0, 11], "wheels and IMU alone are the same for each seed"
+    assert counts == [11, 10, 3, 0, 11, 11, 10, 3, 11, 0, 11, 0], "wheels and IMU alone are the same for each seed"
     assert report["mana"]["position_manager"]["wheels, imu"]["end_error_percent"]["count"] == 1
     assert report["mana"]["visual_odometry_sparse"]["poses"] == 22
     assert report["measurement level"] == {"drives": 50}
