@@ -53,15 +53,20 @@ def standing(ground: Ground, x: float, y: float, yaw: float) -> Float:
 
 
 def sweep_points(
-    ground: Ground, T_begin: Float, T_end: Float, rng: np.random.Generator, noise_m: float = 0.003
+    ground: Ground,
+    T_begin: Float,
+    T_end: Float,
+    rng: np.random.Generator,
+    noise_m: float = 0.003,
+    rings_m: Float = RINGS_M,
 ) -> tuple[Float, Float]:
     """Points ``(n, 3)``, each in the lidar's frame at its own time, and the fraction ``(n,)`` of the sweep, -1 to 0.
 
     Rings are drawn on the ground around the lidar, turned by chance, so that no two sweeps share a point.
     """
-    fraction = np.repeat(np.arange(COLUMNS) / COLUMNS - 1.0, len(RINGS_M))
+    fraction = np.repeat(np.arange(COLUMNS) / COLUMNS - 1.0, len(rings_m))
     turn = fraction * 2 * np.pi + rng.uniform(0, 2 * np.pi)
-    range_m = np.tile(RINGS_M, COLUMNS) * rng.uniform(0.99, 1.01, len(fraction))
+    range_m = np.tile(rings_m, COLUMNS) * rng.uniform(0.99, 1.01, len(fraction))
     t = T_end[:3, 3] + fraction[:, None] * (T_end[:3, 3] - T_begin[:3, 3])
     phi = se3.log_so3(T_begin[:3, :3].T @ T_end[:3, :3])
     R = T_end[:3, :3] @ se3.exp_so3(fraction[:, None] * phi)

@@ -311,6 +311,7 @@ class HostedDfpc:
             self.step_started_s = started_s
             try:
                 products = runner.step_one()
+                self._keeper.keep_first(self._dfpc)
                 self._publish_all(products)
                 self._keeper.keep(self._dfpc)
             except Exception as error:  # a bug in a DFPC must not take its neighbours along

@@ -43,7 +43,7 @@ class Keeper:
     def __init__(self, path: Path, period_s: float = PERIOD_S) -> None:
         self._path, self._period_s = path, period_s
         self._revision = 0
-        self._saved_s = monotonic_s()
+        self._saved_s: float | None = None
 
     def give_back(self, dfpc: Dfpc) -> None:
         """Have a freshly configured DFPC resume from the file, where there is one.
@@ -60,22 +60,30 @@ class Keeper:
                 self._path.replace(self._path.with_suffix(".broken"))
                 dfpc.reset()
                 raise
+            self._saved_s = monotonic_s()
         self._revision = dfpc.state_revision
+
+    def keep_first(self, dfpc: Dfpc) -> None:
+        """Save the first state of all: what is published in a frame that begins here must outlive the process."""
+        if self._saved_s is None:
+            self.keep(dfpc)
 
     def keep(self, dfpc: Dfpc, *, now: bool = False) -> None:
         """Save the state where it has changed and was not saved within the period, or ``now``."""
         if dfpc.state_revision == self._revision:
             return
-        if not now and monotonic_s() - self._saved_s < self._period_s:
+        if not now and self._saved_s is not None and monotonic_s() - self._saved_s < self._period_s:
             return
         state = dfpc.state()
         if state is None:
             self._path.unlink(missing_ok=True)
+            self._saved_s = None
         else:
             payload = encode(state, "uper")
             head = f"{encoding_string(wire_type(state), 'uper')}\n{hashlib.sha256(payload).hexdigest()}\n"
             self._write(head.encode() + payload)
-        self._revision, self._saved_s = dfpc.state_revision, monotonic_s()
+            self._saved_s = monotonic_s()
+        self._revision = dfpc.state_revision
 
     def _read(self) -> object:
         head, _, rest = self._path.read_bytes().partition(b"\n")

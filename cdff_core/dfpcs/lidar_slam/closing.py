@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,6 +82,11 @@ class LoopCloser:
             if loop is not None:
                 yield loop
                 return
+
+    def found_again(self, places: KeyFrameMap, key: int, around: Iterable[int]) -> list[Loop]:
+        """The loops of a key frame with some others, found without a guess."""
+        found = (self._searched(places, old, key, {}) for old in around)
+        return [loop for loop in found if loop is not None]
 
     def forget(self, key: int) -> None:
         """Drop what is kept of a key frame."""

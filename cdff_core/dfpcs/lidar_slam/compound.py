@@ -23,8 +23,14 @@ from cdff_core.dfpcs.lidar_slam.keyframe_map import KeyFrame, KeyFrameMap
 from cdff_core.dfpcs.lidar_slam.tracking import Tracked, Tracker
 from cdff_core.dfpcs.lidar_slam.trajectory import Trajectory
 from cdff_core.dfpcs.lidar_slam.verdict import degraded_of, metrics_of
+from cdff_core.dfpcs.lidar_slam.wheels import Wheels
 
 Float = NDArray[np.float64]
+
+#: Way after which the place is worth keeping anew.
+_STATE_WAY_M = 1.0
+#: Sweeps after which a place that was found again after a restart is known well enough.
+_SOUGHT_SWEEPS = 16
 
 
 class LidarSlam(LidarSlamInterface):
@@ -48,7 +54,9 @@ class LidarSlam(LidarSlamInterface):
         self.forget()
         self.store.offer("map", lambda: self.export_map() if len(self._places) else None)
         self.store.offer("graph", lambda: self._graph() if len(self._places) else None)
-        self.store.offer("trajectory", lambda: self.get_trajectory(-1, -1) if len(self._trajectory) else None)
+        self.store.offer(
+            "trajectory", lambda: self.get_trajectory(-1, -1) if self._trajectory.is_placed(self._places) else None
+        )
         self.store.offer("cloud", lambda: self.get_map(0.0) if len(self._places) else None)
 
     def forget(self) -> None:
@@ -60,6 +68,9 @@ class LidarSlam(LidarSlamInterface):
         self._T_current_lidar = UncertainTransform.identity()
         self._fresh: list[Float] = []
         self._resumed_at: tuple[int, Float] | None = None
+        self._sought: tuple[int, Float] | None = None  # the place before a restart, while it is not found again
+        self._sought_sweeps = 0
+        self._told_m = 0.0  # way at which the state was last called new
         self._odometry_covariance = np.zeros((6, 6))
         self._way_m = 0.0
         self._begun_m: dict[int, float] = {}  # way at the begin of each key frame of this run
@@ -82,21 +93,26 @@ class LidarSlam(LidarSlamInterface):
 
     def on_scan(self, sample: Sample) -> Iterable[Output]:
         """Track the sweep, keep it in a key frame, close loops where the key frame ends."""
-        self._begin_where_it_was()
         tracked = self._tracker.track(sample.value)
         if self._current is None:
-            tracked = self._begin(sample, tracked)
+            self._begin(sample, tracked)
         else:
             self._T_current_lidar = self._T_current_lidar @ tracked.increment
             self._way_m += float(np.linalg.norm(tracked.increment.matrix[:3, 3]))
         self._gather(tracked)
+        found = self._seek_place()
+        if found and not len(self._trajectory):
+            tracked = self._tracked_on_map(sample, tracked)
         ended = self._is_far()
         closed = self._end_keyframe(sample.stamp_ns) if ended else False
+        if self._way_m - self._told_m > _STATE_WAY_M:
+            self._told_m = self._way_m
+            self.state_revision += 1
         assert self._current is not None
         self._trajectory.append(sample.stamp_ns, self._current, _noisy(self._T_current_lidar, tracked))
         self._used = (sample.id,) if sample.id else ()
         yield from self._poses(sample, tracked)
-        if closed or (ended and self.config.report_keyframes):
+        if found or closed or (ended and self.config.report_keyframes):
             yield from self._reports(sample.stamp_ns)
 
     def on_map(self, sample: Sample) -> Iterable[Output]:
@@ -128,10 +144,10 @@ class LidarSlam(LidarSlamInterface):
             raise ProductNotFoundError(f"{self.name}: nothing has been mapped yet")
         if self._current is not None:
             self._finish_cloud(self._current, describe=False)
-        position = None if self._current is None else (self._current, self._T_current_lidar.matrix)
-        return self._places.to_message(
-            frame=self._slam, sensor=self._lidar, producer=self.name, position=position or self._resumed_at
-        )
+        position = self._sought or self._resumed_at
+        if position is None and self._current is not None:
+            position = self._current, self._T_current_lidar.matrix
+        return self._places.to_message(frame=self._slam, sensor=self._lidar, producer=self.name, position=position)
 
     def get_map(self, voxel_m: float) -> Pointcloud:
         """The clouds of all key frames linked with the first, as the graph places them, thinned."""
@@ -188,53 +204,72 @@ class LidarSlam(LidarSlamInterface):
         self.state_revision += 1
         return new
 
-    def _begin_where_it_was(self) -> None:
-        """Before the first sweep after a restart: the surroundings are the map around the last place."""
-        if self._current is not None or self._resumed_at is None:
-            return
-        key, T_key_lidar = self._resumed_at
-        T = self._places.poses[key] @ T_key_lidar
-        around = [
-            se3.transform_points(self._places.poses[k], f.points_m)
-            for k, f in self._places.frames.items()
-            if np.linalg.norm(self._places.poses[k][:3, 3] - T[:3, 3]) < self.config.max_range_m
-        ]
-        self._tracker.begin_at(T, np.concatenate(around))
-
-    def _new_tracker(self) -> Tracker:
-        """Tracking that knows no surroundings yet."""
+    def _new_tracker(self, wheels: Wheels | None = None) -> Tracker:
+        """Tracking that knows no surroundings yet, with what is known of the odometry."""
         try:
             T_base_lidar = self.context.frames.lookup(f"{self.context.robot}/base", self._lidar, 0).matrix
         except FrameNotFoundError:
             T_base_lidar = np.eye(4)  # without extrinsics odometry is taken as that of the lidar
-        return Tracker(self.config, self.dfn("deskewing"), self.dfn("tracking"), T_base_lidar)
+        wheels = Wheels(self.config.wheels_age_s, T_base_lidar) if wheels is None else wheels
+        return Tracker(self.config, self.dfn("deskewing"), self.dfn("tracking"), wheels)
 
-    def _begin(self, sample: Sample, tracked: Tracked) -> Tracked:
-        """The first key frame: of a new map, at the place of before, or of a part that a loop has yet to link.
-
-        Returns
-        -------
-        Tracked
-            Anew where the surroundings were not those of before.
-        """
-        resumed, self._resumed_at = self._resumed_at, None
-        found = tracked.registration
+    def _begin(self, sample: Sample, tracked: Tracked) -> None:
+        """The first key frame: of a new map, or after a restart of a part that has yet to be linked with it."""
+        self._sought, self._resumed_at = self._resumed_at, None
         self._T_current_lidar = UncertainTransform.identity()
-        if resumed is not None:
-            ratio = 0.0 if found is None else float(found.inlier_ratio)
-            if (
-                found is not None
-                and ratio >= self.config.resumed_inlier_ratio
-                and not degraded_of(tracked, self.config)
-            ):
-                T = _rigid(se3.inverse(self._places.poses[resumed[0]]) @ tracked.T_odom_lidar)
-                here = UncertainTransform(T, found.covariance)
-                self._current = self._places.follow(resumed[0], sample.stamp_ns, here)
-                return tracked
-            self._tracker = self._new_tracker()
-            tracked = self._tracker.track(sample.value)
         self._current = self._places.begin(sample.stamp_ns, tracked.T_odom_lidar)
         self._begun_m[self._current] = self._way_m
+        self.state_revision += 1  # the frame of the map begins here: whoever resumes must know
+
+    def _seek_place(self) -> bool:
+        """Compare what was seen since a restart with the map around the place before it; whether a link was found.
+
+        After 1, 2, 4, ... sweeps: the more was seen, the surer and the better known is the link that it gives.
+        """
+        if self._sought is None or self._current is None:
+            return False
+        self._sought_sweeps += 1
+        if self._sought_sweeps & (self._sought_sweeps - 1):
+            return False
+        linked = self._places.part(self._places.root)
+        is_found = self._current in linked
+        key, T_key_lidar = self._sought
+        last_m = (self._places.poses[self._current] if is_found else self._places.poses[key] @ T_key_lidar)[:3, 3]
+        around = sorted(
+            linked - set(self._begun_m), key=lambda k: (float(np.linalg.norm(self._places.poses[k][:3, 3] - last_m)), k)
+        )
+        self._finish_cloud(self._current, describe=False)
+        loops = self._closer.found_again(self._places, self._current, around[: self.config.candidates])
+        if is_found and self._sought_sweeps >= _SOUGHT_SWEEPS:
+            self._sought = None
+        if not loops:
+            return False
+        self._places.unlink(self._current)
+        for loop in loops:
+            self._places.link(loop.old, loop.new, loop.T)
+        self._places.optimise(self._optimiser)
+        return True
+
+    def _tracked_on_map(self, sample: Sample, alone: Tracked) -> Tracked:
+        """The first sweep after a restart on the map around the place found, where the next ones go on.
+
+        As it was tracked ``alone`` where the clouds of the map are too thin to hold it, and there is no odometry to.
+        """
+        assert self._current is not None
+        T_map_key = self._places.poses[self._current]
+        around = [
+            se3.transform_points(self._places.poses[k], self._places.frames[k].points_m)
+            for k in self._places.part(self._places.root) - {self._current}
+            if np.linalg.norm(self._places.poses[k][:3, 3] - T_map_key[:3, 3]) < self.config.max_range_m
+        ]
+        tracker = self._new_tracker(self._tracker.wheels)
+        tracker.begin_at(T_map_key, np.concatenate(around))
+        tracked = tracker.track(sample.value)
+        found = tracked.registration
+        if found is None or tracked.lost or (degraded_of(tracked, self.config) and not tracked.by_odometry):
+            return alone
+        T = _rigid(se3.inverse(T_map_key) @ tracked.T_odom_lidar)
+        self._tracker, self._T_current_lidar = tracker, UncertainTransform(T, found.covariance)
         return tracked
 
     def _gather(self, tracked: Tracked) -> None:
@@ -349,7 +384,7 @@ class LidarSlam(LidarSlamInterface):
     def _reports(self, stamp_ns: int) -> Iterator[Output]:
         """Trajectory and graph as they are now."""
         first_ns, quality = self._first_ns(), self._map_quality()
-        if len(self._trajectory):
+        if self._trajectory.is_placed(self._places):
             value = self.get_trajectory(-1, -1)
             yield Output("trajectory", value, first_ns, stamp_ns, self._slam, self._lidar, quality, self._used)
         yield Output("graph", self._graph(), first_ns, stamp_ns, self._slam, None, quality, self._used)
@@ -370,7 +405,9 @@ class LidarSlam(LidarSlamInterface):
         return Quality(Status.DEGRADED if reasons else Status.OK, tuple(reasons), CovarianceKind.FORMAL, metrics)
 
     def _graph(self) -> PoseGraph:
-        return self._places.graph(frame=self._slam, producer=self.name)
+        """Places linked with the first: where the others are in the map is not known."""
+        linked = self._places.part(self._places.root)
+        return self._places.graph(linked, frame=self._slam, producer=self.name)
 
     def _first_ns(self) -> int:
         return min(f.stamp_ns for f in self._places.frames.values())

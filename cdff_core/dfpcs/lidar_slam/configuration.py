@@ -69,9 +69,7 @@ class LidarSlamConfig(DfpcConfig):
     settling_drift: float = Field(
         0.75, ge=0.0, description="What adds up on it with each metre, in covariances of one sweep's pose"
     )
-    weak_sigma_m: float = Field(
-        0.09, gt=0.0, description="Sigma that the map leaves along a direction: DEGRADED above"
-    )
+    weak_sigma_m: float = Field(0.09, gt=0.0, description="Sigma that the map leaves along a direction: DEGRADED above")
     min_inlier_ratio: float = Field(0.25, gt=0.0, le=1.0, description="Share of points on the map: DEGRADED below")
     lost_inlier_ratio: float = Field(0.05, gt=0.0, le=1.0, description="Share of points on the map: FAILED below")
 
@@ -84,9 +82,6 @@ class LidarSlamConfig(DfpcConfig):
     candidates: int = Field(2, ge=1, le=20, description="Key frames tried for each that ends")
     report_keyframes: bool = Field(
         False, description="Publish trajectory and graph with each key frame that ends, not only with each loop"
-    )
-    resumed_inlier_ratio: float = Field(
-        0.6, gt=0.0, le=1.0, description="Share of points on the map with which the place before a restart is confirmed"
     )
     history: int = Field(
         20_000, ge=10, le=10_000_000, description="Poses of the trajectory kept; beyond, every other goes"

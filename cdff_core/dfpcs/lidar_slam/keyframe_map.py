@@ -109,6 +109,11 @@ class KeyFrameMap:
                 self.poses[key] = _rigid(shift @ self.poses[key])
         self._keep_better(a, b, LOOP_CLOSURE, T)
 
+    def unlink(self, key: int) -> None:
+        """Take the loops of a place away, for better ones."""
+        for edge in [e for e in self.edges if key in e[:2] and e[2] == LOOP_CLOSURE]:
+            del self.edges[edge]
+
     def dissolve(self, key: int, into: int, T_into_key: UncertainTransform) -> None:
         """Remove a place that lies next to an older one; what was measured to it was measured to that."""
         for a, b, kind in [e for e in self.edges if key in e[:2]]:

@@ -66,8 +66,8 @@ class Tracker:
     ----------
     config : LidarSlamConfig
     deskewing, registration : Dfn
-    T_base_lidar : ndarray, shape (4, 4)
-        For the odometry, which is that of the base.
+    wheels : Wheels
+        The odometry, kept up to now.
     """
 
     def __init__(
@@ -75,10 +75,10 @@ class Tracker:
         config: LidarSlamConfig,
         deskewing: Dfn[Any, Any, Any],
         registration: Dfn[Any, Any, Any],
-        T_base_lidar: Float,
+        wheels: Wheels,
     ) -> None:
         self._config, self._deskewing, self._registration = config, deskewing, registration
-        self._wheels = Wheels(config.wheels_age_s, T_base_lidar)
+        self.wheels = wheels
         self._T = np.eye(4)
         self._stamp_ns: int | None = None
         self._velocity = np.zeros(6)  # of the lidar in its own axes, per second
@@ -98,13 +98,15 @@ class Tracker:
 
     def take_odometry(self, stamp_ns: int, T_odom_base: UncertainTransform) -> None:
         """Keep a pose of the odometry."""
-        self._wheels.take(stamp_ns, T_odom_base)
+        self.wheels.take(stamp_ns, T_odom_base)
 
     def track(self, scan: LidarScan) -> Tracked:
         """Register a sweep; raises InputError where it has no points."""
         points, fraction = self._usable(scan)
         first = self._stamp_ns is None and self._surface is None
-        wheels = self._wheels.since_last_sweep(scan.t1_ns)
+        wheels = self.wheels.since_last_sweep(scan.t1_ns)
+        if self._stamp_ns is None and (driven := self.wheels.velocity(scan.t1_ns)) is not None:
+            self._velocity = driven  # a rover may drive when the first sweep is taken
         span_s = 0.1 if self._stamp_ns is None else max((scan.t1_ns - self._stamp_ns) / NS_PER_S, 1e-3)
         guess, guess_covariance = self._guess(wheels, span_s)
         T_before = self._T

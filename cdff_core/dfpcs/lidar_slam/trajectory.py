@@ -37,6 +37,10 @@ class Trajectory:
         """Stamp of the newest pose; -1 where there is none."""
         return self._stamps_ns[-1] if self._stamps_ns else -1
 
+    def is_placed(self, places: KeyFrameMap) -> bool:
+        """Whether a pose lies at a key frame that is linked with the first."""
+        return not places.part(places.root).isdisjoint(self._keys)
+
     def append(self, stamp_ns: int, key: int, T_key_lidar: UncertainTransform) -> None:
         """Add the newest pose."""
         assert T_key_lidar.covariance is not None  # every increment has one

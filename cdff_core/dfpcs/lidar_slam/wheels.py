@@ -50,6 +50,15 @@ class Wheels:
             return None
         return se3.inverse(before @ self._mount) @ self._at_sweep @ self._mount
 
+    def velocity(self, stamp_ns: int) -> Float | None:
+        """Translation and rotation vector per second of the lidar in its own axes; None where not known."""
+        before_ns = stamp_ns - _SPEED_NS
+        before, now = self._pose(before_ns), self._pose(stamp_ns)
+        if before is None or now is None:
+            return None
+        step = se3.inverse(before @ self._mount) @ now @ self._mount
+        return np.concatenate([step[:3, 3], se3.log_so3(step[:3, :3])]) * (NS_PER_S / _SPEED_NS)
+
     def _pose(self, stamp_ns: int) -> Float | None:
         known = self._track.stamps_ns
         beyond_ns = stamp_ns - known[-1] if known else 0

@@ -72,15 +72,21 @@ def test_nothing_is_written_while_nothing_changes(path: Path) -> None:
     assert not path.exists()
 
 
-def test_it_is_saved_once_a_period_but_at_once_when_it_ends(path: Path) -> None:
+def test_the_first_state_is_saved_at_once_then_once_a_period_and_when_it_ends(path: Path) -> None:
     node = Remembering()
     keeper = Keeper(path, period_s=3600.0)
     keeper.give_back(node)
+    keeper.keep_first(node)
+    assert not path.exists()  # nothing to be kept yet
     node.step(Time.from_ns(1_000))
+    keeper.keep_first(node)
+    first = path.read_bytes()
+    node.step(Time.from_ns(2_000))
+    keeper.keep_first(node)
     keeper.keep(node)
-    assert not path.exists()
+    assert path.read_bytes() == first
     keeper.keep(node, now=True)
-    assert path.exists()
+    assert path.read_bytes() != first
 
 
 def test_a_state_that_was_forgotten_is_forgotten_on_disk(path: Path) -> None:

@@ -9,7 +9,7 @@ from cdff_common.errors import InputError, RefusedError
 from cdff_common.geometry import se3
 from cdff_core.dfns.scan_to_map_registration._interface import ScanToMapRegistrationInputs as Inputs
 from cdff_core.dfns.scan_to_map_registration.voxel_planes import VoxelPlanes
-from tests.hills import Ground, hills, plain, standing, sweep_points
+from tests.hills import Float, Ground, hills, plain, standing, sweep_points
 
 PRIOR = np.diag([0.1**2] * 3 + [0.05**2] * 3)
 SWEEP_PRIOR = np.diag([0.03**2] * 3 + [0.012**2] * 3)
@@ -104,6 +104,27 @@ def test_on_a_plain_the_guess_holds_where_the_ground_says_nothing(rng: np.random
     sigma = np.sqrt(np.diag(found.covariance))
     assert sigma[2] < 0.02
     np.testing.assert_allclose(sigma[[0, 1, 5]], [0.1, 0.1, 0.05], rtol=0.2)
+
+
+def test_noise_of_far_planes_through_few_points_does_not_hide_what_near_ground_says_of_a_turn(
+    rng: np.random.Generator,
+) -> None:
+    rolling, rings_m = hills(), np.geomspace(2.0, 55.0, 64)
+
+    def ground(x: Float, y: Float) -> Float:
+        return np.asarray(0.7 * rolling(x, y))
+
+    T = standing(ground, 0.0, 0.0, 0.0)
+    nodes = [made(radius_m=60.0, **config) for config in ({"known_count": 6}, {})]
+    for _ in range(3):  # a young map
+        surface, _ = sweep_points(ground, T, T, rng, 0.01, rings_m)
+        for node in nodes:
+            node.process(Inputs(surface=se3.transform_points(T, surface), guess=T))
+    points, fraction = sweep_points(ground, T, T, rng, 0.01, rings_m)
+    every, known = (node.process(Inputs(points=points, fraction=fraction, guess=T)) for node in nodes)
+    assert every.agreement.min() < 0.25
+    assert known.agreement.min() > 0.5
+    assert np.all(known.sigma_m < 0.09)  # nothing is held back
 
 
 def test_a_sweep_beside_the_map_is_refused(ground: Ground, rng: np.random.Generator) -> None:
