@@ -143,15 +143,13 @@ def _page(
     found: Sequence[Way], ground: ElevationMap | None, processes: Sequence[Process],
 ) -> Iterator[str]:  # fmt: skip
     answered = sum(not o.faults for o in outcomes)
-    yield f"<!doctype html><meta charset=utf-8><title>{html.escape(title)}</title>"
-    yield "<style>body{font:15px sans-serif;max-width:60em;margin:2em auto;padding:0 1em}td,th{text-align:left;"
-    yield "padding:.2em .8em .2em 0;vertical-align:top}.fail{color:#b00020}svg{width:100%;background:#eee}</style>"
-    yield f"<h1>{html.escape(title)}</h1><p>{html.escape(profile.doc)}</p>"
+    yield from head(title)
+    yield f"<p>{html.escape(profile.doc)}</p>"
     yield f"<p>{answered} of {len(outcomes)} requests were answered as asked.</p>"
     yield from (f"<p>{html.escape(line)}</p>" for line in remarks)
     if found:
         yield "<h2>Map and ways</h2>"
-        yield from _drawing(found, ground)
+        yield from drawing(found, ground)
         yield f"<p>Thin: truth. Ellipses: {_SIGMAS:g} standard deviations, as stated. Shades: the ground as mapped.</p>"
         yield from (f"<p>{html.escape(way.line())}</p>" for way in found)
     yield "<h2>Requests and answers</h2><table><tr><th>at<th>asked<th>answered<th>took</tr>"
@@ -159,13 +157,27 @@ def _page(
         what = html.escape("; ".join(o.faults) or o.summary)
         mark = " class=fail" if o.faults else ""
         yield f"<tr{mark}><td>{o.ask.at_s:g} s<td>{html.escape(o.ask.title)}<td>{what}<td>{o.took_s:.1f} s</tr>"
-    yield "</table><h2>Resources</h2><table><tr><th>process<th>CPU<th>memory</tr>"
+    yield "</table>"
+    yield from resources(processes)
+
+
+def head(title: str) -> Iterator[str]:
+    """The begin of a page that needs nothing beside itself."""
+    yield f"<!doctype html><meta charset=utf-8><title>{html.escape(title)}</title>"
+    yield "<style>body{font:15px sans-serif;max-width:60em;margin:2em auto;padding:0 1em}td,th{text-align:left;"
+    yield "padding:.2em .8em .2em 0;vertical-align:top}.fail{color:#b00020}svg{width:100%;background:#eee}</style>"
+    yield f"<h1>{html.escape(title)}</h1>"
+
+
+def resources(processes: Sequence[Process]) -> Iterator[str]:
+    """A table of what each process has used."""
+    yield "<h2>Resources</h2><table><tr><th>process<th>CPU<th>memory</tr>"
     for p in processes:
         yield f"<tr><td>{html.escape(p.name)}<td>{p.cpu_s:.1f} s<td>{p.memory_mb:.0f} MB</tr>"
     yield "</table>"
 
 
-def _drawing(found: Sequence[Way], ground: ElevationMap | None) -> Iterator[str]:
+def drawing(found: Sequence[Way], ground: ElevationMap | None) -> Iterator[str]:
     """The ways over the shaded ground; y is up, one unit a metre."""
     points = np.concatenate([way.positions_m[:, :2] for way in found])
     low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M

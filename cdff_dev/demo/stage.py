@@ -27,6 +27,8 @@ from cdff_common.interfaces.profile import Profile
 #: How long the system may take to be ready, and to end, seconds.
 READY_S = 90.0
 END_S = 3.5
+#: How long simulated rovers may take to end and to write the truth, seconds.
+DRIVE_END_S = 30.0
 #: The clock of the mission is held while a DFPC is further behind, mission seconds.
 PATIENCE_S = 2.0
 
@@ -160,6 +162,23 @@ class Stage:
     def play(self, log: str, rate: float) -> None:
         """Start the player."""
         self._spawn("play", log, "--speed", str(rate), "--patience", str(PATIENCE_S))
+
+    def drive(self, scenario: str, seed: int | None, rate: float, truth: Path) -> None:
+        """Start simulated rovers that take orders, instead of a player; the true poses go to a log."""
+        seeded = () if seed is None else ("--seed", str(seed))
+        self._spawn(
+            "drive", scenario, *seeded, "--speed", str(rate), "--patience", str(PATIENCE_S), "--truth", str(truth)
+        )
+
+    def end_drive(self) -> None:
+        """End the simulated rovers, whose truth is whole then; the system runs on."""
+        process = self._processes.pop("drive")
+        process.send_signal(signal.SIGTERM)
+        try:
+            process.wait(DRIVE_END_S)
+        except subprocess.TimeoutExpired as error:
+            process.kill()
+            raise UnavailableError(f"`cdff drive` did not end within {DRIVE_END_S:g} s") from error
 
     def check_running(self) -> None:
         """Raise UnavailableError if the system or the player has ended."""

@@ -20,11 +20,11 @@ class Pace:
     begin_ns : int
         Mission time at ``start``.
     speed : float
-        Seconds of mission time per second.
+        Seconds of mission time per second, while it is not held.
     """
 
     def __init__(self, begin_ns: int, speed: float) -> None:
-        self._speed = speed
+        self.speed = speed
         self._lock = threading.Lock()
         self._anchor_ns, self._anchor_s = begin_ns, monotonic_s()
         self._rate = 0.0
@@ -44,7 +44,7 @@ class Pace:
     def start(self) -> None:
         """Run from here on."""
         with self._lock:
-            self._anchor_s, self._rate = monotonic_s(), self._speed
+            self._anchor_s, self._rate = monotonic_s(), self.speed
 
     def hold(self) -> None:
         """Stand still."""
@@ -52,7 +52,7 @@ class Pace:
 
     def resume(self) -> None:
         """Run on."""
-        self._turn(self._speed)
+        self._turn(self.speed)
 
     def now_ns(self) -> int:
         """Mission time, a multiple of 1000 ns."""
@@ -61,7 +61,7 @@ class Pace:
 
     def late_s(self, stamp_ns: int) -> float:
         """How long ago a mission time was, seconds of the monotonic clock; negative ahead of it."""
-        return (self.now_ns() - stamp_ns) / NS_PER_S / self._speed
+        return (self.now_ns() - stamp_ns) / NS_PER_S / self.speed
 
     def wait_until(self, stamp_ns: int, stop: threading.Event) -> bool:
         """Return True once it is ``stamp_ns``, False if ``stop`` is set before."""

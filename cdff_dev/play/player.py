@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import asdict, dataclass
 
 from cdff_common.bus import Bus, Message, Qos, keys
@@ -105,11 +105,15 @@ class Player:
         All where it is not given.
     patience_s : float, optional
         Hold the clock while a DFPC is behind by more than this, seconds of mission time; None holds it never.
+    ready_ns : callable, optional
+        Of a log that is made while it is played: the mission time up to which it is, where the clock is held.
+    ahead_bytes : int
+        How much is read and encoded ahead.
     """
 
     def __init__(
         self, bus: Bus, log: LogSource, speed: float = 1.0, robots: Collection[str] | None = None,
-        patience_s: float | None = None,
+        patience_s: float | None = None, ready_ns: Callable[[], int] | None = None, ahead_bytes: int = 48_000_000,
     ) -> None:  # fmt: skip
         if not speed > 0:
             raise InputError(f"speed={speed}: expected above 0")
@@ -118,6 +122,7 @@ class Player:
         self._bus = bus
         self._log = log
         self._patience_s = patience_s
+        self._ready_ns, self._ahead_bytes = ready_ns, ahead_bytes
         self._streams = playable(log, robots)
         self._robots = sorted({split_stream(s)[0] for s in self._streams})
         self.gate = SensorGate()
@@ -136,7 +141,7 @@ class Player:
         self._follow_modes(stop)
         if self._patience_s is not None:
             self._bus.subscribe(keys.dfpc_status("*", "*"), self._on_status)
-        prefetch = Prefetch(self._log.samples(self._streams), self.gate.is_on)
+        prefetch = Prefetch(self._log.samples(self._streams), self.gate.is_on, self._ahead_bytes)
         prefetch.wait_filled(AHEAD_NS, AHEAD_TIMEOUT_S)
         self._pace.start()
         ticking = threading.Thread(target=self._tick, args=(stop,), name="clock", daemon=True)
@@ -184,14 +189,19 @@ class Player:
                 return
 
     def _hold_or_resume(self) -> None:
-        """Hold the clock for a DFPC that is behind, until it has caught up by half."""
-        if self._patience_s is None:
-            return
-        behind_s = self._backlog.lag_s(self.now_ns())
-        if behind_s > self._patience_s:
+        """Hold the clock for a log that is not made yet, and for a DFPC that is behind until it has half caught up."""
+        now_ns = self.now_ns()
+        behind_s = 0.0 if self._patience_s is None else self._backlog.lag_s(now_ns)
+        if self._is_unmade(now_ns) or (self._patience_s is not None and behind_s > self._patience_s):
             self._pace.hold()
-        elif behind_s <= self._patience_s / 2:
+        elif self._patience_s is None or behind_s <= self._patience_s / 2:
             self._pace.resume()
+
+    def _is_unmade(self, now_ns: int) -> bool:
+        """Whether the clock would pass what is made of the log before it is looked at again."""
+        if self._ready_ns is None:
+            return False
+        return self._ready_ns() < now_ns + int(2.0 * CLOCK_PERIOD_S * self._pace.speed * NS_PER_S)
 
     def _on_status(self, message: Message) -> None:
         try:

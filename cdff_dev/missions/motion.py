@@ -1,0 +1,87 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""How a rover that is told a way drives it: it turns on the spot, then follows the way with smooth speed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.interpolate import CubicSpline, splev, splprep
+from scipy.spatial.transform import Rotation, RotationSpline
+
+from cdff_common.geometry.se3 import FloatArray
+from cdff_dev.simulate.drive import Motion, settle
+from cdff_dev.simulate.relief import Relief
+from cdff_dev.simulate.scenario import Chassis
+
+_KNOT_HZ = 20.0
+_TURN_RAD_S = math.radians(12.0)
+_PAUSE_S = 0.25
+#: How far the driven way may cut the corners of the one that was told, metres.
+_CORNER_M = 0.04
+_STEP_M = 0.05
+
+
+def standing(T_site_base: FloatArray, duration_s: float) -> Motion:
+    """A rover that stands, for so many seconds."""
+    t_s = np.array([0.0, duration_s])
+    attitude = Rotation.from_matrix(np.array([T_site_base[:3, :3]] * 2))
+    return Motion(CubicSpline(t_s, [T_site_base[:3, 3]] * 2), RotationSpline(t_s, attitude), CubicSpline(t_s, [0, 0]))
+
+
+def along(
+    way_m: FloatArray, heading_rad: float, speed_m_s: float, ramp_s: float, chassis: Chassis, felt: Relief
+) -> tuple[Motion, float]:
+    """The motion along a way, and how long it takes, seconds; it begins and ends at rest.
+
+    Parameters
+    ----------
+    way_m : ndarray, shape (n, 2)
+        Corners in site, the first where the rover stands, n at least 2.
+    heading_rad : float
+        Of the rover at the begin.
+    felt : Relief
+        Ground as wheels feel it.
+    """
+    xy, ahead = _smoothed(way_m)
+    length_m = _STEP_M * (len(xy) - 1)
+    turn_rad = math.remainder(ahead[0] - heading_rad, 2.0 * math.pi)
+    turn_s = 1.875 * abs(turn_rad) / _TURN_RAD_S  # 1.875: the steepest part of the ramp
+    drive_s = max(length_m / speed_m_s, ramp_s) + ramp_s
+    begin_s = _PAUSE_S + turn_s + _PAUSE_S
+    end_s = begin_s + drive_s + _PAUSE_S
+    t_s = np.arange(0.0, end_s + 1.0, 1.0 / _KNOT_HZ)
+    pace = _ramp((t_s - begin_s) / ramp_s) - _ramp((t_s - begin_s - drive_s + ramp_s) / ramp_s)
+    driven = np.concatenate([[0.0], np.cumsum(0.5 * (pace[1:] + pace[:-1]))])
+    distance = length_m * driven / driven[-1]
+    s = _STEP_M * np.arange(len(xy))
+    at = np.stack([np.interp(distance, s, xy[:, 0]), np.interp(distance, s, xy[:, 1])], axis=1)
+    turned = heading_rad + turn_rad * _ramp((t_s - _PAUSE_S) / max(turn_s, 1e-9))
+    heading = turned + np.interp(distance, s, ahead) - ahead[0]
+    poses = settle(felt, chassis, at, heading)
+    attitude = RotationSpline(t_s, Rotation.from_matrix(poses[:, :3, :3]))
+    return Motion(CubicSpline(t_s, poses[:, :3, 3]), attitude, CubicSpline(t_s, distance)), end_s
+
+
+def _smoothed(way_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Places every ``_STEP_M`` along a smooth curve near the way, and the headings there."""
+    apart = np.concatenate([[True], np.linalg.norm(np.diff(way_m, axis=0), axis=1) > 1e-6])
+    corners = way_m[apart]
+    order = min(3, len(corners) - 1)
+    weights = np.full(len(corners), 1.0 / _CORNER_M)
+    weights[[0, -1]] = 1e3 / _CORNER_M
+    curve, _ = splprep(corners.T, w=weights, k=order, s=float(len(corners)))
+    u = np.linspace(0.0, 1.0, 200 * max(2, math.ceil(len(corners) / 10)))
+    fine = np.stack(splev(u, curve), axis=1)
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1))])
+    count = max(2, round(s[-1] / _STEP_M) + 1)
+    even = np.linspace(0.0, s[-1], count)
+    xy = np.stack([np.interp(even, s, fine[:, 0]), np.interp(even, s, fine[:, 1])], axis=1)
+    step = np.gradient(xy, axis=0)
+    return xy, np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
+
+
+def _ramp(u: FloatArray) -> FloatArray:
+    c = np.clip(u, 0.0, 1.0)
+    return np.asarray(c**3 * (10.0 - 15.0 * c + 6.0 * c**2))
