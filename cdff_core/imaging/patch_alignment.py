@@ -45,8 +45,8 @@ def align_patches(reference, image, points, start, warps, half, iterations, tole
         Patch centres x, y in ``reference``, pixels.
     start : NDArray[np.float64], shape (n, 2)
         Where to begin in ``image``, pixels.
-    warps : NDArray[np.float64], shape (n, 2, 2)
-        Derivatives of x, y in ``image`` by x, y in ``reference`` across each patch.
+    warps : NDArray[np.float64], shape (n, 3, 3)
+        Homographies from offsets around the point in ``reference`` to offsets in ``image``: last column ``0, 0, 1``.
     half : int
         Patches are ``2 half + 1`` pixels wide.
     iterations : int
@@ -69,6 +69,7 @@ def align_patches(reference, image, points, start, warps, half, iterations, tole
     for i in range(n):
         px, py = points[i, 0], points[i, 1]
         axx, axy, ayx, ayy = warps[i, 0, 0], warps[i, 0, 1], warps[i, 1, 0], warps[i, 1, 1]
+        wx, wy = warps[i, 2, 0], warps[i, 2, 1]
         margin = half + 2.0
         if not (margin <= px < reference.shape[1] - margin - 1 and margin <= py < reference.shape[0] - margin - 1):
             continue
@@ -99,7 +100,10 @@ def align_patches(reference, image, points, start, warps, half, iterations, tole
         if energy < _FLAT or determinant <= 1e-6 * (hxx + hyy) ** 2:
             continue
         x, y, settled = start[i, 0], start[i, 1], False
-        reach = half * max(abs(axx) + abs(axy), abs(ayx) + abs(ayy)) + 2.0
+        least = 1.0 - half * (abs(wx) + abs(wy))
+        if least < 0.5:
+            continue
+        reach = half * max(abs(axx) + abs(axy), abs(ayx) + abs(ayy)) / least + 2.0
         for _ in range(iterations + 1):
             if not (reach <= x < image.shape[1] - reach - 1 and reach <= y < image.shape[0] - reach - 1):
                 settled = False
@@ -107,7 +111,8 @@ def align_patches(reference, image, points, start, warps, half, iterations, tole
             level, k = 0.0, 0
             for v in range(-half, half + 1):
                 for u in range(-half, half + 1):
-                    patch[k] = _bilinear(image, x + axx * u + axy * v, y + ayx * u + ayy * v)
+                    near = 1.0 / (1.0 + wx * u + wy * v)
+                    patch[k] = _bilinear(image, x + near * (axx * u + axy * v), y + near * (ayx * u + ayy * v))
                     level += patch[k]
                     k += 1
             level /= m

@@ -73,19 +73,21 @@ def table(figures: dict[str, Any]) -> str:
         "",
         f"**Simulated** (seeds {', '.join(str(s) for s in simulated['seeds'])}):",
         "",
-        "| traverse | drives, way | end error, median / worst | poses FAILED, DEGRADED | mean squared error |",
-        "|---|---|---|---|---|",
+        "| traverse | drives, way | end error, median / worst | FAILED, DEGRADED | mean squared error | of halves |",
+        "|---|---|---|---|---|---|",
     ]
     for name, row in [*simulated["scenarios"].items(), ("all", simulated["all"])]:
         e = row["end_error_percent"]
         lines.append(
             f"| {name} | {row['drives']}, {row['way_m']:.0f} m | {e['median']:.3f} / {e['max']:.3f} % "
-            f"| {row['failed']}, {row['degraded']} of {row['pairs']} | {row['mean_nees']:.2f} |"
+            f"| {row['failed']}, {row['degraded']} of {row['pairs']} | {row['mean_nees']:.2f} "
+            f"| {row['mean_half_nees']:.2f} |"
         )
-    low, high = simulated["nees_band"]
+    (low, high), (half_low, half_high) = simulated["nees_band"], simulated["half_nees_band"]
     lines += [
         "",
-        f"The mean of {simulated['all']['drives']} consistent squared errors lies between {low} and {high} in 95 %.",
+        f"The mean of {simulated['all']['drives']} consistent squared errors lies between {low} and {high} in 95 %, "
+        f"that of their {2 * simulated['all']['drives']} halves between {half_low} and {half_high}.",
         "",
         f"**Gallery** ({figures['gallery']['data']}; pictures in the order of the rows):",
         "",

@@ -10,14 +10,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import DfpcContext, Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import FramePair
-from cdff_dev.convert.kitti import PAIR, TRUTH, open_kitti
+from cdff_dev.evaluate import _visual_kitti as kitti
 
 pytestmark = pytest.mark.golden
 FRAME_NS = 100_000_000
@@ -28,13 +27,6 @@ RECORDED_TURN_RAD = np.radians([-0.2011, 0.04388, -0.00264])
 RealData = Callable[[str], Path]
 
 
-def read(folder: Path) -> tuple[list[FramePair], NDArray[np.float64]]:
-    """Pairs, and the truth's left camera positions (n, 3) in the first left camera, metres."""
-    samples = list(open_kitti(folder).samples())
-    pairs = [s.value for s in samples if s.stream == PAIR]
-    return pairs, np.stack([s.value.transform.matrix[:3, 3] for s in samples if s.stream == TRUTH])
-
-
 def run(pairs: list[FramePair], seed: int) -> list[Output]:
     dfpc = Registry.default().make_dfpc("visual_odometry_sparse")
     dfpc.configure(None, DfpcContext(robot="car", seed=seed))
@@ -42,21 +34,14 @@ def run(pairs: list[FramePair], seed: int) -> list[Output]:
     return [output for sample in samples for output in dfpc.step(sample)]
 
 
-def end_errors(pairs: list[FramePair], truth: NDArray[np.float64], seeds: range) -> list[float]:
-    """End error of each seed as a fraction of the path."""
-    path_m = float(np.sum(np.linalg.norm(np.diff(truth, axis=0), axis=1)))
-    ends = [run(pairs, seed)[-1].value.transform.matrix[:3, 3] for seed in seeds]
-    return [float(np.linalg.norm(end - truth[-1])) / path_m for end in ends]
-
-
 @pytest.mark.req("CDFF-CORE-070")
 def test_a_real_drive_is_followed_without_a_doubt_to_where_it_ended_before(real_data: RealData) -> None:
-    pairs, truth = read(real_data("kitti_stereo/KITTI_sequence_1"))
+    pairs, truth = kitti.read(real_data("kitti_stereo/KITTI_sequence_1"))
     outputs = run(pairs, seed=0)
     assert [o.quality.status for o in outputs] == [Status.OK] * 51
     end = outputs[-1].value.transform
     np.testing.assert_allclose(end.matrix[:3, 3], REFERENCE_END_M, atol=0.06)
-    assert np.linalg.norm(end.matrix[:3, 3] - truth[-1]) / 59.9 < 0.015
+    assert np.linalg.norm(end.matrix[:3, 3] - truth[-1, :3, 3]) / 59.9 < 0.015
     assert 0.0 < np.sqrt(end.covariance[2, 2]) < 0.2
     assert min(o.quality.metrics["inliers"] for o in outputs[1:]) > 80
 
@@ -64,9 +49,15 @@ def test_a_real_drive_is_followed_without_a_doubt_to_where_it_ended_before(real_
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_twenty_seeds_end_within_the_stated_bounds(real_data: RealData) -> None:
-    errors = end_errors(*read(real_data("kitti_stereo/KITTI_sequence_1")), range(20))
-    assert np.median(errors) <= 0.008  # most of it the truth's own, see the page
-    assert max(errors) <= 0.012
+    """The first twelve steps of the truth are interpolated, which alone puts the end off by as much: see the page."""
+    pairs, truth = kitti.read(real_data("kitti_stereo/KITTI_sequence_1"))
+    found = [kitti.ours(pairs, seed) for seed in range(20)]
+    whole = [kitti.end_percent(poses, truth) for poses in found]
+    measured = [kitti.measured_percent(poses, truth) for poses in found]
+    assert np.median(whole) <= 0.8
+    assert max(whole) <= 1.2
+    assert np.median(measured) <= 0.6
+    assert max(measured) <= 0.7
 
 
 def test_a_rover_step_is_the_same_at_full_and_half_resolution(real_data: RealData) -> None:

@@ -52,8 +52,8 @@ class FeaturesPrediction2DOutputs:
         Predicted column and row, pixels.
     disparities : ndarray of float64, shape (n)
         Predicted disparity, pixels.
-    warps : ndarray of float64, shape (n,2,2)
-        Derivatives of the predicted column and row by those of the reference: how a patch is magnified and sheared.
+    warps : ndarray of float64, shape (n,3,3)
+        Homographies from offsets around each point of the reference to offsets around the predicted one.
     slopes : ndarray of float64, shape (n,2)
         Derivatives of the disparity by column and row in the predicted image.
     visible : ndarray of bool, shape (n)

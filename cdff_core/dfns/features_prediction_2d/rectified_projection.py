@@ -71,10 +71,11 @@ class RectifiedProjection(FeaturesPrediction2DInterface):
 def _warped(
     camera: RectifiedCamera, points: FloatArray, pose: FloatArray, slopes: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Warps ``(n, 2, 2)`` of patches, and the slopes ``(n, 2)`` of their disparity after the motion.
+    """Homographies ``(n, 3, 3)`` of the offsets around points, and the slopes ``(n, 2)`` of their disparity afterwards.
 
-    A patch is a plane ``1 / z = n . (x, y, 1)`` and moves by the homography ``R + t n^T`` ([1]_, §13.1), of which these
-    are the derivatives at its centre. One that is seen edge on is left as it was.
+    A patch is a plane ``1 / z = n . (x, y, 1)`` and moves by the homography ``R + t n^T`` ([1]_, §13.1). Second order
+    counts: without it, ground approached by a fifth of its distance is off by 0.01 px in the mean of a patch. A
+    patch that is seen edge on is left as it was.
     """
     z, focal = points[:, 2], np.array([camera.fx, camera.fy])
     bearings = points / z[:, None]
@@ -84,11 +85,15 @@ def _warped(
     H = pose[:3, :3] + pose[:3, 3][:, None] * normals[:, None, :]
     moved = np.einsum("nij,nj->ni", H, bearings)
     stretch = np.maximum(moved[:, 2], _NEAREST_M)
-    warps = (H[:, :2, :2] - (moved[:, :2] / stretch[:, None])[:, :, None] * H[:, 2:, :2]) / stretch[:, None, None]
-    warps = warps * focal[:, None] / focal
-    edge_on = np.linalg.det(warps) < _EDGE_ON
-    warps[edge_on] = np.eye(2)
-    growth = (normals[:, :2] - H[:, 2, :2] / (z * stretch)[:, None]) / stretch[:, None]  # of 1 / z, by x and y
+    warps = np.tile(np.eye(3), (len(points), 1, 1))
+    towards = H[:, 2, :2] / stretch[:, None]
+    warps[:, :2, :2] = (
+        H[:, :2, :2] / stretch[:, None, None] - (moved[:, :2] / stretch[:, None])[:, :, None] * towards[:, None]
+    )
+    warps[:, :2, :2] *= focal[:, None] / focal
+    warps[:, 2, :2] = towards / focal
+    growth = normals[:, :2] / stretch[:, None] - towards / (z * stretch)[:, None]  # of 1 / z, by x and y
     growth *= camera.fx * camera.baseline_m / focal
-    growth[edge_on] = 0.0
-    return warps, np.linalg.solve(np.swapaxes(warps, 1, 2), growth[:, :, None])[:, :, 0]
+    edge_on = np.linalg.det(warps) < _EDGE_ON
+    warps[edge_on], growth[edge_on] = np.eye(3), 0.0
+    return warps, np.linalg.solve(np.swapaxes(warps[:, :2, :2], 1, 2), growth[:, :, None])[:, :, 0]

@@ -28,8 +28,8 @@ class FeaturesTracking2DInputs:
         Points of the reference, column and row, pixels.
     guess : ndarray of float64, shape (n,2), optional
         Where to begin in the image, pixels; the same place where absent.
-    warps : ndarray of float64, shape (n,2,2), optional
-        Expected derivatives of column and row in the image by those of the reference, the identity where absent.
+    warps : ndarray of float64, shape (n,3,3), optional
+        Expected homographies from offsets around each point to offsets in the image, the identity where absent.
     """
 
     reference: NDArray[np.uint8]

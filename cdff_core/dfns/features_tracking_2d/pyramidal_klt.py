@@ -43,7 +43,7 @@ class PyramidalKlt(FeaturesTracking2DInterface):
         guess = points if inputs.guess is None else np.array(inputs.guess, np.float64)
         if points.ndim != 2 or points.shape[1] != 2 or guess.shape != points.shape:
             raise InputError(f"features {points.shape}, guess {guess.shape}: expected both (n, 2)")
-        warps = np.tile(np.eye(2), (len(points), 1, 1)) if inputs.warps is None else np.array(inputs.warps, np.float64)
+        warps = np.tile(np.eye(3), (len(points), 1, 1)) if inputs.warps is None else np.array(inputs.warps, np.float64)
         matches, forward = self._flow(inputs.reference, inputs.image, points, guess)
         back, backward = self._flow(inputs.image, inputs.reference, matches, points)
         _, scores = align_patches(

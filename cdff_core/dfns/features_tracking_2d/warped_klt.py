@@ -53,18 +53,18 @@ class WarpedKlt(FeaturesTracking2DInterface):
     def setup(self) -> None:
         """Compile the kernel."""
         image, point = np.zeros((48, 48), np.float32), np.full((1, 2), 24.0)
-        align_patches(image, image, point, point, np.eye(2)[None], 3, 1, 0.1)
+        align_patches(image, image, point, point, np.eye(3)[None], 3, 1, 0.1)
 
     def process(self, inputs: FeaturesTracking2DInputs) -> FeaturesTracking2DOutputs:
         """Track every point; raises InputError where shapes do not fit."""
         c = self.config
         points = np.array(inputs.features, np.float64)
         guess = points if inputs.guess is None else np.array(inputs.guess, np.float64)
-        warps = np.tile(np.eye(2), (len(points), 1, 1)) if inputs.warps is None else np.array(inputs.warps, np.float64)
+        warps = np.tile(np.eye(3), (len(points), 1, 1)) if inputs.warps is None else np.array(inputs.warps, np.float64)
         n = len(points)
-        if points.shape != (n, 2) or guess.shape != (n, 2) or warps.shape != (n, 2, 2):
+        if points.shape != (n, 2) or guess.shape != (n, 2) or warps.shape != (n, 3, 3):
             shapes = f"features {points.shape}, guess {guess.shape}, warps {warps.shape}"
-            raise InputError(f"{shapes}: expected (n, 2), (n, 2), (n, 2, 2)")
+            raise InputError(f"{shapes}: expected (n, 2), (n, 2), (n, 3, 3)")
         reference, image = pyramid(inputs.reference, c.levels), pyramid(inputs.image, c.levels)
         matches, scores = self._descend(reference, image, points, guess, warps)
         back, returned = align_patches(
@@ -88,12 +88,14 @@ class WarpedKlt(FeaturesTracking2DInterface):
         found, scores = guess, np.full(len(points), -1.0)
         for level in range(len(image) - 1, -1, -1):
             size = 2.0**level
+            coarse = warps.copy()
+            coarse[:, 2, :2] *= size  # per pixel of this level
             finer, scores = align_patches(
                 reference[level],
                 image[level],
                 points / size,
                 found / size,
-                warps,
+                coarse,
                 c.half_window_px,
                 c.iterations,
                 c.tolerance_px * (1.0 if level == 0 else 5.0),

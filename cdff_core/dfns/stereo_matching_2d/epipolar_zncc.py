@@ -60,7 +60,7 @@ class EpipolarZncc(StereoMatching2DInterface):
         """Compile the kernels."""
         image, point, one = np.zeros((48, 48), np.float32), np.full((1, 2), 24.0), np.ones(1, np.int64)
         search_rows(image, image, point, one, one, 3)
-        align_patches(image, image, point, point, np.eye(2)[None], 3, 1, 0.1)
+        align_patches(image, image, point, point, np.eye(3)[None], 3, 1, 0.1)
         align_slanted(image, image, point, point, 3, 1, 0.1, 0.5)
 
     def process(self, inputs: StereoMatching2DInputs) -> StereoMatching2DOutputs:
@@ -112,7 +112,7 @@ class EpipolarZncc(StereoMatching2DInterface):
 
 
 def _sheared(slopes: FloatArray) -> FloatArray:
-    """Warps ``(n, 2, 2)`` from the left to the right patch: a column moves on by one less the disparity's change."""
-    warps = np.tile(np.eye(2), (len(slopes), 1, 1))
-    warps[:, 0] -= slopes
+    """Warps ``(n, 3, 3)`` from the left to the right patch: a column moves on by one less the disparity's change."""
+    warps = np.tile(np.eye(3), (len(slopes), 1, 1))
+    warps[:, 0, :2] -= slopes
     return warps

@@ -31,9 +31,9 @@ class ReprojectionLmConfig(DfnConfig):
 
     sigma_track_px: Annotated[float, Field(gt=0, le=10)] = 0.2
     sigma_disparity_px: Annotated[float, Field(gt=0, le=10)] = 0.2
-    sigma_common_px: Annotated[float, Field(ge=0, le=5)] = 0.006
-    sigma_common_disparity_px: Annotated[float, Field(ge=0, le=5)] = 0.016
-    noise_factor: Annotated[float, Field(ge=1, le=100)] = 2.2
+    sigma_common_px: Annotated[float, Field(ge=0, le=5)] = 0.003
+    sigma_common_disparity_px: Annotated[float, Field(ge=0, le=5)] = 0.015
+    noise_factor: Annotated[float, Field(ge=1, le=100)] = 2.7
     robust_scale: Annotated[float, Field(gt=0.5, le=100)] = 3.0
     gate: Annotated[float, Field(gt=1, le=100)] = 3.4
     max_iterations: Annotated[int, Field(ge=1, le=200)] = 30
@@ -92,7 +92,7 @@ class ReprojectionLm(StereoMotionEstimationInterface):
     adjustment with the structure eliminated, and it weighs near and far points as their geometry deserves. Cauchy
     weights; Levenberg-Marquardt on ``R3 x SO(3)``; covariance ``s2 (J^T W J)^-1`` [1]_, plus what an error common to
     all points does (``_common_modes``), which more points do not average out: pixel locking and the perspective of
-    patches leave 0.005 to 0.02 px. ``noise_factor`` is what the points of one pair, whose patches overlap and whose
+    patches leave 0.002 to 0.015 px. ``noise_factor`` is what the points of one pair, whose patches overlap and whose
     reference disparities are measured in the same images, lack in independence.
 
     What a calibration leaves over bends near and far depths differently and is therefore visible in the motion itself

@@ -78,7 +78,7 @@ def test_an_error_that_all_points_share_moves_the_motion_as_the_response_says(
     u, v = ((c - c.mean()) / c.std() for c in reference[:, :2].T)
     one, none = np.ones(len(u)), np.zeros(len(u))
     shared = [(one, none, none), (none, one, none), (none, none, one), (u, v, none), (none, v, none)][mode]
-    sigma_px = 0.016 if mode == 2 else 0.006
+    sigma_px = 0.015 if mode == 2 else 0.003
     given = [current, current + sigma_px * np.column_stack(shared)]
     out, off = (
         estimator().process(StereoMotionEstimationInputs(reference, c, CAMERA, BASELINE, np.eye(4))) for c in given

@@ -20,8 +20,8 @@ def shifted(image: NDArray[np.float32], dx: float, dy: float) -> NDArray[np.uint
     return np.asarray(np.clip(np.rint(moved), 0, 255), dtype=np.uint8)
 
 
-def unwarped(n: int) -> NDArray[np.float64]:
-    return np.tile(np.eye(2), (n, 1, 1))
+def unwarped(n: int, scale: float = 1.0) -> NDArray[np.float64]:
+    return np.tile(np.diag([scale, scale, 1.0]), (n, 1, 1))
 
 
 POINTS = np.stack(np.meshgrid(np.arange(40.0, 216.0, 16.0), np.arange(40.0, 216.0, 16.0)), axis=-1).reshape(-1, 2)
@@ -52,7 +52,7 @@ def test_a_magnified_patch_is_found_where_its_magnification_is_known() -> None:
     larger = cv2.warpAffine(image, M, (256, 256), flags=cv2.INTER_CUBIC)
     near = POINTS[np.all(np.abs(POINTS - 128.0) < 70.0, axis=1)]
     truth = near @ M[:, :2].T + M[:, 2]
-    found, score = align_patches(image, larger, near, truth + 1.0, 1.3 * unwarped(len(near)), 7, 20, 0.005)
+    found, score = align_patches(image, larger, near, truth + 1.0, unwarped(len(near), 1.3), 7, 20, 0.005)
     assert np.all(score > 0.97)
     assert np.percentile(np.abs(found - truth), 95) < 0.05
 
