@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Two rovers share one map although the mapping of one and the merging die and the other is away for a while."""
+"""Two rovers share one map although processes die as they drive and one of them is away for a while."""
 
 from __future__ import annotations
 
@@ -74,6 +74,10 @@ def test_two_rovers_share_one_map_although_processes_die_and_one_rover_is_out_of
     stage, bus = system
     stage.play(str(log), 1.0)
     clock, begin_ns = wait_for_clock(bus, stage.check_running)
+    at(clock, begin_ns, 3.0)
+    process_of(stage, "mana_slam").send_signal(signal.SIGKILL)  # as it begins to drive, before its first key frame ends
+    at(clock, begin_ns, 6.0)
+    process_of(stage, "minnie_slam").send_signal(signal.SIGKILL)  # it drives on meanwhile
     at(clock, begin_ns, 8.0)
     for name in ("minnie_mapping", "map_merging"):  # both start again
         process_of(stage, name).send_signal(signal.SIGKILL)
