@@ -7,13 +7,16 @@ limit of slope or roughness, or within the rover's half width and margin of a st
 used to choose anything.
 
 Intersection over union is where sigma is at most 3 cm, and against what exact heights of the observed cells give: it
-says what noise costs. What holes cost is beside it: the same against exact heights everywhere.
+says what noise costs. What holes cost is beside it: the same against exact heights everywhere. How much the hazards'
+figure says is told by exact heights alone: their hazards against those with a step limit higher by a sigma, and against
+themselves grown by a cell.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -36,14 +39,20 @@ LIMITS = ("length_m", "width_m", "max_slope_deg", "max_step_m", "max_roughness_m
 SEEDS, SIGMAS_M = range(100, 120), (0.0, 0.01, 0.02, 0.03)
 EDGE_M, CELL_M, FINE_M = 40.0, 0.1, 0.025
 UNKNOWN, SAFE, CAUTION, HAZARD = range(4)
+#: What is compared, and its classes.
+KINDS = {"safe": (SAFE,), "passable": (SAFE, CAUTION), "hazard": (HAZARD,)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rated:
-    """Maps of the heights as seen, of the true ones where they were seen, and of all true ones; sigma of each cell."""
+    """Maps of the heights as seen, of the true ones where they were seen, and of all true ones; sigma of each cell.
+
+    ``lenient`` is ``exact`` with a step limit higher by the median sigma.
+    """
 
     found: NavigationMap
     exact: NavigationMap
+    lenient: NavigationMap
     truth: NavigationMap
     sigma_m: FloatArray
 
@@ -57,6 +66,9 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
         progress(f"navigation_mapping: noise {sigma_m} m")
         maps = [rated_maps(seed, sigma_m, limits) for seed in SEEDS]
         report["noise"][f"{100 * sigma_m:g} cm"] = scores(maps, limits)
+    noisy = [report["noise"][f"{100 * sigma_m:g} cm"]["iou_cells"] for sigma_m in SIGMAS_M if sigma_m > 0.0]
+    together = {kind: np.sum([cells[kind] for cells in noisy], axis=0).tolist() for kind in KINDS}
+    report["iou_of_all_noises"] = _ratios(together)
     report["rover_traverse (simulated), lidar, true poses"] = _simulated(limits, progress)
     return report
 
@@ -67,6 +79,7 @@ def rover_limits() -> dict[str, float]:
     return {name: limits[name] for name in LIMITS}
 
 
+@cache
 def true_heights(seed: int) -> FloatArray:
     """Mean heights of cells of ``CELL_M``: hills and craters steeper than the rover climbs, rocks it cannot take."""
     rng = np.random.default_rng([seed, 21])
@@ -98,8 +111,11 @@ def compared(heights: FloatArray, variance: FloatArray, truth: FloatArray, limit
     seen = np.isfinite(heights)
     exact = {**limits, "sigmas": 0.0}
     sigma = np.where(seen, np.sqrt(np.where(seen, variance, 0.0)), np.inf)
-    there = rated(np.where(seen, truth, np.nan), exact)
-    return Rated(rated(heights, limits, variance), there, rated(truth, exact), sigma)
+    there = np.where(seen, truth, np.nan)
+    higher = {**exact, "max_step_m": limits["max_step_m"] + float(np.median(sigma[seen]))}
+    return Rated(
+        rated(heights, limits, variance), rated(there, exact), rated(there, higher), rated(truth, exact), sigma
+    )  # fmt: skip
 
 
 def rated(heights: FloatArray, config: dict[str, float], variance: FloatArray | None = None) -> NavigationMap:
@@ -116,6 +132,7 @@ def rated(heights: FloatArray, config: dict[str, float], variance: FloatArray | 
 def scores(maps: list[Rated], limits: dict[str, float]) -> dict[str, Any]:
     """Cells called safe that are not, by how much, and how far the classes agree."""
     safe = wrong = 0
+    cells = _agreement(maps, "exact")
     slope_deg = step_m = -np.inf
     for m in maps:
         a, b = m.found.layer("class"), m.truth.layer("class")
@@ -127,23 +144,43 @@ def scores(maps: list[Rated], limits: dict[str, float]) -> dict[str, Any]:
             step_m = max(step_m, _highest_step(m.truth, called, limits) - limits["max_step_m"])
     return {
         "called_safe_but_hazard": interval(wrong, safe), "slope_beyond_deg": round(slope_deg, 3),
-        "step_beyond_m": round(step_m, 4), "iou": _agreement(maps, "exact"),
-        "iou_with_holes": _agreement(maps, "truth"),
+        "step_beyond_m": round(step_m, 4), "iou": _ratios(cells), "iou_cells": cells,
+        "iou_with_holes": _ratios(_agreement(maps, "truth")), "hazards_by_exact_heights": _hazards_alone(maps),
     }  # fmt: skip
 
 
-def _agreement(maps: list[Rated], other: str) -> dict[str, float]:
-    """Intersection over union of safe, of passable (safe or caution) and of hazard."""
-    kinds = {"safe": (SAFE,), "passable": (SAFE, CAUTION), "hazard": (HAZARD,)}
-    both, either = dict.fromkeys(kinds, 0), dict.fromkeys(kinds, 0)
+def _agreement(maps: list[Rated], other: str) -> dict[str, list[int]]:
+    """Cells of a kind in both maps, and in either: safe, passable (safe or caution), hazard."""
+    cells = {kind: [0, 0] for kind in KINDS}
     for m in maps:
         a, b = m.found.layer("class"), getattr(m, other).layer("class")
         sharp = (m.sigma_m <= 0.03 + 1e-6) & (a != UNKNOWN) & (b != UNKNOWN)
-        for name, classes in kinds.items():
+        for kind, classes in KINDS.items():
             ours, theirs = sharp & np.isin(a, classes), sharp & np.isin(b, classes)
-            both[name] += int((ours & theirs).sum())
-            either[name] += int((ours | theirs).sum())
-    return {name: round(both[name] / max(either[name], 1), 4) for name in kinds}
+            cells[kind][0] += int((ours & theirs).sum())
+            cells[kind][1] += int((ours | theirs).sum())
+    return cells
+
+
+def _hazards_alone(maps: list[Rated]) -> dict[str, float]:
+    """What hazards by exact heights have in common with those of a limit higher by a sigma, and grown by a cell."""
+    cells = {"limit_higher_by_a_sigma": [0, 0], "grown_by_a_cell": [0, 0]}
+    for m in maps:
+        exact = m.exact.layer("class")
+        known, hazard = exact != UNKNOWN, exact == HAZARD
+        cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+        grown = known & (cv2.dilate(hazard.astype(np.uint8), cross) > 0)
+        for name, other in (
+            ("limit_higher_by_a_sigma", m.lenient.layer("class") == HAZARD),
+            ("grown_by_a_cell", grown),
+        ):
+            cells[name][0] += int((hazard & other).sum())
+            cells[name][1] += int((hazard | other).sum())
+    return _ratios(cells)
+
+
+def _ratios(cells: dict[str, list[int]]) -> dict[str, float]:
+    return {kind: round(both / max(either, 1), 4) for kind, (both, either) in cells.items()}
 
 
 def _highest_step(truth: NavigationMap, called: np.ndarray, limits: dict[str, float]) -> float:
@@ -215,6 +252,10 @@ def draw(figures: dict[str, Any]) -> bytes:
     )
 
 
+def _shown(shares: dict[str, float]) -> str:
+    return " / ".join(f"{share:.3f}" for share in shares.values())
+
+
 def _rarely(rate: dict[str, Any]) -> str:
     """A rate of some in a million."""
     return f"{rate['count']} of {rate['trials']} ({100 * rate['count'] / rate['trials']:.3f} %)"
@@ -226,13 +267,14 @@ def table(figures: dict[str, Any]) -> str:
     rows |= {name: row for name, row in figures.items() if isinstance(row, dict) and "iou" in row}
     lines = [
         "| heights | called safe, a hazard in truth | farthest beyond a limit "
-        "| IoU safe / passable / hazard | with holes |",
-        "|---|---|---|---|---|",
+        "| IoU safe / passable / hazard | with holes | hazard, exact, limit 1σ higher / grown by a cell |",
+        "|---|---|---|---|---|---|",
     ]
     for name, row in rows.items():
-        iou, holes = (" / ".join(f"{v:.3f}" for v in row[name].values()) for name in ("iou", "iou_with_holes"))
+        iou, holes, alone = (_shown(row[name]) for name in ("iou", "iou_with_holes", "hazards_by_exact_heights"))
         lines.append(
             f"| {name} | {_rarely(row['called_safe_but_hazard'])} | {row['slope_beyond_deg']:.2f}°, "
-            f"{100 * row['step_beyond_m']:.1f} cm | {iou} | {holes} |"
+            f"{100 * row['step_beyond_m']:.1f} cm | {iou} | {holes} | {alone} |"
         )
+    lines += ["", f"Noise of 1 to 3 cm together: IoU safe / passable / hazard {_shown(figures['iou_of_all_noises'])}."]
     return "\n".join(lines)

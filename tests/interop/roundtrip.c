@@ -10,6 +10,7 @@
 #include "CorrespondenceMap2D.h"
 #include "CorrespondenceMap2DLarge.h"
 #include "Frame.h"
+#include "GroundAreas.h"
 #include "IMUSensors.h"
 #include "JointsTrajectory.h"
 #include "LaserScan.h"
@@ -27,10 +28,10 @@
 static struct {
     const char *name;
     asn_TYPE_descriptor_t *type;
-} types[] = {TYPE(CorrespondenceMap2D), TYPE(CorrespondenceMap2DLarge), TYPE(Frame), TYPE(IMUSensors),
-             TYPE(JointsTrajectory), TYPE(LaserScan), TYPE(LidarScan), TYPE(Map), TYPE(PointSequence), TYPE(Pointcloud),
-             TYPE(PoseGraph), TYPE(PoseTrajectory), TYPE(RigidBodyState), TYPE(TransformWithCovariance),
-             TYPE(VisualPointFeatureVector3D)};
+} types[] = {TYPE(CorrespondenceMap2D), TYPE(CorrespondenceMap2DLarge), TYPE(Frame), TYPE(GroundAreas),
+             TYPE(IMUSensors), TYPE(JointsTrajectory), TYPE(LaserScan), TYPE(LidarScan), TYPE(Map), TYPE(PointSequence),
+             TYPE(Pointcloud), TYPE(PoseGraph), TYPE(PoseTrajectory), TYPE(RigidBodyState),
+             TYPE(TransformWithCovariance), TYPE(VisualPointFeatureVector3D)};
 
 static unsigned char buffer[1 << 23];
 

@@ -29,8 +29,8 @@ _EXAMPLES = _ROOT / "examples" / "exchange" / "c"
 #: asn1c rounds some denormals.
 _REALS = [v for v in messages.REALS if v == 0.0 or math.isnan(v) or abs(v) >= 2.2250738585072014e-308]
 _TYPES = (
-    "CorrespondenceMap2D", "CorrespondenceMap2DLarge", "Frame", "IMUSensors", "JointsTrajectory", "LaserScan",
-    "LidarScan", "Map", "PointSequence", "Pointcloud", "PoseGraph", "PoseTrajectory", "RigidBodyState",
+    "CorrespondenceMap2D", "CorrespondenceMap2DLarge", "Frame", "GroundAreas", "IMUSensors", "JointsTrajectory",
+    "LaserScan", "LidarScan", "Map", "PointSequence", "Pointcloud", "PoseGraph", "PoseTrajectory", "RigidBodyState",
     "TransformWithCovariance", "VisualPointFeatureVector3D",
 )  # fmt: skip
 

@@ -22,7 +22,7 @@ from cdff_core.dfns.traversability._interface import (
     TraversabilityOutputs,
 )
 from cdff_core.dfns.traversability._kernels import fit_planes
-from cdff_core.dfns.traversability._uncertainty import denoised, footprint_noise
+from cdff_core.dfns.traversability._uncertainty import denoised, footprint_noise, taken_from_steps
 
 UNKNOWN, SAFE, CAUTION, HAZARD = 0, 1, 2, 3
 #: A step that lies inside a cell shows in the difference of its two neighbours: heights are compared over two cells.
@@ -88,13 +88,13 @@ class FootprintPlane(TraversabilityInterface):
         if "variance" in dem.layer_names:
             variance = np.nan_to_num(dem.layer("variance").astype(np.float64), nan=0.0)
         slope, roughness = self._planes(z, seen, variance, cell_m)
-        step = self._steps(z, seen, variance, cell_m)
+        step, taken_m = self._steps(z, seen, variance, cell_m)
         measures = [(slope, c.max_slope_deg), (roughness, c.max_roughness_m), (step, c.max_step_m)]
         ratio, bound = (
             np.fmax.reduce([(m.value + k * m.sigma) / limit for m, limit in measures]) for k in (0.0, c.sigmas)
         )
         known = seen & np.isfinite(slope.value)
-        classes = self._classify(known, ratio, bound, step, cell_m, _gaps(seen, c.gap_m, cell_m))
+        classes = self._classify(known, ratio, bound, step, taken_m, cell_m, _gaps(seen, c.gap_m, cell_m))
         margin = np.fmin.reduce([(limit - m.value) / np.maximum(m.sigma, _LEAST_SIGMA) for m, limit in measures])
         layers = {
             "slope_deg": slope.value, "step_m": step.value, "roughness_m": roughness.value,
@@ -122,24 +122,34 @@ class FootprintPlane(TraversabilityInterface):
         slope = _Measure(np.degrees(np.arctan(gradient / cell_m)), np.degrees(sigma / cell_m * flatter))
         return slope, _Measure(rms, np.sqrt(0.5 * noise / independent))
 
-    def _steps(self, z: FloatGrid, seen: Mask, variance: FloatGrid, cell_m: float) -> _Measure:
-        """Largest difference between a cell and the observed ones within reach; NaN where the cell is unobserved."""
+    def _steps(self, z: FloatGrid, seen: Mask, variance: FloatGrid, cell_m: float) -> tuple[_Measure, FloatGrid]:
+        """Largest difference between a cell and the observed ones within reach, NaN where the cell is unobserved.
+
+        Beside it what denoising takes from a step of the limit's height, metres.
+        """
         reach = max(_LEAST_REACH_CELLS, round(self.config.step_reach_m / cell_m))
         disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-        z, variance = denoised(z, seen, variance)
+        z, variance, noise = denoised(z, seen, variance)
         far = np.finfo(np.float32).max / 4
         highest = cv2.dilate(np.where(seen, z, -far).astype(np.float32), disc, borderType=cv2.BORDER_REPLICATE)
         lowest = cv2.erode(np.where(seen, z, far).astype(np.float32), disc, borderType=cv2.BORDER_REPLICATE)
         worst = cv2.dilate(np.where(seen, variance, 0.0).astype(np.float32), disc, borderType=cv2.BORDER_REPLICATE)
         value = np.where(seen, np.maximum(highest - z, z - lowest), np.nan)
-        return _Measure(value, np.sqrt(variance + worst))
+        return _Measure(value, np.sqrt(variance + worst)), taken_from_steps(noise, self.config.max_step_m)
 
     def _classify(
-        self, known: Mask, ratio: FloatGrid, bound: FloatGrid, step: _Measure, cell_m: float, gaps: Mask
+        self,
+        known: Mask,
+        ratio: FloatGrid,
+        bound: FloatGrid,
+        step: _Measure,
+        taken_m: FloatGrid,
+        cell_m: float,
+        gaps: Mask,
     ) -> NDArray[np.uint8]:
         c = self.config
-        obstacle = step.value > c.max_step_m  # false where NaN
-        possible = step.value + c.sigmas * step.sigma > c.max_step_m
+        obstacle = step.value + taken_m > c.max_step_m  # false where NaN
+        possible = obstacle | (step.value + c.sigmas * step.sigma > c.max_step_m)
         safe = (ratio < c.caution_fraction) & (bound <= 1.0)
         classes = np.where(known, np.where(safe, SAFE, CAUTION), UNKNOWN).astype(np.uint8)
         turning_m = 0.5 * hypot(c.length_m, c.width_m) + c.margin_m

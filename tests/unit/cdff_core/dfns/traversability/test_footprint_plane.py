@@ -144,6 +144,22 @@ def test_safe_keeps_its_limits_by_three_standard_deviations(sigma_m: float, rng:
     assert (flat.layer("class")[INNER] == SAFE).mean() < 0.05  # too noisy to call anything safe
 
 
+def test_noise_that_is_taken_out_does_not_take_rocks_near_the_limit_with_it(rng: np.random.Generator) -> None:
+    missed = invented = there = 0
+    for _ in range(10):
+        rocks = np.zeros(GRID.shape)
+        for row, col in np.ndindex(6, 8):
+            rocks[row * 12 + 8 : row * 12 + 10, col * 12 + 6 : col * 12 + 8] = rng.uniform(0.05, 0.25)
+        free = {"max_roughness_m": 1.0, "max_slope_deg": 60.0}
+        found = noisy(0.03, rng, rocks, **free).layer("class") == HAZARD
+        truth = rate(rocks, **free).layer("class") == HAZARD
+        missed += int((truth & ~found).sum())
+        invented += int((found & ~truth).sum())
+        there += int(truth.sum())
+    assert missed < 0.08 * there
+    assert invented < 0.2 * there
+
+
 def test_ground_beside_a_hole_that_may_hide_a_step_is_not_safe_and_beside_a_pinhole_is() -> None:
     heights = np.zeros(GRID.shape)
     heights[38:42, 48:52] = np.nan
