@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """CPU time of the position manager: per second of input, from measurement to answer, and of the DFNs it is made of.
 
-python benchmarks/position_manager.py [--out FILE] [--seconds N]
+python benchmarks/position_manager.py [--out FILE] [--seconds N] [--memory S]
 """
 
 from __future__ import annotations
 
 import argparse
 import platform
+import resource
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +18,7 @@ from typing import Any
 import numpy as np
 from _report import give_out
 
+from cdff_common.codecs import encode
 from cdff_common.geometry import FrameGraph, UncertainTransform, se3
 from cdff_common.interfaces.dfpc import DfpcContext, Sample
 from cdff_common.interfaces.registry import Registry
@@ -33,8 +35,9 @@ MS = 1_000_000
 EXACT = np.zeros((6, 6))
 
 
-def samples(seconds: int) -> list[Sample]:
+def samples(seconds: int, begin_s: int = 0, imu_ms: int = 10) -> list[Sample]:
     """A curve at 0.4 m/s: IMU 100 Hz, wheels 10 Hz, visual odometry 4 Hz, without errors."""
+    begin_ns = begin_s * 1000 * MS
 
     def pose(port: str, stamp_ns: int, child: str) -> Sample:
         T = se3.exp_se3(stamp_ns * 1e-9 * np.array([0.4, 0, 0, 0, 0, 0.1]))
@@ -50,9 +53,9 @@ def samples(seconds: int) -> list[Sample]:
         value = IMUSensors(Time.from_ns(stamp_ns), np.array([0, 0, 3.71]), np.array([0, 0, 0.1]), np.zeros(3))
         return Sample("imu", stamp_ns, 0, value)
 
-    out = [imu(k * 10 * MS) for k in range(100 * seconds)]
-    out += [pose("odometry", k * 100 * MS, "mana/base") for k in range(10 * seconds)]
-    out += [pose("visual_odometry", k * 250 * MS, "mana/navcam_left") for k in range(4 * seconds)]
+    out = [imu(begin_ns + k * imu_ms * MS) for k in range(1000 // imu_ms * seconds)]
+    out += [pose("odometry", begin_ns + k * 100 * MS, "mana/base") for k in range(10 * seconds)]
+    out += [pose("visual_odometry", begin_ns + k * 250 * MS, "mana/navcam_left") for k in range(4 * seconds)]
     return sorted(out, key=lambda s: (s.stamp_ns, s.port))
 
 
@@ -95,6 +98,26 @@ def answer_ms(seconds: int, late_ns: int = 0) -> dict[str, float]:
     }
 
 
+def kept(seconds: int) -> dict[str, dict[str, float]]:
+    """What a long drive leaves in memory, and what it costs, by the time driven; handed in minute by minute."""
+    dfpc, out = made(), {}
+    for minute in range(seconds // 60):
+        given = samples(60, minute * 60, imu_ms=50)
+        begun = time.process_time()
+        for sample in given:
+            list(dfpc.step(sample))
+        if (minute + 1) % 15 == 0:
+            state = dfpc.state()
+            out[f"{minute + 1} min"] = {
+                "process_peak_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3, 1),
+                "poses": len(state.line.stamps_ns),
+                "state_mb": round(len(encode(state, "msgpack")) / 1e6, 2),
+                "trajectory_mb": round(len(encode(dfpc.get_trajectory(-1, -1), "msgpack")) / 1e6, 2),
+                "cpu_s_of_the_last_minute": round(time.process_time() - begun, 2),
+            }
+    return out
+
+
 def dfn_cpu_s(name: str, implementation: str, inputs: Any, rounds: int = 500) -> float:
     """CPU seconds per call."""
     node = Registry.default().make_dfn(name, implementation)
@@ -112,6 +135,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path)
     parser.add_argument("--seconds", type=int, default=60)
+    parser.add_argument("--memory", type=int, default=0, metavar="S", help="also drive so long and say what is kept")
     args = parser.parse_args()
     step = OdometryIncrementInputs(
         np.eye(4), se3.exp_se3([0.1, 0, 0, 0, 0, 0.02]), np.eye(4), 1e-6 * np.eye(6), 2e-6 * np.eye(6)
@@ -149,6 +173,8 @@ def main() -> None:
         "FrameInterpolation/Geodesic": round(dfn_cpu_s("frame_interpolation", "Geodesic", between), 6),
         "GravityLevelling/MeanSpecificForce": round(dfn_cpu_s("gravity_levelling", "MeanSpecificForce", level), 6),
     }  # fmt: skip
+    if args.memory:
+        report["kept"] = kept(args.memory)
     give_out(report, args.out)
 
 
