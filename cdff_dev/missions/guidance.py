@@ -55,7 +55,12 @@ class Guidance:
         if np.linalg.norm(end - start) < 2.0 * ground.geometry.resolution_m:
             raise RefusedError(f"no way on from {at_m.round(1).tolist()} to {goal_m.round(1).tolist()}", ("no_way",))
         way = self._route.process(RouteSearchInputs(ground, start, end)).way
-        way = _cut(np.vstack([at_m, _straightened(ground, way)]), self._leg_m)
+        if np.abs(start - at_m).max() <= 0.5 * ground.geometry.resolution_m:  # not first to the middle of its own cell
+            way[0] = at_m
+            way = _straightened(ground, way)
+        else:
+            way = np.vstack([at_m, _straightened(ground, way)])
+        way = _cut(way, self._leg_m)
         self._ends.append(way[-1])
         return way
 

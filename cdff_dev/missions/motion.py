@@ -7,7 +7,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.interpolate import CubicSpline, splev, splprep
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from cdff_common.geometry.se3 import FloatArray
@@ -16,11 +17,15 @@ from cdff_dev.simulate.relief import Relief
 from cdff_dev.simulate.scenario import Chassis
 
 _KNOT_HZ = 20.0
-_TURN_RAD_S = math.radians(12.0)
+_TURN_RAD_S = math.radians(20.0)
+#: It slows down where the way bends so that it turns no faster, rad/s.
+_BEND_RAD_S = 0.8
 _PAUSE_S = 0.25
-#: How far the driven way may cut the corners of the one that was told, metres.
-_CORNER_M = 0.04
-_STEP_M = 0.05
+#: Corners are rounded by a Gaussian of this, metres: a right angle is cut by 0.56 of it.
+_ROUND_M = 0.15
+#: It is slow from so far before a bend on, metres, and by no more than this factor.
+_BRAKE_M, _SLOWEST = 0.4, 10.0
+_STEP_M = 0.02
 
 
 def standing(T_site_base: FloatArray, duration_s: float) -> Motion:
@@ -44,18 +49,22 @@ def along(
     felt : Relief
         Ground as wheels feel it.
     """
-    xy, ahead = _smoothed(way_m)
-    length_m = _STEP_M * (len(xy) - 1)
+    xy, ahead = _rounded(way_m)
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(xy, axis=0), axis=1))])
+    # A metre of a bend counts as more metres, so that it is driven slower.
+    slow = np.clip(speed_m_s / _BEND_RAD_S * np.abs(np.gradient(ahead, s)), 1.0, _SLOWEST)
+    slow = maximum_filter1d(slow, round(_BRAKE_M / _STEP_M) | 1, mode="nearest")
+    slow = gaussian_filter1d(slow, _BRAKE_M / _STEP_M / 2.0, mode="nearest")
+    length_m = np.concatenate([[0.0], np.cumsum(0.5 * (slow[1:] + slow[:-1]) * np.diff(s))])
     turn_rad = math.remainder(ahead[0] - heading_rad, 2.0 * math.pi)
     turn_s = 1.875 * abs(turn_rad) / _TURN_RAD_S  # 1.875: the steepest part of the ramp
-    drive_s = max(length_m / speed_m_s, ramp_s) + ramp_s
+    drive_s = max(length_m[-1] / speed_m_s, ramp_s) + ramp_s
     begin_s = _PAUSE_S + turn_s + _PAUSE_S
     end_s = begin_s + drive_s + _PAUSE_S
     t_s = np.arange(0.0, end_s + 1.0, 1.0 / _KNOT_HZ)
     pace = _ramp((t_s - begin_s) / ramp_s) - _ramp((t_s - begin_s - drive_s + ramp_s) / ramp_s)
     driven = np.concatenate([[0.0], np.cumsum(0.5 * (pace[1:] + pace[:-1]))])
-    distance = length_m * driven / driven[-1]
-    s = _STEP_M * np.arange(len(xy))
+    distance = np.interp(length_m[-1] * driven / driven[-1], length_m, s)
     at = np.stack([np.interp(distance, s, xy[:, 0]), np.interp(distance, s, xy[:, 1])], axis=1)
     turned = heading_rad + turn_rad * _ramp((t_s - _PAUSE_S) / max(turn_s, 1e-9))
     heading = turned + np.interp(distance, s, ahead) - ahead[0]
@@ -64,20 +73,16 @@ def along(
     return Motion(CubicSpline(t_s, poses[:, :3, 3]), attitude, CubicSpline(t_s, distance)), end_s
 
 
-def _smoothed(way_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Places every ``_STEP_M`` along a smooth curve near the way, and the headings there."""
+def _rounded(way_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Places about every ``_STEP_M`` along the way with rounded corners, and the headings there."""
     apart = np.concatenate([[True], np.linalg.norm(np.diff(way_m, axis=0), axis=1) > 1e-6])
     corners = way_m[apart]
-    order = min(3, len(corners) - 1)
-    weights = np.full(len(corners), 1.0 / _CORNER_M)
-    weights[[0, -1]] = 1e3 / _CORNER_M
-    curve, _ = splprep(corners.T, w=weights, k=order, s=float(len(corners)))
-    u = np.linspace(0.0, 1.0, 200 * max(2, math.ceil(len(corners) / 10)))
-    fine = np.stack(splev(u, curve), axis=1)
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1))])
-    count = max(2, round(s[-1] / _STEP_M) + 1)
-    even = np.linspace(0.0, s[-1], count)
-    xy = np.stack([np.interp(even, s, fine[:, 0]), np.interp(even, s, fine[:, 1])], axis=1)
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    even = np.linspace(0.0, s[-1], max(2, round(s[-1] / _STEP_M) + 1))
+    straight = np.stack([np.interp(even, s, corners[:, axis]) for axis in range(2)], axis=1)
+    wide = math.ceil(4.0 * _ROUND_M / _STEP_M)
+    beyond = np.pad(straight, ((wide, wide), (0, 0)), mode="reflect", reflect_type="odd")  # both ends stay
+    xy = gaussian_filter1d(beyond, _ROUND_M / _STEP_M, axis=0, truncate=4.0)[wide:-wide]
     step = np.gradient(xy, axis=0)
     return xy, np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
 

@@ -30,6 +30,8 @@ from cdff_dev.simulate.world import World, generator
 PRODUCER = "simulator"
 #: Errors of an IMU that go on from one leg to the next.
 _LASTING = ("acc_bias_sigma_m_s2", "gyro_bias_sigma_rad_s", "acc_walk_m_s3_sqrt_hz", "gyro_walk_rad_s2_sqrt_hz")
+#: A way begins within this of the rover, and is longer, metres.
+_AT_ROVER_M = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,12 +99,15 @@ class Rover:
         ConflictError
             While an earlier way is driven.
         InputError
-            On fewer than two corners, or a way that leaves the ground.
+            On fewer than two corners, a way that does not begin at the rover, or one that leaves the ground.
         """
         self._check_free(tick)
         corners = np.asarray(way_m, dtype=np.float64)
         if corners.ndim != 2 or corners.shape[1:] != (2,) or len(corners) < 2 or not np.isfinite(corners).all():
             raise InputError(f"way of shape {corners.shape}: expected at least two finite corners (n, 2)")
+        if np.linalg.norm(corners[0]) > _AT_ROVER_M or np.ptp(corners, axis=0).max() < _AT_ROVER_M:
+            ends = f"from {corners[0].round(2).tolist()} to {corners[-1].round(2).tolist()}"
+            raise InputError(f"way {ends}: expected one that begins at the rover, (0, 0), and leads away from it")
         T = self.pose()
         heading = float(np.arctan2(T[1, 0], T[0, 0]))
         c, s = math.cos(heading), math.sin(heading)
@@ -177,12 +182,7 @@ class Rover:
         imu, wheels = self._scenario.imu, self._scenario.wheels
         rng = generator(self._scenario, "imu", self._index, self._legs)
         t_s = np.arange((last_tick - first_tick) * self._per_tick["imu"]) / imu.rate_hz
-        noisy = imu.model_copy(
-            update=dict.fromkeys(
-                ("acc_bias_sigma_m_s2", "gyro_bias_sigma_rad_s", "acc_walk_m_s3_sqrt_hz", "gyro_walk_rad_s2_sqrt_hz"),
-                0.0,
-            )
-        )
+        noisy = imu.model_copy(update=dict.fromkeys(_LASTING, 0.0))
         read = imu_readings(noisy, motion, t_s, self._scenario.gravity_m_s2, rng)
         root_dt = math.sqrt(1.0 / imu.rate_hz)
         acc = self._acc_bias + np.cumsum(imu.acc_walk_m_s3_sqrt_hz * root_dt * rng.standard_normal((len(t_s), 3)), 0)
