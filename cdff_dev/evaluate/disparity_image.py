@@ -30,6 +30,7 @@ OURS: dict[str, tuple[str, dict[str, Any]]] = {
     "Sgbm, 3 paths": ("Sgbm", {"paths": 3}),
     "Sgbm, 5 paths (default)": ("Sgbm", {"paths": 5}),
     "Sgbm, 8 paths": ("Sgbm", {"paths": 8}),
+    "Sgbm, 3 paths, gaps to 16 px filled": ("Sgbm", {"paths": 3, "fill_px": 16}),
     "Bm": ("Bm", {}),
 }
 UNIQUENESS_PERCENT = (0, 5, 10, 15, 20, 30, 40, 50, 60, 70, 80)

@@ -38,6 +38,7 @@ class MatcherConfig(DfnConfig):
     left_right_px: float = Field(1.0, gt=0.0, le=16.0, description="Largest left-right difference, px")
     speckle_px: int = Field(100, ge=0, le=100_000, description="Smallest connected area kept, px")
     speckle_range_px: float = Field(1.0, gt=0.0, le=16.0, description="Largest step inside a connected area, px")
+    fill_px: int = Field(0, ge=0, le=1024, description="Widest gap in a row that is filled, px; 0 for none")
 
 
 class CheckedMatcher(DisparityImageInterface):
@@ -49,6 +50,14 @@ class CheckedMatcher(DisparityImageInterface):
 
     The images are widened on the left by the search range: OpenCV gives no disparity there otherwise, though all but
     the part that the other camera does not see can be matched.
+
+    On request gaps are filled with the smaller disparity of the two sides: what one camera does not see belongs to what
+    lies behind [1]_.
+
+    References
+    ----------
+    .. [1] H. Hirschmueller, Stereo processing by semiglobal matching and mutual information, TPAMI 30(2), 2008,
+       section 2.5.3, doi:10.1109/TPAMI.2007.1166
     """
 
     def setup(self) -> None:
@@ -70,7 +79,8 @@ class CheckedMatcher(DisparityImageInterface):
         left, right = grey_pair(inputs.left, inputs.right)
         disparity = self._match(left, right)
         turned = self._match(right[::-1, ::-1], left[::-1, ::-1])[::-1, ::-1]
-        return DisparityImageOutputs(disparity=_like(inputs.left, self._without_specks(self._mean(disparity, turned))))
+        kept = self._without_specks(self._mean(disparity, turned))
+        return DisparityImageOutputs(disparity=_like(inputs.left, _filled(kept, self.config.fill_px)))
 
     def _match(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[np.float32]:
         pad = max(self.config.min_disparity_px + self.config.num_disparities, 0)
@@ -96,6 +106,19 @@ class CheckedMatcher(DisparityImageInterface):
         fixed = np.where(np.isfinite(disparity), disparity * _SCALE, hole).astype(np.int16)
         cv2.filterSpeckles(fixed, hole, self.config.speckle_px, round(self.config.speckle_range_px * _SCALE))
         return np.where(fixed == hole, np.float32(np.nan), disparity)
+
+
+def _filled(disparity: NDArray[np.float32], widest_px: int) -> NDArray[np.float32]:
+    """Disparities with gaps along the rows filled by the smaller of both sides; gaps at the image's edge stay."""
+    cols = disparity.shape[1]
+    if widest_px == 0 or cols == 0:
+        return disparity
+    known, here = np.isfinite(disparity), np.arange(cols)
+    before = np.maximum.accumulate(np.where(known, here, -1), axis=1)
+    after = np.minimum.accumulate(np.where(known, here, cols)[:, ::-1], axis=1)[:, ::-1]
+    sides = (np.take_along_axis(disparity, np.clip(at, 0, cols - 1), axis=1) for at in (before, after))
+    gap = ~known & (before >= 0) & (after < cols) & (after - before - 1 <= widest_px)
+    return np.where(gap, np.minimum(*sides), disparity)
 
 
 def grey_pair(left: Frame, right: Frame) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:

@@ -55,6 +55,23 @@ def test_columns_that_the_right_camera_does_not_see_have_no_disparity(rng: np.ra
     assert np.isfinite(disparity[10:-10, 20:40]).mean() > 0.9
 
 
+def test_a_gap_is_filled_with_what_lies_behind_and_one_too_wide_or_at_the_edge_stays(rng: np.random.Generator) -> None:
+    left = texture(rng)
+    right = shifted(left, 4.0)
+    right[40:80, 100:140] = shifted(left, 14.0)[40:80, 100:140]  # a box before the wall hides ten columns of it
+    empty, filled = (match(left, right, fill_px=n) for n in (0, 16))
+    gaps = np.isnan(empty) & np.isfinite(filled)
+    known = np.isfinite(empty)
+    np.testing.assert_array_equal(filled[known], empty[known])
+    beside = gaps[45:75, 90:160]
+    assert beside.sum() > 5 * 30
+    assert np.median(filled[45:75, 90:160][beside]) == pytest.approx(4.0, abs=0.2)
+    for row in np.isnan(filled):
+        runs = np.diff(np.flatnonzero(np.diff(np.r_[0, row, 0])))[::2]
+        inner = runs[1:-1] if len(runs) > 2 else runs[:0]
+        assert (inner > 16).all()
+
+
 def test_images_of_different_scenes_give_hardly_any_disparity(rng: np.random.Generator) -> None:
     assert np.isfinite(match(texture(rng), texture(rng))).mean() < 0.1
 
@@ -103,12 +120,14 @@ def test_parameters_out_of_bounds_are_refused(config: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "scale", "search", "paths", "bad_1", "density", "plain_bad_1"),
+    ("name", "scale", "search", "config", "bad_1", "density", "plain_bad_1"),
     [
-        ("teddy", 4.0, 64, 5, 0.055, 0.80, 0.10),
-        ("teddy", 4.0, 64, 3, 0.055, 0.84, 0.10),
-        ("tsukuba", 16.0, 16, 5, 0.04, 0.92, 0.05),
-        ("tsukuba", 16.0, 16, 3, 0.04, 0.94, 0.05),
+        ("teddy", 4.0, 64, {"paths": 5}, 0.055, 0.80, 0.10),
+        ("teddy", 4.0, 64, {"paths": 3}, 0.055, 0.84, 0.10),
+        ("teddy", 4.0, 64, {"paths": 3, "fill_px": 16}, 0.06, 0.875, 0.10),
+        ("tsukuba", 16.0, 16, {"paths": 5}, 0.04, 0.92, 0.05),
+        ("tsukuba", 16.0, 16, {"paths": 3}, 0.04, 0.94, 0.05),
+        ("tsukuba", 16.0, 64, {"paths": 3, "fill_px": 16}, 0.046, 0.98, 0.05),
     ],
 )
 def test_middlebury_pairs_are_matched_better_than_by_plain_sgbm(
@@ -116,7 +135,7 @@ def test_middlebury_pairs_are_matched_better_than_by_plain_sgbm(
     name: str,
     scale: float,
     search: int,
-    paths: int,
+    config: dict[str, int],
     bad_1: float,
     density: float,
     plain_bad_1: float,
@@ -132,7 +151,7 @@ def test_middlebury_pairs_are_matched_better_than_by_plain_sgbm(
 
     plain = cv2.StereoSGBM.create(0, search, 5, 200, 800, 1, 31, 10).compute(left, right) / 16.0
     plain_score = score(np.where(plain >= 0, plain, np.nan))
-    ours = score(match(left, right, num_disparities=search, paths=paths))
+    ours = score(match(left, right, num_disparities=search, **config))
     assert plain_score[0] > plain_bad_1
     assert ours[0] < bad_1
     assert ours[0] < plain_score[0]
