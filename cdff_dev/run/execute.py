@@ -64,9 +64,13 @@ def execute(
     InputError
         On an input that cannot be used. A refusal of the algorithm is no error but a FAILED result.
     """
-    kind, folder = Registry.default().resolve(name)
-    run = _run_dfn if kind == "dfn" else _run_dfpc
-    return run(folder, files, dict(config), implementation)
+    registry = Registry.default()
+    kind, folder = registry.resolve(name)
+    if kind == "dfpc":
+        return _run_dfpc(folder, files, dict(config), implementation)
+    return _run_dfn(
+        folder, files, dict(config), implementation or registry.dfn(folder).implementation_aliases.get(name)
+    )
 
 
 def _run_dfn(folder: str, files: Mapping[str, str], config: dict[str, Any], implementation: str | None) -> Result:

@@ -16,7 +16,7 @@ from cdff_common.cli import run_safely
 from cdff_common.errors import ConfigurationError, InputError
 from cdff_common.formats.cloud import CloudArrays
 from cdff_common.formats.geotiff import read_map
-from cdff_common.formats.image import write_png
+from cdff_common.formats.image import read_image, write_png
 from cdff_common.formats.npz import read_npz, write_npz
 from cdff_common.formats.ply import read_ply, write_ply
 from cdff_common.geometry import se3
@@ -84,6 +84,17 @@ def test_a_dfn_is_found_by_its_infuse_name_and_takes_settings(tmp_path: Path, rn
     report = report_of(tmp_path / "out")
     np.testing.assert_allclose(np.array(report["outputs"]["transform"]["value"]["T"]), T_TRUE, atol=0.01)
     assert report["outputs"]["converged"]["value"] is True
+
+
+def test_the_infuse_name_of_an_implementation_runs_that_one(tmp_path: Path) -> None:
+    image = np.full((40, 60), 30, np.uint8)
+    image[:, 30:] = 200
+    (tmp_path / "image").write_bytes(write_png(image))
+    out = tmp_path / "out"
+    assert cdff_run("CannyEdgeDetection", f"image={tmp_path / 'image'}", "--out", out) == 0
+    edges = read_image(out / report_of(out)["outputs"]["image"]["file"])
+    assert set(np.unique(edges)) == {0, 255}
+    assert (edges[5:-5] > 0).any(axis=0).nonzero()[0].tolist() == [29]
 
 
 def test_points_come_out_as_ply_and_columns_as_npz(tmp_path: Path, rng: np.random.Generator) -> None:
