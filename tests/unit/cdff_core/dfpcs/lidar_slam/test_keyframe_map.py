@@ -130,3 +130,12 @@ def test_a_second_map_is_held_beside_the_first(rng: np.random.Generator) -> None
     assert len(places) == 32
     assert places.root == 0
     assert places.part(0).isdisjoint(new.values())
+
+
+def test_loops_of_a_place_are_taken_away_and_its_odometry_stays(rng: np.random.Generator) -> None:
+    places, truth = square(rng)
+    places.link(0, 15, uncertain(se3.inverse(truth[0]) @ truth[15]))
+    places.link(1, 14, uncertain(se3.inverse(truth[1]) @ truth[14]))
+    places.unlink(15)
+    assert {e for e in places.edges if e[2] == LOOP_CLOSURE} == {(1, 14, LOOP_CLOSURE)}
+    assert (14, 15, ODOMETRY) in places.edges

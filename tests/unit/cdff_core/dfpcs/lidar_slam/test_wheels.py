@@ -56,3 +56,12 @@ def test_before_the_first_pose_nothing_is_known() -> None:
     assert found.since_last_sweep(S) is None
     found.take(3 * S, UncertainTransform(np.eye(4)))
     assert found.since_last_sweep(2 * S) is None
+
+
+def test_the_speed_before_the_first_step_is_that_of_the_lidar_and_unknown_without_poses() -> None:
+    speed = wheels(2.0).velocity(2 * S)
+    assert speed is not None
+    expected = se3.inverse(MOUNT) @ se3.exp_se3(np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.02])) @ MOUNT
+    np.testing.assert_allclose(speed[:3], expected[:3, 3] / 0.2, atol=1e-6)
+    np.testing.assert_allclose(speed[3:], [0.0, 0.0, 0.1], atol=1e-6)
+    assert wheels(0.0).velocity(0) is None
