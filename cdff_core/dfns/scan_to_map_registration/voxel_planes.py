@@ -165,8 +165,8 @@ class VoxelPlanes(ScanToMapRegistrationInterface):
         """Directions of the information, what both halves of the map agree on, and the sigma this leaves.
 
         Of one point a voxel: those that share a plane share its noise, and would count it as ground once more each.
-        Of planes that are known: normals through a few points far away, where a map is new, are noise with a long lever,
-        which hides what the near ground says of a turn.
+        Of planes that are known: normals through a few points far away, where a map is new, are noise with a long
+        lever, which hides what the near ground says of a turn.
         """
         cfg: Any = self.config
         kept = self._tables.thinned(points, cfg.voxel_m)
