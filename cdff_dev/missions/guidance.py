@@ -111,8 +111,14 @@ def _straightened(ground: NavigationMap, way: FloatArray) -> FloatArray:
 
 def _worst(geometry: GridGeometry, cost: NDArray[np.float64], a: FloatArray, b: FloatArray) -> float:
     """Highest cost on the straight line between two places."""
-    count = 2 + int(2.0 * np.linalg.norm(b - a) / geometry.resolution_m)
-    points = np.linspace(a, b, count)
+    cell_m, ahead = geometry.resolution_m, b - a
+    crossings = [np.array([0.0, 1.0])]
+    for axis in np.flatnonzero(ahead):
+        low, high = sorted((a[axis], b[axis]))
+        edges = np.arange(np.ceil(low / cell_m), np.floor(high / cell_m) + 1.0) * cell_m
+        crossings.append((edges - a[axis]) / ahead[axis])
+    u = np.sort(np.concatenate(crossings))
+    points = a + 0.5 * (u[1:] + u[:-1])[:, None] * ahead  # one in each cell that it crosses
     row, col, _ = geometry.cells_of(points[:, 0], points[:, 1])
     return float(cost[row, col].max())
 

@@ -1,0 +1,50 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""A piece of the shipped ground a few metres wide, made once, with a rover that sees little."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from cdff_dev.missions.driven import Driven
+from cdff_dev.simulate.relief import Relief
+from cdff_dev.simulate.scenario import Scenario, load_scenario
+from cdff_dev.simulate.world import World, cast_scene, make_world
+
+
+def tiny_scenario() -> Scenario:
+    """The shipped outing on 24 m of ground, with 16 rings of 128 points and a way of its own of 4 s."""
+    full = load_scenario("outing").model_dump()
+    full["duration_s"] = 4.0
+    full["terrain"] |= {"fine_half_width_m": 12.0, "far_half_width_m": 30.0}
+    full["terrain"]["craters"] |= {"count": 4, "half_width_m": 12.0}
+    full["terrain"]["rocks"] |= {"count": 10, "half_width_m": 11.0}
+    full["lidar"] |= {"rings": 16, "columns": 128}
+    full["robots"]["mana"] |= {"rest_before_s": 0.5, "rest_after_s": 0.5, "ramp_s": 0.5}
+    return Scenario.model_validate(full)
+
+
+@pytest.fixture(scope="session")
+def world() -> World:
+    """The world of the tiny scenario."""
+    return make_world(tiny_scenario())
+
+
+@pytest.fixture(scope="session")
+def scene(world: World) -> Any:
+    """What rays hit in it."""
+    return cast_scene(world.relief, world.rocks)
+
+
+@pytest.fixture(scope="session")
+def felt(world: World) -> Relief:
+    """Its ground as wheels feel it."""
+    return world.relief.smoothed(0.5)
+
+
+@pytest.fixture
+def driven(world: World) -> Driven:
+    """Its rovers, at the begin, without anybody who keeps the truth."""
+    return Driven(world, None)
