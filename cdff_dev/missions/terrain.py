@@ -133,5 +133,7 @@ def mapped(maps: list[ElevationMap], T_site_world: FloatArray, scene: Any) -> Ma
         errors.append(heights - true / _RAYS**2)
     error = np.concatenate(errors)
     error = error[np.isfinite(error)]
-    nmad = 1.4826 * float(np.median(np.abs(error - np.median(error)))) if len(error) else float("nan")
+    if not len(error):
+        return Mapped(0, float("nan"), float("nan"), float("nan"))
+    nmad = 1.4826 * float(np.median(np.abs(error - np.median(error))))
     return Mapped(len(error), float(error.mean()), float(np.sqrt(np.mean(error**2))), nmad)

@@ -170,3 +170,24 @@ def test_a_patient_clock_stands_still_while_a_dfpc_is_behind(endpoint: str, log:
 def _told(bus: Bus, status: dict[str, object]) -> bool:
     bus.publish_map(keys.dfpc_status("mana", "mapper"), status)
     return True
+
+
+def test_the_clock_stands_where_a_log_is_not_made_yet_and_goes_on_when_it_is(endpoint: str, log: LogSource) -> None:
+    made_ns = T0 + 500 * MS
+    stop = threading.Event()
+    with Bus.open(endpoint, name="ears") as ears_bus, Bus.open(endpoint, name="player") as bus:
+        ears = Ears(ears_bus)
+        player = Player(bus, log, speed=2.0, ready_ns=lambda: made_ns)
+        running = threading.Thread(target=player.run, args=(stop, False))
+        running.start()
+        until(lambda: bool(ears.ticks) and ears.ticks[-1]["rate"] == 0.0)
+        stood_at, count = ears.ticks[-1]["now_ns"], len(ears.ticks)
+        until(lambda: len(ears.ticks) > count + 5)
+        assert ears.ticks[-1]["now_ns"] == stood_at
+        assert stood_at > T0
+        assert running.is_alive()
+        made_ns = T0 + 60_000 * MS
+        running.join(DEADLINE_S)
+        assert player.progress.ended
+        assert (player.progress.published, player.progress.dropped) == (32, 0)
+        assert player.progress.held_s > 0.0 or ears.ticks[-1]["now_ns"] > stood_at
