@@ -44,10 +44,8 @@ class Locomotion:
 
         Raises
         ------
-        ConflictError
-            If it drives already.
         InputError
-            If the way is none, or leaves the ground.
+            If it drives already, or the way is none or leaves the ground.
         """
         return self._told("drive", pack({"way_m": np.asarray(way_m, dtype=np.float64).tolist()}))
 
