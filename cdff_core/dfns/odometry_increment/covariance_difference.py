@@ -50,7 +50,7 @@ class CovarianceDifference(OdometryIncrementInterface):
         covariance = np.diag(np.square([self.config.floor_m] * 3 + [self.config.floor_rad] * 3))
         if first.covariance is not None and second.covariance is not None:
             grown = _growth(first, second.covariance, step)
-            # Errors of the sensor's step in the body: turned by the mount, and what its turn moves at the mount's lever.
+            # Errors of the sensor's step in the body: turned by the mount, and what its turn moves at the lever.
             J = np.zeros((6, 6))
             J[:3, :3] = J[3:, 3:] = mount[:3, :3]
             J[:3, 3:] = -se3.skew(body[:3, :3] @ mount[:3, :3] @ back[:3, 3]) @ mount[:3, :3]
