@@ -15,6 +15,7 @@ from cdff_common.interfaces.registry import Registry
 from cdff_common.raster.geometry import GridGeometry
 from cdff_common.types import NavigationMap
 from cdff_core.dfns.route_search._interface import RouteSearchInputs
+from cdff_dev.missions.motion import SHARPEST_RAD, sharpest_turn_rad
 
 #: Places where a leg ended already are avoided: within this, at this cost for each time, metres.
 _AGAIN_M, _AGAIN_COST_M = 2.0, 10.0
@@ -60,7 +61,7 @@ class Guidance:
             way = _straightened(ground, way)
         else:
             way = np.vstack([at_m, _straightened(ground, way)])
-        way = _cut(way, self._leg_m)
+        way = _cut(_until_it_turns_back(way), self._leg_m)
         self._ends.append(way[-1])
         return way
 
@@ -121,6 +122,14 @@ def _worst(geometry: GridGeometry, cost: NDArray[np.float64], a: FloatArray, b: 
     points = a + 0.5 * (u[1:] + u[:-1])[:, None] * ahead  # one in each cell that it crosses
     row, col, _ = geometry.cells_of(points[:, 0], points[:, 1])
     return float(cost[row, col].max())
+
+
+def _until_it_turns_back(way: FloatArray) -> FloatArray:
+    """The way up to the first corner that is too sharp to be driven without a stop: the next leg begins there."""
+    for corners in range(3, len(way) + 1):
+        if sharpest_turn_rad(way[corners - 3 : corners]) > 0.95 * SHARPEST_RAD:
+            return way[: corners - 1]
+    return way
 
 
 def _cut(way: FloatArray, length_m: float) -> FloatArray:

@@ -21,6 +21,8 @@ _TURN_RAD_S = math.radians(20.0)
 #: It slows down where the way bends so that it turns no faster, rad/s.
 _BEND_RAD_S = 0.8
 _PAUSE_S = 0.25
+#: The sharpest corner that is driven without a stop.
+SHARPEST_RAD = math.radians(120.0)
 #: Corners are rounded by a Gaussian of this, metres: a right angle is cut by 0.56 of it.
 _ROUND_M = 0.15
 #: It is slow from so far before a bend on, metres, and by no more than this factor.
@@ -71,6 +73,15 @@ def along(
     poses = settle(felt, chassis, at, heading)
     attitude = RotationSpline(t_s, Rotation.from_matrix(poses[:, :3, :3]))
     return Motion(CubicSpline(t_s, poses[:, :3, 3]), attitude, CubicSpline(t_s, distance)), end_s
+
+
+def sharpest_turn_rad(way_m: FloatArray) -> float:
+    """The largest turn at a corner of a way, shape (n, 2)."""
+    steps = np.diff(way_m, axis=0)
+    steps = steps[np.linalg.norm(steps, axis=1) > 1e-6]
+    ahead = np.arctan2(steps[:, 1], steps[:, 0])
+    turns = np.abs(np.angle(np.exp(1j * np.diff(ahead))))
+    return float(turns.max(initial=0.0))
 
 
 def _rounded(way_m: FloatArray) -> tuple[FloatArray, FloatArray]:

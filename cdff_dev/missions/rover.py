@@ -20,7 +20,7 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.product import CovarianceKind, Header, Quality, product_id
 from cdff_common.types import IMUSensors, LidarScan, Time, TransformWithCovariance
 from cdff_dev.logs import LogSample
-from cdff_dev.missions.motion import along, standing
+from cdff_dev.missions.motion import SHARPEST_RAD, along, sharpest_turn_rad, standing
 from cdff_dev.simulate.drive import Motion
 from cdff_dev.simulate.lidar import scan
 from cdff_dev.simulate.proprioception import imu_readings, wheel_odometry
@@ -99,7 +99,8 @@ class Rover:
         ConflictError
             While an earlier way is driven.
         InputError
-            On fewer than two corners, a way that does not begin at the rover, or one that leaves the ground.
+            On fewer than two corners, a way that does not begin at the rover, turns back in one corner, or leaves the
+        ground.
         """
         self._check_free(tick)
         corners = np.asarray(way_m, dtype=np.float64)
@@ -108,6 +109,10 @@ class Rover:
         if np.linalg.norm(corners[0]) > _AT_ROVER_M or np.ptp(corners, axis=0).max() < _AT_ROVER_M:
             ends = f"from {corners[0].round(2).tolist()} to {corners[-1].round(2).tolist()}"
             raise InputError(f"way {ends}: expected one that begins at the rover, (0, 0), and leads away from it")
+        sharpest_rad = sharpest_turn_rad(corners)
+        if sharpest_rad > SHARPEST_RAD:
+            said = f"turns by {math.degrees(sharpest_rad):.0f} deg at a corner, expected at most"
+            raise InputError(f"way {said} {math.degrees(SHARPEST_RAD):.0f}; tell it as two ways")
         T = self.pose()
         heading = float(np.arctan2(T[1, 0], T[0, 0]))
         c, s = math.cos(heading), math.sin(heading)

@@ -11,7 +11,7 @@ from typing import Any
 from cdff_common.clock import NS_PER_S, monotonic_s
 
 #: What was not heard of for this long has ended, or hangs: nobody waits for it, seconds.
-_SILENT_S = 5.0
+_SILENT_S = 15.0
 
 
 class Backlog:

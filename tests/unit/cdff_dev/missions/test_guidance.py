@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from cdff_common.errors import RefusedError
 from cdff_common.raster.geometry import GridGeometry
 from cdff_common.types import NavigationMap
-from cdff_dev.missions.guidance import Guidance
+from cdff_dev.missions.guidance import Guidance, _until_it_turns_back
+from cdff_dev.missions.motion import SHARPEST_RAD, sharpest_turn_rad
 
 Float = NDArray[np.float64]
 
@@ -132,6 +133,15 @@ def test_off_a_spot_it_may_not_stand_on_it_steps_to_the_nearest_that_it_may() ->
     assert way[0] == pytest.approx(HERE)
     assert np.linalg.norm(way[1] - HERE) < 1.0
     assert crossed(known, way[1:]) == {SAFE}
+
+
+def test_a_leg_ends_where_the_way_turns_back_so_that_the_rover_turns_on_the_spot_there() -> None:
+    back = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.5], [0.5, 1.0], [0.0, 3.0]])
+    assert sharpest_turn_rad(back) > SHARPEST_RAD
+    assert _until_it_turns_back(back).tolist() == back[:3].tolist()
+    gentle = back[[0, 1, 2, 4]]
+    assert sharpest_turn_rad(gentle) < SHARPEST_RAD
+    assert _until_it_turns_back(gentle).tolist() == gentle.tolist()
 
 
 def test_it_does_not_begin_by_going_back_to_the_middle_of_its_own_cell() -> None:

@@ -154,6 +154,7 @@ def test_who_drives_is_not_told_another_way_until_it_stands(rover: Rover) -> Non
         ([[0.0, 0.0], [0.0, 0.0]], "leads away"),
         ([[1.0, 0.0], [2.0, 0.0]], "begins at the rover"),
         ([[0.0, 0.0], [30.0, 0.0]], "the ground ends 12 m"),
+        ([[0.0, 0.0], [3.0, 0.0], [0.5, 0.5]], "turns by 169 deg"),
     ],
 )
 def test_a_way_that_cannot_be_driven_is_refused_and_the_rover_stands(rover: Rover, way: Any, said: str) -> None:
