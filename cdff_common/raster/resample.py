@@ -76,6 +76,11 @@ def aggregate_to(statistics: CellStatistics, resolution_m: float) -> CellStatist
     return aggregate(statistics, integer_factor(statistics.geometry.resolution_m, resolution_m))
 
 
+def _begins(count: int, lead: int, factor: int) -> NDArray[np.intp]:
+    """Where blocks of ``factor`` cells begin among ``count`` cells, of whose first block ``lead`` are missing."""
+    return np.concatenate([[0], np.arange(factor - lead, count, factor)]).astype(np.intp)
+
+
 def largest_of_blocks(
     layers: Mapping[str, NDArray[Any]], geometry: GridGeometry, factor: int
 ) -> tuple[dict[str, NDArray[Any]], GridGeometry]:
@@ -92,8 +97,8 @@ def largest_of_blocks(
     for name, layer in layers.items():
         is_float = np.issubdtype(layer.dtype, np.floating)
         least = layer.dtype.type(-np.inf if is_float else 0)
-        padded = np.full((coarse.rows * factor, coarse.cols * factor), least)
-        padded[top : top + geometry.rows, left : left + geometry.cols] = np.where(layer == layer, layer, least)
-        largest = padded.reshape(coarse.rows, factor, coarse.cols, factor).max(axis=(1, 3))
+        known = np.where(layer == layer, layer, least)
+        largest = np.maximum.reduceat(known, _begins(geometry.rows, top, factor), axis=0)
+        largest = np.maximum.reduceat(largest, _begins(geometry.cols, left, factor), axis=1)
         made[name] = np.where(np.isneginf(largest), np.nan, largest).astype(layer.dtype) if is_float else largest
     return made, coarse
