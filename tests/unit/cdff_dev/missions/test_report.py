@@ -87,7 +87,7 @@ def test_the_page_holds_score_tasks_requests_and_resources(tmp_path: Path) -> No
     assert made.seen.count("svg") == 2
     for text in (
         "All that the mission demands holds", "100 m driven", "(4, 1), truly 0.30 m off", "steepest 12.0 deg",
-        "over 400 cells", "go_to (4.0, 1.0)", "4 s", "navigation_map", "0.30 s", "0.50 s", "answer 3 at 3 s",
+        "over 400 cells", "go_to (4, 1)", "4 s", "navigation_map", "0.30 s", "0.50 s", "answer 3 at 3 s",
         "ElevationMap", "80 MB",
     ):  # fmt: skip
         assert text in made
