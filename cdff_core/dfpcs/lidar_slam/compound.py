@@ -253,7 +253,8 @@ class LidarSlam(LidarSlamInterface):
     def _tracked_on_map(self, sample: Sample, alone: Tracked) -> Tracked:
         """The first sweep after a restart on the map around the place found, where the next ones go on.
 
-        As it was tracked ``alone`` where the clouds of the map are too thin to hold it, and there is no odometry to.
+        Held at that place where the clouds of the map are too thin to hold it; as it was tracked ``alone`` where they
+        do not fit at all.
         """
         assert self._current is not None
         T_map_key = self._places.poses[self._current]
@@ -266,7 +267,7 @@ class LidarSlam(LidarSlamInterface):
         tracker.begin_at(T_map_key, np.concatenate(around))
         tracked = tracker.track(sample.value)
         found = tracked.registration
-        if found is None or tracked.lost or (degraded_of(tracked, self.config) and not tracked.by_odometry):
+        if found is None or tracked.lost:
             return alone
         T = _rigid(se3.inverse(T_map_key) @ tracked.T_odom_lidar)
         self._tracker, self._T_current_lidar = tracker, UncertainTransform(T, found.covariance)
