@@ -29,6 +29,8 @@ Float = NDArray[np.float64]
 Poses = Mapping[int, Float]
 
 _CALL_S = 60.0
+#: Most poses that the DPM gives at once.
+_PAGE = 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,14 +210,19 @@ def _map_frame(bus: Bus, robot: str) -> str:
 
 def pose_series(http: str, robot: str, child: str, state: int | None = None) -> list[dict[str, Any]]:
     """Poses of a frame of a robot in the site, as the DPM holds them in a state of its frames, now without one."""
-    asked = {"robot": robot, "frame": "site", "child": child, "limit": 10_000}
+    asked: dict[str, Any] = {"robot": robot, "frame": "site", "child": child, "limit": _PAGE}
     asked |= {} if state is None else {"frames_revision": state}
-    try:
-        with urllib.request.urlopen(f"http://{http}/api/v1/poses?{urlencode(asked)}", timeout=_CALL_S) as response:
-            items: list[dict[str, Any]] = json.load(response)["items"]
-    except (OSError, ValueError, KeyError) as error:
-        raise CdffError(f"poses of {robot} over HTTP at {http}: {error}") from error
-    return items
+    items: list[dict[str, Any]] = []
+    while True:
+        try:
+            with urllib.request.urlopen(f"http://{http}/api/v1/poses?{urlencode(asked)}", timeout=_CALL_S) as response:
+                page = json.load(response)["items"]
+            items += page
+            if len(page) < _PAGE:
+                return items
+            asked["t0"] = int(page[-1]["stamp_ns"]) + 1000
+        except (OSError, ValueError, KeyError) as error:
+            raise CdffError(f"poses of {robot} over HTTP at {http}: {error}") from error
 
 
 def _elevation(bus: Bus, sharing: Sharing, state: int | None) -> ElevationMap:

@@ -52,6 +52,8 @@ def _mission(args: argparse.Namespace) -> int:
         known = ", ".join(sorted(p.stem for p in shipped.glob("*.yaml")))
         raise ConfigurationError(f"mission {args.mission!r}: no file {path}; shipped are {known}")
     mission = load_mission(path)
+    if args.speed is not None and not 0.0 < args.speed <= 100.0:
+        raise ConfigurationError(f"--speed {args.speed:g}: expected above 0, at most 100")
     if args.report is not None:
         check_file(args.report)
     data_dir = None if args.data_dir is None else make_folder(Path(args.data_dir))
@@ -66,7 +68,7 @@ def _mission(args: argparse.Namespace) -> int:
     for line in (*result.score.lines(), *result.remarks, *(f"FAIL {fault}" for fault in faults)):
         say(line)
     if args.json:
-        print(json.dumps({"mission": path.stem, "faults": faults, "score": result.score.to_dict()}))
+        print(json.dumps({"mission": path.stem, "faults": faults, "score": result.score.to_dict()}, allow_nan=False))
     if args.report is not None:
         from cdff_dev.missions.report import write
 

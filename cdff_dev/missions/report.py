@@ -44,10 +44,9 @@ def _page(name: str, result: Result) -> Iterator[str]:
     for way in result.ways:
         yield from _errors(way)
     yield "<h2>Tasks</h2><table><tr><th>robot<th>task<th>done at</tr>"
-    begin_ns = min(int(way.stamps_ns[0]) for way in result.ways)
     for a in result.arrivals:
         goal = "" if a.goal_m is None else " ({:g}, {:g})".format(*(round(v, 1) + 0.0 for v in a.goal_m))
-        yield f"<tr><td>{html.escape(a.robot)}<td>{a.task.do}{goal}<td>{1e-9 * (a.t_ns - begin_ns):.0f} s</tr>"
+        yield f"<tr><td>{html.escape(a.robot)}<td>{a.task.do}{goal}<td>{1e-9 * (a.t_ns - result.begin_ns):.0f} s</tr>"
     yield "</table><h2>Requests and answers</h2>"
     yield from _requests(result.asked)
     if result.outcomes:

@@ -4,10 +4,11 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,10 +26,12 @@ from cdff_dev.demo.sharing import relative_errors
 from cdff_dev.demo.stage import Stage
 from cdff_dev.missions.autonomy import Arrival, Asked, Autonomy
 from cdff_dev.missions.score import Believed, Score, Truth, believed, located, reached, true_poses
-from cdff_dev.missions.script import Mission
+from cdff_dev.missions.script import Mission, check_fits
 from cdff_dev.missions.terrain import driven, mapped
 from cdff_dev.simulate.scenario import load_scenario
 from cdff_dev.simulate.world import cast_scene, make_world
+
+logger = logging.getLogger(__name__)
 
 #: The world is made before the clock ticks, seconds.
 _WORLD_S = 300.0
@@ -52,6 +55,7 @@ class Result:
     ways: tuple[Way, ...]
     ground: ElevationMap | None
     processes: tuple[Process, ...]
+    begin_ns: int
     mission_s: float
     took_s: float
 
@@ -73,11 +77,14 @@ def run(
 
     Raises
     ------
+    ConfigurationError
+        Where the mission does not fit its profile or scenario.
     CdffError
         Where the system does not start, or ends.
     """
     profile_path = deploy / "profiles" / f"{mission.profile}.yaml"
     profile = load_profile(profile_path)
+    check_fits(mission, profile, load_scenario(mission.scenario, seed))
     connect, http, data_dir = stage_at
     with (
         Stage(profile, profile_path, connect, http, data_dir) as stage,
@@ -86,7 +93,7 @@ def run(
         say(f"starting {len(stage.expected)} services of profile {profile.name}; logs in {stage.log_dir}")
         stage.wait_ready(bus)
         truth_log = stage.log_dir.parent / "truth"
-        stage.drive(mission.scenario, seed, speed or mission.speed, truth_log)
+        stage.drive(mission.scenario, seed, mission.speed if speed is None else speed, truth_log)
         say(f"making the ground of scenario {mission.scenario}")
         clock, begin_ns = wait_for_clock(bus, stage.check_running, _WORLD_S)
         began_s = time.monotonic()
@@ -104,7 +111,7 @@ def run(
         result = Result(
             mission, profile, score, tuple(a for rover in rovers for a in rover.asked), tuple(arrivals),
             tuple(outcomes), tuple(remarks), tuple(apart), tuple(b.way for b in found),
-            elevation_around(bus, [b.way for b in found]), tuple(processes), mission_s, took_s,
+            elevation_around(bus, [b.way for b in found]), tuple(processes), begin_ns, mission_s, took_s,
         )  # fmt: skip
         if result.faults():
             stage.keep = True
@@ -128,7 +135,12 @@ def _drive_all(
             rover.run()
         except CdffError as error:
             unfinished.append(f"{rover.robot}: {error}")
-            say(f"{rover.robot}: {error}")
+        except Exception as error:  # a bug must not end a rover's tasks unseen
+            logger.exception("%s", rover.robot)
+            unfinished.append(f"{rover.robot}: {type(error).__name__}: {error}")
+        else:
+            return
+        say(unfinished[-1])
 
     outcomes: list[Outcome] = []
 
@@ -147,6 +159,8 @@ def _drive_all(
             time.sleep(0.2)
     finally:
         stop.set()
+    if len(outcomes) < len(mission.requests):
+        unfinished.append(f"{len(outcomes)} of {len(mission.requests)} requests came to an end")
     return rovers, unfinished, outcomes
 
 
@@ -180,17 +194,18 @@ def _judged(
         T_world_base = np.linalg.inv(truth.T_site_world) @ truth.poses
         over.append(driven(robot, T_world_base, scene, chassis.base_height_m, profile.robot(robot).limits))
     first = next(iter(truths.values()))
-    maps = [window for truth in truths.values() for window in _windows(bus, truth)]
+    held = [_windows(bus, truth) for truth in truths.values()]
+    maps, blank = [window for windows, _ in held for window in windows], sum(count for _, count in held)
     return Score(
         tuple(located(b) for b in found), tuple(reached(arrivals, truths)), tuple(over),
-        mapped(maps, first.T_site_world, scene), tuple(unfinished),
+        replace(mapped(maps, first.T_site_world, scene), blank=blank), tuple(unfinished),
     )  # fmt: skip
 
 
-def _windows(bus: Bus, truth: Truth) -> list[ElevationMap]:
-    """Elevation that the DPM holds around places along a way."""
+def _windows(bus: Bus, truth: Truth) -> tuple[list[ElevationMap], int]:
+    """Elevation that the DPM holds around places along a way, and at how many of them it holds none."""
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(truth.poses[:, :2, 3], axis=0), axis=1))])
-    found = []
+    found, blank = [], 0
     for row in np.searchsorted(s, np.arange(0.0, s[-1], _MAP_EVERY_M)):
         x, y = truth.poses[row, :2, 3]
         asked = {
@@ -200,7 +215,8 @@ def _windows(bus: Bus, truth: Truth) -> list[ElevationMap]:
         try:
             made = read_map(bus.call(keys.dpm_rpc(keys.GROUND, "get"), asked, timeout_s=_CALL_S).payload)
         except ProductNotFoundError:
+            blank += 1
             continue
-        if isinstance(made, ElevationMap):
-            found.append(made)
-    return found
+        assert isinstance(made, ElevationMap)  # of a GeoTIFF of elevation
+        found.append(made)
+    return found, blank

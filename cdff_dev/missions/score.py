@@ -189,9 +189,13 @@ class Score:
                 found.append(
                     f"{at.robot}: position {at.share:.3%} of the way off, expected at most {judged.position_share:.3%}"
                 )
+            if at.within_three_sigma < judged.three_sigma_share:
+                within = f"{at.within_three_sigma:.1%} of the poses within three sigmas"
+                found.append(f"{at.robot}: {within}, expected at least {judged.three_sigma_share:.1%}")
             if at.way_m < judged.least_way_m:
                 found.append(f"{at.robot}: {at.way_m:.0f} m driven, expected at least {judged.least_way_m:g} m")
         found += [f"{r}, expected at most {judged.goal_m:g} m" for r in self.reached if r.off_m > judged.goal_m]
+        found += self.mapped.faults(judged.elevation_rms_m)
         if judged.guided:
             found += [fault for over in self.driven for fault in over.faults(judged.steeper_deg, judged.higher_m)]
         return found
@@ -203,5 +207,14 @@ class Score:
         yield str(self.mapped)
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data."""
-        return asdict(self)
+        """As plain data; what is not known is None."""
+        plain: dict[str, Any] = _without_nan(asdict(self))
+        return plain
+
+
+def _without_nan(data: Any) -> Any:
+    if isinstance(data, dict):
+        return {key: _without_nan(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_without_nan(value) for value in data]
+    return None if isinstance(data, float) and np.isnan(data) else data

@@ -9,9 +9,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from cdff_common.errors import ConfigurationError
 from cdff_common.interfaces.dfn import StrictModel, validated
+from cdff_common.interfaces.profile import Profile
 from cdff_common.interfaces.yaml_file import read_mapping
 from cdff_dev.demo.script import Ask
+from cdff_dev.simulate.scenario import Scenario
 
 Positive = Annotated[float, Field(gt=0)]
 
@@ -80,6 +83,10 @@ class Judged(StrictModel):
         How far from each goal a rover may truly be when it says that it is there.
     least_way_m : float
         Each rover drives at least so far.
+    three_sigma_share : float
+        At least so many of the positions lie within three stated sigmas of the truth.
+    elevation_rms_m : float
+        Largest root mean square error of the elevation along the way, which must be there at every place looked at.
     steeper_deg, higher_m : float
         No place on a guided way may be beyond the profile's limits by more: what is called safe is so at three sigmas.
     guided : bool
@@ -89,6 +96,8 @@ class Judged(StrictModel):
     position_share: Positive | None = 0.01
     goal_m: Positive = 1.0
     least_way_m: Annotated[float, Field(ge=0)] = 0.0
+    three_sigma_share: Annotated[float, Field(ge=0, le=1)] = 0.95
+    elevation_rms_m: Positive = 0.15
     steeper_deg: Annotated[float, Field(ge=0)] = 5.0
     higher_m: Annotated[float, Field(ge=0)] = 0.10
     guided: bool = True
@@ -126,6 +135,19 @@ class Mission(StrictModel):
                 if isinstance(task, Meet) and (task.robot == robot or task.robot not in self.robots):
                     raise ValueError(f"robots.{robot}: cannot meet {task.robot!r}")
         return self
+
+
+def check_fits(mission: Mission, profile: Profile, scenario: Scenario) -> None:
+    """Raise ConfigurationError where the mission's robots are not in its profile or its scenario."""
+    asked_of = {ask.robot for ask in mission.requests} | set(mission.together.robots if mission.together else ())
+    for robot in sorted(set(mission.robots) | asked_of - {"any"}):
+        if robot not in profile.robot_ids:
+            known = ", ".join(profile.robot_ids)
+            raise ConfigurationError(f"robot {robot!r}: profile {profile.name} has {known}")
+    for robot in mission.robots:
+        if robot not in scenario.robots:
+            known = ", ".join(scenario.robots)
+            raise ConfigurationError(f"robot {robot!r}: scenario {scenario.name} has {known}")
 
 
 def load_mission(path: Path) -> Mission:

@@ -67,18 +67,29 @@ class Driven:
 
 @dataclass(frozen=True, slots=True)
 class Mapped:
-    """Heights of a map against the true ones: cells compared, mean, root mean square and NMAD of errors, metres."""
+    """Heights of a map against the true ones: cells compared, mean, root mean square and NMAD of errors, metres.
+
+    ``blank`` counts the places that were looked at and of which there is no map.
+    """
 
     cells: int
     bias_m: float
     rms_m: float
     nmad_m: float
+    blank: int = 0
 
     def __str__(self) -> str:
         return (
             f"elevation along the way: bias {self.bias_m:+.3f} m, RMS {self.rms_m:.3f} m, NMAD {self.nmad_m:.3f} m "
             f"over {self.cells} cells"
         )
+
+    def faults(self, rms_m: float) -> list[str]:
+        """What keeps it from being a map of the way."""
+        found = [f"no elevation at {self.blank} places of the way"] if self.blank else []
+        if not self.rms_m <= rms_m:
+            found.append(f"{self}, expected RMS at most {rms_m:g} m")
+        return found
 
 
 def drop(scene: Any, points_m: FloatArray) -> FloatArray:

@@ -70,7 +70,7 @@ def result(unfinished: tuple[str, ...] = (), faults: tuple[str, ...] = ()) -> Re
     return Result(
         mission, Profile(name="p", doc="A <profile>.", robots=(Robot(id="mana"),)), score, tuple(asked),
         (Arrival("mana", GO, 4 * S, (4.0, 1.0), (4.0, 1.0)),), (Outcome(ask, faults, 0.5, summary="ElevationMap"),),
-        ("seen <each> other",), (), (way,), None, (Process("dpm", 3.0, 80.0),), 4.0, 1.0,
+        ("seen <each> other",), (), (way,), None, (Process("dpm", 3.0, 80.0),), 0, 4.0, 1.0,
     )  # fmt: skip
 
 

@@ -74,12 +74,17 @@ def test_a_goal_is_judged_by_where_the_rover_truly_was() -> None:
     assert [r.goal for r in judged] == ["(10, 0)", "where it began", "3 m from minnie"]
 
 
-def score(steepest_deg: float = 10.0, highest_m: float = 0.1, unfinished: tuple[str, ...] = ()) -> Score:
+FAIR = Mapped(100, 0.01, 0.02, 0.02)
+
+
+def score(
+    steepest_deg: float = 10.0, highest_m: float = 0.1, unfinished: tuple[str, ...] = (), elevation: Mapped = FAIR
+) -> Score:
     arrivals = [Arrival("mana", GO, 9 * S, (10.0, 0.0), (10.0, 0.0))]
     over = Driven("mana", 50, steepest_deg, highest_m, 0, 0, 20.0, 0.2)
     return Score(
         (located(found([0.0, 0.2])),), tuple(reached(arrivals, {"mana": truth()})), (over,),
-        Mapped(100, 0.01, 0.02, 0.02), unfinished,
+        elevation, unfinished,
     )  # fmt: skip
 
 
@@ -93,6 +98,9 @@ def score(steepest_deg: float = 10.0, highest_m: float = 0.1, unfinished: tuple[
         (score(steepest_deg=25.1), Judged(position_share=None), "mana: drove over 25.1 deg"),
         (score(highest_m=0.31), Judged(position_share=None), "mana: drove over something of 0.31 m"),
         (score(unfinished=("mana: lost",)), Judged(position_share=None), "mana: lost"),
+        (score(elevation=Mapped(100, 0.0, 0.16, 0.1)), Judged(position_share=None), "expected RMS at most 0.15 m"),
+        (score(elevation=Mapped(100, 0.0, 0.1, 0.1, 2)), Judged(position_share=None), "no elevation at 2 places"),
+        (score(elevation=Mapped(0, *[float("nan")] * 3)), Judged(position_share=None), "over 0 cells"),
     ],
 )
 def test_each_fault_is_named(made: Score, judged: Judged, said: str) -> None:
@@ -103,6 +111,19 @@ def test_each_fault_is_named(made: Score, judged: Judged, said: str) -> None:
 def test_what_holds_is_no_fault_and_a_way_nobody_guided_is_not_judged() -> None:
     assert score(steepest_deg=24.9, highest_m=0.29).faults(Judged(position_share=0.021, goal_m=1.01)) == []
     assert score(steepest_deg=60.0, highest_m=2.0).faults(Judged(position_share=None, guided=False)) == []
+
+
+def test_positions_that_are_surer_than_they_are_right_are_a_fault() -> None:
+    sure = located(found([0.0, 0.3, 0.3, 0.0], sigma_m=0.05))
+    made = Score((sure,), (), (), FAIR, ())
+    (fault,) = made.faults(Judged(position_share=None))
+    assert fault == "mana: 50.0% of the poses within three sigmas, expected at least 95.0%"
+    assert made.faults(Judged(position_share=None, three_sigma_share=0.5)) == []
+
+
+def test_what_is_not_known_is_none_in_plain_data() -> None:
+    made = Score((), (), (), Mapped(0, *[float("nan")] * 3), ())
+    assert made.to_dict()["mapped"] == {"cells": 0, "bias_m": None, "rms_m": None, "nmad_m": None, "blank": 0}
 
 
 def test_a_score_is_plain_data_and_lines() -> None:

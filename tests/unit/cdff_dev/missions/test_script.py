@@ -11,7 +11,7 @@ import pytest
 from cdff_common.errors import ConfigurationError
 from cdff_common.interfaces.profile import load_profile
 from cdff_dev.missions.commands import DEPLOY
-from cdff_dev.missions.script import Follow, GoTo, Meet, load_mission
+from cdff_dev.missions.script import Follow, GoTo, Meet, check_fits, load_mission
 from cdff_dev.simulate.scenario import load_scenario
 
 SHIPPED = sorted((DEPLOY / "missions").glob("*.yaml"))
@@ -30,8 +30,7 @@ def test_every_shipped_mission_fits_its_profile_and_its_scenario(path: Path) -> 
     mission = load_mission(path)
     profile = load_profile(DEPLOY / "profiles" / f"{mission.profile}.yaml")
     scenario = load_scenario(mission.scenario)
-    assert set(mission.robots) <= set(profile.robot_ids)
-    assert set(mission.robots) <= set(scenario.robots)
+    check_fits(mission, profile, scenario)
     assert scenario.navcam is None
     asked_of = {ask.robot for ask in mission.requests} | set(mission.together.robots if mission.together else ())
     assert asked_of <= set(mission.robots)
@@ -40,6 +39,17 @@ def test_every_shipped_mission_fits_its_profile_and_its_scenario(path: Path) -> 
     half_m = scenario.terrain.fine_half_width_m
     goals = [xy for tasks in mission.robots.values() for task in tasks if isinstance(task, GoTo) for xy in task.xy_m]
     assert all(abs(v) < 2.0 * half_m for v in goals)
+
+
+@pytest.mark.parametrize(
+    ("robots", "said"),
+    [("spirit", "robot 'spirit': profile two_rovers has mana, minnie"), ("minnie", "scenario outing has mana")],
+)
+def test_robots_that_the_profile_or_the_scenario_lacks_are_refused(tmp_path: Path, robots: str, said: str) -> None:
+    mission = load_mission(written(tmp_path, RIGHT.replace("mana", robots)))
+    profile = load_profile(DEPLOY / "profiles" / "two_rovers.yaml")
+    with pytest.raises(ConfigurationError, match=said):
+        check_fits(mission, profile, load_scenario("outing"))
 
 
 def test_tasks_are_read_as_what_they_say(tmp_path: Path) -> None:
