@@ -43,6 +43,10 @@ os.execvp(sys.argv[3], sys.argv[3:])
 """
 
 
+class LoadedAnewError(Exception):
+    """The page was loaded anew while it was asked."""
+
+
 class Browser:
     """A headless browser of the Chromium family; one JSON message each way ends with a NUL (DevTools protocol)."""
 
@@ -77,6 +81,8 @@ class Browser:
         while True:
             answer = self._next()
             if answer.get("id") == self._number:
+                if "navigated" in answer.get("error", {}).get("message", ""):
+                    raise LoadedAnewError(answer)
                 assert "error" not in answer, answer
                 result: dict[str, Any] = answer["result"]
                 return result
@@ -89,11 +95,17 @@ class Browser:
         return answer["result"].get("value")
 
     def eventually(self, expression: str, timeout_s: float = 30.0) -> None:
-        """Return once an expression holds in the page."""
+        """Return once an expression holds in the page; a page that is loaded anew meanwhile is asked again."""
         deadline = time.monotonic() + timeout_s
-        while not self.value(expression):
+        while not self._holds(expression):
             assert time.monotonic() < deadline, f"{expression}\n{self.value('document.body.innerText')}"
             time.sleep(0.05)
+
+    def _holds(self, expression: str) -> bool:
+        try:
+            return bool(self.value(expression))
+        except LoadedAnewError:
+            return False
 
     def close(self) -> None:
         """End the browser."""
