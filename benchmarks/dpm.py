@@ -22,7 +22,6 @@ import platform
 import random
 import resource
 import shutil
-import socket
 import sqlite3
 import subprocess
 import sys
@@ -43,6 +42,7 @@ from cdff_common.clock import ManualClock
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.region import Region
 from cdff_common.interfaces.product import Header, product_id
+from cdff_dev.ports import free_port
 from dpm_store import Parcel, Query, Store, open_store
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -281,14 +281,6 @@ def access(directory: Path, products: int, asked: int) -> Figures:
 def _parameters(w: Window) -> dict[str, str]:
     region = "bbox:" + ",".join(f"{v:.3f}" for v in w[:4])
     return {"type": TYPES[w[6]], "region": region, "frame": "mana/map", "t0": str(w[4] * S), "t1": str(w[5] * S)}
-
-
-def free_port() -> int:
-    """A TCP port nobody listens on now."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def syncs(directory: Path) -> Figures:

@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import os
 import platform
-import socket
 import statistics
 import time
 from pathlib import Path
@@ -24,16 +23,9 @@ from _report import give_out
 from cdff_common.bus import Bus
 from cdff_common.interfaces.profile import load_profile
 from cdff_dev.demo.stage import Stage
+from cdff_dev.ports import free_port
 
 ROOT = Path(__file__).resolve().parent.parent
-
-
-def free_port() -> int:
-    """A TCP port nobody listens on now."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def one_run(profile_path: Path) -> dict[str, float]:

@@ -68,7 +68,8 @@ def _mission(args: argparse.Namespace) -> int:
     for line in (*result.score.lines(), *result.remarks, *(f"FAIL {fault}" for fault in faults)):
         say(line)
     if args.json:
-        print(json.dumps({"mission": path.stem, "faults": faults, "score": result.score.to_dict()}, allow_nan=False))
+        told = {"mission": path.stem, "guided": mission.judged.guided, "faults": faults, "remarks": result.remarks}
+        print(json.dumps(told | {"score": result.score.to_dict()}, allow_nan=False))
     if args.report is not None:
         from cdff_dev.missions.report import write
 

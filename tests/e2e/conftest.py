@@ -15,9 +15,9 @@ from cdff_common.interfaces.profile import load_profile
 from cdff_dev.demo.commands import DEPLOY
 from cdff_dev.demo.run import wait_for_clock
 from cdff_dev.demo.stage import Stage
+from cdff_dev.ports import free_port
 from cdff_dev.simulate.scenario import load_scenario
 from cdff_dev.simulate.store import simulated_log
-from tests.integration.conftest import free_port
 
 
 @pytest.fixture(scope="session")

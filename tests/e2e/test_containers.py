@@ -16,7 +16,8 @@ import pytest
 
 from cdff_common.bus import Bus, keys
 from cdff_common.client import Client
-from tests.integration.conftest import ROOT, free_port
+from cdff_dev.ports import free_port
+from tests.integration.conftest import ROOT
 
 pytestmark = [pytest.mark.e2e, pytest.mark.slow, pytest.mark.timeout(3000)]
 

@@ -15,7 +15,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from tests.integration.conftest import ROOT, free_port
+from cdff_dev.ports import free_port
+from tests.integration.conftest import ROOT
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(400)]
 

@@ -22,10 +22,10 @@ from cdff_dev.demo.run import wait_for_clock
 from cdff_dev.demo.script import load_script
 from cdff_dev.demo.sharing import settled
 from cdff_dev.demo.stage import Stage
+from cdff_dev.ports import free_port
 from cdff_dev.simulate.scenario import load_scenario
 from cdff_dev.simulate.store import simulated_log
 from tests.e2e.conftest import process_of
-from tests.integration.conftest import free_port
 
 pytestmark = [pytest.mark.e2e, pytest.mark.slow, pytest.mark.timeout(400)]
 

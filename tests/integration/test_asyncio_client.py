@@ -15,7 +15,8 @@ from cdff_common.client import Answer, AsyncClient
 from cdff_common.clock import wall_ns
 from cdff_common.geometry import UncertainTransform
 from cdff_common.types import TransformWithCovariance
-from tests.integration.conftest import Spawn, free_port
+from cdff_dev.ports import free_port
+from tests.integration.conftest import Spawn
 from tests.integration.test_orchestrator import PROFILE, eventually
 from tests.integration.test_orchestrator_products import put
 

@@ -25,8 +25,9 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.product import Header, product_id
 from cdff_common.raster import GridGeometry
 from cdff_common.types import ElevationMap, IMUSensors, Pointcloud, Time, TransformWithCovariance
+from cdff_dev.ports import free_port
 
-from .conftest import ROOT, Eventually, Spawn, free_port, wait_until
+from .conftest import ROOT, Eventually, Spawn, wait_until
 
 pytestmark = pytest.mark.integration
 

@@ -26,9 +26,10 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.product import Header, product_id
 from cdff_common.raster import GridGeometry
 from cdff_common.types import ElevationMap, TransformWithCovariance
+from cdff_dev.ports import free_port
 from dpm_store import Parcel, open_store
 
-from .conftest import free_port, process_starter, wait_until
+from .conftest import process_starter, wait_until
 
 pytestmark = pytest.mark.integration
 

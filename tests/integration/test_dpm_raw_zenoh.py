@@ -18,8 +18,9 @@ import zenoh
 
 from cdff_common.codecs import encode
 from cdff_common.types import Pointcloud
+from cdff_dev.ports import free_port
 
-from .conftest import free_port, process_starter, wait_until
+from .conftest import process_starter, wait_until
 
 pytestmark = pytest.mark.integration
 

@@ -32,7 +32,8 @@ from cdff_common.errors import (
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.product import Header, product_id
 from cdff_common.types import RigidBodyState, TransformWithCovariance
-from tests.integration.conftest import Spawn, free_port, process_starter
+from cdff_dev.ports import free_port
+from tests.integration.conftest import Spawn, process_starter
 from tests.integration.conftest import wait_until as eventually
 
 pytestmark = pytest.mark.integration

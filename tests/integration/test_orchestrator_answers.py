@@ -23,7 +23,8 @@ from cdff_common.codecs import decode
 from cdff_common.errors import DeadlineError, InputError, ProductNotFoundError, UnavailableError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.types import TransformWithCovariance
-from tests.integration.conftest import free_port, process_starter
+from cdff_dev.ports import free_port
+from tests.integration.conftest import process_starter
 from tests.integration.test_orchestrator import eventually
 from tests.integration.test_orchestrator_products import NOW_NS, T_SITE_BASE, patch, put
 

@@ -15,7 +15,8 @@ from cdff_common.bus import Bus, keys
 from cdff_common.bus.message import pack
 from cdff_common.client import Client
 from cdff_common.errors import DeadlineError, InputError, UnavailableError
-from tests.integration.conftest import Spawn, free_port, process_starter
+from cdff_dev.ports import free_port
+from tests.integration.conftest import Spawn, process_starter
 from tests.integration.conftest import wait_until as eventually
 from tests.integration.test_orchestrator import Driver
 

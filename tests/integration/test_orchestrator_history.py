@@ -15,7 +15,8 @@ from cdff_common.bus import Bus, keys
 from cdff_common.cli import main
 from cdff_common.client import Client
 from cdff_common.errors import CdffError
-from tests.integration.conftest import free_port, process_starter
+from cdff_dev.ports import free_port
+from tests.integration.conftest import process_starter
 from tests.integration.conftest import wait_until as eventually
 
 pytestmark = pytest.mark.integration

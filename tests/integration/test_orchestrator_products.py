@@ -31,7 +31,8 @@ from cdff_common.types import (
     PoseTrajectory,
     TransformWithCovariance,
 )
-from tests.integration.conftest import ROOT, free_port, process_starter
+from cdff_dev.ports import free_port
+from tests.integration.conftest import ROOT, process_starter
 from tests.integration.conftest import wait_until as eventually
 
 pytestmark = pytest.mark.integration
