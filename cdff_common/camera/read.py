@@ -170,7 +170,9 @@ def _of_opencv(document: Mapping[str, Any]) -> tuple[Cameras, Poses]:
 def _of_kalibr(document: Mapping[str, Any]) -> tuple[Cameras, Poses]:
     cameras: Cameras = {}
     poses: Poses = {}
-    T = np.eye(4)
+    # T_camera_first; None from where the chain is broken on, as what comes after that hangs on nothing.
+    T: NDArray[np.float64] | None = np.eye(4)
+    before: int | None = None
     for name in sorted((k for k in document if re.fullmatch(r"cam\d+", str(k))), key=lambda k: int(k[3:])):
         entry = document[name]
         lens, distortion = entry["camera_model"], entry.get("distortion_model", "none")
@@ -182,11 +184,13 @@ def _of_kalibr(document: Mapping[str, Any]) -> tuple[Cameras, Poses]:
         fisheye = distortion == "equidistant"
         K = [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
         cameras[name] = CameraModel.from_matrix(K, coefficients, rows=rows, cols=cols, fisheye=fisheye)
-        if "T_cn_cnm1" in entry:
-            T = _square(entry["T_cn_cnm1"], 4) @ T
-        elif cameras.keys() - {name}:
-            continue
-        poses[name] = T
+        number = int(name[3:])
+        if before is not None:
+            follows = before == number - 1 and "T_cn_cnm1" in entry
+            T = _square(entry["T_cn_cnm1"], 4) @ T if T is not None and follows else None
+        before = number
+        if T is not None:
+            poses[name] = T
     return cameras, poses
 
 

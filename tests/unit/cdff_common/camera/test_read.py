@@ -146,3 +146,26 @@ def test_a_camera_that_is_not_there_and_a_pose_that_is_not_said_are_named(file: 
     assert read_camera(alone, "cam1").fisheye
     with pytest.raises(InputError, match="no pose of camera 'cam1'"):
         read_stereo(alone)
+
+
+def chain(*links: bool) -> str:
+    """A chain of cameras, each linked to the one before it or not."""
+    one = KALIBR[KALIBR.index("cam1:") :]
+    first = "cam0:\n" + one[one.index("  camera_model") :]
+    rest = (one.replace("cam1", f"cam{n}") for n in range(1, len(links) + 1))
+    return first + "".join(
+        text if linked else text.replace("T_cn_cnm1", "T_unknown") for text, linked in zip(rest, links, strict=True)
+    )
+
+
+@pytest.mark.req("CDFF-CORE-094")
+def test_behind_a_missing_link_of_a_kalibr_chain_no_camera_has_a_pose(file: Callable[[str], Path]) -> None:
+    assert read_stereo(file(chain(True, True)), "cam0", "cam2").baseline_m == pytest.approx(0.22)
+    broken = file(chain(False, True))
+    assert read_camera(broken, "cam2").fisheye
+    for right in ("cam1", "cam2"):
+        with pytest.raises(InputError, match=f"no pose of camera '{right}'.*cam0$"):
+            read_stereo(broken, "cam0", right)
+    without = file(chain(True, True).replace("cam1:", "other:"))
+    with pytest.raises(InputError, match="no pose of camera 'cam2'"):
+        read_stereo(without, "cam0", "cam2")
