@@ -11,7 +11,7 @@ References
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -28,6 +28,9 @@ FloatArray = NDArray[np.float64]
 _KEPT = 8
 #: Points along each side of an image from which its outline in the ideal camera is taken.
 _OUTLINE = 64
+#: Decimals, metres and of the rotation, up to which two places of the right camera are one. Where both cameras sit on a
+#: mast that turns, their place to each other comes out of two poses and differs in its last bits from turn to turn.
+_DECIMALS = 9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,9 +79,22 @@ def undistorted(camera: CameraModel, keep: float) -> Rectified:
     return _made(camera, np.eye(3), _placed(camera, [bounds], keep)[0])
 
 
+@dataclass(frozen=True, slots=True)
+class _Placed:
+    """Where the left camera is seen from the right one; equal and hashed as ``rounded``."""
+
+    rounded: bytes
+    T_right_left: FloatArray = field(compare=False)
+
+    @classmethod
+    def of(cls, T_right_left: FloatArray) -> _Placed:
+        # Adding 0 makes -0 a 0.
+        return cls((np.round(T_right_left, _DECIMALS) + 0.0).tobytes(), T_right_left)
+
+
 @lru_cache(maxsize=_KEPT)
-def _rectified(left: CameraModel, right: CameraModel, T: bytes, keep: float) -> tuple[Rectified, Rectified, float]:
-    T_right_left = np.frombuffer(T).reshape(4, 4)
+def _rectified(left: CameraModel, right: CameraModel, at: _Placed, keep: float) -> tuple[Rectified, Rectified, float]:
+    T_right_left = at.T_right_left
     R_left, R_right = _turned_together(T_right_left)
     bounds = [_bounds(left, R_left), _bounds(right, R_right)]
     ideal = _placed(left, bounds, keep)
@@ -99,7 +115,7 @@ def rectified(stereo: StereoCalibration, keep: float = 0.0) -> tuple[Rectified, 
     """
     if (stereo.left.rows, stereo.left.cols) != (stereo.right.rows, stereo.right.cols):
         raise InputError("stereo pair: left and right image differ in size, expected one size")
-    return _rectified(stereo.left, stereo.right, np.ascontiguousarray(stereo.T_right_left).tobytes(), keep)
+    return _rectified(stereo.left, stereo.right, _Placed.of(stereo.T_right_left), keep)
 
 
 def _turned_together(T_right_left: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -94,8 +94,10 @@ def test_what_is_kept_goes_from_all_pixels_seen_to_nothing_lost() -> None:
     assert focal[0] > focal[1] > focal[2]
 
 
-def rectified_pair(points_m: np.ndarray, keep: float = 0.0) -> FramePair:
-    T_base_left = se3.transform(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]), [0.3, 0.1, 0.9])
+T_BASE_LEFT = se3.transform(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]), [0.3, 0.1, 0.9])
+
+
+def rectified_pair(points_m: np.ndarray, keep: float = 0.0, T_base_left: np.ndarray = T_BASE_LEFT) -> FramePair:
     T_right_left = STEREO.T_right_left
     in_right = points_m @ T_right_left[:3, :3].T + T_right_left[:3, 3]
     raw = FramePair(
@@ -152,6 +154,17 @@ def test_maps_are_made_once_per_calibration() -> None:
     rectified_pair(wall())
     after = rectification._rectified.cache_info()
     assert (after.hits, after.misses) == (before.hits + 1, before.misses)
+
+
+def test_a_mast_that_turns_with_both_cameras_is_one_calibration() -> None:
+    first = rectified_pair(wall())
+    before = rectification._rectified.cache_info()
+    for pan in (0.3, 0.7, -1.1, 1.9):
+        turned = rectified_pair(wall(), T_base_left=se3.transform(se3.exp_so3([0, 0, pan]), [0.1, 0, 0]) @ T_BASE_LEFT)
+        assert (turned.left.image == first.left.image).all()
+        assert turned.baseline == first.baseline
+    after = rectification._rectified.cache_info()
+    assert (after.hits, after.misses) == (before.hits + 4, before.misses)
 
 
 def test_what_cannot_be_rectified_is_refused_with_the_reason() -> None:
