@@ -20,7 +20,7 @@ class PositionManagerInterface(Dfpc):
     """
 
     name = "position_manager"
-    INPUT_PORTS = ("odometry", "visual_odometry", "lidar_odometry", "imu", "fix", "joints")
+    INPUT_PORTS = ("odometry", "visual_odometry", "lidar_odometry", "imu", "fix", "absolute_fix", "joints")
 
     def step(self, sample: Sample) -> Iterable[Output]:
         """Hand the sample to the handler of its port; raises InputError on a port that is not there."""
@@ -35,6 +35,8 @@ class PositionManagerInterface(Dfpc):
                 return self.on_imu(sample)
             case "fix":
                 return self.on_fix(sample)
+            case "absolute_fix":
+                return self.on_absolute_fix(sample)
             case "joints":
                 return self.on_joints(sample)
             case _:
@@ -60,6 +62,12 @@ class PositionManagerInterface(Dfpc):
     def on_fix(self, sample: Sample) -> Iterable[Output]:
         """Take a TransformWithCovariance: Absolute pose of the base or a sensor: in a fixed frame of the tree, or in
         a frame that is placed by its first pose, as lidar_slam's.
+        """
+
+    @abstractmethod
+    def on_absolute_fix(self, sample: Sample) -> Iterable[Output]:
+        """Take a TransformWithCovariance: The same from a second source, as absolute_localisation's pose on an
+        orbital model; rare, so nothing is silent because of it.
         """
 
     @abstractmethod

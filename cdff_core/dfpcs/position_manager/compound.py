@@ -107,6 +107,10 @@ class PositionManager(PositionManagerInterface):
         elif sample.value is not None and sample.quality.status is not Status.FAILED:
             yield from self._take(sample, self._event(sample))
 
+    def on_absolute_fix(self, sample: Sample) -> Iterable[Output]:
+        """Take an absolute pose of a second source."""
+        yield from self.on_fix(sample)
+
     def on_joints(self, sample: Sample) -> Iterable[Output]:
         """Move the frames below the base."""
         self._frames.set_joints(sample.value, sample.stamp_ns, sample.stamp_ns - int(self.config.history_s * _NS))

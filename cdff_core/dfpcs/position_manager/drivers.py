@@ -10,12 +10,17 @@ from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
 from cdff_core.dfpcs.position_manager.configuration import PositionManagerConfig
-from cdff_core.dfpcs.position_manager.estimator import Event, Verdict
+from cdff_core.dfpcs.position_manager.estimator import FIXES, Event, Verdict
 
 #: Sources in the order in which they name the driver, with what the reasons call them.
-_NAMES = {"visual_odometry": "vo", "lidar_odometry": "lidar", "fix": "fix", "odometry": "wheels", "imu": "imu"}
+_NAMES = {
+    "visual_odometry": "vo", "lidar_odometry": "lidar", "fix": "fix", "absolute_fix": "absolute_fix",
+    "odometry": "wheels", "imu": "imu",
+}  # fmt: skip
 ODOMETRIES = ("visual_odometry", "lidar_odometry")
-_FINE = (*ODOMETRIES, "fix")
+#: Those that speak often: while they do, wheels and IMU are not published.
+_STEADY = (*ODOMETRIES, "fix")
+_FINE = (*_STEADY, "absolute_fix")
 START, NOBODY = "source:start", "source:none"
 
 
@@ -51,7 +56,9 @@ class Drivers:
         the variances of k of them are multiplied by k.
         """
         c, port = self._config, sample.port
-        scale = {"visual_odometry": c.visual_scale, "lidar_odometry": c.lidar_scale, "fix": c.fix_scale}.get(port, 1.0)
+        scale = {"visual_odometry": c.visual_scale, "lidar_odometry": c.lidar_scale}.get(port, 1.0)
+        if port in FIXES:
+            scale = c.fix_scale
         if sample.quality.status is Status.DEGRADED and port in _FINE:
             scale *= c.degraded_scale
             self._doubtful_ns = max(self._doubtful_ns, sample.stamp_ns)
@@ -76,7 +83,7 @@ class Drivers:
         """Whether an estimate is to be published: those of the fine sources; of the others when they are silent."""
         if event.source in _FINE:
             return True
-        silent = not any(self._heard(s, event.stamp_ns) for s in _FINE)
+        silent = not any(self._heard(s, event.stamp_ns) for s in _STEADY)
         return silent and event.stamp_ns == newest_ns
 
     def quality(self, stamp_ns: int, T: UncertainTransform, reasons: tuple[str, ...]) -> Quality:

@@ -27,6 +27,8 @@ from cdff_core.dfpcs.position_manager.estimate import CORE, LINE, POSE, SLIP, VE
 #: Longest step of the strapdown integration, nanoseconds.
 _STEP_NS = 200_000_000
 _EXACT = np.zeros((6, 6))
+#: Ports whose measurements are absolute poses.
+FIXES = ("fix", "absolute_fix")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +38,7 @@ class Event:
     Attributes
     ----------
     source : str
-        ``odometry``, ``visual_odometry``, ``lidar_odometry``, ``fix``, or ``imu`` for a time at which to estimate.
+        ``odometry``, ``visual_odometry``, ``lidar_odometry``, ``fix``, ``absolute_fix``, or ``imu`` for a time at which to estimate.
     measured : UncertainTransform, optional
         What it says: ``T_origin_sensor``.
     frame, child : str
@@ -104,7 +106,7 @@ class Estimator:
         estimate = self.predict(estimate, event.stamp_ns)
         if event.measured is None:
             return estimate, Verdict(True)
-        if event.source == "fix":
+        if event.source in FIXES:
             return self._fixed(estimate, event)
         clone = estimate.clones.get(event.source)
         measured = event.measured

@@ -83,6 +83,18 @@ def test_a_map_of_its_own_is_placed_by_its_first_pose_and_then_holds_the_robot()
     assert error_m(kept) < 0.25 * error_m(drifting)
 
 
+def test_an_absolute_fix_goes_in_beside_a_map_s_pose_and_silences_nobody() -> None:
+    first = fix(2.0, np.zeros(3), 0.01, "mana/slam")
+    of_map = [first, *[fix(t, np.array([0.5, 0, 0]), 0.2, "mana/slam") for t in times(2, 8, 2.5)]]
+    absolute = [replace(fix(t, np.zeros(3), 0.02), port="absolute_fix") for t in (4.0, 8.0)]
+    drifting, kept = (poses(feed(manager(), felt(8) + of_map + more))[-1] for more in ([], absolute))
+    assert error_m(kept) < 0.5 * error_m(drifting)
+    assert "refused_absolute_fix" not in kept.quality.metrics
+    alone = poses(feed(manager(), felt(8, 1.3) + absolute[:1]))
+    after = [o.t1_ns for o in alone if T0 + 4_000 * MS <= o.t1_ns < T0 + 5_000 * MS]
+    assert len(after) > 8  # the wheels go on being published
+
+
 def test_lidar_odometry_drives_where_there_is_no_vision() -> None:
     lidar = [replace(visual(t), port="lidar_odometry") for t in times(5, 6)]
     out = poses(feed(manager(), felt(6, 1.2) + lidar))
