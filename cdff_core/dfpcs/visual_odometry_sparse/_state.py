@@ -16,6 +16,7 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.types import FramePair, PoseTrajectory
 from cdff_core.dfpcs.visual_odometry_sparse._linked import LinkedPose
 from cdff_core.imaging.grey import grey_image
+from cdff_core.imaging.rectified_camera import RectifiedCamera
 
 FloatArray = NDArray[np.float64]
 #: Translation and rotation of ``T_left1_left2`` between two times as other sensors felt it; None where not.
@@ -24,6 +25,8 @@ Increment = Callable[[int, int], tuple[FloatArray | None, FloatArray | None]]
 #: so much of the way they tell of (slip), with a gyro so much for each second (its bias).
 _BLIND_M, _BLIND_RAD, _BLIND_RAD_S = 0.1, 0.05, 0.1
 _SLIP_SHARE, _FELT_M, _FELT_RAD, _GYRO_RAD_S = 0.2, 0.02, 0.01, 0.003
+#: Camera matrices and baselines that agree to so much are one camera's: a thousandth of a pixel and less.
+_SAME_CAMERA = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +43,8 @@ class View:
 
     @classmethod
     def of(cls, pair: FramePair, stamp_ns: int, sample_id: str) -> View:
-        """Take a pair apart; raises InputError on a pixel format that is not known."""
+        """Take a pair apart; raises InputError on a pixel format that is not known or what can be no stereo camera."""
+        RectifiedCamera.from_matrix(pair.left.camera_matrix, pair.baseline)
         return cls(
             pair=pair,
             stamp_ns=stamp_ns,
@@ -49,6 +53,13 @@ class View:
             right=grey_image(pair.right),
             camera_matrix=np.array(pair.left.camera_matrix, np.float64),
             baseline=np.array([pair.baseline]),
+        )
+
+    def is_of_camera(self, other: View) -> bool:
+        """Whether another pair was taken alike: image size, camera matrix and baseline."""
+        return self.left.shape == other.left.shape and all(
+            np.allclose(a, b, rtol=_SAME_CAMERA, atol=0.0)
+            for a, b in ((self.camera_matrix, other.camera_matrix), (self.baseline, other.baseline))
         )
 
 

@@ -107,10 +107,16 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         view = View.of(sample.value, sample.stamp_ns, sample.id)
         if self._last is not None and view.stamp_ns <= self._last.stamp_ns:
             raise RefusedError("stamps must rise", [f"stamp_not_after:{self._last.stamp_ns}"])
-        if self._last is not None and view.left.shape != self._last.left.shape:
-            self.reset()  # another camera: nothing known so far applies to it
+        if self._last is not None and not view.is_of_camera(self._last):
+            self._forget_camera()
         self._mount(view)
         return view
+
+    def _forget_camera(self) -> None:
+        """Another image size, camera matrix or baseline: of what is known, only the path applies to what comes."""
+        self._key, self._before, self._last = None, [], None
+        self._calibration = Calibration(self.config.sigma_calibration_walk_px)
+        self._lost, self._gap_open = 0, False
 
     def _mount(self, view: View) -> None:
         """Learn how the camera sits on the robot, and the gyro: of what is not known, nothing is felt."""
@@ -151,12 +157,16 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         return self._output(view.stamp_ns, (view.sample_id,), pose, quality)
 
     def _begin(self, view: View, sharpness: float) -> Output:
-        """Anchor at the first usable pair: the origin of the odometry."""
-        pose = UncertainTransform.identity()
+        """Anchor at the first usable pair, the origin; of another camera on the way, where it is expected by now."""
+        changed = bool(self._path)
+        pose = self._path.across_gap(view.stamp_ns) if changed else UncertainTransform.identity()
         self._key, reasons = self._anchor(view, self._unlinked(pose), sharpness)
         reasons += verdict.blur_reasons(sharpness, None, self.config.limits)
-        self._path.measured(view.stamp_ns, pose)
-        metrics = {"features": float(len(self._key.features)), "sharpness": sharpness, "gaps": 0.0}
+        if changed:
+            self._gaps += 1
+            reasons.append("camera_changed")
+        self._path.measured(view.stamp_ns, pose, after_gap=changed)
+        metrics = {"features": float(len(self._key.features)), "sharpness": sharpness, "gaps": float(self._gaps)}
         return self._output(view.stamp_ns, (view.sample_id,), pose, self._quality(reasons, metrics))
 
     def _unlinked(self, pose: UncertainTransform) -> LinkedPose:
