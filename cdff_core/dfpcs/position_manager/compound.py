@@ -25,6 +25,7 @@ from cdff_core.dfpcs.position_manager.estimator import Estimator, Event
 from cdff_core.dfpcs.position_manager.frames import RobotFrames
 from cdff_core.dfpcs.position_manager.history import History
 from cdff_core.dfpcs.position_manager.kept import from_message, to_message
+from cdff_core.dfpcs.position_manager.mission_time import MissionTime
 from cdff_core.dfpcs.position_manager.questions import Questions
 from cdff_core.dfpcs.position_manager.start import begin
 from cdff_core.dfpcs.position_manager.time_line import TimeLine
@@ -45,7 +46,8 @@ class PositionManager(PositionManagerInterface):
         self._imu = ImuBuffer(int(2 * c.memory_s * _NS))
         self._levelling = self.dfn("levelling")
         self._estimator = Estimator(c, self.dfn, self._imu, self._mount, self._place)
-        self._line = TimeLine(self.dfn("interpolation"))
+        self._line = TimeLine(self.dfn("interpolation"), int(c.blind_s * _NS))
+        self._time = MissionTime(c)
         self._drivers = Drivers(c)
         self._history: History | None = None
         self._start = UncertainTransform.identity()
@@ -62,6 +64,19 @@ class PositionManager(PositionManagerInterface):
 
     # -- input ----------------------------------------------------------------------------------------------------
 
+    def step(self, sample: Sample) -> Iterator[Output]:
+        """Take a sample, unless its time is doubtful; begin anew where the mission clock went back."""
+        arrival = self._time.take(sample)
+        for refused in arrival.refused:
+            self._drivers.refuse(refused.port)
+        if arrival.back or (arrival.ahead and self._history is None):
+            time = self._time
+            self.reset()
+            self._time = time
+            self.state_revision += 1
+        for taken in arrival.taken:
+            yield from super().step(taken)
+
     def on_imu(self, sample: Sample) -> Iterable[Output]:
         """Keep the reading in the base's axes; estimate by it alone where nothing else speaks."""
         if self._R_base_imu is None:
@@ -69,7 +84,7 @@ class PositionManager(PositionManagerInterface):
             self._R_base_imu, self._estimator.lever_m = T[:3, :3], T[:3, 3]
         reading = np.concatenate([self._R_base_imu @ sample.value.acc, self._R_base_imu @ sample.value.gyro])
         self._imu.insert(sample.stamp_ns, reading)
-        if self._waits(sample):
+        if self._history is None:
             yield from self._hold(sample)
             return
         history = self._begun()
@@ -79,7 +94,7 @@ class PositionManager(PositionManagerInterface):
 
     def on_odometry(self, sample: Sample) -> Iterable[Output]:
         """Take the increment of the wheels, unless they speak faster than it helps."""
-        if self._waits(sample):
+        if self._history is None:
             yield from self._hold(sample)
             return
         before = self._wheels
@@ -102,7 +117,7 @@ class PositionManager(PositionManagerInterface):
 
     def on_fix(self, sample: Sample) -> Iterable[Output]:
         """Take an absolute pose."""
-        if self._waits(sample):
+        if self._history is None:
             yield from self._hold(sample)
         elif sample.value is not None and sample.quality.status is not Status.FAILED:
             yield from self._take(sample, self._event(sample))
@@ -220,19 +235,10 @@ class PositionManager(PositionManagerInterface):
         self._history = History(self._estimator, kept.estimate, self._line, int(self.config.memory_s * _NS))
         self._published_ns = self._trajectory_ns = kept.estimate.stamp_ns
         self._drivers.begin(kept.estimate.stamp_ns)
+        self._time.begin(kept.estimate.stamp_ns)
         self._start_reasons = ("resumed",)
 
     # -- control --------------------------------------------------------------------------------------------------
-
-    def _waits(self, sample: Sample) -> bool:
-        """Whether the line has not begun; a clock that went back to before it begins it anew."""
-        if self._history is not None and sample.stamp_ns < self._line.stamps_ns[0] - self.config.memory_s * _NS:
-            readings = ImuBuffer(self._imu.memory_ns)
-            if sample.port == "imu":
-                readings.insert(sample.stamp_ns, self._imu.readings[0])
-            self.reset()
-            self._imu.stamps_ns, self._imu.readings = readings.stamps_ns, readings.readings
-        return self._history is None
 
     def _hold(self, sample: Sample) -> Iterator[Output]:
         """Keep a sample until the start pose can be levelled or the wait is over."""
@@ -259,7 +265,7 @@ class PositionManager(PositionManagerInterface):
 
     def _on_odometer(self, sample: Sample) -> Iterator[Output]:
         """Visual and lidar odometry alike; one that FAILED leaves the next increment without a begin."""
-        if self._waits(sample):
+        if self._history is None:
             yield from self._hold(sample)
         elif sample.value is None or sample.quality.status is Status.FAILED:
             self._drivers.lose(sample.port)
@@ -276,7 +282,7 @@ class PositionManager(PositionManagerInterface):
         """Put a measurement in its place, run again from there, publish."""
         history = self._begun()
         if not history.reaches(event.stamp_ns):
-            self._drivers.refuse(sample.port, ("too_late",))
+            self._drivers.refuse(sample.port)
             return
         verdict = history.insert(event)
         self._drivers.judge(event, verdict)
@@ -319,7 +325,7 @@ class PositionManager(PositionManagerInterface):
     # -- what the parts ask ---------------------------------------------------------------------------------------
 
     def _begun(self) -> History:
-        assert self._history is not None  # _waits has looked
+        assert self._history is not None  # the caller has looked
         return self._history
 
     def _newest_ns(self) -> int:

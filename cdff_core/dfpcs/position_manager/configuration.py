@@ -81,6 +81,15 @@ class PositionManagerConfig(DfpcConfig):
     ] = "intersection"
     fix_scale: Annotated[Scale, Field(description="of what a fix says of its variances")] = 1.0
 
+    max_ahead_s: Annotated[
+        Seconds, Field(description="a stamp farther beyond the newest is refused until others confirm it")
+    ] = 5.0
+    confirm_s: Annotated[
+        Seconds, Field(description="over which samples of another time show that the clock jumped")
+    ] = 1.0
+    blind_s: Annotated[
+        Seconds, Field(description="silence of all sources after which place and speed are taken as lost")
+    ] = 30.0
     imu_period_s: Annotated[Seconds, Field(description="estimates where nothing but the IMU speaks")] = 0.5
     memory_s: Annotated[Seconds, Field(description="how late a measurement may come")] = 20.0
     dense_s: Annotated[Seconds, Field(description="time line with every estimate")] = 60.0

@@ -73,9 +73,9 @@ class Drivers:
         if verdict.taken:
             self._taken_ns[event.source] = max(event.stamp_ns, self._taken_ns.get(event.source, event.stamp_ns))
         elif any("_refused" in reason for reason in verdict.reasons):
-            self.refuse(event.source, verdict.reasons)
+            self.refuse(event.source)
 
-    def refuse(self, source: str, _reasons: tuple[str, ...]) -> None:
+    def refuse(self, source: str) -> None:
         """Count a measurement that was not taken."""
         self._refused[source] = self._refused.get(source, 0) + 1
 
@@ -102,7 +102,7 @@ class Drivers:
             "sigma_position_m": float(np.linalg.norm(sigma[:3])),
             "sigma_rotation_rad": float(np.linalg.norm(sigma[3:])),
             "visual_age_s": max(stamp_ns - seen_ns, 0) * 1e-9,
-            **{f"refused_{_NAMES[s]}": float(n) for s, n in sorted(self._refused.items())},
+            **{f"refused_{_NAMES.get(s, s)}": float(n) for s, n in sorted(self._refused.items())},
         }
         said = (name, *reasons, *(("odometry_degraded",) if doubtful else ()))
         return Quality(Status.OK if fine else Status.DEGRADED, said, CovarianceKind.FORMAL, metrics)

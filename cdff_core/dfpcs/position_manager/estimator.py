@@ -26,6 +26,9 @@ from cdff_core.dfpcs.position_manager.estimate import CORE, LINE, POSE, SLIP, VE
 
 #: Longest step of the strapdown integration, nanoseconds.
 _STEP_NS = 200_000_000
+#: How far a robot may have gone, and turned, while nobody spoke: beyond it numbers lose their digits, and angles their
+#: meaning (a heading of which nothing is known).
+_LOST_M, _LOST_RAD = 1e4, math.pi / math.sqrt(3.0)
 _EXACT = np.zeros((6, 6))
 #: Ports whose measurements are absolute poses.
 FIXES = ("fix", "absolute_fix")
@@ -38,7 +41,8 @@ class Event:
     Attributes
     ----------
     source : str
-        ``odometry``, ``visual_odometry``, ``lidar_odometry``, ``fix``, ``absolute_fix``, or ``imu`` for a time at which to estimate.
+        ``odometry``, ``visual_odometry``, ``lidar_odometry``, ``fix``, ``absolute_fix``, or ``imu`` for a time at which
+        to estimate.
     measured : UncertainTransform, optional
         What it says: ``T_origin_sensor``.
     frame, child : str
@@ -130,9 +134,21 @@ class Estimator:
 
     def predict(self, estimate: Estimate, stamp_ns: int) -> Estimate:
         """Move on to a time that is not before the estimate's."""
+        if stamp_ns - estimate.stamp_ns > self.config.blind_s * 1e9:
+            return self._blind(estimate, stamp_ns)
         while estimate.stamp_ns < stamp_ns:
             estimate = self._predicted(estimate, min(stamp_ns, estimate.stamp_ns + _STEP_NS))
         return estimate
+
+    def _blind(self, estimate: Estimate, end_ns: int) -> Estimate:
+        """Over a time in which nobody spoke, in one step: it stood still for all that is known, and may be anywhere."""
+        before = estimate.covariance[POSE, POSE]
+        still = _doubted(replace(estimate, velocity=np.zeros(3)), 0.0)
+        after = self._predicted(still, end_ns)
+        P = after.covariance.copy()
+        lost = np.diag(np.square([_LOST_M] * 3 + [_LOST_RAD] * 3))
+        P[POSE, POSE] = before + np.minimum(P[POSE, POSE] - before, lost)
+        return _doubted(replace(after, covariance=P), self.config.unknown_speed_sigma_m_s)
 
     def _predicted(self, estimate: Estimate, end_ns: int) -> Estimate:
         begin_ns = estimate.stamp_ns

@@ -34,7 +34,7 @@ class Node:
     link : array, shape (9, 9)
         Covariance of its errors (rows) with those of the node before.
     broken : bool
-        Whether the time between it and the node before was forgotten.
+        Whether the time between it and the node before was forgotten, or nobody spoke in it.
     """
 
     stamp_ns: int
@@ -63,21 +63,29 @@ class TimeLine:
 
     Errors of neighbouring nodes are linked, and those of any two by the links between them (a Markov chain): so motions
     between two times do not get the error of where they began.
+
+    Parameters
+    ----------
+    blind_ns : int
+        Where estimates are farther apart, nothing is known of the time in between.
     """
 
-    def __init__(self, interpolation: Dfn[Any, Any, Any]) -> None:
+    def __init__(self, interpolation: Dfn[Any, Any, Any], blind_ns: int) -> None:
         self.nodes: list[Node] = []
         self.stamps_ns: list[int] = []
         #: Times that stay, nanoseconds.
         self.pins: set[int] = set()
-        self._interpolation = interpolation
+        self._interpolation, self._blind_ns = interpolation, blind_ns
 
     def append(self, estimate: Estimate) -> None:
         """Add the newest estimate, or replace the one of the same time."""
         if self.stamps_ns and self.stamps_ns[-1] == estimate.stamp_ns:
             self.nodes[-1] = replace(Node.of(estimate), broken=self.nodes[-1].broken)
             return
-        self.nodes.append(Node.of(estimate))
+        node = Node.of(estimate)
+        if self.stamps_ns and estimate.stamp_ns - self.stamps_ns[-1] > self._blind_ns:
+            node = replace(node, broken=True)
+        self.nodes.append(node)
         self.stamps_ns.append(estimate.stamp_ns)
 
     def cut(self, stamp_ns: int) -> None:
@@ -157,7 +165,8 @@ class TimeLine:
         a, b = nodes[k - 1], nodes[k]
         if b.broken:
             raise ExtrapolationError(
-                f"site to base at t={stamp_ns}: forgotten from {a.stamp_ns} to {b.stamp_ns}; pin a time to keep it"
+                f"site to base at t={stamp_ns}: forgotten, or never known, from {a.stamp_ns} to {b.stamp_ns}; pin a "
+                "time to keep it"
             )
         out = self._interpolation.process(
             FrameInterpolationInputs(

@@ -115,7 +115,7 @@ def test_after_an_intersected_fix_errors_hang_on_those_before_no_more_than_they_
 
 
 def test_a_motion_between_estimates_that_stay_is_as_sure_after_thinning() -> None:
-    line, step = TimeLine(dfn("interpolation")), np.diag([1.0, 2.0, 3.0, 0.1, 0.2, 0.3])
+    line, step = TimeLine(dfn("interpolation"), 30_000_000_000), np.diag([1.0, 2.0, 3.0, 0.1, 0.2, 0.3])
     at = first_estimate(0, UncertainTransform(np.eye(4), step), 1.0, np.ones(6), np.ones(3))
     line.append(at)
     for k in range(1, 9):
