@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -23,6 +23,10 @@ class VisualOdometrySparseConfig(DfpcConfig):
     patience: Annotated[int, Field(ge=1, le=100)] = 2
     sigma_calibration_walk_px: Annotated[float, Field(ge=0, le=1)] = 0.002
     felt_memory_s: Annotated[float, Field(gt=0, le=600, description="Wheel poses and rates are kept so long, s")] = 10.0
+    covariance_kind: Annotated[
+        Literal["formal", "calibrated"],
+        Field(description="calibrated where the poses of this camera, with these parameters, were held against truth"),
+    ] = "formal"
     trajectory_length: Annotated[int, Field(ge=2)] = 100_000
     assessment: dict[str, Any] = {}
     extraction: dict[str, Any] = {}

@@ -334,7 +334,9 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
 
     def _quality(self, reasons: list[str], metrics: dict[str, float]) -> Quality:
         status = Status.DEGRADED if reasons else Status.OK
-        return Quality(status, tuple(reasons), CovarianceKind.FORMAL, metrics)
+        # What a gap adds is a guess, whatever the rest was held against.
+        kind = CovarianceKind.FORMAL if self._gaps else CovarianceKind(self.config.covariance_kind)
+        return Quality(status, tuple(reasons), kind, metrics)
 
     def _output(
         self, stamp_ns: int, inputs: tuple[str, ...], pose: UncertainTransform | None, quality: Quality

@@ -13,7 +13,7 @@ import pytest
 from cdff_common.geometry import covariance as cov
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import Dfpc, DfpcContext, Output, Sample
-from cdff_common.interfaces.product import Status
+from cdff_common.interfaces.product import CovarianceKind, Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import FramePair
 from tests import corridor
@@ -34,9 +34,9 @@ def pairs() -> list[FramePair]:
     return [stereo_pair(T, i * STEP_NS) for i, T in enumerate(TRUTH)]
 
 
-def made() -> Dfpc:
+def made(**parameters: Any) -> Dfpc:
     dfpc = Registry.default().make_dfpc("visual_odometry_sparse")
-    dfpc.configure({}, DfpcContext(robot="mana"))
+    dfpc.configure(parameters, DfpcContext(robot="mana"))
     return dfpc
 
 
@@ -58,14 +58,18 @@ def trajectory(dfpc: Dfpc) -> Any:
 def test_another_camera_goes_on_from_where_it_is_expected_and_says_so(
     pairs: list[FramePair], monkeypatch: pytest.MonkeyPatch, what: str
 ) -> None:
-    dfpc = made()
-    before = [step(dfpc, pairs[i], i) for i in range(3)][-1].value.transform
+    dfpc = made(covariance_kind="calibrated")
+    *_, last = (step(dfpc, pairs[i], i) for i in range(3))
+    before = last.value.transform
     for name, value in OTHERS[what].items():
         monkeypatch.setattr(corridor, name, value)
     changed, *after = (step(dfpc, stereo_pair(TRUTH[i], i * STEP_NS), i) for i in (3, 4, 5))
     assert changed.quality.status is Status.DEGRADED
     assert changed.quality.reasons == ("camera_changed",)
     assert (changed.frame, changed.quality.metrics["gaps"]) == ("mana/vo", 1.0)
+    # The gap's covariance is a guess, though that of the camera before was held against truth.
+    kinds = [o.quality.covariance_kind for o in (last, changed, *after)]
+    assert kinds == [CovarianceKind.CALIBRATED] + [CovarianceKind.FORMAL] * 3
     T = changed.value.transform
     error = cov.pose_error(TRUTH[3], T.matrix)
     assert np.linalg.norm(error[:3]) < 0.05
