@@ -54,6 +54,19 @@ class Port(StrictModel):
         return self.type.removeprefix("asn1Scc")
 
 
+class InputPort(Port):
+    """An input of a DFPC.
+
+    Attributes
+    ----------
+    ordered : bool
+        Whether its samples are taken in rising order of time only; else older ones too, and only repeated ones are
+        dropped.
+    """
+
+    ordered: bool = True
+
+
 class OutputPort(Port):
     """An output of a DFPC: also says what it is to a requester."""
 
@@ -201,7 +214,7 @@ class DfpcDescription(StrictModel):
     version: str = "1"
     aliases: tuple[str, ...] = ()
     track: Literal["orbital", "planetary"]
-    input_ports: tuple[Port, ...]
+    input_ports: tuple[InputPort, ...]
     output_ports: tuple[OutputPort, ...]
     operations: tuple[Operation, ...] = ()
     implementations: Annotated[tuple[DfpcImplementation, ...], Field(min_length=1)]

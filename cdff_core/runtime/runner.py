@@ -3,8 +3,10 @@
 """The loop that orders samples and steps a DFPC: the same for the host process and for replay.
 
 Samples are stepped in (stamp_ns, port, seq) order as far as they have arrived. Within a port time only goes forward: an
-older or repeated sample is dropped and counted. Across ports a sample that comes after newer ones were stepped is
-stepped all the same and counted as out of order, since delayed measurements are the rule on a robot.
+older or repeated sample is dropped and counted; a port that is described as ``ordered: false`` takes older ones, and
+drops repeated ones alone. Across ports a sample that comes after newer ones were stepped is stepped all the same and
+counted as out of order, since delayed measurements are the rule on a robot. Several samples of a port in a row that are
+much older than its newest one, and rise, are of a mission clock that went back: the port goes on from there.
 """
 
 from __future__ import annotations
@@ -17,6 +19,11 @@ from typing import Any
 from cdff_common.errors import CdffError, ConfigurationError
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.interfaces.product import Header, Product, Status, product_id
+
+#: How far behind the newest of its port a sample is of a clock that went back, nanoseconds, and how many show it.
+_BACK_NS, _BACK_SAMPLES = 10_000_000_000, 3
+#: Samples of a port that takes them in any order which are known again when they come twice.
+_KNOWN = 1024
 
 
 @dataclass(slots=True)
@@ -52,12 +59,14 @@ class Runner:
         self._dfpc = dfpc
         self._robot = dfpc.context.robot
         self._ports = {p.attribute: p for p in dfpc.description.output_ports}
-        self._inputs = {p.attribute for p in dfpc.description.input_ports}
+        self._inputs = {p.attribute: p for p in dfpc.description.input_ports}
         self._config_hash = dfpc.config_hash
         self._producer = f"{dfpc.name}/{dfpc.implementation}/{dfpc.description.version}"
         self._heap: list[tuple[int, str, int, int, Sample]] = []
         self._arrivals = 0
         self._newest_ns: dict[str, int] = {}
+        self._behind: dict[str, tuple[int, int]] = {}
+        self._known: dict[str, dict[tuple[int, int], None]] = {}
         self._stepped_ns = -(1 << 62)
         self._stepping_ns: int | None = None
         self._next_seq: dict[str, int] = {}
@@ -76,7 +85,7 @@ class Runner:
         return self._heap[0][0] if self._heap else None
 
     def push(self, sample: Sample) -> bool:
-        """Queue a sample; False if it is not newer than the port's newest one, and dropped.
+        """Queue a sample; False if it is dropped: not newer than the port's newest, or a repeated one of any order.
 
         Raises
         ------
@@ -87,10 +96,10 @@ class Runner:
             raise ConfigurationError(
                 f"{self._dfpc.name} has no input port {sample.port!r}; it has {sorted(self._inputs)}"
             )
-        if sample.stamp_ns <= self._newest_ns.get(sample.port, -(1 << 62)):
+        newer = self._newer(sample)
+        if not newer if self._inputs[sample.port].ordered else self._repeated(sample):
             self.counters.late += 1
             return False
-        self._newest_ns[sample.port] = sample.stamp_ns
         heapq.heappush(self._heap, (sample.stamp_ns, sample.port, sample.seq, self._arrivals, sample))
         self._arrivals += 1
         return True
@@ -152,6 +161,33 @@ class Runner:
             )  # fmt: skip
             return header.to_dict()
         return fields
+
+    def _newer(self, sample: Sample) -> bool:
+        """Whether a sample is newer than all of its port, or of a clock that went back."""
+        port, stamp_ns = sample.port, sample.stamp_ns
+        newest_ns = self._newest_ns.get(port)
+        if newest_ns is not None and stamp_ns <= newest_ns:
+            count, last_ns = self._behind.get(port, (0, -(1 << 62)))
+            much = stamp_ns < newest_ns - _BACK_NS
+            count = (count + 1 if stamp_ns > last_ns else 1) if much else 0
+            self._behind[port] = (count, stamp_ns)
+            if count < _BACK_SAMPLES:
+                return False
+            self._stepped_ns = -(1 << 62)
+        self._behind.pop(port, None)
+        self._newest_ns[port] = stamp_ns
+        return True
+
+    def _repeated(self, sample: Sample) -> bool:
+        """Whether a sample of this time and number came on its port already."""
+        known = self._known.setdefault(sample.port, {})
+        key = (sample.stamp_ns, sample.seq)
+        if key in known:
+            return True
+        known[key] = None
+        if len(known) > _KNOWN:
+            del known[next(iter(known))]
+        return False
 
     def _products(self, outputs: Iterable[Output]) -> Iterator[Product]:
         for output in outputs:

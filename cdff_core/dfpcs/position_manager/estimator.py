@@ -22,7 +22,7 @@ from cdff_core.dfns.odometry_increment._interface import OdometryIncrementInputs
 from cdff_core.dfns.pose_weighting._interface import PoseWeightingInputs
 from cdff_core.dfpcs.position_manager.buffers import ImuBuffer
 from cdff_core.dfpcs.position_manager.configuration import PositionManagerConfig
-from cdff_core.dfpcs.position_manager.estimate import CORE, LINE, POSE, SLIP, VELOCITY, Estimate
+from cdff_core.dfpcs.position_manager.estimate import CORE, LINE, POSE, SLIP, VELOCITY, Clone, Estimate
 
 #: Longest step of the strapdown integration, nanoseconds.
 _STEP_NS = 200_000_000
@@ -114,10 +114,7 @@ class Estimator:
             return self._fixed(estimate, event)
         clone = estimate.clones.get(event.source)
         measured = event.measured
-        # Wheels count on while nobody listens; an odometry that was silent may have begun anew.
-        silent = event.source != "odometry" and clone is not None
-        gap = silent and event.stamp_ns - clone.stamp_ns > self.config.odometry_gap_s * 1e9
-        if clone is None or event.afresh or gap:
+        if clone is None or event.afresh or self._begun_anew(event, clone):
             return estimate.cloned(event.source, measured), Verdict(False, (f"{event.source}_attached",))
         if estimate.refused >= self.config.refusals:
             estimate = _doubted(estimate, self.config.unknown_speed_sigma_m_s)
@@ -184,6 +181,18 @@ class Estimator:
             covariance=P,
             since=since,
         )
+
+    def _begun_anew(self, event: Event, before: Clone) -> bool:
+        """Whether a source may count from a new origin: it was silent, or no wheel could have come so far.
+
+        Wheels count on while nobody listens.
+        """
+        since_s = (event.stamp_ns - before.stamp_ns) * 1e-9
+        if event.source != "odometry":
+            return since_s > self.config.odometry_gap_s
+        assert event.measured is not None  # the caller has looked
+        moved_m = float(np.linalg.norm(event.measured.matrix[:3, 3] - before.measured.matrix[:3, 3]))
+        return moved_m > self.config.max_wheel_speed_m_s * since_s
 
     def _stepped(self, estimate: Estimate, event: Event, before: UncertainTransform) -> Estimate:
         """Correct by the increment since the clone; raises RefusedError where it contradicts the estimate."""

@@ -56,6 +56,35 @@ def test_an_older_or_repeated_sample_of_a_port_is_dropped_and_counted(dfpc: Dfpc
     assert runner.counters.late == 2
 
 
+def test_an_older_sample_of_a_port_that_takes_any_order_is_stepped_and_a_repeated_one_dropped(dfpc: Dfpc) -> None:
+    (port,) = dfpc.description.input_ports
+    dfpc.description = dfpc.description.model_copy(
+        update={"input_ports": (port.model_copy(update={"ordered": False}),)}
+    )
+    runner = Runner(dfpc)
+    stamps = [2000, 1000, 1000, 2000, 3000]
+    assert [runner.push(sample(t)) for t in stamps] == [True, True, False, False, True]
+    assert runner.push(sample(1000, seq=1))
+    assert runner.counters.late == 2
+    assert [p.header.t1_ns for p in runner.drain()] == [1000, 1000, 2000, 3000]
+
+
+def test_a_port_goes_on_from_where_the_mission_clock_went_back_to(dfpc: Dfpc) -> None:
+    runner, hour = Runner(dfpc), 3_600_000_000_000
+    assert runner.push(sample(hour))
+    assert [runner.push(sample(t)) for t in (1000, 2000, 3000, 4000)] == [False, False, True, True]
+    assert [p.header.t1_ns for p in runner.drain()] == [3000, 4000, hour]
+
+
+def test_one_stamp_of_the_future_and_some_that_are_late_do_not_turn_a_port_back(dfpc: Dfpc) -> None:
+    runner, hour = Runner(dfpc), 3_600_000_000_000
+    assert runner.push(sample(hour))
+    for late in (1000, 2000):
+        assert not runner.push(sample(late))
+    assert runner.push(sample(hour + 1000))
+    assert not runner.push(sample(3000))
+
+
 @pytest.mark.req("CDFF-SUP-015")
 def test_an_output_has_the_id_of_the_contract_and_names_its_inputs(dfpc: Dfpc) -> None:
     runner = Runner(dfpc)
