@@ -19,11 +19,11 @@ from cdff_common.clock import format_stamp, wall_ns
 
 
 def provenance(root: Path) -> dict[str, Any]:
-    """Commit, whether the tree differs from it, lock file, Python, machine and time."""
+    """Commit, whether what is no document differs from it, lock file, Python, machine and time."""
     lock = root / "requirements" / f"py{''.join(platform.python_version_tuple()[:2])}.txt"
     return {
         "commit": _git(root, "rev-parse", "HEAD"),
-        "tree_differs": bool(_git(root, "status", "--porcelain", "--untracked-files=no", "--", ":!docs/evaluation")),
+        "tree_differs": bool(_git(root, "status", "--porcelain", "--untracked-files=no", "--", ":!docs")),
         "lock_sha256": hashlib.sha256(lock.read_bytes()).hexdigest()[:16] if lock.is_file() else "none",
         "python": platform.python_version(),
         "machine": f"{platform.machine()}, {os.cpu_count()} cores",
