@@ -1508,6 +1508,17 @@ _179 = Struct(
     ),
 )
 _180 = Struct(
+    "PositionState-Joints",
+    "PositionStateJoints",
+    (
+        Field("names", "names", ListOf(Text(256), 0, 256, "T-String")),
+        Field("counts", "counts", Octets(1073741824, "<i8", 0)),
+        Field("stamps", "stamps", Octets(1073741824, "<i8", 0)),
+        Field("values", "values", Octets(1073741824, "<f8", 0)),
+        Field("broken", "broken", Octets(1073741824, "<i8", 0)),
+    ),
+)
+_181 = Struct(
     "PositionState",
     "PositionState",
     (
@@ -1515,9 +1526,10 @@ _180 = Struct(
         Field("line", "line", _176),
         Field("links", "links", _178),
         Field("filter", "filter", _179),
+        Field("joints", "joints", _180),
     ),
 )
-_181 = Enumeration(
+_182 = Enumeration(
     "LaserRangeErrors",
     (
         ("too-far", 0),
@@ -1528,7 +1540,7 @@ _181 = Enumeration(
         ("end-laser-range-errors", 5),
     ),
 )
-_182 = Struct(
+_183 = Struct(
     "LaserScan",
     "LaserScan",
     (
@@ -1542,7 +1554,7 @@ _182 = Struct(
         Field("remission", "remission", Array(Real(), ((1, 2000),), ("T-Float",))),
     ),
 )
-_183 = Enumeration(
+_184 = Enumeration(
     "UnitAxis",
     (
         ("unit-x", 0),
@@ -1550,7 +1562,7 @@ _183 = Enumeration(
         ("unit-z", 2),
     ),
 )
-_184 = Enumeration(
+_185 = Enumeration(
     "DepthMeasurementState",
     (
         ("valid-measurement", 0),
@@ -1559,7 +1571,7 @@ _184 = Enumeration(
         ("measurement-error", 3),
     ),
 )
-_185 = Struct(
+_186 = Struct(
     "DepthMap",
     "DepthMap",
     (
@@ -1575,7 +1587,7 @@ _185 = Struct(
         Field("remissions", "remissions", Array(Real(), ((1, 30000),), ("T-Float",))),
     ),
 )
-_186 = Struct(
+_187 = Struct(
     "DistanceImage",
     "DistanceImage",
     (
@@ -1589,7 +1601,7 @@ _186 = Struct(
         Field("data", "data", Array(Real(), ((1, 60),), ("T-Float",))),
     ),
 )
-_187 = Struct(
+_188 = Struct(
     "Sonar",
     "Sonar",
     (
@@ -1605,7 +1617,7 @@ _187 = Struct(
         Field("bins", "bins", Array(Real(), ((1, 60),), ("T-Float",))),
     ),
 )
-_188 = Struct(
+_189 = Struct(
     "SonarBeam",
     "SonarBeam",
     (
@@ -1618,7 +1630,7 @@ _188 = Struct(
         Field("beam", "beam", Array(Integer(0, 255), ((1, 60),), ("T-UInt8",))),
     ),
 )
-_189 = Struct(
+_190 = Struct(
     "SonarScan",
     "SonarScan",
     (
@@ -1637,37 +1649,37 @@ _189 = Struct(
         Field("polar-coordinates", "polar_coordinates", Boolean()),
     ),
 )
-_190 = Alias("FramesSequence", "FramesSequence", "items", ListOf(_57, 0, 10, "Frame"))
-_191 = Alias("PosesSequence", "PosesSequence", "items", ListOf(_105, 0, 10, "Pose"))
-_192 = Alias(
+_191 = Alias("FramesSequence", "FramesSequence", "items", ListOf(_57, 0, 10, "Frame"))
+_192 = Alias("PosesSequence", "PosesSequence", "items", ListOf(_105, 0, 10, "Pose"))
+_193 = Alias(
     "CorrespondenceMaps2DSequence",
     "CorrespondenceMaps2DSequence",
     "items",
     ListOf(ListOf(_30, 0, 1024, "Correspondence2D"), 0, 56, "CorrespondenceMap2D"),
 )
-_193 = Alias(
+_194 = Alias(
     "CorrespondenceMaps3DSequence",
     "CorrespondenceMaps3DSequence",
     "items",
     ListOf(ListOf(_32, 0, 51200, "Correspondence3D"), 0, 56, "CorrespondenceMap3D"),
 )
-_194 = Alias("PointSequence", "PointSequence", "values", Array(Real(), ((0, 327680), (3, 3)), ("Point", "T-Double")))
-_195 = Alias("DoubleSequence", "DoubleSequence", "values", Array(Real(), ((0, 327680),), ("T-Double",)))
-_196 = Alias("StringSequence", "StringSequence", "items", ListOf(Text(256), 0, 100, "T-String"))
-_197 = Alias(
+_195 = Alias("PointSequence", "PointSequence", "values", Array(Real(), ((0, 327680), (3, 3)), ("Point", "T-Double")))
+_196 = Alias("DoubleSequence", "DoubleSequence", "values", Array(Real(), ((0, 327680),), ("T-Double",)))
+_197 = Alias("StringSequence", "StringSequence", "items", ListOf(Text(256), 0, 100, "T-String"))
+_198 = Alias(
     "VectorXdSequence",
     "VectorXdSequence",
     "items",
     ListOf(Array(Real(), ((0, 100),), ("T-Double",)), 0, 327680, "VectorXd"),
 )
-_198 = Enumeration(
+_199 = Enumeration(
     "IcuStateT",
     (
         ("icu-STEADY", 0),
         ("icu-SWITCHING", 1),
     ),
 )
-_199 = Struct(
+_200 = Struct(
     "ICU-Mode",
     "IcuMode",
     (
@@ -1677,13 +1689,13 @@ _199 = Struct(
         Field("sensor", "sensor", Text(256)),
         Field("mode", "mode", Text(256)),
         Field("target", "target", Text(256)),
-        Field("state", "state", _198),
+        Field("state", "state", _199),
         Field("isOn", "is_on", Boolean()),
         Field("rate", "rate", Real()),
         Field("holder", "holder", Text(256)),
     ),
 )
-_200 = Enumeration(
+_201 = Enumeration(
     "DfpcStateT",
     (
         ("dfpc-UNCONFIGURED", 0),
@@ -1692,7 +1704,7 @@ _200 = Enumeration(
         ("dfpc-ERROR", 3),
     ),
 )
-_201 = Struct(
+_202 = Struct(
     "DFPC-Status",
     "DfpcStatus",
     (
@@ -1702,7 +1714,7 @@ _201 = Struct(
         Field("dfpc", "dfpc", Text(256)),
         Field("implementation", "implementation", Text(256)),
         Field("configHash", "config_hash", Text(256)),
-        Field("state", "state", _200),
+        Field("state", "state", _201),
         Field("samples", "samples", Integer(0, 9223372036854775807)),
         Field("outputs", "outputs", Integer(0, 9223372036854775807)),
         Field("degraded", "degraded", Integer(0, 9223372036854775807)),
@@ -1714,7 +1726,7 @@ _201 = Struct(
         Field("lastError", "last_error", Text(256)),
     ),
 )
-_202 = Struct(
+_203 = Struct(
     "Event",
     "Event",
     (
@@ -1726,7 +1738,7 @@ _202 = Struct(
         Field("body", "body", Octets(65536, "|u1", 0)),
     ),
 )
-_203 = Enumeration(
+_204 = Enumeration(
     "Resolution",
     (
         ("seconds", 0),
@@ -1897,24 +1909,25 @@ MESSAGES: dict[str, Message] = {
     "PositionState-Metadata": _177,
     "PositionState-Links": _178,
     "PositionState-Filter": _179,
-    "PositionState": _180,
-    "LaserScan": _182,
-    "DepthMap": _185,
-    "DistanceImage": _186,
-    "Sonar": _187,
-    "SonarBeam": _188,
-    "SonarScan": _189,
-    "FramesSequence": _190,
-    "PosesSequence": _191,
-    "CorrespondenceMaps2DSequence": _192,
-    "CorrespondenceMaps3DSequence": _193,
-    "PointSequence": _194,
-    "DoubleSequence": _195,
-    "StringSequence": _196,
-    "VectorXdSequence": _197,
-    "ICU-Mode": _199,
-    "DFPC-Status": _201,
-    "Event": _202,
+    "PositionState-Joints": _180,
+    "PositionState": _181,
+    "LaserScan": _183,
+    "DepthMap": _186,
+    "DistanceImage": _187,
+    "Sonar": _188,
+    "SonarBeam": _189,
+    "SonarScan": _190,
+    "FramesSequence": _191,
+    "PosesSequence": _192,
+    "CorrespondenceMaps2DSequence": _193,
+    "CorrespondenceMaps3DSequence": _194,
+    "PointSequence": _195,
+    "DoubleSequence": _196,
+    "StringSequence": _197,
+    "VectorXdSequence": _198,
+    "ICU-Mode": _200,
+    "DFPC-Status": _202,
+    "Event": _203,
 }
 
 #: ASN.1 name -> that of the sibling with room for more.

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_left, bisect_right, insort
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from cdff_common.errors import ConflictError, ExtrapolationError, FrameNotFoundError, InputError
@@ -29,11 +30,14 @@ class PoseTrack:
     ----------
     extrapolation_limit_ns : int
         How far outside the span the nearest pose is still given, nanoseconds.
+    broken : set of int
+        Stamps before which poses were forgotten though one before them was kept: nothing is interpolated there.
     """
 
     extrapolation_limit_ns: int = 0
     stamps_ns: list[int] = field(default_factory=list)
     poses: dict[int, UncertainTransform] = field(default_factory=dict)
+    broken: set[int] = field(default_factory=set)
 
     def insert(self, stamp_ns: int, pose: UncertainTransform) -> None:
         """Add a pose, or replace the one at the same stamp."""
@@ -41,12 +45,24 @@ class PoseTrack:
             insort(self.stamps_ns, stamp_ns)
         self.poses[stamp_ns] = pose
 
-    def forget_before(self, stamp_ns: int) -> None:
-        """Drop every pose before ``stamp_ns`` but the last of them."""
+    def forget_before(self, stamp_ns: int, keep_ns: Iterable[int] = ()) -> None:
+        """Drop every pose before ``stamp_ns`` but the last of them, and those on either side of each of ``keep_ns``."""
         cut = max(bisect_left(self.stamps_ns, stamp_ns) - 1, 0)
-        for old in self.stamps_ns[:cut]:
-            del self.poses[old]
-        del self.stamps_ns[:cut]
+        after = [bisect_right(self.stamps_ns, t) for t in keep_ns] if cut else []
+        around = {i for k in after for i in (k - 1, k) if 0 <= i < cut}
+        if len(around) == cut:
+            return
+        gone = False
+        for i, stamp in enumerate(self.stamps_ns[: cut + 1]):
+            if i == cut or i in around:
+                if gone and around and i > min(around):
+                    self.broken.add(stamp)
+                gone = False
+            else:
+                del self.poses[stamp]
+                gone = True
+        self.stamps_ns[:cut] = [self.stamps_ns[i] for i in sorted(around)]
+        self.broken = {s for s in self.broken if s in self.poses and s != self.stamps_ns[0]}
 
     def forget_after(self, stamp_ns: int) -> None:
         """Drop every pose after ``stamp_ns``: for a time line whose end is estimated anew."""
@@ -71,6 +87,8 @@ class PoseTrack:
         first, last = self.stamps_ns[0], self.stamps_ns[-1]
         if 0 < i < len(self.stamps_ns):
             a, b = self.stamps_ns[i - 1], self.stamps_ns[i]
+            if b in self.broken:
+                raise ExtrapolationError(f"{what} at t={stamp_ns}: forgotten from {a} to {b}")
             return interpolate(self.poses[a], self.poses[b], (stamp_ns - a) / (b - a))
         nearest = first if i == 0 else last
         if abs(stamp_ns - nearest) <= self.extrapolation_limit_ns:

@@ -148,6 +148,7 @@ from cdff_common.types.pose_trajectory import PoseTrajectory, PoseTrajectoryData
 from cdff_common.types.position_state import (
     PositionState,
     PositionStateFilter,
+    PositionStateJoints,
     PositionStateLinks,
     PositionStateMetadata,
 )
@@ -321,6 +322,7 @@ __all__ = [
     "Position2D",
     "PositionState",
     "PositionStateFilter",
+    "PositionStateJoints",
     "PositionStateLinks",
     "PositionStateMetadata",
     "Pressure",

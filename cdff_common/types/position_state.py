@@ -28,7 +28,7 @@ class PositionStateMetadata(Message):
     """
 
     ASN1_NAME: ClassVar[str] = "PositionState-Metadata"
-    msg_version: int = 1
+    msg_version: int = 2
     producer_id: str = ""
 
     def __post_init__(self) -> None:
@@ -143,8 +143,45 @@ class PositionStateFilter(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PositionStateJoints(Message):
+    """Values of the joints, one after the other, each in rising order of time.
+
+    Attributes
+    ----------
+    names : tuple[str, ...]
+    counts : NDArray[np.int64], shape (n,)
+        values of each joint.
+    stamps : NDArray[np.int64], shape (n,)
+        us since the UNIX epoch.
+    values : NDArray[np.float64], shape (n,)
+        rad or m.
+    broken : NDArray[np.int64], shape (n,)
+        indices of values before which time was forgotten.
+    """
+
+    ASN1_NAME: ClassVar[str] = "PositionState-Joints"
+    names: tuple[str, ...] = ()
+    counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    stamps: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0, np.float64))
+    broken: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(
+            self,
+            "names",
+            check.items(self.names, "PositionStateJoints.names", 0, 256, lambda v, w: check.text(v, w, 256)),
+        )
+        put(self, "counts", check.typed_octets(self.counts, "PositionStateJoints.counts", 1073741824, "<i8", 0))
+        put(self, "stamps", check.typed_octets(self.stamps, "PositionStateJoints.stamps", 1073741824, "<i8", 0))
+        put(self, "values", check.typed_octets(self.values, "PositionStateJoints.values", 1073741824, "<f8", 0))
+        put(self, "broken", check.typed_octets(self.broken, "PositionStateJoints.broken", 1073741824, "<i8", 0))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PositionState(Message):
-    """Time line, how its errors hang together, and the filter's state.
+    """Time line, how its errors hang together, the filter's state, and the joints.
 
     Attributes
     ----------
@@ -152,6 +189,7 @@ class PositionState(Message):
     line : PoseTrajectory
     links : PositionStateLinks
     filter : PositionStateFilter
+    joints : PositionStateJoints
     """
 
     ASN1_NAME: ClassVar[str] = "PositionState"
@@ -159,6 +197,7 @@ class PositionState(Message):
     line: PoseTrajectory = field(default_factory=PoseTrajectory)
     links: PositionStateLinks = field(default_factory=PositionStateLinks)
     filter: PositionStateFilter = field(default_factory=PositionStateFilter)
+    joints: PositionStateJoints = field(default_factory=PositionStateJoints)
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -166,3 +205,4 @@ class PositionState(Message):
         put(self, "line", check.instance(self.line, "PositionState.line", PoseTrajectory))
         put(self, "links", check.instance(self.links, "PositionState.links", PositionStateLinks))
         put(self, "filter", check.instance(self.filter, "PositionState.filter", PositionStateFilter))
+        put(self, "joints", check.instance(self.joints, "PositionState.joints", PositionStateJoints))

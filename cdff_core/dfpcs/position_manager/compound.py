@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -54,7 +53,7 @@ class PositionManager(PositionManagerInterface):
         self._start_reasons: tuple[str, ...] = ()
         self._held: list[Sample] = []
         self._R_base_imu: FloatArray | None = None
-        self._wheels: tuple[int, FloatArray] | None = None
+        self._wheels_ns = -(1 << 62)
         self._published_ns = -1
         self._trajectory_ns = 0
         self._questions = Questions(self._frames, self._line, self._ahead)
@@ -97,15 +96,11 @@ class PositionManager(PositionManagerInterface):
         if self._history is None:
             yield from self._hold(sample)
             return
-        before = self._wheels
-        if before is not None and 0 <= sample.stamp_ns - before[0] < self.config.wheel_period_s * _NS:
+        since_ns = sample.stamp_ns - self._wheels_ns
+        if 0 <= since_ns < self.config.wheel_period_s * _NS:
             return
-        event = self._event(sample)
-        assert event.measured is not None  # a pose is all that the port takes
-        self._wheels = (sample.stamp_ns, event.measured.matrix)
-        if before is not None and self._reset(before, *self._wheels):
-            event = replace(event, afresh=True)
-        yield from self._take(sample, event)
+        self._wheels_ns = max(self._wheels_ns, sample.stamp_ns)
+        yield from self._take(sample, self._event(sample))
 
     def on_visual_odometry(self, sample: Sample) -> Iterable[Output]:
         """Take the increment of visual odometry."""
@@ -128,7 +123,9 @@ class PositionManager(PositionManagerInterface):
 
     def on_joints(self, sample: Sample) -> Iterable[Output]:
         """Move the frames below the base."""
-        self._frames.set_joints(sample.value, sample.stamp_ns, sample.stamp_ns - int(self.config.history_s * _NS))
+        forget_ns = sample.stamp_ns - int(self.config.history_s * _NS)
+        self._frames.set_joints(sample.value, sample.stamp_ns, forget_ns, self._line.pins)
+        self.state_revision += 1
         return ()
 
     def finish(self) -> Iterable[Output]:
@@ -211,11 +208,12 @@ class PositionManager(PositionManagerInterface):
     # -- what survives a restart ----------------------------------------------------------------------------------
 
     def state(self) -> PositionState | None:
-        """Time line, pins and the filter's newest estimate; None before the start."""
+        """Time line, pins, joints and the filter's newest estimate; None before the start."""
         if self._history is None:
             return None
-        gravity = self._estimator.gravity_m_s2
-        return to_message(self._line, self._history.newest, self._start, gravity, self._frames.base, self.name)
+        gravity, joints = self._estimator.gravity_m_s2, self._frames.joint_values()
+        newest = self._history.newest
+        return to_message(self._line, newest, self._start, gravity, joints, self._frames.base, self.name)
 
     def resume(self, state: Any) -> None:
         """Go on where the state ends; wheels that counted on bridge the time in between.
@@ -231,6 +229,7 @@ class PositionManager(PositionManagerInterface):
         self.reset()
         self._line.nodes, self._line.stamps_ns = kept.nodes, [n.stamp_ns for n in kept.nodes]
         self._line.pins |= kept.pins
+        self._frames.restore(kept.joints)
         self._start, self._estimator.gravity_m_s2 = kept.start, kept.gravity_m_s2
         self._history = History(self._estimator, kept.estimate, self._line, int(self.config.memory_s * _NS))
         self._published_ns = self._trajectory_ns = kept.estimate.stamp_ns
@@ -341,11 +340,6 @@ class PositionManager(PositionManagerInterface):
         if not 0 < stamp_ns - newest.stamp_ns <= self.config.extrapolation_s * _NS:
             return None
         return self._estimator.ahead(newest, stamp_ns)
-
-    def _reset(self, before: tuple[int, FloatArray], stamp_ns: int, T: FloatArray) -> bool:
-        """Whether no wheel could have come from the pose before: they count from a new origin."""
-        moved_m = float(np.linalg.norm(T[:3, 3] - before[1][:3, 3]))
-        return moved_m > self.config.max_wheel_speed_m_s * abs(stamp_ns - before[0]) / _NS
 
     def _mount(self, child: str, stamp_ns: int) -> FloatArray:
         return self._frames.on_robot(self._frames.base, child, stamp_ns).matrix

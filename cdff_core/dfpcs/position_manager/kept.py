@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,11 +17,13 @@ from cdff_common.types import (
     PoseTrajectory,
     PositionState,
     PositionStateFilter,
+    PositionStateJoints,
     PositionStateLinks,
     PositionStateMetadata,
 )
 from cdff_common.types.columns import pack_poses, unpack_poses
 from cdff_core.dfpcs.position_manager.estimate import CORE, Clone, Estimate
+from cdff_core.dfpcs.position_manager.frames import JointValues
 from cdff_core.dfpcs.position_manager.time_line import Node, TimeLine
 
 _WHERE = "PositionState"
@@ -27,13 +31,14 @@ _WHERE = "PositionState"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Kept:
-    """Newest estimate and nodes of the line, its pins, ``T_odom_base`` of the start, and gravity's strength (m/s^2)."""
+    """Newest estimate, nodes and pins of the line, ``T_odom_base`` of the start, gravity (m/s^2), joints."""
 
     estimate: Estimate
     nodes: list[Node]
     pins: set[int]
     start: UncertainTransform
     gravity_m_s2: float | None
+    joints: dict[str, JointValues]
 
 
 def to_message(
@@ -41,10 +46,11 @@ def to_message(
     estimate: Estimate,
     start: UncertainTransform,
     gravity_m_s2: float | None,
+    joints: Mapping[str, JointValues],
     base: str,
     producer: str,
 ) -> PositionState:
-    """The message; nodes and pins whose times are no multiples of a microsecond are rounded down to one."""
+    """The message; times that are no multiples of a microsecond are rounded down to one."""
     nodes = line.nodes
     stamps = np.array([n.stamp_ns for n in nodes]) // 1000
     trajectory = PoseTrajectory.from_arrays(
@@ -71,7 +77,8 @@ def to_message(
         measured_covariances=np.array([_rows(c.measured.covariance, unknown) for c in clones]).reshape(-1, 36),
         covariance=estimate.covariance.reshape(-1, 6),
     )
-    return PositionState(PositionStateMetadata(producer_id=producer), trajectory, links, filtered)
+    metadata = PositionStateMetadata(producer_id=producer)
+    return PositionState(metadata, trajectory, links, filtered, _joints_message(joints))
 
 
 def from_message(message: PositionState) -> Kept:
@@ -113,7 +120,42 @@ def from_message(message: PositionState) -> Kept:
         clones,
     )
     start = UncertainTransform(unpack_poses(f.start, _WHERE)[0], _square(f.start_covariance[0]))
-    return Kept(estimate, nodes, {int(t) * 1000 for t in links.pins}, start, float(gravity[0]) or None)
+    pins = {int(t) * 1000 for t in links.pins}
+    return Kept(estimate, nodes, pins, start, float(gravity[0]) or None, _joints(message.joints))
+
+
+def _joints_message(joints: Mapping[str, JointValues]) -> PositionStateJoints:
+    kept = list(joints.values())
+    stamps = np.concatenate([np.zeros(0, np.int64), *(j.stamps_ns for j in kept)])
+    broken = np.concatenate([np.zeros(0, bool), *(np.isin(j.stamps_ns, list(j.broken_ns)) for j in kept)])
+    return PositionStateJoints(
+        names=tuple(joints),
+        counts=np.array([len(j.values) for j in kept], dtype=np.int64),
+        stamps=stamps // 1000,
+        values=np.concatenate([np.zeros(0), *(j.values for j in kept)]),
+        broken=np.flatnonzero(broken).astype(np.int64),
+    )
+
+
+def _joints(message: PositionStateJoints) -> dict[str, JointValues]:
+    total = len(message.values)
+    sums = np.concatenate([[0], np.cumsum(message.counts)])
+    if (
+        len(message.counts) != len(message.names)
+        or (message.counts < 0).any()
+        or sums[-1] != total
+        or len(message.stamps) != total
+    ):
+        raise InputError(
+            f"PositionState.joints: {len(message.names)} names, {message.counts.tolist()} values of each, "
+            f"{len(message.stamps)} stamps and {total} values do not fit together"
+        )
+    stamps, broken = message.stamps * 1000, np.isin(np.arange(total), message.broken)
+    spans = [slice(int(a), int(b)) for a, b in itertools.pairwise(sums)]
+    return {
+        name: JointValues(stamps[at], message.values[at], set(stamps[at][broken[at]].tolist()))
+        for name, at in zip(message.names, spans, strict=True)
+    }
 
 
 def _rows(covariance: FloatArray | None, unknown: FloatArray) -> FloatArray:

@@ -95,6 +95,26 @@ def test_forgetting_keeps_the_last_pose_before_the_cut() -> None:
     assert track.at(25).matrix[0, 3] == 2.5
 
 
+def test_forgetting_keeps_what_lies_around_times_to_keep_and_answers_nothing_in_between() -> None:
+    track = PoseTrack()
+    for stamp in range(10):
+        track.insert(stamp * 10, at(float(stamp)))
+    track.forget_before(65, keep_ns=[15, 40])
+    assert track.stamps_ns == [10, 20, 40, 50, 60, 70, 80, 90]
+    assert track.at(15).matrix[0, 3] == 1.5
+    assert track.at(45).matrix[0, 3] == 4.5
+    with pytest.raises(ExtrapolationError, match="forgotten from 20 to 40"):
+        track.at(30)
+    track.forget_before(85, keep_ns=[15])
+    assert track.stamps_ns == [10, 20, 80, 90]
+    with pytest.raises(ExtrapolationError, match="forgotten from 20 to 80"):
+        track.at(70)
+    track.forget_before(85)
+    assert track.stamps_ns == [80, 90]
+    assert track.at(80).matrix[0, 3] == 8.0
+    assert not track.broken
+
+
 @pytest.mark.parametrize("frame", ["", "Site", "a//b", "/a", "a/", "a b", "x" * 200, "a\n"])
 def test_frame_ids_outside_the_contract_are_refused(frame: str) -> None:
     with pytest.raises(InputError):
