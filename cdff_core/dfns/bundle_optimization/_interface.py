@@ -43,14 +43,14 @@ class BundleOptimizationOutputs:
         Formal, x y z rx ry rz, perturbation in the frame, relative to the gauge: 0 what was held; NaN where there
         are none.
     point_covariances : ndarray of float64, shape (p,3,3)
-        Formal, square metres, relative to the gauge; NaN where there are none.
+        Formal, square metres, relative to the gauge; 0 of fixed points, NaN where there are none.
     residuals : ndarray of float64, shape (m,3)
         Predicted minus observed column, row and right column, pixels; the last 0 for a single image.
     weights : ndarray of float64, shape (m)
         Weight of each observation at the end under the robust loss.
     gauge : ndarray of int64, shape (g)
-        Ids of the cameras that state the gauge: the first keeps its pose, the second its distance from it; none
-        where the problem itself holds it.
+        Ids of the cameras that state the gauge: the first keeps of its pose what is free, the second its distance
+        from it; none where fixed cameras, fixed points and the prior hold everything.
     remaining : BundleProblem, optional
         The problem without the dropped cameras and the points that they saw, which have become a prior; absent
         where none was dropped.

@@ -15,6 +15,7 @@ from cdff_common.geometry import se3
 from cdff_common.types import BundleProblem
 from cdff_common.types.bundle_ext import FOCAL, K1, K2, K3, PRINCIPAL_POINT, TANGENTIAL
 from cdff_core.dfns.bundle_optimization._kernels import LENS, POSE, WIDTH, linearised, reduced, residuals
+from cdff_core.dfns.bundle_optimization._prior import Prior
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -79,18 +80,18 @@ class System:
     loss: int
     scale: float
     prior_columns: Int
-    prior_H: Float
-    prior_b: Float
-    prior_T: Float
-    prior_cameras: Int
+    prior: Prior
 
     @classmethod
     def of(cls, problem: BundleProblem, free: int | None, loss: int, scale: float) -> System:
         """Order a problem; ``free`` goes before what the lenses say where it is given. Raises InputError."""
         cameras, points, seen = problem.cameras, problem.points, problem.observations
         finite = np.isfinite(seen.pixels[:, :2]).all() and np.isfinite(points.positions).all()
-        if not len(seen.cameras) or not finite or not (problem.lenses.values[:, :2] > 0.0).all():
-            raise InputError("problem: expected observations, finite pixels and points, focal lengths above 0")
+        said = len(seen.cameras) or len(problem.prior.cameras)
+        if not said or not finite or not (problem.lenses.values[:, :2] > 0.0).all():
+            raise InputError(
+                "problem: expected observations or a prior, finite pixels and points, focal lengths above 0"
+            )
         order = np.argsort(seen.points, kind="stable")
         flags = np.full(len(problem.lenses.values), free) if free is not None else problem.lenses.free.astype(np.int64)
         n = len(cameras.ids)
@@ -109,19 +110,16 @@ class System:
             own = [(j, pose_column[i] + j) for j in range(POSE)] if pose_column[i] >= 0 else []
             own += [(POSE + j, col) for j, col in enumerate(lens_columns[cameras.lenses[i]]) if col >= 0]
             columns[i, : len(own)], count[i] = np.array(own, np.int64).reshape(-1, 2), len(own)
-        prior = problem.prior
-        rows = {int(identity): row for row, identity in enumerate(cameras.ids)}
-        named = np.array([rows[int(i)] for i in prior.cameras], np.int64)
-        kept = (pose_column[named, None] + np.arange(POSE)).reshape(-1) if len(named) else np.zeros(0, np.int64)
-        if len(named) and (pose_column[named] < 0).any():
+        prior = Prior.of(problem)
+        if (pose_column[prior.cameras] < 0).any():
             raise InputError("problem: a camera of the prior is fixed")
+        prior_columns = (pose_column[prior.cameras, None] + np.arange(POSE)).reshape(-1)
         pt = seen.points[order].astype(np.int64)
         return cls(
             order, np.r_[0, np.cumsum(np.bincount(pt, minlength=len(points.ids)))].astype(np.int64),
             seen.cameras[order].astype(np.int64), pt, np.ascontiguousarray(seen.pixels[order]),
             cameras.lenses.astype(np.int64), columns, count, pose_column, lens_columns, size,
-            np.array(points.fixed), loss, scale, kept, np.array(prior.matrix), np.array(prior.gradient),
-            prior.matrices, named,
+            np.array(points.fixed), loss, scale, prior_columns, prior,
         )  # fmt: skip
 
     @staticmethod
@@ -139,14 +137,16 @@ class System:
     def residuals(self, e: Estimate) -> tuple[Float, Float, float, float, int]:
         """Residuals, weights, robust cost with the prior's, plain cost without, points behind their camera."""
         r, weights, robust, plain, behind = residuals(*self._arrays(e), self.loss, self.scale)
-        return r, weights, robust + self._prior(e)[0], plain, behind
+        said, _ = self.prior.residuals(e.R, e.c)
+        return r, weights, robust + 0.5 * float(said @ said), plain, behind
 
     def normal(self, e: Estimate, r: Float, weights: Float) -> Normal:
         """Normal equations, the prior's included."""
         H, g, Hp, gp, W = linearised(*self._arrays(e), self.columns, self.count, r, weights, self.held, self.size)
         if len(self.prior_columns):
-            g[self.prior_columns] += self._prior(e)[1]
-            H[np.ix_(self.prior_columns, self.prior_columns)] += np.tril(self._sorted_prior())
+            said, slopes = self.prior.residuals(e.R, e.c)
+            g[self.prior_columns] += slopes.T @ said
+            H[np.ix_(self.prior_columns, self.prior_columns)] += np.tril(slopes.T @ slopes)
         return Normal(H, g, Hp, gp, W)
 
     def reduced(self, normal: Normal, damping: float) -> tuple[Float, Float, Float, NDArray[np.bool_]]:
@@ -166,19 +166,3 @@ class System:
             lenses[row, _PLACES[j]] += step[self.lens_columns[row, j]]
         lenses[:, 1] = ratio * lenses[:, 0]
         return replace(e, R=R, c=c, lenses=lenses, X=e.X + point_step)
-
-    def _prior(self, e: Estimate) -> tuple[float, Float]:
-        """Cost of the prior and its gradient by the poses it names."""
-        if not len(self.prior_columns):
-            return 0.0, np.zeros(0)
-        R = np.swapaxes(e.R[self.prior_cameras], 1, 2)
-        turned = se3.log_so3(R @ np.swapaxes(self.prior_T[:, :3, :3], 1, 2))
-        d = np.column_stack([e.c[self.prior_cameras] - self.prior_T[:, :3, 3], turned]).reshape(-1)
-        Hd = self.prior_H @ d
-        return float(0.5 * d @ Hd + self.prior_b @ d), Hd + self.prior_b
-
-    def _sorted_prior(self) -> Float:
-        """The prior's matrix; its columns ascend with the cameras' where the problem lists both alike."""
-        if (np.diff(self.prior_columns) > 0).all():
-            return self.prior_H
-        raise InputError("problem: expected the prior's cameras in the order of the problem's")

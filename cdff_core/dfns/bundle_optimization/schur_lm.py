@@ -29,6 +29,8 @@ from cdff_core.dfns.bundle_optimization._system import Estimate, System
 
 Float = NDArray[np.float64]
 _LOSSES = {"none": NO_LOSS, "huber": HUBER, "cauchy": CAUCHY}
+#: Pivot, of 1, below which a direction of the scaled system is free: the observations say nothing, what is left rounds.
+_ROUNDING = 1e-12
 _FREE = {
     "given": None, "fixed": 0, "focal": FOCAL, "radial": FOCAL | K1 | K2,
     "all": FOCAL | PRINCIPAL_POINT | K1 | K2 | K3 | TANGENTIAL,
@@ -72,7 +74,7 @@ class SchurLm(BundleOptimizationInterface):
         system = System.of(tiny, None, NO_LOSS, 1.0)
         at = System.first(tiny)
         minimised(system, at, 1, 1e-3)
-        self._covariances(system, at, Gauge(None, None), np.ones(8), 1.0)
+        self._covariances(system, at, Gauge.of(system, at), 1.0)
 
     def process(self, inputs: BundleOptimizationInputs) -> BundleOptimizationOutputs:
         """Adjust; raises InputError where the problem cannot be used."""
@@ -81,10 +83,11 @@ class SchurLm(BundleOptimizationInterface):
         system, first = System.of(problem, _FREE[c.lenses], loss, c.loss_scale_px), System.first(problem)
         gauge = Gauge.of(system, first)
         solution = minimised(system, first, c.max_iterations, c.tolerance)
-        estimate = gauge.restored(first, solution.estimate)
+        estimate = gauge.restored(system, first, solution.estimate)
         variance, freedom = self._unit_variance(system, solution, gauge)
-        covariances = self._covariances(system, estimate, gauge, solution.weights, variance)
-        self._report(solution, variance, freedom, len(system.cam))
+        covariances = self._covariances(system, estimate, gauge, variance)
+        known = c.covariances == "none" or bool(np.isfinite(covariances[0]).all())
+        self._report(solution, variance, freedom, len(system.cam), len(gauge.free), known)
         result = _with(problem, estimate)
         back = np.empty_like(system.order)
         back[system.order] = np.arange(len(back))
@@ -101,16 +104,13 @@ class SchurLm(BundleOptimizationInterface):
         """Variance of unit weight and the residuals' freedom; NaN where they have none."""
         per = 2 + (~np.isnan(system.pixels[:, 2])).astype(int)
         moving = system.size + 3 * int(((system.held == 0) & (np.diff(system.start) > 0)).sum())
-        freed = (6 if gauge.camera is not None and system.pose_column[gauge.camera] >= 0 else 0) + (
-            gauge.distant is not None
-        )
-        freedom = round(float((per * solution.weights).sum())) - moving + freed
+        count = round(float((per * solution.weights).sum())) + len(system.prior.offset)
+        freedom = count - moving + len(gauge.free)
         square = float((solution.weights * (solution.residuals**2).sum(axis=1)).sum())
+        square += float((system.prior.residuals(solution.estimate.R, solution.estimate.c)[0] ** 2).sum())
         return (square / freedom if freedom > 0 else float("nan")), freedom
 
-    def _covariances(
-        self, system: System, at: Estimate, gauge: Gauge, weights: Float, variance: float
-    ) -> tuple[Float, Float]:
+    def _covariances(self, system: System, at: Estimate, gauge: Gauge, variance: float) -> tuple[Float, Float]:
         """Of poses ``(n, 6, 6)`` and points ``(p, 3, 3)``; NaN where they were not asked for or do not exist."""
         n, p = len(at.c), len(at.X)
         poses, points = np.full((n, POSE, POSE), np.nan), np.full((p, 3, 3), np.nan)
@@ -124,23 +124,26 @@ class SchurLm(BundleOptimizationInterface):
             return poses, points
         for row, column in enumerate(system.pose_column):
             own = slice(column, column + POSE)
-            poses[row] = variance * C[own, own] if column >= 0 and row != gauge.camera else 0.0
+            held = column < 0 or (row == gauge.camera and gauge.holds_pose)
+            poses[row] = 0.0 if held else variance * C[own, own]
         if self.config.covariances == "all":
             points = variance * point_covariances(
                 system.start, system.cam, system.columns, system.count, normal.W, inverses, fine, C
             )
+            points[system.held != 0] = 0.0
         return poses, points
 
-    def _report(self, s: Solution, variance: float, freedom: int, observations: int) -> None:
+    def _report(self, s: Solution, variance: float, freedom: int, observations: int, free: int, known: bool) -> None:
         self.metrics = {
             "cost_initial": s.cost_initial, "cost_final": s.cost_final,
-            "rmse_px": float(np.sqrt(2.0 * s.cost_final / observations)), "robust_cost_initial": s.robust_initial,
-            "robust_cost_final": s.robust_final, "unit_variance": variance, "iterations": float(s.iterations),
-            "observations": float(observations), "outliers": float((s.weights < 0.25).sum()),
+            "rmse_px": float(np.sqrt(2.0 * s.cost_final / max(observations, 1))),
+            "robust_cost_initial": s.robust_initial, "robust_cost_final": s.robust_final, "unit_variance": variance,
+            "iterations": float(s.iterations), "observations": float(observations),
+            "outliers": float((s.weights < 0.25).sum()), "gauge_directions": float(free),
         }  # fmt: skip
         reasons = {
             "not_converged": not s.converged, "underdetermined": freedom <= 0,
-            f"behind_camera:{s.behind}": s.behind > 0,
+            f"behind_camera:{s.behind}": s.behind > 0, "degenerate:directions_free": freedom > 0 and not known,
         }  # fmt: skip
         self.reasons = tuple(name for name, applies in reasons.items() if applies)
 
@@ -155,7 +158,7 @@ def _inverse(S: Float, held: Float) -> Float | None:
     scale = 1.0 / np.sqrt(np.maximum(np.diag(S), 1e-300))
     N = np.linalg.qr((held * scale).T)[0]  # directions of scaled columns
     factor, failed = dpotrf(S * np.outer(scale, scale) + N @ N.T, lower=True, overwrite_a=True)
-    if failed:
+    if failed or np.diag(factor).min() ** 2 < _ROUNDING:
         return None
     inverse, _ = dpotri(factor, lower=True, overwrite_c=True)
     inverse = np.tril(inverse) + np.tril(inverse, -1).T

@@ -86,8 +86,6 @@ class BundleAdjustment(BundleAdjustmentInterface):
         if variance > self.config.max_unit_variance:
             reasons.append(f"residuals_exceed_noise:{variance:.1f}>{self.config.max_unit_variance:g}")
         known = bool(np.isfinite(found.pose_covariances).all())
-        if not known and self._adjust.config.covariances != "none" and "underdetermined" not in reasons:
-            reasons.append("degenerate:directions_free")
         status = Status.DEGRADED if reasons else Status.OK
         gauge = found.gauge.tolist()
         if gauge:

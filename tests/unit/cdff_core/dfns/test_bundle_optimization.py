@@ -11,6 +11,7 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.types import BundleObservations, BundleProblem
 from cdff_common.types.bundle_ext import FOCAL, K1, K2, PRINCIPAL_POINT, TANGENTIAL
+from cdff_common.types.columns import pack_poses
 from cdff_core.dfns.bundle_optimization import _poses_first, _solve
 from cdff_core.dfns.bundle_optimization._interface import BundleOptimizationInputs, BundleOptimizationOutputs
 from cdff_core.dfns.bundle_optimization._kernels import CAUCHY, HUBER, NO_LOSS
@@ -130,6 +131,85 @@ def test_the_gauge_keeps_the_first_camera_and_a_distance_for_single_images_only(
     assert scale[0] == pytest.approx(scale[1], rel=0.01)
 
 
+def with_fixed(problem: BundleProblem, cameras: int, points: int) -> BundleProblem:
+    """The first so many cameras and points fixed where they are."""
+    o, T, X = problem.observations, problem.cameras.matrices, problem.points.positions
+    return BundleProblem.from_arrays(
+        T, problem.lenses.values, X, (o.cameras, o.points), o.pixels, frame="site",
+        fixed=np.arange(len(T)) < cameras, fixed_points=np.arange(len(X)) < points,
+    )  # fmt: skip
+
+
+#: Directions that stay free: of single images and of rectified pairs, by fixed cameras and fixed points.
+FREE = {
+    (0, 0): (7, 6), (0, 1): (4, 3), (0, 2): (1, 1), (0, 3): (0, 0),
+    (1, 0): (1, 0), (1, 1): (0, 0), (1, 2): (0, 0), (1, 3): (0, 0),
+}  # fmt: skip
+
+
+@pytest.mark.req("CDFF-CORE-092")
+@pytest.mark.parametrize("stereo", [False, True], ids=["mono", "stereo"])
+@pytest.mark.parametrize(("cameras", "points"), FREE)
+def test_what_is_fixed_stays_and_only_what_that_leaves_free_is_held(cameras: int, points: int, stereo: bool) -> None:
+    problem = with_fixed((stereo_ring() if stereo else ring(8, 60, 6))[0], cameras, points)
+    found, dfn = solved(problem)
+    T, X, T_found = problem.cameras.matrices, problem.points.positions, found.problem.cameras.matrices
+    assert np.array_equal(found.problem.points.positions[:points], X[:points])
+    assert np.abs(T_found[:cameras] - T[:cameras]).max(initial=0.0) < 1e-12
+    assert cost(found.problem) == pytest.approx(dfn.metrics["cost_final"], rel=1e-9)
+    assert dfn.metrics["gauge_directions"] == FREE[cameras, points][int(stereo)]
+    assert dfn.reasons == ()
+    assert np.linalg.eigvalsh(found.pose_covariances).min() > -1e-12
+    assert not found.pose_covariances[:cameras].any()
+    assert not found.point_covariances[:points].any()
+    assert np.trace(found.point_covariances[points:], axis1=1, axis2=2).min() > 0.0
+    if len(found.gauge) > 1:
+        first, far = (int(i) for i in found.gauge)
+        gaps = [np.linalg.norm(t[far, :3, 3] - t[first, :3, 3]) for t in (T, T_found)]
+        assert gaps[0] == pytest.approx(gaps[1])
+
+
+def test_one_fixed_point_keeps_the_first_camera_turned_and_two_keep_it_from_turning_about_their_line() -> None:
+    for points, axes in ((1, np.eye(3)), (2, None)):
+        problem = with_fixed(stereo_ring()[0], 0, points)
+        found, _ = solved(problem)
+        first = int(found.gauge[0])
+        if axes is None:
+            axes = np.diff(problem.points.positions[:2], axis=0)
+            axes /= np.linalg.norm(axes)
+        turned = se3.log_so3(found.problem.cameras.matrices[first, :3, :3] @ problem.cameras.matrices[first, :3, :3].T)
+        C = found.pose_covariances[first]
+        assert np.abs(axes @ turned).max() < 1e-12
+        assert np.abs(axes @ C[3:, 3:] @ axes.T).max() < 1e-9 * np.trace(C[3:, 3:]) + 1e-20
+        assert np.trace(C[:3, :3]) > 0.0
+
+
+def test_three_fixed_points_on_a_line_leave_a_turn_about_it() -> None:
+    problem, *_ = ring(8, 60, 6)
+    X = problem.points.positions.copy()
+    X[1] = 0.5 * (X[0] + X[2])
+    found, dfn = solved(with_fixed(replace(problem, points=replace(problem.points, positions=X)), 0, 3))
+    assert dfn.metrics["gauge_directions"] == 1.0
+    assert np.isfinite(found.pose_covariances).all()
+
+
+def test_what_nothing_joins_has_no_covariances_and_a_reason() -> None:
+    problem, *_ = ring(8, 60, 6)
+    o = problem.observations
+    T, X = problem.cameras.matrices, problem.points.positions
+    apart = BundleProblem.from_arrays(
+        np.concatenate([T, T]), problem.lenses.values, np.concatenate([X, X]),
+        (np.concatenate([o.cameras, o.cameras + 8]), np.concatenate([o.points, o.points + 60])),
+        np.concatenate([o.pixels, o.pixels]), frame="site",
+    )  # fmt: skip
+    few = np.flatnonzero((o.cameras != 5) | (np.cumsum(o.cameras == 5) <= 2))
+    loose = replace(problem, observations=BundleObservations(o.cameras[few], o.points[few], o.pixels[few]))
+    for unjoined in (apart, loose):
+        found, dfn = solved(unjoined)
+        assert np.isnan(found.pose_covariances).all()
+        assert dfn.reasons == ("degenerate:directions_free",)
+
+
 def test_a_robust_loss_bears_wrong_observations() -> None:
     problem, T_true, X_true = ring(8, 80, 6, 0.5, 3)
     o = problem.observations
@@ -179,6 +259,73 @@ def test_marginalised_cameras_become_a_prior_that_stands_for_them() -> None:
     alone = replace(remaining, prior=type(remaining.prior)())
     shift = np.abs(solved(alone, tolerance=1e-12)[0].problem.cameras.matrices - kept).max()
     assert shift > 10.0 * np.abs(again.problem.cameras.matrices - kept).max()
+
+
+@pytest.mark.req("CDFF-CORE-092")
+@pytest.mark.parametrize("stereo", [False, True], ids=["mono", "stereo"])
+def test_a_window_that_slides_keeps_its_gauge_and_its_covariances(stereo: bool) -> None:
+    rng = np.random.default_rng(4)
+    problem = stereo_ring()[0] if stereo else ring(8, 60, 6, 0.5, 1)[0]
+    whole, dfn = solved(problem, tolerance=1e-12)
+    left, variance = whole.problem, dfn.metrics["unit_variance"]
+    for dropped in (7, 6, 5):
+        left = solved(left, dropped=[dropped], max_iterations=0)[0].remaining
+        assert left is not None
+        T = left.cameras.matrices
+        for row in np.setdiff1d(np.arange(len(T)), whole.gauge):  # as new observations would
+            T[row] = se3.transform(
+                se3.exp_so3(rng.normal(0, 1e-3, 3)) @ T[row, :3, :3], T[row, :3, 3] + rng.normal(0, 1e-2, 3)
+            )
+        left = replace(left, cameras=replace(left.cameras, poses=pack_poses(T, "shaken")))
+        again, dfn = solved(left, tolerance=1e-12)
+        left = again.problem
+        assert dfn.reasons == (() if len(left.observations.cameras) else ("underdetermined",))
+        assert dfn.metrics["gauge_directions"] == (6.0 if stereo else 7.0)
+        if not len(left.observations.cameras):
+            break
+        assert again.gauge.tolist() == whole.gauge.tolist()
+        before, after = (
+            whole.pose_covariances[:dropped] / variance,
+            again.pose_covariances / dfn.metrics["unit_variance"],
+        )
+        assert np.abs(after - before).max() < 0.02 * np.abs(before).max()
+        assert np.abs(left.cameras.matrices - whole.problem.cameras.matrices[:dropped]).max() < 1e-3
+    assert 5 <= dropped < 7
+
+
+def test_a_prior_of_which_nothing_was_fixed_does_not_mind_where_everything_is_and_how_large() -> None:
+    whole, _ = solved(ring(10, 120, 5, 0.5, 1)[0])
+    remaining = solved(whole.problem, dropped=[7, 8, 9], max_iterations=0)[0].remaining
+    assert remaining is not None
+    T, X, turned = remaining.cameras.matrices, remaining.points.positions, se3.exp_so3([0.3, -0.5, 0.4])
+    T[:, :3, 3] = 1.3 * T[:, :3, 3] @ turned.T + [5.0, -70.0, 9.0]
+    T[:, :3, :3] = turned @ T[:, :3, :3]
+    elsewhere = replace(
+        remaining, cameras=replace(remaining.cameras, poses=pack_poses(T, "moved")),
+        points=replace(remaining.points, positions=1.3 * X @ turned.T + [5.0, -70.0, 9.0]),
+    )  # fmt: skip
+    here, there = (System.of(problem, 0, NO_LOSS, 1.0) for problem in (remaining, elsewhere))
+    at = System.first(elsewhere)
+    assert there.residuals(at)[2] == pytest.approx(here.residuals(System.first(remaining))[2], rel=1e-9)
+    rng, h = np.random.default_rng(1), 1e-6
+    at = there.moved(at, 1e-4 * rng.normal(size=there.size), np.zeros_like(at.X))
+    normal = there.normal(at, *there.residuals(at)[:2])
+    for _ in range(3):
+        d, dp = rng.normal(size=there.size), rng.normal(size=at.X.shape)
+        costs = [there.residuals(there.moved(at, s * h * d, s * h * dp))[2] for s in (1.0, -1.0)]
+        slope = float(normal.g @ d + (normal.gp * dp).sum())
+        assert (costs[0] - costs[1]) / (2.0 * h) == pytest.approx(slope, rel=1e-3)
+
+
+def test_the_variance_of_unit_weight_counts_what_the_prior_says() -> None:
+    variances = []
+    for seed in range(6):
+        problem, *_ = ring(10, 120, 5, 0.5, seed)
+        whole, _ = solved(problem)
+        remaining = solved(whole.problem, dropped=[7, 8, 9], max_iterations=0)[0].remaining
+        assert remaining is not None
+        variances.append(solved(remaining)[1].metrics["unit_variance"])
+    assert np.mean(variances) == pytest.approx(0.25, rel=0.15)
 
 
 def test_fewer_residuals_than_unknowns_and_bad_numbers_are_said() -> None:

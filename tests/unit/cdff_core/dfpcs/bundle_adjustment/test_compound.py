@@ -54,6 +54,19 @@ def test_marginalise_keeps_the_rest_with_a_prior() -> None:
         dfpc.store.get("last_problem")
 
 
+def test_after_cameras_became_a_prior_the_answer_still_states_gauge_and_covariances() -> None:
+    dfpc = made()
+    (before, *_) = dfpc.step(Sample("problem", 0, 0, ring(8, 60, 6)[0]))
+    remaining = dfpc.call("marginalise", {"cameras": "7"})
+    answer, *_, landmarks = dfpc.step(Sample("problem", 1, 1, remaining))
+    assert answer.quality.status is Status.OK
+    assert answer.quality.covariance_kind is CovarianceKind.FORMAL
+    assert answer.quality.reasons == before.quality.reasons == ("scale_kept:camera 0 to camera 4",)
+    assert answer.quality.metrics["gauge_directions"] == 7.0
+    assert answer.quality.metrics["gauge_distance_camera"] == 4.0
+    assert np.isfinite(landmarks.value.covariances).all()
+
+
 def test_more_noise_than_stated_is_degraded_and_an_empty_problem_fails() -> None:
     (answer, *_) = made(sigma_px=0.1).step(Sample("problem", 0, 0, ring(8, 60, 6)[0]))
     assert answer.quality.status is Status.DEGRADED
