@@ -55,7 +55,7 @@ class PositionManager(PositionManagerInterface):
         self._R_base_imu: FloatArray | None = None
         self._wheels_ns = -(1 << 62)
         self._published_ns = -1
-        self._trajectory_ns = 0
+        self._trajectory_ns = self._thinned_ns = 0
         self._questions = Questions(self._frames, self._line, self._ahead)
         self.store.offer("trajectory", lambda: self.get_trajectory(-1, -1) if self._history else None)
         self.store.offer("pose", lambda: self.get_pose("site", self._frames.base, -1) if self._history else None)
@@ -232,7 +232,7 @@ class PositionManager(PositionManagerInterface):
         self._frames.restore(kept.joints)
         self._start, self._estimator.gravity_m_s2 = kept.start, kept.gravity_m_s2
         self._history = History(self._estimator, kept.estimate, self._line, int(self.config.memory_s * _NS))
-        self._published_ns = self._trajectory_ns = kept.estimate.stamp_ns
+        self._published_ns = self._trajectory_ns = self._thinned_ns = kept.estimate.stamp_ns
         self._drivers.begin(kept.estimate.stamp_ns)
         self._time.begin(kept.estimate.stamp_ns)
         self._start_reasons = ("resumed",)
@@ -256,7 +256,7 @@ class PositionManager(PositionManagerInterface):
         self._start, self._start_reasons = start.T_odom_base, start.reasons
         self._estimator.gravity_m_s2 = start.gravity_m_s2
         self._history = History(self._estimator, start.estimate, self._line, int(self.config.memory_s * _NS))
-        self._trajectory_ns = start.estimate.stamp_ns
+        self._trajectory_ns = self._thinned_ns = start.estimate.stamp_ns
         self._drivers.begin(start.estimate.stamp_ns)
         for sample in held:
             if sample.port != "imu":
@@ -302,10 +302,13 @@ class PositionManager(PositionManagerInterface):
         )
         quality = self._drivers.quality(t_ns, T, (*reasons, *self._start_reasons))
         yield Output("pose", value, t_ns, t_ns, "site", base, quality, inputs)
-        if t_ns - self._trajectory_ns >= self.config.trajectory_period_s * _NS:
-            self._trajectory_ns = t_ns
-            c = self.config
+        c = self.config
+        if t_ns - self._thinned_ns >= c.trajectory_period_s * _NS:
+            self._thinned_ns = t_ns
             self._line.thin(t_ns - int(c.dense_s * _NS), int(c.thin_s * _NS), t_ns - int(c.history_s * _NS))
+        kept_s = min((t_ns - self._line.stamps_ns[0]) / _NS, c.history_s)
+        if t_ns - self._trajectory_ns >= max(c.trajectory_period_s, c.trajectory_share * kept_s) * _NS:
+            self._trajectory_ns = t_ns
             yield self._trajectory(inputs)
 
     def _trajectory(self, inputs: tuple[str, ...]) -> Output:

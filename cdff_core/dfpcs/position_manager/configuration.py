@@ -95,7 +95,12 @@ class PositionManagerConfig(DfpcConfig):
     dense_s: Annotated[Seconds, Field(description="time line with every estimate")] = 60.0
     thin_s: Annotated[Seconds, Field(description="between the estimates that are kept after that")] = 1.0
     history_s: Annotated[Seconds, Field(description="time line kept; pinned times stay")] = 3600.0
-    trajectory_period_s: Seconds = 5.0
+    trajectory_period_s: Annotated[Seconds, Field(description="between trajectories that are published, at least")] = (
+        5.0
+    )
+    trajectory_share: Annotated[
+        float, Field(ge=0, le=1, description="by which the trajectory must have grown to be published again")
+    ] = 0.02
     extrapolation_s: Annotated[
         float, Field(ge=0, le=10, description="how far beyond its ends the time line answers")
     ] = 0.2

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from cdff_common.errors import ExtrapolationError, FrameNotFoundError, InputErro
 from cdff_common.geometry import FrameGraph, UncertainTransform, se3
 from cdff_common.interfaces.dfpc import DfpcContext, Output, Sample
 from cdff_common.interfaces.product import Quality, Status
+from cdff_common.interfaces.profile import load_profile
 from cdff_common.types import IMUSensors, Time, TransformWithCovariance
 from cdff_core.dfpcs.position_manager.compound import PositionManager
 
@@ -313,6 +315,24 @@ def test_the_trajectory_comes_every_few_seconds_and_at_the_end() -> None:
     assert (last.port, last.t0_ns, last.t1_ns) == ("trajectory", T0, T0 + 7_000 * MS)
     np.testing.assert_allclose(last.value.matrices[-1], T_SITE_ODOM @ truth(7.0), atol=1e-3)
     assert dfpc.store.get("trajectory").stamps_ns.shape == last.value.stamps_ns.shape
+
+
+def test_a_trajectory_is_published_again_when_it_has_grown_so_that_the_disk_does_not_fill_with_copies() -> None:
+    dfpc = manager(trajectory_period_s=0.2, trajectory_share=0.25)
+    published = [o for o in feed(dfpc, [visual(t) for t in times(5, 30)]) if o.port == "trajectory"]
+    poses_kept = len(dfpc.get_trajectory(-1, -1).stamps_ns)
+    assert sum(len(o.value.stamps_ns) for o in published) < poses_kept / 0.25 + poses_kept
+    for before, after in itertools.pairwise(o.t1_ns - T0 for o in published):
+        assert after <= 1.34 * before + 400 * MS
+
+
+@pytest.mark.parametrize(
+    "path", sorted((Path(__file__).parents[5] / "deploy" / "profiles").glob("*.yaml")), ids=lambda p: p.stem
+)
+def test_a_shipped_profile_lets_old_trajectories_go(path: Path) -> None:
+    profile = load_profile(path)
+    if any(entry.name == "position_manager" for robot in profile.robots for entry in robot.dfpcs):
+        assert any(rule.product == "trajectory" and rule.max_count for rule in profile.retention)
 
 
 def test_a_start_in_the_middle_of_a_drive_takes_its_place_from_the_wheels() -> None:
