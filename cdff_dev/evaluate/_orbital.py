@@ -105,10 +105,11 @@ class Drive:
                 UncertainTransform(believed, np.diag(variances)),
                 parent="site", child=f"{robot}/base", stamp_ns=stamp_ns,
             ))  # fmt: skip
-            yield Sample("dem", stamp_ns, i, _patch(ground, true, believed, stamp_ns, rng))
+            yield Sample("dem", stamp_ns, i, patch(ground, true, believed, stamp_ns, rng))
 
 
-def _patch(ground: Ground, true: FloatArray, believed: FloatArray, t_ns: int, rng: np.random.Generator) -> ElevationMap:
+def patch(ground: Ground, true: FloatArray, believed: FloatArray, t_ns: int, rng: np.random.Generator) -> ElevationMap:
+    """What is seen from pose ``true`` (T_site_base) in 9 s, put where the robot believes to be."""
     x, y = believed[:2, 3]
     geometry = GridGeometry.aligned("site", FINE_M, (x - VIEW_M, y - VIEW_M, x + VIEW_M, y + VIEW_M))
     gx, gy = geometry.centres_m()

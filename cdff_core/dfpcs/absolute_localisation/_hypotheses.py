@@ -75,6 +75,11 @@ class Hypothesis:
         J[0, 3], J[1, 3] = -arm[1], arm[0]
         return replace(self, point=point, covariance=J @ self.covariance @ J.T + np.diag(drift))
 
+    def after(self, frame: Float) -> Hypothesis:
+        """The same where the map's frame became another, ``frame`` = T_new_old."""
+        point = frame[:3, :3] @ self.point + frame[:3, 3]
+        return replace(self, transform=self.transform @ se3.inverse(frame), point=point)
+
     def joined(self, found: RasterMatchingOutputs, index: int) -> Hypothesis | None:
         """With a candidate matched at ``point``, by Kalman's update; None where it contradicts this one."""
         other = replace(self, transform=found.transforms[index])

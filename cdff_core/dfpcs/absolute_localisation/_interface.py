@@ -19,7 +19,7 @@ class AbsoluteLocalisationInterface(Dfpc):
     """
 
     name = "absolute_localisation"
-    INPUT_PORTS = ("dem", "orbital", "poses")
+    INPUT_PORTS = ("dem", "orbital", "poses", "odometry")
 
     def step(self, sample: Sample) -> Iterable[Output]:
         """Hand the sample to the handler of its port; raises InputError on a port that is not there."""
@@ -30,6 +30,8 @@ class AbsoluteLocalisationInterface(Dfpc):
                 return self.on_orbital(sample)
             case "poses":
                 return self.on_poses(sample)
+            case "odometry":
+                return self.on_odometry(sample)
             case _:
                 raise InputError(f"{self.name}: no input port {sample.port!r}; it has {', '.join(self.INPUT_PORTS)}")
 
@@ -47,6 +49,12 @@ class AbsoluteLocalisationInterface(Dfpc):
     def on_poses(self, sample: Sample) -> Iterable[Output]:
         """Take a TransformWithCovariance: The robot's own T_map_base, that placed the patches; without it what is
         answered is T_orbital_map.
+        """
+
+    @abstractmethod
+    def on_odometry(self, sample: Sample) -> Iterable[Output]:
+        """Take a TransformWithCovariance: T_odom_base of the wheels, which does not jump: tells how far the frame of
+        poses jumped where a fix went into them.
         """
 
     @abstractmethod

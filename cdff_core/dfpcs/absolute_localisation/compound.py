@@ -20,6 +20,7 @@ from cdff_core.dfns.dem_fusion._interface import DemFusionInputs
 from cdff_core.dfns.raster_matching._interface import RasterMatchingInputs
 from cdff_core.dfpcs.absolute_localisation._hypotheses import Hypothesis, fused, probability
 from cdff_core.dfpcs.absolute_localisation._interface import AbsoluteLocalisationInterface
+from cdff_core.dfpcs.absolute_localisation._jumps import Jumps
 
 Float = NDArray[np.float64]
 
@@ -66,6 +67,10 @@ class AbsoluteLocalisationConfig(DfpcConfig):
     max_sigma_cells: float = Field(
         0.4, gt=0.0, description="Standard deviation of the place in orbital cells, FAILED above"
     )
+    jump_m: float = Field(
+        0.2, gt=0.0, description="Of the frame of poses: what odometry does not explain, beyond slip, metres"
+    )
+    jump_deg: float = Field(0.5, gt=0.0, le=180.0, description="The same of its yaw, degrees")
 
 
 class AbsoluteLocalisation(AbsoluteLocalisationInterface):
@@ -88,7 +93,10 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
         """Forget map and hypotheses, keep the orbital model."""
         self._hypotheses: tuple[Hypothesis, ...] = ()
         self._pose: Sample | None = None
+        self._answered: Hypothesis | None = None
         self._correction: TransformWithCovariance | None = None
+        self._jumps = Jumps(self.config.jump_m, np.radians(self.config.jump_deg))
+        self._jump_ns = 0
         self._way_m = 0.0
         self._matched_way_m = 0.0
         self._begin_segment()
@@ -100,18 +108,38 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
         return self._matched()
 
     def on_poses(self, sample: Sample) -> Iterable[Output]:
-        """Keep the pose and add to the way driven."""
+        """Keep the pose and add to the way driven; where its frame jumped, what is known follows."""
         if sample.value is None:
             return ()
-        if self._pose is not None:
-            step = sample.value.transform.matrix[:3, 3] - self._pose.value.transform.matrix[:3, 3]
-            self._way_m += float(np.linalg.norm(step))
+        step = self._jumps.step(sample.stamp_ns, sample.value.transform.matrix)
+        self._way_m += step.way_m
         self._pose = sample
+        if step.jumped:
+            self._moved(step.frame, sample.stamp_ns)
         return ()
 
+    def on_odometry(self, sample: Sample) -> Iterable[Output]:
+        """Keep what tells jumps of the poses' frame from the way driven."""
+        if sample.value is not None:
+            self._jumps.odometry(sample.stamp_ns, sample.value.transform.matrix)
+        return ()
+
+    def _moved(self, frame: Float | None, stamp_ns: int) -> None:
+        """Hypotheses of the frame that was become those of the frame that is (``frame`` T_new_old); the segment ends.
+
+        Where nobody knows how far it jumped, the next match begins from the pose's own covariance: it holds the fix.
+        """
+        answered = None if frame is None or self._answered is None else self._answered.after(frame)
+        self._hypotheses = () if frame is None else tuple(h.after(frame) for h in self._hypotheses)
+        self._answered, self._correction = answered, None
+        if answered is not None:
+            self._correct(answered, stamp_ns)
+        self._jump_ns = stamp_ns
+        self._begin_segment()
+
     def on_dem(self, sample: Sample) -> Iterable[Output]:
-        """Pool the patch; match the segment's map where it is long enough."""
-        if sample.value is None:
+        """Pool the patch; match the segment's map where it is long enough. One begun before a jump is in two frames."""
+        if sample.value is None or sample.value.t0_ns < self._jump_ns:
             return ()
         try:
             self._map = self._fusion.process(DemFusionInputs(patch=sample.value)).map
@@ -135,7 +163,10 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
     def get_correction(self) -> TransformWithCovariance:
         """T_orbital_map; raises ProductNotFoundError before the first answer."""
         if self._correction is None:
-            raise ProductNotFoundError(f"{self.name}: nothing has been matched yet")
+            raise ProductNotFoundError(
+                f"{self.name}: nothing has been matched yet, or not since the frame of poses jumped; drive "
+                f"{self.config.segment_m:g} m"
+            )
         return self._correction
 
     def get_map(self) -> ElevationMap:
@@ -146,12 +177,10 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
 
     def _located(self, sample: Sample, orbital: ElevationMap, segment: ElevationMap) -> Output:
         """Predict, match, fuse, judge."""
-        point = _middle(segment)
         try:
-            prior = self._predicted(point)
-            best = prior[0]
+            prior = self._predicted(_middle(segment))
             found = self._match.process(
-                RasterMatchingInputs(orbital, segment, guess=best.transform, reach=self._reach(prior))
+                RasterMatchingInputs(orbital, segment, guess=prior[0].transform, reach=self._reach(prior))
             )
         except (InputError, RefusedError) as error:
             reasons = getattr(error, "reasons", ()) or (f"bad_input:{error}",)
@@ -159,8 +188,11 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
         cell_m = orbital.geometry.resolution_m
         self._hypotheses = fused(prior, found, _APART_CELLS * cell_m)
         self._matched_way_m = self._way_m - 0.5 * self._span_m
+        best = self._hypotheses[0]
         quality = self._judged(self._hypotheses, cell_m)
-        return self._output(None if quality.status is Status.FAILED else self._hypotheses[0], quality, sample)
+        if best.matches and not best.explained:  # what was matched before is doubted: the next begins from poses
+            self._hypotheses = ()
+        return self._output(None if quality.status is Status.FAILED else best, quality, sample)
 
     def _predicted(self, point: Float) -> tuple[Hypothesis, ...]:
         """The hypotheses at the middle of the segment; at first the one that the robot is where it believes."""
@@ -230,13 +262,20 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
             value = TransformWithCovariance.from_transform(
                 T, parent=frame, child=child, stamp_ns=stamp_ns, producer=self.name
             )
-            self._correction = TransformWithCovariance.from_transform(
-                UncertainTransform(best.transform, self._six(best.at(np.zeros(3), np.zeros(4)).covariance)),
-                parent=frame, child=f"{self.context.robot}/map", stamp_ns=stamp_ns, producer=self.name,
-            )  # fmt: skip
+            self._answered = best
+            self._correct(best, stamp_ns)
         ids = (*self._inputs, *((self._orbital.id,) if self._orbital is not None and self._orbital.id else ()))
         t0_ns = min(self._t0_ns or stamp_ns, stamp_ns)
         return Output("pose", value, t0_ns, stamp_ns, frame, child, quality, ids)
+
+    def _correct(self, best: Hypothesis, stamp_ns: int) -> None:
+        """T_orbital_map, as it was answered, in the map's frame of now."""
+        assert self._orbital is not None  # it was matched with
+        T = UncertainTransform(best.transform, self._six(best.at(np.zeros(3), np.zeros(4)).covariance))
+        self._correction = TransformWithCovariance.from_transform(
+            T, parent=self._orbital.value.frame, child=f"{self.context.robot}/map", stamp_ns=stamp_ns,
+            producer=self.name,
+        )  # fmt: skip
 
     def _six(self, covariance: Float) -> Float:
         """6 x 6 of x, y, z, yaw: roll and pitch are those of the robot's own pose."""

@@ -2,18 +2,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cdff_common.errors import ConfigurationError, ProductNotFoundError
+from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.dfpc import DfpcContext, Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Status
-from cdff_common.types import ElevationMap
+from cdff_common.types import ElevationMap, TransformWithCovariance
 from cdff_core.dfpcs.absolute_localisation.compound import AbsoluteLocalisation
-from cdff_dev.evaluate._orbital import Drive, Ground
+from cdff_dev.evaluate._orbital import Drive, Ground, patch
 
 DATUM_M, WAY_M = 40.0, 75.0
 
@@ -120,6 +121,58 @@ def test_without_poses_the_extent_of_the_map_says_when_and_the_answer_is_the_map
     middle = drive.believed[3]
     at = (outputs[0].value.transform.matrix @ middle)[:2, 3]
     assert np.hypot(*(at - drive.true[3][:2, 3])) < 1.2
+
+
+def moved_by(
+    node: AbsoluteLocalisation,
+    ground: Ground,
+    drive: Drive,
+    jump: Callable[[Output, np.ndarray], np.ndarray],
+    odometry: bool = False,
+) -> Iterator[Output]:
+    """Outputs of a drive whose frame of poses moves by ``jump(answer, own pose)`` after each answer."""  # fmt: skip
+    rng = np.random.default_rng([2, 10])
+    moved = np.eye(4)
+    for i, (true, own) in enumerate(zip(drive.true, drive.believed, strict=True)):
+        stamp_ns, believed = (i + 1) * 10_000_000_000, moved @ own
+        for port, T in (("odometry", own), ("poses", believed))[0 if odometry else 1 :]:
+            pose = TransformWithCovariance.from_transform(
+                UncertainTransform(T, np.diag([133.0, 133.0, 1.0, 1e-5, 1e-5, 7e-4])),
+                parent="site", child="mana/base", stamp_ns=stamp_ns,
+            )  # fmt: skip
+            assert list(node.step(Sample(port, stamp_ns, i, pose))) == []
+        for output in node.step(Sample("dem", stamp_ns, i, patch(ground, true, believed, stamp_ns, rng))):
+            yield output
+            if output.value is not None:
+                moved = jump(output, own)
+
+
+def test_an_answer_that_becomes_the_next_belief_is_followed_by_another(ground: Ground, orbital: ElevationMap) -> None:
+    drive, node = Drive.make(ground, 2, 110.0), localisation()
+    assert list(node.step(Sample("orbital", 0, 0, orbital))) == []
+    outputs = list(moved_by(node, ground, drive, lambda o, own: o.value.transform.matrix @ se3.inverse(own)))
+    assert len(outputs) == 3
+    assert all(o.quality.status is not Status.FAILED for o in outputs)
+    assert max(np.hypot(*errors_m(o, drive)[:2]) for o in outputs) < 1.0
+    assert outputs[-1].quality.metrics["way_m"] < 115.0  # 43 m of jump are not driven
+
+
+def test_a_frame_that_jumps_takes_the_hypotheses_along_where_odometry_tells(
+    ground: Ground, orbital: ElevationMap, drive: Drive
+) -> None:
+    jump = se3.transform(se3.exp_so3(np.array([0.0, 0.0, 0.1])), np.array([3.0, -2.0, 1.0]))
+    node = localisation()
+    assert list(node.step(Sample("orbital", 0, 0, orbital))) == []
+    found = moved_by(node, ground, drive, lambda output, own: jump, odometry=True)
+    first = next(found)
+    correction = node.call("get_correction", {}).transform.matrix
+    last = next(found)
+    assert [o.quality.metrics["matches"] for o in (first, last)] == [1.0, 2.0]
+    assert last.quality.status is not Status.FAILED
+    assert np.hypot(*errors_m(last, drive)[:2]) < 1.0
+    now = node.call("get_correction", {}).transform.matrix
+    assert np.hypot(*(now @ jump - correction)[:2, 3]) < 3.0  # what was drifted since
+    assert last.quality.metrics["way_m"] < 75.1
 
 
 def test_patches_in_another_frame_than_the_poses_are_refused(
