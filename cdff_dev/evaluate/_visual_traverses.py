@@ -55,20 +55,20 @@ def judged(drive: Drive) -> dict[str, float]:
     later = run(
         "visual_odometry_sparse", drive.context, [s for s in images if s.stamp_ns >= found[middle].header.t1_ns]
     )
-    error_m, nees = _judged_way(drive, found)
+    error_m, nees = judged_way(drive, found)
     return {
         "way_m": drive.way_m,
         "end_percent": 100.0 * error_m / drive.way_m,
         "nees": nees,
-        "first_half_nees": _judged_way(drive, found[: middle + 1])[1],
-        "second_half_nees": _judged_way(drive, later)[1],
+        "first_half_nees": judged_way(drive, found[: middle + 1])[1],
+        "second_half_nees": judged_way(drive, later)[1],
         "failed": float(len(images) - len(found)),
         "degraded": float(sum(bool(p.header.quality.reasons) for p in found)),
         "pairs": float(len(images)),
     }
 
 
-def _judged_way(drive: Drive, found: list[Product]) -> tuple[float, float]:
+def judged_way(drive: Drive, found: list[Product]) -> tuple[float, float]:
     """Error of the way from the first to the last pose, metres, and squared by the covariance of the last."""
     T_base_left = drive.context.frames.lookup(f"{drive.robot}/base", f"{drive.robot}/navcam_left", 0).matrix
     T_site_left = [drive.true_pose(p.header.t1_ns) @ T_base_left for p in (found[0], found[-1])]
