@@ -74,7 +74,7 @@ def of_models(trials: int) -> dict[str, Any]:
     ):  # fmt: skip
         nodes[model] = Registry.default().make_dfn(model)
         nodes[model].configure()
-    nees: dict[str, list[float]] = {"fundamental": [], "homography": [], "transform": []}
+    nees: dict[str, list[float]] = {"fundamental": [], "homography": [], "essential": [], "transform": []}
     for seed in range(trials):
         pairs = PAIRS[seed % len(PAIRS)]
         v, plane = two_views(seed, pairs), plane_views(seed, pairs)
@@ -84,6 +84,7 @@ def of_models(trials: int) -> dict[str, Any]:
         H = nodes["homography_computation"].process(HomographyComputationInputs(plane["source"], plane["sink"]))
         nees["homography"].append(_of_transfers(H.homography, H.covariance, *plane["exact"]))
         E = nodes["essential_matrix_computation"].process(EssentialMatrixComputationInputs(*given, v["K"]))
+        nees["essential"].append(_of_essential(E.essential_matrix, E.covariance, v["T"]))
         found = nodes["cameras_transform_estimation"].process(
             CamerasTransformEstimationInputs(E.essential_matrix, *given, v["K"])
         )
@@ -105,6 +106,12 @@ def _of_distances(F: Float, covariance: Float, source: Float, sink: Float) -> fl
     steps = 1e-6 * np.eye(9).reshape(9, 3, 3)
     J = np.stack([(sampson(F + d, source, sink) - sampson(F - d, source, sink)) / 2e-6 for d in steps], axis=1)
     return float(np.mean(sampson(F, source, sink) ** 2 / np.einsum("ni,ij,nj->n", J, covariance, J)))
+
+
+def _of_essential(E: Float, covariance: Float, T: Float) -> float:
+    """Squared error of an essential matrix's nine numbers over the covariance of the five that are free."""
+    true = se3.skew(T[:3, 3]) @ T[:3, :3]
+    return _squared((E - np.sign(np.sum(E * true)) * true).reshape(9), covariance, 5)
 
 
 def _squared(error: Float, covariance: Float, rank: int) -> float:

@@ -18,8 +18,8 @@ from cdff_core.dfns.fundamental_matrix_computation import magsac as fundamental
 from cdff_core.dfns.fundamental_matrix_computation._interface import FundamentalMatrixComputationInputs
 from cdff_core.dfns.homography_computation import magsac as homography
 from cdff_core.dfns.homography_computation._interface import HomographyComputationInputs
-from cdff_core.imaging.two_view import log10_false_alarms, sampson, transfer
-from cdff_dev.evaluate.feature_matching_models import two_views
+from cdff_core.imaging.two_view import log10_false_alarms, transfer
+from cdff_dev.evaluate.feature_matching_models import of_models, two_views
 
 
 def made(kind: Any, **config: Any) -> Any:
@@ -28,38 +28,47 @@ def made(kind: Any, **config: Any) -> Any:
     return dfn
 
 
+@pytest.fixture(scope="module")
+def ratios() -> dict[str, float]:
+    """Squared errors over stated covariances of every model, as the evaluation takes them."""
+    return {name: row["nees_ratio"]["mean"] for name, row in of_models(120).items()}
+
+
 @pytest.mark.req("CDFF-CORE-093")
-def test_the_fundamental_matrix_survives_outliers_and_its_covariance_says_how_far_lines_are_off() -> None:
-    ratios = []
-    for seed in range(12):
+@pytest.mark.parametrize("model", ["fundamental", "homography", "essential", "transform"])
+def test_the_covariances_of_models_are_as_large_as_their_errors(model: str, ratios: dict[str, float]) -> None:
+    # The evaluation's 95 % intervals over 500 trials are 1 +- 0.08; twice that for 120. A factor of 1.4 is seen.
+    assert 0.8 < ratios[model] < 1.25
+
+
+@pytest.mark.req("CDFF-CORE-093")
+def test_matrices_survive_outliers_and_their_covariances_have_the_rank_of_what_is_free() -> None:
+    for seed in range(3):
         v = two_views(seed)
-        out = made(fundamental.Magsac).process(FundamentalMatrixComputationInputs(v["source"], v["sink"]))
-        assert abs(np.linalg.det(out.fundamental_matrix)) < 1e-12
-        distances = sampson(out.fundamental_matrix, *v["exact"])
-        steps = 1e-6 * np.eye(9).reshape(9, 3, 3)
-        F = out.fundamental_matrix
-        J = np.stack([(sampson(F + d, *v["exact"]) - sampson(F - d, *v["exact"])) / 2e-6 for d in steps], axis=1)
-        ratios.append(np.mean(distances**2 / np.einsum("ni,ij,nj->n", J, out.covariance, J)))
-        assert np.linalg.matrix_rank(out.covariance / np.abs(out.covariance).max(), tol=1e-16) <= 9
-    assert 0.4 < np.mean(ratios) < 2.5
+        F = made(fundamental.Magsac).process(FundamentalMatrixComputationInputs(v["source"], v["sink"]))
+        E = made(essential.Magsac).process(EssentialMatrixComputationInputs(v["source"], v["sink"], v["K"]))
+        assert abs(np.linalg.det(F.fundamental_matrix)) < 1e-12
+        assert np.linalg.svd(E.essential_matrix)[1] == pytest.approx([1.0, 1.0, 0.0], abs=1e-9)
+        for covariance, free in ((F.covariance, 7), (E.covariance, 5)):
+            assert covariance.shape == (9, 9)
+            assert covariance == pytest.approx(covariance.T)
+            scale = np.sqrt(np.diag(covariance))
+            values = np.linalg.eigvalsh(covariance / np.outer(scale, scale))
+            assert (values > 1e-9).sum() == free
+            assert values.min() > -1e-9
 
 
-def test_the_transform_of_the_cameras_lies_within_its_covariance_and_knows_no_scale() -> None:
-    squared = []
-    for seed in range(12):
+def test_the_transform_of_the_cameras_knows_no_scale() -> None:
+    for seed in range(3):
         v = two_views(seed)
         E = made(essential.Magsac).process(EssentialMatrixComputationInputs(v["source"], v["sink"], v["K"]))
         out = made(EssentialDecomposition).process(
             CamerasTransformEstimationInputs(E.essential_matrix, v["source"], v["sink"], v["K"])
         )
-        T_true = se3.inverse(v["T"])
         t = out.transform[:3, 3]
         assert np.linalg.norm(t) == pytest.approx(1.0)
         assert t @ out.covariance[:3, :3] @ t < 1e-6 * np.trace(out.covariance[:3, :3])
-        error = cov.pose_error(T_true, out.transform)
-        values, vectors = np.linalg.eigh(out.covariance)
-        squared.append(np.sum((vectors[:, 1:].T @ error) ** 2 / values[1:]) / 5.0)
-    assert 0.3 < np.median(squared) < 2.0
+        assert np.linalg.norm(cov.pose_error(se3.inverse(v["T"]), out.transform)) < 0.1
 
 
 def test_a_plane_is_found_as_a_homography_among_outliers() -> None:
