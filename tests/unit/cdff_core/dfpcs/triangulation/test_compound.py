@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,13 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Status
 from cdff_common.interfaces.registry import Registry
-from cdff_common.types import CorrespondenceMap2D, FramePair, TransformWithCovariance
+from cdff_common.types import (
+    BundleObservations,
+    BundleProblem,
+    CorrespondenceMap2D,
+    FramePair,
+    TransformWithCovariance,
+)
 from cdff_dev.evaluate.triangulation import CAMERA, scene
 from tests.corridor import CAMERA as K
 from tests.corridor import SHAPE, texture
@@ -87,3 +95,27 @@ def test_what_cannot_be_built_fails_with_the_reason_and_much_noise_is_degraded()
     assert landmarks.quality.reasons[0].startswith("residuals_exceed_noise")
     (failed,) = given(made(triangulate={"max_residual_px": 1e-6}), tracks=problem)
     assert failed.quality.reasons == ("no_points", "mostly:large_residual")
+
+
+def test_one_wrong_view_of_most_points_is_degraded_and_a_lens_without_focal_length_fails() -> None:
+    problem, _ = scene(3, (4.0, 20.0), 300)
+    o = problem.observations
+    pixels = o.pixels.copy()
+    pixels[(o.points < 180) & (o.cameras == 1), :2] += 60.0
+    wrong = replace(problem, observations=BundleObservations(o.cameras, o.points, pixels))
+    landmarks, _ = given(made(), tracks=wrong)
+    assert landmarks.quality.status is Status.DEGRADED
+    assert landmarks.quality.reasons[0].startswith("few_valid:0.4")
+    assert landmarks.quality.metrics["large_residual"] == 180.0
+    blind = BundleProblem.from_arrays([np.eye(4)], [0.0] * 4, [[0, 0, 0]], ([0], [0]), [[1.0, 2.0]], frame="site")
+    (failed,) = given(made(), tracks=blind)
+    assert failed.quality.status is Status.FAILED
+    assert failed.quality.reasons[0].startswith("bad_input")
+
+
+def test_points_seen_once_fail_with_that_as_the_reason() -> None:
+    once = BundleProblem.from_arrays(
+        [np.eye(4)], CAMERA, np.zeros((2, 3)), ([0, 0], [0, 1]), [[320.0, 240.0]] * 2, frame="site"
+    )
+    (failed,) = given(made(), tracks=once)
+    assert failed.quality.reasons == ("no_points", "mostly:few_views")
