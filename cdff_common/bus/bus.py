@@ -70,9 +70,9 @@ class Bus:
         return cls(open_client(connect, wait_s, stop), name)
 
     @classmethod
-    def open_router(cls, listen: str, *, name: str = "router") -> Self:
-        """Be the router, listening on ``listen``."""
-        return cls(open_router(listen), name)
+    def open_router(cls, listen: str, *, uplink: str | None = None, name: str = "router") -> Self:
+        """Be the router, listening on ``listen``, linked to the one at ``uplink`` while that is in contact."""
+        return cls(open_router(listen, uplink), name)
 
     def __enter__(self) -> Self:
         return self

@@ -17,6 +17,7 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 #: Lease of a link, ms: a peer that hangs is noticed after this, one that dies at once.
 LEASE_MS = 5000
 _ATTEMPT_MS = 500
+_RETRY = '{"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5}'
 
 
 def _common(config: zenoh.Config) -> None:
@@ -61,9 +62,7 @@ def open_client(connect: str | None, wait_s: float | None, stop: threading.Event
     config.insert_json5("connect/endpoints", json.dumps([where]))
     config.insert_json5("connect/timeout_ms", str(_ATTEMPT_MS))
     config.insert_json5("connect/exit_on_failure", "true")
-    config.insert_json5(
-        "connect/retry", '{"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5}'
-    )
+    config.insert_json5("connect/retry", _RETRY)
     config.insert_json5("queries_default_timeout", "10000")
     deadline = None if wait_s is None else time.monotonic() + wait_s
     while True:
@@ -78,8 +77,11 @@ def open_client(connect: str | None, wait_s: float | None, stop: threading.Event
             time.sleep(0.1)
 
 
-def open_router(listen: str) -> zenoh.Session:
+def open_router(listen: str, uplink: str | None = None) -> zenoh.Session:
     """Open a session that routes for others, listening on ``listen`` (as ``tcp/127.0.0.1:7447``).
+
+    With ``uplink``, the endpoint of another router, it is one system with that one whenever it is in contact: the link
+    is made as soon as it can be, and again whenever it was lost.
 
     Raises
     ------
@@ -92,6 +94,11 @@ def open_router(listen: str) -> zenoh.Session:
     config.insert_json5("mode", '"router"')
     config.insert_json5("listen/endpoints", json.dumps([listen]))
     config.insert_json5("listen/exit_on_failure", "true")
+    if uplink:
+        config.insert_json5("connect/endpoints", json.dumps([uplink]))
+        config.insert_json5("connect/timeout_ms", "-1")  # in the background, for as long as it takes
+        config.insert_json5("connect/exit_on_failure", "false")
+        config.insert_json5("connect/retry", _RETRY)
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:

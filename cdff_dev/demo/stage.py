@@ -13,7 +13,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -86,6 +86,10 @@ class Stage:
         None takes a fresh folder, removed at the end unless something went wrong or ``keep`` is set.
     keep : bool
         Keep a fresh data folder.
+    scopes : tuple of str
+        Whose services: robots, and ``ground``; empty for all. Others run elsewhere.
+    uplink : str
+        Endpoint of the router elsewhere that the one here links to; empty for none.
     """
 
     profile: Profile
@@ -94,6 +98,8 @@ class Stage:
     http: str
     data_dir: Path | None = None
     keep: bool = False
+    scopes: tuple[str, ...] = ()
+    uplink: str = ""
     _scratch: Path | None = None
     _processes: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
 
@@ -114,6 +120,8 @@ class Stage:
             str(self.data_dir),
             "--log-dir",
             str(self.log_dir),
+            *(("--scopes", *self.scopes) if self.scopes else ()),
+            *(("--uplink", self.uplink) if self.uplink else ()),
         )
         return self
 
@@ -139,8 +147,12 @@ class Stage:
     def expected(self) -> set[str]:
         """Liveliness tokens of a system that is ready."""
         merging = () if self.profile.merging is None else ("map_merging",)
-        services = {keys.alive("ground", s) for s in ("router", "dpm", "orchestrator", "icu", *merging)}
-        return services | {keys.alive(r.id, d.name) for r in self.profile.robots for d in r.dfpcs}
+        chosen = self.scopes or (keys.GROUND, *self.profile.robot_ids)
+        robots = [robot for robot in self.profile.robots if robot.id in chosen]
+        shared = ("dpm", "orchestrator", "icu", *merging) if keys.GROUND in chosen else ()
+        services = {keys.alive(keys.GROUND, service) for service in shared}
+        router = keys.alive(keys.GROUND if shared else robots[0].id, "router")
+        return {router} | services | {keys.alive(r.id, d.name) for r in robots for d in r.dfpcs}
 
     def wait_ready(self, bus: Bus, on_progress: object = None) -> None:
         """Return when every service has announced itself; raises UnavailableError naming those that have not."""
@@ -159,9 +171,13 @@ class Stage:
                 raise UnavailableError(f"not ready after {READY_S:g} s: {missing}; their logs are in {self.log_dir}")
             time.sleep(0.2)
 
-    def play(self, log: str, rate: float) -> None:
-        """Start the player."""
-        self._spawn("play", log, "--speed", str(rate), "--patience", str(PATIENCE_S))
+    def play(self, log: str, rate: float, via: Mapping[str, str] | None = None) -> None:
+        """Start the player; ``via`` has the routers of robots that have one of their own."""
+        elsewhere = [f"{robot}={endpoint}" for robot, endpoint in (via or {}).items()]
+        self._spawn(
+            "play", log, "--speed", str(rate), "--patience", str(PATIENCE_S),
+            *(("--via", *elsewhere) if elsewhere else ()),
+        )  # fmt: skip
 
     def drive(self, scenario: str, seed: int | None, rate: float, truth: Path) -> None:
         """Start simulated rovers that take orders, instead of a player; the true poses go to a log."""

@@ -28,22 +28,40 @@ def register(nouns: Any) -> None:
         "--exit-at-end", action="store_true", help="end with the log instead of keeping the clock running"
     )
     parser.add_argument("--connect", help="the router's endpoint (default: CDFF_CONNECT)")
+    parser.add_argument(
+        "--via",
+        nargs="+",
+        default=[],
+        metavar="ID=ENDPOINT",
+        help="routers of robots that have one of their own, where their sensors deliver",
+    )
     parser.set_defaults(run=_run, parser=parser)
 
 
 def _run(args: argparse.Namespace) -> int:
+    from contextlib import ExitStack
+
     from cdff_common.bus import Bus
+    from cdff_common.errors import InputError
     from cdff_common.process import run_service
     from cdff_dev.logs import open_log
     from cdff_dev.play.player import Player, wait_for
 
+    elsewhere = dict(item.partition("=")[::2] for item in args.via)
+    for robot, endpoint in elsewhere.items():
+        if not robot or not endpoint:
+            raise InputError(f"--via {robot}: expected ID=ENDPOINT, as mana=tcp/127.0.0.1:7448")
+
     def body(stop: threading.Event) -> None:
         log = open_log(args.log)
         try:
-            with Bus.open(args.connect, name="player") as bus:
+            with ExitStack() as opened:
+                bus = opened.enter_context(Bus.open(args.connect, name="player"))
+                via = {r: opened.enter_context(Bus.open(e, name=f"player of {r}")) for r, e in elsewhere.items()}
                 wait_for(bus, args.wait_for, args.wait_s, stop)
                 if not stop.is_set():
-                    Player(bus, log, args.speed, args.robots, args.patience).run(stop, stay=not args.exit_at_end)
+                    player = Player(bus, log, args.speed, args.robots, args.patience, via=via)
+                    player.run(stop, stay=not args.exit_at_end)
         finally:
             log.close()
 

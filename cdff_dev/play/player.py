@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass
 
 from cdff_common.bus import Bus, Message, Qos, keys
@@ -109,22 +109,28 @@ class Player:
         Of a log that is made while it is played: the mission time up to which it is, where the clock is held.
     ahead_bytes : int
         How much is read and encoded ahead.
+    via : mapping of str to Bus, optional
+        Robots that have a router of their own, where their sensors deliver: they do so out of contact too.
     """
 
     def __init__(
         self, bus: Bus, log: LogSource, speed: float = 1.0, robots: Collection[str] | None = None,
         patience_s: float | None = None, ready_ns: Callable[[], int] | None = None, ahead_bytes: int = 48_000_000,
+        via: Mapping[str, Bus] | None = None,
     ) -> None:  # fmt: skip
         if not speed > 0:
             raise InputError(f"speed={speed}: expected above 0")
         if patience_s is not None and not patience_s > 0:
             raise InputError(f"patience_s={patience_s}: expected above 0")
-        self._bus = bus
+        self._bus, self._via = bus, dict(via or {})
         self._log = log
         self._patience_s = patience_s
         self._ready_ns, self._ahead_bytes = ready_ns, ahead_bytes
         self._streams = playable(log, robots)
         self._robots = sorted({split_stream(s)[0] for s in self._streams})
+        unknown = sorted(set(self._via) - set(self._robots))
+        if unknown:
+            raise InputError(f"via {unknown[0]!r}: the robots that are played are {', '.join(self._robots)}")
         self.gate = SensorGate()
         infos = [log.streams[s] for s in self._streams]
         self.begin_ns = min(i.t0_ns for i in infos)
@@ -140,7 +146,8 @@ class Player:
         """Play until the end and, if ``stay``, keep the clock running until ``stop`` is set."""
         self._follow_modes(stop)
         if self._patience_s is not None:
-            self._bus.subscribe(keys.dfpc_status("*", "*"), self._on_status)
+            for bus in (self._bus, *self._via.values()):
+                bus.subscribe(keys.dfpc_status("*", "*"), self._on_status)
         prefetch = Prefetch(self._log.samples(self._streams), self.gate.is_on, self._ahead_bytes)
         prefetch.wait_filled(AHEAD_NS, AHEAD_TIMEOUT_S)
         self._pace.start()
@@ -168,7 +175,7 @@ class Player:
             if self._pace.late_s(item.stamp_ns) > LATE_LIMIT_S:
                 self.progress.dropped += 1
                 continue
-            self._bus.publish(
+            self._via.get(item.robot, self._bus).publish(
                 item.key, item.encoded(), encoding=item.encoding, attachment=item.attachment, qos=Qos.STREAM
             )
             self.progress.published += 1

@@ -20,6 +20,7 @@ from cdff_common.errors import InputError
 from cdff_common.interfaces.profile import DfpcEntry, Robot
 from services.dfpc_host.hosted import HostedDfpc
 from services.dfpc_host.outbox import Outbox
+from services.dfpc_host.spool import Spool, capacity_bytes, spool_folder
 
 logger = logging.getLogger(__name__)
 
@@ -35,7 +36,8 @@ class DfpcHost:
 
     def __init__(self, bus: Bus, entries: Sequence[tuple[Robot, DfpcEntry]]) -> None:
         self._bus = bus
-        self._outbox = Outbox(bus)
+        owners = [(robot.id, entry.name) for robot, entry in entries]
+        self._outbox = Outbox(bus, Spool(spool_folder(), owners, capacity_bytes()))
         self._process = psutil.Process()
         self._hosted = [HostedDfpc(bus, self._outbox, robot, entry) for robot, entry in entries]
 
@@ -47,6 +49,7 @@ class DfpcHost:
             if stop.is_set():
                 return
             hosted.configure()
+            hosted.reactivate()
             self._bus.declare_alive(hosted.robot.id, hosted.entry.name)
             self._beat(hosted)
             logger.info("%s of %s is ready", hosted.entry.name, hosted.robot.id)
@@ -127,6 +130,7 @@ class DfpcHost:
             "rss_mb": memory.rss / 1e6,
             "cpu_s": sum(self._process.cpu_times()[:2]),
             "outbox_pending": self._outbox.pending,
+            "outbox_bytes": self._outbox.pending_bytes,
             "outbox_dropped": self._outbox.dropped,
             "outbox_refused": self._outbox.refused,
             "outbox_error": self._outbox.last_error,

@@ -23,9 +23,11 @@ from cdff_common.interfaces.registry import Registry
 from cdff_core.orchestration.catalogue import description_of
 from cdff_core.runtime import Runner
 from services.dfpc_host.inputs import sample_of
-from services.dfpc_host.keeping import Keeper, state_file
+from services.dfpc_host.keeping import Activity, Keeper, state_file
 from services.dfpc_host.lifecycle import State, next_state
-from services.dfpc_host.outbox import Outbox, Parcel
+from services.dfpc_host.outbox import Outbox
+from services.dfpc_host.spool import Parcel
+from services.dfpc_host.stored import StoredInput
 
 logger = logging.getLogger(__name__)
 
@@ -49,8 +51,9 @@ class HostedDfpc:
         self._dfpc: Dfpc = Registry.default().make_dfpc(entry.name)
         self._runner: Runner | None = None
         self._keeper = Keeper(state_file(robot.id, entry.name))
+        self._activity = Activity(state_file(robot.id, entry.name).with_suffix(".active"))
         self.wired: dict[str, str] = {}
-        self._subscriptions: dict[str, Subscription] = {}
+        self._subscriptions: dict[str, Subscription | StoredInput] = {}
         self._dropped_before = 0
         self._use = threading.Lock()
         self._life = threading.RLock()
@@ -110,13 +113,33 @@ class HostedDfpc:
             target = next_state("activate", self.state, self.entry.name)
             if self.state is State.ACTIVE:
                 self._rewire({**self.wired, **{port: wired[port] for port in inputs or {}}})
+                self._keep_activity()
                 return
             self._stopping.clear()
             self._thread = threading.Thread(target=self._run, name=f"step {self.entry.name}", daemon=True)
             self._thread.start()
             self._rewire(wired)
             self.state = target
+            self._keep_activity()
         self._announce("activated")
+
+    def reactivate(self) -> None:
+        """Go on where the last process of this DFPC was active when it ended: the orchestrator may be out of contact.
+
+        Only what is to be on always; for requests the orchestrator decides.
+        """
+        wired = self._activity.left()
+        if wired is None or self.entry.activation != "always":
+            return
+        try:
+            self.activate(wired)
+        except CdffError as error:  # the profile is another one now
+            self.last_error = str(error)
+            logger.warning("%s is not active again by itself: %s", self.entry.name, error)
+
+    def _keep_activity(self) -> None:
+        if self.entry.activation == "always":
+            self._activity.keep(self.wired)
 
     def _chosen(self, inputs: Mapping[str, str]) -> dict[str, str]:
         """What feeds each wired port: as chosen, else the first of the profile's alternatives."""
@@ -134,7 +157,7 @@ class HostedDfpc:
         for port, source in wired.items():
             if self.wired.get(port) != source:
                 self._unsubscribe(port)
-                self._subscribe(port, types[port], keys.source(self.robot.id, source))
+                self._subscribe(port, types[port], source)
                 self.wired[port] = source
 
     def deactivate(self) -> None:
@@ -145,6 +168,7 @@ class HostedDfpc:
                 return
             self._unsubscribe()
             self._stop_thread()
+            self._activity.end()
             self.state = target
             with self._use:
                 assert self._runner is not None
@@ -158,6 +182,7 @@ class HostedDfpc:
             target = next_state("clean_up", self.state, self.entry.name)
             self._unsubscribe()
             self._stop_thread()
+            self._activity.end()
             with self._use:
                 self._dfpc, self._runner = Registry.default().make_dfpc(self.entry.name), None
                 self.state, self.last_error = target, ""
@@ -232,8 +257,13 @@ class HostedDfpc:
             "refused_inputs": self.refused_inputs,
             "mean_step_cpu_s": self._times_s["step_cpu_s"] / samples,
             **self._times_s,
-            "last_error": self.last_error or step_error,
+            "last_error": self.last_error or step_error or self._waiting(),
         }
+
+    def _waiting(self) -> str:
+        """Why an input from the DPM has not come; empty where all have."""
+        stored = (s for s in tuple(self._subscriptions.values()) if isinstance(s, StoredInput))
+        return next((s.waits for s in stored if s.waits), "")
 
     def _oldest_ns(self) -> int | None:
         """Capture time of the oldest sample that is not done with, None when nothing waits."""
@@ -246,10 +276,14 @@ class HostedDfpc:
         if not self._use.acquire(timeout=timeout_s):
             raise OverloadedError(f"{self.entry.name} is busy; {what} waited {timeout_s:g} s", retry_after_s=timeout_s)
 
-    def _subscribe(self, port: str, type_name: str, key: str) -> None:
+    def _subscribe(self, port: str, type_name: str, source: str) -> None:
         def on_message(message: Message) -> None:
             self._take(message, port, type_name)
 
+        if source.startswith("dpm/"):
+            self._subscriptions[port] = StoredInput(self._bus, source, f"{self.entry.name}.{port}", on_message)
+            return
+        key = keys.source(self.robot.id, source)
         self._subscriptions[port] = self._bus.subscribe(key, on_message, depth=self.entry.queue)
 
     def _unsubscribe(self, *ports: str) -> None:

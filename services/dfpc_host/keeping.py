@@ -1,12 +1,14 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a DFPC must not lose when its process ends: its state in a file, whole or not at all."""
+"""What a DFPC must not lose when its process ends: its state in a file, whole or not at all, and that it was active."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import logging
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 from cdff_common.clock import monotonic_s
@@ -21,6 +23,8 @@ logger = logging.getLogger(__name__)
 
 #: Least time between two savings while samples are stepped, seconds: what a SIGKILL may cost.
 PERIOD_S = 10.0
+#: The same after the first saving; it doubles with each: while little is known, seconds are most of it.
+FIRST_S = 0.5
 
 
 def state_file(robot: str, dfpc: str) -> Path:
@@ -38,10 +42,12 @@ class Keeper:
     ----------
     path : Path
     period_s : float
+        The longest; it begins with ``FIRST_S``.
     """
 
     def __init__(self, path: Path, period_s: float = PERIOD_S) -> None:
         self._path, self._period_s = path, period_s
+        self._wait_s = min(FIRST_S, period_s)
         self._revision = 0
         self._saved_s: float | None = None
 
@@ -72,16 +78,18 @@ class Keeper:
         """Save the state where it has changed and was not saved within the period, or ``now``."""
         if dfpc.state_revision == self._revision:
             return
-        if not now and self._saved_s is not None and monotonic_s() - self._saved_s < self._period_s:
+        if not now and self._saved_s is not None and monotonic_s() - self._saved_s < self._wait_s:
             return
         state = dfpc.state()
         if state is None:
             self._path.unlink(missing_ok=True)
-            self._saved_s = None
+            self._saved_s, self._wait_s = None, min(FIRST_S, self._period_s)
         else:
             payload = encode(state, "uper")
             head = f"{encoding_string(wire_type(state), 'uper')}\n{hashlib.sha256(payload).hexdigest()}\n"
             self._write(head.encode() + payload)
+            if self._saved_s is not None:
+                self._wait_s = min(2.0 * self._wait_s, self._period_s)
             self._saved_s = monotonic_s()
         self._revision = dfpc.state_revision
 
@@ -102,3 +110,41 @@ class Keeper:
             file.flush()
             os.fsync(file.fileno())
         part.replace(self._path)
+
+
+class Activity:
+    """That a DFPC is active and what feeds its ports, for the process that follows.
+
+    Parameters
+    ----------
+    path : Path
+        The file is there while the DFPC is active.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def keep(self, wired: Mapping[str, str]) -> None:
+        """Say that it is active; a folder that cannot be written is logged: the orchestrator activates it then."""
+        part = self._path.with_suffix(".active_part")
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            part.write_text(json.dumps(dict(wired)), encoding="utf-8")
+            part.replace(self._path)
+        except OSError as error:
+            logger.warning("%s is not written: %s", self._path, error)
+
+    def left(self) -> dict[str, str] | None:
+        """What fed it when its process ended; None where it was not active, or what is left of it cannot be read."""
+        try:
+            wired = json.loads(self._path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError) as error:
+            logger.warning("%s: %s", self._path, error)
+            return None
+        return {str(port): str(source) for port, source in wired.items()} if isinstance(wired, dict) else None
+
+    def end(self) -> None:
+        """Say that it is active no more."""
+        self._path.unlink(missing_ok=True)

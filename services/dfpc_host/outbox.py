@@ -1,51 +1,37 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The outbox: products on their way into the DPM, retried until acknowledged, bounded, drops counted."""
+"""The outbox: products on their way into the DPM, kept until acknowledged, bounded, drops counted."""
 
 from __future__ import annotations
 
 import logging
 import threading
-from collections import deque
-from dataclasses import dataclass
 
 from cdff_common.bus import Bus, keys
-from cdff_common.errors import CdffError, UnavailableError
+from cdff_common.errors import CdffError, CodecError, UnavailableError
+from services.dfpc_host.spool import Parcel, Spool, Waiting, opened
 
 logger = logging.getLogger(__name__)
 
 _RETRY_S = 0.5
 _PUT_TIMEOUT_S = 5.0
-
-
-@dataclass(frozen=True, slots=True)
-class Parcel:
-    """An encoded product."""
-
-    robot: str
-    dfpc: str
-    port: str
-    product: str
-    payload: bytes
-    encoding: str
-    attachment: bytes
+#: Slowest link on which a product still arrives: what a large one is given time for.
+_SLOWEST_BYTES_S = 25_000
 
 
 class Outbox:
     """Hands parcels to the DPM in order from a thread of its own.
 
-    When the DPM is away, its disk full or itself broken, parcels wait; beyond ``capacity`` the oldest is dropped and
-    counted in ``dropped``. What the DPM refuses (same id, other content; malformed) is counted in ``refused`` and
-    logged: a retry would not help.
+    While the DPM is away, out of contact, its disk full or itself broken, parcels wait in the ``spool``, which the next
+    process takes up where this one ends. What the DPM refuses (same id, other content; malformed) is counted in
+    ``refused`` and logged: a retry would not help.
     """
 
-    def __init__(self, bus: Bus, capacity: int = 256) -> None:
-        self.dropped = 0
+    def __init__(self, bus: Bus, spool: Spool) -> None:
         self.refused = 0
         self.last_error = ""
         self._bus = bus
-        self._capacity = capacity
-        self._queue: deque[Parcel] = deque()
+        self._spool = spool
         self._ready = threading.Condition()
         self._closed = False
         self._thread = threading.Thread(target=self._run, name="outbox", daemon=True)
@@ -54,21 +40,28 @@ class Outbox:
     @property
     def pending(self) -> int:
         """Parcels not yet acknowledged."""
-        return len(self._queue)
+        return len(self._spool)
+
+    @property
+    def pending_bytes(self) -> int:
+        """How much they are."""
+        return self._spool.bytes
+
+    @property
+    def dropped(self) -> int:
+        """Parcels that went for want of room."""
+        return self._spool.dropped
 
     def put(self, parcel: Parcel) -> None:
-        """Queue a parcel."""
+        """Queue a parcel; it outlives this process once this returns."""
         with self._ready:
-            if len(self._queue) >= self._capacity:
-                self._queue.popleft()
-                self.dropped += 1
-            self._queue.append(parcel)
+            self._spool.add(parcel)
             self._ready.notify()
 
     def close(self, drain_s: float = 1.0) -> None:
-        """Stop, after at most ``drain_s`` seconds of handing over what is left."""
+        """Stop, after at most ``drain_s`` seconds of handing over what is left; the rest waits for the next process."""
         with self._ready:
-            self._ready.wait_for(lambda: not self._queue, timeout=drain_s)
+            self._ready.wait_for(lambda: not self._spool, timeout=drain_s)
             self._closed = True
             self._ready.notify_all()
         self._thread.join(timeout=1.0)
@@ -76,20 +69,29 @@ class Outbox:
     def _run(self) -> None:
         while True:
             with self._ready:
-                self._ready.wait_for(lambda: self._queue or self._closed)
+                self._ready.wait_for(lambda: self._spool or self._closed)
                 if self._closed:
                     return
-                parcel = self._queue[0]
-            if self._deliver(parcel):
+                waiting = self._spool.first()
+            if self._deliver(waiting):
                 with self._ready:
-                    if self._queue and self._queue[0] is parcel:
-                        self._queue.popleft()
+                    self._spool.done(waiting)
                     self._ready.notify_all()
             else:
                 with self._ready:
                     self._ready.wait_for(lambda: self._closed, timeout=_RETRY_S)
 
-    def _deliver(self, parcel: Parcel) -> bool:
+    def _deliver(self, waiting: Waiting) -> bool:
+        """Hand a parcel over; whether it is done with."""
+        try:
+            parcel = opened(waiting)
+        except FileNotFoundError:  # dropped meanwhile for want of room
+            return True
+        except OSError as error:
+            return self._wait("a product", error)
+        except CodecError as error:  # half written as power was lost
+            return self._refuse(f"{error}; it is let go")
+        what = f"{parcel.dfpc}/{parcel.port}"
         parameters = {"robot": parcel.robot, "dfpc": parcel.dfpc, "port": parcel.port, "product": parcel.product}
         try:
             self._bus.call(
@@ -98,16 +100,25 @@ class Outbox:
                 payload=parcel.payload,
                 encoding=parcel.encoding,
                 attachment=parcel.attachment,
-                timeout_s=_PUT_TIMEOUT_S,
+                timeout_s=_PUT_TIMEOUT_S + len(parcel.payload) / _SLOWEST_BYTES_S,
             )
         except CdffError as error:
             # INTERNAL without a class of ours is a bug in the DPM: another process of it may do better.
             if isinstance(error, UnavailableError) or error.retriable or type(error) is CdffError:
-                if self.last_error != str(error):
-                    logger.warning("%s/%s waits for the DPM: %s", parcel.dfpc, parcel.port, error)
-                self.last_error = str(error)
-                return False
-            self.refused += 1
-            self.last_error = str(error)
-            logger.error("the DPM refused %s/%s: %s", parcel.dfpc, parcel.port, error)
+                return self._wait(what, error)
+            return self._refuse(f"the DPM refused {what}: {error}")
+        return True
+
+    def _wait(self, what: str, error: Exception) -> bool:
+        """Say why a parcel stays; always False: it is not done with."""
+        if self.last_error != str(error):
+            logger.warning("%s waits for the DPM: %s", what, error)
+        self.last_error = str(error)
+        return False
+
+    def _refuse(self, reason: str) -> bool:
+        """Count a parcel that is let go; always True: it is done with."""
+        self.refused += 1
+        self.last_error = reason
+        logger.error("%s", reason)
         return True

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The Zenoh router of one robot: a Python process in router mode, listening on loopback unless told otherwise.
 
-python -m services.router [--listen tcp/127.0.0.1:7447]
+python -m services.router [--listen tcp/127.0.0.1:7447] [--scope mana --uplink tcp/GROUND:7447]
 """
 
 from __future__ import annotations
@@ -24,12 +24,14 @@ def main(argv: list[str] | None = None) -> int:
     """Route until SIGTERM."""
     parser = argparse.ArgumentParser(prog="router", description=__doc__)
     parser.add_argument("--listen", default=os.environ.get("CDFF_LISTEN", DEFAULT_ENDPOINT))
+    parser.add_argument("--uplink", help="router that this one links to, whenever it is in contact; default: none")
+    parser.add_argument("--scope", default=GROUND, help="robot whose router this is; default: ground")
     args = parser.parse_args(argv)
 
     def body(stop: threading.Event) -> None:
-        with Bus.open_router(args.listen) as bus:
-            bus.declare_alive(GROUND, "router")
-            logger.info("routing on %s", args.listen)
+        with Bus.open_router(args.listen, uplink=args.uplink) as bus:
+            bus.declare_alive(args.scope, "router")
+            logger.info("routing on %s%s", args.listen, f", linked to {args.uplink}" if args.uplink else "")
             stop.wait()
 
     return run_service("router", body)

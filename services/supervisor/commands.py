@@ -24,6 +24,16 @@ def register_up(nouns: Any) -> None:
     parser.add_argument("--http", default=DEFAULT_HTTP, help="host:port of the DPM's HTTP server")
     parser.add_argument("--data-dir", default=None, help="CDFF_DATA_DIR, ~/.local/share/cdff")
     parser.add_argument("--log-dir", default=None, help="one log file per process there; default: standard error")
+    parser.add_argument(
+        "--scopes",
+        nargs="+",
+        default=(),
+        metavar="ID",
+        help="only the services of these: robots of the profile, and ground for what they share; default: all",
+    )
+    parser.add_argument(
+        "--uplink", metavar="ENDPOINT", help="router elsewhere, as of the ground, that the one here links to"
+    )
     parser.set_defaults(run=run_up)
 
 
@@ -45,7 +55,10 @@ def run_up(args: argparse.Namespace) -> int:
     profile = load_profile(path)
     data_dir = make_folder(data_dir_of(args.data_dir))
     log_dir = None if args.log_dir is None else make_folder(Path(args.log_dir))
-    specs = plan(profile, path, connect=endpoint(args.connect), http=args.http, data_dir=data_dir)
+    specs = plan(
+        profile, path, connect=endpoint(args.connect), http=args.http, data_dir=data_dir,
+        scopes=args.scopes, uplink=args.uplink,
+    )  # fmt: skip
     return run_service("supervisor", Supervisor(specs, log_dir).run)
 
 

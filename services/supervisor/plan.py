@@ -5,10 +5,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from cdff_common.bus.keys import GROUND
+from cdff_common.errors import ConfigurationError
 from cdff_common.interfaces.profile import Profile
 
 GROUND_SERVICES = ("router", "dpm", "orchestrator", "icu")
@@ -34,7 +36,10 @@ class ProcessSpec:
     tokens: tuple[tuple[str, str], ...]
 
 
-def plan(profile: Profile, profile_path: Path, *, connect: str, http: str, data_dir: Path) -> list[ProcessSpec]:
+def plan(
+    profile: Profile, profile_path: Path, *, connect: str, http: str, data_dir: Path,
+    scopes: Collection[str] = (), uplink: str | None = None,
+) -> list[ProcessSpec]:  # fmt: skip
     """Return the processes of a profile in the order in which they are started.
 
     Parameters
@@ -46,8 +51,23 @@ def plan(profile: Profile, profile_path: Path, *, connect: str, http: str, data_
     http : str
         ``host:port`` of the DPM's HTTP server.
     data_dir : Path
-        Where the DPM and the orchestrator's journal keep their data.
+        Where the DPM and the orchestrator's journal keep their data, and the DFPCs theirs.
+    scopes : collection of str
+        Whose processes: robots, and ``ground`` for the services that they share; empty for all. Each has a router.
+    uplink : str, optional
+        Endpoint of the router elsewhere that the one here links to.
+
+    Raises
+    ------
+    ConfigurationError
+        If the profile has no such robot.
     """
+    known = (GROUND, *profile.robot_ids)
+    for scope in scopes:
+        if scope not in known:
+            raise ConfigurationError(f"scope {scope!r}: profile {profile.name} has {', '.join(known)}")
+    chosen = scopes or known
+    host = GROUND if GROUND in chosen else next(robot for robot in profile.robot_ids if robot in chosen)
     environment = {
         "CDFF_CONNECT": connect,
         "CDFF_LISTEN": connect,
@@ -63,15 +83,18 @@ def plan(profile: Profile, profile_path: Path, *, connect: str, http: str, data_
     def spec(name: str, module: str, *arguments: str, tokens: tuple[tuple[str, str], ...]) -> ProcessSpec:
         return ProcessSpec(name, (sys.executable, "-m", module, *arguments), environment, tokens)
 
-    specs = [
-        spec("router", "services.router", tokens=(("ground", "router"),)),
-        spec("dpm", "services.dpm", "--http", http, tokens=(("ground", "dpm"),)),
-        spec("orchestrator", "services.orchestrator", tokens=(("ground", "orchestrator"),)),
-        spec("icu", "services.icu", tokens=(("ground", "icu"),)),
-    ]
-    if profile.merging is not None:
-        specs.append(spec("map_merging", "services.map_merging", tokens=(("ground", "map_merging"),)))
+    linked = ("--uplink", uplink) if uplink else ()
+    specs = [spec("router", "services.router", "--scope", host, *linked, tokens=((host, "router"),))]
+    if GROUND in chosen:
+        specs += [
+            spec("dpm", "services.dpm", "--http", http, tokens=((GROUND, "dpm"),)),
+            spec("orchestrator", "services.orchestrator", tokens=((GROUND, "orchestrator"),)),
+            spec("icu", "services.icu", tokens=((GROUND, "icu"),)),
+        ]
+        if profile.merging is not None:
+            specs.append(spec("map_merging", "services.map_merging", tokens=((GROUND, "map_merging"),)))
     for process, entries in profile.processes().items():
-        tokens = tuple((robot, entry.name) for robot, entry in entries)
-        specs.append(spec(process, "services.dfpc_host", "--process", process, tokens=tokens))
+        tokens = tuple((robot, entry.name) for robot, entry in entries if robot in chosen)
+        if tokens:
+            specs.append(spec(process, "services.dfpc_host", "--process", process, tokens=tokens))
     return specs

@@ -172,6 +172,28 @@ def _told(bus: Bus, status: dict[str, object]) -> bool:
     return True
 
 
+def test_sensors_of_a_robot_with_a_router_of_its_own_deliver_there_out_of_contact_too(
+    endpoint: str, log: LogSource
+) -> None:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        aboard = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    with (
+        Bus.open_router(aboard),
+        Bus.open(endpoint, name="ground") as ground,
+        Bus.open(aboard, name="rover") as rover,
+        Bus.open(endpoint, name="player") as bus,
+        Bus.open(aboard, name="player") as via,
+    ):
+        on_ground, on_rover = Ears(ground), Ears(rover)
+        with pytest.raises(InputError, match="via 'minnie'"):
+            Player(bus, log, via={"minnie": via})
+        Player(bus, log, speed=4.0, via={"mana": via}).run(threading.Event(), stay=False)
+        until(lambda: len(on_rover.samples) == 32)
+        assert on_ground.samples == []
+        assert on_ground.ticks
+
+
 def test_the_clock_stands_where_a_log_is_not_made_yet_and_goes_on_when_it_is(endpoint: str, log: LogSource) -> None:
     made_ns = T0 + 500 * MS
     stop = threading.Event()

@@ -2,15 +2,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from cdff_common.errors import CdffError, CodecError, InputError
 from cdff_common.interfaces.dfpc import Dfpc
 from cdff_common.types import Time
-from services.dfpc_host.keeping import Keeper, state_file
+from services.dfpc_host.keeping import Activity, Keeper, state_file
 
 
 class Remembering(Dfpc):
@@ -87,6 +89,35 @@ def test_the_first_state_is_saved_at_once_then_once_a_period_and_when_it_ends(pa
     assert path.read_bytes() == first
     keeper.keep(node, now=True)
     assert path.read_bytes() != first
+
+
+def test_a_young_state_is_saved_more_often(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s = 100.0
+    monkeypatch.setattr("services.dfpc_host.keeping.monotonic_s", lambda: now_s)
+    node, keeper, saved_s = Remembering(), Keeper(path), list[float]()
+    keeper.give_back(node)
+    for tick in range(400):
+        now_s = 100.0 + 0.1 * tick
+        before = path.read_bytes() if path.exists() else b""
+        node.step(Time.from_ns(1_000 * (tick + 1)))
+        keeper.keep(node)
+        if path.read_bytes() != before:
+            saved_s.append(round(now_s - 100.0, 1))
+    gaps_s = [round(b - a, 1) for a, b in itertools.pairwise(saved_s)]
+    np.testing.assert_allclose(gaps_s, [0.5, 1.0, 2.0, 4.0, 8.0, 10.0, 10.0], atol=0.11)
+
+
+@pytest.mark.req("CDFF-SUP-194")
+def test_that_a_dfpc_is_active_outlives_its_process(tmp_path: Path) -> None:
+    path = tmp_path / "dfpc" / "mana" / "slam.active"
+    assert Activity(path).left() is None
+    Activity(path).keep({"scan": "sensor/lidar/scan"})
+    assert Activity(path).left() == {"scan": "sensor/lidar/scan"}
+    path.write_text("[1")
+    assert Activity(path).left() is None
+    Activity(path).end()
+    Activity(path).end()
+    assert not path.exists()
 
 
 def test_a_state_that_was_forgotten_is_forgotten_on_disk(path: Path) -> None:

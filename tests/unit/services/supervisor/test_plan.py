@@ -1,0 +1,41 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which processes run where."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cdff_common.errors import ConfigurationError
+from cdff_common.interfaces.profile import load_profile
+from services.supervisor.plan import ProcessSpec, plan
+
+PROFILE = Path(__file__).parents[4] / "deploy" / "profiles" / "two_rovers.yaml"
+GROUND = ["router", "dpm", "orchestrator", "icu", "map_merging"]
+ROVERS = ["mana_slam", "mana_mapping", "minnie_slam", "minnie_mapping"]
+
+
+def planned(**where: Any) -> list[ProcessSpec]:
+    return plan(load_profile(PROFILE), PROFILE, connect="tcp/a:1", http="b:2", data_dir=Path("data"), **where)
+
+
+def test_all_of_a_profile_runs_on_one_machine_by_default() -> None:
+    assert [s.name for s in planned()] == GROUND + ROVERS
+
+
+def test_a_robot_that_has_a_machine_of_its_own_has_a_router_of_its_own_linked_to_the_ground() -> None:
+    ground, mana = planned(scopes=["ground", "minnie"]), planned(scopes=["mana"], uplink="tcp/c:3")
+    assert [s.name for s in ground] == GROUND + ROVERS[2:]
+    assert [s.name for s in mana] == ["router", *ROVERS[:2]]
+    assert ground[0].tokens == (("ground", "router"),)
+    assert mana[0].tokens == (("mana", "router"),)
+    assert mana[0].argv[-4:] == ("--scope", "mana", "--uplink", "tcp/c:3")
+    assert "--uplink" not in ground[0].argv
+
+
+def test_a_scope_that_the_profile_has_not_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="scope 'manna': profile two_rovers has ground, mana, minnie"):
+        planned(scopes=["manna"])
