@@ -70,7 +70,9 @@ class LidarSlam(LidarSlamInterface):
         self._resumed_at: tuple[int, Float] | None = None
         self._sought: tuple[int, Float] | None = None  # the place before a restart, while it is not found again
         self._sought_sweeps = 0
-        self._told_m = 0.0  # way at which the state was last called new
+        self._alone = False  # one sweep is all that was seen since a restart: a place found by it is not claimed yet
+        self._told_m = 0.0  # way at which the state was last called new; it is, too, after 1, 2, 4, ... sweeps
+        self._sweeps = 0
         self._odometry_covariance = np.zeros((6, 6))
         self._way_m = 0.0
         self._begun_m: dict[int, float] = {}  # way at the begin of each key frame of this run
@@ -97,6 +99,7 @@ class LidarSlam(LidarSlamInterface):
         if self._current is None:
             self._begin(sample, tracked)
         else:
+            self._alone = False
             self._T_current_lidar = self._T_current_lidar @ tracked.increment
             self._way_m += float(np.linalg.norm(tracked.increment.matrix[:3, 3]))
         self._gather(tracked)
@@ -105,7 +108,8 @@ class LidarSlam(LidarSlamInterface):
             tracked = self._tracked_on_map(sample, tracked)
         ended = self._is_far()
         closed = self._end_keyframe(sample.stamp_ns) if ended else False
-        if self._way_m - self._told_m > _STATE_WAY_M:
+        self._sweeps += 1
+        if self._way_m - self._told_m > _STATE_WAY_M or not self._sweeps & (self._sweeps - 1):
             self._told_m = self._way_m
             self.state_revision += 1
         assert self._current is not None
@@ -216,6 +220,7 @@ class LidarSlam(LidarSlamInterface):
     def _begin(self, sample: Sample, tracked: Tracked) -> None:
         """The first key frame: of a new map, or after a restart of a part that has yet to be linked with it."""
         self._sought, self._resumed_at = self._resumed_at, None
+        self._alone = self._sought is not None
         self._T_current_lidar = UncertainTransform.identity()
         self._current = self._places.begin(sample.stamp_ns, tracked.T_odom_lidar)
         self._begun_m[self._current] = self._way_m
@@ -369,7 +374,7 @@ class LidarSlam(LidarSlamInterface):
         assert self._current is not None  # since the sweep was tracked
         self._odometry_covariance = odometry.covariance
         yield self._pose("odometry", self._odom, _noisy(odometry, tracked), scan, quality)
-        if self._current not in self._places.part(self._places.root):
+        if self._alone or self._current not in self._places.part(self._places.root):
             unknown = Quality(Status.FAILED, ("not_localised_in_map", *reasons), CovarianceKind.NONE, metrics)
             yield Output("pose", None, scan.t0_ns, scan.t1_ns, self._slam, self._lidar, unknown, self._used)
             return

@@ -185,8 +185,9 @@ def test_a_restart_goes_on_where_it_was(ground: Ground, lapped: tuple[Rover, lis
     way = laps(ground, 1.5)[len(before.truth) :]
     made = rover.drive(way)
     poses = of(made, "pose")
-    assert poses[0].quality.status is not Status.FAILED
-    assert max(rover.error_m(o) for o in poses) < 0.2
+    assert poses[0].quality.reasons[0] == "not_localised_in_map"  # one sweep alone may be a decimetre off
+    assert poses[1].quality.status is not Status.FAILED
+    assert max(rover.error_m(o) for o in poses[1:]) < 0.2
     assert rover.node.export_map().frame == "mana/slam"
 
 
@@ -221,6 +222,15 @@ def test_where_the_map_is_not_found_again_no_place_in_it_is_claimed(lapped: tupl
     assert kept.last_position is not None  # where it is to be sought next time
     stamp_of = dict(zip(kept.graph.vertices.ids.tolist(), kept.graph.vertices.stamps_ns.tolist(), strict=True))
     assert stamp_of[kept.last_position[0]] in set(state.graph.vertices.stamps_ns.tolist())
+
+
+def test_a_young_map_is_worth_keeping_anew_each_time_its_sweeps_have_doubled(ground: Ground) -> None:
+    rover, revisions = Rover(ground), list[int]()
+    for T in [laps(ground, 0.1)[0]] * 9:  # at rest
+        rover.drive([T])
+        revisions.append(rover.node.state_revision)
+    news = [i + 1 for i in range(1, 9) if revisions[i] > revisions[i - 1]]
+    assert news == [2, 4, 8]
 
 
 def test_the_begin_of_a_map_is_a_state_worth_keeping(ground: Ground) -> None:
