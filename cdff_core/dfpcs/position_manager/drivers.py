@@ -50,11 +50,7 @@ class Drivers:
         return source in self._lost
 
     def scale(self, sample: Sample) -> float:
-        """What a sample's variances are multiplied by.
-
-        Odometries that share errors are weighed by covariance intersection, with equal weights among those that speak:
-        the variances of k of them are multiplied by k.
-        """
+        """What a sample's variances are multiplied by for what it is itself."""
         c, port = self._config, sample.port
         scale = {"visual_odometry": c.visual_scale, "lidar_odometry": c.lidar_scale}.get(port, 1.0)
         if port in FIXES:
@@ -62,9 +58,6 @@ class Drivers:
         if sample.quality.status is Status.DEGRADED and port in _FINE:
             scale *= c.degraded_scale
             self._doubtful_ns = max(self._doubtful_ns, sample.stamp_ns)
-        if port in c.correlated:
-            others = [s for s in c.correlated if s != port and self._recent(s, sample.stamp_ns)]
-            scale *= 1 + len(others)
         return scale
 
     def judge(self, event: Event, verdict: Verdict) -> None:

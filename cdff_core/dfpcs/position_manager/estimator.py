@@ -209,7 +209,39 @@ class Estimator:
             noise = np.diag(np.square([self.config.unstated_sigma_m] * 3 + [self.config.unstated_sigma_rad] * 3))
         if event.source == "odometry":
             residual, H, noise = self._wheels(estimate, expected, H, residual, noise)
+        if event.source not in self.config.correlated:
+            return _corrected(estimate, self._correction, residual, H, noise)
+        noise = noise * self._sharing(estimate, event)
+        residual, H = self._relinearised(estimate, event.source, step.increment, residual, H, noise)
         return _corrected(estimate, self._correction, residual, H, noise)
+
+    def _relinearised(
+        self,
+        estimate: Estimate,
+        name: str,
+        measured: FloatArray,
+        residual: FloatArray,
+        H: FloatArray,
+        noise: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Residual and its derivatives about the estimate that the correction leads to (an iterated Kalman filter).
+
+        Two sources of one motion must be linearised at one place: else what the correction by the first moves looks,
+        to that by the second, like something learnt of the tilt.
+        """
+        out = self._correction.process(KalmanCorrectionInputs(residual, H, noise, estimate.covariance))
+        expected, H = _motion(estimate.moved(out.correction), name)
+        return pose_error(measured, expected) + H @ out.correction, H
+
+    def _sharing(self, estimate: Estimate, event: Event) -> int:
+        """Number of odometries that share errors with this one and may measure the same way.
+
+        Covariance intersection with equal weights: the variances of k of them are multiplied by k. Those count that
+        spoke so shortly before that their next increment can still be taken, whether or not it has arrived.
+        """
+        since_ns = event.stamp_ns - int(self.config.odometry_gap_s * 1e9)
+        others = {*self.config.correlated} - {event.source}
+        return 1 + sum(s in estimate.clones and estimate.clones[s].stamp_ns >= since_ns for s in others)
 
     def _wheels(
         self, estimate: Estimate, expected: FloatArray, H: FloatArray, residual: FloatArray, noise: FloatArray

@@ -38,6 +38,11 @@ class History:
         self.refresh()
         return self._estimates[-1] if self._estimates else self._base
 
+    @property
+    def oldest_ns(self) -> int:
+        """The time from which measurements may be taken again."""
+        return self._base.stamp_ns
+
     def reaches(self, stamp_ns: int) -> bool:
         """Whether a measurement of a time is not too late."""
         return stamp_ns >= self._base.stamp_ns
@@ -58,6 +63,8 @@ class History:
         """Take a measurement that ``reaches``, and all that came before it but are of later times again."""
         self.refresh()
         k = bisect_right(self._stamps, event.stamp_ns)
+        while k and self._stamps[k - 1] == event.stamp_ns and self._events[k - 1].source > event.source:
+            k -= 1  # those of one time by their names, so that it does not matter which came first
         self._stamps.insert(k, event.stamp_ns)
         self._events.insert(k, event)
         verdict = self._again(k)

@@ -102,15 +102,42 @@ def test_lidar_odometry_drives_where_there_is_no_vision() -> None:
     assert error_m(out[-1]) < 0.01
 
 
-def test_odometries_that_share_errors_do_not_make_each_other_surer() -> None:
-    both = [visual(t) for t in times(5, 6)] + [replace(visual(t), port="lidar_odometry") for t in times(5, 6)]
-    names = ["visual_odometry", "lidar_odometry"]
+CORRELATED = {
+    "correlated": ["visual_odometry", "lidar_odometry"], "lidar_scale": 1.0,
+    "lidar_increment": {"floor_m": 0.00005, "floor_rad": 0.00001},
+}  # fmt: skip
 
-    def sigma(samples: list[Sample], **config: object) -> float:
-        last = poses(feed(manager(lidar_scale=4.0, **config), felt(6) + samples))[-1]
-        return float(np.trace(last.value.transform.covariance[:3, :3]))
 
-    assert sigma(both) < sigma(both, correlated=names)
+def doubled(begin_s: float = 0.0) -> list[Sample]:
+    """Vision from the start, and from a time on once more as if it were another source."""
+    return [visual(t) for t in times(5, 6)] + [replace(visual(t), port="lidar_odometry") for t in times(5, 6, begin_s)]
+
+
+@pytest.mark.parametrize("begin_s", [0.0, 3.0])
+def test_a_source_that_is_given_twice_makes_nothing_surer_where_both_are_said_to_share_errors(begin_s: float) -> None:
+    def found(samples: list[Sample], **config: object) -> np.ndarray:
+        return np.asarray(poses(feed(manager(**config), samples))[-1].value.transform.covariance)
+
+    alone = found([visual(t) for t in times(5, 6)])
+    both = found(doubled(begin_s), **CORRELATED)
+    assert np.linalg.eigvalsh(both - alone)[0] > -0.005 * np.trace(alone)
+    as_if_independent = found(doubled(begin_s), **{**CORRELATED, "correlated": []})
+    assert np.trace(as_if_independent[:3, :3]) < np.trace(alone[:3, :3])
+
+
+def test_it_does_not_matter_which_of_odometries_that_share_errors_came_first() -> None:
+    def late(port: str) -> list[Sample]:
+        samples = felt(6) + doubled()
+        return sorted(samples, key=lambda s: (s.stamp_ns + (700 * MS if s.port == port else 0), s.port))
+
+    found = []
+    for port in ("", "visual_odometry", "lidar_odometry"):
+        dfpc = manager(**CORRELATED)
+        feed(dfpc, late(port), in_order=False)
+        found.append(dfpc.get_pose("site", "mana/base", T0 + 6_000 * MS).transform)
+    for other in found[1:]:
+        np.testing.assert_allclose(other.matrix, found[0].matrix, atol=1e-9)
+        np.testing.assert_allclose(other.covariance, found[0].covariance, rtol=1e-6, atol=1e-12)
 
 
 def test_measurements_in_any_order_end_in_the_same_estimate(rng: np.random.Generator) -> None:
