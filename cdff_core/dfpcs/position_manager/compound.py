@@ -305,7 +305,8 @@ class PositionManager(PositionManagerInterface):
         c = self.config
         if t_ns - self._thinned_ns >= c.trajectory_period_s * _NS:
             self._thinned_ns = t_ns
-            self._line.thin(t_ns - int(c.dense_s * _NS), int(c.thin_s * _NS), t_ns - int(c.history_s * _NS))
+            dense_ns = min(t_ns - int(c.dense_s * _NS), self._begun().oldest_ns)
+            self._line.thin(dense_ns, int(c.thin_s * _NS), t_ns - int(c.history_s * _NS))
         kept_s = min((t_ns - self._line.stamps_ns[0]) / _NS, c.history_s)
         if t_ns - self._trajectory_ns >= max(c.trajectory_period_s, c.trajectory_share * kept_s) * _NS:
             self._trajectory_ns = t_ns

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from cdff_common.interfaces.dfpc import DfpcConfig
 
@@ -104,3 +104,17 @@ class PositionManagerConfig(DfpcConfig):
     extrapolation_s: Annotated[
         float, Field(ge=0, le=10, description="how far beyond its ends the time line answers")
     ] = 0.2
+
+    @model_validator(mode="after")
+    def _spans_fit(self) -> PositionManagerConfig:
+        if self.dense_s < self.memory_s:
+            raise ValueError(
+                f"dense_s={self.dense_s:g} is less than memory_s={self.memory_s:g}: what a late measurement takes "
+                "again must not be thinned by then; make dense_s the larger"
+            )
+        if self.imu_period_s > self.blind_s:
+            raise ValueError(
+                f"imu_period_s={self.imu_period_s:g} is more than blind_s={self.blind_s:g}: an IMU that speaks alone "
+                "would not be taken; make blind_s the larger"
+            )
+        return self
