@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from types import TracebackType
@@ -131,6 +131,13 @@ class AsyncClient:
     ) -> UncertainTransform:
         """``T_parent_child`` from the DPM at a time, the newest without one."""
         return await self._run(lambda: self._open.pose(robot, parent=parent, child=child, t_ns=t_ns))
+
+    async def call(
+        self, robot: str, dfpc: str, operation: str, parameters: Mapping[str, object] | None = None, *,
+        timeout_s: float = 10.0,
+    ) -> tuple[Any, Mapping[str, Any]]:  # fmt: skip
+        """Run an operation of a DFPC; see ``Client.call``."""
+        return await self._run(lambda: self._open.call(robot, dfpc, operation, parameters, timeout_s=timeout_s))
 
     async def jobs(self, robot: str = "any", *, limit: int = 50) -> list[dict[str, Any]]:
         """The orchestrator's newest jobs, and where they stand."""

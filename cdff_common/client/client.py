@@ -257,6 +257,36 @@ class Client:
         body = self._call(keys.dpm_rpc(keys.GROUND, "pose"), asked).body()
         return UncertainTransform(body["T"], body.get("covariance"))
 
+    def call(
+        self, robot: str, dfpc: str, operation: str, parameters: Mapping[str, object] | None = None, *,
+        timeout_s: float = 10.0,
+    ) -> tuple[Any, Mapping[str, Any]]:  # fmt: skip
+        """Run an operation of a DFPC (``cdff dfpc show NAME`` lists them).
+
+        Parameters
+        ----------
+        parameters : mapping, optional
+            Of the operation, by name; the rest as described.
+
+        Returns
+        -------
+        value : Any
+            Plain data or a ``cdff_common.types`` object; None of an operation without a value.
+        provenance : mapping
+            Who made it, from what configuration, of which time and frame.
+
+        Raises
+        ------
+        CdffError
+            As the DFPC refuses: InputError for a parameter, UnavailableError where it does not run, NotActiveError, …
+        """
+        asked = {name: _text(value) for name, value in (parameters or {}).items()}
+        reply = self._call(keys.dfpc_rpc(robot, dfpc, f"call/{operation}"), asked, timeout_s)
+        if not reply.encoding.startswith(_CODEC_PREFIX):
+            return reply.body(), reply.attachment
+        type_name, codec = parse_encoding(reply.encoding)
+        return decode(type_name, reply.payload, codec), reply.attachment
+
     def jobs(self, robot: str = "any", *, limit: int = 50) -> list[dict[str, Any]]:
         """The orchestrator's newest jobs, and where they stand."""
         body = self._call(keys.orchestrator_rpc(_scope(robot), "jobs"), {"limit": limit, **_named(robot)}).body()
@@ -349,6 +379,11 @@ def _named(robot: str) -> dict[str, object]:
 
 def _of_request(attachment: Mapping[str, Any]) -> dict[str, Any]:
     return {k: attachment[k] for k in ("asked", "delivered", "job", "request") if k in attachment}
+
+
+def _text(value: object) -> object:
+    """A parameter as the wire has it."""
+    return str(value).lower() if isinstance(value, bool) else value
 
 
 def _answer(reply: Reply) -> Answer:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff dfn list|show`` and ``cdff dfpc list|show|run``: what is installed, and one DFPC as a service."""
+"""``cdff dfn list|show``, ``cdff dfpc list|show|run``, ``cdff call``: what is installed, and one DFPC run or asked."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import argparse
 import json
 import os
 import sys
+from pathlib import Path
 from typing import Any
 
 
@@ -43,6 +44,24 @@ def register(nouns: Any) -> None:
             )
             run.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
             run.set_defaults(run=run_service)
+
+
+def register_call(nouns: Any) -> None:
+    """Add ``cdff call``."""
+    parser = nouns.add_parser(
+        "call",
+        help="an operation of a running DFPC: a route, a transform, a pin, …",
+        description="Run an operation of a DFPC and print its value as JSON. Without an operation: those that it has.",
+    )
+    parser.add_argument("robot", help="robot id")
+    parser.add_argument("dfpc", help="folder, class name or alias, as position_manager")
+    parser.add_argument("operation", nargs="?", help="as get_transform; without it they are listed")
+    parser.add_argument("parameters", nargs="*", metavar="KEY=VALUE", help="parameters of the operation")
+    parser.add_argument("--out", type=Path, help="file for a value that is a product; its ending says the format")
+    parser.add_argument("--timeout-s", type=float, default=10.0, help="how long to wait (default 10)")
+    parser.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
+    parser.add_argument("--json", action="store_true", help="on one line")
+    parser.set_defaults(run=run_call)
 
 
 def run_list(args: argparse.Namespace) -> int:
@@ -132,3 +151,38 @@ def run_service(args: argparse.Namespace) -> int:
     sys.stdout.flush()
     os.execv(sys.executable, [sys.executable, "-m", "services.dfpc_host", *options])
     return 1
+
+
+def run_call(args: argparse.Namespace) -> int:
+    """Run an operation of a DFPC, and print or write what comes back."""
+    from cdff_common.client import Client
+    from cdff_common.errors import InputError
+    from cdff_common.interfaces.registry import Registry
+    from cdff_common.output import check_file, write_file
+    from services.dfpc_host.calling import file_of, format_of, parameters_of, told
+
+    indent = None if args.json else 1
+    description = Registry.default().dfpc(args.dfpc)
+    operations = {operation.name: operation for operation in description.operations}
+    if args.operation is None:
+        listed = [operation.model_dump(mode="json", exclude_none=True) for operation in operations.values()]
+        print(json.dumps(listed, indent=indent, ensure_ascii=False))
+        return 0
+    if args.operation not in operations:
+        known = ", ".join(operations) or "none"
+        raise InputError(f"{description.folder} has no operation {args.operation!r}; it has {known}")
+    parameters, form = parameters_of(args.parameters), None
+    if args.out is not None:
+        form = format_of(args.out, operations[args.operation].output_type)
+        check_file(args.out)
+    with Client(args.connect, name="cdff call") as client:
+        value, provenance = client.call(
+            args.robot, description.folder, args.operation, parameters, timeout_s=args.timeout_s
+        )
+    shown = told(value, provenance)
+    if form is not None:
+        data = file_of(value, form)
+        write_file(args.out, data)
+        shown = {"type": type(value).__name__, "bytes": len(data), "file": str(args.out)}
+    print(json.dumps(shown, indent=indent, ensure_ascii=False))
+    return 0

@@ -27,7 +27,6 @@ def register_up(nouns: Any) -> None:
     parser.add_argument(
         "--scopes",
         nargs="+",
-        default=(),
         metavar="ID",
         help="only the services of these: robots of the profile, and ground for what they share; default: all",
     )
@@ -57,7 +56,7 @@ def run_up(args: argparse.Namespace) -> int:
     log_dir = None if args.log_dir is None else make_folder(Path(args.log_dir))
     specs = plan(
         profile, path, connect=endpoint(args.connect), http=args.http, data_dir=data_dir,
-        scopes=args.scopes, uplink=args.uplink,
+        scopes=args.scopes or (), uplink=args.uplink,
     )  # fmt: skip
     return run_service("supervisor", Supervisor(specs, log_dir).run)
 

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from cdff_common import cli
+from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.registry import Registry
+from cdff_common.types import PoseTrajectory, TransformWithCovariance
 
 
 def test_list_names_every_dfn_with_its_implementations(capsys: pytest.CaptureFixture[str]) -> None:
@@ -68,3 +73,92 @@ def test_a_dfpc_becomes_a_process_with_its_wiring_and_its_router(monkeypatch: py
     (arguments,) = become
     chosen = ["--robot", "mana", "--dfpc", "visual_odometry_sparse", "--connect", "tcp/127.0.0.1:9"]
     assert arguments[2:] == ["services.dfpc_host", *chosen, "--input", "stereo=sensor/navcam/pair"]
+
+
+class Asked:
+    """Stands for a client whose DFPCs answer with what they are asked."""
+
+    calls: list[tuple[object, ...]] = []
+    value: Any = None
+
+    def __init__(self, *_: object, **__: object) -> None: ...
+
+    def __enter__(self) -> Asked:
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def call(self, *asked: object, timeout_s: float) -> tuple[Any, dict[str, Any]]:
+        self.calls.append((*asked, timeout_s))
+        return self.value, {"frame": "site", "t1_ns": 7_000, "quality": {"covariance_kind": "formal"}}
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> type[Asked]:
+    monkeypatch.setattr("cdff_common.client.Client", Asked)
+    monkeypatch.setattr(Asked, "calls", [])
+    return Asked
+
+
+@pytest.mark.req("CDFF-SUP-195")
+def test_an_operation_is_called_with_its_parameters_and_its_pose_is_printed(
+    asked: type[Asked], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pose = UncertainTransform(se3.transform(np.eye(3), [1.0, 2.0, 3.0]), np.eye(6))
+    value = TransformWithCovariance.from_transform(pose, parent="site", child="mana/head", stamp_ns=7_000)
+    monkeypatch.setattr(Asked, "value", value)
+    assert cli.main(["call", "mana", "Pom", "get_pose", "parent=site", "child=mana/head", "--timeout-s", "3"]) == 0
+    assert asked.calls == [("mana", "position_manager", "get_pose", {"parent": "site", "child": "mana/head"}, 3.0)]
+    told = json.loads(capsys.readouterr().out)
+    assert (told["parent"], told["child"], told["stamp_ns"], told["T"][1][3]) == ("site", "mana/head", "7000", 2.0)
+    assert told["covariance_kind"] == "formal"
+
+
+def test_a_value_that_is_a_product_is_written_to_the_file_that_is_named(
+    asked: type[Asked], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    stamps, poses = np.array([1_000, 2_000]), np.tile(np.eye(4), (2, 1, 1))
+    way = PoseTrajectory.from_arrays(stamps, poses, None, parent="site", child="mana/base")
+    monkeypatch.setattr(Asked, "value", way)
+    line = ["call", "mana", "navigation_mapping", "get_route", "from_x_m=0", "from_y_m=0", "to_x_m=1", "to_y_m=2"]
+    assert cli.main([*line, "--out", str(tmp_path / "way.tum"), "--json"]) == 0
+    assert len((tmp_path / "way.tum").read_text().splitlines()) == 2
+    assert json.loads(capsys.readouterr().out)["type"] == "PoseTrajectory"
+    assert cli.main([*line, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told | {"extent_m": None} == {
+        "type": "PoseTrajectory", "frame": "site", "t1_ns": "7000", "extent_m": None,
+        "out": ["tum", "npz", "geojson", "uper"],
+    }  # fmt: skip
+    for ending in ("uper", "npz", "geojson"):
+        assert cli.main([*line, "--out", str(tmp_path / f"way.{ending}")]) == 0
+        assert (tmp_path / f"way.{ending}").stat().st_size > 0
+
+
+def test_plain_values_are_printed_as_they_are(asked: type[Asked], capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["call", "mana", "position_manager", "unpin", "t_ns=7000", "--json"]) == 0
+    assert capsys.readouterr().out == "null\n"
+
+
+def test_without_an_operation_those_that_there_are_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["call", "mana", "navigation_mapping"]) == 0
+    listed = {o["name"]: [p["name"] for p in o["inputs"]] for o in json.loads(capsys.readouterr().out)}
+    assert listed["get_reachable"] == ["x_m", "y_m"]
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        (["get_rout"], "no operation 'get_rout'; it has get_map"),
+        (["get_route", "x"], "'x': expected KEY=VALUE"),
+        (["get_route", "to_x_m=1", "to_x_m=2"], "to_x_m is given twice"),
+        (["get_route", "--out", "way.ply"], "'.ply' names no format of a PoseTrajectory; expected one of .tum"),
+        (["get_route", "--out", "no/way.tum"], "there is no folder no"),
+    ],
+)
+def test_a_call_that_cannot_be_is_refused_before_anybody_is_asked(
+    line: list[str], reason: str, asked: type[Asked], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["call", "mana", "navigation_mapping", *line]) == 1
+    assert reason in capsys.readouterr().err
+    assert asked.calls == []
