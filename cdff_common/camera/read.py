@@ -68,7 +68,7 @@ def read_stereo(path: Path, left: str = "", right: str = "") -> StereoCalibratio
     cameras, poses = _read(path)
     names = list(cameras)
     if len(names) < 2:
-        raise InputError(f"{path}: holds camera {names[0]} alone, expected two")
+        raise InputError(f"{path}: holds camera {names[0]} alone, expected two, or its baseline_m to an equal one")
     left, right = left or names[0], right or names[1]
     for name in (left, right):
         if name not in poses:
@@ -159,7 +159,16 @@ def _of_opencv(document: Mapping[str, Any]) -> tuple[Cameras, Poses]:
             return cameras, {"1": np.eye(4), "2": T}
     for matrix, distortion in _SINGLE_NAMES:
         if matrix in document:
-            return {"camera": camera(matrix, distortion)}, {}
+            one = camera(matrix, distortion)
+            if "baseline_m" not in document:
+                return {"camera": one}, {}
+            # A rectified pair in short: the same camera again, straight to the right.
+            (baseline_m,) = _numbers(document["baseline_m"])
+            if baseline_m <= 0.0:
+                raise InputError(f"baseline_m {baseline_m}: expected above 0 m")
+            T = np.eye(4)
+            T[0, 3] = -baseline_m
+            return {"left": one, "right": one}, {"left": np.eye(4), "right": T}
     names = ", ".join(n[0] for n in (*_STEREO_NAMES, *_SINGLE_NAMES))
     raise InputError(f"none of {names}; it has {', '.join(map(str, list(document)[:8]))}")
 

@@ -25,7 +25,8 @@ def register(nouns: Any) -> None:
         "inputs",
         nargs="*",
         metavar="PORT=FILE",
-        help="an input; LEFT,RIGHT,CAMERA for a stereo pair; a number for a port that is one",
+        help="an input; IMAGE,CAMERA for a picture with its camera, LEFT,RIGHT,CAMERA for a stereo pair, CAMERA being "
+        "a calibration file of OpenCV, Kalibr or KITTI; a number for a port that is one",
     )
     parser.add_argument("--implementation", help="the first of the description without it")
     parser.add_argument("--config", metavar="FILE", help="YAML or JSON mapping of parameters")

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
@@ -104,8 +103,8 @@ def _pose_as(type_name: str, pose: PoseValue, stamp_ns: int) -> Any:
 
 def _typed(port: Port, text: str, setting: _Setting) -> Any:
     name = port.type_name
-    if name == "FramePair" and "," in text:
-        return _stereo_pair(port, text.split(","), setting)
+    if name in ("Frame", "FramePair") and "," in text and not Path(text).exists():
+        return _with_calibration(port, text.split(","), setting)
     if Path(text).is_dir():
         return _from_log(name, Path(text))
     s = load(text)
@@ -121,7 +120,7 @@ def _typed(port: Port, text: str, setting: _Setting) -> Any:
         "BundleProblem": _bundle,
     }
     if fmt == "json":
-        return _from_plain(name, s)
+        return _from_json(name, s)
     if fmt == "msg":
         return _from_log(name, Path(text))
     if name not in readers:
@@ -196,22 +195,29 @@ def _picture(s: Source, fmt: str) -> tuple[NDArray[Any], NDArray[np.float64] | N
     raise InputError(f"{s.name}: a {fmt} file, expected png, pgm, ppm, tif, json, msg, or npz with an array image")
 
 
-def _stereo_pair(port: Port, files: list[str], setting: _Setting) -> Any:
-    """``LEFT,RIGHT,CAMERA``: two pictures and a YAML or JSON file with ``camera_matrix`` and ``baseline_m``."""
+def _with_calibration(port: Port, files: list[str], setting: _Setting) -> Any:
+    """``IMAGE,CAMERA[,NAME]`` or, for a pair, ``LEFT,RIGHT,CAMERA[,NAME,NAME]``; CAMERA is a calibration file."""
     from cdff_common.formats.image import read_image
-    from cdff_common.types import FramePair
+    from cdff_dev.run.cameras import stereo_pair, with_camera
 
-    if len(files) != 3:
-        raise InputError(f"{port.attribute}={','.join(files)}: expected LEFT,RIGHT,CAMERA")
-    left, right = (grey(read_image(f)) for f in files[:2])
+    pictures, form = 1, "IMAGE,CAMERA[,NAME]"
+    if port.type_name == "FramePair":
+        pictures, form = 2, "LEFT,RIGHT,CAMERA[,NAME,NAME]"
+    if len(files) not in (pictures + 1, 2 * pictures + 1):
+        raise InputError(f"{port.attribute}={','.join(files)}: expected {form}")
+    calibration, names = files[pictures], files[pictures + 1 :]
     try:
-        camera = yaml.safe_load(load(files[2]).data)
-        K, baseline_m = np.array(camera["camera_matrix"], dtype=np.float64), float(camera["baseline_m"])
-    except (KeyError, TypeError, ValueError, yaml.YAMLError) as error:
-        raise InputError(f"{files[2]}: expected camera_matrix (3x3 rows) and baseline_m: {error}") from error
-    return FramePair.from_images(
-        left, right, baseline_m=baseline_m, camera_matrix=K, stamp_ns=setting.stamp_ns, sensor=setting.frame
-    )
+        if pictures == 1:
+            s = load(files[0])
+            fmt = detect(s)
+            return with_camera(_frame(s, "Frame" if fmt == "tif" else fmt, setting), calibration, *names)
+        left, right = (grey(read_image(f)) for f in files[:2])
+        left_name, right_name = names or ("", "")
+        return stereo_pair(
+            left, right, calibration, (left_name, right_name), frame=setting.frame, stamp_ns=setting.stamp_ns
+        )
+    except InputError as error:
+        raise InputError(f"{port.attribute}={error}") from error
 
 
 def _map(s: Source, fmt: str, setting: _Setting) -> Any:
@@ -249,10 +255,10 @@ def _bundle(s: Source, fmt: str, setting: _Setting) -> Any:
     return (read_bal if fmt == "bal" else read_libmv)(s, frame=setting.frame)
 
 
-def _from_plain(type_name: str, s: Source) -> Any:
-    from cdff_common.codecs.plain import from_plain
+def _from_json(type_name: str, s: Source) -> Any:
+    from cdff_common.codecs.json_form import from_json
 
-    return from_plain(type_name, json.loads(s.data))
+    return from_json(type_name, json.loads(s.data))
 
 
 def _from_log(type_name: str, path: Path) -> Any:

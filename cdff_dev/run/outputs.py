@@ -5,13 +5,13 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cdff_common.codecs.json_form import json_safe
 from cdff_common.errors import StorageError
 from cdff_common.formats.cloud import CloudArrays
 from cdff_common.formats.payload import FORMATS, pose_value, to_file
@@ -19,6 +19,8 @@ from cdff_common.formats.pose import PoseValue
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.description import ARRAY_TYPE, Port
 from cdff_common.interfaces.product import Status
+from cdff_common.types import Frame
+from cdff_dev.run.cameras import camera_document
 from cdff_dev.run.execute import Emitted, Result
 
 _INLINE_ELEMENTS = 64
@@ -57,7 +59,7 @@ def write_outputs(result: Result, folder: Path) -> dict[str, Any]:
             "wall_s": round(result.wall_s, 6),
             "cpu_s": round(result.cpu_s, 6),
         }
-        plain: dict[str, Any] = _json_safe(report)
+        plain: dict[str, Any] = json_safe(report)
         (folder / "outputs.json").write_text(json.dumps(plain, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     except OSError as error:
         raise StorageError(f"{folder}: cannot be written: {error.strerror or error}") from error
@@ -78,10 +80,11 @@ def _write(port: Port, emitted: Emitted, folder: Path, stem: str) -> dict[str, A
             fmt = "tif"
         if name == "BundleProblem" and len(value.lenses.values) == 1 < len(value.cameras.ids):
             fmt = "libmv"
-        return _put(folder, f"{stem}.{fmt}", to_file(value, fmt))
+        camera = _write_camera(value, folder, stem) if name == "Frame" else {}
+        return _put(folder, f"{stem}.{fmt}", to_file(value, fmt)) | camera
     from cdff_common.codecs.plain import to_plain
 
-    plain = _json_safe(to_plain(value))
+    plain = json_safe(to_plain(value))
     return _put(folder, f"{stem}.json", (json.dumps(plain, indent=1, allow_nan=False) + "\n").encode())
 
 
@@ -106,6 +109,14 @@ def _write_array(port: Port, array: NDArray[Any], folder: Path, stem: str) -> di
     return _put(folder, f"{stem}.npz", write_npz({port.attribute: array}))
 
 
+def _write_camera(image: Frame, folder: Path, stem: str) -> dict[str, Any]:
+    """The camera of an image, which pictures do not hold, as the calibration file of ``PORT=IMAGE,CAMERA``."""
+    document = camera_document(image)
+    if document is None:
+        return {}
+    return {"camera": _put(folder, f"{stem}.camera.json", (json.dumps(document, indent=1) + "\n").encode())["file"]}
+
+
 def _write_pose(pose: PoseValue, folder: Path, stem: str) -> dict[str, Any]:
     value = pose.to_json()
     return {**_put(folder, f"{stem}.json", (json.dumps(value, indent=1) + "\n").encode()), "value": value}
@@ -114,20 +125,3 @@ def _write_pose(pose: PoseValue, folder: Path, stem: str) -> dict[str, Any]:
 def _put(folder: Path, name: str, data: bytes) -> dict[str, Any]:
     (folder / name).write_bytes(data)
     return {"file": name}
-
-
-def _json_safe(value: Any) -> Any:
-    """Plain data with None for what is not finite: JSON has no NaN."""
-    if isinstance(value, dict):
-        return {str(k): _json_safe(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_json_safe(v) for v in value]
-    if isinstance(value, np.ndarray):
-        return _json_safe(value.tolist())
-    if isinstance(value, np.generic):
-        return _json_safe(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, bytes):
-        return value.hex()
-    return value
