@@ -12,11 +12,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.camera import CameraModel
+from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.types import Array3D, Frame, FrameCameraModelT, FrameModeT, TransformWithCovariance
 
 #: How pixels between the given ones are found, by its name in configurations.
 INTERPOLATIONS = {"nearest": cv2.INTER_NEAREST, "linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC}
+
+
+def check_straight(*images: Frame) -> None:
+    """Raise InputError where an image says that its lens bends straight lines, for what takes it as a pinhole's."""
+    for image in images:
+        intrinsic = image.intrinsic
+        if intrinsic.camera_model is FrameCameraModelT.CAM_FISHEYE or np.any(intrinsic.dist_coeffs):
+            lens = f"{intrinsic.camera_model.name}, distortion {intrinsic.dist_coeffs.tolist()}"
+            raise InputError(
+                f"image of {image.frame or 'a camera'} as its lens made it ({lens}): expected one without distortion, "
+                "by image_undistortion or, of a pair, stereo_rectification"
+            )
 
 
 def with_image(

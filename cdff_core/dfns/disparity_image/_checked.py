@@ -20,6 +20,7 @@ from cdff_core.dfns.disparity_image._interface import (
     DisparityImageInterface,
     DisparityImageOutputs,
 )
+from cdff_core.imaging.frames import check_straight
 
 _TO_GREY = {
     "MODE_RGB": cv2.COLOR_RGB2GRAY, "MODE_RGBA": cv2.COLOR_RGBA2GRAY,
@@ -75,7 +76,8 @@ class CheckedMatcher(DisparityImageInterface):
         """OpenCV's matcher as configured, without any check of its own that looks at both images."""
 
     def process(self, inputs: DisparityImageInputs) -> DisparityImageOutputs:
-        """Return the disparity image; raises InputError where the images do not fit each other."""
+        """Return the disparity image; raises InputError on raw images, or where they do not fit each other."""
+        check_straight(inputs.left, inputs.right)
         left, right = grey_pair(inputs.left, inputs.right)
         disparity = self._match(left, right)
         turned = self._match(right[::-1, ::-1], left[::-1, ::-1])[::-1, ::-1]

@@ -15,6 +15,7 @@ from cdff_core.dfns.features_description_2d._interface import FeaturesDescriptio
 from cdff_core.dfns.features_extraction_2d._interface import FeaturesExtraction2DInputs
 from cdff_core.dfns.features_matching_2d._interface import FeaturesMatching2DInputs
 from cdff_core.dfns.features_tracking_2d._interface import FeaturesTracking2DInputs
+from cdff_core.imaging.frames import check_straight
 from cdff_core.imaging.grey import grey_image
 
 FloatArray = NDArray[np.float64]
@@ -58,6 +59,7 @@ class Matcher:
 
     def view(self, sample: Sample) -> View:
         """Points and descriptors of every detector of the variant; raises InputError on an image it cannot take."""
+        check_straight(sample.value)
         image = grey_image(sample.value)
         points, descriptors = [], []
         for slot in ("blobs", "corners"):

@@ -15,6 +15,7 @@ from cdff_common.errors import RefusedError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.types import FramePair, PoseTrajectory
 from cdff_core.dfpcs.visual_odometry_sparse._linked import LinkedPose
+from cdff_core.imaging.frames import check_straight
 from cdff_core.imaging.grey import grey_image
 from cdff_core.imaging.rectified_camera import RectifiedCamera
 
@@ -43,7 +44,8 @@ class View:
 
     @classmethod
     def of(cls, pair: FramePair, stamp_ns: int, sample_id: str) -> View:
-        """Take a pair apart; raises InputError on a pixel format that is not known or what can be no stereo camera."""
+        """Take a pair apart; raises InputError on unknown pixels, a lens with distortion, or no possible camera."""
+        check_straight(pair.left, pair.right)
         RectifiedCamera.from_matrix(pair.left.camera_matrix, pair.baseline)
         return cls(
             pair=pair,

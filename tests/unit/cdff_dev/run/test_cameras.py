@@ -132,6 +132,24 @@ def test_a_pair_is_rectified_by_the_cameras_of_any_calibration_file(
     assert cdff_run("stereo_degradation", f"pair={tmp_path / 'out/pair.json'}", "--out", tmp_path / "small") == 0
 
 
+@pytest.mark.parametrize(
+    ("name", "inputs"),
+    [
+        ("visual_odometry_sparse", ["stereo={l},{r},{c}"]),
+        ("triangulation", ["stereo={l},{r},{c}"]),
+        ("feature_matching", ["left={l},{c},cam0", "right={r},{c},cam1"]),
+        ("disparity_image", ["left={l},{c},cam0", "right={r},{c},cam1"]),
+    ],
+)
+def test_what_takes_a_pinholes_image_refuses_one_with_its_lens_in_it(
+    tmp_path: Path, pictures: tuple[Path, Path], name: str, inputs: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    kalibr(tmp_path / "camera")
+    given = [text.format(l=pictures[0], r=pictures[1], c=tmp_path / "camera") for text in inputs]
+    assert cdff_run(name, *given, "--out", tmp_path / "out") in (1, 3)
+    assert "stereo_rectification" in capsys.readouterr().err
+
+
 def test_a_real_rovers_pair_is_rectified_by_its_calibration_file(real_data: RealData, tmp_path: Path) -> None:
     folder = real_data("cdff_upstream/MinnieStereo")
     calibration = next(folder.glob("*.yml"))
