@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Maps out of a store in this process: a window of 1000 x 1000 cells from 200 patches, and rendered tiles.
 
-    python benchmarks/dpm_maps.py [--patches 200] [--side 128] [--trials 7] [--out FILE]
+    python benchmarks/dpm_maps.py [--patches 200] [--side 128] [--trials 7] [--further] [--out FILE]
 
-The patches (``--side`` cells of 5 cm along an edge, every cell observed) lie at random in the window. ``cold`` opens
+The patches (``--side`` cells of 5 cm along an edge, every cell observed) lie at random in the window; with
+``--further`` they have the layers beyond the six too, as those of ``digital_elevation_mapping`` do. ``cold`` opens
 the store anew: nothing is decoded or rendered yet. The payload files may be in the page cache; no disk is measured.
 """
 
@@ -40,7 +41,7 @@ CELL_M = 0.05
 SIDE_CELLS = 1000
 
 
-def patch(rng: np.random.Generator, side: int, seq: int) -> Parcel:
+def patch(rng: np.random.Generator, side: int, seq: int, further: bool) -> Parcel:
     """One patch somewhere in the window, of gentle relief with noise."""
     left, bottom = (int(v) for v in rng.integers(0, SIDE_CELLS - side, 2))
     geometry = GridGeometry.from_cells("site", CELL_M, left=left, top=bottom + side, rows=side, cols=side)
@@ -51,7 +52,11 @@ def patch(rng: np.random.Generator, side: int, seq: int) -> Parcel:
         "count": np.full_like(mean, 5.0), "age_s": np.zeros_like(mean),
     }  # fmt: skip
     t_ns = (seq + 1) * S
-    value = ElevationMap.from_layers(geometry, {n: layers[n] for n in ELEVATION_LAYERS}, t0_ns=t_ns, t1_ns=t_ns)
+    named = {n: layers[n] for n in ELEVATION_LAYERS}
+    if further:
+        known = {"pose_variance": 4e-5, "error_variance": 5e-5, "first_age_s": 0.5, "intensity": 8.0, "overhang_m": 2.0}
+        named |= {n: np.full_like(mean, v) for n, v in known.items()}
+    value = ElevationMap.from_layers(geometry, named, t0_ns=t_ns, t1_ns=t_ns)
     header = Header(
         id=product_id("mana", "dem", "map", t_ns, seq, "c"), seq=seq, t0_ns=t_ns, t1_ns=t_ns, frame="site",
         producer="benchmark", config_hash="c", box_m=value.extent_m(), resolution_m=CELL_M,
@@ -126,11 +131,11 @@ def tiles(url: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def filled(url: str, patches: int, side: int) -> None:
+def filled(url: str, patches: int, side: int, further: bool) -> None:
     """A store with the patches."""
     rng = np.random.default_rng(1)
     with open_store(url, ManualClock(S)) as store:
-        store.put_all([patch(rng, side, seq) for seq in range(patches)])
+        store.put_all([patch(rng, side, seq, further) for seq in range(patches)])
 
 
 def main() -> int:
@@ -139,14 +144,15 @@ def main() -> int:
     parser.add_argument("--patches", type=int, default=200)
     parser.add_argument("--side", type=int, default=128)
     parser.add_argument("--trials", type=int, default=7)
+    parser.add_argument("--further", action="store_true", help="patches with layers beyond the six")
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         url = f"sqlite:///{folder}/data"
-        filled(url, args.patches, args.side)
+        filled(url, args.patches, args.side, args.further)
         figures = {
             "machine": {"cpu_count": os.cpu_count(), "python": platform.python_version()},
-            "patches": {"count": args.patches, "side_cells": args.side, "cell_m": CELL_M},
+            "patches": {"count": args.patches, "side_cells": args.side, "cell_m": CELL_M, "further": args.further},
             "window_1000x1000": window(url, args.trials),
             "tile_256x256": tiles(url),
         }

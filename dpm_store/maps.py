@@ -14,6 +14,7 @@ from dpm_store.windows import Made, Window, WindowQuery, finished, framed
 
 if TYPE_CHECKING:
     from cdff_common.raster import CellStatistics, GridGeometry
+    from cdff_common.raster.mosaic import Assembled
 
 #: Port under which windows are stored.
 DERIVED_PORT = "window"
@@ -23,8 +24,13 @@ DERIVED_PORT = "window"
 class PooledCells:
     """Cells of a grid, and what they were assembled from."""
 
-    statistics: CellStatistics
+    assembled: Assembled
     made: Made
+
+    @property
+    def statistics(self) -> CellStatistics:
+        """Of the heights."""
+        return self.assembled.statistics
 
 
 class Maps:
@@ -42,23 +48,24 @@ class Maps:
 
     def elevation_window(self, asked: WindowQuery) -> Window:
         """Assemble every patch of the region; raises as ``windows.framed``."""
+        from cdff_common.raster import ELEVATION_LAYERS
         from cdff_common.types import ElevationMap
 
         frame = framed(self.patches, asked)
-        cells = self.pooled(asked, frame.found, frame.geometry)
-        made, statistics = cells.made, cells.statistics
+        cells = self.pooled(asked, frame.found, frame.geometry, further=True)
+        made = cells.made
         if not made.used:
             tilted = ", ".join(made.skipped_frames)
             raise frame.nothing("dem", f"; frames {tilted} are tilted too much" if tilted else "")
-        layers = statistics.to_layers(made.span_ns[1])
-        rules = [asked.choice, asked.disagreement]
-        return finished(frame, made, ElevationMap, layers, statistics.observed, rules, DERIVED_PORT)
+        layers = cells.assembled.to_layers(made.span_ns[1])
+        rules = [asked.choice, asked.disagreement, *(name for name in layers if name not in ELEVATION_LAYERS)]
+        return finished(frame, made, ElevationMap, layers, cells.statistics.observed, rules, DERIVED_PORT)
 
-    def pooled(self, asked: WindowQuery, found: Found, geometry: GridGeometry) -> PooledCells:
-        """Assemble patches that were found into a grid."""
+    def pooled(self, asked: WindowQuery, found: Found, geometry: GridGeometry, *, further: bool = False) -> PooledCells:
+        """Assemble patches that were found into a grid, ``further`` layers only where wanted."""
         from cdff_common.raster.mosaic import Mosaic, fitting_factor, is_level
 
-        mosaic = Mosaic(geometry, asked.choice, asked.disagreement)
+        mosaic = Mosaic(geometry, asked.choice, asked.disagreement, further=further)
         skipped = {frame for frame, T in found.transforms.items() if not is_level(T)}
         records = [r for r in found.records if r.header.frame not in skipped]
         used: list[ProductRecord] = []
@@ -72,5 +79,6 @@ class Maps:
                 used.append(record)
                 if fitting_factor(patch.geometry, geometry) is None:
                     resampled[frame] = resampled.get(frame, 0) + 1
-        statistics, disagreeing = mosaic.statistics()
-        return PooledCells(statistics, Made(used, disagreeing, resampled, tuple(sorted(skipped)), purged))
+        assembled = mosaic.assembled()
+        made = Made(used, assembled.disagreeing, resampled, tuple(sorted(skipped)), purged)
+        return PooledCells(assembled, made)

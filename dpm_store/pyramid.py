@@ -202,7 +202,7 @@ class Pyramid:
         for record, patch in self._patches.read(usable):
             if patch is not None:
                 mosaic.add(patch.geometry, patch.layers, patch.t1_ns, found.transforms.get(record.header.frame))
-        return mosaic.statistics()[0]
+        return mosaic.assembled().statistics
 
     def _drop(self, change: Change) -> None:
         for key in touched((*self._kept, *self._files.keys()), change):

@@ -23,7 +23,7 @@ from dpm_store.records import ProductRecord, Query
 if TYPE_CHECKING:
     from cdff_common.raster import GridGeometry
 
-#: Of one window: its statistics take about 60 bytes a cell while it is assembled.
+#: Of one window: its statistics take about 60 bytes a cell while it is assembled, with further layers about 100.
 MAX_CELLS = 1 << 22
 #: Farthest from its frame's origin that a window may reach, metres.
 FARTHEST_M = 1e8

@@ -140,6 +140,30 @@ def pool_layers(
             )  # fmt: skip
 
 
+@njit(cache=True, nogil=True, inline="always")
+def landing(
+    part: int, col: int, row: int, z: float, fine: float, T: Float, covariance: Float, coarse: float,
+    left: int, top: int,
+) -> tuple[int, int, float, float]:  # pragma: no cover - compiled  # fmt: skip
+    """Where a quarter of a patch's cell falls: row and column of the window, height, and the variance that ``T`` adds.
+
+    ``col`` and ``row`` count the patch's cells from its frame's origin, right and up to the cell's upper edge.
+    """
+    x = (col + 0.25 + 0.5 * (part % 2)) * fine
+    y = (row - 0.25 - 0.5 * (part // 2)) * fine
+    rx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z
+    ry = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z
+    # A turn (wx, wy, wz) of the frame lifts the point by wx ry - wy rx.
+    spread = (
+        covariance[2, 2] + ry * ry * covariance[3, 3] + rx * rx * covariance[4, 4]
+        + 2.0 * (ry * covariance[2, 3] - rx * covariance[2, 4] - rx * ry * covariance[3, 4])
+    )  # fmt: skip
+    return (
+        top - 1 - math.floor((ry + T[1, 3]) / coarse), math.floor((rx + T[0, 3]) / coarse) - left,
+        T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3], max(spread, 0.0),
+    )  # fmt: skip
+
+
 @njit(cache=True, nogil=True)
 def pool_moved(
     layers: tuple[Single, ...], t1: int, fine: float, left: int, top: int, T: Float, covariance: Float,
@@ -165,24 +189,14 @@ def pool_moved(
             variance = np.float64(variances[r, c]) * steep * steep
             low, high = (np.float64(lows[r, c]) - z) * steep, (np.float64(highs[r, c]) - z) * steep
             for part in range(4):
-                x = (left + c + 0.25 + 0.5 * (part % 2)) * fine
-                y = (top - r - 0.25 - 0.5 * (part // 2)) * fine
-                rx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z
-                ry = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z
-                height = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
-                col = math.floor((rx + T[0, 3]) / coarse) - window_left
-                row = window_top - 1 - math.floor((ry + T[1, 3]) / coarse)
-                if not (0 <= row < count.shape[0] and 0 <= col < count.shape[1]):
-                    continue
-                # A turn (wx, wy, wz) of the frame lifts the point by wx ry - wy rx.
-                spread = (
-                    covariance[2, 2] + ry * ry * covariance[3, 3] + rx * rx * covariance[4, 4]
-                    + 2.0 * (ry * covariance[2, 3] - rx * covariance[2, 4] - rx * ry * covariance[3, 4])
-                )  # fmt: skip
-                _pool(
-                    row, col, 0.25 * n, height, 0.25 * n * (variance + max(spread, 0.0)), height + low, height + high,
-                    stamp, count, mean, m2, minimum, maximum, newest, within,
-                )  # fmt: skip
+                row, col, height, spread = landing(
+                    part, left + c, top - r, z, fine, T, covariance, coarse, window_left, window_top
+                )
+                if 0 <= row < count.shape[0] and 0 <= col < count.shape[1]:
+                    _pool(
+                        row, col, 0.25 * n, height, 0.25 * n * (variance + spread), height + low, height + high,
+                        stamp, count, mean, m2, minimum, maximum, newest, within,
+                    )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from math import cos, isclose, radians
 from typing import Any
 
@@ -14,7 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.raster import _kernels
+from cdff_common.raster._pooling import Cells, Source
 from cdff_common.raster.choice import Choice, Disagreement
+from cdff_common.raster.further_layers import SUMMED, FurtherLayers
 from cdff_common.raster.geometry import ALIGNMENT_TOLERANCE_CELLS, GridGeometry
 from cdff_common.raster.statistics import ELEVATION_LAYERS, CellStatistics
 
@@ -25,7 +28,31 @@ MAX_TILT_DEG = 30.0
 DISAGREE_SIGMA = 3.0
 AGREED_M = 0.01
 
-_NO_COVARIANCE = np.zeros((6, 6))
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Assembled:
+    """What came of the maps.
+
+    Attributes
+    ----------
+    statistics : CellStatistics
+    further : FurtherLayers or None
+        Of the same cells; None where no map had any, or none were wanted.
+    disagreeing : int
+        Cells in which maps disagreed, before the rule for them.
+    """
+
+    statistics: CellStatistics
+    further: FurtherLayers | None
+    disagreeing: int
+
+    def to_layers(self, t1_ns: int) -> dict[str, NDArray[np.float32]]:
+        """The layers of contract §7, and after them those further ones that are known of a cell."""
+        layers = self.statistics.to_layers(t1_ns)
+        if self.further is not None:
+            further = self.further.to_layers(self.statistics, t1_ns)
+            layers |= {name: layer for name, layer in further.items() if np.isfinite(layer).any()}
+        return layers
 
 
 class Mosaic:
@@ -38,6 +65,9 @@ class Mosaic:
     choice : Choice
     disagreement : Disagreement
         Only where everything is pooled.
+    further : bool
+        Pool the layers beyond the six as well, where maps have them. What one map does not say of its heights is then
+        unknown of the cell, but for intensity and overhangs: those are of the heights and maps that have them.
 
     Attributes
     ----------
@@ -46,17 +76,19 @@ class Mosaic:
     """
 
     def __init__(
-        self, geometry: GridGeometry, choice: Choice = Choice.POOLED, disagreement: Disagreement = Disagreement.KEEP
-    ) -> None:
+        self, geometry: GridGeometry, choice: Choice = Choice.POOLED, disagreement: Disagreement = Disagreement.KEEP,
+        *, further: bool = False,
+    ) -> None:  # fmt: skip
         if choice is not Choice.POOLED and disagreement is not Disagreement.KEEP:
             raise InputError(f"choice={choice}, disagreement={disagreement}: only pooled cells can disagree")
         self.geometry = geometry
         self.choice = choice
         self.disagreement = disagreement
         self.patches = 0
-        self._cells = CellStatistics.empty(geometry)
+        self._cells = Cells(CellStatistics.empty(geometry))
         self._within = np.zeros(geometry.shape)
-        self._newest = CellStatistics.empty(geometry) if disagreement is Disagreement.NEWEST else None
+        self._newest = Cells(CellStatistics.empty(geometry)) if disagreement is Disagreement.NEWEST else None
+        self._wants_further = further
 
     def add(
         self, geometry: GridGeometry, layers: Mapping[str, ArrayLike], t1_ns: int,
@@ -94,19 +126,20 @@ class Mosaic:
         if reach is None:
             return False
         self.patches += 1
+        source = Source(geometry, arrays, self._further_of(geometry, layers), t1_ns, factor, T_window_map)
         if self.choice is Choice.POOLED and self._newest is None and factor == 1:
-            self._pool(self._cells, self._within, geometry, arrays, t1_ns, factor, T_window_map)
+            source.pool_into(self._cells, self._within)
             return True
-        part = CellStatistics.empty(reach)
-        self._pool(part, np.zeros(reach.shape), geometry, arrays, t1_ns, factor, T_window_map)
+        part = Cells(CellStatistics.empty(reach))
+        source.pool_into(part, np.zeros(reach.shape))
         here = self.geometry.slices_of(reach)
         if self.choice is Choice.POOLED:
             self._cells.add(part)
-            self._within[here] += part.m2
+            self._within[here] += part.statistics.m2
         else:
-            _take(self._cells, here, part, self.choice)
+            self._cells.take(here, part, self.choice)
         if self._newest is not None:
-            _take(self._newest, here, part, Choice.NEWEST)
+            self._newest.take(here, part, Choice.NEWEST)
         return True
 
     def disagreeing(self) -> tuple[NDArray[np.bool_], int]:
@@ -114,36 +147,32 @@ class Mosaic:
         wrong = np.zeros(self.geometry.shape, dtype=np.bool_)
         if self.choice is not Choice.POOLED:
             return wrong, 0
-        count, m2, within = (a.reshape(-1) for a in (self._cells.count, self._cells.m2, self._within))
+        cells = self._cells.statistics
+        count, m2, within = (a.reshape(-1) for a in (cells.count, cells.m2, self._within))
         return wrong, _kernels.disagreeing(count, m2, within, DISAGREE_SIGMA, AGREED_M, wrong.reshape(-1))
 
-    def statistics(self) -> tuple[CellStatistics, int]:
-        """The window after its rule for disagreement, and how many cells disagreed."""
+    def assembled(self) -> Assembled:
+        """The window after its rule for disagreement."""
         wrong, count = self.disagreeing()
+        cells = self._cells
         if count and self.disagreement is Disagreement.DROP:
-            return self._cells.masked(~wrong), count
+            if cells.further is not None:
+                cells.further.forget(wrong)
+            return Assembled(cells.statistics.masked(~wrong), cells.further, count)
         if count and self._newest is not None:
-            for name in ("count", "mean", "m2", "minimum", "maximum", "newest_ns"):
-                np.copyto(getattr(self._cells, name), getattr(self._newest, name), where=wrong)
-        return self._cells, count
+            cells.replace(self._newest, wrong)
+        return Assembled(cells.statistics, cells.further, count)
 
-    def _pool(
-        self, into: CellStatistics, within: NDArray[np.float64], geometry: GridGeometry, arrays: tuple[Any, ...],
-        t1_ns: int, factor: int | None, T: UncertainTransform | None,
-    ) -> None:  # fmt: skip
-        window = into.geometry
-        cells = (into.count, into.mean, into.m2, into.minimum, into.maximum, into.newest_ns, within)
-        if factor is not None:
-            down, right = window.top * factor - geometry.top, geometry.left - window.left * factor
-            _kernels.pool_layers(arrays, t1_ns, factor, down, right, *cells)
-            return
-        matrix = np.eye(4) if T is None else np.ascontiguousarray(T.matrix)
-        known = T is not None and T.covariance is not None
-        covariance = np.ascontiguousarray(T.covariance) if known else _NO_COVARIANCE  # type: ignore[union-attr]
-        _kernels.pool_moved(
-            arrays, t1_ns, geometry.resolution_m, geometry.left, geometry.top, matrix, covariance, window.resolution_m,
-            window.left, window.top, *cells,
-        )  # fmt: skip
+    def _further_of(self, geometry: GridGeometry, layers: Mapping[str, ArrayLike]) -> tuple[Any, ...] | None:
+        """A map's further layers in the order of ``SUMMED``, NaN where it has none; None while no map has any."""
+        if not self._wants_further or (self._cells.further is None and not any(name in layers for name in SUMMED)):
+            return None
+        missing = [name for name in SUMMED if name not in layers]
+        if missing:
+            unknown = np.full(geometry.shape, np.nan, dtype=np.float32)
+            unknown.setflags(write=False)  # as the layers of messages: one type to the compiler
+            layers = {**layers, **dict.fromkeys(missing, unknown)}
+        return _checked(geometry, {name: layers[name] for name in SUMMED})
 
     def _reach(
         self, geometry: GridGeometry, factor: int | None, T: UncertainTransform | None,
@@ -187,28 +216,12 @@ def _arrays(geometry: GridGeometry, layers: Mapping[str, ArrayLike]) -> tuple[An
     missing = [name for name in ELEVATION_LAYERS if name not in layers]
     if missing:
         raise InputError(f"elevation map without layer {missing[0]!r}; expected {', '.join(ELEVATION_LAYERS)}")
-    arrays = tuple(np.asarray(layers[name], dtype=np.float32) for name in ELEVATION_LAYERS)
-    for name, array in zip(ELEVATION_LAYERS, arrays, strict=True):
+    return _checked(geometry, {name: layers[name] for name in ELEVATION_LAYERS})
+
+
+def _checked(geometry: GridGeometry, layers: Mapping[str, ArrayLike]) -> tuple[Any, ...]:
+    arrays = {name: np.asarray(layer, dtype=np.float32) for name, layer in layers.items()}
+    for name, array in arrays.items():
         if array.shape != geometry.shape:
             raise InputError(f"layer {name}: shape {array.shape}, expected {geometry.shape}")
-    return arrays
-
-
-def _take(into: CellStatistics, here: tuple[slice, slice], part: CellStatistics, choice: Choice) -> None:
-    """Let the cells of a part replace those that it is chosen over."""
-    if choice is Choice.NEWEST:
-        better = part.newest_ns >= into.newest_ns[here]
-    elif choice is Choice.OLDEST:
-        better = (into.count[here] == 0) | (part.newest_ns < into.newest_ns[here])
-    else:
-        better = (into.count[here] == 0) | (_certainty(part) < _certainty(into, here))
-    better &= part.count > 0
-    for name in ("count", "mean", "m2", "minimum", "maximum", "newest_ns"):
-        np.copyto(getattr(into, name)[here], getattr(part, name), where=better)
-
-
-def _certainty(cells: CellStatistics, here: Any = ...) -> NDArray[np.float64]:
-    """Variance to compare by: of one height without a variance of its own nothing is known."""
-    count, m2 = cells.count[here], cells.m2[here]
-    variance = m2 / np.where(count > 0, count, 1.0)
-    return np.where((count <= 1.0) & (m2 == 0.0), np.inf, variance)
+    return tuple(arrays.values())

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.raster import CellStatistics, GridGeometry, aggregate_to
+from cdff_common.raster.further_layers import FurtherLayers
 from cdff_common.raster.resample import integer_factor
 from cdff_common.raster.statistics import NEVER_NS
 from cdff_common.types import ElevationMap
-from cdff_core.elevation.further_layers import FurtherLayers
 
 
 @dataclass(slots=True, eq=False)

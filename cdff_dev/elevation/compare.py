@@ -54,8 +54,9 @@ def compare(
     dict
         ``cells``, ``completeness`` (share of the true cells within the map's extent that it shows), ``bias_m``,
         ``rmse_m``, ``nmad_m`` and ``le90_m`` [1]_, ``max_m``, ``slope_rmse_deg``, ``within_90_percent`` (share of the
-        true heights within 1.645 sigma), ``chi2_per_cell``, and the ``shift_m`` (east, north, up) and ``tilt_mrad``
-        (rise to the east, to the north) that were found [2]_.
+        true heights within 1.645 sigma, of the cells that tell it: ``cells_without_interval`` do not),
+        ``chi2_per_cell``, and the ``shift_m`` (east, north, up) and ``tilt_mrad`` (rise to the east, to the north) that
+        were found [2]_.
 
     Raises
     ------
@@ -101,6 +102,10 @@ def compare(
     interval = next((name for name in ("error_variance", "variance") if name in dem.layer_names), None)
     if interval is not None:
         variance = dem.layer(interval)[window].astype(np.float64)[known]
+        told = np.isfinite(variance)
+        if not told.all():  # where a patch that knows only heights was pooled in
+            figures["cells_without_interval"] = int(np.count_nonzero(~told))
+            e, variance = e[told], variance[told]
         figures["interval_of"] = interval
         figures["within_90_percent"] = float(np.mean(np.abs(e) <= Z_90 * np.sqrt(variance)))
         figures["chi2_per_cell"] = float(np.median(e**2 / np.maximum(variance, 1e-12)) / 0.4549)

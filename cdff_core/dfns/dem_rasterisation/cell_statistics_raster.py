@@ -14,13 +14,13 @@ from cdff_common.errors import InputError
 from cdff_common.geometry.points import checked_points
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_common.raster import CellStatistics, GridGeometry
+from cdff_common.raster.further_layers import FurtherLayers
 from cdff_common.types import ElevationMap
 from cdff_core.dfns.dem_rasterisation._interface import (
     DemRasterisationInputs,
     DemRasterisationInterface,
     DemRasterisationOutputs,
 )
-from cdff_core.elevation.further_layers import FurtherLayers
 
 
 class CellStatisticsRasterConfig(DfnConfig):
@@ -49,7 +49,8 @@ class CellStatisticsRaster(DemRasterisationInterface):
     def setup(self) -> None:
         """Compile, so that the first cloud is as fast as the others."""
         grid = GridGeometry.aligned(self.config.frame, self.config.resolution_m, (0.0, 0.0, 0.0, 0.0))
-        CellStatistics.from_points(grid, np.zeros((1, 3)), stamps_ns=0)
+        statistics = CellStatistics.from_points(grid, np.zeros((1, 3)), stamps_ns=0)
+        FurtherLayers.empty(grid).to_layers(statistics, 0)
         for writeable in (True, False):
             points = np.zeros((1, 3))
             points.setflags(write=writeable)

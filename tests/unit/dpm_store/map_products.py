@@ -61,6 +61,24 @@ def put_patch(
     return put_value(store, value, "dem", seq, robot, resolution_m=value.geometry.resolution_m), points
 
 
+def put_known_patch(
+    store: Store, rng: np.random.Generator, bounds: tuple[float, float, float, float], seq: int, robot: str = "mana",
+    *, overhang_m: float | None = None,
+) -> ElevationMap:  # fmt: skip
+    """Insert a patch with the layers that ``digital_elevation_mapping`` gives beyond the six; returns it."""
+    value, _ = patch(rng, bounds, seq)
+    seen = np.isfinite(value.layer("mean"))
+    known = {"pose_variance": 0.01 * seq, "intensity": 10.0 * seq, "first_age_s": 0.5}
+    if overhang_m is not None:
+        known["overhang_m"] = overhang_m
+    layers = {name: value.layer(name) for name in value.layer_names}
+    layers["variance"] = layers["variance"] + np.float32(known["pose_variance"])
+    layers |= {name: np.where(seen, v, np.nan).astype(np.float32) for name, v in known.items()}
+    made = ElevationMap.from_layers(value.geometry, layers, t0_ns=value.t0_ns, t1_ns=value.t1_ns)
+    put_value(store, made, "dem", seq, robot, resolution_m=made.geometry.resolution_m)
+    return made
+
+
 def put_cloud(store: Store, points: Any, seq: int, frame: str = "site", **fields: Any) -> str:
     """Insert a cloud; returns its id."""
     value = Pointcloud.from_points(points, frame=frame, stamp_ns=seq * S, intensity=fields.pop("intensity", None))

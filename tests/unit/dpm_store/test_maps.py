@@ -16,7 +16,7 @@ from cdff_common.raster.choice import Choice, Disagreement
 from dpm_store import Store
 from dpm_store.profile import elevation_profile
 from dpm_store.windows import WindowQuery
-from tests.unit.dpm_store.map_products import S, ground, put_patch
+from tests.unit.dpm_store.map_products import S, ground, put_known_patch, put_patch
 
 WHOLE = parse_region("bbox:0,0,10,10")
 
@@ -51,6 +51,38 @@ def test_a_window_counts_every_point_of_every_robot_once(
 def test_one_robot_can_be_asked_for(store: Store, rng: np.random.Generator) -> None:
     scattered(store, rng, 9)
     assert store.maps.elevation_window(WindowQuery(WHOLE, robot="minnie")).robots == ("minnie",)
+
+
+def test_a_window_of_two_robots_has_what_their_patches_know_beyond_heights(
+    store: Store, rng: np.random.Generator
+) -> None:
+    first = put_known_patch(store, rng, (0.0, 0.0, 4.0, 4.0), 1, "mana", overhang_m=1.5)
+    second = put_known_patch(store, rng, (2.0, 0.0, 6.0, 4.0), 2, "minnie")
+    found = store.maps.elevation_window(WindowQuery(parse_region("bbox:0,0,6,4")))
+    assert found.map.layer_names[:6] == ("mean", "variance", "min", "max", "count", "age_s")
+    assert set(found.map.layer_names[6:]) == {
+        "pose_variance", "error_variance", "first_age_s", "intensity", "overhang_m"
+    }  # fmt: skip
+    x, _ = found.map.geometry.centres_m()
+    seen = np.isfinite(found.map.layer("mean"))
+    for name in ("pose_variance", "error_variance", "first_age_s", "intensity"):
+        np.testing.assert_array_equal(np.isfinite(found.map.layer(name)), seen, err_msg=name)
+    np.testing.assert_allclose(found.map.layer("intensity")[seen & (x < 2.0)], 10.0)
+    np.testing.assert_allclose(found.map.layer("first_age_s")[seen & (x < 2.0)], 1.5)
+    n1, n2 = (np.nan_to_num(m.layer("count")) for m in (first, second))
+    both, n1, n2 = seen[:, 20:40], n1[:, 20:], n2[:, :20]
+    np.testing.assert_allclose(
+        found.map.layer("pose_variance")[:, 20:40][both], ((0.01 * n1 + 0.02 * n2)[both] / (n1 + n2)[both]), rtol=1e-5
+    )
+    assert not np.isfinite(found.map.layer("overhang_m")[x > 4.0]).any()
+    assert np.all(found.map.layer("error_variance")[seen] > found.map.layer("pose_variance")[seen])
+
+
+def test_a_window_where_no_patch_knows_more_has_the_six_layers(store: Store, rng: np.random.Generator) -> None:
+    put_known_patch(store, rng, (0.0, 0.0, 2.0, 2.0), 1)
+    put_patch(store, rng, (4.0, 0.0, 6.0, 2.0), 2)
+    without = store.maps.elevation_window(WindowQuery(parse_region("bbox:4,0,6,2")))
+    assert without.map.layer_names == ("mean", "variance", "min", "max", "count", "age_s")
 
 
 @pytest.mark.req("CDFF-SUP-180")

@@ -36,7 +36,7 @@ def test_a_pooled_window_equals_the_statistics_of_all_points(rng: np.random.Gene
     mosaic = Mosaic(window)
     for t_s, (_, geometry, layers) in enumerate(scans, start=1):
         assert mosaic.add(geometry, layers, t_s * S)
-    pooled, _ = mosaic.statistics()
+    pooled = mosaic.assembled().statistics
     stamps = np.repeat(np.arange(1, 4) * S, [len(points) for points, _, _ in scans])
     direct = CellStatistics.from_points(window, np.vstack([points for points, _, _ in scans]), stamps_ns=stamps)
     for name in FIELDS:
@@ -51,7 +51,8 @@ def test_the_spread_between_patches_stays_in_the_variance_and_is_counted(rng: np
     for t_s, height in ((1, 0.0), (2, 0.3)):
         _, geometry, layers = scan(rng, (0.0, 0.0, 1.0, 1.0), t_s=t_s, height_m=height, sd_m=0.01)
         mosaic.add(geometry, layers, t_s * S)
-    pooled, disagreeing = mosaic.statistics()
+    made = mosaic.assembled()
+    pooled, disagreeing = made.statistics, made.disagreeing
     assert disagreeing == 100
     np.testing.assert_allclose(np.sqrt(pooled.variance), 0.15, atol=0.01)
 
@@ -62,7 +63,8 @@ def disagreeing(rule: Disagreement, rng: np.random.Generator) -> CellStatistics:
     for t_s, x1, height in ((2, 1.0, 0.3), (1, 2.0, 0.0)):  # the newer one first: order does not matter
         _, geometry, layers = scan(rng, (0.0, 0.0, x1, 1.0), t_s=t_s, height_m=height, sd_m=0.01)
         mosaic.add(geometry, layers, t_s * S)
-    cells, count = mosaic.statistics()
+    made = mosaic.assembled()
+    cells, count = made.statistics, made.disagreeing
     assert count == 100
     return cells
 
@@ -91,7 +93,8 @@ def test_a_choice_takes_each_cell_whole_from_one_patch(
         _, geometry, layers = scan(rng, (0.0, 0.0, 1.0, 1.0), t_s=t_s, height_m=z, sd_m=sd, n=8000)
         mosaic.add(geometry, layers, t_s * S)
         counts.append(float(np.nansum(layers["count"])))
-    cells, disagreeing = mosaic.statistics()
+    made = mosaic.assembled()
+    cells, disagreeing = made.statistics, made.disagreeing
     np.testing.assert_allclose(cells.mean, height, atol=0.3)
     assert cells.count.sum() == counts[int(height) - 1]
     assert disagreeing == 0
@@ -102,7 +105,7 @@ def test_one_height_without_a_variance_is_not_the_best() -> None:
     mosaic = Mosaic(window, Choice.BEST)
     for points in ([[0.5, 0.5, 9.0]], [[0.5, 0.5, 1.0], [0.5, 0.5, 2.0]]):
         mosaic.add(window, CellStatistics.from_points(window, points, stamps_ns=S).to_layers(S), S)
-    assert mosaic.statistics()[0].mean[0, 0] == 1.5
+    assert mosaic.assembled().statistics.mean[0, 0] == 1.5
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 30.0, 45.0, 90.0, 133.0])
@@ -115,7 +118,7 @@ def test_a_patch_of_another_frame_loses_no_height_and_leaves_no_hole(
     window = GridGeometry.aligned("site", cell_m, (-3.0, -3.0, 3.0, 3.0))
     mosaic = Mosaic(window)
     assert mosaic.add(geometry, layers, S, T)
-    cells, _ = mosaic.statistics()
+    cells = mosaic.assembled().statistics
     assert cells.count.sum() == pytest.approx(60_000)
     np.testing.assert_allclose(cells.mean[cells.observed], 5.0, atol=0.06)
     x, y = window.centres_m()
@@ -133,7 +136,7 @@ def test_a_tilt_lifts_the_far_side_and_the_frames_covariance_widens_it() -> None
     T = UncertainTransform(se3.transform(se3.exp_so3([0.0, np.radians(-5.0), 0.0]), np.zeros(3)), covariance)
     mosaic = Mosaic(window)
     mosaic.add(flat, layers, S, T)
-    cells, _ = mosaic.statistics()
+    cells = mosaic.assembled().statistics
     x = window.x_centres_m()
     near = cells.observed[0] & (x < 9.5)
     np.testing.assert_allclose(cells.mean[0, near], np.tan(np.radians(5.0)) * x[near], atol=0.05)
@@ -144,7 +147,7 @@ def test_cells_that_do_not_fit_are_resampled_and_coarser_ones_refused(rng: np.ra
     _, geometry, layers = scan(rng, (0.0, 0.0, 3.0, 3.0), cell_m=0.1)
     mosaic = Mosaic(GridGeometry.aligned("site", 0.15, (0.0, 0.0, 3.0, 3.0)))
     mosaic.add(geometry, layers, S)
-    assert mosaic.statistics()[0].count.sum() == pytest.approx(4000)
+    assert mosaic.assembled().statistics.count.sum() == pytest.approx(4000)
     with pytest.raises(InputError, match="never made finer"):
         Mosaic(GridGeometry.aligned("site", 0.05, (0.0, 0.0, 1.0, 1.0))).add(geometry, layers, S)
 
@@ -168,13 +171,16 @@ def test_a_map_beside_the_window_leaves_it_as_it_was(rng: np.random.Generator) -
     _, geometry, layers = scan(rng, (5.0, 5.0, 6.0, 6.0))
     mosaic = Mosaic(GridGeometry.aligned("site", 0.1, (0.0, 0.0, 1.0, 1.0)))
     assert not mosaic.add(geometry, layers, S)
-    assert not mosaic.statistics()[0].observed.any()
+    assert not mosaic.assembled().statistics.observed.any()
 
 
 def test_the_loops_are_compiled_for_maps_as_they_come_from_the_wire() -> None:
-    from cdff_common.raster import _kernels
+    from cdff_common.raster import _further_kernels, _kernels
     from cdff_common.raster.warm import warm_rasters
 
     warm_rasters()
-    for kernel in (_kernels.pool_layers, _kernels.pool_moved, _kernels.pool_blocks, _kernels.fill_layers):
+    for kernel in (
+        _kernels.pool_layers, _kernels.pool_moved, _kernels.pool_blocks, _kernels.fill_layers,
+        _further_kernels.pool_further, _further_kernels.pool_further_moved, _further_kernels.fill_further,
+    ):  # fmt: skip
         assert kernel.signatures

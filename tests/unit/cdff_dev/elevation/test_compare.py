@@ -51,6 +51,16 @@ def test_noise_of_the_stated_sigma_lies_within_nine_of_ten_intervals(rng: np.ran
     assert figures["chi2_per_cell"] == pytest.approx(1.0, abs=0.1)
 
 
+def test_cells_whose_interval_is_not_known_are_counted_and_not_judged_by_it(rng: np.random.Generator) -> None:
+    noisy = made(GRID, noise=rng.normal(0, 0.02, GRID.shape))
+    layers = {name: noisy.layer(name) for name in noisy.layer_names}
+    layers["error_variance"] = noisy.layer("variance").copy()
+    layers["error_variance"][:40] = np.nan
+    figures = compare(ElevationMap.from_layers(GRID, layers, t0_ns=0, t1_ns=0), TRUE)
+    assert (figures["interval_of"], figures["cells_without_interval"]) == ("error_variance", 40 * GRID.cols)
+    assert figures["within_90_percent"] == pytest.approx(0.9, abs=0.01)
+
+
 def test_a_map_put_elsewhere_tells_its_shift_and_fits_without_it() -> None:
     shifted = made(GRID, dx=0.12, dy=-0.07, up=0.05)
     figures = compare(shifted, TRUE)

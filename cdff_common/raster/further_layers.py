@@ -10,53 +10,25 @@ before the map's end · ``overhang_m`` lowest height of what hangs over the cell
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.raster import CellStatistics, GridGeometry
-from cdff_common.types import ElevationMap
+from cdff_common.raster.geometry import GridGeometry
+from cdff_common.raster.statistics import CellStatistics
+
+if TYPE_CHECKING:
+    from cdff_common.types import ElevationMap
 
 Grid = NDArray[np.float64]
 
+#: Layers that the sums are made from; ``error_variance`` follows from them and the statistics of the heights.
+SUMMED = ("pose_variance", "intensity", "first_age_s", "overhang_m")
+SUMS = ("pose_m2", "brightness", "lit", "first_ns", "overhang")
+#: ``first_ns`` of a cell without measurement, and of one whose oldest measurement is not known.
 _NEVER_NS = np.iinfo(np.int64).max
-
-
-def error_variance(statistics: CellStatistics, pose_variance: Grid) -> Grid:
-    """Variance of the error of each cell's mean as the ground's height, square metres; NaN where unobserved.
-
-    The poses' part is common to all heights of a cell and does not shrink with their number. The rest does: their
-    spread with their noise, and the relief within the cell, which one height does not show and the differences to the
-    neighbouring cells do.
-
-    Parameters
-    ----------
-    statistics : CellStatistics
-    pose_variance : ndarray, shape (rows, cols)
-        What of ``statistics.variance`` is the poses', square metres.
-    """
-    own = np.maximum(statistics.variance - pose_variance, 0.0) + _relief(statistics)
-    return np.asarray(pose_variance + own / np.maximum(statistics.count, 1.0))
-
-
-def _relief(statistics: CellStatistics) -> Grid:
-    """Variance of the ground within each cell, that of a plane through its neighbours, square metres."""
-    seen, mean = statistics.observed, statistics.mean
-    squares, pairs = np.zeros(seen.shape), np.zeros(seen.shape)
-    for here, there in (
-        (np.s_[1:, :], np.s_[:-1, :]),
-        (np.s_[:, 1:], np.s_[:, :-1]),
-    ):
-        both = seen[here] & seen[there]
-        squared = np.where(both, (mean[here] - mean[there]) ** 2, 0.0)
-        for side in (here, there):
-            squares[side] += squared
-            pairs[side] += both
-    known = pairs > 0
-    typical = float(np.median(squares[known] / pairs[known])) if known.any() else 0.0
-    # Over a cell of edge r a slope s has the variance (s r)^2 / 12 along each axis; neighbours differ by s r.
-    return np.where(known, squares / np.maximum(pairs, 1.0), typical) * (2.0 / 12.0)
+_UNKNOWN_NS = np.iinfo(np.int64).min
 
 
 @dataclass(slots=True, eq=False)
@@ -67,11 +39,11 @@ class FurtherLayers:
     ----------
     geometry : GridGeometry
     pose_m2 : Grid
-        Sum of the variances that the poses put on the heights, square metres.
+        Sum of the variances that the poses put on the heights, square metres; NaN where that of some is not known.
     brightness, lit : Grid
         Sum of the brightnesses of the points that have one, and their number.
     first_ns : NDArray[np.int64]
-        Stamp of the oldest measurement.
+        Stamp of the oldest measurement; the greatest number where there is none, the least where it is not known.
     overhang : Grid
         Lowest height of what hangs over the cell, metres; +inf where nothing does.
     """
@@ -91,6 +63,13 @@ class FurtherLayers:
             geometry, np.zeros(shape), np.zeros(shape), np.zeros(shape), np.full(shape, _NEVER_NS, dtype=np.int64),
             np.full(shape, np.inf),
         )  # fmt: skip
+
+    @classmethod
+    def unknown(cls, geometry: GridGeometry, seen: NDArray[np.bool_]) -> Self:
+        """Of the cells ``seen`` heights are known and nothing else; the others are empty."""
+        made = cls.empty(geometry)
+        made.pose_m2[seen], made.first_ns[seen] = np.nan, _UNKNOWN_NS
+        return made
 
     @classmethod
     def of_map(cls, dem: ElevationMap) -> Self:
@@ -149,16 +128,27 @@ class FurtherLayers:
             getattr(self, name)[cells] = nothing
 
     def to_layers(self, statistics: CellStatistics, t1_ns: int) -> dict[str, NDArray[np.float32]]:
-        """The layers of the same cells, whose heights have these statistics; unknown ones are left out."""
-        seen = statistics.observed
-        with np.errstate(invalid="ignore", divide="ignore"):
-            pose = np.where(seen, self.pose_m2 / statistics.count, np.nan)
-            error = error_variance(statistics, pose)
-            age_s = np.where(seen & (self.first_ns != _NEVER_NS), (t1_ns - self.first_ns) * 1e-9, np.nan)
-            intensity = np.where(self.lit > 0, self.brightness / self.lit, np.nan)
-        layers = {"pose_variance": pose, "error_variance": error, "first_age_s": age_s}
+        """The layers of the same cells, whose heights have these statistics; unknown ones are left out.
+
+        The poses' part of ``error_variance`` is common to all heights of a cell and does not shrink with their number.
+        The rest does: their spread with their noise, and the relief within the cell, that of a plane through its
+        neighbours, which one height does not show and the differences to the neighbouring cells do.
+        """
+        from cdff_common.raster._further_kernels import fill_further, relief
+
+        squares = np.empty(self.geometry.shape)
+        alone = relief(statistics.count, statistics.mean, squares)
+        known = squares[np.isfinite(squares)] if alone else squares[:0]
+        typical = float(np.median(known)) if known.size else 0.0
+        stack = np.empty((5, *self.geometry.shape), dtype=np.float32)
+        fill_further(
+            statistics.count.reshape(-1), statistics.m2.reshape(-1), self.pose_m2.reshape(-1),
+            self.brightness.reshape(-1), self.lit.reshape(-1), self.first_ns.reshape(-1), self.overhang.reshape(-1),
+            squares.reshape(-1), typical, t1_ns, stack.reshape(5, -1),
+        )  # fmt: skip
+        layers = dict(zip(("pose_variance", "error_variance", "first_age_s"), stack[:3], strict=True))
         if np.any(self.lit > 0):
-            layers["intensity"] = intensity
+            layers["intensity"] = stack[3]
         if np.any(np.isfinite(self.overhang)):
-            layers["overhang_m"] = np.where(np.isfinite(self.overhang), self.overhang, np.nan)
-        return {name: layer.astype(np.float32) for name, layer in layers.items()}
+            layers["overhang_m"] = stack[4]
+        return layers
