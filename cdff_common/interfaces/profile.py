@@ -25,7 +25,7 @@ from cdff_common.interfaces.yaml_file import read_mapping
 RobotId = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,31}$")]
 Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
 FrameId = Annotated[str, Field(pattern=r"^[a-z0-9_]+(/[a-z0-9_]+)*$", max_length=128)]
-_SOURCE = r"(sensor|product)/[a-z0-9_]+/[a-z0-9_]+"
+_SOURCE = r"(sensor|product|dpm)/[a-z0-9_]+/[a-z0-9_]+"
 Wiring = Annotated[str, Field(pattern=rf"^{_SOURCE}(\|{_SOURCE})*$")]
 ModeNames = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}(\|[a-z][a-z0-9_]{0,63})*$")]
 Vector3 = tuple[float, float, float]
@@ -186,8 +186,10 @@ class DfpcEntry(StrictModel):
     Attributes
     ----------
     inputs : mapping of port to source
-        ``sensor/{sensor}/{stream}`` or ``product/{dfpc}/{port}``, of the same robot; several, ``|``-separated, are
-        alternatives of which a plan takes one and the first is what is taken without a plan.
+        ``sensor/{sensor}/{stream}`` or ``product/{dfpc}/{port}``, of the same robot, or ``dpm/{robot}/{product}``: what
+        the DPM holds of any robot, as ``dpm/orbiter/dem``, read at activation and again when another is stored.
+        Several, ``|``-separated, are alternatives of which a plan takes one and the first is what is taken without a
+        plan.
     modes : mapping of sensor to mode
         Sensor modes it needs while active: a mode, several that serve as well (``nominal|fast``), or what it needs of
         one (``ModeNeed``).

@@ -332,12 +332,12 @@ def uses_of(world: World) -> dict[MakerId, frozenset[SensorId]]:
 
 
 def _sources(robot: str, wiring: str) -> tuple[Source, ...]:
-    """Sources of a wiring ``sensor/{sensor}/{stream}`` or ``product/{dfpc}/{port}``; several are ``|``-separated."""
+    """Sources of a wiring, as ``DfpcEntry.inputs`` of a profile has them; several are ``|``-separated."""
     sources = []
     for text in wiring.split("|") if wiring else ():
         kind, owner, item = text.split("/")
-        if kind not in ("sensor", "product"):
-            raise ValueError(f"source {text!r}: expected sensor/… or product/…")
+        if kind not in ("sensor", "product", "dpm"):
+            raise ValueError(f"source {text!r}: expected sensor/…, product/… or dpm/…")
         sources.append(Source(kind, robot, owner, item))
     return tuple(sources)
 

@@ -193,7 +193,7 @@ class _Least:
         return min(least, UNFED_COST) if port.optional else least
 
     def of_source(self, source: Source) -> float:
-        return 0.0 if source.kind == "sensor" else self.of_maker(MakerId(source.robot, source.owner))
+        return self.of_maker(MakerId(source.robot, source.owner)) if source.kind == "product" else 0.0
 
 
 class _Search:
@@ -256,6 +256,9 @@ class _Search:
         if source.kind == "sensor":
             if self._narrow(state, SensorId(source.robot, source.owner), None):
                 yield state, todo
+            return
+        if source.kind == "dpm":  # stored: whether it is there is seen when it is read
+            yield state, todo
             return
         maker = self.world.makers.get(MakerId(source.robot, source.owner))
         if maker is None or source.item not in maker.outputs:

@@ -30,9 +30,9 @@ class SensorId(NamedTuple):
 
 
 class Source(NamedTuple):
-    """A stream that can feed an input: of a sensor (``kind`` sensor) or of a DFPC (``kind`` product).
+    """What can feed an input: a sensor (``kind`` sensor), a DFPC (product), or what the DPM holds (dpm).
 
-    ``owner`` is the sensor or DFPC, ``item`` its stream or output port.
+    ``owner`` is the sensor, DFPC or the robot whose product it is, ``item`` its stream, output port or product.
     """
 
     kind: str

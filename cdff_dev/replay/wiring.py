@@ -29,6 +29,11 @@ def robot_of(streams: Mapping[str, str], robot: str | None) -> str:
     raise InputError(f"the log holds robots {', '.join(robots)}: name one with --robot")
 
 
+def _stored(wiring: str) -> bool:
+    """Whether a port is fed from the DPM, which is not in a log."""
+    return wiring.startswith("dpm/")
+
+
 def wire(
     description: DfpcDescription,
     streams: Mapping[str, str],
@@ -60,7 +65,7 @@ def wire(
     wired: dict[str, str] = {}
     for name, port in ports.items():
         stream = mapping.get(name)
-        if stream is None and entry is not None and name in entry.inputs:
+        if stream is None and entry is not None and name in entry.inputs and not _stored(entry.inputs[name]):
             stream = stream_of_wiring(robot, entry.inputs[name])
             if stream not in streams:
                 continue

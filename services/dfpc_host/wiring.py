@@ -35,7 +35,8 @@ def rewired(entry: DfpcEntry, inputs: Mapping[str, str]) -> DfpcEntry:
         if port not in known:
             raise ConfigurationError(f"--input {port}: {entry.name} has no such port; it has {', '.join(known)}")
     fields = entry.model_dump() | {"inputs": {**entry.inputs, **inputs}}
-    return validated(DfpcEntry, fields, f"{entry.name} --input (sensor/SENSOR/STREAM or product/DFPC/PORT)")
+    sources = "sensor/SENSOR/STREAM, product/DFPC/PORT or dpm/ROBOT/PRODUCT"
+    return validated(DfpcEntry, fields, f"{entry.name} --input ({sources})")
 
 
 def bare(robot_id: str, dfpc: str, inputs: Mapping[str, str]) -> tuple[Robot, DfpcEntry]:

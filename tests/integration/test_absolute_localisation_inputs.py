@@ -94,11 +94,14 @@ def quarters(whole: ElevationMap) -> list[ElevationMap]:
                 g.frame, g.resolution_m, left=g.left + col.start, top=g.top - row.start, rows=row.stop - row.start,
                 cols=col.stop - col.start,
             )  # fmt: skip
-            z = np.ascontiguousarray(whole.layer("mean")[row, col])
-            layers = {"mean": z, "min": z, "max": z, "variance": np.full_like(z, 0.15**2), "count": np.ones_like(z)}
-            layers["age_s"] = np.zeros_like(z)
-            made.append(ElevationMap.from_layers(geometry, layers, t0_ns=whole.t0_ns, t1_ns=whole.t1_ns))
+            made.append(measured(geometry, np.ascontiguousarray(whole.layer("mean")[row, col]), whole.t1_ns))
     return made
+
+
+def measured(geometry: GridGeometry, z: np.ndarray, t_ns: int) -> ElevationMap:
+    """Heights with all layers that the Data Product Manager pools by."""
+    layers = {"mean": z, "min": z, "max": z, "variance": np.full_like(z, 0.15**2), "count": np.ones_like(z)}
+    return ElevationMap.from_layers(geometry, {**layers, "age_s": np.zeros_like(z)}, t0_ns=t_ns, t1_ns=t_ns)
 
 
 def parcel(value: ElevationMap, seq: int) -> Parcel:

@@ -75,3 +75,10 @@ def test_the_quickest_way_between_two_modes_is_taken() -> None:
     assert sensor.way("fast", "off") == (("off", 0.5),), "what names no transitions goes anywhere in switch_s"
     with pytest.raises(ValidationError, match="not among modes"):
         Sensor.model_validate(NAVCAM | {"transitions": {"off": {"x_ray": 1.0}}})
+
+
+def test_an_input_may_be_what_the_dpm_holds_of_any_robot() -> None:
+    entry = robot(inputs={"stereo": "dpm/orbiter/dem"}).robots[0].dfpcs[0]
+    assert entry.inputs == {"stereo": "dpm/orbiter/dem"}
+    with pytest.raises(ValidationError, match="dpm/orbiter"):
+        robot(inputs={"stereo": "dpm/orbiter"})

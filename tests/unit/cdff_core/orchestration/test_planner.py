@@ -59,6 +59,21 @@ def test_a_dem_needs_clouds_and_poses_and_feeders_come_first() -> None:
     assert made.cost == pytest.approx(3.0 + 2 * MODE_COST)
 
 
+def test_what_the_dpm_holds_feeds_an_input_at_no_cost_and_a_fix_that_goes_back_is_no_feeder_to_wait_for() -> None:
+    stored = Input("orbital", (Source("dpm", "mana", "orbiter", "dem"),))
+    w = world(
+        maker("located", "pose", from_maker("dem", "dem"), stored, from_maker("poses", "position", optional=True)),
+        maker("dem", "dem", from_sensor("scan", "lidar"), from_maker("poses", "position")),
+        maker("position", "pose", from_sensor("x", "wheels"), from_maker("fix", "located", optional=True)),
+        sensor("lidar"), sensor("wheels"),
+    )  # fmt: skip
+    made = plan(w, "pose", ["mana"], roots=frozenset({MakerId("mana", "located")}))
+    assert names(made) == ["position", "dem", "located"]
+    assert isinstance(made, Plan)
+    assert made.feeding[MakerId("mana", "located")]["orbital"] == "dpm/orbiter/dem"
+    assert made.unfed == ("mana/position.fix",)
+
+
 def test_the_cheaper_of_two_makers_is_taken_and_what_runs_already_costs_nothing() -> None:
     parts = [
         maker("a", "pose", from_sensor("x", "lidar"), cost=3.0),

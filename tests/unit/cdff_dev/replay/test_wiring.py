@@ -50,6 +50,14 @@ def test_a_profile_wires_what_the_log_has() -> None:
     assert "visual_odometry" not in wired
 
 
+def test_what_a_profile_takes_from_the_dpm_is_looked_for_by_type_in_a_log() -> None:
+    inputs = {"dem": "product/digital_elevation_mapping/map", "orbital": "dpm/orbiter/dem"}
+    entry = DfpcEntry(name="absolute_localisation", inputs=inputs)
+    log = {"/mana/digital_elevation_mapping.map": "ElevationMap", "/mana/survey.orbital": "ElevationMap"}
+    wired = wire(description("absolute_localisation"), log, "mana", {}, entry)
+    assert wired == {"dem": "/mana/digital_elevation_mapping.map", "orbital": "/mana/survey.orbital"}
+
+
 @pytest.mark.parametrize(
     ("mapping", "fault"),
     [
