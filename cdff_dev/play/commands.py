@@ -48,9 +48,8 @@ def _run(args: argparse.Namespace) -> int:
     from cdff_dev.play.player import Player, wait_for
 
     elsewhere = dict(item.partition("=")[::2] for item in args.via)
-    for robot, endpoint in elsewhere.items():
-        if not robot or not endpoint:
-            raise InputError(f"--via {robot}: expected ID=ENDPOINT, as mana=tcp/127.0.0.1:7448")
+    if not all(robot and endpoint for robot, endpoint in elsewhere.items()):
+        raise InputError(f"--via {' '.join(args.via)}: expected ID=ENDPOINT, as mana=tcp/127.0.0.1:7448")
 
     def body(stop: threading.Event) -> None:
         log = open_log(args.log)

@@ -91,15 +91,19 @@ def at(clock: MissionClock, begin_ns: int, seconds: float) -> None:
     until(lambda: clock.now_ns() >= begin_ns + seconds * NS_PER_S, f"mission time {seconds:g} s")
 
 
+def is_active(bus: Bus, robot: str, dfpc: str) -> bool:
+    try:
+        return str(bus.call(keys.dfpc_rpc(robot, dfpc, "status"), timeout_s=2).body()["state"]) == "active"
+    except UnavailableError:
+        return False
+
+
 def waited_for(bus: Bus, robot: str, dfpc: str, now_ns: int) -> bool:
     """Whether a DFPC is active; where it is not, say for it that it is behind, so that the player holds its clock.
 
     On a busy machine a process takes as long to start as the whole drive.
     """
-    try:
-        active = str(bus.call(keys.dfpc_rpc(robot, dfpc, "status"), timeout_s=2).body()["state"]) == "active"
-    except UnavailableError:
-        active = False
+    active = is_active(bus, robot, dfpc)
     waits = {"state": "inactive" if active else "active", "oldest_ns": now_ns}
     bus.publish(keys.dfpc_status(robot, f"{dfpc}_awaited"), pack(waits))
     return active
@@ -171,6 +175,7 @@ def test_two_rovers_share_one_map_although_processes_die_and_one_rover_is_out_of
     assert len(made_away) > 20  # it maps on
     assert not held(bus, "mana") & made_away
     assert outbox(system.aboard, "lidar_slam")["outbox_pending"] > 20
+    until(partial(is_active, system.aboard, "mana", "digital_elevation_mapping"), "its mapping goes on by itself")
     system.link.restore()
 
     until(lambda: revisions(bus, "minnie/slam") > 1, "minnie's map is re-anchored")
