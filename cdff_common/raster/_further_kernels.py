@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -20,7 +21,7 @@ UNKNOWN_FIRST_NS = np.iinfo(np.int64).min
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _stamp(t1: int, age_s: float) -> int:  # pragma: no cover - compiled
+def _stamp(t1: int, age_s: float) -> Any:  # pragma: no cover - compiled
     """When the oldest height was measured."""
     return t1 - np.int64(math.floor(age_s * 1e9 + 0.5)) if math.isfinite(age_s) else np.int64(UNKNOWN_FIRST_NS)
 

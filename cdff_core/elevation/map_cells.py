@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.raster import CellStatistics, GridGeometry, aggregate_to
+from cdff_common.raster import CellStatistics, GridGeometry, aggregate
 from cdff_common.raster.further_layers import FurtherLayers
 from cdff_common.raster.resample import integer_factor
 from cdff_common.raster.statistics import NEVER_NS
@@ -41,8 +41,7 @@ class MapCells:
         fine = cls(CellStatistics.from_layers(dem.geometry, layers, dem.t1_ns), FurtherLayers.of_map(dem))
         if resolution_m is None or resolution_m == dem.geometry.resolution_m:
             return fine
-        factor = integer_factor(dem.geometry.resolution_m, resolution_m)
-        return cls(aggregate_to(fine.statistics, resolution_m), fine.further.coarsened(factor))
+        return fine.coarsened(integer_factor(dem.geometry.resolution_m, resolution_m))
 
     @property
     def geometry(self) -> GridGeometry:
@@ -64,6 +63,12 @@ class MapCells:
     def window(self, geometry: GridGeometry) -> MapCells:
         """A copy in another window of the same cells."""
         return MapCells(self.statistics.window(geometry), self.further.window(geometry))
+
+    def coarsened(self, factor: int) -> MapCells:
+        """Pooled into cells ``factor`` times as large; themselves for a factor of 1."""
+        if factor == 1:
+            return self
+        return MapCells(aggregate(self.statistics, factor), self.further.coarsened(factor))
 
     def forget(self, cells: NDArray[np.bool_]) -> None:
         """Unlearn cells ``(rows, cols)``."""

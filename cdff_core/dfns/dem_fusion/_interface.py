@@ -44,13 +44,17 @@ class DemFusionOutputs:
     Attributes
     ----------
     map : ElevationMap
-        The window around the centre, in cells of the configured size or the patches'.
+        The window around the centre, in cells of the configured size or the patches'; for bounds of more than
+        max_cells cells in ones 2^n times as large.
     cleared : ndarray of int64, shape ()
         Cells that were forgotten.
+    forgotten : ndarray of int64, shape ()
+        Tiles that were lost to make room for the patch's; 0 for a window, which forgets what it leaves behind.
     """
 
     map: ElevationMap
     cleared: NDArray[np.int64]
+    forgotten: NDArray[np.int64]
 
 
 class DemFusionInterface(Dfn[Any, DemFusionInputs, DemFusionOutputs]):

@@ -66,7 +66,7 @@ class RollingWindow(DemFusionInterface):
         if inputs.bounds is not None and np.all(np.isfinite(inputs.bounds)):
             g = cells.geometry
             cells = cells.window(GridGeometry.aligned(g.frame, g.resolution_m, bounds_of(inputs.bounds)))
-        return DemFusionOutputs(map=cells.to_map(*self._span_ns), cleared=np.array(cleared))
+        return DemFusionOutputs(map=cells.to_map(*self._span_ns), cleared=np.array(cleared), forgotten=np.array(0))
 
     def _move(self, geometry: GridGeometry, t0_ns: int, t1_ns: int) -> MapCells:
         """Shift the window to ``geometry`` and return it; cells of another frame or size start anew."""

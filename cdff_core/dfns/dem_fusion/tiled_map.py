@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from cdff_common.errors import InputError
@@ -30,10 +31,15 @@ class TiledMapConfig(DfnConfig):
     resolution_m: float | None = Field(None, gt=0.0, description="Edge of a cell, metres; the patches' where absent")
     clear_margin_m: float = Field(0.1, ge=0.0, description="How far below a cell rays must pass to clear it, metres")
     max_tiles: int = Field(2000, ge=1, description="Tiles kept at most; each holds 16384 cells")
+    max_cells: int = Field(1 << 22, ge=1 << 14, description="Cells of a map for bounds; above, they double in size")
 
 
 class TiledMap(DemFusionInterface):
-    """Pool each patch into tiles of 128 x 128 cells, made where something was seen: memory grows with the area seen."""
+    """Pool each patch into tiles of 128 x 128 cells, made where something was seen: memory grows with the area seen.
+
+    Up to ``max_tiles``: then those touched least recently make room, and ``forgotten`` counts them. A map for bounds
+    has at most ``max_cells`` cells: where there would be more they are pooled into ones 2^n times as large.
+    """
 
     Config: ClassVar[type[DfnConfig]] = TiledMapConfig
 
@@ -58,7 +64,7 @@ class TiledMap(DemFusionInterface):
         InputError
             If the patch's cells do not fit into the map's, or there is neither a patch nor a map.
         """
-        patch, cleared = inputs.patch, 0
+        patch, cleared, forgotten = inputs.patch, 0, 0
         if patch is not None:
             new = MapCells.of_map(patch, self.config.resolution_m)
             self._begin(new.geometry, patch.t0_ns, patch.t1_ns)
@@ -69,16 +75,19 @@ class TiledMap(DemFusionInterface):
                 for tile in (self._tiles[key] for key in reached):
                     cleared += visibility.clear_seen_through(tile, inputs.rays, patch.t0_ns, self.config.clear_margin_m)
             for key in self._keys_of(new.geometry):
-                self._add(key, new)
+                forgotten += self._add(key, new)
         if not self._tiles:
             raise InputError("no patch yet: nothing to return a map of")
         if inputs.centre is not None:
             self._centre = np.asarray(inputs.centre, dtype=np.float64)
-        wanted = MapCells.empty(self._wanted(inputs))
-        for key in self._keys_of(wanted.geometry):
-            if key in self._tiles:
-                wanted.add(self._tiles[key])
-        return DemFusionOutputs(map=wanted.to_map(*self._span_ns), cleared=np.array(cleared))
+        wanted = MapCells.empty(self._wanted(inputs.bounds))
+        factor = round(wanted.geometry.resolution_m / self._grid.resolution_m)
+        for tile in self._tiles.values():
+            if tile.geometry.coarsened(factor).intersection(wanted.geometry) is not None:
+                wanted.add(tile.coarsened(factor))
+        return DemFusionOutputs(
+            map=wanted.to_map(*self._span_ns), cleared=np.array(cleared), forgotten=np.array(forgotten)
+        )
 
     @property
     def _grid(self) -> GridGeometry:
@@ -93,18 +102,20 @@ class TiledMap(DemFusionInterface):
             self._like, self._span_ns = geometry, (t0_ns, t1_ns)
         self._span_ns = (min(self._span_ns[0], t0_ns), max(self._span_ns[1], t1_ns))
 
-    def _add(self, key: tuple[int, int], new: MapCells) -> None:
-        """Pool into a tile, made if there is something in it."""
+    def _add(self, key: tuple[int, int], new: MapCells) -> int:
+        """Pool into a tile, made if there is something in it; tells how many others made room for it."""
         tile = self._geometry(key)
         part = new.geometry.intersection(tile)
         if part is None or not new.statistics.count[new.geometry.slices_of(part)].any():
-            return
+            return 0
         if key not in self._tiles:
             self._tiles[key] = MapCells.empty(tile)
         self._tiles[key].add(new)
         self._tiles.move_to_end(key)
-        if len(self._tiles) > self.config.max_tiles:
-            self._tiles.popitem(last=False)
+        if len(self._tiles) <= self.config.max_tiles:
+            return 0
+        self._tiles.popitem(last=False)
+        return 1
 
     def _geometry(self, key: tuple[int, int]) -> GridGeometry:
         like, (i, j) = self._grid, key
@@ -118,17 +129,21 @@ class TiledMap(DemFusionInterface):
             for j in range(g.left // TILE, (g.left + g.cols - 1) // TILE + 1):
                 yield i, j
 
-    def _wanted(self, inputs: DemFusionInputs) -> GridGeometry:
+    def _wanted(self, bounds: NDArray[np.float64] | None) -> GridGeometry:
+        """The window, or a grid of at most ``max_cells`` cells over the bounds."""
         like = self._grid
-        if inputs.bounds is None:
+        if bounds is None:
             return window_around(like.frame, like.resolution_m, self._centre, self.config.size_m)
-        if np.all(np.isfinite(inputs.bounds)):
-            return GridGeometry.aligned(like.frame, like.resolution_m, bounds_of(inputs.bounds))
-        i, j = (np.array(part) for part in zip(*self._tiles, strict=True))
-        rows, cols = (int(k.max() - k.min() + 1) * TILE for k in (i, j))
-        return GridGeometry.from_cells(
-            like.frame, like.resolution_m, left=int(j.min()) * TILE, top=int(i.max() + 1) * TILE, rows=rows, cols=cols
-        )
+        x0, y0, x1, y1 = bounds_of(bounds) if np.all(np.isfinite(bounds)) else self._extent_m()
+        cell_m = like.resolution_m
+        while ((x1 - x0) / cell_m + 1.0) * ((y1 - y0) / cell_m + 1.0) > self.config.max_cells:
+            cell_m *= 2.0
+        return GridGeometry.aligned(like.frame, cell_m, (x0, y0, x1, y1))
+
+    def _extent_m(self) -> tuple[float, float, float, float]:
+        """Bounds of all tiles."""
+        each = np.array([tile.geometry.bounds for tile in self._tiles.values()])
+        return bounds_of(np.concatenate([each[:, :2].min(axis=0), each[:, 2:].max(axis=0)]))
 
 
 def _reach(like: GridGeometry, rays: np.ndarray) -> GridGeometry:

@@ -59,7 +59,9 @@ class DigitalElevationMappingInterface(Dfpc):
 
     @abstractmethod
     def get_whole_map(self) -> ElevationMap:
-        """All that the map holds, in the map's cells; with implementation LidarGlobal all that was seen."""
+        """All that the map holds, in the map's cells, or in ones 2^n times as large where those were more than
+        fusion's max_cells (the answer's resolution tells); with implementation LidarGlobal all that was seen.
+        """
 
     @abstractmethod
     def publish_patch(self) -> None:

@@ -141,7 +141,7 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
         return MapCells.of_map(local, wanted_m).to_map(local.t0_ns, local.t1_ns)
 
     def get_whole_map(self) -> ElevationMap:
-        """All that the fusion keeps, which for a moving window is the window.
+        """All that the fusion keeps, which for a moving window is the window; in larger cells where it is much.
 
         Raises
         ------
@@ -243,7 +243,8 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
             return self._failed(patch, str(error))
         self._map = fused.map
         self._newest_patch, self._last_report_ns = made, t1_ns
-        quality = patch.quality(int(np.count_nonzero(np.isfinite(made.layer("mean")))), int(fused.cleared))
+        cells = int(np.count_nonzero(np.isfinite(made.layer("mean"))))
+        quality = patch.quality(cells, int(fused.cleared), int(fused.forgotten))
         thin = self._thinned(measured.points_m[measured.near], frame, t1_ns)
         return [
             Output("map", made, t0_ns, t1_ns, frame, quality=quality, inputs=patch.inputs),

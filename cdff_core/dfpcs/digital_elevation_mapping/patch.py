@@ -141,14 +141,16 @@ class Patch:
         rays = [np.column_stack([np.broadcast_to(origin, p[::step].shape), p[::step]]) for origin, p in seen]
         return np.concatenate(rays) if rays else np.empty((0, 6))
 
-    def quality(self, cells: int, cleared: int = 0) -> Quality:
-        """DEGRADED where captures were dropped or poses were; the rest in metrics."""
+    def quality(self, cells: int, cleared: int = 0, tiles_forgotten: int = 0) -> Quality:
+        """DEGRADED where captures were dropped, poses were, or the map lost tiles to the patch; the rest in metrics."""
         poses = [p for c in self.captures for p in c.poses]
         variance = np.concatenate([c.pose_variance_m2 for c in self.captures])
         known = variance[np.isfinite(variance)]
         reasons = [f"dropped_{why}:{count}" for why, count in sorted(self.drops.items())]
         if degraded(poses):
             reasons.append("poses_degraded")
+        if tiles_forgotten:
+            reasons.append(f"tiles_forgotten:{tiles_forgotten}")
         status = Status.DEGRADED if reasons or self.notes else Status.OK
         if len(known) < len(variance):
             reasons.append("pose_covariance_unknown")
@@ -163,6 +165,7 @@ class Patch:
                 "points_gated": self.points_in - len(variance),
                 "cells": cells,
                 "cells_cleared": cleared,
+                "tiles_forgotten": tiles_forgotten,
                 "noise_height_sigma_m": float(
                     np.sqrt(np.concatenate([c.noise_variance_m2 for c in self.captures]).mean())
                 ),

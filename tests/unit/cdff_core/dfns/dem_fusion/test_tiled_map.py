@@ -38,6 +38,31 @@ def test_the_least_recently_touched_tile_goes_first() -> None:
     assert np.nansum(whole.layer("count")) == 0
 
 
+def test_tiles_that_make_room_are_counted() -> None:
+    node = TiledMap()
+    node.configure({"max_tiles": 4})
+    lost = [int(node.process(DemFusionInputs(patch=patch(x0))).forgotten) for x0 in (0.0, 100.0, 200.0)]
+    whole = node.process(DemFusionInputs(bounds=np.full(4, np.nan)))
+    assert lost == [0, 2, 4]  # the patches lie on 2, 4 and 4 tiles
+    assert int(whole.forgotten) == 0
+
+
+def test_a_map_of_all_that_was_seen_has_cells_as_large_as_the_bound_asks_and_loses_no_measurement() -> None:
+    node = TiledMap()
+    node.configure({"max_cells": 1 << 14})
+    for x0 in (0.0, 7000.0):  # at 0.1 m the box around both has 18 million cells
+        node.process(DemFusionInputs(patch=patch(x0)))
+    made = node.process(DemFusionInputs(bounds=np.full(4, np.nan))).map
+    g = made.geometry
+    factor = round(g.resolution_m / 0.1)
+    assert (g.rows * g.cols, factor & (factor - 1)) == (pytest.approx(8192, rel=1.0), 0)
+    assert g.rows * g.cols <= 1 << 14
+    assert np.nansum(made.layer("count")) == 20_000
+    assert np.nanmax(np.abs(made.layer("mean") - 1.0)) == 0.0
+    near = node.process(DemFusionInputs(bounds=np.array([0.0, -2.0, 4.0, 2.0]))).map
+    assert (near.geometry.resolution_m, near.geometry.shape) == (0.1, (40, 40))
+
+
 def test_a_patch_in_another_frame_starts_anew_and_nothing_is_refused() -> None:
     node = TiledMap()
     node.configure()

@@ -318,6 +318,40 @@ def test_the_local_map_follows_the_robot_in_bounded_memory_and_answers_at_coarse
     assert np.nansum(coarse.layer("count")) == np.nansum(local.layer("count"))
 
 
+def test_the_far_map_answers_where_its_cells_or_larger_are_asked(rng: np.random.Generator) -> None:
+    node = dem(fusion={"size_m": 6.0}, far_factor=4, patch_period_s=0.2)
+    drive(node, rng, 1.0)
+    far = node.call("get_map", {"resolution_m": "0.4"})
+    assert far.geometry.resolution_m == pytest.approx(0.4)
+    assert far.geometry.rows == 400  # 160 m, where the local map has 6
+    assert np.nansum(far.layer("count")) > np.nansum(node.call("get_map", {}).layer("count"))
+    assert node.call("get_map", {"resolution_m": "1.2"}).geometry.resolution_m == pytest.approx(1.2)
+
+
+def test_the_whole_map_of_lidar_global_is_bounded_and_what_it_loses_is_told(rng: np.random.Generator) -> None:
+    node = dem("LidarGlobal", fusion={"size_m": 6.0, "max_tiles": 2, "max_cells": 1 << 14}, patch_period_s=0.2)
+    with pytest.raises(ProductNotFoundError):
+        node.call("get_whole_map", {})
+    outputs = maps(drive(node, rng, 1.0))
+    told = [o.quality for o in outputs if o.quality.metrics["tiles_forgotten"]]
+    assert told
+    for quality in told:
+        assert quality.status is Status.DEGRADED
+        assert f"tiles_forgotten:{quality.metrics['tiles_forgotten']:.0f}" in quality.reasons
+    whole = node.call("get_whole_map", {})
+    assert whole.geometry.rows * whole.geometry.cols <= 1 << 14
+    assert whole.geometry.resolution_m == pytest.approx(0.2)
+
+
+def test_the_whole_map_of_lidar_global_holds_every_measurement_of_all_patches(rng: np.random.Generator) -> None:
+    node = dem("LidarGlobal", fusion={"size_m": 6.0, "clear_margin_m": 100.0}, patch_period_s=0.2)
+    outputs = maps(drive(node, rng, 1.0))
+    whole = node.call("get_whole_map", {})
+    assert whole.geometry.resolution_m == 0.1
+    assert np.nansum(whole.layer("count")) == sum(np.nansum(o.value.layer("count")) for o in outputs)
+    assert all(o.quality.metrics["tiles_forgotten"] == 0 for o in outputs)
+
+
 def test_a_patch_can_be_asked_for(rng: np.random.Generator) -> None:
     node = dem(patch_period_s=1e6, patch_distance_m=1e6)
     for t in range(0, 301, 20):
