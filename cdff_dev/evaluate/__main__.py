@@ -78,7 +78,9 @@ def _draw(module: ModuleType, name: str, figures: dict[str, Any]) -> None:
 
 
 def folder_of(name: str) -> Path:
-    """Folder of the page of what is evaluated: a DFN or a DFPC."""
+    """Folder of the page of what is evaluated: a DFN, a DFPC, or what a how-to tells of."""
+    if (ROOT / "docs" / "how-to" / f"{name}.md").is_file():
+        return ROOT / "docs" / "how-to"
     return ROOT / "docs" / ("dfns" if name in Registry.default().dfns else "dfpcs")
 
 
