@@ -9,12 +9,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
 
 from cdff_common.geometry import se3
 from cdff_common.interfaces.product import Product
 from cdff_dev.evaluate.record import spread
 from cdff_dev.evaluate.traverse import Drive, drives, normalised_error, run, visual_odometry
+from cdff_dev.registration.rates import nees_band
 
 SCENARIOS = ("visual_rocks", "visual_sand", "visual_low_sun")
 #: The scenarios' own seed and two that nobody had seen when the noise model was fitted (on seed 101, in no figure).
@@ -34,14 +34,9 @@ def traverses(progress: Callable[[str], None]) -> dict[str, Any]:
         "training_seeds": list(TRAINING_SEEDS),
         "scenarios": {name: _figures(found) for name, found in rows.items()},
         "all": _figures(every),
-        "nees_band": _band(len(every)),
-        "half_nees_band": _band(2 * len(every)),
+        "nees_band": [round(v, 2) for v in nees_band(len(every))],
+        "half_nees_band": [round(v, 2) for v in nees_band(2 * len(every))],
     }
-
-
-def _band(trials: int) -> list[float]:
-    """Where the mean of so many squared errors of six degrees of freedom lies in 95 %."""
-    return [round(float(chi2.ppf(q, 6 * trials)) / trials, 2) for q in (0.025, 0.975)]
 
 
 def judged(drive: Drive) -> dict[str, float]:

@@ -13,6 +13,7 @@ import numpy as np
 from cdff_dev.evaluate._visual_traverses import SCENARIOS, judged_way
 from cdff_dev.evaluate.record import spread
 from cdff_dev.evaluate.traverse import drives, run
+from cdff_dev.registration.rates import nees_band
 
 #: Its page and what else is there are those of this evaluation.
 PAGE = "visual_odometry_sparse"
@@ -62,4 +63,7 @@ def table(figures: dict[str, Any]) -> str:
         f"{row['end_error_percent']['max']:.3f} % | {row['mean_nees']:.2f} |"
         for window, row in figures["windows"].items()
     ]
+    count = figures["windows"][str(WINDOWS[0])]["drives"]
+    low, high = nees_band(count)
+    lines += ["", f"The mean of {count} consistent squared errors lies between {low:.2f} and {high:.2f} in 95 %."]
     return "\n".join(lines)
