@@ -20,7 +20,7 @@ from cdff_common.process import data_dir_of
 
 logger = logging.getLogger(__name__)
 
-#: How much waits without ``CDFF_OUTBOX_MB``: an hour of lidar maps.
+#: How much may wait without ``CDFF_OUTBOX_MB``.
 DEFAULT_MB = 256
 _SUFFIX = ".parcel"
 _LENGTH = struct.Struct("<I")
@@ -81,6 +81,7 @@ class Spool:
     def __init__(self, folder: Path, owners: Iterable[tuple[str, str]], capacity: int) -> None:
         self.dropped = self.bytes = 0
         self._folder, self._capacity = folder, capacity
+        self._in_memory = False  # said once until files can be written again
         self._waiting: deque[Waiting] = deque()
         found = [path for owner in owners for path in self._of(*owner).glob(f"*{_SUFFIX}")]
         self._last = 0
@@ -102,11 +103,14 @@ class Spool:
             part.write_bytes(data)
             part.replace(path)
         except OSError as error:
-            logger.warning("%s/%s waits in memory only: %s", parcel.dfpc, parcel.port, error)
+            if not self._in_memory:
+                logger.warning("products wait in memory only: %s", error)
+            self._in_memory = True
             with suppress(OSError):
                 part.unlink()
             self._append(Waiting(len(data), path, parcel))
         else:
+            self._in_memory = False
             self._append(Waiting(len(data), path))
 
     def first(self) -> Waiting:
