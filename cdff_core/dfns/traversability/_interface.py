@@ -19,7 +19,8 @@ class TraversabilityInputs:
     Attributes
     ----------
     dem : ElevationMap
-        Elevation map with the layer mean; with variance, what is called safe is so at some standard deviations.
+        Elevation map with the layer mean; with variance, what is called safe is so at some standard deviations;
+        with overhang_m, what hangs lower than the rover is high is a hazard.
     """
 
     dem: ElevationMap

@@ -15,7 +15,7 @@ from pydantic import Field
 from scipy.special import ndtr
 
 from cdff_common.interfaces.dfn import DfnConfig
-from cdff_common.types import NavigationMap
+from cdff_common.types import ElevationMap, NavigationMap
 from cdff_core.dfns.traversability._interface import (
     TraversabilityInputs,
     TraversabilityInterface,
@@ -48,6 +48,9 @@ class FootprintPlaneConfig(DfnConfig):
 
     length_m: float = Field(1.0, gt=0.0, le=20.0, description="Length of the rover, metres")
     width_m: float = Field(0.8, gt=0.0, le=20.0, description="Width of the rover, metres")
+    height_m: float | None = Field(
+        None, gt=0.0, le=20.0, description="Height of the rover, metres; absent: what hangs over ground is not judged"
+    )
     max_slope_deg: float = Field(20.0, gt=0.0, lt=90.0, description="Steepest slope, degrees")
     max_step_m: float = Field(0.2, gt=0.0, le=10.0, description="Highest step, metres")
     max_roughness_m: float = Field(0.1, gt=0.0, le=10.0, description="Largest rms distance from the plane, metres")
@@ -68,7 +71,8 @@ class FootprintPlane(TraversabilityInterface):
     Slope and roughness come from the least-squares plane of the observed cells in the square of the rover's longer
     side, so they need no inflation; steps are those of single cells and are inflated. An unobserved cell, or one with
     too little observed under the rover, is unknown. Where the elevation map states variances, safe ground keeps every
-    limit by so many standard deviations, and a step that may be too high is caution as far as the rover turns.
+    limit by so many standard deviations, and a step that may be too high is caution as far as the rover turns. Ground
+    that something hangs over lower than the rover's height and so many standard deviations is a hazard as a step is.
     """
 
     Config: ClassVar[type[DfnConfig]] = FootprintPlaneConfig
@@ -83,19 +87,23 @@ class FootprintPlane(TraversabilityInterface):
         cell_m = dem.geometry.resolution_m
         z = dem.layer("mean").astype(np.float64)
         seen = np.isfinite(z)
-        z -= np.median(z[seen]) if seen.any() else 0.0  # sums of squares far from zero lose digits
+        datum = np.median(z[seen]) if seen.any() else 0.0
+        z -= datum  # sums of squares far from zero lose digits
         variance = np.zeros_like(z)
         if "variance" in dem.layer_names:
             variance = np.nan_to_num(dem.layer("variance").astype(np.float64), nan=0.0)
         slope, roughness = self._planes(z, seen, variance, cell_m)
         step, taken_m = self._steps(z, seen, variance, cell_m)
+        room = self._room(dem, z + datum, variance)
         measures = [(slope, c.max_slope_deg), (roughness, c.max_roughness_m), (step, c.max_step_m)]
         ratio, bound = (
             np.fmax.reduce([(m.value + k * m.sigma) / limit for m, limit in measures]) for k in (0.0, c.sigmas)
         )
         known = seen & np.isfinite(slope.value)
-        classes = self._classify(known, ratio, bound, step, taken_m, cell_m, _gaps(seen, c.gap_m, cell_m))
-        margin = np.fmin.reduce([(limit - m.value) / np.maximum(m.sigma, _LEAST_SIGMA) for m, limit in measures])
+        blocked = room.value < c.sigmas * room.sigma  # false where NaN
+        classes = self._classify(known, ratio, bound, step, taken_m, blocked, cell_m, _gaps(seen, c.gap_m, cell_m))
+        margins = [(limit - m.value, m.sigma) for m, limit in measures] + [(room.value, room.sigma)]
+        margin = np.fmin.reduce([left / np.maximum(sigma, _LEAST_SIGMA) for left, sigma in margins])
         layers = {
             "slope_deg": slope.value, "step_m": step.value, "roughness_m": roughness.value,
             "cost": np.where(classes == HAZARD, 1.0, np.clip(ratio, 0.0, 1.0)), "confidence": ndtr(margin),
@@ -107,6 +115,12 @@ class FootprintPlane(TraversabilityInterface):
             t0_ns=dem.t0_ns, t1_ns=dem.t1_ns,
         )  # fmt: skip
         return TraversabilityOutputs(map=made)
+
+    def _room(self, dem: ElevationMap, z: FloatGrid, variance: FloatGrid) -> _Measure:
+        """Height left between the rover's top and what hangs over it, NaN where nothing does or it is not judged."""
+        if self.config.height_m is None or "overhang_m" not in dem.layer_names:
+            return _Measure(np.full(z.shape, np.nan), np.zeros(z.shape))
+        return _Measure(dem.layer("overhang_m") - z - self.config.height_m, np.sqrt(variance))
 
     def _planes(self, z: FloatGrid, seen: Mask, variance: FloatGrid, cell_m: float) -> tuple[_Measure, _Measure]:
         """Slope and roughness under the footprint, NaN where too little is observed."""
@@ -144,11 +158,12 @@ class FootprintPlane(TraversabilityInterface):
         bound: FloatGrid,
         step: _Measure,
         taken_m: FloatGrid,
+        blocked: Mask,
         cell_m: float,
         gaps: Mask,
     ) -> NDArray[np.uint8]:
         c = self.config
-        obstacle = step.value + taken_m > c.max_step_m  # false where NaN
+        obstacle = (step.value + taken_m > c.max_step_m) | blocked  # false where NaN
         possible = obstacle | (step.value + c.sigmas * step.sigma > c.max_step_m)
         safe = (ratio < c.caution_fraction) & (bound <= 1.0)
         classes = np.where(known, np.where(safe, SAFE, CAUTION), UNKNOWN).astype(np.uint8)

@@ -17,7 +17,7 @@ Mask = NDArray[np.bool_]
 Window = tuple[slice, slice]
 
 #: Layers of the elevation map that decide the rating.
-_DECISIVE = ("mean", "variance")
+_DECISIVE = ("mean", "variance", "overhang_m")
 #: Above this share of the map it is cheaper to rate it whole.
 _MOST = 0.5
 
@@ -73,9 +73,8 @@ def _changed(dem: ElevationMap, before: ElevationMap, common: GridGeometry) -> M
     changed = np.isfinite(dem.layer("mean"))
     same = np.ones(common.shape, dtype=np.bool_)
     for name in _DECISIVE:
-        if name in dem.layer_names and name in before.layer_names:
-            a, b = dem.layer(name)[here], before.layer(name)[there]
-            same &= (a == b) | (np.isnan(a) & np.isnan(b))
+        a, b = _layer(dem, name)[here], _layer(before, name)[there]
+        same &= (a == b) | (np.isnan(a) & np.isnan(b))
     changed[here] = ~same
     old = before.geometry
     for side, moved in (
@@ -93,6 +92,11 @@ def _changed(dem: ElevationMap, before: ElevationMap, common: GridGeometry) -> M
         if inner:
             changed[side] = True
     return changed
+
+
+def _layer(dem: ElevationMap, name: str) -> NDArray[np.float32]:
+    """A layer, NaN where the map has none of that name: no overhang is known of it then."""
+    return dem.layer(name) if name in dem.layer_names else np.full(dem.geometry.shape, np.nan, np.float32)
 
 
 def _reached(changed: Mask, cells: int) -> Mask:

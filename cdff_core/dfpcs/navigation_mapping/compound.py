@@ -25,7 +25,7 @@ from cdff_core.dfpcs.navigation_mapping._increment import rated
 from cdff_core.dfpcs.navigation_mapping._interface import NavigationMappingInterface
 
 #: What the profile's rover limits are called, and the parameters of ``traversability`` they set.
-LIMITS = ("length_m", "width_m", "max_slope_deg", "max_step_m", "max_roughness_m")
+LIMITS = ("length_m", "width_m", "height_m", "max_slope_deg", "max_step_m", "max_roughness_m")
 #: What areas are asked for by.
 KINDS = {
     "free": (AreaKind.SAFE,), "caution": (AreaKind.CAUTION,), "hazard": (AreaKind.HAZARD,), "all": CLASSES,

@@ -57,6 +57,49 @@ def test_unobserved_ground_is_unknown_and_has_no_value(rng: np.random.Generator)
     assert (made.layer("class")[:, :30] == SAFE).mean() > 0.9
 
 
+AMID = (np.abs(X) < 3.0) & (np.abs(Y) < 2.5)  # away from the edges, where too little is observed
+LEDGE = (np.abs(X) < 0.4) & (np.abs(Y) < 0.4)  # the outermost cells lie at 0.35
+
+
+def under(overhang_m: float, variance_m2: float = 0.0, datum_m: float = 0.0, **config: Any) -> NavigationMap:
+    """Flat ground, over the middle of which a ledge hangs."""
+    node = FootprintPlane()
+    node.configure({**ROVER, **config})
+    flat = np.full(X.shape, datum_m, np.float32)
+    layers = {
+        "mean": flat, "variance": np.full_like(flat, variance_m2),
+        "overhang_m": np.where(LEDGE, np.float32(datum_m + overhang_m), np.float32(np.nan)),
+    }  # fmt: skip
+    dem = ElevationMap.from_layers(GRID, layers, t0_ns=1000, t1_ns=2000)
+    return node.process(TraversabilityInputs(dem=dem)).map
+
+
+@pytest.mark.req("CDFF-CORE-073")
+@pytest.mark.parametrize("datum_m", [0.0, -2500.0])
+def test_ground_under_a_ledge_that_is_lower_than_the_rover_is_a_hazard_as_far_as_it_reaches(datum_m: float) -> None:
+    made = under(1.1, datum_m=datum_m, height_m=1.5)
+    classes = made.layer("class")
+    away_m = np.hypot(np.maximum(np.abs(X) - 0.35, 0.0), np.maximum(np.abs(Y) - 0.35, 0.0))
+    assert (classes[away_m < 0.38] == HAZARD).all()  # half the rover's width and the margin
+    assert (classes[(away_m > 0.42) & (away_m < 0.65)] == CAUTION).all()  # it may pass, not turn
+    assert (classes[(away_m > 0.8) & AMID] == SAFE).all()
+    assert (made.layer("cost")[LEDGE] == 1.0).all()
+    assert (made.layer("confidence")[LEDGE] < 1e-6).all()
+
+
+@pytest.mark.parametrize(("overhang_m", "height_m"), [(1.1, None), (1.1, 0.9), (1.7, 1.5)])
+def test_a_ledge_that_the_rover_fits_under_or_no_height_is_known_for_changes_nothing(
+    overhang_m: float, height_m: float | None
+) -> None:
+    assert (under(overhang_m, height_m=height_m).layer("class")[AMID] == SAFE).all()
+
+
+@pytest.mark.parametrize(("sigmas", "expected"), [(3.0, HAZARD), (1.0, SAFE)])
+def test_the_room_under_a_ledge_is_kept_by_standard_deviations(sigmas: float, expected: int) -> None:
+    made = under(1.53, variance_m2=0.02**2, height_m=1.5, sigmas=sigmas)
+    assert (made.layer("class")[LEDGE] == expected).all()
+
+
 def test_too_little_observed_under_the_rover_is_unknown_though_the_cell_is_observed() -> None:
     heights = np.full(GRID.shape, np.nan)
     heights[:, 50] = 0.0

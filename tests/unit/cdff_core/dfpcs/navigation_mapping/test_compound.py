@@ -90,6 +90,23 @@ def test_a_patch_that_changes_nothing_is_not_published_again() -> None:
     assert len(step(node, patch(0.3))) == 1
 
 
+def test_a_ledge_that_a_later_patch_shows_over_ground_that_stays_as_it_was_is_noticed() -> None:
+    node, anew = (navigation({"height_m": 1.5}) for _ in range(2))
+    first = step(node, patch())[0].value
+    g = patch().geometry
+    x, y = g.centres_m()
+    overhang = np.where((np.abs(x - 2.0) < 0.2) & (np.abs(y) < 0.2), np.float32(1.1), np.float32(np.nan))
+    layers = {name: patch().layer(name) for name in patch().layer_names} | {"overhang_m": overhang}
+    shown = ElevationMap.from_layers(g, layers, t0_ns=T_NS, t1_ns=T_NS + 1000)
+    second = step(node, shown)[0].value
+    x, y = second.geometry.centres_m()
+    below = (np.abs(x - 2.0) < 0.2) & (np.abs(y) < 0.2)
+    assert (first.layer("class")[below] == 1).all()
+    assert (second.layer("class")[below] == 3).all()
+    whole = step(anew, shown)[0].value
+    np.testing.assert_array_equal(second.layer("class"), whole.layer("class"))
+
+
 def test_a_degraded_patch_degrades_the_map_and_a_failed_one_changes_nothing() -> None:
     node = navigation()
     out = step(node, patch(), Quality(status=Status.DEGRADED, reasons=("poses_degraded",)))[0]
