@@ -141,9 +141,14 @@ def believed(profile: Profile, robot: str, http: str, truth: Truth) -> Believed:
 
 
 def located(found: Believed) -> Located:
-    """Judge the positions of a robot."""
+    """Judge the positions of a robot; raises UnavailableError where none is of the time of the truth."""
     way, truth = found.way, found.truth
     inside = (way.stamps_ns >= truth.stamps_ns[0]) & (way.stamps_ns <= truth.stamps_ns[-1])
+    if not inside.any():
+        raise UnavailableError(
+            f"the DPM holds {len(inside)} poses of {way.robot}, from {way.stamps_ns.min()} to {way.stamps_ns.max()} ns: "
+            f"expected some between {truth.stamps_ns[0]} and {truth.stamps_ns[-1]} ns, the time of the truth"
+        )
     error = way.positions_m[inside] - truth.between(way.stamps_ns[inside])
     size = np.linalg.norm(error, axis=1)
     floor = 1e-12 * np.eye(3)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cdff_common.errors import UnavailableError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.profile import load_profile
 from cdff_common.types import TransformWithCovariance
@@ -59,6 +60,11 @@ def test_three_sigmas_are_those_of_three_dimensions(offset_m: float, share: floa
 
 def test_poses_outside_the_time_of_the_truth_are_not_judged() -> None:
     assert located(found([50.0, *[0.1] * 10, 50.0], begin_ns=-S // 2)).largest_m == pytest.approx(0.1)
+
+
+def test_a_robot_of_whose_time_there_is_no_truth_cannot_be_judged_and_the_fault_names_both_times() -> None:
+    with pytest.raises(UnavailableError, match=r"2 poses of mana, from 20000000000 to 21000000000 ns: expected some betw"):
+        located(found([0.1, 0.1], begin_ns=20 * S))
 
 
 @pytest.mark.req("CDFF-DEV-074")
