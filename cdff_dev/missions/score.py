@@ -146,7 +146,7 @@ def located(found: Believed) -> Located:
     inside = (way.stamps_ns >= truth.stamps_ns[0]) & (way.stamps_ns <= truth.stamps_ns[-1])
     if not inside.any():
         raise UnavailableError(
-            f"the DPM holds {len(inside)} poses of {way.robot}, from {way.stamps_ns.min()} to {way.stamps_ns.max()} ns: "
+            f"the DPM holds {len(inside)} poses of {way.robot} from {way.stamps_ns.min()} to {way.stamps_ns.max()} ns, "
             f"expected some between {truth.stamps_ns[0]} and {truth.stamps_ns[-1]} ns, the time of the truth"
         )
     error = way.positions_m[inside] - truth.between(way.stamps_ns[inside])
