@@ -25,6 +25,7 @@ from cdff_dev.demo.script import Script
 from cdff_dev.demo.sharing import relative_errors
 from cdff_dev.demo.stage import Stage
 from cdff_dev.missions.autonomy import Arrival, Asked, Autonomy
+from cdff_dev.missions.orbit import seen_from_orbit, store
 from cdff_dev.missions.score import Believed, Score, Truth, believed, located, reached, true_poses
 from cdff_dev.missions.script import Mission, check_fits
 from cdff_dev.missions.terrain import driven, mapped
@@ -92,6 +93,12 @@ def run(
     ):
         say(f"starting {len(stage.expected)} services of profile {profile.name}; logs in {stage.log_dir}")
         stage.wait_ready(bus)
+        if mission.orbital is not None:
+            say(f"making what {mission.orbital.robot} saw of scenario {mission.scenario}")
+            first = next(iter(mission.robots))
+            T_site_odom = profile.robot(first).frame_graph().lookup("site", f"{first}/odom", 0).matrix
+            world = make_world(load_scenario(mission.scenario, seed))
+            store(bus, seen_from_orbit(world, first, T_site_odom, mission.orbital), mission.orbital.robot)
         truth_log = stage.log_dir.parent / "truth"
         stage.drive(mission.scenario, seed, mission.speed if speed is None else speed, truth_log)
         say(f"making the ground of scenario {mission.scenario}")
@@ -194,7 +201,8 @@ def _judged(
         T_world_base = np.linalg.inv(truth.T_site_world) @ truth.poses
         over.append(driven(robot, T_world_base, scene, chassis.base_height_m, profile.robot(robot).limits))
     first = next(iter(truths.values()))
-    held = [_windows(bus, truth) for truth in truths.values()]
+    # What an orbiter saw is no map of the rover's: with it, each rover's own is asked for.
+    held = [_windows(bus, truth, robot if mission.orbital else "any") for robot, truth in truths.items()]
     maps, blank = [window for windows, _ in held for window in windows], sum(count for _, count in held)
     return Score(
         tuple(located(b) for b in found), tuple(reached(arrivals, truths)), tuple(over),
@@ -202,14 +210,14 @@ def _judged(
     )  # fmt: skip
 
 
-def _windows(bus: Bus, truth: Truth) -> tuple[list[ElevationMap], int]:
-    """Elevation that the DPM holds around places along a way, and at how many of them it holds none."""
+def _windows(bus: Bus, truth: Truth, robot: str) -> tuple[list[ElevationMap], int]:
+    """Elevation of ``robot`` that the DPM holds around places along a way, and at how many of them it holds none."""
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(truth.poses[:, :2, 3], axis=0), axis=1))])
     found, blank = [], 0
     for row in np.searchsorted(s, np.arange(0.0, s[-1], _MAP_EVERY_M)):
         x, y = truth.poses[row, :2, 3]
         asked = {
-            "type": "dem", "frame": "site", "region": f"circle:{x:.2f},{y:.2f},{_MAP_AROUND_M:g}",
+            "type": "dem", "robot": robot, "frame": "site", "region": f"circle:{x:.2f},{y:.2f},{_MAP_AROUND_M:g}",
             "resolution_m": _MAP_CELL_M, "format": "tif",
         }  # fmt: skip
         try:

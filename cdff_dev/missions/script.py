@@ -115,6 +115,26 @@ class Together(StrictModel):
     wait_s: Positive = 60.0
 
 
+class FromOrbit(StrictModel):
+    """An orbital elevation model that the DPM holds before the drive: the simulated ground, blurred and with noise.
+
+    Attributes
+    ----------
+    robot : str
+        Whose ``dem`` it is.
+    resolution_m, half_width_m : float
+        Cells, and how far it reaches.
+    noise_m, alike_m : float
+        Standard deviation of its heights, and how far errors of neighbours resemble one another.
+    """
+
+    robot: str = "orbiter"
+    resolution_m: Positive = 1.0
+    half_width_m: Positive
+    noise_m: Positive = 0.15
+    alike_m: Positive = 1.5
+
+
 class Mission(StrictModel):
     """Contents of a mission file; ``speed`` is mission seconds per second."""
 
@@ -125,6 +145,7 @@ class Mission(StrictModel):
     guiding: Guiding = Guiding()
     robots: Annotated[dict[str, tuple[Task, ...]], Field(min_length=1)]
     requests: tuple[Ask, ...] = ()
+    orbital: FromOrbit | None = None
     judged: Judged = Judged()
     together: Together | None = None
 

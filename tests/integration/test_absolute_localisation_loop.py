@@ -134,7 +134,7 @@ def test_fixes_that_correct_the_poses_are_followed_by_more_fixes(
     assert len(loop.fixes) == len(loop.answered) == 4
     first = next(k for k in range(len(loop.errors)) if loop.off_m(k) < 1.0)
     assert loop.off_m(first - 1) > 10.0
-    assert max(loop.off_m(k) for k in range(first, len(loop.errors))) < 2.0  # what drifts until the next fix
+    assert max(loop.off_m(k) for k in range(first, len(loop.errors))) < 3.0  # what drifts until the next fix
     assert loop.off_m(-1) < 1.0
     assert abs(loop.errors[-1][2]) < 0.2
     ways = np.diff([fix.quality.metrics["way_m"] for fix in loop.fixes])

@@ -70,7 +70,9 @@ class AbsoluteLocalisationConfig(DfpcConfig):
     jump_m: float = Field(
         0.2, gt=0.0, description="Of the frame of poses: what odometry does not explain, beyond slip, metres"
     )
-    jump_deg: float = Field(0.5, gt=0.0, le=180.0, description="The same of its yaw, degrees")
+    jump_deg: float = Field(
+        2.5, gt=0.0, le=180.0, description="The same of its yaw, degrees: above what skidding wheels are off in a step"
+    )
 
 
 class AbsoluteLocalisation(AbsoluteLocalisationInterface):
