@@ -15,8 +15,13 @@ from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
 from cdff_common.types import BundleCameras, BundleObservations, BundlePoints, BundlePrior, BundleProblem
+from cdff_core.dfns.bundle_optimization._gauge import Gauge
 from cdff_core.dfns.bundle_optimization._kernels import POSE
+from cdff_core.dfns.bundle_optimization._motions import moved_poses
+from cdff_core.dfns.bundle_optimization._prior import scales
 from cdff_core.dfns.bundle_optimization._system import System
+
+Float = NDArray[np.float64]
 
 
 def marginalised(problem: BundleProblem, dropped: NDArray[np.int64], loss: int, scale: float) -> BundleProblem:
@@ -44,9 +49,21 @@ def marginalised(problem: BundleProblem, dropped: NDArray[np.int64], loss: int, 
     H = S[np.ix_(keep, keep)] - S[np.ix_(keep, out)] @ gain @ S[np.ix_(out, keep)]
     gradient = b[keep] - S[np.ix_(keep, out)] @ gain @ b[out]
     stays = ~gone & (system.pose_column >= 0)
+    H, gradient = _without_motions(H, gradient, Gauge.of(system, at), at.c[stays])
     cameras = problem.cameras
-    prior = BundlePrior(cameras.ids[stays], cameras.poses[stays], (0.5 * (H + H.T)).reshape(-1), gradient)
+    prior = BundlePrior(cameras.ids[stays], cameras.poses[stays], H.reshape(-1), gradient)
     return _without(problem, gone, lost, theirs, prior)
+
+
+def _without_motions(H: Float, gradient: Float, gauge: Gauge, c: Float) -> tuple[Float, Float]:
+    """Without what rounding says along the motions of everything that are free: there is nothing to know of them."""
+    if not len(c):
+        return H, gradient
+    scale = scales(H)
+    Q = np.linalg.qr(scale[:, None] * (moved_poses(c - gauge.centre) @ gauge.free.T))[0]
+    P = np.eye(len(H)) - (Q / scale[:, None]) @ (Q * scale[:, None]).T
+    H = P.T @ H @ P
+    return 0.5 * (H + H.T), P.T @ gradient
 
 
 def _only(seen: BundleObservations, kept: NDArray[np.bool_]) -> BundleObservations:

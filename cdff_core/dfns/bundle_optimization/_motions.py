@@ -33,7 +33,8 @@ def unheld(rows: Float) -> Float:
 
 
 def similarity(motion: Float) -> Float:
-    """The finite motion ``(4, 4)`` of a motion ``(7,)``."""
+    """The finite motion ``(4, 4)`` of a motion ``(7,)``, shortened where it turns or grows by more than 1."""
+    motion = motion / max(1.0, float(np.abs(motion[3:]).max()))
     generator = np.zeros((4, 4))
     generator[:3] = np.column_stack([se3.skew(motion[3:6]) + motion[6] * np.eye(3), motion[:3]])
     return np.asarray(expm(generator))

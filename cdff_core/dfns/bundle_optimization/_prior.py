@@ -22,7 +22,12 @@ from cdff_core.dfns.bundle_optimization._motions import ROUNDING, moved_poses, p
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
-_MOST_STEPS, _LEAST_STEP = 20, 1e-13
+_MOST_STEPS, _LEAST_STEP = 30, 1e-13
+#: Share of the largest of a prior's diagonal, of places and of turns, below which columns are not scaled up: rounding
+#: in those of poses of which it says nothing would become knowledge.
+_LEAST_SHARE = 1e-6
+#: In units of the prior's own extent; beyond there is nothing to compare.
+_FARTHEST = 1e6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +41,7 @@ class Prior:
     T : ndarray, shape (k, 4, 4)
         From which d is counted: ``T_frame_camera`` relative to the centre, in units.
     root, offset, scale : ndarray, shape (r, 6k), (r,), (6k,)
-        As many residuals as the prior's matrix has rank; roots of its diagonal, 1 where that is 0.
+        As many residuals as the prior's matrix has rank; scales of its columns.
     unknown : ndarray, shape (f, 7)
         Motions of everything of which the prior says nothing.
     centre, unit : ndarray, shape (3,), and float
@@ -53,7 +58,10 @@ class Prior:
 
     @classmethod
     def of(cls, problem: BundleProblem) -> Prior:
-        """The problem's prior, of no residuals where there is none; raises InputError on another order of cameras."""
+        """The problem's prior, of no residuals where there is none.
+
+        Raises InputError where its cameras are in another order or the problem's poses far from its own.
+        """
         given, T = problem.prior, problem.prior.matrices.copy()
         rows = {int(identity): row for row, identity in enumerate(problem.cameras.ids)}
         cameras = np.array([rows[int(i)] for i in given.cameras], np.int64)
@@ -67,14 +75,17 @@ class Prior:
         T[:, :3, 3] = (T[:, :3, 3] - centre) / unit
         lengths = np.tile([unit] * 3 + [1.0] * 3, len(T))
         H, b = given.matrix * np.outer(lengths, lengths), given.gradient * lengths
-        scale = np.sqrt(np.where(np.diag(H) > 0.0, np.diag(H), 1.0))
+        scale = scales(H)
         values, vectors = np.linalg.eigh(H / np.outer(scale, scale))
         known = values > ROUNDING * values.max()
         values, vectors = values[known], vectors[:, known]
         root, offset = np.sqrt(values)[:, None] * vectors.T, vectors.T @ (b / scale) / np.sqrt(values)
         motions = scale[:, None] * moved_poses(T[:, :3, 3])
         unknown = unheld(root.T @ (root @ motions) / np.linalg.norm(motions))
-        return cls(cameras, T, root, offset, scale, unknown, centre, unit)
+        made = cls(cameras, T, root, offset, scale, unknown, centre, unit)
+        if made._torn((problem.cameras.matrices[cameras, :3, 3] - centre) / unit):
+            raise InputError("problem: the poses are not near enough to those of its prior")
+        return made
 
     def residuals(self, R: Float, c: Float) -> tuple[Float, Float]:
         """At rotations frame to camera ``(n, 3, 3)``, positions ``(n, 3)``; their slopes ``(r, 6k)`` by poses."""
@@ -82,13 +93,15 @@ class Prior:
             return self.offset, self.root
         turns, offsets = np.swapaxes(R[self.cameras], 1, 2), (c[self.cameras] - self.centre) / self.unit
         whole = np.eye(4)
+        if self._torn(offsets):  # a step that is tried and left
+            return np.full(len(self.root), np.inf), self.root
         before = np.linalg.qr(self.scale[:, None] * moved_poses(self.T[:, :3, 3]) @ self.unknown.T)[0]
         for _ in range(_MOST_STEPS):
             at = placed(whole, offsets)
             turned = se3.log_so3(turn(whole) @ turns @ np.swapaxes(self.T[:, :3, :3], 1, 2))
             d = self.scale * np.column_stack([at - self.T[:, :3, 3], turned]).reshape(-1)
             now = self.scale[:, None] * moved_poses(at) @ self.unknown.T
-            to_motion = np.linalg.solve(before.T @ now, before.T)
+            to_motion = np.linalg.pinv(before.T @ now) @ before.T
             motion = -self.unknown.T @ to_motion @ d
             if np.abs(motion).max() < _LEAST_STEP:
                 break
@@ -98,8 +111,19 @@ class Prior:
         by_place, by_turn = slopes[:, :, 0] @ whole[:3, :3] / self.unit, slopes[:, :, 1] @ turn(whole)
         return self.root @ d + self.offset, np.stack([by_place, by_turn], axis=2).reshape(len(slopes), -1)
 
+    @staticmethod
+    def _torn(offsets: Float) -> bool:
+        return not np.abs(offsets - offsets.mean(axis=0)).max() < _FARTHEST
+
     def holds(self, R: Float, c: Float, centre: Float, unit: float) -> Float:
         """Rows ``(r, 7)`` that are 0 for motions of everything, lengths in units, of which the prior says nothing."""
         motions = moved_poses((c[self.cameras] - centre) / unit) * np.tile([unit] * 3 + [1.0] * 3, len(self.T))[:, None]
         weights = self.scale / np.tile([self.unit] * 3 + [1.0] * 3, len(self.T))
         return np.asarray(self.residuals(R, c)[1] @ motions / np.linalg.norm(weights[:, None] * motions))
+
+
+def scales(H: Float) -> Float:
+    """Roots ``(6k,)`` of a prior's diagonal; of poses of which it says next to nothing a share of the largest."""
+    diagonal = np.diag(H).reshape(-1, 2, 3)
+    least = _LEAST_SHARE * diagonal.max(axis=(0, 2), keepdims=True)
+    return np.sqrt(np.where(least > 0.0, np.maximum(diagonal, least), 1.0)).reshape(-1)

@@ -116,7 +116,9 @@ class SchurLm(BundleOptimizationInterface):
         poses, points = np.full((n, POSE, POSE), np.nan), np.full((p, 3, 3), np.nan)
         if self.config.covariances == "none" or not np.isfinite(variance):
             return poses, points
-        r, weights, *_ = system.residuals(at)
+        r, weights, cost, *_ = system.residuals(at)
+        if not np.isfinite(cost):
+            return poses, points
         normal = system.normal(at, r, weights)
         S, _, inverses, fine = system.reduced(normal, 0.0)
         C = _inverse(np.tril(S) + np.tril(S, -1).T, gauge.held_directions(system, at))

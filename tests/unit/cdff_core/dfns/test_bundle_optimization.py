@@ -293,6 +293,41 @@ def test_a_window_that_slides_keeps_its_gauge_and_its_covariances(stereo: bool) 
     assert 5 <= dropped < 7
 
 
+@pytest.mark.parametrize("stereo", [False, True], ids=["mono", "stereo"])
+def test_a_prior_learns_nothing_of_a_camera_that_shares_no_point_with_those_that_are_gone(stereo: bool) -> None:
+    problem = stereo_ring()[0] if stereo else ring(8, 60, 6, 0.5, 1)[0]
+    o = problem.observations
+    shared = (o.cameras == 3) & np.isin(o.points, o.points[o.cameras == 7])
+    kept = BundleObservations(o.cameras[~shared], o.points[~shared], o.pixels[~shared])
+    left = solved(replace(problem, observations=kept), dropped=[7])[0].remaining
+    assert left is not None
+    H = np.array(left.prior.matrix)
+    assert np.abs(H[18:24]).max() < 1e-9 * np.abs(H).max()
+    sizes = np.tile(np.sqrt(np.diag(H).reshape(-1, 2, 3).max(axis=(0, 2))).repeat(3), 7)
+    noise = 1e-16 * np.outer(sizes, sizes) * np.random.default_rng(0).normal(size=H.shape)
+    left = replace(left, prior=replace(left.prior, information=(H + noise + noise.T).reshape(-1)))
+    for dropped in (6, 5):
+        found, dfn = solved(left, dropped=[dropped])
+        assert dfn.metrics["gauge_directions"] == (6.0 if stereo else 7.0)
+        left = found.remaining
+        assert left is not None
+
+
+def test_steps_that_tear_the_poses_from_the_prior_are_tried_and_left() -> None:
+    whole, _ = solved(ring(10, 120, 5, 0.5, 1)[0])
+    remaining = solved(whole.problem, dropped=[7, 8, 9], max_iterations=0)[0].remaining
+    assert remaining is not None
+    system, at = System.of(remaining, 0, NO_LOSS, 1.0), System.first(remaining)
+    c = at.c.copy()
+    c[0] = 1e12
+    assert system.residuals(replace(at, c=c))[2] == np.inf
+    T = remaining.cameras.matrices
+    T[0, :3, 3] = 1e12
+    torn = replace(remaining, cameras=replace(remaining.cameras, poses=pack_poses(T, "torn")))
+    with pytest.raises(InputError, match="near"):
+        solved(torn, dropped=[6], max_iterations=0)
+
+
 def test_a_prior_of_which_nothing_was_fixed_does_not_mind_where_everything_is_and_how_large() -> None:
     whole, _ = solved(ring(10, 120, 5, 0.5, 1)[0])
     remaining = solved(whole.problem, dropped=[7, 8, 9], max_iterations=0)[0].remaining
