@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Iterator
+from itertools import product
 from typing import ClassVar
 
 import numpy as np
@@ -82,8 +83,9 @@ class TiledMap(DemFusionInterface):
             self._centre = np.asarray(inputs.centre, dtype=np.float64)
         wanted = MapCells.empty(self._wanted(inputs.bounds))
         factor = round(wanted.geometry.resolution_m / self._grid.resolution_m)
-        for tile in self._tiles.values():
-            if tile.geometry.coarsened(factor).intersection(wanted.geometry) is not None:
+        rows, cols = _reached_by(wanted.geometry, factor)
+        for (i, j), tile in self._tiles.items():
+            if i in rows and j in cols:
                 wanted.add(tile.coarsened(factor))
         return DemFusionOutputs(
             map=wanted.to_map(*self._span_ns), cleared=np.array(cleared), forgotten=np.array(forgotten)
@@ -125,9 +127,7 @@ class TiledMap(DemFusionInterface):
 
     def _keys_of(self, g: GridGeometry) -> Iterator[tuple[int, int]]:
         """Tiles that a grid reaches into."""
-        for i in range((g.top - g.rows) // TILE, (g.top - 1) // TILE + 1):
-            for j in range(g.left // TILE, (g.left + g.cols - 1) // TILE + 1):
-                yield i, j
+        yield from product(*_reached_by(g))
 
     def _wanted(self, bounds: NDArray[np.float64] | None) -> GridGeometry:
         """The window, or a grid of at most ``max_cells`` cells over the bounds."""
@@ -144,6 +144,12 @@ class TiledMap(DemFusionInterface):
         """Bounds of all tiles."""
         each = np.array([tile.geometry.bounds for tile in self._tiles.values()])
         return bounds_of(np.concatenate([each[:, :2].min(axis=0), each[:, 2:].max(axis=0)]))
+
+
+def _reached_by(g: GridGeometry, factor: int = 1) -> tuple[range, range]:
+    """Rows and columns of the tiles that a grid reaches into, whose cells are ``factor`` times the map's."""
+    bottom, top, left, right = (factor * k for k in (g.top - g.rows, g.top, g.left, g.left + g.cols))
+    return range(bottom // TILE, (top - 1) // TILE + 1), range(left // TILE, (right - 1) // TILE + 1)
 
 
 def _reach(like: GridGeometry, rays: np.ndarray) -> GridGeometry:
