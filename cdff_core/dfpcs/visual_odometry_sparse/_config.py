@@ -4,9 +4,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from cdff_common.interfaces.dfpc import DfpcConfig
 from cdff_core.dfpcs.visual_odometry_sparse._verdict import Limits
@@ -40,3 +40,12 @@ class VisualOdometrySparseConfig(DfpcConfig):
     pnp: dict[str, Any] = {}
     motion: dict[str, Any] = {}
     gyro: dict[str, Any] = {}
+
+    @model_validator(mode="after")
+    def _window_is_formal(self) -> Self:
+        if self.window > 1 and self.covariance_kind == "calibrated":
+            raise ValueError(
+                f"covariance_kind calibrated: expected formal with a window of {self.window} key frames, "
+                "whose covariance is too small"
+            )
+        return self

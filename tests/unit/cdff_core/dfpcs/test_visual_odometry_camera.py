@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cdff_common.errors import ConfigurationError
 from cdff_common.geometry import covariance as cov
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import Dfpc, DfpcContext, Output, Sample
@@ -115,3 +116,8 @@ def test_a_pair_that_names_no_possible_camera_fails_alone(pairs: list[FramePair]
     next_one = step(dfpc, pairs[3], 3)
     assert (next_one.quality.status, next_one.quality.metrics["gaps"]) == (Status.OK, 0.0)
     assert pairs[3].baseline == BASELINE_M
+
+
+def test_with_a_window_of_key_frames_no_covariance_is_called_calibrated() -> None:
+    with pytest.raises(ConfigurationError, match="expected formal with a window of 3 key frames"):
+        made(covariance_kind="calibrated", window=3)
