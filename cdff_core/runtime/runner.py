@@ -174,6 +174,7 @@ class Runner:
             if count < _BACK_SAMPLES:
                 return False
             self._stepped_ns = -(1 << 62)
+            self._known.clear()  # a log that is played again has the same times and numbers
         self._behind.pop(port, None)
         self._newest_ns[port] = stamp_ns
         return True

@@ -16,7 +16,7 @@ from cdff_common.interfaces.product import Header
 
 logger = logging.getLogger(__name__)
 
-#: How often the DPM is asked while it has none or is away, and how long a call may take, seconds.
+#: How often the DPM is asked while nothing could be read, and how long a call may take, seconds.
 _RETRY_S, _CALL_S = 5.0, 10.0
 
 
@@ -40,7 +40,7 @@ class StoredInput:
     def __init__(self, bus: Bus, source: str, port: str, take: Callable[[Message], None]) -> None:
         _, self._robot, self._product = source.split("/")
         self._bus, self._source, self._port, self._take = bus, source, port, take
-        #: Why nothing has been read yet; empty once something has.
+        #: Why what the DPM holds has not been read; empty once it has.
         self.waits = ""
         self._read = 0
         self._id = ""
@@ -70,15 +70,15 @@ class StoredInput:
     def _run(self) -> None:
         while not self._closed:
             self._news.clear()
+            wait_s = None
             try:
-                reply = self._asked()
+                self._hand_on(self._asked())
             except CdffError as error:
-                if not self._read and self.waits != str(error):
+                wait_s = _RETRY_S
+                if self.waits != str(error):
                     self.waits = str(error)
                     logger.warning("%s", error)
-            else:
-                self._hand_on(reply)
-            self._news.wait(None if self._read else _RETRY_S)
+            self._news.wait(wait_s)
 
     def _asked(self) -> Reply:
         """What the DPM holds; raises ProductNotFoundError that says what to do, or what the call raises."""
@@ -94,9 +94,10 @@ class StoredInput:
 
     def _hand_on(self, reply: Reply) -> None:
         header = Header.from_dict(reply.attachment)
+        self.waits = ""
         if self._closed or header.id == self._id:
             return
-        self._id, self._read, self.waits = header.id, self._read + 1, ""
+        self._id, self._read = header.id, self._read + 1
         numbered = replace(header, seq=self._read)
         logger.info("%s: read %s of %s from the DPM", self._port, self._product, self._robot)
         self._take(Message(self._source, reply.payload, reply.encoding, numbered.to_attachment()))

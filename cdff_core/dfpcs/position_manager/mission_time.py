@@ -84,7 +84,8 @@ class MissionTime:
         if self._other:
             low, high = self._reach()
             newest_ns = self._newest_ns or 0
-            if not low - self._back_ns <= sample.stamp_ns <= high + self._apart_ns or ahead != (high > newest_ns):
+            apart_ns = max(self._apart_ns, 2 * (low - newest_ns))  # who speaks seldom is silent as long again
+            if not low - self._back_ns <= sample.stamp_ns <= high + apart_ns or ahead != (high > newest_ns):
                 refused = tuple(self._other)
                 self._other.clear()
             elif len(self._other) == _HELD:
@@ -103,6 +104,7 @@ class MissionTime:
             return False
         if ahead or len(self._other) >= _MANY:
             return True
-        since_ns = (self._newest_ns or 0) - 2 * self._confirm_ns
-        speaking = {port for port, spoke in self._spoke_ns.items() if spoke >= since_ns and port not in _SELDOM}
+        spoke_ns = {port: spoke for port, spoke in self._spoke_ns.items() if port not in _SELDOM}
+        since_ns = max(spoke_ns.values(), default=0) - 2 * self._confirm_ns
+        speaking = {port for port, spoke in spoke_ns.items() if spoke >= since_ns}
         return speaking <= {s.port for s in self._other}

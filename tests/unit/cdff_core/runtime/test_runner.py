@@ -85,6 +85,16 @@ def test_one_stamp_of_the_future_and_some_that_are_late_do_not_turn_a_port_back(
     assert not runner.push(sample(3000))
 
 
+def test_a_log_played_again_is_taken_again_by_a_port_that_takes_any_order(dfpc: Dfpc) -> None:
+    (port,) = dfpc.description.input_ports
+    dfpc.description = dfpc.description.model_copy(
+        update={"input_ports": (port.model_copy(update={"ordered": False}),)}
+    )
+    runner = Runner(dfpc)
+    plays = [[runner.push(sample(k * 100_000_000, seq=k)) for k in range(340)] for _ in range(3)]
+    assert [sum(play) for play in plays] == [340, 338, 340]
+
+
 @pytest.mark.req("CDFF-SUP-015")
 def test_an_output_has_the_id_of_the_contract_and_names_its_inputs(dfpc: Dfpc) -> None:
     runner = Runner(dfpc)

@@ -14,6 +14,8 @@ from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.types import TransformWithCovariance
 from cdff_core.dfpcs.position_manager.compound import PositionManager
+from cdff_core.dfpcs.position_manager.configuration import PositionManagerConfig
+from cdff_core.dfpcs.position_manager.mission_time import MissionTime
 from tests.unit.cdff_core.dfpcs.position_manager.test_position_manager import (
     MS,
     T0,
@@ -136,6 +138,28 @@ def test_a_burst_of_one_source_that_was_held_up_does_not_turn_the_clock_back() -
     assert out[-1].t1_ns == T0 + 13_000 * MS
     assert dfpc.get_trajectory(-1, -1).stamps_ns[0] == T0
     assert out[-1].quality.metrics["refused_vo"] == len(times(5, 8))
+
+
+@pytest.mark.parametrize("period_s", [6, 31, 300])
+def test_a_source_that_speaks_seldom_and_alone_is_taken(period_s: int) -> None:
+    time, arrivals = MissionTime(PositionManagerConfig()), []
+    jitter_ms = np.random.default_rng(1).integers(-2000, 2000, 60)
+    for k, late_ms in enumerate(jitter_ms):
+        arrivals.append(time.take(at(visual(0.0), (k * period_s * 1000 + int(late_ms)) * MS)))
+    assert sum(len(a.taken) for a in arrivals) >= 58
+    assert not any(a.refused or a.back for a in arrivals)
+
+
+def test_a_mast_that_moves_while_the_robot_stands_does_not_let_late_vision_turn_the_clock_back() -> None:
+    time = MissionTime(PositionManagerConfig())
+    joints = replace(wheels(0.0), port="joints")
+    parked = [*seen(0.0, 90.0), *(at(joints, t * 1000 * MS) for t in (93, 97, 101))]
+    for sample in sorted(parked, key=lambda s: s.stamp_ns):
+        time.take(sample)
+    late = [time.take(visual(t)) for t in (70.0, 74.0, 77.0)]
+    assert not any(a.taken or a.back for a in late)
+    again = [time.take(s).back for s in sorted(seen(0.0, 5.0), key=lambda s: s.stamp_ns)]
+    assert sum(again) == 1
 
 
 def test_a_first_sample_of_the_future_does_not_decide_what_time_it_is() -> None:
