@@ -36,6 +36,8 @@ from cdff_dev.missions.script import Follow, GoTo, Guiding, Meet, Return, Straig
 _ANSWER_S = 40.0
 #: How often a rover that sees no way looks again.
 _LOOKS = 4
+#: How long a rover waits beside its goal for that to settle, mission seconds.
+_SETTLES_S = 600.0
 
 
 @contextmanager
@@ -127,24 +129,28 @@ class Autonomy:
             case Return():
                 return self._guided(lambda: home_m, 0.0)
             case Meet():
-                return self._guided(lambda: self._where(task.robot), task.keep_m, self.done[task.robot])
+                return self._guided(lambda: self._where(task.robot), task.keep_m, lambda: self._settled(task.robot))
 
     def _guided(
-        self, goal: Callable[[], FloatArray], keep_m: float, settled: threading.Event | None = None
+        self, goal: Callable[[], FloatArray], keep_m: float, settled: Callable[[], bool] = lambda: True
     ) -> FloatArray:
         """Drive leg after leg until the goal, asked again each time, is near and, where it may move, has settled."""
         guidance = Guidance(self.guiding.leg_m)
-        looks, left_m = 0, float("nan")
+        looks, left_m, beside_ns = 0, float("nan"), self.clock.now_ns()
         while self.legs < self.guiding.most_legs and not self.stop.is_set():
             at_m, heading = self._pose()
+            stays = settled()  # before the goal is asked: what moved it meanwhile is seen
             goal_m = goal()
             to_m = goal_m - at_m
             left_m = float(np.linalg.norm(to_m)) - keep_m
             if left_m <= self.guiding.arrived_m:
-                if settled is None or settled.is_set():
+                if stays:
                     return goal_m
+                if self.clock.now_ns() > beside_ns + _SETTLES_S * NS_PER_S:
+                    raise DeadlineError(f"{self.robot}: what it drives to has not settled within {_SETTLES_S:g} s")
                 self._wait(self.clock.now_ns() + NS_PER_S)
                 continue
+            beside_ns = self.clock.now_ns()
             aim_m = at_m + to_m * left_m / np.linalg.norm(to_m)
             try:
                 way = guidance.leg(self._ground(), at_m, aim_m)
@@ -159,6 +165,14 @@ class Autonomy:
             self._wait(self._rover.drive((way - at_m) @ np.array([[c, -s], [s, c]]))[1])
             self.legs += 1
         raise DeadlineError(f"{self.robot}: not at the goal after {self.legs} legs; {left_m:.1f} m are left")
+
+    def _settled(self, robot: str) -> bool:
+        """Whether a robot stays where it is and is known to be there: before maps are merged it may be metres off."""
+        covariance = self._client.pose(robot).covariance
+        known = (
+            covariance is not None and float(np.linalg.eigvalsh(covariance[:2, :2])[-1]) <= self.guiding.arrived_m**2
+        )
+        return known and self.done[robot].is_set()
 
     def _pose(self) -> tuple[FloatArray, float]:
         """Place in site and heading of the rover, as the DPM holds them now."""
