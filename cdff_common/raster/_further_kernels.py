@@ -126,11 +126,12 @@ def relief(count: Float, mean: Float, out: Float) -> int:  # pragma: no cover - 
 
 @njit(cache=True, nogil=True)
 def fill_further(
-    count: Float, m2: Float, pose_m2: Float, bright: Float, lit: Float, first: Int, over: Float, squares: Float,
-    typical: float, t1: int, out: Single,
+    count: Float, mean: Float, m2: Float, pose_m2: Float, bright: Float, lit: Float, first: Int, over: Float,
+    squares: Float, typical: float, t1: int, out: Single,
 ) -> None:  # pragma: no cover - compiled  # fmt: skip
     """Fill ``(5, cells)`` layers pose_variance, error_variance, first_age_s, intensity, overhang_m from flat sums.
 
+    What patches that contradict one another leave of an overhang below the ground is none.
     ``squares`` are those of ``relief``, ``typical`` stands for them in cells without neighbours.
     """
     for i in range(len(count)):
@@ -147,5 +148,5 @@ def fill_further(
                 out[2, i] = (t1 - first[i]) * 1e-9
         if lit[i] > 0.0:
             out[3, i] = bright[i] / lit[i]
-        if math.isfinite(over[i]):
+        if math.isfinite(over[i]) and not over[i] <= mean[i]:
             out[4, i] = over[i]

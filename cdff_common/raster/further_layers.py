@@ -142,9 +142,9 @@ class FurtherLayers:
         typical = float(np.median(known)) if known.size else 0.0
         stack = np.empty((5, *self.geometry.shape), dtype=np.float32)
         fill_further(
-            statistics.count.reshape(-1), statistics.m2.reshape(-1), self.pose_m2.reshape(-1),
-            self.brightness.reshape(-1), self.lit.reshape(-1), self.first_ns.reshape(-1), self.overhang.reshape(-1),
-            squares.reshape(-1), typical, t1_ns, stack.reshape(5, -1),
+            statistics.count.reshape(-1), statistics.mean.reshape(-1), statistics.m2.reshape(-1),
+            self.pose_m2.reshape(-1), self.brightness.reshape(-1), self.lit.reshape(-1), self.first_ns.reshape(-1),
+            self.overhang.reshape(-1), squares.reshape(-1), typical, t1_ns, stack.reshape(5, -1),
         )  # fmt: skip
         layers = dict(zip(("pose_variance", "error_variance", "first_age_s"), stack[:3], strict=True))
         if np.any(self.lit > 0):

@@ -28,7 +28,7 @@ def moved_poses(offsets: Float) -> Float:
 
 def unheld(rows: Float) -> Float:
     """Motions ``(k, 7)``, orthonormal, for which rows ``(n, 7)`` of a size of about 1 are 0."""
-    _, values, V = np.linalg.svd(np.concatenate([np.zeros((7, 7)), rows]))
+    _, values, V = np.linalg.svd(np.concatenate([np.zeros((7, 7)), rows]), full_matrices=False)  # V is (7, 7)
     return np.asarray(V[values <= ROUNDING * max(1.0, values[0])])
 
 

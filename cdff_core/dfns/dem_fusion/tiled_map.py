@@ -136,7 +136,7 @@ class TiledMap(DemFusionInterface):
             return window_around(like.frame, like.resolution_m, self._centre, self.config.size_m)
         x0, y0, x1, y1 = bounds_of(bounds) if np.all(np.isfinite(bounds)) else self._extent_m()
         cell_m = like.resolution_m
-        while ((x1 - x0) / cell_m + 1.0) * ((y1 - y0) / cell_m + 1.0) > self.config.max_cells:
+        while ((x1 - x0) / cell_m + 2.0) * ((y1 - y0) / cell_m + 2.0) > self.config.max_cells:
             cell_m *= 2.0
         return GridGeometry.aligned(like.frame, cell_m, (x0, y0, x1, y1))
 

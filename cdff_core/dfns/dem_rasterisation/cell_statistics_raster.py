@@ -41,7 +41,8 @@ class CellStatisticsRaster(DemRasterisationInterface):
     variances, if given. It is the variance of the mixture they make, and pools exactly.
 
     With ``overhang_gap_m`` the heights of a cell above the lowest gap of that size are left out, and the lowest of them
-    is in the layer ``overhang_m``. A cell of which only the overhang was seen takes it for ground.
+    is in the layer ``overhang_m``, where there are two of them at least. A cell of which only the overhang was seen
+    takes it for ground.
     """
 
     Config: ClassVar[type[DfnConfig]] = CellStatisticsRasterConfig
@@ -79,7 +80,9 @@ class CellStatisticsRaster(DemRasterisationInterface):
             further = FurtherLayers.empty(grid)
             if self.config.overhang_gap_m is not None:
                 hanging = overhanging(cell, points[:, 2], self.config.overhang_gap_m)
-                np.minimum.at(further.overhang.reshape(-1), cell[hanging], points[hanging, 2])
+                # One point alone is noise: neither ground nor overhang.
+                real = hanging & (np.bincount(cell[hanging], minlength=grid.rows * grid.cols) > 1)[cell]
+                np.minimum.at(further.overhang.reshape(-1), cell[real], points[real, 2])
                 ground, cell = np.where(hanging[:, None], np.nan, points), np.where(hanging, -1, cell)
         statistics = CellStatistics.from_points(
             grid, ground, stamps_ns=stamps, height_variance_m2=_sum(inputs.height_variance, inputs.noise_variance)

@@ -19,7 +19,7 @@ Float = NDArray[np.float64]
 _AHEAD_NS, _KEPT_NS = 500_000_000, 60_000_000_000
 #: Of a step that odometry measured: what slip explains. No wheels are faster than this: they count from a new origin.
 _SLIP_SHARE, _MAX_SPEED_M_S, _SHORTEST_S = 0.2, 5.0, 0.1
-#: Without odometry a step is expected to be as the one before: what steering and braking explain of it, and starting.
+#: Without odometry a step is expected to be as the one before: what steering and braking explain, starting in 1 s.
 _STEERED_SHARE, _STARTED_M = 0.7, 1.0
 
 
@@ -83,7 +83,8 @@ class Jumps:
         expected_m = _length(expected[:3, 3])
         off_m = _length(T_end[:3, 3] - T_expected[:3, 3])
         if measured is None:
-            gone = off_m > _STARTED_M + _STEERED_SHARE * expected_m
+            started_m = _STARTED_M * max(1.0, (end_ns - begin_ns) * 1e-9)
+            gone = off_m > started_m + _STEERED_SHARE * expected_m
             return Step(expected_m, True) if gone else Step(way_m)
         turn_rad = _yaw(T_end[:3, :3] @ T_expected[:3, :3].T)
         allowed_rad = self._floor_rad + _SLIP_SHARE * abs(_yaw(expected[:3, :3]))

@@ -27,6 +27,8 @@ Float = NDArray[np.float64]
 #: Order of a pose's covariance that leaves x, y, z and yaw.
 _LEVEL = np.array([0, 1, 2, 5])
 _REACH_SIGMAS = 3.0
+#: Poses that begin so far before the newest are of another run.
+_CLOCK_BACK_NS = 10_000_000_000
 #: Candidates closer than so many orbital cells are one place.
 _APART_CELLS = 3.0
 
@@ -106,13 +108,15 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
     def on_orbital(self, sample: Sample) -> Iterable[Output]:
         """Keep the orbital model; matches with another one do not count. A segment that waited for it is matched."""
         self._orbital = sample
-        self._hypotheses = ()
+        self._hypotheses, self._answered = (), None
         return self._matched()
 
     def on_poses(self, sample: Sample) -> Iterable[Output]:
         """Keep the pose and add to the way driven; where its frame jumped, what is known follows."""
         if sample.value is None:
             return ()
+        if self._pose is not None and sample.stamp_ns < self._pose.stamp_ns - _CLOCK_BACK_NS:
+            self.forget()  # nothing of the other run holds
         step = self._jumps.step(sample.stamp_ns, sample.value.transform.matrix)
         self._way_m += step.way_m
         self._pose = sample

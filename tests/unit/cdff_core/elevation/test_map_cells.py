@@ -57,6 +57,12 @@ def test_what_hangs_over_a_cell_is_not_ground() -> None:
     np.testing.assert_array_equal(made.layer("overhang_m"), [[2.0, np.nan]])
 
 
+def test_one_point_alone_above_the_ground_is_noise_neither_ground_nor_overhang() -> None:
+    made = raster(np.array([[0.1, 0.1, 0.0], [0.2, 0.2, 0.1], [0.2, 0.1, 1.4]]), overhang_gap_m=1.0)
+    np.testing.assert_allclose(made.layer("max"), [[0.1]], atol=1e-6)
+    assert "overhang_m" not in made.layer_names
+
+
 def test_tiles_hold_what_a_moving_window_forgets_and_give_the_same_window(rng: np.random.Generator) -> None:
     window, tiles = RollingWindow(), TiledMap()
     for node in (window, tiles):
