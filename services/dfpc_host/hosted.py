@@ -87,7 +87,7 @@ class HostedDfpc:
                 raise
             try:
                 self._keeper.give_back(dfpc)
-            except CdffError as error:
+            except (CdffError, OSError) as error:
                 self.last_error = str(error)
                 logger.warning("%s begins anew: %s", self.entry.name, error)
             self._dfpc, self._runner = dfpc, Runner(dfpc)

@@ -58,13 +58,15 @@ class Keeper:
         ------
         CodecError
             If the file is damaged; it is put aside as ``….broken`` and the DFPC begins anew.
+        OSError
+            If the file cannot be read or put aside; the DFPC begins anew.
         """
         if self._path.is_file():
             try:
                 dfpc.resume(self._read())
             except CdffError:
-                self._path.replace(self._path.with_suffix(".broken"))
                 dfpc.reset()
+                self._path.replace(self._path.with_suffix(".broken"))
                 raise
             self._saved_s = monotonic_s()
         self._revision = dfpc.state_revision
@@ -75,23 +77,37 @@ class Keeper:
             self.keep(dfpc)
 
     def keep(self, dfpc: Dfpc, *, now: bool = False) -> None:
-        """Save the state where it has changed and was not saved within the period, or ``now``."""
+        """Save the state where it has changed and was not saved within the period, or ``now``.
+
+        A disk that is full or cannot be written is logged, and tried again a period later: the DFPC goes on.
+        """
         if dfpc.state_revision == self._revision:
             return
         if not now and self._saved_s is not None and monotonic_s() - self._saved_s < self._wait_s:
             return
-        state = dfpc.state()
-        if state is None:
-            self._path.unlink(missing_ok=True)
+        try:
+            saved = self._save(dfpc.state())
+        except OSError as error:
+            logger.warning("%s is not kept: %s", self._path, error)
+            self._saved_s, self._wait_s = monotonic_s(), self._period_s
+            return
+        if not saved:
             self._saved_s, self._wait_s = None, min(FIRST_S, self._period_s)
         else:
-            payload = encode(state, "uper")
-            head = f"{encoding_string(wire_type(state), 'uper')}\n{hashlib.sha256(payload).hexdigest()}\n"
-            self._write(head.encode() + payload)
             if self._saved_s is not None:
                 self._wait_s = min(2.0 * self._wait_s, self._period_s)
             self._saved_s = monotonic_s()
         self._revision = dfpc.state_revision
+
+    def _save(self, state: object | None) -> bool:
+        """Write a state, or remove the file where there is none; whether there is one."""
+        if state is None:
+            self._path.unlink(missing_ok=True)
+            return False
+        payload = encode(state, "uper")
+        head = f"{encoding_string(wire_type(state), 'uper')}\n{hashlib.sha256(payload).hexdigest()}\n"
+        self._write(head.encode() + payload)
+        return True
 
     def _read(self) -> object:
         head, _, rest = self._path.read_bytes().partition(b"\n")
@@ -146,5 +162,8 @@ class Activity:
         return {str(port): str(source) for port, source in wired.items()} if isinstance(wired, dict) else None
 
     def end(self) -> None:
-        """Say that it is active no more."""
-        self._path.unlink(missing_ok=True)
+        """Say that it is active no more; where the file cannot be removed it is logged: deactivation goes on."""
+        try:
+            self._path.unlink(missing_ok=True)
+        except OSError as error:
+            logger.warning("%s is not removed: %s", self._path, error)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import threading
 
@@ -14,6 +15,10 @@ from services.dfpc_host.spool import Parcel, Spool, Waiting, opened
 logger = logging.getLogger(__name__)
 
 _RETRY_S = 0.5
+#: How often the DPM may break on a parcel before the others go first.
+_FAILURES = 20
+#: What this process is short of for the moment: a file cannot be opened, but nothing is wrong with it.
+_SHORT = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)
 _PUT_TIMEOUT_S = 5.0
 #: Slowest link on which a product still arrives: what a large one is given time for.
 _SLOWEST_BYTES_S = 25_000
@@ -23,8 +28,9 @@ class Outbox:
     """Hands parcels to the DPM in order from a thread of its own.
 
     While the DPM is away, out of contact, its disk full or itself broken, parcels wait in the ``spool``, which the next
-    process takes up where this one ends. What the DPM refuses (same id, other content; malformed) is counted in
-    ``refused`` and logged: a retry would not help.
+    process takes up where this one ends; one on which the DPM breaks again and again goes behind the others. What the
+    DPM refuses (same id, other content; malformed) and files that cannot be read are counted in ``refused`` and logged:
+    a retry would not help.
     """
 
     def __init__(self, bus: Bus, spool: Spool) -> None:
@@ -79,6 +85,8 @@ class Outbox:
                     self._ready.notify_all()
             else:
                 with self._ready:
+                    if waiting.failures >= _FAILURES:
+                        self._spool.postpone(waiting)
                     self._ready.wait_for(lambda: self._closed, timeout=_RETRY_S)
 
     def _deliver(self, waiting: Waiting) -> bool:
@@ -87,9 +95,9 @@ class Outbox:
             parcel = opened(waiting)
         except FileNotFoundError:  # dropped meanwhile for want of room
             return True
-        except OSError as error:
-            return self._wait("a product", error)
-        except CodecError as error:  # half written as power was lost
+        except (OSError, CodecError) as error:  # CodecError: half written as power was lost
+            if isinstance(error, OSError) and error.errno in _SHORT:
+                return self._wait("a product", error)
             return self._refuse(f"{error}; it is let go")
         what = f"{parcel.dfpc}/{parcel.port}"
         parameters = {"robot": parcel.robot, "dfpc": parcel.dfpc, "port": parcel.port, "product": parcel.product}
@@ -103,8 +111,10 @@ class Outbox:
                 timeout_s=_PUT_TIMEOUT_S + len(parcel.payload) / _SLOWEST_BYTES_S,
             )
         except CdffError as error:
-            # INTERNAL without a class of ours is a bug in the DPM: another process of it may do better.
-            if isinstance(error, UnavailableError) or error.retriable or type(error) is CdffError:
+            if isinstance(error, UnavailableError) or error.retriable:
+                return self._wait(what, error)
+            if type(error) is CdffError:  # a bug in the DPM: another process of it may do better
+                waiting.failures += 1
                 return self._wait(what, error)
             return self._refuse(f"the DPM refused {what}: {error}")
         return True

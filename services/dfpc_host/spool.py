@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from zlib import crc32
 
 from cdff_common.bus.message import pack, unpack
 from cdff_common.clock import wall_ns
@@ -23,7 +24,11 @@ logger = logging.getLogger(__name__)
 #: How much may wait without ``CDFF_OUTBOX_MB``.
 DEFAULT_MB = 256
 _SUFFIX = ".parcel"
-_LENGTH = struct.Struct("<I")
+_PART = ".part"
+#: Length of the head; CRC-32 of the head and the payload.
+_BEGIN = struct.Struct("<II")
+#: What a parcel counts at least: a block of the disk, more than it takes of memory beside its payload.
+_LEAST_BYTES = 4096
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +51,8 @@ class Waiting:
     size: int
     path: Path
     parcel: Parcel | None = None
+    #: How often the DPM broke on it.
+    failures: int = 0
 
 
 def capacity_bytes() -> int:
@@ -68,7 +75,7 @@ class Spool:
     owners : iterable of (robot, DFPC)
         Whose parcels are taken up from before.
     capacity : int
-        Bytes; beyond it the oldest parcels are dropped and counted.
+        Bytes, at least 4096 for each parcel; beyond it the oldest are dropped and counted.
 
     Attributes
     ----------
@@ -83,11 +90,14 @@ class Spool:
         self._folder, self._capacity = folder, capacity
         self._in_memory = False  # said once until files can be written again
         self._waiting: deque[Waiting] = deque()
-        found = [path for owner in owners for path in self._of(*owner).glob(f"*{_SUFFIX}")]
+        found = [path for owner in owners for path in self._of(*owner).glob("*") if path.stem.isdecimal()]
         self._last = 0
         for path in sorted(found, key=lambda p: p.name):
-            self._last = int(path.stem)
-            self._append(Waiting(path.stat().st_size, path))
+            if path.suffix == _PART:  # of a process that was killed as it wrote
+                _remove(path)
+            elif path.suffix == _SUFFIX:
+                self._last = int(path.stem)
+                self._append(path.stat().st_size, path)
 
     def __len__(self) -> int:
         return len(self._waiting)
@@ -97,7 +107,7 @@ class Spool:
         self._last = max(self._last + 1, wall_ns())  # names in the order of arrival, over restarts too
         path = self._of(parcel.robot, parcel.dfpc) / f"{self._last:020d}{_SUFFIX}"
         data = packed(parcel)
-        part = path.with_suffix(".part")
+        part = path.with_suffix(_PART)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             part.write_bytes(data)
@@ -108,10 +118,10 @@ class Spool:
             self._in_memory = True
             with suppress(OSError):
                 part.unlink()
-            self._append(Waiting(len(data), path, parcel))
+            self._append(len(data), path, parcel)
         else:
             self._in_memory = False
-            self._append(Waiting(len(data), path))
+            self._append(len(data), path)
 
     def first(self) -> Waiting:
         """The parcel that waits longest; raises IndexError where none does."""
@@ -122,7 +132,13 @@ class Spool:
         if self._waiting and self._waiting[0] is waiting:
             self._go()
 
-    def _append(self, waiting: Waiting) -> None:
+    def postpone(self, waiting: Waiting) -> None:
+        """Put a parcel behind the others, unless it was dropped meanwhile."""
+        if self._waiting and self._waiting[0] is waiting:
+            self._waiting.rotate(-1)
+
+    def _append(self, size: int, path: Path, parcel: Parcel | None = None) -> None:
+        waiting = Waiting(max(size, _LEAST_BYTES), path, parcel)
         self._waiting.append(waiting)
         self.bytes += waiting.size
         while self.bytes > self._capacity and len(self._waiting) > 1:
@@ -135,16 +151,24 @@ class Spool:
         waiting = self._waiting.popleft()
         self.bytes -= waiting.size
         if waiting.parcel is None:
-            waiting.path.unlink(missing_ok=True)
+            _remove(waiting.path)
 
     def _of(self, robot: str, dfpc: str) -> Path:
         return self._folder / robot / f"{dfpc}.outbox"
 
 
+def _remove(path: Path) -> None:
+    """Remove a file; one that stays is handed over again by the next process, which the DPM takes for the same."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        logger.warning("%s stays: %s", path, error)
+
+
 def packed(parcel: Parcel) -> bytes:
-    """A parcel as a file: length of the head, the head as MessagePack, the payload."""
+    """A parcel as a file: length of the head, CRC-32 of what follows, the head as MessagePack, the payload."""
     head = pack({name: value for name, value in asdict(parcel).items() if name != "payload"})
-    return _LENGTH.pack(len(head)) + head + parcel.payload
+    return _BEGIN.pack(len(head), crc32(parcel.payload, crc32(head))) + head + parcel.payload
 
 
 def opened(waiting: Waiting) -> Parcel:
@@ -153,8 +177,11 @@ def opened(waiting: Waiting) -> Parcel:
         return waiting.parcel
     data = waiting.path.read_bytes()
     try:
-        begin = _LENGTH.size + _LENGTH.unpack_from(data)[0]
-        return Parcel(**unpack(data[_LENGTH.size : begin]), payload=data[begin:])
+        length, checksum = _BEGIN.unpack_from(data)
+        if crc32(memoryview(data)[_BEGIN.size :]) != checksum:
+            raise CodecError("its CRC-32 is not the one written with it")
+        begin = _BEGIN.size + length
+        return Parcel(**unpack(data[_BEGIN.size : begin]), payload=data[begin:])
     except (TypeError, struct.error, CodecError) as error:
         raise CodecError(f"{waiting.path}: expected a parcel: {error}") from error
 

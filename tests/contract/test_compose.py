@@ -62,6 +62,12 @@ def test_products_outlive_their_container() -> None:
     assert "cdff-data" in COMPOSE["volumes"]
 
 
+@pytest.mark.parametrize("name", HOSTS)
+def test_what_waits_for_the_dpm_and_states_outlive_the_container_of_a_host(name: str) -> None:
+    assert HOSTS[name]["volumes"] == ["cdff-dfpc:/var/lib/cdff"]
+    assert "cdff-dfpc" in COMPOSE["volumes"]
+
+
 def test_every_target_is_a_stage_and_only_the_algorithms_carry_open3d() -> None:
     parents = {words[3]: words[1] for line in DOCKERFILE.splitlines() if (words := line.split()) and words[0] == "FROM"}
     for name, service in SERVICES.items():

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 from __future__ import annotations
 
+import errno
 import itertools
 from pathlib import Path
 from typing import Any
@@ -130,6 +131,36 @@ def test_a_state_that_was_forgotten_is_forgotten_on_disk(path: Path) -> None:
     assert not path.exists()
 
 
+def full(*_: Any, **__: Any) -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+@pytest.mark.parametrize("forgotten", [False, True])
+def test_a_disk_that_cannot_be_written_is_said_and_tried_again(
+    path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, forgotten: bool
+) -> None:
+    node = kept(path)
+    keeper = Keeper(path, period_s=0.0)
+    keeper.give_back(node)
+    node.step(None if forgotten else Time.from_ns(6_000))
+    before = path.read_bytes()
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "unlink" if forgotten else "open", full)
+        keeper.keep(node, now=True)
+    assert "No space left on device" in caplog.text
+    assert path.read_bytes() == before
+    keeper.keep(node)
+    assert not path.exists() if forgotten else path.read_bytes() != before
+
+
+def test_activity_that_cannot_be_removed_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(Path, "unlink", full)
+    Activity(tmp_path / "slam.active").end()
+    assert "is not removed" in caplog.text
+
+
 @pytest.mark.parametrize(
     "damage", [lambda d: d[:-1], lambda d: d[:-1] + b"\xff", lambda d: b"", lambda d: b"\x00" * 99]
 )
@@ -142,6 +173,23 @@ def test_a_damaged_file_is_put_aside_and_said(path: Path, damage: Any) -> None:
     assert node.now is None
     assert not path.exists()
     assert path.with_suffix(".broken").exists()
+
+
+def test_a_damaged_file_that_cannot_be_put_aside_is_not_resumed_in_part(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept(path)
+    monkeypatch.setattr(Path, "replace", full)
+
+    class Half(Remembering):
+        def resume(self, state: Any) -> None:
+            self.now = state
+            raise InputError("the rest is missing")
+
+    node = Half()
+    with pytest.raises(OSError, match="No space left"):
+        Keeper(path).give_back(node)
+    assert node.now is None
 
 
 def test_a_state_that_the_dfpc_does_not_take_is_put_aside(path: Path) -> None:
