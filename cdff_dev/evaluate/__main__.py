@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``python -m cdff_dev.evaluate [NAME ...]``: run evaluations and write their figures; ``make evaluate`` runs all."""
+"""``python -m cdff_dev.evaluate [NAME[:PART] ...]``: run evaluations and write figures; ``make evaluate`` runs all."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def evaluations() -> dict[str, ModuleType]:
 def main(argv: list[str] | None = None) -> int:
     """Run them all, or those named."""
     parser = argparse.ArgumentParser(prog="evaluate", description=__doc__)
-    parser.add_argument("names", nargs="*", help="evaluations (default: all)")
+    parser.add_argument("names", nargs="*", help="evaluations, or one part of one that has parts (default: all)")
     parser.add_argument("--draw-only", action="store_true", help="draw the figures of the JSON that is there again")
     parser.add_argument("--data", type=Path, help="folder of the real data sets; CDFF_DATA, ../shared/data")
     args = parser.parse_args(argv)
@@ -44,21 +44,30 @@ def main(argv: list[str] | None = None) -> int:
     if not data.is_dir():
         raise InputError(f"real data {data}: not a folder; name it with --data or CDFF_DATA")
     known = evaluations()
-    unknown = [n for n in args.names if n not in known]
-    if unknown:
-        raise InputError(f"no evaluation {unknown[0]!r}; known are {', '.join(known)}")
+    for name, part in map(_split, args.names):
+        if name not in known:
+            raise InputError(f"no evaluation {name!r}; known are {', '.join(known)}")
+        parts = getattr(known[name], "PARTS", ())
+        if part and part not in parts:
+            raise InputError(f"evaluation {name}: no part {part!r}; expected {', '.join(parts) or 'none'}")
     if args.draw_only:
-        for name in args.names or known:
+        for name, _ in map(_split, args.names or known):
             path = ROOT / "docs" / "evaluation" / f"{name}.json"
             if path.is_file():
                 _draw(known[name], name, json.loads(path.read_text(encoding="utf-8"))["figures"])
         return 0
-    for name in args.names or known:
-        figures = known[name].evaluate(data, _say)
-        path = write(ROOT, name, figures)
+    for name, part in map(_split, args.names or known):
+        figures = known[name].evaluate(data, _say, **({"parts": (part,)} if part else {}))
+        path = write(ROOT, name, figures, part)
         sys.stdout.write(f"{name}: {json.dumps(figures)}\nwrote {path.relative_to(ROOT)}\n")
-        _draw(known[name], name, figures)
+        _draw(known[name], name, json.loads(path.read_text(encoding="utf-8"))["figures"])
     return 0
+
+
+def _split(name: str) -> tuple[str, str]:
+    """Evaluation and part of ``name:part``."""
+    evaluation, _, part = name.partition(":")
+    return evaluation, part
 
 
 def _draw(module: ModuleType, name: str, figures: dict[str, Any]) -> None:

@@ -31,12 +31,16 @@ def provenance(root: Path) -> dict[str, Any]:
     }
 
 
-def write(root: Path, name: str, figures: dict[str, Any]) -> Path:
-    """Write ``docs/evaluation/{name}.json`` and return its path."""
+def write(root: Path, name: str, figures: dict[str, Any], part: str = "") -> Path:
+    """Write ``docs/evaluation/{name}.json`` and return its path; of a part, only its own figures and provenance."""
     path = root / "docs" / "evaluation" / f"{name}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    text = json.dumps({"evaluation": name, "provenance": provenance(root), "figures": figures}, indent=1)
-    path.write_text(text + "\n", encoding="utf-8")
+    made = {"evaluation": name, "provenance": provenance(root), "figures": figures}
+    if part:
+        of_part, made = made, json.loads(path.read_text(encoding="utf-8"))
+        made["figures"] |= figures
+        made["provenance"].setdefault("parts", {})[part] = of_part["provenance"]
+    path.write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
     return path
 
 

@@ -37,3 +37,16 @@ def test_missing_data_and_unknown_names_are_errors_of_one_line(
     assert "name it with --data or CDFF_DATA" in capsys.readouterr().err
     assert run_safely(lambda: command.main(["nonsense", "--data", str(tmp_path)])) == 1
     assert "known are" in capsys.readouterr().err
+
+
+def test_a_part_run_again_leaves_the_other_figures_and_says_where_it_comes_from(tmp_path: Path) -> None:
+    record.write(tmp_path, "two", {"first": 1, "second": 2})
+    written = json.loads(record.write(tmp_path, "two", {"second": 3}, "second").read_text())
+    assert written["figures"] == {"first": 1, "second": 3}
+    assert written["provenance"]["parts"].keys() == {"second"}
+    assert "parts" not in written["provenance"]["parts"]["second"]
+
+
+def test_a_part_that_an_evaluation_has_not_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_safely(lambda: command.main(["missions:nonsense", "--data", str(tmp_path)])) == 1
+    assert "no part 'nonsense'; expected long_traverse_localisation" in capsys.readouterr().err
