@@ -58,6 +58,13 @@ def test_further_layers_pool_as_all_measurements_at_once_would(order: tuple[int,
         np.testing.assert_allclose(made[name], value, rtol=1e-5, err_msg=name)
 
 
+def test_an_overhang_below_the_ground_that_contradicting_maps_leave_is_none() -> None:
+    high = cells(5.0, 10, pose=0.01, first_age_s=0.0)
+    made = pooled((5, FIRST), (9, high), disagreement=Disagreement("keep"))
+    np.testing.assert_allclose(made["mean"], 2.5)
+    assert "overhang_m" not in made
+
+
 def test_maps_of_the_six_layers_make_a_window_of_the_six() -> None:
     assert tuple(pooled((1, cells(0.0, 10)), (2, cells(0.0, 5)))) == ELEVATION_LAYERS
 

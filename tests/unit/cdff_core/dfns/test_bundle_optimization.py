@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from cdff_common.types.columns import pack_poses
 from cdff_core.dfns.bundle_optimization import _poses_first, _solve
 from cdff_core.dfns.bundle_optimization._interface import BundleOptimizationInputs, BundleOptimizationOutputs
 from cdff_core.dfns.bundle_optimization._kernels import CAUCHY, HUBER, NO_LOSS
+from cdff_core.dfns.bundle_optimization._motions import unheld
 from cdff_core.dfns.bundle_optimization._system import System
 from cdff_core.dfns.bundle_optimization.schur_lm import SchurLm
 from cdff_dev.evaluate._bundles import by_gtsam, cost, ring
@@ -378,3 +380,17 @@ def test_fewer_residuals_than_unknowns_and_bad_numbers_are_said() -> None:
         solved(bad)
     with pytest.raises(InputError, match="dropped"):
         solved(few, dropped=[99])
+
+
+def test_what_holds_a_problem_is_found_without_a_matrix_square_in_the_points(rng: np.random.Generator) -> None:
+    rows = np.zeros((6000, 7))
+    rows[:, :3] = rng.normal(size=(6000, 3))
+    tracemalloc.start()
+    try:
+        free = unheld(rows)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert free.shape == (4, 7)
+    assert np.abs(free[:, :3]).max() < 1e-9
+    assert peak < 10 * rows.nbytes

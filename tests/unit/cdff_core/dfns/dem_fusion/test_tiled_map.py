@@ -63,6 +63,15 @@ def test_a_map_of_all_that_was_seen_has_cells_as_large_as_the_bound_asks_and_los
     assert (near.geometry.resolution_m, near.geometry.shape) == (0.1, (40, 40))
 
 
+def test_no_bounds_lead_to_more_cells_than_the_bound(rng: np.random.Generator) -> None:
+    node = TiledMap()
+    node.configure({"max_cells": 1 << 14})
+    node.process(DemFusionInputs(patch=patch(0.0)))
+    for low, size in zip(rng.uniform(-3.0, 3.0, (400, 2)), rng.uniform(9.0, 17.0, (400, 2)), strict=True):
+        g = node.process(DemFusionInputs(bounds=np.r_[low, low + size])).map.geometry
+        assert g.rows * g.cols <= 1 << 14
+
+
 def test_a_patch_in_another_frame_starts_anew_and_nothing_is_refused() -> None:
     node = TiledMap()
     node.configure()

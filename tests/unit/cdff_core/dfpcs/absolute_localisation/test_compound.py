@@ -123,6 +123,15 @@ def test_without_poses_the_extent_of_the_map_says_when_and_the_answer_is_the_map
     assert np.hypot(*(at - drive.true[3][:2, 3])) < 1.2
 
 
+def pose_sample(port: str, T: np.ndarray, i: int) -> Sample:
+    stamp_ns = (i + 1) * 10_000_000_000
+    pose = TransformWithCovariance.from_transform(
+        UncertainTransform(T, np.diag([133.0, 133.0, 1.0, 1e-5, 1e-5, 7e-4])),
+        parent="site", child="mana/base", stamp_ns=stamp_ns,
+    )  # fmt: skip
+    return Sample(port, stamp_ns, i, pose)
+
+
 def moved_by(
     node: AbsoluteLocalisation,
     ground: Ground,
@@ -136,11 +145,7 @@ def moved_by(
     for i, (true, own) in enumerate(zip(drive.true, drive.believed, strict=True)):
         stamp_ns, believed = (i + 1) * 10_000_000_000, moved @ own
         for port, T in (("odometry", own), ("poses", believed))[0 if odometry else 1 :]:
-            pose = TransformWithCovariance.from_transform(
-                UncertainTransform(T, np.diag([133.0, 133.0, 1.0, 1e-5, 1e-5, 7e-4])),
-                parent="site", child="mana/base", stamp_ns=stamp_ns,
-            )  # fmt: skip
-            assert list(node.step(Sample(port, stamp_ns, i, pose))) == []
+            assert list(node.step(pose_sample(port, T, i))) == []
         for output in node.step(Sample("dem", stamp_ns, i, patch(ground, true, believed, stamp_ns, rng))):
             yield output
             if output.value is not None:
@@ -173,6 +178,31 @@ def test_a_frame_that_jumps_takes_the_hypotheses_along_where_odometry_tells(
     now = node.call("get_correction", {}).transform.matrix
     assert np.hypot(*(now @ jump - correction)[:2, 3]) < 3.0  # what was drifted since
     assert last.quality.metrics["way_m"] < 75.1
+
+
+JUMP = se3.transform(np.eye(3), np.array([3.0, -2.0, 1.0]))
+
+
+def test_a_mission_clock_that_goes_back_begins_anew(ground: Ground, orbital: ElevationMap, drive: Drive) -> None:
+    node = localisation()
+    assert list(node.step(Sample("orbital", 0, 0, orbital))) == []
+    first, again = (list(moved_by(node, ground, drive, lambda o, own: JUMP, odometry=True)) for _ in range(2))
+    assert [o.t1_ns for o in again] == [o.t1_ns for o in first]
+    assert [o.quality.metrics["matches"] for o in again] == [1.0, 2.0]
+
+
+def test_what_was_answered_on_another_orbital_model_is_not_carried_onto_the_new_one(
+    ground: Ground, orbital: ElevationMap, drive: Drive
+) -> None:
+    node = localisation()
+    assert list(node.step(Sample("orbital", 0, 0, orbital))) == []
+    answer = next(moved_by(node, ground, drive, lambda o, own: JUMP, odometry=True))
+    assert list(node.step(Sample("orbital", answer.t1_ns, 1, orbital))) == []
+    i = answer.t1_ns // 10_000_000_000
+    for port, T in (("odometry", drive.believed[i]), ("poses", JUMP @ drive.believed[i])):
+        assert list(node.step(pose_sample(port, T, i))) == []
+    with pytest.raises(ProductNotFoundError, match="since the frame of poses jumped"):
+        node.call("get_correction", {})
 
 
 def test_patches_in_another_frame_than_the_poses_are_refused(
