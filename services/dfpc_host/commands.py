@@ -56,7 +56,7 @@ def register_call(nouns: Any) -> None:
     parser.add_argument("robot", help="robot id")
     parser.add_argument("dfpc", help="folder, class name or alias, as position_manager")
     parser.add_argument("operation", nargs="?", help="as get_transform; without it they are listed")
-    parser.add_argument("parameters", nargs="*", metavar="KEY=VALUE", help="parameters of the operation")
+    parser.add_argument("parameters", nargs="*", default=[], metavar="KEY=VALUE", help="parameters of the operation")
     parser.add_argument("--out", type=Path, help="file for a value that is a product; its ending says the format")
     parser.add_argument("--timeout-s", type=float, default=10.0, help="how long to wait (default 10)")
     parser.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
