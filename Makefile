@@ -6,31 +6,40 @@ SHELL := /bin/bash
 PY := .venv/bin/python
 ARGS ?=
 export PYTHON
+# Imports are kept as bytecode in .venv and __pycache__: every process of the system starts in half the time.
+unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo test ci lint format generate evaluate bench lock clean
+.PHONY: help setup shell demo test ci lint format generate docs site peers evaluate bench warm lock wheel clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
 
-setup:  ## create .venv and install
+setup:  ## create .venv, install, compile what the demonstration uses
 	@scripts/setup
+
+warm: setup  ## compile all kernels now instead of at their first use
+	@$(PY) -m services.warm --algorithms
+
+shell: setup  ## a shell in which the commands of the documentation work
+	@bash --rcfile <(cat ~/.bashrc 2>/dev/null; echo '. .venv/bin/activate') -i
 
 demo: setup  ## the whole system with its demonstration mission, at http://127.0.0.1:8080 until Ctrl-C
 	@exec .venv/bin/cdff demo $(ARGS)
 
-test: setup  ## the tests, at most 10 minutes
+test: setup  ## the tests, at most 8 minutes
 	@$(PY) scripts/run_tests.py $(ARGS)
 
-ci: setup lint  ## lint, then all tests with the slow ones, at most 25 minutes
+ci: setup peers lint warm site  ## lint, then all tests with the slow ones, at most 25 minutes
 	@$(PY) scripts/run_tests.py --slow $(ARGS)
 	@.venv/bin/cdff check --verified
 
-lint: setup  ## ruff, mypy, import contracts, descriptions, generated files
+lint: setup  ## ruff, mypy, import contracts, language, descriptions, generated files
 	@.venv/bin/ruff check .
 	@.venv/bin/ruff format --check .
 	@.venv/bin/mypy
 	@.venv/bin/lint-imports
+	@$(PY) scripts/prose.py
 	@.venv/bin/cdff generate --check
 	@.venv/bin/cdff check
 
@@ -41,15 +50,28 @@ format: setup  ## let ruff mend what it can
 generate: setup  ## write what is made from descriptions
 	@.venv/bin/cdff generate
 
-evaluate: setup  ## every accuracy figure again, into docs/evaluation/*.json (long)
-	@$(PY) -m cdff_dev.evaluate $(ARGS)
+docs: setup  ## the documentation at http://127.0.0.1:8000
+	@NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs serve --quiet
 
-bench: setup  ## every benchmark, into build/benchmarks/*.json
+site: setup  ## build the documentation into build/site; fails on a broken link
+	@NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --strict --quiet
+
+peers:  ## install the foreign programs that some slow tests use
+	@scripts/peers
+
+evaluate:  ## every accuracy figure again, into docs/evaluation/*.json (long)
+	@scripts/setup evaluate
+	@$(PY) -m evaluation $(ARGS)
+
+bench:  ## every benchmark, into build/benchmarks/*.json
+	@scripts/setup evaluate
 	@$(PY) benchmarks/run.py $(ARGS)
 
 lock:  ## resolve the lock files again (needs uv)
-	uv pip compile --quiet --python-version 3.11 --all-extras pyproject.toml -o requirements/py311.txt
-	uv pip compile --quiet --python-version 3.12 --all-extras pyproject.toml -o requirements/py312.txt
+	@scripts/lock
+
+wheel: setup  ## build wheel and sdist into dist/
+	@.venv/bin/python -m hatchling build
 
 clean:  ## remove everything that is made, .venv too
 	rm -rf .venv build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache *.egg-info

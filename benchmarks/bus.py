@@ -1,13 +1,14 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Our bus beside raw Zenoh: publish to callback and request to reply, in one run, through one router.
+"""Compare the bus of CDFF with raw Zenoh: publications and requests through one router.
 
     python benchmarks/bus.py [--out FILE] [--scale X]
 
-For each payload size, with shared memory on and off, rounds of ours and raw alternate in the same two processes; the
-median over all round trips is reported. One way: a payload is put, its callback in the other process copies it out and
-answers with one byte. Request: a small query is answered with the payload, which the asker copies out. Neither side
-hashes or decodes. Latency includes two process switches on a shared machine: compare the ratio, not the microseconds.
+For each payload size, with shared memory on and off, rounds of both alternate in the same two processes; the
+median over all round trips is reported. Publication: a payload is put; the callback in the other process
+copies it and answers with one byte. Request: a small query is answered with the payload, which the client
+copies. Neither side hashes or decodes. The latency includes two process switches on a shared machine; compare
+ratios, not absolute times.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import zenoh
-from _report import give_out
+from _report import write_report
 
 from cdff_common.bus import Bus, Message, Qos, Reply, Request
 from cdff_common.bus.session import open_client
@@ -38,7 +39,7 @@ BATCH = 8
 
 
 def echo() -> None:
-    """The other process: answers pings with one byte and queries with as many bytes as asked."""
+    """Run the other process: answer pings with one byte, and queries with the requested number of bytes."""
     raw, bus = open_client(None, 10.0), Bus.open(name="echo", wait_s=10.0)
     payloads = {size: os.urandom(size) for size in SIZES.values()}
 
@@ -56,19 +57,22 @@ def echo() -> None:
     def on_our_query(request: Request) -> Reply:
         return Reply(payloads[int(request.parameters["n"])])
 
-    keep = [raw.declare_subscriber("bench/raw/ping", on_raw), raw.declare_queryable("bench/raw/get", on_raw_query)]
+    declarations = [
+        raw.declare_subscriber("bench/raw/ping", on_raw),
+        raw.declare_queryable("bench/raw/get", on_raw_query),
+    ]
     bus.subscribe("bench/ours/ping", on_ours)
     bus.serve("bench/ours/get", on_our_query)
     print("ready", flush=True)
     sys.stdin.read()
-    for item in keep:
-        item.undeclare()
+    for declaration in declarations:
+        declaration.undeclare()
     bus.close()
     raw.close()
 
 
 class Pinger:
-    """Both ways of talking, from the asking process."""
+    """Round trips over raw Zenoh and over the bus, from the client process."""
 
     def __init__(self) -> None:
         self.raw, self.bus = open_client(None, 10.0), Bus.open(name="ping", wait_s=10.0)
@@ -84,26 +88,28 @@ class Pinger:
         )
 
     def raw_publish(self, payload: bytes) -> None:
-        """One way and back over raw Zenoh."""
+        """Make a round trip over raw Zenoh."""
         self._pong.clear()
         self.raw.put("bench/raw/ping", payload, congestion_control=zenoh.CongestionControl.BLOCK)
         assert self._pong.wait(10)
 
     def our_publish(self, payload: bytes) -> None:
-        """One way and back over our bus."""
+        """Make a round trip over the bus of CDFF."""
         self._pong.clear()
         self.bus.publish("bench/ours/ping", payload)
         assert self._pong.wait(10)
 
     def raw_request(self, payload: bytes) -> None:
-        """A query over raw Zenoh."""
+        """Send a query over raw Zenoh."""
         for reply in self._querier.get(parameters=f"n={len(payload)}"):
             assert reply.ok is not None
             assert len(reply.ok.payload.to_bytes()) == len(payload)
 
     def our_request(self, payload: bytes) -> None:
-        """A call over our bus."""
-        assert len(self.bus.call("bench/ours/get", {"n": len(payload)}, timeout_s=10.0).payload) == len(payload)
+        """Send a request over the bus of CDFF."""
+        assert len(self.bus.call("bench/ours/get", {"n": len(payload)}, timeout_s=10.0).payload) == len(
+            payload
+        )
 
     def close(self) -> None:
         """Close both sessions."""
@@ -116,7 +122,7 @@ class Pinger:
 def measure(
     first: Callable[[bytes], None], second: Callable[[bytes], None], payload: bytes, rounds: int
 ) -> dict[str, float]:
-    """Alternate batches of both and return medians in microseconds, their ratio and CPU per call of this process."""
+    """Alternate batches of both; return medians in microseconds, their ratio, and CPU time per call."""
     times: tuple[list[float], list[float]] = ([], [])
     cpu = [0.0, 0.0]
     for call in (first, second):
@@ -127,9 +133,9 @@ def measure(
             call = (first, second)[which]
             cpu_s = time.process_time()
             for _ in range(BATCH):
-                begin = time.perf_counter()
+                start = time.perf_counter()
                 call(payload)
-                times[which].append((time.perf_counter() - begin) * 1e6)
+                times[which].append((time.perf_counter() - start) * 1e6)
             cpu[which] += time.process_time() - cpu_s
     raw, ours = (statistics.median(t) for t in times)
     return {
@@ -149,10 +155,11 @@ def free_endpoint() -> str:
 
 
 def run(shm_mb: int, scale: float) -> dict[str, dict[str, dict[str, float]]]:
-    """One pass over all sizes with a router and an echo process of its own."""
+    """Measure all sizes once, with a new router and echo process."""
     os.environ.update(CDFF_SHM_MB=str(shm_mb), CDFF_CONNECT=free_endpoint())
     router = subprocess.Popen(
-        [sys.executable, "-m", "services.router", "--listen", os.environ["CDFF_CONNECT"]], stderr=subprocess.DEVNULL
+        [sys.executable, "-m", "services.router", "--listen", os.environ["CDFF_CONNECT"]],
+        stderr=subprocess.DEVNULL,
     )
     other = subprocess.Popen(
         [sys.executable, __file__, "--echo"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -161,7 +168,7 @@ def run(shm_mb: int, scale: float) -> dict[str, dict[str, dict[str, float]]]:
         assert other.stdout is not None
         assert other.stdout.readline() == "ready\n"
         pinger = Pinger()
-        time.sleep(0.5)  # declarations travel through the router
+        time.sleep(0.5)  # until the declarations have passed the router
         results: dict[str, dict[str, dict[str, float]]] = {"publish": {}, "request": {}}
         for name, size in SIZES.items():
             payload = os.urandom(size)
@@ -183,7 +190,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--echo", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--out", type=Path)
-    parser.add_argument("--scale", type=float, default=1.0, help="times as many round trips")
+    parser.add_argument("--scale", type=float, default=1.0, help="factor on the number of round trips")
     args = parser.parse_args()
     if args.echo:
         echo()
@@ -198,7 +205,7 @@ def main() -> None:
         "shared_memory_off": run(0, args.scale),
         "peak_rss_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1),
     }
-    give_out(report, args.out)
+    write_report(report, args.out)
 
 
 if __name__ == "__main__":

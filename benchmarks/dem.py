@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""CPU time of elevation and navigation mapping, step by step, beside what numpy and OpenCV alone need.
+"""Measure CPU times of the steps of elevation and navigation mapping, and of numpy and OpenCV alone.
 
 python benchmarks/dem.py [--out FILE] [--rounds N]
 
-Medians of CPU seconds (``time.process_time``), compiled and warmed up before; each part in a process of its own. The
-stereo pair is the first of KITTI_sequence_1 where CDFF_DATA has it, else a random texture of its size; the report says
-which.
+Times are medians of CPU seconds (``time.process_time``) after a warm-up, each part in its own process.
+The stereo pair is the first of KITTI_sequence_1 if it is in CDFF_DATA, otherwise a random texture of the same
+size; the report states which one was used.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from _report import give_out
+from _report import write_report
 from numpy.typing import NDArray
 from scipy.stats import binned_statistic_dd
 
@@ -32,13 +32,19 @@ from cdff_common.geometry import FrameGraph, UncertainTransform, se3
 from cdff_common.interfaces.dfpc import DfpcContext, Sample
 from cdff_common.interfaces.registry import Registry
 from cdff_common.raster import CellStatistics, GridGeometry
-from cdff_common.types import ElevationMap, Frame, FramePair, LidarScan, PoseTrajectory, TransformWithCovariance
-from cdff_core.dfns.dem_fusion._interface import DemFusionInputs
-from cdff_core.dfns.dem_rasterisation._interface import DemRasterisationInputs
-from cdff_core.dfns.disparity_image._interface import DisparityImageInputs
-from cdff_core.dfns.point_cloud_deskewing._interface import PointCloudDeskewingInputs
-from cdff_core.dfns.traversability._interface import TraversabilityInputs
-from cdff_dev.evaluate._atlaas import AtlaasMap
+from cdff_common.types import (
+    ElevationMap,
+    Frame,
+    FramePair,
+    LidarScan,
+    TransformWithCovariance,
+)
+from cdff_core.dfns.dem_fusion.interface import DemFusionInputs
+from cdff_core.dfns.dem_rasterisation.interface import DemRasterisationInputs
+from cdff_core.dfns.disparity_image.interface import DisparityImageInputs
+from cdff_core.dfns.point_cloud_deskewing.interface import PointCloudDeskewingInputs
+from cdff_core.dfns.traversability.interface import TraversabilityInputs
+from evaluation.peers.atlaas import AtlaasMap
 
 SEED = 1
 POINTS = 2_000_000
@@ -48,7 +54,7 @@ MS = 1_000_000
 
 
 def cpu_s(call: Callable[[], object], rounds: int) -> float:
-    """Median CPU seconds of a call after one to warm up."""
+    """Return the median CPU seconds of a call, after a warm-up call."""
     call()
     times = []
     for _ in range(rounds):
@@ -58,15 +64,15 @@ def cpu_s(call: Callable[[], object], rounds: int) -> float:
     return statistics.median(times)
 
 
-def made(name: str, **config: Any) -> Any:
-    """A configured DFN."""
+def make_node(name: str, **config: Any) -> Any:
+    """Return a configured DFN."""
     node = Registry.default().make_dfn(name)
     node.configure(config)
     return node
 
 
 def numpy_statistics(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """The same statistics (without stamps) the way one writes them in numpy: bincount, minimum.at, maximum.at."""
+    """Compute the same statistics (without stamps) by plain numpy: bincount, minimum.at, maximum.at."""
     row, col, inside = GRID.cells_of(points[:, 0], points[:, 1])
     cell, z = (row * GRID.cols + col)[inside], points[inside, 2]
     cells = GRID.rows * GRID.cols
@@ -81,32 +87,35 @@ def numpy_statistics(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], 
 
 
 def scipy_statistics(points: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """The same with what SciPy offers for it."""
+    """Compute the same statistics by SciPy's ``binned_statistic_dd``."""
     x0, y0, x1, y1 = GRID.bounds
     edges = [np.linspace(y0, y1, GRID.rows + 1), np.linspace(x0, x1, GRID.cols + 1)]
     where, z = points[:, [1, 0]], points[:, 2]
-    first = binned_statistic_dd(where, z, "count", bins=edges)  # the others take its cells over
-    rest = [binned_statistic_dd(where, z, n, binned_statistic_result=first) for n in ("mean", "std", "min", "max")]
+    first = binned_statistic_dd(where, z, "count", bins=edges)  # the other calls reuse its cells
+    rest = [
+        binned_statistic_dd(where, z, n, binned_statistic_result=first) for n in ("mean", "std", "min", "max")
+    ]
     return [first.statistic, *(r.statistic for r in rest)]
 
 
 def rasterising(rounds: int) -> dict[str, Any]:
-    """2 million points into a million cells: kernel, DFN with its layers, and the update of a map of that size."""
+    """Measure rasterising 2 million points into a million cells: kernel, DFN, and with fusion into a map."""
     rng = np.random.default_rng(SEED)
     points = np.column_stack([rng.uniform(0.0, 50.0, (POINTS, 2)), rng.normal(0.0, 1.0, POINTS)])
-    raster, fusion = made("dem_rasterisation", frame="site"), made("dem_fusion", size_m=50.0)
-    inputs = DemRasterisationInputs(points=points)
+    raster, fusion = make_node("dem_rasterisation"), make_node("dem_fusion", size_m=50.0)
+    inputs = DemRasterisationInputs(frame="site", points=points)
     patch: ElevationMap = raster.process(inputs).map
     centre = np.array([25.0, 25.0])
 
     def update() -> None:
         fusion.process(DemFusionInputs(patch=raster.process(inputs).map, centre=centre))
 
-    ours, plain = CellStatistics.from_points(GRID, points, stamps_ns=0), numpy_statistics(points)
+    kernel, plain = CellStatistics.from_points(GRID, points, stamps_ns=0), numpy_statistics(points)
     atlaas = AtlaasMap(GRID)
-    seen = ours.observed.ravel()
+    observed = kernel.observed.ravel()
     return {
-        "points": POINTS, "cells": GRID.rows * GRID.cols,
+        "points": POINTS,
+        "cells": GRID.rows * GRID.cols,
         "kernel_cpu_s": cpu_s(lambda: CellStatistics.from_points(GRID, points, stamps_ns=0), rounds),
         "dfn_cpu_s": cpu_s(lambda: raster.process(inputs), rounds),
         "fusion_cpu_s": cpu_s(lambda: fusion.process(DemFusionInputs(patch=patch, centre=centre)), rounds),
@@ -114,27 +123,27 @@ def rasterising(rounds: int) -> dict[str, Any]:
         "numpy_bincount_cpu_s": cpu_s(lambda: numpy_statistics(points), rounds),
         "scipy_binned_statistic_dd_cpu_s": cpu_s(lambda: scipy_statistics(points), 1),
         "fusion_by_atlaas_rules_in_numpy_cpu_s": cpu_s(lambda: atlaas.merge(patch, centre), rounds),
-        "largest_difference_of_means_m": float(np.max(np.abs(ours.mean.ravel() - plain[1])[seen])),
-    }  # fmt: skip
+        "largest_difference_of_means_m": float(np.max(np.abs(kernel.mean.ravel() - plain[1])[observed])),
+    }
 
 
 def deskewing(rounds: int) -> dict[str, Any]:
-    """100 000 points over 10 poses."""
+    """Measure deskewing of 100 000 points over 10 poses."""
     rng, n = np.random.default_rng(SEED), 100_000
     stamps = np.arange(11) * 10 * MS
-    poses = PoseTrajectory.from_arrays(
-        stamps, se3.exp_se3(np.outer(np.arange(11), [0.01, 0, 0, 0, 0, 0.01])), np.tile(np.eye(6) * 1e-4, (11, 1, 1)),
-        parent="site", child="mana/base",
-    )  # fmt: skip
     inputs = PointCloudDeskewingInputs(
-        points=rng.normal(0.0, 5.0, (n, 3)), stamps_ns=rng.integers(0, 100_001, n) * 1000, trajectory=poses
+        points=rng.normal(0.0, 5.0, (n, 3)),
+        stamps_ns=rng.integers(0, 100_001, n) * 1000,
+        poses=se3.exp_se3(np.outer(np.arange(11), [0.01, 0, 0, 0, 0, 0.01])),
+        pose_stamps_ns=stamps,
+        pose_covariances=np.tile(np.eye(6) * 1e-4, (11, 1, 1)),
     )
-    node = made("point_cloud_deskewing")
+    node = make_node("point_cloud_deskewing")
     return {"points": n, "poses": len(stamps), "cpu_s": cpu_s(lambda: node.process(inputs), rounds)}
 
 
 def stereo_pair() -> tuple[str, NDArray[np.uint8], NDArray[np.uint8]]:
-    """What it is, left and right image."""
+    """Return a description with left and right image."""
     root = Path(os.environ.get("CDFF_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data")
     names = [root / "kitti_stereo/KITTI_sequence_1" / f"image_{side}_kitti" / "000000.png" for side in "lr"]
     if all(name.exists() for name in names):
@@ -145,7 +154,7 @@ def stereo_pair() -> tuple[str, NDArray[np.uint8], NDArray[np.uint8]]:
 
 
 def matching(rounds: int) -> dict[str, Any]:
-    """Disparity of a KITTI-sized pair, beside one pass of OpenCV's SGBM with its own left-right check."""
+    """Measure the disparity of a KITTI-sized pair, and one pass of OpenCV's SGBM for comparison."""
     what, left, right = stereo_pair()
     K = np.array([[707.0912, 0, 601.8873], [0, 707.0912, 183.1104], [0, 0, 1]])
     inputs = DisparityImageInputs(
@@ -154,21 +163,23 @@ def matching(rounds: int) -> dict[str, Any]:
     plain = cv2.StereoSGBM.create(0, 128, 5, 200, 800, 1, 31, 10)
     report: dict[str, Any] = {"pair": what, "shape": list(left.shape)}
     for count in (128, 64):
-        node = made("disparity_image", num_disparities=count)
+        node = make_node("disparity_image", num_disparities=count)
         report[f"dfn_{count}_disparities_cpu_s"] = cpu_s(lambda node=node: node.process(inputs), rounds)
     report["opencv_sgbm_128_cpu_s"] = cpu_s(lambda: plain.compute(left, right), rounds)
     return report
 
 
 def sweeps(rounds: int) -> dict[str, Any]:
-    """The whole DFPC on sweeps of 57 600 points at 10 Hz, 5 cm cells, patches of 2 s: per sweep, everything in it."""
+    """Measure the whole DFPC per sweep of 57 600 points at 10 Hz, with 5 cm cells and patches of 2 s."""
     rng = np.random.default_rng(SEED)
     frames = FrameGraph()
     frames.set_static("mana/base", "mana/lidar", UncertainTransform(se3.transform(np.eye(3), [0, 0, 1.0])))
     node = Registry.default().make_dfpc("digital_elevation_mapping")
     node.configure({}, DfpcContext("mana", frames), "Lidar")
     azimuth, distance = rng.uniform(-np.pi, np.pi, SWEEP_POINTS), rng.uniform(1.0, 12.0, SWEEP_POINTS)
-    points = np.column_stack([distance * np.cos(azimuth), distance * np.sin(azimuth), np.full(SWEEP_POINTS, -1.0)])
+    points = np.column_stack(
+        [distance * np.cos(azimuth), distance * np.sin(azimuth), np.full(SWEEP_POINTS, -1.0)]
+    )
     offset_us = np.sort(rng.integers(0, 100_001, SWEEP_POINTS))
     count, spent_s, patches = 20 * rounds, 0.0, 0
     for i in range(-1, count):
@@ -177,7 +188,9 @@ def sweeps(rounds: int) -> dict[str, Any]:
         pose = TransformWithCovariance.from_transform(T, parent="site", child="mana/base", stamp_ns=t_ns)
         samples = [Sample("poses", t_ns, i + 1, pose)]
         if i >= 0:
-            scan = LidarScan.from_arrays(points, offset_us, frame="mana/lidar", t0_ns=t_ns - 100 * MS, t1_ns=t_ns)
+            scan = LidarScan.from_arrays(
+                points, offset_us, frame="mana/lidar", t0_ns=t_ns - 100 * MS, t1_ns=t_ns
+            )
             samples.insert(0, Sample("scan", t_ns, i, scan))
         started = time.process_time()
         for sample in samples:
@@ -187,22 +200,30 @@ def sweeps(rounds: int) -> dict[str, Any]:
 
 
 def stereo_mapping(rounds: int) -> dict[str, Any]:
-    """The whole DFPC on KITTI-sized pairs, 20 cm cells, a patch a pair."""
+    """Measure the whole DFPC on KITTI-sized pairs, 20 cm cells, one patch per pair."""
     what, left, right = stereo_pair()
     K = np.array([[707.0912, 0, 601.8873], [0, 707.0912, 183.1104], [0, 0, 1]])
-    T = UncertainTransform(se3.transform([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0, 0, 1.65]), np.zeros((6, 6)))
+    T = UncertainTransform.exact(se3.transform([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0, 0, 1.65]))
     node = Registry.default().make_dfpc("digital_elevation_mapping")
     node.configure({"resolution_m": 0.2, "max_height_m": 1.0}, DfpcContext("kitti"), "Stereo")
     times = []
     for i in range(rounds + 1):
         t_ns = i * 1000 * MS
         pair = FramePair.from_images(
-            left, right, baseline_m=0.537, camera_matrix=K, stamp_ns=t_ns, sensor="kitti/navcam_left", T_robot_sensor=T
+            left,
+            right,
+            baseline_m=0.537,
+            camera_matrix=K,
+            stamp_ns=t_ns,
+            sensor="kitti/navcam_left",
+            T_robot_sensor=T,
         )
         pose = TransformWithCovariance.from_transform(
-            UncertainTransform(se3.transform(np.eye(3), [5.0 * i, 0, 0]), np.eye(6) * 1e-4), parent="site",
-            child="kitti/base", stamp_ns=t_ns,
-        )  # fmt: skip
+            UncertainTransform(se3.transform(np.eye(3), [5.0 * i, 0, 0]), np.eye(6) * 1e-4),
+            parent="site",
+            child="kitti/base",
+            stamp_ns=t_ns,
+        )
         started = time.process_time()
         node.step(Sample("poses", t_ns, i, pose))
         node.step(Sample("stereo", t_ns, i, pair))
@@ -211,16 +232,18 @@ def stereo_mapping(rounds: int) -> dict[str, Any]:
 
 
 def navigation(rounds: int) -> dict[str, Any]:
-    """A million cells rated, and the whole DFPC per patch of 24 m in a map of 30 m."""
+    """Measure rating of a million cells, and the whole DFPC per patch of 24 m in a map of 30 m."""
     rng = np.random.default_rng(SEED)
 
     def rough(size_m: float, resolution_m: float) -> ElevationMap:
         g = GridGeometry.aligned("site", resolution_m, (0.0, 0.0, size_m, size_m))
-        points = np.column_stack([*(c.ravel() for c in g.centres_m()), rng.normal(0.0, 0.01, g.rows * g.cols)])
+        points = np.column_stack(
+            [*(c.ravel() for c in g.centres_m()), rng.normal(0.0, 0.01, g.rows * g.cols)]
+        )
         layers = CellStatistics.from_points(g, points, stamps_ns=0).to_layers(0)
         return ElevationMap.from_layers(g, layers, t0_ns=0, t1_ns=0)
 
-    node, big, patch = made("traversability"), rough(50.0, 0.05), rough(24.0, 0.05)
+    node, big, patch = make_node("traversability"), rough(50.0, 0.05), rough(24.0, 0.05)
     dfpc = Registry.default().make_dfpc("navigation_mapping")
     dfpc.configure()
     return {
@@ -231,17 +254,17 @@ def navigation(rounds: int) -> dict[str, Any]:
     }
 
 
-def with_memory(part: Callable[[int], dict[str, Any]], rounds: int) -> dict[str, Any]:
-    """A part's report, with how far it made this process grow at its largest (Linux: VmHWM, reset before)."""
+def with_memory(benchmark: Callable[[int], dict[str, Any]], rounds: int) -> dict[str, Any]:
+    """Return the report of a part, with the peak memory growth of this process (VmHWM, reset before)."""
     cv2.setNumThreads(1)
     Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     before_mb = peak_mb()
-    report = part(rounds)
+    report = benchmark(rounds)
     return {**report, "peak_growth_mb": round(peak_mb() - before_mb)}
 
 
 def peak_mb() -> float:
-    """Largest resident set since the last reset, MB."""
+    """Return the largest resident set since the last reset, MB."""
     lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
     return int(next(line for line in lines if line.startswith("VmHWM")).split()[1]) / 1024
 
@@ -253,13 +276,16 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=7)
     args = parser.parse_args()
     report: dict[str, Any] = {
-        "benchmark": "dem", "python": platform.python_version(), "machine": platform.machine(),
-        "cpus": os.cpu_count(), "rounds": args.rounds,
-    }  # fmt: skip
+        "benchmark": "dem",
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        "cpus": os.cpu_count(),
+        "rounds": args.rounds,
+    }
     with ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1) as alone:
         for part in (rasterising, deskewing, matching, sweeps, stereo_mapping, navigation):
             report[part.__name__] = alone.submit(with_memory, part, args.rounds).result()
-    give_out(report, args.out)
+    write_report(report, args.out)
 
 
 if __name__ == "__main__":

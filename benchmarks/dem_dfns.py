@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""CPU seconds and memory of the elevation DFNs by implementation, and of the DFPC that keeps everything it saw.
+"""Measure CPU time and memory of the elevation DFNs, and of the DFPC with a window and with a global map.
 
 python benchmarks/dem_dfns.py [--out FILE] [--rounds N]
 
-Least CPU seconds (``time.process_time``; other load only adds) on one thread, warmed up before; memory is the largest
-sum of what one call holds at once (tracemalloc). The ground is simulated. They are the ``cost:`` of the ``dfn.yaml``.
+Times are CPU seconds (``time.process_time``) on one thread after a warm-up call; memory is the peak
+allocation of one call (tracemalloc). The ground is simulated. The results are the ``cost:`` in ``dfn.yaml``.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from _report import give_out, measured
+from _report import measure, write_report
 from numpy.typing import NDArray
 
 from cdff_common.geometry import FrameGraph, UncertainTransform, se3
@@ -30,9 +30,9 @@ from cdff_common.interfaces.dfpc import DfpcContext, Sample
 from cdff_common.interfaces.registry import Registry
 from cdff_common.raster import CellStatistics, GridGeometry
 from cdff_common.types import ElevationMap, LidarScan, TransformWithCovariance
-from cdff_core.dfns.dem_fusion._interface import DemFusionInputs
-from cdff_core.dfns.dem_registration._interface import DemRegistrationInputs
-from cdff_core.dfns.ground_segmentation._interface import GroundSegmentationInputs
+from cdff_core.dfns.dem_fusion.interface import DemFusionInputs
+from cdff_core.dfns.dem_registration.interface import DemRegistrationInputs
+from cdff_core.dfns.ground_segmentation.interface import GroundSegmentationInputs
 
 SEED = 1
 SWEEP_POINTS = 57_600
@@ -41,13 +41,13 @@ Points = NDArray[np.float64]
 
 
 def relief(xy: Points) -> Points:
-    """Heights ``(n,)`` of smooth hills at ``(n, 2)``."""
+    """Return the heights ``(n,)`` of smooth hills at positions ``(n, 2)``, metres."""
     x, y = xy.T
     return 0.3 * np.sin(x / 1.3) * np.cos(y / 1.1) + 0.1 * np.sin(0.7 * x + y)
 
 
 def dem(size_m: float, cell_m: float, points: int) -> ElevationMap:
-    """An elevation map of the hills, its corner at the origin."""
+    """Return an elevation map of the hills with a corner at the origin."""
     rng = np.random.default_rng(SEED)
     geometry = GridGeometry.aligned("site", cell_m, (0.0, 0.0, size_m, size_m))
     xy = rng.uniform(0.0, size_m, (points, 2))
@@ -57,50 +57,60 @@ def dem(size_m: float, cell_m: float, points: int) -> ElevationMap:
 
 
 def node(name: str, implementation: str, **config: Any) -> Any:
-    """A configured DFN."""
-    made = Registry.default().make_dfn(name, implementation)
-    made.configure(config)
-    return made
+    """Return a configured DFN."""
+    dfn = Registry.default().make_dfn(name, implementation)
+    dfn.configure(config)
+    return dfn
 
 
 def calls() -> dict[str, tuple[Callable[[], object], str]]:
-    """What is timed, and what it is given."""
+    """Return for each DFN the call to measure and a description of its input."""
     rng = np.random.default_rng(SEED)
     patch, known = dem(50.0, 0.05, 2_000_000), dem(40.0, 0.05, 2_000_000)
     xy = rng.uniform(10.0, 30.0, (20_000, 2))
-    capture = np.column_stack([xy, relief(xy) + rng.normal(0.0, 0.01, len(xy))]) + np.array([0.02, 0.01, 0.03])
+    capture = np.column_stack([xy, relief(xy) + rng.normal(0.0, 0.01, len(xy))]) + np.array(
+        [0.02, 0.01, 0.03]
+    )
     fit = DemRegistrationInputs(
-        points=capture, noise_variance=np.full(len(capture), 1e-4), map=known, centre=np.array([20.0, 20.0, 1.0]),
+        points=capture,
+        noise_variance=np.full(len(capture), 1e-4),
+        map=known,
+        centre=np.array([20.0, 20.0, 1.0]),
         covariance=np.diag([0.05, 0.05, 0.05, 0.02, 0.02, 0.02]) ** 2,
-    )  # fmt: skip
-    # As many points on as much ground as the largest sample of the ISPRS test, a tenth of them on boxes 6 m high.
+    )
+    # Number of points and area are those of the largest sample of the ISPRS test; a tenth of the points are
+    # on boxes of 6 m height.
     xy = rng.uniform(0.0, 1.0, (38_010, 2)) * np.array([126.0, 303.0])
-    seen = GroundSegmentationInputs(
+    objects = GroundSegmentationInputs(
         points=np.column_stack([xy, relief(xy) + 6.0 * (np.sum(xy % 30.0 < 9.0, axis=1) > 1)])
     )
-    found: dict[str, tuple[Callable[[], object], str]] = {}
+    results: dict[str, tuple[Callable[[], object], str]] = {}
     ground = node("ground_segmentation", "SimpleMorphologicalFilter")
-    found["GroundSegmentation/SimpleMorphologicalFilter"] = (
-        lambda: ground.process(seen), "38010 points over 126 m x 303 m, 1.25 m cells, 4 phases"
-    )  # fmt: skip
+    results["GroundSegmentation/SimpleMorphologicalFilter"] = (
+        lambda: ground.process(objects),
+        "38010 points over 126 m x 303 m, 1.25 m cells, 4 phases",
+    )
     planes = node("dem_registration", "TangentPlanes")
-    found["DemRegistration/TangentPlanes"] = (
-        lambda: planes.process(fit), "20000 points on a map of 40 m in 5 cm cells"
-    )  # fmt: skip
+    results["DemRegistration/TangentPlanes"] = (
+        lambda: planes.process(fit),
+        "20000 points on a map of 40 m in 5 cm cells",
+    )
     for implementation, into in (("RollingWindow", "into a window"), ("TiledMap", "into tiles, a window")):
         fusion = node("dem_fusion", implementation, size_m=50.0)
-        found[f"DemFusion/{implementation}"] = (
+        results[f"DemFusion/{implementation}"] = (
             lambda fusion=fusion: fusion.process(DemFusionInputs(patch=patch, centre=np.array([25.0, 25.0]))),
             f"1000 x 1000 cells {into} of 1000 x 1000",
-        )  # fmt: skip
-    return found
+        )
+    return results
 
 
 def sweeps(implementation: str, rounds: int) -> dict[str, Any]:
-    """The DFPC on sweeps of 57 600 points at 10 Hz over hills, 5 cm cells: CPU seconds of one with all that follows."""
+    """Return CPU time and memory of the DFPC per sweep of 57 600 points at 10 Hz over hills, 5 cm cells."""
     rng = np.random.default_rng(SEED)
     frames = FrameGraph()
-    frames.set_static("mana/base", "mana/lidar", UncertainTransform(se3.transform(np.eye(3), [0.0, 0.0, 1.0])))
+    frames.set_static(
+        "mana/base", "mana/lidar", UncertainTransform(se3.transform(np.eye(3), [0.0, 0.0, 1.0]))
+    )
     dfpc = Registry.default().make_dfpc("digital_elevation_mapping")
     dfpc.configure({}, DfpcContext("mana", frames), implementation)
     offset_us = np.sort(rng.integers(0, 100_001, SWEEP_POINTS))
@@ -114,7 +124,9 @@ def sweeps(implementation: str, rounds: int) -> dict[str, Any]:
         T = UncertainTransform(se3.transform(np.eye(3), [0.03 * i, 0.0, 0.0]), np.eye(6) * 1e-4)
         pose = TransformWithCovariance.from_transform(T, parent="site", child="mana/base", stamp_ns=t_ns)
         scan = LidarScan.from_arrays(points, offset_us, frame="mana/lidar", t0_ns=t_ns - 100 * MS, t1_ns=t_ns)
-        if i == count // 2:  # what is allocated is counted in the first half, which is slower for it
+        if (
+            i == count // 2
+        ):  # tracing allocations takes time: memory is measured in the first half, time in the second
             memory_mb = tracemalloc.get_traced_memory()[1] / 1e6
             tracemalloc.stop()
         started = time.process_time()
@@ -123,25 +135,35 @@ def sweeps(implementation: str, rounds: int) -> dict[str, Any]:
         times.append(time.process_time() - started)
     timed = times[count // 2 :]
     return {
-        "input": f"sweep of {SWEEP_POINTS} points, 10 Hz, 5 cm cells", "sweeps": len(timed),
-        "cpu_s": round(statistics.median(timed), 4), "memory_mb": round(memory_mb),
-    }  # fmt: skip
+        "input": f"sweep of {SWEEP_POINTS} points, 10 Hz, 5 cm cells",
+        "sweeps": len(timed),
+        "cpu_s": round(statistics.median(timed), 4),
+        "memory_mb": round(memory_mb),
+    }
 
 
 def main() -> None:
     """Measure and print JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--out", type=Path)
     parser.add_argument("--rounds", type=int, default=7)
     args = parser.parse_args()
     cv2.setNumThreads(1)
     report: dict[str, Any] = {
-        "benchmark": "dem_dfns", "python": platform.python_version(), "machine": platform.machine(),
-        "cpus": os.cpu_count(), "load_1min": os.getloadavg()[0], "rounds": args.rounds,
-        "dfns": {name: {"input": given} | measured(call, args.rounds) for name, (call, given) in calls().items()},
+        "benchmark": "dem_dfns",
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        "cpus": os.cpu_count(),
+        "load_1min": os.getloadavg()[0],
+        "rounds": args.rounds,
+        "dfns": {
+            name: {"input": size} | measure(call, args.rounds) for name, (call, size) in calls().items()
+        },
         "dfpc": {name: sweeps(name, args.rounds) for name in ("Lidar", "LidarGlobal")},
-    }  # fmt: skip
-    give_out(report, args.out)
+    }
+    write_report(report, args.out)
 
 
 if __name__ == "__main__":

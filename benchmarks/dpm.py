@@ -1,16 +1,16 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The store beside the raw engine in one run: insertions, searches, re-anchoring, start, memory.
+"""Compare the store of the DPM with plain SQLite: insertions, searches, re-anchoring, start, memory.
 
     python benchmarks/dpm.py [--products 20000] [--flat 1000,10000] [--searches 300] [--dir DIR] [--out FILE]
 
-Ours is ``dpm_store``; raw is ``sqlite3`` with the same pragmas, a product table, an R*Tree and a payload column, with
-nothing checked, hashed or told. Payloads are 10 kB and all different, boxes about 5 m in 1 km x 1 km, ten types, a
-product a second. A search names a region, a span of time and a type that together hold 0.1 % of the products, in three
-shapes (part of the area x part of the time), with a limit of 100, newest first. Store and clients run on this machine;
-``--access`` also asks over HTTP and Zenoh. ``--flat`` measures searches at smaller stores too. Times are medians of
-several calls with the CPU time beside them, of searches that nobody asked before and of the same ones again;
-``sync_ms`` is what fsync of 4 kB takes on the same file system.
+``store`` is ``dpm_store``. ``raw`` is ``sqlite3`` with the same pragmas, a product table, an R*Tree and a
+payload column, without checks, hashes or events. Payloads have 10 kB and differ; boxes have about 5 m in an
+area of 1 km x 1 km; there are ten types and one product per second. A search states a region, a time interval
+and a type that select 0.1 % of the products, in three shapes (fraction of the area x fraction of the time),
+with a limit of 100, newest first. Store and clients run on this machine; ``--access`` also measures HTTP and
+Zenoh. ``--flat`` measures searches in smaller stores too. Times are medians of several calls with their CPU
+times, for new and for repeated searches; ``sync_ms`` is the time of fsync of 4 kB on the same file system.
 """
 
 from __future__ import annotations
@@ -43,16 +43,29 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.region import Region
 from cdff_common.interfaces.product import Header, product_id
 from cdff_dev.ports import free_port
-from dpm_store import Parcel, Query, Store, open_store
+from dpm_store import NewProduct, Query, Store, open_store
 
 ROOT = Path(__file__).resolve().parent.parent
 PAYLOAD_BYTES = 10_000
 SIDE_M, BATCH = 1000.0, 2000
 TYPES = (
-    "pose", "trajectory", "pose_graph", "pointcloud", "dem", "navigation_map", "image", "detections", "track", "mesh",
-)  # fmt: skip
-#: Part of the area and part of the time; with one type of ten each holds a thousandth.
-SHAPES = {"area_0.1_time_0.1": (0.1, 0.1), "area_0.01_time_all": (0.01, 1.0), "area_all_time_0.01": (1.0, 0.01)}
+    "pose",
+    "trajectory",
+    "pose_graph",
+    "pointcloud",
+    "dem",
+    "navigation_map",
+    "image",
+    "detections",
+    "track",
+    "mesh",
+)
+#: Fraction of the area and of the time; with one type of ten each shape selects a thousandth of the products.
+SHAPES = {
+    "area_0.1_time_0.1": (0.1, 0.1),
+    "area_0.01_time_all": (0.01, 1.0),
+    "area_all_time_0.01": (1.0, 0.01),
+}
 S = 1_000_000_000
 PRAGMAS = ("journal_mode=WAL", "synchronous=FULL", "cache_size=-32768", "wal_autocheckpoint=4000")
 Figures = dict[str, Any]
@@ -60,7 +73,7 @@ Window = tuple[float, float, float, float, int, int, int]
 
 
 def boxes(count: int) -> Iterator[tuple[float, ...]]:
-    """Boxes of mixed size."""
+    """Yield boxes of different sizes."""
     rng = random.Random(1)
     for _ in range(count):
         x, y, size = rng.uniform(0, SIDE_M), rng.uniform(0, SIDE_M), rng.lognormvariate(1.5, 0.6)
@@ -68,18 +81,18 @@ def boxes(count: int) -> Iterator[tuple[float, ...]]:
 
 
 def windows(products: int, count: int, area: float, span: float) -> list[Window]:
-    """Searches: x0, y0, x1, y1, first and last second, type."""
+    """Return searches: x0, y0, x1, y1, first and last second, index of the type."""
     rng, side, length = random.Random(2), SIDE_M * area**0.5, span * products
-    found = []
+    results = []
     for _ in range(count):
         x, y = rng.uniform(0, SIDE_M - side), rng.uniform(0, SIDE_M - side)
         first = int(rng.uniform(0, products - length))
-        found.append((x, y, x + side, y + side, first, int(first + length), rng.randrange(len(TYPES))))
-    return found
+        results.append((x, y, x + side, y + side, first, int(first + length), rng.randrange(len(TYPES))))
+    return results
 
 
 def timed(calls: Sequence[Callable[[], object]]) -> Figures:
-    """Milliseconds per call: median, 99th percentile, and CPU time of this process."""
+    """Return milliseconds per call: median, 99th percentile, and CPU time of this process."""
     spans, cpu_s = [], time.process_time()
     for call in calls:
         start = time.perf_counter()
@@ -90,7 +103,7 @@ def timed(calls: Sequence[Callable[[], object]]) -> Figures:
 
 
 class Rate:
-    """Products per second of calls that store a batch each, by the wall and by the CPU time of this process."""
+    """The cost of calls that each store a batch: products per second, CPU time and bytes written."""
 
     def __init__(self) -> None:
         self._calls: list[tuple[int, float, float, int]] = []
@@ -99,11 +112,13 @@ class Rate:
         """Measure one call."""
         wall, cpu, written = time.perf_counter(), time.process_time(), _written()
         call()
-        self._calls.append((count, time.perf_counter() - wall, time.process_time() - cpu, _written() - written))
+        self._calls.append(
+            (count, time.perf_counter() - wall, time.process_time() - cpu, _written() - written)
+        )
 
     @property
     def figures(self) -> Figures:
-        """Of all, and of the last tenth: the store is nearly full then."""
+        """Return the cost over all calls, and over the last tenth, when the store is nearly full."""
         tenth = self._calls[-max(1, len(self._calls) // 10) :]
         return {"all": self._figures(self._calls), "last_tenth": self._figures(tenth)}
 
@@ -114,25 +129,34 @@ class Rate:
 
 
 def _written() -> int:
-    """Bytes that this process handed to the system."""
+    """Return the number of bytes that this process has written."""
     return int(psutil.Process().io_counters().write_chars)
 
 
-def parcels(first: int, given: Sequence[tuple[float, ...]], filler: bytes) -> list[Parcel]:
-    """Products with those boxes, one a second."""
-    found = []
-    for seq, box in enumerate(given, first):
+def products_of(first: int, boxes: Sequence[tuple[float, ...]], filler: bytes) -> list[NewProduct]:
+    """Return products with the given boxes, one per second."""
+    results = []
+    for seq, box in enumerate(boxes, first):
         header = Header(
-            product_id("mana", "mapper", "map", seq * S, seq, "c"), seq, seq * S, seq * S, "mana/map", "mapper/1",
-            config_hash="c", box_m=box, resolution_m=0.1,
-        )  # fmt: skip
+            product_id("mana", "mapper", "map", seq * S, seq, "c"),
+            seq,
+            seq * S,
+            seq * S,
+            "mana/map",
+            "mapper/1",
+            config_hash="c",
+            box_m=box,
+            resolution_m=0.1,
+        )
         payload = filler + seq.to_bytes(8, "big")
-        found.append(Parcel(header, payload, "mana", "mapper", "map", TYPES[seq % len(TYPES)], "ElevationMap"))
-    return found
+        results.append(
+            NewProduct(header, payload, "mana", "mapper", "map", TYPES[seq % len(TYPES)], "ElevationMap")
+        )
+    return results
 
 
 def in_batches(count: int) -> Iterator[list[tuple[float, ...]]]:
-    """Boxes, ``BATCH`` at a time."""
+    """Yield boxes in batches of ``BATCH``."""
     batch = []
     for box in boxes(count):
         batch.append(box)
@@ -147,14 +171,14 @@ def fill(store: Store, count: int) -> Figures:
     """Insert products in batches."""
     filler, first, rate = os.urandom(PAYLOAD_BYTES - 8), 0, Rate()
     for batch in in_batches(count):
-        given = parcels(first, batch, filler)
-        rate.add(len(batch), lambda: store.put_all(given))  # noqa: B023  # called at once
+        new = products_of(first, batch, filler)
+        rate.add(len(batch), lambda: store.put_all(new))  # noqa: B023  # called at once
         first += len(batch)
     return rate.figures
 
 
 def searches(store: Store, products: int, count: int) -> Figures:
-    """Figures of searches by shape."""
+    """Return the times of searches of each shape."""
 
     def search(w: Window) -> Callable[[], object]:
         region = Region("bbox", w[:4])
@@ -163,37 +187,38 @@ def searches(store: Store, products: int, count: int) -> Figures:
 
     figures = {}
     for name, (area, span) in SHAPES.items():
-        timed([search(w) for w in windows(products, 20, area, span)])  # what a first search compiles and reads
-        asked = [search(w) for w in windows(products, count, area, span)]
-        figures[name] = timed(asked) | {"again": timed(asked)}
+        timed([search(w) for w in windows(products, 20, area, span)])  # warm-up
+        calls = [search(w) for w in windows(products, count, area, span)]
+        figures[name] = timed(calls) | {"again": timed(calls)}
     return figures
 
 
-def ours(directory: Path, products: int, asked: int) -> Figures:
-    """Figures of the store; a search runs in a process of its own, whose memory is measured."""
+def measure_store(directory: Path, products: int, search_count: int) -> Figures:
+    """Return the results of the store; searches run in a separate process to measure their memory."""
     url = f"sqlite:///{directory}"
     with open_store(url, ManualClock(S)) as store:
         figures: Figures = {"bulk": fill(store, products)}
         rng, filler = list(boxes(200)), os.urandom(PAYLOAD_BYTES - 8)
-        singles = parcels(products + 1000, rng, filler)
+        singles = products_of(products + 1000, rng, filler)
         figures["insert"] = timed([lambda p=p: store.put_all((p,)) for p in singles])  # type: ignore[misc]
         T = [UncertainTransform(se3.transform(np.eye(3), (float(i), 0.0, 0.0))) for i in range(20)]
         figures["re_anchor"] = timed([lambda t=t: store.frames.set("mana/map", "site", t) for t in T])  # type: ignore[misc]
     figures["start"] = timed([lambda: open_store(url, ManualClock(S)).close() for _ in range(5)])
     command = [sys.executable, __file__, "--search-only", str(directory), "--products", str(products)]
-    told = subprocess.run([*command, "--searches", str(asked)], capture_output=True, text=True, check=True).stdout
-    return figures | dict(json.loads(told))
+    command += ["--searches", str(search_count)]
+    output = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    return figures | dict(json.loads(output))
 
 
-def search_only(directory: Path, products: int, asked: int) -> Figures:
-    """Searches in this process, which does nothing else, and the most memory it held."""
+def search_only(directory: Path, products: int, search_count: int) -> Figures:
+    """Return the times of searches in this process, and its peak memory."""
     with open_store(f"sqlite:///{directory}", ManualClock(S)) as store:
-        figures = {"search": searches(store, products, asked)}
+        figures = {"search": searches(store, products, search_count)}
     return figures | {"rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}
 
 
-def raw(directory: Path, products: int, asked: int) -> Figures:
-    """Figures of the engine alone."""
+def raw(directory: Path, products: int, search_count: int) -> Figures:
+    """Return the results of plain SQLite."""
     with closing(sqlite3.connect(directory / "raw.sqlite", isolation_level=None)) as db:
         for pragma in PRAGMAS:
             db.execute(f"PRAGMA {pragma}")
@@ -202,15 +227,18 @@ def raw(directory: Path, products: int, asked: int) -> Figures:
         db.execute("CREATE VIRTUAL TABLE box USING rtree(id, f0, f1, x0, x1, y0, y1, z0, z1, t0, t1)")
         filler = os.urandom(PAYLOAD_BYTES - 8)
 
-        def insert(first: int, given: Sequence[tuple[float, ...]]) -> None:
-            numbered = list(enumerate(given, first))
+        def insert(first: int, batch: Sequence[tuple[float, ...]]) -> None:
+            numbered = list(enumerate(batch, first))
             db.execute("BEGIN IMMEDIATE")
             rows = [(i, f"product-{i}", TYPES[i % len(TYPES)], i * S) for i, _ in numbered]
             db.executemany("INSERT INTO product VALUES (?, ?, ?, ?)", rows)
             db.executemany(
                 "INSERT INTO payload VALUES (?, ?)", [(i, filler + i.to_bytes(8, "big")) for i, _ in numbered]
             )
-            sides = [(i, i % len(TYPES), i % len(TYPES), b[0], b[3], b[1], b[4], b[2], b[5], i, i) for i, b in numbered]
+            sides = [
+                (i, i % len(TYPES), i % len(TYPES), b[0], b[3], b[1], b[4], b[2], b[5], i, i)
+                for i, b in numbered
+            ]
             db.executemany("INSERT INTO box VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", sides)
             db.execute("COMMIT")
 
@@ -222,8 +250,9 @@ def raw(directory: Path, products: int, asked: int) -> Figures:
         singles = list(enumerate(boxes(200), products + 1000))
         figures["insert"] = timed([lambda i=i, b=b: insert(i, [b]) for i, b in singles])  # type: ignore[misc]
         statement = (
-            "SELECT product.* FROM box CROSS JOIN product ON product.id = box.id WHERE f0 <= ? AND f1 >= ? AND x0 <= ? "
-            "AND x1 >= ? AND y0 <= ? AND y1 >= ? AND t0 <= ? AND box.t1 >= ? ORDER BY product.t1 DESC LIMIT 100"
+            "SELECT product.* FROM box CROSS JOIN product ON product.id = box.id WHERE f0 <= ? AND f1 >= "
+            "? AND x0 <= ? AND x1 >= ? AND y0 <= ? AND y1 >= ? AND t0 <= ? AND box.t1 >= ? ORDER BY "
+            "product.t1 DESC LIMIT 100"
         )
 
         def search(w: Window) -> Callable[[], object]:
@@ -231,27 +260,34 @@ def raw(directory: Path, products: int, asked: int) -> Figures:
             return lambda: db.execute(statement, values).fetchall()
 
         figures["search"] = {
-            name: timed([search(w) for w in windows(products, asked, *shape)]) for name, shape in SHAPES.items()
+            name: timed([search(w) for w in windows(products, search_count, *shape)])
+            for name, shape in SHAPES.items()
         }
     return figures
 
 
-def access(directory: Path, products: int, asked: int) -> Figures:
-    """Figures of a DPM process on that store, asked over HTTP and Zenoh: answers read, not decoded."""
+def access(directory: Path, products: int, search_count: int) -> Figures:
+    """Return the results of a DPM process over HTTP and Zenoh; replies are read, not decoded."""
     ports = [free_port(), free_port()]
     endpoint, address = f"tcp/127.0.0.1:{ports[0]}", f"127.0.0.1:{ports[1]}"
-    environment = os.environ | {"CDFF_CONNECT": endpoint, "CDFF_LISTEN": endpoint, "CDFF_DATA_DIR": str(directory)}
+    environment = os.environ | {
+        "CDFF_CONNECT": endpoint,
+        "CDFF_LISTEN": endpoint,
+        "CDFF_DATA_DIR": str(directory),
+    }
     commands = (["services.router"], ["services.dpm", "--http", address])
-    processes = [subprocess.Popen([sys.executable, "-m", *command], env=environment, cwd=ROOT) for command in commands]
-    begun = time.perf_counter()
+    processes = [
+        subprocess.Popen([sys.executable, "-m", *command], env=environment, cwd=ROOT) for command in commands
+    ]
+    started = time.perf_counter()
     try:
         with Bus.open(endpoint, name="bench", wait_s=30) as bus, closing(HTTPConnection(address)) as http:
             while not bus.alive(keys.alive(keys.GROUND, "dpm")):
-                if time.perf_counter() - begun > 60:
+                if time.perf_counter() - started > 60:
                     raise TimeoutError("the DPM did not start")
-            figures: Figures = {"ready_s": time.perf_counter() - begun}
-            spent = psutil.Process(processes[1].pid).cpu_times()
-            figures["ready_cpu_s"] = spent.user + spent.system
+            figures: Figures = {"ready_s": time.perf_counter() - started}
+            cpu = psutil.Process(processes[1].pid).cpu_times()
+            figures["ready_cpu_s"] = cpu.user + cpu.system
 
             def over_http(parameters: dict[str, str]) -> None:
                 http.request("GET", f"/api/v1/products?{urlencode(parameters)}")
@@ -266,11 +302,12 @@ def access(directory: Path, products: int, asked: int) -> Figures:
             for name, ask in (("zenoh", over_zenoh), ("http", over_http)):
                 figures[name] = {}
                 for shape, (area, span) in SHAPES.items():
-                    given = [_parameters(w) for w in windows(products, asked, area, span)]
-                    timed([lambda g=g, ask=ask: ask(g) for g in given[:20]])  # type: ignore[misc]
-                    figures[name][shape] = timed([lambda g=g, ask=ask: ask(g) for g in given])  # type: ignore[misc]
-            held = psutil.Process(processes[1].pid).memory_full_info()
-            figures |= {"rss_mb": held.rss / 2**20, "of_its_own_mb": held.uss / 2**20}
+                    queries = [_parameters(w) for w in windows(products, search_count, area, span)]
+                    calls = [lambda q=q, ask=ask: ask(q) for q in queries]  # type: ignore[misc]
+                    timed(calls[:20])
+                    figures[name][shape] = timed(calls)
+            memory = psutil.Process(processes[1].pid).memory_full_info()
+            figures |= {"rss_mb": memory.rss / 2**20, "of_its_own_mb": memory.uss / 2**20}
         return figures
     finally:
         for process in reversed(processes):
@@ -280,11 +317,17 @@ def access(directory: Path, products: int, asked: int) -> Figures:
 
 def _parameters(w: Window) -> dict[str, str]:
     region = "bbox:" + ",".join(f"{v:.3f}" for v in w[:4])
-    return {"type": TYPES[w[6]], "region": region, "frame": "mana/map", "t0": str(w[4] * S), "t1": str(w[5] * S)}
+    return {
+        "type": TYPES[w[6]],
+        "region": region,
+        "frame": "mana/map",
+        "t0": str(w[4] * S),
+        "t1": str(w[5] * S),
+    }
 
 
 def syncs(directory: Path) -> Figures:
-    """What fsync of 4 kB takes."""
+    """Return the times of fsync of 4 kB."""
     with (directory / "sync").open("wb") as file:
 
         def sync() -> None:
@@ -296,16 +339,20 @@ def syncs(directory: Path) -> Figures:
 
 
 def file_system(directory: Path) -> str:
-    """Kind of file system that a directory is on."""
+    """Return the type of the file system of a directory."""
     command = ["findmnt", "-n", "-o", "FSTYPE", "-T", str(directory)]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
 
 
 def main() -> None:
     """Measure, print a table, and write JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--products", type=int, default=20_000)
-    parser.add_argument("--flat", default="2000", help="smaller stores to search too, with commas")
+    parser.add_argument(
+        "--flat", default="2000", help="sizes of smaller stores to search too, separated by commas"
+    )
     parser.add_argument("--searches", type=int, default=300)
     parser.add_argument("--access", action="store_true", help="also over HTTP and Zenoh")
     parser.add_argument("--dir", type=Path, default=None, help="where to write; the file system matters")
@@ -319,7 +366,7 @@ def main() -> None:
         results: Figures = {}
         counts = sorted({args.products, *(int(n) for n in args.flat.split(",") if n)})
         for products in counts:
-            for name, measure in (("raw", raw), ("ours", ours)):
+            for name, measure in (("raw", raw), ("store", measure_store)):
                 directory = Path(base) / f"{name}-{products}"
                 directory.mkdir()
                 results[f"{name}, {products} products"] = show(
@@ -328,29 +375,34 @@ def main() -> None:
                 if name == "raw":
                     shutil.rmtree(directory)
         if args.access:
-            served = access(Path(base) / f"ours-{counts[-1]}", counts[-1], args.searches)
+            served = access(Path(base) / f"store-{counts[-1]}", counts[-1], args.searches)
             results["service"] = show("service", served)
         about = {
-            "products": args.products, "payload_bytes": PAYLOAD_BYTES, "file_system": file_system(Path(base)),
-            "sync_ms": syncs(Path(base))["p50_ms"], "sqlite": sqlite3.sqlite_version,
-            "python": platform.python_version(), "cpus": os.cpu_count(), "load": os.getloadavg()[0],
-        }  # fmt: skip
+            "products": args.products,
+            "payload_bytes": PAYLOAD_BYTES,
+            "file_system": file_system(Path(base)),
+            "sync_ms": syncs(Path(base))["p50_ms"],
+            "sqlite": sqlite3.sqlite_version,
+            "python": platform.python_version(),
+            "cpus": os.cpu_count(),
+            "load": os.getloadavg()[0],
+        }
     show("about", about)
     if args.out is not None:
         args.out.write_text(json.dumps({"about": about, **results}, indent=2) + "\n")
 
 
 def show(name: str, figures: Figures) -> Figures:
-    """Print figures, one operation a line, and hand them on."""
-    for operation, found in figures.items():
-        print(f"{name:22} {operation:14} {json.dumps(_rounded(found))}", flush=True)
+    """Print results, one operation per line, and return them."""
+    for operation, result in figures.items():
+        print(f"{name:22} {operation:14} {json.dumps(_rounded(result))}", flush=True)
     return figures
 
 
-def _rounded(found: Any) -> Any:
-    if isinstance(found, dict):
-        return {name: _rounded(value) for name, value in found.items()}
-    return float(f"{found:.3g}") if isinstance(found, float) else found
+def _rounded(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _rounded(item) for name, item in value.items()}
+    return float(f"{value:.3g}") if isinstance(value, float) else value
 
 
 if __name__ == "__main__":

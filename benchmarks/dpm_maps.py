@@ -1,12 +1,13 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps out of a store in this process: a window of 1000 x 1000 cells from 200 patches, and rendered tiles.
+"""Measure maps of a store: a window of 1000 x 1000 cells from 200 patches, and rendered tiles.
 
-    python benchmarks/dpm_maps.py [--patches 200] [--side 128] [--trials 7] [--further] [--out FILE]
+    python benchmarks/dpm_maps.py [--patches 200] [--side 128] [--trials 7] [--auxiliary] [--out FILE]
 
-The patches (``--side`` cells of 5 cm along an edge, every cell observed) lie at random in the window; with
-``--further`` they have the layers beyond the six too, as those of ``digital_elevation_mapping`` do. ``cold`` opens
-the store anew: nothing is decoded or rendered yet. The payload files may be in the page cache; no disk is measured.
+The patches (``--side`` cells of 5 cm along an edge, every cell observed) have random positions in the window;
+with ``--auxiliary`` they have the auxiliary layers of ``digital_elevation_mapping`` too. For ``cold`` the
+store is opened again, so that nothing is decoded or rendered yet. The payload files may be in the page cache;
+disk times are not measured.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _report import give_out
+from _report import write_report
 
 from cdff_common.clock import ManualClock
 from cdff_common.codecs import encode
@@ -32,42 +33,67 @@ from cdff_common.interfaces.product import Header, product_id
 from cdff_common.raster import ELEVATION_LAYERS, GridGeometry
 from cdff_common.raster.tiles import Tile, level_of, tiles_over
 from cdff_common.types import ElevationMap
-from dpm_store import Parcel, open_store
-from dpm_store.windows import WindowQuery
-from services.dpm.tiles import TileRequest, Tiles
+from dpm_store import NewProduct, open_store
+from dpm_store.maps.windows import WindowQuery
+from services.dpm.rendering.tiles import TileRequest, Tiles
 
 S = 1_000_000_000
 CELL_M = 0.05
 SIDE_CELLS = 1000
 
 
-def patch(rng: np.random.Generator, side: int, seq: int, further: bool) -> Parcel:
-    """One patch somewhere in the window, of gentle relief with noise."""
+def patch(rng: np.random.Generator, side: int, seq: int, auxiliary: bool) -> NewProduct:
+    """Return a patch at a random position in the window, with smooth relief and noise."""
     left, bottom = (int(v) for v in rng.integers(0, SIDE_CELLS - side, 2))
     geometry = GridGeometry.from_cells("site", CELL_M, left=left, top=bottom + side, rows=side, cols=side)
     x, y = geometry.centres_m()
     mean = (np.sin(x / 3.0) * np.cos(y / 4.0) + rng.normal(0.0, 0.01, x.shape)).astype(np.float32)
     layers = {
-        "mean": mean, "variance": np.full_like(mean, 1e-4), "min": mean - 0.02, "max": mean + 0.02,
-        "count": np.full_like(mean, 5.0), "age_s": np.zeros_like(mean),
-    }  # fmt: skip
+        "mean": mean,
+        "variance": np.full_like(mean, 1e-4),
+        "min": mean - 0.02,
+        "max": mean + 0.02,
+        "count": np.full_like(mean, 5.0),
+        "age_s": np.zeros_like(mean),
+    }
     t_ns = (seq + 1) * S
     named = {n: layers[n] for n in ELEVATION_LAYERS}
-    if further:
-        known = {"pose_variance": 4e-5, "error_variance": 5e-5, "first_age_s": 0.5, "intensity": 8.0, "overhang_m": 2.0}
-        named |= {n: np.full_like(mean, v) for n, v in known.items()}
+    if auxiliary:
+        auxiliary_values = {
+            "pose_variance": 4e-5,
+            "error_variance": 5e-5,
+            "first_age_s": 0.5,
+            "intensity": 8.0,
+            "overhang_m": 2.0,
+        }
+        named |= {n: np.full_like(mean, v) for n, v in auxiliary_values.items()}
     value = ElevationMap.from_layers(geometry, named, t0_ns=t_ns, t1_ns=t_ns)
     header = Header(
-        id=product_id("mana", "dem", "map", t_ns, seq, "c"), seq=seq, t0_ns=t_ns, t1_ns=t_ns, frame="site",
-        producer="benchmark", config_hash="c", box_m=value.extent_m(), resolution_m=CELL_M,
-    )  # fmt: skip
-    return Parcel(
-        header, encode(value, "uper"), "mana", "digital_elevation_mapping", "map", "dem", "ElevationMap", "uper", value
+        id=product_id("mana", "dem", "map", t_ns, seq, "c"),
+        seq=seq,
+        t0_ns=t_ns,
+        t1_ns=t_ns,
+        frame="site",
+        producer="benchmark",
+        config_hash="c",
+        box_m=value.extent_m(),
+        resolution_m=CELL_M,
+    )
+    return NewProduct(
+        header,
+        encode(value, "uper"),
+        "mana",
+        "digital_elevation_mapping",
+        "map",
+        "dem",
+        "ElevationMap",
+        "uper",
+        value,
     )
 
 
 def timed(call: Callable[[], object], trials: int) -> dict[str, float]:
-    """Milliseconds: median and least of wall time, median of CPU time."""
+    """Return milliseconds: median and minimum of wall time, median of CPU time."""
     walls, cpus = [], []
     for _ in range(trials):
         wall, cpu = time.perf_counter(), time.process_time()
@@ -75,88 +101,102 @@ def timed(call: Callable[[], object], trials: int) -> dict[str, float]:
         cpus.append((time.process_time() - cpu) * 1e3)
         walls.append((time.perf_counter() - wall) * 1e3)
     return {
-        "p50_ms": round(statistics.median(walls), 3), "least_ms": round(min(walls), 3),
+        "p50_ms": round(statistics.median(walls), 3),
+        "least_ms": round(min(walls), 3),
         "cpu_ms": round(statistics.median(cpus), 3),
-    }  # fmt: skip
+    }
 
 
 def window(url: str, trials: int) -> dict[str, Any]:
-    """The whole window, in a store just opened and once more."""
-    asked = WindowQuery(parse_region(f"bbox:0,0,{SIDE_CELLS * CELL_M},{SIDE_CELLS * CELL_M}"))
+    """Return the times of the whole window, in a store just opened and in one already used."""
+    query = WindowQuery(parse_region(f"bbox:0,0,{SIDE_CELLS * CELL_M},{SIDE_CELLS * CELL_M}"))
 
     def cold() -> None:
         with open_store(url) as store:
             store.search()  # connections are made
-            spans.append(timed(lambda: store.maps.elevation_window(asked), 1))
+            spans.append(timed(lambda: store.maps.elevation_window(query), 1))
 
     spans: list[dict[str, float]] = []
-    for _ in range(trials + 1):  # the first compiles
+    for _ in range(trials + 1):  # the first call compiles kernels
         cold()
     del spans[0]
     with open_store(url) as store:
-        store.maps.elevation_window(asked)
-        warm = timed(lambda: store.maps.elevation_window(asked), trials)
-        found = store.maps.elevation_window(asked)
+        store.maps.elevation_window(query)
+        warm = timed(lambda: store.maps.elevation_window(query), trials)
+        window = store.maps.elevation_window(query)
     middle = {name: round(statistics.median(s[name] for s in spans), 3) for name in spans[0]}
-    return {"patches": len(found.patches), "coverage": found.coverage, "cold": middle, "warm": warm}
+    return {"patches": len(window.patches), "coverage": window.coverage, "cold": middle, "warm": warm}
 
 
 def tiles(url: str) -> dict[str, Any]:
-    """Every tile over the patches at their own level and four overviews: cold in a store just opened, then warm.
+    """Return the times of all tiles at the level of the patches, and of four overviews.
 
-    ``first`` is a tile whose patches nobody has read yet, ``cold`` every rendering that is not kept yet,
-    ``overview_first`` includes pooling the levels below, once.
+    ``first``: the patches have not been read before. ``cold``: the rendering is not cached. ``warm``: the
+    rendering is cached. ``overview_first`` includes the aggregation of the finer levels.
     """
     level = level_of(CELL_M)
     side = (1.0, 1.0, SIDE_CELLS * CELL_M - 1.0, SIDE_CELLS * CELL_M - 1.0)
     columns, rows = tiles_over(level, side)
     here = [Tile(level, x, y) for x in columns for y in rows]
-    for _ in range(2):  # the first run compiles
+    for _ in range(2):  # the first run compiles kernels
         with open_store(url) as store:
             store.search()
             rendered = Tiles(store)
             first = [timed(partial(rendered.get, TileRequest("site", "hillshade", tile)), 1) for tile in here]
             other = [timed(partial(rendered.get, TileRequest("site", "slope", tile)), 1) for tile in here]
             warm = [timed(partial(rendered.get, TileRequest("site", "slope", tile)), 20) for tile in here]
-            above = [Tile(z, *(r[0] for r in tiles_over(z, side))) for z in (level - 1, level - 3, level - 8, 0)]
-            overview = [timed(partial(rendered.get, TileRequest("site", "hillshade", tile)), 1) for tile in above]
+            above = [
+                Tile(z, *(r[0] for r in tiles_over(z, side))) for z in (level - 1, level - 3, level - 8, 0)
+            ]
+            overview = [
+                timed(partial(rendered.get, TileRequest("site", "hillshade", tile)), 1) for tile in above
+            ]
             again = [timed(partial(rendered.get, TileRequest("site", "slope", tile)), 1) for tile in above]
 
     def middle(spans: list[dict[str, float]]) -> dict[str, float]:
         return {name: round(statistics.median(s[name] for s in spans), 3) for name in ("p50_ms", "cpu_ms")}
 
     return {
-        "tiles": len(here), "first": middle(first), "cold": middle(other), "warm": middle(warm),
-        "overview_first": middle(overview), "overview_cold": middle(again),
-    }  # fmt: skip
+        "tiles": len(here),
+        "first": middle(first),
+        "cold": middle(other),
+        "warm": middle(warm),
+        "overview_first": middle(overview),
+        "overview_cold": middle(again),
+    }
 
 
-def filled(url: str, patches: int, side: int, further: bool) -> None:
-    """A store with the patches."""
+def filled(url: str, patches: int, side: int, auxiliary: bool) -> None:
+    """Make a store with the patches."""
     rng = np.random.default_rng(1)
     with open_store(url, ManualClock(S)) as store:
-        store.put_all([patch(rng, side, seq, further) for seq in range(patches)])
+        store.put_all([patch(rng, side, seq, auxiliary) for seq in range(patches)])
 
 
 def main() -> int:
-    """Print the figures as JSON."""
+    """Measure and print JSON."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--patches", type=int, default=200)
     parser.add_argument("--side", type=int, default=128)
     parser.add_argument("--trials", type=int, default=7)
-    parser.add_argument("--further", action="store_true", help="patches with layers beyond the six")
+    parser.add_argument("--auxiliary", action="store_true", help="patches with auxiliary layers")
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         url = f"sqlite:///{folder}/data"
-        filled(url, args.patches, args.side, args.further)
+        filled(url, args.patches, args.side, args.auxiliary)
         figures = {
             "machine": {"cpu_count": os.cpu_count(), "python": platform.python_version()},
-            "patches": {"count": args.patches, "side_cells": args.side, "cell_m": CELL_M, "further": args.further},
+            "patches": {
+                "count": args.patches,
+                "side_cells": args.side,
+                "cell_m": CELL_M,
+                "auxiliary": args.auxiliary,
+            },
             "window_1000x1000": window(url, args.trials),
             "tile_256x256": tiles(url),
         }
-    give_out(figures, args.out)
+    write_report(figures, args.out)
     return 0
 
 

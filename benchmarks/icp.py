@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""icp_localisation beside small_gicp, Open3D and KISS-ICP, on simulated and measured clouds; cost of its DFNs.
+"""Compare icp_localisation with small_gicp, Open3D and KISS-ICP; measure the cost of its DFNs.
 
 OMP_NUM_THREADS=1 python benchmarks/icp.py [--data DIR] [--rounds N] [--terrain-pairs N] [--devon-trials N]
     [--peer-python PYTHON] [--out FILE]
 
-Who takes part and how: cdff_dev/evaluate/icp_peers.py, whose table is in docs/dfpcs/icp_localisation.md.
+Methods and settings: evaluation/icp_peers.py, whose table is in docs/evaluation/icp_localisation.md.
 """
 
 from __future__ import annotations
@@ -21,101 +21,130 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _report import give_out
+from _report import write_report
 from numpy.typing import NDArray
 
 from cdff_common.geometry import covariance, se3
 from cdff_common.interfaces.registry import Registry
-from cdff_dev.evaluate._clouds import devon_halves
-from cdff_dev.evaluate._peers import peer_python
-from cdff_dev.evaluate.icp_peers import VOXEL_M, errors, methods, on_pairs, on_terrain, pairs
+from evaluation.data_sets.clouds import devon_halves
+from evaluation.icp_peers import VOXEL_M, compare_on_pairs, compare_on_scans, errors, methods, pairs
+from evaluation.peers.environments import peer_python
 
 Points = NDArray[np.float64]
 
 
 def devon_trials(data: Path, trials: int) -> Iterator[tuple[Points, Points, Points, Points]]:
-    """Scene, model, truth and guess: disjoint halves of the road and its copy, guesses off by 0.5 m and 10 degrees."""
+    """Yield scene, model, true pose and guess: halves of the road and its copy; guess errors of 0.5 m and 10
+    deg.
+    """
     for seed in range(trials):
         model, scene, T = devon_halves(data, seed)
-        axis, shift = (v / np.linalg.norm(v) for v in np.random.default_rng([seed, 1]).normal(size=(2, 3)))
-        off = se3.transform(se3.exp_so3(np.radians(10.0) * axis), 0.5 * shift)
-        yield scene, model, T, T @ off if seed % 2 else off @ T
+        rng = np.random.default_rng([seed, 1])
+        axis, direction = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
+        T_error = se3.transform(se3.exp_so3(np.radians(10.0) * axis), 0.5 * direction)
+        yield scene, model, T, T @ T_error if seed % 2 else T_error @ T
 
 
 def on_devon(data: Path, trials: int) -> dict[str, Any]:
-    """Every method on the trials of the road; within 2 cm and 0.1 degrees is right."""
-    taking_part = methods()
-    rows: dict[str, Any] = {m: {"right": 0, "wrong": 0, "refused": 0, "error_m": [], "nees": []} for m in taking_part}
+    """Return the results of all methods on the road; a pose is correct within 2 cm and 0.1 degrees."""
+    all_methods = methods()
+    rows: dict[str, Any] = {
+        m: {"correct": 0, "wrong": 0, "refused": 0, "error_m": [], "nees": []} for m in all_methods
+    }
     for scene, model, T_true, guess in devon_trials(data, trials):
-        for method, run in taking_part.items():
+        for method, run in all_methods.items():
             row = rows[method]
-            T, said = run(scene, model, guess)
+            T, details = run(scene, model, guess)
             if T is None:
                 row["refused"] += 1
                 continue
             error = errors(T, T_true)
-            row["right" if error["error_m"] <= 0.02 and error["error_deg"] <= 0.1 else "wrong"] += 1
+            row["correct" if error["error_m"] <= 0.02 and error["error_deg"] <= 0.1 else "wrong"] += 1
             row["error_m"].append(error["error_m"])
-            if "covariance" in said:
+            if "covariance" in details:
                 e = covariance.pose_error(T_true, T)
-                row["nees"].append(float(e @ np.linalg.solve(said["covariance"], e)))
+                row["nees"].append(float(e @ np.linalg.solve(details["covariance"], e)))
     for row in rows.values():
-        found, nees = row.pop("error_m"), row.pop("nees")
-        row |= {"median_error_m": float(np.median(found)), "max_error_m": float(np.max(found))} if found else {}
+        result, nees = row.pop("error_m"), row.pop("nees")
+        row |= (
+            {"median_error_m": float(np.median(result)), "max_error_m": float(np.max(result))}
+            if result
+            else {}
+        )
         row |= {"mean_nees": float(np.mean(nees))} if nees else {}
     return {"trials": trials, "methods": rows}
 
 
 def of_dfns(data: Path, rounds: int) -> dict[str, Any]:
-    """CPU seconds and memory of each DFN on the first pair."""
-    from cdff_core.dfns.normals_estimation._interface import NormalsEstimationInputs
-    from cdff_core.dfns.point_cloud_assembly._interface import PointCloudAssemblyInputs
-    from cdff_core.dfns.point_cloud_downsampling._interface import PointCloudDownsamplingInputs
-    from cdff_core.dfns.point_cloud_filtering._interface import PointCloudFilteringInputs
-    from cdff_core.dfns.point_cloud_transformation._interface import PointCloudTransformationInputs
-    from cdff_core.dfns.registration_3d._interface import Registration3DInputs
-    from cdff_core.dfns.registration_assessment._interface import RegistrationAssessmentInputs
-    from cdff_core.dfns.voxelization._interface import VoxelizationInputs
+    """Return CPU seconds and memory of each DFN on the first pair."""
+    from cdff_core.dfns.normals_estimation.interface import NormalsEstimationInputs
+    from cdff_core.dfns.point_cloud_assembly.interface import PointCloudAssemblyInputs
+    from cdff_core.dfns.point_cloud_downsampling.interface import PointCloudDownsamplingInputs
+    from cdff_core.dfns.point_cloud_filtering.interface import PointCloudFilteringInputs
+    from cdff_core.dfns.point_cloud_transformation.interface import PointCloudTransformationInputs
+    from cdff_core.dfns.registration_3d.interface import Registration3DInputs
+    from cdff_core.dfns.registration_assessment.interface import RegistrationAssessmentInputs
+    from cdff_core.dfns.voxelization.interface import VoxelizationInputs
 
     def node(name: str, implementation: str | None = None) -> Any:
-        made = Registry.default().make_dfn(name, implementation)
-        made.configure()
-        return made
+        dfn = Registry.default().make_dfn(name, implementation)
+        dfn.configure()
+        return dfn
 
     _, scene, model, T = next(pairs(data))
     thin, normals = node("point_cloud_downsampling"), node("normals_estimation")
-    s, m = (thin.process(PointCloudDownsamplingInputs(cloud)).points for cloud in (scene, model))
-    ns, nm = (normals.process(NormalsEstimationInputs(cloud)).normals for cloud in (s, m))
+    s, m = (thin.process(PointCloudDownsamplingInputs(points=cloud)).points for cloud in (scene, model))
+    ns, nm = (normals.process(NormalsEstimationInputs(points=cloud)).normals for cloud in (s, m))
     calls: dict[str, tuple[Any, Any, str]] = {
         "PointCloudFiltering/RangeFilter": (
-            node("point_cloud_filtering", "RangeFilter"), PointCloudFilteringInputs(scene), f"{len(scene)} points"
+            node("point_cloud_filtering", "RangeFilter"),
+            PointCloudFilteringInputs(points=scene),
+            f"{len(scene)} points",
         ),
         "PointCloudFiltering/StatisticalOutlierRemoval": (
-            node("point_cloud_filtering", "StatisticalOutlierRemoval"), PointCloudFilteringInputs(s), f"{len(s)} points"
+            node("point_cloud_filtering", "StatisticalOutlierRemoval"),
+            PointCloudFilteringInputs(points=s),
+            f"{len(s)} points",
         ),
         "PointCloudDownsampling/VoxelGrid": (
-            thin, PointCloudDownsamplingInputs(scene), f"{len(scene)} points to {len(s)}"
+            thin,
+            PointCloudDownsamplingInputs(points=scene),
+            f"{len(scene)} points to {len(s)}",
         ),
         **{
             f"PointCloudAssembly/{i}": (
-                node("point_cloud_assembly", i), PointCloudAssemblyInputs(scene, model), f"{len(scene)} + {len(model)}"
+                node("point_cloud_assembly", i),
+                PointCloudAssemblyInputs(first_points=scene, second_points=model),
+                f"{len(scene)} + {len(model)}",
             )
             for i in ("VoxelBinning", "NeighbourPointAverage")
         },
-        "Voxelization/Octree": (node("voxelization"), VoxelizationInputs(scene), f"{len(scene)} points"),
-        "NormalsEstimation/PrincipalAxis": (normals, NormalsEstimationInputs(s), f"{len(s)} points"),
+        "Voxelization/Octree": (
+            node("voxelization"),
+            VoxelizationInputs(points=scene),
+            f"{len(scene)} points",
+        ),
+        "NormalsEstimation/PrincipalAxis": (normals, NormalsEstimationInputs(points=s), f"{len(s)} points"),
         "PointCloudTransformation/CartesianSystemTransform": (
-            node("point_cloud_transformation"), PointCloudTransformationInputs(scene, T), f"{len(scene)} points"
+            node("point_cloud_transformation"),
+            PointCloudTransformationInputs(points=scene, transform=T),
+            f"{len(scene)} points",
         ),
         "RegistrationAssessment/CrossInformation": (
-            node("registration_assessment"), RegistrationAssessmentInputs(m, nm, s, ns, T), f"{len(m)} and {len(s)}"
+            node("registration_assessment"),
+            RegistrationAssessmentInputs(
+                source=m, source_normals=nm, target=s, target_normals=ns, transform=T
+            ),
+            f"{len(m)} and {len(s)}",
         ),
-    }  # fmt: skip
+    }
     for implementation in ("PointToPlaneIcp", "Gicp", "Ndt"):
         registration = node("registration_3d", implementation)
         calls[f"Registration3D/{implementation}"] = (
-            registration, Registration3DInputs(m, s, ns, np.eye(4)), f"{len(m)} to {len(s)} points, 1.1 m apart"
-        )  # fmt: skip
+            registration,
+            Registration3DInputs(source=m, target=s, target_normals=ns, guess=np.eye(4)),
+            f"{len(m)} to {len(s)} points, 1.1 m apart",
+        )
     report = {}
     for name, (dfn, inputs, size) in calls.items():
         dfn.process(inputs)
@@ -134,7 +163,9 @@ def of_dfns(data: Path, rounds: int) -> dict[str, Any]:
 
 def main() -> None:
     """Measure and print JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     beside = Path(__file__).resolve().parents[2] / "shared" / "data"
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("CDFF_DATA") or beside))
     parser.add_argument("--rounds", type=int, default=5)
@@ -144,15 +175,19 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
     report = {
-        "benchmark": "icp", "python": platform.python_version(), "threads": os.environ.get("OMP_NUM_THREADS", "all"),
-        "load_1min": os.getloadavg()[0], "voxel_m_of_peers": VOXEL_M,
-        "pairs": on_pairs(args.data, args.rounds), "dfns": of_dfns(args.data, args.rounds),
-    }  # fmt: skip
+        "benchmark": "icp",
+        "python": platform.python_version(),
+        "threads": os.environ.get("OMP_NUM_THREADS", "all"),
+        "load_1min": os.getloadavg()[0],
+        "voxel_m_of_peers": VOXEL_M,
+        "pairs": compare_on_pairs(args.data, args.rounds),
+        "dfns": of_dfns(args.data, args.rounds),
+    }
     if args.terrain_pairs:
-        report["simulated_scans"] = on_terrain(args.terrain_pairs, args.peer_python)
+        report["simulated_scans"] = compare_on_scans(args.terrain_pairs, args.peer_python)
     if args.devon_trials:
         report["devon_island"] = on_devon(args.data, args.devon_trials)
-    give_out(report, args.out)
+    write_report(report, args.out)
 
 
 if __name__ == "__main__":

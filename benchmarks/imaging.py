@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""CPU time of the image DFNs on a 1920 x 1200 image, beside the bare OpenCV call where there is one.
+"""Measure CPU times of the image DFNs on a 1920 x 1200 image, and of the corresponding OpenCV calls.
 
 python benchmarks/imaging.py [--out FILE] [--rounds N]
 """
@@ -17,18 +17,18 @@ from typing import Any
 
 import cv2
 import numpy as np
-from _report import give_out
+from _report import write_report
 
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Frame, FramePair
-from cdff_core.dfns.background_subtraction._interface import BackgroundSubtractionInputs
-from cdff_core.dfns.color_conversion._interface import ColorConversionInputs
-from cdff_core.dfns.image_degradation._interface import ImageDegradationInputs
-from cdff_core.dfns.image_filtering._interface import ImageFilteringInputs
-from cdff_core.dfns.image_undistortion._interface import ImageUndistortionInputs
-from cdff_core.dfns.stereo_degradation._interface import StereoDegradationInputs
-from cdff_core.dfns.stereo_rectification._interface import StereoRectificationInputs
+from cdff_core.dfns.background_subtraction.interface import BackgroundSubtractionInputs
+from cdff_core.dfns.color_conversion.interface import ColorConversionInputs
+from cdff_core.dfns.image_degradation.interface import ImageDegradationInputs
+from cdff_core.dfns.image_filtering.interface import ImageFilteringInputs
+from cdff_core.dfns.image_undistortion.interface import ImageUndistortionInputs
+from cdff_core.dfns.stereo_degradation.interface import StereoDegradationInputs
+from cdff_core.dfns.stereo_rectification.interface import StereoRectificationInputs
 
 ROWS, COLS, SEED = 1200, 1920, 1
 K = np.array([[1069.0, 0.0, 957.0], [0.0, 1071.0, 621.0], [0.0, 0.0, 1.0]])
@@ -36,15 +36,25 @@ D = (-0.22, 0.06, -3.5e-4, -1.5e-4)
 
 
 def frame(image: np.ndarray, mode: str = "GRAY", x_m: float = 0.0) -> Frame:
-    """An image of a camera with a lens, ``x_m`` to the right of the robot's origin."""
-    place = UncertainTransform(se3.transform(se3.exp_so3([0.0, 0.01 * x_m, 0.0]), [x_m, 0.0, 0.0]), np.zeros((6, 6)))
+    """Return an image with its camera, whose lens is distorted and which is ``x_m`` to the right of the
+    robot.
+    """
+    T_robot_camera = UncertainTransform.exact(
+        se3.transform(se3.exp_so3([0.0, 0.01 * x_m, 0.0]), [x_m, 0.0, 0.0])
+    )
     return Frame.from_image(
-        image, stamp_ns=0, mode=mode, camera_matrix=K, dist_coeffs=D, sensor="rover/camera", T_robot_sensor=place
+        image,
+        stamp_ns=0,
+        mode=mode,
+        camera_matrix=K,
+        dist_coeffs=D,
+        sensor="rover/camera",
+        T_robot_sensor=T_robot_camera,
     )
 
 
 def median_cpu_s(call: Callable[[], Any], rounds: int) -> float:
-    """Median CPU time of a call, after one that is not counted."""
+    """Return the median CPU time of a call, after a warm-up call."""
     call()
     times = []
     for _ in range(rounds):
@@ -71,19 +81,35 @@ def main() -> None:
         return cv2.resize(grey, (960, 600), interpolation=cv2.INTER_AREA)
 
     cases: list[tuple[str, str | None, dict[str, Any], Any, Callable[[], Any] | None]] = [
-        ("image_undistortion", None, {}, ImageUndistortionInputs(image=image), lambda: cv2.remap(grey, *maps, 1)),
+        (
+            "image_undistortion",
+            None,
+            {},
+            ImageUndistortionInputs(image=image),
+            lambda: cv2.remap(grey, *maps, 1),
+        ),
         ("stereo_rectification", None, {}, StereoRectificationInputs(pair=pair), None),
         ("image_degradation", None, {}, ImageDegradationInputs(image=image), half),
         ("stereo_degradation", None, {}, StereoDegradationInputs(pair=pair), None),
-        ("color_conversion", None, {}, ColorConversionInputs(image=colours), lambda: cv2.cvtColor(colours.image, 7)),
+        (
+            "color_conversion",
+            None,
+            {},
+            ColorConversionInputs(image=colours),
+            lambda: cv2.cvtColor(colours.image, 7),
+        ),
         ("background_subtraction", None, {}, BackgroundSubtractionInputs(image=image), None),
-    ]  # fmt: skip
+    ]
     registry = Registry.default()
     cases += [
         ("image_filtering", name, {}, ImageFilteringInputs(image=image), None)
         for name in registry.dfn("image_filtering").implementations
     ]
-    report: dict[str, Any] = {"benchmark": "imaging", "python": platform.python_version(), "image": f"{COLS}x{ROWS}"}
+    report: dict[str, Any] = {
+        "benchmark": "imaging",
+        "python": platform.python_version(),
+        "image": f"{COLS}x{ROWS}",
+    }
     for name, implementation, config, inputs, peer in cases:
         node = registry.make_dfn(name, implementation)
         node.configure(config)
@@ -94,7 +120,7 @@ def main() -> None:
         if peer is not None:
             row["bare_opencv_cpu_s"] = median_cpu_s(peer, args.rounds)
         report[f"{name}/{implementation}" if implementation else name] = row
-    give_out(report, args.out)
+    write_report(report, args.out)
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Logs of images: how fast they are written, indexed and read, and the memory it takes.
+"""Measure speed and memory of writing, indexing and reading logs of images.
 
     python benchmarks/logs.py [--out FILE] [--folder DIR] [--megabytes N]
 
-``--folder`` is where the log is put, by default in memory (/dev/shm where there is one); its file system is named in
-the report. Figures are octets of the log by CPU time of this process, and by wall time beside it. ``--megabytes 10000``
+``--folder`` is the folder of the log, by default in memory (/dev/shm if it exists); the report states its
+file system. Speeds are bytes of the log per CPU time of this process and per wall time. ``--megabytes 10000``
 shows that memory does not grow with the log.
 """
 
@@ -26,7 +26,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 import psutil
-from _report import give_out
+from _report import write_report
 
 from cdff_common.types import Frame, FramePair
 from cdff_dev.logs import LogWriter, open_log
@@ -35,24 +35,26 @@ ROWS, COLS = 960, 1280
 
 
 def file_system(folder: Path) -> str:
-    """Type of the file system that a folder lies on."""
+    """Return the type of the file system of a folder."""
     mounts = [p for p in psutil.disk_partitions(all=True) if folder.resolve().is_relative_to(p.mountpoint)]
     return max(mounts, key=lambda p: len(p.mountpoint)).fstype if mounts else "unknown"
 
 
-def timed(work: Callable[[], Any], octets: int) -> dict[str, float]:
-    """CPU and wall time of some work on so many octets, and MB/s."""
+def timed(work: Callable[[], Any], byte_count: int) -> dict[str, float]:
+    """Return CPU and wall time of ``work`` on ``byte_count`` bytes, and MB/s."""
     cpu_s, wall_s = time.process_time(), time.perf_counter()
     work()
     cpu_s, wall_s = time.process_time() - cpu_s, time.perf_counter() - wall_s
     return {
-        "cpu_s": round(cpu_s, 4), "wall_s": round(wall_s, 4),
-        "mb_per_cpu_s": round(octets / 1e6 / max(cpu_s, 1e-9)), "mb_per_wall_s": round(octets / 1e6 / wall_s),
-    }  # fmt: skip
+        "cpu_s": round(cpu_s, 4),
+        "wall_s": round(wall_s, 4),
+        "mb_per_cpu_s": round(byte_count / 1e6 / max(cpu_s, 1e-9)),
+        "mb_per_wall_s": round(byte_count / 1e6 / wall_s),
+    }
 
 
 def anonymous_mb() -> float:
-    """Memory of this process that is no page of a file, megabytes."""
+    """Return the anonymous memory of this process (without file pages), megabytes."""
     with Path("/proc/self/status").open(encoding="ascii") as status:
         return sum(int(line.split()[1]) for line in status if line.startswith("RssAnon")) / 1024
 
@@ -69,7 +71,7 @@ def main() -> None:
     rng = np.random.default_rng(0)
     images = [rng.integers(0, 256, (ROWS, COLS), dtype=np.uint8) for _ in range(4)]
     pairs = max(1, round(args.megabytes * 1e6 / (2 * ROWS * COLS)))
-    octets = pairs * 2 * ROWS * COLS
+    byte_count = pairs * 2 * ROWS * COLS
 
     def pair(i: int) -> FramePair:
         left, right = (Frame.from_image(images[(i + k) % 4], stamp_ns=i * 1_000_000) for k in (0, 1))
@@ -78,15 +80,15 @@ def main() -> None:
     with tempfile.TemporaryDirectory(dir=folder) as name:
         path = Path(name) / "bench.msg"
 
-        def write(count: int, where: Path) -> None:
-            with LogWriter(where) as log:
+        def write(count: int, path: Path) -> None:
+            with LogWriter(path) as log:
                 for i in range(count):
                     log.write("/mana/navcam.pair", pair(i), i * 1_000_000)
 
         write(4, Path(name) / "warm.msg")
         with open_log(Path(name) / "warm.msg") as log:
             list(log.samples())
-        rows: dict[str, Any] = {"write": timed(lambda: write(pairs, path), octets)}
+        rows: dict[str, Any] = {"write": timed(lambda: write(pairs, path), byte_count)}
         target = path if path.exists() else Path(str(path.with_suffix("")) + "_*.msg")
         log = None
 
@@ -94,7 +96,7 @@ def main() -> None:
             nonlocal log
             log = open_log(target)
 
-        rows["index"] = timed(index, octets)
+        rows["index"] = timed(index, byte_count)
         assert log is not None
         before_mb, most_mb = anonymous_mb(), 0.0
 
@@ -108,11 +110,11 @@ def main() -> None:
                     most_mb = max(most_mb, anonymous_mb())
             assert count == pairs
 
-        rows["read"] = timed(read, octets)
+        rows["read"] = timed(read, byte_count)
         log.close()
         report = {
-            "what": "a log of stereo pairs of 1280 x 960 octets",
-            "megabytes": round(octets / 1e6),
+            "what": "a log of stereo pairs of 1280 x 960 bytes",
+            "megabytes": round(byte_count / 1e6),
             "file_system": file_system(folder),
             "machine": platform.processor() or platform.machine(),
             "python": platform.python_version(),
@@ -122,7 +124,7 @@ def main() -> None:
             "most_memory_while_reading_mb": round(max(most_mb, anonymous_mb())),
             "peak_rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10,
         }
-    give_out(report, args.out)
+    write_report(report, args.out)
 
 
 if __name__ == "__main__":

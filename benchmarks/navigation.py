@@ -1,11 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""CPU time of navigation mapping: rating a million cells, rating a change, routes beside scikit-image's MCP_Geometric.
+"""Measure CPU times of navigation mapping: rating a million cells, rating a change, routes compared with
+scikit-image's MCP_Geometric.
 
 python benchmarks/navigation.py [--out FILE] [--rounds N] [--peer-python PYTHON]
 
-Medians of CPU seconds (``time.process_time``), one thread, compiled and warmed up before. The peer is left out without
-``--peer-python`` (CDFF_PEER_PYTHON, with scikit-image).
+Times are medians of CPU seconds (``time.process_time``) on one thread after warm-up. scikit-image is skipped
+without ``--peer-python`` (CDFF_PEER_PYTHON, with scikit-image).
 """
 
 from __future__ import annotations
@@ -23,15 +24,15 @@ from typing import Any
 
 import cv2
 import numpy as np
-from _report import give_out
+from _report import write_report
 from numpy.typing import NDArray
 
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.registry import Registry
 from cdff_common.raster import CellStatistics, GridGeometry
 from cdff_common.types import ElevationMap, NavigationMap
-from cdff_core.dfns.route_search._interface import RouteSearchInputs
-from cdff_core.dfns.traversability._interface import TraversabilityInputs
+from cdff_core.dfns.route_search.interface import RouteSearchInputs
+from cdff_core.dfns.traversability.interface import TraversabilityInputs
 
 SEED = 1
 _PEER = """
@@ -48,7 +49,7 @@ np.savez(sys.argv[2], cpu=np.median(times[1:]), costs=costs)
 
 
 def cpu_s(call: Callable[[], object], rounds: int) -> float:
-    """Median CPU seconds of a call after one to warm up."""
+    """Return the median CPU seconds of a call, after a warm-up call."""
     call()
     times = []
     for _ in range(rounds):
@@ -59,7 +60,10 @@ def cpu_s(call: Callable[[], object], rounds: int) -> float:
 
 
 def hills(cells: int, cell_m: float, change: bool = False, only: bool = False) -> ElevationMap:
-    """Hills with 1 cm of noise; with ``only`` a tenth of their edges is seen, with ``change`` a lump is there."""
+    """Return a map of hills with 1 cm of noise.
+
+    ``change`` raises a square in the middle, a hundredth of the area. With ``only`` it alone is observed.
+    """
     rng = np.random.default_rng(SEED)
     geometry = GridGeometry.aligned("site", cell_m, (0.0, 0.0, cells * cell_m, cells * cell_m))
     x, y = geometry.centres_m()
@@ -67,8 +71,8 @@ def hills(cells: int, cell_m: float, change: bool = False, only: bool = False) -
     middle = 0.5 * cells * cell_m
     near = (np.abs(x - middle) < 0.05 * cells * cell_m) & (np.abs(y - middle) < 0.05 * cells * cell_m)
     z += 0.3 * change * near
-    seen = near if only else np.ones_like(near)
-    points = np.column_stack([x[seen], y[seen], z[seen]])
+    observed = near if only else np.ones_like(near)
+    points = np.column_stack([x[observed], y[observed], z[observed]])
     layers = CellStatistics.from_points(
         geometry, points, stamps_ns=0, height_variance_m2=np.full(len(points), 1e-4)
     ).to_layers(0)
@@ -76,30 +80,30 @@ def hills(cells: int, cell_m: float, change: bool = False, only: bool = False) -
 
 
 def changes(rounds: int) -> dict[str, float]:
-    """A map of 1000 x 1000 cells in the DFPC: the first patch, and patches that touch a hundredth of it."""
+    """Measure the DFPC on 1000 x 1000 cells: the first patch, and patches of a hundredth of the area."""
     node = Registry.default().make_dfpc("navigation_mapping")
     node.configure({"size_m": 50.0, "resolution_m": 0.05})
     first, small = hills(1000, 0.05), hills(1000, 0.05, change=True, only=True)
     started = time.process_time()
     list(node.step(Sample("dem", 0, 0, first)))
-    whole_s = time.process_time() - started
+    first_patch_s = time.process_time() - started
     return {
-        "first_patch_cpu_s": whole_s,
+        "first_patch_cpu_s": first_patch_s,
         "change_of_a_hundredth_cpu_s": cpu_s(lambda: list(node.step(Sample("dem", 0, 0, small))), rounds),
     }
 
 
 def routes(rounds: int, python: str | None) -> dict[str, Any]:
-    """Costs to all cells of 300 x 300, with hazards on a tenth of them."""
+    """Measure the costs to all of 300 x 300 cells, a tenth of them hazards."""
     rng = np.random.default_rng(SEED)
     geometry = GridGeometry.aligned("site", 0.1, (0.0, 0.0, 30.0, 30.0))
     classes = np.where(rng.random(geometry.shape) < 0.1, 3, 1).astype(np.uint8)
     classes[150, 150] = 1
     cost = rng.random(geometry.shape).astype(np.float32)
-    made = NavigationMap.from_layers(geometry, {"class": classes, "cost": cost}, t0_ns=0, t1_ns=0)
+    navigation_map = NavigationMap.from_layers(geometry, {"class": classes, "cost": cost}, t0_ns=0, t1_ns=0)
     node = Registry.default().make_dfn("route_search")
     node.configure()
-    inputs = RouteSearchInputs(made, np.array([15.05, 14.95]))
+    inputs = RouteSearchInputs(map=navigation_map, start=np.array([15.05, 14.95]))
     report: dict[str, Any] = {"cells": classes.size, "cpu_s": cpu_s(lambda: node.process(inputs), rounds)}
     if python:
         price = np.where(classes == 1, 1.0 + 4.0 * cost.astype(np.float64), np.inf)
@@ -113,16 +117,19 @@ def _peer(
     with tempfile.TemporaryDirectory() as folder:
         np.savez(f"{folder}/in.npz", price=price, start=start, rounds=rounds, cell=np.array([0.1, 0.1]))
         environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-        subprocess.run([python, "-c", _PEER, f"{folder}/in.npz", f"{folder}/out.npz"], check=True, env=environment)
+        subprocess.run(
+            [python, "-c", _PEER, f"{folder}/in.npz", f"{folder}/out.npz"], check=True, env=environment
+        )
         with np.load(f"{folder}/out.npz") as out:
             both = np.isfinite(ours) & np.isfinite(out["costs"])
-            # The peer cuts corners between two hazards, so that its costs are no higher than ours.
+            # The peer cuts corners between two hazards, so that its costs are never higher.
             difference = ours[both] - out["costs"][both]
             below_m = float(max(-difference.min(), 0.0))
             return {
-                "mcp_geometric_cpu_s": float(out["cpu"]), "ours_below_peer_by_at_most_m": below_m,
+                "mcp_geometric_cpu_s": float(out["cpu"]),
+                "ours_below_peer_by_at_most_m": below_m,
                 "median_difference_m": float(np.median(difference)),
-            }  # fmt: skip
+            }
 
 
 def main() -> None:
@@ -138,12 +145,15 @@ def main() -> None:
     rating, dem = Registry.default().make_dfn("traversability"), hills(1000, 0.05)
     rating.configure({})
     report: dict[str, Any] = {
-        "benchmark": "navigation", "python": platform.python_version(), "machine": platform.machine(),
+        "benchmark": "navigation",
+        "python": platform.python_version(),
+        "machine": platform.machine(),
         "cells": 1_000_000,
         "traversability_cpu_s": cpu_s(lambda: rating.process(TraversabilityInputs(dem=dem)), args.rounds),
-        **changes(args.rounds), "routes": routes(args.rounds, args.peer_python),
-    }  # fmt: skip
-    give_out(report, args.out)
+        **changes(args.rounds),
+        "routes": routes(args.rounds, args.peer_python),
+    }
+    write_report(report, args.out)
 
 
 if __name__ == "__main__":

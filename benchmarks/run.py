@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run every benchmark of this folder, one after the other, each into ``build/benchmarks/NAME.json``.
+"""Run the benchmarks of this folder one after the other, and write ``build/benchmarks/NAME.json`` for each.
 
     python benchmarks/run.py [NAME ...]
 
-Figures of one machine at one time: compare ratios and orders, and say on which machine they were taken.
+Results depend on the machine and its load: compare ratios, and state the machine.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ OUT = HERE.parent / "build" / "benchmarks"
 
 
 def main() -> int:
-    """Run them all, or those named; exit 1 if one failed."""
+    """Run the named benchmarks, or all; return 1 if one failed."""
     known = {p.stem: p for p in sorted(HERE.glob("[!_]*.py")) if p != Path(__file__).resolve()}
     names = sys.argv[1:] or list(known)
     unknown = [n for n in names if n not in known]

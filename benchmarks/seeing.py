@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Cost of the DFNs and DFPCs of seeing, beside COLMAP and GTSAM, at the sizes that their descriptions name.
+"""Measure the cost of the image DFNs and DFPCs, and of COLMAP and GTSAM for comparison.
 
 OMP_NUM_THREADS=1 python benchmarks/seeing.py [--data DIR] [--rounds N] [--peer-python PYTHON] [--out FILE]
 
-Feature matching, triangulation and bundle adjustment: CPU seconds are medians over the rounds, memory is what Python's
-allocators had at most. What is accurate is in docs/evaluation: ``python -m cdff_dev.evaluate feature_matching`` and
-``triangulation`` and ``bundle_adjustment``.
+The DFPCs are feature matching, triangulation and bundle adjustment. Input sizes are those of the
+descriptions. CPU seconds are medians over the rounds, memory is the peak allocation of Python. Accuracy:
+``python -m evaluation feature_matching triangulation bundle_adjustment``.
 """
 
 from __future__ import annotations
@@ -20,64 +20,79 @@ from typing import Any
 
 import cv2
 import numpy as np
-from _report import give_out, measured
+from _report import measure, write_report
 
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.registry import Registry
-from cdff_core.dfns.bundle_optimization._interface import BundleOptimizationInputs
-from cdff_core.dfns.cameras_transform_estimation._interface import CamerasTransformEstimationInputs
-from cdff_core.dfns.essential_matrix_computation._interface import EssentialMatrixComputationInputs
-from cdff_core.dfns.features_description_2d._interface import FeaturesDescription2DInputs
-from cdff_core.dfns.features_extraction_2d._interface import FeaturesExtraction2DInputs
-from cdff_core.dfns.features_matching_2d._interface import FeaturesMatching2DInputs
-from cdff_core.dfns.fundamental_matrix_computation._interface import FundamentalMatrixComputationInputs
-from cdff_core.dfns.homography_computation._interface import HomographyComputationInputs
-from cdff_core.dfns.n_view_triangulation._interface import NViewTriangulationInputs
-from cdff_core.dfns.transform_estimation_3d._interface import TransformEstimation3DInputs
-from cdff_dev.evaluate import _colmap, feature_matching, feature_matching_models
-from cdff_dev.evaluate._bundles import by_gtsam, ring
-from cdff_dev.evaluate._image_pairs import grey
-from cdff_dev.evaluate.triangulation import scene
+from cdff_core.dfns.bundle_optimization.interface import BundleOptimizationInputs
+from cdff_core.dfns.cameras_transform_estimation.interface import CamerasTransformEstimationInputs
+from cdff_core.dfns.essential_matrix_computation.interface import EssentialMatrixComputationInputs
+from cdff_core.dfns.features_description_2d.interface import FeaturesDescription2DInputs
+from cdff_core.dfns.features_extraction_2d.interface import FeaturesExtraction2DInputs
+from cdff_core.dfns.features_matching_2d.interface import FeaturesMatching2DInputs
+from cdff_core.dfns.fundamental_matrix_computation.interface import FundamentalMatrixComputationInputs
+from cdff_core.dfns.homography_computation.interface import HomographyComputationInputs
+from cdff_core.dfns.n_view_triangulation.interface import NViewTriangulationInputs
+from cdff_core.dfns.transform_estimation_3d.interface import TransformEstimation3DInputs
+from evaluation import feature_matching, feature_matching_models
+from evaluation.data_sets.image_pairs import grey
+from evaluation.peers import colmap
+from evaluation.scenes.bundles import ring, solve_with_gtsam
+from evaluation.triangulation import scene
 
 
 def node(name: str, implementation: str | None = None, **config: Any) -> Any:
-    """A configured DFN."""
-    made = Registry.default().make_dfn(name, implementation)
-    made.configure(config)
-    return made
+    """Return a configured DFN."""
+    dfn = Registry.default().make_dfn(name, implementation)
+    dfn.configure(config)
+    return dfn
 
 
 def of_dfns(left: np.ndarray, rounds: int) -> dict[str, Any]:
-    """Every DFN at its stated size."""
+    """Return the cost of each DFN with the input size of its description."""
     calls: dict[str, Callable[[], Any]] = {}
     for name in ("AdaptiveFast", "Sift", "Orb"):
         dfn = node("features_extraction_2d", name)
-        calls[f"FeaturesExtraction2D/{name}"] = lambda dfn=dfn: dfn.process(FeaturesExtraction2DInputs(left))
-    points = node("features_extraction_2d", "AdaptiveFast").process(FeaturesExtraction2DInputs(left)).features[:2000]
+        calls[f"FeaturesExtraction2D/{name}"] = lambda dfn=dfn: dfn.process(
+            FeaturesExtraction2DInputs(image=left)
+        )
+    points = (
+        node("features_extraction_2d", "AdaptiveFast")
+        .process(FeaturesExtraction2DInputs(image=left))
+        .features[:2000]
+    )
     for name in ("RootSift", "Sift", "Orb"):
         dfn = node("features_description_2d", name)
-        calls[f"FeaturesDescription2D/{name}"] = lambda dfn=dfn: dfn.process(FeaturesDescription2DInputs(left, points))
+        calls[f"FeaturesDescription2D/{name}"] = lambda dfn=dfn: dfn.process(
+            FeaturesDescription2DInputs(image=left, features=points)
+        )
     rng = np.random.default_rng(0)
     a, b = (rng.integers(0, 256, (2000, 128), np.uint8) for _ in range(2))
     match = node("features_matching_2d")
-    calls["FeaturesMatching2D/MutualRatio"] = lambda: match.process(FeaturesMatching2DInputs(a, b))
-    v = feature_matching_models.two_views(0, 1000)
-    source, sink, K = v["source"], v["sink"], v["K"]
+    calls["FeaturesMatching2D/MutualRatio"] = lambda: match.process(
+        FeaturesMatching2DInputs(source=a, sink=b)
+    )
+    views = feature_matching_models.two_views(0, 1000)
+    source, sink, K = views["source"], views["sink"], views["K"]
     fundamental, essential = node("fundamental_matrix_computation"), node("essential_matrix_computation")
     homography = node("homography_computation", min_inliers=8, max_log10_false_alarms=0.0)
     plane = source @ np.array([[0.9, 0.1], [-0.1, 0.9]]) + rng.normal(0, 0.5, source.shape)
     decompose = node("cameras_transform_estimation")
-    E = essential.process(EssentialMatrixComputationInputs(source, sink, K)).essential_matrix
+    E = essential.process(
+        EssentialMatrixComputationInputs(source=source, sink=sink, source_camera=K)
+    ).essential_matrix
     calls |= {
         "FundamentalMatrixComputation/Magsac": lambda: fundamental.process(
-            FundamentalMatrixComputationInputs(source, sink)
+            FundamentalMatrixComputationInputs(source=source, sink=sink)
         ),
         "EssentialMatrixComputation/Magsac": lambda: essential.process(
-            EssentialMatrixComputationInputs(source, sink, K)
+            EssentialMatrixComputationInputs(source=source, sink=sink, source_camera=K)
         ),
-        "HomographyComputation/Magsac": lambda: homography.process(HomographyComputationInputs(source, plane)),
+        "HomographyComputation/Magsac": lambda: homography.process(
+            HomographyComputationInputs(source=source, sink=plane)
+        ),
         "CamerasTransformEstimation/EssentialDecomposition": lambda: decompose.process(
-            CamerasTransformEstimationInputs(E, source, sink, K)
+            CamerasTransformEstimationInputs(essential_matrix=E, source=source, sink=sink, source_camera=K)
         ),
     }
     cloud = rng.uniform(-2.0, 2.0, (1000, 3))
@@ -85,33 +100,41 @@ def of_dfns(left: np.ndarray, rounds: int) -> dict[str, Any]:
     mixed = np.vstack([moved[:500], rng.uniform(-2.0, 2.0, (500, 3))])
     rigid, robust = node("transform_estimation_3d"), node("transform_estimation_3d", "TruncatedGnc")
     calls |= {
-        "TransformEstimation3D/LeastSquares": lambda: rigid.process(TransformEstimation3DInputs(cloud, moved)),
-        "TransformEstimation3D/TruncatedGnc": lambda: robust.process(TransformEstimation3DInputs(cloud, mixed)),
+        "TransformEstimation3D/LeastSquares": lambda: rigid.process(
+            TransformEstimation3DInputs(source=cloud, sink=moved)
+        ),
+        "TransformEstimation3D/TruncatedGnc": lambda: robust.process(
+            TransformEstimation3DInputs(source=cloud, sink=mixed)
+        ),
     }
     tracks, _ = scene(2, (4.0, 30.0), 100_000)
     triangulate, adjust = node("n_view_triangulation"), node("bundle_optimization", covariances="none")
     covariances = node("bundle_optimization")
     problem = ring()[0]
     calls |= {
-        "NViewTriangulation/LinearThenReprojection": lambda: triangulate.process(NViewTriangulationInputs(tracks)),
-        "BundleOptimization/SchurLm": lambda: adjust.process(BundleOptimizationInputs(problem)),
-        "BundleOptimization/SchurLm with covariances": lambda: covariances.process(BundleOptimizationInputs(problem)),
+        "NViewTriangulation/LinearThenReprojection": lambda: triangulate.process(
+            NViewTriangulationInputs(tracks=tracks)
+        ),
+        "BundleOptimization/SchurLm": lambda: adjust.process(BundleOptimizationInputs(problem=problem)),
+        "BundleOptimization/SchurLm with covariances": lambda: covariances.process(
+            BundleOptimizationInputs(problem=problem)
+        ),
     }
-    return {name: measured(call, rounds) for name, call in calls.items()}
+    return {name: measure(call, rounds) for name, call in calls.items()}
 
 
 def of_matching(left: np.ndarray, right: np.ndarray, rounds: int) -> dict[str, Any]:
-    """Every variant of feature_matching on a stereo pair."""
+    """Return the cost of each implementation of feature_matching on a stereo pair."""
     report = {}
     for name in feature_matching.VARIANTS:
-        dfpc = feature_matching.made(name)
-        report[name] = measured(lambda dfpc=dfpc: feature_matching.matched(dfpc, left, right), rounds)
-        report[name]["matches"] = len(feature_matching.matched(dfpc, left, right)[0])
+        dfpc = feature_matching.make_matcher(name)
+        report[name] = measure(lambda dfpc=dfpc: feature_matching.match_images(dfpc, left, right), rounds)
+        report[name]["matches"] = len(feature_matching.match_images(dfpc, left, right)[0])
     return report
 
 
 def of_compounds(rounds: int) -> dict[str, Any]:
-    """Triangulation and bundle adjustment as DFPCs, with what they publish."""
+    """Return the cost of the DFPCs triangulation and bundle_adjustment."""
     tracks, problem = scene(2, (4.0, 30.0), 100_000)[0], ring()[0]
     report = {}
     for name, variant, port, value in (
@@ -122,13 +145,17 @@ def of_compounds(rounds: int) -> dict[str, Any]:
         dfpc = Registry.default().make_dfpc(name)
         dfpc.configure(implementation=variant)
         sample = Sample(port, 0, 0, value)
-        report[f"{name}/{variant}"] = measured(lambda dfpc=dfpc, sample=sample: list(dfpc.step(sample)), rounds)
+        report[f"{name}/{variant}"] = measure(
+            lambda dfpc=dfpc, sample=sample: list(dfpc.step(sample)), rounds
+        )
     return report
 
 
 def main() -> None:
     """Measure and print JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     beside = Path(__file__).resolve().parents[2] / "shared" / "data"
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("CDFF_DATA") or beside))
     parser.add_argument("--rounds", type=int, default=5)
@@ -140,16 +167,19 @@ def main() -> None:
     left = grey(images[0])
     right = grey(next(p for p in images if p.name == images[0].name and p.parent != images[0].parent))
     report: dict[str, Any] = {
-        "benchmark": "seeing", "python": platform.python_version(),
-        "threads": os.environ.get("OMP_NUM_THREADS", "all"), "load_1min": os.getloadavg()[0],
-        "dfns": of_dfns(left, args.rounds), "feature_matching": of_matching(left, right, args.rounds),
+        "benchmark": "seeing",
+        "python": platform.python_version(),
+        "threads": os.environ.get("OMP_NUM_THREADS", "all"),
+        "load_1min": os.getloadavg()[0],
+        "dfns": of_dfns(left, args.rounds),
+        "feature_matching": of_matching(left, right, args.rounds),
         "compounds": of_compounds(args.rounds),
-        "gtsam_bundle_adjustment_cpu_s": by_gtsam(ring()[0], 1e-7)[1],
-    }  # fmt: skip
+        "gtsam_bundle_adjustment_cpu_s": solve_with_gtsam(ring()[0], 1e-7)[1],
+    }
     if args.peer_python:
-        found, cpu_s = _colmap.matches(args.peer_python, [(left, right)])[0]
-        report["colmap_sift"] = {"cpu_s": cpu_s, "matches": len(found)}
-    give_out(report, args.out)
+        result, cpu_s = colmap.matches(args.peer_python, [(left, right)])[0]
+        report["colmap_sift"] = {"cpu_s": cpu_s, "matches": len(result)}
+    write_report(report, args.out)
 
 
 if __name__ == "__main__":

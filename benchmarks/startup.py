@@ -1,11 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Start of the whole system: from the command to every service ready, and what it costs while idle.
+"""Measure the start of the whole system until every service is ready, its CPU time and memory, and its end.
 
     python benchmarks/startup.py [--out FILE] [--runs N] [--profile FILE]
 
-Each run starts ``cdff up`` on a fresh data folder and free ports, waits for every liveliness token, then adds up CPU
-seconds and resident memory (shared pages counted once, as PSS) over all its processes, and times the end after SIGTERM.
+Each run starts ``cdff up`` with an empty data folder and free ports, and waits for every liveliness token. It
+sums CPU seconds and memory (PSS, which counts shared pages once) over all processes, and measures the time
+until they have ended after SIGTERM.
 """
 
 from __future__ import annotations
@@ -18,20 +19,22 @@ import time
 from pathlib import Path
 
 import psutil
-from _report import give_out
+from _report import write_report
 
 from cdff_common.bus import Bus
 from cdff_common.interfaces.profile import load_profile
-from cdff_dev.demo.stage import Stage
+from cdff_dev.missions.stage import Stage
 from cdff_dev.ports import free_port
 
 ROOT = Path(__file__).resolve().parent.parent
 
 
 def one_run(profile_path: Path) -> dict[str, float]:
-    """Start, measure, end."""
+    """Start the system, measure it, and end it."""
     begin_s = time.monotonic()
-    stage = Stage(load_profile(profile_path), profile_path, f"tcp/127.0.0.1:{free_port()}", f"127.0.0.1:{free_port()}")
+    stage = Stage(
+        load_profile(profile_path), profile_path, f"tcp/127.0.0.1:{free_port()}", f"127.0.0.1:{free_port()}"
+    )
     with stage, Bus.open(stage.connect, name="bench", wait_s=20) as bus:
         stage.wait_ready(bus)
         ready_s = time.monotonic() - begin_s
@@ -60,7 +63,7 @@ def main() -> None:
         "median": {key: round(statistics.median(run[key] for run in runs), 2) for key in runs[0]},
         "runs": runs,
     }
-    give_out(report, args.out)
+    write_report(report, args.out)
 
 
 if __name__ == "__main__":

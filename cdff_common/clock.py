@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Time: the mission clock that is injected everywhere, and the one place that reads the wall clock.
+"""Mission clock, which is injected everywhere, and the only access to the wall clock.
 
-``stamp_ns`` is integer nanoseconds since the UNIX epoch, a multiple of 1000 because the wire and the logs
-carry microseconds. Freshness, validity and retention use the mission clock; deadlines, leases and heartbeats
-use ``monotonic_s``.
+``stamp_ns`` is integer nanoseconds since the UNIX epoch, a multiple of 1000 because messages and logs contain
+microseconds. Freshness, validity and retention use the mission clock; deadlines, leases and heartbeats use
+``monotonic_s``.
 """
 
 from __future__ import annotations
@@ -21,50 +21,49 @@ NS_PER_S = 1_000_000_000
 
 
 def monotonic_s() -> float:
-    """Seconds of the monotonic clock: for deadlines, leases and heartbeats only."""
+    """Return the monotonic clock, seconds: for deadlines, leases and heartbeats only."""
     return time.monotonic()
 
 
 def wall_ns() -> int:
-    """Nanoseconds of the wall clock since the UNIX epoch, floored to the microsecond."""
+    """Return the wall clock, nanoseconds since the UNIX epoch, rounded down to a microsecond."""
     return time.time_ns() // 1000 * 1000
 
 
 class Clock(Protocol):
-    """Whatever tells mission time."""
+    """Source of mission time."""
 
     def now_ns(self) -> int:
-        """Mission time, nanoseconds, a multiple of 1000."""
-        ...
+        """Return mission time, nanoseconds, a multiple of 1000."""
 
 
 class WallClock:
-    """Mission time is the wall clock: what holds when nobody plays a log."""
+    """Wall clock as mission time, used when no log is played."""
 
     def now_ns(self) -> int:
-        """Mission time, nanoseconds, a multiple of 1000."""
+        """Return mission time, nanoseconds, a multiple of 1000."""
         return wall_ns()
 
 
 class ManualClock:
-    """A clock that moves when told to: for replay and tests."""
+    """Clock that is set explicitly, for replay and tests."""
 
     def __init__(self, now_ns: int = 0) -> None:
         self._now_ns = now_ns
 
     def now_ns(self) -> int:
-        """Mission time, nanoseconds, a multiple of 1000."""
+        """Return mission time, nanoseconds, a multiple of 1000."""
         return self._now_ns
 
     def set_ns(self, now_ns: int) -> None:
-        """Move the clock to ``now_ns``."""
+        """Set the clock to ``now_ns``."""
         self._now_ns = now_ns // 1000 * 1000
 
 
 class MissionClock:
     """Mission time as published on ``cdff/@v1/ground/clock``, extrapolated at its rate between two ticks.
 
-    Without a tick for ``timeout_s`` seconds of monotonic time it is the wall clock again.
+    Without a tick for ``timeout_s`` seconds of monotonic time it returns the wall clock.
     """
 
     def __init__(self, timeout_s: float = 2.0) -> None:
@@ -73,18 +72,18 @@ class MissionClock:
         self._tick: tuple[int, float, float] | None = None
 
     def on_tick(self, now_ns: int, rate: float) -> None:
-        """Take one published tick: mission time ``now_ns`` and the rate at which it runs."""
+        """Process a published tick: mission time ``now_ns`` and its rate."""
         with self._lock:
             self._tick = (now_ns, rate, monotonic_s())
 
     def now_ns(self) -> int:
-        """Mission time, nanoseconds, a multiple of 1000."""
+        """Return mission time, nanoseconds, a multiple of 1000."""
         with self._lock:
             tick = self._tick
         if tick is None:
             return wall_ns()
-        now_ns, rate, seen_s = tick
-        elapsed_s = monotonic_s() - seen_s
+        now_ns, rate, received_s = tick
+        elapsed_s = monotonic_s() - received_s
         if elapsed_s > self._timeout_s:
             return wall_ns()
         return (now_ns + int(elapsed_s * rate * NS_PER_S)) // 1000 * 1000
@@ -104,20 +103,20 @@ def parse_stamp(text: str, name: str = "t") -> int:
     if _DECIMAL.match(text):
         stamp_ns = int(text)
         if stamp_ns % 1000:
-            raise InputError(f"{name}={text}: expected a multiple of 1000 ns (the wire carries microseconds)")
+            raise InputError(f"{name}={text}: expected a multiple of 1000 ns (messages contain microseconds)")
         return stamp_ns
     try:
         moment = datetime.fromisoformat(text.replace("Z", "+00:00"))
     except ValueError as error:
         raise InputError(f"{name}={text!r}: expected nanoseconds as a decimal or an RFC 3339 time") from error
     if moment.tzinfo is None:
-        raise InputError(f"{name}={text!r}: expected a time zone, as in 2026-11-20T12:00:00Z")
+        raise InputError(f"{name}={text!r}: expected a time zone, e.g. 2026-11-20T12:00:00Z")
     delta = moment.astimezone(UTC) - datetime(1970, 1, 1, tzinfo=UTC)
     return ((delta.days * 86_400 + delta.seconds) * 1_000_000 + delta.microseconds) * 1000
 
 
 def format_stamp(stamp_ns: int) -> str:
-    """RFC 3339 text of ``stamp_ns`` with microseconds, in UTC."""
+    """Return ``stamp_ns`` as RFC 3339 text with microseconds, in UTC."""
     seconds, rest_ns = divmod(stamp_ns, NS_PER_S)
     moment = datetime.fromtimestamp(seconds, UTC)
     return f"{moment:%Y-%m-%dT%H:%M:%S}.{rest_ns // 1000:06d}Z"

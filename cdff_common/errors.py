@@ -1,29 +1,29 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Every error this framework raises on purpose, named by what the caller can do about it.
+"""Errors of the framework, one class for each reaction of the caller.
 
 ::
 
     CdffError
     ├── ConfigurationError        fix the configuration, profile or description
-    ├── InputError                fix the data that was handed in
-    │   └── CodecError            the bytes are not what they were said to be
-    ├── RefusedError              the algorithm will not stand for an answer (result FAILED)
-    │   └── DegenerateGeometryError   the data leave directions free; ``directions`` names them
-    ├── FrameNotFoundError        name a frame that is in the tree
-    ├── ExtrapolationError        ask inside the time span that is known
-    ├── ProductNotFoundError      ask for something that exists
-    ├── ConflictError             same id, other content; or somebody else changed it first
+    ├── InputError                fix the input data
+    │   └── CodecError            the bytes do not match their type and encoding
+    ├── RefusedError              the algorithm cannot give a trustworthy result (status FAILED)
+    │   └── DegenerateGeometryError   the data leave ``directions`` unconstrained
+    ├── FrameNotFoundError        use a frame of the tree
+    ├── ExtrapolationError        request a time inside the known interval
+    ├── ProductNotFoundError      request something that exists
+    ├── ConflictError             the id exists with other content, or a concurrent change
     ├── NotActiveError            activate the DFPC first
-    ├── UnavailableError          try again later, or ask somebody else
-    │   ├── NoAnswerError         nobody is there, or the answer broke off; asking again is safe
-    │   ├── DeadlineError         give more time
-    │   └── OverloadedError       come back after ``retry_after_s``
-    ├── DeniedError               you lack the right
-    └── StorageError              the disk is full or broken
+    ├── UnavailableError          retry later, or use another service
+    │   ├── NoAnswerError         no service answers, or its answer is incomplete; a retry is safe
+    │   ├── DeadlineError         allow more time
+    │   └── OverloadedError       retry after ``retry_after_s``
+    ├── DeniedError               a permission is missing
+    └── StorageError              the disk is full or defective
 
-A message names the thing, the value, what was expected and what to try. ``RPC_CODES`` and
-``HTTP_STATUS`` are the only tables that map these classes to the wire.
+A message names the item, its value, the expectation and a remedy. ``RPC_CODES`` and ``HTTP_STATUS`` are the
+only mappings of these classes to RPC codes and HTTP statuses.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from typing import Any
 
 
 class CdffError(Exception):
-    """Root of all errors raised on purpose by the framework.
+    """Base class of the errors of the framework.
 
-    ``retriable`` is set where the error came from another process, which says whether trying again makes sense.
-    ``request`` is the id of the request it answers, set where the one who raises it made that id; ``asked`` is that
-    request as it was understood, set where it was.
+    ``retriable`` is set for an error of another process, which decides whether a retry makes sense.
+    ``request`` is the id of the failed request if the service assigned it; ``asked`` is the parsed request,
+    None if it could not be parsed.
     """
 
     retriable: bool | None = None
@@ -46,19 +46,19 @@ class CdffError(Exception):
 
 
 class ConfigurationError(CdffError):
-    """A configuration, profile or description is wrong."""
+    """Invalid configuration, profile or description."""
 
 
 class InputError(CdffError):
-    """The data handed in cannot be used: wrong shape, type, unit, range or name."""
+    """Unusable input data: wrong shape, type, unit, range or name."""
 
 
 class CodecError(InputError):
-    """Bytes could not be decoded as the type and encoding they were said to be, or a value not encoded."""
+    """Bytes that cannot be decoded in the stated type and encoding, or a value that cannot be encoded."""
 
 
 class RefusedError(CdffError):
-    """An algorithm refuses to answer; ``reasons`` says why (status FAILED)."""
+    """Refusal of an algorithm to return a result (status FAILED); ``reasons`` lists the causes."""
 
     def __init__(self, message: str, reasons: Sequence[str] = ()) -> None:
         super().__init__(message)
@@ -66,7 +66,7 @@ class RefusedError(CdffError):
 
 
 class DegenerateGeometryError(RefusedError):
-    """The data leave some directions of the estimate free; ``directions`` names them."""
+    """Data that leave some directions of the estimate unconstrained; ``directions`` lists them."""
 
     def __init__(self, message: str, directions: Sequence[str] = ()) -> None:
         super().__init__(message, reasons=[f"degenerate:{name}" for name in directions])
@@ -74,39 +74,39 @@ class DegenerateGeometryError(RefusedError):
 
 
 class FrameNotFoundError(CdffError):
-    """A frame is not in the tree, or no chain joins two frames."""
+    """Frame that is not in the tree, or two frames without a connecting chain."""
 
 
 class ExtrapolationError(CdffError):
-    """A time lies outside the span that is known, by more than the stated limit."""
+    """Time outside the known interval by more than the stated limit."""
 
 
 class ProductNotFoundError(CdffError):
-    """No product, job or resource with that name."""
+    """Missing product, job or resource."""
 
 
 class ConflictError(CdffError):
-    """The same id with other content, or a change that came too late."""
+    """Same id with other content, or a change that conflicts with an earlier one."""
 
 
 class NotActiveError(CdffError):
-    """The DFPC that would answer is not active."""
+    """Request to a DFPC that is not active."""
 
 
 class UnavailableError(CdffError):
-    """Nobody can answer now."""
+    """Service that cannot answer now."""
 
 
 class NoAnswerError(UnavailableError):
-    """Nobody is there to answer, or the answer broke off before its end; asking again is safe."""
+    """No answer, or an incomplete one; a retry is safe."""
 
 
 class DeadlineError(UnavailableError):
-    """The answer did not come before the deadline."""
+    """No answer before the deadline."""
 
 
 class OverloadedError(UnavailableError):
-    """Too much asked at once; try again after ``retry_after_s`` seconds."""
+    """Too many requests; retry after ``retry_after_s`` seconds."""
 
     def __init__(self, message: str, retry_after_s: float = 1.0) -> None:
         super().__init__(message)
@@ -114,16 +114,15 @@ class OverloadedError(UnavailableError):
 
 
 class DeniedError(CdffError):
-    """The caller lacks the right."""
+    """Missing permission of the caller."""
 
 
 class StorageError(CdffError):
-    """The disk is full, or gave back something else than was written."""
+    """Full disk, or data that differ from the written ones."""
 
 
-#: Error class -> (RPC code of contract §5, retriable). First match along the class's ancestry wins.
-RPC_CODES: dict[type[CdffError], tuple[str, bool]] = {
-    CodecError: ("INVALID_ARGUMENT", False),
+#: Error class -> (RPC code, retriable). The first match in the method resolution order applies.
+RPC_CODES: dict[type, tuple[str, bool]] = {
     InputError: ("INVALID_ARGUMENT", False),
     ConfigurationError: ("INVALID_ARGUMENT", False),
     ConflictError: ("INVALID_ARGUMENT", False),
@@ -140,8 +139,7 @@ RPC_CODES: dict[type[CdffError], tuple[str, bool]] = {
 }
 
 #: Error class -> HTTP status of the problem document (RFC 9457).
-HTTP_STATUS: dict[type[CdffError], int] = {
-    CodecError: 422,
+HTTP_STATUS: dict[type, int] = {
     InputError: 422,
     ConfigurationError: 422,
     ConflictError: 409,
@@ -157,7 +155,7 @@ HTTP_STATUS: dict[type[CdffError], int] = {
     StorageError: 507,
 }
 
-#: RPC code -> the class a client raises for it.
+#: RPC code -> class that a client raises.
 ERROR_OF_CODE: dict[str, type[CdffError]] = {
     "INVALID_ARGUMENT": InputError,
     "NOT_FOUND": ProductNotFoundError,
@@ -171,16 +169,10 @@ ERROR_OF_CODE: dict[str, type[CdffError]] = {
 
 
 def rpc_code(error: BaseException) -> tuple[str, bool]:
-    """Return the RPC code of contract §5 and whether a retry makes sense; unknown errors are INTERNAL."""
-    for cls in type(error).__mro__:
-        if cls in RPC_CODES:
-            return RPC_CODES[cls]
-    return ("INTERNAL", False)
+    """Return the RPC code and whether a retry makes sense; unknown errors are INTERNAL."""
+    return next((RPC_CODES[cls] for cls in type(error).__mro__ if cls in RPC_CODES), ("INTERNAL", False))
 
 
 def http_status(error: BaseException) -> int:
     """Return the HTTP status for an error; unknown errors are 500."""
-    for cls in type(error).__mro__:
-        if cls in HTTP_STATUS:
-            return HTTP_STATUS[cls]
-    return 500
+    return next((HTTP_STATUS[cls] for cls in type(error).__mro__ if cls in HTTP_STATUS), 500)

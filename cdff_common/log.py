@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Logging for processes: one JSON object a line on standard error. Libraries only call ``logging.getLogger``."""
+"""Logging of processes as JSON lines on standard error; libraries only call ``logging.getLogger``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _OWN_FIELDS = set(logging.makeLogRecord({}).__dict__) | {"message", "asctime", "
 
 
 class JsonLines(logging.Formatter):
-    """Formats a record as one JSON object: time, level, service, logger, message and the record's extra fields."""
+    """Formatter of a record as a JSON object: time, level, service, logger, message and extra fields."""
 
     def __init__(self, service: str) -> None:
         super().__init__()
@@ -36,7 +36,7 @@ class JsonLines(logging.Formatter):
 
 
 def configure_logging(service: str, level: str = "INFO") -> None:
-    """Send every log record of this process to standard error as JSON lines."""
+    """Write every log record of this process to standard error as JSON lines."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(JsonLines(service))
     root = logging.getLogger()

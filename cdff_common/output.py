@@ -1,29 +1,32 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files and folders that a user names for output: what cannot be written is a known error, told before the work."""
+"""Output files and folders named by a user; unwritable ones are reported before the work starts."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from cdff_common.errors import StorageError
+from cdff_common.errors import InputError, StorageError
+
+#: Alternative suffixes of formats.
+_SUFFIXES = {"tiff": "tif", "xml": "xer"}
 
 
 @contextmanager
-def writing(place: str | Path) -> Iterator[None]:
-    """Turn an OSError of the block, which writes ``place``, into a StorageError that names it."""
+def storage_errors(path: str | Path) -> Iterator[None]:
+    """Convert an OSError of the block, which writes ``path``, to a StorageError with the path."""
     try:
         yield
     except OSError as error:
-        raise StorageError(f"{place}: cannot be written: {error.strerror or error}") from error
+        raise StorageError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def make_folder(path: Path) -> Path:
-    """Make a folder for output with its parents and return it; raises StorageError where that is not possible."""
-    with writing(path):
+    """Create an output folder with its parents and return it; raises StorageError."""
+    with storage_errors(path):
         path.mkdir(parents=True, exist_ok=True)
         if not os.access(path, os.W_OK):
             raise PermissionError(None, "no permission to write there")
@@ -31,16 +34,48 @@ def make_folder(path: Path) -> Path:
 
 
 def check_file(path: Path) -> None:
-    """Raise StorageError where a file cannot be put at ``path``, before work is done for it."""
+    """Raise StorageError if a file cannot be written at ``path``."""
     if path.is_dir():
-        raise StorageError(f"{path}: cannot be written: it is a folder, expected the name of a file")
+        raise StorageError(f"{path}: cannot be written: it is a folder, expected a file name")
     if not path.parent.is_dir():
-        raise StorageError(f"{path}: cannot be written: there is no folder {path.parent}; make it first")
+        raise StorageError(f"{path}: cannot be written: there is no folder {path.parent}; create it first")
     if not os.access(path if path.exists() else path.parent, os.W_OK):
         raise StorageError(f"{path}: cannot be written: no permission to write there")
 
 
+def replace_file(path: Path, data: bytes, *, sync: bool = False) -> None:
+    """Write ``….part`` and rename it, so that a kill leaves the old or the new file; raises OSError.
+
+    With ``sync`` the file also survives a loss of power. Missing folders are created.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f"{path.name}.part")
+    try:
+        with part.open("wb") as file:
+            file.write(data)
+            if sync:
+                file.flush()
+                os.fsync(file.fileno())
+        part.replace(path)
+    except OSError:
+        with suppress(OSError):
+            part.unlink()
+        raise
+
+
+def format_of_suffix(path: Path, known: Sequence[str], type_name: str) -> str:
+    """Return the format selected by the suffix of a file; raises InputError if it is not among ``known``."""
+    suffix = path.suffix.lower().removeprefix(".")
+    form = _SUFFIXES.get(suffix, suffix)
+    if form not in known:
+        raise InputError(
+            f"--out {path}: the suffix {path.suffix!r} is no format of a {type_name}, expected one of "
+            f"{', '.join(f'.{k}' for k in known)}"
+        )
+    return form
+
+
 def write_file(path: Path, data: bytes) -> None:
-    """Write a file; raises StorageError where that is not possible."""
-    with writing(path):
+    """Write a file; raises StorageError."""
+    with storage_errors(path):
         path.write_bytes(data)

@@ -1,10 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What every long-running process does: logging, signals, one exit path, thread caps, following its supervisor."""
+"""Common parts of long-running processes: logging, signals, exit path, thread caps, supervision."""
 
 from __future__ import annotations
 
 import ctypes
+import fcntl
 import logging
 import os
 import signal
@@ -13,12 +14,13 @@ import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from cdff_common.errors import CdffError
+from cdff_common.errors import CdffError, UnavailableError
 from cdff_common.log import configure_logging
+from cdff_common.output import storage_errors
 
 logger = logging.getLogger(__name__)
 
-#: Where data lie without an argument and without ``CDFF_DATA_DIR``.
+#: Default data folder, without an argument and ``CDFF_DATA_DIR``.
 DEFAULT_DATA_DIR = "~/.local/share/cdff"
 
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -26,19 +28,53 @@ _PR_SET_PDEATHSIG = 1
 
 
 def data_dir_of(argument: str | Path | None = None, environment: Mapping[str, str] = os.environ) -> Path:
-    """The data folder: the argument, else ``CDFF_DATA_DIR``, else the default; ``~`` is the user's home."""
+    """Return the data folder: the argument, else ``CDFF_DATA_DIR``, else the default; ``~`` is the home
+    folder.
+    """
     return Path(argument or environment.get("CDFF_DATA_DIR") or DEFAULT_DATA_DIR).expanduser()
 
 
+def lock_file(path: Path, own: str, refusal: Callable[[str], str]) -> int:
+    """Lock a file and return its descriptor; the lock ends when the descriptor is closed or the process ends.
+
+    The library filelock is not used because its error does not name the process that holds the lock.
+
+    Parameters
+    ----------
+    own : str
+        Name of this process, written to the file.
+    refusal : callable
+        Returns the message for another process, given the name in the file.
+
+    Raises
+    ------
+    UnavailableError
+        If another process holds the lock.
+    StorageError
+        If the file cannot be written.
+    """
+    with storage_errors(path):
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        holder = os.read(descriptor, 256).decode(errors="replace").strip()
+        os.close(descriptor)
+        raise UnavailableError(refusal(holder or "a process that has just started")) from error
+    os.ftruncate(descriptor, 0)
+    os.pwrite(descriptor, own.encode(), 0)
+    return descriptor
+
+
 def cap_threads(threads: int) -> None:
-    """Cap the threads of numeric libraries; only before they are imported."""
+    """Limit the threads of numeric libraries; call it before they are imported."""
     for variable in _THREAD_VARIABLES:
         os.environ.setdefault(variable, str(threads))
     os.environ.setdefault("NUMBA_THREADING_LAYER", "omp")
 
 
 def stop_event() -> threading.Event:
-    """An event that SIGTERM and SIGINT set; a second signal ends the process at once."""
+    """Return an event that SIGTERM and SIGINT set; a second signal ends the process."""
     stop = threading.Event()
 
     def on_signal(number: int, _frame: object) -> None:
@@ -52,19 +88,19 @@ def stop_event() -> threading.Event:
 
 
 def follow_supervisor() -> None:
-    """Have the kernel send SIGTERM when the supervisor dies, however it dies (Linux; elsewhere nothing happens)."""
+    """Request SIGTERM from the kernel when the supervisor exits (Linux; no effect elsewhere)."""
     supervisor = os.environ.get("CDFF_SUPERVISOR")
     if supervisor is None or not sys.platform.startswith("linux"):
         return
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-    if os.getppid() != int(supervisor):  # it died before we asked
+    if os.getppid() != int(supervisor):  # it exited before the request
         os._exit(0)
 
 
 def run_service(name: str, body: Callable[[threading.Event], None]) -> int:
-    """Run a service until it is told to stop; the exit code is 0, or 1 after a known error.
+    """Run a service until its stop event is set; return 0, or 1 after a known error.
 
-    ``body`` gets the stop event and returns once it is set and everything is closed.
+    ``body`` receives the stop event and returns after it is set and everything is closed.
     """
     stop = stop_event()
     follow_supervisor()
@@ -72,10 +108,10 @@ def run_service(name: str, body: Callable[[threading.Event], None]) -> int:
     try:
         body(stop)
     except CdffError as error:
-        if stop.is_set():  # what breaks off because it was told to end is no failure
+        if stop.is_set():  # an interruption by the stop event is not a failure
             logger.info("%s", error)
             return 0
-        logger.error("%s", error)  # a known error is one line, not a traceback
+        logger.error("%s", error)  # one line for a known error, no traceback
         return 1
     sys.stdout.flush()
     return 0

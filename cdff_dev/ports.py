@@ -1,15 +1,25 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ports for systems that run beside others."""
+"""Addresses and ports of systems on this machine."""
 
 from __future__ import annotations
 
 import socket
 
+from cdff_common.errors import ConfigurationError
+
 
 def free_port() -> int:
-    """A TCP port of loopback that nobody listens on now."""
+    """Return a TCP port of loopback on which no process listens now."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
         return port
+
+
+def split_address(address: str, what: str = "address") -> tuple[str, int]:
+    """Return host and port of ``host:port`` or ``tcp/host:port``; raises ConfigurationError."""
+    host, _, port = address.rpartition("/")[2].rpartition(":")
+    if not host or not port.isdigit() or int(port) > 65535:
+        raise ConfigurationError(f"{what} {address!r}: expected host:port, as in 127.0.0.1:8080")
+    return host.strip("[]"), int(port)

@@ -7,19 +7,39 @@
 ...     page = store.search(Query(types=("dem",), robot="mana"))
 """
 
-from dpm_store.annotations import Annotation, StaleRevisionError
-from dpm_store.events import Event
-from dpm_store.frames import FrameRevision, Known
-from dpm_store.poses import StampedPose, Track
-from dpm_store.provenance import Lineage
-from dpm_store.records import Insertion, MetricBound, Order, Page, Parcel, ProductRecord, Query
-from dpm_store.retention import Plan, Verdict
-from dpm_store.rules import Prefer, Rule
+from dpm_store.frames.frames import FrameRevision, HistoryView
+from dpm_store.frames.poses import StampedPose, Track
+from dpm_store.history.events import Event
+from dpm_store.history.provenance import Lineage
+from dpm_store.history.retention import RetentionDecision, RetentionPlan
+from dpm_store.history.retention_rules import Rule
+from dpm_store.products.annotations import Annotation, StaleRevisionError
+from dpm_store.products.records import Insertion, MetricBound, NewProduct, Order, Page, ProductRecord, Query
+from dpm_store.products.transaction import Delete, Reanchor, Update
 from dpm_store.store import Store, open_store
-from dpm_store.transaction import Delete, Insert, Reanchor, Update
 
 __all__ = [
-    "Annotation", "Delete", "Event", "FrameRevision", "Insert", "Insertion", "Known", "Lineage", "MetricBound", "Order",
-    "Page", "Parcel", "Plan", "Prefer", "ProductRecord", "Query", "Reanchor", "Rule", "StaleRevisionError",
-    "StampedPose", "Store", "Track", "Update", "Verdict", "open_store",
-]  # fmt: skip
+    "Annotation",
+    "Delete",
+    "Event",
+    "FrameRevision",
+    "HistoryView",
+    "Insertion",
+    "Lineage",
+    "MetricBound",
+    "NewProduct",
+    "Order",
+    "Page",
+    "ProductRecord",
+    "Query",
+    "Reanchor",
+    "RetentionDecision",
+    "RetentionPlan",
+    "Rule",
+    "StaleRevisionError",
+    "StampedPose",
+    "Store",
+    "Track",
+    "Update",
+    "open_store",
+]

@@ -1,82 +1,74 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The store as a whole: opened once, used from any thread, closed."""
+"""The store: opened once per process, usable from any thread."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from cdff_common.clock import Clock, WallClock
-from cdff_common.interfaces.product import Header
 from cdff_common.output import make_folder
-from dpm_store import pose_graphs
-from dpm_store.annotations import AnnotationTable
-from dpm_store.clouds import Clouds
-from dpm_store.database import Database, directory_of
-from dpm_store.events import EventTable
-from dpm_store.extents import Extent, extents, frame_names
-from dpm_store.footprints import footprints
-from dpm_store.frames import FrameTable
-from dpm_store.lock import DirectoryLock
-from dpm_store.maintenance import Problem, Statistics, collect, statistics, verify
-from dpm_store.maps import Maps
-from dpm_store.migrate import migrate
-from dpm_store.patches import Patches
-from dpm_store.payloads import Payloads
-from dpm_store.places import Places
-from dpm_store.pose_graphs import NodeFound
-from dpm_store.poses import PoseTable, Track
-from dpm_store.products import ProductTable
-from dpm_store.provenance import MAX_GENERATIONS, Lineage, lineage
-from dpm_store.purge import purge
-from dpm_store.pyramid import Pyramid
-from dpm_store.records import Insertion, Page, Parcel, ProductRecord, Query
-from dpm_store.retention import Retention
-from dpm_store.robots import RobotTable
-from dpm_store.room import LOW_WATER_BYTES, Room
-from dpm_store.search import Search
-from dpm_store.tracks import path
-from dpm_store.transaction import Change, Outcome, Transactions
+from cdff_common.process import lock_file
+from dpm_store.engine.database import Database, parse_url
+from dpm_store.engine.dialect import Dialect
+from dpm_store.engine.disk_space import LOW_WATER_BYTES, DiskSpace
+from dpm_store.engine.migrate import migrate
+from dpm_store.frames.anchors import AnchorTable
+from dpm_store.frames.frames import FrameTable
+from dpm_store.frames.poses import PoseTable
+from dpm_store.frames.robots import RobotTable
+from dpm_store.history.events import EventTable
+from dpm_store.history.maintenance import collect, statistics, verify
+from dpm_store.history.provenance import lineage
+from dpm_store.history.purge import purge
+from dpm_store.history.retention import Retention
+from dpm_store.maps.clouds import Clouds
+from dpm_store.maps.elevation import Maps
+from dpm_store.maps.patches import Patches
+from dpm_store.maps.pyramid import Pyramid
+from dpm_store.payloads.payloads import Payloads
+from dpm_store.products import pose_graphs
+from dpm_store.products.annotations import AnnotationTable
+from dpm_store.products.products import ProductTable
+from dpm_store.products.transaction import Transactions
+from dpm_store.search.extents import extents, frame_names
+from dpm_store.search.footprints import footprints
+from dpm_store.search.search import Search
 
-if TYPE_CHECKING:
-    from cdff_common.types import PoseGraph
-
-_DATABASE = "store.sqlite"
 _TILES = "tiles"
 
 
 def open_store(
     url: str, clock: Clock | None = None, *, low_water_bytes: int = LOW_WATER_BYTES, reserve_bytes: int = 0
 ) -> Store:
-    """Open or make a store.
+    """Open a store, or create it.
 
     Parameters
     ----------
     url : str
-        ``sqlite:///directory``; made if it is not there.
+        ``sqlite:///directory``.
     clock : Clock, optional
-        Mission clock for insertion times; the wall clock by default.
+        Mission clock of insertion times; the wall clock by default.
     low_water_bytes : int
-        Additions must leave so much on the disk, else they are refused; see ``Room``.
+        Space that additions must leave on the disk; see ``DiskSpace``.
     reserve_bytes : int
-        Kept in a file so that deletion works on a disk that others have filled.
+        Size of a file that allows deletions on a full disk.
 
     Raises
     ------
     ConfigurationError
-        On another kind of URL, or a store made by a newer version.
+        If the URL has another scheme, or the store an incompatible version.
     UnavailableError
         If another process has it open.
     StorageError
         If the disk is full or fails.
     """
-    return Store(directory_of(url), clock or WallClock(), low_water_bytes, reserve_bytes)
+    dialect, directory = parse_url(url)
+    return Store(directory, dialect, clock or WallClock(), low_water_bytes, reserve_bytes)
 
 
 class Store:
@@ -86,54 +78,77 @@ class Store:
     ----------
     frames : FrameTable
         Revisioned fixed edges.
-    places : Places
-        Bodies, and where frames are on them.
+    anchors : AnchorTable
+        Bodies, and the anchors of frames on them.
     robots : RobotTable
-        What robots are.
+        Descriptions of robots.
     poses : PoseTable
         Moving edges, and lookups over both.
     events : EventTable
         Append-only history.
     annotations : AnnotationTable
-        Tags, notes, pins, judgements and successors of products, by revision.
+        Tags, notes, pins, assessments and successors of products, by revision.
+    products : ProductTable
+        Insertion, retrieval and deletion; ``put_all``, ``get``, ``payload`` and ``delete`` are its
+        methods.
     retention : Retention
-        Rules of what may go.
+        Deletion of products by rules.
     maps : Maps
         Windows pooled from patches.
     clouds : Clouds
         Points of a region from all clouds, within a budget.
     pyramid : Pyramid
         Statistics of tiles, at every level.
+    search : callable
+        ``Search.run``: a page of products by a ``Query``.
+    transact : callable
+        ``Transactions.run``: several changes, all or none.
     """
 
     def __init__(
-        self, directory: Path, clock: Clock, low_water_bytes: int = LOW_WATER_BYTES, reserve_bytes: int = 0
+        self, directory: Path, dialect: Dialect, clock: Clock, low_water_bytes: int, reserve_bytes: int
     ) -> None:
         make_folder(directory)
         self.directory = directory
         self.clock = clock
-        self._lock = DirectoryLock(directory)
-        try:
-            self._database = Database(directory / _DATABASE, Room(directory, low_water_bytes, reserve_bytes))
-            migrate(self._database)
-            self._payloads = Payloads(directory)
-        except BaseException:
-            self._lock.release()
-            raise
-        self.events = EventTable(self._database, clock)
-        self.frames = FrameTable(self._database, self.events, clock)
-        self.places = Places(self._database, self.frames, self.events, clock)
-        self.robots = RobotTable(self._database, self.events, clock)
-        self.poses = PoseTable(self._database, self.frames)
-        self.annotations = AnnotationTable(self._database, self.events, clock)
-        self._products = ProductTable(self._database, self._payloads, self.events, self.annotations, clock)
-        self._transactions = Transactions(self._database, self._products, self.annotations, self.frames)
-        self.retention = Retention(self._database, self._products, clock)
-        self._search = Search(self._database, self._products, self.frames, self.poses)
-        patches = Patches(self._search, self._products, self.frames)
+        with ExitStack() as exit_stack:
+            lock = lock_file(directory / "store.lock", str(os.getpid()), partial(_in_use, directory))
+            exit_stack.callback(os.close, lock)
+            disk_space = DiskSpace(directory, low_water_bytes, reserve_bytes)
+            self._database = database = Database(directory, disk_space, dialect)
+            exit_stack.callback(database.close)
+            migrate(database)
+            self._payloads = payloads = Payloads(directory, dialect)
+            exit_stack.callback(payloads.packs.close)
+            self._opened = exit_stack.pop_all()  # they stay open unless a step failed
+        self.events = EventTable(database, clock)
+        self.frames = FrameTable(database, self.events, clock)
+        self.anchors = AnchorTable(database, self.frames, self.events, clock)
+        self.robots = RobotTable(database, self.events, clock)
+        self.poses = PoseTable(database, self.frames)
+        self.annotations = AnnotationTable(database, self.events, clock)
+        self.products = products = ProductTable(database, payloads, self.events, self.annotations, clock)
+        self.retention = Retention(database, products, clock)
+        search = Search(database, products, self.frames, self.poses)
+        patches = Patches(search, products, self.frames)
         self.maps = Maps(patches)
-        self.clouds = Clouds(self._search, self._products, self.frames)
-        self.pyramid = Pyramid(self._database, patches, self.frames, self.events, directory / _TILES)
+        self.clouds = Clouds(patches.of("pointcloud", "Pointcloud"), products)
+        self.pyramid = Pyramid(database, patches, self.frames, self.events, directory / _TILES)
+        # operations of the parts
+        self.put_all, self.delete = products.put_all, products.delete
+        self.get, self.payload = products.get, products.payload
+        self.search = search.run
+        self.transact = Transactions(database, products, self.annotations, self.frames).run
+        self.purge = partial(purge, database, payloads, self.events)
+        self.lineage = partial(lineage, database)
+        self.verify = partial(verify, database, payloads)
+        self.collect = partial(collect, database, payloads)
+        self.statistics = partial(statistics, database)
+        self.extents = partial(extents, database)
+        self.footprints = partial(footprints, database)
+        self.frame_names = partial(frame_names, database)
+        self.pose_graph = partial(pose_graphs.read, database)
+        self.pose_graph_nodes = partial(pose_graphs.nodes_between, database)
 
     def __enter__(self) -> Store:
         return self
@@ -143,88 +158,11 @@ class Store:
     ) -> None:
         self.close()
 
-    def put(
-        self, header: Header, payload: bytes, *, robot: str, dfpc: str, port: str, product: str, type_name: str,
-        codec: str = "uper", value: Any = None,
-    ) -> Insertion:  # fmt: skip
-        """Insert a product; durable when this returns. See ``ProductTable.put``."""
-        return self._products.put(
-            header, payload, robot=robot, dfpc=dfpc, port=port, product=product, type_name=type_name, codec=codec,
-            value=value,
-        )  # fmt: skip
-
-    def put_all(self, parcels: Sequence[Parcel]) -> tuple[Insertion, ...]:
-        """Insert several products in one transaction, all or none. See ``ProductTable.put_all``."""
-        return self._products.put_all(parcels)
-
-    def get(self, product_id: str, *, deleted: bool = False) -> ProductRecord:
-        """Metadata by id. See ``ProductTable.get``."""
-        return self._products.get(product_id, deleted=deleted)
-
-    def payload(self, product_id: str, offset: int = 0, length: int | None = None) -> bytes:
-        """Bytes of a payload, checked against what was written. See ``ProductTable.payload``."""
-        return self._products.payload(product_id, offset, length)
-
-    def search(self, query: Query | None = None) -> Page:
-        """One page of products. See ``Query`` and ``Search.run``."""
-        return self._search.run(query or Query())
-
-    def delete(self, product_id: str) -> bool:
-        """Leave a tombstone. See ``ProductTable.delete``."""
-        return self._products.delete(product_id)
-
-    def purge(self, product_id: str) -> int:
-        """Remove the payload of a deleted product. See ``purge.purge``."""
-        return purge(self._database, self._payloads, self.events, product_id)
-
-    def transact(self, changes: Sequence[Change]) -> tuple[Outcome, ...]:
-        """Make several changes in one transaction, all or none. See ``Transactions.run``."""
-        return self._transactions.run(changes)
-
-    def lineage(self, product_id: str, direction: str = "up", depth: int = MAX_GENERATIONS) -> Lineage:
-        """What a product was made from, or what was made from it. See ``provenance.lineage``."""
-        return lineage(self._database, product_id, direction, depth)
-
-    def verify(self) -> tuple[Problem, ...]:
-        """Look at everything that is stored; what was found wrong, empty when sound."""
-        return verify(self._database, self._payloads)
-
-    def collect(self) -> int:
-        """Remove payloads that no live product names; returns the bytes freed."""
-        return collect(self._database, self._payloads)
-
-    def statistics(self) -> Statistics:
-        """Counts and sizes."""
-        return statistics(self._database)
-
-    def extents(self) -> tuple[Extent, ...]:
-        """What the products of each type and frame span; reads every row."""
-        return extents(self._database)
-
-    def footprints(self, ids: Sequence[str]) -> dict[str, NDArray[np.float64]]:
-        """Outlines of products by id. See ``footprints.footprints``."""
-        with self._database.read() as connection:
-            return footprints(connection, ids)
-
-    def frame_names(self) -> tuple[str, ...]:
-        """Frames that products lie or lay in."""
-        return frame_names(self._database)
-
-    def path(self, track: Track, most: int) -> NDArray[np.float64]:
-        """Positions of a moving frame, thinned. See ``tracks.path``."""
-        return path(self._database, track, most)
-
-    def pose_graph(self, product_id: str) -> PoseGraph:
-        """A pose graph from its nodes and edges. See ``pose_graphs.read``."""
-        return pose_graphs.read(self._database, product_id)
-
-    def pose_graph_nodes(self, product_id: str, t0_ns: int, t1_ns: int) -> tuple[NodeFound, ...]:
-        """Nodes of a pose graph in a span of time. See ``pose_graphs.nodes_between``."""
-        return pose_graphs.nodes_between(self._database, product_id, t0_ns, t1_ns)
-
     def close(self) -> None:
-        """Close the database and let another process open it."""
+        """Close the database and release the directory for another process."""
         self.pyramid.close()
-        self._database.close()
-        self._payloads.close()
-        self._lock.release()
+        self._opened.close()
+
+
+def _in_use(directory: Path, holder: str) -> str:
+    return f"data directory {directory}: in use by process {holder}; only one DPM opens it at a time"

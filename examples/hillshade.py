@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""One elevation map over what all rovers of the demonstration saw, as a shaded picture: the one in the README.
+"""Write the hillshade of an elevation map of all rovers of the demonstration: the picture in the README.
 
 make demo                                           # in one terminal
-.venv/bin/python examples/hillshade.py OUT.png      # in another, once the questions are answered
+.venv/bin/python examples/hillshade.py OUT.png      # in another, after all requests were answered
 """
 
 import sys
@@ -17,4 +17,6 @@ REGION = "bbox:-11,-8,10,8"
 with Client() as client:
     dem = client.request("dem", robot="any", region=REGION, resolution_m=0.1)
 Path(sys.argv[1]).write_bytes(hillshade_png(dem.value))
-print(f"{sys.argv[1]}: {dem.value.geometry.shape} cells, {dem.delivered['coverage']:.2f} of the region observed")
+print(
+    f"{sys.argv[1]}: {dem.value.geometry.shape} cells, {dem.delivered['coverage']:.2f} of the region observed"
+)

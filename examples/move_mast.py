@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Say how the joints of a rover's URDF stand, as the driver of a mast would each time they have moved.
+"""Publish positions of the joints of a rover's URDF, as the driver of a mast does after each motion.
 
     python examples/move_mast.py ROBOT JOINT=VALUE…          # rad or m: mana pan=0.6 tilt=-0.2
 
-The sample is published as stream ``joints`` of sensor ``mast``. A driver stamps it with the time at which it read the
-joints; here it is that of the rover's newest pose. ``docs/how-to/move-joints.md`` says more.
+The sample is published as stream ``joints`` of sensor ``mast``. A driver stamps it with the time at which it
+read the joints; this example uses the time of the rover's newest pose. See ``docs/how-to/move-joints.md``.
 """
 
 import sys
@@ -20,10 +20,12 @@ if len(sys.argv) < 3:
 robot, values = sys.argv[1], dict(item.split("=") for item in sys.argv[2:])
 
 with Bus.open(name="mast") as bus:
-    asked = {"parent": "site", "child": f"{robot}/base"}
-    pose = bus.call(keys.dfpc_rpc(robot, "position_manager", "call/get_pose"), asked)
+    query = {"parent": "site", "child": f"{robot}/base"}
+    pose = bus.call(keys.dfpc_rpc(robot, "position_manager", "call/get_pose"), query)
     now_ns = int(pose.attachment["t1_ns"])
-    joints = Joints(Time.from_ns(now_ns), tuple(values), tuple(JointState(position=float(v)) for v in values.values()))
+    joints = Joints(
+        Time.from_ns(now_ns), tuple(values), tuple(JointState(position=float(v)) for v in values.values())
+    )
     header = Header(
         id=product_id(robot, "mast", "joints", now_ns, 0, ""),
         seq=0,

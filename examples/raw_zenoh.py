@@ -1,11 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The same without anything of ours but the ASN.1 files: Zenoh, an ASN.1 compiler and MessagePack, in any language.
+"""Send requests without CDFF code, using its ASN.1 files, Zenoh, an ASN.1 compiler and MessagePack.
 
     python examples/raw_zenoh.py ASN1_FOLDER [ROBOT] [REGION]
 
-Asks for the rover's pose as an InFuse ``RigidBodyState`` and for the elevation of a region as an InFuse ``Map``. The
-router is ``CDFF_CONNECT`` or ``tcp/127.0.0.1:7447``. ``docs/og2-interface.md`` says what everything means.
+The requests are the rover's pose as an InFuse ``RigidBodyState`` and the elevation of a region as an InFuse
+``Map``. The address of the router is ``CDFF_CONNECT`` or ``tcp/127.0.0.1:7447``. See
+``docs/og2-interface.md``.
 """
 
 import json
@@ -22,11 +23,13 @@ import zenoh
 SECONDS = 30
 
 
-def ask(session, robot, **wishes):
-    """Send one request and return the final reply's encoding, payload and attachment; print progress on the way."""
-    wishes |= {"deadline_ms": SECONDS * 1000, "request": uuid.uuid4()}
-    selector = f"cdff/@v1/{robot}/orchestrator/@rpc/request?" + ";".join(f"{k}={v}" for k, v in wishes.items())
-    # Without consolidation NONE only the final reply arrives, which is complete by itself.
+def ask(session, robot, **parameters):
+    """Send one request, print its progress; return encoding, payload and attachment of the final reply."""
+    parameters |= {"deadline_ms": SECONDS * 1000, "request": uuid.uuid4()}
+    selector = f"cdff/@v1/{robot}/orchestrator/@rpc/request?" + ";".join(
+        f"{k}={v}" for k, v in parameters.items()
+    )
+    # Without ConsolidationMode.NONE, Zenoh delivers the final reply only, without progress.
     for reply in session.get(selector, timeout=SECONDS + 1, consolidation=zenoh.ConsolidationMode.NONE):
         if reply.err is not None:
             sys.exit(f"refused: {msgpack.unpackb(reply.err.payload.to_bytes())}")
@@ -36,15 +39,17 @@ def ask(session, robot, **wishes):
             return str(sample.encoding), sample.payload.to_bytes(), about
         progress = msgpack.unpackb(sample.payload.to_bytes())
         print(f"  {progress['state']}: {progress['reason']}")
-    sys.exit("nobody answers: an empty answer is never a result")
+    sys.exit("no answer: an empty answer is never a result")
 
 
 def main(asn1_folder, robot="mana", region="circle:0,0,5"):
-    """Ask twice and print what came."""
+    """Send both requests and print the products."""
     schema = asn1tools.compile_files([str(f) for f in sorted(Path(asn1_folder).glob("*.asn"))], "uper")
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", json.dumps([os.environ.get("CDFF_CONNECT", "tcp/127.0.0.1:7447")]))
+    config.insert_json5(
+        "connect/endpoints", json.dumps([os.environ.get("CDFF_CONNECT", "tcp/127.0.0.1:7447")])
+    )
     config.insert_json5("scouting/multicast/enabled", "false")
     with zenoh.open(config) as session:
         encoding, payload, about = ask(session, robot, type="pose", **{"as": "RigidBodyState"}, frame="site")
@@ -54,15 +59,23 @@ def main(asn1_folder, robot="mana", region="circle:0,0,5"):
         print(f"{source} in {target}: position {state['pos']}, quaternion x y z w {state['orient']}")
         print(f"  {about['delivered']['age_s']} s old, quality {about['quality']['status']}")
 
-        encoding, payload, about = ask(session, robot, type="dem", region=region, frame="site", deliver="inline")
+        encoding, payload, about = ask(
+            session, robot, type="dem", region=region, frame="site", deliver="inline"
+        )
         assert encoding == "application/vnd.cdff+uper;Map/1", encoding
         dem = schema.decode("Map", payload)
         rows, cols = dem["data"]["rows"], dem["data"]["cols"]
         heights = struct.unpack(f"<{rows * cols}f", dem["data"]["data"])
         corner = dem["metadata"]["pose-fixedFrame-mapFrame"]["data"]["translation"]
-        seen = [h for h in heights if h == h]  # unobserved cells are NaN
-        print(f"DEM of {rows} x {cols} cells of {dem['metadata']['scale']} m, outer corner of cell (0, 0) at {corner}")
-        print(f"  heights {min(seen)}..{max(seen)} m in {len(seen)} cells, coverage {about['delivered']['coverage']}")
+        observed = [h for h in heights if h == h]  # unobserved cells are NaN
+        print(
+            f"DEM of {rows} x {cols} cells of {dem['metadata']['scale']} m, outer corner of cell (0, 0) "
+            f"at {corner}"
+        )
+        print(
+            f"  heights {min(observed)}..{max(observed)} m in {len(observed)} cells, coverage "
+            f"{about['delivered']['coverage']}"
+        )
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""An autonomy framework in three lines: ask a running system (``cdff demo``) for the elevation around a rover.
+"""Request the elevation around a rover from a running system (``cdff demo``) in three lines.
 
 python examples/three_lines.py [ROBOT]
 """

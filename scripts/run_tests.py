@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run the tests: what computes on all cores, what starts processes one after the other, and sum both up.
+"""Run the tests: first those that only compute, in parallel, then those that start processes, one by one.
 
-``run_tests.py`` runs what is not marked slow, ``run_tests.py --slow`` everything; further arguments go to pytest.
+``run_tests.py`` runs the tests that are not marked slow, ``run_tests.py --slow`` everything; further
+arguments go to pytest.
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ PROCESSES = "integration or e2e"
 
 
 def main() -> int:
-    """Run both parts and print one line over both; exit 0 only if both passed."""
+    """Run both parts and print a summary; return 0 only if both passed."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--slow", action="store_true", help="also what is marked slow")
+    parser.add_argument("--slow", action="store_true", help="also the tests marked slow")
     parser.add_argument("--workers", default="2", help="processes for the computing part")
     args, rest = parser.parse_known_args()
     BUILD.mkdir(exist_ok=True)
@@ -45,12 +46,14 @@ def main() -> int:
 
 
 def _pytest(name: str, arguments: list[str]) -> int:
-    """One pytest run; threads are capped, since the processes already fill the cores."""
+    """Run pytest; threads are limited, because the processes already use all cores."""
     caps = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
     report = BUILD / f"junit-{name}.xml"
     report.unlink(missing_ok=True)
     command = [sys.executable, "-m", "pytest", f"--junitxml={report}", *arguments]
-    code = subprocess.run(command, cwd=ROOT, env=caps | os.environ, stdin=subprocess.DEVNULL, check=False).returncode
+    code = subprocess.run(
+        command, cwd=ROOT, env=caps | os.environ, stdin=subprocess.DEVNULL, check=False
+    ).returncode
     return 0 if code == NO_TESTS_COLLECTED else code
 
 

@@ -18,8 +18,10 @@ ROOT = Path(__file__).resolve().parent.parent
 TRACEABILITY = ROOT / "build" / "traceability.json"
 SEED = 20180717
 
-# No test judges a time, and the same examples are tried every time.
-settings.register_profile("cdff", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+# No time limit for a single example; every run tries the same examples.
+settings.register_profile(
+    "cdff", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+)
 settings.load_profile("cdff")
 
 _OUTCOMES = pytest.StashKey[dict[str, dict[str, object]]]()
@@ -27,7 +29,7 @@ _OUTCOMES = pytest.StashKey[dict[str, dict[str, object]]]()
 
 @pytest.fixture
 def real_data() -> Callable[[str], Path]:
-    """``real_data("kitti_stereo/KITTI_sequence_1") -> Path``; skips with a reason where the set is absent."""
+    """``real_data("kitti_stereo/KITTI_sequence_1") -> Path``; skips the test if the data set is absent."""
     root = Path(os.environ.get("CDFF_DATA") or ROOT.parent / "shared" / "data")
 
     def find(relative: str) -> Path:
@@ -57,7 +59,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Hand the requirement ids to the reports: properties travel from the workers of pytest-xdist, markers do not."""
+    """Pass the requirement ids to the reports: workers of pytest-xdist send properties, but no markers."""
     for item in items:
         for marker in item.iter_markers("req"):
             item.user_properties.extend(("req", requirement) for requirement in marker.args)
@@ -83,7 +85,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Add this run's outcomes to those of earlier runs of the same build."""
+    """Merge this run's outcomes with those of earlier runs of the same build."""
     outcomes = session.config.stash[_OUTCOMES]
     if hasattr(session.config, "workerinput") or not outcomes:
         return

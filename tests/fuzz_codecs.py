@@ -1,10 +1,13 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Mutated messages of every type into every decoder: ``python -m tests.fuzz_codecs --messages 1000000 [--out FILE]``.
+"""Feed mutated messages of every type to every decoder.
 
-A decoder gives a message or raises CodecError. Anything else is a finding: another exception, a decoding that takes
-longer than ``HANG_S``, or memory beyond ``MEMORY_MB`` more than the process began with. Equal seeds give equal
-messages, so that a finding is found again; ``--first`` starts in the middle, so that a long run can be cut into slices.
+``python -m tests.fuzz_codecs --messages 1000000 [--out FILE]``
+
+A decoder must return a message or raise CodecError. Anything else is a finding: another exception, a
+decoding that takes longer than ``HANG_S``, or memory growth of more than ``MEMORY_MB`` since the start.
+Equal seeds give equal messages, so that a finding can be reproduced; ``--first`` is the number of the first
+message, so that a long run can be divided.
 """
 
 from __future__ import annotations
@@ -27,15 +30,40 @@ import numpy as np
 
 from cdff_common.codecs import CODECS, decode, encode
 from cdff_common.errors import CodecError
-from tests.messages import ALL, long_message, random_message
+from tests.support.messages import ALL, long_message, random_message
 
 HANG_S = 5.0
 MEMORY_MB = 1024
-#: Messages from which those of one type and codec are mutated.
+#: Valid messages per type and codec from which the mutations are made.
 _SEEDS = 6
-#: Octets that mean something to one of the decoders: lengths, fragments, tags, special REALs, types of MessagePack.
-_TELLING = (0x00, 0x01, 0x03, 0x40, 0x42, 0x7F, 0x80, 0x83, 0x84, 0x8F, 0x9F, 0xBF, 0xC0, 0xC1, 0xC4, 0xC6, 0xDB,
-            0xDC, 0xDD, 0xDF, 0xFF, ord("<"), ord(">"), ord("/"), ord("&"))  # fmt: skip
+#: Octets with a meaning in one of the encodings: length, fragment, tag, special REAL, MessagePack type.
+_SPECIAL_OCTETS = (
+    0x00,
+    0x01,
+    0x03,
+    0x40,
+    0x42,
+    0x7F,
+    0x80,
+    0x83,
+    0x84,
+    0x8F,
+    0x9F,
+    0xBF,
+    0xC0,
+    0xC1,
+    0xC4,
+    0xC6,
+    0xDB,
+    0xDC,
+    0xDD,
+    0xDF,
+    0xFF,
+    ord("<"),
+    ord(">"),
+    ord("/"),
+    ord("&"),
+)
 
 Mutation = Callable[[bytearray, np.random.Generator], bytearray]
 
@@ -48,7 +76,7 @@ def _flip(data: bytearray, rng: np.random.Generator) -> bytearray:
 
 def _replace(data: bytearray, rng: np.random.Generator) -> bytearray:
     for _ in range(int(rng.integers(1, 5))):
-        data[int(rng.integers(len(data)))] = int(rng.choice(_TELLING))
+        data[int(rng.integers(len(data)))] = int(rng.choice(_SPECIAL_OCTETS))
     return data
 
 
@@ -69,9 +97,9 @@ def _insert(data: bytearray, rng: np.random.Generator) -> bytearray:
 
 
 def _repeat(data: bytearray, rng: np.random.Generator) -> bytearray:
-    begin = int(rng.integers(len(data)))
-    part = data[begin : begin + int(rng.integers(1, 33))]
-    data[begin:begin] = part * int(rng.integers(1, 9))
+    start = int(rng.integers(len(data)))
+    section = data[start : start + int(rng.integers(1, 33))]
+    data[start:start] = section * int(rng.integers(1, 9))
     return data
 
 
@@ -85,7 +113,7 @@ MUTATIONS: tuple[Mutation, ...] = (_flip, _replace, _cut, _remove, _insert, _rep
 
 @dataclass(slots=True)
 class Findings:
-    """What a run met."""
+    """Counts and findings of a run."""
 
     decoded: int = 0
     refused: int = 0
@@ -103,7 +131,9 @@ def _on_alarm(signum: int, frame: FrameType | None) -> None:
 
 
 def mutated(first: int, count: int, seed: int) -> Iterator[tuple[int, str, str, bytes]]:
-    """``(number, type, codec, octets)`` of messages ``first`` to ``first + count``; types and codecs take turns."""
+    """``(number, type, codec, octets)`` of messages ``first`` to ``first + count``; every type
+    and codec in turn.
+    """
     corpus: dict[tuple[str, str], list[bytes]] = {}
     pairs = [(name, codec) for name in ALL for codec in CODECS]
     for number in range(first, first + count):
@@ -122,7 +152,7 @@ def mutated(first: int, count: int, seed: int) -> Iterator[tuple[int, str, str, 
 
 
 def fuzz(messages: int, *, seed: int = 0, first: int = 0, cpu_s: float = float("inf")) -> Findings:
-    """Decode ``messages`` mutated messages, or as many as ``cpu_s`` of CPU time allow."""
+    """Decode ``messages`` mutated messages, or fewer if ``cpu_s`` of CPU time is used up."""
     out = Findings()
     begin_rss = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     previous = signal.signal(signal.SIGALRM, _on_alarm)
@@ -137,15 +167,21 @@ def fuzz(messages: int, *, seed: int = 0, first: int = 0, cpu_s: float = float("
             if rss - begin_rss > MEMORY_MB << 10:
                 problem, begin_rss = f"memory grew to {rss >> 10} MB", rss
             if problem:
-                found = {"number": number, "type": name, "codec": codec, "problem": problem, "octets": data.hex()}
-                out.findings.append(found)
+                finding = {
+                    "number": number,
+                    "type": name,
+                    "codec": codec,
+                    "problem": problem,
+                    "octets": data.hex(),
+                }
+                out.findings.append(finding)
     finally:
         signal.signal(signal.SIGALRM, previous)
     return out
 
 
 def _decode(name: str, codec: str, data: bytes, out: Findings) -> str:
-    """Decode one message; what is wrong, empty where nothing is."""
+    """Decode a message; return a description of the fault, or "" if there is none."""
     begin_s = time.process_time()
     signal.setitimer(signal.ITIMER_REAL, 12 * HANG_S)
     try:
@@ -154,8 +190,8 @@ def _decode(name: str, codec: str, data: bytes, out: Findings) -> str:
     except CodecError:
         out.refused += 1
     except _Hang:
-        return "it hung"
-    except Exception as error:  # noqa: BLE001  # what else may come is what is sought
+        return "the decoder hung"
+    except Exception as error:  # noqa: BLE001  # any other error is a finding
         return f"{type(error).__name__}: {error}"[:300]
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
@@ -165,30 +201,37 @@ def _decode(name: str, codec: str, data: bytes, out: Findings) -> str:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Fuzz and say what was found; exit 1 where something was."""
+    """Fuzz and report the findings; exit 1 if there is one."""
     parser = argparse.ArgumentParser(prog="fuzz_codecs", description=__doc__)
     parser.add_argument("--messages", type=int, default=1_000_000)
     parser.add_argument("--first", type=int, default=0, help="number of the first message")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--cpu-s", type=float, default=float("inf"), help="stop after so much CPU time")
+    parser.add_argument("--cpu-s", type=float, default=float("inf"), help="stop after this CPU time")
     parser.add_argument("--out", type=Path, help="write JSON here instead of printing it")
     args = parser.parse_args(argv)
     begin_s = time.process_time()
-    found = fuzz(args.messages, seed=args.seed, first=args.first, cpu_s=args.cpu_s)
+    result = fuzz(args.messages, seed=args.seed, first=args.first, cpu_s=args.cpu_s)
     report = {
         "what": "mutated messages over all types and codecs: decoded, refused with CodecError, or a finding",
-        "seed": args.seed, "first": args.first, "messages": sum(found.by_codec.values()), "types": len(ALL),
-        "codecs": dict(found.by_codec), "decoded": found.decoded, "refused": found.refused,
-        "findings": found.findings, "longest_decode_cpu_s": round(found.longest_s, 3),
+        "seed": args.seed,
+        "first": args.first,
+        "messages": sum(result.by_codec.values()),
+        "types": len(ALL),
+        "codecs": dict(result.by_codec),
+        "decoded": result.decoded,
+        "refused": result.refused,
+        "findings": result.findings,
+        "longest_decode_cpu_s": round(result.longest_s, 3),
         "peak_rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10,
-        "cpu_s": round(time.process_time() - begin_s, 1), "python": platform.python_version(),
-    }  # fmt: skip
+        "cpu_s": round(time.process_time() - begin_s, 1),
+        "python": platform.python_version(),
+    }
     text = json.dumps(report, indent=2) + "\n"
     if args.out:
         args.out.write_text(text, encoding="utf-8")
     else:
         sys.stdout.write(text)
-    return 1 if found.findings else 0
+    return 1 if result.findings else 0
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The ASN.1 modules: source of truth of the wire, one family of types a file."""
+"""ASN.1 modules: the definitions of all message types, one file per family of types."""
 
 from __future__ import annotations
 
@@ -11,5 +11,5 @@ ASN1_DIR = Path(__file__).parent
 
 
 def asn1_files() -> list[Path]:
-    """All ``.asn`` files, sorted by name."""
+    """Return all ``.asn`` files, sorted by name."""
     return sorted(ASN1_DIR.glob("*.asn"))

@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The only place that talks Zenoh: keys, sessions, publish/subscribe, remote calls, liveliness, the mission clock."""
+"""Access to Zenoh: keys, sessions, publish/subscribe, remote calls, liveliness, mission clock. Only this
+package imports zenoh.
+"""
 
 from cdff_common.bus.bus import Bus
 from cdff_common.bus.message import Message, Reply, Request

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The bus of one process: a session with everything declared on it, closed in order."""
+"""Bus of one process: a session and its declarations, closed in reverse order."""
 
 from __future__ import annotations
 
@@ -8,18 +8,17 @@ import logging
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, Unpack
 
 import zenoh
 
 from cdff_common.bus import keys, rpc
-from cdff_common.bus.message import Message, Reply, Request, pack, unpack
-from cdff_common.bus.qos import Qos, put_options
+from cdff_common.bus.message import Message, Reply, on_map, pack
+from cdff_common.bus.qos import Qos
 from cdff_common.bus.session import open_client, open_router
 from cdff_common.bus.subscription import Subscription
 from cdff_common.bus.verbs import RPC, VerbTable
 from cdff_common.clock import MissionClock
-from cdff_common.errors import CdffError
 
 logger = logging.getLogger(__name__)
 
@@ -27,7 +26,7 @@ _CLOSE_DEADLINE_S = 3.0
 
 
 class Bus:
-    """A process's connection to the router.
+    """Connection of a process to the router.
 
     Use as a context manager: an unclosed session with a subscriber keeps the interpreter from exiting.
 
@@ -36,14 +35,14 @@ class Bus:
     session : zenoh.Session
         Opened by ``Bus.open``.
     name : str
-        Of the process, for logs.
+        Name of the process, for logs.
     """
 
     def __init__(self, session: zenoh.Session, name: str) -> None:
         self._session = session
         self._name = name
         self._lock = threading.Lock()
-        self._open: list[Any] = []
+        self._declarations: list[Any] = []
         self._latched: dict[str, Mapping[str, Any]] = {}
         self._clock: MissionClock | None = None
         self._verb_tables: dict[str, VerbTable] = {}
@@ -60,7 +59,7 @@ class Bus:
     ) -> Self:
         """Connect to the router (argument, ``CDFF_CONNECT`` or the default), trying for ``wait_s`` seconds.
 
-        ``wait_s=None`` tries until the router is there or ``stop`` is set.
+        ``wait_s=None`` tries until the router answers or ``stop`` is set.
 
         Raises
         ------
@@ -71,37 +70,41 @@ class Bus:
 
     @classmethod
     def open_router(cls, listen: str, *, uplink: str | None = None, name: str = "router") -> Self:
-        """Be the router, listening on ``listen``, linked to the one at ``uplink`` while that is in contact."""
+        """Open a router that listens on ``listen`` and links to the router at ``uplink`` while that is
+        reachable.
+        """
         return cls(open_router(listen, uplink), name)
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *exc: tuple[type[BaseException] | None, BaseException | None, TracebackType | None]) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.close()
 
     def close(self) -> None:
         """Undeclare everything, newest first, and close the session; never longer than a few seconds."""
         with self._lock:
-            opened, self._open = self._open[::-1], []
-        closer = threading.Thread(target=self._close_all, args=(opened,), name="bus close", daemon=True)
+            declarations, self._declarations = self._declarations[::-1], []
+        closer = threading.Thread(target=self._close_all, args=(declarations,), name="bus close", daemon=True)
         closer.start()
         closer.join(_CLOSE_DEADLINE_S)
         if closer.is_alive():
             logger.warning("%s: the session did not close within %g s", self._name, _CLOSE_DEADLINE_S)
 
-    def _close_all(self, opened: list[Any]) -> None:
-        for item in opened:
+    def _close_all(self, declarations: list[Any]) -> None:
+        for declaration in declarations:
             try:
-                item.close() if hasattr(item, "close") else item.undeclare()
+                declaration.close() if hasattr(declaration, "close") else declaration.undeclare()
             except zenoh.ZError as error:
-                logger.debug("closing %r: %s", item, error)
+                logger.debug("closing %r: %s", declaration, error)
         self._session.close()
 
-    def _keep(self, item: Any) -> Any:
+    def _add_declaration(self, declaration: Any) -> Any:
         with self._lock:
-            self._open.append(item)
-        return item
+            self._declarations.append(declaration)
+        return declaration
 
     def publish(
         self,
@@ -113,36 +116,50 @@ class Bus:
         qos: Qos = Qos.PRODUCT,
     ) -> None:
         """Publish one message."""
-        self._session.put(key, payload, encoding=encoding or None, attachment=attachment or None, **put_options(qos))
+        priority, congestion_control, express = qos.value
+        self._session.put(
+            key,
+            payload,
+            encoding=encoding or None,
+            attachment=attachment or None,
+            priority=priority,
+            congestion_control=congestion_control,
+            express=express,
+        )
 
     def publish_map(self, key: str, body: Mapping[str, Any], *, qos: Qos = Qos.CONTROL) -> None:
-        """Publish a MessagePack map: events, the clock."""
+        """Publish a MessagePack map, such as an event or a clock tick."""
         self.publish(key, pack(body), encoding="application/msgpack", qos=qos)
 
-    def publish_latched(self, key: str, body: Mapping[str, Any], *, qos: Qos = Qos.CONTROL) -> None:
-        """Publish a MessagePack map and keep it for late joiners, who ``call`` the same key."""
+    def publish_latched(self, key: str, body: Mapping[str, Any]) -> None:
+        """Publish a MessagePack map and keep it for late joiners, which ``call`` the same key."""
         with self._lock:
-            new = key not in self._latched
+            is_new = key not in self._latched
             self._latched[key] = dict(body)
-        if new:
-            self.serve(key, self._answer_latched, workers=1)
-        self.publish_map(key, body, qos=qos)
+        if is_new:
+            self.serve(key, lambda request: Reply.of(self._latched[request.key]), workers=1)
+        self.publish_map(key, body)
 
-    def _answer_latched(self, request: Request) -> Reply:
-        return Reply.of(self._latched[request.key])
-
-    def subscribe(self, keyexpr: str, callback: Callable[[Message], None], *, depth: int = 64) -> Subscription:
-        """Call ``callback`` for each message, in its own thread; beyond ``depth`` waiting the oldest is dropped."""
-        subscription: Subscription = self._keep(Subscription(self._session, keyexpr, callback, depth))
+    def subscribe(
+        self, keyexpr: str, callback: Callable[[Message], None], *, depth: int = 64
+    ) -> Subscription:
+        """Call ``callback`` for each message in a separate thread; at most ``depth`` messages wait, oldest
+        dropped.
+        """
+        subscription: Subscription = self._add_declaration(
+            Subscription(self._session, keyexpr, callback, depth)
+        )
         return subscription
 
-    def serve(self, key: str, handler: rpc.Handler, *, workers: int = 4, backlog: int = 64) -> rpc.Served:
+    def serve(self, key: str, handler: rpc.Handler, *, workers: int = 4, backlog: int = 64) -> rpc.CallServer:
         """Answer calls of ``key`` with ``handler`` in a pool of ``workers`` threads."""
         prefix, is_verb, verb = key.partition(RPC)
-        served: rpc.Served = self._keep(rpc.Served(None if is_verb else self._session, key, handler, workers, backlog))
+        server: rpc.CallServer = self._add_declaration(
+            rpc.CallServer(None if is_verb else self._session, key, handler, workers, backlog)
+        )
         if is_verb:
-            self._verb_table(prefix).add(verb, served)
-        return served
+            self._verb_table(prefix).add(verb, server)
+        return server
 
     def _verb_table(self, prefix: str) -> VerbTable:
         with self._lock:
@@ -150,84 +167,62 @@ class Bus:
             if table is None:
                 table = VerbTable(self._session, prefix, lambda: self._announced)
                 self._verb_tables[prefix] = table
-                self._open.append(table)
+                self._declarations.append(table)
         return table
 
     def call_stream(
         self,
         key: str,
         parameters: Mapping[str, object] | None = None,
-        *,
-        payload: bytes = b"",
-        encoding: str = "",
-        attachment: bytes = b"",
-        timeout_s: float = 5.0,
+        **options: Unpack[rpc.CallOptions],
     ) -> Iterator[Reply]:
-        """Yield the replies to a call, the final one last; raises as ``rpc.call_stream`` says."""
-        return rpc.call_stream(
-            self._session,
-            key,
-            parameters,
-            payload=payload,
-            encoding=encoding,
-            attachment=attachment,
-            timeout_s=timeout_s,
-        )
+        """Yield the replies to a call, the final one last; raises the errors of ``rpc.call_stream``."""
+        return rpc.call_stream(self._session, key, parameters, **options)
 
     def call(
         self,
         key: str,
         parameters: Mapping[str, object] | None = None,
-        *,
-        payload: bytes = b"",
-        encoding: str = "",
-        attachment: bytes = b"",
-        timeout_s: float = 5.0,
+        **options: Unpack[rpc.CallOptions],
     ) -> Reply:
-        """Return the final reply to a call; raises as ``rpc.call_stream`` says."""
-        *_, final = self.call_stream(
-            key, parameters, payload=payload, encoding=encoding, attachment=attachment, timeout_s=timeout_s
-        )
+        """Return the final reply to a call; raises the errors of ``rpc.call_stream``."""
+        *_, final = self.call_stream(key, parameters, **options)
         return final
 
     def declare_alive(self, scope: str, service: str) -> None:
-        """Say that a service is there; do it last, when it can answer."""
+        """Announce a service by its liveliness token; call it last, when the service can answer."""
         self.declare_token(keys.alive(scope, service))
         self._announced = True
 
     def declare_token(self, key: str) -> None:
-        """Keep a liveliness token on a key for as long as this session lives."""
-        self._keep(self._session.liveliness().declare_token(key))
+        """Declare a liveliness token on a key for the lifetime of this session."""
+        self._add_declaration(self._session.liveliness().declare_token(key))
 
     def alive(self, keyexpr: str, *, timeout_s: float = 2.0) -> set[str]:
-        """Liveliness tokens that match now."""
-        found = self._session.liveliness().get(keyexpr, timeout=timeout_s)
-        return {str(reply.ok.key_expr) for reply in found if reply.ok is not None}
+        """Return the liveliness tokens that match now."""
+        replies = self._session.liveliness().get(keyexpr, timeout=timeout_s)
+        return {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
 
     def watch_alive(self, keyexpr: str, callback: Callable[[str, bool], None]) -> None:
-        """Call ``callback(key, is_alive)`` for tokens that are there and whenever one comes or goes."""
+        """Call ``callback(key, is_alive)`` for existing tokens and for each that appears or disappears."""
 
         def on_change(sample: zenoh.Sample) -> None:
             callback(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
-        self._keep(self._session.liveliness().declare_subscriber(keyexpr, on_change, history=True))
+        self._add_declaration(self._session.liveliness().declare_subscriber(keyexpr, on_change, history=True))
 
     @property
     def mission_clock(self) -> MissionClock:
-        """The mission clock, followed from the first use on."""
+        """Mission clock, synchronised from its first use."""
         with self._lock:
-            new = self._clock is None
+            is_new = self._clock is None
             if self._clock is None:
                 self._clock = MissionClock()
             clock = self._clock
-        if new:
-            self.subscribe(keys.CLOCK, self._on_tick, depth=4)
+        if is_new:
+            self.subscribe(
+                keys.CLOCK,
+                on_map(lambda _, tick: clock.on_tick(int(tick["now_ns"]), float(tick["rate"]))),
+                depth=4,
+            )
         return clock
-
-    def _on_tick(self, message: Message) -> None:
-        try:
-            tick = unpack(message.payload)
-            assert self._clock is not None
-            self._clock.on_tick(int(tick["now_ns"]), float(tick["rate"]))
-        except (CdffError, KeyError, TypeError, ValueError) as error:
-            logger.warning("malformed tick on %s: %s", message.key, error)

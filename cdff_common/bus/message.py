@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What travels on the bus: messages, requests, replies, parameters and errors."""
+"""Data types of the bus: messages, requests, replies, parameters and error bodies."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
+import logging
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import quote, unquote_to_bytes
@@ -14,14 +14,15 @@ import msgpack
 
 from cdff_common.errors import ERROR_OF_CODE, CdffError, CodecError, InputError, OverloadedError, rpc_code
 
+logger = logging.getLogger(__name__)
+
 _MAX_PARAMETERS = 64
 _MAX_MAP_BYTES = 64 << 20
-_REQUEST_ID = re.compile(r"(?:^|;)request=([^;]{1,200})")
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A published sample: key, payload, encoding string, attachment bytes."""
+    """A published sample with its key, payload, encoding and attachment."""
 
     key: str
     payload: bytes
@@ -31,7 +32,7 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """A call: key, decoded parameters, payload, encoding string, attachment bytes."""
+    """Call: key, decoded parameters, payload, encoding string, attachment bytes."""
 
     key: str
     parameters: Mapping[str, str]
@@ -41,23 +42,23 @@ class Request:
 
     @property
     def scope(self) -> str:
-        """Robot id or ``ground``: whom the call was addressed to."""
+        """Addressed robot id, or ``ground``."""
         return self.key.split("/")[2]
 
     def body(self) -> Any:
-        """The payload as MessagePack; raises CodecError."""
+        """Return the payload decoded as MessagePack; raises CodecError."""
         return unpack(self.payload)
 
-    def check_parameters(self, *known: str) -> None:
-        """Refuse parameters other than ``known`` and ``request``; raises InputError naming the first."""
-        unknown = sorted(set(self.parameters) - {*known, "request"})
+    def check_no_parameters(self) -> None:
+        """Refuse parameters other than ``request``; raises InputError naming the first."""
+        unknown = sorted(set(self.parameters) - {"request"})
         if unknown:
-            raise InputError(f"{self.key}: unknown parameter {unknown[0]!r}; known are {', '.join(known) or 'none'}")
+            raise InputError(f"{self.key}: unknown parameter {unknown[0]!r}; expected none")
 
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """An answer: payload, encoding string, attachment map. ``kind`` and ``final`` are in the attachment."""
+    """Reply to a call: payload, encoding string, attachment map with ``kind`` and ``final``."""
 
     payload: bytes = b""
     encoding: str = ""
@@ -66,32 +67,47 @@ class Reply:
 
     @classmethod
     def of(cls, body: Any, **attachment: Any) -> Reply:
-        """A reply whose payload is a MessagePack body."""
+        """Return a reply with a MessagePack body as payload."""
         return cls(pack(body), "application/msgpack", attachment)
 
     @property
     def final(self) -> bool:
-        """Whether no other reply follows."""
+        """True if no other reply follows."""
         return bool(self.attachment.get("final", True))
 
     def body(self) -> Any:
-        """The payload as MessagePack; raises CodecError."""
+        """Return the payload decoded as MessagePack; raises CodecError."""
         return unpack(self.payload)
 
 
 def pack(body: Any) -> bytes:
-    """MessagePack bytes of plain data."""
+    """Encode data as MessagePack."""
     return bytes(msgpack.packb(body))
 
 
 def unpack(data: bytes) -> Any:
-    """Plain data of MessagePack bytes; raises CodecError on anything else."""
+    """Decode MessagePack bytes; raises CodecError on anything else."""
     if len(data) > _MAX_MAP_BYTES:
         raise CodecError(f"MessagePack of {len(data)} bytes: expected at most {_MAX_MAP_BYTES}")
     try:
         return msgpack.unpackb(data, strict_map_key=False)
     except (ValueError, msgpack.UnpackException, msgpack.ExtraData, RecursionError) as error:
         raise CodecError(f"{len(data)} bytes that are not MessagePack: {error}") from error
+
+
+def on_map(callback: Callable[[str, dict[str, Any]], None]) -> Callable[[Message], None]:
+    """Return a subscriber that calls back with key and MessagePack map; malformed messages are logged."""
+
+    def receive(message: Message) -> None:
+        try:
+            body = unpack(message.payload)
+            if not isinstance(body, dict):
+                raise CodecError(f"got a {type(body).__name__}, expected a map")
+            callback(message.key, body)
+        except (CdffError, KeyError, TypeError, ValueError) as error:
+            logger.warning("malformed message on %s: %s", message.key, error)
+
+    return receive
 
 
 def parse_parameters(text: str) -> dict[str, str]:
@@ -120,45 +136,42 @@ def parse_parameters(text: str) -> dict[str, str]:
 
 
 def format_parameters(parameters: Mapping[str, object]) -> str:
-    """Inverse of ``parse_parameters``; ``, : / -`` stay bare."""
+    """Format parameters as text, the inverse of ``parse_parameters``; ``, : / -`` are not escaped."""
     return ";".join(f"{name}={quote(str(value), safe=',:/-')}" for name, value in parameters.items())
 
 
-def request_id_of(text: str) -> str:
-    """The id that parameters name, empty without one, even where they are otherwise wrong."""
-    found = _REQUEST_ID.search(text)
-    return unquote_to_bytes(found[1]).decode("utf-8", "replace") if found else ""
+def parameters_of_malformed(text: str) -> dict[str, str]:
+    """Return the parameters of a text that may be malformed, for an error body, without checks."""
+    pairs = (part.partition("=") for part in text.split(";")[:_MAX_PARAMETERS] if part)
+    return {name: unquote_to_bytes(value).decode("utf-8", "replace") for name, _, value in pairs}
 
 
-def asked_of(text: str) -> dict[str, str]:
-    """Parameters as they came, for an error to repeat, even where they are wrong."""
-    named = (part.partition("=") for part in text.split(";")[:_MAX_PARAMETERS] if part)
-    return {name: unquote_to_bytes(value).decode("utf-8", "replace") for name, _, value in named}
+def error_body(error: BaseException, asked: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """Return ``{code, retriable, detail, request, asked}`` of an error, with ``retry_after_s`` if known.
 
-
-def error_body(error: BaseException, request: str = "", asked: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """``{code, retriable, detail, request, asked}`` of an error, with ``retry_after_s`` where it is known.
-
-    ``request`` is the caller's name for it; without one, that which the error carries. ``asked`` is what was asked: as
-    it came, or as it was understood where the error carries that.
+    ``asked`` are the received parameters, replaced by the parsed request if the error has one.
     """
     code, retriable = rpc_code(error)
-    detail = str(error) if isinstance(error, CdffError) else f"{type(error).__name__}: {error}"
-    named = request or getattr(error, "request", "")
-    body: dict[str, Any] = {"code": code, "retriable": retriable, "detail": detail, "request": named}
-    body["asked"] = dict(getattr(error, "asked", None) or asked or {})
+    asked = asked or {}
+    body = {
+        "code": code,
+        "retriable": retriable,
+        "detail": str(error) if isinstance(error, CdffError) else f"{type(error).__name__}: {error}",
+        "request": asked.get("request", "")[:200] or getattr(error, "request", ""),
+        "asked": dict(getattr(error, "asked", None) or asked),
+    }
     if isinstance(error, OverloadedError):
         body["retry_after_s"] = error.retry_after_s
     return body
 
 
 def error_of(body: Any) -> CdffError:
-    """The exception a client raises for an error body."""
+    """Return the exception that a client raises for an error body."""
     if not isinstance(body, dict) or "code" not in body:
         return CdffError(f"malformed error reply {body!r}")
-    cls = ERROR_OF_CODE.get(str(body["code"]), CdffError)
-    detail = str(body.get("detail", ""))
-    error = OverloadedError(detail, float(body.get("retry_after_s", 1.0))) if cls is OverloadedError else cls(detail)
+    error = ERROR_OF_CODE.get(str(body["code"]), CdffError)(str(body.get("detail", "")))
+    if isinstance(error, OverloadedError):
+        error.retry_after_s = float(body.get("retry_after_s", 1.0))
     error.retriable = bool(body.get("retriable", False))
     error.request, error.asked = str(body.get("request", "")), body.get("asked")
     return error

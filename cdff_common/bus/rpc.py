@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Remote calls: handlers in a bounded pool on one side, typed errors and a deadline on the other.
 
-Every query gets at least one reply or one ``reply_err``; no reply at all means that nobody is there (UNAVAILABLE).
+Every query gets at least one reply or one ``reply_err``; no reply at all means that no service is running
+(UNAVAILABLE).
 """
 
 from __future__ import annotations
@@ -11,19 +12,19 @@ import logging
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from typing import TypedDict
 
 import zenoh
 
 from cdff_common.bus.message import (
     Reply,
     Request,
-    asked_of,
     error_body,
     error_of,
     format_parameters,
     pack,
+    parameters_of_malformed,
     parse_parameters,
-    request_id_of,
     unpack,
 )
 from cdff_common.errors import CdffError, DeadlineError, NoAnswerError, OverloadedError
@@ -33,32 +34,44 @@ logger = logging.getLogger(__name__)
 Handler = Callable[[Request], Reply | Iterable[Reply]]
 
 
-class Served:
-    """Answers calls of a key expression in a pool of its own.
+class CallOptions(TypedDict, total=False):
+    """Optional arguments of a call: payload with its encoding, attachment and timeout (5 s)."""
 
-    At most ``workers`` handlers run and ``backlog`` calls wait; more are answered with OVERLOADED at once. Without a
-    session it declares nothing: somebody else hands it queries by ``take``.
+    payload: bytes
+    encoding: str
+    attachment: bytes
+    timeout_s: float
+
+
+class CallServer:
+    """Server that answers the calls of a key expression in its own thread pool.
+
+    At most ``workers`` handlers run and ``backlog`` calls wait; further calls are answered with OVERLOADED.
+    Without a session it declares nothing; a ``VerbTable`` passes queries to ``enqueue``.
     """
 
-    def __init__(self, session: zenoh.Session | None, key: str, handler: Handler, workers: int, backlog: int) -> None:
+    def __init__(
+        self, session: zenoh.Session | None, key: str, handler: Handler, workers: int, backlog: int
+    ) -> None:
         self._key = key
         self._handler = handler
         self._slots = threading.BoundedSemaphore(workers + backlog)
         self._pool = ThreadPoolExecutor(workers, thread_name_prefix=f"rpc {key}")
-        self._queryable = None if session is None else session.declare_queryable(key, self.take, complete=True)
+        self._queryable = (
+            None if session is None else session.declare_queryable(key, self.enqueue, complete=True)
+        )
 
     def close(self) -> None:
-        """Stop answering; calls that wait are dropped, which their callers see as UNAVAILABLE."""
+        """Stop answering; waiting calls are dropped and end as UNAVAILABLE at their callers."""
         if self._queryable is not None:
             self._queryable.undeclare()
         self._pool.shutdown(wait=False, cancel_futures=True)
 
-    def take(self, query: zenoh.Query) -> None:
-        """Answer a query from the pool, or with OVERLOADED at once."""
+    def enqueue(self, query: zenoh.Query) -> None:
+        """Answer a query in the pool, or with OVERLOADED if it is full."""
         if not self._slots.acquire(blocking=False):
             with query:
-                error = OverloadedError(f"{self._key}: too many calls at once", retry_after_s=1.0)
-                refuse(query, error)
+                refuse(query, OverloadedError(f"{self._key}: too many calls at once"))
             return
         try:
             self._pool.submit(self._answer, query)
@@ -71,7 +84,7 @@ class Served:
             try:
                 request = _request_of(query)
                 replies = self._handler(request)
-                # The key asked for, not ours: a queryable on a wildcard answers with the caller's concrete key.
+                # The key of the query: a queryable on a wildcard answers with the caller's concrete key.
                 key = str(query.key_expr)
                 for reply in [replies] if isinstance(replies, Reply) else replies:
                     query.reply(
@@ -82,7 +95,7 @@ class Served:
                     )
             except CdffError as error:
                 refuse(query, error)
-            except Exception as error:  # the caller must hear INTERNAL rather than nothing
+            except Exception as error:  # the caller receives INTERNAL rather than no answer
                 logger.exception("handler of %s failed", self._key)
                 refuse(query, error)
             finally:
@@ -90,10 +103,9 @@ class Served:
 
 
 def refuse(query: zenoh.Query, error: BaseException) -> None:
-    """End a query with an error's body."""
-    text = str(query.parameters)
-    body = error_body(error, request_id_of(text), asked_of(text))
-    query.reply_err(pack(body), encoding="application/msgpack")
+    """Answer a query with an error body."""
+    parameters = parameters_of_malformed(str(query.parameters))
+    query.reply_err(pack(error_body(error, parameters)), encoding="application/msgpack")
 
 
 def _request_of(query: zenoh.Query) -> Request:
@@ -111,21 +123,21 @@ def call_stream(
     key: str,
     parameters: Mapping[str, object] | None,
     *,
-    payload: bytes,
-    encoding: str,
-    attachment: bytes,
-    timeout_s: float,
+    payload: bytes = b"",
+    encoding: str = "",
+    attachment: bytes = b"",
+    timeout_s: float = 5.0,
 ) -> Iterator[Reply]:
-    """Yield the replies to a call as they come, the final one last.
+    """Yield the replies to a call as they arrive, the final one last.
 
     Raises
     ------
     NoAnswerError
-        If nobody answers, or the answers stop before the final one.
+        If no service answers, or the replies end before the final one.
     DeadlineError
         If ``timeout_s`` passes first.
     CdffError
-        As the other side's error code says.
+        The class of the error code in the reply.
     """
     selector = f"{key}?{format_parameters(parameters)}" if parameters else key
     replies = session.get(
@@ -149,11 +161,11 @@ def call_stream(
                 raise DeadlineError(f"{key}: no final answer within {timeout_s:g} s")
             raise error_of(unpack(data))
         sample = item.ok
-        extra = unpack(sample.attachment.to_bytes()) if sample.attachment is not None else {}
-        reply = Reply(sample.payload.to_bytes(), str(sample.encoding), extra, str(sample.key_expr))
+        reply_attachment = unpack(sample.attachment.to_bytes()) if sample.attachment is not None else {}
         answered = True
+        reply = Reply(sample.payload.to_bytes(), str(sample.encoding), reply_attachment, str(sample.key_expr))
         yield reply
         if reply.final:
             return
-    what = "the answer broke off before the final reply" if answered else "nobody answers"
+    what = "the answer broke off before the final reply" if answered else "no service answers"
     raise NoAnswerError(f"{key}: {what}; is the service running?")

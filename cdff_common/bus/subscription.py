@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A subscription with its own thread and a bounded ring, so that a slow consumer never blocks the session."""
+"""Subscription with its own thread and a bounded ring buffer; a slow consumer never blocks the session."""
 
 from __future__ import annotations
 
@@ -18,38 +18,39 @@ logger = logging.getLogger(__name__)
 
 
 class Subscription:
-    """Delivers messages to a callback in a thread of its own; when the ring is full the oldest is dropped and counted.
+    """Delivery of messages to a callback in a separate thread.
+
+    When the ring buffer is full, the oldest message is dropped and counted.
 
     Attributes
     ----------
     dropped : int
-        Messages dropped since the start because the consumer was too slow.
+        Number of messages dropped because the consumer was too slow.
     failed : int
-        Messages whose callback raised; each is logged.
+        Number of messages whose callback raised; each is logged.
     """
 
-    def __init__(self, session: zenoh.Session, keyexpr: str, callback: Callable[[Message], None], depth: int) -> None:
+    def __init__(
+        self, session: zenoh.Session, keyexpr: str, callback: Callable[[Message], None], depth: int
+    ) -> None:
         self.dropped = 0
         self.failed = 0
         self._callback = callback
         self._depth = depth
         self._ring: deque[zenoh.Sample] = deque()
         self._ring_lock = threading.Lock()
-        # One wake-up per message, and False at the end: a C queue wakes a thread several times faster than a Condition.
+        # One wake-up per message, and False at the end: a C queue is several times faster than a Condition.
         self._wake: queue.SimpleQueue[bool] = queue.SimpleQueue()
         self._closed = False
         self._thread = threading.Thread(target=self._run, name=f"sub {keyexpr}", daemon=True)
         self._thread.start()
-        # Straight on Zenoh's thread: ``_take`` only appends, and a thread in between would cost a switch per message.
-        self._subscriber = session.declare_subscriber(keyexpr, zenoh.handlers.Callback(self._take, indirect=False))
-
-    @property
-    def pending(self) -> int:
-        """Messages waiting in the ring."""
-        return len(self._ring)
+        # In the thread of Zenoh: ``_take`` only appends, and another thread would cost a switch per message.
+        self._subscriber = session.declare_subscriber(
+            keyexpr, zenoh.handlers.Callback(self._take, indirect=False)
+        )
 
     def close(self) -> None:
-        """Stop taking messages; those in the ring are discarded."""
+        """Stop the delivery; messages in the ring buffer are discarded."""
         if self._closed:
             return
         self._closed = True
@@ -65,7 +66,7 @@ class Subscription:
                 self._ring.popleft()
                 self.dropped += 1
             self._ring.append(sample)
-        if not full:  # a message that took the place of another uses its wake-up
+        if not full:  # a message that replaced another uses its wake-up
             self._wake.put(True)
 
     def _run(self) -> None:
@@ -80,6 +81,6 @@ class Subscription:
             )
             try:
                 self._callback(message)
-            except Exception:  # the last line of defence of a thread: it is logged and counted
+            except Exception:  # outermost handler of the thread: logged and counted
                 self.failed += 1
                 logger.exception("subscriber of %s failed", message.key)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Camera models and calibration: what a lens does, where two cameras sit, and the files that say so."""
+"""Camera models, stereo calibration, and calibration files."""
 
 from cdff_common.camera.model import CameraModel
 from cdff_common.camera.read import read_camera, read_stereo

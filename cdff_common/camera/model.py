@@ -1,14 +1,14 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A camera: points to pixels and pixels to rays, for pinhole lenses with distortion and for fisheyes.
+"""Camera model: projection of points and back-projection of pixels, for pinhole and fisheye lenses.
 
-The camera's frame is x right, y down, z forward. Pixel centres lie on whole numbers.
+The camera frame is x right, y down, z forward. Pixel centres have integer coordinates.
 
 References
 ----------
 .. [1] Brown, D. C. (1971). Close-range camera calibration. Photogrammetric Engineering 37(8).
-.. [2] Kannala, J., Brandt, S. S. (2006). A generic camera model and calibration method for conventional, wide-angle,
-   and fish-eye lenses. IEEE TPAMI 28(8). doi:10.1109/TPAMI.2006.153
+.. [2] Kannala, J., Brandt, S. S. (2006). A generic camera model and calibration method for conventional,
+   wide-angle, and fish-eye lenses. IEEE TPAMI 28(8). doi:10.1109/TPAMI.2006.153
 """
 
 from __future__ import annotations
@@ -23,29 +23,30 @@ from cdff_common.types import Frame, FrameCameraModelT
 
 FloatArray = NDArray[np.float64]
 
-#: How many coefficients a pinhole may have: none, k1 k2 p1 p2, then k3, then k4 k5 k6, then s1 to s4, as OpenCV.
+#: Valid numbers of pinhole coefficients: none, k1 k2 p1 p2, then k3, then k4 k5 k6, then s1 to s4, as in
+#: OpenCV.
 PINHOLE_COEFFICIENTS = (0, 4, 5, 8, 12)
 #: The fisheye polynomial has k1 to k4, or none.
 FISHEYE_COEFFICIENTS = (0, 4)
 _ITERATIONS = 50
-#: A pixel whose ray does not lead back to it within this much, pixels, has none.
-_CLOSED_PX = 1e-6
+#: Largest reprojection error of the ray computed for a pixel, pixels; above it, the ray is NaN.
+_MAX_RAY_ERROR_PX = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class CameraModel:
-    """Intrinsics of one camera.
+    """Intrinsic parameters of one camera.
 
     Attributes
     ----------
     rows, cols : int
-        Size of the image, pixels; 0 where unknown.
+        Size of the image, pixels; 0 if unknown.
     fx, fy, cx, cy : float
         Focal lengths and principal point, pixels.
     distortion : tuple of float
         Pinhole: ``k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4]]]`` [1]_. Fisheye: ``k1 k2 k3 k4`` [2]_.
     fisheye : bool
-        Whether the radius in the image is a polynomial of the angle to the axis instead of its tangent.
+        True if the image radius is a polynomial of the angle to the optical axis instead of its tangent.
     """
 
     rows: int
@@ -59,40 +60,58 @@ class CameraModel:
 
     def __post_init__(self) -> None:
         if not (np.isfinite([self.fx, self.fy, self.cx, self.cy]).all() and self.fx > 0 and self.fy > 0):
-            raise InputError(f"camera fx={self.fx} fy={self.fy} cx={self.cx} cy={self.cy}: expected finite, fx, fy > 0")
-        known = FISHEYE_COEFFICIENTS if self.fisheye else PINHOLE_COEFFICIENTS
-        if len(self.distortion) not in known or not np.isfinite(self.distortion).all():
+            raise InputError(
+                f"camera fx={self.fx} fy={self.fy} cx={self.cx} cy={self.cy}: expected finite, fx, fy > 0"
+            )
+        valid_counts = FISHEYE_COEFFICIENTS if self.fisheye else PINHOLE_COEFFICIENTS
+        if len(self.distortion) not in valid_counts or not np.isfinite(self.distortion).all():
             kind = "fisheye" if self.fisheye else "pinhole"
-            counts = ", ".join(map(str, known))
-            raise InputError(f"{kind} distortion {list(self.distortion)}: expected {counts} finite coefficients")
+            counts = ", ".join(map(str, valid_counts))
+            raise InputError(
+                f"{kind} distortion {list(self.distortion)}: expected {counts} finite coefficients"
+            )
 
     @classmethod
     def from_matrix(
-        cls, matrix: ArrayLike, distortion: ArrayLike = (), *, rows: int = 0, cols: int = 0, fisheye: bool = False
+        cls,
+        matrix: ArrayLike,
+        distortion: ArrayLike = (),
+        *,
+        rows: int = 0,
+        cols: int = 0,
+        fisheye: bool = False,
     ) -> CameraModel:
-        """From a 3x3 camera matrix; trailing zeros that make up an odd number of coefficients are left out.
+        """Return the model of a 3x3 camera matrix; superfluous trailing zeros of the coefficients are
+        removed.
 
         Raises
         ------
         InputError
-            If the matrix has skew or cannot be a camera's, or the coefficients are of no known number.
+            If the matrix has skew or is not a camera matrix, or the number of coefficients is unknown.
         """
         K = np.asarray(matrix, dtype=np.float64)
         if K.shape != (3, 3) or abs(K[0, 1]) > 1e-9 * abs(K[0, 0]) or K[2, 2] != 1.0:
             raise InputError(f"camera matrix {K.tolist()}: expected 3x3 without skew, last element 1")
-        given = [float(v) for v in np.asarray(distortion, dtype=np.float64).reshape(-1)]
-        known = FISHEYE_COEFFICIENTS if fisheye else PINHOLE_COEFFICIENTS
-        while given and not any(given):
-            given = []
-        while given and given[-1] == 0.0 and len(given) not in known:
-            given.pop()
+        coefficients = [float(v) for v in np.asarray(distortion, dtype=np.float64).reshape(-1)]
+        valid_counts = FISHEYE_COEFFICIENTS if fisheye else PINHOLE_COEFFICIENTS
+        while coefficients and not any(coefficients):
+            coefficients = []
+        while coefficients and coefficients[-1] == 0.0 and len(coefficients) not in valid_counts:
+            coefficients.pop()
         return cls(
-            rows, cols, float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]), tuple(given), fisheye
-        )  # fmt: skip
+            rows,
+            cols,
+            float(K[0, 0]),
+            float(K[1, 1]),
+            float(K[0, 2]),
+            float(K[1, 2]),
+            tuple(coefficients),
+            fisheye,
+        )
 
     @classmethod
     def of_frame(cls, frame: Frame) -> CameraModel:
-        """Camera of an image; raises InputError where the image does not say it."""
+        """Return the camera model of an image; raises InputError if the image does not contain it."""
         model = frame.intrinsic.camera_model
         if model not in (FrameCameraModelT.CAM_PINHOLE, FrameCameraModelT.CAM_FISHEYE):
             raise InputError(
@@ -100,9 +119,12 @@ class CameraModel:
             )
         rows, cols = frame.image.shape[:2]
         return cls.from_matrix(
-            frame.camera_matrix, frame.intrinsic.dist_coeffs, rows=rows, cols=cols,
+            frame.camera_matrix,
+            frame.intrinsic.dist_coeffs,
+            rows=rows,
+            cols=cols,
             fisheye=model is FrameCameraModelT.CAM_FISHEYE,
-        )  # fmt: skip
+        )
 
     @property
     def matrix(self) -> FloatArray:
@@ -111,13 +133,13 @@ class CameraModel:
 
     @property
     def is_ideal(self) -> bool:
-        """Whether straight lines stay straight."""
+        """True for a pinhole without distortion."""
         return not self.fisheye and not any(self.distortion)
 
     def project(self, points_m: ArrayLike) -> FloatArray:
-        """Pixels ``(n, 2)`` of points ``(n, 3)`` in the camera's frame; NaN for those that cannot be seen.
+        """Return the pixels ``(n, 2)`` of points ``(n, 3)`` in the camera frame; NaN for invisible points.
 
-        A pinhole sees what has z above 0, a fisheye all but the point straight behind.
+        A point is visible to a pinhole if z > 0, to a fisheye unless it is exactly behind the camera.
         """
         x, y, z = np.asarray(points_m, dtype=np.float64).reshape(-1, 3).T
         if self.fisheye:
@@ -126,19 +148,21 @@ class CameraModel:
             with np.errstate(invalid="ignore", divide="ignore"):
                 scale = np.where(planar > 0.0, self._fisheye_radius(theta) / planar, 1.0)
             u, v = x * scale, y * scale
-            seen = (planar > 0.0) | (z > 0.0)
+            is_visible = (planar > 0.0) | (z > 0.0)
         else:
-            seen = z > 0.0
+            is_visible = z > 0.0
             with np.errstate(invalid="ignore", divide="ignore"):
                 u, v = self._distorted(x / z, y / z)
         pixels = np.column_stack([self.fx * u + self.cx, self.fy * v + self.cy])
-        pixels[~seen] = np.nan
+        pixels[~is_visible] = np.nan
         return pixels
 
     def rays(self, pixels: ArrayLike) -> FloatArray:
-        """Unit directions ``(n, 3)`` in the camera's frame of pixels ``(n, 2)``; NaN where the lens shows nothing."""
-        given = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
-        u, v = (given[:, 0] - self.cx) / self.fx, (given[:, 1] - self.cy) / self.fy
+        """Return the unit ray directions ``(n, 3)`` in the camera frame of pixels ``(n, 2)``; NaN where
+        undefined.
+        """
+        targets_px = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+        u, v = (targets_px[:, 0] - self.cx) / self.fx, (targets_px[:, 1] - self.cy) / self.fy
         if self.fisheye:
             radius = np.hypot(u, v)
             theta = self._fisheye_angle(radius)
@@ -149,14 +173,18 @@ class CameraModel:
             x, y = self._undistorted(u, v)
             rays = np.column_stack([x, y, np.ones_like(x)])
             rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-        error = np.abs(self.project(rays) - given).max(axis=1, initial=0.0)
-        rays[~(error <= _CLOSED_PX * max(self.fx, self.fy))] = np.nan
+        error = np.abs(self.project(rays) - targets_px).max(axis=1, initial=0.0)
+        rays[~(error <= _MAX_RAY_ERROR_PX * max(self.fx, self.fy))] = np.nan
         return rays
 
-    # -- lenses -----------------------------------------------------------------------------------------------------
+    # -- lenses
+    # -----------------------------------------------------------------------------------------------------
 
     def _distorted(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = (*self.distortion, *[0.0] * (12 - len(self.distortion)))
+        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = (
+            *self.distortion,
+            *[0.0] * (12 - len(self.distortion)),
+        )
         r2 = x * x + y * y
         radial = (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)))
         u = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x) + r2 * (s1 + r2 * s2)
@@ -164,7 +192,7 @@ class CameraModel:
         return u, v
 
     def _undistorted(self, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Newton's method on both coordinates with the numeric derivative of the lens."""
+        """Invert the distortion by Newton's method with the numeric derivative of the lens model."""
         x, y = u.copy(), v.copy()
         if not any(self.distortion):
             return x, y
@@ -187,7 +215,7 @@ class CameraModel:
         return np.asarray(theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))))
 
     def _fisheye_angle(self, radius: FloatArray) -> FloatArray:
-        """Inverse of ``_fisheye_radius`` where it grows, up to straight behind."""
+        """Invert ``_fisheye_radius`` on its increasing part, up to pi."""
         k1, k2, k3, k4 = self.distortion or (0.0, 0.0, 0.0, 0.0)
         theta = np.minimum(radius, np.pi)
         for _ in range(_ITERATIONS):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Calibration files: OpenCV's YAML, Kalibr's camchain, KITTI's; told apart by what is in them."""
+"""Calibration files of OpenCV (YAML), Kalibr (camchain) and KITTI, detected by their content."""
 
 from __future__ import annotations
 
@@ -16,17 +16,24 @@ from numpy.typing import NDArray
 from cdff_common.camera.model import CameraModel
 from cdff_common.camera.stereo import StereoCalibration
 from cdff_common.errors import InputError
+from cdff_common.geometry import se3
 
 _MAX_BYTES = 1 << 20
 _MAX_ELEMENTS = 10_000
-#: Names under which OpenCV programs store two cameras: matrix and coefficients of each, rotation, translation.
+#: Names used by OpenCV programs for two cameras: matrix and coefficients of each, rotation, translation.
 _STEREO_NAMES = (
-    ("camera_matrix_1", "distortion_coefficients_1", "camera_matrix_2", "distortion_coefficients_2", "rotation_matrix",
-     "translation_coefficients"),
+    (
+        "camera_matrix_1",
+        "distortion_coefficients_1",
+        "camera_matrix_2",
+        "distortion_coefficients_2",
+        "rotation_matrix",
+        "translation_coefficients",
+    ),
     ("M1", "D1", "M2", "D2", "R", "T"),
     ("K1", "D1", "K2", "D2", "R", "T"),
     ("cameraMatrix1", "distCoeffs1", "cameraMatrix2", "distCoeffs2", "R", "T"),
-)  # fmt: skip
+)
 _SINGLE_NAMES = (
     ("camera_matrix", "distortion_coefficients"),
     ("cameraMatrix", "distCoeffs"),
@@ -43,13 +50,13 @@ def read_camera(path: Path, name: str = "") -> CameraModel:
     ----------
     path : Path
     name : str
-        Which camera of a file that holds several: ``cam0`` (Kalibr), ``P0``, ``00`` or ``rect_00`` (KITTI), ``1``
-        (OpenCV stereo); by default the first.
+        Camera of a file with several: ``cam0`` (Kalibr), ``P0``, ``00`` or ``rect_00`` (KITTI),
+        ``1`` (OpenCV stereo); by default the first.
 
     Raises
     ------
     InputError
-        If the file is no calibration that is known here, or has no such camera.
+        If the file is not a supported calibration, or has no such camera.
     """
     cameras, _ = _read(path)
     if name and name not in cameras:
@@ -63,29 +70,35 @@ def read_stereo(path: Path, left: str = "", right: str = "") -> StereoCalibratio
     Raises
     ------
     InputError
-        As ``read_camera``, and where the file does not say where they are to each other.
+        If ``read_camera`` refuses the file, or the file does not contain the relative pose.
     """
     cameras, poses = _read(path)
     names = list(cameras)
     if len(names) < 2:
-        raise InputError(f"{path}: holds camera {names[0]} alone, expected two, or its baseline_m to an equal one")
+        raise InputError(
+            f"{path}: contains camera {names[0]} only, expected two cameras, or one and baseline_m"
+        )
     left, right = left or names[0], right or names[1]
     for name in (left, right):
         if name not in poses:
-            raise InputError(f"{path}: no pose of camera {name!r}; there are those of {', '.join(poses) or 'none'}")
+            raise InputError(
+                f"{path}: no pose of camera {name!r}; it contains those of {', '.join(poses) or 'none'}"
+            )
     T = poses[right] @ np.linalg.inv(poses[left])
     return StereoCalibration.from_parts(cameras[left], cameras[right], T[:3, :3], T[:3, 3])
 
 
 Cameras = dict[str, CameraModel]
-#: ``T_camera_body`` of each camera, whatever the body.
+#: ``T_camera_body`` of each camera; the body frame is arbitrary.
 Poses = dict[str, NDArray[np.float64]]
 
 
 def _read(path: Path) -> tuple[Cameras, Poses]:
     try:
         if path.stat().st_size > _MAX_BYTES:
-            raise InputError(f"{path}: {path.stat().st_size} bytes, expected a calibration of at most {_MAX_BYTES}")
+            raise InputError(
+                f"{path}: {path.stat().st_size} bytes, expected a calibration of at most {_MAX_BYTES}"
+            )
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: {error}") from error
@@ -105,15 +118,16 @@ def _read(path: Path) -> tuple[Cameras, Poses]:
         ) from error
 
 
-# -- OpenCV -----------------------------------------------------------------------------------------------------------
+# -- OpenCV
+# -----------------------------------------------------------------------------------------------------------
 
 
 class _Loader(yaml.SafeLoader):
-    """Plain YAML with OpenCV's matrices; aliases, which can make a small file large, are refused."""
+    """YAML with OpenCV matrices; aliases are refused, since they can expand a small file."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.AliasEvent):
-            raise InputError("YAML with aliases, expected a plain file")
+            raise InputError("YAML with aliases, expected a file without")
         return super().compose_node(parent, index)
 
 
@@ -126,20 +140,21 @@ _Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix)
 
 
 def _yaml(text: str) -> Mapping[str, Any]:
-    # OpenCV writes "%YAML:1.0", which YAML itself does not know.
+    # OpenCV writes "%YAML:1.0", which is not valid YAML.
     body = re.sub(r"\A%YAML[:\s]1\.\d[^\n]*\n", "", text)
     try:
         document = yaml.load(body, Loader=_Loader)  # a subclass of SafeLoader
     except (yaml.YAMLError, RecursionError) as error:
-        raise InputError(f"no YAML: {str(error)[:200]}") from error
+        raise InputError(f"not YAML:  {str(error)[:200]}") from error
     if not isinstance(document, Mapping):
-        raise InputError(f"holds a {type(document).__name__}, expected a mapping")
+        raise InputError(f"contains a {type(document).__name__}, expected a mapping")
     return document
 
 
 def _of_opencv(document: Mapping[str, Any]) -> tuple[Cameras, Poses]:
     size = next(
-        ((int(document[w]), int(document[h])) for w, h in _SIZE_NAMES if w in document and h in document), (0, 0)
+        ((int(document[w]), int(document[h])) for w, h in _SIZE_NAMES if w in document and h in document),
+        (0, 0),
     )
     fisheye = str(document.get("camera_model", document.get("distortion_model", ""))).lower() in _FISHEYE
 
@@ -154,39 +169,40 @@ def _of_opencv(document: Mapping[str, Any]) -> tuple[Cameras, Poses]:
             cameras = {"1": camera(m1, d1), "2": camera(m2, d2)}
             if rotation not in document or translation not in document:
                 return cameras, {}
-            T = np.eye(4)
-            T[:3, :3], T[:3, 3] = _square(document[rotation]), _numbers(document[translation])
-            return cameras, {"1": np.eye(4), "2": T}
+            T_2_1 = se3.transform(_square(document[rotation]), _numbers(document[translation]))
+            return cameras, {"1": np.eye(4), "2": T_2_1}
     for matrix, distortion in _SINGLE_NAMES:
         if matrix in document:
-            one = camera(matrix, distortion)
+            model = camera(matrix, distortion)
             if "baseline_m" not in document:
-                return {"camera": one}, {}
-            # A rectified pair in short: the same camera again, straight to the right.
+                return {"camera": model}, {}
+            # Short form of a rectified pair: two equal cameras, displaced along x by the baseline.
             (baseline_m,) = _numbers(document["baseline_m"])
             if baseline_m <= 0.0:
                 raise InputError(f"baseline_m {baseline_m}: expected above 0 m")
-            T = np.eye(4)
-            T[0, 3] = -baseline_m
-            return {"left": one, "right": one}, {"left": np.eye(4), "right": T}
+            T_right_left = se3.transform(np.eye(3), [-baseline_m, 0.0, 0.0])
+            return {"left": model, "right": model}, {"left": np.eye(4), "right": T_right_left}
     names = ", ".join(n[0] for n in (*_STEREO_NAMES, *_SINGLE_NAMES))
     raise InputError(f"none of {names}; it has {', '.join(map(str, list(document)[:8]))}")
 
 
-# -- Kalibr -----------------------------------------------------------------------------------------------------------
+# -- Kalibr
+# -----------------------------------------------------------------------------------------------------------
 
 
 def _of_kalibr(document: Mapping[str, Any]) -> tuple[Cameras, Poses]:
     cameras: Cameras = {}
     poses: Poses = {}
-    # T_camera_first; None from where the chain is broken on, as what comes after that hangs on nothing.
+    # T_camera_first; None after a missing link of the chain.
     T: NDArray[np.float64] | None = np.eye(4)
-    before: int | None = None
+    previous: int | None = None
     for name in sorted((k for k in document if re.fullmatch(r"cam\d+", str(k))), key=lambda k: int(k[3:])):
         entry = document[name]
         lens, distortion = entry["camera_model"], entry.get("distortion_model", "none")
         if lens != "pinhole" or distortion not in ("radtan", "equidistant", "none"):
-            raise InputError(f"{name}: {lens} with {distortion}, expected pinhole with radtan, equidistant or none")
+            raise InputError(
+                f"{name}: {lens} with {distortion}, expected pinhole with radtan, equidistant or none"
+            )
         fx, fy, cx, cy = _numbers(entry["intrinsics"])
         cols, rows = (int(v) for v in entry["resolution"])
         coefficients = [] if distortion == "none" else _numbers(entry["distortion_coeffs"])
@@ -194,20 +210,23 @@ def _of_kalibr(document: Mapping[str, Any]) -> tuple[Cameras, Poses]:
         K = [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
         cameras[name] = CameraModel.from_matrix(K, coefficients, rows=rows, cols=cols, fisheye=fisheye)
         number = int(name[3:])
-        if before is not None:
-            follows = before == number - 1 and "T_cn_cnm1" in entry
-            T = _square(entry["T_cn_cnm1"], 4) @ T if T is not None and follows else None
-        before = number
+        if previous is not None:
+            is_consecutive = previous == number - 1 and "T_cn_cnm1" in entry
+            T = _square(entry["T_cn_cnm1"], 4) @ T if T is not None and is_consecutive else None
+        previous = number
         if T is not None:
             poses[name] = T
     return cameras, poses
 
 
-# -- KITTI ------------------------------------------------------------------------------------------------------------
+# -- KITTI
+# ------------------------------------------------------------------------------------------------------------
 
 
 def _kitti_lines(text: str) -> dict[str, NDArray[np.float64]]:
-    """Named rows of numbers: ``P0: …``, ``K_00: …``, or bare rows of 12, which are P0, P1, …; empty if neither."""
+    """Return the named rows: ``P0: …``, ``K_00: …``, or unnamed rows of 12 (P0, P1, …); empty for other
+    files.
+    """
     rows: dict[str, NDArray[np.float64]] = {}
     for line in text.splitlines():
         name, colon, rest = line.partition(":")
@@ -221,8 +240,8 @@ def _kitti_lines(text: str) -> dict[str, NDArray[np.float64]]:
         if not colon and len(numbers) != 12:
             return {}
         rows[name.strip() if colon else f"P{len(rows)}"] = numbers
-    known = [n for n in rows if re.fullmatch(r"P\d|P_rect_\d\d|K_\d\d", n)]
-    return rows if known else {}
+    camera_rows = [n for n in rows if re.fullmatch(r"P\d|P_rect_\d\d|K_\d\d", n)]
+    return rows if camera_rows else {}
 
 
 def _of_kitti(rows: Mapping[str, NDArray[np.float64]]) -> tuple[Cameras, Poses]:
@@ -233,15 +252,15 @@ def _of_kitti(rows: Mapping[str, NDArray[np.float64]]) -> tuple[Cameras, Poses]:
     for name in sorted(n[2:] for n in rows if re.fullmatch(r"K_\d\d", n)):
         cols, rows_px = (int(v) for v in rows[f"S_{name}"])
         distortion = rows.get(f"D_{name}", np.zeros(0))
-        cameras[name] = CameraModel.from_matrix(rows[f"K_{name}"].reshape(3, 3), distortion, rows=rows_px, cols=cols)
-        poses[name] = np.eye(4)
-        poses[name][:3, :3], poses[name][:3, 3] = rows[f"R_{name}"].reshape(3, 3), rows[f"T_{name}"]
+        cameras[name] = CameraModel.from_matrix(
+            rows[f"K_{name}"].reshape(3, 3), distortion, rows=rows_px, cols=cols
+        )
+        poses[name] = se3.transform(rows[f"R_{name}"].reshape(3, 3), rows[f"T_{name}"])
     for name, row in sorted((projections | rectified).items()):
         P = rows[row].reshape(3, 4)
         cols, rows_px = (int(v) for v in rows.get(f"S_{name}", (0, 0)))
         cameras[name] = CameraModel.from_matrix(P[:, :3], rows=rows_px, cols=cols)
-        poses[name] = np.eye(4)
-        poses[name][:3, 3] = np.linalg.solve(P[:, :3], P[:, 3])
+        poses[name] = se3.transform(np.eye(3), np.linalg.solve(P[:, :3], P[:, 3]))
     return cameras, poses
 
 

@@ -7,8 +7,8 @@ dem = c.request("dem", robot="mana", region="circle:0,0,10")
 print(dem.value.layer("mean"), dem.delivered["coverage"])
 """
 
-from cdff_common.client.aio import AsyncClient
 from cdff_common.client.answer import Answer
+from cdff_common.client.async_client import AsyncClient
 from cdff_common.client.client import Client
 
 __all__ = ["Answer", "AsyncClient", "Client"]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What comes back for a request: the product with its header, and what of the wish was delivered."""
+"""The answer to a request: a product with its header, and the delivered properties."""
 
 from __future__ import annotations
 
@@ -13,26 +13,27 @@ from cdff_common.interfaces.product import Header, Status
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answer:
-    """A product in hand.
+    """A product with its header.
 
     Attributes
     ----------
     value : Any
-        A ``cdff_common.types`` object, numpy inside; None where a file format was asked: then ``data`` holds the file.
+        A ``cdff_common.types`` object; None for a file format, of which ``data`` is the file.
     header : Header
-        Who made it, when, from what, and its quality.
+        Producer, times, inputs and quality.
     type_name : str
         ASN.1 type of ``value``; the media type of a file.
     data : bytes
-        The payload as it came.
+        The received payload.
     encoding : str
     robot : str
     delivered : mapping
-        ``frame resolution_m coverage age_s oldest_age_s differences …`` of a request; empty for a product got by id.
+        ``frame resolution_m coverage age_s oldest_age_s differences …`` of a request; empty for a product
+        retrieved by id.
     job, request : str
-        Of a request.
+        Ids of the job and of the request; empty for a product retrieved by id.
     asked : mapping
-        The request as the orchestrator understood it; empty for a product got by id.
+        The request as parsed by the orchestrator; empty for a product retrieved by id.
     """
 
     value: Any
@@ -48,11 +49,11 @@ class Answer:
 
     @property
     def is_degraded(self) -> bool:
-        """Whether its quality is less than OK; ``header.quality.reasons`` says why."""
+        """True if the quality is not OK; the reasons are in ``header.quality.reasons``."""
         return self.header.quality.status is not Status.OK
 
     def summary(self) -> dict[str, Any]:
-        """Everything but the value, as plain data."""
+        """Return all fields except the value, as plain data."""
         return {
             "type": self.type_name,
             "robot": self.robot,

@@ -1,48 +1,48 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A connection to a running system: ask for products, search and fetch them, look up poses, follow jobs."""
+"""Client of a running system: requests, searches, products, poses, jobs."""
 
 from __future__ import annotations
 
 import threading
+import time
 import uuid
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import suppress
 from types import TracebackType
 from typing import Any, Self, Unpack
 
 from cdff_common.bus import Bus, Reply, keys
 from cdff_common.client.answer import Answer
-from cdff_common.client.wishes import Wishes, parameters_of
+from cdff_common.client.request_options import RequestOptions, parameters_of
 from cdff_common.clock import monotonic_s
-from cdff_common.codecs import decode
-from cdff_common.codecs.encoding import parse_encoding
+from cdff_common.codecs import CODECS, decode_payload, parse_encoding
+from cdff_common.contract.queries import SearchParameters
 from cdff_common.errors import CdffError, CodecError, InputError, NoAnswerError, UnavailableError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.product import Header
 
-#: Told of every progress reply: job, state, reason, remaining_s, plan.
+#: Called with the body of each progress reply: job, state, reason, remaining_s, plan.
 OnProgress = Callable[[Mapping[str, Any]], None]
 
 _CODEC_PREFIX = "application/vnd.cdff+"
-#: Formats that the DPM writes from a stored product.
-_FILES = frozenset({"tif", "ply", "tum", "png"})
 _PART_BYTES = 4 << 20
 _RETRY_S = 0.3
-#: How long one query of a standing request may last before it is asked again, seconds.
+#: Timeouts of a call and of the retrieval of a product, seconds.
+_CALL_S, _RETRIEVE_S = 10.0, 30.0
+#: Longest duration of one query of a standing request, after which it is repeated, seconds.
 _STANDING_S = 3600.0
 
 
 class Client:
-    """A client of the orchestrator and the DPM; a context manager.
+    """Client of the orchestrator and the DPM; a context manager.
 
     Parameters
     ----------
     connect : str, optional
         Endpoint of the router; default ``CDFF_CONNECT``, then ``tcp/127.0.0.1:7447``.
     name : str
-        Of this process, for logs.
+        Name of this process in logs.
 
     Raises
     ------
@@ -51,7 +51,7 @@ class Client:
 
     Notes
     -----
-    Every method raises the subclass of ``CdffError`` that the answer's code stands for (``cdff_common.errors``).
+    Every method raises the subclass of ``CdffError`` of the code in the reply (``cdff_common.errors``).
     """
 
     def __init__(self, connect: str | None = None, *, name: str = "client") -> None:
@@ -74,22 +74,11 @@ class Client:
         product: str,
         *,
         robot: str = "any",
-        region: str | None = None,
-        region_frame: str | None = None,
-        frame: str | None = None,
-        child: str | None = None,
-        t_ns: int | None = None,
-        max_age_s: float | None = None,
-        resolution_m: float | None = None,
-        min_coverage: float | None = None,
-        as_type: str | None = None,
-        format: str | None = None,
-        deliver: str | None = None,
-        priority: int | None = None,
         deadline_s: float = 20.0,
         on_progress: OnProgress | None = None,
+        **options: Unpack[RequestOptions],
     ) -> Answer:
-        """Ask for a product and wait for it.
+        """Request a product and wait for it, at most ``deadline_s`` seconds.
 
         Parameters
         ----------
@@ -97,61 +86,32 @@ class Client:
             ``pose trajectory pointcloud dem navigation_map image``.
         robot : str
             Robot id, or ``any``.
-        region : str, optional
-            ``bbox:… box:… circle:x,y,r polygon:… near:frame,r``, metres in ``region_frame`` (default ``frame``).
-        frame : str, optional
-            To have it in; default ``site``.
-        child, t_ns
-            Of a pose: which frame's, and when (mission time); default the robot's base, newest.
-        max_age_s : float, optional
-            Refuse what is older.
-        resolution_m : float, optional
-            Finer data are aggregated to it.
-        min_coverage : float, optional
-            Part of the region, 0 to 1, that must hold data.
-        as_type, format, deliver : str, optional
-            InFuse type, encoding (``uper ber xer msgpack tif ply tum png``), ``auto inline reference``.
-        priority : int, optional
-            0 to 9, default 5: which requests go first where not all can be taken.
-        deadline_s : float
-            The answer, or the reason why there is none, comes before this.
-        on_progress : callable, optional
 
         Raises
         ------
         InputError
-            If the request itself is wrong.
+            If the request is malformed.
         DeadlineError, UnavailableError, OverloadedError
-            If it cannot be answered as asked; the message says why.
+            If the request cannot be fulfilled; the message contains the reason.
         """
-        parameters = parameters_of(
-            product,
-            robot,
-            region=region,
-            region_frame=region_frame,
-            frame=frame,
-            child=child,
-            t_ns=t_ns,
-            max_age_s=max_age_s,
-            resolution_m=resolution_m,
-            min_coverage=min_coverage,
-            as_type=as_type,
-            format=format,
-            deliver=deliver,
-            priority=priority,
-        )
-        return self._in_hand(self._ask(_scope(robot), parameters, monotonic_s() + deadline_s, on_progress))
-
-    def _in_hand(self, final: Reply) -> Answer:
-        """The product of a reply, fetched where it came as a reference."""
-        if final.attachment.get("kind") != "reference":
-            return _answer(final)
-        reference = final.body()
-        if reference["format"] in _FILES:
-            asked = {"id": reference["id"], "format": reference["format"]}
-            reply = self._call(keys.dpm_rpc(keys.GROUND, "get"), asked, 30.0)
-            return _answer(Reply(reply.payload, reply.encoding, {**reply.attachment, **_of_request(final.attachment)}))
-        return self._fetched(str(reference["id"]), final.attachment)
+        key, deadline = _orchestrator_key(robot, "request"), monotonic_s() + deadline_s
+        parameters = parameters_of(product, robot, **options)
+        parameters["progress"] = "false" if on_progress is None else "true"
+        while True:
+            remaining_s = max(deadline - monotonic_s(), 0.2)
+            query = {**parameters, "deadline_ms": int(remaining_s * 1000), "request": str(uuid.uuid4())}
+            try:
+                for reply in self._bus.call_stream(key, query, timeout_s=remaining_s + 1.0):
+                    if reply.final:
+                        break
+                    if on_progress is not None:
+                        on_progress(reply.body())
+            except NoAnswerError:  # repeated with a new request id while no orchestrator answers
+                if deadline - monotonic_s() <= _RETRY_S:
+                    raise
+                time.sleep(_RETRY_S)
+            else:
+                return self._retrieve(reply)
 
     def standing(
         self,
@@ -161,249 +121,221 @@ class Client:
         every_s: float = 0.0,
         lease_s: float = 30.0,
         stop: threading.Event | None = None,
-        **wishes: Unpack[Wishes],
+        **options: Unpack[RequestOptions],
     ) -> Generator[Answer]:
-        """Yield a product now and each newer one as it comes, until the iterator is closed.
+        """Yield the current product, then each newer one, until the iterator is closed.
 
         Parameters
         ----------
-        product, robot, wishes
-            As of ``request``.
+        product, robot, options
+            As in ``request``.
         every_s : float
             Least time between two answers; 0 for every change.
         lease_s : float
-            How long the orchestrator goes on if this process dies; it is renewed from here while the iterator is open.
+            Time for which the request outlives this process; the lease is renewed while the iterator is open.
         stop : threading.Event, optional
             Ends the iteration when another thread sets it.
 
         Raises
         ------
         UnavailableError, OverloadedError
-            As the orchestrator answers, and if nobody is there for ``lease_s``.
+            If the orchestrator replies so, or is unreachable for ``lease_s``.
         """
-        parameters = {**parameters_of(product, robot, **wishes), "every_s": every_s, "deadline_ms": int(lease_s * 1000)}
-        key, silent_s = keys.orchestrator_rpc(_scope(robot), "request"), monotonic_s()
-        with self._lease(_scope(robot), lease_s, stop or threading.Event()) as lease:
-            while not lease.over.is_set():
-                asked = {**parameters, "request": lease.renamed()}
-                try:
-                    for reply in self._stream(key, asked, _STANDING_S):
-                        silent_s = monotonic_s()
-                        if reply.attachment.get("kind") in ("product", "reference"):
-                            yield self._in_hand(reply)
-                except NoAnswerError:
-                    if monotonic_s() - silent_s > lease_s:
-                        raise
-                except CdffError:
-                    if not lease.over.is_set():  # else it is how the cancelled request ends
-                        raise
-                lease.over.wait(_RETRY_S)
-
-    @contextmanager
-    def _lease(self, scope: str, lease_s: float, over: threading.Event) -> Iterator[_Lease]:
-        """Renew a standing request's lease from a thread; cancel the request when it is over."""
-        lease = _Lease(over)
+        parameters = parameters_of(product, robot, **options)
+        deadline = {"deadline_ms": int(lease_s * 1000)}
+        stopped, name = stop or threading.Event(), ""
 
         def renew() -> None:
-            asked = {"deadline_ms": int(lease_s * 1000)}
-            while not over.wait(lease_s / 3):
-                with suppress(CdffError):  # one that has ended is asked for again by its stream
-                    self._call(keys.orchestrator_rpc(scope, "renew"), {**asked, "job": lease.name}, lease_s / 3)
-            with suppress(CdffError):  # it may have ended by itself
-                self._call(keys.orchestrator_rpc(scope, "cancel"), {"job": lease.name}, lease_s / 3)
+            while not stopped.wait(lease_s / 3):
+                with suppress(CdffError):  # an ended request is repeated by the loop below
+                    self._orchestrator(robot, "renew", {**deadline, "job": name}, lease_s / 3)
+            with suppress(CdffError):  # the request may have ended already
+                self._orchestrator(robot, "cancel", {"job": name}, lease_s / 3)
 
+        key, answered_s = _orchestrator_key(robot, "request"), monotonic_s()
         thread = threading.Thread(target=renew, name="renew", daemon=True)
         thread.start()
         try:
-            yield lease
+            while not stopped.is_set():
+                name = str(uuid.uuid4())
+                query = {**parameters, **deadline, "every_s": every_s, "request": name}
+                try:
+                    for reply in self._bus.call_stream(key, query, timeout_s=_STANDING_S):
+                        answered_s = monotonic_s()
+                        if reply.attachment.get("kind") in ("product", "reference"):
+                            yield self._retrieve(reply)
+                except NoAnswerError:
+                    if monotonic_s() - answered_s > lease_s:
+                        raise
+                except CdffError:
+                    if not stopped.is_set():  # otherwise the request was cancelled
+                        raise
+                stopped.wait(_RETRY_S)
         finally:
-            over.set()
+            stopped.set()
             thread.join()
 
     def explain(
-        self, product: str, *, robot: str = "any", deadline_s: float = 20.0, **wishes: Unpack[Wishes]
+        self, product: str, *, robot: str = "any", deadline_s: float = 20.0, **options: Unpack[RequestOptions]
     ) -> dict[str, Any]:
-        """Say what a request would get, without running anything; ``wishes`` are those of ``request``.
+        """Return the plan of a request without running it; arguments as in ``request``.
 
         Returns
         -------
         dict
-            ``would`` (serve, make or refuse), ``stored`` (what the DPM holds for it, or None), ``plan`` with its parts
-            and costs, ``alternatives``, and why not: ``why_not_stored``, ``why_not``, ``refused``, ``possible``.
+            ``would`` (serve, make or refuse), ``stored`` (the product in the DPM, or None), ``plan`` with
+            its parts and costs, ``alternatives``, and the reasons ``why_not_stored``, ``why_not``,
+            ``refused``, ``possible``.
         """
-        asked = {**parameters_of(product, robot, **wishes), "explain": "true", "deadline_ms": int(deadline_s * 1000)}
-        key = keys.orchestrator_rpc(_scope(robot), "request")
-        body: dict[str, Any] = self._call(key, asked, deadline_s + 1.0).body()
-        return body
+        query = parameters_of(product, robot, **options)
+        query |= {"explain": "true", "deadline_ms": int(deadline_s * 1000)}
+        return self._orchestrator(robot, "request", query, deadline_s + 1.0)
 
-    def search(self, product: str | None = None, **parameters: object) -> list[dict[str, Any]]:
-        """Metadata of products in the DPM, newest first: ``robot= region= frame= t0= t1= limit= …`` (contract §5)."""
-        asked = {"type": product, **parameters}
-        body = self._call(keys.dpm_rpc(keys.GROUND, "search"), {k: v for k, v in asked.items() if v is not None}).body()
-        items: list[dict[str, Any]] = body["items"]
+    def search(self, /, product: str | None = None, **parameters: object) -> list[dict[str, Any]]:
+        """Return metadata of products in the DPM, newest first; parameters of ``SearchParameters``."""
+        all_parameters = {"type": product or (), **parameters}
+        query = SearchParameters.parse(
+            {k: v for k, v in all_parameters.items() if v is not None}
+        ).to_parameters()
+        items: list[dict[str, Any]] = self._dpm("search", query)["items"]
         return items
 
-    def get(self, product_id: str) -> Answer:
-        """Return a product by id; raises ProductNotFoundError."""
-        return self._fetched(product_id, {})
+    def get(self, product_id: str, form: str | None = None) -> Answer:
+        """Return a product by id, as stored or in a codec or file format; raises ProductNotFoundError."""
+        return self._get(product_id, form, {})
 
     def pose(
         self, robot: str, *, parent: str = "site", child: str | None = None, t_ns: int | None = None
     ) -> UncertainTransform:
-        """``T_parent_child`` from the DPM, interpolated at ``t_ns`` (mission time), newest without; base by default."""
-        asked: dict[str, object] = {"robot": robot, "parent": parent, "child": child or f"{robot}/base"}
-        if t_ns is not None:
-            asked["t"] = t_ns
-        body = self._call(keys.dpm_rpc(keys.GROUND, "pose"), asked).body()
+        """Return ``T_parent_child`` from the DPM, interpolated at ``t_ns`` (mission time), by default the
+        newest; the default child is the base of the robot.
+        """
+        query: dict[str, object] = {"robot": robot, "parent": parent, "child": child or f"{robot}/base"}
+        body = self._dpm("pose", query | ({} if t_ns is None else {"t": t_ns}))
         return UncertainTransform(body["T"], body.get("covariance"))
 
     def call(
-        self, robot: str, dfpc: str, operation: str, parameters: Mapping[str, object] | None = None, *,
+        self,
+        robot: str,
+        dfpc: str,
+        operation: str,
+        parameters: Mapping[str, object] | None = None,
+        *,
         timeout_s: float = 10.0,
-    ) -> tuple[Any, Mapping[str, Any]]:  # fmt: skip
-        """Run an operation of a DFPC (``cdff dfpc show NAME`` lists them).
-
-        Parameters
-        ----------
-        parameters : mapping, optional
-            Of the operation, by name; the rest as described.
+    ) -> tuple[Any, Mapping[str, Any]]:
+        """Run an operation of a DFPC (``cdff dfpc show NAME`` lists them) with its parameters by name.
 
         Returns
         -------
         value : Any
-            Plain data or a ``cdff_common.types`` object; None of an operation without a value.
+            Plain data or a ``cdff_common.types`` object; None for an operation without a value.
         provenance : mapping
-            Who made it, from what configuration, of which time and frame.
+            Producer, configuration, time and frame.
 
         Raises
         ------
         CdffError
-            As the DFPC refuses: InputError for a parameter, UnavailableError where it does not run, NotActiveError, …
+            If the DFPC refuses: InputError for a parameter, UnavailableError if it does not run,
+            NotActiveError, …
         """
-        asked = {name: _text(value) for name, value in (parameters or {}).items()}
-        reply = self._call(keys.dfpc_rpc(robot, dfpc, f"call/{operation}"), asked, timeout_s)
+        query = {k: str(v).lower() if isinstance(v, bool) else v for k, v in (parameters or {}).items()}
+        reply = self._bus.call(keys.dfpc_rpc(robot, dfpc, f"call/{operation}"), query, timeout_s=timeout_s)
         if not reply.encoding.startswith(_CODEC_PREFIX):
             return reply.body(), reply.attachment
-        type_name, codec = parse_encoding(reply.encoding)
-        return decode(type_name, reply.payload, codec), reply.attachment
+        return decode_payload(reply.payload, reply.encoding), reply.attachment
 
     def jobs(self, robot: str = "any", *, limit: int = 50) -> list[dict[str, Any]]:
-        """The orchestrator's newest jobs, and where they stand."""
-        body = self._call(keys.orchestrator_rpc(_scope(robot), "jobs"), {"limit": limit, **_named(robot)}).body()
-        jobs: list[dict[str, Any]] = body["jobs"]
+        """Return the newest jobs of the orchestrator with their states."""
+        jobs: list[dict[str, Any]] = self._orchestrator(robot, "jobs", {"limit": limit})["jobs"]
         return jobs
 
     def cancel(self, job: str, robot: str = "any") -> None:
-        """Cancel a job by its id or its request's; whoever waits for it gets UNAVAILABLE."""
-        self._call(keys.orchestrator_rpc(_scope(robot), "cancel"), {"job": job})
+        """Cancel a job by its id or the id of its request; the client of the job receives UNAVAILABLE."""
+        self._orchestrator(robot, "cancel", {"job": job})
 
     def catalogue(self, robot: str = "any", product: str | None = None) -> dict[str, Any]:
-        """What could be asked for, what would make it at what cost, and why not; of one product where it is named."""
-        asked = {**_named(robot), **({} if product is None else {"type": product})}
-        body: dict[str, Any] = self._call(keys.orchestrator_rpc(_scope(robot), "catalogue"), asked).body()
-        return body
+        """Return the requestable products, or only ``product``, with their providers and costs, or the
+        reasons why they cannot be requested.
+        """
+        return self._orchestrator(robot, "catalogue", {} if product is None else {"type": product})
 
     def history(
         self, *, kinds: Sequence[str] = (), robot: str = "any", since: int = 0, limit: int = 1000
     ) -> list[dict[str, Any]]:
-        """What happened after an ordinal, oldest first: insertions, audit entries, the orchestrator's decisions."""
-        asked: dict[str, object] = {"since": since, "limit": limit}
-        asked |= {"kind": ",".join(kinds)} if kinds else {}
-        asked |= {} if robot == "any" else {"scope": robot}
-        items: list[dict[str, Any]] = self._call(keys.dpm_rpc(keys.GROUND, "history"), asked).body()["items"]
+        """Return the events after an ordinal, oldest first: insertions, audit entries, decisions."""
+        query: dict[str, object] = {"since": since, "limit": limit}
+        query |= {"kind": ",".join(kinds)} if kinds else {}
+        query |= {} if robot == "any" else {"scope": robot}
+        items: list[dict[str, Any]] = self._dpm("history", query)["items"]
         return items
 
-    # -- inside -----------------------------------------------------------------------------------------------------
+    def _orchestrator(
+        self, robot: str, verb: str, query: Mapping[str, object], timeout_s: float = _CALL_S
+    ) -> dict[str, Any]:
+        """Return the body of the reply of the orchestrator."""
+        body: dict[str, Any] = self._bus.call(
+            _orchestrator_key(robot, verb), query, timeout_s=timeout_s
+        ).body()
+        return body
 
-    def _ask(
-        self, scope: str, parameters: Mapping[str, object], deadline_s: float, on_progress: OnProgress | None
-    ) -> Reply:
-        """The final reply; asked again, under a new name, where nobody was there or the answer broke off."""
-        key, pause = keys.orchestrator_rpc(scope, "request"), threading.Event()
-        parameters = {**parameters, "progress": "false" if on_progress is None else "true"}
-        while True:
-            remaining_s = max(deadline_s - monotonic_s(), 0.2)
-            asked = {**parameters, "deadline_ms": int(remaining_s * 1000), "request": str(uuid.uuid4())}
-            try:
-                for reply in self._stream(key, asked, remaining_s + 1.0):
-                    if reply.final:
-                        return reply
-                    if on_progress is not None:
-                        on_progress(reply.body())
-                raise NoAnswerError(f"{key}: the answer broke off")
-            except NoAnswerError:
-                if deadline_s - monotonic_s() <= _RETRY_S:
-                    raise
-                pause.wait(_RETRY_S)
+    def _dpm(self, verb: str, query: Mapping[str, object]) -> Any:
+        """Return the body of the reply of the DPM."""
+        return self._bus.call(keys.dpm_rpc(keys.GROUND, verb), query, timeout_s=_CALL_S).body()
 
-    def _stream(self, key: str, parameters: Mapping[str, object], timeout_s: float) -> Iterator[Reply]:
-        return self._bus.call_stream(key, parameters, timeout_s=timeout_s)
+    def _retrieve(self, final: Reply) -> Answer:
+        """Return the product of a reply, retrieved from the DPM if it is a reference."""
+        if final.attachment.get("kind") != "reference":
+            return _answer(final)
+        reference = final.body()
+        form = None if reference["format"] in CODECS else reference["format"]
+        return self._get(str(reference["id"]), form, final.attachment)
 
-    def _call(self, key: str, parameters: Mapping[str, object], timeout_s: float = 10.0) -> Reply:
-        return self._bus.call(key, parameters, timeout_s=timeout_s)
+    def _get(self, product_id: str, form: str | None, request: Mapping[str, Any]) -> Answer:
+        if form is None:
+            return self._download(product_id, request)
+        query = {"id": product_id, "format": form}
+        reply = self._bus.call(keys.dpm_rpc(keys.GROUND, "get"), query, timeout_s=_RETRIEVE_S)
+        return _answer(reply, request)
 
-    def _fetched(self, product_id: str, attachment: Mapping[str, Any]) -> Answer:
-        """Pull a product in parts, each of which can be asked for again."""
-        parts: list[bytes] = []
-        have, size = 0, 1
-        while have < size:
-            reply = self._call(keys.dpm_product(keys.GROUND, product_id), {"offset": have, "len": _PART_BYTES}, 30.0)
+    def _download(self, product_id: str, request: Mapping[str, Any]) -> Answer:
+        """Return a product, downloaded in parts."""
+        key, data, size = keys.dpm_product(keys.GROUND, product_id), bytearray(), 1
+        while len(data) < size:
+            query = {"offset": len(data), "len": _PART_BYTES}
+            reply = self._bus.call(key, query, timeout_s=_RETRIEVE_S)
             size = int(reply.attachment["size"])
             if not reply.payload and size:
-                raise UnavailableError(f"product {product_id}: the DPM sent nothing at {have} of {size} bytes")
-            parts.append(reply.payload)
-            have += len(reply.payload)
-        return _answer(Reply(b"".join(parts), reply.encoding, {**reply.attachment, **_of_request(attachment)}))
+                raise UnavailableError(
+                    f"product {product_id}: the DPM sent nothing at {len(data)} of {size} bytes"
+                )
+            data += reply.payload
+        return _answer(Reply(bytes(data), reply.encoding, reply.attachment), request)
 
 
-@dataclass(slots=True)
-class _Lease:
-    """The name that a standing request has now, and whether it is over."""
-
-    over: threading.Event
-    name: str = ""
-
-    def renamed(self) -> str:
-        """A new name: each query of a standing request has its own."""
-        self.name = str(uuid.uuid4())
-        return self.name
+def _orchestrator_key(robot: str, verb: str) -> str:
+    return keys.orchestrator_rpc(keys.GROUND if robot == "any" else robot, verb)
 
 
-def _scope(robot: str) -> str:
-    return keys.GROUND if robot == "any" else robot
-
-
-def _named(robot: str) -> dict[str, object]:
-    return {} if robot == "any" else {"robot": robot}
-
-
-def _of_request(attachment: Mapping[str, Any]) -> dict[str, Any]:
-    return {k: attachment[k] for k in ("asked", "delivered", "job", "request") if k in attachment}
-
-
-def _text(value: object) -> object:
-    """A parameter as the wire has it."""
-    return str(value).lower() if isinstance(value, bool) else value
-
-
-def _answer(reply: Reply) -> Answer:
-    extra, value, type_name = reply.attachment, None, reply.encoding
+def _answer(reply: Reply, request: Mapping[str, Any] | None = None) -> Answer:
+    """Return the answer in a reply; ``request`` is the attachment with the properties of the request."""
+    request_attachment = reply.attachment if request is None else request
+    value, type_name = None, reply.encoding
     if reply.encoding.startswith(_CODEC_PREFIX):
-        type_name, codec = parse_encoding(reply.encoding)
-        value = decode(type_name, reply.payload, codec) if reply.payload else None
+        type_name, _ = parse_encoding(reply.encoding)
+        value = decode_payload(reply.payload, reply.encoding) if reply.payload else None
     try:
-        header = Header.from_dict(extra)
+        header = Header.from_dict(reply.attachment)
     except InputError as error:
-        raise CodecError(f"the answer's attachment is no header: {error}") from error
+        raise CodecError(f"the attachment of the answer is no header: {error}") from error
     return Answer(
-        value,
-        header,
-        type_name,
-        reply.payload,
-        reply.encoding,
-        str(extra.get("robot", "")),
-        extra.get("delivered", {}),
-        str(extra.get("job", "")),
-        str(extra.get("request", "")),
-        extra.get("asked", {}),
+        value=value,
+        header=header,
+        type_name=type_name,
+        data=reply.payload,
+        encoding=reply.encoding,
+        robot=str(reply.attachment.get("robot", "")),
+        delivered=request_attachment.get("delivered", {}),
+        job=str(request_attachment.get("job", "")),
+        request=str(request_attachment.get("request", "")),
+        asked=request_attachment.get("asked", {}),
     )

@@ -1,19 +1,32 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bytes to messages and back: ``encode(value, codec)``, ``decode(type_name, data, codec)``.
+"""Encoding and decoding of messages: ``encode(value, codec)``, ``decode(type_name, data, codec)``.
 
-Codecs are ``uper`` (the wire's default), ``ber``, ``xer`` and ``msgpack``. NaN is a value: unknown covariances
-travel as NaN in all of them. Every decoder raises only ``CodecError``, and allocates no more than its input calls for.
+Codecs are ``uper`` (the default), ``ber``, ``xer`` and ``msgpack``. All preserve NaN, the value of unknown
+covariances. Every decoder raises only ``CodecError``, and allocates no more than its input requires.
 """
 
 from __future__ import annotations
 
+from functools import cache
+from importlib import import_module
 from typing import Any
 
 from cdff_common.codecs.encoding import CODECS, encoding_string, parse_encoding
 from cdff_common.errors import CodecError
 
-__all__ = ["CODECS", "decode", "encode", "encoding_string", "parse_encoding"]
+#: Modules whose name is not that of the codec.
+_MODULES = {"ber": "reference", "msgpack": "messagepack"}
+
+__all__ = [
+    "CODECS",
+    "decode",
+    "decode_payload",
+    "encode",
+    "encode_payload",
+    "encoding_string",
+    "parse_encoding",
+]
 
 
 def encode(value: Any, codec: str = "uper", type_name: str | None = None) -> bytes:
@@ -25,7 +38,7 @@ def encode(value: Any, codec: str = "uper", type_name: str | None = None) -> byt
     codec : str
         ``uper``, ``ber``, ``xer`` or ``msgpack``.
     type_name : str, optional
-        ASN.1 type to write it as, one of two siblings; by default the smaller that holds it, see ``wire_type``.
+        ASN.1 type, one of the size variants; by default the smaller one that fits, see ``wire_type``.
 
     Raises
     ------
@@ -34,23 +47,8 @@ def encode(value: Any, codec: str = "uper", type_name: str | None = None) -> byt
     """
     if not getattr(type(value), "ASN1_NAME", ""):
         raise CodecError(f"{type(value).__name__}: expected a message of cdff_common.types")
-    if codec == "msgpack":
-        from cdff_common.codecs import messagepack
-
-        return messagepack.encode(value, type_name)
-    if codec == "uper":
-        from cdff_common.codecs import uper
-
-        return uper.encode(value, type_name)
-    if codec == "ber":
-        from cdff_common.codecs import reference
-
-        return reference.encode(value, codec, type_name)
-    if codec == "xer":
-        from cdff_common.codecs import xer
-
-        return xer.encode(value, type_name)
-    raise CodecError(f"codec {codec!r}: expected one of {', '.join(CODECS)}")
+    data: bytes = _implementation(codec).encode(value, type_name=type_name)
+    return data
 
 
 def decode(type_name: str, data: bytes, codec: str = "uper") -> Any:
@@ -59,22 +57,27 @@ def decode(type_name: str, data: bytes, codec: str = "uper") -> Any:
     Raises
     ------
     CodecError
-        If the codec or the type is unknown, or the bytes are not such a message.
+        If the codec or the type is unknown, or the bytes are not a message of that type.
     """
-    if codec == "msgpack":
-        from cdff_common.codecs import messagepack
+    return _implementation(codec).decode(type_name, data)
 
-        return messagepack.decode(type_name, data)
-    if codec == "uper":
-        from cdff_common.codecs import uper
 
-        return uper.decode(type_name, data)
-    if codec == "ber":
-        from cdff_common.codecs import reference
+@cache
+def _implementation(codec: str) -> Any:
+    """Return the module of a codec, loaded at its first use."""
+    if codec not in CODECS:
+        raise CodecError(f"codec {codec!r}: expected one of {', '.join(CODECS)}")
+    return import_module(f"cdff_common.codecs.{_MODULES.get(codec, codec)}")
 
-        return reference.decode(type_name, data, codec)
-    if codec == "xer":
-        from cdff_common.codecs import xer
 
-        return xer.decode(type_name, data)
-    raise CodecError(f"codec {codec!r}: expected one of {', '.join(CODECS)}")
+def encode_payload(value: Any, codec: str = "uper") -> tuple[bytes, str]:
+    """Return a message as payload and encoding string; raises CodecError."""
+    from cdff_common.codecs.size_variants import wire_type
+
+    return encode(value, codec), encoding_string(wire_type(value), codec)
+
+
+def decode_payload(payload: bytes, encoding: str) -> Any:
+    """Return the message in a payload with its encoding string; raises CodecError."""
+    type_name, codec = parse_encoding(encoding)
+    return decode(type_name, payload, codec)

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled loops of UPER: lists of REAL, and octets at odd bit offsets.
+"""Compiled loops of UPER: lists of REAL, and bytes at odd bit offsets.
 
-A REAL is a length octet and its contents by X.690 8.5: nothing for +0, one octet for -0 (0x43), the infinities
-(0x40, 0x41) and NaN (0x42), else base 2 with an odd mantissa in as few octets as hold it (X.690 11.3.1). Read are
-also mantissas that are even or have leading zeros, which asn1scc writes; what else the standard allows is left to
-``real.py``: the loop returns where it stopped.
+A REAL is a length octet and its contents by X.690 8.5: empty for +0, one octet for -0 (0x43), the infinities
+(0x40, 0x41) and NaN (0x42), else base 2 with an odd mantissa in the smallest number of octets (X.690 11.3.1).
+The reader also accepts mantissas that are even or have leading zeros, which asn1scc writes. For the other
+forms of the standard, handled by ``real.py``, the loop returns its position.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-#: Octets that a REAL takes at most: length, header, two of exponent, seven of mantissa.
+#: Largest size of a REAL, bytes: 1 for length, 1 for header, 2 for exponent, 7 for mantissa.
 REAL_MAX_OCTETS = 11
-#: Octets that must lie behind what is read, since the loops load eight at a time.
+#: Bytes of padding behind a message, since the loops load eight bytes at a time.
 READ_PADDING = 24
 
 _POWERS = 2.0 ** np.arange(-1022, 1024, dtype=np.float64)
@@ -24,7 +24,7 @@ _POWERS = 2.0 ** np.arange(-1022, 1024, dtype=np.float64)
 
 @njit(cache=True, nogil=True, inline="always")
 def _load(buffer: NDArray[np.uint8], at: int, shift: int) -> np.uint64:
-    """64 bits from octet ``at`` and bit ``shift`` within it."""
+    """Return 64 bits from byte ``at`` and bit ``shift`` within it."""
     word = (
         (np.uint64(buffer[at]) << np.uint64(56))
         | (np.uint64(buffer[at + 1]) << np.uint64(48))
@@ -40,7 +40,9 @@ def _load(buffer: NDArray[np.uint8], at: int, shift: int) -> np.uint64:
 
 @njit(cache=True, nogil=True, inline="always")
 def _store(out: NDArray[np.uint8], at: int, shift: int, word: np.uint64, octets: int) -> None:
-    """Write the upper ``octets`` (1 to 7) of a word at octet ``at`` and bit ``shift``, clearing what follows."""
+    """Write the upper ``octets`` (1 to 7) of a word at byte ``at`` and bit ``shift``; clear the following
+    bits.
+    """
     head = word >> np.uint64(shift)
     out[at] |= np.uint8(head >> np.uint64(56))
     for i in range(1, 8):
@@ -51,18 +53,18 @@ def _store(out: NDArray[np.uint8], at: int, shift: int, word: np.uint64, octets:
 
 @njit(cache=True, nogil=True)
 def encode_reals(bits: NDArray[np.int64], out: NDArray[np.uint8], shift: int) -> int:
-    """Write REALs from bit ``shift`` of ``out[0]``, whose upper bits are kept.
+    """Write REALs from bit ``shift`` of ``out[0]``, whose upper bits are preserved.
 
     Parameters
     ----------
     bits : NDArray[np.int64], shape (n,)
-        The float64 values, seen as integers.
+        The float64 values, viewed as integers.
     out : NDArray[np.uint8], shape (at least 11 n + 16,)
 
     Returns
     -------
     int
-        Octets written; the last bits are in the octet after them.
+        Bytes written; the last bits are in the following byte.
     """
     at: int = 0
     for i in range(bits.size):
@@ -117,22 +119,22 @@ def encode_reals(bits: NDArray[np.int64], out: NDArray[np.uint8], shift: int) ->
 def decode_reals(
     buffer: NDArray[np.uint8], at: int, shift: int, end: int, values: NDArray[np.float64]
 ) -> tuple[int, int]:
-    """Read REALs from octet ``at`` and bit ``shift``.
+    """Read REALs from byte ``at`` and bit ``shift``.
 
     Parameters
     ----------
     buffer : NDArray[np.uint8]
-        With ``READ_PADDING`` octets behind the message.
+        Message with ``READ_PADDING`` bytes behind it.
     end : int
-        Octet at which the message ends (the last bits, below ``shift``, may lie in it).
+        Byte at which the message ends (the last bits, below ``shift``, may be in it).
     values : NDArray[np.float64], shape (n,)
         Filled in order.
 
     Returns
     -------
     tuple of int
-        How many were read, and the octet behind them. Fewer than n where a REAL is cut off, or of a form that this
-        loop does not read.
+        Number of values read, and the following byte. Fewer than n if a REAL is truncated, or of a form that
+        this loop does not support.
     """
     for i in range(values.size):
         if at >= end:
@@ -192,8 +194,8 @@ def decode_reals(
 
 
 @njit(cache=True, nogil=True)
-def write_octets(octets: NDArray[np.uint8], out: NDArray[np.uint8], shift: int) -> None:
-    """Write octets from bit ``shift`` (1 to 7) of ``out[0]``; ``out`` has one octet more."""
+def write_bytes(octets: NDArray[np.uint8], out: NDArray[np.uint8], shift: int) -> None:
+    """Write bytes from bit ``shift`` (1 to 7) of ``out[0]``; ``out`` is one byte longer."""
     out[0] |= octets[0] >> np.uint8(shift)
     for i in range(1, octets.size):
         out[i] = (octets[i - 1] << np.uint8(8 - shift)) | (octets[i] >> np.uint8(shift))
@@ -201,7 +203,7 @@ def write_octets(octets: NDArray[np.uint8], out: NDArray[np.uint8], shift: int) 
 
 
 @njit(cache=True, nogil=True)
-def read_octets(buffer: NDArray[np.uint8], at: int, shift: int, out: NDArray[np.uint8]) -> None:
-    """Read octets from octet ``at`` and bit ``shift`` (1 to 7)."""
+def read_bytes(buffer: NDArray[np.uint8], at: int, shift: int, out: NDArray[np.uint8]) -> None:
+    """Read bytes from byte ``at`` and bit ``shift`` (1 to 7)."""
     for i in range(out.size):
         out[i] = (buffer[at + i] << np.uint8(shift)) | (buffer[at + i + 1] >> np.uint8(8 - shift))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The bitstream message: an encoded message with the name of its type, as InFuse's robots logged it."""
+"""Bitstream message: an encoded message with the name of its type, as logged by InFuse robots."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from cdff_common.codecs import decode, encode
-from cdff_common.codecs.siblings import wire_type
+from cdff_common.codecs.size_variants import wire_type
 from cdff_common.errors import CodecError
 from cdff_common.types import Asn1Bitstream
 
-#: Codecs by ``serialization-method``; 0 is what InFuse's robots wrote, the others are ours.
+#: Codecs by ``serialization-method``; 0 was written by InFuse robots, the others are CDFF extensions.
 METHODS = ("uper", "ber", "xer", "msgpack")
 
 
@@ -27,7 +27,9 @@ def wrap(value: Any, codec: str = "uper") -> Asn1Bitstream:
 
 
 def unwrap(bitstream: Asn1Bitstream) -> Any:
-    """Decode what a bitstream message holds; raises CodecError on another method, type, or malformed data."""
+    """Decode the content of a bitstream message; raises CodecError on an unknown method or type, or malformed
+    data.
+    """
     method = bitstream.serialization_method
     if method >= len(METHODS):
         methods = ", ".join(f"{i} {name}" for i, name in enumerate(METHODS))

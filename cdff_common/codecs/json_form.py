@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The plain form of a message as JSON has it, and back: JSON has neither octets nor numbers that are not finite.
+"""Messages from the JSON form of their dict form.
 
-Octets are text of hexadecimal digits; what is not finite is null, and NaN when read again.
+Bytes are hexadecimal text; NaN and the infinities are null, which is read as NaN.
 """
 
 from __future__ import annotations
@@ -11,35 +11,14 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
-from cdff_common.codecs.bridge import message_node
-from cdff_common.codecs.plain import from_plain
-from cdff_common.codecs.schema import Alias, Choice, ListOf, Node, Octets, Struct
+from cdff_common.codecs.dict_form import from_dict_form
+from cdff_common.codecs.nodes import message_node
 from cdff_common.errors import CodecError
-
-
-def json_safe(value: Any) -> Any:
-    """Plain data with what JSON has for octets, arrays and numbers that are not finite."""
-    match value:
-        case dict():
-            return {str(k): json_safe(v) for k, v in value.items()}
-        case list() | tuple():
-            return [json_safe(v) for v in value]
-        case np.ndarray():
-            return json_safe(value.tolist())
-        case np.generic():
-            return json_safe(value.item())
-        case float() if not math.isfinite(value):
-            return None
-        case bytes():
-            return value.hex()
-        case _:
-            return value
+from cdff_common.types.schema import Alias, Choice, ListOf, Node, OctetString, Struct, fields_of
 
 
 def from_json(type_name: str, obj: Any) -> Any:
-    """Message of what ``json_safe`` makes of its plain form, or of any plain form that JSON can hold.
+    """Return the message of a JSON form, i.e. of the ``jsonable`` dict form.
 
     Raises
     ------
@@ -47,20 +26,21 @@ def from_json(type_name: str, obj: Any) -> Any:
         If ``obj`` is not of that type; the message names the field.
     """
     node = message_node(type_name)
-    return from_plain(type_name, _plain(obj, node, node.name))
+    return from_dict_form(type_name, _dict_form(obj, node, node.name))
 
 
-def _plain(obj: Any, node: Node | Alias, where: str) -> Any:
+def _dict_form(obj: Any, node: Node | Alias, where: str) -> Any:
     match node:
         case Alias():
-            return _plain(obj, node.node, where)
+            return _dict_form(obj, node.node, where)
         case Struct() | Choice() if isinstance(obj, Mapping):
-            fields = node.fields if isinstance(node, Struct) else node.alternatives
-            known = {name: f for f in fields for name in (f.key, f.attribute, f.name)}
-            return {k: _plain(v, known[k].node, f"{where}.{k}") if k in known else v for k, v in obj.items()}
+            known = {name: f for f in fields_of(node) for name in (f.key, f.attribute, f.name)}
+            return {
+                k: _dict_form(v, known[k].node, f"{where}.{k}") if k in known else v for k, v in obj.items()
+            }
         case ListOf() if isinstance(obj, list):
-            return [_plain(v, node.element, f"{where}[{i}]") for i, v in enumerate(obj)]
-        case Octets() if isinstance(obj, str):
+            return [_dict_form(v, node.element, f"{where}[{i}]") for i, v in enumerate(obj)]
+        case OctetString() if isinstance(obj, str):
             try:
                 return bytes.fromhex(obj)
             except ValueError as error:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Contents octets of one REAL: written in the shortest form, read in every form that X.690 8.5 allows."""
+"""Contents octets of one REAL: written in the shortest form, read in every form of X.690 8.5."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _DECIMAL = {
 
 
 def encode_real(value: float) -> bytes:
-    """Contents octets of a REAL: base 2, odd mantissa, as few octets as hold it (X.690 11.3.1)."""
+    """Return the contents octets of a REAL: base 2, odd mantissa, shortest form (X.690 11.3.1)."""
     if value == 0.0:
         return b"\x43" if math.copysign(1.0, value) < 0.0 else b""
     if not math.isfinite(value):
@@ -36,12 +36,12 @@ def encode_real(value: float) -> bytes:
 
 
 def decode_real(contents: bytes) -> float:
-    """Value of the contents octets of a REAL.
+    """Return the value of the contents octets of a REAL.
 
     Raises
     ------
     CodecError
-        If they are malformed, or the number is larger than float64 holds.
+        If they are malformed, or the number exceeds float64.
     """
     if not contents:
         return 0.0
@@ -78,15 +78,15 @@ def _binary(contents: bytes) -> float:
 
 
 def _scaled(mantissa: int, exponent: int) -> float:
-    """``mantissa * 2 ** exponent`` rounded once, with bounded intermediate numbers."""
+    """Return ``mantissa * 2 ** exponent``, rounded once, with bounded intermediate numbers."""
     if mantissa == 0:
         return 0.0
     size = exponent + mantissa.bit_length()
     if size > 1024:
-        raise CodecError(f"REAL of magnitude 2^{size}: larger than float64 holds")
+        raise CodecError(f"REAL of magnitude 2^{size}: exceeds float64")
     if size < -1080:
         return 0.0
     try:
         return float(mantissa << exponent) if exponent >= 0 else mantissa / (1 << -exponent)
     except OverflowError as error:
-        raise CodecError(f"REAL of magnitude 2^{size}: larger than float64 holds") from error
+        raise CodecError(f"REAL of magnitude 2^{size}: exceeds float64") from error

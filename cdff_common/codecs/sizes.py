@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""How many bits a message of a type takes in UPER, at least and at most."""
+"""Smallest and largest size of a message in UPER."""
 
 from __future__ import annotations
 
-from cdff_common.codecs.bridge import message_node
-from cdff_common.codecs.schema import (
+from cdff_common.codecs.nodes import message_node
+from cdff_common.types.schema import (
     Alias,
     Array,
     Boolean,
@@ -14,34 +14,36 @@ from cdff_common.codecs.schema import (
     Integer,
     ListOf,
     Node,
-    Octets,
+    OctetString,
     Real,
     Struct,
     Text,
 )
 
-#: Octets of a float64 as we write it, with its length: head, exponent of two, mantissa of seven.
+#: Largest size of an encoded float64, bytes: 1 for length, 1 for header, 2 for exponent, 7 for mantissa.
 REAL_OCTETS = 11
-_CONSTRAINED_BELOW = 65536
+#: Sizes of at least this value have a length determinant and may be split into fragments (X.691 11.9.4.1).
+CONSTRAINED_BELOW = 65536
 _BLOCK = 16384
 
 
-def uper_octets(type_name: str, real_octets: int = REAL_OCTETS) -> tuple[int, int]:
-    """Least and most octets of a message in UPER.
+def uper_bytes(type_name: str, real_octets: int = REAL_OCTETS) -> tuple[int, int]:
+    """Return the smallest and largest size of a message in UPER, bytes.
 
     Parameters
     ----------
     real_octets : int
-        Most octets of a REAL with its length; asn1scc reckons with 13, and pads every message to the most.
+        Largest size of a REAL with its length; asn1scc assumes 13 and pads every message to its largest size.
     """
-    least, most = _bits(message_node(type_name), real_octets)
+    least, most = bits_of(message_node(type_name), real_octets)
     return max(1, (least + 7) // 8), max(1, (most + 7) // 8)
 
 
-def _bits(node: Node | Alias, real: int) -> tuple[int, int]:
+def bits_of(node: Node | Alias, real_octets: int = REAL_OCTETS) -> tuple[int, int]:
+    """Return the smallest and largest number of bits of a node."""
     match node:
         case Real():
-            return 8, 8 * real
+            return 8, 8 * real_octets
         case Integer():
             bits = (node.high - node.low).bit_length()
             return bits, bits
@@ -50,36 +52,34 @@ def _bits(node: Node | Alias, real: int) -> tuple[int, int]:
         case Enumeration():
             bits = (len(node.members) - 1).bit_length()
             return bits, bits
-        case Text():
-            return _list(0, node.high, (8, 8))
-        case Octets():
+        case Text() | OctetString():
             return _list(0, node.high, (8, 8))
         case Array():
-            element = _bits(node.element, real)
+            element = bits_of(node.element, real_octets)
             for low, high in reversed(node.dims):
                 element = _list(low, high, element)
             return element
         case ListOf():
-            return _list(node.low, node.high, _bits(node.element, real))
+            return _list(node.low, node.high, bits_of(node.element, real_octets))
         case Struct():
-            parts = [_bits(f.node, real) for f in node.fields]
+            parts = [bits_of(f.node, real_octets) for f in node.fields]
             return sum(a for a, _ in parts), sum(b for _, b in parts)
         case Choice():
-            parts = [_bits(f.node, real) for f in node.alternatives]
+            parts = [bits_of(f.node, real_octets) for f in node.alternatives]
             index = (len(parts) - 1).bit_length()
             return index + min(a for a, _ in parts), index + max(b for _, b in parts)
         case Alias():
-            return _bits(node.node, real)
+            return bits_of(node.node, real_octets)
 
 
 def _list(low: int, high: int, element: tuple[int, int]) -> tuple[int, int]:
-    """Bits of ``low`` to ``high`` elements with their length determinants (X.691 11.9)."""
+    """Return the bits of ``low`` to ``high`` elements with their length determinants (X.691 11.9)."""
     return _length(low, low, high) + low * element[0], _length(high, low, high) + high * element[1]
 
 
 def _length(count: int, low: int, high: int) -> int:
-    """Bits of the length determinants of ``count`` elements."""
-    if high < _CONSTRAINED_BELOW:
+    """Return the bits of the length determinants of ``count`` elements."""
+    if high < CONSTRAINED_BELOW:
         return (high - low).bit_length()
     blocks, rest = divmod(count, _BLOCK)
     return 8 * ((blocks + 3) // 4) + (8 if rest < 128 else 16)

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Unaligned PER (X.691) of the types' table: one pair of functions compiled for each node.
+"""Unaligned PER (X.691) of the schema table: one pair of functions per node.
 
-Agrees with asn1tools value for value. REALs are written with the shortest mantissa (asn1tools prepends a zero octet
-to some, asn1scc appends zeros), -0 as such, NaN as NOT-A-NUMBER: its sign and payload are lost. Read are padded
-messages, even mantissas and every other form of REAL that X.690 allows.
+Agrees with asn1tools value for value. REALs are written with the shortest mantissa (asn1tools prepends a zero
+octet to some, asn1scc appends zeros), -0 as such, NaN as NOT-A-NUMBER without its sign and payload. The
+decoder also accepts padded messages, even mantissas and every other form of REAL of X.690.
 """
 
 from __future__ import annotations
@@ -15,8 +15,11 @@ from typing import Any
 import numpy as np
 
 from cdff_common.codecs.bits import BitReader, BitWriter
-from cdff_common.codecs.bridge import class_of, message_node
-from cdff_common.codecs.schema import (
+from cdff_common.codecs.nodes import message_node
+from cdff_common.codecs.size_variants import wire_node
+from cdff_common.codecs.uper_lists import Get, Put, array, bits_for, list_of, octet_string
+from cdff_common.errors import CodecError, InputError
+from cdff_common.types.schema import (
     Alias,
     Array,
     Boolean,
@@ -25,18 +28,16 @@ from cdff_common.codecs.schema import (
     Integer,
     ListOf,
     Node,
-    Octets,
+    OctetString,
     Real,
     Struct,
     Text,
 )
-from cdff_common.codecs.siblings import wire_node
-from cdff_common.codecs.uper_lists import Get, Put, array, bits_for, list_of, octet_string
-from cdff_common.errors import CodecError, InputError
+from cdff_common.types.validation import class_of
 
 
 def encode(value: Any, type_name: str | None = None) -> bytes:
-    """Encode a message, as the sibling that holds it or as ``type_name``."""
+    """Encode a message as the size variant that can hold it, or as ``type_name``."""
     put, _ = _codec(wire_node(value, type_name).name)
     writer = BitWriter()
     put(writer, value)
@@ -44,17 +45,15 @@ def encode(value: Any, type_name: str | None = None) -> bytes:
 
 
 def decode(type_name: str, data: bytes) -> Any:
-    """Decode a message; raises CodecError where the octets are none of that type."""
+    """Decode a message; raises CodecError if the bytes are not a message of that type."""
     name = message_node(type_name).name
     _, get = _codec(name)
     reader = BitReader(bytes(data))
     try:
         value = get(reader)
         reader.finish()
-    except CodecError as error:
-        raise CodecError(f"{name} as uper, {len(data)} octets: {error}") from error
     except InputError as error:
-        raise CodecError(f"{name} as uper, {len(data)} octets: {error}") from error
+        raise CodecError(f"{name} as uper, {len(data)} bytes: {error}") from error
     return value
 
 
@@ -65,7 +64,7 @@ def _codec(name: str) -> tuple[Put, Get]:
 
 @cache
 def _compiled(node: Node | Alias) -> tuple[Put, Get]:
-    """Functions that write and read a node."""
+    """Return the functions that write and read a node."""
     match node:
         case Integer():
             return _integer(node)
@@ -77,7 +76,7 @@ def _compiled(node: Node | Alias) -> tuple[Put, Get]:
             return _enumeration(node)
         case Text():
             return _text(node)
-        case Octets():
+        case OctetString():
             return octet_string(node)
         case Array():
             return array(node, _compiled)
@@ -125,13 +124,13 @@ def _text(node: Text) -> tuple[Put, Get]:
     def put(writer: BitWriter, value: str) -> None:
         octets = value.encode("utf-8", "surrogateescape")
         writer.put(len(octets), bits)
-        writer.put_octets(octets)
+        writer.put_bytes(octets)
 
     def get(reader: BitReader) -> str:
         size = reader.get(bits)
         if size > high:
-            raise CodecError(f"T-String of {size} octets: expected at most {high}")
-        return reader.get_octets(size).decode("utf-8", "surrogateescape")
+            raise CodecError(f"T-String of {size} bytes: expected at most {high}")
+        return reader.get_bytes(size).decode("utf-8", "surrogateescape")
 
     return put, get
 

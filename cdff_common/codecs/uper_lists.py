@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Unaligned PER of what has a length: lists of numbers, lists of messages, octets; in fragments where they are long."""
+"""Unaligned PER of values with a length: lists of numbers, lists of messages, byte strings; long ones in
+fragments.
+"""
 
 from __future__ import annotations
 
@@ -11,55 +13,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.codecs.bits import BitReader, BitWriter
-from cdff_common.codecs.bridge import array_dtype, octets_as_array
-from cdff_common.codecs.schema import Array, Boolean, Integer, ListOf, Node, Octets, Real, Struct
+from cdff_common.codecs.nodes import array_of_bytes
+from cdff_common.codecs.sizes import CONSTRAINED_BELOW, bits_of
 from cdff_common.codecs.uper_rows import LONG, rows_of, widths
 from cdff_common.errors import CodecError
+from cdff_common.types.schema import Array, Boolean, Integer, ListOf, Node, OctetString, Real
 
 Put = Callable[[BitWriter, Any], None]
 Get = Callable[[BitReader], Any]
 Compiled = Callable[[Node], tuple[Put, Get]]
 
-#: Sizes from this on have a length determinant instead of a number of bits, and may come in fragments (X.691 11.9.4.1).
-_CONSTRAINED_BELOW = 65536
-
 
 def bits_for(count: int) -> int:
-    """Bits that tell ``count`` values apart."""
+    """Return the number of bits for ``count`` distinct values."""
     return (count - 1).bit_length()
 
 
-def octet_string(node: Octets) -> tuple[Put, Get]:
-    """Functions that write and read octets."""
-    if node.high < _CONSTRAINED_BELOW:
-        raise ValueError(f"OCTET STRING of at most {node.high}: the table has none so short")
+def octet_string(node: OctetString) -> tuple[Put, Get]:
+    """Return the functions that write and read an OCTET STRING."""
 
     def put(writer: BitWriter, value: NDArray[Any]) -> None:
         octets = value.reshape(-1).view(np.uint8)
-        at, size = 0, len(octets)
-        while True:
-            part = writer.put_length(size - at)
-            writer.put_octets(octets[at : at + part])
-            at += part
-            if part < 0x4000:
-                return
+        for begin, count in _parts(writer, len(octets), 0, node.high):
+            writer.put_bytes(octets[begin : begin + count])
 
     def get(reader: BitReader) -> NDArray[Any]:
-        parts = []
-        more = True
-        while more:
-            size, more = reader.get_length()
-            parts.append(reader.get_octet_array(size))
-        octets = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        if len(octets) > node.high:
-            raise CodecError(f"OCTET STRING of {len(octets)}: expected at most {node.high}")
-        return octets_as_array(octets, node)
+        parts = [reader.get_byte_array(size) for size in _counts(reader, 0, node.high)]
+        return array_of_bytes(parts[0] if len(parts) == 1 else np.concatenate(parts), node)
 
     return put, get
 
 
 def array(node: Array, compiled: Compiled) -> tuple[Put, Get]:
-    """Lists of numbers: rows of fixed size in one go, others row by row."""
+    """Return the functions for lists of numbers: rows of fixed size at once, others row by row."""
     low, high = node.dims[0]
     if any(a != b for a, b in node.dims[1:]):
         return _ragged(node, compiled)
@@ -75,7 +61,7 @@ def array(node: Array, compiled: Compiled) -> tuple[Put, Get]:
     def get(reader: BitReader) -> NDArray[Any]:
         parts = []
         for count in _counts(reader, low, high):
-            reader.need(count * per_row * element_bits, f"list of {count}")
+            reader.require(count * per_row * element_bits, f"list of {count}")
             parts.append(get_flat(reader, count * per_row))
         flat = parts[0] if len(parts) == 1 else np.concatenate(parts)
         return flat.reshape(-1, *row) if row else flat
@@ -84,12 +70,12 @@ def array(node: Array, compiled: Compiled) -> tuple[Put, Get]:
 
 
 def _flat(node: Array, compiled: Compiled) -> tuple[Put, Callable[[BitReader, int], NDArray[Any]], int]:
-    """Functions for a run of numbers, and the bits that one takes at least."""
+    """Return the functions for a sequence of numbers, and the smallest number of bits of one."""
     element = node.element
     if isinstance(element, Real):
         return (lambda w, v: w.put_reals(v)), (lambda r, n: r.get_reals(n)), 8
     put_one, get_one = compiled(element)
-    dtype = array_dtype(node)
+    dtype = node.dtype
     bits = 1 if isinstance(element, Boolean) else bits_for(element.high - element.low + 1)
     if isinstance(element, Integer) and bits == 8 * dtype.itemsize and bits < 64:
         offset = np.array(-element.low).astype(f"u{dtype.itemsize}")
@@ -97,10 +83,10 @@ def _flat(node: Array, compiled: Compiled) -> tuple[Put, Callable[[BitReader, in
 
         def put_many(writer: BitWriter, values: NDArray[Any]) -> None:
             # modulo 2^bits the offset is exact for signed and unsigned numbers
-            writer.put_octets((values.view(small) + offset).astype(big).view(np.uint8))
+            writer.put_bytes((values.view(small) + offset).astype(big).view(np.uint8))
 
         def get_many(reader: BitReader, count: int) -> NDArray[Any]:
-            octets = reader.get_octet_array(count * dtype.itemsize)
+            octets = reader.get_byte_array(count * dtype.itemsize)
             values: NDArray[Any] = octets.view(big).astype(small) - offset
             return values.view(dtype)
 
@@ -117,11 +103,13 @@ def _flat(node: Array, compiled: Compiled) -> tuple[Put, Callable[[BitReader, in
 
 
 def _ragged(node: Array, compiled: Compiled) -> tuple[Put, Get]:
-    """A matrix whose rows have a length on the wire; all rows must be alike."""
+    """Return the functions for a matrix whose rows are encoded with a length; all rows must have the same
+    length.
+    """
     inner = Array(node.element, node.dims[1:], node.tags[1:])
     put_row, get_row = array(inner, compiled)
     low, high = node.dims[0]
-    dtype = array_dtype(node)
+    dtype = node.dtype
 
     def put(writer: BitWriter, value: NDArray[Any]) -> None:
         for begin, count in _parts(writer, len(value), low, high):
@@ -131,19 +119,22 @@ def _ragged(node: Array, compiled: Compiled) -> tuple[Put, Get]:
     def get(reader: BitReader) -> NDArray[Any]:
         rows = []
         for count in _counts(reader, low, high):
-            reader.need(count, f"list of {count} rows")
+            reader.require(count, f"list of {count} rows")
             rows += [get_row(reader) for _ in range(count)]
         if len({r.shape for r in rows}) > 1:
-            raise CodecError(f"matrix with rows of {sorted({len(r) for r in rows})} elements: expected rows alike")
+            raise CodecError(
+                f"matrix with rows of {sorted({len(r) for r in rows})} elements: expected rows of "
+                "equal length"
+            )
         return np.stack(rows) if rows else np.zeros((0,) * len(node.dims), dtype)
 
     return put, get
 
 
 def list_of(node: ListOf, compiled: Compiled) -> tuple[Put, Get]:
-    """Functions that write and read a list of messages, one after the other."""
+    """Return the functions that write and read a list of messages."""
     put_one, get_one = compiled(node.element)
-    low, high, least = node.low, node.high, _least_bits(node.element)
+    low, high, least = node.low, node.high, max(1, bits_of(node.element)[0])
     fields = widths(node.element)
     put_rows, get_rows = (None, None) if fields is None else rows_of(node.element, fields)
 
@@ -158,7 +149,7 @@ def list_of(node: ListOf, compiled: Compiled) -> tuple[Put, Get]:
     def get(reader: BitReader) -> tuple[Any, ...]:
         items: list[Any] = []
         for count in _counts(reader, low, high):
-            reader.need(count * least, f"list of {count}")
+            reader.require(count * least, f"list of {count}")
             if get_rows is not None and count >= LONG:
                 items += get_rows(reader, count)
             else:
@@ -169,8 +160,8 @@ def list_of(node: ListOf, compiled: Compiled) -> tuple[Put, Get]:
 
 
 def _parts(writer: BitWriter, size: int, low: int, high: int) -> Iterable[tuple[int, int]]:
-    """Write the lengths of a list as its parts are taken; yields where each part begins and its size."""
-    if high < _CONSTRAINED_BELOW:
+    """Write the lengths of a list while it is iterated; yield start and size of each part."""
+    if high < CONSTRAINED_BELOW:
         if low != high:
             writer.put(size - low, bits_for(high - low + 1))
         return ((0, size),)
@@ -188,8 +179,8 @@ def _fragments(writer: BitWriter, size: int) -> Iterator[tuple[int, int]]:
 
 
 def _counts(reader: BitReader, low: int, high: int) -> Iterator[int]:
-    """Read the lengths of a list as its parts are taken."""
-    if high < _CONSTRAINED_BELOW:
+    """Read the lengths of the parts of a list while it is iterated."""
+    if high < CONSTRAINED_BELOW:
         count = low if low == high else reader.get(bits_for(high - low + 1)) + low
         if count > high:
             raise CodecError(f"list of {count}: expected {low}..{high}")
@@ -202,19 +193,3 @@ def _counts(reader: BitReader, low: int, high: int) -> Iterator[int]:
         if total > high:
             raise CodecError(f"list of {total} or more: expected {low}..{high}")
         yield count
-
-
-def _least_bits(node: Node) -> int:
-    """Bits that a node takes at least, 1 or more."""
-    match node:
-        case Struct():
-            return max(1, sum(_least_bits(f.node) for f in node.fields))
-        case Real():
-            return 8
-        case Array():
-            each = 8 if isinstance(node.element, Real) else 1
-            return max(1, each * int(np.prod([low for low, _ in node.dims], dtype=np.int64)))
-        case Integer():
-            return bits_for(node.high - node.low + 1)
-        case _:
-            return 1

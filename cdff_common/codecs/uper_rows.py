@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Unaligned PER of lists of messages that hold nothing but REALs, as correspondences and poses: one run of numbers.
+"""Unaligned PER of lists of messages with REALs only, such as correspondences and poses.
 
-A SEQUENCE and a list of fixed size have no octets of their own, so that such a list is, behind its length, all numbers
-of all elements one after the other. They go through the compiled loops at once; each message is a view of its row.
+A SEQUENCE and a list of fixed size have no header, so that such a list consists of its length and the numbers
+of all elements in sequence. They are processed by the compiled loops at once; each message is a view of its
+row.
 """
 
 from __future__ import annotations
@@ -15,37 +16,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.codecs.bits import BitReader, BitWriter
-from cdff_common.codecs.bridge import class_of
-from cdff_common.codecs.schema import Array, Node, Real, Struct
 from cdff_common.types.message import Message
-from cdff_common.types.validation import read_only
+from cdff_common.types.rows import COLUMNS
+from cdff_common.types.schema import Array, Node, Real, Struct
+from cdff_common.types.validation import class_of, read_only
 
 PutRows = Callable[[BitWriter, tuple[Any, ...]], None]
 GetRows = Callable[[BitReader, int], list[Any]]
-#: Below this many elements the plain way is as fast.
+#: Lists shorter than this are processed element by element.
 LONG = 16
 
 
 def widths(node: Node) -> list[tuple[str, tuple[int, ...] | None]] | None:
-    """Attributes of a SEQUENCE of REALs with their shapes, None for a number; None where it holds other things."""
+    """Return the attributes of a SEQUENCE of REALs with their shapes (None for a number), or None for other
+    nodes.
+    """
     if not isinstance(node, Struct):
         return None
-    found: list[tuple[str, tuple[int, ...] | None]] = []
+    shapes: list[tuple[str, tuple[int, ...] | None]] = []
     for field in node.fields:
         if isinstance(field.node, Real):
-            found.append((field.attribute, None))
+            shapes.append((field.attribute, None))
         elif isinstance(field.node, Array) and isinstance(field.node.element, Real):
             if any(low != high for low, high in field.node.dims):
                 return None
-            found.append((field.attribute, tuple(low for low, _ in field.node.dims)))
+            shapes.append((field.attribute, tuple(low for low, _ in field.node.dims)))
         else:
             return None
-    # What a class checks over several fields would be left out.
-    return found if class_of(node.class_name)._check_together is Message._check_together else None
+    # The consistency check of a class would be skipped.
+    is_checked = class_of(node.class_name)._check_consistency is not Message._check_consistency
+    return None if is_checked or node.class_name in COLUMNS else shapes
 
 
 def rows_of(node: Node, fields: list[tuple[str, tuple[int, ...] | None]]) -> tuple[PutRows, GetRows]:
-    """Functions that write many such messages, and read ``count`` of them."""
+    """Return the functions that write many such messages, and read ``count`` of them."""
     sizes = [1 if shape is None else int(np.prod(shape)) for _, shape in fields]
     ends = np.cumsum(sizes).tolist()
     width = ends[-1]
@@ -68,7 +72,7 @@ def rows_of(node: Node, fields: list[tuple[str, tuple[int, ...] | None]]) -> tup
         make = class_of(class_name)
         new, put_field = object.__new__, object.__setattr__
         items = []
-        # The numbers are what the class would make of them: its checks have nothing to find.
+        # The values are already in canonical form; validation is not needed.
         for row in zip(*columns, strict=True):
             item = new(make)
             for name, value in zip(names, row, strict=True):
@@ -80,5 +84,5 @@ def rows_of(node: Node, fields: list[tuple[str, tuple[int, ...] | None]]) -> tup
 
 
 def _column(part: NDArray[np.float64], shape: tuple[int, ...] | None) -> Any:
-    """One value for each row: numbers, or read-only views."""
+    """Return one value per row: numbers, or read-only views."""
     return part[:, 0].tolist() if shape is None else list(read_only(part).reshape(-1, *shape))

@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Load the compiled loops of the codecs before the first message comes, rather than while it waits."""
+"""Loading of the compiled loops of the codecs before the first message arrives."""
 
 from __future__ import annotations
 
 
 def warm_wire() -> None:
-    """Encode, decode and measure one value of each bulk type in each encoding."""
+    """Encode and decode one small value of each bulk type, so that numba compiles or loads its loops."""
     import numpy as np
 
     from cdff_common.codecs import decode, encode
@@ -28,5 +28,5 @@ def warm_wire() -> None:
         value.extent_m()
         for codec in ("uper", "msgpack"):
             decode(value.ASN1_NAME, encode(value, codec), codec)
-    # The index of a log; what is mapped from a file is read-only.
+    # The index of a log: a memory-mapped file is read-only.
     skip_many(np.frombuffer(bytes(4), dtype=np.uint8), 0, np.zeros(2, dtype=np.int64))

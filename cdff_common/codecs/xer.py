@@ -1,10 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Basic XER (X.693): one XML element a message, named after its type.
+"""Basic XER (X.693): one XML element per message, named after its type.
 
-REAL is written as the shortest decimal that reads back as the same float64, ``<NOT-A-NUMBER/>``, ``<PLUS-INFINITY/>``
-or ``<MINUS-INFINITY/>``, and -0 as ``-0``; octets as hexadecimal digits. Read are also ``NaN``, ``INF`` and ``-INF``,
-and any name for the elements of a list. Documents with a DTD are refused: entities multiply.
+REAL is written as the shortest decimal that reads back as the same float64, ``<NOT-A-NUMBER/>``,
+``<PLUS-INFINITY/>`` or ``<MINUS-INFINITY/>``, and -0 as ``-0``; bytes as hexadecimal digits. The decoder also
+accepts ``NaN``, ``INF`` and ``-INF``, and any name for the elements of a list. Documents with a DTD are
+refused, since entities can expand without bound.
 """
 
 from __future__ import annotations
@@ -17,8 +18,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from cdff_common.codecs.bridge import array_dtype, class_of, message_node, octets_as_array
-from cdff_common.codecs.schema import (
+from cdff_common.codecs.nodes import array_of_bytes, message_node
+from cdff_common.codecs.size_variants import wire_node
+from cdff_common.errors import CodecError, InputError
+from cdff_common.types.schema import (
     Alias,
     Array,
     Boolean,
@@ -27,24 +30,23 @@ from cdff_common.codecs.schema import (
     Integer,
     ListOf,
     Node,
-    Octets,
+    OctetString,
     Real,
     Struct,
     Text,
 )
-from cdff_common.codecs.siblings import wire_node
-from cdff_common.errors import CodecError, InputError
+from cdff_common.types.validation import class_of
 
 _SPECIAL = {"NOT-A-NUMBER": math.nan, "PLUS-INFINITY": math.inf, "MINUS-INFINITY": -math.inf}
 _SPECIAL_TEXT = {"NaN": math.nan, "INF": math.inf, "-INF": -math.inf}
 _REAL = re.compile(r"-?\d{1,400}(\.\d{0,400})?([eE][+-]?\d{1,6})?\Z")
 _INTEGER = re.compile(r"-?\d{1,20}\Z")
-#: Elements may lie this deep; the deepest type needs fewer.
+#: Largest depth of elements; all types are less deep.
 _MAX_DEPTH = 32
 
 
 def encode(value: Any, type_name: str | None = None) -> bytes:
-    """XML of a message, UTF-8, without white space between the elements."""
+    """Return a message as XML in UTF-8, without white space between the elements."""
     node = wire_node(value, type_name)
     return "".join(_element(node.name, value, node)).encode()
 
@@ -67,7 +69,7 @@ def _content(value: Any, node: Node | Alias) -> Iterator[str]:
         case ListOf():
             for item in value:
                 yield from _element(node.tag, item, node.element)
-        case Octets():
+        case OctetString():
             yield value.tobytes().hex().upper()
         case Text():
             yield value.encode("utf-8", "surrogateescape").hex().upper()
@@ -98,7 +100,7 @@ def _rows(values: list[Any], element: Real | Integer | Boolean, tags: tuple[str,
 
 
 def _real_text(value: float) -> str:
-    """XMLRealValue of X.680 21.6: the exponent has no sign + and no leading zero."""
+    """Return the XMLRealValue of X.680 21.6: the exponent has no sign + and no leading zero."""
     if math.isnan(value):
         return "<NOT-A-NUMBER/>"
     if math.isinf(value):
@@ -110,21 +112,19 @@ def _real_text(value: float) -> str:
 
 
 def decode(type_name: str, data: bytes) -> Any:
-    """Inverse of ``encode``; raises CodecError on XML that is no such message."""
+    """Decode a message; raises CodecError on XML that is not a message of that type."""
     node = message_node(type_name)
     try:
-        root = _parsed(bytes(data))
+        root = _parse_xml(bytes(data))
         if root.tag != node.name:
             raise CodecError(f"element <{root.tag[:60]}>: expected <{node.name}>")
         return _value(root, node, node.name)
-    except CodecError as error:
-        raise CodecError(f"{node.name} as xer, {len(data)} octets: {error}") from error
     except InputError as error:
-        raise CodecError(f"{node.name} as xer, {len(data)} octets: {error}") from error
+        raise CodecError(f"{node.name} as xer, {len(data)} bytes: {error}") from error
 
 
 class _Builder(ElementTree.TreeBuilder):
-    """Builds a tree of bounded depth from a document without a DTD."""
+    """Builder of a tree of bounded depth from a document without a DTD."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -136,7 +136,7 @@ class _Builder(ElementTree.TreeBuilder):
     def start(self, tag: Any, attrs: Any, /) -> Any:
         self._depth += 1
         if self._depth > _MAX_DEPTH:
-            raise CodecError(f"elements lie more than {_MAX_DEPTH} deep")
+            raise CodecError(f"elements are nested more than {_MAX_DEPTH} deep")
         return super().start(tag, attrs)
 
     def end(self, tag: Any, /) -> Any:
@@ -144,15 +144,15 @@ class _Builder(ElementTree.TreeBuilder):
         return super().end(tag)
 
 
-def _parsed(data: bytes) -> ElementTree.Element:
+def _parse_xml(data: bytes) -> ElementTree.Element:
     if b"<!" in data:
-        raise CodecError("the document has a DTD, comment or CDATA: expected elements and text alone")
+        raise CodecError("the document has a DTD, comment or CDATA: expected elements and text only")
     parser = ElementTree.XMLParser(target=_Builder())
     try:
         parser.feed(data)
         root: ElementTree.Element = parser.close()
     except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise CodecError(f"no XML: {error}") from error
+        raise CodecError(f"not XML: {error}") from error
     return root
 
 
@@ -163,7 +163,9 @@ def _value(element: ElementTree.Element, node: Node | Alias, where: str) -> Any:
             if [c.tag for c in children] != [f.name for f in node.fields]:
                 names = ", ".join(f.name for f in node.fields)
                 raise CodecError(f"{where}: {', '.join(c.tag for c in children)[:120]}: expected {names}")
-            values = [_value(c, f.node, f"{where}.{f.name}") for c, f in zip(children, node.fields, strict=True)]
+            values = [
+                _value(c, f.node, f"{where}.{f.name}") for c, f in zip(children, node.fields, strict=True)
+            ]
             return class_of(node.class_name)(*values)
         case Alias():
             return class_of(node.class_name)(_value(element, node.node, where))
@@ -171,8 +173,8 @@ def _value(element: ElementTree.Element, node: Node | Alias, where: str) -> Any:
             return _array(element, node, where)
         case ListOf():
             return tuple(_value(c, node.element, f"{where}[{i}]") for i, c in enumerate(element))
-        case Octets():
-            return octets_as_array(_octets(element, where), node)
+        case OctetString():
+            return array_of_bytes(_octets(element, where), node)
         case Text():
             return _octets(element, where).decode("utf-8", "surrogateescape")
         case Enumeration():
@@ -196,19 +198,19 @@ def _value(element: ElementTree.Element, node: Node | Alias, where: str) -> Any:
 
 
 def _array(element: ElementTree.Element, node: Array, where: str) -> Any:
-    def nested(parent: ElementTree.Element, depth: int) -> list[Any]:
+    def nested_lists(parent: ElementTree.Element, depth: int) -> list[Any]:
         if depth:
-            return [nested(child, depth - 1) for child in parent]
+            return [nested_lists(child, depth - 1) for child in parent]
         if isinstance(node.element, Boolean):
             return [_boolean(child.tag, where) for child in parent]
         leaf = _real if isinstance(node.element, Real) else _integer
         return [leaf(child, where) for child in parent]
 
-    values = nested(element, len(node.dims) - 1)
+    values = nested_lists(element, len(node.dims) - 1)
     if not values:
-        return np.zeros((0, *(low for low, _ in node.dims[1:])), dtype=array_dtype(node))
+        return np.zeros((0, *(low for low, _ in node.dims[1:])), dtype=node.dtype)
     try:
-        return np.array(values, dtype=array_dtype(node))
+        return np.array(values, dtype=node.dtype)
     except (ValueError, OverflowError) as error:
         raise CodecError(f"{where}: expected numbers of the type's range in rows of one size") from error
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""How files of bundle adjustment are told: by their counts."""
+"""Detection of bundle adjustment files by their counts."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ import struct
 
 
 def looks_like_bal(words: list[list[str]]) -> bool:
-    """Whether the first lines' words are those of a BAL file: three counts, then two rows and two numbers."""
+    """Return whether the first lines are those of a BAL file: three counts, then two indices and two
+    numbers.
+    """
     if len(words) < 2 or len(words[0]) != 3 or len(words[1]) != 4:
         return False
     return all(w.isdigit() for w in (*words[0], *words[1][:2]))
 
 
 def looks_like_libmv(data: bytes) -> bool:
-    """Whether the bytes begin as a libmv problem and are as long as its counts say."""
+    """Return whether the bytes start as a libmv problem and have the length of its counts."""
     if len(data) < 46 or data[:1] not in (b"v", b"V") or data[1:2] not in (b"P", b"N"):
         return False
     order = "<" if data[:1] == b"v" else ">"

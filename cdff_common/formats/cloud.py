@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a point cloud file holds, whatever its format."""
+"""Content of a point cloud file, independent of the format."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class CloudArrays:
     Attributes
     ----------
     points_m : NDArray[np.float64], shape (n, 3)
-        As in the file; rows that are not finite are kept.
+        As in the file, including rows that are not finite.
     intensity : NDArray[np.float64], shape (n,), or None
-        In the file's own scale.
+        In the scale of the file.
     colors : NDArray[np.uint8], shape (n, 3), or None
         Red, green, blue.
     normals : NDArray[np.float64], shape (n, 3), or None
@@ -42,7 +42,7 @@ class CloudArrays:
         colors: ArrayLike | None = None,
         normals: ArrayLike | None = None,
     ) -> CloudArrays:
-        """Check that the columns fit together; raises InputError."""
+        """Return the columns after checking their shapes; raises InputError."""
         points = checked_points(points_m, least=0, finite=False)
         n = len(points)
         columns: dict[str, NDArray[np.generic] | None] = {
@@ -57,7 +57,7 @@ class CloudArrays:
         return cls(points, **columns)  # type: ignore[arg-type]  # dtypes are set above
 
     def columns(self) -> dict[str, NDArray[np.generic]]:
-        """The columns in the names and types that PLY and PCD files use for them: float32 coordinates."""
+        """Return the columns with the names and types of PLY and PCD files: float32 coordinates."""
         out: dict[str, NDArray[np.generic]] = {}
         for index, name in enumerate("xyz"):
             out[name] = self.points_m[:, index].astype(np.float32)
@@ -73,9 +73,11 @@ class CloudArrays:
 
     @classmethod
     def from_columns(cls, columns: Mapping[str, NDArray[np.generic]], what: str) -> CloudArrays:
-        """Pick out what is known by its usual names; raises InputError where x, y or z is missing."""
+        """Return the columns with known names; raises InputError if x, y or z is missing."""
         if not {"x", "y", "z"} <= set(columns):
-            raise InputError(f"{what}: has {', '.join(columns) or 'no columns'}, expected x, y and z among them")
+            raise InputError(
+                f"{what}: has {', '.join(columns) or 'no columns'}, expected x, y and z among them"
+            )
         intensity = next((columns[k] for k in _INTENSITY_NAMES if k in columns), None)
         normals = next((n for n in _NORMAL_NAMES if set(n) <= set(columns)), None)
         has_color = {"red", "green", "blue"} <= set(columns)
@@ -97,7 +99,7 @@ def _stacked(columns: Mapping[str, NDArray[np.generic]], names: tuple[str, ...])
 
 def _eight_bit(columns: Mapping[str, NDArray[np.generic]]) -> NDArray[np.uint8]:
     channels = np.stack([columns[name] for name in ("red", "green", "blue")], axis=1)
-    if channels.dtype.kind == "f":  # 0 to 1 by custom
+    if channels.dtype.kind == "f":  # floats are by convention 0 to 1
         channels = np.clip(np.round(channels * 255.0), 0, 255)
     elif channels.dtype.itemsize == 2:
         channels = channels // 257

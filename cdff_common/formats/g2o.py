@@ -1,10 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pose graphs as g2o text: ``VERTEX_SE2``, ``EDGE_SE2``, ``VERTEX_SE3:QUAT``, ``EDGE_SE3:QUAT``, priors and ``FIX``.
+"""Pose graphs as g2o text: ``VERTEX_SE2``, ``EDGE_SE2``, ``VERTEX_SE3:QUAT``, ``EDGE_SE3:QUAT``, priors and
+``FIX``.
 
-Kümmerle et al. (2011), doi:10.1109/ICRA.2011.5979949. A plane graph is read into the same columns as a spatial one,
-its poses with z = 0 turned about z, its information in the rows of x, y and rz; ``dimension`` tells them apart.
-Lines of other kinds are refused: a graph without some of its measurements is another graph.
+Kümmerle et al. (2011), doi:10.1109/ICRA.2011.5979949. A planar graph is read into the same columns as a
+spatial one: poses with z = 0 and a rotation about z, information in the rows of x, y and rz; ``dimension``
+distinguishes them. Lines of other kinds are refused, since a graph without some of its measurements is a
+different graph.
 """
 
 from __future__ import annotations
@@ -15,30 +17,34 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cdff_common.errors import InputError
-from cdff_common.formats.source import Readable, Source, load
+from cdff_common.formats.file_source import Readable, Source, load
 from cdff_common.geometry import se3
 
 _IDENTITY = "0 0 0 0 0 0 1"
-#: Tag -> number of leading whole numbers and of all numbers.
+#: Tag -> number of leading integers and of all numbers.
 _COUNTS = {
-    "VERTEX_SE2": (1, 4), "EDGE_SE2": (2, 11), "EDGE_PRIOR_SE2": (1, 10),
-    "VERTEX_SE3:QUAT": (1, 8), "EDGE_SE3:QUAT": (2, 30), "EDGE_SE3_PRIOR": (2, 30),
-}  # fmt: skip
+    "VERTEX_SE2": (1, 4),
+    "EDGE_SE2": (2, 11),
+    "EDGE_PRIOR_SE2": (1, 10),
+    "VERTEX_SE3:QUAT": (1, 8),
+    "EDGE_SE3:QUAT": (2, 30),
+    "EDGE_SE3_PRIOR": (2, 30),
+}
 _SPATIAL = ("VERTEX_SE3:QUAT", "EDGE_SE3:QUAT", "EDGE_SE3_PRIOR")
-#: Rows of a plane graph's x, y and turn in ``[x y z rx ry rz]``.
+#: Rows of a planar graph's x, y and rotation in ``[x y z rx ry rz]``.
 _PLANE = (0, 1, 5)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class G2oGraph:
-    """A pose graph as columns.
+    """Pose graph as columns.
 
     Attributes
     ----------
     dimension : int
         2 or 3.
     ids : NDArray[np.int64], shape (n,)
-        Vertices that have a pose, each once, as in the file. Edges may end at others: see ``missing_ids``.
+        Vertices with a pose, unique, in file order. Edges may end at other vertices.
     poses : NDArray[np.float64], shape (n, 7)
         ``T_world_vertex``: x y z (m), qx qy qz qw of unit length.
     ends : NDArray[np.int64], shape (m, 2)
@@ -48,7 +54,7 @@ class G2oGraph:
     information : NDArray[np.float64], shape (m, 6, 6)
         Symmetric, in the order x y z rx ry rz, of an error in b: ``Log(T_a_b^-1 T_world_a^-1 T_world_b)``.
     fixed : NDArray[np.int64], shape (k,)
-        Ids of vertices that an optimiser may not move.
+        Ids of vertices that are not optimised.
     """
 
     dimension: int
@@ -69,11 +75,6 @@ class G2oGraph:
         """``T_a_b (m, 4, 4)``."""
         return _matrices(self.measurements)
 
-    @property
-    def missing_ids(self) -> NDArray[np.int64]:
-        """Vertices at the ends of edges that have no pose, ascending."""
-        return np.setdiff1d(self.ends, self.ids)
-
 
 def read_g2o(source: Readable) -> G2oGraph:
     """Read a graph.
@@ -81,12 +82,12 @@ def read_g2o(source: Readable) -> G2oGraph:
     Raises
     ------
     CodecError
-        Naming the file and the line: on lines of another kind, numbers that are missing or not finite, a quaternion
-        that is not of unit length, a vertex that is there twice, plane and spatial lines in one file, or no line.
+        With file name and line: for lines of another kind, missing or non-finite numbers, a quaternion that
+        is not of unit length, a repeated vertex, planar and spatial lines in one file, or no line.
     """
     s = load(source)
     lines: dict[str, list[tuple[int, list[str]]]] = {tag: [] for tag in _COUNTS}
-    order: list[tuple[str, int]] = []  # of edges, so that they stay as in the file
+    edge_lines: list[tuple[str, int]] = []  # of edges, in file order
     fixed: list[str] = []
     for number, line in enumerate(s.data.decode("utf-8", "replace").splitlines(), start=1):
         words = line.split("#")[0].split()
@@ -97,7 +98,7 @@ def read_g2o(source: Readable) -> G2oGraph:
             fixed += rest
         elif tag in _COUNTS:
             if tag.startswith("EDGE"):
-                order.append((tag, len(lines[tag])))
+                edge_lines.append((tag, len(lines[tag])))
             lines[tag].append((number, rest))
         elif tag != "PARAMS_SE3OFFSET":
             raise s.error(f"line {number}: {tag[:40]!r}, expected one of {', '.join(_COUNTS)} or FIX")
@@ -105,52 +106,67 @@ def read_g2o(source: Readable) -> G2oGraph:
             raise s.error(f"line {number}: sensor offset {' '.join(rest[1:])[:80]!r}, expected {_IDENTITY}")
     spatial = any(lines[tag] for tag in _SPATIAL)
     tags = _SPATIAL if spatial else tuple(tag for tag in _COUNTS if tag not in _SPATIAL)
-    if any(found and tag not in tags for tag, found in lines.items()):
-        raise s.error("plane and spatial lines in one file, expected one kind")
+    if any(tag_lines and tag not in tags for tag, tag_lines in lines.items()):
+        raise s.error("planar and spatial lines in one file, expected one kind")
     if not any(lines.values()):
         raise s.error(f"no line of {', '.join(_COUNTS)}")
     tables = {tag: _table(s, tag, lines[tag]) for tag in tags}
     vertex, edge, prior = tags
-    wide = 7 if spatial else 3
-    ids, poses = tables[vertex][0][:, 0], _lifted(s, tables[vertex][1])
+    pose_columns = 7 if spatial else 3
+    ids, poses = tables[vertex][0][:, 0], _poses_7(s, tables[vertex][1])
     if len(np.unique(ids)) != len(ids):
-        raise s.error(f"vertex {_first_twice(ids)} is there twice")
+        raise s.error(f"vertex {_first_repeated(ids)} is repeated")
     names = [edge, prior]
     first = {edge: 0, prior: len(lines[edge])}
-    rows = np.array([first[tag] + place for tag, place in order], dtype=np.int64)
+    rows = np.array([first[tag] + index for tag, index in edge_lines], dtype=np.int64)
     ends = np.concatenate([tables[edge][0], tables[prior][0][:, [0, 0]]])[rows]
     values = np.concatenate([tables[name][1] for name in names])[rows]
     return G2oGraph(
-        3 if spatial else 2, ids, poses, ends, _lifted(s, values[:, :wide]), _full(values[:, wide:]),
-        np.array([_whole(s, word) for word in fixed], dtype=np.int64),
-    )  # fmt: skip
+        3 if spatial else 2,
+        ids,
+        poses,
+        ends,
+        _poses_7(s, values[:, :pose_columns]),
+        _symmetric(values[:, pose_columns:]),
+        np.array([_vertex_id(s, word) for word in fixed], dtype=np.int64),
+    )
 
 
 def write_g2o(graph: G2oGraph) -> bytes:
-    """Bytes of a graph; every number is written so that it is read back the same.
+    """Return a graph in g2o format; every number reads back identically.
 
     Raises
     ------
     InputError
-        On columns of different lengths, or a dimension other than 2 and 3.
+        If columns have different lengths, or the dimension is neither 2 nor 3.
     """
     n, m = len(graph.ids), len(graph.ends)
     if graph.dimension not in (2, 3):
         raise InputError(f"pose graph of dimension {graph.dimension}, expected 2 or 3")
-    if graph.poses.shape != (n, 7) or graph.measurements.shape != (m, 7) or graph.information.shape != (m, 6, 6):
+    if (
+        graph.poses.shape != (n, 7)
+        or graph.measurements.shape != (m, 7)
+        or graph.information.shape != (m, 6, 6)
+    ):
         raise InputError(
-            f"{n} vertices with poses {graph.poses.shape}, {m} edges with measurements {graph.measurements.shape}, "
+            f"{n} vertices with poses {graph.poses.shape}, {m} edges with measurements "
+            f"{graph.measurements.shape}, "
             f"information {graph.information.shape}: expected (n, 7), (m, 7), (m, 6, 6)"
         )
     spatial = graph.dimension == 3
     vertex, edge, prior = _SPATIAL if spatial else ("VERTEX_SE2", "EDGE_SE2", "EDGE_PRIOR_SE2")
-    kept = np.arange(6) if spatial else np.array(_PLANE)
-    upper, right = np.triu_indices(len(kept))
+    indices = np.arange(6) if spatial else np.array(_PLANE)
+    upper, right = np.triu_indices(len(indices))
     priors = graph.ends[:, 0] == graph.ends[:, 1]
     out = [f"PARAMS_SE3OFFSET 0 {_IDENTITY}"] if spatial and priors.any() else []
-    out += [f"{vertex} {i} {_text(row)}" for i, row in zip(graph.ids, _written(graph.poses, spatial), strict=True)]
+    out += [
+        f"{vertex} {i} {_text(row)}"
+        for i, row in zip(graph.ids, _file_columns(graph.poses, spatial), strict=True)
+    ]
     out += [f"FIX {i}" for i in graph.fixed]
-    numbers = np.hstack([_written(graph.measurements, spatial), graph.information[:, kept[upper], kept[right]]])
+    numbers = np.hstack(
+        [_file_columns(graph.measurements, spatial), graph.information[:, indices[upper], indices[right]]]
+    )
     for (a, b), is_prior, row in zip(graph.ends, priors, numbers, strict=True):
         head = f"{prior} {a} 0" if is_prior and spatial else f"{prior} {a}" if is_prior else f"{edge} {a} {b}"
         out.append(f"{head} {_text(row)}")
@@ -158,7 +174,9 @@ def write_g2o(graph: G2oGraph) -> bytes:
 
 
 def lifted_se2(x_y_theta: ArrayLike) -> NDArray[np.float64]:
-    """Poses ``(n, 7)`` of plane ones ``(n, 3)``: x, y in metres and the turn about z in radians."""
+    """Return poses ``(n, 7)`` of planar poses ``(n, 3)``: x, y in metres and the rotation about z in
+    radians.
+    """
     p = np.asarray(x_y_theta, dtype=np.float64).reshape(-1, 3)
     out = np.zeros((len(p), 7))
     out[:, :2] = p[:, :2]
@@ -167,17 +185,19 @@ def lifted_se2(x_y_theta: ArrayLike) -> NDArray[np.float64]:
 
 
 def plane_se2(poses: ArrayLike) -> NDArray[np.float64]:
-    """The x, y and turn about z ``(n, 3)``, in (-pi, pi], of poses ``(n, 7)``: inverse of ``lifted_se2``."""
+    """Return x, y and the rotation about z ``(n, 3)``, in (-pi, pi], the inverse of ``lifted_se2``."""
     p = np.asarray(poses, dtype=np.float64).reshape(-1, 7)
-    turn = 2.0 * np.arctan2(p[:, 5], p[:, 6])
-    return np.column_stack([p[:, :2], -np.remainder(np.pi - turn, 2.0 * np.pi) + np.pi])
+    rotation_rad = 2.0 * np.arctan2(p[:, 5], p[:, 6])
+    return np.column_stack([p[:, :2], -np.remainder(np.pi - rotation_rad, 2.0 * np.pi) + np.pi])
 
 
 def _matrices(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    return se3.transform_from_quaternion_xyzw(poses[:, :3], poses[:, 3:]) if len(poses) else np.zeros((0, 4, 4))
+    return (
+        se3.transform_from_quaternion_xyzw(poses[:, :3], poses[:, 3:]) if len(poses) else np.zeros((0, 4, 4))
+    )
 
 
-def _written(poses: NDArray[np.float64], spatial: bool) -> NDArray[np.float64]:
+def _file_columns(poses: NDArray[np.float64], spatial: bool) -> NDArray[np.float64]:
     return poses if spatial else plane_se2(poses)
 
 
@@ -185,53 +205,57 @@ def _text(row: NDArray[np.float64]) -> str:
     return " ".join(f"{v:.17g}" for v in row.tolist())
 
 
-def _table(s: Source, tag: str, lines: list[tuple[int, list[str]]]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Whole numbers ``(n, k)`` and numbers ``(n, ...)`` of the lines of one tag."""
-    whole, count = _COUNTS[tag]
+def _table(
+    s: Source, tag: str, lines: list[tuple[int, list[str]]]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return integers ``(n, k)`` and numbers ``(n, ...)`` of the lines of one tag."""
+    integer_count, count = _COUNTS[tag]
     for number, words in lines:
         if len(words) != count:
             raise s.error(f"line {number}: {len(words)} numbers, expected {count}")
-    heads = [_whole(s, word) for _, words in lines for word in words[:whole]]
+    heads = [_vertex_id(s, word) for _, words in lines for word in words[:integer_count]]
     try:
-        values = np.array([words[whole:] for _, words in lines], dtype=np.float64).reshape(-1, count - whole)
+        values = np.array([words[integer_count:] for _, words in lines], dtype=np.float64).reshape(
+            -1, count - integer_count
+        )
     except ValueError as error:
         raise s.error(f"{tag}: {error}") from error
     bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
     if bad.size:
         raise s.error(f"line {lines[int(bad[0])][0]}: a number that is not finite")
-    return np.array(heads, dtype=np.int64).reshape(-1, whole), values
+    return np.array(heads, dtype=np.int64).reshape(-1, integer_count), values
 
 
-def _whole(s: Source, word: str) -> int:
+def _vertex_id(s: Source, word: str) -> int:
     try:
         value = int(word)
     except ValueError as error:
-        raise s.error(f"vertex {word[:40]!r}: expected a whole number") from error
+        raise s.error(f"vertex {word[:40]!r}: expected an integer") from error
     if abs(value) >= 1 << 62:
         raise s.error(f"vertex {word[:40]}: expected a number below 2^62")
     return value
 
 
-def _first_twice(ids: NDArray[np.int64]) -> int:
+def _first_repeated(ids: NDArray[np.int64]) -> int:
     values, counts = np.unique(ids, return_counts=True)
     return int(values[counts > 1][0])
 
 
-def _lifted(s: Source, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Poses ``(n, 7)`` with quaternions of unit length; files carry as few as six digits of them."""
+def _poses_7(s: Source, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return poses ``(n, 7)`` with normalised quaternions, since files contain as few as six digits."""
     if values.shape[1] == 3:
         return lifted_se2(values)
     norm = np.linalg.norm(values[:, 3:], axis=1, keepdims=True)
     if np.any(np.abs(norm - 1.0) > 0.01):
-        raise s.error("a quaternion has not unit length")
+        raise s.error("a quaternion is not of unit length")
     return np.hstack([values[:, :3], values[:, 3:] / norm])
 
 
-def _full(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Symmetric ``(m, 6, 6)`` from upper triangles ``(m, 21)`` or, plane, ``(m, 6)``."""
-    kept = np.arange(6) if triangles.shape[1] == 21 else np.array(_PLANE)
-    upper, right = np.triu_indices(len(kept))
+def _symmetric(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return symmetric ``(m, 6, 6)`` of upper triangles ``(m, 21)`` or, planar, ``(m, 6)``."""
+    indices = np.arange(6) if triangles.shape[1] == 21 else np.array(_PLANE)
+    upper, right = np.triu_indices(len(indices))
     out = np.zeros((len(triangles), 6, 6))
-    out[:, kept[upper], kept[right]] = triangles
-    out[:, kept[right], kept[upper]] = triangles
+    out[:, indices[upper], indices[right]] = triangles
+    out[:, indices[right], indices[upper]] = triangles
     return out

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""GeoJSON in a frame's own metres: paths, outlines, and areas of the ground.
+"""GeoJSON in metres of a frame: paths, outlines and ground areas.
 
-RFC 7946 knows longitude and latitude on Earth only. Sites of other bodies are metres in a frame, so the collection
-names its CRS as GeoJSON of 2008 did, by WKT: GDAL and QGIS read it and put nothing on Earth. A reader that knows only
-RFC 7946 does not: ``cdff`` says the frame once more.
+RFC 7946 supports only longitude and latitude on Earth. Sites of other bodies are in metres of a frame, so the
+collection contains its CRS as WKT, as in GeoJSON of 2008, which GDAL and QGIS read. The member ``cdff``
+repeats the frame for readers that support RFC 7946 only.
 """
 
 from __future__ import annotations
@@ -26,15 +26,21 @@ Feature = dict[str, Any]
 
 
 def write_geojson(features: Iterable[Feature], frame: str, wkt: str | None = None) -> bytes:
-    """Bytes of a collection of features in a frame, metres."""
+    """Return a GeoJSON collection of features in a frame, metres."""
     crs = {"type": "name", "properties": {"name": wkt or engineering_crs(frame)}}
-    about = {"frame": frame, "unit": "m"}
-    collection = {"type": "FeatureCollection", "name": frame, "crs": crs, "cdff": about, "features": list(features)}
+    frame_member = {"frame": frame, "unit": "m"}
+    collection = {
+        "type": "FeatureCollection",
+        "name": frame,
+        "crs": crs,
+        "cdff": frame_member,
+        "features": list(features),
+    }
     return (json.dumps(collection, allow_nan=False) + "\n").encode()
 
 
 def feature(kind: str, coordinates: Any, properties: Mapping[str, Any]) -> Feature:
-    """One feature; ``kind`` as ``Polygon``."""
+    """Return one feature; ``kind`` is e.g. ``Polygon``."""
     return {
         "type": "Feature",
         "properties": dict(properties),
@@ -43,20 +49,20 @@ def feature(kind: str, coordinates: Any, properties: Mapping[str, Any]) -> Featu
 
 
 def outline(ring_m: ArrayLike, properties: Mapping[str, Any]) -> Feature:
-    """A polygon of a ring ``(n, 2)`` that does not repeat its first corner."""
+    """Return the polygon of a ring ``(n, 2)`` that does not repeat its first corner."""
     ring = np.asarray(ring_m, dtype=np.float64)
     return feature("Polygon", [np.vstack([ring, ring[:1]]).tolist()], properties)
 
 
 def path_feature(trajectory: PoseTrajectory) -> Feature:
-    """A trajectory as a line with heights; ``stamps_ns`` of its points as decimals."""
+    """Return a trajectory as a line with heights; ``stamps_ns`` of its points are decimal strings."""
     positions = trajectory.matrices[:, :3, 3]
     properties = {"child": trajectory.child_frame, "stamps_ns": [str(s) for s in trajectory.stamps_ns]}
     return feature("LineString" if len(positions) > 1 else "MultiPoint", positions, properties)
 
 
 def pose_feature(pose: TransformWithCovariance) -> Feature:
-    """A pose as a point with height, and the turn about z of its x axis."""
+    """Return a pose as a point with height, and the heading of its x axis."""
     T = pose.transform.matrix
     heading = float(np.degrees(np.arctan2(T[1, 0], T[0, 0])))
     properties = {"child": pose.child_frame, "stamp_ns": str(pose.stamp_ns), "yaw_deg": heading}
@@ -64,7 +70,7 @@ def pose_feature(pose: TransformWithCovariance) -> Feature:
 
 
 def area_features(areas: GroundAreas) -> list[Feature]:
-    """Each area as a polygon with its kind and size."""
+    """Return each area as a polygon with its kind and size."""
     columns = zip(areas.data.kinds.tolist(), areas.data.areas.tolist(), areas.polygons, strict=True)
     return [
         {

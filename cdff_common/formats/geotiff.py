@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""GeoTIFF of maps (contract §7) and of single-band float images.
+"""GeoTIFF of maps and of single-band float images.
 
-Float32 bands, nodata NaN, pixel-is-area, row 0 at ymax. The CRS is an engineering CRS named after the frame; times and
-layer names ride in the tags, so that what is written is read back the same.
+Float32 bands, nodata NaN, pixel-is-area, row 0 at ymax. The CRS is an engineering CRS named after the frame;
+times and layer names are stored in the tags, so that maps are read back identically.
 """
 
 from __future__ import annotations
@@ -18,33 +18,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.errors import CdffError, InputError
-from cdff_common.formats.source import Readable, Source, load
+from cdff_common.formats.file_source import Readable, Source, load
 from cdff_common.raster.geometry import MAX_CELLS, GridGeometry
 
 if TYPE_CHECKING:
     from cdff_common.types import ElevationMap, NavigationMap
 
-#: Bands of a ``dem``, in order (contract §7).
+#: Bands of a ``dem``, in order.
 DEM_BANDS = ("mean", "variance", "min", "max", "count", "age_s")
 _FALLBACK_FRAME = "site"
 
 
 def engineering_crs(frame: str) -> str:
-    """WKT of a metric engineering CRS named after ``frame``: x east-like, y north-like."""
+    """Return the WKT of a metric engineering CRS named after ``frame``: x east-like, y north-like."""
     return f'LOCAL_CS["{frame}",UNIT["metre",1],AXIS["x",EAST],AXIS["y",NORTH]]'
 
 
 def write_map(value: ElevationMap | NavigationMap, *, wkt: str | None = None) -> bytes:
-    """Bytes of a GeoTIFF of a map.
+    """Return a map as GeoTIFF.
 
     Parameters
     ----------
     value : ElevationMap or NavigationMap
-        An elevation map's bands come in the order of ``DEM_BANDS``, absent ones left out, further layers after them.
+        The bands of an elevation map are those of ``DEM_BANDS`` that exist, followed by the auxiliary layers.
     wkt : str, optional
-        CRS where the frame is anchored on a body; an engineering CRS named after the frame without it.
+        CRS of a frame that is anchored on a body; by default an engineering CRS named after the frame.
     """
-    names = [*(n for n in DEM_BANDS if n in value.layer_names), *(n for n in value.layer_names if n not in DEM_BANDS)]
+    names = [
+        *(n for n in DEM_BANDS if n in value.layer_names),
+        *(n for n in value.layer_names if n not in DEM_BANDS),
+    ]
     bands = {name: value.layer(name).astype(np.float32) for name in names}
     tags = {
         "CDFF_TYPE": type(value).__name__,
@@ -59,7 +62,7 @@ def write_map(value: ElevationMap | NavigationMap, *, wkt: str | None = None) ->
 def read_map(
     source: Readable, type_name: str = "ElevationMap", *, frame: str | None = None
 ) -> ElevationMap | NavigationMap:
-    """Read a map back; a foreign single-band GeoTIFF becomes an elevation map with the one layer ``mean``.
+    """Read a map; a foreign single-band GeoTIFF becomes an elevation map with only the layer ``mean``.
 
     Parameters
     ----------
@@ -67,12 +70,12 @@ def read_map(
     type_name : str
         ``ElevationMap`` or ``NavigationMap``.
     frame : str, optional
-        Frame of a file that names none.
+        Frame of a file without a frame name.
 
     Raises
     ------
     CodecError
-        Naming the file, if it is no raster with square cells in rows from the top.
+        With the file name, if it is not a raster with square cells in rows from the top.
     """
     from cdff_common.types import ElevationMap, NavigationMap
 
@@ -81,7 +84,7 @@ def read_map(
     if type_name not in ("ElevationMap", "NavigationMap"):
         raise InputError(f"type {type_name!r}: expected ElevationMap or NavigationMap")
     if tags.get("CDFF_TYPE", type_name) != type_name:
-        raise s.error(f"holds a {tags['CDFF_TYPE']}, expected a {type_name}")
+        raise s.error(f"contains a {tags['CDFF_TYPE']}, expected a {type_name}")
     if type_name == "ElevationMap" and "CDFF_TYPE" not in tags and "mean" not in bands:
         bands = {"mean": next(iter(bands.values()))}
     rows, cols = next(iter(bands.values())).shape
@@ -92,9 +95,9 @@ def read_map(
         geometry = GridGeometry(
             tags.get("CDFF_FRAME") or frame or _FALLBACK_FRAME, resolution_m, xmin_m, ymax_m, rows, cols
         )
-        made = ElevationMap if type_name == "ElevationMap" else NavigationMap
+        map_class = ElevationMap if type_name == "ElevationMap" else NavigationMap
         t0_ns, t1_ns = int(tags.get("CDFF_T0_NS", "0")), int(tags.get("CDFF_T1_NS", "0"))
-        return made.from_layers(geometry, bands, t0_ns=t0_ns, t1_ns=t1_ns)
+        return map_class.from_layers(geometry, bands, t0_ns=t0_ns, t1_ns=t1_ns)
     except (CdffError, ValueError) as error:
         raise s.error(str(error)) from error
 
@@ -107,19 +110,19 @@ def write_bands(
     wkt: str | None = None,
     cloud_optimized: bool = True,
 ) -> bytes:
-    """Bytes of a deflated GeoTIFF of float32 bands ``(rows, cols)``; without a geometry pixels are pixels.
+    """Return a deflated GeoTIFF of float32 bands ``(rows, cols)``; without a geometry in pixel coordinates.
 
     Parameters
     ----------
     bands : mapping of str to array
     geometry : GridGeometry, optional
     tags : mapping, optional
-        Of the file.
+        Tags of the file.
     wkt : str, optional
-        CRS; an engineering CRS named after the frame without.
+        CRS; by default an engineering CRS named after the frame.
     cloud_optimized : bool
-        A COG: tiles of 256 cells, header first, and overviews in which each cell is one of the cells below it
-        (nearest), since a mean of variances or counts would be neither.
+        Write a COG: tiles of 256 cells, header first, and overviews by nearest neighbour, since a mean of
+        variances or counts has no meaning.
     """
     import rasterio
     import rasterio.shutil
@@ -130,9 +133,17 @@ def write_bands(
     rows, cols = next(iter(bands.values())).shape
     packing = {"compress": "deflate", "predictor": 3}
     profile: dict[str, Any] = {
-        "driver": "GTiff", "dtype": "float32", "count": len(bands), "height": rows, "width": cols, "nodata": np.nan,
-        "tiled": True, "blockxsize": 256, "blockysize": 256, **({} if cloud_optimized else packing),
-    }  # fmt: skip
+        "driver": "GTiff",
+        "dtype": "float32",
+        "count": len(bands),
+        "height": rows,
+        "width": cols,
+        "nodata": np.nan,
+        "tiled": True,
+        "blockxsize": 256,
+        "blockysize": 256,
+        **({} if cloud_optimized else packing),
+    }
     if geometry is not None:
         r = geometry.resolution_m
         profile["transform"] = rasterio.Affine(r, 0.0, geometry.xmin_m, 0.0, -r, geometry.ymax_m)
@@ -156,19 +167,20 @@ def write_bands(
 def read_bands(
     source: Readable | Source,
 ) -> tuple[dict[str, NDArray[np.float32]], tuple[float, float, float], dict[str, str]]:
-    """Bands by name (``band1`` … where they have none; nodata as NaN), ``(resolution, xmin, ymax)``, and tags.
+    """Return the bands by name (else ``band1`` …; nodata as NaN), ``(resolution, xmin, ymax)``, and tags.
 
     Raises
     ------
     CodecError
-        If it is no raster, has more than 2**30 cells, or its cells are not square and in rows from the top.
+        If it is not a raster, has more than 2**30 cells, or its cells are not square and in rows from the
+        top.
     """
     import rasterio
     from rasterio.io import MemoryFile
 
     s = load(source)
     try:
-        # Only GeoTIFF: other drivers of GDAL follow references to files and hosts.
+        # GeoTIFF only: other GDAL drivers follow references to files and hosts.
         with _quietly(), MemoryFile(s.data) as memory, memory.open(driver="GTiff") as file:
             if file.width * file.height * file.count > MAX_CELLS:
                 raise s.error(
@@ -184,16 +196,16 @@ def read_bands(
                 names = [f"band{i}" for i in range(1, file.count + 1)]
             stack = file.read(masked=True).astype(np.float32).filled(np.nan)
             tags = {str(k): str(v) for k, v in file.tags().items()}
-            # GDAL has turned pixel-is-point into areas already.
+            # GDAL has already converted pixel-is-point to pixel-is-area.
             placement = (float(t.a), float(t.c), float(t.f))
     except rasterio.errors.RasterioError as error:
-        raise s.error(f"no readable raster: {error}") from error
+        raise s.error(f"not a readable raster: {error}") from error
     return dict(zip(names, stack, strict=True)), placement, tags
 
 
 @contextmanager
 def _quietly() -> Iterator[None]:
-    """Without rasterio's warning on rasters that lie nowhere."""
+    """Suppress rasterio's warning about rasters without georeference."""
     from rasterio.errors import NotGeoreferencedWarning
 
     with warnings.catch_warnings():

@@ -10,14 +10,16 @@ from __future__ import annotations
 import numpy as np
 
 from cdff_common.formats.cloud import CloudArrays
-from cdff_common.formats.source import Readable, load
+from cdff_common.formats.file_source import Readable, load
 
 _ROW_BYTES = 16
 _FARTHEST_M = 1e5
 
 
 def read_kitti_bin(source: Readable) -> CloudArrays:
-    """Read a scan, coordinates in metres in the lidar's frame; raises CodecError if it cannot be one."""
+    """Read a scan, coordinates in metres in the lidar frame; raises CodecError if the content is
+    implausible.
+    """
     s = load(source)
     if not s.data or len(s.data) % _ROW_BYTES:
         raise s.error(
@@ -25,26 +27,19 @@ def read_kitti_bin(source: Readable) -> CloudArrays:
         )
     rows = np.frombuffer(s.data, "<f4").reshape(-1, 4)
     if not looks_like_scan(s.data):
-        raise s.error("its float32 rows are no lidar points (values that are not finite or beyond 100 km)")
+        raise s.error("its float32 rows are not lidar points (values that are not finite or beyond 100 km)")
     return CloudArrays(points_m=rows[:, :3].astype(np.float64), intensity=rows[:, 3].astype(np.float64))
 
 
-def write_kitti_bin(cloud: CloudArrays) -> bytes:
-    """Bytes of a scan; reflectance 0 where there is none."""
-    rows = np.zeros((len(cloud.points_m), 4), dtype="<f4")
-    rows[:, :3] = cloud.points_m
-    if cloud.intensity is not None:
-        rows[:, 3] = cloud.intensity
-    return rows.tobytes()
-
-
 def looks_like_scan(data: bytes) -> bool:
-    """Tell whether the rows hold finite coordinates of a plausible size and a plausible reflectance."""
+    """Return whether the rows contain plausible finite coordinates and reflectances."""
     if not data or len(data) % _ROW_BYTES:
         return False
     rows = np.frombuffer(data, "<f4").reshape(-1, 4)
     with np.errstate(invalid="ignore"):
         plausible = np.all(np.isfinite(rows)) and np.all(np.abs(rows[:, :3]) < _FARTHEST_M)
-        # Text or other binary read as float32 is mostly vanishing or enormous; coordinates are not.
-        sizeable = np.mean(np.max(np.abs(rows[:, :3]), axis=1) > 1e-3) if plausible else 0.0
-    return bool(plausible and sizeable > 0.9 and np.all(rows[:, 3] > -1e-3) and np.all(rows[:, 3] < _FARTHEST_M))
+        # Text or other binary data read as float32 are mostly tiny or huge.
+        large_fraction = np.mean(np.max(np.abs(rows[:, :3]), axis=1) > 1e-3) if plausible else 0.0
+    return bool(
+        plausible and large_fraction > 0.9 and np.all(rows[:, 3] > -1e-3) and np.all(rows[:, 3] < _FARTHEST_M)
+    )

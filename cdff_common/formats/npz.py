@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""NPZ, numpy's archive of named arrays; nothing in it is ever unpickled."""
+"""NPZ, numpy's archive of named arrays, without pickled objects."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cdff_common.formats.source import Readable, Source, load
+from cdff_common.formats.file_source import Readable, Source, load
 
 
 def read_npz(source: Readable) -> dict[str, NDArray[Any]]:
-    """Arrays by name; raises CodecError naming the file on anything else, or where it claims too much."""
+    """Return the arrays by name; raises CodecError on other files and implausible sizes."""
     s = load(source)
     try:
         with zipfile.ZipFile(io.BytesIO(s.data)) as archive:
@@ -25,27 +25,32 @@ def read_npz(source: Readable) -> dict[str, NDArray[Any]]:
         with np.load(io.BytesIO(s.data), allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}
     except (OSError, ValueError, zipfile.BadZipFile, KeyError, EOFError) as error:
-        raise s.error(f"no readable npz: {error}") from error
+        raise s.error(f"not a readable npz: {error}") from error
 
 
 def _check_claims(s: Source, archive: zipfile.ZipFile) -> None:
-    """Compare the sizes that the archive and the headers of its arrays claim, before an array is made for them."""
+    """Check the sizes stated in the archive and in the headers of its arrays, before any allocation."""
     entries = archive.infolist()
     s.check_claim(sum(entry.file_size for entry in entries), f"{len(entries)} members")
     for entry in entries:
         with archive.open(entry) as member:
             version = np.lib.format.read_magic(member)
-            read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-            if version not in read:
+            header_readers = {
+                (1, 0): np.lib.format.read_array_header_1_0,
+                (2, 0): np.lib.format.read_array_header_2_0,
+            }
+            if version not in header_readers:
                 raise s.error(f"{entry.filename}: npy version {version}, expected 1.0 or 2.0")
-            shape, _, dtype = read[version](member)
-        claimed = math.prod(shape) * dtype.itemsize
-        if min(shape, default=0) < 0 or claimed > entry.file_size:
-            raise s.error(f"{entry.filename}: shape {shape} of {dtype}, more than its {entry.file_size} bytes")
+            shape, _, dtype = header_readers[version](member)
+        array_bytes = math.prod(shape) * dtype.itemsize
+        if min(shape, default=0) < 0 or array_bytes > entry.file_size:
+            raise s.error(
+                f"{entry.filename}: shape {shape} of {dtype}, more than its {entry.file_size} bytes"
+            )
 
 
 def write_npz(arrays: Mapping[str, ArrayLike]) -> bytes:
-    """Bytes of a compressed archive; the same arrays give the same bytes (no times inside)."""
+    """Return a compressed archive; equal arrays give equal bytes (it contains no times)."""
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, value in arrays.items():

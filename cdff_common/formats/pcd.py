@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.formats.cloud import CloudArrays
-from cdff_common.formats.lzf import lzf_decompress
-from cdff_common.formats.source import Readable, Source, load
+from cdff_common.formats.file_source import Readable, Source, load
 
 _HEADER_LIMIT = 1 << 16
+#: LZF's largest ratio of compression: three bytes for 264.
+_LZF_RATIO = 88
 _KINDS = {"F": "f", "I": "i", "U": "u"}
 
 
@@ -35,7 +36,7 @@ class _Header:
 
 
 def read_pcd(source: Readable) -> CloudArrays:
-    """Read a PCD file; raises CodecError naming the file and what is wrong with it."""
+    """Read a PCD file; raises CodecError with the file name and the defect."""
     s = load(source)
     header = _header(s)
     read = {"ascii": _ascii, "binary": _binary, "binary_compressed": _compressed}[header.layout]
@@ -43,14 +44,16 @@ def read_pcd(source: Readable) -> CloudArrays:
 
 
 def write_pcd(cloud: CloudArrays, *, layout: str = "binary") -> bytes:
-    """Bytes of a PCD 0.7 file, float32 coordinates; ``layout`` is ``binary`` or ``ascii``."""
+    """Return a PCD 0.7 file, float32 coordinates; ``layout`` is ``binary`` or ``ascii``."""
     columns = cloud.columns()
     if cloud.colors is not None:
         c = cloud.colors.astype(np.uint32)
         for name in ("red", "green", "blue"):
             del columns[name]
         columns["rgb"] = (c[:, 0] << 16 | c[:, 1] << 8 | c[:, 2]).view(np.float32)
-    renamed = {{"nx": "normal_x", "ny": "normal_y", "nz": "normal_z"}.get(k, k): v for k, v in columns.items()}
+    renamed = {
+        {"nx": "normal_x", "ny": "normal_y", "nz": "normal_z"}.get(k, k): v for k, v in columns.items()
+    }
     n = len(cloud.points_m)
     head = (
         "\n".join(
@@ -88,17 +91,19 @@ def _header(s: Source) -> _Header:
             words[line[0]] = line[1:]
         position = end + 1
     if not {"FIELDS", "SIZE", "TYPE", "DATA"} <= set(words):
-        raise s.error("no PCD header with FIELDS, SIZE, TYPE and DATA")
+        raise s.error("PCD header with FIELDS, SIZE, TYPE and DATA missing")
     names = words["FIELDS"]
     try:
         counts = [int(c) for c in words.get("COUNT", ["1"] * len(names))]
         kinds = [f"{_KINDS[t]}{int(size)}" for t, size in zip(words["TYPE"], words["SIZE"], strict=True)]
-        points = int(words["POINTS"][0]) if "POINTS" in words else int(words["WIDTH"][0]) * int(words["HEIGHT"][0])
+        points = (
+            int(words["POINTS"][0]) if "POINTS" in words else int(words["WIDTH"][0]) * int(words["HEIGHT"][0])
+        )
         fields = tuple(zip(names, kinds, counts, strict=True))
         header = _Header(fields, points, words["DATA"][0], position)
         row_bytes = header.dtype.itemsize
     except (KeyError, ValueError, IndexError, TypeError) as error:
-        raise s.error(f"PCD header cannot be understood: {error}") from error
+        raise s.error(f"malformed PCD header: {error}") from error
     if header.layout not in ("ascii", "binary", "binary_compressed"):
         raise s.error(f"DATA {header.layout}, expected ascii, binary or binary_compressed")
     if points < 0 or any(c < 1 for c in counts) or row_bytes == 0:
@@ -107,9 +112,9 @@ def _header(s: Source) -> _Header:
 
 
 def _binary(s: Source, header: _Header) -> dict[str, NDArray[np.generic]]:
-    need = header.start + header.points * header.dtype.itemsize
-    if need > len(s.data):
-        raise s.error(f"ends after {len(s.data)} bytes, expected {need} for {header.points} points")
+    size = header.start + header.points * header.dtype.itemsize
+    if size > len(s.data):
+        raise s.error(f"ends after {len(s.data)} bytes, expected {size} for {header.points} points")
     table = np.frombuffer(s.data, header.dtype, header.points, header.start)
     return {name: table[f"{name}@{i}"][:, 0] for i, (name, _, _) in enumerate(header.fields)}
 
@@ -120,8 +125,10 @@ def _compressed(s: Source, header: _Header) -> dict[str, NDArray[np.generic]]:
     packed, unpacked = struct.unpack_from("<II", s.data, header.start)
     expected = header.points * header.dtype.itemsize
     if unpacked != expected or header.start + 8 + packed > len(s.data):
-        raise s.error(f"block of {packed} bytes for {unpacked}, expected {expected} for {header.points} points")
-    block = lzf_decompress(s.data[header.start + 8 : header.start + 8 + packed], unpacked, s.name)
+        raise s.error(
+            f"block of {packed} bytes for {unpacked}, expected {expected} for {header.points} points"
+        )
+    block = _decompressed(s, s.data[header.start + 8 : header.start + 8 + packed], unpacked)
     columns: dict[str, NDArray[np.generic]] = {}
     offset = 0
     for name, kind, count in header.fields:  # column by column
@@ -131,12 +138,24 @@ def _compressed(s: Source, header: _Header) -> dict[str, NDArray[np.generic]]:
     return columns
 
 
+def _decompressed(s: Source, packed: bytes, size: int) -> bytes:
+    import lzf
+
+    try:
+        block = lzf.decompress(packed, size) if size <= _LZF_RATIO * len(packed) else None
+    except ValueError as error:
+        raise s.error(f"malformed LZF block: {error}") from error
+    if block is None or len(block) != size:
+        raise s.error(f"LZF block of {len(packed)} bytes: expected {size} bytes when decompressed")
+    return bytes(block)
+
+
 def _ascii(s: Source, header: _Header) -> dict[str, NDArray[np.generic]]:
     width = sum(count for _, _, count in header.fields)
     try:
         values = np.array(s.data[header.start :].split(), dtype=np.float64)
     except ValueError as error:
-        raise s.error(f"a point holds something that is no number: {error}") from error
+        raise s.error(f"a point contains something other than numbers: {error}") from error
     if values.size != header.points * width:
         raise s.error(f"{values.size} numbers, expected {header.points} points of {width}")
     table = values.reshape(header.points, width)
@@ -153,10 +172,10 @@ def _with_colors(columns: dict[str, NDArray[np.generic]]) -> dict[str, NDArray[n
     packed = columns.get("rgb", columns.get("rgba"))
     if packed is None:
         return columns
-    if packed.dtype.itemsize == 8:  # ascii: an integer written out, or the float's value
+    if packed.dtype.itemsize == 8:  # ascii: the decimal integer, or the value of the float
         as_float = np.asarray(packed, dtype=np.float64)
-        whole = bool(np.all(as_float == np.floor(as_float))) and bool(np.any(as_float >= 1.0))
-        bits = as_float.astype(np.uint32) if whole else as_float.astype(np.float32).view(np.uint32)
+        are_integers = bool(np.all(as_float == np.floor(as_float))) and bool(np.any(as_float >= 1.0))
+        bits = as_float.astype(np.uint32) if are_integers else as_float.astype(np.float32).view(np.uint32)
     else:
         bits = np.ascontiguousarray(packed).view(np.uint32)
     channels = {"red": bits >> 16 & 255, "green": bits >> 8 & 255, "blue": bits & 255}

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """PLY, the Stanford polygon file format 1.0: vertices of ascii and binary files of either byte order.
 
-Elements before the vertices are skipped if they have no lists; what follows them (faces, PCL's camera) is not read.
-Turk, G. (1994), "The PLY polygon file format".
+Elements before the vertices are skipped if they have no lists; elements after them (faces, PCL's camera) are
+not read. Turk, G. (1994), "The PLY polygon file format".
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.formats.cloud import CloudArrays
-from cdff_common.formats.source import Readable, Source, load
+from cdff_common.formats.file_source import Readable, Source, load
 
 _TYPES = {
     "char": "i1",
@@ -35,16 +35,8 @@ _TYPES = {
     "double": "f8",
     "float64": "f8",
 }
-_NAMES = {
-    "i1": "char",
-    "u1": "uchar",
-    "i2": "short",
-    "u2": "ushort",
-    "i4": "int",
-    "u4": "uint",
-    "f4": "float",
-    "f8": "double",
-}
+#: Names without a number of bits, which old programs know too.
+_NAMES = {code: name for name, code in _TYPES.items() if name.isalpha()}
 _ORDER = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _HEADER_LIMIT = 1 << 16
 
@@ -63,13 +55,15 @@ def read_ply(source: Readable) -> CloudArrays:
     Raises
     ------
     CodecError
-        Naming the file, if it is no PLY, has no vertices, or ends before they do.
+        With the file name, if it is not a PLY, has no vertices, or is truncated.
     """
     s = load(source)
     layout, elements, start = _header(s)
     vertex = next((e for e in elements if e.name == "vertex"), None)
     if vertex is None:
-        raise s.error(f"has the elements {', '.join(e.name for e in elements) or 'none'}, expected vertex among them")
+        raise s.error(
+            f"has the elements {', '.join(e.name for e in elements) or 'none'}, expected vertex among them"
+        )
     if vertex.has_list:
         raise s.error("vertices with list properties, expected scalars")
     before = elements[: elements.index(vertex)]
@@ -77,14 +71,18 @@ def read_ply(source: Readable) -> CloudArrays:
         columns = _ascii_columns(s, start, sum(e.count for e in before), vertex)
     else:
         if any(e.has_list for e in before):
-            raise s.error("an element with lists lies before the vertices, expected vertices first")
+            raise s.error("an element with lists precedes the vertices, expected vertices first")
         offset = start + sum(e.count * _dtype(e, layout).itemsize for e in before)
         columns = _binary_columns(s, offset, _dtype(vertex, layout), vertex.count)
     return CloudArrays.from_columns(columns, s.name)
 
 
-def write_ply(cloud: CloudArrays, *, ascii_text: bool = False, comments: Mapping[str, str] | None = None) -> bytes:
-    """Bytes of a PLY file: float32 coordinates, little-endian unless ``ascii_text``; comments as ``name value``."""
+def write_ply(
+    cloud: CloudArrays, *, ascii_text: bool = False, comments: Mapping[str, str] | None = None
+) -> bytes:
+    """Return a PLY file: float32 coordinates, little-endian unless ``ascii_text``; comments as ``name
+    value``.
+    """
     columns = cloud.columns()
     lines = ["ply", f"format {'ascii' if ascii_text else 'binary_little_endian'} 1.0"]
     lines += [f"comment {name} {' '.join(value.split())}" for name, value in (comments or {}).items()]
@@ -94,7 +92,9 @@ def write_ply(cloud: CloudArrays, *, ascii_text: bool = False, comments: Mapping
     if ascii_text:
         rows = zip(*(c.tolist() for c in columns.values()), strict=True)
         return head + "".join(" ".join(f"{v:.9g}" for v in row) + "\n" for row in rows).encode()
-    table = np.empty(len(cloud.points_m), dtype=[(name, c.dtype.newbyteorder("<")) for name, c in columns.items()])
+    table = np.empty(
+        len(cloud.points_m), dtype=[(name, c.dtype.newbyteorder("<")) for name, c in columns.items()]
+    )
     for name, column in columns.items():
         table[name] = column
     return head + table.tobytes()
@@ -102,7 +102,7 @@ def write_ply(cloud: CloudArrays, *, ascii_text: bool = False, comments: Mapping
 
 def _header(s: Source) -> tuple[str, list[_Element], int]:
     if not s.data.startswith((b"ply\n", b"ply\r")):
-        raise s.error("does not begin with ply")
+        raise s.error("does not start with ply")
     end = s.data.find(b"end_header", 0, _HEADER_LIMIT)
     newline = s.data.find(b"\n", end) if end >= 0 else -1
     if newline < 0:
@@ -120,14 +120,14 @@ def _header(s: Source) -> tuple[str, list[_Element], int]:
             elif words[:1] == ["property"]:
                 elements[-1].properties.append((words[2], _TYPES[words[1]]))
         except (IndexError, KeyError, ValueError) as error:
-            raise s.error(f"header line {line!r} cannot be understood") from error
+            raise s.error(f"header line {line!r} is malformed") from error
     if layout not in _ORDER:
         raise s.error(f"format {layout!r}, expected one of {', '.join(_ORDER)}")
     if any(e.count < 0 for e in elements):
         raise s.error("an element has a negative count")
     for e in elements:
         if len({name for name, _ in e.properties}) != len(e.properties):
-            raise s.error(f"element {e.name} names a property twice")
+            raise s.error(f"element {e.name} has a repeated property")
     return layout, elements, newline + 1
 
 
@@ -135,7 +135,9 @@ def _dtype(element: _Element, layout: str) -> np.dtype[np.void]:
     return np.dtype([(name, _ORDER[layout] + kind) for name, kind in element.properties])
 
 
-def _binary_columns(s: Source, offset: int, dtype: np.dtype[np.void], count: int) -> dict[str, NDArray[np.generic]]:
+def _binary_columns(
+    s: Source, offset: int, dtype: np.dtype[np.void], count: int
+) -> dict[str, NDArray[np.generic]]:
     if offset + count * dtype.itemsize > len(s.data):
         raise s.error(
             f"ends after {len(s.data)} bytes, expected {offset + count * dtype.itemsize} for {count} vertices"
@@ -151,7 +153,7 @@ def _ascii_columns(s: Source, start: int, skip: int, vertex: _Element) -> dict[s
     try:
         values = np.array(b" ".join(lines).split(), dtype=np.float64)
     except ValueError as error:
-        raise s.error(f"a vertex holds something that is no number: {error}") from error
+        raise s.error(f"a vertex contains something other than numbers: {error}") from error
     width = len(vertex.properties)
     if values.size != vertex.count * width:
         raise s.error(f"{values.size} numbers, expected {vertex.count} vertices of {width}")

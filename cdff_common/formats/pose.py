@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""One pose in a file (contract §2): a json value, a 4x4 text, or one TUM line."""
+"""File with one pose: a JSON value, a 4x4 text, or one TUM line."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cdff_common.errors import CdffError, InputError
-from cdff_common.formats.source import Readable, load
+from cdff_common.formats.file_source import Readable, load
 from cdff_common.formats.tum import read_tum
 from cdff_common.geometry import UncertainTransform
 from cdff_common.geometry.points import checked_transform
@@ -21,7 +21,8 @@ _TEXT_LIMIT = 1 << 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseValue:
-    """``T_parent_child`` as files carry it; frames are empty and the stamp 0 where the file has none.
+    """Transform ``T_parent_child`` of a file; frames are empty and the stamp 0 if the file does not state
+    them.
 
     Attributes
     ----------
@@ -37,7 +38,7 @@ class PoseValue:
     covariance_kind: str = "none"
 
     def to_json(self) -> dict[str, Any]:
-        """The pose value of contract §2; the stamp is a decimal string, since JSON numbers lose digits."""
+        """Return the JSON form; the stamp is a decimal string, since JSON numbers lose digits."""
         c = self.T.covariance
         return {
             "parent": self.parent,
@@ -50,9 +51,13 @@ class PoseValue:
 
     @classmethod
     def from_json(cls, data: Any, what: str) -> PoseValue:
-        """Inverse of ``to_json``; only ``T`` is required. Raises InputError naming ``what``."""
+        """Return the pose of a JSON form; only ``T`` is required. Raises InputError with the name
+        ``what``.
+        """
         if not isinstance(data, dict) or "T" not in data:
-            raise InputError(f'{what}: expected a pose {{"parent", "child", "stamp_ns", "T": 4x4 rows, "covariance"}}')
+            raise InputError(
+                f'{what}: expected a pose {{"parent", "child", "stamp_ns", "T": 4x4 rows, "covariance"}}'
+            )
         try:
             covariance = data.get("covariance")
             T = UncertainTransform(
@@ -71,7 +76,7 @@ class PoseValue:
 
 
 def read_pose(source: Readable) -> PoseValue:
-    """Read one pose from json, a 4x4 (or 3x4) text or a one-line TUM; raises CodecError naming the file."""
+    """Read one pose from JSON, a 4x4 (or 3x4) text or one TUM line; raises CodecError with the file name."""
     s = load(source)
     text = s.data[:_TEXT_LIMIT].decode("utf-8", "replace").strip()
     if len(s.data) > _TEXT_LIMIT:
@@ -87,7 +92,7 @@ def read_pose(source: Readable) -> PoseValue:
             return PoseValue(UncertainTransform(T[0]), stamp_ns=int(stamps[0]))
         if len(numbers) in (12, 16):
             T44 = np.vstack([np.array(numbers, dtype=np.float64).reshape(-1, 4), [[0, 0, 0, 1]]])[:4]
-            # Written with few digits, a rotation is not quite one; what is far from one stays an error.
+            # A rotation in few digits is not exact; a larger deviation is still an error.
             return PoseValue(UncertainTransform(_orthonormal(T44)))
     except (CdffError, ValueError) as error:
         raise s.error(str(error).removeprefix(f"{s.name}: ")) from error
@@ -95,7 +100,7 @@ def read_pose(source: Readable) -> PoseValue:
 
 
 def _orthonormal(T: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Nearest rigid transform if it is within 1e-3, else unchanged."""
+    """Return the nearest rigid transform if it is within 1e-3, else ``T``."""
     from cdff_common.geometry import se3
 
     if not se3.is_transform(T, tolerance=1e-3):

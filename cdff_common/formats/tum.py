@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """TUM trajectories: lines ``stamp_s x y z qx qy qz qw``.
 
-Sturm et al. (2012), doi:10.1109/IROS.2012.6385773. Stamps are kept to the microsecond, as on the wire.
+Sturm et al. (2012), doi:10.1109/IROS.2012.6385773. Stamps are rounded to microseconds, as in messages.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cdff_common.errors import InputError
-from cdff_common.formats.source import Readable, load
+from cdff_common.formats.file_source import Readable, load
 from cdff_common.geometry import se3
 
 
@@ -23,7 +23,7 @@ def read_tum(source: Readable) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     Raises
     ------
     CodecError
-        Naming the file and the line, if one has not 8 numbers or no unit quaternion.
+        With file name and line, if a line does not have 8 numbers with a unit quaternion.
     """
     s = load(source)
     stamps, rows = [], []
@@ -41,7 +41,7 @@ def read_tum(source: Readable) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     table = np.array(rows, dtype=np.float64).reshape(-1, 7)
     norm = np.linalg.norm(table[:, 3:], axis=1)
     if not (np.all(np.isfinite(table)) and np.all(np.abs(norm - 1.0) < 0.01)):
-        raise s.error("a pose is not finite or its quaternion has not unit length")
+        raise s.error("a pose is not finite or its quaternion is not of unit length")
     T = np.zeros((0, 4, 4))
     if len(table):
         T = se3.transform_from_quaternion_xyzw(table[:, :3], table[:, 3:])
@@ -52,11 +52,11 @@ def read_tum(source: Readable) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
 
 
 def write_tum(stamps_ns: ArrayLike, matrices: ArrayLike) -> bytes:
-    """Bytes of a trajectory: stamps ``(n,)`` in nanoseconds, rigid matrices ``(n, 4, 4)``."""
+    """Return a trajectory as TUM text: stamps ``(n,)`` in nanoseconds, rigid matrices ``(n, 4, 4)``."""
     stamps = np.asarray(stamps_ns, dtype=np.int64).reshape(-1)
     T = np.asarray(matrices, dtype=np.float64).reshape(-1, 4, 4)
     if len(stamps) != len(T):
-        raise InputError(f"{len(stamps)} stamps for {len(T)} poses, expected as many")
+        raise InputError(f"{len(stamps)} stamps for {len(T)} poses, expected equal numbers")
     q_xyzw = se3.quaternion_xyzw_from_matrix(T[:, :3, :3]) if len(T) else np.zeros((0, 4))
     lines = [
         " ".join([_seconds(int(stamp)), *(f"{v:.9f}" for v in (*pose[:3, 3], *q))])
@@ -66,6 +66,6 @@ def write_tum(stamps_ns: ArrayLike, matrices: ArrayLike) -> bytes:
 
 
 def _seconds(stamp_ns: int) -> str:
-    """Decimal seconds, exact: a float has not the digits for microseconds since 1970."""
+    """Return exact decimal seconds; a float cannot represent microseconds since 1970."""
     sign, us = ("-", -stamp_ns // 1000) if stamp_ns < 0 else ("", stamp_ns // 1000)
     return f"{sign}{us // 1_000_000}.{us % 1_000_000:06d}"

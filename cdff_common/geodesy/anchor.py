@@ -1,16 +1,16 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where a frame lies on a body: its origin's longitude, latitude and height, and which way its y axis points.
+"""Location of a frame on a body: longitude, latitude and height of its origin, and azimuth of its y axis.
 
-The CRS of an anchored frame is the local orthographic projection (EPSG:1130; without turn and height the plain one,
-EPSG:9840, which older programs know too) of the body onto the tangent plane at the frame's origin: easting and northing
-are the frame's own x and y. For points at the frame's height it is exact, and it is the topocentric frame's x and y for
-all points (Snyder 1987, doi:10.3133/pp1395, ch. 20).
+The CRS of an anchored frame is the local orthographic projection of the body onto the tangent plane at the
+frame's origin (EPSG:1130; without rotation and height EPSG:9840, which older programs support too): easting
+and northing are x and y of the frame. It is exact for points at the frame's height (Snyder 1987,
+doi:10.3133/pp1395, ch. 20).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -22,23 +22,24 @@ from cdff_common.geodesy.bodies import Body
 from cdff_common.geometry import se3
 
 FloatArray = NDArray[np.float64]
-#: Below these a frame counts as lying at the ellipsoid's height, and as turned to the north.
-_NO_HEIGHT_M, _NO_TURN_DEG = 1e-9, 1e-9
+#: Height and azimuth below which a frame is treated as on the ellipsoid and oriented to the north.
+_NO_HEIGHT_M, _NO_AZIMUTH_DEG = 1e-9, 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class Anchor:
-    """Where a z-up frame lies on a body.
+    """Location of a z-up frame on a body.
 
     Attributes
     ----------
     body : Body
     lon_deg, lat_deg : float
-        Of the frame's origin: east positive; planetocentric on a sphere, planetographic on an ellipsoid.
+        Longitude and latitude of the frame's origin: east positive; planetocentric on a sphere,
+        planetographic on an ellipsoid.
     height_m : float
-        Above the body's sphere or ellipsoid.
+        Height above the sphere or ellipsoid of the body.
     azimuth_deg : float
-        Bearing of the frame's y axis, clockwise from north: 0 where x is east and y is north.
+        Bearing of the frame's y axis, clockwise from north: 0 for x east and y north.
 
     Raises
     ------
@@ -64,17 +65,18 @@ class Anchor:
         ):
             raise InputError(
                 f"anchor at lon {self.lon_deg}, lat {self.lat_deg}, height {self.height_m} m, azimuth "
-                f"{self.azimuth_deg}: expected degrees, latitude within 90, and metres above the body's surface"
+                f"{self.azimuth_deg}: expected degrees, latitude within 90, and metres above the "
+                "body's surface"
             )
 
     @classmethod
     def from_transform(cls, body: Body, T_body_frame: ArrayLike) -> Anchor:
-        """The anchor of a frame whose pose in the body's frame is known; the tilt against the horizon is left out.
+        """Return the anchor of a frame with a known pose in the body frame; its tilt is ignored.
 
         Raises
         ------
         InputError
-            If the frame lies at the body's centre, or its y axis is vertical.
+            If the frame is at the body's centre, or its y axis is vertical.
         """
         T = np.asarray(T_body_frame, dtype=np.float64)
         lon_deg, lat_deg, height_m = _to_lonlat(body, T[None, :3, 3])[0]
@@ -86,9 +88,11 @@ class Anchor:
 
     @property
     def T_body_frame(self) -> FloatArray:
-        """Pose ``(4, 4)`` of the frame in the body's frame, metres."""
+        """Return the pose ``(4, 4)`` of the frame in the body frame, metres."""
         a = np.deg2rad(self.azimuth_deg)
-        R_horizon_frame = np.array([[np.cos(a), np.sin(a), 0.0], [-np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]])
+        R_horizon_frame = np.array(
+            [[np.cos(a), np.sin(a), 0.0], [-np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]]
+        )
         origin = _from_lonlat(self.body, np.array([[self.lon_deg, self.lat_deg, self.height_m]]))[0]
         return se3.transform(_horizon(self.lon_deg, self.lat_deg) @ R_horizon_frame, origin)
 
@@ -103,26 +107,27 @@ class Anchor:
         return str(self.crs.to_wkt("WKT2_2019"))
 
     def lonlat(self, points_m: ArrayLike) -> FloatArray:
-        """Longitude, latitude (degrees), height (metres) ``(n, 3)`` of points ``(n, 2)`` or ``(n, 3)`` of the frame."""
-        points = _three(points_m)
+        """Return longitude, latitude (degrees) and height (metres) ``(n, 3)`` of points ``(n, 2)`` or ``(n,
+        3)``.
+        """
+        points = _with_height(points_m)
         return _to_lonlat(self.body, se3.transform_points(self.T_body_frame, points))
 
     def points(self, lonlat: ArrayLike) -> FloatArray:
-        """Points ``(n, 3)`` of the frame, metres, from longitude, latitude (and height, by default the origin's)."""
-        given = np.atleast_2d(np.asarray(lonlat, dtype=np.float64))
-        if given.shape[1] == 2:
-            given = np.column_stack([given, np.full(len(given), self.height_m)])
-        return se3.transform_points(se3.inverse(self.T_body_frame), _from_lonlat(self.body, given))
+        """Return points ``(n, 3)``, metres, of longitude, latitude and height (by default that of the
+        origin).
+        """
+        coordinates = np.atleast_2d(np.asarray(lonlat, dtype=np.float64))
+        if coordinates.shape[1] == 2:
+            coordinates = np.column_stack([coordinates, np.full(len(coordinates), self.height_m)])
+        return se3.transform_points(se3.inverse(self.T_body_frame), _from_lonlat(self.body, coordinates))
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for MessagePack and JSON."""
-        return {
-            "body": self.body.name, "lon_deg": self.lon_deg, "lat_deg": self.lat_deg, "height_m": self.height_m,
-            "azimuth_deg": self.azimuth_deg,
-        }  # fmt: skip
+        """Return the dict form for MessagePack and JSON."""
+        return asdict(self) | {"body": self.body.name}
 
 
-def _three(points_m: ArrayLike) -> FloatArray:
+def _with_height(points_m: ArrayLike) -> FloatArray:
     points = np.atleast_2d(np.asarray(points_m, dtype=np.float64))
     if points.ndim != 2 or points.shape[1] not in (2, 3):
         raise InputError(f"points: shape {points.shape}, expected (n, 2) or (n, 3)")
@@ -130,7 +135,7 @@ def _three(points_m: ArrayLike) -> FloatArray:
 
 
 def _horizon(lon_deg: float, lat_deg: float) -> FloatArray:
-    """East, north and up at a place, as columns in the body's axes."""
+    """Return east, north and up at a location, as columns in axes of the body."""
     lon, lat = np.deg2rad(lon_deg), np.deg2rad(lat_deg)
     east = [-np.sin(lon), np.cos(lon), 0.0]
     north = [-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)]
@@ -153,19 +158,23 @@ def _from_lonlat(body: Body, lonlat: FloatArray) -> FloatArray:
 
 
 def _to_lonlat(body: Body, points_m: FloatArray) -> FloatArray:
-    back = _cart(*body.axes_m).transform(points_m[:, 0], points_m[:, 1], points_m[:, 2], direction="INVERSE")
-    return np.column_stack(back)
+    coordinates = _cart(*body.axes_m).transform(
+        points_m[:, 0], points_m[:, 1], points_m[:, 2], direction="INVERSE"
+    )
+    return np.column_stack(coordinates)
 
 
 @lru_cache(maxsize=256)
 def _projected(anchor: Anchor) -> Any:
     import pyproj
 
-    plain = abs(anchor.height_m) < _NO_HEIGHT_M and abs(anchor.azimuth_deg) < _NO_TURN_DEG
+    is_on_ellipsoid_facing_north = (
+        abs(anchor.height_m) < _NO_HEIGHT_M and abs(anchor.azimuth_deg) < _NO_AZIMUTH_DEG
+    )
     base = anchor.body.geographic_crs
     equatorial_m, _ = anchor.body.axes_m
     degree, metre = "degree", "metre"
-    if plain:
+    if is_on_ellipsoid_facing_north:
         method = {"name": "Orthographic", "id": {"authority": "EPSG", "code": 9840}}
         parameters = [
             ("Latitude of natural origin", 8801, anchor.lat_deg, degree),
@@ -185,11 +194,13 @@ def _projected(anchor: Anchor) -> Any:
         ]
     return pyproj.CRS.from_json_dict(
         {
-            "$schema": "https://proj.org/schemas/v0.7/projjson.schema.json", "type": "ProjectedCRS",
+            "$schema": "https://proj.org/schemas/v0.7/projjson.schema.json",
+            "type": "ProjectedCRS",
             "name": f"Site on {anchor.body.name} at {anchor.lon_deg:.6f}, {anchor.lat_deg:.6f}",
             "base_crs": base.to_json_dict(),
             "conversion": {
-                "name": "Tangent plane of the site", "method": method,
+                "name": "Tangent plane of the site",
+                "method": method,
                 "parameters": [
                     {"name": name, "value": value, "unit": unit, "id": {"authority": "EPSG", "code": code}}
                     for name, code, value, unit in parameters
@@ -203,4 +214,4 @@ def _projected(anchor: Anchor) -> Any:
                 ],
             },
         }
-    )  # fmt: skip
+    )

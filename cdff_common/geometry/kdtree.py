@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A static kd-tree of points in space that compiled loops can ask, one point at a time, without leaving them."""
+"""Static kd-tree of 3-D points for use inside compiled loops."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 _LEAF = 10
-#: Deepest path from the root: 2^40 leaves.
+#: Largest depth: 2^40 leaves.
 _DEPTH = 40
 
 
 class KdTree(NamedTuple):
-    """The tree as arrays: inner nodes in heap order, points in the order of the leaves.
+    """Tree as arrays: inner nodes in heap order, points in the order of the leaves.
 
     Attributes
     ----------
     points : ndarray, shape (n, 3)
-        Reordered: those of leaf i are ``points[start[i]:start[i + 1]]``.
+        Reordered points; those of leaf i are ``points[start[i]:start[i + 1]]``.
     order : ndarray of int64, shape (n,)
         Row in the original cloud of each reordered point.
     axis, split : ndarray, shape (2^d - 1,)
-        Of inner node i, whose children are ``2 i + 1`` (below the split) and ``2 i + 2``.
+        Axis and value of inner node i, whose children are ``2 i + 1`` (below the split) and ``2 i + 2``.
     start : ndarray of int64, shape (2^d + 1,)
     """
 
@@ -40,7 +40,7 @@ class KdTree(NamedTuple):
 
 
 def kd_tree(points_m: Float) -> KdTree:
-    """Build the tree of finite points ``(n, 3)``, n at least 1; the same points give the same tree.
+    """Build the tree of finite points ``(n, 3)``, n at least 1; deterministic.
 
     Bentley (1975), doi:10.1145/361002.361007: split at the median of the widest axis.
     """
@@ -48,19 +48,21 @@ def kd_tree(points_m: Float) -> KdTree:
 
 
 def nearest(tree: KdTree, queries_m: Float, max_distance_m: float = np.inf) -> tuple[Float, Int]:
-    """Distance and row of the nearest point of each query ``(k, 3)``; infinity and -1 where none is near enough."""
+    """Return distance and row of the nearest point of each query ``(k, 3)``; infinity and -1 if too far."""
     return _nearest_all(tree, np.ascontiguousarray(queries_m, dtype=np.float64), max_distance_m)
 
 
 def spacing(tree: KdTree, sample: int = 5000) -> float:
-    """Median distance of a point to its nearest neighbour, from about ``sample`` points all over the tree."""
+    """Return the median distance between nearest neighbours, of about ``sample`` points of the tree."""
     step = max(1, len(tree.points) // sample)
     distance, _ = neighbours(tree, tree.points[::step], 2)
     return max(float(np.median(distance[:, 1])), 1e-9)
 
 
 def neighbours(tree: KdTree, queries_m: Float, count: int) -> tuple[Float, Int]:
-    """Distances and rows ``(k, count)`` of the nearest points, nearest first; infinity and -1 beyond the last one."""
+    """Return distances and rows ``(k, count)`` of the nearest points, nearest first, padded by infinity and
+    -1.
+    """
     return _neighbours_all(tree, np.ascontiguousarray(queries_m, dtype=np.float64), count)
 
 
@@ -77,13 +79,13 @@ def _build(cloud: Float) -> KdTree:  # pragma: no cover - compiled
     high[0] = n
     for node in range(inner):
         a, b = low[node], high[node]
-        widest, wide = 0, -1.0
+        widest, width = 0, -1.0
         for c in range(3):
-            least, most = points[a, c], points[a, c]
+            lowest, highest = points[a, c], points[a, c]
             for i in range(a + 1, b):
-                least, most = min(least, points[i, c]), max(most, points[i, c])
-            if most - least > wide:
-                widest, wide = c, most - least
+                lowest, highest = min(lowest, points[i, c]), max(highest, points[i, c])
+            if highest - lowest > width:
+                widest, width = c, highest - lowest
         middle = (a + b) // 2
         _select(points, order, a, b, middle, widest)
         axis[node], split[node] = widest, points[middle, widest]
@@ -96,8 +98,10 @@ def _build(cloud: Float) -> KdTree:  # pragma: no cover - compiled
 
 
 @njit(cache=True)
-def _select(points: Float, order: Int, a: int, b: int, k: int, axis: int) -> None:  # pragma: no cover - compiled
-    """Reorder rows a to b so that row k is where sorting along the axis would put it (Hoare 1961)."""
+def _select(
+    points: Float, order: Int, a: int, b: int, k: int, axis: int
+) -> None:  # pragma: no cover - compiled
+    """Reorder rows a to b so that row k has its sorted position along the axis (Hoare 1961)."""
     low, high = a, b - 1
     while low < high:
         first, middle, last = points[low, axis], points[(low + high) // 2, axis], points[high, axis]
@@ -110,9 +114,9 @@ def _select(points: Float, order: Int, a: int, b: int, k: int, axis: int) -> Non
                 j -= 1
             if i <= j:
                 for c in range(3):
-                    kept = points[i, c]
+                    value = points[i, c]
                     points[i, c] = points[j, c]
-                    points[j, c] = kept
+                    points[j, c] = value
                 row = order[i]
                 order[i] = order[j]
                 order[j] = row
@@ -128,24 +132,35 @@ def _select(points: Float, order: Int, a: int, b: int, k: int, axis: int) -> Non
 
 @njit(cache=True)
 def _leaf_below(
-    tree: KdTree, x: float, y: float, z: float, node: int, depth: int, d2: float, ox: float, oy: float, oz: float,
-    worst: float, nodes: Int, bounds: Float,
-) -> tuple[int, int]:  # pragma: no cover - compiled  # fmt: skip
-    """Go down from a node to the leaf of a point; far sides nearer than ``worst`` are put on the stack.
+    tree: KdTree,
+    x: float,
+    y: float,
+    z: float,
+    node: int,
+    depth: int,
+    d2: float,
+    ox: float,
+    oy: float,
+    oz: float,
+    worst: float,
+    nodes: Int,
+    bounds: Float,
+) -> tuple[int, int]:  # pragma: no cover - compiled
+    """Descend from a node to the leaf of a point; push the other children nearer than ``worst`` on the stack.
 
-    ``d2`` is the squared distance of the point from the node's box, ``ox, oy, oz`` its parts along the axes, metres.
+    ``d2`` is the squared distance of the point from the node's box, ``ox, oy, oz`` its components, metres.
     Returns the leaf and the height of the stack (Arya and Mount 1993, doi:10.1109/DCC.1993.253111).
     """
     inner = len(tree.axis)
     while node < inner:
         c = tree.axis[node]
         if c == 0:
-            off, was = x - tree.split[node], ox
+            off, previous_off = x - tree.split[node], ox
         elif c == 1:
-            off, was = y - tree.split[node], oy
+            off, previous_off = y - tree.split[node], oy
         else:
-            off, was = z - tree.split[node], oz
-        far = d2 - was * was + off * off
+            off, previous_off = z - tree.split[node], oz
+        far = d2 - previous_off * previous_off + off * off
         if far < worst:
             bounds[depth, 0] = far
             bounds[depth, 1] = off if c == 0 else ox
@@ -161,12 +176,13 @@ def _leaf_below(
 def nearest_row(
     tree: KdTree, x: float, y: float, z: float, best: int, best_d2: float, nodes: Int, bounds: Float
 ) -> tuple[int, float]:  # pragma: no cover - compiled
-    """Nearest reordered row to a point if nearer than ``best_d2``, else ``best``; and its squared distance.
+    """Return the reordered row nearest to a point if nearer than ``best_d2``, else ``best``; and its squared
+    distance.
 
     Parameters
     ----------
     best, best_d2 : int, float
-        What is known: a row (or -1) and the squared distance to beat.
+        Initial candidate: a row (or -1) and its squared distance.
     nodes, bounds : ndarray, shapes (40,) and (40, 4)
         Scratch, see ``scratch``.
     """
@@ -192,8 +208,8 @@ def nearest_row(
 def nearest_rows(
     tree: KdTree, x: float, y: float, z: float, rows: Int, d2s: Float, nodes: Int, bounds: Float
 ) -> int:  # pragma: no cover - compiled
-    """Fill ``rows`` and ``d2s`` with the nearest reordered rows, nearest first; returns how many there are."""
-    count, found = len(rows), 0
+    """Fill ``rows`` and ``d2s`` with the nearest reordered rows, nearest first; return their number."""
+    count, filled = len(rows), 0
     worst = np.inf
     node, depth = 0, 0
     d2 = ox = oy = oz = 0.0
@@ -203,18 +219,18 @@ def nearest_rows(
             dx, dy, dz = tree.points[i, 0] - x, tree.points[i, 1] - y, tree.points[i, 2] - z
             d = dx * dx + dy * dy + dz * dz
             if d < worst:
-                j = found if found < count else count - 1
+                j = filled if filled < count else count - 1
                 while j > 0 and d2s[j - 1] > d:
                     d2s[j], rows[j] = d2s[j - 1], rows[j - 1]
                     j -= 1
                 d2s[j], rows[j] = d, i
-                found = min(found + 1, count)
-                if found == count:
+                filled = min(filled + 1, count)
+                if filled == count:
                     worst = d2s[count - 1]
         while depth > 0 and bounds[depth - 1, 0] >= worst:
             depth -= 1
         if depth == 0:
-            return found
+            return filled
         depth -= 1
         node = nodes[depth]
         d2, ox, oy, oz = bounds[depth, 0], bounds[depth, 1], bounds[depth, 2], bounds[depth, 3]
@@ -222,7 +238,7 @@ def nearest_rows(
 
 @njit(cache=True)
 def scratch() -> tuple[Int, Float]:  # pragma: no cover - compiled
-    """Stacks for ``nearest_row`` and ``nearest_rows``: made once for many queries."""
+    """Return the stacks for ``nearest_row`` and ``nearest_rows``, to be reused by many queries."""
     return np.empty(_DEPTH, np.int64), np.empty((_DEPTH, 4))
 
 
@@ -230,7 +246,7 @@ def scratch() -> tuple[Int, Float]:  # pragma: no cover - compiled
 def _nearest_all(tree: KdTree, queries: Float, max_distance: float) -> tuple[Float, Int]:  # pragma: no cover
     distance, row = np.empty(len(queries)), np.empty(len(queries), np.int64)
     nodes, bounds = scratch()
-    # A point at exactly the greatest distance is near enough.
+    # A point at exactly the largest distance is included.
     limit = np.nextafter(max_distance * max_distance, np.inf)
     for i in range(len(queries)):
         j, d2 = nearest_row(tree, queries[i, 0], queries[i, 1], queries[i, 2], -1, limit, nodes, bounds)
@@ -239,13 +255,15 @@ def _nearest_all(tree: KdTree, queries: Float, max_distance: float) -> tuple[Flo
 
 
 @njit(cache=True)
-def _neighbours_all(tree: KdTree, queries: Float, count: int) -> tuple[Float, Int]:  # pragma: no cover - compiled
+def _neighbours_all(
+    tree: KdTree, queries: Float, count: int
+) -> tuple[Float, Int]:  # pragma: no cover - compiled
     distance = np.full((len(queries), count), np.inf)
     row = np.full((len(queries), count), -1)
     nodes, bounds = scratch()
     rows, d2s = np.empty(count, np.int64), np.empty(count)
     for i in range(len(queries)):
-        found = nearest_rows(tree, queries[i, 0], queries[i, 1], queries[i, 2], rows, d2s, nodes, bounds)
-        for j in range(found):
+        filled = nearest_rows(tree, queries[i, 0], queries[i, 1], queries[i, 2], rows, d2s, nodes, bounds)
+        for j in range(filled):
             distance[i, j], row[i, j] = np.sqrt(d2s[j]), tree.order[rows[j]]
     return distance, row

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Neighbours within a radius, as flat arrays that compiled loops can walk."""
+"""Neighbours within a radius, as flat arrays for compiled loops."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from cdff_common.errors import InputError
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
-#: Cells along a radius.
+#: Number of cells along a radius.
 _CELLS = 3
 
 
 def radius_neighbours(points_m: Float, queries_m: Float, radius_m: float) -> tuple[Int, Int]:
-    """Points within a radius of each query.
+    """Return the points within a radius of each query.
 
     Parameters
     ----------
@@ -34,13 +34,14 @@ def radius_neighbours(points_m: Float, queries_m: Float, radius_m: float) -> tup
     Returns
     -------
     tuple of ndarray
-        ``start`` (k + 1,) and ``index`` so that the neighbours of query i are ``index[start[i]:start[i + 1]]``, in the
-        order of the cells they lie in: the same clouds give the same order.
+        ``start`` (k + 1,) and ``index`` so that the neighbours of query i are ``index[start[i]:start[i +
+        1]]``, in the order of their cells.
 
     Raises
     ------
     InputError
-        If the radius is not above 0, or so small for the extent that the index of a cell does not fit 62 bits.
+        If the radius is not above 0, or so small for the extent that the index of a cell does not fit 62
+        bits.
     """
     if not radius_m > 0.0:
         raise InputError(f"radius_m={radius_m}: expected metres above 0")
@@ -60,7 +61,9 @@ def radius_neighbours(points_m: Float, queries_m: Float, radius_m: float) -> tup
 def _search(
     points: Float, key: Int, order: Int, queries: Float, low: Float, size: Int, radius: float
 ) -> tuple[Int, Int]:  # pragma: no cover - compiled
-    """Walk the columns of cells that reach into the sphere: cells that follow one another along z lie together."""
+    """Visit the columns of cells that intersect the sphere; consecutive cells along z are adjacent in
+    memory.
+    """
     edge = radius / _CELLS
     start = np.zeros(len(queries) + 1, np.int64)
     index = np.empty(64 * len(queries) + 64, np.int64)
@@ -72,18 +75,18 @@ def _search(
         cz = math.floor((z - low[2]) / edge)
         first_z, last_z = max(cz - _CELLS, 0), min(cz + _CELLS, size[2] - 1)
         for gx in range(max(cx - _CELLS, 0), min(cx + _CELLS + 1, size[0])):
-            left = low[0] + gx * edge
-            off_x = max(left - x, x - left - edge, 0.0)
+            edge_low = low[0] + gx * edge
+            off_x = max(edge_low - x, x - edge_low - edge, 0.0)
             for gy in range(max(cy - _CELLS, 0), min(cy + _CELLS + 1, size[1])):
-                left = low[1] + gy * edge
-                off_y = max(left - y, y - left - edge, 0.0)
-                # A little more than the radius: the cells' edges are rounded.
+                edge_low = low[1] + gy * edge
+                off_y = max(edge_low - y, y - edge_low - edge, 0.0)
+                # Slightly more than the radius, since cell edges are rounded.
                 if first_z > last_z or off_x * off_x + off_y * off_y > 1.000001 * radius * radius:
                     continue
-                run = (gx * size[1] + gy) * size[2]
-                low_j = np.searchsorted(key, run + first_z)
+                column_key = (gx * size[1] + gy) * size[2]
+                low_j = np.searchsorted(key, column_key + first_z)
                 high_j = low_j
-                while high_j < len(key) and key[high_j] <= run + last_z:
+                while high_j < len(key) and key[high_j] <= column_key + last_z:
                     high_j += 1
                 if total + high_j - low_j > len(index):
                     larger = np.empty(2 * len(index) + high_j - low_j, np.int64)
@@ -91,7 +94,8 @@ def _search(
                     index = larger
                 for j in range(low_j, high_j):
                     dx, dy, dz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z
-                    # Written always, kept where it is near: a branch here is foretold wrongly half of the time.
+                    # Written always, counted if within the radius: a branch would be mispredicted half of the
+                    # time.
                     index[total] = order[j]
                     total += dx * dx + dy * dy + dz * dz <= radius * radius
         start[i + 1] = total

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Planes through the neighbourhoods of points, compiled."""
+"""Compiled plane fits of point neighbourhoods."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _SWEEPS = 12
 
 @njit(cache=True)
 def plane_fits(tree: KdTree, count: int) -> tuple[Float, Float, Float]:  # pragma: no cover - compiled
-    """Plane through the ``count`` nearest points of each point of a tree, itself included.
+    """Fit a plane to the ``count`` nearest points of each point of a tree, including itself.
 
     Returns
     -------
     tuple of ndarray
-        Normals (n, 3) of unit length and either side, means of the neighbourhoods (n, 3), and their variances (n, 3)
-        ascending, square metres; in the order of the cloud that the tree was made from.
+        Unit normals (n, 3) of arbitrary sign, means of the neighbourhoods (n, 3), and their variances (n, 3)
+        ascending, square metres; in the order of the original cloud.
     """
     n = len(tree.points)
     normals, means, variances = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
@@ -34,14 +34,14 @@ def plane_fits(tree: KdTree, count: int) -> tuple[Float, Float, Float]:  # pragm
     scatter, vectors, mean, values = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
     for k in range(n):
         p = tree.points[k]
-        found = nearest_rows(tree, p[0], p[1], p[2], rows, d2s, nodes, bounds)
+        size = nearest_rows(tree, p[0], p[1], p[2], rows, d2s, nodes, bounds)
         mean[:] = 0.0
-        for j in range(found):
+        for j in range(size):
             for c in range(3):
                 mean[c] += tree.points[rows[j], c]
-        mean /= found
+        mean /= size
         scatter[:] = 0.0
-        for j in range(found):
+        for j in range(size):
             x = tree.points[rows[j], 0] - mean[0]
             y = tree.points[rows[j], 1] - mean[1]
             z = tree.points[rows[j], 2] - mean[2]
@@ -51,7 +51,7 @@ def plane_fits(tree: KdTree, count: int) -> tuple[Float, Float, Float]:  # pragm
             scatter[2, 0] += x * z
             scatter[2, 1] += y * z
             scatter[2, 2] += z * z
-        scatter /= found
+        scatter /= size
         eigen(scatter, values, vectors)
         i = tree.order[k]
         for c in range(3):
@@ -61,9 +61,9 @@ def plane_fits(tree: KdTree, count: int) -> tuple[Float, Float, Float]:  # pragm
 
 @njit(cache=True)
 def eigen(m: Float, values: Float, vectors: Float) -> None:  # pragma: no cover - compiled
-    """Eigenvalues (3,) ascending and eigenvectors as columns (3, 3) of a symmetric matrix whose lower half is given.
+    """Compute eigenvalues (3,), ascending, and eigenvectors (3, 3), as columns, of a lower symmetric matrix.
 
-    Cyclic Jacobi rotations (Golub, Van Loan, Matrix Computations, 8.5); ``m`` is destroyed.
+    Cyclic Jacobi rotations (Golub, Van Loan, Matrix Computations, 8.5); ``m`` is overwritten.
     """
     m[0, 1], m[0, 2], m[1, 2] = m[1, 0], m[2, 0], m[2, 1]
     for i in range(3):
@@ -97,10 +97,10 @@ def eigen(m: Float, values: Float, vectors: Float) -> None:  # pragma: no cover 
     for i in range(2):
         for j in range(2 - i):
             if values[j] > values[j + 1]:
-                kept = values[j]
+                swapped = values[j]
                 values[j] = values[j + 1]
-                values[j + 1] = kept
+                values[j + 1] = swapped
                 for c in range(3):
-                    kept = vectors[c, j]
+                    swapped = vectors[c, j]
                     vectors[c, j] = vectors[c, j + 1]
-                    vectors[c, j + 1] = kept
+                    vectors[c, j + 1] = swapped

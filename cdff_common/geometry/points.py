@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks on arrays of points and on transforms that algorithms share."""
+"""Validation of point arrays and transforms."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 
 
-def checked_points(points: ArrayLike, name: str = "points", least: int = 1, *, finite: bool = True) -> FloatArray:
+def checked_points(
+    points: ArrayLike, name: str = "points", least: int = 1, *, finite: bool = True
+) -> FloatArray:
     """Return ``points`` as a C-contiguous float64 array of shape (n, 3).
 
     Parameters
@@ -20,16 +22,16 @@ def checked_points(points: ArrayLike, name: str = "points", least: int = 1, *, f
     points : array_like, shape (n, 3)
         Metres.
     name : str
-        What the message calls it.
+        Name in error messages.
     least : int
-        Fewest rows accepted.
+        Smallest accepted number of rows.
     finite : bool
-        Whether values that are not finite are refused.
+        Refuse values that are not finite.
 
     Raises
     ------
     InputError
-        If shape, number of rows or values are not as asked.
+        If the shape is wrong, rows are missing, or values are invalid.
     """
     try:
         p = np.ascontiguousarray(points, dtype=np.float64)
@@ -46,7 +48,7 @@ def checked_points(points: ArrayLike, name: str = "points", least: int = 1, *, f
 
 
 def checked_transform(T: ArrayLike, name: str = "transform") -> FloatArray:
-    """Return a copy of a rigid ``(4, 4)`` transform; raises InputError if it is none."""
+    """Return a copy of a rigid ``(4, 4)`` transform; raises InputError if it is not rigid."""
     try:
         m = np.array(T, dtype=np.float64)
     except (TypeError, ValueError) as error:

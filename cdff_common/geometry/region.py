@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Regions of contract §6 as text and as geometry: who is inside, what box to search, how much is covered.
+"""Regions as text and as geometry: containment, bounding boxes and area.
 
-``bbox:xmin,ymin,xmax,ymax`` · ``box:xmin,ymin,zmin,xmax,ymax,zmax`` · ``circle:x,y,r`` · ``polygon:x1,y1,x2,y2,…`` ·
-``path:d,x1,y1,x2,y2,…`` (within d of the line through the points) · ``near:{frame},r``, metres in a frame that is named
-beside the region. ``near`` is around a frame that moves and becomes a circle once somebody says where that frame is
-(``resolved``).
+``bbox:xmin,ymin,xmax,ymax`` · ``box:xmin,ymin,zmin,xmax,ymax,zmax`` · ``circle:x,y,r`` ·
+``polygon:x1,y1,x2,y2,…`` · ``path:d,x1,y1,x2,y2,…`` (within d of the line through the points) ·
+``near:{frame},r``, metres in a frame that is given separately. ``near`` refers to a moving frame and becomes
+a circle when its position is known (``resolved``).
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 from cdff_common.errors import InputError
 from cdff_common.geometry.frame_graph import checked_frame
 
-#: A polygon or path with more corners than this is refused: it belongs in a file, not in a query.
+#: Largest number of corners of a polygon or path in a query.
 MAX_CORNERS = 1024
-#: Boxes that a path is covered by.
+#: Number of boxes that cover a path.
 MAX_PIECES = 64
 _COUNTS = {"bbox": 4, "box": 6, "circle": 3}
 _FORMS = (
@@ -33,16 +33,16 @@ _FORMS = (
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """A region of the x-y plane, or a box of space, in a frame named elsewhere.
+    """Region of the x-y plane, or a box in space, in a frame given elsewhere.
 
     Attributes
     ----------
     kind : str
         ``bbox``, ``box``, ``circle``, ``polygon``, ``path`` or ``near``.
     values : tuple of float
-        The numbers of the text, metres; for ``near`` the radius alone, for ``path`` the distance first.
+        Numbers of the text, metres; for ``near`` only the radius, for ``path`` the distance first.
     near_frame : str or None
-        Of ``near``: the frame in the middle.
+        Frame at the centre of ``near``.
     """
 
     kind: str
@@ -51,17 +51,17 @@ class Region:
 
     @property
     def text(self) -> str:
-        """The region as a request writes it."""
+        """Region as text in a request."""
         head = [] if self.near_frame is None else [self.near_frame]
         return f"{self.kind}:" + ",".join([*head, *(f"{v:.9g}" for v in self.values)])
 
     @property
     def is_resolved(self) -> bool:
-        """False for ``near``, whose place is not known yet."""
+        """False for ``near``, whose position is not known yet."""
         return self.kind != "near"
 
     def resolved(self, x_m: float, y_m: float) -> Region:
-        """The region with ``near`` turned into a circle around where its frame is; others unchanged."""
+        """Return the region with ``near`` replaced by a circle around the position of its frame."""
         return self if self.is_resolved else Region("circle", (float(x_m), float(y_m), self.values[0]))
 
     @property
@@ -82,7 +82,9 @@ class Region:
 
     @property
     def corners(self) -> NDArray[np.float64]:
-        """Corners ``(n, 2)`` of a polygon, or points of a path, metres; of other forms those of their bounds."""
+        """Corners ``(n, 2)`` of a polygon, or points of a path, metres; for other shapes those of their
+        bounds.
+        """
         if self.kind in ("polygon", "path"):
             return np.array(self.values[self.kind == "path" :]).reshape(-1, 2)
         x0, y0, x1, y1 = self.bounds
@@ -90,7 +92,7 @@ class Region:
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Middle of the bounds, metres; of a path its middle point."""
+        """Centre of the bounds, metres; for a path its middle point."""
         if self.kind == "path":
             x, y = self.corners[len(self.corners) // 2]
             return float(x), float(y)
@@ -99,7 +101,7 @@ class Region:
 
     @property
     def pieces(self) -> tuple[tuple[float, float, float, float, float, float], ...]:
-        """Boxes as ``box_m`` that cover the region together: of a path one for each few of its segments."""
+        """Return boxes as ``box_m`` that cover the region together; for a path one per group of segments."""
         if self.kind != "path":
             return (self.box_m,)
         points, d = self.corners, self.values[0]
@@ -120,7 +122,9 @@ class Region:
 
     @property
     def area_m2(self) -> float:
-        """Area, square metres (of a self-crossing polygon: the shoelace area; of a path: what its ends round)."""
+        """Area, square metres (shoelace area for a self-crossing polygon; including the round ends of a
+        path).
+        """
         v = self.values
         if self.kind == "path":
             import shapely
@@ -135,14 +139,14 @@ class Region:
         return (x1 - x0) * (y1 - y0)
 
     def contains(self, x_m: ArrayLike, y_m: ArrayLike, z_m: ArrayLike | None = None) -> NDArray[np.bool_]:
-        """Tell which points lie inside; edges of boxes and circles belong to it.
+        """Return whether points are inside; edges of boxes and circles are included.
 
         Parameters
         ----------
         x_m, y_m : array_like, any one shape
             Metres, in the region's frame.
         z_m : array_like, optional
-            Looked at by ``box`` only.
+            Used by ``box`` only.
         """
         self._check_resolved()
         x, y, v = np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64), self.values
@@ -161,7 +165,7 @@ class Region:
 
     def _check_resolved(self) -> None:
         if not self.is_resolved:
-            raise InputError(f"region {self.text}: where {self.near_frame} is must be looked up first")
+            raise InputError(f"region {self.text}: the position of {self.near_frame} must be resolved first")
 
 
 def parse_region(text: str) -> Region:
@@ -170,7 +174,7 @@ def parse_region(text: str) -> Region:
     Raises
     ------
     InputError
-        On an unknown form, a wrong count of numbers, numbers that are not finite, or an empty region.
+        If the form is unknown, the count of numbers is wrong, a number is not finite, or the region is empty.
     """
     kind, colon, rest = text.partition(":")
     if not colon or kind not in {*_COUNTS, "polygon", "path", "near"}:
@@ -182,7 +186,7 @@ def parse_region(text: str) -> Region:
     except ValueError as error:
         raise InputError(f"region={text!r}: {error}; expected {_FORMS}") from error
     if not all(math.isfinite(v) for v in values):
-        raise InputError(f"region={text!r}: holds numbers that are not finite")
+        raise InputError(f"region={text!r}: contains numbers that are not finite")
     _check_numbers(text, kind, values)
     region = Region(kind, values, near_frame)
     if kind == "polygon" and not region.area_m2 > 0.0:
@@ -203,16 +207,18 @@ def _check_numbers(text: str, kind: str, values: tuple[float, ...]) -> None:
     if kind in ("circle", "near") and values[-1] <= 0:
         raise InputError(f"region={text!r}: radius {values[-1]}, expected metres above 0")
     half = len(values) // 2
-    if kind in ("bbox", "box") and any(low >= high for low, high in zip(values[:half], values[half:], strict=True)):
+    if kind in ("bbox", "box") and any(
+        low >= high for low, high in zip(values[:half], values[half:], strict=True)
+    ):
         raise InputError(f"region={text!r}: expected each minimum below its maximum")
 
 
 def _distance_to_path(
-    x: NDArray[np.float64], y: NDArray[np.float64], points: NDArray[np.float64]
+    x: NDArray[np.float64], y: NDArray[np.float64], vertices: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Distance to the nearest segment; one pass per segment over all points."""
+    """Return the distance of each (x, y) to the path through ``vertices``; one pass per segment."""
     nearest = np.full(np.broadcast_shapes(x.shape, y.shape), np.inf)
-    for (x0, y0), (x1, y1) in pairwise(points):
+    for (x0, y0), (x1, y1) in pairwise(vertices):
         dx, dy = x1 - x0, y1 - y0
         length2 = dx * dx + dy * dy
         along = np.clip(((x - x0) * dx + (y - y0) * dy) / length2, 0.0, 1.0) if length2 > 0.0 else 0.0
@@ -220,8 +226,10 @@ def _distance_to_path(
     return nearest
 
 
-def _in_polygon(x: NDArray[np.float64], y: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Even-odd rule; one pass per edge over all points."""
+def _in_polygon(
+    x: NDArray[np.float64], y: NDArray[np.float64], corners: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Return whether points are inside, by the even-odd rule; one pass per edge over all points."""
     inside = np.zeros(np.broadcast_shapes(x.shape, y.shape), dtype=bool)
     for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         if y0 == y1:

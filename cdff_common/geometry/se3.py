@@ -1,14 +1,15 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""SO(3) and SE(3) on numpy arrays: the only Lie algebra in the tree.
+"""SO(3) and SE(3) on numpy arrays: the only Lie algebra of the framework.
 
 ``T_a_b`` maps coordinates in b into coordinates in a: ``p_a = T_a_b @ p_b``, ``T_a_c = T_a_b @ T_b_c``.
 Functions take one element or a stack: rotations ``(..., 3, 3)``, transforms ``(..., 4, 4)``,
-tangents ``(..., 3)`` or ``(..., 6)`` in the order ``[x y z rx ry rz]``.
+tangents ``(..., 3)`` or ``(..., 6)`` in the order ``[x y z rx ry rz]``. ``[v]x`` is the cross-product matrix.
 
 References
 ----------
-.. [1] Solà, J., Deray, J., Atchuthan, D. (2018). A micro Lie theory for state estimation in robotics. arXiv:1812.01537
+.. [1] Solà, J., Deray, J., Atchuthan, D. (2018). A micro Lie theory for state estimation in robotics.
+  arXiv:1812.01537
 """
 
 from __future__ import annotations
@@ -22,22 +23,15 @@ from cdff_common.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
-#: Added to what is divided by: below it, sin(t)/t and the like are at their limits.
+#: Added to denominators: at this size sin(t)/t and similar quotients have reached their limits.
 _TINY = 1e-300
 _EYE = np.eye(3)
 
 
 def skew(v: ArrayLike) -> FloatArray:
-    """Return the cross-product matrices of vectors.
+    """Return the cross-product matrices ``[v]x`` of vectors ``(..., 3)``, shape (..., 3, 3).
 
-    Parameters
-    ----------
-    v : array_like, shape (..., 3)
-
-    Returns
-    -------
-    NDArray[np.float64], shape (..., 3, 3)
-        ``skew(v) @ w == cross(v, w)``.
+    ``[v]x = [[0, -z, y], [z, 0, -x], [-y, x, 0]]``, so that ``skew(v) @ w == cross(v, w)``.
     """
     a = np.asarray(v, dtype=np.float64)
     out = np.zeros((*a.shape[:-1], 3, 3))
@@ -48,7 +42,15 @@ def skew(v: ArrayLike) -> FloatArray:
 
 
 def exp_so3(phi: ArrayLike) -> FloatArray:
-    """Rotation matrices ``(..., 3, 3)`` of rotation vectors ``(..., 3)`` in radians (Rodrigues, [1]_ eq. 134)."""
+    """Return the rotation matrices ``(..., 3, 3)`` of rotation vectors ``(..., 3)`` in radians.
+
+    Rodrigues' formula ([1]_ eq. 134): ``Exp(phi) = I + sin(t)/t [phi]x + (1 - cos(t))/t^2 [phi]x^2``,
+    ``t = |phi|``.
+
+    See Also
+    --------
+    log_so3 : Inverse function.
+    """
     a = np.asarray(phi, dtype=np.float64)
     half = 0.5 * np.sqrt((a * a).sum(axis=-1))[..., None, None] + _TINY
     K = skew(a)
@@ -57,26 +59,34 @@ def exp_so3(phi: ArrayLike) -> FloatArray:
 
 
 def log_so3(R: ArrayLike) -> FloatArray:
-    """Rotation vectors ``(..., 3)``, radians in [0, pi], of rotation matrices ``(..., 3, 3)``."""
+    """Return the rotation vectors ``(..., 3)``, of length 0 to pi radians, of rotations ``(..., 3, 3)``.
+
+    See Also
+    --------
+    exp_so3 : Inverse function.
+    """
     q = quaternion_xyzw_from_matrix(R)
     return rotation_vector_from_quaternion_xyzw(q)
 
 
 def rotation_vector_from_quaternion_xyzw(q_xyzw: ArrayLike) -> FloatArray:
-    """Rotation vectors ``(..., 3)``, radians, of unit quaternions ``(..., 4)`` in x, y, z, w order."""
+    """Return the rotation vectors ``(..., 3)``, radians, of unit quaternions ``(..., 4)`` x, y, z, w.
+
+    ``phi = 2 atan2(|v|, w) v / |v|`` for ``q = (v, w)`` ([1]_ eq. 133).
+    """
     q = np.asarray(q_xyzw, dtype=np.float64)
     v, w = q[..., :3], q[..., 3:]
     n = np.sqrt((v * v).sum(axis=-1, keepdims=True)) + _TINY
-    # Of the quaternion and its negative the one with w >= 0: a turn by at most pi.
+    # q and -q are the same rotation; the one with w >= 0 has an angle of at most pi.
     return np.asarray(np.where(w < 0.0, -2.0, 2.0) * np.arctan2(n, np.abs(w)) / n * v, dtype=np.float64)
 
 
 def quaternion_xyzw_from_matrix(R: ArrayLike) -> FloatArray:
-    """Unit quaternions ``(..., 4)``, x, y, z, w with w >= 0, of rotation matrices ``(..., 3, 3)``."""
+    """Return the unit quaternions ``(..., 4)``, x, y, z, w with w >= 0, of rotations ``(..., 3, 3)``."""
     m = np.asarray(R, dtype=np.float64)
     mt = np.swapaxes(m, -1, -2)
     trace = (m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2])[..., None, None]
-    # 4 q q^T: each row is the quaternion times one of its components, and that with the largest is the most exact.
+    # 4 q q^T: each row is the quaternion times one of its components; the largest component is most accurate.
     Q = np.empty((*m.shape[:-2], 4, 4))
     Q[..., :3, :3] = m + mt + (1.0 - trace) * _EYE
     Q[..., 3, :3] = Q[..., :3, 3] = (m - mt)[..., (2, 0, 1), (1, 2, 0)]
@@ -88,7 +98,10 @@ def quaternion_xyzw_from_matrix(R: ArrayLike) -> FloatArray:
 
 
 def matrix_from_quaternion_xyzw(q_xyzw: ArrayLike) -> FloatArray:
-    """Rotation matrices ``(..., 3, 3)`` of quaternions ``(..., 4)`` in x, y, z, w order, normalised first.
+    """Return the rotation matrices ``(..., 3, 3)`` of quaternions ``(..., 4)`` x, y, z, w, after
+    normalisation.
+
+    ``R = (2 w^2 - 1) I + 2 (v v^T + w [v]x)`` for ``q = (v, w)``.
 
     Raises
     ------
@@ -105,7 +118,10 @@ def matrix_from_quaternion_xyzw(q_xyzw: ArrayLike) -> FloatArray:
 
 
 def left_jacobian_so3(phi: ArrayLike) -> FloatArray:
-    """Left Jacobians ``(..., 3, 3)`` of SO(3) at rotation vectors ``(..., 3)`` ([1]_ eq. 145)."""
+    """Return the left Jacobians ``(..., 3, 3)`` of SO(3) at rotation vectors ``(..., 3)`` ([1]_ eq. 145).
+
+    ``J_l = I + (1 - cos(t))/t^2 [phi]x + (t - sin(t))/t^3 [phi]x^2``, ``t = |phi|``.
+    """
     a = np.asarray(phi, dtype=np.float64)
     theta = np.linalg.norm(a, axis=-1)[..., None, None]
     K = skew(a)
@@ -117,7 +133,9 @@ def left_jacobian_so3(phi: ArrayLike) -> FloatArray:
 
 
 def transform(R: ArrayLike, t: ArrayLike) -> FloatArray:
-    """Transforms ``(..., 4, 4)`` of rotations ``(..., 3, 3)`` and translations ``(..., 3)`` in metres."""
+    """Return the transforms ``(..., 4, 4)`` of rotations ``(..., 3, 3)`` and translations ``(..., 3)``,
+    metres.
+    """
     r, v = np.asarray(R, dtype=np.float64), np.asarray(t, dtype=np.float64)
     out = np.zeros((*np.broadcast_shapes(r.shape[:-2], v.shape[:-1]), 4, 4))
     out[..., :3, :3], out[..., :3, 3], out[..., 3, 3] = r, v, 1.0
@@ -125,27 +143,66 @@ def transform(R: ArrayLike, t: ArrayLike) -> FloatArray:
 
 
 def transform_from_quaternion_xyzw(t: ArrayLike, q_xyzw: ArrayLike) -> FloatArray:
-    """Transforms ``(..., 4, 4)`` of translations ``(..., 3)`` in metres and quaternions ``(..., 4)`` x, y, z, w."""
+    """Return the transforms ``(..., 4, 4)`` of translations ``(..., 3)``, metres, and quaternions ``(...,
+    4)``.
+    """
     return transform(matrix_from_quaternion_xyzw(q_xyzw), t)
 
 
 def exp_se3(xi: ArrayLike) -> FloatArray:
-    """Transforms ``(..., 4, 4)`` of twists ``(..., 6)`` ``[x y z rx ry rz]`` ([1]_ eq. 172)."""
+    """Return the transforms ``(..., 4, 4)`` of twists ``(..., 6)`` ``[rho phi]``.
+
+    ``Exp([rho phi]) = [[Exp(phi), J_l(phi) rho], [0, 1]]`` ([1]_ eq. 172).
+
+    See Also
+    --------
+    log_se3 : Inverse function.
+    transform_from_vector : Translation and rotation vector, without the Jacobian.
+    """
     a = np.asarray(xi, dtype=np.float64)
     V = left_jacobian_so3(a[..., 3:])
     return transform(exp_so3(a[..., 3:]), (V @ a[..., :3, None])[..., 0])
 
 
 def log_se3(T: ArrayLike) -> FloatArray:
-    """Twists ``(..., 6)`` ``[x y z rx ry rz]`` of transforms ``(..., 4, 4)``."""
+    """Return the twists ``(..., 6)`` ``[rho phi]`` of transforms ``(..., 4, 4)``.
+
+    ``phi = Log(R)``, ``rho = J_l(phi)^-1 t`` ([1]_ eq. 173).
+
+    See Also
+    --------
+    exp_se3 : Inverse function.
+    """
     m = np.asarray(T, dtype=np.float64)
     phi = log_so3(m[..., :3, :3])
     rho = np.linalg.solve(left_jacobian_so3(phi), m[..., :3, 3:])[..., 0]
     return np.concatenate([rho, phi], axis=-1)
 
 
+def transform_from_vector(vector: ArrayLike) -> FloatArray:
+    """Return the transforms ``(..., 4, 4)`` of a translation and a rotation vector ``(..., 6)``.
+
+    ``[[Exp(phi), t], [0, 1]]`` of ``[t phi]``: a tangent of R^3 x SO(3), as pose covariances use it.
+
+    See Also
+    --------
+    exp_se3 : The same for twists, a tangent of SE(3).
+    """
+    v = np.asarray(vector, dtype=np.float64)
+    return transform(exp_so3(v[..., 3:]), v[..., :3])
+
+
+def vector_from_transform(T: ArrayLike) -> FloatArray:
+    """Return translation and rotation vector ``[t Log(R)]``, shape (..., 6), of transforms."""
+    m = np.asarray(T, dtype=np.float64)
+    return np.concatenate([m[..., :3, 3], log_so3(m[..., :3, :3])], axis=-1)
+
+
 def adjoint(T: ArrayLike) -> FloatArray:
-    """Adjoints ``(..., 6, 6)`` of transforms ``(..., 4, 4)``: ``T Exp(x) T^-1 == Exp(adjoint(T) @ x)`` ([1]_ 175)."""
+    """Return the adjoints ``(..., 6, 6)`` of transforms: ``T Exp(x) T^-1 == Exp(adjoint(T) @ x)``.
+
+    ``Ad = [[R, [t]x R], [0, R]]`` ([1]_ eq. 175).
+    """
     m = np.asarray(T, dtype=np.float64)
     R = m[..., :3, :3]
     out = np.zeros((*m.shape[:-2], 6, 6))
@@ -155,7 +212,8 @@ def adjoint(T: ArrayLike) -> FloatArray:
 
 
 def inverse_right_jacobian_se3(xi: ArrayLike) -> FloatArray:
-    """Inverse right Jacobians ``(..., 6, 6)`` of SE(3) at twists ``(..., 6)`` ([1]_ eq. 163, 179 to 180).
+    """Return the inverse right Jacobians ``(..., 6, 6)`` of SE(3) at twists ``(..., 6)`` ([1]_ eq. 163, 179,
+    180).
 
     ``Log(Exp(xi) Exp(x)) = xi + inverse_right_jacobian_se3(xi) @ x`` to first order in x.
     """
@@ -166,7 +224,9 @@ def inverse_right_jacobian_se3(xi: ArrayLike) -> FloatArray:
     t = np.where(small, 1.0, theta)
     b = np.where(small, 1.0 / 6.0 - theta**2 / 120.0, (t - np.sin(t)) / t**3)
     c = np.where(small, 1.0 / 24.0 - theta**2 / 720.0, (t**2 + 2.0 * np.cos(t) - 2.0) / (2.0 * t**4))
-    d = np.where(small, 1.0 / 120.0 - theta**2 / 2520.0, (2.0 * t - 3.0 * np.sin(t) + t * np.cos(t)) / (2.0 * t**5))
+    d = np.where(
+        small, 1.0 / 120.0 - theta**2 / 2520.0, (2.0 * t - 3.0 * np.sin(t) + t * np.cos(t)) / (2.0 * t**5)
+    )
     FP, PF = F @ P, P @ F
     FPF = FP @ F
     Q = 0.5 * P + b * (FP + PF + FPF) + c * (F @ FP + PF @ F - 3.0 * FPF) + d * (FPF @ F + F @ FPF)
@@ -178,21 +238,21 @@ def inverse_right_jacobian_se3(xi: ArrayLike) -> FloatArray:
 
 
 def inverse(T: ArrayLike) -> FloatArray:
-    """Inverse transforms: ``T_b_a`` of ``T_a_b``, shape (..., 4, 4)."""
+    """Return the inverse transforms ``T_b_a = [[R^T, -R^T t], [0, 1]]``, shape (..., 4, 4)."""
     m = np.asarray(T, dtype=np.float64)
     Rt = np.swapaxes(m[..., :3, :3], -1, -2)
     return transform(Rt, -(Rt @ m[..., :3, 3:])[..., 0])
 
 
 def transform_points(T_a_b: ArrayLike, points_b: ArrayLike) -> FloatArray:
-    """Map points ``(n, 3)`` in b into a by one transform ``(4, 4)``; metres in, metres out."""
+    """Return points ``(n, 3)`` in a, metres, of points in b: ``p_a = R p_b + t``."""
     T = np.asarray(T_a_b, dtype=np.float64)
     p = np.asarray(points_b, dtype=np.float64)
     return np.asarray(p @ T[:3, :3].T + T[:3, 3], dtype=np.float64)
 
 
 def normalise_rotation(R: ArrayLike) -> FloatArray:
-    """Nearest rotation matrices ``(..., 3, 3)`` in the Frobenius norm (SVD)."""
+    """Return the nearest rotation matrices ``(..., 3, 3)`` in the Frobenius norm: ``U diag(1, 1, d) V^T``."""
     U, _, Vt = np.linalg.svd(np.asarray(R, dtype=np.float64))
     d = np.sign(np.linalg.det(U @ Vt))
     U = U.copy()
@@ -200,8 +260,24 @@ def normalise_rotation(R: ArrayLike) -> FloatArray:
     return np.asarray(U @ Vt, dtype=np.float64)
 
 
+def normalise_transform(T: ArrayLike) -> FloatArray:
+    """Return transforms ``(..., 4, 4)`` with the nearest rotations, to remove rounding of long products."""
+    m = np.asarray(T, dtype=np.float64)
+    return transform(normalise_rotation(m[..., :3, :3]), m[..., :3, 3])
+
+
+def interpolate_transform(first: ArrayLike, second: ArrayLike, fraction: float) -> FloatArray:
+    """Interpolate between transforms ``(4, 4)``: translation linearly, rotation along the geodesic.
+
+    ``R = R_0 Exp(s Log(R_0^T R_1))``, ``t = (1 - s) t_0 + s t_1``.
+    """
+    A, B = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
+    R = A[:3, :3] @ exp_so3(fraction * log_so3(A[:3, :3].T @ B[:3, :3]))
+    return transform(normalise_rotation(R), (1.0 - fraction) * A[:3, 3] + fraction * B[:3, 3])
+
+
 def rotation_angle(R: ArrayLike) -> FloatArray:
-    """Angles ``(...)`` in radians of rotation matrices ``(..., 3, 3)``."""
+    """Return the angles ``(...)``, radians, of rotation matrices ``(..., 3, 3)``."""
     m = np.asarray(R, dtype=np.float64)
     double_sine = (m - np.swapaxes(m, -1, -2))[..., (2, 0, 1), (1, 2, 0)]
     double_cosine = m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2] - 1.0
@@ -209,17 +285,25 @@ def rotation_angle(R: ArrayLike) -> FloatArray:
 
 
 def is_transform(T: ArrayLike, tolerance: float = 1e-6) -> bool:
-    """Tell whether a ``(4, 4)`` array is a finite rigid transform within ``tolerance``."""
+    """Return whether a ``(4, 4)`` array is a finite rigid transform within ``tolerance``."""
     m = np.asarray(T, dtype=np.float64)
     if m.shape != (4, 4):
         return False
-    # In scalars: every transform that is made is looked at, and numpy takes ten times as long over a matrix this small.
+    # Scalars: every transform is checked, and numpy takes ten times as long for a matrix this small.
     (a, b, c, x), (d, e, f, y), (g, h, i, z), (k, m, n, one) = m.tolist()
     if not math.isfinite(x + y + z):
         return False
     errors = (
-        a * a + b * b + c * c - 1.0, d * d + e * e + f * f - 1.0, g * g + h * h + i * i - 1.0,
-        a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i, k, m, n, one - 1.0,
-    )  # fmt: skip
+        a * a + b * b + c * c - 1.0,
+        d * d + e * e + f * f - 1.0,
+        g * g + h * h + i * i - 1.0,
+        a * d + b * e + c * f,
+        a * g + b * h + c * i,
+        d * g + e * h + f * i,
+        k,
+        m,
+        n,
+        one - 1.0,
+    )
     determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
     return determinant > 0.0 and all(-tolerance <= error <= tolerance for error in errors)

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The links and joints of a URDF: what a robot's frame tree needs of it, no shapes and no masses.
+"""Links and joints of a URDF, for the frame tree of a robot; shapes and masses are ignored.
 
-The format is that of the ROS package ``urdfdom`` (http://wiki.ros.org/urdf/XML). Joints of type floating and planar
-have no single value and are refused.
+The format is that of the ROS package ``urdfdom`` (http://wiki.ros.org/urdf/XML). Joints of type floating and
+planar have no single value and are refused.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from cdff_common.errors import ConfigurationError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 
-_TURNING, _SLIDING, _FIXED = ("revolute", "continuous"), "prismatic", "fixed"
+_ROTATING, _SLIDING, _FIXED = ("revolute", "continuous"), "prismatic", "fixed"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint:
-    """One joint.
+    """Joint of a robot.
 
     Attributes
     ----------
@@ -36,9 +36,9 @@ class Joint:
     axis : array, shape (3,)
         Unit vector in the child.
     limits : tuple of float, optional
-        Least and greatest value, rad or m.
+        Smallest and largest value, rad or m.
     mimic : tuple of (str, float, float), optional
-        Joint that it follows, factor and offset.
+        Mimicked joint, factor and offset.
     """
 
     name: str
@@ -52,12 +52,12 @@ class Joint:
 
     @property
     def movable(self) -> bool:
-        """Whether it has a value."""
+        """True if the joint has a value."""
         return self.kind != _FIXED
 
     def transform(self, value: float) -> FloatArray:
-        """``T_parent_child`` (4, 4) at a value in rad or m."""
-        if self.kind in _TURNING:
+        """Return ``T_parent_child`` (4, 4) at a value in rad or m."""
+        if self.kind in _ROTATING:
             return np.asarray(self.origin @ se3.transform(se3.exp_so3(value * self.axis), np.zeros(3)))
         if self.kind == _SLIDING:
             return np.asarray(self.origin @ se3.transform(np.eye(3), value * self.axis))
@@ -66,55 +66,59 @@ class Joint:
 
 @dataclass(frozen=True, slots=True)
 class RobotModel:
-    """Root link and joints of a robot, each joint after those above it."""
+    """Root link and joints of a robot, each joint after its ancestors."""
 
     name: str
     root: str
     joints: tuple[Joint, ...]
 
     def frame(self, robot: str, link: str) -> str:
-        """Frame id of a link: ``{robot}/base`` of the root, ``{robot}/{link}`` else, in lower case."""
+        """Return the frame id of a link: ``{robot}/base`` for the root, else ``{robot}/{link}``, in lower
+        case.
+        """
         return f"{robot}/base" if link == self.root else f"{robot}/{re.sub(r'[^a-z0-9_]', '_', link.lower())}"
 
 
 def read_urdf(text: str) -> RobotModel:
-    """Model of a URDF document.
+    """Return the model of a URDF document.
 
     Raises
     ------
     ConfigurationError
-        On what is no URDF, a document type declaration, links or joints that do not form one tree, or a joint of
-        another type.
+        If the document is no URDF or has a document type declaration, links and joints do not form one tree,
+        or a joint has another type.
     """
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise ConfigurationError("URDF: holds a document type declaration, expected none")
+        raise ConfigurationError("URDF: contains a document type declaration, expected none")
     try:
         robot = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
         raise ConfigurationError(f"URDF: {error}") from error
     if robot.tag != "robot":
         raise ConfigurationError(f"URDF: root element <{robot.tag}>, expected <robot>")
-    links = [_needed(link, "name", "link") for link in robot.findall("link")]
+    links = [_required(link, "name", "link") for link in robot.findall("link")]
     joints = [_joint(element) for element in robot.findall("joint")]
     for names, what in ((links, "link"), ([j.name for j in joints], "joint")):
-        twice = {n for n in names if names.count(n) > 1}
-        if twice:
-            raise ConfigurationError(f"URDF: {what} {min(twice)!r} is there twice")
-    known = {j.name for j in joints if j.movable}
+        repeated = {n for n in names if names.count(n) > 1}
+        if repeated:
+            raise ConfigurationError(f"URDF: {what} {min(repeated)!r} is repeated")
+    movable = {j.name for j in joints if j.movable}
     for joint in joints:
-        if joint.mimic is not None and joint.mimic[0] not in known:
-            raise ConfigurationError(f"URDF: joint {joint.name!r} mimics {joint.mimic[0]!r}, expected a movable joint")
+        if joint.mimic is not None and joint.mimic[0] not in movable:
+            raise ConfigurationError(
+                f"URDF: joint {joint.name!r} mimics {joint.mimic[0]!r}, expected a movable joint"
+            )
     return RobotModel(robot.get("name", ""), *_ordered(links, joints))
 
 
 def _ordered(links: list[str], joints: list[Joint]) -> tuple[str, tuple[Joint, ...]]:
-    """The root and the joints from it downwards."""
+    """Return the root and the joints in top-down order."""
     children = {j.child for j in joints}
     unknown = sorted((children | {j.parent for j in joints}) - set(links))
     roots = [link for link in links if link not in children]
     if unknown or len(roots) != 1 or len(children) != len(joints):
         raise ConfigurationError(
-            f"URDF: {len(links)} links, roots {roots}, links that joints name but are not there {unknown}: expected "
+            f"URDF: {len(links)} links, roots {roots}, links of joints that are missing {unknown}: expected "
             "one tree with one root"
         )
     reached, ordered = {roots[0]}, list[Joint]()
@@ -128,36 +132,42 @@ def _ordered(links: list[str], joints: list[Joint]) -> tuple[str, tuple[Joint, .
 
 
 def _joint(element: ElementTree.Element) -> Joint:
-    name = _needed(element, "name", "joint")
-    kind = _needed(element, "type", f"joint {name!r}")
-    if kind not in (*_TURNING, _SLIDING, _FIXED):
-        raise ConfigurationError(f"URDF: joint {name!r} is {kind}, expected revolute, continuous, prismatic or fixed")
+    name = _required(element, "name", "joint")
+    kind = _required(element, "type", f"joint {name!r}")
+    if kind not in (*_ROTATING, _SLIDING, _FIXED):
+        raise ConfigurationError(
+            f"URDF: joint {name!r} is {kind}, expected revolute, continuous, prismatic or fixed"
+        )
     ends = []
     for tag in ("parent", "child"):
         end = element.find(tag)
         if end is None:
             raise ConfigurationError(f"URDF: joint {name!r} has no <{tag}>")
-        ends.append(_needed(end, "link", f"<{tag}> of joint {name!r}"))
+        ends.append(_required(end, "link", f"<{tag}> of joint {name!r}"))
     origin, axis = element.find("origin"), element.find("axis")
     xyz = _numbers(origin, "xyz", (0.0, 0.0, 0.0), name)
     roll, pitch, yaw = _numbers(origin, "rpy", (0.0, 0.0, 0.0), name)
     R = se3.exp_so3([0, 0, yaw]) @ se3.exp_so3([0, pitch, 0]) @ se3.exp_so3([roll, 0, 0])
-    along = _numbers(axis, "xyz", (1.0, 0.0, 0.0), name)
-    length = float(np.linalg.norm(along))
+    direction = _numbers(axis, "xyz", (1.0, 0.0, 0.0), name)
+    length = float(np.linalg.norm(direction))
     if kind != _FIXED and length < 1e-9:
-        raise ConfigurationError(f"URDF: joint {name!r} has the axis {along.tolist()}, expected a direction")
+        raise ConfigurationError(
+            f"URDF: joint {name!r} has the axis {direction.tolist()}, expected a direction"
+        )
     limit, mimic = element.find("limit"), element.find("mimic")
     limits = None
     if limit is not None and kind in ("revolute", _SLIDING):
         limits = _number(limit, "lower", 0.0, name), _number(limit, "upper", 0.0, name)
-    follows = None
+    mimic_rule = None
     if mimic is not None:
-        followed = _needed(mimic, "joint", f"<mimic> of joint {name!r}")
-        follows = followed, _number(mimic, "multiplier", 1.0, name), _number(mimic, "offset", 0.0, name)
-    return Joint(name, kind, ends[0], ends[1], se3.transform(R, xyz), along / max(length, 1e-9), limits, follows)
+        mimicked = _required(mimic, "joint", f"<mimic> of joint {name!r}")
+        mimic_rule = mimicked, _number(mimic, "multiplier", 1.0, name), _number(mimic, "offset", 0.0, name)
+    return Joint(
+        name, kind, ends[0], ends[1], se3.transform(R, xyz), direction / max(length, 1e-9), limits, mimic_rule
+    )
 
 
-def _needed(element: ElementTree.Element, attribute: str, where: str) -> str:
+def _required(element: ElementTree.Element, attribute: str, where: str) -> str:
     value = element.get(attribute, "")
     if not value:
         raise ConfigurationError(f"URDF: {where} has no attribute {attribute}")
@@ -168,12 +178,16 @@ def _number(element: ElementTree.Element, attribute: str, default: float, joint:
     return float(_numbers(element, attribute, (default,), joint)[0])
 
 
-def _numbers(element: ElementTree.Element | None, attribute: str, default: tuple[float, ...], joint: str) -> FloatArray:
+def _numbers(
+    element: ElementTree.Element | None, attribute: str, default: tuple[float, ...], joint: str
+) -> FloatArray:
     text = None if element is None else element.get(attribute)
     try:
         values = np.array(default if text is None else [float(t) for t in text.split()], dtype=np.float64)
     except ValueError as error:
         raise ConfigurationError(f"URDF: joint {joint!r}: {attribute}={text!r}, expected numbers") from error
     if values.shape != (len(default),) or not np.isfinite(values).all():
-        raise ConfigurationError(f"URDF: joint {joint!r}: {attribute}={text!r}, expected {len(default)} finite numbers")
+        raise ConfigurationError(
+            f"URDF: joint {joint!r}: {attribute}={text!r}, expected {len(default)} finite numbers"
+        )
     return values

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Thinning of clouds by voxels: one mean point per occupied voxel."""
+"""Downsampling of clouds by voxels: one mean point per occupied voxel."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from cdff_common.geometry.se3 import FloatArray
 Int = NDArray[np.int64]
 
 _SEARCH_STEPS = 16
-_WITHIN = 0.1
-#: 2^64 over the golden ratio: spreads keys over the table (Knuth, TAOCP 3, 6.4).
+_TOLERANCE = 0.1
+#: 2^64 over the golden ratio: distributes keys over the table (Knuth, TAOCP 3, 6.4).
 _SPREAD = np.uint64(0x9E3779B97F4A7C15)
 
 
 def voxel_means(points_m: FloatArray, voxel_m: float) -> FloatArray:
-    """Mean ``(m, 3)`` of the points ``(n, 3)`` of each occupied voxel, in the order of the voxels.
+    """Return the mean ``(m, 3)`` of the points ``(n, 3)`` of each occupied voxel, in the order of the voxels.
 
-    The grid lies on multiples of ``voxel_m`` from the cloud's lowest corner.
+    The grid is at multiples of ``voxel_m`` from the lowest corner of the cloud.
 
     Raises
     ------
@@ -34,61 +34,67 @@ def voxel_means(points_m: FloatArray, voxel_m: float) -> FloatArray:
 
 
 def voxel_rows(points_m: FloatArray, voxel_m: float) -> tuple[Int, Int]:
-    """Number of each point's voxel ``(n,)``, by first appearance, and the keys ``(m,)`` of the occupied voxels.
+    """Return the voxel number of each point ``(n,)``, by first appearance, and the keys ``(m,)`` of the
+    voxels.
 
-    Keys ascend with x, then y, then z of the voxels; raises InputError where they do not fit 62 bits.
+    Keys ascend with x, then y, then z of the voxels; raises InputError if they do not fit 62 bits.
     """
     points = np.ascontiguousarray(points_m, dtype=np.float64)
     if not len(points):
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     low, high = extent(points)
-    return _number(points, low, voxel_m, _size(low, high, voxel_m), len(points))
+    return _number_voxels(points, low, voxel_m, _size(low, high, voxel_m), len(points))
 
 
-def voxel_for(points_m: FloatArray, wanted: int) -> float:
-    """Edge of voxels of which about ``wanted`` are occupied (within 10 %), metres; 0 where there are not more points.
+def voxel_for(points_m: FloatArray, target_count: int) -> float:
+    """Return the voxel edge, metres, with about ``target_count`` occupied voxels (within 10 %); 0 for fewer
+    points.
 
-    The number occupied falls with a power of the edge: secant steps in logarithms, inside a bracket.
+    The number of occupied voxels is about a power of the edge: secant steps in logarithms, inside a bracket.
     """
-    return _searched(np.ascontiguousarray(points_m, dtype=np.float64), wanted)[0]
+    return _search_voxel(np.ascontiguousarray(points_m, dtype=np.float64), target_count)[0]
 
 
-def thinned(points_m: FloatArray, wanted: int) -> tuple[FloatArray, float]:
-    """``voxel_means`` with voxels of which about ``wanted`` are occupied, and their edge; 0 where all points stay."""
+def downsampled(points_m: FloatArray, target_count: int) -> tuple[FloatArray, float]:
+    """Return ``voxel_means`` with about ``target_count`` points, and the voxel edge; 0 if all points are
+    kept.
+    """
     points = np.ascontiguousarray(points_m, dtype=np.float64)
-    voxel_m, numbered = _searched(points, wanted)
-    if numbered is None:
+    voxel_m, rows_and_keys = _search_voxel(points, target_count)
+    if rows_and_keys is None:
         return (points if voxel_m == 0.0 else voxel_means(points, voxel_m)), voxel_m
-    voxel, keys = numbered
+    voxel, keys = rows_and_keys
     return _means(points, voxel, np.argsort(keys)), voxel_m
 
 
-def _searched(points: FloatArray, wanted: int) -> tuple[float, tuple[Int, Int] | None]:
-    """Edge of the voxels, and ``voxel_rows`` for them where the search has come to them."""
-    if len(points) <= wanted:
+def _search_voxel(points: FloatArray, target_count: int) -> tuple[float, tuple[Int, Int] | None]:
+    """Return the edge of the voxels, and their ``voxel_rows`` if the search computed them."""
+    if len(points) <= target_count:
         return 0.0, None
     floor, ceiling = extent(points)
     extent_m = float(np.max(ceiling - floor))
     if extent_m == 0.0:
         return 0.0, None
     low, high = extent_m * 1e-4, extent_m
-    voxel_m, exponent, before = extent_m / np.sqrt(8.0 * wanted), 2.0, (0.0, 0)
+    voxel_m, exponent, previous = extent_m / np.sqrt(8.0 * target_count), 2.0, (0.0, 0)
     for _ in range(_SEARCH_STEPS):
-        numbered = _number(points, floor, voxel_m, _size(floor, ceiling, voxel_m), 2 * wanted)
-        occupied = min(len(numbered[1]), 2 * wanted)
-        if abs(occupied - wanted) <= _WITHIN * wanted:
-            return float(voxel_m), numbered
-        low, high = (voxel_m, high) if occupied > wanted else (low, voxel_m)
-        if before[1] not in (0, occupied) and max(before[1], occupied) < 2 * wanted:
-            exponent = np.log(before[1] / occupied) / np.log(voxel_m / before[0])
-        before = voxel_m, occupied
-        voxel_m *= (occupied / wanted) ** (1.0 / min(max(exponent, 0.5), 3.0))
+        rows_and_keys = _number_voxels(
+            points, floor, voxel_m, _size(floor, ceiling, voxel_m), 2 * target_count
+        )
+        occupied = min(len(rows_and_keys[1]), 2 * target_count)
+        if abs(occupied - target_count) <= _TOLERANCE * target_count:
+            return float(voxel_m), rows_and_keys
+        low, high = (voxel_m, high) if occupied > target_count else (low, voxel_m)
+        if previous[1] not in (0, occupied) and max(previous[1], occupied) < 2 * target_count:
+            exponent = np.log(previous[1] / occupied) / np.log(voxel_m / previous[0])
+        previous = voxel_m, occupied
+        voxel_m *= (occupied / target_count) ** (1.0 / min(max(exponent, 0.5), 3.0))
         voxel_m = voxel_m if low < voxel_m < high else np.sqrt(low * high)
     return float(voxel_m), None
 
 
 def _size(low: FloatArray, high: FloatArray, voxel_m: float) -> Int:
-    """Voxels along each axis."""
+    """Return the number of voxels along each axis."""
     size = [int(n) + 1 for n in np.floor((high - low) / voxel_m)]
     if size[0] * size[1] * size[2] >= 1 << 62:
         raise InputError(f"voxel_m={voxel_m}: too small for a cloud of {high - low} m")
@@ -97,7 +103,7 @@ def _size(low: FloatArray, high: FloatArray, voxel_m: float) -> Int:
 
 @njit(cache=True)
 def extent(points: FloatArray) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
-    """Lowest and highest corner (3,) of at least one finite point (n, 3)."""
+    """Return the lowest and highest corner (3,) of finite points (n, 3), n at least 1."""
     low, high = points[0].copy(), points[0].copy()
     for i in range(1, len(points)):
         for c in range(3):
@@ -106,13 +112,13 @@ def extent(points: FloatArray) -> tuple[FloatArray, FloatArray]:  # pragma: no c
 
 
 @njit(cache=True)
-def _number(
-    points: FloatArray, low: FloatArray, voxel: float, size: Int, most: int
+def _number_voxels(
+    points: FloatArray, low: FloatArray, voxel: float, size: Int, limit: int
 ) -> tuple[Int, Int]:  # pragma: no cover - compiled
-    """Number voxels by first appearance until there are more than ``most``.
+    """Number voxels by first appearance until there are more than ``limit``.
 
-    Open addressing: the slot of a key holds the number of its voxel; the table grows with them, so that it stays in
-    the cache where they are few.
+    Hash table with open addressing: the slot of a key holds the number of its voxel. The table starts small,
+    so that it fits the cache, and grows with the number of voxels.
     """
     n, inverse = len(points), 1.0 / voxel
     bits = 12
@@ -126,7 +132,7 @@ def _number(
         key = (x * size[1] + y) * size[2] + z
         at = _slot(slot, keys, key, bits)
         if slot[at] < 0:
-            if count == most:
+            if count == limit:
                 return row, keys
             if count == len(keys):
                 bits += 2
@@ -146,7 +152,7 @@ def _number(
 
 @njit(cache=True, inline="always")
 def _slot(slot: NDArray[np.int32], keys: Int, key: int, bits: int) -> int:  # pragma: no cover - compiled
-    """Where a key is or belongs."""
+    """Return the slot of a key."""
     last = (1 << bits) - 1
     at = np.int64((np.uint64(key) * _SPREAD) >> np.uint64(64 - bits))
     while slot[at] >= 0 and keys[slot[at]] != key:

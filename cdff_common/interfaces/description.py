@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Descriptions of DFNs and DFPCs: one model of ``dfn.yaml`` and ``dfpc.yaml``, checked when it is read.
+"""Descriptions of DFNs and DFPCs: the models of ``dfn.yaml`` and ``dfpc.yaml``, validated on reading.
 
-The DFN file carries the paper's seven template fields (§2.1): generic description (``doc``), inputs and outputs,
-parameters, estimated cost, dependencies, diagnostics, unit test. The file of the paper's Fig. 3 loads unchanged.
-The DFPC file carries Table 1: data flow (ports and DFNs), product management, control.
+The DFN file contains the seven template fields of the paper (§2.1): generic description (``doc``), inputs and
+outputs, parameters, estimated cost, dependencies, diagnostics, unit test. The file of the paper's Fig. 3
+loads unchanged. The DFPC file contains Table 1: data flow (ports and DFNs), product management, control.
 """
 
 from __future__ import annotations
@@ -13,21 +13,19 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, NonNegativeFloat, PositiveFloat
 
+from cdff_common.contract.names import KEY_NAME
 from cdff_common.errors import ConfigurationError, InputError
+from cdff_common.interfaces.array_ports import ARRAY_TYPE, SCALAR_TYPES
 from cdff_common.interfaces.dfn import StrictModel, validated
 from cdff_common.interfaces.yaml_file import read_mapping
-
-#: Array ports of DFNs: ``float64[n,3]``; anything else is the name of a type of ``cdff_common.types``.
-ARRAY_TYPE = re.compile(r"(?P<dtype>float32|float64|uint8|uint16|int32|int64|bool)\[(?P<shape>[a-z0-9,+* ]*)\]\Z")
-_IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 
 Identifier = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=64)]
 
 
 def snake_case(name: str) -> str:
-    """``LaserFilter`` to ``laser_filter``, ``Registration3D`` to ``registration_3d``."""
+    """Return the snake case form: ``Registration3D`` -> ``registration_3d``."""
     text = re.sub(r"([a-z])(\d+(?:[A-Z](?![a-z]))?)", r"\1_\2", name)
     text = re.sub(
         r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=\d)(?=[A-Z][a-z])|(?<=\d[A-Z])(?=[A-Z])", "_", text
@@ -36,89 +34,87 @@ def snake_case(name: str) -> str:
 
 
 class Port(StrictModel):
-    """An input or output of a DFN or DFPC."""
+    """Input or output of a DFN or DFPC; ``values`` restricts the numbers of a DFN's input."""
 
     name: Identifier
     type: Annotated[str, Field(max_length=64)]
     doc: str = ""
     optional: bool = False
+    values: Literal["any", "finite", "positive"] = "any"
 
     @property
     def attribute(self) -> str:
-        """The Python name of the port."""
+        """Python name of the port."""
         return snake_case(self.name)
 
     @property
     def type_name(self) -> str:
-        """The type without the original's ``asn1Scc`` prefix."""
+        """Type without the ``asn1Scc`` prefix of InFuse."""
         return self.type.removeprefix("asn1Scc")
+
+    @property
+    def is_message(self) -> bool:
+        """True for a type of ``cdff_common.types``, False for an array or a scalar."""
+        return self.type not in SCALAR_TYPES and ARRAY_TYPE.match(self.type) is None
 
 
 class InputPort(Port):
-    """An input of a DFPC.
+    """Input of a DFPC.
 
     Attributes
     ----------
     ordered : bool
-        Whether its samples are taken in rising order of time only; else older ones too, and only repeated ones are
-        dropped.
+        Accept samples in ascending order of time only; otherwise drop only repeated ones.
     """
 
     ordered: bool = True
 
 
 class OutputPort(Port):
-    """An output of a DFPC: also says what it is to a requester."""
+    """Output of a DFPC with its product name in requests."""
 
-    product: str | None = None
-
-
-class Parameter(StrictModel):
-    """One parameter of a DFN; default and bounds are those of the implementation's Config."""
-
-    name: Identifier
-    doc: str
-    unit: str = "1"
-    implementations: tuple[str, ...] = ()
+    product: Annotated[str, Field(pattern=rf"^{KEY_NAME}$")] | None = None
 
 
 class Cost(StrictModel):
-    """Measured cost for a stated input, as the benchmark wrote it; ``samples`` is of how many samples that is."""
+    """Measured cost for a stated input, written by the benchmark; ``samples`` is the number of input
+    samples.
+    """
 
     input: str
     samples: Annotated[int, Field(ge=1)] = 1
-    cpu_s: Annotated[float, Field(ge=0)]
-    memory_mb: Annotated[float, Field(ge=0)]
+    cpu_s: NonNegativeFloat
+    memory_mb: NonNegativeFloat
     benchmark: str = ""
 
 
 class Performance(StrictModel):
-    """What an implementation achieves: for the orchestrator's catalogue and plans.
+    """Performance of an implementation, for the catalogue and plans of the orchestrator.
 
     Attributes
     ----------
     resolution_m : float or None
-        Cell or spacing of what it makes by default; a parameter ``resolution_m`` of the profile goes before it.
+        Default cell size or spacing of the product; a parameter ``resolution_m`` of the profile has priority.
     latency_s : float or None
-        From the last sample it needs to its product, on the machine of the benchmark.
+        Time from the last required sample to the product, on the machine of the benchmark.
     accuracy : str
-        Error with the data it was measured on.
+        Error, with the data of its measurement.
     """
 
-    resolution_m: Annotated[float, Field(gt=0)] | None = None
-    latency_s: Annotated[float, Field(ge=0)] | None = None
+    resolution_m: PositiveFloat | None = None
+    latency_s: NonNegativeFloat | None = None
     accuracy: str = ""
 
 
 class DfnDescription(StrictModel):
-    """Contents of ``dfn.yaml``.
+    """Content of ``dfn.yaml``.
 
     Attributes
     ----------
     aliases : tuple of str
-        Other names of the DFN, and names that its first implementation has elsewhere.
+        Other names of the DFN, and other names of its first implementation.
     implementation_aliases : dict
-        Names that other implementations have elsewhere, and which of this DFN each is: ``OrbDescriptor: Orb``.
+        Other names of implementations, e.g. ``OrbDescriptor: Orb``.
     """
 
     name: Identifier
@@ -129,7 +125,6 @@ class DfnDescription(StrictModel):
     implementations: tuple[Identifier, ...] = ()
     input_ports: tuple[Port, ...] = ()
     output_ports: tuple[Port, ...] = ()
-    parameters: tuple[Parameter, ...] = ()
     cost: dict[str, Cost] = {}
     dependencies: tuple[str, ...] = ()
     diagnostics: tuple[str, ...] = ()
@@ -137,11 +132,13 @@ class DfnDescription(StrictModel):
 
     @property
     def folder(self) -> str:
-        """Folder and command-line name."""
+        """Name of the folder and on the command line."""
         return snake_case(self.name)
 
     def implementation(self, name: str) -> str:
-        """The implementation of a name; the first one for the DFN's own names; raises ConfigurationError."""
+        """Return the implementation of a name, the first one for names of the DFN; raises
+        ConfigurationError.
+        """
         if name in self.implementations:
             return name
         if name in self.implementation_aliases:
@@ -153,7 +150,7 @@ class DfnDescription(StrictModel):
 
 
 class DfnSlot(StrictModel):
-    """A DFN used by a DFPC."""
+    """DFN slot of a DFPC."""
 
     dfn_id: Identifier
     name: Identifier
@@ -162,7 +159,7 @@ class DfnSlot(StrictModel):
 
 
 class DfpcImplementation(StrictModel):
-    """One variant of a DFPC: which DFN implementations fill its slots, and its own defaults of the parameters."""
+    """Variant of a DFPC: the DFN implementations in its slots, and its parameter defaults."""
 
     name: Identifier
     doc: str = ""
@@ -171,7 +168,7 @@ class DfpcImplementation(StrictModel):
 
 
 class OperationInput(StrictModel):
-    """A parameter of an operation."""
+    """Parameter of an operation."""
 
     name: Identifier
     type: Literal["float", "int", "string", "bool"]
@@ -179,7 +176,7 @@ class OperationInput(StrictModel):
     default: str | None = None
 
     def parse(self, text: str) -> Any:
-        """Turn the parameter's text into its value; raises InputError."""
+        """Parse the text of the parameter; raises InputError."""
         try:
             if self.type == "bool":
                 return {"true": True, "false": False}[text.lower()]
@@ -189,7 +186,7 @@ class OperationInput(StrictModel):
 
 
 class Operation(StrictModel):
-    """Something a DFPC does on demand."""
+    """Operation of a DFPC that clients can call."""
 
     name: Identifier
     doc: str
@@ -198,7 +195,7 @@ class Operation(StrictModel):
 
 
 class ManagedItem(StrictModel):
-    """A line of the paper's "Data Product Management": what is kept, and what of it goes to the DPM."""
+    """Item of "Data Product Management" in the paper: stored locally, and possibly sent to the DPM."""
 
     item: Identifier
     type: str
@@ -207,7 +204,7 @@ class ManagedItem(StrictModel):
 
 
 class DfpcDescription(StrictModel):
-    """Contents of ``dfpc.yaml``."""
+    """Content of ``dfpc.yaml``."""
 
     name: Identifier
     doc: str
@@ -227,18 +224,18 @@ class DfpcDescription(StrictModel):
 
     @property
     def folder(self) -> str:
-        """Folder and command-line name."""
+        """Name of the folder and on the command line."""
         return snake_case(self.name)
 
 
 def _check_unique(path: Path, what: str, names: list[str]) -> None:
-    twice = sorted({n for n in names if names.count(n) > 1})
-    if twice:
-        raise ConfigurationError(f"{path}: {what} {twice[0]!r} is named twice")
+    repeated = sorted({n for n in names if names.count(n) > 1})
+    if repeated:
+        raise ConfigurationError(f"{path}: {what} {repeated[0]!r} is repeated")
 
 
 def read_dfn_description(path: Path) -> DfnDescription:
-    """Read and check a ``dfn.yaml``; raises ConfigurationError naming file and key."""
+    """Read and validate a ``dfn.yaml``; raises ConfigurationError with file and key."""
     data = read_mapping(path)
     data.setdefault("implementations", [data.get("name")])
     description = validated(DfnDescription, data, str(path))
@@ -246,23 +243,26 @@ def read_dfn_description(path: Path) -> DfnDescription:
     for group in (description.input_ports, description.output_ports):
         _check_unique(path, "port", [p.attribute for p in group])
     _check_unique(path, "implementation", list(description.implementations))
-    _check_unique(path, "parameter", [p.name for p in description.parameters])
     for port in ports:
         if "[" in port.type and not ARRAY_TYPE.match(port.type):
-            raise ConfigurationError(f"{path}: port {port.name} has type {port.type!r}, expected as in float64[n,3]")
+            raise ConfigurationError(
+                f"{path}: port {port.name} has type {port.type!r}, expected e.g. float64[n,3]"
+            )
     return description
 
 
 def read_dfpc_description(path: Path) -> DfpcDescription:
-    """Read and check a ``dfpc.yaml``; raises ConfigurationError naming file and key."""
+    """Read and validate a ``dfpc.yaml``; raises ConfigurationError with file and key."""
     description = validated(DfpcDescription, read_mapping(path), str(path))
     for group in (description.input_ports, description.output_ports):
         _check_unique(path, "port", [p.attribute for p in group])
     _check_unique(path, "implementation", [i.name for i in description.implementations])
-    named = {i.name for i in description.implementations}
+    names = {i.name for i in description.implementations}
     for table in (description.cost, description.performance):
-        for name in sorted(table.keys() - named):
-            raise ConfigurationError(f"{path}: {name!r} is no implementation; there are {', '.join(sorted(named))}")
+        for name in sorted(table.keys() - names):
+            raise ConfigurationError(
+                f"{path}: {name!r} is not an implementation; expected one of {', '.join(sorted(names))}"
+            )
     for variant in description.implementations:
         _check_unique(path, f"DFN slot of {variant.name}", [d.dfn_id for d in variant.dfns])
     return description

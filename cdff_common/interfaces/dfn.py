@@ -7,7 +7,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -15,7 +15,7 @@ from cdff_common.errors import ConfigurationError
 
 
 class StrictModel(BaseModel):
-    """Base of every configuration: frozen, unknown keys refused, numbers never taken from strings."""
+    """Base of every configuration: frozen; unknown keys, NaN and infinity are refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -32,27 +32,34 @@ OutputsT = TypeVar("OutputsT")
 class Dfn(ABC, Generic[ConfigT, InputsT, OutputsT]):
     """An atomic processing unit with one data fusion function.
 
-    A DFN holds no clock, file, socket or global state. ``process`` depends on its inputs, its configuration and
-    what earlier calls left in the instance, on nothing else; inputs are not modified. A DFN raises (InputError,
-    RefusedError, DegenerateGeometryError); the DFPC decides what that means.
+    A DFN holds no clock, file, socket or global state. ``process`` depends on its inputs, its configuration
+    and the state of earlier calls only; inputs are not modified. It raises InputError,
+    RefusedError or DegenerateGeometryError; the DFPC decides on the reaction.
     """
 
-    #: The configuration model of this implementation.
+    #: Configuration model of this implementation: the type argument of its base class.
     Config: ClassVar[type[DfnConfig]] = DfnConfig
 
     config: ConfigT
-    #: Why the outputs of the last call are to be taken with care, as short codes; empty where nothing is the matter.
+    #: Restrictions of the outputs of the last call, as short codes; empty if there are none.
     reasons: tuple[str, ...] = ()
-    #: What the last call measured of its own result, units in the names.
+    #: Quality metrics of the outputs of the last call, units in the names.
     metrics: Mapping[str, float] = MappingProxyType({})
 
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        for base in cls.__dict__.get("__orig_bases__", ()):
+            for argument in get_args(base):
+                if isinstance(argument, type) and issubclass(argument, DfnConfig):
+                    cls.Config = argument
+
     def configure(self, config: ConfigT | dict[str, Any] | None = None) -> None:
-        """Validate and take the configuration, allocate, compile.
+        """Validate and store the configuration, allocate, compile.
 
         Raises
         ------
         ConfigurationError
-            On an unknown key or a value out of bounds, naming it.
+            If a key is unknown or a value out of bounds; the message names it.
         """
         self.config = validated(self.Config, config, type(self).__name__)  # type: ignore[assignment]
         self.setup()
@@ -69,7 +76,7 @@ ModelT = TypeVar("ModelT", bound=BaseModel)
 
 
 def validated(model: type[ModelT], config: Any, owner: str) -> ModelT:
-    """Return ``config`` as an instance of ``model``, or raise ConfigurationError naming owner, key and value."""
+    """Return ``config`` as an instance of ``model``; raises ConfigurationError."""
     if config is None:
         config = {}
     if isinstance(config, model):
@@ -88,6 +95,6 @@ def validated(model: type[ModelT], config: Any, owner: str) -> ModelT:
 
 
 def _short(value: Any) -> str:
-    """At most 80 characters of a value's text."""
+    """Return at most 80 characters of the text of a value."""
     text = repr(value)
     return text if len(text) <= 80 else text[:77] + "..."

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The interface of a Data Fusion Processing Compound: samples in, products out, a local store, operations."""
+"""Interface of a Data Fusion Processing Compound: samples in, products out, local store, operations."""
 
 from __future__ import annotations
 
@@ -11,21 +11,24 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+from pydantic import Field, create_model
+
 from cdff_common.errors import ConfigurationError, InputError, ProductNotFoundError
-from cdff_common.geometry import FrameGraph
+from cdff_common.geometry import FrameGraph, UncertainTransform
 from cdff_common.interfaces.description import DfpcDescription
 from cdff_common.interfaces.dfn import Dfn, StrictModel, validated
-from cdff_common.interfaces.product import Quality
+from cdff_common.interfaces.product import Quality, Status
 from cdff_common.interfaces.registry import Registry
+from cdff_common.types import TransformWithCovariance
 
 
 class DfpcConfig(StrictModel):
-    """Parameters of a DFPC. A field named like a DFN slot holds that DFN's parameters as a mapping."""
+    """Parameters of a DFPC; ``Dfpc.config_model`` adds a field for the parameters of each DFN slot."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample:
-    """One value arriving at an input port.
+    """Value at an input port.
 
     Attributes
     ----------
@@ -33,13 +36,13 @@ class Sample:
     stamp_ns : int
         End of capture, mission time, nanoseconds.
     seq : int
-        Of its producer and stream.
+        Sequence number of its producer and stream.
     value : Any
         A ``cdff_common.types`` object.
     id : str
-        Of the sample or product: what an output's ``inputs`` names.
+        Id of the sample or product, used in ``inputs`` of an output.
     frame, child : str
-        Of the sample's header; empty where it has none.
+        Frames in the header of the sample; empty if it has none.
     """
 
     port: str
@@ -54,7 +57,7 @@ class Sample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Output:
-    """One result of a step, before the run time gives it its identity.
+    """Result of a step, before the runtime assigns its id.
 
     Attributes
     ----------
@@ -63,13 +66,13 @@ class Output:
     value : Any
         A ``cdff_common.types`` object of the port's type; None if and only if ``quality.status`` is FAILED.
     t0_ns, t1_ns : int
-        Begin and end of capture of what it was made from, nanoseconds.
+        Start and end of capture of the source data, nanoseconds.
     frame : str
         Frame of the values; for a pose the parent.
     child : str or None
         For a pose the child.
     inputs : tuple of str
-        Ids of the samples it was made from.
+        Ids of the source samples; empty and repeated ones are removed.
     """
 
     port: str
@@ -81,25 +84,50 @@ class Output:
     quality: Quality = field(default_factory=Quality)
     inputs: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "inputs", tuple(dict.fromkeys(i for i in self.inputs if i)))
+
+    @classmethod
+    def of_pose(
+        cls,
+        port: str,
+        T: UncertainTransform | None,
+        *,
+        stamp_ns: int,
+        frame: str,
+        child: str,
+        quality: Quality,
+        inputs: tuple[str, ...] = (),
+        producer: str = "",
+        t0_ns: int | None = None,
+    ) -> Output:
+        """Return the output of a pose ``T_frame_child`` at ``stamp_ns``; without a value if it is FAILED."""
+        value = None
+        if T is not None and quality.status is not Status.FAILED:
+            value = TransformWithCovariance.from_transform(
+                T, parent=frame, child=child, stamp_ns=stamp_ns, producer=producer
+            )
+        return cls(port, value, stamp_ns if t0_ns is None else t0_ns, stamp_ns, frame, child, quality, inputs)
+
 
 @dataclass(frozen=True, slots=True)
 class DfpcContext:
-    """What a DFPC knows of where it runs.
+    """Environment of a DFPC.
 
     Attributes
     ----------
     robot : str
-        Robot id; the prefix of the robot's frames.
+        Robot id, the prefix of the robot's frames.
     frames : FrameGraph
-        The robot's fixed frames: ``{robot}/base`` to each sensor, ``site`` to ``{robot}/odom`` at the start.
+        Fixed frames of the robot: ``{robot}/base`` to each sensor, ``site`` to ``{robot}/odom`` at the start.
     limits : mapping of str to float
-        What the rover can do: ``max_slope_deg``, ``max_step_m``, ``width_m``, … as the profile states.
+        Limits of the rover in the profile: ``max_slope_deg``, ``max_step_m``, ``width_m``, ….
     sensors : mapping of str to mapping
-        Each sensor's entry of the profile (frame, calibration).
+        Entry of each sensor in the profile (frame, calibration).
     seed : int
-        For every random number drawn.
+        Seed of all random numbers.
     urdf : str
-        Document of the robot's internal joints; empty where it has none.
+        URDF document of the robot's joints; empty if it has none.
     """
 
     robot: str
@@ -111,39 +139,42 @@ class DfpcContext:
 
 
 class LocalStore:
-    """A DFPC's local data store: named items, each a callable that makes the current value when asked.
+    """Local data store of a DFPC: named items, each a callable that returns the current value.
 
-    Items are declared in ``product_management`` of the description and queried by other DFPCs and the DPM under
-    ``store/{item}``.
+    Items are declared in ``product_management`` of the description and queried by other DFPCs and the DPM
+    under ``store/{item}``.
     """
 
     def __init__(self) -> None:
         self._items: dict[str, Callable[[], Any]] = {}
 
     def offer(self, item: str, value: Callable[[], Any]) -> None:
-        """Let ``item`` be asked for; ``value`` returns a ``cdff_common.types`` object or None."""
+        """Add an item; ``value`` returns a ``cdff_common.types`` object or None."""
         self._items[item] = value
 
     @property
     def items(self) -> tuple[str, ...]:
-        """Names that can be asked for."""
+        """Names of the items."""
         return tuple(sorted(self._items))
 
     def get(self, item: str) -> Any:
-        """Return the current value of an item; raises ProductNotFoundError where there is none yet."""
+        """Return the current value of an item; raises ProductNotFoundError if there is none yet."""
         if item not in self._items:
-            raise ProductNotFoundError(f"store item {item!r}: this DFPC offers {', '.join(self.items) or 'none'}")
+            raise ProductNotFoundError(
+                f"store item {item!r}: this DFPC offers {', '.join(self.items) or 'none'}"
+            )
         value = self._items[item]()
         if value is None:
-            raise ProductNotFoundError(f"store item {item!r} holds nothing yet")
+            raise ProductNotFoundError(f"store item {item!r} is still empty")
         return value
 
 
 class Dfpc(ABC):
-    """An arrangement of DFNs with its controller and local store.
+    """Compound of DFNs with its controller and local store.
 
-    Subclasses are generated interfaces that add one ``on_<port>`` per input port and one method per operation; the
-    compound implements those. No clock, socket or file: time comes with the samples.
+    Subclasses are generated interfaces that add one ``on_<port>`` per input port and one method per
+    operation; the compound implements those. It has no clock, socket or file: time is the stamp of
+    the sample.
     """
 
     Config: ClassVar[type[DfpcConfig]] = DfpcConfig
@@ -155,42 +186,60 @@ class Dfpc(ABC):
     description: DfpcDescription
     implementation: str
 
+    @classmethod
+    def config_model(cls) -> type[DfpcConfig]:
+        """Return ``Config`` with one more field per DFN slot of the description: a mapping of parameters."""
+        variants = Registry.default().dfpc(cls.name).implementations
+        slots = {slot.dfn_id: slot.name for variant in variants for slot in variant.dfns}
+        fields: dict[str, Any] = {
+            dfn_id: (dict[str, Any], Field({}, description=f"Parameters of {name}"))
+            for dfn_id, name in slots.items()
+        }
+        return create_model(cls.Config.__name__, __base__=cls.Config, **fields)
+
     def configure(
         self,
-        config: DfpcConfig | Mapping[str, Any] | None = None,
+        config: Mapping[str, Any] | None = None,
         context: DfpcContext | None = None,
         implementation: str | None = None,
     ) -> None:
-        """Validate the configuration, make and configure every DFN, allocate.
+        """Validate the configuration, create and configure all DFNs, allocate.
 
         Raises
         ------
         ConfigurationError
-            On an unknown key, a value out of bounds, or an implementation that the description does not list.
+            If a key or the implementation is unknown, or a value is out of bounds.
         """
         self.description = Registry.default().dfpc(self.name)
         self.implementation = implementation or self.description.implementations[0].name
-        if self.implementation not in [i.name for i in self.description.implementations]:
-            known = ", ".join(i.name for i in self.description.implementations)
-            raise ConfigurationError(f"{self.name}: implementation {implementation!r}, expected one of {known}")
-        if config is None or isinstance(config, Mapping):
-            variant = next(i for i in self.description.implementations if i.name == self.implementation)
-            config = {**variant.parameters, **(config or {})}
-        self.config = validated(self.Config, config, self.name)
+        variants = {variant.name: variant for variant in self.description.implementations}
+        if self.implementation not in variants:
+            raise ConfigurationError(
+                f"{self.name}: implementation {implementation!r}, expected one of {', '.join(variants)}"
+            )
+        self._slots = {slot.dfn_id: slot for slot in variants[self.implementation].dfns}
+        parameters = {**variants[self.implementation].parameters, **(config or {})}
+        self.config = validated(self.config_model(), parameters, self.name)
         self.context = context or DfpcContext(robot="robot")
         self.store = LocalStore()
         self.setup()
 
-    def dfn(self, dfn_id: str) -> Dfn[Any, Any, Any]:
-        """Make and configure the DFN of a slot, as implementation and configuration say."""
-        variant = next(i for i in self.description.implementations if i.name == self.implementation)
-        slot = next((d for d in variant.dfns if d.dfn_id == dfn_id), None)
+    def slot_parameters(self, dfn_id: str) -> dict[str, Any]:
+        """Return the parameters of the configuration for the DFN of a slot."""
+        return dict(getattr(self.config, dfn_id))
+
+    def dfn(self, dfn_id: str, **defaults: Any) -> Dfn[Any, Any, Any]:
+        """Return a new DFN of a slot; ``defaults`` are overridden by the description, then by the
+        configuration.
+        """
+        slot = self._slots.get(dfn_id)
         if slot is None:
-            known = ", ".join(d.dfn_id for d in variant.dfns)
-            raise ConfigurationError(f"{self.name}: no DFN slot {dfn_id!r} in {self.implementation}; it has {known}")
+            slots = ", ".join(self._slots)
+            raise ConfigurationError(
+                f"{self.name}: no DFN slot {dfn_id!r} in {self.implementation}; it has {slots}"
+            )
         node = Registry.default().make_dfn(slot.name, slot.implementation)
-        parameters = getattr(self.config, dfn_id, None)
-        node.configure({**slot.parameters, **(dict(parameters) if parameters else {})})
+        node.configure({**defaults, **slot.parameters, **self.slot_parameters(dfn_id)})
         return node
 
     @property
@@ -207,35 +256,35 @@ class Dfpc(ABC):
 
     @abstractmethod
     def setup(self) -> None:
-        """Make the DFNs and offer the store items; called by ``configure``, and again by ``reset``."""
+        """Create the DFNs and the store items; called by ``configure`` and by ``reset``."""
 
     @abstractmethod
     def step(self, sample: Sample) -> Iterable[Output]:
-        """Take one sample, in time order, and return what it leads to."""
+        """Process one sample, in time order, and return the outputs."""
 
-    #: Grows with every change of what ``state`` returns.
+    #: Increases with every change of the result of ``state``.
     state_revision: int = 0
 
     def state(self) -> Any:
-        """Return what must survive a restart, a ``cdff_common.types`` object; None where nothing must."""
+        """Return the state for a restart, a ``cdff_common.types`` object, or None."""
         return None
 
     def resume(self, state: Any) -> None:
-        """Take up what ``state`` returned before a restart; called after ``configure``.
+        """Restore the result of ``state`` after a restart; called after ``configure``.
 
         Raises
         ------
         InputError
-            If this DFPC keeps no state, or none of this type.
+            If this DFPC has no state, or a state of another type.
         """
         raise InputError(f"{self.name}: got a state of type {type(state).__name__}, expected none")
 
     def finish(self) -> Iterable[Output]:
-        """Return what is still owed when the input ends or the DFPC is deactivated."""
+        """Return the pending outputs when the input ends or the DFPC is deactivated."""
         return ()
 
     def reset(self) -> None:
-        """Forget all samples, keep the configuration."""
+        """Clear all samples, keep the configuration."""
         self.store = LocalStore()
         self.setup()
 
@@ -247,19 +296,19 @@ class Dfpc(ABC):
         ProductNotFoundError
             If the description has no such operation.
         InputError
-            On an unknown, missing or malformed parameter.
+            If a parameter is unknown, missing or malformed.
         """
-        known = {op.name: op for op in self.description.operations}
-        if operation not in known:
+        operations = {op.name: op for op in self.description.operations}
+        if operation not in operations:
             raise ProductNotFoundError(
-                f"{self.name} has no operation {operation!r}; it has {', '.join(known) or 'none'}"
+                f"{self.name} has no operation {operation!r}; it has {', '.join(operations) or 'none'}"
             )
-        spec = known[operation]
-        unknown = set(parameters) - {p.name for p in spec.inputs}
+        declared = operations[operation]
+        unknown = set(parameters) - {p.name for p in declared.inputs}
         if unknown:
             raise InputError(f"{self.name}.{operation}: unknown parameter {sorted(unknown)[0]!r}")
         values: dict[str, Any] = {}
-        for p in spec.inputs:
+        for p in declared.inputs:
             if p.name in parameters:
                 values[p.name] = p.parse(parameters[p.name])
             elif p.default is None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The parameters of a configuration model as rows: for ``cdff dfn show`` and the reference pages."""
+"""Parameters of a configuration model as rows, for ``cdff dfn show`` and the reference pages."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _BOUNDS = {"minimum": "≥ {}", "exclusiveMinimum": "> {}", "maximum": "≤ {}",
 
 @dataclass(frozen=True, slots=True)
 class ParameterRow:
-    """One parameter: its name, its type in JSON's words, default as JSON, bounds as text, what it decides."""
+    """Parameter: name, JSON type, default as JSON, bounds as text, description."""
 
     name: str
     type: str
@@ -26,16 +26,20 @@ class ParameterRow:
 
 
 def parameter_rows(config: type[StrictModel]) -> list[ParameterRow]:
-    """One row per field of the model, in its order; fields of a model within it follow with its name and a dot."""
+    """Return one row per field of the model, in order; fields of a nested model have its name and a dot."""
     schema = config.model_json_schema()
     return list(_rows(schema, schema, {}, ""))
 
 
-def _rows(model: dict[str, Any], schema: dict[str, Any], given: dict[str, Any], prefix: str) -> Iterator[ParameterRow]:
-    """Rows of a model; ``given`` are the values that the field which holds it sets, before the model's own defaults."""
-    required = set(model.get("required", ())) - set(given)
+def _rows(
+    model: dict[str, Any], schema: dict[str, Any], preset: dict[str, Any], prefix: str
+) -> Iterator[ParameterRow]:
+    """Yield the rows of a model; ``preset`` are the values that the containing field sets instead of
+    the defaults.
+    """
+    required = set(model.get("required", ())) - set(preset)
     for name, field in model.get("properties", {}).items():
-        default = given.get(name, field.get("default"))
+        default = preset.get(name, field.get("default"))
         inner = _resolved(field, schema)
         if inner.get("properties"):
             yield from _rows(inner, schema, default or {}, f"{prefix}{name}.")
@@ -50,7 +54,7 @@ def _rows(model: dict[str, Any], schema: dict[str, Any], given: dict[str, Any], 
 
 
 def _resolved(field: dict[str, Any], schema: dict[str, Any]) -> dict[str, Any]:
-    """The field, or the definition it refers to."""
+    """Return the field, or the definition that it references."""
     return schema["$defs"][field["$ref"].rsplit("/", 1)[1]] if "$ref" in field else field
 
 

@@ -1,21 +1,21 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The product envelope: who made it, when, where, from what, and how far it can be trusted.
+"""Metadata of products: producer, time, frame, inputs and quality.
 
-The same fields travel as the Zenoh attachment, lie in the DPM's rows, in HTTP answers and in logs (contract §5).
+The same fields are used in Zenoh attachments, DPM rows, HTTP responses and logs.
 """
 
 from __future__ import annotations
 
 import uuid
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from typing import Any
 
 import msgpack
 
-from cdff_common.errors import CodecError, InputError
+from cdff_common.errors import CdffError, CodecError, InputError, RefusedError
 from cdff_common.geometry import checked_frame
 from cdff_common.geometry.region import MAX_CORNERS
 
@@ -27,7 +27,7 @@ _QUALITY_FIELDS = frozenset({"status", "reasons", "covariance_kind", "metrics"})
 
 
 class Status(StrEnum):
-    """What a result may be used for."""
+    """Usability of a result."""
 
     OK = "OK"
     DEGRADED = "DEGRADED"
@@ -35,7 +35,7 @@ class Status(StrEnum):
 
 
 class CovarianceKind(StrEnum):
-    """How a covariance was come by."""
+    """Origin of a covariance."""
 
     CALIBRATED = "calibrated"
     FORMAL = "formal"
@@ -44,16 +44,16 @@ class CovarianceKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """How far a result can be trusted.
+    """Quality of a result.
 
     Attributes
     ----------
     status : Status
-        OK, DEGRADED (usable with the reasons in mind) or FAILED (no value).
+        OK, DEGRADED (usable with the restrictions in ``reasons``) or FAILED (no value).
     reasons : tuple of str
-        Short codes, as ``few_inliers:12<30``.
+        Short codes, e.g. ``few_inliers:12<30``.
     covariance_kind : CovarianceKind
-        How the covariance was come by.
+        Origin of the covariance.
     metrics : mapping of str to float
         Counts, residuals, conditioning; units in the names. Never a run time.
     """
@@ -63,8 +63,33 @@ class Quality:
     covariance_kind: CovarianceKind = CovarianceKind.NONE
     metrics: Mapping[str, float] = field(default_factory=dict)
 
+    @classmethod
+    def from_reasons(
+        cls,
+        degraded: Sequence[str],
+        kind: CovarianceKind = CovarianceKind.NONE,
+        metrics: Mapping[str, float] | None = None,
+        *,
+        failed: Sequence[str] = (),
+    ) -> Quality:
+        """Return FAILED or DEGRADED if there are reasons for it, else OK; FAILED has no covariance."""
+        status = Status.FAILED if failed else Status.DEGRADED if degraded else Status.OK
+        return cls(status, (*failed, *degraded), CovarianceKind.NONE if failed else kind, metrics or {})
+
+    @classmethod
+    def failed(cls, *reasons: str, metrics: Mapping[str, float] | None = None) -> Quality:
+        """Return FAILED with its reasons, without repetitions."""
+        return cls(Status.FAILED, tuple(dict.fromkeys(reasons)), metrics=metrics or {})
+
+    @classmethod
+    def from_error(cls, error: CdffError, metrics: Mapping[str, float] | None = None) -> Quality:
+        """Return FAILED with the reasons of a refusal; without any, with the message as reason."""
+        kind = "refused" if isinstance(error, RefusedError) else "bad_input"
+        reasons = getattr(error, "reasons", ()) or (f"{kind}:{error}",)
+        return cls.failed(*reasons, metrics=metrics)
+
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for msgpack and JSON."""
+        """Return the dict form for MessagePack and JSON."""
         return {
             "status": str(self.status),
             "reasons": list(self.reasons),
@@ -74,7 +99,7 @@ class Quality:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Quality:
-        """Inverse of ``to_dict``; raises InputError on a wrong field."""
+        """Return the quality of a dict form; raises InputError on a wrong field."""
         try:
             return cls(
                 status=Status(data["status"]),
@@ -87,13 +112,13 @@ class Quality:
 
 
 def worst(*statuses: Status) -> Status:
-    """The worst of several statuses."""
+    """Return the worst of several statuses."""
     order = [Status.OK, Status.DEGRADED, Status.FAILED]
     return max(statuses, key=order.index, default=Status.OK)
 
 
 def product_id(robot: str, dfpc: str, port: str, t1_ns: int, seq: int, config_hash: str) -> str:
-    """Return the id of contract §5: equal for retries and replays of the same result."""
+    """Return the product id, a UUIDv5: equal for repetitions and replays of the same result."""
     return str(uuid.uuid5(PRODUCT_NAMESPACE, f"{robot}/{dfpc}/{port}/{t1_ns}/{seq}/{config_hash}"))
 
 
@@ -104,30 +129,30 @@ class Header:
     Attributes
     ----------
     id : str
-        UUID; for products as ``product_id`` makes it.
+        UUID; for products that of ``product_id``.
     seq : int
-        Counts the samples of one producer and port from 0.
+        Sequence number of the samples of one producer and port, from 0.
     t0_ns, t1_ns : int
-        Begin and end of capture of what it was made from, mission time, multiples of 1000.
+        Start and end of capture of the source data, mission time, multiples of 1000.
     frame : str
         Frame of the values; for a pose the parent.
     child : str or None
         For a pose the child frame.
     producer : str
-        ``dfpc/implementation/version``, or the sensor's name.
+        ``dfpc/implementation/version``, or the name of the sensor.
     config_hash : str
-        Of the resolved configuration.
+        Hash of the resolved configuration.
     inputs : tuple of str
-        Ids of what it was made from.
+        Ids of the source samples and products.
     quality : Quality
     box_m : tuple of 6 floats or None
-        ``xmin ymin zmin xmax ymax zmax`` in ``frame``, metres: what the store indexes.
+        ``xmin ymin zmin xmax ymax zmax`` in ``frame``, metres, for the spatial index.
     resolution_m : float or None
         Cell or voxel size, metres.
     footprint_m : tuple of float or None
-        ``x1 y1 x2 y2 …`` in ``frame``, metres: corners of the outline of what was covered, not closed.
+        ``x1 y1 x2 y2 …`` in ``frame``, metres: corners of the outline of the covered area, not closed.
     sha256 : str or None
-        Of the payload, where hashing is on.
+        Hash of the payload, if enabled.
     """
 
     id: str
@@ -153,14 +178,12 @@ class Header:
             checked_frame(self.child, "child")
         ring = self.footprint_m
         if ring is not None and (len(ring) % 2 or not 6 <= len(ring) <= 2 * MAX_CORNERS):
-            raise InputError(f"footprint_m of {len(ring)} numbers: expected x, y of 3 to {MAX_CORNERS} corners")
-
-    def with_sha256(self, digest: str) -> Header:
-        """A copy that carries the payload's digest."""
-        return replace(self, sha256=digest)
+            raise InputError(
+                f"footprint_m of {len(ring)} numbers: expected x, y of 3 to {MAX_CORNERS} corners"
+            )
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data in the contract's field names; absent fields left out."""
+        """Return the dict form with the public field names, without absent fields."""
         data: dict[str, Any] = {
             "v": WIRE_VERSION,
             "id": self.id,
@@ -185,7 +208,7 @@ class Header:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Header:
-        """Inverse of ``to_dict``; raises InputError on a wrong field or another wire version."""
+        """Return the header of a dict form; raises InputError on a wrong field or another wire version."""
         if data.get("v") != WIRE_VERSION:
             raise InputError(f"header version {data.get('v')!r}: expected {WIRE_VERSION}")
         try:
@@ -203,7 +226,7 @@ class Header:
                 config_hash=str(data.get("config_hash", "")),
                 inputs=tuple(str(i) for i in data.get("inputs", ())),
                 quality=Quality.from_dict(data["quality"]),
-                box_m=None if box is None else tuple(float(x) for x in box),  # type: ignore[arg-type]  # length checked above
+                box_m=None if box is None else tuple(float(x) for x in box),  # type: ignore[arg-type]
                 resolution_m=None if data.get("resolution_m") is None else float(data["resolution_m"]),
                 sha256=data.get("sha256"),
                 footprint_m=None if ring is None else tuple(float(x) for x in ring),
@@ -212,14 +235,14 @@ class Header:
             raise InputError(f"header: {type(error).__name__} {error}") from error
 
     def to_attachment(self) -> bytes:
-        """MessagePack bytes for the Zenoh attachment."""
+        """Return the MessagePack bytes for the Zenoh attachment."""
         return bytes(msgpack.packb(self.to_dict()))
 
     @classmethod
     def from_attachment(cls, data: bytes, *, strict: bool = False) -> Header:
-        """Inverse of ``to_attachment``; raises CodecError on bytes that are no header.
+        """Return the header of attachment bytes; raises CodecError on malformed bytes.
 
-        With ``strict`` a field that this version does not know is refused (InputError) instead of being lost.
+        With ``strict`` an unknown field is refused (InputError) instead of ignored.
         """
         if len(data) > _MAX_ATTACHMENT_BYTES:
             raise CodecError(f"attachment of {len(data)} bytes: expected at most {_MAX_ATTACHMENT_BYTES}")
@@ -228,7 +251,7 @@ class Header:
         except (ValueError, msgpack.UnpackException, msgpack.ExtraData) as error:
             raise CodecError(f"attachment is not MessagePack: {error}") from error
         if not isinstance(unpacked, dict):
-            raise CodecError(f"attachment holds a {type(unpacked).__name__}, expected a map")
+            raise CodecError(f"attachment contains a {type(unpacked).__name__}, expected a map")
         if strict:
             _check_fields("header", unpacked, _HEADER_FIELDS)
             quality = unpacked.get("quality")
@@ -240,26 +263,28 @@ class Header:
 _HEADER_FIELDS = frozenset({"v", *(f.name for f in fields(Header))})
 
 
-def _check_fields(what: str, given: Mapping[Any, Any], known: frozenset[str]) -> None:
-    unknown = sorted(str(name) for name in given if name not in known)
+def _check_fields(what: str, data: Mapping[Any, Any], known: frozenset[str]) -> None:
+    unknown = sorted(str(name) for name in data if name not in known)
     if unknown:
-        raise InputError(f"{what}: unknown field {unknown[0][:80]!r}, expected some of {', '.join(sorted(known))}")
+        raise InputError(
+            f"{what}: unknown field {unknown[0][:80]!r}, expected some of {', '.join(sorted(known))}"
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Product:
-    """A result of a DFPC with its header.
+    """Result of a DFPC with its header.
 
     Attributes
     ----------
     robot, dfpc, port : str
-        Where it comes from: the parts of its key.
+        Source, i.e. the parts of its key.
     product : str
-        What it is to a requester: ``pose``, ``dem``, … (contract §5).
+        Name in requests: ``pose``, ``dem``, ….
     type_name : str
         ASN.1 type of the value.
     value : Any
-        A ``cdff_common.types`` object; None where the status is FAILED.
+        A ``cdff_common.types`` object; None if the status is FAILED.
     """
 
     robot: str

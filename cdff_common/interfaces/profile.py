@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The mission profile: robots, sensors, frames, limits, DFPCs and processes of one mission (contract §9).
+"""The mission profile: robots, sensors, frames, limits, DFPCs and processes of one mission.
 
-Host values stay out of it: endpoints, keys and folders are process settings (``CDFF_*``).
+It holds no host values: endpoints, keys and folders are process settings (``CDFF_*``).
 """
 
 from __future__ import annotations
@@ -11,33 +11,36 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
 
+from cdff_common.contract.names import FRAME_ID, MAX_FRAME_LENGTH, NAME, RESERVED_SCOPES, ROBOT_ID
+from cdff_common.contract.wiring import WIRING, Wiring, mode_names
 from cdff_common.errors import ConfigurationError
 from cdff_common.geometry import FrameGraph, UncertainTransform, se3
 from cdff_common.geometry.urdf import read_urdf
 from cdff_common.interfaces.dfn import StrictModel, validated
 from cdff_common.interfaces.dfpc import DfpcContext
-from cdff_common.interfaces.merging import MergingConfig
+from cdff_common.interfaces.map_merging import MergingConfig
 from cdff_common.interfaces.registry import Registry
 from cdff_common.interfaces.yaml_file import read_mapping
+from cdff_common.resources import resolve
 
-RobotId = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,31}$")]
-Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
-FrameId = Annotated[str, Field(pattern=r"^[a-z0-9_]+(/[a-z0-9_]+)*$", max_length=128)]
-_SOURCE = r"(sensor|product|dpm)/[a-z0-9_]+/[a-z0-9_]+"
-Wiring = Annotated[str, Field(pattern=rf"^{_SOURCE}(\|{_SOURCE})*$")]
-ModeNames = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}(\|[a-z][a-z0-9_]{0,63})*$")]
+RobotId = Annotated[str, Field(pattern=rf"^{ROBOT_ID}$")]
+Name = Annotated[str, Field(pattern=rf"^{NAME}$")]
+FrameId = Annotated[str, Field(pattern=rf"^{FRAME_ID}$", max_length=MAX_FRAME_LENGTH)]
+WiringText = Annotated[str, Field(pattern=rf"^{WIRING}$")]
+ModeNames = Annotated[str, Field(pattern=rf"^{NAME}(\|{NAME})*$")]
+Count = Annotated[int, Field(ge=1)]
+AngleDeg = Annotated[float, Field(ge=-360, le=360)]
 Vector3 = tuple[float, float, float]
-
-RESERVED_SCOPES = frozenset({"ground", "any"})
 
 
 class FrameEdge(StrictModel):
     """A fixed transform ``T_parent_child``.
 
-    Rotation is given by ``quaternion_xyzw`` or by ``rpy_deg`` (roll, pitch, yaw about x, y, z, applied in that order).
-    ``sigma_m`` and ``sigma_deg`` are one standard deviation per axis; both 0 means known exactly.
+    Rotation is given by ``quaternion_xyzw`` or by ``rpy_deg`` (roll, pitch, yaw about x, y, z, applied in
+    that order). ``sigma_m`` and ``sigma_deg`` are one standard deviation per axis; both 0 means known
+    exactly.
     """
 
     parent: FrameId
@@ -45,8 +48,8 @@ class FrameEdge(StrictModel):
     translation_m: Vector3 = (0.0, 0.0, 0.0)
     quaternion_xyzw: tuple[float, float, float, float] | None = None
     rpy_deg: Vector3 | None = None
-    sigma_m: Annotated[float, Field(ge=0)] = 0.0
-    sigma_deg: Annotated[float, Field(ge=0)] = 0.0
+    sigma_m: NonNegativeFloat = 0.0
+    sigma_deg: NonNegativeFloat = 0.0
 
     @model_validator(mode="after")
     def _one_rotation(self) -> FrameEdge:
@@ -70,43 +73,43 @@ Exposure = Literal["short", "normal", "long", "auto"]
 
 
 class SensorMode(StrictModel):
-    """One state of a sensor that the ICU can set.
+    """A mode of a sensor that the ICU can set.
 
     Attributes
     ----------
     on : bool
-        Whether the sensor streams in it.
+        True if the sensor streams in this mode.
     rate_hz : float or None
-        Samples a second.
+        Samples per second.
     width_px, height_px : int or None
-        Resolution of an image, or points of a sweep and rings.
+        Resolution of an image, or points per ring and number of rings of a lidar scan.
     stereo : bool or None
-        Of a stereo camera: both cameras, or one alone.
+        Stereo camera: true for both cameras, false for one.
     exposure : str or None
-        Class of exposure: short, normal, long or auto.
+        Exposure class: short, normal, long or auto.
     """
 
     on: bool = True
-    rate_hz: Annotated[float, Field(ge=0)] | None = None
-    width_px: Annotated[int, Field(ge=1)] | None = None
-    height_px: Annotated[int, Field(ge=1)] | None = None
+    rate_hz: NonNegativeFloat | None = None
+    width_px: Count | None = None
+    height_px: Count | None = None
     stereo: bool | None = None
     exposure: Exposure | None = None
     doc: str = ""
 
 
 class ModeNeed(StrictModel):
-    """What a DFPC needs of a sensor's mode, where it names none: every mode that streams and meets all of it serves."""
+    """Requirements of a DFPC for the mode of a sensor; any streaming mode that meets all is accepted."""
 
-    min_rate_hz: Annotated[float, Field(ge=0)] = 0.0
-    max_rate_hz: Annotated[float, Field(gt=0)] | None = None
-    min_width_px: Annotated[int, Field(ge=1)] = 1
-    min_height_px: Annotated[int, Field(ge=1)] = 1
+    min_rate_hz: NonNegativeFloat = 0.0
+    max_rate_hz: PositiveFloat | None = None
+    min_width_px: Count = 1
+    min_height_px: Count = 1
     stereo: bool | None = None
     exposure: tuple[Exposure, ...] = ()
 
-    def served_by(self, mode: SensorMode) -> bool:
-        """Whether a mode meets it; what the mode leaves open is not met."""
+    def is_met_by(self, mode: SensorMode) -> bool:
+        """Return True if a mode meets the requirements; an unspecified property does not."""
         return (
             mode.on
             and (self.min_rate_hz == 0.0 or (mode.rate_hz or 0.0) >= self.min_rate_hz)
@@ -119,23 +122,23 @@ class ModeNeed(StrictModel):
 
 
 class Sensor(StrictModel):
-    """A sensor of a robot: what it is, where it sits, what it streams, which modes it has.
+    """A sensor of a robot: kind, frame, streams and modes.
 
     Attributes
     ----------
     streams : mapping
-        A stream's name to the type of its samples.
+        Stream name to the type of its samples.
     modes, initial_mode
-        Its modes, and the one it starts in and goes back to.
+        Modes, and the mode at the start and when the sensor is not used.
     switch_s : float
-        How long a mode change takes, seconds.
+        Duration of a mode change, seconds.
     transitions : mapping of mode to mapping of mode to float
-        Mode -> mode that may follow it -> seconds that takes. A mode named here can only be left so; one that is not
-        may be followed by every mode after ``switch_s``. What has no direct way is reached over modes in between.
+        Mode -> next mode -> seconds. A listed mode has only these transitions; any other can change to every
+        mode in ``switch_s``. Modes without a direct transition are reached through others.
     refuses : tuple of str
-        Modes it does not take now.
+        Modes that the sensor refuses at present.
     range_m : float or None
-        How far it sees, metres; None where that is not known.
+        Range, metres; None if unknown.
     """
 
     kind: Literal["stereo_camera", "camera", "lidar", "imu", "wheels", "other"]
@@ -143,40 +146,46 @@ class Sensor(StrictModel):
     streams: dict[Name, str]
     modes: dict[Name, SensorMode] = {"off": SensorMode(on=False), "nominal": SensorMode()}
     initial_mode: Name = "nominal"
-    switch_s: Annotated[float, Field(ge=0)] = 0.5
-    transitions: dict[Name, dict[Name, Annotated[float, Field(ge=0)]]] = {}
+    switch_s: NonNegativeFloat = 0.5
+    transitions: dict[Name, dict[Name, NonNegativeFloat]] = {}
     refuses: tuple[Name, ...] = ()
-    range_m: Annotated[float, Field(gt=0)] | None = None
+    range_m: PositiveFloat | None = None
     calibration: dict[str, Any] = {}
 
     @model_validator(mode="after")
     def _modes_exist(self) -> Sensor:
         named = [self.initial_mode, *self.refuses, *self.transitions]
-        for mode in (*named, *(to for following in self.transitions.values() for to in following)):
+        for mode in (
+            *named,
+            *(name for targets in self.transitions.values() for name in targets),
+        ):
             if mode not in self.modes:
                 raise ValueError(f"mode {mode!r} is not among modes {sorted(self.modes)}")
         return self
 
-    def following(self, mode: str) -> dict[str, float]:
-        """Modes that may follow one directly, and the seconds that takes."""
+    def transitions_from(self, mode: str) -> dict[str, float]:
+        """Return the direct transitions of a mode with their duration, seconds."""
         if mode in self.transitions:
             return dict(self.transitions[mode])
         return {m: self.switch_s for m in self.modes if m != mode}
 
-    def way(self, start: str, to: str) -> tuple[tuple[str, float], ...] | None:
-        """The quickest way between two modes: those to pass and the seconds each takes; None where there is none."""
-        known: dict[str, tuple[float, tuple[tuple[str, float], ...]]] = {start: (0.0, ())}
+    def mode_path(self, start: str, target: str) -> tuple[tuple[str, float], ...] | None:
+        """Return the fastest path between two modes, as modes and seconds; None if there is none."""
+        best: dict[str, tuple[float, tuple[tuple[str, float], ...]]] = {start: (0.0, ())}
         open_modes = {start}
         while open_modes:
-            mode = min(open_modes, key=lambda m: (known[m][0], m))
-            if mode == to:
-                return known[mode][1]
+            mode = min(open_modes, key=lambda m: (best[m][0], m))
+            if mode == target:
+                return best[mode][1]
             open_modes.discard(mode)
-            spent_s, steps = known[mode]
-            for following, takes_s in self.following(mode).items():
-                if following not in known or spent_s + takes_s < known[following][0]:
-                    known[following] = (spent_s + takes_s, (*steps, (following, takes_s)))
-                    open_modes.add(following)
+            elapsed_s, steps = best[mode]
+            for next_mode, duration_s in self.transitions_from(mode).items():
+                if next_mode not in best or elapsed_s + duration_s < best[next_mode][0]:
+                    best[next_mode] = (
+                        elapsed_s + duration_s,
+                        (*steps, (next_mode, duration_s)),
+                    )
+                    open_modes.add(next_mode)
         return None
 
 
@@ -186,42 +195,43 @@ class DfpcEntry(StrictModel):
     Attributes
     ----------
     inputs : mapping of port to source
-        ``sensor/{sensor}/{stream}`` or ``product/{dfpc}/{port}``, of the same robot, or ``dpm/{robot}/{product}``: what
-        the DPM holds of any robot, as ``dpm/orbiter/dem``, read at activation and again when another is stored.
-        Several, ``|``-separated, are alternatives of which a plan takes one and the first is what is taken without a
-        plan.
+        ``sensor/{sensor}/{stream}`` or ``product/{dfpc}/{port}`` of the same robot, or
+        ``dpm/{robot}/{product}``, a stored product of any robot, such as ``dpm/orbiter/dem``, read at
+        activation and when a new one is stored. Alternatives are ``|``-separated; a plan selects one, the
+        default is the first.
     modes : mapping of sensor to mode
-        Sensor modes it needs while active: a mode, several that serve as well (``nominal|fast``), or what it needs of
-        one (``ModeNeed``).
+        Sensor modes required while active: a mode, alternatives (``nominal|fast``), or requirements
+        (``ModeNeed``).
     warm_up_s : float
-        How long after its activation what it makes may be relied on, seconds: what it feeds is activated then.
+        Time from activation to reliable output, seconds; DFPCs that consume its products are activated then.
     activation : "on_request" or "always"
-        Whether the orchestrator switches it on for requests or keeps it on from the start.
+        Activated by the orchestrator for requests, or active from the start.
     linger_s : float
-        How long it stays on after its last holder let go, seconds.
+        Time for which it stays active after its last request, seconds.
     """
 
     name: Name
     implementation: str | None = None
     parameters: dict[str, Any] = {}
-    inputs: dict[Name, Wiring]
+    inputs: dict[Name, WiringText]
     modes: dict[Name, ModeNames | ModeNeed] = {}
     activation: Literal["on_request", "always"] = "on_request"
-    linger_s: Annotated[float, Field(ge=0)] = 30.0
-    warm_up_s: Annotated[float, Field(ge=0)] = 0.0
+    linger_s: NonNegativeFloat = 30.0
+    warm_up_s: NonNegativeFloat = 0.0
     process: Name | None = None
     seed: int = 0
     queue: Annotated[int, Field(ge=1, le=10_000)] = 64
     reorder_s: Annotated[float, Field(ge=0, le=5)] = 0.05
-    step_timeout_s: Annotated[float, Field(gt=0)] = 10.0
+    step_timeout_s: PositiveFloat = 10.0
 
 
 class Robot(StrictModel):
     """A robot: frames, sensors, limits, DFPCs.
 
-    ``limits`` holds bounds of motion for the DFPCs, and what the orchestrator plans within: ``memory_mb`` and
-    ``cpu_cores`` for all DFPCs together, ``max_speed_m_s`` for where it may be in time. ``urdf`` names the file of its
-    internal joints, beside the profile; once read, it holds the document. Its fixed joints are frames like ``frames``.
+    ``limits`` holds motion limits for the DFPCs and budgets for the orchestrator: ``memory_mb`` and
+    ``cpu_cores`` for all DFPCs together, ``max_speed_m_s`` for the area in reach. ``urdf`` is the file of its
+    joints, relative to the profile; once loaded, it holds the document. Its fixed joints are frames like
+    ``frames``.
     """
 
     id: RobotId
@@ -242,30 +252,35 @@ class Robot(StrictModel):
         for entry in self.dfpcs:
             for sensor, need in entry.modes.items():
                 modes = self.sensors.get(sensor, _NO_SENSOR).modes
-                wrong = [m for m in need.split("|") if m not in modes] if isinstance(need, str) else []
-                if sensor not in self.sensors or wrong or not self.modes_of(entry)[sensor]:
-                    raise ValueError(f"{self.id}.{entry.name} needs mode {sensor}:{need}, which no sensor has")
+                unknown_modes = (
+                    [m for m in mode_names(need) if m not in modes] if isinstance(need, str) else []
+                )
+                if sensor not in self.sensors or unknown_modes or not self.modes_of(entry)[sensor]:
+                    raise ValueError(
+                        f"{self.id}.{entry.name} needs mode {sensor}:{need}, which no sensor has"
+                    )
             for port, wiring in entry.inputs.items():
-                for source in wiring.split("|"):
-                    kind, owner, item = source.split("/")
-                    if kind == "sensor" and item not in self.sensors.get(owner, _NO_SENSOR).streams:
-                        raise ValueError(f"{self.id}.{entry.name}.{port}: no sensor stream {owner}/{item}")
-                    if kind == "product" and owner not in names:
-                        raise ValueError(f"{self.id}.{entry.name}.{port}: no DFPC {owner!r} in this robot")
+                for source in Wiring.parse(wiring).sources:
+                    streams = self.sensors.get(source.owner, _NO_SENSOR).streams
+                    input_name = f"{self.id}.{entry.name}.{port}"
+                    if source.kind == "sensor" and source.item not in streams:
+                        raise ValueError(f"{input_name}: no sensor stream {source.owner}/{source.item}")
+                    if source.kind == "product" and source.owner not in names:
+                        raise ValueError(f"{input_name}: no DFPC {source.owner!r} in this robot")
         return self
 
     def modes_of(self, entry: DfpcEntry) -> dict[str, str]:
-        """Sensors whose mode matters to a DFPC, and the modes that serve it, ``|``-separated."""
+        """Return the sensors with a required mode and the accepted modes, ``|``-separated."""
         return {
             name: need
             if isinstance(need, str)
-            else "|".join(m for m, mode in self.sensors[name].modes.items() if need.served_by(mode))
+            else "|".join(m for m, mode in self.sensors[name].modes.items() if need.is_met_by(mode))
             for name, need in entry.modes.items()
             if name in self.sensors
         }
 
     def dfpc(self, name: str) -> DfpcEntry:
-        """Return the entry of a DFPC; raises ConfigurationError with what is known."""
+        """Return the entry of a DFPC; raises ConfigurationError with the known names."""
         for entry in self.dfpcs:
             if entry.name == name:
                 return entry
@@ -274,7 +289,7 @@ class Robot(StrictModel):
         )
 
     def frame_graph(self) -> FrameGraph:
-        """The robot's fixed frames."""
+        """Return the fixed frames of the robot."""
         graph = FrameGraph()
         for edge in self.frames:
             graph.set_static(edge.parent, edge.child, edge.transform)
@@ -282,11 +297,11 @@ class Robot(StrictModel):
             model = read_urdf(self.urdf)
             for joint in (j for j in model.joints if not j.movable):
                 ends = model.frame(self.id, joint.parent), model.frame(self.id, joint.child)
-                graph.set_static(*ends, UncertainTransform(joint.origin, np.zeros((6, 6))))
+                graph.set_static(*ends, UncertainTransform.exact(joint.origin))
         return graph
 
     def context(self, entry: DfpcEntry) -> DfpcContext:
-        """What the DFPC of an entry is told of where it runs."""
+        """Return the context for the DFPC of an entry."""
         sensors = {name: sensor.model_dump() for name, sensor in self.sensors.items()}
         return DfpcContext(self.id, self.frame_graph(), dict(self.limits), sensors, entry.seed, self.urdf)
 
@@ -295,126 +310,131 @@ _NO_SENSOR = Sensor(kind="other", frame="none", streams={})
 
 
 class SiteAnchor(StrictModel):
-    """Where a site lies on the body.
+    """Location of a site on the body.
 
-    Longitude east positive, latitude as the body's CRS has it, metres above its surface; ``azimuth_deg`` is the bearing
-    of the site's y axis, clockwise from north. ``sigma_m`` and ``sigma_deg`` are one standard deviation per axis.
+    Longitude is east positive, latitude as defined by the CRS of the body, height above its surface in
+    metres; ``azimuth_deg`` is the bearing of the site's y axis, clockwise from north. ``sigma_m`` and
+    ``sigma_deg`` are one standard deviation per axis.
     """
 
-    lon_deg: Annotated[float, Field(ge=-360, le=360)]
+    lon_deg: AngleDeg
     lat_deg: Annotated[float, Field(ge=-90, le=90)]
     height_m: float = 0.0
-    azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
-    sigma_m: Annotated[float, Field(ge=0)] = 0.0
-    sigma_deg: Annotated[float, Field(ge=0)] = 0.0
+    azimuth_deg: AngleDeg = 0.0
+    sigma_m: NonNegativeFloat = 0.0
+    sigma_deg: NonNegativeFloat = 0.0
 
 
 class Body(StrictModel):
-    """The body that the site lies on, and where; without longitude and latitude the site is not anchored.
+    """Body of the mission and location of the site; without longitude and latitude the site is not anchored.
 
     Attributes
     ----------
     name : str
-        Of the IAU's bodies or of our registry (``cdff dpm bodies``), or one of its own with ``crs`` or ``radii_m``.
+        A body of the IAU or of the registry (``cdff dpm bodies``), or a custom one with ``crs`` or
+        ``radii_m``.
     kind : str
-        Of a body of its own: planet, moon, asteroid, comet, …
+        Kind of a custom body: planet, moon, asteroid, comet, …
     crs : str or None
         Geographic CRS in place of the registry's: ``authority:code``, WKT2 or PROJJSON.
     radii_m : tuple of 3 float, or None
-        Semi-axes of a body of its own, metres.
+        Semi-axes of a custom body, metres.
     sites : mapping of frame to SiteAnchor
-        Further sites beside ``site``.
+        Sites in addition to ``site``.
     """
 
     name: Name = "mars"
     kind: str = "planet"
     crs: str | None = None
     radii_m: Vector3 | None = None
-    site_lon_deg: Annotated[float, Field(ge=-360, le=360)] | None = None
+    site_lon_deg: AngleDeg | None = None
     site_lat_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
     site_height_m: float = 0.0
-    site_azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+    site_azimuth_deg: AngleDeg = 0.0
     sites: dict[FrameId, SiteAnchor] = {}
 
     @model_validator(mode="after")
     def _both_or_none(self) -> Body:
         if (self.site_lon_deg is None) != (self.site_lat_deg is None):
-            raise ValueError("site_lon_deg and site_lat_deg go together: give both, or neither")
+            raise ValueError("expected both site_lon_deg and site_lat_deg, or neither")
         if self.site_lon_deg is not None and "site" in self.sites:
             raise ValueError("site is anchored twice: by site_lon_deg and among sites")
         return self
 
     @property
     def anchors(self) -> dict[str, SiteAnchor]:
-        """Every site that is anchored, by frame."""
+        """Anchored sites by frame."""
         if self.site_lon_deg is None or self.site_lat_deg is None:
             return dict(self.sites)
         site = SiteAnchor(
-            lon_deg=self.site_lon_deg, lat_deg=self.site_lat_deg, height_m=self.site_height_m,
+            lon_deg=self.site_lon_deg,
+            lat_deg=self.site_lat_deg,
+            height_m=self.site_height_m,
             azimuth_deg=self.site_azimuth_deg,
-        )  # fmt: skip
+        )
         return {"site": site, **self.sites}
 
 
 class History(StrictModel):
-    """Pre-processed sensor data that the DPM keeps: of which streams, how densely, and for how long.
+    """Archiving of pre-processed sensor data in the DPM: stream, density and duration.
 
     Attributes
     ----------
     robot : str or None
-        None for every robot that has the stream.
+        None selects every robot with the stream.
     sensor, stream : str
-        As in the robot's ``sensors``.
+        Names in ``sensors`` of the robot.
     every_n : int
-        Each n-th sample.
+        Archive each n-th sample.
     every_s : float
-        At least so many seconds of capture time apart.
+        Least time between archived samples, seconds of capture time.
     span_s : float
-        Inertial samples are kept as spans of so many seconds; of other types one by one.
+        Length of the spans in which inertial samples are stored, seconds; other types are stored one by one.
     keep_s : float or None
-        How long, seconds of mission time; None for ever.
+        Duration, seconds of mission time; None: unlimited.
     """
 
     robot: RobotId | None = None
     sensor: Name
     stream: Name
-    every_n: Annotated[int, Field(ge=1)] = 1
-    every_s: Annotated[float, Field(ge=0)] = 0.0
+    every_n: Count = 1
+    every_s: NonNegativeFloat = 0.0
     span_s: Annotated[float, Field(gt=0, le=3600)] = 10.0
-    keep_s: Annotated[float, Field(gt=0)] | None = None
+    keep_s: PositiveFloat | None = None
 
 
 class Retention(StrictModel):
-    """How long products of a type are kept (``*``: of all types together); absent types are kept for ever.
+    """Retention rule for the products of a type (``*``: all types together); types without a rule are kept.
 
-    Age in seconds of mission time; quotas in bytes and in products, of each robot; density, at most ``per_cell``
-    products per cell of ``cell_m`` metres and span of ``span_s`` seconds. ``prefer`` says which ones stay.
+    ``max_age_s`` is in seconds of mission time; the quotas ``max_bytes`` and ``max_count`` hold for each
+    robot; the density is at most ``per_cell`` products per cell of ``cell_m`` metres and span of ``span_s``
+    seconds. ``prefer`` selects the products to keep.
     """
 
     product: str
     robot: RobotId | None = None
     dfpc: Name | None = None
     port: Name | None = None
-    max_age_s: Annotated[float, Field(gt=0)] | None = None
-    max_bytes: Annotated[int, Field(gt=0)] | None = None
-    max_count: Annotated[int, Field(gt=0)] | None = None
-    per_cell: Annotated[int, Field(gt=0)] | None = None
-    cell_m: Annotated[float, Field(gt=0)] | None = None
-    span_s: Annotated[float, Field(gt=0)] | None = None
+    max_age_s: PositiveFloat | None = None
+    max_bytes: PositiveInt | None = None
+    max_count: PositiveInt | None = None
+    per_cell: PositiveInt | None = None
+    cell_m: PositiveFloat | None = None
+    span_s: PositiveFloat | None = None
     prefer: Literal["newest", "best"] = "newest"
 
     @model_validator(mode="after")
     def _density_is_whole(self) -> Retention:
         if (self.per_cell is None) != (self.cell_m is None and self.span_s is None):
-            raise ValueError(f"retention of {self.product}: per_cell goes with cell_m, span_s or both")
+            raise ValueError(f"retention of {self.product}: per_cell and cell_m or span_s require each other")
         return self
 
 
 class Profile(StrictModel):
-    """One mission.
+    """Profile of a mission.
 
-    ``merging`` has the maps that the robots make put where they belong (``services.map_merging``): its parameters, none
-    of them needed. Absent, nobody does.
+    ``merging`` enables the merging of the maps of several robots (``services.map_merging``). All its fields
+    are optional; omit the section to disable merging.
     """
 
     name: Name
@@ -434,19 +454,21 @@ class Profile(StrictModel):
         return self
 
     @model_validator(mode="after")
-    def _history_is_of_streams_that_are_there(self) -> Profile:
+    def _history_streams_exist(self) -> Profile:
         for policy in self.history:
-            of = [r for r in self.robots if policy.robot in (None, r.id)]
-            if not any(policy.stream in r.sensors.get(policy.sensor, _NO_SENSOR).streams for r in of):
+            robots = [r for r in self.robots if policy.robot in (None, r.id)]
+            if not any(policy.stream in r.sensors.get(policy.sensor, _NO_SENSOR).streams for r in robots):
                 raise ValueError(f"history of {policy.sensor}/{policy.stream}: no such stream of its robots")
         return self
 
     def robot(self, robot_id: str) -> Robot:
-        """Return a robot; raises ConfigurationError with what is known."""
+        """Return a robot; raises ConfigurationError with the known ids."""
         for robot in self.robots:
             if robot.id == robot_id:
                 return robot
-        raise ConfigurationError(f"no robot {robot_id!r} in profile {self.name}; it has {', '.join(self.robot_ids)}")
+        raise ConfigurationError(
+            f"no robot {robot_id!r} in profile {self.name}; it has {', '.join(self.robot_ids)}"
+        )
 
     @property
     def robot_ids(self) -> tuple[str, ...]:
@@ -454,7 +476,7 @@ class Profile(StrictModel):
         return tuple(r.id for r in self.robots)
 
     def processes(self) -> dict[str, list[tuple[str, DfpcEntry]]]:
-        """DFPCs by process: ``{robot}_{process or dfpc}`` to ``[(robot, entry), …]``."""
+        """Return the DFPCs of each process: ``{robot}_{process or dfpc}`` to ``[(robot, entry), …]``."""
         groups: dict[str, list[tuple[str, DfpcEntry]]] = {}
         for robot in self.robots:
             for entry in robot.dfpcs:
@@ -462,8 +484,8 @@ class Profile(StrictModel):
         return groups
 
 
-def _with_documents(profile: Profile, path: Path) -> Profile:
-    """The profile with the URDF documents that it names; raises ConfigurationError for one that cannot be read."""
+def _with_urdf(profile: Profile, path: Path) -> Profile:
+    """Return the profile with its URDF documents loaded; raises ConfigurationError."""
     robots = []
     for robot in profile.robots:
         if robot.urdf:
@@ -478,15 +500,15 @@ def _with_documents(profile: Profile, path: Path) -> Profile:
 
 
 def load_profile(path: str | Path) -> Profile:
-    """Read and check a profile, ports and DFPC names included.
+    """Read and validate a profile, including DFPC names and ports.
 
     Raises
     ------
     ConfigurationError
-        Naming the file, the key, the value and what was expected.
+        With the file, the key, the value and the expectation.
     """
-    path = Path(path)
-    profile = _with_documents(validated(Profile, read_mapping(path), f"profile {path}"), path)
+    path = resolve("profiles", path)
+    profile = _with_urdf(validated(Profile, read_mapping(path), f"profile {path}"), path)
     registry = Registry.default()
     for robot in profile.robots:
         for entry in robot.dfpcs:

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Discovery of DFNs and DFPCs: a folder with a description is one; what fails to load is kept with its reason.
+"""Discovery of DFNs and DFPCs: every folder with a description; failures are stored with their reason.
 
-In the tree by ``cdff_core/dfns/*/dfn.yaml`` and ``cdff_core/dfpcs/*/dfpc.yaml``, out of it by packages named in the
-entry points ``cdff.dfns`` and ``cdff.dfpcs``.
+In this repository they are found by ``cdff_core/dfns/*/dfn.yaml`` and ``cdff_core/dfpcs/*/dfpc.yaml``,
+outside by the packages of the entry points ``cdff.dfns`` and ``cdff.dfpcs``.
 """
 
 from __future__ import annotations
@@ -31,102 +31,137 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """A description and the Python package it lies in."""
+class DiscoveredPackage:
+    """Description of a DFN or DFPC and its Python package."""
 
     package: str
     path: Path
     description: Any
 
+    def load(self, module: str, name: str) -> Any:
+        """Return a class of a module of the folder; raises ConfigurationError with file and reason."""
+        try:
+            return getattr(importlib.import_module(f"{self.package}.{self.path.parent.name}.{module}"), name)
+        except Exception as error:
+            raise ConfigurationError(f"{self.path.parent / module}.py: {_reason(error)}") from error
+
 
 @dataclass(slots=True)
 class Registry:
-    """All DFNs and DFPCs that were found, by folder name; ``failures`` maps a folder to why it did not load."""
+    """Discovered DFNs and DFPCs by folder name; ``failures`` maps a folder to the reason of its failure."""
 
-    dfns: dict[str, Found] = field(default_factory=dict)
-    dfpcs: dict[str, Found] = field(default_factory=dict)
+    dfns: dict[str, DiscoveredPackage] = field(default_factory=dict)
+    dfpcs: dict[str, DiscoveredPackage] = field(default_factory=dict)
     aliases: dict[str, str] = field(default_factory=dict)
     failures: dict[str, str] = field(default_factory=dict)
 
     @classmethod
     def default(cls) -> Registry:
-        """The registry of this installation, read once."""
+        """Return the registry of this installation, read once."""
         return _default_registry()
 
     def scan(self, package: str, kind: str) -> None:
-        """Add every folder of ``package`` that holds a ``{kind}.yaml``; ``kind`` is ``dfn`` or ``dfpc``."""
-        spec = importlib.util.find_spec(package)
+        """Add every folder of ``package`` with a ``{kind}.yaml``; ``kind`` is ``dfn`` or ``dfpc``."""
+        try:
+            spec = importlib.util.find_spec(package)
+        except Exception as error:
+            raise ConfigurationError(
+                f"cannot import package {package!r}, searched for {kind.upper()}s: {_reason(error)}"
+            ) from error
         if spec is None or not spec.submodule_search_locations:
-            raise ConfigurationError(f"package {package!r} named for {kind}s is not installed")
+            raise ConfigurationError(f"package {package!r}, searched for {kind.upper()}s, is not installed")
         for path in sorted(Path(spec.submodule_search_locations[0]).glob(f"*/{kind}.yaml")):
             self._add(package, path, kind)
 
     def dfn(self, name: str) -> DfnDescription:
-        """Description of a DFN by folder name, class name or alias; raises ConfigurationError with what is known."""
-        found: DfnDescription = self._find(self.dfns, name, "DFN").description
-        return found
+        """Return the description of a DFN by folder name, class name or alias; raises ConfigurationError."""
+        description: DfnDescription = self._find(self.dfns, name, "DFN").description
+        return description
 
     def dfpc(self, name: str) -> DfpcDescription:
-        """Description of a DFPC by folder name, class name or alias; raises ConfigurationError with what is known."""
-        found: DfpcDescription = self._find(self.dfpcs, name, "DFPC").description
-        return found
+        """Return the description of a DFPC by folder name, class name or alias; raises ConfigurationError."""
+        description: DfpcDescription = self._find(self.dfpcs, name, "DFPC").description
+        return description
 
     def resolve(self, name: str) -> tuple[str, str]:
-        """Return ``("dfn"|"dfpc", folder)`` for a name; a DFPC where it is both."""
+        """Return ``("dfn"|"dfpc", folder)`` for a name; a DFPC has priority."""
         folder = self._folder(self.dfpcs, name)
         if folder in self.dfpcs:
             return "dfpc", folder
         return "dfn", self._find(self.dfns, name, "DFN or DFPC").description.folder
 
     def make_dfn(self, name: str, implementation: str | None = None) -> Dfn[Any, Any, Any]:
-        """Make an unconfigured DFN; raises ConfigurationError if it or its implementation is unknown.
+        """Create an unconfigured DFN; raises ConfigurationError if it or its implementation is unknown.
 
-        Without ``implementation`` it is the first one, or the one that ``name`` is an alias of.
+        Without ``implementation`` it is the one with the alias ``name``, else the first.
         """
-        found = self._find(self.dfns, name, "DFN")
-        description: DfnDescription = found.description
+        package_entry = self._find(self.dfns, name, "DFN")
+        description: DfnDescription = package_entry.description
         default = description.implementation_aliases.get(name, description.implementations[0])
         chosen = description.implementation(implementation or default)
-        module = importlib.import_module(f"{found.package}.{description.folder}.{snake_case(chosen)}")
-        made: Dfn[Any, Any, Any] = getattr(module, chosen)()
-        return made
+        instance: Dfn[Any, Any, Any] = package_entry.load(snake_case(chosen), chosen)()
+        return instance
 
     def make_dfpc(self, name: str) -> Dfpc:
-        """Make an unconfigured DFPC; raises ConfigurationError if it is unknown."""
-        found = self._find(self.dfpcs, name, "DFPC")
-        description: DfpcDescription = found.description
-        module = importlib.import_module(f"{found.package}.{description.folder}.compound")
-        made: Dfpc = getattr(module, description.name)()
-        return made
+        """Create an unconfigured DFPC; raises ConfigurationError if it is unknown."""
+        package_entry = self._find(self.dfpcs, name, "DFPC")
+        instance: Dfpc = package_entry.load("compound", package_entry.description.name)()
+        return instance
 
-    def _folder(self, known: dict[str, Found], name: str) -> str:
-        # A folder's name stands for itself: snake_case of it may be another (X1 lies in x1, and x1 would be x_1).
-        plain = snake_case(name)
-        candidates = (name, self.aliases.get(name, ""), self.aliases.get(plain, ""), plain)
-        return next((folder for folder in candidates if folder in known or folder in self.failures), plain)
+    def load_plugins(self) -> None:
+        """Import every implementation outside ``cdff_core``; one that fails moves to ``failures``."""
+        for packages in (self.dfns, self.dfpcs):
+            for folder, package_entry in list(packages.items()):
+                if package_entry.package.startswith("cdff_core."):
+                    continue
+                names = package_entry.description.implementations
+                try:
+                    for name in names if packages is self.dfns else ():
+                        package_entry.load(snake_case(name), name)
+                    if packages is self.dfpcs:
+                        package_entry.load("compound", package_entry.description.name)
+                except ConfigurationError as error:
+                    self.failures[folder] = str(error)
+                    del packages[folder]
 
-    def _find(self, known: dict[str, Found], name: str, what: str) -> Found:
-        folder = self._folder(known, name)
-        if folder in known:
-            return known[folder]
+    def _folder(self, packages: dict[str, DiscoveredPackage], name: str) -> str:
+        # A folder name has priority, since its snake case may differ (X1 is in x1, and x1 would become x_1).
+        folder_name = snake_case(name)
+        candidates = (name, self.aliases.get(name, ""), self.aliases.get(folder_name, ""), folder_name)
+        return next(
+            (folder for folder in candidates if folder in packages or folder in self.failures), folder_name
+        )
+
+    def _find(self, packages: dict[str, DiscoveredPackage], name: str, what: str) -> DiscoveredPackage:
+        folder = self._folder(packages, name)
+        if folder in packages:
+            return packages[folder]
         if folder in self.failures:
             raise ConfigurationError(f"{what} {name!r} did not load: {self.failures[folder]}")
-        raise ConfigurationError(f"no {what} {name!r}; known are {', '.join(sorted(known)) or 'none'}")
+        raise ConfigurationError(
+            f"no {what} {name!r}; expected one of {', '.join(sorted(packages)) or 'none'}"
+        )
 
     def _add(self, package: str, path: Path, kind: str) -> None:
         folder = path.parent.name
         try:
             description: Any = read_dfn_description(path) if kind == "dfn" else read_dfpc_description(path)
             if description.folder != folder:
-                raise ConfigurationError(f"{path}: name {description.name} belongs in folder {description.folder}")
+                raise ConfigurationError(
+                    f"{path}: name {description.name} belongs in folder {description.folder}"
+                )
             if folder in self.dfns or folder in self.dfpcs:
                 raise ConfigurationError(f"{path}: the name {folder} is taken")
         except CdffError as error:
             self.failures[folder] = str(error)
             return
-        (self.dfns if kind == "dfn" else self.dfpcs)[folder] = Found(package, path, description)
+        (self.dfns if kind == "dfn" else self.dfpcs)[folder] = DiscoveredPackage(package, path, description)
         for alias in (*description.aliases, *getattr(description, "implementation_aliases", ())):
             self.aliases[alias] = folder
+
+
+def _reason(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"
 
 
 @cache

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""YAML as people mean it: only ``true`` and ``false`` are booleans, so that a sensor mode may be called ``off``."""
+"""YAML with the booleans ``true`` and ``false`` only, so that a sensor mode can be named ``off``."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _BOOL_TAG = "tag:yaml.org,2002:bool"
 
 
 class _Loader(yaml.SafeLoader):
-    """The safe loader with the booleans of YAML 1.2 (``yes no on off`` are text)."""
+    """Safe loader with the booleans of YAML 1.2 (``yes no on off`` are text)."""
 
 
 _Loader.yaml_implicit_resolvers = {
@@ -27,17 +27,17 @@ _Loader.add_implicit_resolver(_BOOL_TAG, re.compile(r"(?:true|True|TRUE|false|Fa
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
-    """Read a YAML file that holds one mapping.
+    """Read a YAML file with one mapping.
 
     Raises
     ------
     ConfigurationError
-        If the file cannot be read, is no YAML, or holds something else.
+        If the file cannot be read, is not YAML, or contains something else.
     """
     try:
         data = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)  # a subclass of SafeLoader
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ConfigurationError(f"{path}: {error}") from error
     if not isinstance(data, dict):
-        raise ConfigurationError(f"{path}: holds a {type(data).__name__}, expected a mapping")
+        raise ConfigurationError(f"{path}: contains a {type(data).__name__}, expected a mapping")
     return data

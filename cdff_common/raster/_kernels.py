@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Compiled loops over points and cells; the public functions of the package check their arguments.
 
-Single-threaded: a parallel sum depends on the number of threads, and replay must not.
+Single-threaded: a parallel sum depends on the number of threads, and a replay must be repeatable.
 """
 
 from __future__ import annotations
@@ -13,15 +13,19 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from cdff_common.raster._auxiliary_kernels import first_us_of, pool_auxiliary
+
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Single = NDArray[np.float32]
 Flags = NDArray[np.bool_]
+#: count, mean, m2, minimum, maximum, newest_ns of a window, and the sum of m2 within its patches.
+CellArrays = tuple[Float, Float, Float, Float, Float, Int, Float]
 
 
 @njit(cache=True, nogil=True)
 def finite_bounds(points: Float) -> tuple[int, float, float, float, float]:  # pragma: no cover - compiled
-    """Number of finite rows of ``(n, 3)``, and the least x, least y, greatest x and greatest y of them."""
+    """Return the number of finite rows of ``(n, 3)`` and their xmin, ymin, xmax, ymax."""
     n, xmin, ymin, xmax, ymax = 0, np.inf, np.inf, -np.inf, -np.inf
     for i in range(len(points)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -50,9 +54,8 @@ def accumulate(
 ) -> None:  # pragma: no cover - compiled
     """Fill empty statistics, flat arrays of ``rows * cols`` cells, from points ``(n, 3)``.
 
-    One pass over the points for each statistic: each then works on one array, which stays in the cache where all
-    together would not. The second moment is taken about the cell's mean (two-pass), so that it keeps its digits however
-    far the heights are from zero.
+    One pass over the points per statistic: a single array stays in the cache, all of them do not. The second
+    moment refers to the mean of the cell (two-pass), which avoids cancellation for heights far from zero.
     """
     n, rows = len(points), len(count) // cols
     cell, z = np.empty(n, np.int64), np.empty(n)
@@ -76,39 +79,47 @@ def accumulate(
     for k in range(rows * cols):
         if count[k] > 0.0:
             mean[k] = first + mean[k] / count[k]
-    one = len(variances) == 1
+    is_common = len(variances) == 1
     for i in range(n):
         if cell[i] >= 0:
             d = z[i] - mean[cell[i]]
-            m2[cell[i]] += d * d + (variances[0] if one else variances[i])
+            m2[cell[i]] += d * d + (variances[0] if is_common else variances[i])
     for i in range(n):
         if cell[i] >= 0 and z[i] < minimum[cell[i]]:
             minimum[cell[i]] = z[i]
     for i in range(n):
         if cell[i] >= 0 and z[i] > maximum[cell[i]]:
             maximum[cell[i]] = z[i]
-    one = len(stamps) == 1
+    is_common = len(stamps) == 1
     for i in range(n):
         if cell[i] >= 0:
-            stamp = stamps[0] if one else stamps[i]
+            stamp = stamps[0] if is_common else stamps[i]
             if stamp > newest[cell[i]]:
                 newest[cell[i]] = stamp
 
 
 @njit(cache=True, nogil=True, inline="always")
 def _pool(
-    row: int, col: int, n: float, z: float, m2: float, low: float, high: float, stamp: int,
-    count: Float, mean: Float, total: Float, minimum: Float, maximum: Float, newest: Int, within: Float,
-) -> None:  # pragma: no cover - compiled  # fmt: skip
-    """Chan's update of one cell by another."""
-    before = count[row, col]
-    after = before + n
+    row: int,
+    col: int,
+    n: float,
+    z: float,
+    m2: float,
+    low: float,
+    high: float,
+    stamp: int,
+    cells: CellArrays,
+) -> None:  # pragma: no cover - compiled
+    """Pool the statistics of ``n`` heights into a cell (Chan et al., see ``statistics``)."""
+    count, mean, total, minimum, maximum, newest, within = cells
+    count_before = count[row, col]
+    count_after = count_before + n
     d = z - mean[row, col]
-    share = n / after
-    total[row, col] += m2 + d * d * before * share
+    share = n / count_after
+    total[row, col] += m2 + d * d * count_before * share
     within[row, col] += m2
     mean[row, col] += d * share
-    count[row, col] = after
+    count[row, col] = count_after
     minimum[row, col] = min(minimum[row, col], low)
     maximum[row, col] = max(maximum[row, col], high)
     newest[row, col] = max(newest[row, col], stamp)
@@ -116,68 +127,103 @@ def _pool(
 
 @njit(cache=True, nogil=True)
 def pool_layers(
-    layers: tuple[Single, ...], t1: int, factor: int, down: int, right: int,
-    count: Float, mean: Float, m2: Float, minimum: Float, maximum: Float, newest: Int, within: Float,
-) -> None:  # pragma: no cover - compiled  # fmt: skip
-    """Pool a patch's layers ``(rows, cols)`` mean, variance, min, max, count, age_s into a window's statistics.
+    layers: tuple[Single, ...],
+    t1: int,
+    factor: int,
+    down: int,
+    right: int,
+    cells: CellArrays,
+    sums: Float,
+) -> None:  # pragma: no cover - compiled
+    """Pool a patch's layers ``(rows, cols)`` mean, variance, min, max, count, age_s and the auxiliary
+    pose_variance, intensity, first_age_s, overhang_m into a window.
 
-    ``factor`` cells of the patch make one of the window along an edge; cell (0, 0) of the patch lies ``down`` and
-    ``right`` of the window's corner, in cells of the patch. What lies outside the window is left out.
+    A cell of the window has ``factor`` cells of the patch along an edge; cell (0, 0) of the patch lies
+    ``down`` and ``right`` of the window's corner, in cells of the patch. Cells outside the window are
+    ignored. Without auxiliary layers ``sums`` (``AuxiliaryLayers.sums``) and these layers are empty.
     """
-    means, variances, lows, highs, counts, ages = layers
+    means, variances, lows, highs, counts, ages, poses, intensities, first_ages, overhangs = layers
     rows, cols = means.shape
-    for r in range(max(0, -down), min(rows, count.shape[0] * factor - down)):
+    window_rows, window_cols = cells[0].shape
+    for r in range(max(0, -down), min(rows, window_rows * factor - down)):
         row = (r + down) // factor
-        for c in range(max(0, -right), min(cols, count.shape[1] * factor - right)):
+        for c in range(max(0, -right), min(cols, window_cols * factor - right)):
             n, z = np.float64(counts[r, c]), np.float64(means[r, c])
             if not (n > 0.0 and math.isfinite(z)):
                 continue
             age = np.float64(ages[r, c])
             stamp = t1 - math.floor(age * 1e9 + 0.5) if math.isfinite(age) else t1
-            _pool(
-                row, (c + right) // factor, n, z, n * np.float64(variances[r, c]), np.float64(lows[r, c]),
-                np.float64(highs[r, c]), stamp, count, mean, m2, minimum, maximum, newest, within,
-            )  # fmt: skip
+            col, m2 = (c + right) // factor, n * np.float64(variances[r, c])
+            _pool(row, col, n, z, m2, np.float64(lows[r, c]), np.float64(highs[r, c]), stamp, cells)
+            if len(sums):
+                first_us = first_us_of(t1, np.float64(first_ages[r, c]))
+                pose, overhang = np.float64(poses[r, c]), np.float64(overhangs[r, c])
+                pool_auxiliary(sums, row, col, n, pose, np.float64(intensities[r, c]), first_us, overhang)
 
 
 @njit(cache=True, nogil=True, inline="always")
-def landing(
-    part: int, col: int, row: int, z: float, fine: float, T: Float, covariance: Float, coarse: float,
-    left: int, top: int,
-) -> tuple[int, int, float, float]:  # pragma: no cover - compiled  # fmt: skip
-    """Where a quarter of a patch's cell falls: row and column of the window, height, and the variance that ``T`` adds.
+def target_cell(
+    quarter: int,
+    col: int,
+    row: int,
+    z: float,
+    fine: float,
+    T: Float,
+    covariance: Float,
+    coarse: float,
+    left: int,
+    top: int,
+) -> tuple[int, int, float, float]:  # pragma: no cover - compiled
+    """Return row and column of the window's cell at a quarter of a patch's cell, the height of the quarter,
+    and the variance that ``T`` adds.
 
-    ``col`` and ``row`` count the patch's cells from its frame's origin, right and up to the cell's upper edge.
+    ``col`` and ``row`` count the patch's cells from the origin of its frame, to the right and up to the upper
+    edge of the cell.
     """
-    x = (col + 0.25 + 0.5 * (part % 2)) * fine
-    y = (row - 0.25 - 0.5 * (part // 2)) * fine
+    x = (col + 0.25 + 0.5 * (quarter % 2)) * fine
+    y = (row - 0.25 - 0.5 * (quarter // 2)) * fine
     rx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z
     ry = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z
-    # A turn (wx, wy, wz) of the frame lifts the point by wx ry - wy rx.
-    spread = (
-        covariance[2, 2] + ry * ry * covariance[3, 3] + rx * rx * covariance[4, 4]
+    # A rotation error (wx, wy, wz) of the frame raises the point by wx ry - wy rx.
+    variance = (
+        covariance[2, 2]
+        + ry * ry * covariance[3, 3]
+        + rx * rx * covariance[4, 4]
         + 2.0 * (ry * covariance[2, 3] - rx * covariance[2, 4] - rx * ry * covariance[3, 4])
-    )  # fmt: skip
+    )
     return (
-        top - 1 - math.floor((ry + T[1, 3]) / coarse), math.floor((rx + T[0, 3]) / coarse) - left,
-        T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3], max(spread, 0.0),
-    )  # fmt: skip
+        top - 1 - math.floor((ry + T[1, 3]) / coarse),
+        math.floor((rx + T[0, 3]) / coarse) - left,
+        T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3],
+        max(variance, 0.0),
+    )
 
 
 @njit(cache=True, nogil=True)
-def pool_moved(
-    layers: tuple[Single, ...], t1: int, fine: float, left: int, top: int, T: Float, covariance: Float,
-    coarse: float, window_left: int, window_top: int,
-    count: Float, mean: Float, m2: Float, minimum: Float, maximum: Float, newest: Int, within: Float,
-) -> None:  # pragma: no cover - compiled  # fmt: skip
-    """As ``pool_layers`` for a patch in another frame, or of cells that do not fit the window's.
+def pool_resampled(
+    layers: tuple[Single, ...],
+    t1: int,
+    fine: float,
+    left: int,
+    top: int,
+    T: Float,
+    covariance: Float,
+    coarse: float,
+    window_left: int,
+    window_top: int,
+    cells: CellArrays,
+    sums: Float,
+) -> None:  # pragma: no cover - compiled
+    """Pool a patch in another frame, or with cells that do not fit those of the window, as ``pool_layers``.
 
-    Each cell is cut into 2 x 2 parts with a quarter of its heights each; a part falls whole into the cell of the window
-    that its centre is carried into by ``T``. Parts of cells no larger than the window's leave no holes: the centres are
-    at most 0.36 of a cell from any point, less than half a cell. ``covariance`` (6, 6), of ``T`` and in the window's
-    frame, adds to the variance of each height.
+    Each cell is divided into 2 x 2 parts with a quarter of its heights each; a part is added to the cell of
+    the window that contains its centre, transformed by ``T``. Cells no larger than the window's leave no
+    holes: the centres are at most 0.36 of a cell from any point, less than half a cell. ``covariance`` (6,
+    6) of ``T``, in the window's frame, adds to the variance of each height, and to that of the poses: it is
+    an error common to all heights too.
     """
-    means, variances, lows, highs, counts, ages = layers
+    means, variances, lows, highs, counts, ages, poses, intensities, first_ages, overhangs = layers
+    rows, cols = cells[0].shape
     for r in range(means.shape[0]):
         for c in range(means.shape[1]):
             n, z = np.float64(counts[r, c]), np.float64(means[r, c])
@@ -185,18 +231,25 @@ def pool_moved(
                 continue
             age = np.float64(ages[r, c])
             stamp = t1 - math.floor(age * 1e9 + 0.5) if math.isfinite(age) else t1
-            steep = T[2, 2]
-            variance = np.float64(variances[r, c]) * steep * steep
-            low, high = (np.float64(lows[r, c]) - z) * steep, (np.float64(highs[r, c]) - z) * steep
-            for part in range(4):
-                row, col, height, spread = landing(
-                    part, left + c, top - r, z, fine, T, covariance, coarse, window_left, window_top
+            vertical_scale = T[2, 2]
+            variance = np.float64(variances[r, c]) * vertical_scale * vertical_scale
+            low, high = (
+                (np.float64(lows[r, c]) - z) * vertical_scale,
+                (np.float64(highs[r, c]) - z) * vertical_scale,
+            )
+            for quarter in range(4):
+                row, col, height, pose_variance = target_cell(
+                    quarter, left + c, top - r, z, fine, T, covariance, coarse, window_left, window_top
                 )
-                if 0 <= row < count.shape[0] and 0 <= col < count.shape[1]:
-                    _pool(
-                        row, col, 0.25 * n, height, 0.25 * n * (variance + spread), height + low, height + high,
-                        stamp, count, mean, m2, minimum, maximum, newest, within,
-                    )  # fmt: skip
+                if 0 <= row < rows and 0 <= col < cols:
+                    m2 = 0.25 * n * (variance + pose_variance)
+                    _pool(row, col, 0.25 * n, height, m2, height + low, height + high, stamp, cells)
+                    if len(sums):
+                        first_us = first_us_of(t1, np.float64(first_ages[r, c]))
+                        pose = np.float64(poses[r, c]) * vertical_scale * vertical_scale + pose_variance
+                        overhang = height + (np.float64(overhangs[r, c]) - z) * vertical_scale
+                        intensity = np.float64(intensities[r, c])
+                        pool_auxiliary(sums, row, col, 0.25 * n, pose, intensity, first_us, overhang)
 
 
 @njit(cache=True, nogil=True)
@@ -215,31 +268,43 @@ def fill_layers(
 
 
 @njit(cache=True, nogil=True)
-def disagreeing(
-    count: Float, m2: Float, within: Float, sigmas: float, agreed: float, out: Flags
+def flag_disagreement(
+    count: Float, m2: Float, within: Float, sigmas: float, agreed_m: float, out: Flags
 ) -> int:  # pragma: no cover - compiled
-    """Flag flat cells whose spread between patches exceeds ``sigmas`` spreads within them, and ``agreed`` metres."""
-    found = 0
+    """Flag cells whose standard deviation between patches exceeds ``agreed_m`` and ``sigmas`` times that
+    within.
+    """
+    flagged = 0
     for i in range(len(count)):
         between = m2[i] - within[i]
-        if between > sigmas * sigmas * within[i] + agreed * agreed * count[i] and count[i] > 0.0:
+        if between > sigmas * sigmas * within[i] + agreed_m * agreed_m * count[i] and count[i] > 0.0:
             out[i] = True
-            found += 1
-    return found
+            flagged += 1
+    return flagged
 
 
 @njit(cache=True, nogil=True)
 def pool_blocks(
-    cells: tuple[Float, ...], stamps: Int, factor: int, down: int, right: int,
-    count: Float, mean: Float, m2: Float, minimum: Float, maximum: Float, newest: Int, within: Float,
-) -> None:  # pragma: no cover - compiled  # fmt: skip
-    """Pool statistics count, mean, m2, minimum, maximum ``(rows, cols)`` into coarser ones; see ``pool_layers``."""
-    counts, means, squares, lows, highs = cells
+    source: tuple[Float, Float, Float, Float, Float, Int],
+    factor: int,
+    down: int,
+    right: int,
+    cells: CellArrays,
+) -> None:  # pragma: no cover - compiled
+    """Pool statistics ``(rows, cols)`` into coarser ones; see ``pool_layers``."""
+    counts, means, squares, lows, highs, stamps = source
     rows, cols = counts.shape
     for r in range(rows):
         for c in range(cols):
             if counts[r, c] > 0.0:
                 _pool(
-                    (r + down) // factor, (c + right) // factor, counts[r, c], means[r, c], squares[r, c], lows[r, c],
-                    highs[r, c], stamps[r, c], count, mean, m2, minimum, maximum, newest, within,
-                )  # fmt: skip
+                    (r + down) // factor,
+                    (c + right) // factor,
+                    counts[r, c],
+                    means[r, c],
+                    squares[r, c],
+                    lows[r, c],
+                    highs[r, c],
+                    stamps[r, c],
+                    cells,
+                )

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Areas of a navigation map as polygons that err to the safe side when they are made simpler."""
+"""Areas of a navigation map as polygons, simplified conservatively."""
 
 from __future__ import annotations
 
@@ -16,46 +16,48 @@ from cdff_common.types.ground_areas_ext import AreaKind
 if TYPE_CHECKING:
     from cdff_common.types import GroundAreas, NavigationMap
 
-#: The classes that say something.
+#: Known classes.
 CLASSES = (AreaKind.SAFE, AreaKind.CAUTION, AreaKind.HAZARD)
-#: Kinds that join classes, and the classes; any other kind is a class itself.
-_JOINED = {AreaKind.PASSABLE: (1, 2), AreaKind.BLOCKED: (0, 3)}
-#: Kinds that a tolerance makes smaller.
+#: Kinds that combine classes, and these classes; any other kind is a class itself.
+_CLASSES_OF_KIND = {AreaKind.PASSABLE: (1, 2), AreaKind.BLOCKED: (0, 3)}
+#: Kinds that are shrunk by a tolerance.
 _SHRINKING = (AreaKind.SAFE, AreaKind.PASSABLE)
 
 
-def outlined(value: NavigationMap, kinds: Sequence[AreaKind], tolerance_m: float = 0.0) -> GroundAreas:
-    """Areas of the kinds, along the edges of their cells, or fewer corners within a tolerance of those.
+def area_outlines(value: NavigationMap, kinds: Sequence[AreaKind], tolerance_m: float = 0.0) -> GroundAreas:
+    """Return the areas of the kinds, along the edges of their cells, or simplified within a tolerance.
 
-    Cells that touch at a corner only are apart.
+    Cells with only a common corner are not connected.
 
     Parameters
     ----------
     value : NavigationMap
-        Of its layers ``class`` is looked at.
+        Map with a layer ``class``.
     kinds : sequence of AreaKind
     tolerance_m : float, default 0
-        How far an outline may move: what is safe or passable only shrinks, everything else only grows.
+        Largest displacement of an outline: safe and passable areas only shrink, all others only grow.
 
     Returns
     -------
     GroundAreas
-        In the map's frame and of its time.
+        Areas in the frame and with the time of the map.
     """
     import shapely
 
     from cdff_common.types import GroundAreas
 
-    found = [(_polygons(value, kind, tolerance_m), kind) for kind in kinds]
-    polygons = np.concatenate([part for part, _ in found]) if found else np.zeros(0, object)
+    polygons_of_kinds = [(_polygons(value, kind, tolerance_m), kind) for kind in kinds]
+    polygons = (
+        np.concatenate([part for part, _ in polygons_of_kinds]) if polygons_of_kinds else np.zeros(0, object)
+    )
     rings, area = shapely.get_rings(polygons, return_index=True)
     corners, ring = shapely.get_coordinates(rings, return_index=True)
-    first_again = np.flatnonzero(np.diff(ring, append=len(rings)))
+    closing_corners = np.flatnonzero(np.diff(ring, append=len(rings)))
     return GroundAreas.from_rings(
-        np.repeat([kind for _, kind in found], [len(part) for part, _ in found]),
+        np.repeat([kind for _, kind in polygons_of_kinds], [len(part) for part, _ in polygons_of_kinds]),
         np.bincount(area, minlength=len(polygons)),
         np.bincount(ring, minlength=len(rings)) - 1,
-        np.delete(corners, first_again, axis=0),
+        np.delete(corners, closing_corners, axis=0),
         frame=value.frame,
         t0_ns=value.t0_ns,
         t1_ns=value.t1_ns,
@@ -65,22 +67,23 @@ def outlined(value: NavigationMap, kinds: Sequence[AreaKind], tolerance_m: float
 
 
 def _polygons(value: NavigationMap, kind: AreaKind, tolerance_m: float) -> NDArray[Any]:
-    """Polygons of a kind, outer rings counter-clockwise, holes clockwise."""
+    """Return the polygons of a kind, outer rings counter-clockwise, holes clockwise."""
     import rasterio
     import shapely
     from rasterio.features import shapes
 
-    inside = np.isin(value.layer(CLASS), _JOINED.get(kind, (int(kind),))).astype(np.uint8)
+    inside = np.isin(value.layer(CLASS), _CLASSES_OF_KIND.get(kind, (int(kind),))).astype(np.uint8)
     g = value.geometry
-    placed = rasterio.Affine(g.resolution_m, 0.0, g.xmin_m, 0.0, -g.resolution_m, g.ymax_m)
-    found: Any = [
-        shapely.geometry.shape(s) for s, _ in shapes(inside, mask=inside > 0, connectivity=4, transform=placed)
+    cell_to_metres = rasterio.Affine(g.resolution_m, 0.0, g.xmin_m, 0.0, -g.resolution_m, g.ymax_m)
+    polygons: Any = [
+        shapely.geometry.shape(s)
+        for s, _ in shapes(inside, mask=inside > 0, connectivity=4, transform=cell_to_metres)
     ]
     if tolerance_m > 0.0:
-        # Half of the tolerance to the safe side, then no more than half of it back.
+        # Half of the tolerance to the safe side, then at most half of it back.
         half_m = 0.5 * tolerance_m
-        moved = shapely.buffer(found, -half_m if kind in _SHRINKING else half_m, join_style="mitre")
-        simpler = shapely.simplify(shapely.get_parts(shapely.union_all(moved)), half_m)
-        found = [part for part in simpler if not part.is_empty]
-    oriented: NDArray[Any] = shapely.orient_polygons(np.array(found, dtype=object))
+        buffered = shapely.buffer(polygons, -half_m if kind in _SHRINKING else half_m, join_style="mitre")
+        simplified = shapely.simplify(shapely.get_parts(shapely.union_all(buffered)), half_m)
+        polygons = [part for part in simplified if not part.is_empty]
+    oriented: NDArray[Any] = shapely.orient_polygons(np.array(polygons, dtype=object))
     return oriented

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where the cells of a grid lie: row 0 at the top (ymax), edges on multiples of the cell size from the frame's origin.
+"""Geometry of a grid: row 0 at the top (ymax), edges at multiples of the cell size from the frame's origin.
 
-A cell has an integer address in its frame, ``floor(x / resolution)`` and ``floor(y / resolution)``. Two grids of one
-frame and resolution therefore share their cells exactly, wherever their windows lie, and pool without resampling.
+A cell has an integer address in its frame, ``floor(x / resolution)`` and ``floor(y / resolution)``. Two grids
+of one frame and resolution therefore share their cells exactly, for any windows, and pool without resampling.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from numpy.typing import ArrayLike, NDArray
 from cdff_common.errors import InputError
 from cdff_common.geometry import checked_frame
 
-#: How far, in cells, an edge may lie off a multiple of the cell size and still count as on it.
+#: Largest deviation of an edge from a multiple of the cell size, in cells.
 ALIGNMENT_TOLERANCE_CELLS = 1e-4
-#: Grids above this many cells are refused: a region was mistyped, or the cell size.
+#: Largest number of cells; larger grids indicate a mistyped region or cell size.
 MAX_CELLS = 1 << 30
 
 
 class Bounds(NamedTuple):
-    """A rectangle in a frame, metres."""
+    """Rectangle in a frame, metres."""
 
     xmin: float
     ymin: float
@@ -44,15 +44,15 @@ class GridGeometry:
     resolution_m : float
         Edge of a cell, metres, above 0.
     xmin_m, ymax_m : float
-        Outer corner of cell (0, 0): the left edge of column 0 and the top edge of row 0, metres; both multiples of
-        ``resolution_m`` (stored snapped to them).
+        Outer corner of cell (0, 0): the left edge of column 0 and the top edge of row 0, metres; both
+        multiples of ``resolution_m`` (stored snapped to them).
     rows, cols : int
-        Size, at least 1 each. y falls with the row, x grows with the column.
+        Size, at least 1 each. y decreases with the row, x increases with the column.
 
     Raises
     ------
     InputError
-        On a value out of range or an edge that is no multiple of the cell size.
+        If a value is out of range or an edge is not a multiple of the cell size.
     """
 
     frame: str
@@ -69,7 +69,9 @@ class GridGeometry:
             raise InputError(f"resolution_m={self.resolution_m}: expected metres above 0")
         rows, cols = int(self.rows), int(self.cols)
         if rows < 1 or cols < 1 or rows * cols > MAX_CELLS:
-            raise InputError(f"grid of {rows} x {cols} cells: expected at least 1 x 1 and at most {MAX_CELLS} cells")
+            raise InputError(
+                f"grid of {rows} x {cols} cells: expected at least 1 x 1 and at most {MAX_CELLS} cells"
+            )
         object.__setattr__(self, "resolution_m", resolution)
         object.__setattr__(self, "rows", rows)
         object.__setattr__(self, "cols", cols)
@@ -77,7 +79,9 @@ class GridGeometry:
         object.__setattr__(self, "ymax_m", _snapped(float(self.ymax_m), resolution, "ymax_m"))
 
     @classmethod
-    def aligned(cls, frame: str, resolution_m: float, bounds: tuple[float, float, float, float]) -> GridGeometry:
+    def aligned(
+        cls, frame: str, resolution_m: float, bounds: tuple[float, float, float, float]
+    ) -> GridGeometry:
         """Return the smallest grid that covers ``bounds`` = (xmin, ymin, xmax, ymax), metres.
 
         Raises
@@ -97,12 +101,16 @@ class GridGeometry:
         return cls.from_cells(frame, resolution_m, left=left, top=top, rows=top - bottom, cols=right - left)
 
     @classmethod
-    def from_cells(cls, frame: str, resolution_m: float, *, left: int, top: int, rows: int, cols: int) -> GridGeometry:
+    def from_cells(
+        cls, frame: str, resolution_m: float, *, left: int, top: int, rows: int, cols: int
+    ) -> GridGeometry:
         """Return a grid from integer edge addresses, in cells from the frame's origin."""
         return cls(frame, resolution_m, left * resolution_m, top * resolution_m, rows, cols)
 
     @classmethod
-    def around(cls, frame: str, resolution_m: float, points_m: ArrayLike, max_cells: int = MAX_CELLS) -> GridGeometry:
+    def around(
+        cls, frame: str, resolution_m: float, points_m: ArrayLike, max_cells: int = MAX_CELLS
+    ) -> GridGeometry:
         """Return the smallest grid whose cells hold all finite points ``(n, 3)``, metres.
 
         Raises
@@ -117,20 +125,21 @@ class GridGeometry:
             raise InputError(f"points_m: shape {points.shape}, expected (n, 3)")
         count, xmin, ymin, xmax, ymax = finite_bounds(points)
         if not count:
-            raise InputError(f"{len(points)} points: none is finite, so there is no grid around them")
+            raise InputError(f"{len(points)} points: expected at least one finite point")
         if ((xmax - xmin) / resolution_m + 1.0) * ((ymax - ymin) / resolution_m + 1.0) > max_cells:
             raise InputError(
-                f"points from ({xmin:.3f}, {ymin:.3f}) to ({xmax:.3f}, {ymax:.3f}) m in cells of {resolution_m} m: "
-                f"expected at most {max_cells} cells; remove outliers or take larger cells"
+                f"points from ({xmin:.3f}, {ymin:.3f}) to ({xmax:.3f}, {ymax:.3f}) m in cells of "
+                f"{resolution_m} m: "
+                f"expected at most {max_cells} cells; remove outliers or use larger cells"
             )
-        # A point on the upper bound belongs to the cell above it, so the bounds themselves would not do.
+        # A point on the upper bound belongs to the cell above it, so the bounds themselves are insufficient.
         left, bottom = floor(xmin / resolution_m), floor(ymin / resolution_m)
         right, top = floor(xmax / resolution_m) + 1, floor(ymax / resolution_m) + 1
         return cls.from_cells(frame, resolution_m, left=left, top=top, rows=top - bottom, cols=right - left)
 
     @property
     def shape(self) -> tuple[int, int]:
-        """``(rows, cols)``, as of the layers' arrays."""
+        """Shape ``(rows, cols)`` of the layers."""
         return self.rows, self.cols
 
     @property
@@ -159,22 +168,22 @@ class GridGeometry:
         return Bounds(self.xmin_m, self.ymin_m, self.xmax_m, self.ymax_m)
 
     def x_centres_m(self) -> NDArray[np.float64]:
-        """X of the columns' centres ``(cols,)``, metres."""
+        """Return x of the column centres ``(cols,)``, metres, ascending."""
         return np.asarray((self.left + np.arange(self.cols) + 0.5) * self.resolution_m, dtype=np.float64)
 
     def y_centres_m(self) -> NDArray[np.float64]:
-        """Y of the rows' centres ``(rows,)``, metres, falling."""
+        """Return y of the row centres ``(rows,)``, metres, descending."""
         return np.asarray((self.top - np.arange(self.rows) - 0.5) * self.resolution_m, dtype=np.float64)
 
     def centres_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """X and y ``(rows, cols)`` of all cell centres, metres."""
+        """Return x and y ``(rows, cols)`` of all cell centres, metres."""
         x, y = np.meshgrid(self.x_centres_m(), self.y_centres_m())
         return x, y
 
     def cells_of(
         self, x_m: ArrayLike, y_m: ArrayLike
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
-        """Rows and columns of points, and which of them lie inside the window.
+        """Return the rows and columns of points, and whether they are inside the window.
 
         Parameters
         ----------
@@ -184,7 +193,7 @@ class GridGeometry:
         Returns
         -------
         rows, cols : NDArray[np.int64], shape (n,)
-            Meaningful where ``inside``; 0 elsewhere.
+            Valid where ``inside``; 0 elsewhere.
         inside : NDArray[np.bool_], shape (n,)
             False also for coordinates that are not finite.
         """
@@ -195,13 +204,13 @@ class GridGeometry:
         return np.where(inside, row, 0).astype(np.int64), np.where(inside, col, 0).astype(np.int64), inside
 
     def shares_cells_with(self, other: GridGeometry) -> bool:
-        """Tell whether both grids have one frame and one cell size."""
+        """Return whether both grids have the same frame and cell size."""
         return self.frame == other.frame and bool(
             abs(self.resolution_m - other.resolution_m) <= 1e-9 * self.resolution_m
         )
 
     def union(self, other: GridGeometry) -> GridGeometry:
-        """Smallest grid that covers both; raises InputError if they do not share cells."""
+        """Return the smallest grid that covers both; raises InputError if they do not share cells."""
         self._check_shares(other)
         left, top = min(self.left, other.left), max(self.top, other.top)
         right = max(self.left + self.cols, other.left + other.cols)
@@ -209,25 +218,29 @@ class GridGeometry:
         return self._window(left, top, right, bottom)
 
     def intersection(self, other: GridGeometry) -> GridGeometry | None:
-        """The grid both cover, None where they do not meet; raises InputError if they do not share cells."""
+        """Return the common grid, or None if they do not overlap; raises InputError if they do not share
+        cells.
+        """
         self._check_shares(other)
         left, top = max(self.left, other.left), min(self.top, other.top)
         right = min(self.left + self.cols, other.left + other.cols)
         bottom = max(self.top - self.rows, other.top - other.rows)
         return self._window(left, top, right, bottom) if right > left and top > bottom else None
 
-    def slices_of(self, part: GridGeometry) -> tuple[slice, slice]:
-        """Row and column slices of this grid's arrays that ``part`` occupies; raises InputError if it sticks out."""
-        self._check_shares(part)
-        row, col = self.top - part.top, part.left - self.left
-        if row < 0 or col < 0 or row + part.rows > self.rows or col + part.cols > self.cols:
-            raise InputError(f"window {part.bounds} sticks out of the grid {self.bounds}")
-        return slice(row, row + part.rows), slice(col, col + part.cols)
+    def slices_of(self, window: GridGeometry) -> tuple[slice, slice]:
+        """Return the row and column slices of ``window`` in this grid; raises InputError if it is not
+        inside.
+        """
+        self._check_shares(window)
+        row, col = self.top - window.top, window.left - self.left
+        if row < 0 or col < 0 or row + window.rows > self.rows or col + window.cols > self.cols:
+            raise InputError(f"window {window.bounds} extends beyond the grid {self.bounds}")
+        return slice(row, row + window.rows), slice(col, col + window.cols)
 
     def coarsened(self, factor: int) -> GridGeometry:
-        """Smallest grid of cells ``factor`` times as large that covers this one; its edges are aligned again."""
+        """Return the smallest aligned grid of cells ``factor`` times as large that covers this one."""
         if factor < 1:
-            raise InputError(f"factor={factor}: expected 1 or more; cells are never made smaller")
+            raise InputError(f"factor={factor}: expected 1 or more; cells are not refined")
         left, right = floor(self.left / factor), ceil((self.left + self.cols) / factor)
         bottom, top = floor((self.top - self.rows) / factor), ceil(self.top / factor)
         return GridGeometry.from_cells(
@@ -242,13 +255,16 @@ class GridGeometry:
     def _check_shares(self, other: GridGeometry) -> None:
         if not self.shares_cells_with(other):
             raise InputError(
-                f"grids in {self.frame} at {self.resolution_m} m and in {other.frame} at {other.resolution_m} m: "
-                "expected one frame and one cell size; aggregate to the coarser first"
+                f"grids in {self.frame} at {self.resolution_m} m and in {other.frame} at "
+                f"{other.resolution_m} m: "
+                "expected the same frame and cell size; aggregate to the coarser first"
             )
 
 
 def _snapped(value: float, resolution: float, name: str) -> float:
     cells = value / resolution
     if not isfinite(cells) or abs(cells - round(cells)) > ALIGNMENT_TOLERANCE_CELLS:
-        raise InputError(f"{name}={value}: expected a multiple of the cell size {resolution} m from the frame's origin")
+        raise InputError(
+            f"{name}={value}: expected a multiple of the cell size {resolution} m from the frame's origin"
+        )
     return round(cells) * resolution

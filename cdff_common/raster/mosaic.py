@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""One elevation window out of many maps: pooled, or by a choice in each cell, with a rule for what disagrees."""
+"""Assembly of one elevation window from many maps: pooled or selected cell by cell."""
 
 from __future__ import annotations
 
@@ -15,170 +15,199 @@ from numpy.typing import ArrayLike, NDArray
 from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.raster import _kernels
-from cdff_common.raster._pooling import Cells, Source
-from cdff_common.raster.choice import Choice, Disagreement
-from cdff_common.raster.further_layers import SUMMED, FurtherLayers
+from cdff_common.raster._pooling import MapSource, WindowCells
+from cdff_common.raster.auxiliary_layers import POOLED_LAYERS, AuxiliaryLayers
+from cdff_common.raster.cell_selection import Choice, Disagreement
 from cdff_common.raster.geometry import ALIGNMENT_TOLERANCE_CELLS, GridGeometry
-from cdff_common.raster.statistics import ELEVATION_LAYERS, CellStatistics
+from cdff_common.raster.statistics import ELEVATION_LAYERS, CellStatistics, checked_layers
 
-#: A map that is tilted more against the window's vertical is not resampled: its cells would hide each other.
+#: Largest tilt between a resampled map and the window; beyond it, cells would occlude each other.
 MAX_TILT_DEG = 30.0
-#: Patches disagree where the spread between them is more than this many times the spread within them, and
-#: ``AGREED_M``: two scans of rough ground never match exactly.
+#: Patches disagree if the standard deviation between them exceeds ``AGREED_M`` and this multiple of the
+#: standard deviation within them, since two scans of rough ground never match exactly.
 DISAGREE_SIGMA = 3.0
 AGREED_M = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Assembled:
-    """What came of the maps.
+class AssembledWindow:
+    """Result of the assembly.
 
     Attributes
     ----------
     statistics : CellStatistics
-    further : FurtherLayers or None
-        Of the same cells; None where no map had any, or none were wanted.
+    auxiliary : AuxiliaryLayers or None
+        Auxiliary layers of the same cells; None if no map has any, or none were requested.
     disagreeing : int
-        Cells in which maps disagreed, before the rule for them.
+        Number of cells in which maps disagreed, before the treatment of disagreement.
     """
 
     statistics: CellStatistics
-    further: FurtherLayers | None
+    auxiliary: AuxiliaryLayers | None
     disagreeing: int
 
     def to_layers(self, t1_ns: int) -> dict[str, NDArray[np.float32]]:
-        """The layers of contract §7, and after them those further ones that are known of a cell."""
+        """Return the layers ``ELEVATION_LAYERS``, then the auxiliary layers that are known in any cell."""
         layers = self.statistics.to_layers(t1_ns)
-        if self.further is not None:
-            further = self.further.to_layers(self.statistics, t1_ns)
-            layers |= {name: layer for name, layer in further.items() if np.isfinite(layer).any()}
+        if self.auxiliary is not None:
+            auxiliary = self.auxiliary.to_layers(self.statistics, t1_ns)
+            layers |= {name: layer for name, layer in auxiliary.items() if np.isfinite(layer).any()}
         return layers
 
 
 class Mosaic:
-    """Assembles a window map by map.
+    """Window that is assembled map by map.
 
     Parameters
     ----------
     geometry : GridGeometry
-        The window; its cells are no smaller than any map's.
+        Grid of the window; its cells are no smaller than those of any map.
     choice : Choice
     disagreement : Disagreement
-        Only where everything is pooled.
-    further : bool
-        Pool the layers beyond the six as well, where maps have them. What one map does not say of its heights is then
-        unknown of the cell, but for intensity and overhangs: those are of the heights and maps that have them.
+        Treatment of disagreeing cells; only for pooled cells.
+    auxiliary : bool
+        Pool the auxiliary layers of maps that have them. In a cell that also contains heights without
+        auxiliary layers they are unknown, except intensity and overhangs, which refer to the other heights.
 
     Attributes
     ----------
     patches : int
-        Maps that reached into the window.
+        Number of maps that overlap the window.
     """
 
     def __init__(
-        self, geometry: GridGeometry, choice: Choice = Choice.POOLED, disagreement: Disagreement = Disagreement.KEEP,
-        *, further: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        geometry: GridGeometry,
+        choice: Choice = Choice.POOLED,
+        disagreement: Disagreement = Disagreement.KEEP,
+        *,
+        auxiliary: bool = False,
+    ) -> None:
         if choice is not Choice.POOLED and disagreement is not Disagreement.KEEP:
             raise InputError(f"choice={choice}, disagreement={disagreement}: only pooled cells can disagree")
         self.geometry = geometry
         self.choice = choice
         self.disagreement = disagreement
         self.patches = 0
-        self._cells = Cells(CellStatistics.empty(geometry))
+        self._cells = WindowCells(CellStatistics.empty(geometry))
         self._within = np.zeros(geometry.shape)
-        self._newest = Cells(CellStatistics.empty(geometry)) if disagreement is Disagreement.NEWEST else None
-        self._wants_further = further
+        self._newest = (
+            WindowCells(CellStatistics.empty(geometry)) if disagreement is Disagreement.NEWEST else None
+        )
+        self._with_auxiliary = auxiliary
 
     def add(
-        self, geometry: GridGeometry, layers: Mapping[str, ArrayLike], t1_ns: int,
+        self,
+        geometry: GridGeometry,
+        layers: Mapping[str, ArrayLike],
+        t1_ns: int,
         T_window_map: UncertainTransform | None = None,
-    ) -> bool:  # fmt: skip
-        """Take in one map; tell whether it reached into the window.
+    ) -> bool:
+        """Add one map; return whether it overlaps the window.
 
-        A map in the window's frame whose cells fit into the window's is pooled exactly. Any other is resampled: its
-        cells are cut into 2 x 2 parts with a quarter of the heights each, and a part falls into the cell that its
-        centre lies in, so that no height is lost or counted twice; see ``_kernels.pool_moved``.
+        A map in the window's frame whose cells fit into those of the window is pooled exactly. Any other map
+        is resampled: its cells are divided into 2 x 2 parts with a quarter of the heights each, and a part is
+        added to the cell that contains its centre, so that no height is lost or counted twice; see
+        ``_kernels.pool_resampled``.
 
         Parameters
         ----------
         geometry, layers, t1_ns
-            Of the map, as ``CellStatistics.from_layers`` takes them.
+            Grid, layers and end of capture of the map, see ``CellStatistics.from_layers``.
         T_window_map : UncertainTransform, optional
-            Needed where the map is in another frame. Its covariance adds to the variance of the heights.
+            Required if the map is in another frame. Its covariance adds to the variance of the heights.
 
         Raises
         ------
         InputError
-            If a layer is missing or has another shape, cells are larger than the window's, a map of another frame
-            comes without transform, or one is tilted by more than ``MAX_TILT_DEG``.
+            If a layer is missing or has another shape, cells are larger than the window's, a map of another
+            frame has no transform, or a map is tilted by more than ``MAX_TILT_DEG``.
         """
-        arrays = _arrays(geometry, layers)
+        arrays = _arrays(geometry, layers, ELEVATION_LAYERS)
         if geometry.resolution_m > self.geometry.resolution_m * (1.0 + 1e-9):
             raise InputError(
-                f"cells of {geometry.resolution_m} m do not fit into a window of {self.geometry.resolution_m} m: "
-                "coarser data are never made finer"
+                f"cells of {geometry.resolution_m} m do not fit into a window of "
+                f"{self.geometry.resolution_m} m: "
+                "coarser data are not resampled to finer cells"
             )
         factor = fitting_factor(geometry, self.geometry) if T_window_map is None else None
         if T_window_map is None and geometry.frame != self.geometry.frame:
-            raise InputError(f"map in {geometry.frame}, window in {self.geometry.frame}: expected a transform")
-        reach = self._reach(geometry, factor, T_window_map, layers)
-        if reach is None:
+            raise InputError(
+                f"map in {geometry.frame}, window in {self.geometry.frame}: expected a transform"
+            )
+        overlap = self._overlap(geometry, factor, T_window_map, layers)
+        if overlap is None:
             return False
         self.patches += 1
-        source = Source(geometry, arrays, self._further_of(geometry, layers), t1_ns, factor, T_window_map)
+        source = MapSource(
+            geometry, arrays, self._auxiliary_of(geometry, layers), t1_ns, factor, T_window_map
+        )
         if self.choice is Choice.POOLED and self._newest is None and factor == 1:
             source.pool_into(self._cells, self._within)
             return True
-        part = Cells(CellStatistics.empty(reach))
-        source.pool_into(part, np.zeros(reach.shape))
-        here = self.geometry.slices_of(reach)
+        part = WindowCells(CellStatistics.empty(overlap))
+        source.pool_into(part, np.zeros(overlap.shape))
+        slices = self.geometry.slices_of(overlap)
         if self.choice is Choice.POOLED:
             self._cells.add(part)
-            self._within[here] += part.statistics.m2
+            self._within[slices] += part.statistics.m2
         else:
-            self._cells.take(here, part, self.choice)
+            self._cells.select(slices, part, self.choice)
         if self._newest is not None:
-            self._newest.take(here, part, Choice.NEWEST)
+            self._newest.select(slices, part, Choice.NEWEST)
         return True
 
     def disagreeing(self) -> tuple[NDArray[np.bool_], int]:
-        """Pooled cells ``(rows, cols)`` whose patches disagree (see ``DISAGREE_SIGMA``), and how many they are."""
-        wrong = np.zeros(self.geometry.shape, dtype=np.bool_)
+        """Return the pooled cells ``(rows, cols)`` whose patches disagree, and their number.
+
+        See ``DISAGREE_SIGMA``.
+        """
+        flagged = np.zeros(self.geometry.shape, dtype=np.bool_)
         if self.choice is not Choice.POOLED:
-            return wrong, 0
+            return flagged, 0
         cells = self._cells.statistics
         count, m2, within = (a.reshape(-1) for a in (cells.count, cells.m2, self._within))
-        return wrong, _kernels.disagreeing(count, m2, within, DISAGREE_SIGMA, AGREED_M, wrong.reshape(-1))
+        return flagged, _kernels.flag_disagreement(
+            count, m2, within, DISAGREE_SIGMA, AGREED_M, flagged.reshape(-1)
+        )
 
-    def assembled(self) -> Assembled:
-        """The window after its rule for disagreement."""
-        wrong, count = self.disagreeing()
+    def assembled(self) -> AssembledWindow:
+        """Return the window after the treatment of disagreement."""
+        flagged, count = self.disagreeing()
         cells = self._cells
         if count and self.disagreement is Disagreement.DROP:
-            if cells.further is not None:
-                cells.further.forget(wrong)
-            return Assembled(cells.statistics.masked(~wrong), cells.further, count)
+            if cells.auxiliary is not None:
+                cells.auxiliary.clear(flagged)
+            return AssembledWindow(cells.statistics.masked(~flagged), cells.auxiliary, count)
         if count and self._newest is not None:
-            cells.replace(self._newest, wrong)
-        return Assembled(cells.statistics, cells.further, count)
+            cells.replace(self._newest, flagged)
+        return AssembledWindow(cells.statistics, cells.auxiliary, count)
 
-    def _further_of(self, geometry: GridGeometry, layers: Mapping[str, ArrayLike]) -> tuple[Any, ...] | None:
-        """A map's further layers in the order of ``SUMMED``, NaN where it has none; None while no map has any."""
-        if not self._wants_further or (self._cells.further is None and not any(name in layers for name in SUMMED)):
+    def _auxiliary_of(
+        self, geometry: GridGeometry, layers: Mapping[str, ArrayLike]
+    ) -> tuple[Any, ...] | None:
+        """Return the layers ``POOLED_LAYERS`` of a map, NaN for absent ones; None until some map has any."""
+        if not self._with_auxiliary or (
+            self._cells.auxiliary is None and not any(name in layers for name in POOLED_LAYERS)
+        ):
             return None
-        missing = [name for name in SUMMED if name not in layers]
+        missing = [name for name in POOLED_LAYERS if name not in layers]
         if missing:
             unknown = np.full(geometry.shape, np.nan, dtype=np.float32)
-            unknown.setflags(write=False)  # as the layers of messages: one type to the compiler
+            unknown.setflags(
+                write=False
+            )  # like the layers of messages, so that numba compiles one version only
             layers = {**layers, **dict.fromkeys(missing, unknown)}
-        return _checked(geometry, {name: layers[name] for name in SUMMED})
+        return _arrays(geometry, layers, POOLED_LAYERS)
 
-    def _reach(
-        self, geometry: GridGeometry, factor: int | None, T: UncertainTransform | None,
+    def _overlap(
+        self,
+        geometry: GridGeometry,
+        factor: int | None,
+        T: UncertainTransform | None,
         layers: Mapping[str, ArrayLike],
-    ) -> GridGeometry | None:  # fmt: skip
-        """The part of the window that a map can reach, None where it cannot."""
+    ) -> GridGeometry | None:
+        """Return the part of the window that a map can overlap, or None."""
         g, window = geometry, self.geometry
         if factor is not None:
             return g.coarsened(factor).intersection(window)
@@ -186,7 +215,9 @@ class Mosaic:
             xmin, ymin, xmax, ymax = g.bounds
         else:
             if not is_level(T):
-                raise InputError(f"{g.frame} is tilted against {window.frame} by more than {MAX_TILT_DEG:g} deg")
+                raise InputError(
+                    f"{g.frame} is tilted against {window.frame} by more than {MAX_TILT_DEG:g} deg"
+                )
             heights = np.asarray(layers["mean"])
             known = heights[np.isfinite(heights)]
             if not known.size:
@@ -195,33 +226,25 @@ class Mosaic:
             corners = T.apply([(x, y, z) for x, y in xy for z in (float(known.min()), float(known.max()))])
             (xmin, ymin), (xmax, ymax) = corners[:, :2].min(axis=0), corners[:, :2].max(axis=0)
         r = window.resolution_m
-        slack = 2.0 * ALIGNMENT_TOLERANCE_CELLS * r
-        wider = (float(xmin) - slack, float(ymin) - slack, float(xmax) + slack, float(ymax) + slack)
-        return GridGeometry.aligned(window.frame, r, wider).intersection(window)
+        margin = 2.0 * ALIGNMENT_TOLERANCE_CELLS * r
+        extended = (float(xmin) - margin, float(ymin) - margin, float(xmax) + margin, float(ymax) + margin)
+        return GridGeometry.aligned(window.frame, r, extended).intersection(window)
 
 
 def is_level(T_window_map: UncertainTransform) -> bool:
-    """Whether a map is tilted by no more than ``MAX_TILT_DEG``, so that it can be resampled."""
+    """Return whether a map is tilted by at most ``MAX_TILT_DEG``, so that it can be resampled."""
     return bool(T_window_map.matrix[2, 2] >= cos(radians(MAX_TILT_DEG)))
 
 
 def fitting_factor(fine: GridGeometry, window: GridGeometry) -> int | None:
-    """How many cells of a map make one of the window along an edge; None where they do not fit."""
+    """Return the number of map cells along the edge of a window cell, or None if they do not fit."""
     factor = round(window.resolution_m / fine.resolution_m)
     fits = fine.frame == window.frame and factor >= 1
     return factor if fits and isclose(window.resolution_m, factor * fine.resolution_m, rel_tol=1e-6) else None
 
 
-def _arrays(geometry: GridGeometry, layers: Mapping[str, ArrayLike]) -> tuple[Any, ...]:
-    missing = [name for name in ELEVATION_LAYERS if name not in layers]
-    if missing:
-        raise InputError(f"elevation map without layer {missing[0]!r}; expected {', '.join(ELEVATION_LAYERS)}")
-    return _checked(geometry, {name: layers[name] for name in ELEVATION_LAYERS})
-
-
-def _checked(geometry: GridGeometry, layers: Mapping[str, ArrayLike]) -> tuple[Any, ...]:
-    arrays = {name: np.asarray(layer, dtype=np.float32) for name, layer in layers.items()}
-    for name, array in arrays.items():
-        if array.shape != geometry.shape:
-            raise InputError(f"layer {name}: shape {array.shape}, expected {geometry.shape}")
-    return tuple(arrays.values())
+def _arrays(
+    geometry: GridGeometry, layers: Mapping[str, ArrayLike], names: tuple[str, ...]
+) -> tuple[NDArray[np.float32], ...]:
+    arrays = checked_layers(geometry, layers, names)
+    return tuple(np.asarray(arrays[name], dtype=np.float32) for name in names)

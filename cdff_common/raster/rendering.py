@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pictures of elevation and navigation for the eye, as indices into a palette: 0 where unobserved, transparent.
+"""Rendering of elevation and navigation maps as indices into a palette; unobserved cells are 0, transparent.
 
-Every rendering but the relief has a fixed range, so that neighbouring tiles show the same height in the same colour.
+Every style except the relief has a fixed range, so that neighbouring tiles show equal heights in equal
+colours.
 """
 
 from __future__ import annotations
@@ -19,21 +20,21 @@ from cdff_common.raster.slope import hillshade, slope_rad
 Indices = NDArray[np.uint8]
 Palette = NDArray[np.uint8]
 
-#: Tints of the relief; times the shades of each they fill a palette.
+#: Number of tints of the relief; tints times shades fill a palette.
 _TINTS = 15
 _SHADES = 17
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
-    """How a layer looks.
+class LayerStyle:
+    """Style of a layer.
 
     Attributes
     ----------
     title : str
     unit : str
     low, high : float
-        Range shown by default; what lies beyond takes the colour at its end.
+        Default range; values outside get the colour of the nearer bound.
     palette : Palette, shape (256, 3)
     """
 
@@ -45,40 +46,40 @@ class Look:
 
 
 @dataclass(frozen=True, slots=True)
-class Rendering(Look):
-    """A layer of elevation.
+class ElevationStyle(LayerStyle):
+    """Style of a layer computed from elevation.
 
     Attributes
     ----------
     value : callable
-        Heights and variances ``(rows, cols)`` with a margin of one cell, and the cell size, to values
-        ``(rows - 2, cols - 2)`` in ``unit``, NaN where unknown.
+        Function from heights and variances ``(rows, cols)`` with a margin of one cell, and the cell size, to
+        values ``(rows - 2, cols - 2)`` in ``unit``, NaN where unknown.
     """
 
     value: Callable[[NDArray[np.float32], NDArray[np.float32], float], NDArray[np.float32]]
 
 
 @dataclass(frozen=True, slots=True)
-class Judgement(Look):
-    """A layer of navigation maps.
+class NavigationStyle(LayerStyle):
+    """Style of a layer of navigation maps.
 
     Attributes
     ----------
     value : callable
-        Layers ``(rows, cols)`` of a navigation map to values of that shape, NaN where unknown.
+        Function from layers ``(rows, cols)`` of a navigation map to values, NaN where unknown.
     """
 
     value: Callable[[Mapping[str, NDArray[Any]]], NDArray[np.float32]]
 
 
 def _ramp(*colors: tuple[int, int, int]) -> Palette:
-    """A palette from colour to colour; index 0 is not shown."""
+    """Return a palette interpolated between colours; index 0 is transparent."""
     at = np.linspace(1, 255, len(colors))
     channels = [np.interp(np.arange(256), at, [color[i] for color in colors]) for i in range(3)]
     return np.stack(channels, axis=1).round().astype(np.uint8)
 
 
-#: Low to high ground, ochre to pale: readable without telling red from green.
+#: Low to high ground, ochre to pale; suitable for colour-blind readers.
 GROUND = ((88, 62, 48), (150, 104, 72), (204, 158, 112), (240, 222, 190))
 
 
@@ -98,14 +99,18 @@ def _slope(heights: NDArray[np.float32], _: NDArray[np.float32], cell_m: float) 
 
 _VIRIDIS = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))
 RENDERINGS = {
-    "elevation": Rendering("Height", "m", -8.0, 8.0, _ramp(*GROUND), lambda h, _v, _m: _inner(h)),
-    "hillshade": Rendering("Shaded relief", "1", 1.0, 255.0, _ramp((0, 0, 0), (255, 255, 255)), _shade),
-    "slope": Rendering("Slope", "deg", 0.0, 40.0, _ramp(*_VIRIDIS), _slope),
-    "variance": Rendering("Variance of the height", "m2", 0.0, 0.01, _ramp(*_VIRIDIS), lambda _h, v, _m: _inner(v)),
+    "elevation": ElevationStyle("Height", "m", -8.0, 8.0, _ramp(*GROUND), lambda h, _v, _m: _inner(h)),
+    "hillshade": ElevationStyle("Shaded relief", "1", 1.0, 255.0, _ramp((0, 0, 0), (255, 255, 255)), _shade),
+    "slope": ElevationStyle("Slope", "deg", 0.0, 40.0, _ramp(*_VIRIDIS), _slope),
+    "variance": ElevationStyle(
+        "Variance of the height", "m2", 0.0, 0.01, _ramp(*_VIRIDIS), lambda _h, v, _m: _inner(v)
+    ),
 }
 
 #: Red, green, blue, alpha of the classes unknown, safe, caution, hazard.
-CLASS_COLORS = np.array([[0, 0, 0, 0], [70, 150, 90, 255], [230, 180, 60, 255], [190, 60, 50, 255]], dtype=np.uint8)
+CLASS_COLORS = np.array(
+    [[0, 0, 0, 0], [70, 150, 90, 255], [230, 180, 60, 255], [190, 60, 50, 255]], dtype=np.uint8
+)
 
 
 def _classes(layers: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
@@ -119,9 +124,9 @@ def _cost(layers: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
     return np.asarray(layers.get("cost", np.full(classes.shape, np.nan)), dtype=np.float32)
 
 
-#: Of the classes every value is the index of its colour.
+#: Palette of the classes: the value is the index of the colour.
 NAVIGATION = {
-    "navigation_map": Judgement(
+    "navigation_map": NavigationStyle(
         "Where a rover may drive",
         "1",
         1.0,
@@ -129,34 +134,40 @@ NAVIGATION = {
         np.vstack([CLASS_COLORS[:, :3], np.zeros((252, 3), np.uint8)]),
         _classes,
     ),
-    "cost": Judgement("Cost of driving", "1", 0.0, 1.0, _ramp(*_VIRIDIS), _cost),
+    "cost": NavigationStyle("Cost of driving", "1", 0.0, 1.0, _ramp(*_VIRIDIS), _cost),
 }
 
 
 def indices(values: NDArray[np.float32], low: float, high: float) -> Indices:
-    """Indices 1 to 255 of values between ``low`` and ``high``; 0 where NaN."""
+    """Return indices 1 to 255 of values between ``low`` and ``high``; 0 for NaN."""
     known = np.isfinite(values)
     level = (np.where(known, values, low) - low) * (254.0 / (high - low))
     return np.where(known, 1.5 + np.clip(level, 0.0, 254.0), 0.0).astype(np.uint8)
 
 
 def relief(heights: NDArray[np.float32], cell_m: float, low: float, high: float) -> tuple[Indices, Palette]:
-    """Shaded relief tinted by height: indices ``(rows - 2, cols - 2)`` of heights with a margin of one cell."""
+    """Return indices ``(rows - 2, cols - 2)`` of a shaded relief tinted by height, and its palette."""
     shade = hillshade(heights, cell_m)[1:-1, 1:-1]
     inner = _inner(heights)
     known = np.isfinite(inner)
-    tint = np.clip((np.where(known, inner, low) - low) * (_TINTS / (high - low)), 0, _TINTS - 1).astype(np.uint8)
-    found = np.where(known, 1 + tint * _SHADES + (shade // (256 // _SHADES + 1)).astype(np.uint8), 0)
-    return found.astype(np.uint8), _RELIEF
+    tint = np.clip((np.where(known, inner, low) - low) * (_TINTS / (high - low)), 0, _TINTS - 1).astype(
+        np.uint8
+    )
+    palette_indices = np.where(
+        known, 1 + tint * _SHADES + (shade // (256 // _SHADES + 1)).astype(np.uint8), 0
+    )
+    return palette_indices.astype(np.uint8), _RELIEF
 
 
 def _relief_palette() -> Palette:
     tints = _ramp(*GROUND)[np.linspace(1, 255, _TINTS).astype(int)].astype(np.float64)
     lights = 0.3 + 0.9 * (np.arange(_SHADES) + 0.5) / _SHADES
     palette = np.zeros((256, 3))
-    palette[1 : 1 + _TINTS * _SHADES] = np.clip(tints[:, None, :] * lights[None, :, None], 0, 255).reshape(-1, 3)
+    palette[1 : 1 + _TINTS * _SHADES] = np.clip(tints[:, None, :] * lights[None, :, None], 0, 255).reshape(
+        -1, 3
+    )
     return palette.round().astype(np.uint8)
 
 
 _RELIEF = _relief_palette()
-RELIEF_LOOK = Look("Relief tinted by height", "m", -8.0, 8.0, _RELIEF)
+RELIEF_STYLE = LayerStyle("Relief tinted by height", "m", -8.0, 8.0, _RELIEF)

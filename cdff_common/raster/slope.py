@@ -16,8 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 from cdff_common.errors import InputError
 
 
-def horn_gradient(heights_m: ArrayLike, resolution_m: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Gradient by Horn's weighted central differences over 3 x 3 cells ([1]_).
+def horn_gradient(
+    heights_m: ArrayLike, resolution_m: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the gradient by Horn's weighted central differences over 3 x 3 cells ([1]_).
 
     Parameters
     ----------
@@ -39,7 +41,9 @@ def horn_gradient(heights_m: ArrayLike, resolution_m: float) -> tuple[NDArray[np
 
 
 def slope_rad(heights_m: ArrayLike, resolution_m: float) -> NDArray[np.float64]:
-    """Slope ``(rows, cols)``, radians from the horizontal, by ``horn_gradient``; NaN where that is."""
+    """Return the slope ``(rows, cols)`` by ``horn_gradient``, radians from the horizontal; NaN like the
+    gradient.
+    """
     dz_dx, dz_dy = horn_gradient(heights_m, resolution_m)
     return np.asarray(np.arctan(np.hypot(dz_dx, dz_dy)), dtype=np.float64)
 
@@ -52,19 +56,19 @@ def hillshade(
     altitude_deg: float = 45.0,
     exaggeration: float = 1.0,
 ) -> NDArray[np.uint8]:
-    """Shaded relief for the eye: 0 where unobserved, 1 (dark) to 255 (bright) elsewhere.
+    """Return a shaded relief for display: 0 where unobserved, 1 (dark) to 255 (bright) elsewhere.
 
     Parameters
     ----------
     heights_m : array_like, shape (rows, cols)
-        Row 0 at ymax; NaN where unobserved. A neighbour that is missing is taken at the height of the cell itself:
-        the picture is not a measurement, and maps from one scan would be black otherwise.
+        Row 0 at ymax; NaN where unobserved. A missing neighbour gets the height of the cell itself,
+        since sparse maps of one scan would otherwise be blank.
     resolution_m : float
         Edge of a cell, metres.
     azimuth_deg : float
-        Where the light comes from, degrees clockwise from +y.
+        Direction of the light source, degrees clockwise from +y.
     altitude_deg : float
-        Of the light above the horizon, degrees.
+        Elevation of the light source above the horizon, degrees.
     exaggeration : float
         Heights are multiplied by it.
     """
@@ -89,7 +93,11 @@ def _horn(
         part = padded[1 + row : 1 + row + rows, 1 + col : 1 + col + cols]
         return part if fill is None else np.where(np.isfinite(part), part, fill)
 
-    centre = at(0, 0) * 0.0  # carries the NaN of an unobserved centre, which the differences alone would not
-    dz_dx = (at(-1, 1) + 2 * at(0, 1) + at(1, 1) - at(-1, -1) - 2 * at(0, -1) - at(1, -1)) / (8 * resolution_m) + centre
-    dz_dy = (at(-1, -1) + 2 * at(-1, 0) + at(-1, 1) - at(1, -1) - 2 * at(1, 0) - at(1, 1)) / (8 * resolution_m) + centre
+    centre = at(0, 0) * 0.0  # adds the NaN of an unobserved centre, which the differences do not contain
+    dz_dx = (at(-1, 1) + 2 * at(0, 1) + at(1, 1) - at(-1, -1) - 2 * at(0, -1) - at(1, -1)) / (
+        8 * resolution_m
+    ) + centre
+    dz_dy = (at(-1, -1) + 2 * at(-1, 0) + at(-1, 1) - at(1, -1) - 2 * at(1, 0) - at(1, 1)) / (
+        8 * resolution_m
+    ) + centre
     return dz_dx, dz_dy

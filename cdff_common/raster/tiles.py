@@ -1,11 +1,13 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The tile grid of a frame: squares of 256 x 256 cells around the frame's origin, cells halving from level to level.
+"""The tile grid of a frame: squares of 256 x 256 cells around the frame's origin; the cell size halves from
+level to level.
 
-Level ``z`` has ``2^z x 2^z`` tiles and cells of ``FINEST_M * 2^(LAST_LEVEL - z)`` metres: 12.5 mm at level 20, 5 cm at
-level 18, 0.1, 0.2, 0.4 m … above it, so that patches of 5 cm, and of any 2^n times as much, pool into tiles exactly.
-The corner of tile (0, 0) lies ``HALF_SIDE_M`` left of the frame's origin and above it; x grows to the right, y
-downwards in rows, as in OGC 17-083r4 (Two Dimensional Tile Matrix Set, 2.0) with ``cornerOfOrigin`` ``topLeft``.
+Level ``z`` has ``2^z x 2^z`` tiles and cells of ``FINEST_M * 2^(LAST_LEVEL - z)`` metres: 12.5 mm at level
+20, 5 cm at level 18, 0.1, 0.2, 0.4 m … above it, so that patches of 5 cm, and of any 2^n times as much, pool
+into tiles exactly. The corner of tile (0, 0) lies ``HALF_SIDE_M`` left of the frame's origin and above it; x
+increases to the right, rows are counted downwards, as in OGC 17-083r4 (Two Dimensional Tile Matrix Set, 2.0)
+with ``cornerOfOrigin`` ``topLeft``.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ _PIXEL_M = 0.00028
 
 @dataclass(frozen=True, slots=True, order=True)
 class Tile:
-    """Address of a tile; raises InputError where the grid has none.
+    """Address of a tile; raises InputError for an address outside the grid.
 
     Attributes
     ----------
@@ -51,44 +53,50 @@ class Tile:
             )
 
     def geometry(self, frame: str, margin: int = 0) -> GridGeometry:
-        """The tile's cells, with ``margin`` more on each side."""
+        """Return the grid of the tile's cells, with ``margin`` more on each side."""
         half = (TILE_CELLS // 2) << self.z
         return GridGeometry.from_cells(
-            frame, cell_m(self.z), left=self.x * TILE_CELLS - half - margin, top=half - self.y * TILE_CELLS + margin,
-            rows=TILE_CELLS + 2 * margin, cols=TILE_CELLS + 2 * margin,
-        )  # fmt: skip
+            frame,
+            cell_m(self.z),
+            left=self.x * TILE_CELLS - half - margin,
+            top=half - self.y * TILE_CELLS + margin,
+            rows=TILE_CELLS + 2 * margin,
+            cols=TILE_CELLS + 2 * margin,
+        )
 
     def children(self) -> Iterator[Tile]:
-        """The four tiles of the next level that it is made from."""
+        """Yield the four tiles of the next level."""
         for y in (0, 1):
             for x in (0, 1):
                 yield Tile(self.z + 1, 2 * self.x + x, 2 * self.y + y)
 
 
 def cell_m(z: int) -> float:
-    """Side of a cell at a level, metres."""
+    """Return the edge of a cell at a level, metres."""
     return float(FINEST_M * 2 ** (LAST_LEVEL - z))
 
 
 def level_of(resolution_m: float) -> int:
-    """The finest level whose cells are no smaller than this: where data of that cell size are first seen."""
+    """Return the finest level whose cells are no smaller than ``resolution_m``."""
     return min(LAST_LEVEL, max(0, floor(LAST_LEVEL - log2(resolution_m / FINEST_M) + 1e-6)))
 
 
 def tiles_over(z: int, bounds: tuple[float, float, float, float]) -> tuple[range, range]:
-    """Columns and rows of the tiles of a level that ``bounds`` (xmin, ymin, xmax, ymax, metres) touch."""
+    """Return columns and rows of the tiles of a level that intersect ``bounds`` (xmin, ymin, xmax, ymax,
+    m).
+    """
     side, last = cell_m(z) * TILE_CELLS, (1 << z) - 1
 
-    def at(distance_m: float) -> int:
+    def index_at(distance_m: float) -> int:
         return min(max(floor(distance_m / side), 0), last)
 
     xmin, ymin, xmax, ymax = bounds
-    columns = range(at(xmin + HALF_SIDE_M), at(xmax + HALF_SIDE_M) + 1)
-    return columns, range(at(HALF_SIDE_M - ymax), at(HALF_SIDE_M - ymin) + 1)
+    columns = range(index_at(xmin + HALF_SIDE_M), index_at(xmax + HALF_SIDE_M) + 1)
+    return columns, range(index_at(HALF_SIDE_M - ymax), index_at(HALF_SIDE_M - ymin) + 1)
 
 
 def tile_matrix_set(frame: str, crs: Mapping[str, Any]) -> dict[str, Any]:
-    """The grid as a TileMatrixSet of OGC 17-083r4.
+    """Return the grid as a TileMatrixSet of OGC 17-083r4.
 
     Parameters
     ----------
@@ -98,14 +106,23 @@ def tile_matrix_set(frame: str, crs: Mapping[str, Any]) -> dict[str, Any]:
     """
     matrices = [
         {
-            "id": str(z), "scaleDenominator": cell_m(z) / _PIXEL_M, "cellSize": cell_m(z), "cornerOfOrigin": "topLeft",
-            "pointOfOrigin": [-HALF_SIDE_M, HALF_SIDE_M], "tileWidth": TILE_CELLS, "tileHeight": TILE_CELLS,
-            "matrixWidth": 1 << z, "matrixHeight": 1 << z,
+            "id": str(z),
+            "scaleDenominator": cell_m(z) / _PIXEL_M,
+            "cellSize": cell_m(z),
+            "cornerOfOrigin": "topLeft",
+            "pointOfOrigin": [-HALF_SIDE_M, HALF_SIDE_M],
+            "tileWidth": TILE_CELLS,
+            "tileHeight": TILE_CELLS,
+            "matrixWidth": 1 << z,
+            "matrixHeight": 1 << z,
         }
         for z in range(LAST_LEVEL + 1)
-    ]  # fmt: skip
+    ]
     return {
-        "id": frame.replace("/", "_"), "title": f"Tiles of frame {frame}", "crs": dict(crs), "orderedAxes": ["X", "Y"],
+        "id": frame.replace("/", "_"),
+        "title": f"Tiles of frame {frame}",
+        "crs": dict(crs),
+        "orderedAxes": ["X", "Y"],
         "boundingBox": {"lowerLeft": [-HALF_SIDE_M, -HALF_SIDE_M], "upperRight": [HALF_SIDE_M, HALF_SIDE_M]},
         "tileMatrices": matrices,
-    }  # fmt: skip
+    }

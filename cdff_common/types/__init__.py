@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # GENERATED from cdff_common/asn1/*.asn by cdff generate; do not edit.
 
-"""All types of the wire: frozen dataclasses over numpy, one per ASN.1 type."""
+"""All message types: frozen dataclasses over numpy, one per ASN.1 type."""
 
 from __future__ import annotations
 
@@ -39,6 +39,7 @@ from cdff_common.types.eigen import (
     Vector6d,
     VectorXd,
 )
+from cdff_common.types.extents import Box
 from cdff_common.types.features import (
     Correspondence2D,
     Correspondence3D,
@@ -99,9 +100,17 @@ from cdff_common.types.landmarks import (
 )
 from cdff_common.types.lidar_map import LidarMap, LidarMapClouds, LidarMapMetadata, LidarMapPosition
 from cdff_common.types.lidar_scan import LidarScan, LidarScanData, LidarScanMetadata
-from cdff_common.types.map import ElevationMap, GridLayer, GridMapMetadata, Map, MapMetadataT, MapTypeT, NavigationMap
+from cdff_common.types.map import (
+    ElevationMap,
+    GridLayer,
+    GridMapMetadata,
+    Map,
+    MapMetadataT,
+    MapTypeT,
+    NavigationMap,
+)
 from cdff_common.types.mesh import Mesh, MeshData, MeshMetadata
-from cdff_common.types.message import Box, Message
+from cdff_common.types.message import Message
 from cdff_common.types.objects import (
     ObjectDetection,
     ObjectDetections,

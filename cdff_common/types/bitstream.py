@@ -12,18 +12,17 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.types import validation as check
 from cdff_common.types.message import Message
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Asn1Bitstream(Message):
-    """An encoded message and its type.
+    """Encoded message and its type.
 
     Attributes
     ----------
-    type : str, at most 256 octets
-        ASN.1 type of data, as Pointcloud; robots also write asn1SccPointcloud.
+    type : str, at most 256 bytes
+        ASN.1 type of data, e.g. Pointcloud; robots also write asn1SccPointcloud.
     serialization_method : int, 0..4294967295
         0 uPER, 1 BER, 2 XER, 3 MessagePack.
     data : NDArray[np.uint8], shape (n,)
@@ -34,13 +33,3 @@ class Asn1Bitstream(Message):
     type: str = ""
     serialization_method: int = 0
     data: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
-
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "type", check.text(self.type, "Asn1Bitstream.type", 256))
-        put(
-            self,
-            "serialization_method",
-            check.integer(self.serialization_method, "Asn1Bitstream.serialization_method", 0, 4294967295),
-        )
-        put(self, "data", check.octets(self.data, "Asn1Bitstream.data", 1073741824))

@@ -1,10 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What types of many rows share: columns of one length, and poses packed as seven numbers."""
+"""Columns of types with many rows: times in microseconds, poses as seven numbers, matrices as rows."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,34 +10,22 @@ from numpy.typing import ArrayLike, NDArray
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 
-#: How far from 1 the norm of a packed quaternion may be; within, it is normalised.
+#: Largest deviation of the norm of a packed quaternion from 1; within it, the quaternion is normalised.
 _NORM_TOLERANCE = 0.01
 
 
-def check_columns(where: str, rows: int, whole: dict[str, NDArray[Any]], optional: dict[str, NDArray[Any]]) -> None:
-    """Check that the columns ``whole`` have ``rows`` rows, and those of ``optional`` as many or none."""
-    for name, array in (whole | optional).items():
-        if len(array) != rows and not (name in optional and len(array) == 0):
-            also = ", or none" if name in optional else ""
-            raise InputError(f"{where}.{name}: {len(array)} rows, expected {rows}{also}")
-
-
-def check_unique(where: str, ids: NDArray[np.int64]) -> None:
-    """Check that no id is there twice."""
-    if len(np.unique(ids)) != len(ids):
-        raise InputError(f"{where}: an id is there twice, expected each once")
-
-
 def stamps_us(stamps_ns: ArrayLike, where: str) -> NDArray[np.int64]:
-    """Microseconds of times in nanoseconds; raises InputError for one that is no multiple of 1000."""
+    """Return times in microseconds of nanoseconds; raises InputError if one is not a multiple of 1000."""
     stamps = np.asarray(stamps_ns, dtype=np.int64).reshape(-1)
     if (stamps % 1000 != 0).any():
-        raise InputError(f"{where}: expected multiples of 1000 ns (the wire carries microseconds)")
+        raise InputError(f"{where}: expected multiples of 1000 ns (messages contain microseconds)")
     return stamps // 1000
 
 
 def pack_poses(matrices: ArrayLike, where: str) -> NDArray[np.float64]:
-    """``(n, 7)`` x y z qx qy qz qw of rigid transforms ``(n, 4, 4)``; raises InputError for one that is none."""
+    """Return ``(n, 7)`` x y z qx qy qz qw of transforms ``(n, 4, 4)``; raises InputError if one is not
+    rigid.
+    """
     T = np.asarray(matrices, dtype=np.float64).reshape(-1, 4, 4)
     bad = [i for i in range(len(T)) if not se3.is_transform(T[i], tolerance=1e-5)]
     if bad:
@@ -51,7 +37,9 @@ def pack_poses(matrices: ArrayLike, where: str) -> NDArray[np.float64]:
 
 
 def unpack_poses(poses: NDArray[np.float64], where: str) -> NDArray[np.float64]:
-    """Rigid transforms ``(n, 4, 4)`` of ``(n, 7)``, quaternions normalised; raises InputError far from unit length."""
+    """Return transforms ``(n, 4, 4)`` of ``(n, 7)``; raises InputError on quaternions far from unit
+    length.
+    """
     q_xyzw = poses[:, 3:]
     out = np.zeros((len(poses), 4, 4))
     if len(poses):
@@ -65,7 +53,7 @@ def unpack_poses(poses: NDArray[np.float64], where: str) -> NDArray[np.float64]:
 
 
 def pack_squares(squares: ArrayLike | None, rows: int, side: int, where: str) -> NDArray[np.float64]:
-    """``(n, side * side)`` of matrices ``(n, side, side)``, no rows for None; raises InputError on another shape."""
+    """Return ``(n, side * side)`` of matrices ``(n, side, side)``, no rows for None; raises InputError."""
     if squares is None:
         return np.zeros((0, side * side))
     array = np.asarray(squares, dtype=np.float64)

@@ -12,13 +12,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.types import validation as check
 from cdff_common.types.message import Message
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Vector2d(Message):
-    """What a ``Vector2d`` of the ASN.1 modules holds.
+    """Type ``Vector2d`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -28,14 +27,10 @@ class Vector2d(Message):
     ASN1_NAME: ClassVar[str] = "Vector2d"
     values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((2,), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "values", check.real_array(self.values, "Vector2d.values", ((2, 2),)))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Vector3d(Message):
-    """What a ``Vector3d`` of the ASN.1 modules holds.
+    """Type ``Vector3d`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -45,14 +40,10 @@ class Vector3d(Message):
     ASN1_NAME: ClassVar[str] = "Vector3d"
     values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3,), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "values", check.real_array(self.values, "Vector3d.values", ((3, 3),)))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Vector4d(Message):
-    """What a ``Vector4d`` of the ASN.1 modules holds.
+    """Type ``Vector4d`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -62,14 +53,10 @@ class Vector4d(Message):
     ASN1_NAME: ClassVar[str] = "Vector4d"
     values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4,), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "values", check.real_array(self.values, "Vector4d.values", ((4, 4),)))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Vector6d(Message):
-    """What a ``Vector6d`` of the ASN.1 modules holds.
+    """Type ``Vector6d`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -79,14 +66,10 @@ class Vector6d(Message):
     ASN1_NAME: ClassVar[str] = "Vector6d"
     values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((6,), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "values", check.real_array(self.values, "Vector6d.values", ((6, 6),)))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class VectorXd(Message):
-    """What a ``VectorXd`` of the ASN.1 modules holds.
+    """Type ``VectorXd`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -95,10 +78,6 @@ class VectorXd(Message):
 
     ASN1_NAME: ClassVar[str] = "VectorXd"
     values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0,), np.float64))
-
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "values", check.real_array(self.values, "VectorXd.values", ((0, 100),)))
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -113,14 +92,10 @@ class Quaterniond(Message):
     ASN1_NAME: ClassVar[str] = "Quaterniond"
     values: NDArray[np.float64] = field(default_factory=lambda: np.array([0.0, 0.0, 0.0, 1.0]))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "values", check.real_array(self.values, "Quaterniond.values", ((4, 4),)))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class AngleAxisd(Message):
-    """What an ``AngleAxisd`` of the ASN.1 modules holds.
+    """Type ``AngleAxisd`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -130,14 +105,10 @@ class AngleAxisd(Message):
     ASN1_NAME: ClassVar[str] = "AngleAxisd"
     values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4,), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "values", check.real_array(self.values, "AngleAxisd.values", ((4, 4),)))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Matrix2d(Message):
-    """What a ``Matrix2d`` of the ASN.1 modules holds.
+    """Type ``Matrix2d`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -147,14 +118,10 @@ class Matrix2d(Message):
     ASN1_NAME: ClassVar[str] = "Matrix2d"
     values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((2, 2), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "values", check.real_array(self.values, "Matrix2d.values", ((2, 2), (2, 2))))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Matrix3d(Message):
-    """What a ``Matrix3d`` of the ASN.1 modules holds.
+    """Type ``Matrix3d`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -164,14 +131,10 @@ class Matrix3d(Message):
     ASN1_NAME: ClassVar[str] = "Matrix3d"
     values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "values", check.real_array(self.values, "Matrix3d.values", ((3, 3), (3, 3))))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Matrix4d(Message):
-    """What a ``Matrix4d`` of the ASN.1 modules holds.
+    """Type ``Matrix4d`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -181,14 +144,10 @@ class Matrix4d(Message):
     ASN1_NAME: ClassVar[str] = "Matrix4d"
     values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "values", check.real_array(self.values, "Matrix4d.values", ((4, 4), (4, 4))))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Matrix6d(Message):
-    """What a ``Matrix6d`` of the ASN.1 modules holds.
+    """Type ``Matrix6d`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -198,14 +157,10 @@ class Matrix6d(Message):
     ASN1_NAME: ClassVar[str] = "Matrix6d"
     values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((6, 6), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "values", check.real_array(self.values, "Matrix6d.values", ((6, 6), (6, 6))))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MatrixXd(Message):
-    """What a ``MatrixXd`` of the ASN.1 modules holds.
+    """Type ``MatrixXd`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -215,14 +170,10 @@ class MatrixXd(Message):
     ASN1_NAME: ClassVar[str] = "MatrixXd"
     values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "values", check.real_array(self.values, "MatrixXd.values", ((0, 20), (0, 20))))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Affine3d(Message):
-    """What an ``Affine3d`` of the ASN.1 modules holds.
+    """Type ``Affine3d`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -232,14 +183,10 @@ class Affine3d(Message):
     ASN1_NAME: ClassVar[str] = "Affine3d"
     values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "values", check.real_array(self.values, "Affine3d.values", ((4, 4), (4, 4))))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Isometry3d(Message):
-    """What an ``Isometry3d`` of the ASN.1 modules holds.
+    """Type ``Isometry3d`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -249,14 +196,10 @@ class Isometry3d(Message):
     ASN1_NAME: ClassVar[str] = "Isometry3d"
     values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "values", check.real_array(self.values, "Isometry3d.values", ((4, 4), (4, 4))))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Transform3d(Message):
-    """What a ``Transform3d`` of the ASN.1 modules holds.
+    """Type ``Transform3d`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -265,10 +208,6 @@ class Transform3d(Message):
 
     ASN1_NAME: ClassVar[str] = "Transform3d"
     values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4), np.float64))
-
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "values", check.real_array(self.values, "Transform3d.values", ((4, 4), (4, 4))))
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -283,14 +222,10 @@ class Covariance(Message):
     ASN1_NAME: ClassVar[str] = "Covariance"
     values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((6, 6), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "values", check.real_array(self.values, "Covariance.values", ((6, 6), (6, 6))))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Point(Message):
-    """What a ``Point`` of the ASN.1 modules holds.
+    """Type ``Point`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -300,14 +235,10 @@ class Point(Message):
     ASN1_NAME: ClassVar[str] = "Point"
     values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3,), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "values", check.real_array(self.values, "Point.values", ((3, 3),)))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Point2D(Message):
-    """What a ``Point2D`` of the ASN.1 modules holds.
+    """Type ``Point2D`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -317,14 +248,10 @@ class Point2D(Message):
     ASN1_NAME: ClassVar[str] = "Point2D"
     values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((2,), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "values", check.real_array(self.values, "Point2D.values", ((2, 2),)))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Point3D(Message):
-    """What a ``Point3D`` of the ASN.1 modules holds.
+    """Type ``Point3D`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -334,14 +261,10 @@ class Point3D(Message):
     ASN1_NAME: ClassVar[str] = "Point3D"
     values: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3,), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "values", check.real_array(self.values, "Point3D.values", ((3, 3),)))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Angle(Message):
-    """What an ``Angle`` of the ASN.1 modules holds.
+    """Type ``Angle`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -352,14 +275,10 @@ class Angle(Message):
     ASN1_NAME: ClassVar[str] = "Angle"
     rad: float = 0.0
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "rad", check.real(self.rad, "Angle.rad"))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class AngleSegment(Message):
-    """What an ``AngleSegment`` of the ASN.1 modules holds.
+    """Type ``AngleSegment`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -372,8 +291,3 @@ class AngleSegment(Message):
     ASN1_NAME: ClassVar[str] = "AngleSegment"
     start_rad: float = 0.0
     width: float = 0.0
-
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "start_rad", check.real(self.start_rad, "AngleSegment.start_rad"))
-        put(self, "width", check.real(self.width, "AngleSegment.width"))

@@ -1,29 +1,18 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Behaviour of features and correspondences: columns in and out, one row for each."""
+"""Behaviour of features and correspondences: conversion from and to columns."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cdff_common import types
 from cdff_common.errors import InputError
-from cdff_common.types.columns import check_columns
-from cdff_common.types.message import Box, Message
-from cdff_common.types.pointcloud_ext import box_of_points
-
-if TYPE_CHECKING:
-    from cdff_common.types.features import (
-        Correspondence2D,
-        Correspondence3D,
-        VisualPointFeature2D,
-        VisualPointFeature3D,
-        VisualPointFeature3DType,
-        VisualPointFeatureVector2D,
-        VisualPointFeatureVector3D,
-    )
+from cdff_common.types.message import Message
+from cdff_common.types.rows import check_columns
 
 
 def _rows(values: ArrayLike, columns: int) -> NDArray[np.float64]:
@@ -35,7 +24,7 @@ def _stacked(rows: list[NDArray[np.float64]], columns: int) -> NDArray[np.float6
 
 
 def _descriptor_columns(where: str, rows: list[NDArray[np.float64]]) -> NDArray[np.float32]:
-    """Descriptors ``(n, d)``; raises InputError where they differ in length."""
+    """Return the descriptors ``(n, d)``; raises InputError if they differ in length."""
     sizes = {len(row) for row in rows}
     if len(sizes) > 1:
         raise InputError(f"{where}: descriptors of {min(sizes)} to {max(sizes)} numbers, expected one length")
@@ -48,25 +37,28 @@ def _descriptor_rows(where: str, descriptors: ArrayLike | None, rows: int) -> ND
     array = np.asarray(descriptors, dtype=np.float64)
     if array.ndim != 2:
         raise InputError(f"{where}: descriptors of shape {array.shape}, expected (n, d)")
-    check_columns(where, rows, {"descriptors": array}, {})
+    check_columns(where, rows, {"descriptors": array})
     return array
 
 
 class _CorrespondenceMapExt(Message):
-    """Pairs of points; subclasses say of how many coordinates."""
+    """Pairs of points; the dimension is that of the subclass."""
 
     __slots__ = ()
-    if TYPE_CHECKING:
-        items: tuple[Any, ...]
+    items: tuple[Any, ...]
 
     @classmethod
     def _from_columns(
         cls, pair: Any, columns: int, sources: ArrayLike, sinks: ArrayLike, probabilities: ArrayLike | None
     ) -> Self:
         a, b = _rows(sources, columns), _rows(sinks, columns)
-        p = np.ones(len(a)) if probabilities is None else np.asarray(probabilities, dtype=np.float64).reshape(-1)
-        check_columns(cls.__name__, len(a), {"sinks": b, "probabilities": p}, {})
-        return cls(tuple(pair(a[i], b[i], p[i]) for i in range(len(a))))  # type: ignore[call-arg]  # of the generated class
+        p = (
+            np.ones(len(a))
+            if probabilities is None
+            else np.asarray(probabilities, dtype=np.float64).reshape(-1)
+        )
+        check_columns(cls.__name__, len(a), {"sinks": b, "probabilities": p})
+        return cls(tuple(pair(a[i], b[i], p[i]) for i in range(len(a))))  # type: ignore[call-arg]
 
     @property
     def probabilities(self) -> NDArray[np.float64]:
@@ -78,15 +70,16 @@ class CorrespondenceMap2DExt(_CorrespondenceMapExt):
     """Pairs of points in two images."""
 
     __slots__ = ()
-    if TYPE_CHECKING:
-        items: tuple[Correspondence2D, ...]
+    items: tuple[types.Correspondence2D, ...]
 
     @classmethod
-    def from_arrays(cls, sources_px: ArrayLike, sinks_px: ArrayLike, probabilities: ArrayLike | None = None) -> Self:
-        """Map of ``n`` pairs: points ``(n, 2)`` of each image, probabilities ``(n,)``, by default 1."""
-        from cdff_common.types.features import Correspondence2D
-
-        return cls._from_columns(Correspondence2D, 2, sources_px, sinks_px, probabilities)
+    def from_arrays(
+        cls, sources_px: ArrayLike, sinks_px: ArrayLike, probabilities: ArrayLike | None = None
+    ) -> Self:
+        """Return the map of ``n`` pairs: points ``(n, 2)`` of each image, probabilities ``(n,)``, by default
+        1.
+        """
+        return cls._from_columns(types.Correspondence2D, 2, sources_px, sinks_px, probabilities)
 
     @property
     def sources_px(self) -> NDArray[np.float64]:
@@ -103,15 +96,16 @@ class CorrespondenceMap3DExt(_CorrespondenceMapExt):
     """Pairs of points in two clouds."""
 
     __slots__ = ()
-    if TYPE_CHECKING:
-        items: tuple[Correspondence3D, ...]
+    items: tuple[types.Correspondence3D, ...]
 
     @classmethod
-    def from_arrays(cls, sources_m: ArrayLike, sinks_m: ArrayLike, probabilities: ArrayLike | None = None) -> Self:
-        """Map of ``n`` pairs: points ``(n, 3)`` of each cloud, probabilities ``(n,)``, by default 1."""
-        from cdff_common.types.features import Correspondence3D
-
-        return cls._from_columns(Correspondence3D, 3, sources_m, sinks_m, probabilities)
+    def from_arrays(
+        cls, sources_m: ArrayLike, sinks_m: ArrayLike, probabilities: ArrayLike | None = None
+    ) -> Self:
+        """Return the map of ``n`` pairs: points ``(n, 3)`` of each cloud, probabilities ``(n,)``, by default
+        1.
+        """
+        return cls._from_columns(types.Correspondence3D, 3, sources_m, sinks_m, probabilities)
 
     @property
     def sources_m(self) -> NDArray[np.float64]:
@@ -128,17 +122,16 @@ class VisualPointFeatureVector2DExt(Message):
     """Points of an image with descriptors."""
 
     __slots__ = ()
-    if TYPE_CHECKING:
-        items: tuple[VisualPointFeature2D, ...]
+    items: tuple[types.VisualPointFeature2D, ...]
 
     @classmethod
-    def from_arrays(cls, points_px: ArrayLike, descriptors: ArrayLike | None = None) -> VisualPointFeatureVector2D:
-        """Features at ``(n, 2)`` with descriptors ``(n, d)``, d at most 128."""
-        from cdff_common.types.features import VisualPointFeature2D, VisualPointFeatureVector2D
-
+    def from_arrays(
+        cls, points_px: ArrayLike, descriptors: ArrayLike | None = None
+    ) -> types.VisualPointFeatureVector2D:
+        """Return features at ``(n, 2)`` with descriptors ``(n, d)``, d at most 128."""
         points = _rows(points_px, 2)
         rows = _descriptor_rows("VisualPointFeatureVector2D", descriptors, len(points))
-        return VisualPointFeatureVector2D(tuple(map(VisualPointFeature2D, points, rows)))
+        return types.VisualPointFeatureVector2D(tuple(map(types.VisualPointFeature2D, points, rows)))
 
     @property
     def points_px(self) -> NDArray[np.float64]:
@@ -147,7 +140,7 @@ class VisualPointFeatureVector2DExt(Message):
 
     @property
     def descriptors(self) -> NDArray[np.float32]:
-        """Descriptors ``(n, d)``; raises InputError where they differ in length."""
+        """Return the descriptors ``(n, d)``; raises InputError if they differ in length."""
         return _descriptor_columns("VisualPointFeatureVector2D", [item.descriptor for item in self.items])
 
 
@@ -155,43 +148,34 @@ class VisualPointFeatureVector3DExt(Message):
     """Points of a cloud with descriptors; a point is a position, or a reference into a cloud."""
 
     __slots__ = ()
-    if TYPE_CHECKING:
-        list: tuple[VisualPointFeature3D, ...]
+    list: tuple[types.VisualPointFeature3D, ...]
 
     @classmethod
     def from_arrays(
         cls,
         points_m: ArrayLike,
         descriptors: ArrayLike | None = None,
-        feature_type: VisualPointFeature3DType | int = 0,
-    ) -> VisualPointFeatureVector3D:
-        """Features at ``(n, 3)`` with descriptors ``(n, d)``, d at most 352."""
-        from cdff_common.types.features import (
-            VisualPointFeature3D,
-            VisualPointFeature3DPoint,
-            VisualPointFeature3DType,
-            VisualPointFeatureVector3D,
-        )
-
+        feature_type: types.VisualPointFeature3DType | int = 0,
+    ) -> types.VisualPointFeatureVector3D:
+        """Return features at ``(n, 3)`` with descriptors ``(n, d)``, d at most 352."""
         points = _rows(points_m, 3)
         rows = _descriptor_rows("VisualPointFeatureVector3D", descriptors, len(points))
         features = tuple(
-            VisualPointFeature3D(VisualPointFeature3DPoint("position", p), d) for p, d in zip(points, rows, strict=True)
+            types.VisualPointFeature3D(types.VisualPointFeature3DPoint("position", p), d)
+            for p, d in zip(points, rows, strict=True)
         )
-        return VisualPointFeatureVector3D(features, feature_type=VisualPointFeature3DType(feature_type))
+        return types.VisualPointFeatureVector3D(
+            features, feature_type=types.VisualPointFeature3DType(feature_type)
+        )
 
     @property
     def points_m(self) -> NDArray[np.float64]:
-        """Positions ``(n, 3)``; NaN where a feature refers to a cloud."""
-        nowhere = np.full(3, np.nan)
-        found = [item.point.value if item.point.kind == "position" else nowhere for item in self.list]
-        return _stacked([np.asarray(row, dtype=np.float64) for row in found], 3)
+        """Positions ``(n, 3)``; NaN for a feature that refers to a cloud."""
+        unknown = np.full(3, np.nan)
+        positions = [item.point.value if item.point.kind == "position" else unknown for item in self.list]
+        return _stacked([np.asarray(row, dtype=np.float64) for row in positions], 3)
 
     @property
     def descriptors(self) -> NDArray[np.float32]:
-        """Descriptors ``(n, d)``; raises InputError where they differ in length."""
+        """Return the descriptors ``(n, d)``; raises InputError if they differ in length."""
         return _descriptor_columns("VisualPointFeatureVector3D", [item.descriptor for item in self.list])
-
-    def extent_m(self) -> Box | None:
-        """Box around the positions."""
-        return box_of_points(self.points_m)

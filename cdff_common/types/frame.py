@@ -13,7 +13,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.types import validation as check
 from cdff_common.types.frame_ext import Array3DExt, FrameExt, FramePairExt
 from cdff_common.types.message import Message
 from cdff_common.types.pose import TransformWithCovariance
@@ -21,7 +20,7 @@ from cdff_common.types.time import Time
 
 
 class Array3DDepthT(IntEnum):
-    """Element type; the values are OpenCV's depth numbers."""
+    """Element type; the values are the depth codes of OpenCV."""
 
     DEPTH_8U = 0
     DEPTH_8S = 1
@@ -44,7 +43,7 @@ class Array3D(Array3DExt):
     channels : int, 0..4294967295
     depth : Array3DDepthT
     row_size : int, 0..4294967295
-        octets from one row to the next.
+        bytes from one row to the next.
     data : NDArray[np.uint8], shape (n,)
         row-major, channels interleaved, little-endian.
     """
@@ -57,17 +56,6 @@ class Array3D(Array3DExt):
     depth: Array3DDepthT = Array3DDepthT.DEPTH_8U
     row_size: int = 0
     data: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
-
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "Array3D.msg_version", 0, 4294967295))
-        put(self, "rows", check.integer(self.rows, "Array3D.rows", 0, 4294967295))
-        put(self, "cols", check.integer(self.cols, "Array3D.cols", 0, 4294967295))
-        put(self, "channels", check.integer(self.channels, "Array3D.channels", 0, 4294967295))
-        put(self, "depth", check.enumeration(self.depth, "Array3D.depth", Array3DDepthT))
-        put(self, "row_size", check.integer(self.row_size, "Array3D.row_size", 0, 4294967295))
-        put(self, "data", check.octets(self.data, "Array3D.data", 1073741824))
-        self._check_together()
 
 
 class FramePixelModelT(IntEnum):
@@ -88,43 +76,33 @@ class FrameErrorTypeT(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class FrameErrorT(Message):
-    """What a ``Frame-error-t`` of the ASN.1 modules holds.
+    """Type ``Frame-error-t`` of the ASN.1 modules.
 
     Attributes
     ----------
     type : FrameErrorTypeT
     value : float
-        pixel value that stands for this error.
+        pixel value that represents this error.
     """
 
     ASN1_NAME: ClassVar[str] = "Frame-error-t"
     type: FrameErrorTypeT = FrameErrorTypeT.ERROR_UNDEFINED
     value: float = 0.0
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "type", check.enumeration(self.type, "FrameErrorT.type", FrameErrorTypeT))
-        put(self, "value", check.real(self.value, "FrameErrorT.value"))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class FrameAttribT(Message):
-    """What a ``Frame-attrib-t`` of the ASN.1 modules holds.
+    """Type ``Frame-attrib-t`` of the ASN.1 modules.
 
     Attributes
     ----------
-    name : str, at most 256 octets
-    data : str, at most 256 octets
+    name : str, at most 256 bytes
+    data : str, at most 256 bytes
     """
 
     ASN1_NAME: ClassVar[str] = "Frame-attrib-t"
     name: str = ""
     data: str = ""
-
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "name", check.text(self.name, "FrameAttribT.name", 256))
-        put(self, "data", check.text(self.data, "FrameAttribT.data", 256))
 
 
 class FrameModeT(IntEnum):
@@ -164,7 +142,7 @@ class FrameStatusT(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class FrameMetadataT(Message):
-    """When and how an image was taken.
+    """Acquisition data of an image.
 
     Attributes
     ----------
@@ -173,7 +151,7 @@ class FrameMetadataT(Message):
         of capture.
     received_time : Time
     pixel_model : FramePixelModelT
-        how a pixel becomes a physical value.
+        conversion of a pixel to a physical value.
     pixel_coeffs : NDArray[np.float64], shape (0..100,)
     err_values : tuple[FrameErrorT, ...]
     attributes : tuple[FrameAttribT, ...]
@@ -192,30 +170,6 @@ class FrameMetadataT(Message):
     mode: FrameModeT = FrameModeT.MODE_UNDEF
     status: FrameStatusT = FrameStatusT.STATUS_EMPTY
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "FrameMetadataT.msg_version", 0, 4294967295))
-        put(self, "time_stamp", check.instance(self.time_stamp, "FrameMetadataT.time_stamp", Time))
-        put(self, "received_time", check.instance(self.received_time, "FrameMetadataT.received_time", Time))
-        put(self, "pixel_model", check.enumeration(self.pixel_model, "FrameMetadataT.pixel_model", FramePixelModelT))
-        put(self, "pixel_coeffs", check.real_array(self.pixel_coeffs, "FrameMetadataT.pixel_coeffs", ((0, 100),)))
-        put(
-            self,
-            "err_values",
-            check.items(
-                self.err_values, "FrameMetadataT.err_values", 0, 3, lambda v, w: check.instance(v, w, FrameErrorT)
-            ),
-        )
-        put(
-            self,
-            "attributes",
-            check.items(
-                self.attributes, "FrameMetadataT.attributes", 0, 5, lambda v, w: check.instance(v, w, FrameAttribT)
-            ),
-        )
-        put(self, "mode", check.enumeration(self.mode, "FrameMetadataT.mode", FrameModeT))
-        put(self, "status", check.enumeration(self.status, "FrameMetadataT.status", FrameStatusT))
-
     @property
     def stamp_ns(self) -> int:
         """Time, nanoseconds."""
@@ -233,17 +187,17 @@ class FrameCameraModelT(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class FrameIntrinsicT(Message):
-    """The camera's own geometry.
+    """Intrinsic parameters of the camera.
 
     Attributes
     ----------
     msg_version : int, 0..4294967295
-    sensor_id : str, at most 256 octets
+    sensor_id : str, at most 256 bytes
     camera_matrix : NDArray[np.float64], shape (3, 3)
         px.
     camera_model : FrameCameraModelT
     dist_coeffs : NDArray[np.float64], shape (0..100,)
-        k1 k2 p1 p2 k3 ... as OpenCV.
+        k1 k2 p1 p2 k3 ..., order of OpenCV.
     """
 
     ASN1_NAME: ClassVar[str] = "Frame-intrinsic-t"
@@ -253,32 +207,16 @@ class FrameIntrinsicT(Message):
     camera_model: FrameCameraModelT = FrameCameraModelT.CAM_UNDEF
     dist_coeffs: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0,), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "FrameIntrinsicT.msg_version", 0, 4294967295))
-        put(self, "sensor_id", check.text(self.sensor_id, "FrameIntrinsicT.sensor_id", 256))
-        put(
-            self,
-            "camera_matrix",
-            check.real_array(self.camera_matrix, "FrameIntrinsicT.camera_matrix", ((3, 3), (3, 3))),
-        )
-        put(
-            self,
-            "camera_model",
-            check.enumeration(self.camera_model, "FrameIntrinsicT.camera_model", FrameCameraModelT),
-        )
-        put(self, "dist_coeffs", check.real_array(self.dist_coeffs, "FrameIntrinsicT.dist_coeffs", ((0, 100),)))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class FrameExtrinsicT(Message):
-    """Where the camera sat.
+    """Extrinsic parameters of the camera.
 
     Attributes
     ----------
     msg_version : int, 0..4294967295
     has_fixed_transform : bool
-        whether pose-fixedFrame-robotFrame is known.
+        true if pose-fixedFrame-robotFrame is known.
     pose_robot_frame_sensor_frame : TransformWithCovariance
     pose_fixed_frame_robot_frame : TransformWithCovariance
     """
@@ -289,33 +227,10 @@ class FrameExtrinsicT(Message):
     pose_robot_frame_sensor_frame: TransformWithCovariance = field(default_factory=TransformWithCovariance)
     pose_fixed_frame_robot_frame: TransformWithCovariance = field(default_factory=TransformWithCovariance)
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "FrameExtrinsicT.msg_version", 0, 4294967295))
-        put(self, "has_fixed_transform", check.boolean(self.has_fixed_transform, "FrameExtrinsicT.has_fixed_transform"))
-        put(
-            self,
-            "pose_robot_frame_sensor_frame",
-            check.instance(
-                self.pose_robot_frame_sensor_frame,
-                "FrameExtrinsicT.pose_robot_frame_sensor_frame",
-                TransformWithCovariance,
-            ),
-        )
-        put(
-            self,
-            "pose_fixed_frame_robot_frame",
-            check.instance(
-                self.pose_fixed_frame_robot_frame,
-                "FrameExtrinsicT.pose_fixed_frame_robot_frame",
-                TransformWithCovariance,
-            ),
-        )
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Frame(FrameExt):
-    """One image: camera frame x right, y down, z forward.
+    """Image; camera frame x right, y down, z forward.
 
     Attributes
     ----------
@@ -333,19 +248,15 @@ class Frame(FrameExt):
     extrinsic: FrameExtrinsicT = field(default_factory=FrameExtrinsicT)
     data: Array3D = field(default_factory=Array3D)
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "Frame.msg_version", 0, 4294967295))
-        put(self, "metadata", check.instance(self.metadata, "Frame.metadata", FrameMetadataT))
-        put(self, "intrinsic", check.instance(self.intrinsic, "Frame.intrinsic", FrameIntrinsicT))
-        put(self, "extrinsic", check.instance(self.extrinsic, "Frame.extrinsic", FrameExtrinsicT))
-        put(self, "data", check.instance(self.data, "Frame.data", Array3D))
-        self._check_together()
+    @property
+    def stamp_ns(self) -> int:
+        """Time, nanoseconds."""
+        return self.metadata.time_stamp.ns
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class FramePair(FramePairExt):
-    """Two images taken at the same time, left and right.
+    """Left and right image of the same time.
 
     Attributes
     ----------
@@ -362,14 +273,6 @@ class FramePair(FramePairExt):
     left: Frame = field(default_factory=Frame)
     right: Frame = field(default_factory=Frame)
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "FramePair.msg_version", 0, 4294967295))
-        put(self, "baseline", check.real(self.baseline, "FramePair.baseline"))
-        put(self, "left", check.instance(self.left, "FramePair.left", Frame))
-        put(self, "right", check.instance(self.right, "FramePair.right", Frame))
-        self._check_together()
-
 
 class FrameCompressedModeT(IntEnum):
     """``Frame-compressed-mode-t``."""
@@ -380,7 +283,7 @@ class FrameCompressedModeT(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class CompressedFrame(Message):
-    """An image in a compressed file format.
+    """Image in a compressed file format.
 
     Attributes
     ----------
@@ -403,23 +306,6 @@ class CompressedFrame(Message):
     cols: int = 0
     frame_mode: FrameCompressedModeT = FrameCompressedModeT.MODE_COMPRESSED_UNDEFINED
     frame_status: FrameStatusT = FrameStatusT.STATUS_EMPTY
-
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "ref_time", check.instance(self.ref_time, "CompressedFrame.ref_time", Time))
-        put(self, "received_time", check.instance(self.received_time, "CompressedFrame.received_time", Time))
-        put(self, "image", check.integer_array(self.image, "CompressedFrame.image", ((1, 268435456),), 0, 255, "uint8"))
-        put(
-            self,
-            "attributes",
-            check.items(
-                self.attributes, "CompressedFrame.attributes", 1, 10, lambda v, w: check.instance(v, w, FrameAttribT)
-            ),
-        )
-        put(self, "rows", check.integer(self.rows, "CompressedFrame.rows", 0, 4294967295))
-        put(self, "cols", check.integer(self.cols, "CompressedFrame.cols", 0, 4294967295))
-        put(self, "frame_mode", check.enumeration(self.frame_mode, "CompressedFrame.frame_mode", FrameCompressedModeT))
-        put(self, "frame_status", check.enumeration(self.frame_status, "CompressedFrame.frame_status", FrameStatusT))
 
     @property
     def stamp_ns(self) -> int:

@@ -1,73 +1,56 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Behaviour of images: arrays in and out of the octets of ``Array3D``."""
+"""Behaviour of images: conversion between arrays and the bytes of ``Array3D``."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cdff_common import types
 from cdff_common.errors import InputError
-from cdff_common.geometry.uncertain import UncertainTransform
+from cdff_common.geometry.uncertain_transform import UncertainTransform
 from cdff_common.types.message import Message
 from cdff_common.types.pointcloud_ext import mounting
-from cdff_common.types.time import Time
 from cdff_common.types.validation import read_only
-
-if TYPE_CHECKING:
-    from cdff_common.types.frame import (
-        Array3D,
-        Array3DDepthT,
-        Frame,
-        FrameExtrinsicT,
-        FrameIntrinsicT,
-        FrameMetadataT,
-        FrameModeT,
-        FramePair,
-    )
 
 #: Element types in the order of ``Array3D-depth-t``.
 DEPTH_DTYPES = ("|u1", "|i1", "<u2", "<i2", "<i4", "<f4", "<f8")
-_MODE_CHANNELS = {"GRAY": (1,), "RGB": (3,), "BGR": (3,), "RGBA": (4,), "BGRA": (4,), "HSV": (3,), "HLS": (3,)}
+_MODE_CHANNELS = {"GRAY": 1, "RGB": 3, "BGR": 3, "RGBA": 4, "BGRA": 4, "HSV": 3, "HLS": 3}
 
 
-def depth_of(dtype: np.dtype[Any], where: str) -> Array3DDepthT:
-    """The depth that stands for a dtype; raises InputError for one the wire has not."""
-    from cdff_common.types.frame import Array3DDepthT
-
+def depth_of(dtype: np.dtype[Any], where: str) -> types.Array3DDepthT:
+    """Return the depth code of a dtype; raises InputError for an unsupported one."""
     name = dtype.newbyteorder("<").str
     if name not in DEPTH_DTYPES:
         raise InputError(f"{where}: dtype {dtype}, expected one of {', '.join(DEPTH_DTYPES)}")
-    return Array3DDepthT(DEPTH_DTYPES.index(name))
+    return types.Array3DDepthT(DEPTH_DTYPES.index(name))
 
 
 class Array3DExt(Message):
-    """An image-like array."""
+    """Image-like array."""
 
     __slots__ = ()
-    if TYPE_CHECKING:
-        rows: int
-        cols: int
-        channels: int
-        depth: Array3DDepthT
-        row_size: int
-        data: NDArray[np.uint8]
+    rows: int
+    cols: int
+    channels: int
+    depth: types.Array3DDepthT
+    row_size: int
+    data: NDArray[np.uint8]
 
     @classmethod
-    def from_array(cls, array: NDArray[Any]) -> Array3D:
-        """Array of ``(rows, cols)`` or ``(rows, cols, channels)``, rows without gaps."""
-        from cdff_common.types.frame import Array3D
-
+    def from_array(cls, array: NDArray[Any]) -> types.Array3D:
+        """Return the message of ``(rows, cols)`` or ``(rows, cols, channels)``, rows without padding."""
         if array.ndim not in (2, 3):
             raise InputError(f"Array3D: shape {array.shape}, expected (rows, cols) or (rows, cols, channels)")
         depth = depth_of(array.dtype, "Array3D")
         dense = np.ascontiguousarray(array, dtype=DEPTH_DTYPES[depth])
         channels = 1 if array.ndim == 2 else array.shape[2]
         row_size = array.shape[1] * channels * dense.itemsize
-        return Array3D(
+        return types.Array3D(
             rows=array.shape[0],
             cols=array.shape[1],
             channels=channels,
@@ -78,24 +61,28 @@ class Array3DExt(Message):
 
     @property
     def array(self) -> NDArray[Any]:
-        """Read-only view ``(rows, cols)``, or ``(rows, cols, channels)`` where there are several.
+        """Return a read-only view ``(rows, cols)``, or ``(rows, cols, channels)`` for several channels.
 
         Raises
         ------
         InputError
-            If the octets are not as many as rows, columns, channels, depth and row size say.
+            If the number of bytes does not match rows, columns, channels, depth and row size.
         """
         dtype = np.dtype(DEPTH_DTYPES[self.depth])
-        dense = self.cols * self.channels * dtype.itemsize
-        stride = self.row_size or dense
-        needed = 0 if self.rows == 0 else (self.rows - 1) * stride + dense
-        if stride < dense or len(self.data) < needed or (dtype.itemsize and stride % dtype.itemsize):
+        row_bytes = self.cols * self.channels * dtype.itemsize
+        stride = self.row_size or row_bytes
+        expected_bytes = 0 if self.rows == 0 else (self.rows - 1) * stride + row_bytes
+        if (
+            stride < row_bytes
+            or len(self.data) < expected_bytes
+            or (dtype.itemsize and stride % dtype.itemsize)
+        ):
             raise InputError(
-                f"Array3D: {len(self.data)} octets, row size {self.row_size}: expected {needed} for "
+                f"Array3D: {len(self.data)} bytes, row size {self.row_size}: expected {expected_bytes} for "
                 f"{self.rows}x{self.cols}x{self.channels} of {dtype.name}"
             )
         shape = (self.rows, self.cols) if self.channels == 1 else (self.rows, self.cols, self.channels)
-        if needed == 0:
+        if expected_bytes == 0:
             return read_only(np.zeros(shape, dtype))
         strides = (stride, self.channels * dtype.itemsize, dtype.itemsize)[: len(shape)]
         view: NDArray[Any] = np.ndarray(shape, dtype, self.data.data, 0, strides)
@@ -104,14 +91,13 @@ class Array3DExt(Message):
 
 
 class FrameExt(Message):
-    """One image with its camera."""
+    """Image with its camera."""
 
     __slots__ = ()
-    if TYPE_CHECKING:
-        metadata: FrameMetadataT
-        intrinsic: FrameIntrinsicT
-        extrinsic: FrameExtrinsicT
-        data: Array3D
+    metadata: types.FrameMetadataT
+    intrinsic: types.FrameIntrinsicT
+    extrinsic: types.FrameExtrinsicT
+    data: types.Array3D
 
     @classmethod
     def from_image(
@@ -124,8 +110,8 @@ class FrameExt(Message):
         dist_coeffs: Sequence[float] = (),
         sensor: str = "",
         T_robot_sensor: UncertainTransform | None = None,
-    ) -> Frame:
-        """Message of an image ``(rows, cols[, channels])``.
+    ) -> types.Frame:
+        """Return the message of an image ``(rows, cols[, channels])``.
 
         Parameters
         ----------
@@ -134,41 +120,33 @@ class FrameExt(Message):
         camera_matrix : array_like, shape (3, 3), optional
             Pixels. Without it the camera model is undefined.
         dist_coeffs : sequence of float
-            k1 k2 p1 p2 k3 ... as OpenCV.
+            k1 k2 p1 p2 k3 ..., order of OpenCV.
         sensor : str
             Frame of the camera.
 
         Raises
         ------
         InputError
-            On a shape, dtype or mode that do not fit.
+            If the shape, dtype or mode is not supported.
         """
-        from cdff_common.types.frame import (
-            Array3D,
-            Frame,
-            FrameCameraModelT,
-            FrameExtrinsicT,
-            FrameIntrinsicT,
-            FrameMetadataT,
-            FrameStatusT,
-        )
-
-        data = Array3D.from_array(image)
+        data = types.Array3D.from_array(image)
         wire_mode = _mode(mode, data.channels)
-        time = Time.from_ns(stamp_ns)
+        time = types.Time.from_ns(stamp_ns)
         robot_sensor, fixed_robot = mounting(T_robot_sensor, None, sensor, stamp_ns)
-        known = camera_matrix is not None
-        return Frame(
-            metadata=FrameMetadataT(
-                time_stamp=time, received_time=time, mode=wire_mode, status=FrameStatusT.STATUS_VALID
+        has_camera = camera_matrix is not None
+        return types.Frame(
+            metadata=types.FrameMetadataT(
+                time_stamp=time, received_time=time, mode=wire_mode, status=types.FrameStatusT.STATUS_VALID
             ),
-            intrinsic=FrameIntrinsicT(
+            intrinsic=types.FrameIntrinsicT(
                 sensor_id=sensor,
-                camera_matrix=np.array(camera_matrix if known else np.zeros((3, 3)), dtype=np.float64),
-                camera_model=FrameCameraModelT.CAM_PINHOLE if known else FrameCameraModelT.CAM_UNDEF,
+                camera_matrix=np.array(camera_matrix if has_camera else np.zeros((3, 3)), dtype=np.float64),
+                camera_model=types.FrameCameraModelT.CAM_PINHOLE
+                if has_camera
+                else types.FrameCameraModelT.CAM_UNDEF,
                 dist_coeffs=np.array(dist_coeffs, dtype=np.float64),
             ),
-            extrinsic=FrameExtrinsicT(
+            extrinsic=types.FrameExtrinsicT(
                 pose_robot_frame_sensor_frame=robot_sensor, pose_fixed_frame_robot_frame=fixed_robot
             ),
             data=data,
@@ -190,38 +168,30 @@ class FrameExt(Message):
         return self.intrinsic.sensor_id
 
     @property
-    def stamp_ns(self) -> int:
-        """Time of capture, nanoseconds."""
-        return self.metadata.time_stamp.ns
-
-    @property
     def T_robot_sensor(self) -> UncertainTransform | None:
-        """Where the camera sat on the robot; None where it is not stated."""
+        """Pose of the camera on the robot; None if unknown."""
         pose = self.extrinsic.pose_robot_frame_sensor_frame
         return pose.transform if pose.is_set else None
 
 
-def _mode(mode: str, channels: int) -> FrameModeT:
-    from cdff_common.types.frame import FrameModeT
-
+def _mode(mode: str, channels: int) -> types.FrameModeT:
     name = f"MODE_{mode.upper().replace('-', '_')}"
-    if name not in FrameModeT.__members__:
-        raise InputError(f"Frame mode {mode!r}: expected one of {', '.join(m.name[5:] for m in FrameModeT)}")
-    if channels not in _MODE_CHANNELS.get(mode.upper(), (channels,)):
+    if name not in types.FrameModeT.__members__:
         raise InputError(
-            f"Frame mode {mode!r}: image has {channels} channels, expected {_MODE_CHANNELS[mode.upper()][0]}"
+            f"Frame mode {mode!r}: expected one of {', '.join(m.name[5:] for m in types.FrameModeT)}"
         )
-    return FrameModeT[name]
+    if (expected := _MODE_CHANNELS.get(mode.upper(), channels)) != channels:
+        raise InputError(f"Frame mode {mode!r}: image has {channels} channels, expected {expected}")
+    return types.FrameModeT[name]
 
 
 class FramePairExt(Message):
-    """A stereo pair."""
+    """Stereo pair."""
 
     __slots__ = ()
-    if TYPE_CHECKING:
-        baseline: float
-        left: Frame
-        right: Frame
+    baseline: float
+    left: types.Frame
+    right: types.Frame
 
     @classmethod
     def from_images(
@@ -235,29 +205,29 @@ class FramePairExt(Message):
         sensor: str = "",
         mode: str = "GRAY",
         T_robot_sensor: UncertainTransform | None = None,
-    ) -> FramePair:
-        """Rectified pair of one camera matrix; ``sensor`` and ``T_robot_sensor`` are those of the left camera.
+    ) -> types.FramePair:
+        """Return a rectified pair with one camera matrix; ``sensor`` and ``T_robot_sensor`` refer to the left
+        camera.
 
         Raises
         ------
         InputError
             If the images differ in shape or dtype.
         """
-        from cdff_common.types.frame import Frame, FramePair
-
         if left.shape != right.shape or left.dtype != right.dtype:
             raise InputError(
-                f"FramePair: left {left.dtype} {left.shape}, right {right.dtype} {right.shape}: expected alike"
+                f"FramePair: left {left.dtype} {left.shape}, right {right.dtype} {right.shape}: "
+                "expected equal"
             )
         right_sensor = sensor.replace("left", "right")
         T_right = None
         if T_robot_sensor is not None:
-            shift = np.eye(4)
-            shift[0, 3] = baseline_m
-            T_right = T_robot_sensor @ UncertainTransform(shift, np.zeros((6, 6)))
-        return FramePair(
+            T_left_right = np.eye(4)
+            T_left_right[0, 3] = baseline_m
+            T_right = T_robot_sensor @ UncertainTransform.exact(T_left_right)
+        return types.FramePair(
             baseline=baseline_m,
-            left=Frame.from_image(
+            left=types.Frame.from_image(
                 left,
                 stamp_ns=stamp_ns,
                 mode=mode,
@@ -265,7 +235,7 @@ class FramePairExt(Message):
                 sensor=sensor,
                 T_robot_sensor=T_robot_sensor,
             ),
-            right=Frame.from_image(
+            right=types.Frame.from_image(
                 right,
                 stamp_ns=stamp_ns,
                 mode=mode,

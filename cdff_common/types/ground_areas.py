@@ -12,7 +12,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.types import validation as check
 from cdff_common.types.ground_areas_ext import GroundAreasDataExt, GroundAreasExt
 from cdff_common.types.message import Message
 from cdff_common.types.time import Time
@@ -20,22 +19,22 @@ from cdff_common.types.time import Time
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class GroundAreasMetadata(Message):
-    """What a ``GroundAreas-Metadata`` of the ASN.1 modules holds.
+    """Type ``GroundAreas-Metadata`` of the ASN.1 modules.
 
     Attributes
     ----------
     msg_version : int, 0..4294967295
-    producer_id : str, at most 256 octets
-    frame_id : str, at most 256 octets
+    producer_id : str, at most 256 bytes
+    frame_id : str, at most 256 bytes
         frame of the corners.
     start_time : Time
-        t0: begin of capture of what the areas are made from.
+        t0: start of capture of the source data.
     end_time : Time
-        t1: end of it.
+        t1: end of capture.
     resolution : float
-        m, side of the cells that the areas were made of; 0 where there were none.
+        m, edge of the cells of the source grid; 0 without a grid.
     tolerance : float
-        m, how far outlines may have moved: safe and passable inwards, all others outwards.
+        m, largest displacement of the outlines: safe and passable inwards, all others outwards.
     """
 
     ASN1_NAME: ClassVar[str] = "GroundAreas-Metadata"
@@ -47,32 +46,27 @@ class GroundAreasMetadata(Message):
     resolution: float = 0.0
     tolerance: float = 0.0
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "GroundAreasMetadata.msg_version", 0, 4294967295))
-        put(self, "producer_id", check.text(self.producer_id, "GroundAreasMetadata.producer_id", 256))
-        put(self, "frame_id", check.text(self.frame_id, "GroundAreasMetadata.frame_id", 256))
-        put(self, "start_time", check.instance(self.start_time, "GroundAreasMetadata.start_time", Time))
-        put(self, "end_time", check.instance(self.end_time, "GroundAreasMetadata.end_time", Time))
-        put(self, "resolution", check.real(self.resolution, "GroundAreasMetadata.resolution"))
-        put(self, "tolerance", check.real(self.tolerance, "GroundAreasMetadata.tolerance"))
+    @property
+    def stamp_ns(self) -> int:
+        """Time, nanoseconds."""
+        return self.end_time.ns
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class GroundAreasData(GroundAreasDataExt):
-    """Columns: one row for each area, for each ring, for each corner. The rings of an area follow one another, the
-    outer one first, then its holes; so do the corners of a ring.
+    """Columns with one row per area, per ring or per corner. The rings of an area are consecutive, the
+    outer ring first, then its holes; so are the corners of a ring.
 
     Attributes
     ----------
     kinds : NDArray[np.uint8], shape (n,)
         0 unknown, 1 safe, 2 caution, 3 hazard, 4 passable (1 or 2), 5 blocked (0 or 3).
     areas : NDArray[np.float64], shape (n,)
-        m2, without the holes.
+        m2, excluding the holes.
     ring_counts : NDArray[np.uint32], shape (n,)
-        rings of each area: 1 and its holes.
+        rings of each area: 1 + number of holes.
     corner_counts : NDArray[np.uint32], shape (n,)
-        corners of each ring, 3 at least.
+        corners of each ring, at least 3.
     corners : NDArray[np.float64], shape (n, 2)
         m, x y; counter-clockwise, holes clockwise; the first is not repeated.
     """
@@ -84,27 +78,10 @@ class GroundAreasData(GroundAreasDataExt):
     corner_counts: NDArray[np.uint32] = field(default_factory=lambda: np.zeros(0, np.uint32))
     corners: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "kinds", check.typed_octets(self.kinds, "GroundAreasData.kinds", 1073741824, "<u1", 0))
-        put(self, "areas", check.typed_octets(self.areas, "GroundAreasData.areas", 1073741824, "<f8", 0))
-        put(
-            self,
-            "ring_counts",
-            check.typed_octets(self.ring_counts, "GroundAreasData.ring_counts", 1073741824, "<u4", 0),
-        )
-        put(
-            self,
-            "corner_counts",
-            check.typed_octets(self.corner_counts, "GroundAreasData.corner_counts", 1073741824, "<u4", 0),
-        )
-        put(self, "corners", check.typed_octets(self.corners, "GroundAreasData.corners", 1073741824, "<f8", 2))
-        self._check_together()
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class GroundAreas(GroundAreasExt):
-    """Areas of the ground by what a rover may do there.
+    """Areas of the ground, classified by traversability.
 
     Attributes
     ----------
@@ -116,8 +93,22 @@ class GroundAreas(GroundAreasExt):
     metadata: GroundAreasMetadata = field(default_factory=GroundAreasMetadata)
     data: GroundAreasData = field(default_factory=GroundAreasData)
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "metadata", check.instance(self.metadata, "GroundAreas.metadata", GroundAreasMetadata))
-        put(self, "data", check.instance(self.data, "GroundAreas.data", GroundAreasData))
-        self._check_together()
+    @property
+    def frame(self) -> str:
+        """Frame of the coordinates."""
+        return self.metadata.frame_id
+
+    @property
+    def t0_ns(self) -> int:
+        """Start of capture, nanoseconds."""
+        return self.metadata.start_time.ns
+
+    @property
+    def t1_ns(self) -> int:
+        """End of capture, nanoseconds."""
+        return self.metadata.end_time.ns
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time, nanoseconds."""
+        return self.metadata.end_time.ns

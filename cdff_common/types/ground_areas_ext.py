@@ -1,26 +1,23 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Behaviour of areas of the ground."""
+"""Behaviour of ground areas."""
 
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cdff_common import types
 from cdff_common.errors import InputError
-from cdff_common.types.columns import check_columns
-from cdff_common.types.message import Box, Message
-from cdff_common.types.time import Time
-
-if TYPE_CHECKING:
-    from cdff_common.types.ground_areas import GroundAreas, GroundAreasData, GroundAreasMetadata
+from cdff_common.types.extents import Box, box_around
+from cdff_common.types.message import Message
+from cdff_common.types.rows import check_columns
 
 
 class AreaKind(IntEnum):
-    """What a rover may do in an area: the classes of a navigation map, and two that join them."""
+    """Traversability of an area: the classes of a navigation map, and two combinations."""
 
     UNKNOWN = 0
     SAFE = 1
@@ -31,25 +28,25 @@ class AreaKind(IntEnum):
 
 
 class GroundAreasDataExt(Message):
-    """Sizes that belong together."""
+    """One row per area, one corner count per ring."""
 
     __slots__ = ()
-    if TYPE_CHECKING:
-        kinds: NDArray[np.uint8]
-        areas: NDArray[np.float64]
-        ring_counts: NDArray[np.uint32]
-        corner_counts: NDArray[np.uint32]
-        corners: NDArray[np.float64]
+    kinds: NDArray[np.uint8]
+    ring_counts: NDArray[np.uint32]
+    corner_counts: NDArray[np.uint32]
+    corners: NDArray[np.float64]
 
-    def _check_together(self) -> None:
-        """Kinds that are known, an outer ring for each area, and as many rings and corners as are counted."""
-        columns: dict[str, NDArray[Any]] = {"areas": self.areas, "ring_counts": self.ring_counts}
-        check_columns("GroundAreasData", len(self.kinds), columns, {})
-        check_columns("GroundAreasData", int(self.ring_counts.sum()), {"corner_counts": self.corner_counts}, {})
-        check_columns("GroundAreasData", int(self.corner_counts.sum()), {"corners": self.corners}, {})
-        for name, least, values in (("ring_counts", 1, self.ring_counts), ("corner_counts", 3, self.corner_counts)):
+    def _check_consistency(self) -> None:
+        """Check the kinds, the outer ring of each area, and the numbers of rings and corners."""
+        Message._check_consistency(self)
+        check_columns("GroundAreasData", int(self.ring_counts.sum()), {"corner_counts": self.corner_counts})
+        check_columns("GroundAreasData", int(self.corner_counts.sum()), {"corners": self.corners})
+        for name, least, values in (
+            ("ring_counts", 1, self.ring_counts),
+            ("corner_counts", 3, self.corner_counts),
+        ):
             if (values < least).any():
-                raise InputError(f"GroundAreasData.{name}: {values.min()}, expected {least} at least")
+                raise InputError(f"GroundAreasData.{name}: {values.min()}, expected at least {least}")
         if (self.kinds > max(AreaKind)).any():
             raise InputError(f"GroundAreasData.kinds: {self.kinds.max()}, expected 0 to {max(AreaKind)}")
 
@@ -58,9 +55,8 @@ class GroundAreasExt(Message):
     """Polygons in one frame."""
 
     __slots__ = ()
-    if TYPE_CHECKING:
-        metadata: GroundAreasMetadata
-        data: GroundAreasData
+    metadata: types.GroundAreasMetadata
+    data: types.GroundAreasData
 
     @classmethod
     def from_rings(
@@ -76,8 +72,8 @@ class GroundAreasExt(Message):
         resolution_m: float = 0.0,
         tolerance_m: float = 0.0,
         producer: str = "",
-    ) -> GroundAreas:
-        """Areas of rings one after another; how large each is follows from them.
+    ) -> types.GroundAreas:
+        """Return the areas of consecutive rings; their sizes are computed.
 
         Parameters
         ----------
@@ -93,72 +89,48 @@ class GroundAreasExt(Message):
         Raises
         ------
         InputError
-            On counts that do not fit to what they count, or a kind that is none.
+            If counts are inconsistent, or a kind is unknown.
         """
-        from cdff_common.types.ground_areas import GroundAreas, GroundAreasData, GroundAreasMetadata
-
         rings, counts = np.asarray(ring_counts, dtype=np.uint32), np.asarray(corner_counts, dtype=np.uint32)
         corners = np.asarray(corners_m, dtype=np.float64).reshape(-1, 2)
-        check_columns("GroundAreas", int(counts.sum()), {"corners": corners}, {})
-        check_columns("GroundAreas", int(rings.sum()), {"corner_counts": counts}, {})
-        data = GroundAreasData(
+        check_columns("GroundAreas", int(counts.sum()), {"corners": corners})
+        check_columns("GroundAreas", int(rings.sum()), {"corner_counts": counts})
+        data = types.GroundAreasData(
             np.asarray(kinds, dtype=np.uint8), _areas_m2(rings, counts, corners), rings, counts, corners
         )
-        metadata = GroundAreasMetadata(
+        metadata = types.GroundAreasMetadata(
             producer_id=producer,
             frame_id=frame,
-            start_time=Time.from_ns(t0_ns),
-            end_time=Time.from_ns(t1_ns),
+            start_time=types.Time.from_ns(t0_ns),
+            end_time=types.Time.from_ns(t1_ns),
             resolution=resolution_m,
             tolerance=tolerance_m,
         )
-        return GroundAreas(metadata, data)
-
-    @property
-    def frame(self) -> str:
-        """Frame of the corners."""
-        return self.metadata.frame_id
-
-    @property
-    def t0_ns(self) -> int:
-        """Begin of capture, nanoseconds."""
-        return self.metadata.start_time.ns
-
-    @property
-    def t1_ns(self) -> int:
-        """End of capture, nanoseconds."""
-        return self.metadata.end_time.ns
-
-    @property
-    def stamp_ns(self) -> int:
-        """End of capture, nanoseconds."""
-        return self.t1_ns
+        return types.GroundAreas(metadata, data)
 
     @property
     def polygons(self) -> list[list[NDArray[np.float64]]]:
-        """Of each area its rings ``(k, 2)``, the outer one first."""
+        """Return the rings ``(k, 2)`` of each area, the outer one first."""
         rings = np.split(self.data.corners, np.cumsum(self.data.corner_counts, dtype=np.int64)[:-1])
         ends = np.cumsum(self.data.ring_counts, dtype=np.int64)
         return [
-            rings[end - count : end] for end, count in zip(ends, self.data.ring_counts.astype(np.int64), strict=True)
+            rings[end - count : end]
+            for end, count in zip(ends, self.data.ring_counts.astype(np.int64), strict=True)
         ]
 
     def extent_m(self) -> Box | None:
-        """Box around the corners, z 0."""
-        if not len(self.data.corners):
-            return None
-        (x0, y0), (x1, y1) = self.data.corners.min(axis=0).tolist(), self.data.corners.max(axis=0).tolist()
-        return (x0, y0, 0.0, x1, y1, 0.0)
+        """Return the box around the corners, z 0."""
+        return box_around(np.pad(self.data.corners, ((0, 0), (0, 1))))
 
 
 def _areas_m2(
     ring_counts: NDArray[np.uint32], corner_counts: NDArray[np.uint32], corners: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Sum of the signed areas of the rings of each area (shoelace formula); holes, clockwise, count below 0."""
+    """Return the signed sum of the ring areas of each area (shoelace formula); holes are negative."""
     ring = np.repeat(np.arange(len(corner_counts)), corner_counts)
     area = np.repeat(np.arange(len(ring_counts)), ring_counts)
     begin = np.cumsum(corner_counts, dtype=np.int64) - corner_counts
-    # About the ring's first corner, so that rings far from the origin lose no digits.
+    # Relative to the ring's first corner, to avoid cancellation far from the origin.
     x, y = (corners - corners[begin[ring]]).T
     following = np.arange(1, len(ring) + 1)
     last = begin + corner_counts - 1

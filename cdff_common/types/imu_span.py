@@ -12,19 +12,18 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.types import validation as check
-from cdff_common.types.imu_span_ext import ImuSpanDataExt, ImuSpanExt
+from cdff_common.types.imu_span_ext import ImuSpanExt
 from cdff_common.types.message import Message
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ImuSpanMetadata(Message):
-    """What an ``ImuSpan-Metadata`` of the ASN.1 modules holds.
+    """Type ``ImuSpan-Metadata`` of the ASN.1 modules.
 
     Attributes
     ----------
     msg_version : int, 0..4294967295
-    sensor_id : str, at most 256 octets
+    sensor_id : str, at most 256 bytes
         frame of the sensor.
     """
 
@@ -32,26 +31,21 @@ class ImuSpanMetadata(Message):
     msg_version: int = 1
     sensor_id: str = ""
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "ImuSpanMetadata.msg_version", 0, 4294967295))
-        put(self, "sensor_id", check.text(self.sensor_id, "ImuSpanMetadata.sensor_id", 256))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class ImuSpanData(ImuSpanDataExt):
-    """Columns of one length: one row for each measurement.
+class ImuSpanData(Message):
+    """Columns of equal length: one row per measurement.
 
     Attributes
     ----------
     stamps : NDArray[np.int64], shape (n,)
-        us since the UNIX epoch, rising.
+        us since the UNIX epoch, ascending.
     acc : NDArray[np.float64], shape (n, 3)
         m/s2, specific force: +9.81 upwards at rest.
     gyro : NDArray[np.float64], shape (n, 3)
         rad/s.
     mag : NDArray[np.float64], shape (n, 3)
-        uT, or normalised where the sensor says so.
+        uT, or normalised if the sensor is specified so.
     """
 
     ASN1_NAME: ClassVar[str] = "ImuSpan-Data"
@@ -60,18 +54,10 @@ class ImuSpanData(ImuSpanDataExt):
     gyro: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3), np.float64))
     mag: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "stamps", check.typed_octets(self.stamps, "ImuSpanData.stamps", 1073741824, "<i8", 0))
-        put(self, "acc", check.typed_octets(self.acc, "ImuSpanData.acc", 1073741824, "<f8", 3))
-        put(self, "gyro", check.typed_octets(self.gyro, "ImuSpanData.gyro", 1073741824, "<f8", 3))
-        put(self, "mag", check.typed_octets(self.mag, "ImuSpanData.mag", 1073741824, "<f8", 3))
-        self._check_together()
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ImuSpan(ImuSpanExt):
-    """Calibrated inertial measurements of one sensor at rising times.
+    """Calibrated inertial measurements of one sensor, in ascending order of time.
 
     Attributes
     ----------
@@ -82,9 +68,3 @@ class ImuSpan(ImuSpanExt):
     ASN1_NAME: ClassVar[str] = "ImuSpan"
     metadata: ImuSpanMetadata = field(default_factory=ImuSpanMetadata)
     data: ImuSpanData = field(default_factory=ImuSpanData)
-
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "metadata", check.instance(self.metadata, "ImuSpan.metadata", ImuSpanMetadata))
-        put(self, "data", check.instance(self.data, "ImuSpan.data", ImuSpanData))
-        self._check_together()

@@ -12,14 +12,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.types import validation as check
 from cdff_common.types.message import Message
 from cdff_common.types.time import Time
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class JointState(Message):
-    """What a ``JointState`` of the ASN.1 modules holds.
+    """Type ``JointState`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -42,18 +41,10 @@ class JointState(Message):
     raw: float = 0.0
     acceleration: float = 0.0
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "position", check.real(self.position, "JointState.position"))
-        put(self, "speed", check.real(self.speed, "JointState.speed"))
-        put(self, "effort", check.real(self.effort, "JointState.effort"))
-        put(self, "raw", check.real(self.raw, "JointState.raw"))
-        put(self, "acceleration", check.real(self.acceleration, "JointState.acceleration"))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class JointLimitRange(Message):
-    """What a ``JointLimitRange`` of the ASN.1 modules holds.
+    """Type ``JointLimitRange`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -65,19 +56,14 @@ class JointLimitRange(Message):
     min: JointState = field(default_factory=JointState)
     max: JointState = field(default_factory=JointState)
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "min", check.instance(self.min, "JointLimitRange.min", JointState))
-        put(self, "max", check.instance(self.max, "JointLimitRange.max", JointState))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class OutOfBounds(Message):
-    """What an ``OutOfBounds`` of the ASN.1 modules holds.
+    """Type ``OutOfBounds`` of the ASN.1 modules.
 
     Attributes
     ----------
-    error_name : str, at most 256 octets
+    error_name : str, at most 256 bytes
     min : float
     max : float
     value : float
@@ -89,21 +75,14 @@ class OutOfBounds(Message):
     max: float = 0.0
     value: float = 0.0
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "error_name", check.text(self.error_name, "OutOfBounds.error_name", 256))
-        put(self, "min", check.real(self.min, "OutOfBounds.min"))
-        put(self, "max", check.real(self.max, "OutOfBounds.max"))
-        put(self, "value", check.real(self.value, "OutOfBounds.value"))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class JointLimits(Message):
-    """What a ``JointLimits`` of the ASN.1 modules holds.
+    """Type ``JointLimits`` of the ASN.1 modules.
 
     Attributes
     ----------
-    vector_name : str, at most 256 octets
+    vector_name : str, at most 256 bytes
     ranges : tuple[JointLimitRange, ...]
     """
 
@@ -111,19 +90,10 @@ class JointLimits(Message):
     vector_name: str = ""
     ranges: tuple[JointLimitRange, ...] = field(default_factory=lambda: (JointLimitRange(),) * 1)
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "vector_name", check.text(self.vector_name, "JointLimits.vector_name", 256))
-        put(
-            self,
-            "ranges",
-            check.items(self.ranges, "JointLimits.ranges", 1, 60, lambda v, w: check.instance(v, w, JointLimitRange)),
-        )
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Joints(Message):
-    """What a ``Joints`` of the ASN.1 modules holds.
+    """Type ``Joints`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -138,16 +108,6 @@ class Joints(Message):
     names: tuple[str, ...] = ()
     elements: tuple[JointState, ...] = ()
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "timestamp", check.instance(self.timestamp, "Joints.timestamp", Time))
-        put(self, "names", check.items(self.names, "Joints.names", 0, 50, lambda v, w: check.text(v, w, 256)))
-        put(
-            self,
-            "elements",
-            check.items(self.elements, "Joints.elements", 0, 50, lambda v, w: check.instance(v, w, JointState)),
-        )
-
     @property
     def stamp_ns(self) -> int:
         """Time, nanoseconds."""
@@ -156,7 +116,7 @@ class Joints(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class JointTrajectory(Message):
-    """What a ``JointTrajectory`` of the ASN.1 modules holds.
+    """Type ``JointTrajectory`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -166,18 +126,10 @@ class JointTrajectory(Message):
     ASN1_NAME: ClassVar[str] = "JointTrajectory"
     items: tuple[JointState, ...] = field(default_factory=lambda: (JointState(),) * 1)
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(
-            self,
-            "items",
-            check.items(self.items, "JointTrajectory.items", 1, 60, lambda v, w: check.instance(v, w, JointState)),
-        )
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class JointsTrajectory(Message):
-    """What a ``JointsTrajectory`` of the ASN.1 modules holds.
+    """Type ``JointsTrajectory`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -191,34 +143,10 @@ class JointsTrajectory(Message):
     timetags: tuple[Time, ...] = field(default_factory=lambda: (Time(),) * 1)
     trajectory: tuple[tuple[JointState, ...], ...] = field(default_factory=lambda: ((JointState(),) * 1,) * 1)
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(
-            self,
-            "vector_name",
-            check.items(self.vector_name, "JointsTrajectory.vector_name", 1, 60, lambda v, w: check.text(v, w, 256)),
-        )
-        put(
-            self,
-            "timetags",
-            check.items(self.timetags, "JointsTrajectory.timetags", 1, 60, lambda v, w: check.instance(v, w, Time)),
-        )
-        put(
-            self,
-            "trajectory",
-            check.items(
-                self.trajectory,
-                "JointsTrajectory.trajectory",
-                1,
-                60,
-                lambda v, w: check.items(v, w, 1, 60, lambda v, w: check.instance(v, w, JointState)),
-            ),
-        )
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class InvalidTimeStep(Message):
-    """What an ``InvalidTimeStep`` of the ASN.1 modules holds.
+    """Type ``InvalidTimeStep`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -228,31 +156,23 @@ class InvalidTimeStep(Message):
     ASN1_NAME: ClassVar[str] = "InvalidTimeStep"
     time_step: int = 0
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "time_step", check.integer(self.time_step, "InvalidTimeStep.time_step", 0, 4294967295))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class InvalidName(Message):
-    """What an ``InvalidName`` of the ASN.1 modules holds.
+    """Type ``InvalidName`` of the ASN.1 modules.
 
     Attributes
     ----------
-    name_string : str, at most 256 octets
+    name_string : str, at most 256 bytes
     """
 
     ASN1_NAME: ClassVar[str] = "InvalidName"
     name_string: str = ""
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "name_string", check.text(self.name_string, "InvalidName.name_string", 256))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Wrench(Message):
-    """What a ``Wrench`` of the ASN.1 modules holds.
+    """Type ``Wrench`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -268,12 +188,6 @@ class Wrench(Message):
     force: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3,), np.float64))
     torque: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3,), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "timestamp", check.instance(self.timestamp, "Wrench.timestamp", Time))
-        put(self, "force", check.real_array(self.force, "Wrench.force", ((3, 3),)))
-        put(self, "torque", check.real_array(self.torque, "Wrench.torque", ((3, 3),)))
-
     @property
     def stamp_ns(self) -> int:
         """Time, nanoseconds."""
@@ -282,11 +196,11 @@ class Wrench(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Wrenches(Message):
-    """What a ``Wrenches`` of the ASN.1 modules holds.
+    """Type ``Wrenches`` of the ASN.1 modules.
 
     Attributes
     ----------
-    vector_name : str, at most 256 octets
+    vector_name : str, at most 256 bytes
     timestamp : Time
     wrenches : tuple[Wrench, ...]
     """
@@ -296,16 +210,6 @@ class Wrenches(Message):
     timestamp: Time = field(default_factory=Time)
     wrenches: tuple[Wrench, ...] = field(default_factory=lambda: (Wrench(),) * 1)
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "vector_name", check.text(self.vector_name, "Wrenches.vector_name", 256))
-        put(self, "timestamp", check.instance(self.timestamp, "Wrenches.timestamp", Time))
-        put(
-            self,
-            "wrenches",
-            check.items(self.wrenches, "Wrenches.wrenches", 1, 60, lambda v, w: check.instance(v, w, Wrench)),
-        )
-
     @property
     def stamp_ns(self) -> int:
         """Time, nanoseconds."""
@@ -314,7 +218,7 @@ class Wrenches(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Pressure(Message):
-    """What a ``Pressure`` of the ASN.1 modules holds.
+    """Type ``Pressure`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -327,11 +231,6 @@ class Pressure(Message):
     timestamp: Time = field(default_factory=Time)
     pascals: float = 0.0
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "timestamp", check.instance(self.timestamp, "Pressure.timestamp", Time))
-        put(self, "pascals", check.real(self.pascals, "Pressure.pascals"))
-
     @property
     def stamp_ns(self) -> int:
         """Time, nanoseconds."""
@@ -340,7 +239,7 @@ class Pressure(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Temperature(Message):
-    """What a ``Temperature`` of the ASN.1 modules holds.
+    """Type ``Temperature`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -350,10 +249,6 @@ class Temperature(Message):
 
     ASN1_NAME: ClassVar[str] = "Temperature"
     kelvin: float = 0.0
-
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "kelvin", check.real(self.kelvin, "Temperature.kelvin"))
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -368,7 +263,7 @@ class IMUSensors(Message):
     gyro : NDArray[np.float64], shape (3,)
         rad/s.
     mag : NDArray[np.float64], shape (3,)
-        uT, or normalised where the sensor says so.
+        uT, or normalised if the sensor is specified so.
     """
 
     ASN1_NAME: ClassVar[str] = "IMUSensors"
@@ -376,13 +271,6 @@ class IMUSensors(Message):
     acc: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3,), np.float64))
     gyro: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3,), np.float64))
     mag: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3,), np.float64))
-
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "timestamp", check.instance(self.timestamp, "IMUSensors.timestamp", Time))
-        put(self, "acc", check.real_array(self.acc, "IMUSensors.acc", ((3, 3),)))
-        put(self, "gyro", check.real_array(self.gyro, "IMUSensors.gyro", ((3, 3),)))
-        put(self, "mag", check.real_array(self.mag, "IMUSensors.mag", ((3, 3),)))
 
     @property
     def stamp_ns(self) -> int:

@@ -12,24 +12,23 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.types import validation as check
-from cdff_common.types.lidar_scan_ext import LidarScanDataExt, LidarScanExt
+from cdff_common.types.lidar_scan_ext import LidarScanExt
 from cdff_common.types.message import Message
 from cdff_common.types.time import Time
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class LidarScanMetadata(Message):
-    """What a ``LidarScan-Metadata`` of the ASN.1 modules holds.
+    """Type ``LidarScan-Metadata`` of the ASN.1 modules.
 
     Attributes
     ----------
     msg_version : int, 0..4294967295
-    sensor_id : str, at most 256 octets
-    frame_id : str, at most 256 octets
-        frame of the points, each at its own time.
+    sensor_id : str, at most 256 bytes
+    frame_id : str, at most 256 bytes
+        frame of the points, each at its own time stamp.
     start_time : Time
-        t0: zero of the time offsets.
+        t0: origin of the time offsets.
     end_time : Time
         t1: end of the sweep.
     """
@@ -41,29 +40,26 @@ class LidarScanMetadata(Message):
     start_time: Time = field(default_factory=Time)
     end_time: Time = field(default_factory=Time)
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "LidarScanMetadata.msg_version", 0, 4294967295))
-        put(self, "sensor_id", check.text(self.sensor_id, "LidarScanMetadata.sensor_id", 256))
-        put(self, "frame_id", check.text(self.frame_id, "LidarScanMetadata.frame_id", 256))
-        put(self, "start_time", check.instance(self.start_time, "LidarScanMetadata.start_time", Time))
-        put(self, "end_time", check.instance(self.end_time, "LidarScanMetadata.end_time", Time))
+    @property
+    def stamp_ns(self) -> int:
+        """Time, nanoseconds."""
+        return self.end_time.ns
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class LidarScanData(LidarScanDataExt):
-    """Columns of one length: one row for each point.
+class LidarScanData(Message):
+    """Columns of equal length: one row per point.
 
     Attributes
     ----------
     points : NDArray[np.float32], shape (n, 3)
         m, x y z.
     time_offsets : NDArray[np.uint32], shape (n,)
-        us after startTime, one for each point.
+        us after startTime, one per point.
     intensity : NDArray[np.uint16], shape (n,)
-        none or one for each point.
+        none or one per point.
     ring : NDArray[np.uint16], shape (n,)
-        laser number; none or one for each point.
+        laser number; none or one per point.
     """
 
     ASN1_NAME: ClassVar[str] = "LidarScan-Data"
@@ -72,22 +68,10 @@ class LidarScanData(LidarScanDataExt):
     intensity: NDArray[np.uint16] = field(default_factory=lambda: np.zeros(0, np.uint16))
     ring: NDArray[np.uint16] = field(default_factory=lambda: np.zeros(0, np.uint16))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "points", check.typed_octets(self.points, "LidarScanData.points", 1073741824, "<f4", 3))
-        put(
-            self,
-            "time_offsets",
-            check.typed_octets(self.time_offsets, "LidarScanData.time_offsets", 1073741824, "<u4", 0),
-        )
-        put(self, "intensity", check.typed_octets(self.intensity, "LidarScanData.intensity", 1073741824, "<u2", 0))
-        put(self, "ring", check.typed_octets(self.ring, "LidarScanData.ring", 1073741824, "<u2", 0))
-        self._check_together()
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class LidarScan(LidarScanExt):
-    """A sweep; each point has its own time.
+    """Lidar sweep; each point has its own time stamp.
 
     Attributes
     ----------
@@ -99,8 +83,22 @@ class LidarScan(LidarScanExt):
     metadata: LidarScanMetadata = field(default_factory=LidarScanMetadata)
     data: LidarScanData = field(default_factory=LidarScanData)
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "metadata", check.instance(self.metadata, "LidarScan.metadata", LidarScanMetadata))
-        put(self, "data", check.instance(self.data, "LidarScan.data", LidarScanData))
-        self._check_together()
+    @property
+    def frame(self) -> str:
+        """Frame of the coordinates."""
+        return self.metadata.frame_id
+
+    @property
+    def t0_ns(self) -> int:
+        """Start of capture, nanoseconds."""
+        return self.metadata.start_time.ns
+
+    @property
+    def t1_ns(self) -> int:
+        """End of capture, nanoseconds."""
+        return self.metadata.end_time.ns
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time, nanoseconds."""
+        return self.metadata.end_time.ns

@@ -4,47 +4,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cdff_common import types
 from cdff_common.errors import InputError
-from cdff_common.types.message import Box, Message
-from cdff_common.types.pointcloud_ext import box_of_points
-from cdff_common.types.time import Time
-
-if TYPE_CHECKING:
-    from cdff_common.types.lidar_scan import LidarScan, LidarScanData, LidarScanMetadata
-
-
-class LidarScanDataExt(Message):
-    """Sizes that belong together."""
-
-    __slots__ = ()
-    if TYPE_CHECKING:
-        points: NDArray[np.float32]
-        time_offsets: NDArray[np.uint32]
-        intensity: NDArray[np.uint16]
-        ring: NDArray[np.uint16]
-
-    def _check_together(self) -> None:
-        """One time for each point; intensities and rings are none, or one for each point."""
-        n = len(self.points)
-        if len(self.time_offsets) != n:
-            raise InputError(f"LidarScanData.time_offsets: {len(self.time_offsets)} for {n} points, expected as many")
-        for name, array in (("intensity", self.intensity), ("ring", self.ring)):
-            if len(array) not in (0, n):
-                raise InputError(f"LidarScanData.{name}: {len(array)} for {n} points, expected 0 or as many")
+from cdff_common.types.message import Message
 
 
 class LidarScanExt(Message):
-    """One sweep: each point in the sensor's frame at the point's own time."""
+    """Lidar sweep: each point in the sensor frame at its own time stamp."""
 
     __slots__ = ()
-    if TYPE_CHECKING:
-        metadata: LidarScanMetadata
-        data: LidarScanData
+    metadata: types.LidarScanMetadata
+    data: types.LidarScanData
 
     @classmethod
     def from_arrays(
@@ -58,31 +31,34 @@ class LidarScanExt(Message):
         intensity: ArrayLike | None = None,
         ring: ArrayLike | None = None,
         sensor: str = "",
-    ) -> LidarScan:
-        """Sweep of points ``(n, 3)`` in metres (kept as float32), each ``time_offset_us`` after ``t0_ns``.
+    ) -> types.LidarScan:
+        """Return a sweep of points ``(n, 3)``, metres (float32), each ``time_offset_us`` after ``t0_ns``.
 
         Raises
         ------
         InputError
-            On sizes that differ, offsets beyond ``t1_ns``, or a sweep that ends before it begins.
+            If array lengths differ, an offset lies after ``t1_ns``, or ``t1_ns < t0_ns``.
         """
-        from cdff_common.types.lidar_scan import LidarScan, LidarScanData, LidarScanMetadata
-
         offsets = np.asarray(time_offset_us)
         if t1_ns < t0_ns:
             raise InputError(f"LidarScan: t0 {t0_ns}, t1 {t1_ns}: expected t0 <= t1")
         if offsets.size and int(offsets.max()) * 1000 > t1_ns - t0_ns:
-            raise InputError(f"LidarScan: offset {int(offsets.max())} us lies after t1, {(t1_ns - t0_ns) // 1000} us")
-        data = LidarScanData(
+            raise InputError(
+                f"LidarScan: offset {int(offsets.max())} us lies after t1, {(t1_ns - t0_ns) // 1000} us"
+            )
+        data = types.LidarScanData(
             np.asarray(points_m, dtype=np.float32),
             offsets,
             np.zeros(0, np.uint16) if intensity is None else np.asarray(intensity),
             np.zeros(0, np.uint16) if ring is None else np.asarray(ring),
         )
-        metadata = LidarScanMetadata(
-            sensor_id=sensor, frame_id=frame, start_time=Time.from_ns(t0_ns), end_time=Time.from_ns(t1_ns)
+        metadata = types.LidarScanMetadata(
+            sensor_id=sensor,
+            frame_id=frame,
+            start_time=types.Time.from_ns(t0_ns),
+            end_time=types.Time.from_ns(t1_ns),
         )
-        return LidarScan(metadata, data)
+        return types.LidarScan(metadata, data)
 
     @property
     def points_m(self) -> NDArray[np.float32]:
@@ -103,27 +79,3 @@ class LidarScanExt(Message):
     def ring(self) -> NDArray[np.uint16] | None:
         """Laser numbers ``(n,)``; None where the scan has none."""
         return self.data.ring if len(self.data.ring) or not len(self.data.points) else None
-
-    @property
-    def frame(self) -> str:
-        """Frame of the points."""
-        return self.metadata.frame_id
-
-    @property
-    def t0_ns(self) -> int:
-        """Begin of the sweep, nanoseconds."""
-        return self.metadata.start_time.ns
-
-    @property
-    def t1_ns(self) -> int:
-        """End of the sweep, nanoseconds."""
-        return self.metadata.end_time.ns
-
-    @property
-    def stamp_ns(self) -> int:
-        """End of the sweep, nanoseconds."""
-        return self.t1_ns
-
-    def extent_m(self) -> Box | None:
-        """Box around the finite points in ``frame``, as if they were taken at one time."""
-        return box_of_points(self.data.points)

@@ -13,7 +13,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.types import validation as check
 from cdff_common.types.frame import Array3D, Array3DDepthT, FrameErrorT
 from cdff_common.types.map_ext import ElevationMapExt, GridLayerExt, MapExt, NavigationMapExt
 from cdff_common.types.message import Message
@@ -31,7 +30,7 @@ class MapTypeT(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MapMetadataT(Message):
-    """What a ``Map-metadata-t`` of the ASN.1 modules holds.
+    """Type ``Map-metadata-t`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -40,7 +39,7 @@ class MapMetadataT(Message):
     type : MapTypeT
     err_values : tuple[FrameErrorT, ...]
     scale : float
-        m, side of a cell.
+        m, edge of a cell.
     pose_fixed_frame_map_frame : TransformWithCovariance
         of the outer corner of cell (0,0): row 0 has the largest y.
     """
@@ -53,27 +52,6 @@ class MapMetadataT(Message):
     scale: float = 0.0
     pose_fixed_frame_map_frame: TransformWithCovariance = field(default_factory=TransformWithCovariance)
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "MapMetadataT.msg_version", 0, 4294967295))
-        put(self, "time_stamp", check.instance(self.time_stamp, "MapMetadataT.time_stamp", Time))
-        put(self, "type", check.enumeration(self.type, "MapMetadataT.type", MapTypeT))
-        put(
-            self,
-            "err_values",
-            check.items(
-                self.err_values, "MapMetadataT.err_values", 0, 5, lambda v, w: check.instance(v, w, FrameErrorT)
-            ),
-        )
-        put(self, "scale", check.real(self.scale, "MapMetadataT.scale"))
-        put(
-            self,
-            "pose_fixed_frame_map_frame",
-            check.instance(
-                self.pose_fixed_frame_map_frame, "MapMetadataT.pose_fixed_frame_map_frame", TransformWithCovariance
-            ),
-        )
-
     @property
     def stamp_ns(self) -> int:
         """Time, nanoseconds."""
@@ -82,7 +60,7 @@ class MapMetadataT(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Map(MapExt):
-    """One layer in a frame, as InFuse knew it.
+    """Map of one layer in a frame, as in InFuse.
 
     Attributes
     ----------
@@ -96,28 +74,27 @@ class Map(MapExt):
     metadata: MapMetadataT = field(default_factory=MapMetadataT)
     data: Array3D = field(default_factory=Array3D)
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "Map.msg_version", 0, 4294967295))
-        put(self, "metadata", check.instance(self.metadata, "Map.metadata", MapMetadataT))
-        put(self, "data", check.instance(self.data, "Map.data", Array3D))
-        self._check_together()
+    @property
+    def stamp_ns(self) -> int:
+        """Time, nanoseconds."""
+        return self.metadata.time_stamp.ns
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class GridMapMetadata(Message):
-    """Row 0 lies at yMax; cell edges lie on multiples of the resolution from the frame's origin; a cell is an area.
+    """Row 0 is at yMax; cell edges are at multiples of the resolution from the frame's origin; a cell is
+    an area.
 
     Attributes
     ----------
     msg_version : int, 0..4294967295
-    frame_id : str, at most 256 octets
+    frame_id : str, at most 256 bytes
     start_time : Time
-        t0: begin of capture of what the map is made from.
+        t0: start of capture of the source data.
     end_time : Time
-        t1: end of it.
+        t1: end of capture.
     resolution : float
-        m, side of a cell.
+        m, edge of a cell.
     x_min : float
         m, outer edge of column 0.
     y_max : float
@@ -137,27 +114,20 @@ class GridMapMetadata(Message):
     rows: int = 0
     cols: int = 0
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "GridMapMetadata.msg_version", 0, 4294967295))
-        put(self, "frame_id", check.text(self.frame_id, "GridMapMetadata.frame_id", 256))
-        put(self, "start_time", check.instance(self.start_time, "GridMapMetadata.start_time", Time))
-        put(self, "end_time", check.instance(self.end_time, "GridMapMetadata.end_time", Time))
-        put(self, "resolution", check.real(self.resolution, "GridMapMetadata.resolution"))
-        put(self, "x_min", check.real(self.x_min, "GridMapMetadata.x_min"))
-        put(self, "y_max", check.real(self.y_max, "GridMapMetadata.y_max"))
-        put(self, "rows", check.integer(self.rows, "GridMapMetadata.rows", 0, 4294967295))
-        put(self, "cols", check.integer(self.cols, "GridMapMetadata.cols", 0, 4294967295))
+    @property
+    def stamp_ns(self) -> int:
+        """Time, nanoseconds."""
+        return self.end_time.ns
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class GridLayer(GridLayerExt):
-    """What a ``GridLayer`` of the ASN.1 modules holds.
+    """Type ``GridLayer`` of the ASN.1 modules.
 
     Attributes
     ----------
-    name : str, at most 256 octets
-        with its unit where it has one: slope_deg.
+    name : str, at most 256 bytes
+        with its unit if it has one, e.g. slope_deg.
     depth : Array3DDepthT
     data : NDArray[np.uint8], shape (n,)
         rows x cols elements, row-major, little-endian.
@@ -168,17 +138,11 @@ class GridLayer(GridLayerExt):
     depth: Array3DDepthT = Array3DDepthT.DEPTH_8U
     data: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "name", check.text(self.name, "GridLayer.name", 256))
-        put(self, "depth", check.enumeration(self.depth, "GridLayer.depth", Array3DDepthT))
-        put(self, "data", check.octets(self.data, "GridLayer.data", 1073741824))
-        self._check_together()
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ElevationMap(ElevationMapExt):
-    """Elevation: layers mean, variance, min, max (m, m2), count, age_s (s before t1); NaN where unobserved.
+    """Elevation map: layers mean, variance, min, max (m, m2), count, age_s (s before t1); NaN where
+    unobserved.
 
     Attributes
     ----------
@@ -190,20 +154,31 @@ class ElevationMap(ElevationMapExt):
     metadata: GridMapMetadata = field(default_factory=GridMapMetadata)
     layers: tuple[GridLayer, ...] = ()
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "metadata", check.instance(self.metadata, "ElevationMap.metadata", GridMapMetadata))
-        put(
-            self,
-            "layers",
-            check.items(self.layers, "ElevationMap.layers", 0, 64, lambda v, w: check.instance(v, w, GridLayer)),
-        )
-        self._check_together()
+    @property
+    def frame(self) -> str:
+        """Frame of the coordinates."""
+        return self.metadata.frame_id
+
+    @property
+    def t0_ns(self) -> int:
+        """Start of capture, nanoseconds."""
+        return self.metadata.start_time.ns
+
+    @property
+    def t1_ns(self) -> int:
+        """End of capture, nanoseconds."""
+        return self.metadata.end_time.ns
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time, nanoseconds."""
+        return self.metadata.end_time.ns
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class NavigationMap(NavigationMapExt):
-    """Traversability: layers class (0 unknown, 1 safe, 2 caution, 3 hazard), slope_deg, step_m, roughness_m, cost.
+    """Traversability map: layers class (0 unknown, 1 safe, 2 caution, 3 hazard), slope_deg, step_m,
+    roughness_m, cost.
 
     Attributes
     ----------
@@ -215,12 +190,22 @@ class NavigationMap(NavigationMapExt):
     metadata: GridMapMetadata = field(default_factory=GridMapMetadata)
     layers: tuple[GridLayer, ...] = ()
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "metadata", check.instance(self.metadata, "NavigationMap.metadata", GridMapMetadata))
-        put(
-            self,
-            "layers",
-            check.items(self.layers, "NavigationMap.layers", 0, 64, lambda v, w: check.instance(v, w, GridLayer)),
-        )
-        self._check_together()
+    @property
+    def frame(self) -> str:
+        """Frame of the coordinates."""
+        return self.metadata.frame_id
+
+    @property
+    def t0_ns(self) -> int:
+        """Start of capture, nanoseconds."""
+        return self.metadata.start_time.ns
+
+    @property
+    def t1_ns(self) -> int:
+        """End of capture, nanoseconds."""
+        return self.metadata.end_time.ns
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time, nanoseconds."""
+        return self.metadata.end_time.ns

@@ -12,7 +12,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.types import validation as check
 from cdff_common.types.mesh_ext import MeshDataExt, MeshExt
 from cdff_common.types.message import Message
 from cdff_common.types.time import Time
@@ -20,16 +19,16 @@ from cdff_common.types.time import Time
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MeshMetadata(Message):
-    """What a ``Mesh-Metadata`` of the ASN.1 modules holds.
+    """Type ``Mesh-Metadata`` of the ASN.1 modules.
 
     Attributes
     ----------
     msg_version : int, 0..4294967295
-    producer_id : str, at most 256 octets
-    frame_id : str, at most 256 octets
+    producer_id : str, at most 256 bytes
+    frame_id : str, at most 256 bytes
         frame of the vertices.
     time_stamp : Time
-        end of capture of what it was made from.
+        end of capture of the source data.
     """
 
     ASN1_NAME: ClassVar[str] = "Mesh-Metadata"
@@ -37,13 +36,6 @@ class MeshMetadata(Message):
     producer_id: str = ""
     frame_id: str = ""
     time_stamp: Time = field(default_factory=Time)
-
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "MeshMetadata.msg_version", 0, 4294967295))
-        put(self, "producer_id", check.text(self.producer_id, "MeshMetadata.producer_id", 256))
-        put(self, "frame_id", check.text(self.frame_id, "MeshMetadata.frame_id", 256))
-        put(self, "time_stamp", check.instance(self.time_stamp, "MeshMetadata.time_stamp", Time))
 
     @property
     def stamp_ns(self) -> int:
@@ -53,18 +45,18 @@ class MeshMetadata(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MeshData(MeshDataExt):
-    """What a ``Mesh-Data`` of the ASN.1 modules holds.
+    """Type ``Mesh-Data`` of the ASN.1 modules.
 
     Attributes
     ----------
     vertices : NDArray[np.float64], shape (n, 3)
         m, x y z.
     triangles : NDArray[np.uint32], shape (n, 3)
-        numbers of vertices from 0, counter-clockwise seen from outside.
+        indices of vertices from 0, counter-clockwise seen from outside.
     normals : NDArray[np.float32], shape (n, 3)
-        unit length, outwards; none or one for each vertex.
+        unit length, outwards; none or one per vertex.
     colors : NDArray[np.uint8], shape (n, 3)
-        r g b; none or one for each vertex.
+        r g b; none or one per vertex.
     """
 
     ASN1_NAME: ClassVar[str] = "Mesh-Data"
@@ -73,18 +65,10 @@ class MeshData(MeshDataExt):
     normals: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3), np.float32))
     colors: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "vertices", check.typed_octets(self.vertices, "MeshData.vertices", 1073741824, "<f8", 3))
-        put(self, "triangles", check.typed_octets(self.triangles, "MeshData.triangles", 1073741824, "<u4", 3))
-        put(self, "normals", check.typed_octets(self.normals, "MeshData.normals", 1073741824, "<f4", 3))
-        put(self, "colors", check.typed_octets(self.colors, "MeshData.colors", 1073741824, "<u1", 3))
-        self._check_together()
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Mesh(MeshExt):
-    """A surface of triangles in one frame.
+    """Triangle mesh in one frame.
 
     Attributes
     ----------
@@ -96,8 +80,12 @@ class Mesh(MeshExt):
     metadata: MeshMetadata = field(default_factory=MeshMetadata)
     data: MeshData = field(default_factory=MeshData)
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "metadata", check.instance(self.metadata, "Mesh.metadata", MeshMetadata))
-        put(self, "data", check.instance(self.data, "Mesh.data", MeshData))
-        self._check_together()
+    @property
+    def frame(self) -> str:
+        """Frame of the coordinates."""
+        return self.metadata.frame_id
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time, nanoseconds."""
+        return self.metadata.time_stamp.ns

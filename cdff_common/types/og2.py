@@ -13,14 +13,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.types import validation as check
 from cdff_common.types.message import Message
 from cdff_common.types.product import ProductMetadata
 from cdff_common.types.time import Time
 
 
 class Og2RegionKindT(IntEnum):
-    """What the numbers of a region are."""
+    """Shape of a region, i.e. the meaning of its numbers."""
 
     REGION_ANY = 0
     REGION_BBOX = 1
@@ -32,13 +31,13 @@ class Og2RegionKindT(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Og2Region(Message):
-    """BBOX xmin ymin xmax ymax, BOX xmin ymin zmin xmax ymax zmax, CIRCLE x y r, POLYGON x1 y1 x2 y2 ..., NEAR r
-    around the origin of the frame.
+    """BBOX xmin ymin xmax ymax, BOX xmin ymin zmin xmax ymax zmax, CIRCLE x y r, POLYGON x1 y1 x2 y2 ...,
+    NEAR r around the origin of the frame.
 
     Attributes
     ----------
     kind : Og2RegionKindT
-    frame_id : str, at most 256 octets
+    frame_id : str, at most 256 bytes
         frame of the numbers.
     numbers : NDArray[np.float64], shape (0..100,)
         m.
@@ -49,15 +48,9 @@ class Og2Region(Message):
     frame_id: str = ""
     numbers: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0,), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "kind", check.enumeration(self.kind, "Og2Region.kind", Og2RegionKindT))
-        put(self, "frame_id", check.text(self.frame_id, "Og2Region.frame_id", 256))
-        put(self, "numbers", check.real_array(self.numbers, "Og2Region.numbers", ((0, 100),)))
-
 
 class Og2DeliverT(IntEnum):
-    """How the product is to come."""
+    """Delivery of the product."""
 
     DELIVER_AUTO = 0
     DELIVER_INLINE = 1
@@ -66,35 +59,35 @@ class Og2DeliverT(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Og2Request(Message):
-    """A product as it is asked for.
+    """Request for a product.
 
     Attributes
     ----------
     msg_version : int, 0..4294967295
-    request_id : str, at most 256 octets
-        UUID of who asks.
-    robot : str, at most 256 octets
-        id, or any.
-    product : str, at most 256 octets
+    request_id : str, at most 256 bytes
+        UUID of the request.
+    robot : str, at most 256 bytes
+        robot id, or any.
+    product : str, at most 256 bytes
         pose, trajectory, dem, ...
-    as_type : str, at most 256 octets
-        ASN.1 type; empty for the product's own.
-    format : str, at most 256 octets
+    as_type : str, at most 256 bytes
+        ASN.1 type; empty for the default of the product.
+    format : str, at most 256 bytes
         uper, ber, xer, msgpack or a file format.
-    frame_id : str, at most 256 octets
-        frame to have it in.
-    child_frame_id : str, at most 256 octets
-        of a pose; else empty.
+    frame_id : str, at most 256 bytes
+        requested frame.
+    child_frame_id : str, at most 256 bytes
+        of a pose, else empty.
     has_time : bool
-        whether one time is asked for, else the newest.
+        true for a product of one time, false for the newest.
     time : Time
     region : Og2Region
     max_age : float
-        s, mission time less end of capture; 0 any.
+        s, mission time minus end of capture; 0 for any.
     resolution : float
-        m; 0 as made.
+        m; 0 for the original.
     min_coverage : float
-        0 to 1, part of the region that must hold data.
+        0 to 1, required fraction of the region with data.
     deliver : Og2DeliverT
     deadline : int, 0..4294967295
         ms until the final answer.
@@ -118,25 +111,6 @@ class Og2Request(Message):
     deliver: Og2DeliverT = Og2DeliverT.DELIVER_AUTO
     deadline: int = 0
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "Og2Request.msg_version", 0, 4294967295))
-        put(self, "request_id", check.text(self.request_id, "Og2Request.request_id", 256))
-        put(self, "robot", check.text(self.robot, "Og2Request.robot", 256))
-        put(self, "product", check.text(self.product, "Og2Request.product", 256))
-        put(self, "as_type", check.text(self.as_type, "Og2Request.as_type", 256))
-        put(self, "format", check.text(self.format, "Og2Request.format", 256))
-        put(self, "frame_id", check.text(self.frame_id, "Og2Request.frame_id", 256))
-        put(self, "child_frame_id", check.text(self.child_frame_id, "Og2Request.child_frame_id", 256))
-        put(self, "has_time", check.boolean(self.has_time, "Og2Request.has_time"))
-        put(self, "time", check.instance(self.time, "Og2Request.time", Time))
-        put(self, "region", check.instance(self.region, "Og2Request.region", Og2Region))
-        put(self, "max_age", check.real(self.max_age, "Og2Request.max_age"))
-        put(self, "resolution", check.real(self.resolution, "Og2Request.resolution"))
-        put(self, "min_coverage", check.real(self.min_coverage, "Og2Request.min_coverage"))
-        put(self, "deliver", check.enumeration(self.deliver, "Og2Request.deliver", Og2DeliverT))
-        put(self, "deadline", check.integer(self.deadline, "Og2Request.deadline", 0, 4294967295))
-
 
 class Og2JobStateT(IntEnum):
     """``OG2-jobState-t``."""
@@ -154,23 +128,23 @@ class Og2JobStateT(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Og2Job(Message):
-    """What became of a request so far.
+    """State of a request.
 
     Attributes
     ----------
     msg_version : int, 0..4294967295
     time_stamp : Time
         of this state.
-    job_id : str, at most 256 octets
-    request_id : str, at most 256 octets
-    robot : str, at most 256 octets
-    product : str, at most 256 octets
+    job_id : str, at most 256 bytes
+    request_id : str, at most 256 bytes
+    robot : str, at most 256 bytes
+    product : str, at most 256 bytes
     state : Og2JobStateT
-    reason : str, at most 256 octets
+    reason : str, at most 256 bytes
     remaining : float
-        s to the deadline.
+        s until the deadline.
     plan : tuple[str, ...]
-        DFPCs in the order of use.
+        DFPCs in order of execution.
     """
 
     ASN1_NAME: ClassVar[str] = "OG2-Job"
@@ -184,19 +158,6 @@ class Og2Job(Message):
     reason: str = ""
     remaining: float = 0.0
     plan: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "Og2Job.msg_version", 0, 4294967295))
-        put(self, "time_stamp", check.instance(self.time_stamp, "Og2Job.time_stamp", Time))
-        put(self, "job_id", check.text(self.job_id, "Og2Job.job_id", 256))
-        put(self, "request_id", check.text(self.request_id, "Og2Job.request_id", 256))
-        put(self, "robot", check.text(self.robot, "Og2Job.robot", 256))
-        put(self, "product", check.text(self.product, "Og2Job.product", 256))
-        put(self, "state", check.enumeration(self.state, "Og2Job.state", Og2JobStateT))
-        put(self, "reason", check.text(self.reason, "Og2Job.reason", 256))
-        put(self, "remaining", check.real(self.remaining, "Og2Job.remaining"))
-        put(self, "plan", check.items(self.plan, "Og2Job.plan", 0, 256, lambda v, w: check.text(v, w, 256)))
 
     @property
     def stamp_ns(self) -> int:
@@ -229,32 +190,32 @@ class Og2ErrorCodeT(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Og2Reply(Message):
-    """An answer to a request: progress, a product, its id, or an error.
+    """Reply to a request: progress, a product, its id, or an error.
 
     Attributes
     ----------
     msg_version : int, 0..4294967295
     time_stamp : Time
-    request_id : str, at most 256 octets
-    job_id : str, at most 256 octets
+    request_id : str, at most 256 bytes
+    job_id : str, at most 256 bytes
     kind : Og2ReplyKindT
     is_final : bool
-        exactly one reply to a request is.
+        true for exactly one reply to a request.
     error_code : Og2ErrorCodeT
     retriable : bool
-    detail : str, at most 256 octets
+    detail : str, at most 256 bytes
     metadata : ProductMetadata
-        of the product, also where it goes by reference.
+        of the product, also for delivery by reference.
     coverage : float
-        0 to 1, part of the region that holds data.
+        0 to 1, fraction of the region with data.
     age : float
         s, of the newest data.
     oldest_age : float
         s, of the oldest data.
     differences : tuple[str, ...]
-        from what was asked; none where all is as asked.
+        deviations from the request; none if it is fulfilled exactly.
     payload : NDArray[np.uint8], shape (n,)
-        the product in metadata.encoding; none by reference.
+        the product in metadata.encoding; empty for delivery by reference.
     """
 
     ASN1_NAME: ClassVar[str] = "OG2-Reply"
@@ -273,28 +234,6 @@ class Og2Reply(Message):
     oldest_age: float = 0.0
     differences: tuple[str, ...] = ()
     payload: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
-
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "Og2Reply.msg_version", 0, 4294967295))
-        put(self, "time_stamp", check.instance(self.time_stamp, "Og2Reply.time_stamp", Time))
-        put(self, "request_id", check.text(self.request_id, "Og2Reply.request_id", 256))
-        put(self, "job_id", check.text(self.job_id, "Og2Reply.job_id", 256))
-        put(self, "kind", check.enumeration(self.kind, "Og2Reply.kind", Og2ReplyKindT))
-        put(self, "is_final", check.boolean(self.is_final, "Og2Reply.is_final"))
-        put(self, "error_code", check.enumeration(self.error_code, "Og2Reply.error_code", Og2ErrorCodeT))
-        put(self, "retriable", check.boolean(self.retriable, "Og2Reply.retriable"))
-        put(self, "detail", check.text(self.detail, "Og2Reply.detail", 256))
-        put(self, "metadata", check.instance(self.metadata, "Og2Reply.metadata", ProductMetadata))
-        put(self, "coverage", check.real(self.coverage, "Og2Reply.coverage"))
-        put(self, "age", check.real(self.age, "Og2Reply.age"))
-        put(self, "oldest_age", check.real(self.oldest_age, "Og2Reply.oldest_age"))
-        put(
-            self,
-            "differences",
-            check.items(self.differences, "Og2Reply.differences", 0, 256, lambda v, w: check.text(v, w, 256)),
-        )
-        put(self, "payload", check.octets(self.payload, "Og2Reply.payload", 1073741824))
 
     @property
     def stamp_ns(self) -> int:

@@ -12,25 +12,24 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.types import validation as check
 from cdff_common.types.message import Message
-from cdff_common.types.pointcloud_ext import OctreeExt, PointCloudDataExt, PointcloudExt
+from cdff_common.types.pointcloud_ext import OctreeExt, PointcloudExt
 from cdff_common.types.pose import TransformWithCovariance
 from cdff_common.types.time import Time
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PointCloudMetadata(Message):
-    """Where and when a cloud was taken, and where its sensor sat.
+    """Time, frame and sensor pose of a cloud.
 
     Attributes
     ----------
     msg_version : int, 0..4294967295
-    sensor_id : str, at most 256 octets
-    frame_id : str, at most 256 octets
+    sensor_id : str, at most 256 bytes
+    frame_id : str, at most 256 bytes
         frame of the points.
     time_stamp : Time
-        of capture; the end of it where it took time.
+        of capture; its end if it took time.
     height : int, 0..4294967295
         rows of an ordered cloud, else 1.
     width : int, 0..4294967295
@@ -38,7 +37,7 @@ class PointCloudMetadata(Message):
     is_registered : bool
     is_ordered : bool
     has_fixed_transform : bool
-        whether pose-fixedFrame-robotFrame is known.
+        true if pose-fixedFrame-robotFrame is known.
     pose_robot_frame_sensor_frame : TransformWithCovariance
     pose_fixed_frame_robot_frame : TransformWithCovariance
     """
@@ -56,40 +55,6 @@ class PointCloudMetadata(Message):
     pose_robot_frame_sensor_frame: TransformWithCovariance = field(default_factory=TransformWithCovariance)
     pose_fixed_frame_robot_frame: TransformWithCovariance = field(default_factory=TransformWithCovariance)
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "PointCloudMetadata.msg_version", 0, 4294967295))
-        put(self, "sensor_id", check.text(self.sensor_id, "PointCloudMetadata.sensor_id", 256))
-        put(self, "frame_id", check.text(self.frame_id, "PointCloudMetadata.frame_id", 256))
-        put(self, "time_stamp", check.instance(self.time_stamp, "PointCloudMetadata.time_stamp", Time))
-        put(self, "height", check.integer(self.height, "PointCloudMetadata.height", 0, 4294967295))
-        put(self, "width", check.integer(self.width, "PointCloudMetadata.width", 0, 4294967295))
-        put(self, "is_registered", check.boolean(self.is_registered, "PointCloudMetadata.is_registered"))
-        put(self, "is_ordered", check.boolean(self.is_ordered, "PointCloudMetadata.is_ordered"))
-        put(
-            self,
-            "has_fixed_transform",
-            check.boolean(self.has_fixed_transform, "PointCloudMetadata.has_fixed_transform"),
-        )
-        put(
-            self,
-            "pose_robot_frame_sensor_frame",
-            check.instance(
-                self.pose_robot_frame_sensor_frame,
-                "PointCloudMetadata.pose_robot_frame_sensor_frame",
-                TransformWithCovariance,
-            ),
-        )
-        put(
-            self,
-            "pose_fixed_frame_robot_frame",
-            check.instance(
-                self.pose_fixed_frame_robot_frame,
-                "PointCloudMetadata.pose_fixed_frame_robot_frame",
-                TransformWithCovariance,
-            ),
-        )
-
     @property
     def stamp_ns(self) -> int:
         """Time, nanoseconds."""
@@ -97,17 +62,17 @@ class PointCloudMetadata(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PointCloudData(PointCloudDataExt):
-    """Points, and what is known of each.
+class PointCloudData(Message):
+    """Points with optional colours and intensities.
 
     Attributes
     ----------
     points : NDArray[np.float64], shape (0..16777216, 3)
         m, x y z.
     colors : NDArray[np.float64], shape (0..16777216, 3)
-        r g b; none or one for each point.
+        r g b; none or one per point.
     intensity : NDArray[np.int32], shape (0..16777216,)
-        none or one for each point.
+        none or one per point.
     """
 
     ASN1_NAME: ClassVar[str] = "PointCloud-Data"
@@ -115,23 +80,10 @@ class PointCloudData(PointCloudDataExt):
     colors: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3), np.float64))
     intensity: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0,), np.int32))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "points", check.real_array(self.points, "PointCloudData.points", ((0, 16777216), (3, 3))))
-        put(self, "colors", check.real_array(self.colors, "PointCloudData.colors", ((0, 16777216), (3, 3))))
-        put(
-            self,
-            "intensity",
-            check.integer_array(
-                self.intensity, "PointCloudData.intensity", ((0, 16777216),), -2147483648, 2147483647, "int32"
-            ),
-        )
-        self._check_together()
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Pointcloud(PointcloudExt):
-    """A cloud in one frame at one time.
+    """Point cloud in one frame at one time.
 
     Attributes
     ----------
@@ -143,16 +95,20 @@ class Pointcloud(PointcloudExt):
     metadata: PointCloudMetadata = field(default_factory=PointCloudMetadata)
     data: PointCloudData = field(default_factory=PointCloudData)
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "metadata", check.instance(self.metadata, "Pointcloud.metadata", PointCloudMetadata))
-        put(self, "data", check.instance(self.data, "Pointcloud.data", PointCloudData))
-        self._check_together()
+    @property
+    def frame(self) -> str:
+        """Frame of the coordinates."""
+        return self.metadata.frame_id
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time, nanoseconds."""
+        return self.metadata.time_stamp.ns
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Octree(OctreeExt):
-    """What an ``Octree`` of the ASN.1 modules holds.
+    """Type ``Octree`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -165,9 +121,3 @@ class Octree(OctreeExt):
     ASN1_NAME: ClassVar[str] = "Octree"
     resolution: float = 0.0
     point_cloud: Pointcloud = field(default_factory=Pointcloud)
-
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "resolution", check.real(self.resolution, "Octree.resolution"))
-        put(self, "point_cloud", check.instance(self.point_cloud, "Octree.point_cloud", Pointcloud))
-        self._check_together()

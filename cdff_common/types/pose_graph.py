@@ -12,7 +12,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.types import validation as check
 from cdff_common.types.message import Message
 from cdff_common.types.pose_graph_ext import PoseGraphEdgesExt, PoseGraphExt, PoseGraphVerticesExt
 from cdff_common.types.time import Time
@@ -20,13 +19,13 @@ from cdff_common.types.time import Time
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PoseGraphMetadata(Message):
-    """What a ``PoseGraph-Metadata`` of the ASN.1 modules holds.
+    """Type ``PoseGraph-Metadata`` of the ASN.1 modules.
 
     Attributes
     ----------
     msg_version : int, 0..4294967295
-    producer_id : str, at most 256 octets
-    frame_id : str, at most 256 octets
+    producer_id : str, at most 256 bytes
+    frame_id : str, at most 256 bytes
         frame of the vertices' poses.
     time_stamp : Time
         of the newest vertex.
@@ -38,13 +37,6 @@ class PoseGraphMetadata(Message):
     frame_id: str = ""
     time_stamp: Time = field(default_factory=Time)
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "PoseGraphMetadata.msg_version", 0, 4294967295))
-        put(self, "producer_id", check.text(self.producer_id, "PoseGraphMetadata.producer_id", 256))
-        put(self, "frame_id", check.text(self.frame_id, "PoseGraphMetadata.frame_id", 256))
-        put(self, "time_stamp", check.instance(self.time_stamp, "PoseGraphMetadata.time_stamp", Time))
-
     @property
     def stamp_ns(self) -> int:
         """Time, nanoseconds."""
@@ -53,18 +45,18 @@ class PoseGraphMetadata(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PoseGraphVertices(PoseGraphVerticesExt):
-    """Columns of one length: one row for each vertex.
+    """Columns of equal length: one row per vertex.
 
     Attributes
     ----------
     ids : NDArray[np.int64], shape (n,)
-        each once.
+        unique.
     stamps : NDArray[np.int64], shape (n,)
         us since the UNIX epoch.
     poses : NDArray[np.float64], shape (n, 7)
         T_frame_vertex: x y z (m), qx qy qz qw.
     fixed : NDArray[np.uint8], shape (n,)
-        1 where an optimiser may not move it; none or one for each vertex.
+        1 for a vertex that is not optimised; none or one per vertex.
     """
 
     ASN1_NAME: ClassVar[str] = "PoseGraph-Vertices"
@@ -73,18 +65,10 @@ class PoseGraphVertices(PoseGraphVerticesExt):
     poses: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 7), np.float64))
     fixed: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "ids", check.typed_octets(self.ids, "PoseGraphVertices.ids", 1073741824, "<i8", 0))
-        put(self, "stamps", check.typed_octets(self.stamps, "PoseGraphVertices.stamps", 1073741824, "<i8", 0))
-        put(self, "poses", check.typed_octets(self.poses, "PoseGraphVertices.poses", 1073741824, "<f8", 7))
-        put(self, "fixed", check.typed_octets(self.fixed, "PoseGraphVertices.fixed", 1073741824, "<u1", 0))
-        self._check_together()
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PoseGraphEdges(PoseGraphEdgesExt):
-    """Columns of one length: one row for each edge.
+    """Columns of equal length: one row per edge.
 
     Attributes
     ----------
@@ -95,7 +79,7 @@ class PoseGraphEdges(PoseGraphEdgesExt):
     information : NDArray[np.float64], shape (n, 36)
         inverse covariance of T_a_b, 6x6 rows: x y z rx ry rz, error in a (1/m2, 1/rad2).
     kinds : NDArray[np.uint8], shape (n,)
-        0 odometry, 1 loop closure, 2 prior (a = b: T_frame_a); one for each edge.
+        0 odometry, 1 loop closure, 2 prior (a = b: T_frame_a); one per edge.
     """
 
     ASN1_NAME: ClassVar[str] = "PoseGraph-Edges"
@@ -103,18 +87,6 @@ class PoseGraphEdges(PoseGraphEdgesExt):
     poses: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 7), np.float64))
     information: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 36), np.float64))
     kinds: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
-
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "ends", check.typed_octets(self.ends, "PoseGraphEdges.ends", 1073741824, "<i8", 2))
-        put(self, "poses", check.typed_octets(self.poses, "PoseGraphEdges.poses", 1073741824, "<f8", 7))
-        put(
-            self,
-            "information",
-            check.typed_octets(self.information, "PoseGraphEdges.information", 1073741824, "<f8", 36),
-        )
-        put(self, "kinds", check.typed_octets(self.kinds, "PoseGraphEdges.kinds", 1073741824, "<u1", 0))
-        self._check_together()
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -133,9 +105,12 @@ class PoseGraph(PoseGraphExt):
     vertices: PoseGraphVertices = field(default_factory=PoseGraphVertices)
     edges: PoseGraphEdges = field(default_factory=PoseGraphEdges)
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "metadata", check.instance(self.metadata, "PoseGraph.metadata", PoseGraphMetadata))
-        put(self, "vertices", check.instance(self.vertices, "PoseGraph.vertices", PoseGraphVertices))
-        put(self, "edges", check.instance(self.edges, "PoseGraph.edges", PoseGraphEdges))
-        self._check_together()
+    @property
+    def frame(self) -> str:
+        """Frame of the coordinates."""
+        return self.metadata.frame_id
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time, nanoseconds."""
+        return self.metadata.time_stamp.ns

@@ -4,39 +4,24 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cdff_common import types
 from cdff_common.errors import InputError
-from cdff_common.types.columns import check_columns, check_unique, pack_poses, pack_squares, stamps_us, unpack_poses
-from cdff_common.types.message import Box, Message
-from cdff_common.types.pointcloud_ext import box_of_points
-from cdff_common.types.time import Time
-
-if TYPE_CHECKING:
-    from cdff_common.types.pose_graph import PoseGraph, PoseGraphEdges, PoseGraphMetadata, PoseGraphVertices
+from cdff_common.types.columns import pack_poses, pack_squares, stamps_us, unpack_poses
+from cdff_common.types.message import Message
 
 #: Kinds of edges.
 ODOMETRY, LOOP_CLOSURE, PRIOR = 0, 1, 2
 
 
 class PoseGraphVerticesExt(Message):
-    """Sizes that belong together."""
+    """One row per vertex."""
 
     __slots__ = ()
-    if TYPE_CHECKING:
-        ids: NDArray[np.int64]
-        stamps: NDArray[np.int64]
-        poses: NDArray[np.float64]
-        fixed: NDArray[np.uint8]
-
-    def _check_together(self) -> None:
-        """One stamp and one pose for each vertex, and each vertex once."""
-        whole: dict[str, NDArray[Any]] = {"stamps": self.stamps, "poses": self.poses}
-        check_columns("PoseGraphVertices", len(self.ids), whole, {"fixed": self.fixed})
-        check_unique("PoseGraphVertices.ids", self.ids)
+    stamps: NDArray[np.int64]
+    poses: NDArray[np.float64]
 
     @property
     def stamps_ns(self) -> NDArray[np.int64]:
@@ -50,23 +35,11 @@ class PoseGraphVerticesExt(Message):
 
 
 class PoseGraphEdgesExt(Message):
-    """Sizes that belong together."""
+    """One row per edge."""
 
     __slots__ = ()
-    if TYPE_CHECKING:
-        ends: NDArray[np.int64]
-        poses: NDArray[np.float64]
-        information: NDArray[np.float64]
-        kinds: NDArray[np.uint8]
-
-    def _check_together(self) -> None:
-        """One pose, information and kind for each edge."""
-        whole: dict[str, NDArray[Any]] = {
-            "poses": self.poses,
-            "information": self.information,
-            "kinds": self.kinds,
-        }
-        check_columns("PoseGraphEdges", len(self.ends), whole, {})
+    poses: NDArray[np.float64]
+    information: NDArray[np.float64]
 
     @property
     def matrices(self) -> NDArray[np.float64]:
@@ -80,16 +53,15 @@ class PoseGraphEdgesExt(Message):
 
 
 class PoseGraphExt(Message):
-    """Poses in one frame, and what was measured between them."""
+    """Poses in one frame, and measurements between them."""
 
     __slots__ = ()
-    if TYPE_CHECKING:
-        metadata: PoseGraphMetadata
-        vertices: PoseGraphVertices
-        edges: PoseGraphEdges
+    metadata: types.PoseGraphMetadata
+    vertices: types.PoseGraphVertices
+    edges: types.PoseGraphEdges
 
-    def _check_together(self) -> None:
-        """Edges end at vertices that are there."""
+    def _check_consistency(self) -> None:
+        """Check that the vertices of the edges exist."""
         missing = np.setdiff1d(self.edges.ends, self.vertices.ids)
         if missing.size:
             raise InputError(f"PoseGraphEdges.ends: vertex {missing[0]} is not in the graph")
@@ -108,13 +80,13 @@ class PoseGraphExt(Message):
         frame: str,
         fixed: ArrayLike | None = None,
         producer: str = "",
-    ) -> PoseGraph:
-        """Graph of ``n`` vertices and ``m`` edges.
+    ) -> types.PoseGraph:
+        """Return the graph of ``n`` vertices and ``m`` edges.
 
         Parameters
         ----------
         ids, stamps_ns : array_like of int, shape (n,)
-            Each id once; times in multiples of 1000 ns.
+            Unique ids; times in multiples of 1000 ns.
         matrices : array_like, shape (n, 4, 4)
             ``T_frame_vertex``, metres.
         ends : array_like of int, shape (m, 2)
@@ -124,42 +96,28 @@ class PoseGraphExt(Message):
         kinds : array_like of int, shape (m,)
             ``ODOMETRY``, ``LOOP_CLOSURE`` or ``PRIOR``.
         fixed : array_like of bool, shape (n,), optional
-            Vertices that an optimiser may not move.
+            Vertices that are not optimised.
 
         Raises
         ------
         InputError
-            On sizes that differ, ids that are there twice or not at all, or matrices that are not rigid.
+            If array lengths differ, ids are repeated or missing, or a matrix is not a rigid transform.
         """
-        from cdff_common.types.pose_graph import PoseGraph, PoseGraphEdges, PoseGraphMetadata, PoseGraphVertices
-
         stamps = stamps_us(stamps_ns, "PoseGraph stamps")
-        vertices = PoseGraphVertices(
+        vertices = types.PoseGraphVertices(
             np.asarray(ids, dtype=np.int64),
             stamps,
             pack_poses(matrices, "PoseGraph vertex"),
             np.zeros(0, np.uint8) if fixed is None else np.asarray(fixed).astype(np.uint8),
         )
         edge_poses = pack_poses(edge_matrices, "PoseGraph edge")
-        edges = PoseGraphEdges(
+        edges = types.PoseGraphEdges(
             np.asarray(ends, dtype=np.int64).reshape(-1, 2),
             edge_poses,
             pack_squares(information, len(edge_poses), 6, "PoseGraph information"),
             np.asarray(kinds, dtype=np.uint8),
         )
-        newest = Time(int(stamps.max())) if stamps.size else Time()
-        return PoseGraph(PoseGraphMetadata(producer_id=producer, frame_id=frame, time_stamp=newest), vertices, edges)
-
-    @property
-    def frame(self) -> str:
-        """Frame of the vertices' poses."""
-        return self.metadata.frame_id
-
-    @property
-    def stamp_ns(self) -> int:
-        """Time of the newest vertex, nanoseconds."""
-        return self.metadata.time_stamp.ns
-
-    def extent_m(self) -> Box | None:
-        """Box around the vertices' positions."""
-        return box_of_points(self.vertices.poses[:, :3])
+        newest = types.Time(int(stamps.max())) if stamps.size else types.Time()
+        return types.PoseGraph(
+            types.PoseGraphMetadata(producer_id=producer, frame_id=frame, time_stamp=newest), vertices, edges
+        )

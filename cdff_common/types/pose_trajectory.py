@@ -12,21 +12,20 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.types import validation as check
 from cdff_common.types.message import Message
-from cdff_common.types.pose_trajectory_ext import PoseTrajectoryDataExt, PoseTrajectoryExt
+from cdff_common.types.pose_trajectory_ext import PoseTrajectoryExt
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PoseTrajectoryMetadata(Message):
-    """What a ``PoseTrajectory-Metadata`` of the ASN.1 modules holds.
+    """Type ``PoseTrajectory-Metadata`` of the ASN.1 modules.
 
     Attributes
     ----------
     msg_version : int, 0..4294967295
-    producer_id : str, at most 256 octets
-    parent_frame_id : str, at most 256 octets
-    child_frame_id : str, at most 256 octets
+    producer_id : str, at most 256 bytes
+    parent_frame_id : str, at most 256 bytes
+    child_frame_id : str, at most 256 bytes
     """
 
     ASN1_NAME: ClassVar[str] = "PoseTrajectory-Metadata"
@@ -35,26 +34,19 @@ class PoseTrajectoryMetadata(Message):
     parent_frame_id: str = ""
     child_frame_id: str = ""
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "PoseTrajectoryMetadata.msg_version", 0, 4294967295))
-        put(self, "producer_id", check.text(self.producer_id, "PoseTrajectoryMetadata.producer_id", 256))
-        put(self, "parent_frame_id", check.text(self.parent_frame_id, "PoseTrajectoryMetadata.parent_frame_id", 256))
-        put(self, "child_frame_id", check.text(self.child_frame_id, "PoseTrajectoryMetadata.child_frame_id", 256))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PoseTrajectoryData(PoseTrajectoryDataExt):
-    """What a ``PoseTrajectory-Data`` of the ASN.1 modules holds.
+class PoseTrajectoryData(Message):
+    """Type ``PoseTrajectory-Data`` of the ASN.1 modules.
 
     Attributes
     ----------
     stamps : NDArray[np.int64], shape (n,)
-        us since the UNIX epoch, rising.
+        us since the UNIX epoch, ascending.
     poses : NDArray[np.float64], shape (n, 7)
         T_parent_child: x y z (m), qx qy qz qw.
     covariances : NDArray[np.float64], shape (n, 36)
-        none, or 6x6 rows for each pose: x y z rx ry rz in the parent; NaN where unknown.
+        none, or 6x6 rows per pose: x y z rx ry rz in the parent; NaN where unknown.
     """
 
     ASN1_NAME: ClassVar[str] = "PoseTrajectory-Data"
@@ -62,21 +54,10 @@ class PoseTrajectoryData(PoseTrajectoryDataExt):
     poses: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 7), np.float64))
     covariances: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 36), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "stamps", check.typed_octets(self.stamps, "PoseTrajectoryData.stamps", 1073741824, "<i8", 0))
-        put(self, "poses", check.typed_octets(self.poses, "PoseTrajectoryData.poses", 1073741824, "<f8", 7))
-        put(
-            self,
-            "covariances",
-            check.typed_octets(self.covariances, "PoseTrajectoryData.covariances", 1073741824, "<f8", 36),
-        )
-        self._check_together()
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PoseTrajectory(PoseTrajectoryExt):
-    """Poses of one frame in another at rising times.
+    """Poses of one frame in another, in ascending order of time.
 
     Attributes
     ----------
@@ -88,8 +69,12 @@ class PoseTrajectory(PoseTrajectoryExt):
     metadata: PoseTrajectoryMetadata = field(default_factory=PoseTrajectoryMetadata)
     data: PoseTrajectoryData = field(default_factory=PoseTrajectoryData)
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "metadata", check.instance(self.metadata, "PoseTrajectory.metadata", PoseTrajectoryMetadata))
-        put(self, "data", check.instance(self.data, "PoseTrajectory.data", PoseTrajectoryData))
-        self._check_together()
+    @property
+    def parent_frame(self) -> str:
+        """Frame in which the child's poses are expressed."""
+        return self.metadata.parent_frame_id
+
+    @property
+    def child_frame(self) -> str:
+        """Frame whose poses are given."""
+        return self.metadata.child_frame_id

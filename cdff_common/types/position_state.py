@@ -12,45 +12,39 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.types import validation as check
 from cdff_common.types.message import Message
 from cdff_common.types.pose_trajectory import PoseTrajectory
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PositionStateMetadata(Message):
-    """What a ``PositionState-Metadata`` of the ASN.1 modules holds.
+    """Type ``PositionState-Metadata`` of the ASN.1 modules.
 
     Attributes
     ----------
     msg_version : int, 0..4294967295
-    producer_id : str, at most 256 octets
+    producer_id : str, at most 256 bytes
     """
 
     ASN1_NAME: ClassVar[str] = "PositionState-Metadata"
     msg_version: int = 2
     producer_id: str = ""
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "PositionStateMetadata.msg_version", 0, 4294967295))
-        put(self, "producer_id", check.text(self.producer_id, "PositionStateMetadata.producer_id", 256))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PositionStateLinks(Message):
-    """How the errors of the poses of the time line hang together; errors: pose, gyro bias.
+    """Correlation of the errors of the poses in the timeline; errors: pose, gyro bias.
 
     Attributes
     ----------
     covariances : NDArray[np.float64], shape (n, 9)
-        9 rows for each pose.
+        9 rows per pose.
     links : NDArray[np.float64], shape (n, 9)
-        9 rows for each pose: its errors with those of the pose before.
+        9 rows per pose: covariance of its errors with those of the previous pose.
     pins : NDArray[np.int64], shape (n,)
-        us since the UNIX epoch: times that are kept.
+        us since the UNIX epoch: times that are not evicted.
     broken : NDArray[np.int64], shape (n,)
-        us since the UNIX epoch: poses before which time was forgotten.
+        us since the UNIX epoch: poses at the end of an evicted interval.
     """
 
     ASN1_NAME: ClassVar[str] = "PositionState-Links"
@@ -59,21 +53,10 @@ class PositionStateLinks(Message):
     pins: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     broken: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(
-            self,
-            "covariances",
-            check.typed_octets(self.covariances, "PositionStateLinks.covariances", 1073741824, "<f8", 9),
-        )
-        put(self, "links", check.typed_octets(self.links, "PositionStateLinks.links", 1073741824, "<f8", 9))
-        put(self, "pins", check.typed_octets(self.pins, "PositionStateLinks.pins", 1073741824, "<i8", 0))
-        put(self, "broken", check.typed_octets(self.broken, "PositionStateLinks.broken", 1073741824, "<i8", 0))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PositionStateFilter(Message):
-    """The filter at the time of the newest pose; clones: poses from which the next increments count.
+    """Filter state at the time of the newest pose; clones are the reference poses of the next increments.
 
     Attributes
     ----------
@@ -91,11 +74,11 @@ class PositionStateFilter(Message):
     poses : NDArray[np.float64], shape (n, 7)
         T_site_clone.
     measured : NDArray[np.float64], shape (n, 7)
-        what the source said then: T_origin_sensor.
+        pose reported by the source at that time: T_origin_sensor.
     measured_covariances : NDArray[np.float64], shape (n, 36)
-        6x6 rows for each clone; NaN where unknown.
+        6x6 rows per clone; NaN where unknown.
     covariance : NDArray[np.float64], shape (n, 6)
-        rows of 6 of the square of all errors: 18 of the core, 6 for each clone.
+        square matrix of all errors in rows of 6: 18 of the core, 6 per clone.
     """
 
     ASN1_NAME: ClassVar[str] = "PositionState-Filter"
@@ -110,53 +93,22 @@ class PositionStateFilter(Message):
     measured_covariances: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 36), np.float64))
     covariance: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 6), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "start", check.typed_octets(self.start, "PositionStateFilter.start", 1073741824, "<f8", 7))
-        put(
-            self,
-            "start_covariance",
-            check.typed_octets(self.start_covariance, "PositionStateFilter.start_covariance", 1073741824, "<f8", 36),
-        )
-        put(self, "body", check.typed_octets(self.body, "PositionStateFilter.body", 1073741824, "<f8", 7))
-        put(self, "vectors", check.typed_octets(self.vectors, "PositionStateFilter.vectors", 1073741824, "<f8", 3))
-        put(
-            self,
-            "names",
-            check.items(self.names, "PositionStateFilter.names", 0, 64, lambda v, w: check.text(v, w, 256)),
-        )
-        put(self, "stamps", check.typed_octets(self.stamps, "PositionStateFilter.stamps", 1073741824, "<i8", 0))
-        put(self, "poses", check.typed_octets(self.poses, "PositionStateFilter.poses", 1073741824, "<f8", 7))
-        put(self, "measured", check.typed_octets(self.measured, "PositionStateFilter.measured", 1073741824, "<f8", 7))
-        put(
-            self,
-            "measured_covariances",
-            check.typed_octets(
-                self.measured_covariances, "PositionStateFilter.measured_covariances", 1073741824, "<f8", 36
-            ),
-        )
-        put(
-            self,
-            "covariance",
-            check.typed_octets(self.covariance, "PositionStateFilter.covariance", 1073741824, "<f8", 6),
-        )
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PositionStateJoints(Message):
-    """Values of the joints, one after the other, each in rising order of time.
+    """Values of the joints, concatenated, each in ascending order of time.
 
     Attributes
     ----------
     names : tuple[str, ...]
     counts : NDArray[np.int64], shape (n,)
-        values of each joint.
+        number of values of each joint.
     stamps : NDArray[np.int64], shape (n,)
         us since the UNIX epoch.
     values : NDArray[np.float64], shape (n,)
         rad or m.
     broken : NDArray[np.int64], shape (n,)
-        indices of values before which time was forgotten.
+        indices of values at the end of an evicted interval.
     """
 
     ASN1_NAME: ClassVar[str] = "PositionState-Joints"
@@ -166,22 +118,10 @@ class PositionStateJoints(Message):
     values: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0, np.float64))
     broken: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(
-            self,
-            "names",
-            check.items(self.names, "PositionStateJoints.names", 0, 256, lambda v, w: check.text(v, w, 256)),
-        )
-        put(self, "counts", check.typed_octets(self.counts, "PositionStateJoints.counts", 1073741824, "<i8", 0))
-        put(self, "stamps", check.typed_octets(self.stamps, "PositionStateJoints.stamps", 1073741824, "<i8", 0))
-        put(self, "values", check.typed_octets(self.values, "PositionStateJoints.values", 1073741824, "<f8", 0))
-        put(self, "broken", check.typed_octets(self.broken, "PositionStateJoints.broken", 1073741824, "<i8", 0))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PositionState(Message):
-    """Time line, how its errors hang together, the filter's state, and the joints.
+    """Timeline with its correlations, filter state, and joints.
 
     Attributes
     ----------
@@ -198,11 +138,3 @@ class PositionState(Message):
     links: PositionStateLinks = field(default_factory=PositionStateLinks)
     filter: PositionStateFilter = field(default_factory=PositionStateFilter)
     joints: PositionStateJoints = field(default_factory=PositionStateJoints)
-
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "metadata", check.instance(self.metadata, "PositionState.metadata", PositionStateMetadata))
-        put(self, "line", check.instance(self.line, "PositionState.line", PoseTrajectory))
-        put(self, "links", check.instance(self.links, "PositionState.links", PositionStateLinks))
-        put(self, "filter", check.instance(self.filter, "PositionState.filter", PositionStateFilter))
-        put(self, "joints", check.instance(self.joints, "PositionState.joints", PositionStateJoints))

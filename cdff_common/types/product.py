@@ -13,14 +13,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.types import validation as check
 from cdff_common.types.message import Message
 from cdff_common.types.product_ext import ProductMetadataExt
 from cdff_common.types.time import Time
 
 
 class ProductStatusT(IntEnum):
-    """FAILED has no value."""
+    """Status of a product; FAILED has no value."""
 
     STATUS_OK = 0
     STATUS_DEGRADED = 1
@@ -28,7 +27,7 @@ class ProductStatusT(IntEnum):
 
 
 class ProductCovarianceKindT(IntEnum):
-    """How a covariance was come by."""
+    """Origin of a covariance."""
 
     COVARIANCE_NONE = 0
     COVARIANCE_FORMAL = 1
@@ -37,12 +36,12 @@ class ProductCovarianceKindT(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ProductMetricT(Message):
-    """A number that says how well it went.
+    """Quality metric.
 
     Attributes
     ----------
-    name : str, at most 256 octets
-        with its unit: rmse_px.
+    name : str, at most 256 bytes
+        with its unit, e.g. rmse_px.
     value : float
     """
 
@@ -50,21 +49,16 @@ class ProductMetricT(Message):
     name: str = ""
     value: float = 0.0
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "name", check.text(self.name, "ProductMetricT.name", 256))
-        put(self, "value", check.real(self.value, "ProductMetricT.value"))
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ProductQuality(Message):
-    """How far a product can be trusted.
+    """Quality of a product: status, reasons, covariance kind and metrics.
 
     Attributes
     ----------
     status : ProductStatusT
     reasons : tuple[str, ...]
-        short codes: few_inliers:12<30.
+        short codes, e.g. few_inliers:12<30.
     covariance_kind : ProductCovarianceKindT
     metrics : tuple[ProductMetricT, ...]
     """
@@ -75,69 +69,48 @@ class ProductQuality(Message):
     covariance_kind: ProductCovarianceKindT = ProductCovarianceKindT.COVARIANCE_NONE
     metrics: tuple[ProductMetricT, ...] = ()
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "status", check.enumeration(self.status, "ProductQuality.status", ProductStatusT))
-        put(
-            self,
-            "reasons",
-            check.items(self.reasons, "ProductQuality.reasons", 0, 256, lambda v, w: check.text(v, w, 256)),
-        )
-        put(
-            self,
-            "covariance_kind",
-            check.enumeration(self.covariance_kind, "ProductQuality.covariance_kind", ProductCovarianceKindT),
-        )
-        put(
-            self,
-            "metrics",
-            check.items(
-                self.metrics, "ProductQuality.metrics", 0, 1024, lambda v, w: check.instance(v, w, ProductMetricT)
-            ),
-        )
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ProductMetadata(ProductMetadataExt):
-    """Who made a product, when, where, from what, and how far it can be trusted.
+    """Metadata of a product: producer, time, frame, inputs and quality.
 
     Attributes
     ----------
     msg_version : int, 0..4294967295
-    id : str, at most 256 octets
-        UUID; equal for retries and replays of one result.
-    robot : str, at most 256 octets
-    dfpc : str, at most 256 octets
-    port : str, at most 256 octets
-    product : str, at most 256 octets
-        pose, dem, ... as it is asked for.
-    encoding : str, at most 256 octets
-        of the payload: application/vnd.cdff+uper;Pointcloud/1.
+    id : str, at most 256 bytes
+        UUID; equal for repetitions and replays of one result.
+    robot : str, at most 256 bytes
+    dfpc : str, at most 256 bytes
+    port : str, at most 256 bytes
+    product : str, at most 256 bytes
+        pose, dem, ...: the name in requests.
+    encoding : str, at most 256 bytes
+        of the payload, e.g. application/vnd.cdff+uper;Pointcloud/1.
     size : int, 0..9223372036854775807
-        octets of the payload.
-    sha256 : str, at most 256 octets
-        of the payload, hexadecimal; empty where it was not taken.
+        bytes of the payload.
+    sha256 : str, at most 256 bytes
+        of the payload, hexadecimal; empty if not computed.
     seq : int, 0..9223372036854775807
-        counts the products of one port from 0.
+        sequence number of the products of one port, from 0.
     start_time : Time
-        t0: begin of capture of what it was made from.
+        t0: start of capture of the source data.
     end_time : Time
-        t1: end of it.
-    frame_id : str, at most 256 octets
-        frame of the values; of a pose the parent.
-    child_frame_id : str, at most 256 octets
-        of a pose; else empty.
-    producer_id : str, at most 256 octets
+        t1: end of capture.
+    frame_id : str, at most 256 bytes
+        frame of the values; for a pose the parent.
+    child_frame_id : str, at most 256 bytes
+        of a pose, else empty.
+    producer_id : str, at most 256 bytes
         dfpc/implementation/version.
-    config_hash : str, at most 256 octets
+    config_hash : str, at most 256 bytes
     inputs : tuple[str, ...]
-        ids of what it was made from.
+        ids of the source products.
     quality : ProductQuality
     has_box : bool
     box : NDArray[np.float64], shape (6,)
         m, xmin ymin zmin xmax ymax zmax in frameId.
     resolution : float
-        m, of a cell or voxel; 0 where it has none.
+        m, of a cell or voxel; 0 if it has none.
     """
 
     ASN1_NAME: ClassVar[str] = "Product-Metadata"
@@ -163,31 +136,7 @@ class ProductMetadata(ProductMetadataExt):
     box: NDArray[np.float64] = field(default_factory=lambda: np.zeros((6,), np.float64))
     resolution: float = 0.0
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "msg_version", check.integer(self.msg_version, "ProductMetadata.msg_version", 0, 4294967295))
-        put(self, "id", check.text(self.id, "ProductMetadata.id", 256))
-        put(self, "robot", check.text(self.robot, "ProductMetadata.robot", 256))
-        put(self, "dfpc", check.text(self.dfpc, "ProductMetadata.dfpc", 256))
-        put(self, "port", check.text(self.port, "ProductMetadata.port", 256))
-        put(self, "product", check.text(self.product, "ProductMetadata.product", 256))
-        put(self, "encoding", check.text(self.encoding, "ProductMetadata.encoding", 256))
-        put(self, "size", check.integer(self.size, "ProductMetadata.size", 0, 9223372036854775807))
-        put(self, "sha256", check.text(self.sha256, "ProductMetadata.sha256", 256))
-        put(self, "seq", check.integer(self.seq, "ProductMetadata.seq", 0, 9223372036854775807))
-        put(self, "start_time", check.instance(self.start_time, "ProductMetadata.start_time", Time))
-        put(self, "end_time", check.instance(self.end_time, "ProductMetadata.end_time", Time))
-        put(self, "frame_id", check.text(self.frame_id, "ProductMetadata.frame_id", 256))
-        put(self, "child_frame_id", check.text(self.child_frame_id, "ProductMetadata.child_frame_id", 256))
-        put(self, "producer_id", check.text(self.producer_id, "ProductMetadata.producer_id", 256))
-        put(self, "config_hash", check.text(self.config_hash, "ProductMetadata.config_hash", 256))
-        put(
-            self,
-            "inputs",
-            check.items(self.inputs, "ProductMetadata.inputs", 0, 65535, lambda v, w: check.text(v, w, 256)),
-        )
-        put(self, "quality", check.instance(self.quality, "ProductMetadata.quality", ProductQuality))
-        put(self, "has_box", check.boolean(self.has_box, "ProductMetadata.has_box"))
-        put(self, "box", check.real_array(self.box, "ProductMetadata.box", ((6, 6),)))
-        put(self, "resolution", check.real(self.resolution, "ProductMetadata.resolution"))
-        self._check_together()
+    @property
+    def stamp_ns(self) -> int:
+        """Time, nanoseconds."""
+        return self.end_time.ns

@@ -13,7 +13,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.types import validation as check
 from cdff_common.types.eigen import Angle
 from cdff_common.types.message import Message
 from cdff_common.types.time import Time
@@ -27,7 +26,7 @@ class ProjectionType(IntEnum):
 
 
 class LaserRangeErrors(IntEnum):
-    """Values of ranges below end-laser-range-errors are these errors."""
+    """Error codes: values of ranges below end-laser-range-errors."""
 
     TOO_FAR = 0
     TOO_NEAR = 1
@@ -39,7 +38,7 @@ class LaserRangeErrors(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class LaserScan(Message):
-    """One line of ranges.
+    """Ranges along one line.
 
     Attributes
     ----------
@@ -68,21 +67,6 @@ class LaserScan(Message):
     min_range: int = 0
     max_range: int = 0
     remission: NDArray[np.float64] = field(default_factory=lambda: np.zeros((1,), np.float64))
-
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "ref_time", check.instance(self.ref_time, "LaserScan.ref_time", Time))
-        put(self, "start_angle", check.real(self.start_angle, "LaserScan.start_angle"))
-        put(self, "angular_resolution", check.real(self.angular_resolution, "LaserScan.angular_resolution"))
-        put(self, "speed", check.real(self.speed, "LaserScan.speed"))
-        put(
-            self,
-            "ranges",
-            check.integer_array(self.ranges, "LaserScan.ranges", ((1, 16777216),), -2147483648, 2147483647, "int32"),
-        )
-        put(self, "min_range", check.integer(self.min_range, "LaserScan.min_range", 0, 4294967295))
-        put(self, "max_range", check.integer(self.max_range, "LaserScan.max_range", 0, 4294967295))
-        put(self, "remission", check.real_array(self.remission, "LaserScan.remission", ((1, 16777216),)))
 
     @property
     def stamp_ns(self) -> int:
@@ -139,39 +123,6 @@ class DepthMap(Message):
     distances: NDArray[np.float64] = field(default_factory=lambda: np.zeros((1,), np.float64))
     remissions: NDArray[np.float64] = field(default_factory=lambda: np.zeros((1,), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "ref_time", check.instance(self.ref_time, "DepthMap.ref_time", Time))
-        put(
-            self,
-            "timestamps",
-            check.items(self.timestamps, "DepthMap.timestamps", 1, 16777216, lambda v, w: check.instance(v, w, Time)),
-        )
-        put(
-            self,
-            "vertical_projection",
-            check.enumeration(self.vertical_projection, "DepthMap.vertical_projection", ProjectionType),
-        )
-        put(
-            self,
-            "horizontal_projection",
-            check.enumeration(self.horizontal_projection, "DepthMap.horizontal_projection", ProjectionType),
-        )
-        put(
-            self,
-            "vertical_interval",
-            check.real_array(self.vertical_interval, "DepthMap.vertical_interval", ((1, 16777216),)),
-        )
-        put(
-            self,
-            "horizontal_interval",
-            check.real_array(self.horizontal_interval, "DepthMap.horizontal_interval", ((1, 16777216),)),
-        )
-        put(self, "vertical_size", check.integer(self.vertical_size, "DepthMap.vertical_size", 0, 4294967295))
-        put(self, "horizontal_size", check.integer(self.horizontal_size, "DepthMap.horizontal_size", 0, 4294967295))
-        put(self, "distances", check.real_array(self.distances, "DepthMap.distances", ((1, 16777216),)))
-        put(self, "remissions", check.real_array(self.remissions, "DepthMap.remissions", ((1, 16777216),)))
-
     @property
     def stamp_ns(self) -> int:
         """Time, nanoseconds."""
@@ -180,7 +131,7 @@ class DepthMap(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class DistanceImage(Message):
-    """What a ``DistanceImage`` of the ASN.1 modules holds.
+    """Type ``DistanceImage`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -205,17 +156,6 @@ class DistanceImage(Message):
     center_y: float = 0.0
     data: NDArray[np.float64] = field(default_factory=lambda: np.zeros((1,), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "ref_time", check.instance(self.ref_time, "DistanceImage.ref_time", Time))
-        put(self, "width", check.integer(self.width, "DistanceImage.width", 0, 65535))
-        put(self, "height", check.integer(self.height, "DistanceImage.height", 0, 65535))
-        put(self, "scale_x", check.real(self.scale_x, "DistanceImage.scale_x"))
-        put(self, "scale_y", check.real(self.scale_y, "DistanceImage.scale_y"))
-        put(self, "center_x", check.real(self.center_x, "DistanceImage.center_x"))
-        put(self, "center_y", check.real(self.center_y, "DistanceImage.center_y"))
-        put(self, "data", check.real_array(self.data, "DistanceImage.data", ((1, 16777216),)))
-
     @property
     def stamp_ns(self) -> int:
         """Time, nanoseconds."""
@@ -224,7 +164,7 @@ class DistanceImage(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Sonar(Message):
-    """What a ``Sonar`` of the ASN.1 modules holds.
+    """Type ``Sonar`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -253,27 +193,6 @@ class Sonar(Message):
     beam_count: int = 0
     bins: NDArray[np.float64] = field(default_factory=lambda: np.zeros((1,), np.float64))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "ref_time", check.instance(self.ref_time, "Sonar.ref_time", Time))
-        put(
-            self,
-            "timestamps",
-            check.items(self.timestamps, "Sonar.timestamps", 1, 60, lambda v, w: check.instance(v, w, Time)),
-        )
-        put(self, "bin_duration", check.instance(self.bin_duration, "Sonar.bin_duration", Time))
-        put(self, "beam_width", check.instance(self.beam_width, "Sonar.beam_width", Angle))
-        put(self, "beam_height", check.instance(self.beam_height, "Sonar.beam_height", Angle))
-        put(
-            self,
-            "bearings",
-            check.items(self.bearings, "Sonar.bearings", 1, 60, lambda v, w: check.instance(v, w, Angle)),
-        )
-        put(self, "speed_of_sound", check.real(self.speed_of_sound, "Sonar.speed_of_sound"))
-        put(self, "bin_count", check.integer(self.bin_count, "Sonar.bin_count", 0, 4294967295))
-        put(self, "beam_count", check.integer(self.beam_count, "Sonar.beam_count", 0, 4294967295))
-        put(self, "bins", check.real_array(self.bins, "Sonar.bins", ((1, 60),)))
-
     @property
     def stamp_ns(self) -> int:
         """Time, nanoseconds."""
@@ -282,7 +201,7 @@ class Sonar(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SonarBeam(Message):
-    """What a ``SonarBeam`` of the ASN.1 modules holds.
+    """Type ``SonarBeam`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -308,16 +227,6 @@ class SonarBeam(Message):
     beamwidth_vertical: float = 0.0
     beam: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((1,), np.uint8))
 
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "ref_time", check.instance(self.ref_time, "SonarBeam.ref_time", Time))
-        put(self, "bearing", check.instance(self.bearing, "SonarBeam.bearing", Angle))
-        put(self, "sampling_interval", check.real(self.sampling_interval, "SonarBeam.sampling_interval"))
-        put(self, "speed_of_sound", check.real(self.speed_of_sound, "SonarBeam.speed_of_sound"))
-        put(self, "beamwidth_horizontal", check.real(self.beamwidth_horizontal, "SonarBeam.beamwidth_horizontal"))
-        put(self, "beamwidth_vertical", check.real(self.beamwidth_vertical, "SonarBeam.beamwidth_vertical"))
-        put(self, "beam", check.integer_array(self.beam, "SonarBeam.beam", ((1, 60),), 0, 255, "uint8"))
-
     @property
     def stamp_ns(self) -> int:
         """Time, nanoseconds."""
@@ -326,7 +235,7 @@ class SonarBeam(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SonarScan(Message):
-    """What a ``SonarScan`` of the ASN.1 modules holds.
+    """Type ``SonarScan`` of the ASN.1 modules.
 
     Attributes
     ----------
@@ -361,30 +270,6 @@ class SonarScan(Message):
     beamwidth_vertical: Angle = field(default_factory=Angle)
     memory_layout_column: bool = False
     polar_coordinates: bool = False
-
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "ref_time", check.instance(self.ref_time, "SonarScan.ref_time", Time))
-        put(self, "data", check.integer_array(self.data, "SonarScan.data", ((1, 60),), 0, 255, "uint8"))
-        put(
-            self,
-            "time_beams",
-            check.items(self.time_beams, "SonarScan.time_beams", 1, 60, lambda v, w: check.instance(v, w, Time)),
-        )
-        put(self, "number_of_beams", check.integer(self.number_of_beams, "SonarScan.number_of_beams", 0, 65535))
-        put(self, "number_of_bins", check.integer(self.number_of_bins, "SonarScan.number_of_bins", 0, 65535))
-        put(self, "start_bearing", check.instance(self.start_bearing, "SonarScan.start_bearing", Angle))
-        put(self, "angular_resolution", check.instance(self.angular_resolution, "SonarScan.angular_resolution", Angle))
-        put(self, "sampling_interval", check.real(self.sampling_interval, "SonarScan.sampling_interval"))
-        put(self, "speed_of_sound", check.real(self.speed_of_sound, "SonarScan.speed_of_sound"))
-        put(
-            self,
-            "beamwidth_horizontal",
-            check.instance(self.beamwidth_horizontal, "SonarScan.beamwidth_horizontal", Angle),
-        )
-        put(self, "beamwidth_vertical", check.instance(self.beamwidth_vertical, "SonarScan.beamwidth_vertical", Angle))
-        put(self, "memory_layout_column", check.boolean(self.memory_layout_column, "SonarScan.memory_layout_column"))
-        put(self, "polar_coordinates", check.boolean(self.polar_coordinates, "SonarScan.polar_coordinates"))
 
     @property
     def stamp_ns(self) -> int:

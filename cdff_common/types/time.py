@@ -10,13 +10,12 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import ClassVar
 
-from cdff_common.types import validation as check
 from cdff_common.types.time_ext import TimeExt
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Time(TimeExt):
-    """A point in time since the UNIX epoch.
+    """Point in time since the UNIX epoch.
 
     Attributes
     ----------
@@ -29,16 +28,6 @@ class Time(TimeExt):
     ASN1_NAME: ClassVar[str] = "Time"
     microseconds: int = 0
     usec_per_sec: int = 1000000
-
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(
-            self,
-            "microseconds",
-            check.integer(self.microseconds, "Time.microseconds", -9223372036854775807, 9223372036854775807),
-        )
-        put(self, "usec_per_sec", check.integer(self.usec_per_sec, "Time.usec_per_sec", -2147483648, 2147483647))
-        self._check_together()
 
 
 class Resolution(IntEnum):

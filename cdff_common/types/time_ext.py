@@ -4,39 +4,32 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from cdff_common import types
 from cdff_common.errors import InputError
 from cdff_common.types.message import Message
-
-if TYPE_CHECKING:
-    from cdff_common.types.time import Time
 
 NS_PER_S = 1_000_000_000
 
 
 class TimeExt(Message):
-    """Conversion between the wire's microseconds and ``stamp_ns``."""
+    """Conversion between the microseconds of messages and ``stamp_ns``."""
 
     __slots__ = ()
-    if TYPE_CHECKING:
-        microseconds: int
-        usec_per_sec: int
+    microseconds: int
+    usec_per_sec: int
 
     @classmethod
-    def from_ns(cls, ns: int) -> Time:
-        """Time of ``ns`` nanoseconds since the UNIX epoch, a multiple of 1000.
+    def from_ns(cls, ns: int) -> types.Time:
+        """Return the time of ``ns`` nanoseconds since the UNIX epoch, a multiple of 1000.
 
         Raises
         ------
         InputError
-            If the wire's microseconds cannot hold it exactly.
+            If it is not representable in microseconds.
         """
-        from cdff_common.types.time import Time
-
         if isinstance(ns, bool) or int(ns) != ns or ns % 1000:
-            raise InputError(f"stamp {ns} ns: expected a multiple of 1000 ns (the wire carries microseconds)")
-        return Time(int(ns) // 1000)
+            raise InputError(f"stamp {ns} ns: expected a multiple of 1000 ns (messages contain microseconds)")
+        return types.Time(int(ns) // 1000)
 
     @property
     def ns(self) -> int:

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The checks that every generated type runs on its fields.
+"""Validation of message fields against the schema.
 
-Each takes a value and where it belongs (``Type.field``) and returns the value in its one canonical form: arrays
-C-contiguous, little-endian and read-only. An array of the right dtype is not copied: it is handed over, the
-message holds a read-only view of it. What does not fit raises ``InputError`` with the place, the value and what
-was expected.
+A check takes a value and its path (``Type.field``) and returns the value in canonical form: arrays are
+C-contiguous, little-endian and read-only. An array of the right dtype is not copied; the message holds a
+read-only view of it. A value that does not fit raises ``InputError`` with the path, the value and the
+expectation.
 """
 
 from __future__ import annotations
@@ -13,19 +13,88 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from enum import IntEnum
+from functools import cache
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
+from cdff_common.types.schema import (
+    Array,
+    Boolean,
+    Bounds,
+    Choice,
+    Enumeration,
+    Integer,
+    ListOf,
+    Node,
+    OctetString,
+    Real,
+    Struct,
+    Text,
+)
 
-Bounds = tuple[int, int]
+Check = Callable[[Any, str], Any]
 E = TypeVar("E", bound=IntEnum)
-T = TypeVar("T")
 
-#: Octets start at a multiple of this address, so that views of them as numbers are aligned.
+#: Byte arrays start at a multiple of this address, so that views of them as numbers are aligned.
 _ALIGNMENT = 8
+
+
+def class_of(class_name: str) -> Any:
+    """Return the Python class of a node."""
+    from cdff_common import types
+
+    return getattr(types, class_name)
+
+
+@cache
+def check_of(node: Node) -> Check:
+    """Return the function that validates the values of a node."""
+    match node:
+        case Real():
+            return lambda value, where: value if type(value) is float else _real(value, where)
+        case Integer(low, high):
+            return lambda value, where: (
+                value if type(value) is int and low <= value <= high else _integer(value, where, low, high)
+            )
+        case Boolean():
+            return lambda value, where: value if type(value) is bool else _boolean(value, where)
+        case Text(high):
+            return lambda value, where: (
+                value
+                if type(value) is str and len(value) <= high and value.isascii() and value[-1:] != "\0"
+                else _text(value, where, high)
+            )
+        case OctetString(high, "|u1"):
+            return lambda value, where: _bytes_array(value, where, high)
+        case OctetString(high, dtype_name, columns):
+            dtype = np.dtype(dtype_name)
+            rows = (0, high // (dtype.itemsize * max(columns, 1)))
+            shape: tuple[Bounds, ...] = (rows, (columns, columns)) if columns else (rows,)
+            return lambda value, where: _packed_array(value, where, dtype, shape)
+        case Array(Integer(low, high), dims):
+            target = node.dtype
+            return lambda value, where: _integer_array(value, where, dims, low, high, target)
+        case Array(Real(), dims):
+            return lambda value, where: _real_array(value, where, dims)
+        case Array(Boolean(), dims):
+            return lambda value, where: read_only(
+                _shaped(_numbers(value, where, "b", "booleans").astype(np.bool_, copy=False), where, dims)
+            )
+        case ListOf(element, low, high):
+            check = check_of(element)
+            return lambda value, where: _items(value, where, low, high, check)
+        case Enumeration(class_name):
+            members = class_of(class_name)
+            return lambda value, where: (
+                value if type(value) is members else _enumeration(value, where, members)
+            )
+        case Struct() | Choice():
+            cls = class_of(node.class_name)
+            return lambda value, where: value if type(value) is cls else _instance(value, where, cls)
+    raise TypeError(f"{node}: expected a node of the schema")
 
 
 def _brief(value: object) -> str:
@@ -41,7 +110,7 @@ def _size_text(bounds: Bounds) -> str:
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """A C-contiguous, read-only view of an array (a copy only where it is not contiguous)."""
+    """Return a C-contiguous, read-only view of an array, or a copy if it is not contiguous."""
     array = np.ascontiguousarray(array)
     if array.flags.writeable:
         array = array.view()
@@ -62,14 +131,15 @@ def _numbers(value: object, where: str, kinds: str, expected: str) -> NDArray[An
 def _shaped(array: NDArray[Any], where: str, dims: tuple[Bounds, ...]) -> NDArray[Any]:
     if array.size == 0 and array.ndim != len(dims) and dims[0][0] == 0:
         array = array.reshape((0, *(high if low == high else 0 for low, high in dims[1:])))
-    fits = array.ndim == len(dims) and all(low <= n <= high for n, (low, high) in zip(array.shape, dims, strict=True))
+    fits = array.ndim == len(dims) and all(
+        low <= n <= high for n, (low, high) in zip(array.shape, dims, strict=True)
+    )
     if not fits:
         raise InputError(f"{where}: shape {array.shape}, expected ({', '.join(_size_text(b) for b in dims)})")
     return array
 
 
-def real_array(value: object, where: str, dims: tuple[Bounds, ...]) -> NDArray[np.float64]:
-    """Array of float64 with a size within bounds in each dimension."""
+def _real_array(value: object, where: str, dims: tuple[Bounds, ...]) -> NDArray[np.float64]:
     array = value if isinstance(value, np.ndarray) else _numbers(value, where, "fiu", "real numbers")
     if array.dtype != np.float64:
         if array.dtype.kind not in "fiu" and array.size:
@@ -78,60 +148,49 @@ def real_array(value: object, where: str, dims: tuple[Bounds, ...]) -> NDArray[n
     return read_only(_shaped(array, where, dims))
 
 
-def integer_array(value: object, where: str, dims: tuple[Bounds, ...], low: int, high: int, dtype: str) -> NDArray[Any]:
-    """Array of integers of ``dtype``, each within low..high."""
+def _check_range(array: NDArray[Any], where: str, low: int, high: int) -> None:
+    if array.size and not (low <= int(array.min()) and int(array.max()) <= high):
+        raise InputError(f"{where}: values {array.min()}..{array.max()}, expected {low}..{high}")
+
+
+def _integer_array(
+    value: object, where: str, dims: tuple[Bounds, ...], low: int, high: int, dtype: np.dtype[Any]
+) -> NDArray[Any]:
     array = _numbers(value, where, "iu", f"integers {low}..{high}")
-    target = np.dtype(dtype)
-    if array.size and array.dtype != target and not (low <= int(array.min()) and int(array.max()) <= high):
-        raise InputError(f"{where}: values {array.min()}..{array.max()}, expected {low}..{high}")
-    array = array.astype(target, copy=False)
-    if (
-        array.size
-        and (low > np.iinfo(target).min or high < np.iinfo(target).max)
-        and (int(array.min()) < low or int(array.max()) > high)
-    ):
-        raise InputError(f"{where}: values {array.min()}..{array.max()}, expected {low}..{high}")
-    return read_only(_shaped(array, where, dims))
+    info = np.iinfo(dtype)
+    if array.dtype != dtype or low > info.min or high < info.max:
+        _check_range(array, where, low, high)
+    return read_only(_shaped(array.astype(dtype, copy=False), where, dims))
 
 
-def boolean_array(value: object, where: str, dims: tuple[Bounds, ...]) -> NDArray[np.bool_]:
-    """Array of booleans."""
-    array = _numbers(value, where, "b", "booleans").astype(np.bool_, copy=False)
-    return read_only(_shaped(array, where, dims))
-
-
-def octets(value: object, where: str, high: int) -> NDArray[np.uint8]:
-    """Octets as a ``(n,)`` uint8 array, from bytes or a uint8 array."""
+def _bytes_array(value: object, where: str, high: int) -> NDArray[np.uint8]:
+    """Return a ``(n,)`` uint8 array of bytes or of a uint8 array."""
     if isinstance(value, bytes | bytearray | memoryview):
         array: NDArray[Any] = np.frombuffer(value, dtype=np.uint8)
     else:
         array = _numbers(value, where, "u", "bytes or uint8 numbers")
         if array.dtype != np.uint8:
             if array.size:
-                raise InputError(f"{where}={_brief(value)}: dtype {array.dtype}, expected bytes or a uint8 array")
+                raise InputError(
+                    f"{where}={_brief(value)}: dtype {array.dtype}, expected bytes or a uint8 array"
+                )
             array = array.astype(np.uint8)
     if array.ctypes.data % _ALIGNMENT:
         array = array.copy()
     return read_only(_shaped(array, where, ((0, high),)))
 
 
-def typed_octets(value: object, where: str, high: int, dtype: str, columns: int) -> NDArray[Any]:
-    """Little-endian array ``(n,)`` or ``(n, columns)`` of ``dtype`` whose octets travel as an OCTET STRING."""
-    target = np.dtype(dtype)
-    array = _numbers(value, where, "fiu" if target.kind == "f" else "iu", f"{target.name} numbers")
-    if array.dtype != target:
-        if target.kind in "iu" and array.size:
-            info = np.iinfo(target)
-            if int(array.min()) < info.min or int(array.max()) > info.max:
-                raise InputError(f"{where}: values {array.min()}..{array.max()}, expected {info.min}..{info.max}")
-        array = array.astype(target)
-    rows = high // (target.itemsize * max(columns, 1))
-    dims: tuple[Bounds, ...] = ((0, rows), (columns, columns)) if columns else ((0, rows),)
+def _packed_array(value: object, where: str, dtype: np.dtype[Any], dims: tuple[Bounds, ...]) -> NDArray[Any]:
+    """Return a little-endian array whose bytes are the content of an OCTET STRING."""
+    array = _numbers(value, where, "fiu" if dtype.kind == "f" else "iu", f"{dtype.name} numbers")
+    if array.dtype != dtype:
+        if dtype.kind in "iu":
+            _check_range(array, where, int(np.iinfo(dtype).min), int(np.iinfo(dtype).max))
+        array = array.astype(dtype)
     return read_only(_shaped(array, where, dims))
 
 
-def integer(value: object, where: str, low: int, high: int) -> int:
-    """An integer within low..high."""
+def _integer(value: object, where: str, low: int, high: int) -> int:
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
         raise InputError(f"{where}={_brief(value)}: expected an integer {low}..{high}")
     number = int(value)
@@ -140,8 +199,8 @@ def integer(value: object, where: str, low: int, high: int) -> int:
     return number
 
 
-def real(value: object, where: str) -> float:
-    """A real number; NaN and the infinities are values."""
+def _real(value: object, where: str) -> float:
+    """Return a float; NaN and the infinities are valid."""
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
         raise InputError(f"{where}={_brief(value)}: expected a real number")
     try:
@@ -150,29 +209,30 @@ def real(value: object, where: str) -> float:
         raise InputError(f"{where}={_brief(value)}: expected a number that float64 can hold") from error
 
 
-def boolean(value: object, where: str) -> bool:
-    """A truth value."""
+def _boolean(value: object, where: str) -> bool:
     if not isinstance(value, bool | np.bool_):
         raise InputError(f"{where}={_brief(value)}: expected True or False")
     return bool(value)
 
 
-def text(value: object, where: str, high: int) -> str:
-    """Text of at most ``high`` octets of UTF-8; trailing NULs, which some robots count, are dropped."""
+def _text(value: object, where: str, high: int) -> str:
+    """Return text of at most ``high`` UTF-8 bytes without the trailing NULs that some robots send."""
     if not isinstance(value, str):
         raise InputError(f"{where}={_brief(value)}: expected text")
     clean = value.rstrip("\0")
     try:
         size = len(clean.encode("utf-8", "surrogateescape"))
     except UnicodeEncodeError as error:
-        raise InputError(f"{where}={_brief(value)}: expected text that UTF-8 can hold ({error.reason})") from error
+        raise InputError(
+            f"{where}={_brief(value)}: expected text that UTF-8 can hold ({error.reason})"
+        ) from error
     if size > high:
-        raise InputError(f"{where}={_brief(value)}: {size} octets of UTF-8, expected at most {high}")
+        raise InputError(f"{where}={_brief(value)}: {size} bytes of UTF-8, expected at most {high}")
     return clean
 
 
-def enumeration(value: object, where: str, cls: type[E]) -> E:
-    """A member of an enumeration, from it or its number."""
+def _enumeration(value: object, where: str, cls: type[E]) -> E:
+    """Return a member of an enumeration, given as member or number."""
     if isinstance(value, cls):
         return value
     if not isinstance(value, bool) and isinstance(value, int | np.integer):
@@ -184,15 +244,13 @@ def enumeration(value: object, where: str, cls: type[E]) -> E:
     raise InputError(f"{where}={_brief(value)}: expected one of {names}")
 
 
-def instance(value: object, where: str, cls: type[T]) -> T:
-    """An object of a message type."""
+def _instance(value: object, where: str, cls: type) -> object:
     if not isinstance(value, cls):
         raise InputError(f"{where}: {_brief(value)} is a {type(value).__name__}, expected {cls.__name__}")
     return value
 
 
-def items(value: object, where: str, low: int, high: int, check: Callable[[Any, str], T]) -> tuple[T, ...]:
-    """A tuple of low..high checked elements, from a list or tuple."""
+def _items(value: object, where: str, low: int, high: int, check: Check) -> tuple[Any, ...]:
     if not isinstance(value, list | tuple):
         raise InputError(f"{where}={_brief(value)}: expected a list or tuple")
     if not low <= len(value) <= high:
@@ -201,7 +259,7 @@ def items(value: object, where: str, low: int, high: int, check: Callable[[Any, 
 
 
 def same(a: object, b: object) -> bool:
-    """Equality of two field values: arrays by shape and element, NaN equal to NaN, -0 equal to 0."""
+    """Return whether two field values are equal: arrays by shape and element, NaN equal to NaN, -0 to 0."""
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return np.array_equal(a, b, equal_nan=a.dtype.kind == "f" and b.dtype.kind == "f")
     if isinstance(a, float) and isinstance(b, float):

@@ -1,101 +1,103 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Candidates until one can be stood for: several supports of the descriptors, several cliques of their matches."""
+"""Search for acceptable alignments over descriptor radii and cliques of matches."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Protocol
 
-from cdff_common.errors import DegenerateGeometryError, RefusedError
+from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.product import Quality, Status
-from cdff_core.cloud_matching.matcher import Cloud, CloudMatcher, Described, Float, Found, Surface, counts
+from cdff_core.cloud_matching.configuration import MatchingGates
+from cdff_core.cloud_matching.matcher import (
+    Cloud,
+    CloudMatcher,
+    DescribedKeypoints,
+    Float,
+    Registration,
+    solution_metrics,
+)
 
-Judge = Callable[[Found], Quality]
+QualityFunction = Callable[[Registration], Quality]
+AssessedRegistration = tuple[Registration, Quality]
 
-#: Keypoints of the target this near to the source where it was found belong to it.
+#: Keypoints of the target within this distance of the registered source are explained by the registration.
 _EXPLAINED_VOXELS = 3.0
 
 
-class Scales(Protocol):
-    """What a configuration says on the search."""
+class AlignmentSearch:
+    """Candidate alignments of two clouds, best supported first; ``quality_of`` assesses a registration."""
 
-    support_voxels: tuple[float, ...]
-    candidates: int
-
-
-class Search:
-    """Candidate alignments of two clouds, in the order of what speaks for them.
-
-    Parameters
-    ----------
-    matcher : CloudMatcher
-    source, target : Cloud
-    scales : Scales
-    judge : callable
-        Quality of an alignment.
-    """
-
-    def __init__(self, matcher: CloudMatcher, source: Cloud, target: Cloud, scales: Scales, judge: Judge) -> None:
-        self._matcher, self._clouds, self._scales, self._judge = matcher, (source, target), scales, judge
+    def __init__(
+        self,
+        matcher: CloudMatcher,
+        source: Cloud,
+        target: Cloud,
+        gates: MatchingGates,
+        quality_of: QualityFunction,
+    ) -> None:
+        self._matcher, self._gates, self._quality_of = matcher, gates, quality_of
+        self._fine = source, target
         self._voxel_m = max(source.voxel_m, target.voxel_m)
-        self._surfaces: list[Surface] = matcher.surfaces(self._clouds, self._voxel_m)
-        self._described: dict[float, tuple[Described, Described]] = {}
+        self._coarse = matcher.extract_keypoints(self._fine, self._voxel_m)
+        self._described: dict[float, tuple[DescribedKeypoints, DescribedKeypoints]] = {}
+        #: Reasons against the first refused candidate, the one with most matches.
         self.refusals: tuple[str, ...] = ()
 
-    def acceptable(self) -> Iterator[tuple[Found, Quality]]:
-        """Alignments that pass, judged on the finely thinned clouds; what the others fail by is kept in refusals."""
-        for voxels in self._scales.support_voxels:
-            yield from self._solved(*self._at(voxels))
+    def acceptable(self) -> Iterator[AssessedRegistration]:
+        """Yield the registrations that pass the gates on the fine clouds."""
+        for voxels in self._gates.support_voxels:
+            yield from self._candidates(*self._describe(voxels))
 
-    def elsewhere(self, found: Found) -> Iterator[tuple[Found, Quality]]:
-        """The same without the part of the target that an alignment explains."""
+    def excluding(self, registration: Registration) -> Iterator[AssessedRegistration]:
+        """Yield acceptable registrations without the part of the target that a registration explains."""
         from cdff_common.geometry.kdtree import kd_tree, nearest
 
-        moved = se3.transform_points(found.T_target_source, self._surfaces[0].points_m)
-        tree = kd_tree(moved)
-        for voxels in self._scales.support_voxels:
-            source, target = self._at(voxels)
-            is_free = nearest(tree, target.keypoints_m)[0] > _EXPLAINED_VOXELS * self._voxel_m
-            yield from self._solved(source, Described(target.keypoints_m[is_free], target.descriptors[is_free]))
+        explained = kd_tree(se3.transform_points(registration.T_target_source, self._coarse[0].points_m))
+        for voxels in self._gates.support_voxels:
+            source, target = self._describe(voxels)
+            is_left = nearest(explained, target.keypoints_m)[0] > _EXPLAINED_VOXELS * self._voxel_m
+            rest = DescribedKeypoints(target.keypoints_m[is_left], target.descriptors[is_left])
+            yield from self._candidates(source, rest)
 
-    def _at(self, voxels: float) -> tuple[Described, Described]:
-        """Both surfaces described with supports of a radius; once."""
+    def _describe(self, voxels: float) -> tuple[DescribedKeypoints, DescribedKeypoints]:
+        """Return the described keypoints of both clouds for a support radius, computed once."""
         if voxels not in self._described:
-            source, target = (self._matcher.described(each, voxels * self._voxel_m) for each in self._surfaces)
+            source, target = (self._matcher.describe(c, voxels * self._voxel_m) for c in self._coarse)
             self._described[voxels] = source, target
         return self._described[voxels]
 
-    def _solved(self, source: Described, target: Described) -> Iterator[tuple[Found, Quality]]:
-        pairs, metrics = self._matcher.matched(source, target)
-        for _ in range(self._scales.candidates):
+    def _candidates(
+        self, source: DescribedKeypoints, target: DescribedKeypoints
+    ) -> Iterator[AssessedRegistration]:
+        pairs, metrics = self._matcher.match(source, target)
+        for _ in range(self._gates.candidates):
             try:
-                solution = self._matcher.solved(pairs, self._voxel_m)
-            except (RefusedError, DegenerateGeometryError) as error:
-                self._refuse(tuple(error.reasons))
+                solution = self._matcher.solve(pairs, self._voxel_m)
+            except RefusedError as error:
+                self._record_refusal(tuple(error.reasons))
                 return
-            judged = self._refined(solution.transform, metrics | counts(solution))
-            if judged is not None:
-                yield judged
-            # What is left may agree on another place.
+            candidate = self._refine(solution.transform, metrics | solution_metrics(solution))
+            if candidate is not None:
+                yield candidate
+            # The remaining matches may agree on another alignment.
             pairs = pairs[0][~solution.inliers], pairs[1][~solution.inliers]
 
-    def _refined(self, T: Float, metrics: dict[str, float]) -> tuple[Found, Quality] | None:
-        """Refine on the coarse surfaces, and where that passes on the fine clouds; None where either does not."""
+    def _refine(self, T: Float, metrics: dict[str, float]) -> AssessedRegistration | None:
+        """Refine on the coarse clouds, then on the fine clouds; None if either fails the gates."""
         try:
-            for source, target in (self._surfaces, self._clouds):
-                found = self._matcher.refined(source, target, T, metrics)
-                quality = self._judge(found)
+            for source, target in (self._coarse, self._fine):
+                registration = self._matcher.refine(source, target, T, metrics)
+                quality = self._quality_of(registration)
                 if quality.status is Status.FAILED:
-                    self._refuse(quality.reasons)
+                    self._record_refusal(quality.reasons)
                     return None
-                T = found.T_target_source
-        except (RefusedError, DegenerateGeometryError) as error:
-            self._refuse(tuple(error.reasons))
+                T = registration.T_target_source
+        except RefusedError as error:
+            self._record_refusal(tuple(error.reasons))
             return None
-        return found, quality
+        return registration, quality
 
-    def _refuse(self, reasons: tuple[str, ...]) -> None:
-        """Keep what spoke against the first candidate: it had most matches behind it."""
+    def _record_refusal(self, reasons: tuple[str, ...]) -> None:
         self.refusals = self.refusals or reasons

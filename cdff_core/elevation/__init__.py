@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the DFNs of elevation maps share."""
+"""Elevation maps: cells, visibility, fusion of patches."""

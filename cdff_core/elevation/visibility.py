@@ -1,10 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What rays of a later capture passed through cannot be there any more.
+"""Removal of cells that rays of a later capture passed through [1]_.
 
 References
 ----------
-.. [1] Fankhauser, P., Bloesch, M., Hutter, M. (2018). Probabilistic terrain mapping for mobile robots with uncertain
+.. [1] Fankhauser, P., Bloesch, M., Hutter, M. (2018). Probabilistic terrain mapping for mobile robots with
+   uncertain
    localization. IEEE RA-L 3(4). doi:10.1109/LRA.2018.2849506 (visibility clean-up)
 """
 
@@ -19,12 +20,12 @@ from cdff_core.elevation.map_cells import MapCells
 
 Array = NDArray[np.float64]
 
-#: A ray ends this many cells before what it hit: beside it lies the same surface.
+#: Cells by which a ray is shortened before its end point: adjacent cells belong to the same surface.
 _BEFORE_HIT_CELLS = 3
 
 
 def clear_seen_through(cells: MapCells, rays_m: Array, since_ns: int, margin_m: float) -> int:
-    """Forget what later rays passed below, and tell how many cells that were.
+    """Clear cells that later rays passed below and return their number.
 
     Parameters
     ----------
@@ -35,18 +36,20 @@ def clear_seen_through(cells: MapCells, rays_m: Array, since_ns: int, margin_m: 
     since_ns : int
         Cells measured at this time or later stay.
     margin_m : float
-        How far below a cell's lowest height two rays must pass: more than poses and noise are wrong by.
+        Distance below a cell's lowest height that two rays must pass: above the errors of poses and noise.
     """
     g, s = cells.geometry, cells.statistics
     lowest, second = np.full(g.shape, np.inf), np.full(g.shape, np.inf)
-    _lowest_rays(np.ascontiguousarray(rays_m), g.resolution_m, g.xmin_m, g.ymax_m, _BEFORE_HIT_CELLS, lowest, second)
+    _lowest_rays(
+        np.ascontiguousarray(rays_m), g.resolution_m, g.xmin_m, g.ymax_m, _BEFORE_HIT_CELLS, lowest, second
+    )
     gone = s.observed & (second < s.minimum - margin_m) & (s.newest_ns < since_ns)
     cells.forget(gone)
     return int(np.count_nonzero(gone))
 
 
 def compile_now(resolution_m: float) -> None:
-    """Compile, so that the first patch is as fast as the others."""
+    """Compile the kernel."""
     clear_seen_through(
         MapCells.empty(GridGeometry("map", resolution_m, 0.0, resolution_m, 1, 1)), np.zeros((1, 6)), 0, 1.0
     )

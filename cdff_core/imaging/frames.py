@@ -1,13 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Images made from other images: what the new one keeps of the old one's stamp, colours, camera and place."""
+"""Frames derived from other frames: stamp, colour mode, camera and pose are copied unless replaced."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,18 +15,16 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.types import Array3D, Frame, FrameCameraModelT, FrameModeT, TransformWithCovariance
 
-#: How pixels between the given ones are found, by its name in configurations.
-INTERPOLATIONS = {"nearest": cv2.INTER_NEAREST, "linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC}
-
 
 def check_straight(*images: Frame) -> None:
-    """Raise InputError where an image says that its lens bends straight lines, for what takes it as a pinhole's."""
+    """Raise InputError if an image has lens distortion or is not of a pinhole camera."""
     for image in images:
         intrinsic = image.intrinsic
         if intrinsic.camera_model is FrameCameraModelT.CAM_FISHEYE or np.any(intrinsic.dist_coeffs):
             lens = f"{intrinsic.camera_model.name}, distortion {intrinsic.dist_coeffs.tolist()}"
             raise InputError(
-                f"image of {image.frame or 'a camera'} as its lens made it ({lens}): expected one without distortion, "
+                f"image of {image.frame or 'a camera'} as its lens made it ({lens}): expected one "
+                "without distortion, "
                 "by image_undistortion or, of a pair, stereo_rectification"
             )
 
@@ -40,9 +37,9 @@ def with_image(
     camera: CameraModel | None = None,
     place: tuple[str, UncertainTransform] | None = None,
 ) -> Frame:
-    """The frame with other pixels; colours, camera and place as they were where no others are given.
+    """Return a frame with other pixels, and another colour mode, camera or pose if given.
 
-    ``place`` is the name of the new camera's frame and T_robot_sensor.
+    ``place`` is the name of the new sensor frame and ``T_robot_sensor``.
     """
     metadata, intrinsic = frame.metadata, frame.intrinsic
     if mode is not None:
@@ -50,11 +47,16 @@ def with_image(
     if camera is not None:
         model = FrameCameraModelT.CAM_FISHEYE if camera.fisheye else FrameCameraModelT.CAM_PINHOLE
         intrinsic = replace(
-            intrinsic, camera_matrix=camera.matrix, camera_model=model, dist_coeffs=np.array(camera.distortion)
+            intrinsic,
+            camera_matrix=camera.matrix,
+            camera_model=model,
+            dist_coeffs=np.array(camera.distortion),
         )
-    made = replace(frame, metadata=metadata, intrinsic=intrinsic, data=Array3D.from_array(np.ascontiguousarray(image)))
+    new_frame = replace(
+        frame, metadata=metadata, intrinsic=intrinsic, data=Array3D.from_array(np.ascontiguousarray(image))
+    )
     if place is None:
-        return made
+        return new_frame
     sensor, T_robot_sensor = place
     pose = TransformWithCovariance.from_transform(
         T_robot_sensor,
@@ -63,7 +65,7 @@ def with_image(
         stamp_ns=frame.stamp_ns,
     )
     return replace(
-        made,
+        new_frame,
         intrinsic=replace(intrinsic, sensor_id=sensor),
         extrinsic=replace(frame.extrinsic, pose_robot_frame_sensor_frame=pose),
     )

@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""From what cameras deliver to the grey image that feature work is done on."""
+"""Conversion of camera images to grey images for features."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdff_common.arrays import ByteArray
 from cdff_common.errors import InputError
 from cdff_common.types import Frame, FrameModeT
 
@@ -20,13 +20,13 @@ _ORDERS = {
 }
 
 
-def grey_image(frame: Frame) -> NDArray[np.uint8]:
-    """The luma of a frame, shape (rows, cols), uint8; a view where it is grey already.
+def grey_image(frame: Frame) -> ByteArray:
+    """Return the luma of a frame, shape (rows, cols), uint8; a view if it is already grey.
 
     Raises
     ------
     InputError
-        On a pixel type or colour order that is not known here.
+        If the pixel type or colour order is not supported.
     """
     image = frame.image
     if image.dtype != np.uint8:
@@ -35,6 +35,15 @@ def grey_image(frame: Frame) -> NDArray[np.uint8]:
         return image
     order = _ORDERS.get(frame.metadata.mode)
     if order is None or image.shape[2] < 3:
-        raise InputError(f"image {image.shape} in mode {frame.metadata.mode.name}: expected GRAY, RGB(A) or BGR(A)")
+        raise InputError(
+            f"image {image.shape} in mode {frame.metadata.mode.name}: expected GRAY, RGB(A) or BGR(A)"
+        )
     colours = image[:, :, list(order)].astype(np.float32)
     return np.asarray(np.rint(colours @ _LUMA), dtype=np.uint8)
+
+
+def checked_image(image: ByteArray) -> ByteArray:
+    """Return an image as a contiguous array; raises InputError unless it is grey, uint8 and large enough."""
+    if image.ndim != 2 or image.dtype != np.uint8 or min(image.shape) < 32:
+        raise InputError(f"image {image.shape} {image.dtype}: expected (rows, cols) uint8, at least 32 x 32")
+    return np.ascontiguousarray(image)

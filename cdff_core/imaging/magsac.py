@@ -1,40 +1,49 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""MAGSAC++ for two views, and what every estimator of a model of two views shares.
+"""MAGSAC++ for two views, and common parts of estimators of two-view models.
 
-Barath et al., MAGSAC++, a fast, reliable and accurate robust estimator, CVPR 2020, doi:10.1109/CVPR42600.2020.00138.
+Barath et al., MAGSAC++, a fast, reliable and accurate robust estimator, CVPR 2020,
+doi:10.1109/CVPR42600.2020.00138.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 from pydantic import Field
 
+from cdff_common.arrays import BoolArray, FloatArray
 from cdff_common.errors import RefusedError
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.imaging.two_view import Fit, log10_false_alarms
 
-FloatArray = NDArray[np.float64]
+
+class InlierConfig(DfnConfig):
+    """Parameters of the test for inliers."""
+
+    threshold_px: float = Field(
+        1.0, gt=0, le=50, description="Upper bound of the standard deviation of inliers"
+    )
+    gate_sigmas: float = Field(3.0, ge=1, le=10, description="Residual of an outlier in standard deviations")
 
 
-class MagsacConfig(DfnConfig):
-    """Parameters that the models share."""
+class MagsacConfig(InlierConfig):
+    """Common parameters of the models; MAGSAC++ marginalises over noise of up to ``threshold_px``."""
 
-    threshold_px: Annotated[float, Field(gt=0, le=50)] = 1.0
-    max_iterations: Annotated[int, Field(ge=10, le=1_000_000)] = 10_000
-    confidence: Annotated[float, Field(gt=0, lt=1)] = 0.9999
-    gate_sigmas: Annotated[float, Field(ge=1, le=10)] = 3.0
-    min_inliers: Annotated[int, Field(ge=8)] = 12
-    max_log10_false_alarms: Annotated[float, Field(le=0)] = -3.0
-    seed: Annotated[int, Field(ge=0)] = 0
+    max_iterations: int = Field(10_000, ge=10, le=1_000_000, description="Maximum number of samples drawn")
+    confidence: float = Field(0.9999, gt=0, lt=1, description="Probability of a sample without outliers")
+    min_inliers: int = Field(12, ge=8, description="Minimum number of inliers; fewer are refused")
+    max_log10_false_alarms: float = Field(
+        -3.0, le=0, description="Largest log10 of the expected number of models by chance"
+    )
+    seed: int = Field(0, ge=0, description="Seed of the random samples; every call starts from it")
 
 
 def parameters(config: MagsacConfig) -> cv2.UsacParams:
-    """OpenCV's parameters: MAGSAC++ scores and local optimisation, one thread, a stated seed."""
+    """Return the OpenCV parameters: MAGSAC++ scores and local optimisation, one thread, a fixed seed."""
     p = cv2.UsacParams()
     p.threshold, p.confidence, p.maxIterations = config.threshold_px, config.confidence, config.max_iterations
     p.score, p.loMethod, p.sampler = cv2.SCORE_METHOD_MAGSAC, cv2.LOCAL_OPTIM_SIGMA, cv2.SAMPLING_UNIFORM
@@ -42,33 +51,47 @@ def parameters(config: MagsacConfig) -> cv2.UsacParams:
     return p
 
 
-def refused_few(pairs: int, config: MagsacConfig) -> None:
-    """Raise RefusedError where there are too few pairs to begin with."""
-    if pairs < config.min_inliers:
-        text = f"{pairs} pairs, expected at least {config.min_inliers}"
-        raise RefusedError(text, [f"few_matches:{pairs}<{config.min_inliers}"])
+def pairs(source: ArrayLike, sink: ArrayLike, least: int) -> tuple[FloatArray, FloatArray]:
+    """Return both as ``(n, 2)`` float64; raises RefusedError if there are too few."""
+    a, b = np.ascontiguousarray(source, np.float64), np.ascontiguousarray(sink, np.float64)
+    if len(a) < least:
+        raise RefusedError(f"{len(a)} pairs, expected at least {least}", [f"few_matches:{len(a)}<{least}"])
+    return a, b
 
 
-def found(matrix: Any, pairs: int) -> FloatArray:
-    """The matrix that OpenCV found; raises RefusedError where it found none."""
+def refuse_few_inliers(inliers: BoolArray, least: int) -> None:
+    """Raise RefusedError if there are fewer than ``least`` inliers."""
+    n = int(inliers.sum())
+    if n < least:
+        text = f"{n} of {len(inliers)} pairs agree on a model, expected {least}"
+        raise RefusedError(text, [f"few_inliers:{n}<{least}"])
+
+
+def checked_matrix(matrix: Any, pairs: int) -> FloatArray:
+    """Return the matrix estimated by OpenCV; raises RefusedError if there is none."""
     if matrix is None or np.shape(matrix) != (3, 3) or not np.isfinite(matrix).all() or not np.any(matrix):
         raise RefusedError(f"no model fits {pairs} pairs", ["no_model"])
     return np.asarray(matrix, np.float64)
 
 
-def accepted(fit: Fit, config: MagsacConfig, sink: FloatArray, minimal: int, is_line: bool) -> float:
-    """How many such models chance would bring (log10); raises RefusedError where too many, or inliers too few."""
+def outputs_of(
+    fit: Fit, config: MagsacConfig, sink: FloatArray, minimal: int, *, is_line: bool = True
+) -> dict[str, Any]:
+    """Return the common outputs of the models; raises RefusedError for a model that may be due to chance."""
+    refuse_few_inliers(fit.inliers, config.min_inliers)
     inliers = int(fit.inliers.sum())
-    if inliers < config.min_inliers:
-        text = f"{inliers} of {len(sink)} pairs agree on a model, expected {config.min_inliers}"
-        raise RefusedError(text, [f"few_inliers:{inliers}<{config.min_inliers}"])
     width, height = np.maximum(np.ptp(sink, axis=0), 1.0)
     reach = max(config.gate_sigmas * fit.sigma_px, 0.25)
     chance = 2.0 * reach * np.hypot(width, height) if is_line else np.pi * 2.0 * reach**2
     alarms = log10_false_alarms(len(sink), inliers, float(chance / (width * height)), minimal)
     if alarms > config.max_log10_false_alarms:
-        text = (
-            f"{inliers} of {len(sink)} pairs agree, which chance brings about too (log10 of false alarms {alarms:.1f})"
-        )
+        chance_text = f"as expected by chance (log10 of false alarms {alarms:.1f})"
+        text = f"{inliers} of {len(sink)} pairs agree, {chance_text}"
         raise RefusedError(text, [f"by_chance:{alarms:.1f}>{config.max_log10_false_alarms:g}"])
-    return alarms
+    return {
+        "covariance": fit.covariance,
+        "inliers": fit.inliers,
+        "residuals": fit.residuals,
+        "sigma_px": fit.sigma_px,
+        "log_false_alarms": alarms,
+    }

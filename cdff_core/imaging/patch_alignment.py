@@ -1,28 +1,25 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sub-pixel alignment of small patches, one compiled loop per point: what trackers and stereo matchers stand on.
+"""Sub-pixel alignment of small patches, one compiled loop per point, for trackers and stereo matchers.
 
-Patches are compared by zero-mean normalised cross-correlation and aligned after removing their mean and gain, so that
-exposure and vignetting do not move the result.
+Patches are compared by zero-mean normalised cross-correlation and aligned after removing their mean and gain,
+so that exposure and vignetting do not shift the result.
 
 References
 ----------
-.. [1] S. Baker, I. Matthews, Lucas-Kanade 20 Years On, IJCV 56(3), 2004, doi:10.1023/B:VISI.0000011205.11775.fd
+.. [1] S. Baker, I. Matthews, Lucas-Kanade 20 Years On, IJCV 56(3), 2004,
+  doi:10.1023/B:VISI.0000011205.11775.fd
 """
 
 from __future__ import annotations
 
 import numba as nb
 import numpy as np
-from numpy.typing import NDArray
 
-FloatImage = NDArray[np.float32]
-FloatArray = NDArray[np.float64]
-
-_FLAT = 1e-3  # sum of squared grey-level deviations below which a patch holds no structure at all
+_FLAT = 1e-3  # sum of squared grey-level deviations below which a patch has no structure
 _MAX_SLOPE_STEP = 0.5
-_SLOPE_DAMPING = 0.05  # of the information of a shift: steps in slope stay short where a patch does not tell it
-_MAX_STEP_PX = 2.0  # the linearisation does not hold for longer steps
+_SLOPE_DAMPING = 0.05  # fraction of the information on a translation; limits steps of an unobservable slope
+_MAX_STEP_PX = 2.0  # the linearisation is invalid for longer steps
 
 
 @nb.njit(cache=True, inline="always")
@@ -36,29 +33,32 @@ def _bilinear(image, x, y):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True, fastmath={"reassoc", "contract", "arcp", "nsz"})
 def align_patches(reference, image, points, start, warps, half, iterations, tolerance_px):  # type: ignore[no-untyped-def]
-    """Find the patches around ``points`` of ``reference`` in ``image`` by inverse-compositional Gauss-Newton [1]_.
+    """Find the patches around ``points`` of ``reference`` in ``image`` by inverse-compositional Gauss-Newton
+    [1]_.
 
     Parameters
     ----------
-    reference, image : NDArray[np.float32], shape (rows, cols)
-    points : NDArray[np.float64], shape (n, 2)
+    reference, image : Float32Array, shape (rows, cols)
+    points : FloatArray, shape (n, 2)
         Patch centres x, y in ``reference``, pixels.
-    start : NDArray[np.float64], shape (n, 2)
-        Where to begin in ``image``, pixels.
-    warps : NDArray[np.float64], shape (n, 3, 3)
-        Homographies from offsets around the point in ``reference`` to offsets in ``image``: last column ``0, 0, 1``.
+    start : FloatArray, shape (n, 2)
+        Initial positions in ``image``, pixels.
+    warps : FloatArray, shape (n, 3, 3)
+        Homographies from offsets around the point in ``reference`` to offsets in ``image``: last column ``0,
+        0, 1``.
     half : int
         Patches are ``2 half + 1`` pixels wide.
     iterations : int
     tolerance_px : float
-        A step below this ends the search.
+        The search ends at a step below this.
 
     Returns
     -------
-    found : NDArray[np.float64], shape (n, 2)
-        Where the search ended, pixels.
-    score : NDArray[np.float64], shape (n,)
-        Normalised cross-correlation there; -1 where the patch left the image, is flat, or the search did not settle.
+    found : FloatArray, shape (n, 2)
+        Final positions, pixels.
+    score : FloatArray, shape (n,)
+        Normalised cross-correlation there; -1 if the patch left the image, is flat, or the search did not
+        converge.
     """
     n = len(points)
     found, score = start.copy(), np.full(n, -1.0)
@@ -71,7 +71,9 @@ def align_patches(reference, image, points, start, warps, half, iterations, tole
         axx, axy, ayx, ayy = warps[i, 0, 0], warps[i, 0, 1], warps[i, 1, 0], warps[i, 1, 1]
         wx, wy = warps[i, 2, 0], warps[i, 2, 1]
         margin = half + 2.0
-        if not (margin <= px < reference.shape[1] - margin - 1 and margin <= py < reference.shape[0] - margin - 1):
+        if not (
+            margin <= px < reference.shape[1] - margin - 1 and margin <= py < reference.shape[0] - margin - 1
+        ):
             continue
         for v in range(width + 2):
             for u in range(width + 2):
@@ -112,7 +114,9 @@ def align_patches(reference, image, points, start, warps, half, iterations, tole
             for v in range(-half, half + 1):
                 for u in range(-half, half + 1):
                     near = 1.0 / (1.0 + wx * u + wy * v)
-                    patch[k] = _bilinear(image, x + near * (axx * u + axy * v), y + near * (ayx * u + ayy * v))
+                    patch[k] = _bilinear(
+                        image, x + near * (axx * u + axy * v), y + near * (ayx * u + ayy * v)
+                    )
                     level += patch[k]
                     k += 1
             level /= m
@@ -147,29 +151,30 @@ def align_patches(reference, image, points, start, warps, half, iterations, tole
 
 @nb.njit(cache=True, fastmath={"reassoc", "contract", "arcp", "nsz"})
 def align_slanted(left, right, points, start, half, iterations, tolerance_px, steepest):  # type: ignore[no-untyped-def]
-    """As ``align_patches`` from the left image of a rectified pair to the right one, with the slope of the disparity.
+    """Align patches of the left image of a rectified pair in the right one, with the slope of the disparity.
 
-    The pixel ``(u, v)`` from the centre of a patch lies at ``(x + u - a u - b v, y + v)``: a plane in space is a plane
-    in disparity [2]_, and on the ground ahead the disparity changes by ``b = baseline / height`` from row to row, by
-    pixels over a patch. Taken as facing the camera, such a patch is matched where its strongest texture happens to lie.
+    The pixel ``(u, v)`` from the centre of a patch lies at ``(x + u - a u - b v, y + v)``: a plane in space
+    is a plane in disparity, and on the ground ahead the disparity changes by ``b = baseline / height``
+    from row to row, by pixels over a patch. Without the slope, such a patch would be matched at its strongest
+    texture.
 
     Parameters
     ----------
-    left, right : NDArray[np.float32], shape (rows, cols)
-    points, start : NDArray[np.float64], shape (n, 2)
-        Patch centres in ``left`` and where to begin in ``right``, pixels.
+    left, right : Float32Array, shape (rows, cols)
+    points, start : FloatArray, shape (n, 2)
+        Patch centres in ``left`` and initial positions in ``right``, pixels.
     half, iterations, tolerance_px
-        As in ``align_patches``.
+        Like in ``align_patches``.
     steepest : float
-        A slope beyond this ends the search without a result.
+        The search fails at a slope beyond this.
 
     Returns
     -------
-    found : NDArray[np.float64], shape (n, 2)
-    slopes : NDArray[np.float64], shape (n, 2)
+    found : FloatArray, shape (n, 2)
+    slopes : FloatArray, shape (n, 2)
         ``a, b``: derivatives of the disparity by column and row.
-    score : NDArray[np.float64], shape (n,)
-        As in ``align_patches``.
+    score : FloatArray, shape (n,)
+        Like in ``align_patches``.
     """
     n = len(points)
     found, slopes, score = start.copy(), np.zeros((n, 2)), np.full(n, -1.0)
@@ -216,7 +221,9 @@ def align_slanted(left, right, points, start, half, iterations, tolerance_px, st
         x, y, a, b, settled = start[i, 0], start[i, 1], 0.0, 0.0, False
         for _ in range(iterations + 1):
             reach_x, reach_y = half * (abs(1.0 - a) + abs(b)) + 2.0, half + 2.0
-            if not (reach_x <= x < right.shape[1] - reach_x - 1 and reach_y <= y < right.shape[0] - reach_y - 1):
+            if not (
+                reach_x <= x < right.shape[1] - reach_x - 1 and reach_y <= y < right.shape[0] - reach_y - 1
+            ):
                 settled = False
                 break
             level, k = 0.0, 0
@@ -270,24 +277,25 @@ def align_slanted(left, right, points, start, half, iterations, tolerance_px, st
 
 @nb.njit(cache=True, fastmath={"reassoc", "contract", "arcp", "nsz"})
 def search_rows(left, right, points, lowest, highest, half):  # type: ignore[no-untyped-def]
-    """Search each point of ``left`` along its row of ``right``, whole pixels, by normalised cross-correlation.
+    """Search each point of ``left`` along its row of ``right``, whole pixels, by normalised
+    cross-correlation.
 
     Parameters
     ----------
-    left, right : NDArray[np.float32], shape (rows, cols)
+    left, right : Float32Array, shape (rows, cols)
         Rectified images.
-    points : NDArray[np.float64], shape (n, 2)
+    points : FloatArray, shape (n, 2)
         x, y in ``left``, pixels.
-    lowest, highest : NDArray[np.int64], shape (n,)
-        First and last disparity to try, pixels.
+    lowest, highest : IntArray, shape (n,)
+        First and last tested disparity, pixels.
     half : int
         Patches are ``2 half + 1`` pixels wide.
 
     Returns
     -------
-    disparity : NDArray[np.float64], shape (n,)
-        Best whole disparity, NaN where none could be tried.
-    best, second : NDArray[np.float64], shape (n,)
+    disparity : FloatArray, shape (n,)
+        Best integer disparity; NaN if none could be tested.
+    best, second : FloatArray, shape (n,)
         Correlation there, and the highest more than two pixels away from it.
     """
     n = len(points)

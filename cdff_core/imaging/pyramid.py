@@ -1,37 +1,35 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Grey images made ready for sub-pixel work: lightly smoothed, floating point, halved level by level."""
+"""Preparation of grey images for sub-pixel estimation: smoothing, conversion to float, pyramid."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from cdff_common.errors import InputError
+from cdff_common.arrays import ByteArray, Float32Array
+from cdff_core.imaging.grey import checked_image
 
-#: Width of the smoothing before bilinear sampling, pixels. Bilinear interpolation pulls estimates towards whole
-#: pixels ("pixel locking"); this much halves the pull (0.023 to 0.012 px on natural texture) and costs no resolution
-#: that a patch of more than 10 pixels could use.
+#: Width of the smoothing before bilinear sampling, pixels. Bilinear interpolation biases estimates towards
+#: integer pixels ("pixel locking"); this width halves the bias (0.023 to 0.012 px on natural texture) without
+#: a relevant loss of resolution for patches of more than 10 pixels.
 ANTI_LOCKING_SIGMA_PX = 0.7
 
 
-def smoothed(image: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """The image as float32, smoothed by ``ANTI_LOCKING_SIGMA_PX``; shape (rows, cols).
+def smoothed(image: ByteArray) -> Float32Array:
+    """Return the image as float32, smoothed by ``ANTI_LOCKING_SIGMA_PX``; shape (rows, cols).
 
     Raises
     ------
     InputError
         If it is not a two-dimensional uint8 array of at least 32 x 32 pixels.
     """
-    if image.ndim != 2 or image.dtype != np.uint8 or min(image.shape) < 32:
-        raise InputError(f"image {image.shape} {image.dtype}: expected (rows, cols) uint8, at least 32 x 32")
-    floats = image.astype(np.float32)
+    floats = checked_image(image).astype(np.float32)
     return np.asarray(cv2.GaussianBlur(floats, (5, 5), ANTI_LOCKING_SIGMA_PX), dtype=np.float32)
 
 
-def pyramid(image: NDArray[np.uint8], levels: int) -> list[NDArray[np.float32]]:
-    """``levels`` images, each half the size of the one before: its pixel (x, y) lies at (2x, 2y) of that one."""
+def pyramid(image: ByteArray, levels: int) -> list[Float32Array]:
+    """Return ``levels`` images, each half the size of the previous: pixel (x, y) is (2x, 2y) of that one."""
     images = [smoothed(image)]
     while len(images) < levels and min(images[-1].shape) >= 64:
         images.append(np.asarray(cv2.pyrDown(images[-1]), dtype=np.float32))

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The rectified stereo camera: points in the left camera's frame to ``(u, v, d)`` and back, with derivatives.
+"""Rectified stereo camera: points in the left camera's frame to ``(u, v, d)`` and back, with derivatives.
 
-The camera's frame is x right, y down, z forward. ``u, v`` are pixels of the left image, the disparity is
-``d = u - u_right = fx b / z``.
+The camera's frame is x right, y down, z forward. ``u, v`` are pixels of the left image, the disparity is ``d
+= u - u_right = fx b / z``.
 """
 
 from __future__ import annotations
@@ -11,11 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cdff_common.arrays import FloatArray
 from cdff_common.errors import InputError
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,29 +28,35 @@ class RectifiedCamera:
     baseline_m: float
 
     @classmethod
-    def from_matrix(cls, camera_matrix: ArrayLike, baseline_m: ArrayLike) -> RectifiedCamera:
-        """From a 3x3 camera matrix and the baseline; raises InputError where they cannot be those of a camera."""
+    def from_matrix(cls, camera_matrix: ArrayLike, baseline_m: float) -> RectifiedCamera:
+        """Return the camera of a 3x3 matrix and the baseline; raises InputError on invalid ones."""
         K = np.asarray(camera_matrix, dtype=np.float64)
-        baseline = float(np.asarray(baseline_m, dtype=np.float64).reshape(-1)[0])
+        baseline = float(baseline_m)
         if K.shape != (3, 3) or not np.all(np.isfinite(K)) or K[0, 0] <= 0 or K[1, 1] <= 0:
-            raise InputError(f"camera matrix {K.tolist()}: expected 3x3 with positive focal lengths in pixels")
+            raise InputError(
+                f"camera matrix {K.tolist()}: expected 3x3 with positive focal lengths in pixels"
+            )
         if not np.isfinite(baseline) or baseline <= 0:
-            raise InputError(f"baseline {baseline} m: expected above 0, the right camera to the right of the left")
+            raise InputError(
+                f"baseline {baseline} m: expected above 0, the right camera to the right of the left"
+            )
         return cls(float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]), baseline)
 
     def triangulate(self, uvd: ArrayLike) -> FloatArray:
-        """Points ``(n, 3)``, metres, of measurements ``(n, 3)`` u, v, d in pixels, d above 0."""
+        """Return points ``(n, 3)``, metres, of measurements ``(n, 3)`` u, v, d in pixels, d above 0."""
         u, v, d = np.asarray(uvd, dtype=np.float64).T
         z = self.fx * self.baseline_m / d
         return np.column_stack([(u - self.cx) * z / self.fx, (v - self.cy) * z / self.fy, z])
 
     def project(self, points_m: ArrayLike) -> FloatArray:
-        """Measurements ``(n, 3)`` u, v, d in pixels of points ``(n, 3)``, metres, z not 0."""
+        """Return measurements ``(n, 3)`` u, v, d in pixels of points ``(n, 3)``, metres, z not 0."""
         x, y, z = np.asarray(points_m, dtype=np.float64).T
-        return np.column_stack([self.fx * x / z + self.cx, self.fy * y / z + self.cy, self.fx * self.baseline_m / z])
+        return np.column_stack(
+            [self.fx * x / z + self.cx, self.fy * y / z + self.cy, self.fx * self.baseline_m / z]
+        )
 
     def projection_jacobian(self, points_m: ArrayLike) -> FloatArray:
-        """Derivatives ``(n, 3, 3)`` of ``project`` by the point."""
+        """Return the derivatives ``(n, 3, 3)`` of ``project`` by the point."""
         x, y, z = np.asarray(points_m, dtype=np.float64).T
         J = np.zeros((len(z), 3, 3))
         J[:, 0, 0], J[:, 0, 2] = self.fx / z, -self.fx * x / z**2
@@ -60,7 +65,7 @@ class RectifiedCamera:
         return J
 
     def triangulation_jacobian(self, uvd: ArrayLike) -> FloatArray:
-        """Derivatives ``(n, 3, 3)`` of ``triangulate`` by u, v, d."""
+        """Return the derivatives ``(n, 3, 3)`` of ``triangulate`` by u, v, d."""
         points = self.triangulate(uvd)
         d = np.asarray(uvd, dtype=np.float64)[:, 2]
         J = np.zeros((len(d), 3, 3))

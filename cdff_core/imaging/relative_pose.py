@@ -1,42 +1,43 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rotation and direction of translation of an essential matrix, and which pairs they put behind a camera."""
+"""Rotation and direction of translation of an essential matrix, and pairs behind a camera."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cdff_common.arrays import BoolArray, FloatArray
 from cdff_common.errors import InputError
 from cdff_core.imaging.two_view import Fit, fit_essential, homogeneous
 
-FloatArray = NDArray[np.float64]
-
 
 def checked_cameras(source: ArrayLike, sink: ArrayLike | None) -> tuple[FloatArray, FloatArray]:
-    """Both camera matrices, the first for both where the second is absent; raises InputError where one is none."""
+    """Return both camera matrices, equal if the second is absent; raises InputError on invalid ones."""
     first = np.asarray(source, np.float64)
     second = first if sink is None else np.asarray(sink, np.float64)
     for K in (first, second):
-        if K.shape != (3, 3) or not np.isfinite(K).all() or K[0, 0] <= 0.0 or K[1, 1] <= 0.0:
-            raise InputError(f"camera matrix {K.tolist()}: expected 3x3 with positive focal lengths, pixels")
+        if not np.isfinite(K).all() or K[0, 0] <= 0.0 or K[1, 1] <= 0.0:
+            raise InputError(f"camera matrix {K.tolist()}: expected positive focal lengths, pixels")
     return first, second
 
 
 def rays(points: FloatArray, K: FloatArray) -> FloatArray:
-    """``(n, 3)``, third coordinate 1, of pixels ``(n, 2)``."""
+    """Return rays ``(n, 3)``, third coordinate 1, of pixels ``(n, 2)``."""
     return homogeneous(points) @ np.linalg.inv(K).T
 
 
 def angles(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Angles ``(n,)`` between vectors ``(n, 3)``, radians; exact for small ones."""
+    """Return the angles ``(n,)`` between vectors ``(n, 3)``, radians; exact for small ones."""
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ij,ij->i", a, b)))
 
 
-def depths(R: FloatArray, t: FloatArray, source: FloatArray, sink: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Depths ``(n,)`` along the rays of both cameras at which they pass nearest, in units of the translation."""
+def depths(
+    R: FloatArray, t: FloatArray, source: FloatArray, sink: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return depths ``(n,)`` of closest approach along both rays, in units of the translation."""
     a, b = source @ R.T, sink
     aa, bb, ab = (np.einsum("ij,ij->i", u, v) for u, v in ((a, a), (b, b), (a, b)))
     at, bt = a @ t, b @ t
@@ -44,8 +45,11 @@ def depths(R: FloatArray, t: FloatArray, source: FloatArray, sink: FloatArray) -
     return (ab * bt - bb * at) / determinant, (aa * bt - ab * at) / determinant
 
 
-def decomposed(E: FloatArray, source: FloatArray, sink: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """R, unit t of ``x_sink = R x_source + t``, and which pairs of rays then meet in front of both cameras.
+def decomposed(
+    E: FloatArray, source: FloatArray, sink: FloatArray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return R, unit t of ``x_sink = R x_source + t``, and which pairs of rays intersect in front of both
+    cameras.
 
     Of the four solutions (Hartley and Zisserman 2004, §9.6.2) that with most pairs in front.
     """
@@ -64,22 +68,28 @@ def decomposed(E: FloatArray, source: FloatArray, sink: FloatArray) -> tuple[Flo
 
 
 def fit_in_front(
-    R: FloatArray, t: FloatArray, K: tuple[FloatArray, FloatArray], source: FloatArray, sink: FloatArray,
-    gate_sigmas: float, floor_px: float,
-) -> tuple[Fit, FloatArray, FloatArray]:  # fmt: skip
-    """``fit_essential`` over the pairs whose rays do not meet clearly behind a camera: half of all wrong pairs do.
+    R: FloatArray,
+    t: FloatArray,
+    K: tuple[FloatArray, FloatArray],
+    source: FloatArray,
+    sink: FloatArray,
+    gate_sigmas: float,
+    floor_px: float,
+) -> tuple[Fit, FloatArray, FloatArray]:
+    """Refine with ``fit_essential`` over the pairs that do not intersect behind a camera; half of the
+    outliers do.
 
-    A pair whose rays are parallel within three standard deviations says nothing of its side and stays.
+    A pair whose rays are parallel within three standard deviations has no depth sign and is used.
     """
     fit, R, t = fit_essential(R, t, K, source, sink, gate_sigmas, floor_px)
     a, b = rays(source, K[0]), rays(sink, K[1])
     first, second = depths(R, t, a, b)
     sigma_rad = fit.sigma_px * np.sqrt(1.0 / (K[0][0, 0] * K[0][1, 1]) + 1.0 / (K[1][0, 0] * K[1][1, 1]))
     behind = ((first < 0.0) | (second < 0.0)) & (angles(a @ R.T, b) > 3.0 * sigma_rad)
-    kept = ~behind
-    if not (behind & fit.inliers).any() or kept.sum() < 5:
+    in_front = ~behind
+    if not (behind & fit.inliers).any() or in_front.sum() < 5:
         return fit, R, t
-    again, R, t = fit_essential(R, t, K, source[kept], sink[kept], gate_sigmas, floor_px)
-    inliers, residuals = fit.inliers & kept, fit.residuals.copy()
-    inliers[kept], residuals[kept] = again.inliers, again.residuals
-    return replace(again, inliers=inliers, residuals=residuals), R, t
+    refined, R, t = fit_essential(R, t, K, source[in_front], sink[in_front], gate_sigmas, floor_px)
+    inliers, residuals = fit.inliers & in_front, fit.residuals.copy()
+    inliers[in_front], residuals[in_front] = refined.inliers, refined.residuals
+    return replace(refined, inliers=inliers, residuals=residuals), R, t

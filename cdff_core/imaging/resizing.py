@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Smaller images by whole blocks, with the camera matrix that fits them."""
+"""Reduction of images by whole blocks, with the matching camera matrix."""
 
 from __future__ import annotations
 
@@ -8,24 +8,36 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+from pydantic import Field
 
 from cdff_common.errors import InputError
+from cdff_common.interfaces.dfn import DfnConfig
 from cdff_common.types import Frame
 from cdff_core.imaging.frames import with_image
 
 
-def shrunk(frame: Frame, columns: int, rows: int) -> Frame:
-    """Every block of ``columns`` x ``rows`` pixels as their mean; what is left over at right and bottom is cut off.
+class BlockConfig(DfnConfig):
+    """Size of the averaged blocks."""
 
-    Pixel centres lie on whole numbers: the new pixel 0 has its centre at ``(columns - 1) / 2`` of the old ones.
-    Distortion is in units of the focal length and stays. Raises InputError where the image is smaller than a block.
+    columns_per_pixel: int = Field(2, ge=1, le=64, description="Columns averaged into one, px")
+    rows_per_pixel: int = Field(2, ge=1, le=64, description="Rows averaged into one, px")
+
+
+def shrunk(frame: Frame, block: BlockConfig) -> Frame:
+    """Return the mean of every block of pixels; incomplete blocks are removed.
+
+    Pixel centres lie on whole numbers: the new pixel 0 has its centre at ``(columns - 1) / 2`` of the old
+    ones. Distortion is in units of the focal length and unchanged. Raises InputError if the image is
+    smaller than a block.
     """
-    image = frame.image
+    image, columns, rows = frame.image, block.columns_per_pixel, block.rows_per_pixel
     height, width = image.shape[0] // rows, image.shape[1] // columns
     if not height or not width:
-        raise InputError(f"image of {image.shape[0]} x {image.shape[1]} pixels: expected at least {rows} x {columns}")
-    cut = np.ascontiguousarray(image[: height * rows, : width * columns])
-    small = with_image(frame, cv2.resize(cut, (width, height), interpolation=cv2.INTER_AREA))
+        raise InputError(
+            f"image of {image.shape[0]} x {image.shape[1]} pixels: expected at least {rows} x {columns}"
+        )
+    cropped = np.ascontiguousarray(image[: height * rows, : width * columns])
+    reduced = with_image(frame, cv2.resize(cropped, (width, height), interpolation=cv2.INTER_AREA))
     # Old pixel coordinates to new ones, for the focal lengths and for the principal point.
     to_new = np.array(
         [
@@ -35,4 +47,4 @@ def shrunk(frame: Frame, columns: int, rows: int) -> Frame:
         ]
     )
     K = frame.camera_matrix
-    return replace(small, intrinsic=replace(small.intrinsic, camera_matrix=to_new @ K if K.any() else K))
+    return replace(reduced, intrinsic=replace(reduced.intrinsic, camera_matrix=to_new @ K if K.any() else K))

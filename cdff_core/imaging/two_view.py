@@ -1,20 +1,25 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What two images of one scene have in common: residuals of a model, its refinement, its covariance, its significance.
+"""Two-view models: residuals, refinement, covariance and significance.
 
-Points are homogeneous or plain pixels ``(n, 2)``, source before sink; ``F`` is such that ``sink' F source = 0``.
+Points are homogeneous or plain pixels ``(n, 2)``, source before sink; ``F`` is such that ``sink' F source =
+0``.
 
 References
 ----------
-.. [1] R. Hartley, A. Zisserman, Multiple View Geometry, 2nd ed., 2004, doi:10.1017/CBO9780511811685, §4.2, §5.2,
+.. [1] R. Hartley, A. Zisserman, Multiple View Geometry, 2nd ed., 2004, doi:10.1017/CBO9780511811685, §4.2,
+   §5.2,
    §11.4
-.. [2] A. Bartoli, P. Sturm, Nonlinear Estimation of the Fundamental Matrix with Minimal Parameters, PAMI 26(3), 2004,
+.. [2] A. Bartoli, P. Sturm, Nonlinear Estimation of the Fundamental Matrix with Minimal Parameters, PAMI
+   26(3), 2004,
    doi:10.1109/TPAMI.2004.1262342
-.. [3] L. Moisan, B. Stival, A Probabilistic Criterion to Detect Rigid Point Matches Between Two Images, IJCV 57(3),
+.. [3] L. Moisan, B. Stival, A Probabilistic Criterion to Detect Rigid Point Matches Between Two Images, IJCV
+   57(3),
    2004, doi:10.1023/B:VISI.0000013094.38752.54
 .. [4] R. D. Cook, Detection of Influential Observation in Linear Regression, Technometrics 19(1), 1977,
    doi:10.1080/00401706.1977.10489493
-.. [5] J. G. MacKinnon, H. White, Some heteroskedasticity-consistent covariance matrix estimators with improved finite
+.. [5] J. G. MacKinnon, H. White, Some heteroskedasticity-consistent covariance matrix estimators with
+   improved finite
    sample properties, Journal of Econometrics 29(3), 1985, doi:10.1016/0304-4076(85)90158-7
 """
 
@@ -24,19 +29,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaln
 
-from cdff_common.errors import InputError
+from cdff_common.arrays import BoolArray, FloatArray
 from cdff_common.geometry import se3
 
-FloatArray = NDArray[np.float64]
 Function = Callable[[FloatArray], FloatArray]
 #: Median absolute deviation of a Gaussian to its standard deviation.
 _MAD = 1.4826
 _STEPS = 20
-#: By how much squared errors exceed the sandwich, times the number of inliers: wrong pairs within the gate. Chosen on
-#: ``two_views`` of cdff_dev.evaluate.feature_matching_models, 60 to 900 pairs with 30 % wrong, seeds from 10000 on.
+#: Excess of squared errors over the sandwich covariance, times the number of inliers, due to outliers within
+#: the
+#: gate; calibrated on simulated views of 60 to 900 pairs with 30 % outliers.
 _WRONG_PAIRS = 25.0
 
 
@@ -48,41 +52,31 @@ class Fit:
     ----------
     matrix : ndarray, shape (3, 3)
     covariance : ndarray, shape (9, 9)
-        Of the matrix read row by row; its rank is the model's number of parameters.
+        Covariance of the row-major matrix entries; its rank is the model's number of parameters.
     inliers : ndarray of bool, shape (n,)
     residuals : ndarray, shape (n,)
         Distance of each pair from the model, pixels.
     sigma_px : float
         Standard deviation of one residual of an inlier.
     parameters : ndarray, shape (d, d)
-        Covariance of the model's own parameters.
+        Covariance of the parameters of the model.
     """
 
     matrix: FloatArray
     covariance: FloatArray
-    inliers: NDArray[np.bool_]
+    inliers: BoolArray
     residuals: FloatArray
     sigma_px: float
     parameters: FloatArray
 
 
-def checked_pairs(source: ArrayLike, sink: ArrayLike, least: int) -> tuple[FloatArray, FloatArray]:
-    """Both as ``(n, 2)`` float64; raises InputError where they do not fit or are fewer than ``least``."""
-    a, b = np.ascontiguousarray(source, np.float64), np.ascontiguousarray(sink, np.float64)
-    if a.ndim != 2 or a.shape[1] != 2 or a.shape != b.shape or not (np.isfinite(a).all() and np.isfinite(b).all()):
-        raise InputError(f"source {a.shape}, sink {b.shape}: expected both (n, 2) and finite")
-    if len(a) < least:
-        raise InputError(f"{len(a)} pairs: expected at least {least}")
-    return a, b
-
-
 def homogeneous(points: FloatArray) -> FloatArray:
-    """``(n, 3)`` of ``(n, 2)``."""
+    """Return ``(n, 3)`` of ``(n, 2)``."""
     return np.column_stack([points, np.ones(len(points))])
 
 
 def sampson(F: FloatArray, source: FloatArray, sink: FloatArray) -> FloatArray:
-    """Signed Sampson distances ``(n,)``, pixels: first-order distance of a pair from the epipolar geometry ([1]_)."""
+    """Return signed Sampson distances ``(n,)``, pixels: first order to the epipolar geometry ([1]_)."""
     x, y = homogeneous(source), homogeneous(sink)
     Fx, Fy = x @ F.T, y @ F
     norm = np.sqrt(Fx[:, 0] ** 2 + Fx[:, 1] ** 2 + Fy[:, 0] ** 2 + Fy[:, 1] ** 2)
@@ -90,21 +84,23 @@ def sampson(F: FloatArray, source: FloatArray, sink: FloatArray) -> FloatArray:
 
 
 def transfer(H: FloatArray, points: FloatArray) -> FloatArray:
-    """Points ``(n, 2)`` moved by a homography; NaN at its horizon."""
+    """Return points ``(n, 2)`` mapped by a homography; NaN at its horizon."""
     moved = homogeneous(points) @ H.T
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(moved[:, :2] / moved[:, 2:])
 
 
 def homography_residuals(H: FloatArray, source: FloatArray, sink: FloatArray) -> FloatArray:
-    """``(n, 2)``: transfer errors in the sink, scaled as if half of each were in the source (Sampson for H ~ rigid)."""
+    """Return transfer errors ``(n, 2)`` in the sink, scaled as if split over both images."""
     with np.errstate(invalid="ignore"):
         error = (transfer(H, source) - sink) / np.sqrt(2.0)
     return np.where(np.isfinite(error), error, 1e6)
 
 
-def fit_fundamental(F: FloatArray, source: FloatArray, sink: FloatArray, gate_sigmas: float, floor_px: float) -> Fit:
-    """Refine a fundamental matrix on its seven parameters ([2]_): ``F = U diag(cos a, sin a, 0) V'``; unit norm."""
+def fit_fundamental(
+    F: FloatArray, source: FloatArray, sink: FloatArray, gate_sigmas: float, floor_px: float
+) -> Fit:
+    """Refine a fundamental matrix ([2]_): ``F = U diag(cos a, sin a, 0) V'``, of unit norm."""
     first, second = _conditioning(source), _conditioning(sink)
     U, s, Vt = np.linalg.svd(np.linalg.inv(second).T @ F @ np.linalg.inv(first))
     state = [U * np.sign(np.linalg.det(U)), float(np.arctan2(s[1], s[0])), Vt.T * np.sign(np.linalg.det(Vt))]
@@ -123,10 +119,16 @@ def fit_fundamental(F: FloatArray, source: FloatArray, sink: FloatArray, gate_si
 
 
 def fit_essential(
-    R: FloatArray, t: FloatArray, K: tuple[FloatArray, FloatArray], source: FloatArray, sink: FloatArray,
-    gate_sigmas: float, floor_px: float,
-) -> tuple[Fit, FloatArray, FloatArray]:  # fmt: skip
-    """Refine rotation and direction of translation (five parameters); the fit's matrix is E, residuals are pixels.
+    R: FloatArray,
+    t: FloatArray,
+    K: tuple[FloatArray, FloatArray],
+    source: FloatArray,
+    sink: FloatArray,
+    gate_sigmas: float,
+    floor_px: float,
+) -> tuple[Fit, FloatArray, FloatArray]:
+    """Refine rotation and direction of translation (five parameters); the fit's matrix is E, residuals are
+    pixels.
 
     Returns the fit, R and unit t of ``x_sink = R x_source + t``; ``parameters`` is 5x5: three of the rotation
     (perturbation on the left), two of t along the columns of ``tangents(t)``.
@@ -152,7 +154,9 @@ def fit_essential(
     return fit, se3.normalise_rotation(state[0]), state[1]
 
 
-def fit_homography(H: FloatArray, source: FloatArray, sink: FloatArray, gate_sigmas: float, floor_px: float) -> Fit:
+def fit_homography(
+    H: FloatArray, source: FloatArray, sink: FloatArray, gate_sigmas: float, floor_px: float
+) -> Fit:
     """Refine a homography on the eight directions that change it; unit norm."""
     first, second = _conditioning(source), _conditioning(sink)
     state = [second @ H @ np.linalg.inv(first)]
@@ -173,36 +177,44 @@ def fit_homography(H: FloatArray, source: FloatArray, sink: FloatArray, gate_sig
 
 
 def _conditioning(points: FloatArray) -> FloatArray:
-    """Shift and scale that bring points about the origin at unit distance ([1]_ §4.4.4)."""
+    """Return translation and scale that normalise points to the origin at unit distance ([1]_ §4.4.4)."""
     centre = points.mean(axis=0)
     scale = 1.0 / max(float(np.sqrt(np.mean((points - centre) ** 2))), 1e-9)
     return np.array([[scale, 0.0, -scale * centre[0]], [0.0, scale, -scale * centre[1]], [0.0, 0.0, 1.0]])
 
 
 def tangents(direction: FloatArray) -> FloatArray:
-    """Two orthonormal columns ``(3, 2)`` at right angles to a unit vector."""
+    """Return two orthonormal columns ``(3, 2)`` perpendicular to a unit vector."""
     return np.asarray(np.linalg.svd(direction[None])[2][1:].T)
 
 
 def _fit(
-    moved: Function, accept: Callable[[FloatArray], None], residuals: Function, dimension: int, gate: float,
+    moved: Function,
+    accept: Callable[[FloatArray], None],
+    residuals: Function,
+    dimension: int,
+    gate: float,
     floor_px: float,
-) -> Fit:  # fmt: skip
-    """Gauss-Newton with inliers chosen anew at each step, by ``gate`` times the residuals' own spread.
+) -> Fit:
+    """Minimise by Gauss-Newton, selecting inliers at each step by ``gate`` times the residuals' standard
+    deviation.
 
-    A pair is judged by its distance from the model that the other inliers give: a wrong pair with much leverage draws
-    the model to itself, and its own residual does not show it ([4]_). ``moved`` gives the matrix after a small move of
-    the parameters ``(d,)``, ``residuals`` those ``(n, k)`` of one.
+    A pair is tested by its distance from the model of the other inliers: an outlier with large leverage
+    attracts the model, and its own residual is small ([4]_). ``moved`` gives the matrix after a small change
+    of the parameters ``(d,)``, ``residuals`` those ``(n, k)`` of a matrix.
     """
     zero, steps = np.zeros(dimension), 1e-6 * np.eye(dimension)
 
     def derivative(of: Function) -> FloatArray:
         return np.stack([(of(d) - of(-d)) / 2e-6 for d in steps], axis=-1)
 
+    def distances(d: FloatArray) -> FloatArray:
+        return residuals(moved(d))
+
     inliers, sigma, leverage = np.zeros(0, bool), floor_px, np.zeros(0)
     for iteration in range(_STEPS):
-        r = residuals(moved(zero))
-        size = np.linalg.norm(r, axis=1) / np.sqrt(r.shape[1])
+        r = distances(zero)
+        size = _size(r)
         core = size < 4.0 * sigma if iteration else size < np.inf
         near = size[core][size[core] < 8.0 * floor_px]
         sigma = float(np.clip(_MAD * np.median(near) if len(near) else floor_px, 0.25 * floor_px, floor_px))
@@ -210,37 +222,46 @@ def _fit(
         inliers = size / (1.0 - leverage) < gate * sigma
         if inliers.sum() * r.shape[1] <= dimension:
             break
-        J = derivative(lambda d: residuals(moved(d)))
+        J = derivative(distances)
         A = J[inliers].reshape(-1, dimension)
         leverage = np.where(inliers, _leverage(J, A), 0.0)
         normal = A.T @ A
-        step = -np.linalg.lstsq(normal, A.T @ r[inliers].reshape(-1), rcond=1e-14)[0]
+        step = np.asarray(-np.linalg.lstsq(normal, A.T @ r[inliers].reshape(-1), rcond=1e-14)[0], np.float64)
         accept(step)
         if float(step @ normal @ step) < 1e-8 * sigma**2:
             break
-    r = residuals(moved(zero))
-    size = np.linalg.norm(r, axis=1) / np.sqrt(r.shape[1])
-    inliers = size / (1.0 - leverage) < gate * sigma
-    return _judged(moved(zero), derivative(moved), derivative(lambda d: residuals(moved(d))), r, inliers, sigma)
+    r = distances(zero)
+    inliers = _size(r) / (1.0 - leverage) < gate * sigma
+    return _with_covariance(moved(zero), derivative(moved), derivative(distances), r, inliers, sigma)
+
+
+def _size(r: FloatArray) -> FloatArray:
+    """Return the distance ``(n,)`` per component of residuals ``(n, k)``."""
+    return np.asarray(np.linalg.norm(r, axis=1) / np.sqrt(r.shape[1]))
 
 
 def _leverage(J: FloatArray, A: FloatArray) -> FloatArray:
-    """Share ``(n,)`` of each residual that the pair itself takes off it; A ``(m, d)`` are the inliers' derivatives."""
+    """Return the leverage ``(n,)`` of each pair on itself; A ``(m, d)`` are the inliers' derivatives."""
     inverse = np.linalg.pinv(A.T @ A, rcond=1e-15, hermitian=True)
-    return np.minimum(np.einsum("nki,ij,nkj->n", J, inverse, J) / J.shape[1], 0.99)
+    return np.asarray(np.minimum(np.einsum("nki,ij,nkj->n", J, inverse, J) / J.shape[1], 0.99))
 
 
-def _judged(
-    matrix: FloatArray, slope: FloatArray, J: FloatArray, r: FloatArray, inliers: NDArray[np.bool_], sigma: float
+def _with_covariance(
+    matrix: FloatArray,
+    slope: FloatArray,
+    J: FloatArray,
+    r: FloatArray,
+    inliers: BoolArray,
+    sigma: float,
 ) -> Fit:
-    """The fit with its covariance from what each pair would leave over if the others alone made the model.
+    """Return the fit with its covariance from leave-one-out residuals.
 
-    ``(J'J)^-1 sum(s s') (J'J)^-1`` with ``s = J' r / (1 - h)`` of each pair, h its leverage ([5]_): right also where
-    pairs differ in noise. Enlarged for the wrong pairs that a gate beside a line lets pass; carried over to the nine
-    numbers.
+    ``(J'J)^-1 sum(s s') (J'J)^-1`` with ``s = J' r / (1 - h)`` of each pair, h its leverage ([5]_), which is
+    consistent for pairs of different noise. Enlarged for outliers within the gate of a line, and propagated
+    to the nine matrix entries.
     """
     dimension = J.shape[-1]
-    size = np.linalg.norm(r, axis=1) / np.sqrt(r.shape[1])
+    size = _size(r)
     freedom = inliers.sum() * r.shape[1] - dimension
     if freedom <= 0:
         unknown = np.full((dimension, dimension), np.inf)
@@ -249,31 +270,35 @@ def _judged(
     A = J[inliers].reshape(-1, dimension)
     inverse = np.linalg.pinv(A.T @ A, rcond=1e-15, hermitian=True)
     own = np.einsum("nki,nk->ni", J, r)[inliers] / (1.0 - _leverage(J[inliers], A))[:, None]
-    passed = _WRONG_PAIRS / inliers.sum() if r.shape[1] == 1 else 0.0  # beside a line many, beside a point hardly any
+    passed = (
+        _WRONG_PAIRS / inliers.sum() if r.shape[1] == 1 else 0.0
+    )  # many outliers within the gate of a line, few within that of a point
     parameters = (1.0 + passed) * inverse @ (own.T @ own) @ inverse
     D = slope.reshape(9, dimension)
     return Fit(matrix, D @ parameters @ D.T, inliers, size, float(np.sqrt(variance)), parameters)
 
 
 def log10_false_alarms(pairs: int, inliers: int, chance: float, minimal: int) -> float:
-    """Logarithm of how many models with so many inliers chance alone would bring among random pairs ([3]_).
+    """Return the log10 of the expected number of models with so many inliers among random pairs ([3]_).
 
-    ``chance`` is the probability that a random pair is within the inliers' distance, ``minimal`` how many pairs make
-    a model. Below 0 the inliers mean something.
+    ``chance`` is the probability that a random pair is within the inliers' distance, ``minimal`` the number
+    of pairs of a minimal sample. Below 0 the inliers are significant.
     """
     if inliers <= minimal:
         return float("inf")
 
     def log10_choose(n: int, k: int) -> float:
-        return float(gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1)) / np.log(10.0)
+        return float((gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1)) / np.log(10.0))
 
     tests = np.log10(max(pairs - minimal, 1)) + log10_choose(pairs, inliers) + log10_choose(inliers, minimal)
     return float(tests + (inliers - minimal) * np.log10(min(max(chance, 1e-12), 1.0)))
 
 
-def inlier_probabilities(residuals: FloatArray, sigma_px: float, inlier_share: float, span_px: float) -> FloatArray:
-    """Probability that each pair is right: Gaussian residuals of right pairs against ones spread over ``span_px``."""
+def inlier_probabilities(
+    residuals: FloatArray, sigma_px: float, inlier_fraction: float, span_px: float
+) -> FloatArray:
+    """Return inlier probabilities: Gaussian residuals against ones uniform over ``span_px``."""
     sigma = max(sigma_px, 1e-6)
-    right = inlier_share * np.exp(-0.5 * (residuals / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
-    wrong = (1.0 - inlier_share) / span_px
+    right = inlier_fraction * np.exp(-0.5 * (residuals / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
+    wrong = (1.0 - inlier_fraction) / span_px
     return np.asarray(right / (right + wrong + 1e-300))

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps of several robots put where they belong: closures between robots, one pose graph, an anchor for each map."""
+"""Merging of the maps of several robots: loop closures, a joint pose graph, an anchor per map."""

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Who needs what to stay on: holders of DFPCs and of sensor modes, with linger and priorities.
+"""Leases of DFPCs and sensor modes, with linger times and priorities.
 
-A resource (a DFPC, a sensor) is wanted while it has a holder, and for its linger time after the last one let go, so
-that requests in a row do not switch it off and on. A sensor is in one mode: one that serves all its holders if there is
-any, else one that serves those of the highest priority; the others have lost it (``displaced``). Time is the monotonic
-clock's, given by the caller.
+A provider is wanted while it has a holder, and for its linger time after the last release, so that successive
+requests do not switch it off and on. A sensor is in one mode: one that serves all holders if there is any,
+else one that serves those of the highest priority; the other holders are displaced. Times are those of the
+monotonic clock, passed by the caller.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from cdff_core.orchestration.world import MakerId, SensorId
+from cdff_core.orchestration.world import ProviderId, SensorId
 
-#: Holder of what a profile keeps on from the start; no request takes anything from it.
+#: Holder of the DFPCs with ``activation: always``; no request takes anything from it.
 ALWAYS = "always"
 ALWAYS_PRIORITY = 10
 DEFAULT_PRIORITY = 5
@@ -29,7 +29,7 @@ class _Lease:
 
 
 class _Demand(NamedTuple):
-    """What a holder wants of a sensor: the mode it planned with, all that serve it, how much it matters."""
+    """Demand of a holder for a sensor: planned mode, all acceptable modes, priority, order of arrival."""
 
     mode: str
     accepts: frozenset[str]
@@ -39,114 +39,102 @@ class _Demand(NamedTuple):
 
 @dataclass(slots=True)
 class Leases:
-    """Holders of makers and of sensor modes.
+    """Holders of providers and of sensor modes."""
 
-    Attributes
-    ----------
-    linger_s : mapping of MakerId to float
-        How long a maker stays wanted after its last holder; absent ones 0 s.
-    """
-
-    linger_s: Mapping[MakerId, float] = field(default_factory=dict)
-    _makers: dict[MakerId, _Lease] = field(default_factory=dict)
+    #: Time that a provider stays wanted after the last release; default 0 s.
+    linger_s: Mapping[ProviderId, float] = field(default_factory=dict)
+    _provider_leases: dict[ProviderId, _Lease] = field(default_factory=dict)
     _demands: dict[SensorId, dict[str, _Demand]] = field(default_factory=dict)
     _mode: dict[SensorId, str] = field(default_factory=dict)
-    _mode_of: dict[MakerId, dict[SensorId, str]] = field(default_factory=dict)
-    _feeding: dict[MakerId, Mapping[str, str]] = field(default_factory=dict)
+    _mode_of: dict[ProviderId, dict[SensorId, str]] = field(default_factory=dict)
+    _chosen_sources: dict[ProviderId, Mapping[str, str]] = field(default_factory=dict)
     _count: int = 0
 
     def acquire(
         self,
         holder: str,
-        makers: Iterable[MakerId],
+        providers: Iterable[ProviderId],
         modes: Mapping[SensorId, str],
         *,
         priority: int = DEFAULT_PRIORITY,
         accepts: Mapping[SensorId, Iterable[str]] | None = None,
-        feeding: Mapping[MakerId, Mapping[str, str]] | None = None,
+        chosen_sources: Mapping[ProviderId, Mapping[str, str]] | None = None,
     ) -> None:
-        """Let ``holder`` keep makers on and sensors in modes, besides what it holds already.
+        """Add providers and sensor modes to the lease of ``holder``.
 
-        Modes stay with the makers of the same robot through their linger, since those run on what the sensors send.
-
-        Parameters
-        ----------
-        holder : str
-        makers : iterable of MakerId
-        modes : mapping of SensorId to str
-        priority : int
-            Where two holders cannot share a sensor, the higher has it; of equals, the earlier.
-        accepts : mapping of SensorId to iterable of str, optional
-            All modes that serve; by default the one of ``modes`` alone.
-        feeding : mapping of MakerId to mapping of str to str, optional
-            What feeds the ports of the makers from now on, for all their holders.
+        Providers of the same robot keep the modes through their linger time, since they use the samples. The
+        higher priority gets a sensor that cannot be shared; of equals, the earlier holder. ``accepts`` lists
+        all acceptable modes, by default only the one in ``modes``; ``chosen_sources`` the selected source of
+        each port, for all holders of a provider.
         """
         self._count += 1
-        for maker in makers:
-            lease = self._makers.setdefault(maker, _Lease())
+        for provider in providers:
+            lease = self._provider_leases.setdefault(provider, _Lease())
             lease.holders.add(holder)
             lease.linger_until_s = None
-            self._mode_of.setdefault(maker, {}).update({s: m for s, m in modes.items() if s.robot == maker.robot})
-            if feeding is not None and maker in feeding:
-                self._feeding[maker] = dict(feeding[maker])
+            self._mode_of.setdefault(provider, {}).update(
+                {s: m for s, m in modes.items() if s.robot == provider.robot}
+            )
+            if chosen_sources is not None and provider in chosen_sources:
+                self._chosen_sources[provider] = dict(chosen_sources[provider])
         for sensor, mode in modes.items():
-            serve = frozenset({mode, *(accepts or {}).get(sensor, ())})
-            self._demands.setdefault(sensor, {})[holder] = _Demand(mode, serve, priority, self._count)
-            self._settle(sensor)
+            accepted_modes = frozenset({mode, *(accepts or {}).get(sensor, ())})
+            self._demands.setdefault(sensor, {})[holder] = _Demand(
+                mode, accepted_modes, priority, self._count
+            )
+            self._select_mode(sensor)
 
     def release(self, holder: str, now_s: float) -> None:
-        """Let go of everything ``holder`` has; what nobody else holds starts to linger."""
-        for maker, lease in self._makers.items():
+        """Release the lease of ``holder``; providers without another holder start to linger."""
+        for provider, lease in self._provider_leases.items():
             if holder in lease.holders:
                 lease.holders.discard(holder)
                 if not lease.holders:
-                    lease.linger_until_s = now_s + self.linger_s.get(maker, 0.0)
+                    lease.linger_until_s = now_s + self.linger_s.get(provider, 0.0)
         for sensor in [s for s, demands in self._demands.items() if holder in demands]:
             del self._demands[sensor][holder]
-            self._settle(sensor)
+            self._select_mode(sensor)
 
-    def expire(self, now_s: float) -> tuple[MakerId, ...]:
-        """Drop makers whose linger is over and return them."""
-        gone = tuple(
+    def expire(self, now_s: float) -> tuple[ProviderId, ...]:
+        """Remove the providers with an expired linger time and return them."""
+        expired = tuple(
             m
-            for m, lease in self._makers.items()
+            for m, lease in self._provider_leases.items()
             if not lease.holders and lease.linger_until_s is not None and lease.linger_until_s <= now_s
         )
-        for maker in gone:
-            del self._makers[maker]
-            self._mode_of.pop(maker, None)
-            self._feeding.pop(maker, None)
-        return gone
+        for provider in expired:
+            del self._provider_leases[provider]
+            self._mode_of.pop(provider, None)
+            self._chosen_sources.pop(provider, None)
+        return expired
 
     @property
-    def wanted(self) -> frozenset[MakerId]:
-        """Makers that are to be on: held or lingering."""
-        return frozenset(self._makers)
+    def wanted(self) -> frozenset[ProviderId]:
+        """Providers that shall be active: held or lingering."""
+        return frozenset(self._provider_leases)
 
-    def holders(self, maker: MakerId) -> frozenset[str]:
-        """Who holds a maker; empty while it lingers."""
-        lease = self._makers.get(maker)
+    def holders(self, provider: ProviderId) -> frozenset[str]:
+        """Return the holders of a provider; empty while it lingers."""
+        lease = self._provider_leases.get(provider)
         return frozenset() if lease is None else frozenset(lease.holders)
 
-    def feeding(self, maker: MakerId) -> Mapping[str, str]:
-        """What feeds the ports of a wanted maker, as wiring; ports that no plan chose are absent."""
-        return self._feeding.get(maker, {})
+    def chosen_sources(self, provider: ProviderId) -> Mapping[str, str]:
+        """Return the selected source of each port of a wanted provider."""
+        return self._chosen_sources.get(provider, {})
 
     def held_mode(self, sensor: SensorId) -> str | None:
-        """The mode somebody holds a sensor in; None where it may change (also while only lingering makers use it)."""
+        """Return the held mode of a sensor; None if it may change, also while only lingering providers use
+        it.
+        """
         return self._mode.get(sensor)
 
-    def held_modes(self, holder: str) -> dict[SensorId, str]:
-        """Sensors that a holder has, in the mode it planned with."""
-        return {s: demands[holder].mode for s, demands in self._demands.items() if holder in demands}
-
-    def serving(self, sensor: SensorId, priority: int = -1) -> frozenset[str] | None:
-        """Modes that serve every holder of at least ``priority`` that has the sensor; None where there is none."""
-        served = [d.accepts for d in self._served(sensor) if d.priority >= priority]
-        return None if not served else frozenset.intersection(*served)
+    def serving_modes(self, sensor: SensorId, priority: int = -1) -> frozenset[str] | None:
+        """Return the modes that serve all holders of at least ``priority``; None without a holder."""
+        accepted_modes = [d.accepts for d in self._compatible_demands(sensor) if d.priority >= priority]
+        return None if not accepted_modes else frozenset.intersection(*accepted_modes)
 
     def displaced(self, holder: str) -> dict[SensorId, str]:
-        """Sensors that a holder lost to one of higher priority, and the mode each is in instead."""
+        """Return the sensors that a holder lost to one of higher priority, with the mode of each."""
         return {
             s: self._mode[s]
             for s, demands in self._demands.items()
@@ -154,55 +142,52 @@ class Leases:
         }
 
     def wanted_modes(self) -> dict[SensorId, str]:
-        """Sensors and the mode each is to be in: held ones, then those that lingering makers still use."""
+        """Return the wanted mode of each sensor that is held or used by lingering providers."""
         modes: dict[SensorId, str] = {}
-        for maker in sorted(self._makers):
-            modes.update(self._mode_of.get(maker, {}))
+        for provider in sorted(self._provider_leases):
+            modes.update(self._mode_of.get(provider, {}))
         modes.update(sorted(self._mode.items()))
         return modes
 
     def next_expiry_s(self) -> float | None:
-        """When the next linger ends; None where nothing lingers."""
-        times = [x.linger_until_s for x in self._makers.values() if not x.holders and x.linger_until_s is not None]
+        """Return when the next linger time ends; None if nothing lingers."""
+        times = [
+            x.linger_until_s
+            for x in self._provider_leases.values()
+            if not x.holders and x.linger_until_s is not None
+        ]
         return min(times, default=None)
 
     def describe(self) -> list[dict[str, Any]]:
-        """Plain data for job lists and the catalogue."""
+        """Return the leases as plain data for job lists and the catalogue."""
         return [
             {"dfpc": str(m), "holders": sorted(x.holders), "lingering": not x.holders}
-            for m, x in sorted(self._makers.items())
+            for m, x in sorted(self._provider_leases.items())
         ]
 
-    def describe_modes(self) -> list[dict[str, Any]]:
-        """The same of sensors: the mode each is held in, and by whom."""
-        return [
-            {"sensor": str(s), "mode": mode, "holders": sorted(self._demands[s])}
-            for s, mode in sorted(self._mode.items())
-        ]
-
-    def _served(self, sensor: SensorId) -> list[_Demand]:
-        """Demands that go together, the most important first; those that do not fit to them are left out."""
+    def _compatible_demands(self, sensor: SensorId) -> list[_Demand]:
+        """Return the compatible demands by descending priority; incompatible ones are omitted."""
         common: frozenset[str] | None = None
-        served = []
+        compatible = []
         for demand in sorted(self._demands.get(sensor, {}).values(), key=lambda d: (-d.priority, d.number)):
-            both = demand.accepts if common is None else common & demand.accepts
-            if both:
-                common = both
-                served.append(demand)
-        return served
+            shared_modes = demand.accepts if common is None else common & demand.accepts
+            if shared_modes:
+                common = shared_modes
+                compatible.append(demand)
+        return compatible
 
-    def _settle(self, sensor: SensorId) -> None:
-        """Choose the mode: as it is if it serves, else as the last one planned it, else any that serves."""
-        served = self._served(sensor)
-        if not served:
+    def _select_mode(self, sensor: SensorId) -> None:
+        """Select the mode: the current one if it serves, else the last planned one, else any that serves."""
+        compatible = self._compatible_demands(sensor)
+        if not compatible:
             del self._demands[sensor]
             self._mode.pop(sensor, None)
             return
-        common = frozenset.intersection(*(d.accepts for d in served))
+        common = frozenset.intersection(*(d.accepts for d in compatible))
         if self._mode.get(sensor) not in common:
-            planned = [d.mode for d in sorted(served, key=lambda d: -d.number) if d.mode in common]
+            planned = [d.mode for d in sorted(compatible, key=lambda d: -d.number) if d.mode in common]
             self._mode[sensor] = planned[0] if planned else min(common)
-        # Lingering makers of this robot go on with what their sensor sends now.
+        # Lingering providers of this robot use the new mode.
         for modes in self._mode_of.values():
             if sensor in modes:
                 modes[sensor] = self._mode[sensor]

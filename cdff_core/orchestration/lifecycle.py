@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""State machines as tables: of a request's job, and of a DFPC. The documentation draws them from here."""
+"""State machines of a job and of a DFPC as tables, from which the documentation is generated."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cdff_common.errors import ConflictError
 
 
 class JobState(StrEnum):
-    """Where a request stands."""
+    """State of the job of a request."""
 
     RECEIVED = "received"
     LOOKING = "looking"
@@ -40,7 +40,7 @@ JOB_TRANSITIONS: Mapping[JobState, frozenset[JobState]] = {
 }
 FINAL_STATES = frozenset(s for s, following in JOB_TRANSITIONS.items() if not following)
 
-#: DFPC life cycle: (state, verb) -> state. ``fail`` is not asked for: it happens.
+#: DFPC life cycle: (state, verb) -> state. ``fail`` is an event, not a call.
 DFPC_TRANSITIONS: Mapping[tuple[str, str], str] = {
     ("unconfigured", "configure"): "inactive",
     ("unconfigured", "clean_up"): "unconfigured",
@@ -58,7 +58,7 @@ DFPC_TRANSITIONS: Mapping[tuple[str, str], str] = {
 
 
 def next_job_state(state: JobState, to: JobState) -> JobState:
-    """Return ``to`` if it may follow ``state``; raises ConflictError."""
+    """Return ``to`` if the transition is allowed; raises ConflictError."""
     if to not in JOB_TRANSITIONS[state]:
         raise ConflictError(f"job is {state}: it cannot become {to}")
     return to

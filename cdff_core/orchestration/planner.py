@@ -1,108 +1,99 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""From a wanted product to the cheapest set of DFPCs and sensor modes that makes it.
+"""Search for the cheapest set of DFPCs and sensor modes that provides a product.
 
-A plan is *sound* when one of its makers has the product, every input of every maker that is not optional is fed (by a
-sensor in a mode that streams, or by a maker of the plan), each maker has at least one input fed if it is wired at all,
-each sensor is in one mode that serves all makers of the plan and all holders of at least our priority, nothing waits
-for itself, and no robot's budget of memory or CPU is exceeded. Its cost is the sum of the makers that do not run yet,
-``MODE_COST`` for each sensor that has to change, ``TAKE_COST`` for each one that is taken from a request of lower
-priority, ``REWIRE_COST`` for each input of a running maker that is fed otherwise than now, and ``UNFED_COST`` for each
-optional input that the mission wires and the plan leaves out: what a mission wires is wanted where it can be had.
+A plan is *sound* if one of its providers has the product; every mandatory input has a source (a sensor in a
+streaming mode, a provider of the plan or a stored product); each provider with inputs wired in the profile
+has a source for at least one of them; each sensor is in one mode that serves all providers of the plan and
+all holders of at least the priority of the request; there is no loop; and no robot exceeds its budget of
+memory or CPU. The cost is the sum of the providers that do not run yet, ``MODE_COST`` for each mode change,
+``TAKE_COST`` for each sensor taken from a request of lower priority, ``REWIRE_COST`` for each changed source
+of a running provider, and ``OMITTED_INPUT_COST`` for each wired optional input that the plan omits.
 
-The search is depth first over the inputs still to feed, cheapest alternative first, cut where the cost so far reaches
-the best plan known; it is exact, as tests check against enumeration. So is the cut by the *least* cost still to come:
-a plan has no loops, so what feeds an input is none of the makers between it and the product, and their costs add up.
-Which mode a sensor gets is open until the end: the modes that serve grow fewer with each maker, so the cheapest of them
-is a lower bound.
+The search is depth first over the open inputs, cheapest alternative first, and pruned once the cost reaches
+that of the best plan; it is exact, as tests check against enumeration. Pruning by the lower bound of the
+remaining cost is exact too: a plan has no loops, so the providers upstream of an input are different from
+those downstream of it, and their costs add up. The mode of a sensor stays open until the end: each provider
+narrows the acceptable modes, so the cheapest of them is a lower bound.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from graphlib import TopologicalSorter
 
-from cdff_core.orchestration.world import Input, Maker, MakerId, SensorId, SensorState, Source, World
+from cdff_common.contract.wiring import mode_names
+from cdff_core.orchestration.world import (
+    Input,
+    InputSource,
+    Provider,
+    ProviderId,
+    SensorId,
+    SensorState,
+    World,
+)
 
 MODE_COST = 0.5
 TAKE_COST = 50.0
 REWIRE_COST = 1.0
-UNFED_COST = 100.0
-#: Steps of the search after which the best plan so far is taken: a bound on time, not met by missions of 100 DFPCs.
+OMITTED_INPUT_COST = 100.0
+#: Search steps after which the best plan so far is returned; missions of 100 DFPCs need fewer.
 MAX_STEPS = 20_000
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What to run and which modes to set.
+    """Providers to run and sensor modes to set."""
 
-    Attributes
-    ----------
-    maker : MakerId
-        The one that has the product; of a plan for several robots, the first.
-    port : str
-        Its output port.
-    order : tuple of MakerId
-        All makers, those that feed others first.
-    modes : mapping of SensorId to str
-        Sensors and the mode each must be in.
-    cost : float
-    unfed : tuple of str
-        Optional inputs left out, ``robot/dfpc.port``.
-    accepts : mapping of SensorId to tuple of str
-        Of the same sensors: all modes that would serve this plan.
-    feeding : mapping of MakerId to mapping of str to str
-        What feeds each wired port, as wiring: ``sensor/lidar/scan``.
-    ready_s : float
-        Until the product may be relied on: modes reached, makers warm, one after the other; seconds.
-    """
-
-    maker: MakerId
-    port: str
-    order: tuple[MakerId, ...]
-    modes: Mapping[SensorId, str]
+    provider: ProviderId  # Provider of the product; the first one in a plan for several robots.
+    port: str  # Its output port
+    order: tuple[ProviderId, ...]  # All providers, upstream ones first
+    modes: Mapping[SensorId, str]  # Required mode of each sensor
     cost: float
-    unfed: tuple[str, ...] = ()
+    omitted_inputs: tuple[str, ...] = ()  # Omitted optional inputs, ``robot/dfpc.port``
+    #: All acceptable modes of each sensor
     accepts: Mapping[SensorId, tuple[str, ...]] = field(default_factory=dict)
-    feeding: Mapping[MakerId, Mapping[str, str]] = field(default_factory=dict)
-    ready_s: float = 0.0
+    #: Selected source of each connected port, e.g. ``sensor/lidar/scan``
+    chosen_sources: Mapping[ProviderId, Mapping[str, str]] = field(default_factory=dict)
+    ready_s: float = 0.0  # Time until the product is reliable: mode switches and warm-up in sequence, seconds
 
     def describe(self) -> dict[str, object]:
-        """Plain data for the journal and for answers."""
+        """Return plain data for the journal and for replies."""
         return {
-            "maker": str(self.maker),
+            "provider": str(self.provider),
             "port": self.port,
             "order": [str(m) for m in self.order],
             "modes": {str(s): mode for s, mode in sorted(self.modes.items())},
             "cost": round(self.cost, 6),
-            "unfed": list(self.unfed),
-            "feeding": {str(m): dict(ports) for m, ports in sorted(self.feeding.items()) if ports},
+            "omitted_inputs": list(self.omitted_inputs),
+            "sources": {str(m): dict(ports) for m, ports in sorted(self.chosen_sources.items()) if ports},
             "ready_s": round(self.ready_s, 3),
         }
 
 
-def together(plans: Sequence[Plan]) -> Plan:
-    """Several plans, each of a robot of its own, as one."""
+def combine_plans(plans: Sequence[Plan]) -> Plan:
+    """Return plans of different robots as one."""
     if len(plans) == 1:
         return plans[0]
     first = plans[0]
     return Plan(
-        first.maker,
+        first.provider,
         first.port,
         tuple(m for p in plans for m in p.order),
         {s: mode for p in plans for s, mode in p.modes.items()},
         sum(p.cost for p in plans),
-        tuple(text for p in plans for text in p.unfed),
+        tuple(text for p in plans for text in p.omitted_inputs),
         {s: modes for p in plans for s, modes in p.accepts.items()},
-        {m: ports for p in plans for m, ports in p.feeding.items()},
+        {m: ports for p in plans for m, ports in p.chosen_sources.items()},
         max(p.ready_s for p in plans),
     )
 
 
 @dataclass(frozen=True, slots=True)
 class NoPlan:
-    """Why nothing can make the product; ``nearest`` names what could be asked for instead."""
+    """Reasons why no plan exists; ``nearest`` lists products that can be requested instead."""
 
     reasons: tuple[str, ...]
     nearest: tuple[str, ...] = ()
@@ -110,111 +101,114 @@ class NoPlan:
     @property
     def text(self) -> str:
         """One line for an error's detail."""
-        line = "; ".join(self.reasons) or "no DFPC makes it"
-        return line + (f"; what can be made: {', '.join(self.nearest)}" if self.nearest else "")
+        line = "; ".join(self.reasons) or "no DFPC provides it"
+        return line + (f"; available: {', '.join(self.nearest)}" if self.nearest else "")
 
 
 @dataclass(slots=True)
-class _State:
+class _PartialPlan:
     """A partial plan during the search.
 
-    ``accepts`` holds, for each sensor of the plan, the modes that serve it so far, cheapest first; ``cost`` holds what
-    the cheapest of each adds.
+    ``accepts`` holds the acceptable modes of each sensor, cheapest first; ``cost`` includes the cheapest one.
+    ``path_cost`` is the cost of the providers from the product to a provider, ``connected`` its number of
+    connected inputs.
     """
 
-    makers: dict[MakerId, Maker] = field(default_factory=dict)
-    feeds: dict[MakerId, frozenset[MakerId]] = field(default_factory=dict)
-    feeding: dict[MakerId, dict[str, str]] = field(default_factory=dict)
-    above: dict[MakerId, float] = field(default_factory=dict)
+    providers: dict[ProviderId, Provider] = field(default_factory=dict)
+    upstream: dict[ProviderId, frozenset[ProviderId]] = field(default_factory=dict)
+    chosen_sources: dict[ProviderId, dict[str, str]] = field(default_factory=dict)
+    path_cost: dict[ProviderId, float] = field(default_factory=dict)
     accepts: dict[SensorId, tuple[str, ...]] = field(default_factory=dict)
-    fed: dict[MakerId, int] = field(default_factory=dict)
-    unfed: tuple[str, ...] = ()
+    connected: dict[ProviderId, int] = field(default_factory=dict)
+    omitted_inputs: tuple[str, ...] = ()
     cost: float = 0.0
     used: dict[tuple[str, str], float] = field(default_factory=dict)
 
-    def copy(self) -> _State:
-        return _State(
-            dict(self.makers),
-            dict(self.feeds),
-            dict(self.feeding),
-            dict(self.above),
+    def copy(self) -> _PartialPlan:
+        return _PartialPlan(
+            dict(self.providers),
+            dict(self.upstream),
+            dict(self.chosen_sources),
+            dict(self.path_cost),
             dict(self.accepts),
-            dict(self.fed),
-            self.unfed,
+            dict(self.connected),
+            self.omitted_inputs,
             self.cost,
             dict(self.used),
         )
 
-    def depends(self, on: MakerId, maker: MakerId) -> bool:
-        """Whether ``maker`` (transitively) feeds ``on``, or is it."""
+    def depends(self, on: ProviderId, provider: ProviderId) -> bool:
+        """Return True if ``provider`` is ``on`` or upstream of it."""
         stack, seen = [on], set()
         while stack:
             m = stack.pop()
-            if m == maker:
+            if m == provider:
                 return True
             if m not in seen:
                 seen.add(m)
-                stack.extend(self.feeds.get(m, ()))
+                stack.extend(self.upstream.get(m, ()))
         return False
 
 
 def mode_cost(sensor: SensorState, mode: str) -> float:
-    """What it costs to rely on a sensor in a mode."""
+    """Return the cost of a sensor in a mode."""
     return MODE_COST * (mode != sensor.current) + TAKE_COST * sensor.takes_from_others(mode)
 
 
-class _Least:
-    """The least that a maker with all that feeds it can cost, whatever else a plan has: the dearest of its chains.
+class _LowerBound:
+    """Lower bound of the cost of a provider with its upstream: the most expensive of its input chains.
 
-    A source that leads back to a maker being looked at counts nothing, which keeps every figure a lower bound.
+    A source that leads back to a provider under evaluation counts 0, so that the result is a lower bound.
     """
 
     def __init__(self, world: World) -> None:
         self._world = world
-        self._known: dict[MakerId, float] = {}
+        self._bounds: dict[ProviderId, float] = {}
 
-    def of_maker(self, maker_id: MakerId) -> float:
-        known = self._known.get(maker_id)
-        if known is not None:
-            return known
-        maker = self._world.makers.get(maker_id)
-        if maker is None or not maker.available:
-            self._known[maker_id] = math.inf
-            return math.inf
-        self._known[maker_id] = 0.0
-        below = max((self.of_input(port) for port in maker.inputs), default=0.0)
-        self._known[maker_id] = below + (0.0 if maker.active else maker.cost)
-        return self._known[maker_id]
+    def of_provider(self, provider_id: ProviderId) -> float:
+        known_bound = self._bounds.get(provider_id)
+        if known_bound is not None:
+            return known_bound
+        provider = self._world.providers.get(provider_id)
+        bound = math.inf
+        if provider is not None and provider.available:
+            self._bounds[provider_id] = 0.0
+            upstream_bound = max((self.of_input(port) for port in provider.inputs), default=0.0)
+            bound = upstream_bound + (0.0 if provider.active else provider.cost)
+        self._bounds[provider_id] = bound
+        return bound
 
     def of_input(self, port: Input) -> float:
         if not port.sources:
             return 0.0 if port.optional else math.inf
-        least = min(self.of_source(source) for source in port.sources)
-        return min(least, UNFED_COST) if port.optional else least
+        lowest = min(self.of_source(source) for source in port.sources)
+        return min(lowest, OMITTED_INPUT_COST) if port.optional else lowest
 
-    def of_source(self, source: Source) -> float:
-        return self.of_maker(MakerId(source.robot, source.owner)) if source.kind == "product" else 0.0
+    def of_source(self, source: InputSource) -> float:
+        return self.of_provider(ProviderId(source.robot, source.owner)) if source.kind == "product" else 0.0
 
 
 class _Search:
     def __init__(self, world: World) -> None:
         self.world = world
-        self.best: _State | None = None
-        self.best_root: tuple[MakerId, str] | None = None
+        self.best: _PartialPlan | None = None
+        self.best_root: tuple[ProviderId, str] | None = None
         self.reasons: dict[str, None] = {}
         self.steps = 0
-        self.least = _Least(world)
+        self.lower_bound = _LowerBound(world)
 
-    def root(self, maker: Maker, port: str) -> None:
-        state = _State()
-        todo: list[tuple[MakerId, Input]] = []
-        if self.best is not None and self.least.of_maker(maker.id) >= self.best.cost:
+    def search_root(self, provider: Provider, port: str) -> None:
+        state = _PartialPlan()
+        todo: list[tuple[ProviderId, Input]] = []
+        if self.best is not None and self.lower_bound.of_provider(provider.id) >= self.best.cost:
             return
-        if self._add_maker(state, todo, maker):
-            state.above[maker.id] = state.cost
-            self._extend(state, todo, (maker.id, port))
+        if self._add_provider(state, todo, provider):
+            state.path_cost[provider.id] = state.cost
+            self._extend(state, todo, (provider.id, port))
 
-    def _extend(self, state: _State, todo: list[tuple[MakerId, Input]], root: tuple[MakerId, str]) -> None:
+    def _extend(
+        self, state: _PartialPlan, todo: list[tuple[ProviderId, Input]], root: tuple[ProviderId, str]
+    ) -> None:
         self.steps += 1
         if self.steps > MAX_STEPS or (self.best is not None and state.cost >= self.best.cost):
             return
@@ -222,115 +216,135 @@ class _Search:
             self._finish(state, root)
             return
         (owner, port), rest = todo[0], todo[1:]
-        if self.best is not None and state.above[owner] + self.least.of_input(port) >= self.best.cost:
+        if (
+            self.best is not None
+            and state.path_cost[owner] + self.lower_bound.of_input(port) >= self.best.cost
+        ):
             return
-        for source in sorted(port.sources, key=self.least.of_source) if len(port.sources) > 1 else port.sources:
-            for next_state, next_todo in self._feed(state, rest, owner, port.port, source):
+        for source in (
+            sorted(port.sources, key=self.lower_bound.of_source) if len(port.sources) > 1 else port.sources
+        ):
+            for next_state, next_todo in self._connect(state, rest, owner, port.port, source):
                 self._extend(next_state, next_todo, root)
         if port.optional:
             skipped = state.copy()
             if port.sources:
-                skipped.cost += UNFED_COST
-                skipped.unfed = (*skipped.unfed, f"{owner}.{port.port}")
+                skipped.cost += OMITTED_INPUT_COST
+                skipped.omitted_inputs = (*skipped.omitted_inputs, f"{owner}.{port.port}")
             self._extend(skipped, rest, root)
         elif not port.sources:
             self.reasons[f"input {port.port} of {owner} is not wired"] = None
 
-    def _finish(self, state: _State, root: tuple[MakerId, str]) -> None:
-        """Take a plan whose inputs are all decided."""
-        starved = next((m for m in state.makers.values() if state.fed[m.id] == 0 and _wired(m)), None)
-        if starved is not None:
-            self.reasons[f"none of the inputs of {starved.id} can be fed"] = None
+    def _finish(self, state: _PartialPlan, root: tuple[ProviderId, str]) -> None:
+        """Keep a complete plan if it is sound and cheaper than the best one."""
+        unconnected = next(
+            (m for m in state.providers.values() if state.connected[m.id] == 0 and _wired(m)), None
+        )
+        if unconnected is not None:
+            self.reasons[f"none of the inputs of {unconnected.id} can be connected"] = None
         elif self.best is None or state.cost < self.best.cost:
             self.best, self.best_root = state.copy(), root
 
-    def _feed(
-        self, state: _State, rest: list[tuple[MakerId, Input]], owner: MakerId, port: str, source: Source
-    ) -> Iterator[tuple[_State, list[tuple[MakerId, Input]]]]:
-        """The partial plan with one input fed from ``source``, or nothing where that cannot be."""
+    def _connect(
+        self,
+        state: _PartialPlan,
+        rest: list[tuple[ProviderId, Input]],
+        owner: ProviderId,
+        port: str,
+        source: InputSource,
+    ) -> Iterator[tuple[_PartialPlan, list[tuple[ProviderId, Input]]]]:
+        """Yield the partial plan with ``source`` connected to an input, or nothing if that is impossible."""
         state, todo = state.copy(), list(rest)
-        state.fed[owner] += 1
-        state.feeding[owner] = {**state.feeding[owner], port: source.wiring}
-        now = state.makers[owner].wired.get(port)
-        state.cost += REWIRE_COST if now is not None and now != source else 0.0
-        if source.kind == "sensor":
-            if self._narrow(state, SensorId(source.robot, source.owner), None):
+        state.connected[owner] += 1
+        state.chosen_sources[owner] = {**state.chosen_sources[owner], port: source.wiring}
+        current_source = state.providers[owner].wired.get(port)
+        state.cost += REWIRE_COST if current_source is not None and current_source != source else 0.0
+        if source.kind != "product":  # availability of a stored product is checked when it is read
+            if source.kind == "dpm" or self._restrict_modes(
+                state, SensorId(source.robot, source.owner), None
+            ):
                 yield state, todo
             return
-        if source.kind == "dpm":  # stored: whether it is there is seen when it is read
-            yield state, todo
-            return
-        maker = self.world.makers.get(MakerId(source.robot, source.owner))
-        if maker is None or source.item not in maker.outputs:
-            self.reasons[f"{owner} needs {source}, which nobody makes"] = None
-        elif state.depends(maker.id, owner):
-            self.reasons[f"{owner} and {maker.id} wait for each other"] = None
-        elif maker.id in state.makers or self._add_maker(state, todo, maker):
-            state.feeds[owner] |= {maker.id}
-            through = state.above[owner] + (0.0 if maker.active else maker.cost)
-            state.above[maker.id] = max(state.above.get(maker.id, 0.0), through)
+        provider = self.world.providers.get(ProviderId(source.robot, source.owner))
+        if provider is None or source.item not in provider.outputs:
+            self.reasons[f"{owner} needs {source}, which no DFPC provides"] = None
+        elif state.depends(provider.id, owner):
+            self.reasons[f"{owner} and {provider.id} depend on each other"] = None
+        elif provider.id in state.providers or self._add_provider(state, todo, provider):
+            state.upstream[owner] |= {provider.id}
+            path_cost = state.path_cost[owner] + (0.0 if provider.active else provider.cost)
+            state.path_cost[provider.id] = max(state.path_cost.get(provider.id, 0.0), path_cost)
             yield state, todo
 
-    def _add_maker(self, state: _State, todo: list[tuple[MakerId, Input]], maker: Maker) -> bool:
-        if not maker.available:
-            self.reasons[f"{maker.id} is not available: {maker.why_not or 'its process does not answer'}"] = None
+    def _add_provider(
+        self, state: _PartialPlan, todo: list[tuple[ProviderId, Input]], provider: Provider
+    ) -> bool:
+        if not provider.available:
+            self.reasons[f"{provider.id} is not available: {provider.unavailable_reason or 'no answer'}"] = (
+                None
+            )
             return False
-        if not self._fits(state, maker):
+        if not self._fits(state, provider):
             return False
-        state.makers[maker.id] = maker
-        state.feeds[maker.id] = frozenset()
-        state.feeding[maker.id] = {}
-        state.fed[maker.id] = 0
-        state.cost += 0.0 if maker.active else maker.cost
-        todo.extend((maker.id, port) for port in maker.inputs)
+        state.providers[provider.id] = provider
+        state.upstream[provider.id] = frozenset()
+        state.chosen_sources[provider.id] = {}
+        state.connected[provider.id] = 0
+        state.cost += 0.0 if provider.active else provider.cost
+        todo.extend((provider.id, port) for port in provider.inputs)
         return all(
-            self._narrow(state, SensorId(maker.id.robot, s), modes.split("|")) for s, modes in maker.modes.items()
+            self._restrict_modes(state, SensorId(provider.id.robot, s), mode_names(modes))
+            for s, modes in provider.modes.items()
         )
 
-    def _fits(self, state: _State, maker: Maker) -> bool:
-        """Take a maker's memory and CPU from its robot's budgets, where it has any."""
-        robot = maker.id.robot
-        if maker.id in self.world.reserved:
+    def _fits(self, state: _PartialPlan, provider: Provider) -> bool:
+        """Allocate memory and CPU of a provider within the budgets of its robot; return False if they do not
+        fit.
+        """
+        robot = provider.id.robot
+        if provider.id in self.world.reserved:
             return True
         for free, needs, unit in (
-            (self.world.memory_free_mb.get(robot), maker.memory_mb, "MB"),
-            (self.world.cpu_free.get(robot), maker.cpu, "cores"),
+            (self.world.memory_free_mb.get(robot), provider.memory_mb, "MB"),
+            (self.world.cpu_free.get(robot), provider.cpu, "cores"),
         ):
             if free is None:
                 continue
             needed = state.used.get((robot, unit), 0.0) + needs
             if needed > free * (1.0 + 1e-9):
-                have = f"{robot} has {max(free, 0.0):.6g} {unit} left"
-                self.reasons[f"{maker.id} does not fit: {needed:.6g} {unit}, {have}"] = None
+                remaining = f"{robot} has {max(free, 0.0):.6g} {unit} left"
+                self.reasons[f"{provider.id} does not fit: {needed:.6g} {unit}, {remaining}"] = None
                 return False
             state.used[robot, unit] = needed
         return True
 
-    def _narrow(self, state: _State, sensor: SensorId, modes: Sequence[str] | None) -> bool:
-        """Keep only the modes of a sensor that serve one more: those named, or (None) all that stream."""
-        known = self.world.sensors.get(sensor)
-        if known is None:
+    def _restrict_modes(self, state: _PartialPlan, sensor: SensorId, modes: Sequence[str] | None) -> bool:
+        """Restrict a sensor to ``modes`` (None: streaming modes); return False if none is left."""
+        candidate = self.world.sensors.get(sensor)
+        if candidate is None:
             self.reasons[f"there is no sensor {sensor}"] = None
             return False
-        wanted = known.streaming_modes() if modes is None else modes
-        before = state.accepts.get(sensor)
-        common = tuple(m for m in (wanted if before is None else before) if m in wanted)
-        if not common and before is not None:
+        allowed = candidate.streaming_modes() if modes is None else modes
+        accepted = state.accepts.get(sensor)
+        common = tuple(m for m in (allowed if accepted is None else accepted) if m in allowed)
+        if not common and accepted is not None:
             if modes is None:
-                self.reasons[f"sensor {sensor} does not stream in mode {'|'.join(before)}"] = None
+                self.reasons[f"sensor {sensor} does not stream in mode {'|'.join(accepted)}"] = None
             else:
-                both = f"modes {'|'.join(before)} and {'|'.join(modes)}"
-                self.reasons[f"sensor {sensor} would have to be in {both} at once"] = None
+                modes_text = f"modes {'|'.join(accepted)} and {'|'.join(modes)}"
+                self.reasons[f"sensor {sensor} would have to be in {modes_text} at once"] = None
             return False
-        obstacles = {m: known.obstacle(m) for m in common}
+        obstacles = {m: candidate.obstacle(m) for m in common}
         possible = [m for m in common if obstacles[m] is None]
         if not possible:
-            whys = [why for why in obstacles.values() if why is not None]
-            self.reasons |= dict.fromkeys(whys or [f"sensor {sensor} cannot be set to any mode that streams"])
+            known_obstacles = [o for o in obstacles.values() if o is not None]
+            self.reasons |= dict.fromkeys(
+                known_obstacles or [f"sensor {sensor} cannot be set to any mode that streams"]
+            )
             return False
-        state.cost -= 0.0 if before is None else mode_cost(known, before[0])
-        state.accepts[sensor] = tuple(sorted(possible, key=lambda m: mode_cost(known, m)))
-        state.cost += mode_cost(known, state.accepts[sensor][0])
+        state.cost -= 0.0 if accepted is None else mode_cost(candidate, accepted[0])
+        state.accepts[sensor] = tuple(sorted(possible, key=lambda m: mode_cost(candidate, m)))
+        state.cost += mode_cost(candidate, state.accepts[sensor][0])
         return True
 
 
@@ -338,96 +352,95 @@ def plan(
     world: World,
     product: str,
     robots: Iterable[str],
-    exclude: frozenset[MakerId] = frozenset(),
-    roots: frozenset[MakerId] | None = None,
+    exclude: frozenset[ProviderId] = frozenset(),
+    roots: frozenset[ProviderId] | None = None,
 ) -> Plan | NoPlan:
-    """Return the cheapest sound plan for ``product`` on one of ``robots``, or why there is none.
+    """Return the cheapest sound plan for ``product`` on one of ``robots``, or the reasons if there is none.
 
-    Parameters
-    ----------
-    world : World
-    product : str
-        ``pose``, ``dem``, … (contract §5).
-    robots : iterable of str
-        Robots whose product would do.
-    exclude : frozenset of MakerId
-        Makers that failed already for this request.
-    roots : frozenset of MakerId, optional
-        The only makers that may have the product; their feeders may be any. Default: all.
+    ``exclude`` are providers that failed for this request; ``roots``, by default all, are those allowed for
+    the product itself.
     """
-    wanted = set(robots)
-    usable = replace(world, makers={k: m for k, m in world.makers.items() if k not in exclude})
+    robot_ids = set(robots)
+    usable = replace(world, providers={k: m for k, m in world.providers.items() if k not in exclude})
     search = _Search(usable)
-    starts = [
-        (m, port)
-        for m in usable.makers.values()
-        if m.id.robot in wanted and (roots is None or m.id in roots)
-        for port, made in sorted(m.outputs.items())
-        if made == product
+    candidates = [
+        (m, port) for m, port in _sources_of(usable, product, robot_ids) if roots is None or m.id in roots
     ]
-    starts.sort(key=lambda r: (0.0 if r[0].active else r[0].cost, r[0].id))
-    for maker, port in starts:
-        search.root(maker, port)
+    candidates.sort(key=lambda r: (0.0 if r[0].active else r[0].cost, r[0].id))
+    for provider, port in candidates:
+        search.search_root(provider, port)
     if search.best is None or search.best_root is None:
-        reasons = tuple(search.reasons) or (f"no DFPC of {', '.join(sorted(wanted)) or 'any robot'} makes {product}",)
-        tried = tuple(f"{m} failed for this request" for m in sorted(exclude) if product in world.makers[m].products)
-        return NoPlan(reasons + tried, possible_products(usable, wanted))
+        reasons = tuple(search.reasons) or (
+            f"no DFPC of {', '.join(sorted(robot_ids)) or 'any robot'} provides {product}",
+        )
+        excluded = tuple(
+            f"{m} failed for this request" for m in sorted(exclude) if product in world.providers[m].products
+        )
+        return NoPlan(reasons + excluded, possible_products(usable, robot_ids))
     state = search.best
-    order = _dependency_order(state.feeds)
+    order = _dependency_order(state.upstream)
     return Plan(
         search.best_root[0],
         search.best_root[1],
         order,
         {sensor: modes[0] for sensor, modes in state.accepts.items()},
         state.cost,
-        state.unfed,
+        state.omitted_inputs,
         dict(state.accepts),
-        {m: dict(ports) for m, ports in state.feeding.items()},
+        {m: dict(ports) for m, ports in state.chosen_sources.items()},
         _ready_s(usable, order, state),
     )
 
 
 def possible_products(world: World, robots: Iterable[str]) -> tuple[str, ...]:
-    """``product of robot`` for everything that some sound plan makes."""
-    found = []
+    """Return ``product of robot`` for each product with a sound plan."""
+    possible = []
     for robot in sorted(robots):
-        for product in sorted({p for m in world.makers.values() if m.id.robot == robot for p in m.products}):
+        products = {p for m in world.providers.values() if m.id.robot == robot for p in m.products}
+        for product in sorted(products):
             search = _Search(world)
-            for maker in world.makers.values():
-                for port, made in maker.outputs.items():
-                    if maker.id.robot == robot and made == product:
-                        search.root(maker, port)
+            for provider, port in _sources_of(world, product, {robot}):
+                search.search_root(provider, port)
             if search.best is not None:
-                found.append(f"{product} of {robot}")
-    return tuple(found)
+                possible.append(f"{product} of {robot}")
+    return tuple(possible)
 
 
-def _ready_s(world: World, order: Sequence[MakerId], state: _State) -> float:
-    """The longest chain of a mode to reach and makers to warm up, seconds; what runs is warm."""
-    until_s: dict[MakerId, float] = {}
+def _sources_of(world: World, product: str, robots: Container[str]) -> Iterator[tuple[Provider, str]]:
+    """Yield the providers of a product on some robots, with the output port."""
+    for provider in world.providers.values():
+        for port, output in sorted(provider.outputs.items()):
+            if output == product and provider.id.robot in robots:
+                yield provider, port
+
+
+def _ready_s(world: World, order: Sequence[ProviderId], state: _PartialPlan) -> float:
+    """Return the longest chain of mode switches and warm-ups, seconds; running providers are warm."""
+    until_s: dict[ProviderId, float] = {}
     for m in order:
-        maker = state.makers[m]
-        sensors = {SensorId(s.robot, s.owner) for i in maker.inputs for s in i.sources if s.kind == "sensor"}
-        sensors |= {SensorId(m.robot, s) for s in maker.modes}
-        switches = [world.sensors[s].switch_s.get(state.accepts[s][0], 0.0) for s in sensors & state.accepts.keys()]
-        before_s = max([*switches, *(until_s[f] for f in state.feeds[m])], default=0.0)
-        until_s[m] = before_s + (0.0 if maker.active else maker.ready_s)
+        provider = state.providers[m]
+        sensors = {
+            SensorId(s.robot, s.owner) for i in provider.inputs for s in i.sources if s.kind == "sensor"
+        }
+        sensors |= {SensorId(m.robot, s) for s in provider.modes}
+        switches = [
+            world.sensors[s].switch_s.get(state.accepts[s][0], 0.0) for s in sensors & state.accepts.keys()
+        ]
+        before_s = max([*switches, *(until_s[f] for f in state.upstream[m])], default=0.0)
+        until_s[m] = before_s + (0.0 if provider.active else provider.ready_s)
     return max(until_s.values(), default=0.0)
 
 
-def _wired(maker: Maker) -> bool:
-    return any(port.sources for port in maker.inputs)
+def _wired(provider: Provider) -> bool:
+    return any(port.sources for port in provider.inputs)
 
 
-def _dependency_order(feeds: Mapping[MakerId, frozenset[MakerId]]) -> tuple[MakerId, ...]:
-    """Makers so that each comes after those that feed it; names decide among equals."""
-    order: list[MakerId] = []
-    waiting = {m: set(f) for m, f in feeds.items()}
-    while waiting:
-        ready = sorted(m for m, f in waiting.items() if not f)
-        for m in ready:
-            del waiting[m]
-        order.extend(ready)
-        for f in waiting.values():
-            f.difference_update(ready)
+def _dependency_order(upstream: Mapping[ProviderId, frozenset[ProviderId]]) -> tuple[ProviderId, ...]:
+    """Return providers in upstream order; names decide among equals."""
+    order: list[ProviderId] = []
+    sorter = TopologicalSorter(upstream)
+    sorter.prepare()
+    while ready := sorted(sorter.get_ready()):
+        order += ready
+        sorter.done(*ready)
     return tuple(order)

@@ -2,17 +2,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The loop that orders samples and steps a DFPC: the same for the host process and for replay.
 
-Samples are stepped in (stamp_ns, port, seq) order as far as they have arrived. Within a port time only goes forward: an
-older or repeated sample is dropped and counted; a port that is described as ``ordered: false`` takes older ones, and
-drops repeated ones alone. Across ports a sample that comes after newer ones were stepped is stepped all the same and
-counted as out of order, since delayed measurements are the rule on a robot. Several samples of a port in a row that are
-much older than its newest one, and rise, are of a mission clock that went back: the port goes on from there.
+Samples are stepped in (stamp_ns, port, seq) order as far as they have arrived. Within a port time only goes
+forward: an older or repeated sample is dropped and counted; a port that is described as ``ordered: false``
+takes older ones, and drops repeated ones alone. Across ports a sample that comes after newer ones were
+stepped is stepped all the same and counted as out of order, since delayed measurements are normal on a
+robot. Several consecutive ascending samples of a port that are much older than its newest one indicate a
+mission clock that was set back: the port continues from there.
 """
 
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -20,15 +21,16 @@ from cdff_common.errors import CdffError, ConfigurationError
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.interfaces.product import Header, Product, Status, product_id
 
-#: How far behind the newest of its port a sample is of a clock that went back, nanoseconds, and how many show it.
+#: Age relative to the newest sample of the port from which a clock was set back, nanoseconds, and the number
+#: of samples that confirm it.
 _BACK_NS, _BACK_SAMPLES = 10_000_000_000, 3
-#: Samples of a port that takes them in any order which are known again when they come twice.
+#: Number of samples per unordered port that are remembered to detect repetitions.
 _KNOWN = 1024
 
 
 @dataclass(slots=True)
 class Counters:
-    """What went in and out of a DFPC since it was configured."""
+    """Numbers of inputs and outputs of a DFPC since it was configured."""
 
     samples: int = 0
     outputs: int = 0
@@ -42,18 +44,12 @@ class Counters:
     outputs_by_port: dict[str, int] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data."""
+        """Return the counters as a dictionary."""
         return asdict(self)
 
 
 class Runner:
-    """Steps one configured DFPC and gives its outputs their identity.
-
-    Parameters
-    ----------
-    dfpc : Dfpc
-        Configured.
-    """
+    """Steps one configured DFPC and gives its outputs their identity."""
 
     def __init__(self, dfpc: Dfpc) -> None:
         self._dfpc = dfpc
@@ -74,23 +70,20 @@ class Runner:
 
     @property
     def pending(self) -> int:
-        """Samples that wait to be stepped."""
+        """Number of queued samples."""
         return len(self._heap)
 
     @property
     def oldest_ns(self) -> int | None:
-        """Capture time of the sample that is being stepped, else of the one that is next; None without any."""
+        """Capture time of the current sample, else of the next one; None without any."""
         if self._stepping_ns is not None:
             return self._stepping_ns
         return self._heap[0][0] if self._heap else None
 
     def push(self, sample: Sample) -> bool:
-        """Queue a sample; False if it is dropped: not newer than the port's newest, or a repeated one of any order.
+        """Queue a sample; return False if it is not newer than the newest of its port, or repeated.
 
-        Raises
-        ------
-        ConfigurationError
-            If the DFPC has no such port.
+        Raises ConfigurationError if the DFPC has no such port.
         """
         if sample.port not in self._inputs:
             raise ConfigurationError(
@@ -105,10 +98,11 @@ class Runner:
         return True
 
     def step_one(self) -> list[Product]:
-        """Step the earliest queued sample and return the products it leads to; nothing queued, nothing returned.
+        """Step the earliest queued sample and return the products it leads to; nothing queued, nothing
+        returned.
 
-        A ``CdffError`` of the DFPC is counted and kept as ``last_error``: one bad sample does not end a mission.
-        Any other exception is a bug and passes through.
+        A ``CdffError`` of the DFPC is counted and kept as ``last_error``: one bad sample does not end a
+        mission. Any other exception is a bug and passes through.
         """
         if not self._heap:
             return []
@@ -121,7 +115,7 @@ class Runner:
         by_port[sample.port] = by_port.get(sample.port, 0) + 1
         self._stepping_ns = sample.stamp_ns
         try:
-            return list(self._products(self._dfpc.step(sample)))
+            return [self._product(output) for output in self._dfpc.step(sample)]
         except CdffError as error:
             self.counters.errors += 1
             self.counters.last_error = f"{type(error).__name__}: {error}"
@@ -130,40 +124,45 @@ class Runner:
             self._stepping_ns = None
 
     def drain(self) -> Iterator[Product]:
-        """Step everything queued."""
+        """Step all queued samples."""
         while self._heap:
             yield from self.step_one()
 
     def finish(self) -> list[Product]:
-        """Step what is queued and collect what the DFPC still owes."""
-        products = list(self.drain())
-        products.extend(self._products(self._dfpc.finish()))
-        return products
+        """Step the queued samples and return the final outputs of the DFPC."""
+        return [*self.drain(), *(self._product(output) for output in self._dfpc.finish())]
 
     def provenance(self, name: str, value: Any) -> dict[str, Any]:
         """Header fields of a value that was asked for: an item of the store, the result of an operation.
 
-        What the value itself does not say (time, frame) is left out.
+        Fields that the value does not have (time, frame) are omitted.
         """
         fields: dict[str, Any] = {"producer": self._producer, "config_hash": self._config_hash}
         geometry = getattr(value, "geometry", None)
         frame = (
-            getattr(value, "parent_frame", None) or getattr(value, "frame", None) or getattr(geometry, "frame", None)
+            getattr(value, "parent_frame", None)
+            or getattr(value, "frame", None)
+            or getattr(geometry, "frame", None)
         )
         stamp_ns = getattr(value, "stamp_ns", None)
         if frame and stamp_ns is not None:
             extent = value.extent_m()
             header = Header(
-                id=product_id(self._robot, self._dfpc.name, name, stamp_ns, 0, self._config_hash), seq=0,
-                t0_ns=getattr(value, "t0_ns", stamp_ns), t1_ns=stamp_ns, frame=frame,
-                child=getattr(value, "child_frame", None) or None, box_m=None if extent is None else tuple(extent),
-                resolution_m=None if geometry is None else float(geometry.resolution_m), **fields,
-            )  # fmt: skip
+                id=product_id(self._robot, self._dfpc.name, name, stamp_ns, 0, self._config_hash),
+                seq=0,
+                t0_ns=getattr(value, "t0_ns", stamp_ns),
+                t1_ns=stamp_ns,
+                frame=frame,
+                child=getattr(value, "child_frame", None) or None,
+                box_m=None if extent is None else tuple(extent),
+                resolution_m=None if geometry is None else float(geometry.resolution_m),
+                **fields,
+            )
             return header.to_dict()
         return fields
 
     def _newer(self, sample: Sample) -> bool:
-        """Whether a sample is newer than all of its port, or of a clock that went back."""
+        """Return whether a sample is newer than all of its port, or from a clock that was set back."""
         port, stamp_ns = sample.port, sample.stamp_ns
         newest_ns = self._newest_ns.get(port)
         if newest_ns is not None and stamp_ns <= newest_ns:
@@ -174,13 +173,13 @@ class Runner:
             if count < _BACK_SAMPLES:
                 return False
             self._stepped_ns = -(1 << 62)
-            self._known.clear()  # a log that is played again has the same times and numbers
+            self._known.clear()  # a repeated log has the same times and numbers
         self._behind.pop(port, None)
         self._newest_ns[port] = stamp_ns
         return True
 
     def _repeated(self, sample: Sample) -> bool:
-        """Whether a sample of this time and number came on its port already."""
+        """Return whether a sample of this time and number was already received on its port."""
         known = self._known.setdefault(sample.port, {})
         key = (sample.stamp_ns, sample.seq)
         if key in known:
@@ -189,10 +188,6 @@ class Runner:
         if len(known) > _KNOWN:
             del known[next(iter(known))]
         return False
-
-    def _products(self, outputs: Iterable[Output]) -> Iterator[Product]:
-        for output in outputs:
-            yield self._product(output)
 
     def _product(self, output: Output) -> Product:
         port = self._ports.get(output.port)
@@ -225,9 +220,15 @@ class Runner:
             config_hash=self._config_hash,
             inputs=output.inputs,
             quality=output.quality,
-            box_m=None if extent is None else tuple(float(x) for x in extent),
+            box_m=extent,
             resolution_m=None if geometry is None else float(geometry.resolution_m),
         )
         return Product(
-            self._robot, self._dfpc.name, output.port, port.product or "", port.type_name, header, output.value
+            self._robot,
+            self._dfpc.name,
+            output.port,
+            port.product or "",
+            port.type_name,
+            header,
+            output.value,
         )

@@ -12,7 +12,9 @@ from typing import Any
 def register(nouns: Any) -> None:
     """Add the parser of ``cdff check``."""
     parser = nouns.add_parser("check", help="compare descriptions with the code, requirements with the tests")
-    parser.add_argument("--verified", action="store_true", help="also demand that the last test run verified them")
+    parser.add_argument(
+        "--verified", action="store_true", help="also demand that the last test run verified them"
+    )
     parser.add_argument("--json", action="store_true", help="the faults as a JSON list")
     parser.set_defaults(run=run)
 
@@ -21,7 +23,7 @@ def run(args: argparse.Namespace) -> int:
     """Print every fault; exit 1 if there is one."""
     from cdff_common.interfaces.registry import Registry
     from cdff_dev.check import descriptions, requirements
-    from cdff_dev.generate.tree import Tree
+    from cdff_dev.tree import Tree
 
     root = Tree.here().root
     registry = Registry.default()

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Requirements (``docs/requirements/*.yaml``) and the tests that name them (``@pytest.mark.req("CDFF-…")``).
 
-Which test names which requirement is read from the source, so that the page made of it is the same on every machine;
-whether those tests passed is in ``build/traceability.json``, which every test run writes.
+Which test names which requirement is read from the source, so that the page made of it is the same on every
+machine; whether those tests passed is in ``build/traceability.json``, which every test run writes.
 """
 
 from __future__ import annotations
@@ -38,10 +38,14 @@ class _File(StrictModel):
 
 
 def read_requirements(root: Path) -> list[Requirement]:
-    """Every requirement of the checkout; raises ConfigurationError on a wrong file and on an id given twice."""
+    """Return all requirements of the checkout; raises ConfigurationError on a wrong file and on an id given
+    twice.
+    """
     found: dict[str, Requirement] = {}
     for path in sorted((root / "docs" / "requirements").glob("*.yaml")):
-        for requirement in validated(_File, yaml.safe_load(path.read_text(encoding="utf-8")), str(path)).requirements:
+        for requirement in validated(
+            _File, yaml.safe_load(path.read_text(encoding="utf-8")), str(path)
+        ).requirements:
             if requirement.id in found:
                 raise ConfigurationError(f"{path}: the id {requirement.id} is given twice")
             found[requirement.id] = requirement
@@ -59,7 +63,7 @@ def named_by_tests(root: Path) -> dict[str, list[str]]:
 
 
 def faults(root: Path, *, verified: bool = False) -> list[str]:
-    """What is wrong between requirements and tests.
+    """Return the inconsistencies between requirements and tests.
 
     Parameters
     ----------
@@ -75,7 +79,9 @@ def faults(root: Path, *, verified: bool = False) -> list[str]:
         for i in sorted(set(tests) - set(requirements))
     ]
     due = [r for r in requirements.values() if r.status == "built" and r.verification == "T"]
-    wrong += [f"{r.id}: built, to be verified by test, but no test names it" for r in due if r.id not in tests]
+    wrong += [
+        f"{r.id}: built, to be verified by test, but no test names it" for r in due if r.id not in tests
+    ]
     if verified:
         passed = _passed(root)
         wrong += [
@@ -96,7 +102,9 @@ def _passed(root: Path) -> set[str]:
 
 
 def _named(tree: ast.Module) -> Iterator[tuple[str, str]]:
-    """``(test, requirement)`` of one module: from decorators of functions and classes and from ``pytestmark``."""
+    """``(test, requirement)`` of one module: from decorators of functions and classes and from
+    ``pytestmark``.
+    """
     common = [i for node in tree.body if _is_pytestmark(node) for i in _ids(node)]
     for node in tree.body:
         if isinstance(node, ast.FunctionDef) and node.name.startswith("test_"):
@@ -105,10 +113,14 @@ def _named(tree: ast.Module) -> Iterator[tuple[str, str]]:
 
 
 def _is_pytestmark(node: ast.stmt) -> bool:
-    return isinstance(node, ast.Assign) and any(isinstance(t, ast.Name) and t.id == "pytestmark" for t in node.targets)
+    return isinstance(node, ast.Assign) and any(
+        isinstance(t, ast.Name) and t.id == "pytestmark" for t in node.targets
+    )
 
 
 def _ids(node: ast.AST) -> Iterator[str]:
     for call in ast.walk(node):
         if isinstance(call, ast.Call) and isinstance(call.func, ast.Attribute) and call.func.attr == "req":
-            yield from (a.value for a in call.args if isinstance(a, ast.Constant) and isinstance(a.value, str))
+            yield from (
+                a.value for a in call.args if isinstance(a, ast.Constant) and isinstance(a.value, str)
+            )

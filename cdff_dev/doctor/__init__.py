@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether this machine can run the system: ``cdff doctor``."""
+"""Check of this machine: ``cdff doctor``."""

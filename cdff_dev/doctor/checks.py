@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The checks of ``cdff doctor``: each looks at one thing, changes nothing, and says what to do where it is not well."""
+"""The checks of ``cdff doctor``: each examines one thing, changes nothing, and advises if it is at fault."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ import shutil
 import socket
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from cdff_common.clock import wall_ns
-from cdff_common.errors import CdffError
+from cdff_dev.ports import split_address
 
 #: What the wheels of Open3D link to but do not carry: library -> Debian package.
 SYSTEM_LIBRARIES = {
@@ -27,12 +28,27 @@ SYSTEM_LIBRARIES = {
     "libX11.so.6": "libx11-6",
     "libgomp.so.1": "libgomp1",
 }
-#: Modules whose import says whether their native parts load, and whether they are needed for the base.
+#: Modules whose native parts must load, and whether the base needs them.
 MODULES = {
-    "zenoh": True, "numpy": True, "scipy": True, "numba": True, "msgpack": True, "asn1tools": True, "pydantic": True,
-    "yaml": True, "cv2": False, "open3d": False, "small_gicp": False, "rasterio": False, "shapely": False,
-    "sqlalchemy": False, "fastapi": False, "uvicorn": False, "PIL": False, "pyproj": False,
-}  # fmt: skip
+    "zenoh": True,
+    "numpy": True,
+    "scipy": False,
+    "numba": False,
+    "msgpack": True,
+    "asn1tools": True,
+    "pydantic": True,
+    "yaml": True,
+    "cv2": False,
+    "open3d": False,
+    "small_gicp": False,
+    "rasterio": False,
+    "shapely": False,
+    "sqlalchemy": False,
+    "fastapi": False,
+    "uvicorn": False,
+    "PIL": False,
+    "pyproj": False,
+}
 MIN_FREE_BYTES = 1 << 30
 #: Before the first commit of this project no clock can be right.
 EARLIEST_NS = 1_735_689_600 * 1_000_000_000
@@ -42,100 +58,97 @@ State = Literal["ok", "warning", "error"]
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What one check found: ``advice`` says what to do, empty where nothing is."""
+    """Result of one check: ``advice`` is empty if nothing needs to be done."""
 
     check: str
     state: State
     detail: str
     advice: str = ""
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON."""
-        return asdict(self)
 
+def examine(connect: str, http: str, data_dir: Path) -> Iterator[Finding]:
+    """Run every check, in the order in which one needs the other.
 
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """Where the system would run: endpoint of the router, HTTP address, data folder."""
-
-    connect: str
-    http: str
-    data_dir: Path
-
-
-def examine(settings: Settings) -> Iterator[Finding]:
-    """Run every check, in the order in which one needs the other."""
+    Parameters
+    ----------
+    connect, http : str
+        Endpoint of the router, and address of the HTTP server.
+    """
     yield python_version()
     yield from distributions()
     yield from system_libraries()
     yield from modules()
-    yield data_folder(settings.data_dir)
-    yield store_lock(settings.data_dir)
-    yield http_port(settings.http)
-    yield router(settings.connect)
+    yield data_folder(data_dir)
+    yield store_lock(data_dir)
+    yield http_port(http)
+    yield router(connect)
     yield clock()
 
 
 def python_version(found: tuple[int, int] = sys.version_info[:2]) -> Finding:
-    """Python 3.11 or 3.12."""
+    """Return whether this is Python 3.11 to 3.13."""
     text = f"Python {found[0]}.{found[1]} at {sys.executable}"
-    if (3, 11) <= found <= (3, 12):
+    if (3, 11) <= found <= (3, 13):
         return Finding("python", "ok", text)
-    return Finding("python", "error", text, "install Python 3.11 or 3.12 and run make setup with PYTHON naming it")
+    return Finding(
+        "python", "error", text, "install Python 3.11 to 3.13 and run make setup with PYTHON naming it"
+    )
 
 
 def distributions() -> Iterator[Finding]:
-    """The versions that ``pyproject.toml`` demands of the base, without its extras."""
+    """Return the versions that ``pyproject.toml`` requires, without extras."""
     from packaging.requirements import Requirement
 
+    found = _version("cdff")
+    yield _installed("cdff", found, is_right=found is not None)
+    for requirement in map(Requirement, (found and requires("cdff")) or ()):
+        if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
+            found = _version(requirement.name)
+            is_right = found is not None and requirement.specifier.contains(found, prereleases=True)
+            yield _installed(requirement.name, found, is_right, f", expected {requirement.specifier}")
+
+
+def _version(name: str) -> str | None:
     try:
-        demanded = [Requirement(line) for line in requires("cdff") or ()]
+        return version(name)
     except PackageNotFoundError:
-        yield Finding("cdff", "error", "not installed", "run make setup")
-        return
-    yield Finding("cdff", "ok", f"cdff {version('cdff')}")
-    for requirement in demanded:
-        if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
-            continue
-        try:
-            found = version(requirement.name)
-        except PackageNotFoundError:
-            yield Finding(requirement.name, "error", "not installed", "run make setup")
-            continue
-        fits = requirement.specifier.contains(found, prereleases=True)
-        text = f"{requirement.name} {found}"
-        yield (
-            Finding(requirement.name, "ok", text)
-            if fits
-            else Finding(requirement.name, "error", f"{text}, expected {requirement.specifier}", "run make setup")
-        )
+        return None
+
+
+def _installed(name: str, found: str | None, is_right: bool, expected: str = "") -> Finding:
+    text = f"{name} {found or 'is not installed'}"
+    return (
+        Finding(name, "ok", text) if is_right else Finding(name, "error", text + expected, "run make setup")
+    )
 
 
 def system_libraries(load: Callable[[str], object] = ctypes.CDLL) -> Iterator[Finding]:
-    """Libraries of the system that Open3D needs."""
+    """Check the system libraries that Open3D needs."""
     for library, package in SYSTEM_LIBRARIES.items():
-        try:
-            load(library)
-        except OSError as error:
-            yield Finding(library, "error", str(error), f"apt-get install {package}")
-        else:
-            yield Finding(library, "ok", f"{library} loads")
+        advice = f"apt-get install {package}"
+        yield _tried(library, f"load {library}", partial(load, library), "error", advice)
 
 
 def modules(load: Callable[[str], object] = importlib.import_module) -> Iterator[Finding]:
-    """Libraries with native parts: installed is not yet importable."""
+    """Check that libraries with native parts can be imported."""
     for name, needed in MODULES.items():
-        try:
-            load(name)
-        except ImportError as error:
-            state: State = "error" if needed else "warning"
-            yield Finding(name, state, f"import {name}: {error}", "run make setup; a role without it works on")
-        else:
-            yield Finding(name, "ok", f"import {name}")
+        advice = "run make setup; a role without it works on"
+        yield _tried(name, f"import {name}", partial(load, name), "error" if needed else "warning", advice)
+
+
+def _tried(
+    check: str, what: str, attempt: Callable[[], object], state: State, advice: str, ok: str = ""
+) -> Finding:
+    """Return whether an attempt succeeds; ``ok`` follows ``what`` then."""
+    try:
+        attempt()
+    except (ImportError, OSError) as error:
+        return Finding(check, state, f"{what}: {getattr(error, 'strerror', None) or error}", advice)
+    return Finding(check, "ok", f"{what}{ok}")
 
 
 def data_folder(folder: Path) -> Finding:
-    """The data folder can be written, and the disk has room."""
+    """Check that the data folder is writable and the disk has space."""
     nearest = next(p for p in (folder, *folder.parents) if p.exists())
     if not os.access(nearest, os.W_OK):
         return Finding("data", "error", f"{folder} cannot be written", "name another with CDFF_DATA_DIR")
@@ -147,7 +160,7 @@ def data_folder(folder: Path) -> Finding:
 
 
 def store_lock(folder: Path) -> Finding:
-    """Whether a DPM process holds the store; that is no fault, but a second one would be refused."""
+    """Report a DPM process that has the store open; it is no fault, but a second one would be refused."""
     import fcntl
 
     for path in sorted(folder.glob("*.lock")) if folder.is_dir() else ():
@@ -163,38 +176,28 @@ def store_lock(folder: Path) -> Finding:
 
 
 def http_port(address: str) -> Finding:
-    """Whether the HTTP port is free or answered by a DPM."""
-    host, port = split_address(address)
+    """Check that the HTTP port is free or answered by a DPM."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((host, port))
-        except OSError as error:
-            return Finding("http", "warning", f"{address}: {error.strerror}", "a DPM serves there, or use --http")
-    return Finding("http", "ok", f"{address} is free")
+        bind = partial(probe.bind, split_address(address))
+        return _tried("http", address, bind, "warning", "a DPM serves there, or use --http", " is free")
 
 
 def router(connect: str) -> Finding:
-    """Whether something listens where the router should be."""
-    host, port = split_address(connect.split("/", 1)[-1])
-    try:
-        socket.create_connection((host, port), timeout=1.0).close()
-    except OSError as error:
-        return Finding("router", "warning", f"{connect}: {error}", "start it: cdff service router, or cdff up")
-    return Finding("router", "ok", f"{connect} answers")
+    """Check that a process listens at the endpoint of the router."""
+    address, advice = split_address(connect), "start it: cdff service router, or cdff up"
+
+    def knock() -> None:
+        socket.create_connection(address, timeout=1.0).close()
+
+    return _tried("router", connect, knock, "warning", advice, " answers")
 
 
 def clock(now_ns: int | None = None) -> Finding:
-    """The wall clock tells a time that can be."""
+    """Check that the wall clock shows a possible time."""
     now = wall_ns() if now_ns is None else now_ns
     if now < EARLIEST_NS:
-        return Finding("clock", "error", f"the wall clock says {now} ns", "set it: stamps and freshness depend on it")
-    return Finding("clock", "ok", "the wall clock tells a possible time")
-
-
-def split_address(address: str) -> tuple[str, int]:
-    """``host:port``; raises CdffError with what was expected."""
-    host, _, port = address.rpartition(":")
-    if not host or not port.isdigit() or int(port) > 65535:
-        raise CdffError(f"address {address!r}: expected host:port, as in 127.0.0.1:8080")
-    return host.strip("[]"), int(port)
+        return Finding(
+            "clock", "error", f"the wall clock shows {now} ns", "set it: stamps and freshness depend on it"
+        )
+    return Finding("clock", "ok", "the wall clock shows a possible time")

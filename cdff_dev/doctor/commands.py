@@ -7,6 +7,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+from dataclasses import asdict
 from typing import Any
 
 _MARKS = {"ok": "ok     ", "warning": "warning", "error": "ERROR  "}
@@ -14,8 +15,12 @@ _MARKS = {"ok": "ok     ", "warning": "warning", "error": "ERROR  "}
 
 def register(nouns: Any) -> None:
     """Add the parser of ``cdff doctor``."""
-    parser = nouns.add_parser("doctor", help="whether this machine can run the system, and what to do where not")
-    parser.add_argument("--connect", default=None, help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
+    parser = nouns.add_parser(
+        "doctor", help="check that this machine can run the system, and advise on problems"
+    )
+    parser.add_argument(
+        "--connect", default=None, help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447"
+    )
     parser.add_argument("--http", default="127.0.0.1:8080", help="host:port of the DPM's HTTP server")
     parser.add_argument("--data-dir", default=None, help="data folder; CDFF_DATA_DIR, ~/.local/share/cdff")
     parser.add_argument("--json", action="store_true", help="the findings as a JSON list")
@@ -25,19 +30,15 @@ def register(nouns: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print every finding; exit 1 if one is an error."""
     from cdff_common.process import data_dir_of
-    from cdff_dev.doctor.checks import Settings, examine
+    from cdff_dev.doctor.checks import examine
 
-    settings = Settings(
-        connect=args.connect or os.environ.get("CDFF_CONNECT") or "tcp/127.0.0.1:7447",
-        http=args.http,
-        data_dir=data_dir_of(args.data_dir),
-    )
+    connect = args.connect or os.environ.get("CDFF_CONNECT") or "tcp/127.0.0.1:7447"
     findings = []
-    for finding in examine(settings):
+    for finding in examine(connect, args.http, data_dir_of(args.data_dir)):
         findings.append(finding)
         if not args.json:
             advice = f"  ({finding.advice})" if finding.advice else ""
             print(f"{_MARKS[finding.state]} {finding.check:18} {finding.detail}{advice}", flush=True)
     if args.json:
-        print(json.dumps([f.to_dict() for f in findings], indent=1))
+        print(json.dumps([asdict(f) for f in findings], indent=1))
     return 1 if any(f.state == "error" for f in findings) else 0

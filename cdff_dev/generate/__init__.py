@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Code and pages made from descriptions: ``cdff generate``."""
+"""Generation of code and pages from descriptions: ``cdff generate``."""

@@ -1,9 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Generated files: compared with what lies there, shown as a diff, written.
+"""Generated files: compared with the existing ones, shown as a diff, written.
 
-The rule is the generation gap: a generated file is always overwritten and never edited; what people fill in
-(implementation, test) is written once and never touched again.
+A generated file is always overwritten and never edited; skeletons (implementation, test) are written once.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ MARK = "GENERATED from {source} by cdff generate; do not edit."
 
 @dataclass(frozen=True, slots=True)
 class Artefact:
-    """One file to be.
+    """A generated file.
 
     Attributes
     ----------
@@ -26,7 +25,7 @@ class Artefact:
         Absolute.
     text : str
     once : bool
-        Written only where nothing lies yet.
+        Written only if the file does not exist.
     """
 
     path: Path
@@ -35,27 +34,30 @@ class Artefact:
 
     @property
     def is_due(self) -> bool:
-        """Whether writing it would change the tree."""
+        """True if writing the file would change the tree."""
         if not self.path.is_file():
             return True
         return not self.once and self.path.read_text(encoding="utf-8") != self.text
 
     def write(self) -> None:
-        """Put the text where it belongs."""
+        """Write the file."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self.path.write_text(self.text, encoding="utf-8")
 
     def diff(self, root: Path) -> str:
-        """Unified diff from what lies there to what would be written."""
+        """Return the unified diff from the existing to the new text."""
         name = self.path.relative_to(root).as_posix()
         before = self.path.read_text(encoding="utf-8") if self.path.is_file() else ""
         return "".join(
             difflib.unified_diff(
-                before.splitlines(keepends=True), self.text.splitlines(keepends=True), f"a/{name}", f"b/{name}"
+                before.splitlines(keepends=True),
+                self.text.splitlines(keepends=True),
+                f"a/{name}",
+                f"b/{name}",
             )
         )
 
 
 def due(artefacts: Iterable[Artefact]) -> list[Artefact]:
-    """Those that differ from the tree, in the order of their paths."""
+    """Return those that differ from the tree, sorted by path."""
     return sorted((a for a in artefacts if a.is_due), key=lambda a: a.path)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""From the ASN.1 modules to what the type generator works on: nodes with their Python names, in order of need."""
+"""Model of the ASN.1 modules for the type generator: nodes with Python names, in order of dependency."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 import asn1tools
 
-from cdff_common.codecs.schema import (
+from cdff_common.types.schema import (
     Alias,
     Array,
     Boolean,
@@ -22,22 +22,23 @@ from cdff_common.codecs.schema import (
     ListOf,
     Message,
     Node,
-    Octets,
+    OctetString,
     Real,
     Struct,
     Text,
+    fields_of,
 )
 
 _TYPED_ARRAY = re.compile(r"(UInt|Int|Float)(\d+)(?:x(\d+))?-Array\Z")
 _TYPE_LINE = re.compile(r"([A-Z][\w-]*)\s*::=")
 _COMMENT = re.compile(r"--\s*(.*\S)\s*\Z")
 _FIELD_LINE = re.compile(r"\s+([a-z][\w-]*)\s+\S")
-#: ``PointcloudLarge`` has the fields of ``Pointcloud`` with room for more, and its Python class.
-_SIBLING = "Large"
+#: ``PointcloudLarge`` has the fields of ``Pointcloud`` with larger bounds, and the same Python class.
+_LARGE_SUFFIX = "Large"
 
 
 def class_name(asn1_name: str) -> str:
-    """``Frame-metadata-t`` -> ``FrameMetadataT``; ``UNIT-AXIS`` -> ``UnitAxis``."""
+    """Return the class name: ``Frame-metadata-t`` -> ``FrameMetadataT``; ``UNIT-AXIS`` -> ``UnitAxis``."""
     parts = asn1_name.split("-")
     if len(parts) > 1:
         parts = [p.capitalize() if p.isupper() and len(p) > 1 else p[:1].upper() + p[1:] for p in parts]
@@ -45,13 +46,13 @@ def class_name(asn1_name: str) -> str:
 
 
 def snake_case(asn1_name: str) -> str:
-    """``pose-robotFrame-sensorFrame`` -> ``pose_robot_frame_sensor_frame``; ``usecPerSec`` -> ``usec_per_sec``."""
+    """Return the attribute name: ``pose-robotFrame-sensorFrame`` -> ``pose_robot_frame_sensor_frame``."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", asn1_name.replace("-", "_")).lower()
 
 
 @dataclass(slots=True)
 class TypeModel:
-    """A type that gets a class: its node, the file it stands in, and the comments there."""
+    """Type with a class: its node, its file, and its comments there."""
 
     name: str
     class_name: str
@@ -61,21 +62,21 @@ class TypeModel:
     field_comments: dict[str, str]
     #: Names of the ASN.1 types of the fields, for defaults (``Quaterniond``, ``Covariance``).
     field_types: dict[str, str] = field(default_factory=dict)
-    #: ``msgVersion`` of this family, 0 where it declares none.
+    #: ``msgVersion`` of this family, 0 if it declares none.
     version: int = 0
-    #: The sibling with room for more, whose bounds the class has.
+    #: Size variant with larger bounds, which are those of the class.
     large: TypeModel | None = None
-    #: Whether this is such a sibling, which has no class of its own.
-    is_sibling: bool = False
+    #: True for such a size variant; it has no class of its own.
+    is_large_variant: bool = False
 
     @property
     def class_node(self) -> Message | Enumeration | Choice:
-        """Node that the class is made from: that of the sibling where there is one."""
+        """Node of the class: that of the large variant if there is one."""
         return self.node if self.large is None else self.large.node
 
 
 class ModelReader:
-    """Reads all modules; ``types`` holds a model per class, each after what it refers to."""
+    """Reader of all modules; ``types`` holds one model per class, each after those it refers to."""
 
     def __init__(self, files: list[Path]) -> None:
         self._types: dict[str, tuple[dict[str, Any], str, str]] = {}
@@ -102,20 +103,20 @@ class ModelReader:
                 self._pair(self.types[base], self.types[name])
 
     def _base(self, name: str) -> str:
-        """Name of the type that ``name`` is the large sibling of; empty where it is none."""
-        base = name.removesuffix(_SIBLING)
+        """Return the name of the type of which ``name`` is the large variant, or an empty string."""
+        base = name.removesuffix(_LARGE_SUFFIX)
         return base if base != name and base in self._types else ""
 
     @staticmethod
     def _pair(base: TypeModel, large: TypeModel) -> None:
-        """Join siblings; raises ValueError where they differ in more than size."""
-        names = [[f.name for f in m.node.fields] if isinstance(m.node, Struct) else [] for m in (base, large)]
+        """Link size variants; raises ValueError if they differ in more than size."""
+        names = [[f.name for f in fields_of(m.node)] for m in (base, large)]
         if type(base.node) is not type(large.node) or names[0] != names[1]:
             raise ValueError(f"{large.name}: expected the fields of {base.name}")
-        base.large, large.is_sibling = large, True
+        base.large, large.is_large_variant = large, True
 
     def _read_comments(self, text: str) -> None:
-        """Take the comment block above each type and the comment after each field."""
+        """Read the comment block above each type and the comment after each field."""
         above: list[str] = []
         current: dict[str, str] = {}
         for line in text.splitlines():
@@ -137,13 +138,15 @@ class ModelReader:
         return self._values[value] if isinstance(value, str) else value
 
     def _model(self, name: str) -> TypeModel | None:
-        """Model of a named type, made once; None for numbers, text and octets, which get no class."""
+        """Return the model of a named type; None for numbers, text and bytes, which have no class."""
         if name in self.types:
             return self.types[name]
         declaration, module, asn1_module = self._types[name]
         kind = declaration["type"]
         comment, comments = self._comments.get(name, ("", {}))
-        model = TypeModel(name, class_name(self._base(name) or name), module, Enumeration("", ()), comment, comments)
+        model = TypeModel(
+            name, class_name(self._base(name) or name), module, Enumeration("", ()), comment, comments
+        )
         model.version = self._versions.get(asn1_module, 0)
         if kind == "SEQUENCE":
             fields = []
@@ -166,7 +169,7 @@ class ModelReader:
         return Enumeration(class_name(name), tuple(members))
 
     def _node(self, declaration: dict[str, Any], owner: str) -> Node:
-        """Node of a declaration; a reference to a list or number is resolved to its content."""
+        """Return the node of a declaration; references to lists and numbers are resolved."""
         kind = declaration["type"]
         if kind in self._types:
             return self._reference(kind)
@@ -178,7 +181,7 @@ class ModelReader:
             ((low, high),) = declaration["restricted-to"]
             return Integer(low, high)
         if kind == "OCTET STRING":
-            return Octets(self._bounds(declaration)[1])
+            return OctetString(self._bounds(declaration)[1])
         if kind == "SEQUENCE OF":
             return self._list(declaration, owner)
         if kind == "CHOICE":
@@ -191,12 +194,14 @@ class ModelReader:
         typed = _TYPED_ARRAY.match(name)
         if typed:
             code = {"UInt": "u", "Int": "i", "Float": "f"}[typed[1]]
-            return Octets(self._bounds(self._types[name][0])[1], f"<{code}{int(typed[2]) // 8}", int(typed[3] or 0))
+            return OctetString(
+                self._bounds(self._types[name][0])[1], f"<{code}{int(typed[2]) // 8}", int(typed[3] or 0)
+            )
         declaration = self._types[name][0]
         if declaration["type"] in ("SEQUENCE", "ENUMERATED"):
             model = self._model(name)
             if model is None or isinstance(model.node, Alias):
-                raise ValueError(f"{name}: no class was made")
+                raise ValueError(f"{name}: the type has no class")
             return model.node
         return self._node(declaration, name)
 
@@ -215,8 +220,10 @@ class ModelReader:
         name = f"{owner}-{declaration['name']}"
         node = Choice(
             class_name(name),
-            tuple(Field(m["name"], snake_case(m["name"]), self._node(m, owner)) for m in declaration["members"]),
+            tuple(
+                Field(m["name"], snake_case(m["name"]), self._node(m, owner)) for m in declaration["members"]
+            ),
         )
-        comment = f"The {declaration['name']} of a {class_name(owner)}: one of several kinds."
+        comment = f"Value of ``{declaration['name']}`` of a ``{class_name(owner)}``: one of several kinds."
         self.types[name] = TypeModel(name, node.class_name, self._types[owner][1], node, comment, {})
         return node

@@ -5,43 +5,83 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cdff_common.errors import CdffError
+
+if TYPE_CHECKING:
+    from cdff_dev.tree import Tree
 
 
 def register(nouns: Any) -> None:
     """Add the parser of ``cdff generate``."""
     parser = nouns.add_parser(
         "generate",
-        help="write what is made from descriptions: types, interfaces, skeletons, reference pages",
-        description="Generated files are overwritten; implementations and tests are written once, where missing.",
+        help="write the files made from descriptions: types, interfaces, skeletons, reference pages",
+        description="Generated files are overwritten; implementations and tests are written once, where "
+        "missing.",
     )
-    parser.add_argument("group", nargs="*", help="types interfaces skeletons profile reference traceability; none: all")
-    parser.add_argument("--check", action="store_true", help="change nothing; exit 1 if something would change")
+    parser.add_argument(
+        "group", nargs="*", help="types interfaces skeletons profile reference traceability; none: all"
+    )
+    parser.add_argument(
+        "--check", action="store_true", help="change nothing; exit 1 if something would change"
+    )
     parser.add_argument("--dry-run", action="store_true", help="change nothing; show the differences")
-    parser.add_argument("--root", type=Path, default=None, help="the checkout (default: where this command lies)")
+    parser.add_argument(
+        "--root", type=Path, default=None, help="the checkout (default: where this command lies)"
+    )
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Generate, or compare with what lies there."""
-    from cdff_dev.generate.artefacts import due
-    from cdff_dev.generate.plan import plan
-    from cdff_dev.generate.tree import Tree
+    """Generate, or compare with the existing files."""
+    from cdff_dev.generate.plan import chosen_groups
+    from cdff_dev.generate.skeletons import stale_skeletons
+    from cdff_dev.tree import Tree
 
     tree = Tree(args.root.resolve()) if args.root else Tree.here()
-    changes = due(plan(tree, args.group))
-    for artefact in changes:
-        if args.dry_run:
-            sys.stdout.write(artefact.diff(tree.root))
-        elif args.check:
-            print(artefact.path.relative_to(tree.root))
-        else:
-            artefact.write()
-            print(f"wrote {artefact.path.relative_to(tree.root)}")
-    if args.check and changes:
-        raise CdffError(f"{len(changes)} generated files are not up to date; run cdff generate and commit the result")
+    groups = chosen_groups(args.group)
+    due = write_groups(tree, groups, dry_run=args.dry_run, check=args.check)
+    stale = stale_skeletons(tree) if "skeletons" in groups else []
+    for path in stale:
+        print(
+            f"stale: {path.relative_to(tree.root)}: no description names it; rename or delete it",
+            file=sys.stderr,
+        )
+    if args.check and (due or stale):
+        raise CdffError(
+            f"{due} generated files are not up to date, {len(stale)} skeletons are stale; "
+            "run cdff generate and commit the result"
+        )
     return 0
+
+
+def write_groups(tree: Tree, groups: list[str], *, dry_run: bool = False, check: bool = False) -> int:
+    """Write the files of each group that differ, or only list them, and return their number.
+
+    A group is planned after the files of the previous ones are written: reference pages import the skeletons.
+    """
+    from cdff_dev.generate.artefacts import due
+    from cdff_dev.generate.plan import plan
+
+    count = unwritten = 0
+    for group in groups:
+        if group == "reference" and unwritten:
+            print("reference: not compared, since its pages import the files above", file=sys.stderr)
+            continue
+        for artefact in due(plan(tree, [group])):
+            count += 1
+            if dry_run:
+                sys.stdout.write(artefact.diff(tree.root))
+            elif check:
+                print(artefact.path.relative_to(tree.root))
+            else:
+                artefact.write()
+                print(f"wrote {artefact.path.relative_to(tree.root)}")
+            unwritten += artefact.once and (dry_run or check)
+        importlib.invalidate_caches()
+    return count

@@ -8,7 +8,7 @@ import json
 
 from cdff_common.interfaces.profile import Profile
 from cdff_dev.generate.artefacts import Artefact
-from cdff_dev.generate.tree import Tree
+from cdff_dev.tree import Tree
 
 
 def schemas(tree: Tree) -> list[Artefact]:

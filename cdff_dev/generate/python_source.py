@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Python text from templates, sorted and formatted as ruff does it for the rest of the tree."""
+"""Python source from templates, sorted and formatted by ruff as the rest of the tree."""
 
 from __future__ import annotations
 
@@ -11,13 +11,15 @@ from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from ruff.__main__ import find_ruff_bin
+from ruff.__main__ import find_ruff_bin  # type: ignore[import-untyped]
 
 from cdff_common.errors import ConfigurationError
-from cdff_common.interfaces.description import ARRAY_TYPE, Port, snake_case
+from cdff_common.interfaces.array_ports import ARRAY_TYPE
+from cdff_common.interfaces.description import Port, snake_case
 
-_LINE_LENGTH = 120
-_OPERATION_TYPES = {"void": "None", "float": "float", "int": "int", "string": "str", "bool": "bool"}
+_LINE_LENGTH = 110
+#: Types of operations that are no type of a message -> their annotation.
+OPERATION_TYPES = {"void": "None", "float": "float", "int": "int", "string": "str", "bool": "bool"}
 
 
 def render(template: str, **values: Any) -> str:
@@ -26,12 +28,13 @@ def render(template: str, **values: Any) -> str:
 
 
 def formatted(source: str, path: Path) -> str:
-    """``source`` with its imports sorted and its layout as ruff makes it for ``path``.
+    """Return ``source`` formatted by ruff for ``path``, with sorted imports.
 
     Raises
     ------
     ConfigurationError
-        If the source is no Python: a description put something into it that no identifier or docstring can hold.
+        If the source is not valid Python: the description contains text that an identifier or docstring
+        cannot hold.
     """
     ruff = find_ruff_bin()
     config = Path(__file__).resolve().parents[2] / "pyproject.toml"
@@ -49,51 +52,48 @@ def formatted(source: str, path: Path) -> str:
     return source
 
 
-def is_array(port: Port) -> bool:
-    """Whether a port carries a bare array instead of a type of ``cdff_common.types``."""
-    return ARRAY_TYPE.match(port.type) is not None
-
-
 def annotation(port: Port) -> str:
-    """Python annotation of a port: ``NDArray[np.float64]`` or the class's name."""
+    """Return the annotation of a port: ``NDArray[np.float64]``, ``float`` or the class name."""
     match = ARRAY_TYPE.match(port.type)
     if match is None:
-        return class_name(port.type_name)
+        return class_name(port.type_name) if port.is_message else port.type
     dtype = match["dtype"]
     return f"NDArray[np.{'bool_' if dtype == 'bool' else dtype}]"
 
 
 def shape(port: Port) -> str:
-    """Docstring type of a port: array ports say their shape."""
+    """Return the type of a port for a docstring; arrays with their shape."""
     match = ARRAY_TYPE.match(port.type)
-    return class_name(port.type_name) if match is None else f"ndarray of {match['dtype']}, shape ({match['shape']})"
+    return f"ndarray of {match['dtype']}, shape ({match['shape']})" if match else annotation(port)
 
 
 def class_name(type_name: str) -> str:
-    """Python class of an ASN.1 type: its name without dashes, each part beginning with a capital."""
+    """Return the Python class name of an ASN.1 type: without dashes, each part capitalised."""
     return "".join(part[:1].upper() + part[1:] for part in type_name.split("-"))
 
 
 def sentence(text: str) -> str:
-    """``text`` as one line that begins with a capital and ends with a full stop."""
+    """Return ``text`` as one line with a capital at the start and a full stop at the end."""
     line = " ".join(text.split()).replace("\\", "\\\\").replace('"""', "'''")
     if not line:
         return ""
-    # A path, a key or an identifier in front keeps its spelling.
+    # A path, a key or an identifier at the start is not capitalised.
     first = line.split()[0]
     begin = line[0] if any(c in first for c in "/_*`=") else line[0].upper()
     return begin + line[1:] + ("" if line.endswith((".", "?", "!")) else ".")
 
 
 def docstring(text: str, indent: int) -> str:
-    """``text`` as a docstring that is indented by ``indent`` spaces, its quotes included, its first line bare."""
+    """Return ``text`` as a docstring indented by ``indent`` spaces, except its first line."""
     margin = " " * indent
-    lines = textwrap.wrap(sentence(text), width=_LINE_LENGTH - indent - 6)
-    return f'"""{lines[0]}"""' if len(lines) == 1 else f"\n{margin}".join([f'"""{lines[0]}', *lines[1:], '"""'])
+    lines = textwrap.wrap(sentence(text), width=_LINE_LENGTH - indent - 10)
+    return (
+        f'"""{lines[0]}"""' if len(lines) == 1 else f"\n{margin}".join([f'"""{lines[0]}', *lines[1:], '"""'])
+    )
 
 
 def _operation_type(name: str) -> str:
-    return _OPERATION_TYPES.get(name, class_name(name))
+    return OPERATION_TYPES.get(name, class_name(name))
 
 
 @cache

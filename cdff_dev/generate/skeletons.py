@@ -1,22 +1,24 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is written once for a new DFN or DFPC and belongs to its author from then on: implementation and test.
+"""Skeletons of implementation and test of a new DFN or DFPC, written once.
 
-A skeleton is honest: it passes lint and its own test and refuses to answer until somebody writes it.
+A skeleton passes lint and its own test; its ``process`` raises RefusedError until it is written.
 """
 
 from __future__ import annotations
 
+import ast
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from cdff_common.interfaces.description import DfnDescription, DfpcDescription, snake_case
 from cdff_dev.generate.artefacts import Artefact
 from cdff_dev.generate.python_source import formatted, render
-from cdff_dev.generate.tree import Tree
+from cdff_dev.tree import Tree
 
 
 def skeletons(tree: Tree) -> list[Artefact]:
-    """Skeletons of every description in the tree whose implementation is not there yet."""
+    """Return the skeletons of every description in the tree without its implementation."""
     made: list[Artefact] = []
     for dfn in tree.dfns():
         made += dfn_skeleton(tree, dfn)
@@ -25,33 +27,71 @@ def skeletons(tree: Tree) -> list[Artefact]:
     return made
 
 
-def dfn_skeleton(tree: Tree, description: DfnDescription) -> list[Artefact]:
-    """Package marker, one module per implementation that is missing, and its test."""
-    folder = tree.folder("dfn", description.folder)
-    made = [_package(folder / "__init__.py", description.name, "DFN")]
-    for implementation in description.implementations:
-        module = snake_case(implementation)
-        path = folder / f"{module}.py"
-        if path.exists():
+def stale_skeletons(tree: Tree) -> list[Path]:
+    """Return modules, tests and folders of implementations that no description names (any more)."""
+    return sorted({*_stale(tree, "dfn"), *_stale(tree, "dfpc")})
+
+
+def _stale(tree: Tree, kind: str) -> Iterator[Path]:
+    described = {d.folder: d for d in (tree.dfns() if kind == "dfn" else tree.dfpcs())}
+    for interface in (tree.root / "cdff_core" / f"{kind}s").glob("*/interface.py"):
+        folder = interface.parent
+        if folder.name not in described:
+            yield folder
             continue
-        values = {"dfn": description, "implementation": implementation, "module": module}
-        test = tree.test_folder("dfn", description.folder) / f"test_{module}.py"
-        made.append(Artefact(path, formatted(render("dfn_implementation.py.j2", **values), path), once=True))
-        made.append(Artefact(test, formatted(render("dfn_test.py.j2", **values), test), once=True))
-    return made
+        description = described[folder.name]
+        named = description.implementations if kind == "dfn" else (description.name,)
+        for path in folder.glob("[a-z]*.py"):
+            classes = _implementations(path) if path != interface else []
+            # A module may hold base classes too; a skeleton is named after its class, or is the compound.
+            if kind == "dfn":
+                classes = [name for name in classes if snake_case(name) == path.stem]
+            if classes and not set(classes) & set(named):
+                yield path
+                test = tree.test_folder(kind, folder.name) / f"test_{path.name}"
+                yield from [test] if test.is_file() else []
+
+
+def _implementations(path: Path) -> list[str]:
+    """Return the names of the classes of a module that subclass an interface."""
+    return [
+        node.name
+        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.ClassDef)
+        and any(ast.unparse(base).partition("[")[0].endswith("Interface") for base in node.bases)
+    ]
+
+
+def dfn_skeleton(tree: Tree, description: DfnDescription) -> list[Artefact]:
+    """Return package marker, one module per missing implementation, and its test."""
+    modules = {
+        (module := snake_case(implementation)): {"implementation": implementation, "module": module}
+        for implementation in description.implementations
+    }
+    return _skeleton(tree, "dfn", description, modules, "dfn_implementation.py.j2")
 
 
 def dfpc_skeleton(tree: Tree, description: DfpcDescription) -> list[Artefact]:
-    """Package marker, ``compound.py`` where it is missing, and its test."""
-    folder = tree.folder("dfpc", description.folder)
-    made = [_package(folder / "__init__.py", description.name, "DFPC")]
-    path = folder / "compound.py"
-    if not path.exists():
-        test = tree.test_folder("dfpc", description.folder) / "test_compound.py"
-        made.append(Artefact(path, formatted(render("dfpc_compound.py.j2", dfpc=description), path), once=True))
-        made.append(Artefact(test, formatted(render("dfpc_test.py.j2", dfpc=description), test), once=True))
+    """Return package marker, ``compound.py`` if it is missing, and its test."""
+    return _skeleton(tree, "dfpc", description, {"compound": {}}, "dfpc_compound.py.j2")
+
+
+def _skeleton(
+    tree: Tree,
+    kind: str,
+    description: DfnDescription | DfpcDescription,
+    modules: Mapping[str, Mapping[str, str]],
+    template: str,
+) -> list[Artefact]:
+    """Return the package marker and each missing module with its test; ``modules`` has their names."""
+    folder, tests = tree.folder(kind, description.folder), tree.test_folder(kind, description.folder)
+    marker = render("package.py.j2", name=description.name, kind=kind.upper())
+    made = [Artefact(folder / "__init__.py", marker, once=True)]
+    for module, names in modules.items():
+        path = folder / f"{module}.py"
+        if path.exists():
+            continue
+        for target, source in ((path, template), (tests / f"test_{module}.py", f"{kind}_test.py.j2")):
+            text = render(source, **{kind: description}, **names)
+            made.append(Artefact(target, formatted(text, target), once=True))
     return made
-
-
-def _package(path: Path, name: str, kind: str) -> Artefact:
-    return Artefact(path, render("package.py.j2", name=name, kind=kind), once=True)

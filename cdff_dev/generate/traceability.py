@@ -1,20 +1,20 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``docs/reference/traceability.md``: which test verifies which requirement, and which is verified by none."""
+"""``docs/reference/traceability.md``: requirements and the tests that verify them."""
 
 from __future__ import annotations
 
 from cdff_dev.check.requirements import Requirement, named_by_tests, read_requirements
 from cdff_dev.generate.artefacts import Artefact
 from cdff_dev.generate.python_source import render
-from cdff_dev.generate.tree import Tree
+from cdff_dev.tree import Tree
 
 _GROUPS = {"CORE": "CDFF-Core", "SUP": "CDFF-Support", "DEV": "CDFF-Dev"}
 _METHODS = {"T": "test", "A": "analysis", "I": "inspection", "R": "review"}
 
 
 def pages(tree: Tree) -> list[Artefact]:
-    """The one page; none where the tree has no requirements."""
+    """Return the page, or nothing if the tree has no requirements."""
     requirements = read_requirements(tree.root)
     if not requirements:
         return []

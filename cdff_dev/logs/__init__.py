@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from cdff_dev.logs.open import open_log
+    from cdff_dev.logs.log_formats import open_log
     from cdff_dev.logs.reader import LogReader
     from cdff_dev.logs.source import LogSample, LogSource, StreamInfo
     from cdff_dev.logs.writer import LogWriter
@@ -22,7 +22,7 @@ _MODULES = {
     "LogSource": "source",
     "LogWriter": "writer",
     "StreamInfo": "source",
-    "open_log": "open",
+    "open_log": "log_formats",
 }
 
 

@@ -10,6 +10,7 @@ import heapq
 import json
 import logging
 import math
+from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ def register(nouns: Any) -> None:
     parser.set_defaults(parser=parser)
     verbs = parser.add_subparsers(metavar="VERB")
 
-    info = verbs.add_parser("info", help="streams, types, counts, times, and what is odd about the log")
+    info = verbs.add_parser("info", help="streams, types, counts, times, and deviations from the format")
     info.add_argument("log", metavar="LOG", help=_LOG_HELP)
     info.add_argument("--json", action="store_true", help="print JSON")
     info.add_argument("--deep", action="store_true", help="also decode every sample")
@@ -56,7 +57,7 @@ def _add_choice(parser: argparse.ArgumentParser) -> None:
 
 
 def _chosen(log: LogSource, args: argparse.Namespace) -> Any:
-    """Samples of the streams and the span that the arguments name."""
+    """Yield the samples of the streams and time span in the arguments."""
     from cdff_common.clock import parse_stamp
 
     t0 = None if args.t0 is None else parse_stamp(args.t0, "--t0")
@@ -75,8 +76,7 @@ def _info(args: argparse.Namespace) -> int:
 
     if args.json:
         logging.getLogger("cdff_dev.logs").setLevel(logging.ERROR)  # the quirks are in the JSON
-    log = open_log(args.log)
-    try:
+    with closing(open_log(args.log)) as log:
         if args.deep:
             for _ in log.samples():
                 pass
@@ -94,8 +94,6 @@ def _info(args: argparse.Namespace) -> int:
             rate = f"{(s.count - 1) / span_s:8.2f} Hz" if span_s > 0 else " " * 11
             begin = format_stamp(s.t0_ns) if s.count else "empty"
             print(f"{name:{width}}  {s.type_name:24} {s.count:8d} {rate}  {begin} + {span_s:.3f} s")
-    finally:
-        log.close()
     return 0
 
 
@@ -103,8 +101,7 @@ def _cat(args: argparse.Namespace) -> int:
     from cdff_common.clock import format_stamp
     from cdff_dev.logs import open_log
 
-    log = open_log(args.log)
-    try:
+    with closing(open_log(args.log)) as log:
         for i, sample in enumerate(_chosen(log, args)):
             if args.limit is not None and i >= args.limit:
                 break
@@ -112,21 +109,19 @@ def _cat(args: argparse.Namespace) -> int:
                 print(json.dumps(_as_json(sample), allow_nan=False))
             else:
                 print(f"{format_stamp(sample.stamp_ns)} {sample.stream} #{sample.seq} {sample.value!r}")
-    finally:
-        log.close()
     return 0
 
 
 def _as_json(sample: LogSample) -> dict[str, Any]:
-    """A whole sample: NaN as null, infinities as text, octets in base 64."""
-    from cdff_common.codecs.plain import to_plain
+    """Return an entire sample: NaN as null, infinities as text, bytes in base 64."""
+    from cdff_common.codecs.dict_form import to_dict_form
 
     line = {
         "stream": sample.stream,
         "type": sample.type_name,
         "stamp_ns": str(sample.stamp_ns),
         "seq": sample.seq,
-        "value": _jsonable(to_plain(sample.value)),
+        "value": _jsonable(to_dict_form(sample.value)),
     }
     if sample.header is not None:
         line["header"] = _jsonable(sample.header.to_dict())
@@ -150,14 +145,11 @@ def _jsonable(value: Any) -> Any:
 def _cut(args: argparse.Namespace) -> int:
     from cdff_dev.logs import LogWriter, open_log
 
-    log = open_log(args.log)
-    try:
+    with closing(open_log(args.log)) as log:
         _refuse_own_input(log, args.out)
         with LogWriter(args.out) as writer:
             for sample in _chosen(log, args):
                 writer.write(sample.stream, sample.value, sample.stamp_ns, sample.header)
-    finally:
-        log.close()
     return 0
 
 
@@ -165,29 +157,28 @@ def _merge(args: argparse.Namespace) -> int:
     from cdff_common.errors import InputError
     from cdff_dev.logs import LogWriter, open_log
 
-    logs: list[LogSource] = []
-    try:
+    with ExitStack() as stack:
+        logs = []
+        path_of: dict[str, str] = {}
         for path in args.logs:
-            logs.append(open_log(path))
-            _refuse_own_input(logs[-1], args.out)
-        seen: dict[str, str] = {}
-        for path, log in zip(args.logs, logs, strict=True):
+            log = stack.enter_context(closing(open_log(path)))
+            _refuse_own_input(log, args.out)
             for name in log.streams:
-                if name in seen:
-                    raise InputError(f"stream {name} is in {seen[name]} and in {path}: cut it out of one of them first")
-                seen[name] = path
+                if name in path_of:
+                    raise InputError(
+                        f"stream {name} is in {path_of[name]} and in {path}: cut it out of one of them first"
+                    )
+                path_of[name] = path
+            logs.append(log)
+        ordered = heapq.merge(*(log.samples() for log in logs), key=lambda s: (s.stamp_ns, s.stream, s.seq))
         with LogWriter(args.out) as writer:
-            ordered = heapq.merge(*(log.samples() for log in logs), key=lambda s: (s.stamp_ns, s.stream, s.seq))
             for sample in ordered:
                 writer.write(sample.stream, sample.value, sample.stamp_ns, sample.header)
-    finally:
-        for log in logs:
-            log.close()
     return 0
 
 
 def _refuse_own_input(log: LogSource, out: str) -> None:
-    """A log that is read must not be replaced."""
+    """Raise InputError if the output would replace the log that is read."""
     from pathlib import Path
 
     from cdff_common.errors import InputError

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What real InFuse logs do otherwise than their format says, read all the same and told once each."""
+"""Deviations of real InFuse logs from their format: accepted, and each reported once."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Quirks:
 
 
 def stamp_ns(microseconds: int, stream: str, quirks: Quirks) -> int:
-    """Stamp of a ``.meta`` time; nanoseconds in the place of microseconds are taken as such."""
+    """Return the stamp of a ``.meta`` time; nanoseconds in the field of microseconds are recognised."""
     if microseconds > NANOSECONDS_ABOVE:
         quirks.tell(f"{stream}.meta: nanoseconds in the place of microseconds")
         return microseconds // 1000 * 1000
@@ -37,7 +37,7 @@ def stamp_ns(microseconds: int, stream: str, quirks: Quirks) -> int:
 
 
 def with_microseconds(sample: Any, where: str, quirks: Quirks) -> Any:
-    """Copy of a plain sample whose ``microseconds`` are microseconds."""
+    """Return a copy of a plain sample whose ``microseconds`` are microseconds."""
     if not isinstance(sample, dict):
         return sample
     fixed = {}

@@ -1,29 +1,28 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reads logs in MessagePack: ours, and those of InFuse's robots with their quirks (contract §3)."""
+"""Reader of logs in MessagePack: those of ``LogWriter`` and of InFuse's robots, with their deviations."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.codecs.bridge import message_node
+from cdff_common.codecs.dict_form import from_dict_form
 from cdff_common.codecs.messagepack import unpack, unpack_message
 from cdff_common.codecs.messagepack._kernels import skip, skip_many
-from cdff_common.codecs.plain import from_plain
-from cdff_common.codecs.siblings import base_type
+from cdff_common.codecs.nodes import message_node
+from cdff_common.codecs.size_variants import base_type
 from cdff_common.errors import CodecError, InputError
 from cdff_common.interfaces.product import Header
 from cdff_dev.logs import quirks as quirk
-from cdff_dev.logs.octets import LogFiles, Walked, walked
-from cdff_dev.logs.source import LogSample, StreamInfo
+from cdff_dev.logs.byte_files import LogFiles, MappedFile, mapped_file
+from cdff_dev.logs.source import LogSample, StreamInfo, chosen_streams
 
 #: Samples that are skipped in one go.
 _STRIDE = 64
@@ -43,8 +42,8 @@ class _Part:
 class LogReader:
     """A log of one or several files.
 
-    Opening indexes the files: about 50 octets of memory a sample. No sample is read before it is asked for, and none
-    is kept: memory does not grow with the log.
+    Opening indexes the files: about 50 bytes of memory a sample. No sample is read before it is asked for,
+    and none is kept: memory does not grow with the log.
 
     Parameters
     ----------
@@ -60,7 +59,7 @@ class LogReader:
     def __init__(self, files: list[Path]) -> None:
         self.files = files
         self.quirks = quirk.Quirks(files[0].name if files else "log")
-        self._octets = LogFiles(files)
+        self._files = LogFiles(files)
         self._parts: dict[str, list[_Part]] = {}
         self._types: dict[str, str] = {}
         try:
@@ -74,17 +73,15 @@ class LogReader:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
-        """Let go of the files."""
-        self._octets.close()
+        """Close the files."""
+        self._files.close()
 
     def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
-        """Samples of all or some streams in the order (stamp_ns, stream, seq).
+        """Yield the samples of all or some streams in the order (stamp_ns, stream, seq).
 
         Raises
         ------
@@ -93,10 +90,7 @@ class LogReader:
         CodecError
             If a sample is not of its stream's type.
         """
-        names = sorted(self.streams if streams is None else set(streams))
-        unknown = [n for n in names if n not in self.streams]
-        if unknown:
-            raise InputError(f"stream {unknown[0]!r}: expected one of {', '.join(self.streams)}")
+        names = chosen_streams(self.streams, streams)
         rows = []
         for rank, name in enumerate(names):
             seq = 0
@@ -115,12 +109,14 @@ class LogReader:
             yield self._sample(names[rank], self._parts[names[rank]][number], at, stamp_ns, seq)
 
     def _sample(self, name: str, part: _Part, at: int, stamp_ns: int, seq: int) -> LogSample:
-        octets = self._octets.read(part.file, int(part.starts[at]), int(part.ends[at]))
+        data = self._files.read(part.file, int(part.starts[at]), int(part.ends[at]))
         type_name = self._types[name]
         try:
-            plain = quirk.with_microseconds(unpack_message(octets, type_name), name, self.quirks)
-            value = from_plain(type_name, plain, lambda text: self.quirks.tell(f"{name}: {text}"))
-            header = Header.from_dict(part.headers[at]) if part.headers and part.headers[at] is not None else None
+            plain = quirk.with_microseconds(unpack_message(data, type_name), name, self.quirks)
+            value = from_dict_form(type_name, plain, lambda text: self.quirks.tell(f"{name}: {text}"))
+            header = (
+                Header.from_dict(part.headers[at]) if part.headers and part.headers[at] is not None else None
+            )
         except InputError as error:
             raise CodecError(f"{self.files[part.file]}: {name} sample {seq}: {error}") from error
         return LogSample(name, type_name, stamp_ns, seq, value, header)
@@ -142,7 +138,7 @@ class LogReader:
         if size == 0:
             self.quirks.tell(f"{path.name}: empty file")
             return
-        with walked(path) as walk:
+        with mapped_file(path) as walk:
             metas, found = _walk(walk, path, self.quirks)
         for name, (starts, ends) in found.items():
             self._add(path, file, name, metas.get(name), starts, ends)
@@ -153,13 +149,17 @@ class LogReader:
         self, path: Path, file: int, name: str, meta: Any, starts: NDArray[np.int64], ends: NDArray[np.int64]
     ) -> None:
         if not isinstance(meta, dict) or not isinstance(meta.get("type"), str):
-            raise CodecError(f"{path}: {name} has no {name}.meta with type and timestamps; this is no InFuse log")
+            raise CodecError(
+                f"{path}: {name} has no {name}.meta with type and timestamps; this is no InFuse log"
+            )
         times = meta.get("timestamps")
         if not isinstance(times, list) or not all(type(t) is int for t in times):
             raise CodecError(f"{path}: {name}.meta: timestamps are no list of integers")
         n = len(starts)
         if len(times) != n:
-            self.quirks.tell(f"{path.name}: {name} has {n} samples and {len(times)} timestamps; the rest is left out")
+            self.quirks.tell(
+                f"{path.name}: {name} has {n} samples and {len(times)} timestamps; the rest is left out"
+            )
             n = min(n, len(times))
         type_name = base_type(message_node(meta["type"]).name)
         if self._types.setdefault(name, type_name) != type_name:
@@ -179,9 +179,9 @@ class LogReader:
 _Samples = dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]]
 
 
-def _walk(walk: Walked, path: Path, quirks: quirk.Quirks) -> tuple[dict[str, Any], _Samples]:
+def _walk(walk: MappedFile, path: Path, quirks: quirk.Quirks) -> tuple[dict[str, Any], _Samples]:
     """Metas, and begin and end of the samples of each stream, of a file's map."""
-    buffer = walk.octets
+    buffer = walk.data
     metas: dict[str, Any] = {}
     found: _Samples = {}
     pairs, at = _container(buffer, 0, path, "map")
@@ -208,20 +208,28 @@ def _walk(walk: Walked, path: Path, quirks: quirk.Quirks) -> tuple[dict[str, Any
             count = buffer.size - at
         ends = np.zeros(count, dtype=np.int64)
         whole = _skip_samples(walk, at, ends)
-        found[key] = (np.concatenate([[at], ends[: max(whole - 1, 0)]]).astype(np.int64)[:whole], ends[:whole])
+        found[key] = (
+            np.concatenate([[at], ends[: max(whole - 1, 0)]]).astype(np.int64)[:whole],
+            ends[:whole],
+        )
         if whole < count:
-            quirks.tell(f"{path.name}: truncated in {key}: {whole} of {count} samples are whole; what followed is lost")
+            quirks.tell(
+                f"{path.name}: truncated in {key}: {whole} of {count} samples are whole; what followed is "
+                "lost"
+            )
             return metas, found
         at = int(ends[-1]) if count else at
     return metas, found
 
 
-def _skip_samples(walk: Walked, at: int, ends: NDArray[np.int64]) -> int:
-    """Note where each of ``ends.size`` samples ends, letting go of those passed; returns how many are whole."""
+def _skip_samples(walk: MappedFile, at: int, ends: NDArray[np.int64]) -> int:
+    """Store the end of each of ``ends.size`` samples, releasing those already read; return the count of
+    complete ones.
+    """
     done = 0
     while done < ends.size:
         part = ends[done : done + _STRIDE]
-        whole = int(skip_many(walk.octets, at, part))
+        whole = int(skip_many(walk.data, at, part))
         done += whole
         if whole < part.size:
             break
@@ -231,11 +239,13 @@ def _skip_samples(walk: Walked, at: int, ends: NDArray[np.int64]) -> int:
 
 
 def _container(buffer: NDArray[np.uint8], at: int, path: Path, kind: str) -> tuple[int, int]:
-    """Number of elements of the map or array at ``at``, and where its first element begins."""
+    """Return the number of elements of the map or array at ``at``, and the offset of the first one."""
     unpacker = msgpack.Unpacker()
     unpacker.feed(buffer[at : at + 5].tobytes())
     try:
         count = unpacker.read_map_header() if kind == "map" else unpacker.read_array_header()
     except (ValueError, msgpack.UnpackException) as error:
-        raise CodecError(f"{path}: octet {at}: expected a MessagePack {kind}; this is no InFuse log") from error
+        raise CodecError(
+            f"{path}: octet {at}: expected a MessagePack {kind}; this is no InFuse log"
+        ) from error
     return int(count), at + int(unpacker.tell())

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What any log gives, whatever its format: streams, and samples in one fixed order."""
+"""The interface of a log of any format: streams, and samples in one fixed order."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from cdff_common.interfaces.product import Header
+from cdff_common.errors import InputError
+from cdff_common.interfaces.dfpc import Sample
+from cdff_common.interfaces.product import Header, Quality, product_id
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +59,65 @@ class LogSample:
     value: Any
     header: Header | None = None
 
+    def to_sample(self, port: str, robot: str) -> Sample:
+        """Return the sample of a DFPC's port; a sample logged without a header gets an id of ``robot``."""
+        header = self.header
+        sensor, _, stream = self.stream.rsplit("/", 1)[-1].partition(".")
+        return Sample(
+            port=port,
+            stamp_ns=self.stamp_ns,
+            seq=self.seq,
+            value=self.value,
+            id=header.id if header else product_id(robot, sensor, stream, self.stamp_ns, self.seq, ""),
+            frame=header.frame if header else "",
+            child=(header.child or "") if header else "",
+            quality=header.quality if header else Quality(),
+        )
+
+
+def split_stream(stream: str) -> tuple[str, str, str]:
+    """``/mana/navcam.pair`` is ``("mana", "navcam", "pair")``; raises InputError on another form."""
+    robot, _, rest = stream.removeprefix("/").partition("/")
+    sensor, _, port = rest.partition(".")
+    if not (stream.startswith("/") and robot and sensor and port) or "/" in rest:
+        raise InputError(f"stream {stream!r}: expected /robot/sensor.stream")
+    return robot, sensor, port
+
+
+def chosen_streams(known: Collection[str], streams: Collection[str] | None) -> list[str]:
+    """Return the named streams of a log, or all, in order; raises InputError on an unknown one."""
+    names = sorted(known if streams is None else set(streams))
+    if unknown := [name for name in names if name not in known]:
+        raise InputError(f"stream {unknown[0]!r}: expected one of {', '.join(known)}")
+    return names
+
+
+def recorded_header(
+    stream: str, seq: int, stamp_ns: int, *, frame: str = "", child: str | None = None, producer: str = ""
+) -> Header:
+    """Return the header of a sample that was recorded without one, by default of the sensor of its stream."""
+    robot, sensor, port = split_stream(stream)
+    return Header(
+        id=product_id(robot, sensor, port, stamp_ns, seq, ""),
+        seq=seq,
+        t0_ns=stamp_ns,
+        t1_ns=stamp_ns,
+        frame=frame or f"{robot}/{sensor}",
+        child=child,
+        producer=producer or sensor,
+    )
+
+
+def only_stream(log: LogSource, type_names: Collection[str], stream: str | None, what: str) -> str:
+    """Return the only stream of some types, or the named one; raises InputError naming ``what``."""
+    known = [name for name, info in log.streams.items() if info.type_name in type_names]
+    if stream in known:
+        return stream
+    if stream is None and len(known) == 1:
+        return known[0]
+    fault = f"{len(known)} streams of {what}" if stream is None else f"no {what} in stream {stream!r}"
+    raise InputError(f"{fault}; name one of: {', '.join(known) or 'none is there'}")
+
 
 class LogSource(Protocol):
     """A log of any format."""
@@ -64,12 +125,9 @@ class LogSource(Protocol):
     @property
     def streams(self) -> dict[str, StreamInfo]:
         """Streams by name."""
-        ...
 
     def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
-        """Samples of all or some streams in the order (stamp_ns, stream, seq)."""
-        ...
+        """Yield the samples of all or some streams in the order (stamp_ns, stream, seq)."""
 
     def close(self) -> None:
-        """Let go of files."""
-        ...
+        """Close the files."""

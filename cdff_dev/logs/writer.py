@@ -1,11 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Writes logs: chunks of whole MessagePack maps, each with ``.meta`` before its samples (contract §3)."""
+"""Writer of logs: chunks of whole MessagePack maps, each with ``.meta`` before its samples."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from types import TracebackType
 from typing import Any, BinaryIO, Self
 
 import msgpack
@@ -13,9 +12,9 @@ import msgpack
 from cdff_common.codecs import encode
 from cdff_common.errors import InputError, StorageError
 from cdff_common.interfaces.product import Header
-from cdff_common.output import writing
+from cdff_common.output import storage_errors
 
-#: Largest chunk, octets; a sample that is larger is a chunk by itself.
+#: Largest chunk, bytes; a sample that is larger is a chunk by itself.
 CHUNK_BYTES = 64_000_000
 _CHUNK_GLOB = "_" + "[0-9]" * 9 + ".msg"
 
@@ -39,15 +38,17 @@ class LogWriter:
     Parameters
     ----------
     path : str or Path
-        ``NAME.msg`` for a log that is one file while it fits into one chunk, and else ``NAME_000000000.msg``,
-        ``NAME_000000001.msg``, …; any other name is a folder of such chunks (``log_000000000.msg``).
+        ``NAME.msg``: the log is written to this file; if it needs several chunks, to ``NAME_000000000.msg``,
+        ``NAME_000000001.msg``, … instead. A name without ``.msg`` is a folder that holds the chunks as
+        ``log_000000000.msg``, ….
         An older log of that name is replaced.
     chunk_bytes : int
-        Largest chunk; what is held in memory.
+        Largest chunk, which is held in memory.
 
     Notes
     -----
-    A chunk appears under its name when it is whole: a process that is killed loses the chunk it was filling, no more.
+    A chunk appears under its name when it is whole: a process that is killed loses the chunk it was filling,
+    no more.
     """
 
     def __init__(self, path: str | Path, *, chunk_bytes: int = CHUNK_BYTES) -> None:
@@ -71,9 +72,7 @@ class LogWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def write(self, stream: str, value: Any, stamp_ns: int, header: Header | None = None) -> None:
@@ -100,7 +99,9 @@ class LogWriter:
         if self._closed:
             raise InputError(f"log {self.path}: closed")
         if stamp_ns % 1000:
-            raise InputError(f"stamp {stamp_ns} of {stream}: expected a multiple of 1000 ns (logs carry microseconds)")
+            raise InputError(
+                f"stamp {stamp_ns} of {stream}: expected a multiple of 1000 ns (logs carry microseconds)"
+            )
         if not stream.startswith("/") or stream.endswith(".meta"):
             raise InputError(f"stream {stream!r}: expected /robot/component.port, not ending in .meta")
         type_name = type(value).ASN1_NAME
@@ -123,7 +124,7 @@ class LogWriter:
         if self._size or not self._chunks:
             self._flush()
         if self._single and len(self._chunks) == 1:
-            with writing(f"log {self.path}"):
+            with storage_errors(f"log {self.path}"):
                 self._chunks[0].replace(self.path)
 
     def _flush(self) -> None:

@@ -5,105 +5,191 @@
 from __future__ import annotations
 
 import argparse
+import json
+import signal
 import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-#: Where missions lie in a checkout; they run from one.
-DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
+if TYPE_CHECKING:
+    from cdff_common.bus import Bus
+    from cdff_dev.missions.stage import Stage
+
+
+def system_arguments() -> argparse.ArgumentParser:
+    """Return the parser of the options of every command that starts a system."""
+    system = argparse.ArgumentParser(add_help=False)
+    system.add_argument("--http", default="127.0.0.1:8080", metavar="HOST:PORT")
+    system.add_argument("--connect", default="tcp/127.0.0.1:7447", help="endpoint of the router")
+    system.add_argument(
+        "--data-dir", type=Path, help="folder of the products (default: a new one, removed at the end)"
+    )
+    system.add_argument(
+        "--report", type=Path, metavar="FILE", help="write the results as a page, for example mission.html"
+    )
+    return system
 
 
 def register(nouns: Any) -> None:
     """Add ``cdff mission`` and ``cdff drive``."""
-    parser = nouns.add_parser("mission", help="run a simulated mission: rovers that are told where to go, and a score")
-    parser.add_argument("mission", help="a shipped mission's name (long_traverse_navigation) or a mission file (.yaml)")
-    parser.add_argument("--report", type=Path, metavar="FILE", help="write a page of what came out, as mission.html")
-    parser.add_argument("--seed", type=int, help="replaces the scenario's seed: other ground, other errors")
-    parser.add_argument("--speed", type=float, metavar="X", help="mission seconds per second (default: the mission's)")
-    parser.add_argument("--http", default="127.0.0.1:8080", metavar="HOST:PORT")
-    parser.add_argument("--connect", default="tcp/127.0.0.1:7447", help="endpoint of the router")
-    parser.add_argument("--data-dir", help="keep the products there; default: a fresh folder, removed at the end")
-    parser.add_argument("--json", action="store_true", help="say the score as JSON")
+    summary = "run a simulated mission with rovers that drive to goals, and score it"
+    parser = nouns.add_parser("mission", parents=[system_arguments()], help=summary)
+    parser.add_argument(
+        "mission", help="a shipped mission (return_to_base), a mission file (.yaml), or 'list'"
+    )
+    parser.add_argument(
+        "--seed", type=int, help="replaces the scenario's seed: different terrain and sensor errors"
+    )
+    parser.add_argument(
+        "--speed", type=float, metavar="X", help="mission seconds per second (default: the mission's)"
+    )
+    parser.add_argument("--json", action="store_true", help="print the score as JSON")
     parser.set_defaults(run=_mission, parser=parser)
-    parser = nouns.add_parser("drive", help="simulate rovers that take orders, with the mission clock")
+
+    parser = nouns.add_parser(
+        "drive", help="simulate rovers that execute drive commands, with the mission clock"
+    )
     parser.add_argument("scenario", help="a shipped scenario's name or a scenario file (.yaml)")
     parser.add_argument("--seed", type=int, help="replaces the scenario's seed")
-    parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="mission seconds per second (default 1)")
     parser.add_argument(
-        "--patience", type=float, metavar="S", help="hold the clock while a DFPC is S mission seconds behind"
+        "--speed", type=float, default=1.0, metavar="X", help="mission seconds per second (default 1)"
     )
-    parser.add_argument("--truth", type=Path, metavar="LOG", help="write the true poses there, a folder")
+    parser.add_argument(
+        "--patience",
+        type=float,
+        metavar="S",
+        help="stop the clock while a DFPC is more than S mission seconds behind",
+    )
+    parser.add_argument(
+        "--truth", type=Path, metavar="LOG", help="write the true poses to this folder, as a log"
+    )
     parser.add_argument("--connect", help="the router's endpoint (default: CDFF_CONNECT)")
     parser.set_defaults(run=_drive, parser=parser)
 
 
-def _mission(args: argparse.Namespace) -> int:
-    import json
-    import signal
+def say(text: str) -> None:
+    """Print a line at once."""
+    print(text, flush=True)
 
+
+def check_outputs(args: argparse.Namespace) -> None:
+    """Check that the report and the products can be written, before long work."""
     from cdff_common.errors import ConfigurationError
     from cdff_common.output import check_file, make_folder
-    from cdff_dev.missions.run import run
-    from cdff_dev.missions.script import load_mission
 
-    shipped = DEPLOY / "missions"
-    path = Path(args.mission) if args.mission.endswith((".yaml", ".yml")) else shipped / f"{args.mission}.yaml"
-    if not path.is_file():
-        known = ", ".join(sorted(p.stem for p in shipped.glob("*.yaml")))
-        raise ConfigurationError(f"mission {args.mission!r}: no file {path}; shipped are {known}")
-    mission = load_mission(path)
-    if args.speed is not None and not 0.0 < args.speed <= 100.0:
-        raise ConfigurationError(f"--speed {args.speed:g}: expected above 0, at most 100")
     if args.report is not None:
         check_file(args.report)
-    data_dir = None if args.data_dir is None else make_folder(Path(args.data_dir))
-    if data_dir is not None and any(data_dir.iterdir()):
-        raise ConfigurationError(f"--data-dir {data_dir}: expected an empty folder")
-    # Both Ctrl-C and SIGTERM interrupt whatever the main thread does, and the stage is left in order.
+    if args.data_dir is not None and any(make_folder(args.data_dir).iterdir()):
+        raise ConfigurationError(f"--data-dir {args.data_dir}: contains data; choose an empty folder")
+
+
+@contextmanager
+def running_system(
+    args: argparse.Namespace, profile_path: Path, say: Callable[[str], None]
+) -> Iterator[tuple[Stage, Bus]]:
+    """Start the services of a profile, wait until they are ready, and end them with the block."""
+    from cdff_common.bus import Bus
+    from cdff_common.interfaces.profile import load_profile
+    from cdff_dev.missions.stage import Stage
+
+    profile = load_profile(profile_path)
+    # Ctrl-C and SIGTERM raise KeyboardInterrupt in the main thread, so that the stage ends its processes.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
-    say = (lambda _text: None) if args.json else (lambda text: print(text, flush=True))
-    result = run(mission, DEPLOY, (args.connect, args.http, data_dir), args.seed, args.speed, say)
-    faults = result.faults()
-    for line in (*result.score.lines(), *result.remarks, *(f"FAIL {fault}" for fault in faults)):
-        say(line)
-    if args.json:
-        told = {"mission": path.stem, "guided": mission.judged.guided, "faults": faults, "remarks": result.remarks}
-        print(json.dumps(told | {"score": result.score.to_dict()}, allow_nan=False))
-    if args.report is not None:
-        from cdff_dev.missions.report import write
+    with (
+        Stage(profile, profile_path, args.connect, args.http, args.data_dir) as stage,
+        Bus.open(args.connect, name="mission", wait_s=20.0) as bus,
+    ):
+        say(f"starting {len(stage.expected)} services of profile {profile.name}; logs in {stage.log_dir}")
+        stage.wait_ready(bus, lambda ready, total: say(f"  {ready} of {total} ready"))
+        yield stage, bus
 
-        write(args.report, path.stem, result)
-        say(f"the report is in {args.report}")
-    return int(bool(faults))
+
+def keep_logs(stage: Stage, say: Callable[[str], None]) -> None:
+    """Keep the data folder of a run that failed."""
+    stage.keep = True
+    say(f"the logs of every process are kept in {stage.log_dir}")
+
+
+def _mission(args: argparse.Namespace) -> int:
+    """Run a mission; return 0 if all its limits are met, else 1."""
+    from cdff_common.errors import ConfigurationError
+    from cdff_common.interfaces.profile import load_profile
+    from cdff_common.resources import deploy_folder, resolve, shipped_names
+    from cdff_dev.missions.mission_run import run
+    from cdff_dev.missions.report import write_report
+    from cdff_dev.missions.script import check_fits, load_mission
+    from cdff_dev.simulate.scenario import load_scenario
+
+    if args.mission == "list":
+        print("\n".join(shipped_names("missions")))
+        return 0
+    path = resolve("missions", args.mission)
+    mission = load_mission(path)
+    speed = mission.speed if args.speed is None else args.speed
+    if not 0.0 < speed <= 100.0:
+        raise ConfigurationError(f"--speed {speed:g}: expected above 0, at most 100")
+    check_outputs(args)
+    scenario = load_scenario(mission.scenario, args.seed)
+    profile_path = deploy_folder() / "profiles" / f"{mission.profile}.yaml"
+    check_fits(mission, load_profile(profile_path), scenario)
+
+    def say_unless_json(text: str) -> None:
+        if not args.json:
+            say(text)
+
+    with running_system(args, profile_path, say_unless_json) as (stage, bus):
+        result = run(path.stem, mission, scenario, stage, bus, speed, say_unless_json)
+        if result.faults:
+            keep_logs(stage, say_unless_json)
+    for line in (*result.score.lines(), *result.remarks, *(f"FAIL {fault}" for fault in result.faults)):
+        say_unless_json(line)
+    if args.json:
+        summary = {
+            "mission": path.stem,
+            "guided": mission.limits.guided,
+            "faults": result.faults,
+            "remarks": result.remarks,
+            "score": result.score.to_dict(),
+        }
+        print(json.dumps(summary, allow_nan=False))
+    if args.report is not None:
+        write_report(args.report, result.report)
+        say_unless_json(f"the report is in {args.report}")
+    return int(bool(result.faults))
 
 
 def _drive(args: argparse.Namespace) -> int:
-    from contextlib import ExitStack
-
     from cdff_common.bus import Bus
     from cdff_common.output import make_folder
     from cdff_common.process import run_service
     from cdff_dev.logs import LogWriter
-    from cdff_dev.missions import orders
-    from cdff_dev.missions.driven import Driven
+    from cdff_dev.missions import drive_commands
+    from cdff_dev.missions.driven_log import GrowingLog
     from cdff_dev.play.player import Player
     from cdff_dev.simulate.scenario import load_scenario
     from cdff_dev.simulate.world import make_world
 
-    def body(stop: threading.Event) -> None:
+    def simulate(stop: threading.Event) -> None:
         world = make_world(load_scenario(args.scenario, args.seed))
         with ExitStack() as stack:
             truth = None if args.truth is None else stack.enter_context(LogWriter(make_folder(args.truth)))
-            driven = Driven(world, truth)
+            driven = GrowingLog(world, truth)
             bus = stack.enter_context(Bus.open(args.connect, name="simulator"))
-            orders.serve(bus, driven)
+            drive_commands.serve(bus, driven)
             player = Player(
-                bus, driven, args.speed, None, args.patience, ready_ns=driven.ready_ns, ahead_bytes=driven.ahead_bytes
+                bus,
+                driven,
+                args.speed,
+                patience_s=args.patience,
+                ready_ns=driven.ready_ns,
+                ahead_bytes=driven.ahead_bytes,
             )
             try:
                 player.run(stop)
             finally:
                 driven.close()
 
-    return run_service("simulator", body)
+    return run_service("simulator", simulate)

@@ -1,96 +1,219 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The page of a mission: score, map, ways with covariance beside the truth, errors, requests, answers, resources."""
+"""The report page of a mission or demonstration, a single file."""
 
 from __future__ import annotations
 
+import base64
 import html
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import psutil  # type: ignore[import-untyped]
 
-from cdff_common.output import writing
-from cdff_dev.demo.report import Way, drawing, head, resources
-from cdff_dev.missions.autonomy import Asked
-from cdff_dev.missions.run import Result
+from cdff_common.bus import Bus
+from cdff_common.errors import ProductNotFoundError
+from cdff_common.formats.hillshade import hillshade_png
+from cdff_common.geometry.se3 import FloatArray
+from cdff_common.output import storage_errors
+from cdff_common.types import ElevationMap
+from cdff_dev.missions.autonomy import Arrival, RequestRecord
+from cdff_dev.missions.requests import Outcome
+from cdff_dev.missions.tracks import Track, elevation_window
 
-_WIDTH, _HEIGHT = 1000.0, 220.0
-#: Most points of a curve.
-_POINTS = 600
-
-
-def write(path: Path, name: str, result: Result) -> None:
-    """Write the page; it needs nothing beside itself."""
-    text = "\n".join(_page(name, result))
-    with writing(path):
-        path.write_text(text + "\n", encoding="utf-8")
-
-
-def _page(name: str, result: Result) -> Iterator[str]:
-    faults = result.faults()
-    yield from head(f"Mission {name}")
-    yield f"<p>{html.escape(result.mission.doc)}</p><p>{html.escape(result.profile.doc)}</p>"
-    yield f"<p>{result.mission_s:.0f} s of mission time, run in {result.took_s:.0f} s.</p><h2>Score</h2>"
-    if faults:
-        yield from (f"<p class=fail>{html.escape(fault)}</p>" for fault in faults)
-    else:
-        yield "<p><b>All that the mission demands holds.</b></p>"
-    yield from (f"<p>{html.escape(line)}</p>" for line in (*result.score.lines(), *result.remarks))
-    yield "<h2>Map and ways</h2>"
-    yield from drawing(result.ways, result.ground)
-    yield "<p>Thin: truth. Ellipses: 3 standard deviations, as stated. Shades: the ground as the DPM holds it.</p>"
-    yield "<h2>Error of the position</h2>"
-    for way in result.ways:
-        yield from _errors(way)
-    yield "<h2>Tasks</h2><table><tr><th>robot<th>task<th>done at</tr>"
-    for a in result.arrivals:
-        goal = "" if a.goal_m is None else " ({:g}, {:g})".format(*(round(v, 1) + 0.0 for v in a.goal_m))
-        yield f"<tr><td>{html.escape(a.robot)}<td>{a.task.do}{goal}<td>{1e-9 * (a.t_ns - result.begin_ns):.0f} s</tr>"
-    yield "</table><h2>Requests and answers</h2>"
-    yield from _requests(result.asked)
-    if result.outcomes:
-        yield "<table><tr><th>at<th>asked<th>answered<th>took</tr>"
-        for o in result.outcomes:
-            mark = " class=fail" if o.faults else ""
-            what = html.escape("; ".join(o.faults) or o.summary)
-            yield f"<tr{mark}><td>{o.ask.at_s:g} s<td>{html.escape(o.ask.title)}<td>{what}<td>{o.took_s:.1f} s</tr>"
-        yield "</table>"
-    yield from resources(result.processes)
+_COLOURS = ("#1f77b4", "#d95f02", "#1b9e77", "#7570b3")
+#: Number of covariance ellipses along a path, and their size in standard deviations.
+_ELLIPSES, _SIGMAS = 12, 3.0
+#: Largest number of cells along a side of the map; margin around the paths, metres.
+_CELLS, _MARGIN_M = 400, 12.0
+#: Size of a plot of errors, and its largest number of points.
+_WIDTH, _HEIGHT, _POINTS = 1000.0, 220.0, 600
+_STYLE = (
+    "body{font:15px sans-serif;max-width:60em;margin:2em auto;padding:0 1em}"
+    "td,th{text-align:left;padding:.2em .8em .2em 0;vertical-align:top}"
+    ".fail{color:#b00020}svg{width:100%;background:#eee}"
+)
 
 
-def _requests(asked: Sequence[Asked]) -> Iterator[str]:
-    """What guidance asked for, by kind, and the last answer of each."""
-    yield "<table><tr><th>robot<th>asked by guidance<th>times<th>median<th>slowest<th>last answer</tr>"
-    for robot, what in sorted({(a.robot, a.what) for a in asked}):
-        mine = [a for a in asked if (a.robot, a.what) == (robot, what)]
-        took = np.array([a.took_s for a in mine])
-        yield (
-            f"<tr><td>{html.escape(robot)}<td>{html.escape(what)}<td>{len(mine)}<td>{np.median(took):.2f} s"
-            f"<td>{took.max():.2f} s<td>{html.escape(mine[-1].answer)} at {mine[-1].at_s:.0f} s</tr>"
-        )
+@dataclass(frozen=True, slots=True)
+class Process:
+    """Resources of a service: CPU seconds, present memory."""
+
+    name: str
+    cpu_s: float
+    memory_mb: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Report:
+    """Contents of a report page: paragraphs, faults, and the data of the sections."""
+
+    title: str
+    paragraphs: Sequence[str]
+    faults: Sequence[str]
+    tracks: Sequence[Track]
+    ground: ElevationMap | None
+    outcomes: Sequence[Outcome]
+    processes: Sequence[Process]
+    start_ns: int = 0
+    arrivals: Sequence[Arrival] = ()
+    guidance_requests: Sequence[RequestRecord] = ()
+
+
+def processes_under(pid: int) -> list[Process]:
+    """Return the services of a supervisor in descending order of CPU time."""
+    services = []
+    for child in psutil.Process(pid).children():
+        try:
+            line, times = child.cmdline(), child.cpu_times()
+            memory_mb = child.memory_info().rss / 1e6
+        except psutil.Error:  # the process has ended meanwhile
+            continue
+        name = line[line.index("--process" if "--process" in line else "-m") + 1]
+        services.append(Process(name.removeprefix("services."), times.user + times.system, memory_mb))
+    return sorted(services, key=lambda p: -p.cpu_s)
+
+
+def elevation_around(bus: Bus, tracks: Sequence[Track]) -> ElevationMap | None:
+    """Return the elevation around all tracks, from the patches of all robots; None if nothing is mapped."""
+    if not tracks:
+        return None
+    low, high = _extent(tracks)
+    cell_m = max(0.1, 0.1 * np.ceil(float((high - low).max()) / _CELLS / 0.1))
+    region = "bbox:" + ",".join(f"{v:.2f}" for v in (*low, *high))
+    try:
+        return elevation_window(bus, region, round(cell_m, 3))
+    except ProductNotFoundError:
+        return None
+
+
+def write_report(path: Path, report: Report) -> None:
+    """Write the page as a self-contained file."""
+    with storage_errors(path):
+        path.write_text("\n".join(_page(report)) + "\n", encoding="utf-8")
+
+
+def _page(report: Report) -> Iterator[str]:
+    title = html.escape(report.title)
+    yield f"<!doctype html><meta charset=utf-8><title>{title}</title><style>{_STYLE}</style><h1>{title}</h1>"
+    yield from (f"<p>{html.escape(text)}</p>" for text in report.paragraphs)
+    yield from (f"<p class=fail>{html.escape(fault)}</p>" for fault in report.faults)
+    if report.tracks:
+        yield "<h2>Map and paths</h2>"
+        yield from _drawing(report.tracks, report.ground)
+        yield f"<p>Thin lines: ground truth. Ellipses: {_SIGMAS:g} stated sigmas. Shading: elevation.</p>"
+        for track in report.tracks:
+            yield f"<p>{html.escape(str(track))}</p>"
+            yield from _error_plot(track)
+    if report.arrivals:
+        yield from _section("Tasks", ("robot", "task", "completed at"), _tasks(report))
+    if report.guidance_requests:
+        heads = ("robot", "request", "number", "median duration", "longest", "last answer")
+        yield from _section("Requests of the guidance", heads, _guidance(report.guidance_requests))
+    if report.outcomes:
+        columns = ("sent at", "request", "answer", "duration")
+        failed = {row for row, outcome in enumerate(report.outcomes) if outcome.faults}
+        yield from _section("Requests and answers", columns, map(_answer, report.outcomes), failed)
+    resources = ((p.name, f"{p.cpu_s:.1f} s", f"{p.memory_mb:.0f} MB") for p in report.processes)
+    yield from _section("Resources", ("process", "CPU", "memory"), resources)
+
+
+def _section(
+    title: str, heads: Sequence[str], rows: Iterable[Sequence[str]], failed: Collection[int] = ()
+) -> Iterator[str]:
+    """Yield a heading and a table; the rows ``failed`` are marked."""
+    yield f"<h2>{title}</h2><table><tr>" + "".join(f"<th>{head}" for head in heads) + "</tr>"
+    for i, row in enumerate(rows):
+        mark = " class=fail" if i in failed else ""
+        yield f"<tr{mark}>" + "".join(f"<td>{html.escape(cell)}" for cell in row) + "</tr>"
     yield "</table>"
 
 
-def _errors(way: Way) -> Iterator[str]:
-    """Error over time, and what was stated: three sigmas of the worst direction."""
-    known = np.array(list(way.true_m), dtype=np.int64)
-    true = np.array(list(way.true_m.values()))
-    inside = (way.stamps_ns >= known[0]) & (way.stamps_ns <= known[-1])
-    t = way.stamps_ns[inside]
-    at = np.stack([np.interp(t, known, true[:, axis]) for axis in range(3)], axis=1)
-    error = np.linalg.norm(way.positions_m[inside] - at, axis=1)
-    stated = 3.0 * np.sqrt(np.linalg.eigvalsh(way.covariances[inside])[:, -1].clip(min=0.0))
-    top = max(float(np.percentile(stated, 99)), float(error.max()), 1e-3)
-    seconds = 1e-9 * (t - t[0])
+def _answer(outcome: Outcome) -> Sequence[str]:
+    text = "; ".join(outcome.faults) or outcome.summary
+    return f"{outcome.ask.at_s:g} s", outcome.ask.title, text, f"{outcome.took_s:.1f} s"
+
+
+def _tasks(report: Report) -> Iterator[Sequence[str]]:
+    for a in report.arrivals:
+        goal = "" if a.goal_m is None else " ({:g}, {:g})".format(*(round(v, 1) + 0.0 for v in a.goal_m))
+        yield a.robot, f"{a.task.do}{goal}", f"{1e-9 * (a.t_ns - report.start_ns):.0f} s"
+
+
+def _guidance(requests: Sequence[RequestRecord]) -> Iterator[Sequence[str]]:
+    """Yield the requests of the guidance by kind, each with its last answer."""
+    for robot, what in sorted({(r.robot, r.what) for r in requests}):
+        same = [r for r in requests if (r.robot, r.what) == (robot, what)]
+        took_s = np.array([r.took_s for r in same])
+        last = f"{same[-1].answer} at {same[-1].at_s:.0f} s"
+        yield robot, what, str(len(same)), f"{np.median(took_s):.2f} s", f"{took_s.max():.2f} s", last
+
+
+def _extent(tracks: Sequence[Track]) -> tuple[FloatArray, FloatArray]:
+    """Return the smallest and the largest (x, y) of all tracks, extended by a margin, metres."""
+    points = np.concatenate([track.positions_m[:, :2] for track in tracks])
+    return points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
+
+
+def _drawing(tracks: Sequence[Track], ground: ElevationMap | None) -> Iterator[str]:
+    """Draw the tracks over the shaded terrain; y points up, one unit is a metre."""
+    low, high = _extent(tracks)
+    width, height = high - low
+    yield f'<svg viewBox="{low[0]:.2f} {-high[1]:.2f} {width:.2f} {height:.2f}">'
+    if ground is not None:
+        g = ground.geometry
+        picture = base64.b64encode(hillshade_png(ground)).decode()
+        yield (
+            f'<image x="{g.xmin_m:.2f}" y="{-g.ymax_m:.2f}" width="{g.xmax_m - g.xmin_m:.2f}" '
+            f'height="{g.ymax_m - g.ymin_m:.2f}" preserveAspectRatio="none" '
+            f'href="data:image/png;base64,{picture}"/>'
+        )
+    for track, colour in zip(tracks, _COLOURS * len(tracks), strict=False):
+        for points, stroke, size in (
+            (track.truth.positions_m, "#222", 0.05),
+            (track.positions_m, colour, 0.15),
+        ):
+            step = -(-len(points) // 1000) or 1
+            yield _polyline(points[::step, 0], -points[::step, 1], stroke, size * width / 40.0)
+        for row in np.unique(np.linspace(0, len(track.stamps_ns) - 1, _ELLIPSES).astype(int)):
+            values, vectors = np.linalg.eigh(track.covariances[row][:2, :2])
+            rx, ry = _SIGMAS * np.sqrt(np.maximum(values[::-1], 0.0))
+            x, y = track.positions_m[row, :2]
+            angle = -np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1]))
+            yield (
+                f'<ellipse rx="{rx:.3f}" ry="{ry:.3f}" fill="none" stroke="{colour}" '
+                f'stroke-width="{width / 800:.3f}" '
+                f'transform="translate({x:.3f} {-y:.3f}) rotate({angle:.1f})"/>'
+            )
+        x, y = track.positions_m[0, :2]
+        yield f'<text x="{x:.2f}" y="{-y:.2f}" font-size="{width / 40:.2f}" fill="{colour}">{track.robot}</text>'
+    yield "</svg>"
+
+
+def _error_plot(track: Track) -> Iterator[str]:
+    """Plot the position error over time and three stated standard deviations of the worst direction.
+
+    Yields nothing without ground truth.
+    """
+    inside, error = track.errors_m()
+    if not inside.any():
+        return
+    error_m = np.linalg.norm(error, axis=1)
+    bound_m = 3.0 * np.sqrt(np.linalg.eigvalsh(track.covariances[inside])[:, -1].clip(min=0.0))
+    scale_m = max(float(np.percentile(bound_m, 99)), float(error_m.max()), 1e-3)
+    seconds = 1e-9 * (track.stamps_ns[inside] - track.stamps_ns[inside][0])
     yield f'<svg viewBox="0 0 {_WIDTH:g} {_HEIGHT + 20:g}">'
-    for values, colour in ((stated, "#999"), (error, "#d95f02")):
-        step = -(-len(t) // _POINTS)
+    for values_m, colour in ((bound_m, "#999"), (error_m, "#d95f02")):
+        step = -(-len(seconds) // _POINTS)
         x = _WIDTH * seconds[::step] / max(seconds[-1], 1e-9)
-        y = _HEIGHT * (1.0 - np.minimum(values[::step] / top, 1.0))
-        points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
-        yield f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="1.5"/>'
-    yield f'<text x="4" y="14" font-size="13">{top:.3f} m</text>'
+        yield _polyline(x, _HEIGHT * (1.0 - np.minimum(values_m[::step] / scale_m, 1.0)), colour, 1.5)
+    yield f'<text x="4" y="14" font-size="13">{scale_m:.3f} m</text>'
     yield f'<text x="{_WIDTH - 90:g}" y="{_HEIGHT + 15:g}" font-size="13">{seconds[-1]:.0f} s</text></svg>'
-    said = "Orange: distance from the truth. Grey: three sigmas as stated, of the worst direction."
-    yield f"<p>{html.escape(way.robot)}. {said}</p>"
+    yield "<p>Orange: position error. Grey: three stated standard deviations of the worst direction.</p>"
+
+
+def _polyline(x: FloatArray, y: FloatArray, colour: str, width: float) -> str:
+    points = " ".join(f"{a:.2f},{b:.2f}" for a, b in zip(x, y, strict=True))
+    return f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="{width:.3f}"/>'

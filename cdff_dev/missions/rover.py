@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""One simulated rover that is driven while it is simulated: what it feels and sees, leg by leg."""
+"""A simulated rover that accepts drive commands: its motion and sensor samples, one leg at a time."""
 
 from __future__ import annotations
 
@@ -20,23 +20,28 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.product import CovarianceKind, Header, Quality, product_id
 from cdff_common.types import IMUSensors, LidarScan, Time, TransformWithCovariance
 from cdff_dev.logs import LogSample
-from cdff_dev.missions.motion import SHARPEST_RAD, along, sharpest_turn_rad, standing
-from cdff_dev.simulate.drive import Motion
+from cdff_dev.missions.motion import MAX_CORNER_RAD, along, sharpest_turn_rad, standing
 from cdff_dev.simulate.lidar import scan
 from cdff_dev.simulate.proprioception import imu_readings, wheel_odometry
 from cdff_dev.simulate.relief import Relief
+from cdff_dev.simulate.rover_motion import Motion
 from cdff_dev.simulate.world import World, generator
 
 PRODUCER = "simulator"
-#: Errors of an IMU that go on from one leg to the next.
-_LASTING = ("acc_bias_sigma_m_s2", "gyro_bias_sigma_rad_s", "acc_walk_m_s3_sqrt_hz", "gyro_walk_rad_s2_sqrt_hz")
-#: A way begins within this of the rover, and is longer, metres.
-_AT_ROVER_M = 0.01
+#: Errors of an IMU that persist over all legs.
+_PERSISTENT = (
+    "acc_bias_sigma_m_s2",
+    "gyro_bias_sigma_rad_s",
+    "acc_walk_m_s3_sqrt_hz",
+    "gyro_walk_rad_s2_sqrt_hz",
+)
+#: Largest distance of the start of a path from the rover, and smallest extent of a path, metres.
+_START_TOLERANCE_M = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Leg:
-    """A motion from one tick to another, and what wheels and IMU read on it, a row for each sample."""
+    """A motion between two ticks with the readings of wheels and IMU, one row per sample."""
 
     motion: Motion
     first_tick: int
@@ -48,26 +53,27 @@ class Leg:
 
 
 class Rover:
-    """Sensor samples of one rover, tick by tick; it stands unless it was told a way.
+    """Sensor samples of one rover for each tick; it is at rest without a commanded path.
 
-    A tick is the period of the lidar. Legs begin and end on ticks, at rest. Errors that belong to a rover (the biases
-    of its IMU) last; those that belong to the ground under it (slip, gain of skid steering) are drawn for each leg.
+    A tick is the period of the lidar. Legs begin and end on ticks, at rest. Errors of the
+    rover (biases of its IMU) persist; errors that depend on the terrain (slip, gain of skid steering) are
+    drawn for each leg.
 
     Parameters
     ----------
     scene : open3d.t.geometry.RaycastingScene
-        Of the world.
-    felt : Relief
-        Ground as wheels feel it.
+        Scene of the world.
+    wheel_relief : Relief
+        Ground under the wheels.
 
     Notes
     -----
-    Not thread-safe: whoever drives and whoever samples take turns (``Driven``).
+    Not thread-safe: ``GrowingLog`` serialises commands and sampling.
     """
 
-    def __init__(self, world: World, robot: str, scene: Any, felt: Relief) -> None:
+    def __init__(self, world: World, robot: str, scene: Any, wheel_relief: Relief) -> None:
         self._world, self._scenario, self.robot = world, world.scenario, robot
-        self._scene, self._felt = scene, felt
+        self._scene, self._wheel_relief = scene, wheel_relief
         self._index = sorted(self._scenario.robots).index(robot)
         self.tick_s = 1.0 / self._scenario.lidar.rate_hz
         self._per_tick = {
@@ -86,59 +92,75 @@ class Rover:
         self._counts: Counter[str] = Counter()
         self._leg = self._rest(world.motions[robot].poses(np.zeros(1))[0], 0)
 
-    def drive(self, way_m: FloatArray, tick: int) -> tuple[int, int]:
-        """Follow a way from the tick on; returns first and last tick.
+    def drive(self, path_m: FloatArray, tick: int) -> tuple[int, int]:
+        """Follow a path from a tick; returns first and last tick.
 
         Parameters
         ----------
-        way_m : ndarray, shape (n, 2)
-            Corners ahead of and left of the rover as it stands (level base frame), metres, from (0, 0).
+        path_m : ndarray, shape (n, 2)
+            Corners in the present level base frame (x forward, y left), metres, the first at (0, 0).
 
         Raises
         ------
         ConflictError
-            While an earlier way is driven.
+            If an earlier path is still being driven.
         InputError
-            On fewer than two corners, a way that does not begin at the rover, turns back in one corner, or leaves the
-        ground.
+            If the path has fewer than two corners, does not start at the rover, turns too sharply,
+            or leaves the terrain.
         """
         self._check_free(tick)
-        corners = np.asarray(way_m, dtype=np.float64)
-        if corners.ndim != 2 or corners.shape[1:] != (2,) or len(corners) < 2 or not np.isfinite(corners).all():
-            raise InputError(f"way of shape {corners.shape}: expected at least two finite corners (n, 2)")
-        if np.linalg.norm(corners[0]) > _AT_ROVER_M or np.ptp(corners, axis=0).max() < _AT_ROVER_M:
+        corners = np.asarray(path_m, dtype=np.float64)
+        if (
+            corners.ndim != 2
+            or corners.shape[1:] != (2,)
+            or len(corners) < 2
+            or not np.isfinite(corners).all()
+        ):
+            raise InputError(f"path of shape {corners.shape}: expected at least two finite corners (n, 2)")
+        if (
+            np.linalg.norm(corners[0]) > _START_TOLERANCE_M
+            or np.ptp(corners, axis=0).max() < _START_TOLERANCE_M
+        ):
             ends = f"from {corners[0].round(2).tolist()} to {corners[-1].round(2).tolist()}"
-            raise InputError(f"way {ends}: expected one that begins at the rover, (0, 0), and leads away from it")
+            raise InputError(
+                f"path {ends}: expected one that starts at the rover, (0, 0), and leads away from it"
+            )
         sharpest_rad = sharpest_turn_rad(corners)
-        if sharpest_rad > SHARPEST_RAD:
-            said = f"turns by {math.degrees(sharpest_rad):.0f} deg at a corner, expected at most"
-            raise InputError(f"way {said} {math.degrees(SHARPEST_RAD):.0f}; tell it as two ways")
+        if sharpest_rad > MAX_CORNER_RAD:
+            excess = f"turns by {math.degrees(sharpest_rad):.0f} deg at a corner, expected at most"
+            raise InputError(f"path {excess} {math.degrees(MAX_CORNER_RAD):.0f}; split it into two paths")
         T = self.pose()
         heading = float(np.arctan2(T[1, 0], T[0, 0]))
         c, s = math.cos(heading), math.sin(heading)
         ground_xy = T[:2, 3] - self._scenario.chassis.base_height_m * T[:2, 2]
-        way = ground_xy + corners @ np.array([[c, s], [-s, c]])
+        path = ground_xy + corners @ np.array([[c, s], [-s, c]])
         half_m = self._scenario.terrain.fine_half_width_m
-        if np.abs(way).max() > half_m:
-            raise InputError(f"way to {way[-1].round(1).tolist()}: the ground ends {half_m:g} m from the middle")
+        if np.abs(path).max() > half_m:
+            raise InputError(
+                f"path to {path[-1].round(1).tolist()}: the terrain ends {half_m:g} m from its centre"
+            )
         drive = self._scenario.robots[self.robot]
-        motion, end_s = along(way, heading, drive.speed_m_s, drive.ramp_s, self._scenario.chassis, self._felt)
-        return self._set_out(motion, tick, math.ceil(end_s / self.tick_s))
+        motion, end_s = along(
+            path, heading, drive.speed_m_s, drive.ramp_s, self._scenario.chassis, self._wheel_relief
+        )
+        return self._start_leg(motion, tick, math.ceil(end_s / self.tick_s))
 
     def follow(self, tick: int) -> tuple[int, int]:
-        """Drive the scenario's own way from the tick on; raises ConflictError anywhere but at its begin."""
+        """Drive the scenario path from a tick; raises ConflictError unless the rover is at its start."""
         self._check_free(tick)
         motion = self._world.motions[self.robot]
         if np.linalg.norm(motion.poses(np.zeros(1))[0] - self.pose()) > 1e-6:
-            raise ConflictError(f"{self.robot} has left the begin of its scenario's way")
-        return self._set_out(motion, tick, math.floor(self._scenario.duration_s / self.tick_s))
+            raise ConflictError(f"{self.robot} has left the start of the path of its scenario")
+        return self._start_leg(motion, tick, math.floor(self._scenario.duration_s / self.tick_s))
 
     def pose(self) -> FloatArray:
-        """``T_site_base``, shape (4, 4), at the end of the leg that is sampled last: the truth."""
-        return self._leg.motion.poses(np.array([(self._leg.last_tick - self._leg.first_tick) * self.tick_s]))[0]
+        """Return the true ``T_site_base``, shape (4, 4), at the end of the current leg."""
+        ticks = self._leg.last_tick - self._leg.first_tick
+        last: FloatArray = self._leg.motion.poses(np.array([ticks * self.tick_s]))[0]
+        return last
 
     def samples(self, tick: int) -> Iterator[LogSample]:
-        """What the sensors give between two ticks, and the truth; ticks are asked for one after another."""
+        """Yield the sensor samples and true poses from a tick to the next; ticks must be consecutive."""
         if tick >= self._leg.last_tick:
             self._leg = self._rest(self.pose(), tick)
         leg, ticks = self._leg, tick - self._leg.first_tick
@@ -151,68 +173,91 @@ class Rover:
             T = UncertainTransform(leg.T_odom_base[i], leg.odometry_covariances[i])
             yield self._pose_sample("wheels.odometry", T, f"{self.robot}/odom", stamp_ns)
         steps = np.arange(ticks * self._per_tick["truth"], (ticks + 1) * self._per_tick["truth"])
-        for i, T in zip(steps, leg.motion.poses(steps / self._scenario.truth_rate_hz), strict=True):
-            at = UncertainTransform(T, np.zeros((6, 6)))
-            yield self._pose_sample("truth.pose", at, "site", self._stamp_ns(leg, "truth", int(i)))
-        yield self._swept(leg, tick)
+        for k, T in zip(steps, leg.motion.poses(steps / self._scenario.truth_rate_hz), strict=True):
+            at = UncertainTransform.exact(T)
+            yield self._pose_sample("truth.pose", at, "site", self._stamp_ns(leg, "truth", int(k)))
+        yield self._lidar_sample(leg, tick)
 
-    def _swept(self, leg: Leg, tick: int) -> LogSample:
-        """The revolution that begins with the tick."""
+    def _lidar_sample(self, leg: Leg, tick: int) -> LogSample:
+        """Return the lidar scan that starts at a tick."""
         model, frame = self._scenario.lidar, f"{self.robot}/lidar"
         t0_s = (tick - leg.first_tick) * self.tick_s
-        made = scan(model, self._scene, leg.motion, t0_s, generator(self._scenario, "lidar", self._index, tick))
+        revolution = scan(
+            model, self._scene, leg.motion, t0_s, generator(self._scenario, "lidar", self._index, tick)
+        )
         t0_ns = self._scenario.epoch_ns + round(tick * self.tick_s * NS_PER_S)
         t1_ns = t0_ns + round(model.sweep_s * 1e6) * 1000
         value = LidarScan.from_arrays(
-            made.points_m, made.time_offset_us, frame=frame, t0_ns=t0_ns, t1_ns=t1_ns,
-            intensity=made.intensity, ring=made.ring, sensor=frame,
-        )  # fmt: skip
+            revolution.points_m,
+            revolution.time_offset_us,
+            frame=frame,
+            t0_ns=t0_ns,
+            t1_ns=t1_ns,
+            intensity=revolution.intensity,
+            ring=revolution.ring,
+            sensor=frame,
+        )
         return self._sample("lidar.scan", value, t0_ns, t1_ns, frame)
 
     def _check_free(self, tick: int) -> None:
         if tick < self._leg.last_tick:
             left_s = (self._leg.last_tick - tick) * self.tick_s
-            raise ConflictError(f"{self.robot} drives for another {left_s:.1f} s; tell it the next way then")
+            raise ConflictError(
+                f"{self.robot} drives for another {left_s:.1f} s; command the next path after that"
+            )
 
-    def _set_out(self, motion: Motion, tick: int, ticks: int) -> tuple[int, int]:
-        self._leg = self._felt_on(motion, tick, tick + ticks)
+    def _start_leg(self, motion: Motion, tick: int, ticks: int) -> tuple[int, int]:
+        self._leg = self._leg_with_readings(motion, tick, tick + ticks)
         return self._leg.first_tick, self._leg.last_tick
 
     def _rest(self, T_site_base: FloatArray, tick: int) -> Leg:
-        return self._felt_on(standing(T_site_base, 2.0 * self.tick_s), tick, tick + 1)
+        return self._leg_with_readings(standing(T_site_base, 2.0 * self.tick_s), tick, tick + 1)
 
-    def _felt_on(self, motion: Motion, first_tick: int, last_tick: int) -> Leg:
-        """The leg with what wheels and IMU read on it; their errors go on from the leg before."""
+    def _leg_with_readings(self, motion: Motion, first_tick: int, last_tick: int) -> Leg:
+        """Return a leg with the readings of wheels and IMU; their errors continue from the previous leg."""
         self._legs += 1
         imu, wheels = self._scenario.imu, self._scenario.wheels
         rng = generator(self._scenario, "imu", self._index, self._legs)
         t_s = np.arange((last_tick - first_tick) * self._per_tick["imu"]) / imu.rate_hz
-        noisy = imu.model_copy(update=dict.fromkeys(_LASTING, 0.0))
-        read = imu_readings(noisy, motion, t_s, self._scenario.gravity_m_s2, rng)
+        noisy = imu.model_copy(update=dict.fromkeys(_PERSISTENT, 0.0))
+        readings = imu_readings(noisy, motion, t_s, self._scenario.gravity_m_s2, rng)
         root_dt = math.sqrt(1.0 / imu.rate_hz)
-        acc = self._acc_bias + np.cumsum(imu.acc_walk_m_s3_sqrt_hz * root_dt * rng.standard_normal((len(t_s), 3)), 0)
+        acc = self._acc_bias + np.cumsum(
+            imu.acc_walk_m_s3_sqrt_hz * root_dt * rng.standard_normal((len(t_s), 3)), 0
+        )
         gyro = self._gyro_bias + np.cumsum(
             imu.gyro_walk_rad_s2_sqrt_hz * root_dt * rng.standard_normal((len(t_s), 3)), 0
         )
         self._acc_bias, self._gyro_bias = acc[-1], gyro[-1]
         t_s = np.arange((last_tick - first_tick) * self._per_tick["wheels"] + 1) / wheels.rate_hz
-        rolled = wheel_odometry(wheels, motion, t_s, generator(self._scenario, "wheels", self._index, self._legs))
-        poses, covariances = self._gone_on(rolled.poses, rolled.covariances)
+        odometry = wheel_odometry(
+            wheels, motion, t_s, generator(self._scenario, "wheels", self._index, self._legs)
+        )
+        poses, covariances = self._continue_odometry(odometry.poses, odometry.covariances)
         return Leg(
-            motion, first_tick, last_tick, read.acc_m_s2 + acc, read.gyro_rad_s + gyro, poses[:-1], covariances[:-1]
+            motion,
+            first_tick,
+            last_tick,
+            readings.acc_m_s2 + acc,
+            readings.gyro_rad_s + gyro,
+            poses[:-1],
+            covariances[:-1],
         )
 
-    def _gone_on(self, poses: FloatArray, covariances: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """A leg's dead reckoning after that of the legs before; tilt, which is never measured, counts once."""
+    def _continue_odometry(self, poses: FloatArray, covariances: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Append a leg's odometry to that of the previous legs.
+
+        The variance of the tilt, which is not measured, is added only once.
+        """
         tilt = np.zeros((6, 6))
         tilt[3, 3] = tilt[4, 4] = self._scenario.wheels.reported_tilt_sigma_rad**2
-        begin, begin_covariance = self._T_odom_base, self._odom_covariance
-        grown = [
-            compose_covariance(begin, begin_covariance, T, C - tilt * (i > 0))
+        T_odom_start, start_covariance = self._T_odom_base, self._odom_covariance
+        composed = [
+            compose_covariance(T_odom_start, start_covariance, T, C - tilt * (i > 0))
             for i, (T, C) in enumerate(zip(poses, covariances, strict=True))
         ]
-        self._T_odom_base, self._odom_covariance = begin @ poses[-1], grown[-1]
-        return begin @ poses, np.array(grown) + tilt * (self._legs > 1)
+        self._T_odom_base, self._odom_covariance = T_odom_start @ poses[-1], composed[-1]
+        return T_odom_start @ poses, np.array(composed) + tilt * (self._legs > 1)
 
     def _stamp_ns(self, leg: Leg, sensor: str, row: int) -> int:
         us = round((leg.first_tick * self.tick_s + row * self.tick_s / self._per_tick[sensor]) * 1e6)
@@ -233,10 +278,16 @@ class Rover:
         sensor, _, port = stream.partition(".")
         kind = CovarianceKind.NONE if child is None else CovarianceKind.FORMAL
         header = Header(
-            id=product_id(self.robot, sensor, port, t1_ns, seq, self._scenario.digest), seq=seq,
-            t0_ns=t0_ns, t1_ns=t1_ns, frame=frame, child=child, producer=PRODUCER,
-            config_hash=self._scenario.digest, quality=Quality(reasons=("simulated",), covariance_kind=kind),
-        )  # fmt: skip
+            id=product_id(self.robot, sensor, port, t1_ns, seq, self._scenario.digest),
+            seq=seq,
+            t0_ns=t0_ns,
+            t1_ns=t1_ns,
+            frame=frame,
+            child=child,
+            producer=PRODUCER,
+            config_hash=self._scenario.digest,
+            quality=Quality(reasons=("simulated",), covariance_kind=kind),
+        )
         return LogSample(f"/{self.robot}/{stream}", type(value).__name__, t1_ns, seq, value, header)
 
 

@@ -1,68 +1,32 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Judges a mission against the truth, which its rovers never saw: where they were, what they reached and crossed."""
+"""Score of a mission against the truth: positions of the rovers, goals reached, terrain crossed."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cdff_common.errors import FrameNotFoundError, UnavailableError
-from cdff_common.geometry import se3
-from cdff_common.geometry.se3 import FloatArray
-from cdff_common.interfaces.profile import Profile
-from cdff_dev.demo.report import Way
-from cdff_dev.demo.sharing import pose_series
-from cdff_dev.logs import open_log
+from cdff_common.errors import UnavailableError
+from cdff_common.json_form import jsonable
 from cdff_dev.missions.autonomy import Arrival
-from cdff_dev.missions.script import Judged, Meet
-from cdff_dev.missions.terrain import Driven, Mapped
-from cdff_dev.simulate.traverse import levelled
+from cdff_dev.missions.script import Meet, MissionLimits
+from cdff_dev.missions.terrain import MapErrors, TerrainCrossed
+from cdff_dev.missions.tracks import Track, Truth
 
 #: Three standard deviations of one number, for a squared distance in three dimensions (99.73 %).
 _THREE_SIGMA_3D = 14.156
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Truth:
-    """True poses of one robot in the site of the profile: stamps (n,), ``T_site_base`` (n, 4, 4); ``T_site_world``."""
-
-    stamps_ns: NDArray[np.int64]
-    poses: FloatArray
-    T_site_world: FloatArray
-
-    @property
-    def way_m(self) -> float:
-        """How far it drove, metres."""
-        return float(np.linalg.norm(np.diff(self.poses[:, :3, 3], axis=0), axis=1).sum())
-
-    def at_m(self, t_ns: int) -> FloatArray:
-        """Place (3,) at a time; the nearest that is known."""
-        row = int(np.argmin(np.abs(self.stamps_ns - t_ns)))
-        place: FloatArray = self.poses[row, :3, 3]
-        return place
-
-    def of(self, T_base_child: FloatArray) -> Truth:
-        """The same for a frame that hangs on the base."""
-        return Truth(self.stamps_ns, self.poses @ T_base_child, self.T_site_world)
-
-    def between(self, t_ns: NDArray[np.int64]) -> FloatArray:
-        """Places (n, 3) at times, linearly between those that are known."""
-        columns = [np.interp(t_ns, self.stamps_ns, self.poses[:, axis, 3]) for axis in range(3)]
-        return np.stack(columns, axis=1)
-
-
 @dataclass(frozen=True, slots=True)
-class Located:
-    """How well a robot knew where it was: errors in metres; share of poses within three stated sigmas."""
+class PositionErrors:
+    """Accuracy of a robot's positions: errors in metres, fraction of poses within three stated sigmas."""
 
     robot: str
-    way_m: float
+    path_length_m: float
     rms_m: float
     largest_m: float
     last_m: float
@@ -70,20 +34,20 @@ class Located:
 
     @property
     def share(self) -> float:
-        """Largest error as a share of the way."""
-        return self.largest_m / max(self.way_m, 1e-9)
+        """Largest error as a fraction of the path length."""
+        return self.largest_m / max(self.path_length_m, 1e-9)
 
     def __str__(self) -> str:
         return (
-            f"{self.robot}: {self.way_m:.0f} m driven; position off by RMS {self.rms_m:.3f} m, largest "
-            f"{self.largest_m:.3f} m ({self.share:.3%} of the way), {self.last_m:.3f} m at the end; "
-            f"{self.within_three_sigma:.1%} of the poses within three sigmas"
+            f"{self.robot}: {self.path_length_m:.0f} m driven; position error RMS {self.rms_m:.3f} m, "
+            f"largest {self.largest_m:.3f} m ({self.share:.3%} of the path), {self.last_m:.3f} m at the "
+            f"end; {self.within_three_sigma:.1%} of the poses within three sigmas"
         )
 
 
 @dataclass(frozen=True, slots=True)
-class Reached:
-    """A goal that a robot said it reached: how far it truly was from where it had to be, metres."""
+class GoalResult:
+    """A goal that a robot reported as reached, with the true distance from it, metres."""
 
     robot: str
     goal: str
@@ -93,133 +57,96 @@ class Reached:
         return f"{self.robot}: {self.goal}, truly {self.off_m:.2f} m off"
 
 
-def true_poses(log: Path, profile: Profile, robots: Sequence[str]) -> dict[str, Truth]:
-    """Read the truth and set it on the profile's site: where the profile knows the begin of a robot's odometry, there.
-
-    Without such a frame the site is the simulation's own.
-    """
-    reader = open_log(log)
-    raw = {r: [(s.stamp_ns, s.value.transform.matrix) for s in reader.samples([f"/{r}/truth.pose"])] for r in robots}
-    reader.close()
-    T_site_world = np.eye(4)
-    for robot in robots:
-        try:
-            T_site_odom = profile.robot(robot).frame_graph().lookup("site", f"{robot}/odom", 0).matrix
-        except FrameNotFoundError:
-            continue
-        T_site_world = T_site_odom @ se3.inverse(levelled(raw[robot][0][1]))
-        break
-    return {
-        robot: Truth(np.array([t for t, _ in poses]), T_site_world @ np.array([T for _, T in poses]), T_site_world)
-        for robot, poses in raw.items()
-    }
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Believed:
-    """Where a robot was as the DPM holds it: its way, the poses (n, 4, 4) along it, and the truth of that frame."""
-
-    way: Way
-    poses: FloatArray
-    truth: Truth
-
-
-def believed(profile: Profile, robot: str, http: str, truth: Truth) -> Believed:
-    """The way of a robot as the DPM holds it now, of its base or else its lidar."""
-    items = pose_series(http, robot, f"{robot}/base")
-    if not items:
-        truth = truth.of(profile.robot(robot).frame_graph().lookup(f"{robot}/base", f"{robot}/lidar", 0).matrix)
-        items = pose_series(http, robot, f"{robot}/lidar")
-    if not items:
-        raise UnavailableError(f"the DPM holds no poses of {robot}")
-    poses = np.array([item["T"] for item in items])
-    unknown = np.zeros((6, 6)).tolist()
-    covariances = np.array([item["covariance"] or unknown for item in items])
-    true_m = {int(t): T[:3, 3] for t, T in zip(truth.stamps_ns, truth.poses, strict=True)}
-    stamps_ns = np.array([int(item["stamp_ns"]) for item in items])
-    return Believed(Way(robot, stamps_ns, poses[:, :3, 3], covariances[:, :3, :3], true_m), poses, truth)
-
-
-def located(found: Believed) -> Located:
-    """Judge the positions of a robot; raises UnavailableError where none is of the time of the truth."""
-    way, truth = found.way, found.truth
-    inside = (way.stamps_ns >= truth.stamps_ns[0]) & (way.stamps_ns <= truth.stamps_ns[-1])
+def located(track: Track) -> PositionErrors:
+    """Score the positions of a robot; raises UnavailableError if the truth covers none of them."""
+    inside, error = track.errors_m()
+    truth = track.truth
     if not inside.any():
         raise UnavailableError(
-            f"the DPM holds {len(inside)} poses of {way.robot} from {way.stamps_ns.min()} to {way.stamps_ns.max()} ns, "
-            f"expected some between {truth.stamps_ns[0]} and {truth.stamps_ns[-1]} ns, the time of the truth"
+            f"the DPM holds {len(inside)} poses of {track.robot} from {track.stamps_ns.min()} to "
+            f"{track.stamps_ns.max()} ns, expected some between {truth.stamps_ns[0]} and "
+            f"{truth.stamps_ns[-1]} ns, the time of the truth"
         )
-    error = way.positions_m[inside] - truth.between(way.stamps_ns[inside])
     size = np.linalg.norm(error, axis=1)
     floor = 1e-12 * np.eye(3)
-    d2 = np.einsum("ni,nij,nj->n", error, np.linalg.inv(way.covariances[inside] + floor), error)
-    return Located(
-        way.robot, truth.way_m, float(np.sqrt(np.mean(size**2))), float(size.max()), float(size[-1]),
-        float(np.mean(d2 <= _THREE_SIGMA_3D)),
-    )  # fmt: skip
+    d2 = np.einsum("ni,nij,nj->n", error, np.linalg.inv(track.covariances[inside] + floor), error)
+    return PositionErrors(
+        track.robot,
+        truth.path_length_m,
+        rms_m=float(np.sqrt(np.mean(size**2))),
+        largest_m=float(size.max()),
+        last_m=float(size[-1]),
+        within_three_sigma=float(np.mean(d2 <= _THREE_SIGMA_3D)),
+    )
 
 
-def reached(arrivals: Sequence[Arrival], truths: Mapping[str, Truth]) -> Iterator[Reached]:
-    """Judge every task that had a goal."""
+def reached(arrivals: Sequence[Arrival], truths: Mapping[str, Truth]) -> Iterator[GoalResult]:
+    """Score every task that had a goal."""
     for arrival in arrivals:
         if arrival.goal_m is None:
             continue
         at = truths[arrival.robot].at_m(arrival.t_ns)[:2]
         if isinstance(arrival.task, Meet):
             other = truths[arrival.task.robot].at_m(arrival.t_ns)[:2]
-            off_m = abs(float(np.linalg.norm(at - other)) - arrival.task.keep_m)
-            yield Reached(arrival.robot, f"{arrival.task.keep_m:g} m from {arrival.task.robot}", off_m)
+            off_m = abs(float(np.linalg.norm(at - other)) - arrival.task.distance_m)
+            yield GoalResult(arrival.robot, f"{arrival.task.distance_m:g} m from {arrival.task.robot}", off_m)
         else:
             name = (
-                "where it began" if arrival.task.do == "return" else f"({arrival.goal_m[0]:g}, {arrival.goal_m[1]:g})"
+                "where it began"
+                if arrival.task.do == "return"
+                else f"({arrival.goal_m[0]:g}, {arrival.goal_m[1]:g})"
             )
-            yield Reached(arrival.robot, name, float(np.linalg.norm(at - np.array(arrival.goal_m))))
+            yield GoalResult(arrival.robot, name, float(np.linalg.norm(at - np.array(arrival.goal_m))))
 
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """What came of a mission."""
+    """Results of a mission."""
 
-    located: tuple[Located, ...]
-    reached: tuple[Reached, ...]
-    driven: tuple[Driven, ...]
-    mapped: Mapped
+    located: tuple[PositionErrors, ...]
+    reached: tuple[GoalResult, ...]
+    driven: tuple[TerrainCrossed, ...]
+    mapped: MapErrors
     unfinished: tuple[str, ...]
 
-    def faults(self, judged: Judged) -> list[str]:
-        """What is not as the mission demands."""
-        found = list(self.unfinished)
-        for at in self.located:
-            if judged.position_share is not None and at.share > judged.position_share:
-                found.append(
-                    f"{at.robot}: position {at.share:.3%} of the way off, expected at most {judged.position_share:.3%}"
+    def faults(self, limits: MissionLimits) -> list[str]:
+        """Return the unmet limits of the mission."""
+        faults = list(self.unfinished)
+        for errors in self.located:
+            if limits.position_error_ratio is not None and errors.share > limits.position_error_ratio:
+                faults.append(
+                    f"{errors.robot}: position error {errors.share:.3%} of the path length, expected at most "
+                    f"{limits.position_error_ratio:.3%}"
                 )
-            if at.within_three_sigma < judged.three_sigma_share:
-                within = f"{at.within_three_sigma:.1%} of the poses within three sigmas"
-                found.append(f"{at.robot}: {within}, expected at least {judged.three_sigma_share:.1%}")
-            if at.way_m < judged.least_way_m:
-                found.append(f"{at.robot}: {at.way_m:.0f} m driven, expected at least {judged.least_way_m:g} m")
-        found += [f"{r}, expected at most {judged.goal_m:g} m" for r in self.reached if r.off_m > judged.goal_m]
-        found += self.mapped.faults(judged.elevation_rms_m)
-        if judged.guided:
-            found += [fault for over in self.driven for fault in over.faults(judged.steeper_deg, judged.higher_m)]
-        return found
+            if errors.within_three_sigma < limits.three_sigma_fraction:
+                within = f"{errors.within_three_sigma:.1%} of the poses within three sigmas"
+                faults.append(
+                    f"{errors.robot}: {within}, expected at least {limits.three_sigma_fraction:.1%}"
+                )
+            if errors.path_length_m < limits.min_path_length_m:
+                faults.append(
+                    f"{errors.robot}: {errors.path_length_m:.0f} m driven, expected at least "
+                    f"{limits.min_path_length_m:g} m"
+                )
+        faults += [
+            f"{r}, expected at most {limits.goal_m:g} m" for r in self.reached if r.off_m > limits.goal_m
+        ]
+        faults += self.mapped.faults(limits.elevation_rms_m)
+        if limits.guided:
+            faults += [
+                fault
+                for terrain in self.driven
+                for fault in terrain.faults(limits.slope_excess_deg, limits.step_excess_m)
+            ]
+        return faults
 
     def lines(self) -> Iterator[str]:
-        """For a person."""
+        """Yield the results as text."""
         for part in (self.located, self.reached, self.driven):
             yield from (str(item) for item in part)
         yield str(self.mapped)
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data; what is not known is None."""
-        plain: dict[str, Any] = _without_nan(asdict(self))
+        """Return the results for JSON; unknown values are None."""
+        plain: dict[str, Any] = jsonable(asdict(self))
         return plain
-
-
-def _without_nan(data: Any) -> Any:
-    if isinstance(data, dict):
-        return {key: _without_nan(value) for key, value in data.items()}
-    if isinstance(data, list | tuple):
-        return [_without_nan(value) for value in data]
-    return None if isinstance(data, float) and np.isnan(data) else data

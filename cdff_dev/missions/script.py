@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a mission is: one strict model of ``deploy/missions/*.yaml``."""
+"""Missions and demonstrations: the strict models of ``deploy/missions/*.yaml`` and ``deploy/demo/*.yaml``."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -13,42 +13,74 @@ from cdff_common.errors import ConfigurationError
 from cdff_common.interfaces.dfn import StrictModel, validated
 from cdff_common.interfaces.profile import Profile
 from cdff_common.interfaces.yaml_file import read_mapping
-from cdff_dev.demo.script import Ask
-from cdff_dev.simulate.scenario import Scenario
+from cdff_dev.simulate.scenario import NotNegative, Positive, Scenario
 
-Positive = Annotated[float, Field(gt=0)]
+Fraction = Annotated[float, Field(ge=0, le=1)]
+#: Mission seconds per second.
+Speed = Annotated[float, Field(gt=0, le=100)]
+
+
+class TimedRequest(StrictModel):
+    """One request of OG2; all fields but ``at_s`` are sent to the orchestrator unchanged."""
+
+    at_s: NotNegative
+    type: str
+    robot: str
+    frame: str = "site"
+    region: str | None = None
+    resolution_m: Positive | None = None
+    max_age_s: Positive
+    min_coverage: Fraction | None = None
+    as_: Annotated[str | None, Field(alias="as")] = None
+    format: str | None = None
+    deadline_ms: Annotated[int, Field(gt=0)]
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """Keyword arguments of ``Client.request`` except the type."""
+        options = self.model_dump(exclude={"at_s", "type", "as_", "deadline_ms"}, exclude_none=True)
+        options |= {} if self.as_ is None else {"as_type": self.as_}
+        return {**options, "deadline_s": self.deadline_ms / 1000}
+
+    @property
+    def title(self) -> str:
+        """Description in one line."""
+        cells = f"{self.resolution_m:g} m" if self.resolution_m else None
+        form = f"as {self.as_ or self.format}" if self.as_ or self.format else None
+        parts = (f"{self.type} of {self.robot} in {self.frame}", self.region, cells, form)
+        return ", ".join(part for part in parts if part)
 
 
 class Follow(StrictModel):
-    """Drive the scenario's own way; whoever drives does not look at maps."""
+    """Drive the path of the scenario, without maps."""
 
     do: Literal["follow"]
 
 
 class Straight(StrictModel):
-    """Drive straight ahead, as from a lander's ramp, before anything is mapped."""
+    """Drive straight ahead without a map, for example down a lander's ramp."""
 
     do: Literal["straight"]
     length_m: Positive
 
 
 class GoTo(StrictModel):
-    """Be guided to a place of the site."""
+    """Drive with guidance to a position in site."""
 
     do: Literal["go_to"]
     xy_m: tuple[float, float]
 
 
 class Meet(StrictModel):
-    """Be guided to another robot, as far as ``keep_m`` from where the DPM says it is."""
+    """Drive with guidance to another robot, up to ``distance_m`` from its position in the DPM."""
 
     do: Literal["meet"]
     robot: str
-    keep_m: Positive
+    distance_m: Positive
 
 
 class Return(StrictModel):
-    """Be guided back to where the rover was when the mission began."""
+    """Drive with guidance back to the start of the mission."""
 
     do: Literal["return"]
 
@@ -56,11 +88,11 @@ class Return(StrictModel):
 Task = Annotated[Follow | Straight | GoTo | Meet | Return, Field(discriminator="do")]
 
 
-class Guiding(StrictModel):
-    """How a rover is guided.
+class GuidanceParameters(StrictModel):
+    """Parameters of the guidance.
 
-    ``ground`` is what the orchestrator is asked for: the robot's own ``navigation_map``, or the ``dem`` of all robots,
-    rated here by the profile's limits of the robot.
+    ``ground`` is the requested product: the robot's own ``navigation_map``, or the ``dem`` of all robots,
+    whose navigation map is then computed with the limits of the robot in the profile.
     """
 
     ground: Literal["navigation_map", "dem"] = "navigation_map"
@@ -68,89 +100,92 @@ class Guiding(StrictModel):
     resolution_m: Positive = 0.2
     leg_m: Positive = 7.0
     max_age_s: Positive = 6.0
-    arrived_m: Annotated[Positive, Field(description="a goal is reached within this, as the rover believes")] = 0.5
-    most_legs: Annotated[int, Field(gt=0)] = 400
+    goal_radius_m: Annotated[
+        Positive, Field(description="estimated distance within which a goal is reached")
+    ] = 0.5
+    max_legs: Annotated[int, Field(gt=0)] = 400
 
 
-class Judged(StrictModel):
-    """What must hold at the end, against the truth.
+class MissionLimits(StrictModel):
+    """Limits at the end of the mission, relative to the ground truth.
 
     Attributes
     ----------
-    position_share : float or None
-        Largest error of the position on the way, as a share of the way driven; None where it is not judged.
+    position_error_ratio : float or None
+        Largest position error as a fraction of the path length; None for no limit.
     goal_m : float
-        How far from each goal a rover may truly be when it says that it is there.
-    least_way_m : float
-        Each rover drives at least so far.
-    three_sigma_share : float
-        At least so many of the positions lie within three stated sigmas of the truth.
+        Largest true distance from a goal that a rover reports as reached.
+    min_path_length_m : float
+        Smallest path length of each rover.
+    three_sigma_fraction : float
+        Smallest fraction of the positions within three stated standard deviations of the truth.
     elevation_rms_m : float
-        Largest root mean square error of the elevation along the way, which must be there at every place looked at.
-    steeper_deg, higher_m : float
-        No place on a guided way may be beyond the profile's limits by more: what is called safe is so at three sigmas.
+        Largest root mean square error of the elevation along the path, which must exist at every compared
+        pose.
+    slope_excess_deg, step_excess_m : float
+        Largest excess over the profile's limits on a guided path: terrain is rated safe at three sigmas.
     guided : bool
-        Whether the way is judged at all: guidance chose it.
+        Compare the terrain along the path with the limits: set if guidance selects the path.
     """
 
-    position_share: Positive | None = 0.01
+    position_error_ratio: Positive | None = 0.01
     goal_m: Positive = 1.0
-    least_way_m: Annotated[float, Field(ge=0)] = 0.0
-    three_sigma_share: Annotated[float, Field(ge=0, le=1)] = 0.95
+    min_path_length_m: NotNegative = 0.0
+    three_sigma_fraction: Fraction = 0.95
     elevation_rms_m: Positive = 0.15
-    steeper_deg: Annotated[float, Field(ge=0)] = 5.0
-    higher_m: Annotated[float, Field(ge=0)] = 0.10
+    slope_excess_deg: NotNegative = 5.0
+    step_excess_m: NotNegative = 0.10
     guided: bool = True
 
 
-class Together(StrictModel):
-    """How well two robots must know where one is as seen from the other, at places within a distance of one another.
+class RelativePositionLimit(StrictModel):
+    """Largest error of the relative position of two robots, at poses within ``within_m`` of each other.
 
-    ``wait_s`` is how long the merging of their maps may take after the drive.
+    ``wait_s`` limits the time for merging their maps after the drive.
     """
 
     robots: tuple[str, str]
     within_m: Positive
-    at_most_m: Positive
+    max_error_m: Positive
     wait_s: Positive = 60.0
 
 
-class FromOrbit(StrictModel):
-    """An orbital elevation model that the DPM holds before the drive: the simulated ground, blurred and with noise.
+class SharedMapLimits(RelativePositionLimit):
+    """Limits of a map that two robots share; region and resolution of their common elevation map."""
 
-    Attributes
-    ----------
-    robot : str
-        Whose ``dem`` it is.
-    resolution_m, half_width_m : float
-        Cells, and how far it reaches.
-    noise_m, alike_m : float
-        Standard deviation of its heights, and how far errors of neighbours resemble one another.
+    region: str
+    resolution_m: Positive
+
+
+class OrbitalModel(StrictModel):
+    """An orbital elevation model in the DPM before the drive: the simulated terrain, blurred and with noise.
+
+    It is the product ``dem`` of ``robot``; ``noise_m`` is the standard deviation of its heights.
     """
 
     robot: str = "orbiter"
     resolution_m: Positive = 1.0
     half_width_m: Positive
     noise_m: Positive = 0.15
-    alike_m: Positive = 1.5
+    correlation_length_m: Positive = 1.5
 
 
 class Mission(StrictModel):
-    """Contents of a mission file; ``speed`` is mission seconds per second."""
+    """Contents of a mission file."""
 
     doc: str
     profile: str
     scenario: str
-    speed: Annotated[float, Field(gt=0, le=100)] = 4.0
-    guiding: Guiding = Guiding()
+    speed: Speed = 4.0
+    guidance: GuidanceParameters = GuidanceParameters()
     robots: Annotated[dict[str, tuple[Task, ...]], Field(min_length=1)]
-    requests: tuple[Ask, ...] = ()
-    orbital: FromOrbit | None = None
-    judged: Judged = Judged()
-    together: Together | None = None
+    requests: tuple[TimedRequest, ...] = ()
+    orbital: OrbitalModel | None = None
+    limits: MissionLimits = MissionLimits()
+    relative_position: RelativePositionLimit | None = None
 
     @model_validator(mode="after")
-    def _robots_meet_others(self) -> Mission:
+    def _check_meetings(self) -> Mission:
         for robot, tasks in self.robots.items():
             for task in tasks:
                 if isinstance(task, Meet) and (task.robot == robot or task.robot not in self.robots):
@@ -158,10 +193,21 @@ class Mission(StrictModel):
         return self
 
 
+class Script(StrictModel):
+    """Requests while a log is played; contents of a file of a demonstration."""
+
+    profile: str
+    rate: Speed = 1.0
+    requests: Annotated[tuple[TimedRequest, ...], Field(min_length=1)]
+    sharing: SharedMapLimits | None = None
+
+
 def check_fits(mission: Mission, profile: Profile, scenario: Scenario) -> None:
-    """Raise ConfigurationError where the mission's robots are not in its profile or its scenario."""
-    asked_of = {ask.robot for ask in mission.requests} | set(mission.together.robots if mission.together else ())
-    for robot in sorted(set(mission.robots) | asked_of - {"any"}):
+    """Raise ConfigurationError if a robot of the mission is not in its profile or scenario."""
+    requested = {ask.robot for ask in mission.requests} | set(
+        mission.relative_position.robots if mission.relative_position else ()
+    )
+    for robot in sorted(set(mission.robots) | requested - {"any"}):
         if robot not in profile.robot_ids:
             known = ", ".join(profile.robot_ids)
             raise ConfigurationError(f"robot {robot!r}: profile {profile.name} has {known}")
@@ -174,3 +220,8 @@ def check_fits(mission: Mission, profile: Profile, scenario: Scenario) -> None:
 def load_mission(path: Path) -> Mission:
     """Read a mission; raises ConfigurationError naming file and key."""
     return validated(Mission, read_mapping(path), str(path))
+
+
+def load_script(path: Path) -> Script:
+    """Read the script of a demonstration; raises ConfigurationError naming file and key."""
+    return validated(Script, read_mapping(path), str(path))

@@ -15,16 +15,18 @@ def register(nouns: Any) -> None:
     parser = nouns.add_parser("new", help="start a DFN or DFPC: description, interface, skeleton, test, page")
     parser.add_argument("kind", choices=["dfn", "dfpc"])
     parser.add_argument("name", help="LaserFilter or laser_filter")
-    parser.add_argument("--root", type=Path, default=None, help="the checkout (default: where this command lies)")
+    parser.add_argument(
+        "--root", type=Path, default=None, help="the checkout (default: where this command lies)"
+    )
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the files and the pages that tell of them, and say what comes next."""
-    from cdff_dev.generate.artefacts import due
-    from cdff_dev.generate.plan import plan
-    from cdff_dev.generate.tree import Tree
+    """Write the files and the pages that list them, and print the next steps."""
+    from cdff_dev.generate.commands import write_groups
+    from cdff_dev.generate.plan import chosen_groups
     from cdff_dev.new.scaffold import scaffold
+    from cdff_dev.tree import Tree
 
     tree = Tree(args.root.resolve()) if args.root else Tree.here()
     made = scaffold(tree, args.kind, args.name)
@@ -32,8 +34,8 @@ def run(args: argparse.Namespace) -> int:
         print(f"wrote {path.relative_to(tree.root)}")
     if tree.root == Tree.here().root:  # the pages are made from what this command finds installed
         importlib.invalidate_caches()
-        for artefact in due(plan(tree)):
-            artefact.write()
-            print(f"wrote {artefact.path.relative_to(tree.root)}")
-    print(f"next: edit {made[0].name}, run cdff generate, write the implementation and its test, run cdff check")
+        write_groups(tree, chosen_groups(()))
+    print(
+        f"next: edit {made[0].name}, run cdff generate, write the implementation and its test, run cdff check"
+    )
     return 0

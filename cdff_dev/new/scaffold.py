@@ -12,7 +12,7 @@ from cdff_common.interfaces.description import read_dfn_description, read_dfpc_d
 from cdff_dev.generate import interfaces, skeletons
 from cdff_dev.generate.artefacts import Artefact
 from cdff_dev.generate.python_source import render
-from cdff_dev.generate.tree import Tree
+from cdff_dev.tree import Tree
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}\Z")
 
@@ -41,7 +41,9 @@ def scaffold(tree: Tree, kind: str, name: str) -> list[Path]:
     folder = snake_case(title)
     for other in ("dfn", "dfpc"):
         if tree.folder(other, folder).exists():
-            raise ConflictError(f"{tree.folder(other, folder)} exists; choose another name or remove it first")
+            raise ConflictError(
+                f"{tree.folder(other, folder)} exists; choose another name or remove it first"
+            )
     path = tree.folder(kind, folder) / f"{kind}.yaml"
     description = Artefact(path, render(f"new_{kind}.yaml.j2", name=title, folder=folder), once=True)
     description.write()

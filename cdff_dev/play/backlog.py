@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""How far the DFPCs are behind the mission, as their status says."""
+"""Lag of the DFPCs behind the mission clock, from their status."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 from cdff_common.clock import NS_PER_S, monotonic_s
 
-#: What was not heard of for this long has ended, or hangs: nobody waits for it, seconds.
+#: A DFPC without a status for this long has ended or hangs and is not waited for, seconds.
 _SILENT_S = 15.0
 
 
@@ -31,7 +31,7 @@ class Backlog:
                 self._oldest.pop(key, None)
 
     def lag_s(self, now_ns: int) -> float:
-        """Seconds of mission time by which the last of them is behind; 0 when nothing waits."""
+        """Return the lag of the oldest waiting sample, seconds of mission time; 0 if nothing waits."""
         since_s = monotonic_s() - _SILENT_S
         with self._lock:
             stamps = [oldest_ns for oldest_ns, heard_s in self._oldest.values() if heard_s > since_s]

@@ -13,11 +13,15 @@ def register(nouns: Any) -> None:
     """Add ``cdff play`` to the command line."""
     parser = nouns.add_parser("play", help="play a log's sensors onto the bus, with the mission clock")
     parser.add_argument("log", metavar="LOG", help="a log file, folder or pattern, or a KITTI folder")
-    parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="mission seconds per second (default 1)")
+    parser.add_argument(
+        "--speed", type=float, default=1.0, metavar="X", help="mission seconds per second (default 1)"
+    )
     parser.add_argument(
         "--patience", type=float, metavar="S", help="hold the clock while a DFPC is S mission seconds behind"
     )
-    parser.add_argument("--robots", nargs="+", metavar="ID", help="only these robots (default: all in the log)")
+    parser.add_argument(
+        "--robots", nargs="+", metavar="ID", help="only these robots (default: all in the log)"
+    )
     parser.add_argument(
         "--wait-for", nargs="+", default=[], metavar="KEYEXPR", help="start when these tokens are alive"
     )
@@ -39,29 +43,24 @@ def register(nouns: Any) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from contextlib import ExitStack
+    from contextlib import ExitStack, closing
 
     from cdff_common.bus import Bus
-    from cdff_common.errors import InputError
+    from cdff_common.cli import key_values
     from cdff_common.process import run_service
     from cdff_dev.logs import open_log
     from cdff_dev.play.player import Player, wait_for
 
-    elsewhere = dict(item.partition("=")[::2] for item in args.via)
-    if not all(robot and endpoint for robot, endpoint in elsewhere.items()):
-        raise InputError(f"--via {' '.join(args.via)}: expected ID=ENDPOINT, as mana=tcp/127.0.0.1:7448")
+    elsewhere = key_values(args.via, "--via", "ID=ENDPOINT, as mana=tcp/127.0.0.1:7448")
 
     def body(stop: threading.Event) -> None:
-        log = open_log(args.log)
-        try:
-            with ExitStack() as opened:
-                bus = opened.enter_context(Bus.open(args.connect, name="player"))
-                via = {r: opened.enter_context(Bus.open(e, name=f"player of {r}")) for r, e in elsewhere.items()}
-                wait_for(bus, args.wait_for, args.wait_s, stop)
-                if not stop.is_set():
-                    player = Player(bus, log, args.speed, args.robots, args.patience, via=via)
-                    player.run(stop, stay=not args.exit_at_end)
-        finally:
-            log.close()
+        with ExitStack() as opened:
+            log = opened.enter_context(closing(open_log(args.log)))
+            bus = opened.enter_context(Bus.open(args.connect, name="player"))
+            via = {r: opened.enter_context(Bus.open(e, name=f"player of {r}")) for r, e in elsewhere.items()}
+            wait_for(bus, args.wait_for, args.wait_s, stop)
+            if not stop.is_set():
+                player = Player(bus, log, args.speed, args.robots, args.patience, via=via)
+                player.run(stop, stay=not args.exit_at_end)
 
     return run_service("player", body)

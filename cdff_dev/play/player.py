@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Plays a log: sets the mission clock, publishes each sample when that clock reaches it, tells how it goes.
+"""Player of a log: runs the mission clock, publishes each sample at its time, reports progress.
 
-A sensor waits for nobody, and neither does the player, unless it is given patience: then its clock stands still while a
-DFPC is further behind, so that a slow machine shows the same mission and only takes longer.
+With ``patience_s`` the clock is held while a DFPC lags by more, so that a slow machine shows the same mission
+and only takes longer; without it the player waits for no DFPC, like a sensor.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from cdff_common.bus.message import unpack
 from cdff_common.clock import NS_PER_S, monotonic_s
 from cdff_common.errors import CdffError, InputError, UnavailableError
 from cdff_common.interfaces.registry import Registry
-from cdff_dev.logs import LogSource
+from cdff_dev.logs.source import LogSource, split_stream
 from cdff_dev.play.backlog import Backlog
 from cdff_dev.play.gate import SensorGate
-from cdff_dev.play.pace import Pace
-from cdff_dev.play.prefetch import Item, Prefetch, split_stream
+from cdff_dev.play.mission_clock import Pace
+from cdff_dev.play.prefetch import Item, Prefetch
 
 logger = logging.getLogger(__name__)
 
@@ -30,22 +30,23 @@ CLOCK_PERIOD_S = 0.05
 PROGRESS_PERIOD_S = 1.0
 #: Mission time that is encoded before the clock starts, and how long that may take.
 AHEAD_NS, AHEAD_TIMEOUT_S = 3 * NS_PER_S, 30.0
-#: A sample that would go out later than this, seconds of the monotonic clock, is dropped: a sensor does not wait.
+#: A sample that would go out later than this, seconds of the monotonic clock, is dropped: a sensor does not
+#: wait.
 LATE_LIMIT_S = 1.0
 
 
 @dataclass(slots=True)
 class Progress:
-    """How the playing goes; the body of ``event/playback``.
+    """Progress of the player; the body of ``event/playback``.
 
     Attributes
     ----------
     published, gated, dropped : int
-        Samples sent; held back since their sensor is off or slow; dropped since they were too late.
+        Samples sent; held back by the mode of their sensor; dropped as too late.
     lag_s, worst_lag_s : float
-        How much later than due the newest sample was sent, and the latest of all.
+        Delay of the newest sample, and the largest delay.
     held_s : float
-        How long the clock stood still for DFPCs that were behind.
+        Time for which the clock was held.
     """
 
     now_ns: int = 0
@@ -60,7 +61,7 @@ class Progress:
 
 
 def playable(log: LogSource, robots: Collection[str] | None = None) -> list[str]:
-    """Streams that sensors made: no truth, no products; of ``robots`` where they are named.
+    """Return the streams of sensors, without truth and products, of ``robots`` if given.
 
     Raises
     ------
@@ -75,7 +76,9 @@ def playable(log: LogSource, robots: Collection[str] | None = None) -> list[str]
             found[stream] = robot
     missing = sorted(set(robots or ()) - set(found.values()))
     if missing:
-        raise InputError(f"robot {missing[0]!r}: the log holds {', '.join(sorted(set(found.values()))) or 'none'}")
+        raise InputError(
+            f"robot {missing[0]!r}: the log holds {', '.join(sorted(set(found.values()))) or 'none'}"
+        )
     chosen = [stream for stream, robot in found.items() if robots is None or robot in robots]
     if not chosen:
         raise InputError(f"no sensor streams to play; the log holds {', '.join(log.streams) or 'none'}")
@@ -83,13 +86,15 @@ def playable(log: LogSource, robots: Collection[str] | None = None) -> list[str]
 
 
 def wait_for(bus: Bus, keyexprs: Collection[str], timeout_s: float, stop: threading.Event) -> None:
-    """Return once every key expression matches a liveliness token; raises UnavailableError after ``timeout_s``."""
+    """Return once every key expression matches a liveliness token; raises UnavailableError after
+    ``timeout_s``.
+    """
     deadline_s = monotonic_s() + timeout_s
     missing = list(keyexprs)
     while missing:
         missing = [k for k in missing if not bus.alive(k)]
         if missing and monotonic_s() > deadline_s:
-            raise UnavailableError(f"nobody answers to {', '.join(missing)} after {timeout_s:g} s")
+            raise UnavailableError(f"no answer to {', '.join(missing)} after {timeout_s:g} s")
         if missing and stop.wait(0.2):
             return
 
@@ -102,7 +107,7 @@ class Player:
     speed : float
         Seconds of mission time per second.
     robots : collection of str, optional
-        All where it is not given.
+        Default: all.
     patience_s : float, optional
         Hold the clock while a DFPC is behind by more than this, seconds of mission time; None holds it never.
     ready_ns : callable, optional
@@ -114,10 +119,16 @@ class Player:
     """
 
     def __init__(
-        self, bus: Bus, log: LogSource, speed: float = 1.0, robots: Collection[str] | None = None,
-        patience_s: float | None = None, ready_ns: Callable[[], int] | None = None, ahead_bytes: int = 48_000_000,
+        self,
+        bus: Bus,
+        log: LogSource,
+        speed: float = 1.0,
+        robots: Collection[str] | None = None,
+        patience_s: float | None = None,
+        ready_ns: Callable[[], int] | None = None,
+        ahead_bytes: int = 48_000_000,
         via: Mapping[str, Bus] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         if not speed > 0:
             raise InputError(f"speed={speed}: expected above 0")
         if patience_s is not None and not patience_s > 0:
@@ -183,20 +194,24 @@ class Player:
             self.progress.worst_lag_s = max(self.progress.worst_lag_s, self.progress.lag_s)
 
     def _tick(self, stop: threading.Event) -> None:
-        """The mission clock, and every second how it goes."""
-        told_s = monotonic_s()
+        """Publish the mission clock, and every second the progress."""
+        reported_s = monotonic_s()
         while True:
             self._hold_or_resume()
-            self._bus.publish_map(keys.CLOCK, {"now_ns": self.now_ns(), "rate": self._pace.rate}, qos=Qos.POSE)
-            if monotonic_s() - told_s >= PROGRESS_PERIOD_S:
-                told_s = monotonic_s()
+            self._bus.publish_map(
+                keys.CLOCK, {"now_ns": self.now_ns(), "rate": self._pace.rate}, qos=Qos.POSE
+            )
+            if monotonic_s() - reported_s >= PROGRESS_PERIOD_S:
+                reported_s = monotonic_s()
                 self.progress.now_ns, self.progress.held_s = self.now_ns(), self._pace.held_s
                 self._bus.publish_map(keys.event(keys.GROUND, "playback"), asdict(self.progress))
             if stop.wait(CLOCK_PERIOD_S):
                 return
 
     def _hold_or_resume(self) -> None:
-        """Hold the clock for a log that is not made yet, and for a DFPC that is behind until it has half caught up."""
+        """Hold the clock at the end of a growing log, and for a lagging DFPC until half of its lag is
+        gone.
+        """
         now_ns = self.now_ns()
         behind_s = 0.0 if self._patience_s is None else self._backlog.lag_s(now_ns)
         if self._is_unmade(now_ns) or (self._patience_s is not None and behind_s > self._patience_s):
@@ -205,7 +220,7 @@ class Player:
             self._pace.resume()
 
     def _is_unmade(self, now_ns: int) -> bool:
-        """Whether the clock would pass what is made of the log before it is looked at again."""
+        """Return True if the clock would pass the end of a growing log before the next tick."""
         if self._ready_ns is None:
             return False
         return self._ready_ns() < now_ns + int(2.0 * CLOCK_PERIOD_S * self._pace.speed * NS_PER_S)
@@ -219,9 +234,14 @@ class Player:
     def _follow_modes(self, stop: threading.Event) -> None:
         """Follow the ICU of each robot: its events, and all its modes now and whenever it comes back."""
         returned = threading.Event()
+
+        def on_icu(_: str, is_alive: bool) -> None:
+            if is_alive:
+                returned.set()
+
         for robot in self._robots:
             self._bus.subscribe(keys.event(robot, "sensor_mode"), self._on_mode)
-            self._bus.watch_alive(keys.alive(robot, "icu"), lambda _key, is_alive: is_alive and returned.set())
+            self._bus.watch_alive(keys.alive(robot, "icu"), on_icu)
         self._ask_modes()
         threading.Thread(target=self._ask_again, args=(returned, stop), name="modes", daemon=True).start()
 
@@ -239,7 +259,8 @@ class Player:
                     self.gate.set(robot, sensor, body)
             except UnavailableError:
                 logger.info(
-                    "no instrument control unit answers for %s: its sensors keep their modes (at first: on)", robot
+                    "no instrument control unit answers for %s: its sensors keep their modes (at first: on)",
+                    robot,
                 )
             except (CdffError, KeyError, TypeError, AttributeError) as error:
                 logger.warning("modes of %s: %s", robot, error)

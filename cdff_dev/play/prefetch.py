@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reads and encodes samples ahead of their time, into a buffer of bounded size: pacing does not wait for them."""
+"""Reads and encodes samples ahead of their time, into a buffer of bounded size: pacing does not wait for
+them.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +14,13 @@ from typing import Any
 
 from cdff_common.bus import keys
 from cdff_common.codecs import encode, encoding_string
-from cdff_common.codecs.siblings import wire_type
-from cdff_common.errors import InputError
-from cdff_common.interfaces.product import Header, product_id
-from cdff_dev.logs import LogSample
+from cdff_common.codecs.size_variants import wire_type
+from cdff_dev.logs.source import LogSample, recorded_header, split_stream
 
 
 @dataclass(slots=True, eq=False)
 class Item:
-    """A sample on its way: where it goes, when, and its bytes once they are made.
+    """A sample to be published: key, time, and its bytes once they are encoded.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Item:
         return encoding_string(self.type_name, "uper")
 
     def encoded(self) -> bytes:
-        """The payload, made now if it was not."""
+        """Return the payload, encoded now if necessary."""
         if self.payload is None:
             self.type_name = wire_type(self.value)
             self.payload = encode(self.value, "uper", self.type_name)
@@ -52,30 +52,14 @@ class Item:
         return self.payload
 
 
-def split_stream(stream: str) -> tuple[str, str, str]:
-    """``/mana/navcam.pair`` is ``("mana", "navcam", "pair")``; raises InputError on another form."""
-    robot, _, rest = stream.removeprefix("/").partition("/")
-    sensor, _, port = rest.partition(".")
-    if not (stream.startswith("/") and robot and sensor and port) or "/" in rest:
-        raise InputError(f"stream {stream!r}: expected /robot/sensor.stream")
-    return robot, sensor, port
-
-
 def item_of(sample: LogSample) -> Item:
-    """The sample with its key and attachment; a sample logged without a header gets one."""
+    """Return the sample with its key and attachment; a sample without a header gets one."""
     robot, sensor, port = split_stream(sample.stream)
-    header = sample.header
-    if header is None:
-        header = Header(
-            id=product_id(robot, sensor, port, sample.stamp_ns, sample.seq, ""),
-            seq=sample.seq,
-            t0_ns=sample.stamp_ns,
-            t1_ns=sample.stamp_ns,
-            frame=f"{robot}/{sensor}",
-            producer=sensor,
-        )
+    header = sample.header or recorded_header(sample.stream, sample.seq, sample.stamp_ns)
     key = keys.sensor(robot, sensor, port)
-    return Item(robot, sensor, port, sample.stamp_ns, key, sample.type_name, header.to_attachment(), sample.value)
+    return Item(
+        robot, sensor, port, sample.stamp_ns, key, sample.type_name, header.to_attachment(), sample.value
+    )
 
 
 class Prefetch:
@@ -92,7 +76,10 @@ class Prefetch:
     """
 
     def __init__(
-        self, samples: Iterable[LogSample], wanted: Callable[[str, str], bool], capacity_bytes: int = 48_000_000
+        self,
+        samples: Iterable[LogSample],
+        wanted: Callable[[str, str], bool],
+        capacity_bytes: int = 48_000_000,
     ) -> None:
         self._samples = samples
         self._wanted = wanted
@@ -107,7 +94,9 @@ class Prefetch:
         self._thread.start()
 
     def wait_filled(self, ahead_ns: int, timeout_s: float) -> None:
-        """Return once the buffer is full, holds ``ahead_ns`` of mission time, or holds the rest of the log."""
+        """Return once the buffer is full, holds ``ahead_ns`` of mission time, or holds the rest of the
+        log.
+        """
 
         def filled() -> bool:
             span = self._buffer[-1][0].stamp_ns - self._buffer[0][0].stamp_ns if self._buffer else 0
@@ -158,5 +147,5 @@ class Prefetch:
 
 
 def _size_guess(item: Item) -> int:
-    """Memory of a value that is not encoded: images and scans are what counts."""
+    """Return the memory of a value that is not encoded; only images and scans matter."""
     return 1_000_000 if item.type_name in ("FramePair", "Frame", "LidarScan", "Pointcloud") else 1_000

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which stream of a log feeds which port of a DFPC."""
+"""Wiring of the streams of a log to the ports of a DFPC."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from cdff_common.interfaces.profile import DfpcEntry
 
 
 def stream_of_wiring(robot: str, wiring: str) -> str:
-    """``sensor/navcam/pair`` of ``mana`` is the stream ``/mana/navcam.pair``; of alternatives the first is taken."""
+    """``sensor/navcam/pair`` of ``mana`` is the stream ``/mana/navcam.pair``; of alternatives the first is
+    taken.
+    """
     _, owner, item = wiring.split("|")[0].split("/")
     return f"/{robot}/{owner}.{item}"
 
@@ -30,7 +32,7 @@ def robot_of(streams: Mapping[str, str], robot: str | None) -> str:
 
 
 def _stored(wiring: str) -> bool:
-    """Whether a port is fed from the DPM, which is not in a log."""
+    """Return True if a port is wired to the DPM, which is not in a log."""
     return wiring.startswith("dpm/")
 
 
@@ -43,8 +45,9 @@ def wire(
 ) -> dict[str, str]:
     """Return port to stream.
 
-    In this order: what ``mapping`` says; what the profile's ``entry`` wires; the stream named like the port; the only
-    stream of the port's type, where the port is the only one of that type. Ground truth is never wired by itself.
+    In this order: ``mapping``; the inputs of the profile's ``entry``; the stream named like the port;
+    the only stream of the port's type, where the port is the only one of that type. Ground truth is never
+    wired by itself.
 
     Parameters
     ----------
@@ -77,7 +80,9 @@ def wire(
         if stream is None:
             continue
         if stream not in streams:
-            raise InputError(f"port {name}: no stream {stream!r} in the log; it has {', '.join(sorted(streams))}")
+            raise InputError(
+                f"port {name}: no stream {stream!r} in the log; it has {', '.join(sorted(streams))}"
+            )
         if streams[stream] != port.type_name:
             raise InputError(f"port {name} takes {port.type_name}; stream {stream} holds {streams[stream]}")
         wired[name] = stream
@@ -86,6 +91,7 @@ def wire(
         what = ", ".join(f"{n} ({ports[n].type_name})" for n in missing) or "any port"
         held = ", ".join(f"{n} ({t})" for n, t in sorted(streams.items()))
         raise InputError(
-            f"{description.folder}: nothing in the log feeds {what}; use --map PORT=STREAM. The log has {held}"
+            f"{description.folder}: nothing in the log feeds {what}; use --map PORT=STREAM. The log has "
+            f"{held}"
         )
     return wired

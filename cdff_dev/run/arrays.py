@@ -13,29 +13,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
-from cdff_common.formats.detect import detect
-from cdff_common.formats.source import Source, load
-from cdff_common.interfaces.description import ARRAY_TYPE, Port
+from cdff_common.formats.file_source import Source, load
+from cdff_common.formats.format_detection import detect
+from cdff_common.formats.geotiff import read_bands
+from cdff_common.formats.image import read_image
+from cdff_common.formats.npz import read_npz
+from cdff_common.formats.pose import read_pose
+from cdff_common.formats.tum import read_tum
+from cdff_common.interfaces.array_ports import ARRAY_TYPE, SCALAR_TYPES
+from cdff_common.interfaces.description import Port
 from cdff_dev.run.clouds import CLOUD_FORMATS, read_cloud
 
 _NUMBERS = re.compile(r"[\[\]\s0-9eE+.,-]+\Z|true\Z|false\Z")
 
 
-def read_array(port: Port, text: str) -> NDArray[Any]:
-    """Read an array port from a file, or from the numbers themselves where no such file exists.
+def read_array(port: Port, text: str) -> Any:
+    """Read an array or scalar port from a file, or from the numbers in ``text`` if no such file exists.
 
-    Point clouds give their points, normals to ports named after normals; pictures their pixels, grey where the port has
-    two dimensions; poses their matrix; npz the array named like the port, or the only one.
+    Point clouds give their points, normals to ports named after normals; pictures their pixels, grey where
+    the port has two dimensions; poses their matrix; npz the array named like the port, or the only one.
 
     Raises
     ------
     InputError
-        Naming port and file, if the content cannot be an array of the port's shape.
+        If the content is no array of the port's shape; the message states port and file.
     """
+    if port.type == "str":
+        return text
     match = ARRAY_TYPE.match(port.type)
-    if match is None:
-        raise InputError(f"port {port.attribute}: {port.type} is no array type")
-    shape = tuple(s.strip() for s in match["shape"].split(",") if s.strip())
+    dtype, dims = match.group("dtype", "shape") if match else (SCALAR_TYPES[port.type], "")
+    shape = tuple(s.strip() for s in dims.split(",") if s.strip())
     if not Path(text).exists() and _NUMBERS.match(text.strip()):
         values: Any = json.loads(text if text.strip()[0] in "[tf" or not shape else f"[{text}]")
         name = text
@@ -44,14 +51,14 @@ def read_array(port: Port, text: str) -> NDArray[Any]:
         values, name = _content(port, shape, s), s.name
     try:
         array = np.asarray(values)
-        exact = array.astype(match["dtype"])
+        exact = array.astype(dtype)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{port.attribute}={name}: {error}; expected {port.type}") from error
     sizes = [int(s) if s.isdigit() else None for s in shape]
     fits = exact.ndim == len(sizes) and all(n in (None, m) for n, m in zip(sizes, exact.shape, strict=True))
     if not fits:
         raise InputError(f"{port.attribute}={name}: shape {exact.shape}, expected {port.type}")
-    return np.ascontiguousarray(exact) if sizes else exact
+    return np.ascontiguousarray(exact) if sizes else exact.item()
 
 
 def _content(port: Port, shape: tuple[str, ...], s: Source) -> Any:
@@ -66,16 +73,13 @@ def _content(port: Port, shape: tuple[str, ...], s: Source) -> Any:
             return cloud.intensity
         return cloud.points_m
     if shape == ("4", "4") and fmt in ("json", "pose_txt", "tum"):
-        from cdff_common.formats.pose import read_pose
-
         return read_pose(s).T.matrix
+    if fmt == "tum" and (shape[1:] == ("4", "4") or "stamps_ns" in port.attribute):
+        stamps_ns, T = read_tum(s)
+        return stamps_ns if "stamps_ns" in port.attribute else T
     if fmt in ("png", "pgm", "ppm"):
-        from cdff_common.formats.image import read_image
-
         return grey(read_image(s)) if len(shape) == 2 else read_image(s)
     if fmt == "tif":
-        from cdff_common.formats.geotiff import read_bands
-
         bands = list(read_bands(s)[0].values())
         return bands[0] if len(shape) == 2 else np.stack(bands, axis=-1)
     if fmt == "npz":
@@ -89,26 +93,27 @@ def _content(port: Port, shape: tuple[str, ...], s: Source) -> Any:
 
 
 def grey(image: NDArray[Any]) -> NDArray[Any]:
-    """Luma of a colour picture (ITU-R BT.601), grey pictures unchanged."""
+    """Return the luma of a colour picture (ITU-R BT.601); grey pictures are unchanged."""
     if image.ndim == 2:
         return image
     luma = image[:, :, :3].astype(np.float64) @ np.array([0.299, 0.587, 0.114])
-    return np.rint(luma).astype(image.dtype)
+    grey: NDArray[Any] = np.rint(luma).astype(image.dtype)
+    return grey
 
 
 def _from_npz(port: Port, s: Source) -> NDArray[Any]:
-    from cdff_common.formats.npz import read_npz
-
     arrays = read_npz(s)
     if port.attribute in arrays:
         return arrays[port.attribute]
     if len(arrays) == 1:
         return next(iter(arrays.values()))
-    raise InputError(f"{port.attribute}={s.name}: holds {', '.join(arrays)}, expected an array {port.attribute}")
+    raise InputError(
+        f"{port.attribute}={s.name}: holds {', '.join(arrays)}, expected an array {port.attribute}"
+    )
 
 
 def _from_text(s: Source) -> NDArray[np.float64]:
-    """Rows of numbers separated by commas or blanks; a first row of names is skipped."""
+    """Return rows of numbers separated by commas or blanks; a first row of names is skipped."""
     lines = [line.split("#")[0] for line in s.data.decode("utf-8", "replace").splitlines()]
     rows = [line.replace(",", " ").split() for line in lines if line.strip()]
     try:

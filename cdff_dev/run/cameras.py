@@ -1,13 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pictures together with the camera that took them, which a calibration file says."""
+"""Images with the camera model of a calibration file."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.camera import CameraModel, StereoCalibration, read_camera, read_stereo
@@ -18,7 +17,7 @@ from cdff_core.imaging.frames import with_image
 
 
 def with_camera(frame: Frame, calibration: str, name: str = "") -> Frame:
-    """The image with a camera of a calibration file, by default the file's first.
+    """Return the image with a camera of a calibration file, by default the first one.
 
     Raises
     ------
@@ -30,13 +29,18 @@ def with_camera(frame: Frame, calibration: str, name: str = "") -> Frame:
 
 
 def stereo_pair(
-    left: NDArray[Any], right: NDArray[Any], calibration: str, names: tuple[str, str] = ("", ""), *,
-    frame: str, stamp_ns: int,
-) -> FramePair:  # fmt: skip
+    left: NDArray[Any],
+    right: NDArray[Any],
+    calibration: str,
+    names: tuple[str, str] = ("", ""),
+    *,
+    frame: str,
+    stamp_ns: int,
+) -> FramePair:
     """Two images as a pair of two cameras of a calibration file, by default the file's first and second.
 
-    Where the calibration is of a rectified pair nothing is said of where the cameras sit. Otherwise each image has its
-    own lens, and its place in the left camera's frame: what StereoRectification needs.
+    With the calibration of a rectified pair the poses of the cameras are left empty. Otherwise each image
+    has its own lens and its pose in the left camera's frame, as StereoRectification needs.
 
     Parameters
     ----------
@@ -45,20 +49,25 @@ def stereo_pair(
     calibration : str
         Path of the file.
     names : tuple of str
-        Of the left and the right camera, as the file calls them.
+        Names of the left and the right camera in the file.
     frame : str
         Of the left camera.
 
     Raises
     ------
     InputError
-        As ``with_camera``, or where the file does not say where the cameras are to each other.
+        Like ``with_camera``, or if the file has no relative pose of the cameras.
     """
     stereo = read_stereo(Path(calibration), *names)
     pair = FramePair.from_images(
-        left, right, baseline_m=stereo.baseline_m, camera_matrix=stereo.left.matrix, stamp_ns=stamp_ns, sensor=frame,
-        T_robot_sensor=None if stereo.is_rectified else UncertainTransform(np.eye(4), np.zeros((6, 6))),
-    )  # fmt: skip
+        left,
+        right,
+        baseline_m=stereo.baseline_m,
+        camera_matrix=stereo.left.matrix,
+        stamp_ns=stamp_ns,
+        sensor=frame,
+        T_robot_sensor=None if stereo.is_rectified else UncertainTransform.identity(),
+    )
     if stereo.is_rectified:
         for camera, image in ((stereo.left, pair.left), (stereo.right, pair.right)):
             _check_size(camera, image, calibration)
@@ -71,7 +80,7 @@ def stereo_pair(
 
 
 def camera_document(frame: Frame) -> dict[str, Any] | None:
-    """What ``with_camera`` reads the camera of an image from again; None where the image does not say its camera."""
+    """Return the text from which ``with_camera`` reads the camera of an image; None if it has none."""
     model = frame.intrinsic.camera_model
     if model not in (FrameCameraModelT.CAM_PINHOLE, FrameCameraModelT.CAM_FISHEYE):
         return None
@@ -87,7 +96,7 @@ def camera_document(frame: Frame) -> dict[str, Any] | None:
 
 def _placed(right: Frame, stereo: StereoCalibration, left_frame: str) -> Frame:
     """The right image where the calibration has its camera."""
-    T_left_right = UncertainTransform(se3.inverse(stereo.T_right_left), np.zeros((6, 6)))
+    T_left_right = UncertainTransform.exact(se3.inverse(stereo.T_right_left))
     name = right.frame if right.frame != left_frame else f"{left_frame}_right"
     return with_image(right, right.image, place=(name, T_left_right))
 
@@ -98,7 +107,7 @@ def _taken_by(camera: CameraModel, frame: Frame, calibration: str) -> Frame:
 
 
 def _check_size(camera: CameraModel, frame: Frame, calibration: str) -> None:
-    """Refuse an image of another size than the calibration's, where that says one."""
+    """Refuse an image of another size than the calibration states."""
     rows, cols = frame.image.shape[:2]
     if camera.rows and camera.cols and (camera.rows, camera.cols) != (rows, cols):
         raise InputError(

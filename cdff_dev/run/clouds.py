@@ -8,32 +8,32 @@ import numpy as np
 
 from cdff_common.errors import InputError
 from cdff_common.formats.cloud import CloudArrays
-from cdff_common.formats.source import Source
-
-CLOUD_FORMATS = ("ply", "pcd", "las", "bin", "npz")
+from cdff_common.formats.file_source import Source
+from cdff_common.formats.kitti_bin import read_kitti_bin
+from cdff_common.formats.las import read_las
+from cdff_common.formats.npz import read_npz
+from cdff_common.formats.pcd import read_pcd
+from cdff_common.formats.ply import read_ply
 
 
 def read_cloud(s: Source, fmt: str) -> CloudArrays:
     """Read a cloud that ``detect`` has found to be in ``fmt``, one of ``CLOUD_FORMATS``."""
-    from cdff_common.formats.kitti_bin import read_kitti_bin
-    from cdff_common.formats.las import read_las
-    from cdff_common.formats.pcd import read_pcd
-    from cdff_common.formats.ply import read_ply
-
-    if fmt == "npz":
-        return _from_npz(s)
-    return {"ply": read_ply, "pcd": read_pcd, "las": read_las, "bin": read_kitti_bin}[fmt](s)  # type: ignore[arg-type]
+    return _READERS[fmt](s)
 
 
 def _from_npz(s: Source) -> CloudArrays:
-    from cdff_common.formats.npz import read_npz
-
     arrays = read_npz(s.data)
     points = next((arrays[name] for name in ("points_m", "points") if name in arrays), None)
     if points is None:
         candidates = [a for a in arrays.values() if a.ndim == 2 and a.shape[1] == 3 and a.dtype.kind == "f"]
         if len(candidates) != 1:
-            raise InputError(f"{s.name}: holds {', '.join(arrays)}, expected an array points_m of shape (n, 3)")
+            raise InputError(
+                f"{s.name}: holds {', '.join(arrays)}, expected an array points_m of shape (n, 3)"
+            )
         points = candidates[0]
     intensity, colors = arrays.get("intensity"), arrays.get("colors")
     return CloudArrays.of(points, intensity, None if colors is None else np.asarray(colors))
+
+
+_READERS = {"ply": read_ply, "pcd": read_pcd, "las": read_las, "bin": read_kitti_bin, "npz": _from_npz}
+CLOUD_FORMATS = tuple(_READERS)

@@ -16,8 +16,9 @@ def register(nouns: Any) -> None:
     parser = nouns.add_parser(
         "run",
         help="one DFN or DFPC, once, on files",
-        description="Run a DFN or DFPC once on files and write its outputs. The types of the ports decide how files "
-        "are read; formats are told by content. 'cdff dfn|dfpc show NAME' lists ports and parameters.",
+        description="Run a DFN or DFPC once on files and write its outputs. The types of the ports "
+        "decide how files are read; formats are recognised by content. 'cdff dfn|dfpc show NAME' lists "
+        "ports and parameters.",
         epilog="exit codes: 0 for OK and DEGRADED, 3 for FAILED (outputs.json is written, without a value)",
     )
     parser.add_argument("name", help="folder, class name or alias, as icp_localisation or Registration3D")
@@ -25,10 +26,11 @@ def register(nouns: Any) -> None:
         "inputs",
         nargs="*",
         metavar="PORT=FILE",
-        help="an input; IMAGE,CAMERA for a picture with its camera, LEFT,RIGHT,CAMERA for a stereo pair, CAMERA being "
-        "a calibration file of OpenCV, Kalibr or KITTI; a number for a port that is one",
+        help="an input; IMAGE,CAMERA for a picture with its camera, LEFT,RIGHT,CAMERA for a stereo "
+        "pair, CAMERA being a calibration file of OpenCV, Kalibr or KITTI; a number for a numeric "
+        "port",
     )
-    parser.add_argument("--implementation", help="the first of the description without it")
+    parser.add_argument("--implementation", help="default: the first in the description")
     parser.add_argument("--config", metavar="FILE", help="YAML or JSON mapping of parameters")
     parser.add_argument(
         "--set",
@@ -46,12 +48,13 @@ def register(nouns: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, run, write; return 0, or 3 where the algorithm refused."""
-    from cdff_dev.run.execute import execute
+    from cdff_common.cli import key_values
+    from cdff_dev.run.execution import execute
     from cdff_dev.run.outputs import write_outputs
     from cdff_dev.run.parameters import parameters
 
     config = parameters(args.config, [item for group in args.settings for item in group])
-    result = execute(args.name, split_inputs(args.inputs), config, args.implementation)
+    result = execute(args.name, key_values(args.inputs, "input", "PORT=FILE"), config, args.implementation)
     report = write_outputs(result, Path(args.out))
     if args.json:
         print(json.dumps(report, indent=1))
@@ -66,18 +69,3 @@ def run(args: argparse.Namespace) -> int:
             elif "value" in entry:
                 print(f"{port} = {json.dumps(entry['value'])}")
     return 3 if report["quality"]["status"] == "FAILED" else 0
-
-
-def split_inputs(items: list[str]) -> dict[str, str]:
-    """``PORT=FILE`` items as a mapping; raises InputError on one without = or named twice."""
-    from cdff_common.errors import InputError
-
-    inputs: dict[str, str] = {}
-    for item in items:
-        port, equals, file = item.partition("=")
-        if not equals or not port or not file:
-            raise InputError(f"input {item!r}: expected PORT=FILE")
-        if port in inputs:
-            raise InputError(f"input {port} is given twice")
-        inputs[port] = file
-    return inputs

@@ -13,12 +13,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cdff_common.codecs.json_form import from_json
 from cdff_common.errors import InputError
-from cdff_common.formats.cloud import CloudArrays
-from cdff_common.formats.detect import detect
+from cdff_common.formats.bal import read_bal
+from cdff_common.formats.file_source import Source, load
+from cdff_common.formats.format_detection import detect
+from cdff_common.formats.geotiff import read_bands, read_map
+from cdff_common.formats.image import read_image
+from cdff_common.formats.libmv import read_libmv
+from cdff_common.formats.npz import read_npz
 from cdff_common.formats.pose import PoseValue, read_pose
-from cdff_common.formats.source import Source, load
-from cdff_common.interfaces.description import ARRAY_TYPE, Port
+from cdff_common.formats.pose_graph import read_pose_graph
+from cdff_common.formats.tum import read_tum
+from cdff_common.interfaces.description import Port
+from cdff_common.types import (
+    Frame,
+    LidarScan,
+    Pointcloud,
+    Pose,
+    PoseTrajectory,
+    RigidBodyState,
+    TransformWithCovariance,
+)
+from cdff_dev.logs import open_log
 from cdff_dev.run.arrays import grey, read_array
 from cdff_dev.run.clouds import CLOUD_FORMATS, read_cloud
 
@@ -32,22 +49,23 @@ _POSES = ("TransformWithCovariance", "RigidBodyState", "Pose")
 
 @dataclass(frozen=True, slots=True)
 class _Setting:
-    """What files do not say: the frame a port's data are taken in, and the common stamp."""
+    """Properties that files do not contain: the frame of a port's data, and the common stamp."""
 
     frame: str
     stamp_ns: int
 
 
 def read_inputs(ports: Sequence[Port], files: Mapping[str, str]) -> dict[str, Any]:
-    """Read each port's file as its type says.
+    """Read each port's file according to its type.
 
-    Files have no frames: with one sensor input they are in the child frame of the pose input, or in ``site`` without
-    one; with several each is in a frame named like its port. All stamps are those of the pose inputs, else 0.
+    Files have no frames: with one sensor input they are in the child frame of the pose input, or in ``site``
+    without one; with several each is in a frame named like its port. All stamps are those of the pose inputs,
+    else 0.
 
     Raises
     ------
     InputError
-        On an unknown or missing port, or a file that does not fit the port's type.
+        If a port is unknown or missing, or a file that does not fit the port's type.
     """
     by_name = {name: p for p in ports for name in (p.name, p.attribute)}
     unknown = next((name for name in files if name not in by_name), None)
@@ -66,7 +84,7 @@ def read_inputs(ports: Sequence[Port], files: Mapping[str, str]) -> dict[str, An
     for attribute, (port, text) in given.items():
         if attribute in poses:
             values[attribute] = _pose_as(port.type_name, poses[attribute], stamp_ns)
-        elif ARRAY_TYPE.match(port.type):
+        elif not port.is_message:
             values[attribute] = read_array(port, text)
         else:
             frame = attribute if len(sensed) > 1 else _frame_of_only_sensor(list(poses.values()))
@@ -92,8 +110,6 @@ def _is_pose_file(text: str) -> bool:
 
 
 def _pose_as(type_name: str, pose: PoseValue, stamp_ns: int) -> Any:
-    from cdff_common.types import Pose, RigidBodyState, TransformWithCovariance
-
     if type_name == "Pose":
         return Pose.from_matrix(pose.T.matrix)
     parent, child = pose.parent or _MAP_FRAME, pose.child or _BODY_FRAME
@@ -109,36 +125,31 @@ def _typed(port: Port, text: str, setting: _Setting) -> Any:
         return _from_log(name, Path(text))
     s = load(text)
     fmt = detect(s)
-    readers: dict[str, Callable[[Source, str, _Setting], Any]] = {
-        "Pointcloud": _pointcloud,
-        "LidarScan": _lidar_scan,
-        "Frame": _frame,
-        "ElevationMap": _map,
-        "NavigationMap": _map,
-        "PoseTrajectory": _trajectory,
-        "PoseGraph": _pose_graph,
-        "BundleProblem": _bundle,
-    }
     if fmt == "json":
-        return _from_json(name, s)
+        return from_json(name, json.loads(s.data))
     if fmt == "msg":
         return _from_log(name, Path(text))
-    if name not in readers:
-        raise InputError(f"{port.attribute}={s.name}: a {fmt} file, expected a {name} as json or msg")
     try:
-        return readers[name](s, name if fmt == "tif" else fmt, setting)
+        return _from_file(name, s, fmt, setting)
     except InputError as error:
         raise InputError(f"{port.attribute}={error}") from error
 
 
-def _pointcloud(s: Source, fmt: str, setting: _Setting) -> Any:
-    from cdff_common.types import Pointcloud
+def _from_file(type_name: str, s: Source, fmt: str, setting: _Setting) -> Any:
+    formats, read = _READERS.get(type_name, ((), None))
+    if read is None or fmt not in formats:
+        expected = ", ".join((*formats, "json"))
+        raise InputError(f"{s.name}: a {fmt} file, expected a {type_name} as {expected} or msg")
+    return read(s, fmt, setting)
 
-    cloud = _cloud(s, fmt, "a point cloud")
+
+def _pointcloud(s: Source, fmt: str, setting: _Setting) -> Any:
+    cloud = read_cloud(s, fmt)
     if len(cloud.points_m) > _MOST_POINTS:
         raise InputError(
-            f"{s.name}: {len(cloud.points_m)} points, a Pointcloud holds at most {_MOST_POINTS}; thin it first: "
-            f"cdff run point_cloud_downsampling points={s.name} --set max_points={_MOST_POINTS // 2} --out DIR"
+            f"{s.name}: {len(cloud.points_m)} points, a Pointcloud holds at most {_MOST_POINTS}; thin it "
+            f"first: cdff run point_cloud_downsampling points={s.name} --set "
+            f"max_points={_MOST_POINTS // 2} --out DIR"
         )
     intensity = cloud.intensity
     if intensity is not None:
@@ -147,57 +158,49 @@ def _pointcloud(s: Source, fmt: str, setting: _Setting) -> Any:
         scaled = np.nan_to_num(intensity * (1000.0 if fractional else 1.0))
         intensity = np.rint(np.clip(scaled, -(2**31), 2**31 - 1)).astype(np.int32)
     return Pointcloud.from_points(
-        cloud.points_m, frame=setting.frame, stamp_ns=setting.stamp_ns, intensity=intensity, colors=cloud.colors
+        cloud.points_m,
+        frame=setting.frame,
+        stamp_ns=setting.stamp_ns,
+        intensity=intensity,
+        colors=cloud.colors,
     )
 
 
 def _lidar_scan(s: Source, fmt: str, setting: _Setting) -> Any:
-    from cdff_common.types import LidarScan
-
-    points = _cloud(s, fmt, "a lidar scan").points_m
+    points = read_cloud(s, fmt).points_m
     at_once = np.zeros(len(points), np.uint32)
-    return LidarScan.from_arrays(points, at_once, frame=setting.frame, t0_ns=setting.stamp_ns, t1_ns=setting.stamp_ns)
-
-
-def _cloud(s: Source, fmt: str, what: str) -> CloudArrays:
-    if fmt not in CLOUD_FORMATS:
-        raise InputError(f"{s.name}: a {fmt} file, expected {what} as {', '.join(CLOUD_FORMATS)}, json or msg")
-    return read_cloud(s, fmt)
+    return LidarScan.from_arrays(
+        points, at_once, frame=setting.frame, t0_ns=setting.stamp_ns, t1_ns=setting.stamp_ns
+    )
 
 
 def _frame(s: Source, fmt: str, setting: _Setting) -> Any:
-    from cdff_common.types import Frame
-
-    image, camera_matrix = _picture(s, fmt)
+    camera_matrix = None
+    if fmt == "tif":
+        bands = list(read_bands(s)[0].values())
+        image: NDArray[Any] = bands[0] if len(bands) == 1 else np.stack(bands, axis=-1)
+    elif fmt == "npz":
+        arrays = read_npz(s)
+        if "image" not in arrays:
+            raise InputError(f"{s.name}: holds {', '.join(arrays)}, expected an array image")
+        image, camera_matrix = arrays["image"], arrays.get("camera_matrix")
+    else:
+        image = read_image(s)
     mode = {3: "RGB", 4: "RGBA"}.get(image.shape[2] if image.ndim == 3 else 1, "GRAY")
     return Frame.from_image(
         image, stamp_ns=setting.stamp_ns, mode=mode, sensor=setting.frame, camera_matrix=camera_matrix
     )
 
 
-def _picture(s: Source, fmt: str) -> tuple[NDArray[Any], NDArray[np.float64] | None]:
-    """Pixels, and the camera matrix where the file (npz) has one."""
-    if fmt in ("png", "pgm", "ppm"):
-        from cdff_common.formats.image import read_image
-
-        return read_image(s), None
-    if fmt == "Frame":  # a tif
-        from cdff_common.formats.geotiff import read_bands
-
-        bands = list(read_bands(s)[0].values())
-        return (bands[0] if len(bands) == 1 else np.stack(bands, axis=-1)), None
-    if fmt == "npz":
-        from cdff_common.formats.npz import read_npz
-
-        arrays = read_npz(s)
-        if "image" in arrays:
-            return arrays["image"], arrays.get("camera_matrix")
-    raise InputError(f"{s.name}: a {fmt} file, expected png, pgm, ppm, tif, json, msg, or npz with an array image")
+def _trajectory(s: Source, _fmt: str, setting: _Setting) -> Any:
+    stamps_ns, T = read_tum(s)
+    return PoseTrajectory.from_arrays(stamps_ns, T, None, parent=_MAP_FRAME, child=setting.frame)
 
 
 def _with_calibration(port: Port, files: list[str], setting: _Setting) -> Any:
-    """``IMAGE,CAMERA[,NAME]`` or, for a pair, ``LEFT,RIGHT,CAMERA[,NAME,NAME]``; CAMERA is a calibration file."""
-    from cdff_common.formats.image import read_image
+    """``IMAGE,CAMERA[,NAME]`` or, for a pair, ``LEFT,RIGHT,CAMERA[,NAME,NAME]``; CAMERA is a calibration
+    file.
+    """
     from cdff_dev.run.cameras import stereo_pair, with_camera
 
     pictures, form = 1, "IMAGE,CAMERA[,NAME]"
@@ -209,8 +212,7 @@ def _with_calibration(port: Port, files: list[str], setting: _Setting) -> Any:
     try:
         if pictures == 1:
             s = load(files[0])
-            fmt = detect(s)
-            return with_camera(_frame(s, "Frame" if fmt == "tif" else fmt, setting), calibration, *names)
+            return with_camera(_from_file("Frame", s, detect(s), setting), calibration, *names)
         left, right = (grey(read_image(f)) for f in files[:2])
         left_name, right_name = names or ("", "")
         return stereo_pair(
@@ -220,51 +222,25 @@ def _with_calibration(port: Port, files: list[str], setting: _Setting) -> Any:
         raise InputError(f"{port.attribute}={error}") from error
 
 
-def _map(s: Source, fmt: str, setting: _Setting) -> Any:
-    from cdff_common.formats.geotiff import read_map
-
-    if fmt not in ("ElevationMap", "NavigationMap"):
-        raise InputError(f"{s.name}: a {fmt} file, expected a GeoTIFF, json or msg")
-    return read_map(s, fmt, frame=setting.frame)
-
-
-def _trajectory(s: Source, fmt: str, setting: _Setting) -> Any:
-    from cdff_common.formats.tum import read_tum
-    from cdff_common.types import PoseTrajectory
-
-    if fmt != "tum":
-        raise InputError(f"{s.name}: a {fmt} file, expected a TUM trajectory, json or msg")
-    stamps_ns, T = read_tum(s)
-    return PoseTrajectory.from_arrays(stamps_ns, T, None, parent=_MAP_FRAME, child=setting.frame)
-
-
-def _pose_graph(s: Source, fmt: str, setting: _Setting) -> Any:
-    from cdff_common.formats.pose_graph import read_pose_graph
-
-    if fmt != "g2o":
-        raise InputError(f"{s.name}: a {fmt} file, expected g2o, json or msg")
-    return read_pose_graph(s, frame=setting.frame)
-
-
-def _bundle(s: Source, fmt: str, setting: _Setting) -> Any:
-    from cdff_common.formats.bal import read_bal
-    from cdff_common.formats.libmv import read_libmv
-
-    if fmt not in ("bal", "libmv"):
-        raise InputError(f"{s.name}: a {fmt} file, expected bal, libmv, json or msg")
-    return (read_bal if fmt == "bal" else read_libmv)(s, frame=setting.frame)
-
-
-def _from_json(type_name: str, s: Source) -> Any:
-    from cdff_common.codecs.json_form import from_json
-
-    return from_json(type_name, json.loads(s.data))
+_PICTURES = ("png", "pgm", "ppm", "tif", "npz")
+#: Type of a port -> formats of its files besides json and msg, and their reader.
+_READERS: dict[str, tuple[tuple[str, ...], Callable[[Source, str, _Setting], Any]]] = {
+    "Pointcloud": (CLOUD_FORMATS, _pointcloud),
+    "LidarScan": (CLOUD_FORMATS, _lidar_scan),
+    "Frame": (_PICTURES, _frame),
+    "ElevationMap": (("tif",), lambda s, _, setting: read_map(s, "ElevationMap", frame=setting.frame)),
+    "NavigationMap": (("tif",), lambda s, _, setting: read_map(s, "NavigationMap", frame=setting.frame)),
+    "PoseTrajectory": (("tum",), _trajectory),
+    "PoseGraph": (("g2o",), lambda s, _, setting: read_pose_graph(s, frame=setting.frame)),
+    "BundleProblem": (
+        ("bal", "libmv"),
+        lambda s, fmt, setting: (read_bal if fmt == "bal" else read_libmv)(s, frame=setting.frame),
+    ),
+}
 
 
 def _from_log(type_name: str, path: Path) -> Any:
-    """The first sample of the type in a log."""
-    from cdff_dev.logs import open_log
-
+    """Return the first sample of the type in a log."""
     log = open_log(path)
     streams = [name for name, info in log.streams.items() if info.type_name == type_name]
     if not streams:

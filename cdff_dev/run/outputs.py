@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Outputs as files, and ``outputs.json`` (contract §2)."""
+"""Outputs as files, and ``outputs.json``."""
 
 from __future__ import annotations
 
@@ -11,27 +11,32 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.codecs.json_form import json_safe
-from cdff_common.errors import StorageError
+from cdff_common.codecs.dict_form import to_dict_form
 from cdff_common.formats.cloud import CloudArrays
+from cdff_common.formats.geotiff import write_bands
+from cdff_common.formats.image import write_png
+from cdff_common.formats.npz import write_npz
 from cdff_common.formats.payload import FORMATS, pose_value, to_file
+from cdff_common.formats.ply import write_ply
 from cdff_common.formats.pose import PoseValue
 from cdff_common.geometry import UncertainTransform, se3
-from cdff_common.interfaces.description import ARRAY_TYPE, Port
+from cdff_common.interfaces.description import Port
 from cdff_common.interfaces.product import Status
+from cdff_common.json_form import jsonable
+from cdff_common.output import storage_errors
 from cdff_common.types import Frame
 from cdff_dev.run.cameras import camera_document
-from cdff_dev.run.execute import Emitted, Result
+from cdff_dev.run.execution import Emitted, Result
 
 _INLINE_ELEMENTS = 64
 
 
 def write_outputs(result: Result, folder: Path) -> dict[str, Any]:
-    """Write each output and ``outputs.json`` into ``folder``, and return what the latter holds.
+    """Write each output and ``outputs.json`` into ``folder``, and return the content of the latter.
 
-    A port that gave several values has the last in ``<port>.<ext>``, the earlier ones in ``<port>.<index>.<ext>``.
-    A graph or a bundle, which is a file only, has the metrics of the run as its value.
-    Where the run FAILED no value is written.
+    A port that gave several values has the last in ``<port>.<ext>``, the earlier ones in
+    ``<port>.<index>.<ext>``. For a pose graph or a bundle problem, which
+    are written as files only, ``value`` holds the metrics of the run. If the run FAILED, no value is written.
 
     Raises
     ------
@@ -40,7 +45,7 @@ def write_outputs(result: Result, folder: Path) -> dict[str, Any]:
     """
     failed = result.quality.status is Status.FAILED
     outputs: dict[str, Any] = {}
-    try:
+    with storage_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for port in result.ports:
             entry: dict[str, Any] = {"type": port.type_name}
@@ -59,16 +64,14 @@ def write_outputs(result: Result, folder: Path) -> dict[str, Any]:
             "wall_s": round(result.wall_s, 6),
             "cpu_s": round(result.cpu_s, 6),
         }
-        plain: dict[str, Any] = json_safe(report)
-        (folder / "outputs.json").write_text(json.dumps(plain, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise StorageError(f"{folder}: cannot be written: {error.strerror or error}") from error
+        plain: dict[str, Any] = jsonable(report)
+        _put_json(folder, "outputs.json", plain)
     return plain
 
 
 def _write(port: Port, emitted: Emitted, folder: Path, stem: str) -> dict[str, Any]:
     """Write one value; return its ``file`` and, where it is small, its ``value``."""
-    if ARRAY_TYPE.match(port.type):
+    if not port.is_message:
         return _write_array(port, np.asarray(emitted.value), folder, stem)
     value = emitted.value
     name = type(value).__name__
@@ -82,10 +85,7 @@ def _write(port: Port, emitted: Emitted, folder: Path, stem: str) -> dict[str, A
             fmt = "libmv"
         camera = _write_camera(value, folder, stem) if name == "Frame" else {}
         return _put(folder, f"{stem}.{fmt}", to_file(value, fmt)) | camera
-    from cdff_common.codecs.plain import to_plain
-
-    plain = json_safe(to_plain(value))
-    return _put(folder, f"{stem}.json", (json.dumps(plain, indent=1, allow_nan=False) + "\n").encode())
+    return _put_json(folder, f"{stem}.json", jsonable(to_dict_form(value)))
 
 
 def _write_array(port: Port, array: NDArray[Any], folder: Path, stem: str) -> dict[str, Any]:
@@ -94,34 +94,33 @@ def _write_array(port: Port, array: NDArray[Any], folder: Path, stem: str) -> di
     if array.size <= _INLINE_ELEMENTS and "n" not in port.type.partition("[")[2]:
         return {"value": array.tolist()}
     if array.ndim == 2 and array.shape[1] == 3 and "points" in port.attribute:
-        from cdff_common.formats.ply import write_ply
-
         return _put(folder, f"{stem}.ply", write_ply(CloudArrays.of(array)))
     if array.ndim == 2 and "[r,c" in port.type:
-        from cdff_common.formats.geotiff import write_bands
-        from cdff_common.formats.image import write_png
-
         if array.dtype in (np.uint8, np.uint16):
             return _put(folder, f"{stem}.png", write_png(array))
         return _put(folder, f"{stem}.tif", write_bands({port.attribute: array}))
-    from cdff_common.formats.npz import write_npz
-
     return _put(folder, f"{stem}.npz", write_npz({port.attribute: array}))
 
 
 def _write_camera(image: Frame, folder: Path, stem: str) -> dict[str, Any]:
-    """The camera of an image, which pictures do not hold, as the calibration file of ``PORT=IMAGE,CAMERA``."""
+    """Return the camera of an image, which picture files do not contain, as the calibration file of
+    ``PORT=IMAGE,CAMERA``.
+    """
     document = camera_document(image)
     if document is None:
         return {}
-    return {"camera": _put(folder, f"{stem}.camera.json", (json.dumps(document, indent=1) + "\n").encode())["file"]}
+    return {"camera": _put_json(folder, f"{stem}.camera.json", document)["file"]}
 
 
 def _write_pose(pose: PoseValue, folder: Path, stem: str) -> dict[str, Any]:
     value = pose.to_json()
-    return {**_put(folder, f"{stem}.json", (json.dumps(value, indent=1) + "\n").encode()), "value": value}
+    return {**_put_json(folder, f"{stem}.json", value), "value": value}
 
 
 def _put(folder: Path, name: str, data: bytes) -> dict[str, Any]:
     (folder / name).write_bytes(data)
     return {"file": name}
+
+
+def _put_json(folder: Path, name: str, value: Any) -> dict[str, Any]:
+    return _put(folder, name, (json.dumps(value, indent=1) + "\n").encode())

@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from cdff_common.errors import ConfigurationError
+from cdff_common.interfaces.yaml_file import read_mapping
 
 
 def parameters(path: str | None, settings: list[str]) -> dict[str, Any]:
@@ -24,9 +25,9 @@ def parameters(path: str | None, settings: list[str]) -> dict[str, Any]:
     Raises
     ------
     ConfigurationError
-        Naming the file or setting that cannot be understood.
+        If a file or setting is invalid; the message states which.
     """
-    merged: dict[str, Any] = {} if path is None else _mapping(Path(path))
+    merged: dict[str, Any] = {} if path is None else read_mapping(Path(path))
     for setting in settings:
         key, equals, text = setting.partition("=")
         if not equals or not all(key.split(".")):
@@ -45,15 +46,3 @@ def parameters(path: str | None, settings: list[str]) -> dict[str, Any]:
                 )
         node[last] = value
     return merged
-
-
-def _mapping(path: Path) -> dict[str, Any]:
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigurationError(f"{path}: {error}") from error
-    if data is None:
-        return {}
-    if not isinstance(data, dict) or not all(isinstance(key, str) for key in data):
-        raise ConfigurationError(f"{path}: expected a mapping of parameter names to values")
-    return data

@@ -25,11 +25,16 @@ class StereoCamera:
     ground_vertices : int
         Number of vertices of geometry 0: where the rocks' radiances start.
     triangles : tuple of NDArray[np.uint32]
-        Of the two geometries, shapes (m, 3).
+        Vertex indices of the triangles of ground and rocks, (m, 3) each.
     """
 
     def __init__(
-        self, model: Navcam, scene: Any, look: Look, ground_vertices: int, triangles: tuple[NDArray[np.uint32], ...]
+        self,
+        model: Navcam,
+        scene: Any,
+        look: Look,
+        ground_vertices: int,
+        triangles: tuple[NDArray[np.uint32], ...],
     ) -> None:
         self._model = model
         self._scene = scene
@@ -38,14 +43,18 @@ class StereoCamera:
         self._triangles = triangles
         K = model.camera_matrix
         v, u = np.mgrid[0 : model.rows, 0 : model.columns]
-        rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones_like(u, dtype=float)], axis=-1)
+        rays = np.stack(
+            [(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones_like(u, dtype=float)], axis=-1
+        )
         self._rays = rays.reshape(-1, 3)
         self._ray_length = np.linalg.norm(self._rays, axis=1).astype(np.float32)
         corner = (K[0, 2] ** 2 + K[1, 2] ** 2) / K[0, 0] ** 2
         off_axis = ((self._rays[:, :2] ** 2).sum(1) / corner).reshape(model.rows, model.columns)
         self._vignette = (1.0 - model.vignetting * off_axis).astype(np.float32)
 
-    def pair(self, T_site_base: FloatArray, rng: np.random.Generator) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    def pair(
+        self, T_site_base: FloatArray, rng: np.random.Generator
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Left and right image ``(rows, columns)`` of a rover standing at ``T_site_base``."""
         m = self._model
         exposure = 1.0 + m.exposure_sigma * rng.standard_normal()
@@ -85,7 +94,7 @@ class StereoCamera:
         x, y = self._rays[:, 0], self._rays[:, 1]
         for axis, (rx, ry, rz) in enumerate(T_site_camera[:3, :3]):
             rays[:, 3 + axis] = rx * x + ry * y + rz
-        answer = self._scene.cast_rays(o3d.core.Tensor(rays), nthreads=1)
+        answer = self._scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=1)
         return answer, rays[:, 3:], T_site_camera[:3, 3].astype(np.float32)
 
     def _light(
@@ -111,7 +120,8 @@ class StereoCamera:
             corners[on_rock] = self._triangles[1][primitive[on_rock]].astype(np.int64) + self._rock_start
         value = look.vertex_radiance[corners]
         light[rest] = value[:, 0] * (1 - uv.sum(axis=1)) + value[:, 1] * uv[:, 0] + value[:, 2] * uv[:, 1]
-        # The fine tile lies on the plan; on steep rock faces height shifts it, so that it does not smear.
+        # The detail texture is projected vertically; adding height to x and y avoids streaks on steep rock
+        # faces.
         x = at[:, 0] + np.float32(0.71) * at[:, 2]
         y = at[:, 1] + np.float32(0.59) * at[:, 2]
         return np.asarray(light * look.detail_factor(x, y, footprint), dtype=np.float32)
@@ -122,4 +132,5 @@ class StereoCamera:
         signal = blurred * self._vignette * np.float32(m.gain_dn * exposure)
         sigma = np.sqrt(m.read_noise_dn**2 + m.shot_noise_dn2_per_dn * np.maximum(signal, 0.0))
         noisy = signal + sigma * rng.standard_normal(signal.shape, dtype=np.float32)
-        return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+        image: NDArray[np.uint8] = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+        return image

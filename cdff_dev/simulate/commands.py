@@ -14,7 +14,9 @@ from typing import Any
 def register(nouns: Any) -> None:
     """Add ``cdff simulate`` to the command line."""
     parser = nouns.add_parser("simulate", help="make the log of a simulated mission")
-    parser.add_argument("scenario", help="a shipped scenario's name (rover_traverse) or a scenario file (.yaml)")
+    parser.add_argument(
+        "scenario", help="a shipped scenario's name (rover_traverse) or a scenario file (.yaml)"
+    )
     parser.add_argument(
         "--out",
         required=True,
@@ -27,7 +29,7 @@ def register(nouns: Any) -> None:
     parser.add_argument(
         "--workers", type=int, default=2, help="processes that cast rays (the log does not depend on it)"
     )
-    parser.add_argument("--json", action="store_true", help="say what was made as JSON")
+    parser.add_argument("--json", action="store_true", help="print a summary as JSON")
     parser.set_defaults(run=_run, parser=parser)
 
 
@@ -39,21 +41,24 @@ def progress_line(done: int, total: int) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from cdff_common.output import make_folder, writing
+    from cdff_common.output import make_folder, storage_errors
     from cdff_dev.simulate.scenario import load_scenario
     from cdff_dev.simulate.store import cache_folder, check_free, deliver, simulated_log
 
     scenario = load_scenario(args.scenario, args.seed)
     check_free(args.out, args.force)
-    make_folder(args.out.parent)  # told now, not after minutes
-    with writing(cache_folder()):
+    make_folder(args.out.parent)  # an error now instead of after minutes
+    with storage_errors(cache_folder()):
         log = simulated_log(scenario, max(args.workers, 0), progress_line, fresh=args.force)
-    with writing(args.out):
+    with storage_errors(args.out):
         deliver(log, args.out, args.force)
     robots = list(scenario.robots)
     if args.json:
         made = {"log": str(args.out), "scenario": scenario.name, "seed": scenario.seed, "robots": robots}
         print(json.dumps({**made, "duration_s": scenario.duration_s, "scenario_digest": scenario.digest}))
     else:
-        print(f"{args.out}: {scenario.name}, seed {scenario.seed}, {scenario.duration_s:g} s of {', '.join(robots)}")
+        print(
+            f"{args.out}: {scenario.name}, seed {scenario.seed}, {scenario.duration_s:g} s of "
+            f"{', '.join(robots)}"
+        )
     return 0

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_dev.simulate.drive import Motion
+from cdff_dev.simulate.rover_motion import Motion
 from cdff_dev.simulate.scenario import Lidar
 from cdff_dev.simulate.surface import Float32Array
 
@@ -25,7 +25,7 @@ class Scan:
     points_m : NDArray[np.float32], shape (n, 3)
         Each in the lidar's frame at the point's own time.
     time_offset_us : NDArray[np.uint32], shape (n,)
-        Since the begin of the scan.
+        Since the start of the scan.
     intensity : NDArray[np.uint16], shape (n,)
         Reflectance times cosine of incidence, 0 to 1000.
     ring : NDArray[np.uint16], shape (n,)
@@ -58,11 +58,11 @@ def scan(model: Lidar, scene: Any, motion: Motion, t0_s: float, rng: np.random.G
 
     beams = directions(model)
     offset_us = np.round(np.arange(model.columns) * model.sweep_s / model.columns * 1e6).astype(np.uint32)
-    T_site_lidar = motion.poses(t0_s + offset_us * 1e-6) @ model.mount.matrix()
+    T_site_lidar = motion.poses(t0_s + offset_us.astype(np.float64) * 1e-6) @ model.mount.matrix()
     rays = np.empty((model.columns, model.rings, 6), dtype=np.float32)
     rays[..., :3] = T_site_lidar[:, None, :3, 3]
     rays[..., 3:] = np.einsum("cij,crj->cri", T_site_lidar[:, :3, :3], beams)
-    answer = scene.cast_rays(o3d.core.Tensor(rays), nthreads=1)
+    answer = scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=1)
     range_m = answer["t_hit"].numpy().astype(np.float64)
     cosine = np.abs(np.einsum("cri,cri->cr", answer["primitive_normals"].numpy(), rays[..., 3:]))
     noise = model.range_sigma_m * rng.standard_normal(range_m.shape)

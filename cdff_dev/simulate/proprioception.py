@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a rover feels: IMU at its own mount, and the dead reckoning of wheels that slip."""
+"""Proprioception of a rover: IMU at its own mount, and dead reckoning of wheels that slip."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from cdff_common.geometry import se3
 from cdff_common.geometry.covariance import compose_covariance
 from cdff_common.geometry.se3 import FloatArray
-from cdff_dev.simulate.drive import Motion
+from cdff_dev.simulate.rover_motion import Motion
 from cdff_dev.simulate.scenario import Imu, Wheels
 
 
@@ -29,8 +29,8 @@ def imu_readings(
 ) -> ImuTrack:
     """Readings at times ``(n,)``, evenly spaced at the model's rate.
 
-    Specific force ``R^T (a_imu - g)`` with the lever arm's tangential and centripetal parts; white noise of density
-    sigma has a standard deviation of ``sigma sqrt(rate)`` per sample (IEEE Std 952).
+    Specific force ``R^T (a_imu - g)`` with the lever arm's tangential and centripetal parts; white noise of
+    density sigma has a standard deviation of ``sigma sqrt(rate)`` per sample (IEEE Std 952).
     """
     T_base_imu = model.mount.matrix()
     R_base_imu, lever = T_base_imu[:3, :3], T_base_imu[:3, 3]
@@ -57,7 +57,9 @@ def imu_readings(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WheelTrack:
-    """Cumulative ``T_odom_base`` ``(n, 4, 4)`` of a planar dead reckoning and its reported covariance ``(n, 6, 6)``."""
+    """Cumulative ``T_odom_base`` ``(n, 4, 4)`` of a planar dead reckoning and its reported covariance ``(n,
+    6, 6)``.
+    """
 
     poses: FloatArray
     covariances: FloatArray
@@ -66,9 +68,10 @@ class WheelTrack:
 def wheel_odometry(model: Wheels, motion: Motion, t_s: FloatArray, rng: np.random.Generator) -> WheelTrack:
     """Dead reckoning at times ``(n,)``.
 
-    The wheels turn further than the rover moves by the slip, which grows uphill and wanders (an Ornstein-Uhlenbeck
-    process); sideways slip on cross slopes is not seen at all; the skid-steered heading has a gain error and noise.
-    The odometry is planar: it starts as identity and knows no tilt, and its covariance says so.
+    The wheels turn further than the rover moves by the slip, which grows uphill and wanders (an
+    Ornstein-Uhlenbeck process); sideways slip on cross slopes is not seen at all; the skid-steered heading
+    has a gain error and noise. The odometry is planar: it starts as identity without tilt, which its
+        covariance accounts for.
     """
     poses = motion.poses(t_s)
     n = len(t_s)
@@ -81,7 +84,8 @@ def wheel_odometry(model: Wheels, motion: Motion, t_s: FloatArray, rng: np.rando
     slip = np.clip(slip, -0.05, 0.6)
     moved = np.abs(forward)
     dx = forward / (1.0 - slip)
-    # The rover slides down the cross slope; a straight wheel reads none of it, so the reading lacks the slide.
+    # The rover slides down the cross slope; a straight wheel reads none of it, so the reading lacks the
+    # slide.
     dy = body[:, 1, 3] + model.side_slip_per_slope * cross * moved
     gain = 1.0 + model.yaw_gain_sigma * rng.standard_normal()
     dyaw = gain * yaw + model.yaw_noise_rad_sqrt_m * np.sqrt(moved) * rng.standard_normal(n - 1)
@@ -103,19 +107,25 @@ def _accumulate(model: Wheels, dx: FloatArray, dy: FloatArray, dyaw: FloatArray)
     n = len(dx) + 1
     poses = np.tile(np.eye(4), (n, 1, 1))
     covariances = np.zeros((n, 6, 6))
-    way = 0.0
+    distance_m = 0.0
     for i in range(1, n):
         step = se3.transform(se3.exp_so3([0, 0, dyaw[i - 1]]), [dx[i - 1], dy[i - 1], 0.0])
         poses[i] = poses[i - 1] @ step
         length = abs(float(dx[i - 1]))
-        # The scale error is one draw for the whole way, so its variance grows with the square of the way:
-        # each increment is given the difference of the squares.
-        square = (way + length) ** 2 - way**2
-        way += length
-        increment = np.diag([
-            model.reported_distance_sigma**2 * square, model.reported_side_sigma**2 * square,
-            model.reported_tilt_sigma_rad**2 * square, 0.0, 0.0, model.reported_yaw_sigma_rad_sqrt_m**2 * length,
-        ])  # fmt: skip
+        # The scale error is one draw for the whole path, so its variance grows with the square of the path
+        # length: each increment is given the difference of the squares.
+        square = (distance_m + length) ** 2 - distance_m**2
+        distance_m += length
+        increment = np.diag(
+            [
+                model.reported_distance_sigma**2 * square,
+                model.reported_side_sigma**2 * square,
+                model.reported_tilt_sigma_rad**2 * square,
+                0.0,
+                0.0,
+                model.reported_yaw_sigma_rad_sqrt_m**2 * length,
+            ]
+        )
         covariances[i] = compose_covariance(poses[i - 1], covariances[i - 1], step, increment)
     # Tilt is never measured: the same variance at every time but the first, where the frame is defined.
     covariances[1:, 3, 3] += model.reported_tilt_sigma_rad**2

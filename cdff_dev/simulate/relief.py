@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The shape of the ground: fractal relief by spectral synthesis, craters, a grid that is fine where rovers drive."""
+"""The shape of the ground: fractal relief by spectral synthesis, craters, a grid that is fine where rovers
+drive.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,12 @@ from cdff_dev.simulate.scenario import Craters, Plain, Spectrum, TerrainModel
 
 
 def fractal_tile(
-    rng: np.random.Generator, cells: int, cell_m: float, band_m: tuple[float, float], hurst: float, rms_slope: float
+    rng: np.random.Generator,
+    cells: int,
+    cell_m: float,
+    band_m: tuple[float, float],
+    hurst: float,
+    rms_slope: float,
 ) -> FloatArray:
     """Periodic height tile ``(cells, cells)``, metres, with a power spectrum ``k^-(2H+2)`` inside a band.
 
@@ -45,7 +52,9 @@ def fractal_tile(
     return np.asarray(height * (rms_slope / actual if actual > 0 else 0.0), dtype=np.float64)
 
 
-def power_law_sizes(rng: np.random.Generator, count: int, low: float, high: float, slope: float) -> FloatArray:
+def power_law_sizes(
+    rng: np.random.Generator, count: int, low: float, high: float, slope: float
+) -> FloatArray:
     """Sizes ``(count,)`` with a cumulative number ``N(>d) ~ d^-slope`` between two bounds, largest first."""
     u = rng.random(count)
     sizes = (low**-slope - u * (low**-slope - high**-slope)) ** (-1.0 / slope)
@@ -53,7 +62,7 @@ def power_law_sizes(rng: np.random.Generator, count: int, low: float, high: floa
 
 
 def crater_profile(r: FloatArray, diameter_m: float, depth_m: float, rim_m: float) -> FloatArray:
-    """Height of a fresh simple crater at distance ``r`` from its centre, metres.
+    """Return the height of a fresh simple crater at distance ``r`` from its centre, metres.
 
     A parabola that reaches ``-depth_m`` below the plain and the rim at the radius; outside, ejecta fall with
     ``(r/R)^-3`` (Pike 1977; McGetchin et al. 1973), cut smoothly to zero at three radii.
@@ -66,7 +75,9 @@ def crater_profile(r: FloatArray, diameter_m: float, depth_m: float, rim_m: floa
 
 
 def graded_axis(fine_half_m: float, step_m: float, far_half_m: float, growth: float) -> FloatArray:
-    """Node coordinates, metres: even inside ``±fine_half_m``, outside steps grow to 5 m until ``±far_half_m``."""
+    """Node coordinates, metres: even inside ``±fine_half_m``, outside steps grow to 5 m until
+    ``±far_half_m``.
+    """
     cells = round(fine_half_m / step_m)
     inner = np.arange(-cells, cells + 1) * step_m
     outer, step = [float(inner[-1])], step_m
@@ -105,11 +116,13 @@ class Relief:
         return np.asarray(lower * (1 - v) + upper * v, dtype=np.float64)
 
     def smoothed(self, sigma_cells: float) -> Relief:
-        """A copy with heights averaged over a Gaussian of so many cells: what a wheel feels."""
+        """Return a copy with heights averaged over a Gaussian of this many cells, as under a wheel."""
         return Relief(self.x_m, self.y_m, gaussian_filter(self.z_m, sigma_cells, mode="nearest"))
 
     def mesh(self) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices ``(rows*columns, 3)`` float32 and triangles ``(m, 3)`` uint32, counter-clockwise seen from above."""
+        """Vertices ``(rows*columns, 3)`` float32 and triangles ``(m, 3)`` uint32, counter-clockwise seen from
+        above.
+        """
         rows, columns = self.z_m.shape
         x, y = np.meshgrid(self.x_m, self.y_m)
         vertices = np.stack([x, y, self.z_m], axis=-1).reshape(-1, 3).astype(np.float32)
@@ -120,7 +133,9 @@ class Relief:
 
 
 def relief_share(plains: Sequence[Plain], x_m: FloatArray, y_m: FloatArray) -> FloatArray:
-    """Share of the fractal relief that is left at nodes ``(columns,)`` by ``(rows,)``: shape (rows, columns)."""
+    """Return the remaining fraction of the fractal relief at nodes ``(columns,)`` by ``(rows,)``: shape
+    (rows, columns).
+    """
     share = np.ones((len(y_m), len(x_m)))
     for plain in plains:
         r = np.hypot(x_m[None, :] - plain.centre_xy_m[0], y_m[:, None] - plain.centre_xy_m[1])
@@ -166,7 +181,9 @@ def make_relief(model: TerrainModel, rng: np.random.Generator) -> Relief:
     return Relief(axis, axis.copy(), z)
 
 
-def _fractal(spectrum: Spectrum, model: TerrainModel, axis: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _fractal(
+    spectrum: Spectrum, model: TerrainModel, axis: FloatArray, rng: np.random.Generator
+) -> FloatArray:
     coarse_cells, fine_cells = 512, 1024
     coarse_m = 2.4 * model.far_half_width_m / coarse_cells
     fine_m = model.resolution_m

@@ -34,7 +34,9 @@ class RockMesh:
 
 
 def icosphere(levels: int) -> tuple[FloatArray, np.ndarray]:
-    """Unit directions ``(n, 3)`` and triangles ``(m, 3)`` of an icosahedron whose faces are split ``levels`` times."""
+    """Unit directions ``(n, 3)`` and triangles ``(m, 3)`` of an icosahedron whose faces are split ``levels``
+    times.
+    """
     g = (1 + 5**0.5) / 2
     v = np.array(
         [
@@ -52,9 +54,30 @@ def icosphere(levels: int) -> tuple[FloatArray, np.ndarray]:
             [-g, 0, 1],
         ]
     )
-    f = np.array([[0, 11, 5], [0, 5, 1], [0, 1, 7], [0, 7, 10], [0, 10, 11], [1, 5, 9], [5, 11, 4], [11, 10, 2],
-                  [10, 7, 6], [7, 1, 8], [3, 9, 4], [3, 4, 2], [3, 2, 6], [3, 6, 8], [3, 8, 9], [4, 9, 5], [2, 4, 11],
-                  [6, 2, 10], [8, 6, 7], [9, 8, 1]])  # fmt: skip
+    f = np.array(
+        [
+            [0, 11, 5],
+            [0, 5, 1],
+            [0, 1, 7],
+            [0, 7, 10],
+            [0, 10, 11],
+            [1, 5, 9],
+            [5, 11, 4],
+            [11, 10, 2],
+            [10, 7, 6],
+            [7, 1, 8],
+            [3, 9, 4],
+            [3, 4, 2],
+            [3, 2, 6],
+            [3, 6, 8],
+            [3, 8, 9],
+            [4, 9, 5],
+            [2, 4, 11],
+            [6, 2, 10],
+            [8, 6, 7],
+            [9, 8, 1],
+        ]
+    )
     for _ in range(levels):
         edges = np.sort(np.concatenate([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]]), axis=1)
         unique, inverse = np.unique(edges, axis=0, return_inverse=True)
@@ -80,14 +103,18 @@ def _one_rock(rng: np.random.Generator, directions: FloatArray, diameter_m: floa
 
 
 def make_rocks(
-    model: Rocks, relief: Relief, tracks_xy_m: FloatArray, rng: np.random.Generator, plains: Sequence[Plain] = ()
+    model: Rocks,
+    relief: Relief,
+    tracks_xy_m: FloatArray,
+    rng: np.random.Generator,
+    plains: Sequence[Plain] = (),
 ) -> RockMesh:
     """Scatter rocks on the ground, none on plains.
 
     Parameters
     ----------
     tracks_xy_m : NDArray[np.float64], shape (n, 2)
-        Points along the rovers' ways; a rock's edge stays ``track_clearance_m`` away from them.
+        Points along the rovers' paths; a rock's edge stays ``track_clearance_m`` away from them.
     """
     tiny, small, large = icosphere(1), icosphere(2), icosphere(3)
     tree = cKDTree(tracks_xy_m)
@@ -95,7 +122,9 @@ def make_rocks(
     triangles: list[np.ndarray] = []
     albedo: list[np.ndarray] = []
     total = 0
-    for diameter in power_law_sizes(rng, model.count, model.diameter_min_m, model.diameter_max_m, model.slope):
+    for diameter in power_law_sizes(
+        rng, model.count, model.diameter_min_m, model.diameter_max_m, model.slope
+    ):
         xy = rng.uniform(-model.half_width_m, model.half_width_m, 2)
         directions, faces = large if diameter > 0.3 else small if diameter > 0.12 else tiny
         points = _one_rock(rng, directions, float(diameter))

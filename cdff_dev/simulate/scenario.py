@@ -8,7 +8,6 @@ import hashlib
 import json
 import math
 from functools import cached_property
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -20,9 +19,10 @@ from cdff_common.errors import ConfigurationError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfn import StrictModel, validated
+from cdff_common.resources import deploy_folder, resolve
 
 #: Where the shipped scenarios lie.
-SCENARIO_FOLDER = Path(__file__).resolve().parents[2] / "deploy" / "simulation"
+SCENARIO_FOLDER = deploy_folder() / "simulation"
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -73,7 +73,7 @@ class Plain(StrictModel):
 
 
 class Surface(StrictModel):
-    """How the ground and the sun look."""
+    """Appearance of terrain and sun."""
 
     texel_m: Positive
     albedo_contrast: Annotated[float, Field(ge=0, le=1)]
@@ -97,11 +97,11 @@ class TerrainModel(StrictModel):
     craters: Craters
     rocks: Rocks
     plains: tuple[Plain, ...] | None = None
-    surface: Surface | None = Field(None, description="needed where there are cameras")
+    surface: Surface | None = Field(None, description="required if there are cameras")
 
 
 class Mount(StrictModel):
-    """Where a sensor sits: ``T_base_sensor`` of a body-like sensor frame (x forward, y left, z up)."""
+    """Pose of a sensor: ``T_base_sensor`` of a body-like sensor frame (x forward, y left, z up)."""
 
     xyz_m: Vector3
     rpy_deg: Vector3 = (0.0, 0.0, 0.0)
@@ -196,8 +196,12 @@ class Wheels(StrictModel):
     side_slip_per_slope: NotNegative
     yaw_gain_sigma: NotNegative
     yaw_noise_rad_sqrt_m: NotNegative
-    reported_distance_sigma: Annotated[float, Field(ge=0, description="relative, of each increment (fully correlated)")]
-    reported_side_sigma: Annotated[float, Field(ge=0, description="relative, of each increment (fully correlated)")]
+    reported_distance_sigma: Annotated[
+        float, Field(ge=0, description="relative, of each increment (fully correlated)")
+    ]
+    reported_side_sigma: Annotated[
+        float, Field(ge=0, description="relative, of each increment (fully correlated)")
+    ]
     reported_yaw_sigma_rad_sqrt_m: NotNegative
     reported_tilt_sigma_rad: NotNegative
 
@@ -211,8 +215,8 @@ class Chassis(StrictModel):
     base_height_m: NotNegative
 
 
-class Drive(StrictModel):
-    """One rover's way: a start, curvature along the way, rest before and after."""
+class RoverPath(StrictModel):
+    """Path of one rover: start pose, curvature along the path, and rest times before and after the motion."""
 
     start_xy_m: tuple[float, float]
     heading_deg: float
@@ -239,7 +243,7 @@ class Scenario(StrictModel):
     wheels: Wheels
     truth_rate_hz: Positive
     truth_map_m: Positive | None = Field(None, description="cell of the true map; absent: 0.05 m")
-    robots: Annotated[dict[str, Drive], Field(min_length=1)]
+    robots: Annotated[dict[str, RoverPath], Field(min_length=1)]
 
     @model_validator(mode="after")
     def _cameras_see_a_surface(self) -> Scenario:
@@ -262,7 +266,7 @@ class Scenario(StrictModel):
 def load_scenario(name: str, seed: int | None = None) -> Scenario:
     """Read a shipped scenario by name, or a scenario file by path; ``seed`` replaces the file's.
 
-    A file that says ``extends: NAME`` holds only what differs from that shipped scenario.
+    A file with ``extends: NAME`` contains only the differences from that shipped scenario.
 
     Raises
     ------
@@ -276,11 +280,10 @@ def load_scenario(name: str, seed: int | None = None) -> Scenario:
 
 
 def _read(name: str) -> dict[str, Any]:
-    """Contents of a scenario file laid over those it extends; the robots are the file's own where it has any."""
-    path = Path(name) if name.endswith((".yaml", ".yml")) else SCENARIO_FOLDER / f"{name}.yaml"
-    if not path.is_file():
-        known = ", ".join(sorted(p.stem for p in SCENARIO_FOLDER.glob("*.yaml")))
-        raise ConfigurationError(f"scenario {name!r}: no file {path}; shipped are {known or 'none'}")
+    """Return a scenario file merged over those that it extends; the robots are the file's own where it has
+    any.
+    """
+    path = resolve("simulation", name)
     try:
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
     except yaml.YAMLError as error:
@@ -299,8 +302,10 @@ def _read(name: str) -> dict[str, Any]:
 
 
 def _laid_over(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-    """The mapping below with what the one above says instead, mappings within laid over each other likewise."""
+    """Return the lower mapping with the values of the upper one, recursively."""
     return below | {
-        key: _laid_over(below[key], value) if isinstance(value, dict) and isinstance(below.get(key), dict) else value
+        key: _laid_over(below[key], value)
+        if isinstance(value, dict) and isinstance(below.get(key), dict)
+        else value
         for key, value in above.items()
     }

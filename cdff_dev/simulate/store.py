@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Simulated logs on disk: made once for a scenario, seed and version of the simulator, then linked where asked."""
+"""Simulated logs on disk: made once for a scenario, seed and version of the simulator, then linked where
+asked.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,7 @@ from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_dev.simulate.scenario import Scenario
 
-#: Written beside the chunks: what a profile needs to know of the rovers, and what made the log.
+#: Written next to the chunks: properties of the rovers for a profile, and the origin of the log.
 SIDECAR = "scenario.json"
 #: Sources of this package that no sample depends on: editing them keeps the cache.
 _NOT_IN_SAMPLES = ("__init__.py", "commands.py")
@@ -31,18 +33,20 @@ def cache_folder() -> Path:
 
 
 def code_digest() -> str:
-    """First 16 hex digits of the SHA-256 of the simulator's sources and the versions of what they compute with."""
+    """Return the first 16 hex digits of the SHA-256 of the simulator's sources and the versions of its
+    libraries.
+    """
     digest = hashlib.sha256()
     sources = [p for p in Path(__file__).parent.glob("*.py") if p.name not in _NOT_IN_SAMPLES]
     for path in sorted(sources):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
-    for package in ("numpy", "scipy", "open3d"):
+    for package in ("numpy", "scipy", "open3d-cpu"):
         digest.update(f"{package}={version(package)}\0".encode())
     return digest.hexdigest()[:16]
 
 
 def cache_place(scenario: Scenario) -> Path:
-    """Where the log of a scenario lies in the cache, made or not."""
+    """Return the folder of a scenario's log in the cache, whether it exists or not."""
     key = hashlib.sha256(f"{scenario.digest}/{code_digest()}".encode()).hexdigest()[:16]
     return cache_folder() / f"{scenario.name}-{key}"
 
@@ -50,24 +54,35 @@ def cache_place(scenario: Scenario) -> Path:
 def _edge(parent: str, child: str, T: FloatArray) -> dict[str, Any]:
     quaternion = se3.quaternion_xyzw_from_matrix(T[:3, :3])
     return {
-        "parent": parent, "child": child, "translation_m": [float(v) for v in T[:3, 3]],
+        "parent": parent,
+        "child": child,
+        "translation_m": [float(v) for v in T[:3, 3]],
         "quaternion_xyzw": [float(v) for v in quaternion],
-    }  # fmt: skip
+    }
 
 
 def describe(scenario: Scenario, starts: dict[str, FloatArray]) -> dict[str, Any]:
-    """Frames and calibration in the profile's terms, for the sidecar; ``starts`` holds each ``T_site_odom``."""
+    """Frames and calibration in the profile's terms, for the sidecar; ``starts`` holds each
+    ``T_site_odom``.
+    """
     robots = {}
-    cameras = {} if scenario.navcam is None else {
-        "navcam_left": scenario.navcam.T_base_left, "navcam_right": scenario.navcam.T_base_right
-    }  # fmt: skip
+    cameras = (
+        {}
+        if scenario.navcam is None
+        else {"navcam_left": scenario.navcam.T_base_left, "navcam_right": scenario.navcam.T_base_right}
+    )
     mounts = {**cameras, "lidar": scenario.lidar.mount.matrix(), "imu": scenario.imu.mount.matrix()}
     for robot, T_site_odom in starts.items():
         edges = [_edge(f"{robot}/base", f"{robot}/{sensor}", T) for sensor, T in mounts.items()]
         robots[robot] = {"frames": [_edge("site", f"{robot}/odom", T_site_odom), *edges]}
-    calibration = {} if scenario.navcam is None else {
-        "camera_matrix": scenario.navcam.camera_matrix.tolist(), "baseline_m": scenario.navcam.baseline_m
-    }  # fmt: skip
+    calibration = (
+        {}
+        if scenario.navcam is None
+        else {
+            "camera_matrix": scenario.navcam.camera_matrix.tolist(),
+            "baseline_m": scenario.navcam.baseline_m,
+        }
+    )
     return {
         "scenario": scenario.name,
         "seed": scenario.seed,
@@ -107,14 +122,16 @@ def make_log(scenario: Scenario, target: Path, workers: int, progress: Any = Non
 
 
 def _forget_old(name: str, keep: int) -> None:
-    """Remove all but the newest logs of a scenario from the cache: each is some 200 MB, and older versions pile up."""
+    """Remove all but the newest logs of a scenario from the cache: each is some 200 MB, and older versions
+    pile up.
+    """
     made = [p for p in cache_folder().glob(f"{name}-*") if (p / SIDECAR).is_file()]
     for old in sorted(made, key=lambda p: p.stat().st_mtime, reverse=True)[keep:]:
         shutil.rmtree(old, ignore_errors=True)
 
 
 def simulated_log(scenario: Scenario, workers: int = 2, progress: Any = None, fresh: bool = False) -> Path:
-    """The folder of a scenario's log in the cache, made now where it is not there or ``fresh``."""
+    """Return the folder of a scenario's log in the cache; generate it if it is missing or ``fresh``."""
     target = cache_place(scenario)
     if fresh or not (target / SIDECAR).is_file():
         make_log(scenario, target, workers, progress)
@@ -122,7 +139,9 @@ def simulated_log(scenario: Scenario, workers: int = 2, progress: Any = None, fr
 
 
 def _places(log: Path, out: Path) -> dict[Path, Path]:
-    """Where each file of a cached log goes: into a folder, or beside ``NAME.msg`` as ``NAME_000000000.msg``, …"""
+    """Return the target of each file of a cached log: in a folder, or ``NAME_000000000.msg`` next to
+    ``NAME.msg``.
+    """
     if out.suffix != ".msg":
         return {path: out / path.name for path in sorted(log.iterdir())}
     chunks = sorted(log.glob("*.msg"))
@@ -157,7 +176,7 @@ def deliver(log: Path, out: Path, force: bool = False) -> None:
     Raises
     ------
     ConflictError
-        As ``check_free``.
+        If ``check_free`` raises it.
     """
     check_free(out, force)
     places = _places(log, out)

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""How the ground looks: albedo, sun and cast shadows baked into a map, and two fine tiles that repeat.
+"""Appearance of the terrain: albedo, sun and cast shadows in one map, and two fine tiles that repeat.
 
-An image then costs one ray cast and three texture lookups a pixel. Textures carry their mipmaps, so that distant
-ground does not flicker; ``sample`` is the trilinear lookup.
+An image then costs one ray cast and three texture lookups a pixel. Textures carry their mipmaps, so that
+distant ground does not flicker; ``sample`` is the trilinear lookup.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from cdff_dev.simulate.scenario import Surface, TerrainModel
 
 Float32Array = NDArray[np.float32]
 
-#: Periods of the two fine tiles, texels; their ratio is far from a simple fraction, so the pattern does not repeat.
+#: Periods of the two fine tiles, texels; their ratio is far from a simple fraction, so the pattern does not
+#: repeat.
 _TILE_TEXELS = 1024
 _SECOND_TILE_SCALE = 0.731
 _SECOND_TILE_TURN_RAD = 0.65
@@ -66,7 +67,7 @@ class Texture:
         return cls(np.concatenate([level.ravel() for level in levels]), sizes, texel_m, origin_m, wraps)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]  # numba carries no types
+@njit(cache=True)
 def _bilinear(texels, offset, n, texel_m, origin_m, wraps, x_m, y_m):  # type: ignore[no-untyped-def]
     u = (x_m - origin_m) / texel_m - 0.5
     v = (y_m - origin_m) / texel_m - 0.5
@@ -84,7 +85,7 @@ def _bilinear(texels, offset, n, texel_m, origin_m, wraps, x_m, y_m):  # type: i
     return upper * (1.0 - fv) + lower * fv
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]  # numba carries no types
+@njit(cache=True)
 def _trilinear(texels, sizes, offsets, texel_m, origin_m, wraps, x, y, footprint_m, out):  # type: ignore[no-untyped-def]
     last = sizes.size - 1
     for k in range(x.size):
@@ -101,7 +102,9 @@ def _trilinear(texels, sizes, offsets, texel_m, origin_m, wraps, x, y, footprint
 
 
 def sample(texture: Texture, x_m: Float32Array, y_m: Float32Array, footprint_m: Float32Array) -> Float32Array:
-    """Values ``(n,)`` at points, blended over the mipmap levels that fit a pixel's footprint on the ground."""
+    """Values ``(n,)`` at points, blended over the mipmap levels that fit a pixel's footprint on the
+    ground.
+    """
     out = np.empty(x_m.size, dtype=np.float32)
     offsets = np.concatenate([[0], np.cumsum(texture.sizes**2)])
     _trilinear(
@@ -130,7 +133,7 @@ class Look:
     detail : Texture
         Periodic factor with mean 1: grains, pebbles, their shading.
     vertex_radiance : NDArray[np.float32], shape (n,)
-        Of every vertex of the ground's mesh, then of every vertex of the rocks' mesh.
+        Values at the vertices of the ground mesh, then of the rock mesh.
     sky : float
     haze_distance_m : float
     """
@@ -142,7 +145,7 @@ class Look:
     haze_distance_m: float
 
     def detail_factor(self, x_m: Float32Array, y_m: Float32Array, footprint_m: Float32Array) -> Float32Array:
-        """The product of two scaled and turned copies of the fine tile at points."""
+        """Return the product of two scaled and rotated copies of the fine tile at points."""
         c, s = np.float32(math.cos(_SECOND_TILE_TURN_RAD)), np.float32(math.sin(_SECOND_TILE_TURN_RAD))
         k = np.float32(_SECOND_TILE_SCALE)
         first = sample(self.detail, x_m, y_m, footprint_m)
@@ -161,12 +164,17 @@ def vertex_normals(vertices: Float32Array, triangles: NDArray[np.uint32]) -> Flo
     p = vertices[triangles]
     face = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
     normal = np.stack(
-        [np.bincount(triangles.ravel(), np.repeat(face[:, a], 3), minlength=len(vertices)) for a in range(3)], axis=1
+        [np.bincount(triangles.ravel(), np.repeat(face[:, a], 3), minlength=len(vertices)) for a in range(3)],
+        axis=1,
     )
-    return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12), dtype=np.float32)
+    return np.asarray(
+        normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12), dtype=np.float32
+    )
 
 
-def make_look(model: TerrainModel, relief: Relief, rocks: RockMesh, scene: Any, rng: np.random.Generator) -> Look:
+def make_look(
+    model: TerrainModel, relief: Relief, rocks: RockMesh, scene: Any, rng: np.random.Generator
+) -> Look:
     """Bake the look of a terrain.
 
     Parameters
@@ -206,14 +214,15 @@ def _visible(scene: Any, points: Float32Array, sun: NDArray[np.float64]) -> Floa
         return np.zeros(0, dtype=np.float32)
     rays = np.empty((len(points), 6), dtype=np.float32)
     rays[:, :3], rays[:, 3:] = points, sun
-    hidden = scene.test_occlusions(o3d.core.Tensor(rays), 0.0, math.inf, 1)
-    return 1.0 - hidden.numpy().astype(np.float32)
+    hidden = scene.test_occlusions(o3d.core.Tensor.from_numpy(rays), 0.0, math.inf, 1)
+    return np.asarray(1.0 - hidden.numpy().astype(np.float32))
 
 
 def _bake_ground(
     model: TerrainModel, relief: Relief, scene: Any, sun: NDArray[np.float64], rng: np.random.Generator
 ) -> Texture:
     surface = model.surface
+    assert surface is not None, "only scenarios with a surface have a look"
     half = model.fine_half_width_m
     n = int(2 ** round(math.log2(2 * half / surface.texel_m)))
     texel = 2 * half / n

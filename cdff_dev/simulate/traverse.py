@@ -50,23 +50,27 @@ class Entry:
 
 
 def sample_times_us(rate_hz: float, duration_s: float) -> np.ndarray:
-    """Microseconds ``(n,)`` int64 since the epoch at which a sensor of this rate samples, the end included."""
+    """Microseconds ``(n,)`` int64 since the epoch at which a sensor of this rate samples, the end
+    included.
+    """
     return np.round(np.arange(int(duration_s * rate_hz + 1e-6) + 1) / rate_hz * 1e6).astype(np.int64)
 
 
 def levelled(T: FloatArray) -> FloatArray:
-    """``T_site_odom``, shape (4, 4), of the ``T_site_base`` at the epoch: its place and heading without its tilt."""
+    """``T_site_odom``, shape (4, 4), of the ``T_site_base`` at the epoch: its place and heading without its
+    tilt.
+    """
     heading = np.arctan2(T[1, 0], T[0, 0])
     return se3.transform(se3.exp_so3([0.0, 0.0, heading]), T[:3, 3])
 
 
 class _Renderer:
-    """What a worker process holds: the scene, its look and the cameras."""
+    """State of a worker process: the scene, its appearance and the cameras."""
 
     def __init__(self, world: World) -> None:
         self._world = world
         self._scene = cast_scene(world.relief, world.rocks)
-        if world.scenario.navcam is not None:
+        if world.scenario.navcam is not None and world.look is not None:
             vertices, triangles = world.relief.mesh()
             meshes = (triangles, world.rocks.triangles) if len(world.rocks.triangles) else (triangles,)
             self._camera = StereoCamera(world.scenario.navcam, self._scene, world.look, len(vertices), meshes)
@@ -76,7 +80,7 @@ class _Renderer:
         scenario = self._world.scenario
         motion = self._world.motions[robot]
         rng = generator(scenario, kind, sorted(scenario.robots).index(robot), index)
-        if kind == "navcam":
+        if kind == "navcam" and scenario.navcam is not None:
             t_s = sample_times_us(scenario.navcam.rate_hz, scenario.duration_s)[index] * 1e-6
             return self._camera.pair(motion.poses(np.array([t_s]))[0], rng)
         t0_s = sample_times_us(scenario.lidar.rate_hz, scenario.duration_s)[index] * 1e-6
@@ -136,7 +140,9 @@ def _felt(world: World, robot: str) -> Iterator[Entry]:
     epoch_ns = scenario.epoch_ns
 
     t_us = sample_times_us(scenario.imu.rate_hz, scenario.duration_s)
-    imu = imu_readings(scenario.imu, motion, t_us * 1e-6, scenario.gravity_m_s2, generator(scenario, "imu", index))
+    imu = imu_readings(
+        scenario.imu, motion, t_us * 1e-6, scenario.gravity_m_s2, generator(scenario, "imu", index)
+    )
     stream = f"/{robot}/imu.sample"
     for i, us in enumerate(t_us):
         at = epoch_ns + int(us) * 1000
@@ -146,7 +152,13 @@ def _felt(world: World, robot: str) -> Iterator[Entry]:
     t_us = sample_times_us(scenario.wheels.rate_hz, scenario.duration_s)
     wheels = wheel_odometry(scenario.wheels, motion, t_us * 1e-6, generator(scenario, "wheels", index))
     yield from _poses(
-        scenario, f"/{robot}/wheels.odometry", t_us, wheels.poses, wheels.covariances, f"{robot}/odom", f"{robot}/base"
+        scenario,
+        f"/{robot}/wheels.odometry",
+        t_us,
+        wheels.poses,
+        wheels.covariances,
+        f"{robot}/odom",
+        f"{robot}/base",
     )
 
     t_us = sample_times_us(scenario.truth_rate_hz, scenario.duration_s)
@@ -156,7 +168,13 @@ def _felt(world: World, robot: str) -> Iterator[Entry]:
 
 
 def _poses(
-    scenario: Scenario, stream: str, t_us: np.ndarray, T: FloatArray, covariance: FloatArray, parent: str, child: str
+    scenario: Scenario,
+    stream: str,
+    t_us: np.ndarray,
+    T: FloatArray,
+    covariance: FloatArray,
+    parent: str,
+    child: str,
 ) -> Iterator[Entry]:
     for i, us in enumerate(t_us):
         at = scenario.epoch_ns + int(us) * 1000
@@ -181,7 +199,10 @@ def _seen(scenario: Scenario, robot: str) -> Iterator[Entry]:
         t0_ns = scenario.epoch_ns + int(us) * 1000
         t1_ns = t0_ns + period_us * 1000
         yield Entry(
-            stream, t1_ns, _header(scenario, stream, i, t0_ns, t1_ns, f"{robot}/lidar"), render=("lidar", robot, i)
+            stream,
+            t1_ns,
+            _header(scenario, stream, i, t0_ns, t1_ns, f"{robot}/lidar"),
+            render=("lidar", robot, i),
         )
 
 
@@ -195,14 +216,16 @@ def _true_map(world: World) -> Entry:
     grid = GridGeometry("site", resolution_m, -model.fine_half_width_m, model.fine_half_width_m, n, n)
     at = scenario.epoch_ns
     value = ElevationMap.from_layers(grid, layers, t0_ns=at, t1_ns=at)
-    return Entry("/site/truth.terrain", at, _header(scenario, "/site/truth.terrain", 0, at, at, "site"), value)
+    return Entry(
+        "/site/truth.terrain", at, _header(scenario, "/site/truth.terrain", 0, at, at, "site"), value
+    )
 
 
 def _value(scenario: Scenario, entry: Entry, made: Any) -> Any:
-    """The typed sample of what a worker made."""
+    """Return the typed sample of a worker's result."""
     if entry.render is None:
         return entry.value
-    if entry.render[0] == "navcam":
+    if entry.render[0] == "navcam" and scenario.navcam is not None:
         return FramePair.from_images(
             *made,
             baseline_m=scenario.navcam.baseline_m,
@@ -232,7 +255,7 @@ def simulate(
     workers : int
         Processes that cast rays; 0 casts in this one. The samples do not depend on it.
     progress : callable, optional
-        Told how many of how many ray-cast samples are done.
+        Called with the number of finished ray-cast samples and their total.
     world : World, optional
         Made from the scenario where not given.
     """
@@ -254,7 +277,7 @@ def simulate(
 
 
 def _plan(world: World) -> tuple[list[Entry], list[tuple[str, str, int]]]:
-    """All samples in the order of a log, and what has to be rendered for them in that order."""
+    """Return all samples in the order of a log, and their rendering tasks in that order."""
     scenario = world.scenario
     entries = [_true_map(world)]
     for robot in scenario.robots:

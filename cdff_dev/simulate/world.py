@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.geometry.se3 import FloatArray
-from cdff_dev.simulate.drive import Motion, make_motion, track
 from cdff_dev.simulate.relief import Relief, make_relief
 from cdff_dev.simulate.rocks import RockMesh, make_rocks
+from cdff_dev.simulate.rover_motion import Motion, make_motion, track
 from cdff_dev.simulate.scenario import Scenario
 from cdff_dev.simulate.surface import Look, make_look
 
@@ -28,7 +27,9 @@ def generator(scenario: Scenario, stream: str, *indices: int) -> np.random.Gener
 
 @dataclass(slots=True, eq=False)
 class World:
-    """Ground, rocks, look (for cameras only) and motions of a scenario; made once, handed to the worker processes."""
+    """Ground, rocks, look (for cameras only) and motions of a scenario; made once, handed to the worker
+    processes.
+    """
 
     scenario: Scenario
     relief: Relief
@@ -38,13 +39,13 @@ class World:
 
 
 def cast_scene(relief: Relief, rocks: RockMesh) -> Any:
-    """An Open3D ray casting scene: geometry 0 is the ground, 1 the rocks."""
+    """Return an Open3D ray casting scene: geometry 0 is the ground, 1 the rocks."""
     import open3d as o3d
 
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
     for vertices, triangles in (relief.mesh(), (rocks.vertices, rocks.triangles)):
         if len(triangles):
-            scene.add_triangles(o3d.core.Tensor(vertices), o3d.core.Tensor(triangles))
+            scene.add_triangles(o3d.core.Tensor.from_numpy(vertices), o3d.core.Tensor.from_numpy(triangles))
     return scene
 
 
@@ -55,19 +56,28 @@ def make_world(scenario: Scenario) -> World:
         robot: make_motion(drive, scenario.chassis, relief, scenario.duration_s)
         for robot, drive in scenario.robots.items()
     }
-    ways = [
-        track(drive, np.arange(-0.5, float(motions[robot].distance(scenario.duration_s)) + 0.5, 0.05).clip(min=0))[0]
+    paths = [
+        track(
+            drive,
+            np.arange(-0.5, float(motions[robot].distance(scenario.duration_s)) + 0.5, 0.05).clip(min=0),
+        )[0]
         for robot, drive in scenario.robots.items()
     ]
     plains = scenario.terrain.plains or ()
-    rocks = make_rocks(scenario.terrain.rocks, relief, np.concatenate(ways), generator(scenario, "rocks"), plains)
+    rocks = make_rocks(
+        scenario.terrain.rocks, relief, np.concatenate(paths), generator(scenario, "rocks"), plains
+    )
     look = None
     if scenario.navcam is not None:
-        look = make_look(scenario.terrain, relief, rocks, cast_scene(relief, rocks), generator(scenario, "look"))
+        look = make_look(
+            scenario.terrain, relief, rocks, cast_scene(relief, rocks), generator(scenario, "look")
+        )
     return World(scenario, relief, rocks, motions, look)
 
 
-def true_heights(world: World, resolution_m: float, samples_per_edge: int = 3) -> dict[str, NDArray[np.float32]]:
+def true_heights(
+    world: World, resolution_m: float, samples_per_edge: int = 3
+) -> dict[str, NDArray[np.float32]]:
     """The true map of the fine part by rays from above, rocks included.
 
     Returns
@@ -80,12 +90,12 @@ def true_heights(world: World, resolution_m: float, samples_per_edge: int = 3) -
     half = world.scenario.terrain.fine_half_width_m
     n = round(2 * half / resolution_m)
     k = samples_per_edge
-    axis: FloatArray = (np.arange(n * k) + 0.5) * (resolution_m / k) - half
+    axis = (np.arange(n * k, dtype=np.float64) + 0.5) * (resolution_m / k) - half
     rays = np.zeros((n * k, n * k, 6), dtype=np.float32)
     rays[..., 0], rays[..., 1], rays[..., 2] = axis[None, :], axis[::-1, None], 100.0
     rays[..., 5] = -1.0
     scene = cast_scene(world.relief, world.rocks)
-    hit = scene.cast_rays(o3d.core.Tensor(rays), nthreads=1)["t_hit"].numpy().astype(np.float64)
+    hit = scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=1)["t_hit"].numpy().astype(np.float64)
     z = (100.0 - hit).reshape(n, k, n, k)
     layers = {"mean": z.mean((1, 3)), "variance": z.var((1, 3)), "min": z.min((1, 3)), "max": z.max((1, 3))}
     return {name: layer.astype(np.float32) for name, layer in layers.items()}

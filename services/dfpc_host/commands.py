@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff dfn list|show``, ``cdff dfpc list|show|run``, ``cdff call``: what is installed, and one DFPC run or asked."""
+"""Commands ``cdff dfn list|show``, ``cdff dfpc list|show|run`` and ``cdff call``."""
 
 from __future__ import annotations
 
@@ -11,21 +11,25 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from cdff_common.cli import add_connect_option, add_profile_option, key_values
+
 
 def register(nouns: Any) -> None:
     """Add ``cdff dfn`` and ``cdff dfpc``."""
     for kind in ("dfn", "dfpc"):
-        noun = nouns.add_parser(kind, help=f"{kind.upper()}s that are installed: descriptions, implementations, faults")
+        noun = nouns.add_parser(
+            kind, help=f"{kind.upper()}s that are installed: descriptions, implementations, faults"
+        )
         verbs = noun.add_subparsers(title="verbs", metavar="VERB", required=True)
-        listing = verbs.add_parser("list", help="all of them, and what did not load and why")
-        listing.add_argument("--json", action="store_true", help="for machines")
+        listing = verbs.add_parser("list", help="list all, and those that failed to load with the reason")
         listing.set_defaults(run=run_list, kind=kind)
-        show = verbs.add_parser("show", help="one description with the parameters of its implementations")
+        show = verbs.add_parser("show", help="show a description with the parameters of its implementations")
         show.add_argument("name", help="folder, class name or alias")
-        show.add_argument("--json", action="store_true", help="for machines")
         show.set_defaults(run=run_show, kind=kind)
+        for verb in (listing, show):
+            verb.add_argument("--json", action="store_true", help="JSON output")
         if kind == "dfpc":
-            run = verbs.add_parser("run", help="one DFPC as a service, in the foreground")
+            run = verbs.add_parser("run", help="run one DFPC as a service, in the foreground")
             run.add_argument("name", help="folder, class name or alias")
             run.add_argument("--robot", required=True, help="robot id")
             run.add_argument("--config", help="YAML with parameters, instead of the profile's")
@@ -34,15 +38,11 @@ def register(nouns: Any) -> None:
                 action="append",
                 default=[],
                 metavar="PORT=SOURCE",
-                help="what feeds a port: sensor/navcam/pair, product/position_manager/pose; needed without a profile, "
-                "else instead of its wiring; may be repeated",
+                help="source of a port: sensor/navcam/pair, product/position_manager/pose; replaces wiring "
+                "of the profile; required without a profile; may be repeated",
             )
-            run.add_argument(
-                "--profile",
-                default=os.environ.get("CDFF_PROFILE"),
-                help="wiring, mounts and limits from deploy/profiles/*.yaml; CDFF_PROFILE",
-            )
-            run.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
+            add_profile_option(run)
+            add_connect_option(run)
             run.set_defaults(run=run_service)
 
 
@@ -50,17 +50,21 @@ def register_call(nouns: Any) -> None:
     """Add ``cdff call``."""
     parser = nouns.add_parser(
         "call",
-        help="an operation of a running DFPC: a route, a transform, a pin, …",
-        description="Run an operation of a DFPC and print its value as JSON. Without an operation: those that it has.",
+        help="call an operation of a running DFPC: a route, a transform, a pin, …",
+        description="Call an operation of a DFPC and print its value as JSON; without one, list them.",
     )
     parser.add_argument("robot", help="robot id")
     parser.add_argument("dfpc", help="folder, class name or alias, as position_manager")
-    parser.add_argument("operation", nargs="?", help="as get_transform; without it they are listed")
-    parser.add_argument("parameters", nargs="*", default=[], metavar="KEY=VALUE", help="parameters of the operation")
-    parser.add_argument("--out", type=Path, help="file for a value that is a product; its ending says the format")
-    parser.add_argument("--timeout-s", type=float, default=10.0, help="how long to wait (default 10)")
-    parser.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
-    parser.add_argument("--json", action="store_true", help="on one line")
+    parser.add_argument("operation", nargs="?", help="name, e.g. get_transform; default: list the operations")
+    parser.add_argument(
+        "parameters", nargs="*", default=[], metavar="KEY=VALUE", help="parameters of the operation"
+    )
+    parser.add_argument(
+        "--out", type=Path, help="file for a value that is a product; its suffix selects the format"
+    )
+    parser.add_argument("--timeout-s", type=float, default=10.0, help="timeout in seconds (default 10)")
+    add_connect_option(parser)
+    parser.add_argument("--json", action="store_true", help="JSON on one line")
     parser.set_defaults(run=run_call)
 
 
@@ -69,19 +73,22 @@ def run_list(args: argparse.Namespace) -> int:
     from cdff_common.interfaces.registry import Registry
 
     registry = Registry.default()
-    found = registry.dfns if args.kind == "dfn" else registry.dfpcs
+    registry.load_plugins()
+    packages = registry.dfns if args.kind == "dfn" else registry.dfpcs
     rows = [
         {
             "name": folder,
-            "class": f.description.name,
-            "implementations": [getattr(i, "name", i) for i in f.description.implementations],
-            "aliases": list(f.description.aliases),
-            "doc": " ".join(f.description.doc.split()),
+            "class": d.name,
+            "implementations": [getattr(i, "name", i) for i in d.implementations],
+            "aliases": list(d.aliases),
+            "doc": " ".join(d.doc.split()),
         }
-        for folder, f in found.items()
+        for folder, d in ((folder, package.description) for folder, package in packages.items())
     ]
     if args.json:
-        print(json.dumps({f"{args.kind}s": rows, "failures": registry.failures}, indent=1, ensure_ascii=False))
+        print(
+            json.dumps({f"{args.kind}s": rows, "failures": registry.failures}, indent=1, ensure_ascii=False)
+        )
     else:
         width = max((len(r["name"]) for r in rows), default=0)
         for row in rows:
@@ -98,24 +105,27 @@ def run_show(args: argparse.Namespace) -> int:
 
     registry = Registry.default()
     description: Any = registry.dfn(args.name) if args.kind == "dfn" else registry.dfpc(args.name)
-    nodes = (
-        {implementation: registry.make_dfn(args.name, implementation) for implementation in description.implementations}
+    models = (
+        {
+            implementation: type(registry.make_dfn(args.name, implementation)).Config
+            for implementation in description.implementations
+        }
         if args.kind == "dfn"
-        else {description.name: registry.make_dfpc(args.name)}
+        else {description.name: registry.make_dfpc(args.name).config_model()}
     )
-    if not nodes:
+    if not models:
         raise ConfigurationError(f"{args.name} has no implementation")
-    print_description(description, nodes, as_json=args.json)
+    print_description(description, models, as_json=args.json)
     return 0
 
 
-def print_description(description: Any, nodes: dict[str, Any], *, as_json: bool) -> None:
-    """Write a description and the parameter rows of its configured classes to standard output."""
+def print_description(description: Any, models: dict[str, Any], *, as_json: bool) -> None:
+    """Write a description and the parameter rows of its configuration models to standard output."""
     from dataclasses import asdict
 
     from cdff_common.interfaces.parameters import parameter_rows
 
-    parameters = {name: [asdict(row) for row in parameter_rows(type(node).Config)] for name, node in nodes.items()}
+    parameters = {name: [asdict(row) for row in parameter_rows(model)] for name, model in models.items()}
     data = description.model_dump(mode="json") | {"configuration": parameters}
     if as_json:
         print(json.dumps(data, indent=1, ensure_ascii=False))
@@ -134,14 +144,14 @@ def print_description(description: Any, nodes: dict[str, Any], *, as_json: bool)
 
 
 def run_service(args: argparse.Namespace) -> int:
-    """Become the host process, so that signals and the exit code are its own."""
+    """Replace this process by the host process, so that signals and the exit code are those of the host."""
     from cdff_common.interfaces.registry import Registry
-    from services.dfpc_host.wiring import bare, parse_inputs
+    from services.dfpc_host.wiring import parse_inputs, standalone_entry
 
     folder = Registry.default().dfpc(args.name).folder
     inputs = parse_inputs(args.input)
     if not args.profile:
-        bare(args.robot, folder, inputs)  # what is wrong with the wiring is said here, in one line
+        standalone_entry(args.robot, folder, inputs)  # reports an error in the wiring in one line
     options = ["--robot", args.robot, "--dfpc", folder]
     for option in ("profile", "config", "connect"):
         if getattr(args, option):
@@ -150,39 +160,43 @@ def run_service(args: argparse.Namespace) -> int:
         options += ["--input", f"{port}={source}"]
     sys.stdout.flush()
     os.execv(sys.executable, [sys.executable, "-m", "services.dfpc_host", *options])
-    return 1
 
 
 def run_call(args: argparse.Namespace) -> int:
-    """Run an operation of a DFPC, and print or write what comes back."""
+    """Call an operation of a DFPC, and print or write the value."""
     from cdff_common.client import Client
     from cdff_common.errors import InputError
     from cdff_common.interfaces.registry import Registry
     from cdff_common.output import check_file, write_file
-    from services.dfpc_host.calling import file_of, format_of, parameters_of, told
+    from services.dfpc_host.operation_calls import file_bytes, file_format, printable
 
     indent = None if args.json else 1
     description = Registry.default().dfpc(args.dfpc)
     operations = {operation.name: operation for operation in description.operations}
     if args.operation is None:
-        listed = [operation.model_dump(mode="json", exclude_none=True) for operation in operations.values()]
-        print(json.dumps(listed, indent=indent, ensure_ascii=False))
+        descriptions = [
+            operation.model_dump(mode="json", exclude_none=True) for operation in operations.values()
+        ]
+        print(json.dumps(descriptions, indent=indent, ensure_ascii=False))
         return 0
     if args.operation not in operations:
         known = ", ".join(operations) or "none"
         raise InputError(f"{description.folder} has no operation {args.operation!r}; it has {known}")
-    parameters, form = parameters_of(args.parameters), None
+    parameters = key_values(args.parameters, "parameter", "KEY=VALUE, as child=mana/base", empty=True)
+    if invalid_key := next((key for key in parameters if not key.isidentifier()), None):
+        raise InputError(f"parameter name {invalid_key!r}: expected letters, digits and underscores")
+    form = None
     if args.out is not None:
-        form = format_of(args.out, operations[args.operation].output_type)
+        form = file_format(args.out, operations[args.operation].output_type)
         check_file(args.out)
     with Client(args.connect, name="cdff call") as client:
         value, provenance = client.call(
             args.robot, description.folder, args.operation, parameters, timeout_s=args.timeout_s
         )
-    shown = told(value, provenance)
+    result = printable(value, provenance)
     if form is not None:
-        data = file_of(value, form)
+        data = file_bytes(value, form)
         write_file(args.out, data)
-        shown = {"type": type(value).__name__, "bytes": len(data), "file": str(args.out)}
-    print(json.dumps(shown, indent=indent, ensure_ascii=False))
+        result = {"type": type(value).__name__, "bytes": len(data), "file": str(args.out)}
+    print(json.dumps(result, indent=indent, ensure_ascii=False))
     return 0

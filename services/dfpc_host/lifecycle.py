@@ -1,17 +1,35 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Life cycle of a hosted DFPC: the table of ``cdff_core.orchestration.lifecycle`` as states and verbs."""
+"""Life cycle, wiring and status of one DFPC, without thread, process or middleware.
+
+``HostedDfpc`` adds subscriptions, a step thread and storage; the replay of a mission can use the same class.
+"""
 
 from __future__ import annotations
 
+import logging
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from enum import StrEnum
+from typing import Any, Protocol
 
-from cdff_common.errors import NotActiveError
+from cdff_common.bus import Reply, Request, keys
+from cdff_common.contract.wiring import Wiring
+from cdff_common.errors import CdffError, InputError, NotActiveError
+from cdff_common.interfaces.dfpc import Dfpc
+from cdff_common.interfaces.product import Product
+from cdff_common.interfaces.profile import DfpcEntry, Robot
+from cdff_common.interfaces.registry import Registry
+from cdff_core.orchestration.catalogue import description_of
 from cdff_core.orchestration.lifecycle import DFPC_TRANSITIONS
+from cdff_core.runtime import Runner
+
+logger = logging.getLogger(__name__)
 
 
-class State(StrEnum):
-    """Where a hosted DFPC stands."""
+class DfpcState(StrEnum):
+    """State of a hosted DFPC; the transitions are ``DFPC_TRANSITIONS``."""
 
     UNCONFIGURED = "unconfigured"
     INACTIVE = "inactive"
@@ -19,10 +37,218 @@ class State(StrEnum):
     ERROR = "error"
 
 
-def next_state(verb: str, state: State, name: str) -> State:
-    """Return where ``verb`` leads; raises NotActiveError where it is not allowed."""
+def next_state(verb: str, state: DfpcState, name: str) -> DfpcState:
+    """Return the state after ``verb``; raises NotActiveError if the verb is not allowed."""
     target = DFPC_TRANSITIONS.get((str(state), verb))
     if target is None:
         allowed = sorted({s for s, v in DFPC_TRANSITIONS if v == verb})
         raise NotActiveError(f"{name} is {state}: {verb} is allowed when {' or '.join(allowed)}")
-    return State(target)
+    return DfpcState(target)
+
+
+class DfpcLifeCycle(ABC):
+    """A DFPC of a robot with its state, wiring and counters.
+
+    Not thread-safe: a caller with threads serialises the calls.
+
+    Attributes
+    ----------
+    robot, entry
+        Robot and DFPC entry of the profile.
+    dfpc : Dfpc
+    runner : Runner or None
+        None while the DFPC is unconfigured.
+    wired : dict of str to str
+        Source of each connected input port; empty unless active.
+    changes : int
+        Number of state changes; orders status messages.
+    last_error : str
+    """
+
+    def __init__(self, robot: Robot, entry: DfpcEntry) -> None:
+        self.robot, self.entry = robot, entry
+        self.description = Registry.default().dfpc(entry.name)
+        self.dfpc: Dfpc = Registry.default().make_dfpc(entry.name)
+        self.runner: Runner | None = None
+        self.wired: dict[str, str] = {}
+        self.changes = 0
+        self.last_error = ""
+        self._state = DfpcState.UNCONFIGURED
+
+    @property
+    def state(self) -> DfpcState:
+        """Current state."""
+        return self._state
+
+    @state.setter
+    def state(self, state: DfpcState) -> None:
+        self.changes += state is not self._state
+        self._state = state
+
+    def state_after(self, verb: str) -> DfpcState:
+        """Return the state after ``verb``; raises NotActiveError if the verb is not allowed."""
+        return next_state(verb, self._state, self.entry.name)
+
+    def configure(self, parameters: Mapping[str, Any] | None = None) -> None:
+        """Create the DFPC with the parameters of the profile, overridden by ``parameters``."""
+        target = self.state_after("configure")
+        dfpc = Registry.default().make_dfpc(self.entry.name)
+        merged = {**self.entry.parameters, **(parameters or {})}
+        try:
+            dfpc.configure(merged, self.robot.context(self.entry), self.entry.implementation)
+        except CdffError as error:
+            self.last_error = str(error)
+            raise
+        self.dfpc, self.runner = dfpc, Runner(dfpc)
+        self.state = target
+
+    def activate(self, inputs: Mapping[str, str] | None = None) -> None:
+        """Become active with the sources in ``inputs``; an active DFPC only changes its sources.
+
+        Raises
+        ------
+        InputError
+            If a source is not among the alternatives of its port in the profile.
+        """
+        target = self.state_after("activate")
+        self.wired = self.sources(inputs or {})
+        self.state = target
+
+    def deactivate(self) -> None:
+        """Become inactive, step the queued samples and publish the products that are due."""
+        target, previous_state = self.state_after("deactivate"), self._state
+        self.wired = {}
+        self.state = target
+        if previous_state is DfpcState.ACTIVE and self.runner is not None:
+            self.publish(self.runner.finish())
+
+    def clean_up(self) -> None:
+        """Release the configured DFPC and discard its data."""
+        target = self.state_after("clean_up")
+        self.dfpc, self.runner = Registry.default().make_dfpc(self.entry.name), None
+        self.wired = {}
+        self.state, self.last_error = target, ""
+
+    def sources(self, inputs: Mapping[str, str]) -> dict[str, str]:
+        """Return the source of each wired port: the selected, the current or the first alternative.
+
+        Raises
+        ------
+        InputError
+            If a selected source is not among the alternatives of its port in the profile.
+        """
+        for port, source in inputs.items():
+            wiring = self.entry.inputs.get(port)
+            known = [str(s) for s in Wiring.parse(wiring).sources] if wiring else []
+            if source not in known:
+                raise InputError(
+                    f"{self.entry.name}.{port}: {source!r} is not wired to it; expected {' or '.join(known)}"
+                )
+        current = self.wired if self._state is DfpcState.ACTIVE else {}
+        first = {port: str(Wiring.parse(text).default) for port, text in self.entry.inputs.items()}
+        return {**first, **current, **inputs}
+
+    @abstractmethod
+    def publish(self, products: Sequence[Product]) -> None:
+        """Deliver products in their order."""
+
+    @contextmanager
+    def failure_guard(self) -> Iterator[None]:
+        """Switch to state error on any exception: a bug in one DFPC must not stop the others."""
+        try:
+            yield
+        except Exception as error:
+            logger.exception("%s raised; it is switched to error", self.entry.name)
+            self.last_error = f"{type(error).__name__}: {error}"
+            self.state = DfpcState.ERROR
+
+    def describe(self) -> dict[str, Any]:
+        """Return ports, wiring, needs, cost and state for the catalogue of the orchestrator."""
+        body = description_of(self.robot, self.entry, self.description)
+        for output in body["outputs"]:
+            output["key"] = keys.product(self.robot.id, self.entry.name, output["port"])
+        return {
+            **body,
+            "state": str(self.state),
+            "wired": dict(self.wired),
+            "config_hash": "" if self.runner is None else self.dfpc.config_hash,
+            "operations": [op.name for op in self.description.operations],
+            "store": [] if self.runner is None else list(self.dfpc.store.items),
+        }
+
+    def status(self) -> dict[str, Any]:
+        """Return state, counters and last error."""
+        counters = {} if self.runner is None else self.runner.counters.to_dict()
+        step_error = str(counters.pop("last_error", ""))
+        return {
+            "name": self.entry.name,
+            "robot": self.robot.id,
+            "state": str(self.state),
+            "changes": self.changes,
+            "wired": dict(self.wired),
+            **counters,
+            "last_error": self.last_error or step_error,
+        }
+
+    def event(self, **more: Any) -> dict[str, Any]:
+        """Return the body of an event about this DFPC."""
+        return {"robot": self.robot.id, "dfpc": self.entry.name, "state": str(self.state), **more}
+
+
+class _Server(Protocol):
+    """The part of a bus that answers calls."""
+
+    def serve(self, key: str, handler: Callable[[Request], Reply], *, workers: int) -> object: ...
+
+
+def serve_life_cycle(
+    bus: _Server,
+    dfpc: DfpcLifeCycle,
+    status: Callable[[], Mapping[str, Any]],
+    publish_status: Callable[[], None],
+) -> None:
+    """Answer ``@rpc/{describe|status|configure|activate|deactivate|clean_up}`` of a DFPC.
+
+    Parameters
+    ----------
+    bus : Bus
+    dfpc : DfpcLifeCycle
+    status : callable
+        Returns the body of ``status``.
+    publish_status : callable
+        Called after each change of state.
+    """
+    reports = {"describe": dfpc.describe, "status": status}
+    changes: dict[str, Callable[[Request], None]] = {
+        "configure": lambda request: dfpc.configure(_parameters(request)),
+        "activate": lambda request: dfpc.activate(_inputs(request)),
+        "deactivate": lambda _: dfpc.deactivate(),
+        "clean_up": lambda _: dfpc.clean_up(),
+    }
+
+    def answer(request: Request) -> Reply:
+        request.check_no_parameters()
+        verb = request.key.rsplit("/", 1)[1]
+        if verb in reports:
+            return Reply.of(reports[verb]())
+        changes[verb](request)
+        publish_status()
+        return Reply.of({"state": str(dfpc.state)}, changes=dfpc.changes)
+
+    for verb in (*reports, *changes):
+        bus.serve(keys.dfpc_rpc(dfpc.robot.id, dfpc.entry.name, verb), answer, workers=1)
+
+
+def _parameters(request: Request) -> dict[str, Any] | None:
+    body = request.body() if request.payload else None
+    if body is not None and not isinstance(body, dict):
+        raise InputError(f"configure: body is a {type(body).__name__}, expected a map of parameters")
+    return body
+
+
+def _inputs(request: Request) -> dict[str, str]:
+    body = request.body() if request.payload else {}
+    inputs = body.get("inputs", {}) if isinstance(body, dict) else None
+    if not isinstance(inputs, dict):
+        raise InputError("activate: expected a body {inputs: {port: source}}, or none")
+    return {str(port): str(source) for port, source in inputs.items()}

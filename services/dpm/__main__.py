@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``python -m services.dpm --data-dir DIR --http 127.0.0.1:8080 [--profile FILE]``: one process, store and all."""
+"""``python -m services.dpm --data-dir DIR --http 127.0.0.1:8080 [--profile FILE]``: the DPM process."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from cdff_common.geodesy import Anchor, Body, body
 from cdff_common.interfaces.profile import Profile, load_profile
 from cdff_common.process import run_service
 from dpm_store import Store, open_store
-from dpm_store.room import RESERVE_BYTES
-from services.dpm.operations import Dpm
-from services.dpm.recorder import Recorder, rules_of_history
-from services.dpm.retention import rules_of
-from services.dpm.service import serve
+from dpm_store.engine.disk_space import RESERVE_BYTES
+from services.dpm.bus.recorder import Recorder, rules_of_history
+from services.dpm.bus.retention import rules_of
+from services.dpm.bus.service import serve
+from services.dpm.bus.service_monitor import ServiceMonitor
+from services.dpm.operations.dpm import Dpm
 from services.dpm.settings import Settings, parse_settings
-from services.dpm.watch import Watch
 
 logger = logging.getLogger(__name__)
 
@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
-    """Wait for the router, open the store, serve HTTP and the bus until told to stop."""
+    """Wait for the router, open the store, serve HTTP and the bus until stopped."""
     from services.dpm.http.context import Context
     from services.dpm.http.server import HttpServer
 
@@ -45,68 +45,76 @@ def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
             if profile is not None:
                 anchor(store, profile)
             dpm = Dpm(store, settings.max_body_bytes)
-            watch = Watch(bus, dpm)
+            watch = ServiceMonitor(bus, dpm)
             with HttpServer(Context(dpm, settings, bus, watch, profile)):
                 serve(bus, dpm, served_robots(profile, store), rules_of(profile) + rules_of_history(profile))
                 recorder = None if profile is None else Recorder(bus, dpm, profile)
-                logger.info("serving", extra=_where(settings, store))
+                logger.info("serving", extra=_addresses(settings, store))
                 warming = threading.Thread(target=_warm, name="warm", daemon=True)
                 warming.start()
                 stop.wait()
-            bus.close()  # before the store: nothing may ask a store that is closed
+            bus.close()  # before the store is closed
             if recorder is not None:
                 recorder.flush()
-    if warming.is_alive():  # a compiler cannot be interrupted, and everything that must be closed is
+    if warming.is_alive():  # a compiler cannot be interrupted
         logging.shutdown()
         os._exit(0)
 
 
 def served_robots(profile: Profile | None, store: Store) -> tuple[str, ...]:
-    """Robots under whose keys the DPM answers: the profile's, without one those that the store knows."""
+    """Return the robots for which the DPM answers calls: those of the profile, else those with products."""
     if profile is not None:
         return profile.robot_ids
     return tuple(sorted({robot for robot, _ in store.statistics().products} - {"ground"}))
 
 
 def anchor(store: Store, profile: Profile) -> None:
-    """Enter a profile's robots, fixed frames and anchored sites; a frame that the store has already, corrected or not,
-    is left alone.
+    """Add a profile's robots, fixed frames and anchored sites; frames that the store already has are
+    not changed.
     """
     known = {revision.frame for revision in store.frames.current()}
     for frame, site in profile.body.anchors.items():
         if frame not in known:
-            place = Anchor(body_of(profile), site.lon_deg, site.lat_deg, site.height_m, site.azimuth_deg)
-            store.places.anchor(
-                frame, place, sigma_m=site.sigma_m, sigma_deg=site.sigma_deg, producer=f"profile/{profile.name}"
+            location = Anchor(body_of(profile), site.lon_deg, site.lat_deg, site.height_m, site.azimuth_deg)
+            store.anchors.anchor(
+                frame,
+                location,
+                sigma_m=site.sigma_m,
+                sigma_deg=site.sigma_deg,
+                producer=f"profile/{profile.name}",
             )
     for robot in profile.robots:
-        described = robot.model_dump(mode="json", include={"sensors", "limits"})
-        described["dfpcs"] = [entry.name for entry in robot.dfpcs]
-        store.robots.describe(robot.id, robot.doc, described)
+        description = robot.model_dump(mode="json", include={"sensors", "limits"})
+        description["dfpcs"] = [entry.name for entry in robot.dfpcs]
+        store.robots.describe(robot.id, robot.doc, description)
         graph = robot.frame_graph()
         for frame in graph.frames:
             parent = graph.parent_of(frame)
             if parent is not None and frame not in known:
-                store.frames.set(frame, parent, graph.lookup(parent, frame, 0), producer=f"profile/{profile.name}")
+                store.frames.set(
+                    frame, parent, graph.lookup(parent, frame, 0), producer=f"profile/{profile.name}"
+                )
 
 
 def body_of(profile: Profile) -> Body:
-    """The body of a profile: of the registry, unless the profile says what it is."""
+    """Return the body of a profile: from the registry, unless the profile defines it."""
     b = profile.body
     if b.crs is None and b.radii_m is None:
         return body(b.name)
     radii = None if b.radii_m is None else list(b.radii_m)
-    return Body.from_dict({"name": b.name, "kind": b.kind, "crs": b.crs, "radii_m": radii, "source": profile.name})
+    return Body.from_dict(
+        {"name": b.name, "kind": b.kind, "crs": b.crs, "radii_m": radii, "source": profile.name}
+    )
 
 
 def _warm() -> None:
-    """Load what decodes before the first product comes rather than while it waits."""
-    from services.warm import warm_wire
+    """Load the codecs before the first product arrives."""
+    from cdff_common.codecs.warm import warm_wire
 
     warm_wire()
 
 
-def _where(settings: Settings, store: Store) -> dict[str, object]:
+def _addresses(settings: Settings, store: Store) -> dict[str, object]:
     return {"http": f"{settings.host}:{settings.port}", "data_dir": str(store.directory)}
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""How the DPM process is set up: arguments first, then the environment, then defaults."""
+"""Settings of the DPM process: arguments first, then the environment, then defaults."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ class Settings:
     Attributes
     ----------
     data_dir : Path
-        Where the store lies.
+        Directory of the store.
     host, port : str, int
         HTTP address.
     connect : str or None
-        Endpoint of the router; None leaves it to the bus.
+        Endpoint of the router; None for the default of the bus.
     profile : Path or None
-        Mission: robots served and their fixed frames.
+        Mission profile: robots and their fixed frames.
     hosts : tuple of str
-        Further ``Host`` names that HTTP answers to, beside the address and localhost.
+        Further ``Host`` names of the HTTP server, in addition to the address and localhost.
     keys_file : Path or None
         API keys as lines of ``sha256hex role name``; needed off loopback.
     max_body_bytes : int
-        Of one insertion.
+        Largest body of one insertion, bytes.
     """
 
     data_dir: Path
@@ -54,14 +54,9 @@ class Settings:
         """URL for ``dpm_store.open_store``."""
         return f"sqlite:///{self.data_dir}"
 
-    @property
-    def on_loopback(self) -> bool:
-        """Whether only this machine can reach the HTTP port."""
-        return is_loopback(self.host)
 
-
-def is_loopback(host: str) -> bool:
-    """Tell whether an address or ``localhost`` is of this machine alone."""
+def _is_loopback(host: str) -> bool:
+    """Return True for a loopback address or ``localhost``."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -76,19 +71,27 @@ def parse_settings(arguments: Sequence[str] | None, environment: Mapping[str, st
     ConfigurationError
         If ``--http`` is no ``host:port``, or is off loopback without ``--keys``.
     """
-    parser = argparse.ArgumentParser(prog="dpm", description="Data Product Manager: store, Zenoh queries, HTTP.")
+    parser = argparse.ArgumentParser(
+        prog="dpm", description="Data Product Manager: store, Zenoh queries, HTTP."
+    )
     parser.add_argument("--data-dir", help="CDFF_DATA_DIR, ~/.local/share/cdff")
     parser.add_argument("--http", default=environment.get("CDFF_HTTP", DEFAULT_HTTP), help="host:port")
-    parser.add_argument("--connect", default=None, help="router, as tcp/127.0.0.1:7447 (default: CDFF_CONNECT)")
+    parser.add_argument(
+        "--connect", default=None, help="router, as tcp/127.0.0.1:7447 (default: CDFF_CONNECT)"
+    )
     parser.add_argument("--profile", type=Path, default=environment.get("CDFF_PROFILE") or None)
     parser.add_argument(
-        "--host-name", action="append", default=[n for n in environment.get("CDFF_HTTP_HOSTS", "").split(",") if n],
+        "--host-name",
+        action="append",
+        default=[n for n in environment.get("CDFF_HTTP_HOSTS", "").split(",") if n],
         help="further Host name that is answered (repeatable)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--keys", type=Path, default=environment.get("CDFF_HTTP_KEYS") or None,
+        "--keys",
+        type=Path,
+        default=environment.get("CDFF_HTTP_KEYS") or None,
         help="file of API keys, lines of 'sha256hex role name'; needed off loopback",
-    )  # fmt: skip
+    )
     parser.add_argument("--max-body-mb", type=int, default=DEFAULT_MAX_BODY_MB)
     args = parser.parse_args(arguments)
     host, separator, port = args.http.rpartition(":")
@@ -96,12 +99,18 @@ def parse_settings(arguments: Sequence[str] | None, environment: Mapping[str, st
     if not separator or not host or not port.isdigit() or int(port) > 65535:
         raise ConfigurationError(f"--http {args.http!r}: expected host:port, as in {DEFAULT_HTTP}")
     published = environment.get("CDFF_HTTP_PUBLISHED_ON_LOOPBACK") == "1"
-    if not is_loopback(host) and args.keys is None and not published:
+    if not _is_loopback(host) and args.keys is None and not published:
         raise ConfigurationError(
             f"--http {args.http}: off loopback every call needs a key; name a file of keys with --keys "
             "(in a container whose port is published on loopback only, set CDFF_HTTP_PUBLISHED_ON_LOOPBACK=1)"
         )
     return Settings(
-        data_dir_of(args.data_dir, environment), host, int(port), args.connect,
-        None if args.profile is None else Path(args.profile), tuple(args.host_name), args.keys, args.max_body_mb << 20,
-    )  # fmt: skip
+        data_dir_of(args.data_dir, environment),
+        host,
+        int(port),
+        args.connect,
+        None if args.profile is None else Path(args.profile),
+        tuple(args.host_name),
+        args.keys,
+        args.max_body_mb << 20,
+    )

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The simulated Instrument Control Unit (OG4): sensor modes of the profile, with delays and refusals."""
+"""Simulated Instrument Control Unit (OG4): sensor modes of the profile, with delays and refusals."""

@@ -1,10 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The simulated unit: mode machines of all sensors of some robots, one lock, switches that take their time.
+"""Simulated unit: the mode machines of all sensors of some robots.
 
-It says of itself that it is simulated. How far its switches stray from the declared times, and how often one is refused
-on its way, are ``Faults``, drawn from a seed: each sensor has a sequence of its own, so that one's draws do not depend
-on when another is asked.
+Its replies state that it is simulated. ``Faults`` define the variation of the switching times and the rate of
+refusals, drawn from a seed: each sensor has its own random sequence, independent of the others.
 """
 
 from __future__ import annotations
@@ -12,51 +11,43 @@ from __future__ import annotations
 import random
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
+from pydantic import Field
+
+from cdff_common.cli import key_values
 from cdff_common.clock import monotonic_s
-from cdff_common.errors import ConflictError, DeniedError, InputError, ProductNotFoundError, UnavailableError
+from cdff_common.contract.parameters import Number, Parameters, Whole
+from cdff_common.errors import ConflictError, DeniedError, ProductNotFoundError, UnavailableError
 from cdff_common.interfaces.profile import Profile
 from cdff_core.orchestration.modes import ModeMachine
 
-#: Called with robot and event body when a mode is confirmed, a sensor lost or back.
+#: Called with robot and event body when a mode is confirmed, or a sensor is lost or recovered.
 OnMode = Callable[[str, Mapping[str, object]], None]
 
 
-@dataclass(frozen=True, slots=True)
-class Faults:
-    """What a simulated unit does beside what is declared.
+class Faults(Parameters):
+    """Deviations of a simulated unit from its declaration.
 
     Attributes
     ----------
     seed : int
     spread : float
-        Times are multiplied by a lognormal factor of this standard deviation of its logarithm.
+        Standard deviation of the logarithm of the lognormal factor on switching times.
     refuses : float
-        Part of the switches, 0 to 1, that are refused when they should be confirmed.
+        Fraction of the switches that are refused, 0 to 1.
     """
 
-    seed: int = 0
-    spread: float = 0.0
-    refuses: float = 0.0
+    seed: Whole = 0
+    spread: Annotated[Number, Field(ge=0, le=2)] = 0.0
+    refuses: Annotated[Number, Field(ge=0, le=1)] = 0.0
 
     @classmethod
-    def parse(cls, text: str) -> Faults:
-        """Read ``seed=1,spread=0.2,refuses=0.05``; raises InputError."""
-        given: dict[str, float] = {}
-        for part in filter(None, text.split(",")):
-            name, _, value = part.partition("=")
-            if name not in ("seed", "spread", "refuses"):
-                raise InputError(f"faults {part!r}: expected seed=, spread= or refuses=")
-            try:
-                given[name] = float(value)
-            except ValueError as error:
-                raise InputError(f"faults {part!r}: expected a number") from error
-        faults = cls(int(given.get("seed", 0)), given.get("spread", 0.0), given.get("refuses", 0.0))
-        if not (0.0 <= faults.spread <= 2.0 and 0.0 <= faults.refuses <= 1.0):
-            raise InputError(f"faults {text!r}: expected spread from 0 to 2, refuses from 0 to 1")
-        return faults
+    def of_text(cls, text: str) -> Faults:
+        """Return the faults in ``seed=1,spread=0.2,refuses=0.05``; raises InputError."""
+        return cls.parse(
+            key_values([x for x in text.split(",") if x], "faults", "seed=, spread= or refuses=")
+        )
 
 
 class SimulatedIcu:
@@ -66,7 +57,7 @@ class SimulatedIcu:
     ----------
     profile : Profile
     on_mode : callable
-        Told of every confirmed change, and of sensors lost and back.
+        Called at every confirmed change, and when a sensor is lost or recovered.
     faults : Faults
     clock : callable
         Monotonic seconds.
@@ -93,17 +84,17 @@ class SimulatedIcu:
         self._closed = False
 
     def modes(self, robot: str) -> dict[str, Any]:
-        """Every sensor of a robot: its mode, whether it switches, the modes it has."""
+        """Return the sensors of a robot with their state and modes."""
         self._settle()
         with self._changed:
-            found = {name: m.describe() for (owner, name), m in self._machines.items() if owner == robot}
-        if not found:
+            sensors = {name: m.describe() for (owner, name), m in self._machines.items() if owner == robot}
+        if not sensors:
             raise ProductNotFoundError(f"no robot {robot!r} with sensors; there are {', '.join(self.robots)}")
-        return {"robot": robot, "simulated": True, "sensors": found}
+        return {"robot": robot, "simulated": True, "sensors": sensors}
 
     @property
     def robots(self) -> tuple[str, ...]:
-        """Robots with sensors."""
+        """Ids of the robots with sensors."""
         return tuple(sorted({robot for robot, _ in self._machines}))
 
     def set_mode(self, robot: str, sensor: str, mode: str, holder: str) -> dict[str, Any]:
@@ -116,9 +107,9 @@ class SimulatedIcu:
         DeniedError
             If the sensor refuses the mode.
         ConflictError
-            If somebody demanded another mode before this one was reached.
+            If another mode was demanded before this one was reached.
         UnavailableError
-            If the sensor is lost, or the unit shuts down meanwhile.
+            If the sensor is lost, or the unit shuts down.
         """
         machine = self.demand(robot, sensor, mode, holder)
         while True:
@@ -134,33 +125,35 @@ class SimulatedIcu:
                     return {"robot": robot, "confirmed": True, **machine.event()}
                 if machine.target != mode:
                     raise ConflictError(
-                        f"sensor {sensor}: {machine.holder or 'somebody'} demanded another mode meanwhile"
+                        f"sensor {sensor}: {machine.holder or 'another client'} demanded another mode"
                     )
                 self._changed.wait(max(machine.steps[0][1] - self._now_s(), 0.001))
 
     def demand(self, robot: str, sensor: str, mode: str, holder: str) -> ModeMachine:
-        """Begin a switch; the machine that runs it. Raises as ``set_mode``."""
+        """Start a switch and return its machine. Raises like ``set_mode``."""
         key = (robot, sensor)
         with self._changed:
             machine = self._machine(*key)
             before, r = machine.steps, self._random[key]
             slowness = r.lognormvariate(0.0, self.faults.spread) if self.faults.spread else 1.0
-            under_way = machine.demand(mode, holder, self._now_s(), slowness)
-            if under_way and machine.steps != before:
-                (self._will_refuse.add if r.random() < self.faults.refuses else self._will_refuse.discard)(key)
+            is_switching = machine.demand(mode, holder, self._now_s(), slowness)
+            if is_switching and machine.steps != before:
+                (self._will_refuse.add if r.random() < self.faults.refuses else self._will_refuse.discard)(
+                    key
+                )
             self._changed.notify_all()
         return machine
 
     def lose(self, robot: str, sensor: str, reason: str) -> None:
-        """Lose a sensor, as by a fault of its power or its link."""
-        self._happens(robot, sensor, lambda machine: machine.fail(reason))
+        """Mark a sensor as lost, as by a fault of its power or link."""
+        self._apply(robot, sensor, lambda machine: machine.fail(reason))
 
     def recover(self, robot: str, sensor: str) -> None:
-        """Have a lost sensor back, in its initial mode."""
-        self._happens(robot, sensor, lambda machine: machine.recover())
+        """Recover a lost sensor, in its initial mode."""
+        self._apply(robot, sensor, lambda machine: machine.recover())
 
     def close(self) -> None:
-        """Let every waiting call go."""
+        """End all waiting calls."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -172,18 +165,18 @@ class SimulatedIcu:
             raise ProductNotFoundError(f"no sensor {sensor!r} on {robot}; it has {known or 'none'}")
         return machine
 
-    def _happens(self, robot: str, sensor: str, what: Callable[[ModeMachine], None]) -> None:
+    def _apply(self, robot: str, sensor: str, event: Callable[[ModeMachine], None]) -> None:
         with self._changed:
             machine = self._machine(robot, sensor)
-            what(machine)
+            event(machine)
             body = machine.event()
             self._changed.notify_all()
         self._on_mode(robot, body)
 
     def _settle(self) -> None:
-        """Confirm (or refuse) the switches whose time is over, and tell."""
+        """Confirm or refuse the completed switches, and publish events."""
         now_s = self._now_s()
-        done = []
+        events = []
         with self._changed:
             for key, machine in self._machines.items():
                 while machine.steps and now_s >= machine.steps[0][1]:
@@ -191,7 +184,7 @@ class SimulatedIcu:
                         self._will_refuse.discard(key)
                         machine.refuse(f"simulated refusal of mode {machine.target}")
                     elif machine.settle(now_s):
-                        done.append((key[0], machine.event()))
+                        events.append((key[0], machine.event()))
             self._changed.notify_all()
-        for robot, body in done:
+        for robot, body in events:
             self._on_mode(robot, body)

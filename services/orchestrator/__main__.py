@@ -8,38 +8,43 @@ python -m services.orchestrator --profile FILE [--connect tcp/127.0.0.1:7447] [-
 from __future__ import annotations
 
 import argparse
-import os
 import threading
 
 from cdff_common.bus import Bus
+from cdff_common.cli import add_connect_option, add_profile_option
 from cdff_common.codecs import encode
 from cdff_common.interfaces.profile import load_profile
 from cdff_common.output import make_folder
-from cdff_common.process import cap_threads, data_dir_of, run_service
+from cdff_common.process import cap_threads, data_dir_of, lock_file, run_service
 from cdff_common.types import TransformWithCovariance
-from services.orchestrator.leader import Candidate, claim, lock_folder
+from services.orchestrator.leader import ProcessIdentity, claim
 from services.orchestrator.service import Orchestrator
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Orchestrate until SIGTERM."""
+    """Serve requests until SIGTERM."""
     cap_threads(1)
     parser = argparse.ArgumentParser(prog="orchestrator", description=__doc__)
-    parser.add_argument("--profile", default=os.environ.get("CDFF_PROFILE"), required="CDFF_PROFILE" not in os.environ)
-    parser.add_argument("--connect", default=None)
-    parser.add_argument("--data-dir", help="CDFF_DATA_DIR, ~/.local/share/cdff")
-    parser.add_argument("--capacity", type=int, default=64, help="most requests open at a time")
+    add_profile_option(parser, required=True)
+    add_connect_option(parser)
+    parser.add_argument(
+        "--data-dir", help="folder of the journal; default: CDFF_DATA_DIR, else ~/.local/share/cdff"
+    )
+    parser.add_argument(
+        "--capacity", type=int, default=64, help="largest number of open requests; default: 64"
+    )
     args = parser.parse_args(argv)
 
     def body(stop: threading.Event) -> None:
-        encode(
-            TransformWithCovariance(), "uper"
-        )  # the codec reads its schema once: before the first request, not in it
+        encode(TransformWithCovariance(), "uper")  # loads the schema before the first request
         profile = load_profile(args.profile)
         with Bus.open(args.connect, name="orchestrator", wait_s=None, stop=stop) as bus:
             folder = make_folder(data_dir_of(args.data_dir) / "orchestrator")
-            # Before the journal is touched: whoever leads is writing it.
-            lock_folder(folder, Candidate.own())
+            # Before the journal is opened: the current leader may write it.
+            owner = str(ProcessIdentity.own())
+            lock_file(
+                folder / "lock", owner, lambda other: f"{folder} belongs to another orchestrator, {other}"
+            )
             claim(bus, profile.robot_ids)
             orchestrator = Orchestrator(bus, profile, folder / "journal.jsonl", args.capacity)
             try:

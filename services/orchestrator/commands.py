@@ -9,266 +9,271 @@ import json
 import sys
 from collections.abc import Mapping
 from contextlib import closing
+from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
-from cdff_common.clock import parse_stamp
+from cdff_common.cli import add_connect_option
+from cdff_common.clock import format_stamp, parse_stamp
 from cdff_common.errors import InputError
+from cdff_common.json_form import jsonable
+from cdff_common.output import check_file, format_of_suffix, write_file
 
 if TYPE_CHECKING:
-    from cdff_common.client import Answer
-    from cdff_common.client.wishes import Wishes
+    from cdff_common.client import Answer, Client
 
-#: Other spellings of endings that name a format.
-_ENDINGS = {"tiff": "tif", "xml": "xer"}
-#: Kinds of journal records that an orchestrator forwards to the history, and what of them a line shows.
+#: Kinds of records in the history, and the printed fields.
 AUDIT_KINDS = ("start", "job", "lease", "activation", "mode", "decision")
-_TOLD = (
-    "job", "holder", "state", "dfpc", "sensor", "mode", "action", "ok", "makers", "displaced_by", "no_plan", "reason",
-)  # fmt: skip
-_TYPES = ("pose", "trajectory", "pointcloud", "dem", "navigation_map", "image")
+_FIELDS = (
+    *("job", "holder", "state", "dfpc", "sensor", "mode", "action", "ok", "providers"),
+    *("displaced_by", "no_plan", "reason"),
+)
 
 
 def register_request(nouns: Any) -> None:
     """Add ``cdff request``."""
-    parser = nouns.add_parser("request", help="ask the orchestrator for a product")
-    parser.add_argument("type", choices=_TYPES)
+    parser = nouns.add_parser("request", help="request a product from the orchestrator")
+    parser.add_argument("type", help="product: pose trajectory pointcloud dem navigation_map image …")
     parser.add_argument("--robot", default="any", help="robot id, or any")
-    parser.add_argument("--region", help="bbox: box: circle: polygon: path: near:, metres")
+    parser.add_argument(
+        "--region",
+        help="region in metres, such as circle:0,0,10; forms: bbox: box: circle: polygon: path: near:",
+    )
     parser.add_argument("--region-frame", help="frame of the region; default: --frame")
-    parser.add_argument("--frame", help="frame to have it in; default: site")
-    parser.add_argument("--child", help="of a pose: whose; default: the robot's base")
-    parser.add_argument("--t", help="mission time to have it of: RFC 3339 or nanoseconds; default: the newest")
-    parser.add_argument("--max-age-s", type=float)
-    parser.add_argument("--resolution-m", type=float)
-    parser.add_argument("--min-coverage", type=float)
-    parser.add_argument("--as", dest="as_type", help="InFuse type, as Map or RigidBodyState")
+    parser.add_argument("--frame", help="frame of the product; default: site")
+    parser.add_argument("--child", help="child frame of a pose; default: base of the robot")
     parser.add_argument(
-        "--format", help="uper ber xer msgpack tif ply tum png; default: by the ending of --out, without a file uper"
+        "--t",
+        dest="t_ns",
+        type=partial(parse_stamp, name="--t"),
+        help="mission time of the product: RFC 3339 or nanoseconds; default: the newest",
     )
-    parser.add_argument("--deliver", choices=("auto", "inline", "reference"))
-    parser.add_argument("--deadline-s", type=float, default=20.0)
-    parser.add_argument("--priority", type=int, choices=range(10), help="9 goes first; default: 5")
+    parser.add_argument("--max-age-s", type=float, help="largest age of the product, seconds")
+    parser.add_argument("--resolution-m", type=float, help="size of cells or spacing of points, metres")
+    parser.add_argument("--min-coverage", type=float, help="least covered fraction of the region, 0 to 1")
     parser.add_argument(
-        "--every-s", type=float, help="stay and take each newer one, not more often than this; 0: each change"
+        "--as", dest="as_type", help="InFuse type of the reply, such as Map or RigidBodyState"
     )
-    parser.add_argument("--count", type=int, help="with --every-s: end after so many; default: until interrupted")
-    parser.add_argument("--explain", action="store_true", help="say what would be done, at what cost; run nothing")
-    parser.add_argument("--out", type=Path, help="file for the payload")
-    parser.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
+    parser.add_argument(
+        "--format",
+        help="uper ber xer msgpack tif ply tum png; default: by the suffix of --out, uper without --out",
+    )
+    parser.add_argument(
+        "--deliver",
+        choices=("auto", "inline", "reference"),
+        help="reply with the product, or with its id in the DPM; default: auto, by size",
+    )
+    parser.add_argument(
+        "--deadline-s", type=float, default=20.0, help="time limit of the final reply; default: 20"
+    )
+    parser.add_argument(
+        "--priority", type=int, choices=range(10), help="0 to 9, 9 is served first; default: 5"
+    )
+    parser.add_argument(
+        "--every-s",
+        type=float,
+        help="standing request: least time between replies with newer products; 0: reply at each change",
+    )
+    parser.add_argument(
+        "--count", type=int, help="with --every-s: number of replies; default: until interrupted"
+    )
+    parser.add_argument(
+        "--explain", action="store_true", help="print the plan, its cost and alternatives without running it"
+    )
+    parser.add_argument("--out", type=Path, help="file to which the payload is written")
+    add_connect_option(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
-    parser.set_defaults(run=run_request)
+    parser.set_defaults(run=run_request, print_text=_print_summary)
 
 
 def register_orchestrator(nouns: Any) -> None:
     """Add ``cdff orchestrator``."""
-    parser = nouns.add_parser("orchestrator", help="what the orchestrator does and could do")
+    parser = nouns.add_parser("orchestrator", help="jobs, catalogue and history of the orchestrator")
     verbs = parser.add_subparsers(metavar="VERB", required=True)
-    jobs = verbs.add_parser("jobs", help="requests and where they stand")
-    jobs.add_argument("--limit", type=int, default=20)
-    jobs.set_defaults(run=run_jobs)
+    jobs = verbs.add_parser("jobs", help="list requests and their states")
+    jobs.add_argument("--limit", type=int, default=20, help="largest number of jobs; default: 20")
+    jobs.set_defaults(call=_jobs, print_text=_print_jobs)
     cancel = verbs.add_parser("cancel", help="cancel a request")
     cancel.add_argument("job", help="id of the job or of the request")
-    cancel.set_defaults(run=run_cancel)
-    catalogue = verbs.add_parser("catalogue", help="what could be asked for, and why not")
-    catalogue.add_argument("--type", help="of this product alone: every way to it, or why there is none")
-    catalogue.set_defaults(run=run_catalogue)
-    history = verbs.add_parser("history", help="requests, decisions, activations and mode changes, from the DPM")
-    history.add_argument("--since", type=int, default=0, help="ordinal of the last entry that is known")
-    history.add_argument("--limit", type=int, default=1000)
-    history.add_argument("--job", help="only what concerns this job")
-    history.set_defaults(run=run_history)
+    cancel.set_defaults(call=_cancel, print_text=lambda data, _: print(f"{data['cancelled']} is cancelled"))
+    catalogue = verbs.add_parser("catalogue", help="list available products, or why they are not available")
+    catalogue.add_argument("--type", help="only this product, with all its providers")
+    catalogue.set_defaults(call=_catalogue, print_text=_print_catalogue)
+    history = verbs.add_parser(
+        "history", help="list requests, decisions, activations and mode changes from the DPM"
+    )
+    history.add_argument("--since", type=int, default=0, help="only entries after this ordinal")
+    history.add_argument("--limit", type=int, default=1000, help="largest number of entries; default: 1000")
+    history.add_argument("--job", help="only entries of this job")
+    history.set_defaults(call=_history, print_text=_print_history)
     for verb in (jobs, cancel, catalogue, history):
-        verb.add_argument("--robot", default="any")
-        verb.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
-        verb.add_argument("--json", action="store_true")
+        verb.add_argument("--robot", default="any", help="robot id, or any")
+        add_connect_option(verb)
+        verb.add_argument("--json", action="store_true", help="one JSON object on standard output")
+        verb.set_defaults(run=run_orchestrator)
 
 
 def run_request(args: argparse.Namespace) -> int:
-    """Ask, show what came, write the payload where a file is named."""
+    """Send a request, print the reply and write its payload."""
     from cdff_common.client import Client  # heavy: zenoh and the types
-    from cdff_common.output import check_file
+    from cdff_common.client.request_options import RequestOptions, parameters_of
 
     if args.every_s is None and args.count is not None:
         raise InputError(f"--count {args.count}: expected together with --every-s")
     if args.count is not None and args.count < 1:
         raise InputError(f"--count {args.count}: expected at least 1")
-    form = args.format or format_of(args.out, args.type)
+    args.format = args.format or format_of(args.out, args.type)
     if args.out is not None:
         check_file(args.out)
-    show = _progress if sys.stderr.isatty() and not args.json else None
-    wishes = _wishes(args, form)
+    options = cast("RequestOptions", {name: getattr(args, name) for name in RequestOptions.__annotations__})
+    parameters_of(args.type, args.robot, **options)  # a malformed request is reported without a router
     with Client(args.connect, name="cdff request") as client:
         if args.explain:
-            told = client.explain(args.type, robot=args.robot, deadline_s=args.deadline_s, **wishes)
-            return _show_explanation(told, args.json)
-        if args.every_s is None:
-            answer = client.request(args.type, robot=args.robot, deadline_s=args.deadline_s, on_progress=show, **wishes)
-            _take(answer, args)
-            return 0
-        with closing(client.standing(args.type, robot=args.robot, every_s=args.every_s, **wishes)) as answers:
-            for answer in islice(answers, args.count):
-                _take(answer, args)
+            explanation = client.explain(args.type, robot=args.robot, deadline_s=args.deadline_s, **options)
+            args.print_text = _print_explanation
+            _show(explanation, args)
+        elif args.every_s is None:
+            show = _progress if sys.stderr.isatty() and not args.json else None
+            answer = client.request(
+                args.type, robot=args.robot, deadline_s=args.deadline_s, on_progress=show, **options
+            )
+            _output(answer, args)
+        else:
+            standing = client.standing(args.type, robot=args.robot, every_s=args.every_s, **options)
+            with closing(standing) as answers:
+                for answer in islice(answers, args.count):
+                    _output(answer, args)
     return 0
 
 
-def _wishes(args: argparse.Namespace, form: str | None) -> Wishes:
-    return {
-        "region": args.region,
-        "region_frame": args.region_frame,
-        "frame": args.frame,
-        "child": args.child,
-        "t_ns": None if args.t is None else parse_stamp(args.t, "--t"),
-        "max_age_s": args.max_age_s,
-        "resolution_m": args.resolution_m,
-        "min_coverage": args.min_coverage,
-        "as_type": args.as_type,
-        "format": form,
-        "deliver": args.deliver,
-        "priority": args.priority,
-    }
+def _show(data: dict[str, Any], args: argparse.Namespace) -> None:
+    """Print data as one JSON object, or as text by ``args.print_text``."""
+    if args.json:
+        print(json.dumps(jsonable(data)), flush=True)
+    else:
+        args.print_text(data, args)
 
 
-def _take(answer: Answer, args: argparse.Namespace) -> None:
-    """Write the payload where a file is named, and tell what came."""
-    from cdff_common.output import write_file
-
+def _output(answer: Answer, args: argparse.Namespace) -> None:
+    """Write the payload to a file, if given, and print a summary."""
     if args.out is not None:
         write_file(args.out, answer.data)
-    summary = answer.summary()
-    if args.json:
-        _print_json(summary)
-        return
-    delivered, quality = summary["delivered"], summary["header"]["quality"]
-    print(f"{summary['type']} of {summary['robot']}, {summary['size']} bytes, {quality['status']}", flush=True)
+    _show(answer.summary(), args)
+
+
+def _print_summary(summary: dict[str, Any], args: argparse.Namespace) -> None:
+    quality = summary["header"]["quality"]
+    print(
+        f"{summary['type']} of {summary['robot']}, {summary['size']} bytes, {quality['status']}", flush=True
+    )
     for reason in quality["reasons"]:
         print(f"  {reason}")
-    for name, value in delivered.items():
+    for name, value in summary["delivered"].items():
         if value not in (None, []):
             print(f"  {name}: {value}")
     if args.out is not None:
         print(f"  written to {args.out}")
 
 
-def _show_explanation(told: dict[str, Any], as_json: bool) -> int:
-    if as_json:
-        _print_json(told)
-        return 0
-    stored = told["stored"]
-    if told["would"] == "serve":
+def _print_explanation(explanation: dict[str, Any], _: argparse.Namespace) -> None:
+    stored = explanation["stored"]
+    if explanation["would"] == "serve":
         print(f"would serve product {stored['id']} from the DPM, {stored['age_s']:.3f} s old")
     else:
-        print(f"not served from the DPM: {told['why_not_stored']}")
-    for title, plan in [("would make it" if told["would"] == "make" else "could make it", told["plan"])] + [
-        ("or else", p) for p in told["alternatives"]
-    ]:
+        print(f"not served from the DPM: {explanation['why_not_stored']}")
+    title = "would make it" if explanation["would"] == "make" else "could make it"
+    for plan in (explanation["plan"], *explanation["alternatives"]):
         if plan is not None:
             print(f"{title}: {' -> '.join(plan['order'])}, cost {plan['cost']:g}")
             print(f"  adds {plan['added_cpu_cores']:g} CPU cores and {plan['added_memory_mb']:g} MB")
             for sensor, (before, after) in plan["changes"].items():
                 print(f"  sets {sensor} from {before} to {after}")
-            for port in plan["unfed"]:
+            for port in plan["omitted_inputs"]:
                 print(f"  without {port}")
-    for reason in told["why_not"]:
+        title = "or else"
+    for reason in explanation["why_not"]:
         print(f"cannot be made: {reason}")
-    for refused in told["refused"]:
-        print(f"not {refused['maker']}: {refused['why_not']}")
-    return 0
+    for refused in explanation["refused"]:
+        print(f"not {refused['provider']}: {refused['why_not']}")
 
 
-def run_jobs(args: argparse.Namespace) -> int:
-    """List jobs, newest first."""
+def run_orchestrator(args: argparse.Namespace) -> int:
+    """Call the orchestrator or the history of the DPM, and print the result."""
     from cdff_common.client import Client
 
     with Client(args.connect, name="cdff orchestrator") as client:
-        jobs = client.jobs(args.robot, limit=args.limit)
-    if args.json:
-        _print_json({"jobs": jobs})
-        return 0
-    for job in jobs:
+        data = args.call(client, args)
+    _show(data, args)
+    return 0
+
+
+def _jobs(client: Client, args: argparse.Namespace) -> dict[str, Any]:
+    return {"jobs": client.jobs(args.robot, limit=args.limit)}
+
+
+def _print_jobs(data: dict[str, Any], _: argparse.Namespace) -> None:
+    for job in data["jobs"]:
         request = job["request"]
-        what = f"{request['type']} of {request['robot']}" + (f" {request['region']}" if request["region"] else "")
-        print(f"{job['job']}  {job['state']:10}  {what}" + (f"  ({job['reason']})" if job["reason"] else ""))
-    return 0
+        region = f" {request['region']}" if request["region"] else ""
+        reason = f"  ({job['reason']})" if job["reason"] else ""
+        print(f"{job['job']}  {job['state']:10}  {request['type']} of {request['robot']}{region}{reason}")
 
 
-def run_cancel(args: argparse.Namespace) -> int:
-    """Cancel one job."""
-    from cdff_common.client import Client
-
-    with Client(args.connect, name="cdff orchestrator") as client:
-        client.cancel(args.job, args.robot)
-    print(json.dumps({"cancelled": args.job}) if args.json else f"{args.job} is being cancelled")
-    return 0
+def _cancel(client: Client, args: argparse.Namespace) -> dict[str, Any]:
+    client.cancel(args.job, args.robot)
+    return {"cancelled": args.job}
 
 
-def run_history(args: argparse.Namespace) -> int:
-    """List what the orchestrator did and why, oldest first."""
-    from cdff_common.client import Client
-    from cdff_common.clock import format_stamp
-
-    with Client(args.connect, name="cdff orchestrator") as client:
-        found = client.history(kinds=AUDIT_KINDS, robot=args.robot, since=args.since, limit=args.limit)
-    items = [i for i in found if args.job is None or args.job in (i.get("job"), i.get("holder"))]
-    if args.json:
-        _print_json({"items": items})
-        return 0
-    for item in items:
-        told = " ".join(f"{name}={item[name]}" for name in _TOLD if item.get(name) not in (None, "", []))
-        print(f"{item['ordinal']:8} {format_stamp(item['stamp_ns'])} {item['scope']:10} {item['kind']:10} {told}")
-    return 0
+def _history(client: Client, args: argparse.Namespace) -> dict[str, Any]:
+    entries = client.history(kinds=AUDIT_KINDS, robot=args.robot, since=args.since, limit=args.limit)
+    return {"items": [i for i in entries if args.job is None or args.job in (i.get("job"), i.get("holder"))]}
 
 
-def run_catalogue(args: argparse.Namespace) -> int:
-    """List what can be made, by what, and why not."""
-    from cdff_common.client import Client
+def _print_history(data: dict[str, Any], _: argparse.Namespace) -> None:
+    for item in data["items"]:
+        fields = " ".join(f"{name}={item[name]}" for name in _FIELDS if item.get(name) not in (None, "", []))
+        time = format_stamp(item["stamp_ns"])
+        print(f"{item['ordinal']:8} {time} {item['scope']:10} {item['kind']:10} {fields}")
 
-    with Client(args.connect, name="cdff orchestrator") as client:
-        catalogue = client.catalogue(args.robot, args.type)
-    if args.json:
-        _print_json(catalogue)
-        return 0
+
+def _catalogue(client: Client, args: argparse.Namespace) -> dict[str, Any]:
+    return client.catalogue(args.robot, args.type)
+
+
+def _print_catalogue(catalogue: dict[str, Any], args: argparse.Namespace) -> None:
+    """Print the products with their plans or obstacles; all providers of a requested one."""
     for product in catalogue["products"]:
         plan = product.get("plan")
         how = f"not now: {product.get('why_not')}" if plan is None else " -> ".join(plan["order"])
         print(f"{product['robot']:12} {product['type']:16} {how}")
-        for way in product["by"] if args.type else ():
-            cost = f"{way['cpu_cores']:.3f} cores, {way['memory_mb']:g} MB, ready in {way['ready_s']:g} s"
-            grain = "" if way["resolution_m"] is None else f", {way['resolution_m']:g} m"
-            print(f"{'':12}   {way['dfpc']}/{way['implementation']}: {cost}{grain} {'; '.join(way.get('why_not', ()))}")
+        for offer in product["by"] if args.type else ():
+            cost = (
+                f"{offer['cpu_cores']:.3f} cores, {offer['memory_mb']:g} MB, ready in {offer['ready_s']:g} s"
+            )
+            obstacles = "; ".join(offer.get("why_not", ()))
+            resolution = "" if offer["resolution_m"] is None else f", {offer['resolution_m']:g} m"
+            print(f"{'':12}   {offer['dfpc']}/{offer['implementation']}: {cost}{resolution} {obstacles}")
         if args.type and product.get("nearest"):
             print(f"{'':12}   nearest: {', '.join(product['nearest'])}")
     for dfpc in catalogue["dfpcs"]:
-        state = "active" if dfpc["active"] else "there" if dfpc["alive"] else "not there"
+        state = "active" if dfpc["active"] else "running" if dfpc["alive"] else "not running"
         print(f"{dfpc['robot']:12} {dfpc['name']:28} {dfpc['implementation']:24} {state}")
     for sensor in catalogue["sensors"]:
-        print(f"{sensor['robot']:12} {sensor['sensor']:28} {sensor['mode']}" + (" (held)" if sensor["held"] else ""))
-    return 0
+        held_text = " (held)" if sensor["held"] else ""
+        print(f"{sensor['robot']:12} {sensor['sensor']:28} {sensor['mode']}{held_text}")
 
 
 def _progress(body: Mapping[str, Any]) -> None:
     print(f"  {body['state']}: {body['reason']}", file=sys.stderr)
 
 
-def _print_json(data: Any) -> None:
-    from cdff_common.json_form import jsonable
-
-    print(json.dumps(jsonable(data)), flush=True)
-
-
 def format_of(out: Path | None, product: str) -> str | None:
-    """The format that a file's name asks for, None without a file; raises InputError where its ending names none."""
-    if out is None:
-        return None
-    from cdff_core.orchestration.request import CODECS, PRODUCTS
+    """Return the format selected by the suffix of a file, None without a file; raises InputError."""
+    from cdff_core.orchestration.request import requested_type
 
-    ending = out.suffix.lower().removeprefix(".")
-    form = _ENDINGS.get(ending, ending)
-    known = (*CODECS, *PRODUCTS[product][2])
-    if form not in known:
-        raise InputError(
-            f"--out {out}: the ending {out.suffix!r} names no format of a {product}, expected one of "
-            f"{', '.join(f'.{k}' for k in known)}; or say what the file shall hold with --format"
-        )
-    return form
+    formats = requested_type(product).formats
+    try:
+        return None if out is None else format_of_suffix(out, formats, product)
+    except InputError as error:
+        raise InputError(f"{error}; or select a format with --format") from error

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The orchestrator's view of the DPM: search, values by id, elevation windows, poses, derived products."""
+"""Client of the DPM for the orchestrator: search, products by id, elevation windows, poses, insertion."""
 
 from __future__ import annotations
 
@@ -9,118 +9,115 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from cdff_common.bus import Bus, keys
-from cdff_common.codecs import decode, encode
-from cdff_common.codecs.encoding import encoding_string, parse_encoding
-from cdff_common.codecs.siblings import wire_type
+from cdff_common.bus import Bus, Reply, keys
+from cdff_common.codecs import decode_payload, encode_payload
 from cdff_common.errors import DeadlineError, InputError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.product import Header
 from services.orchestrator.timing import REAL, Timing
 
-#: Decoded values kept by id: products never change.
+#: Number of cached decoded products; products are immutable.
 _CACHED = 16
-#: Longest a single call may take, seconds.
+#: Longest duration of a call, seconds.
 _CALL_S = 5.0
-#: ``dfpc`` of what the orchestrator derives and stores; it is never taken as a source again.
+#: ``dfpc`` of products derived by the orchestrator, which are never used as a source.
 DERIVED_DFPC = "orchestrator"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stored:
-    """A product of the DPM: header, where it comes from, its value, and the bytes it came as."""
+class StoredProduct:
+    """A product of the DPM: header, robot, value, manifest and encoded payload."""
 
     header: Header
     robot: str
     value: Any
-    type_name: str
     manifest: Mapping[str, Any]
-    payload: bytes = b""
-    encoding: str = ""
+    payload: bytes
+    encoding: str
 
 
-class Dpm:
-    """Calls of ``dpm/@rpc/…`` under the scope ``ground``: answers do not depend on the scope (contract §5).
+class DpmClient:
+    """Calls of ``dpm/@rpc/…`` under the scope ``ground``; replies do not depend on the scope.
 
-    Every method takes the time until which it may last (``until_s``, monotonic seconds) and raises what the DPM
-    answers, UnavailableError where it is away, DeadlineError where no time is left.
+    Every method takes its time limit (``until_s``, monotonic seconds) and raises the error of the DPM,
+    UnavailableError if it is unreachable, or DeadlineError if no time is left.
     """
 
     def __init__(self, bus: Bus, timing: Timing = REAL) -> None:
         self._bus = bus
         self._timing = timing
         self._lock = timing.lock()
-        self._values: OrderedDict[str, Stored] = OrderedDict()
+        self._values: OrderedDict[str, StoredProduct] = OrderedDict()
 
-    def _left(self, until_s: float) -> float:
-        """Seconds a call may last."""
-        left_s = until_s - self._timing.now_s()
-        if left_s <= 0.0:
-            raise DeadlineError("no time left to ask the DPM")
-        return min(left_s, _CALL_S)
+    def _call(self, verb: str, parameters: Mapping[str, object], until_s: float, **more: Any) -> Reply:
+        """Call a verb with the parameters that are not None."""
+        remaining_s = until_s - self._timing.now_s()
+        if remaining_s <= 0.0:
+            raise DeadlineError("no time left to query the DPM")
+        query = {k: v for k, v in parameters.items() if v is not None}
+        timeout_s = min(remaining_s, _CALL_S)
+        return self._bus.call(keys.dpm_rpc(keys.GROUND, verb), query, timeout_s=timeout_s, **more)
 
     def search(self, until_s: float, **parameters: object) -> list[dict[str, Any]]:
-        """Metadata of products, newest end of capture first."""
-        asked = {k: v for k, v in parameters.items() if v is not None}
-        body = self._bus.call(keys.dpm_rpc(keys.GROUND, "search"), asked, timeout_s=self._left(until_s)).body()
+        """Return metadata of products, newest end of capture first."""
+        body = self._call("search", parameters, until_s).body()
         items = body.get("items") if isinstance(body, dict) else None
         if not isinstance(items, list):
             raise InputError(f"the DPM answered a search with {str(body)[:80]!r}, expected items")
         return items
 
-    def value(self, product_id: str, robot: str, until_s: float) -> Stored:
-        """A product by id."""
+    def value(self, product_id: str, robot: str, until_s: float) -> StoredProduct:
+        """Return a product by id."""
         with self._lock:
             if product_id in self._values:
                 self._values.move_to_end(product_id)
                 return self._values[product_id]
-        reply = self._bus.call(keys.dpm_rpc(keys.GROUND, "get"), {"id": product_id}, timeout_s=self._left(until_s))
-        stored = _stored(reply.payload, reply.encoding, reply.attachment, robot)
+        stored = _stored(self._call("get", {"id": product_id}, until_s), robot)
         with self._lock:
             self._values[product_id] = stored
             while len(self._values) > _CACHED:
                 self._values.popitem(last=False)
         return stored
 
-    def window(self, until_s: float, **parameters: object) -> Stored:
-        """The elevation of a region, pooled from every patch that reaches into it."""
-        reply = self._bus.call(keys.dpm_rpc(keys.GROUND, "get"), _window(parameters), timeout_s=self._left(until_s))
-        return _stored(reply.payload, reply.encoding, reply.attachment, str(parameters.get("robot") or keys.GROUND))
+    def window(self, until_s: float, **parameters: object) -> StoredProduct:
+        """Return the elevation of a region, pooled from all its patches."""
+        reply = self._call("get", {"type": "dem", **parameters}, until_s)
+        return _stored(reply, str(parameters.get("robot") or keys.GROUND))
 
     def stored_window(self, until_s: float, **parameters: object) -> Mapping[str, Any]:
-        """Have the DPM keep such a window; its metadata, ``id`` among them."""
-        asked = {**_window(parameters), "deliver": "reference"}
-        return self._bus.call(keys.dpm_rpc(keys.GROUND, "get"), asked, timeout_s=self._left(until_s)).attachment
+        """Store a window of elevation in the DPM; return its metadata with ``id``."""
+        query = {"type": "dem", **parameters, "deliver": "reference"}
+        return self._call("get", query, until_s).attachment
 
-    def pose(self, robot: str, parent: str, child: str, t_ns: int | None, until_s: float) -> UncertainTransform:
-        """``T_parent_child`` at a time (the newest without one), interpolated and composed over the frame tree."""
+    def pose(
+        self, robot: str, parent: str, child: str, t_ns: int | None, until_s: float
+    ) -> UncertainTransform:
+        """Return ``T_parent_child`` at a time, by default the newest, from the frame tree."""
         if parent == child:
             return UncertainTransform.identity()
-        asked: dict[str, object] = {"robot": robot, "parent": parent, "child": child}
-        if t_ns is not None:
-            asked["t"] = t_ns
-        body = self._bus.call(keys.dpm_rpc(keys.GROUND, "pose"), asked, timeout_s=self._left(until_s)).body()
+        query = {"robot": robot, "parent": parent, "child": child, "t": t_ns}
+        body = self._call("pose", query, until_s).body()
         return UncertainTransform(body["T"], body.get("covariance"))
 
-    def put(self, header: Header, value: Any, type_name: str, robot: str, product: str, until_s: float) -> None:
-        """Store what the orchestrator derived, so that it can be fetched by id."""
-        asked = {"robot": robot, "dfpc": DERIVED_DFPC, "port": product, "product": product}
-        self._bus.call(
-            keys.dpm_rpc(keys.GROUND, "put"),
-            asked,
-            payload=encode(value, "uper"),
+    def put(self, header: Header, value: Any, robot: str, product: str, until_s: float) -> None:
+        """Store a derived product, so that it can be retrieved by id."""
+        payload, encoding = encode_payload(value)
+        self._call(
+            "put",
+            {"robot": robot, "dfpc": DERIVED_DFPC, "port": product, "product": product},
+            until_s,
+            payload=payload,
             attachment=header.to_attachment(),
-            encoding=encoding_string(wire_type(value), "uper"),
-            timeout_s=self._left(until_s),
+            encoding=encoding,
         )
 
 
-def _window(parameters: Mapping[str, object]) -> dict[str, object]:
-    return {"type": "dem", **{k: v for k, v in parameters.items() if v is not None}}
-
-
-def _stored(payload: bytes, encoding: str, attachment: Mapping[str, Any], robot: str) -> Stored:
-    header = Header.from_dict(attachment)
-    type_name, codec = parse_encoding(encoding)
-    owner = str(attachment.get("robot") or robot)
-    return Stored(header, owner, decode(type_name, payload, codec), type_name, attachment, payload, encoding)
+def _stored(reply: Reply, robot: str) -> StoredProduct:
+    return StoredProduct(
+        header=Header.from_dict(reply.attachment),
+        robot=str(reply.attachment.get("robot") or robot),
+        value=decode_payload(reply.payload, reply.encoding),
+        manifest=reply.attachment,
+        payload=reply.payload,
+        encoding=reply.encoding,
+    )

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Forwards the journal to the DPM's history: every request, decision, activation and mode change, with its reason."""
+"""Forwarding of the journal to the history of the DPM: requests, decisions, activations, mode changes."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from services.orchestrator.timing import REAL, Timing
 
 logger = logging.getLogger(__name__)
 
-#: Most records of one call, and for how long more are waited for before it, seconds.
-_BATCH, _GATHER_S = 200, 0.2
-#: Waits after a call that failed, seconds: the first one, and the longest.
-_RETRY_S, _RETRY_MOST_S = 0.5, 10.0
+#: Largest number of records in a call, and the time to wait for more before a call, seconds.
+_BATCH, _COLLECT_S = 200, 0.2
+#: First and longest wait after a failed call, seconds.
+_RETRY_S, _RETRY_MAX_S = 0.5, 10.0
 _TIMEOUT_S = 5.0
 
 
 class HistoryForwarder:
-    """A thread that sends what the journal holds, in order, and goes on after restarts where the DPM had got to.
+    """Thread that sends the records in order, and continues after a restart from the last acknowledged entry.
 
-    While the DPM is away the records wait in the journal. Each is sent until the DPM says that it is kept, and the DPM
-    keeps each once.
+    Records wait in the journal while the DPM is unreachable. Each is sent until acknowledged; the DPM ignores
+    repeated ones.
 
     Parameters
     ----------
     bus : Bus
     journal : Journal
     origin : str
-        Name of this journal in the history: one for each set of robots.
+        Name of this journal in the history.
     timing : Timing, optional
     """
 
@@ -44,41 +44,41 @@ class HistoryForwarder:
         self._journal = journal
         self._origin = origin
         self._timing = timing
-        self._stop, self._grown = timing.event(), timing.event()
-        self._kept = 0
+        self._stop, self._new_records = timing.event(), timing.event()
+        self._acknowledged = 0
         self._thread: threading.Thread | None = None
-        journal.listen(lambda _record: self._grown.set())
+        journal.listen(lambda _record: self._new_records.set())
 
     def start(self) -> None:
-        """Begin."""
+        """Start the thread."""
         self._thread = self._timing.start(self._run, "history")
 
     def close(self) -> None:
-        """Stop; what was not sent is sent by the next one."""
+        """Stop; the next process sends the remaining records."""
         self._stop.set()
-        self._grown.set()
+        self._new_records.set()
         if self._thread is not None:
             self._thread.join(timeout=2.0)
 
     def _run(self) -> None:
-        self._send([])  # asks how far the DPM has got
+        self._send([])  # reads the last acknowledged number
         batch: list[dict[str, Any]] = []
-        for record in self._journal.put_aside():
+        for record in self._journal.archived():
             batch = self._add(batch, record)
         offset = 0
         while not self._stop.is_set():
-            self._grown.clear()
+            self._new_records.clear()
             for record, end in self._journal.records_from(offset):
                 batch = self._add(batch, record)
                 offset = end
             if batch:
                 self._send(batch)
                 batch = []
-            self._grown.wait()
-            self._stop.wait(_GATHER_S)
+            self._new_records.wait()
+            self._stop.wait(_COLLECT_S)
 
     def _add(self, batch: list[dict[str, Any]], record: Mapping[str, Any]) -> list[dict[str, Any]]:
-        if int(record.get("n", 0)) <= (batch[-1]["number"] if batch else self._kept):
+        if int(record.get("n", 0)) <= (batch[-1]["number"] if batch else self._acknowledged):
             return batch
         batch.append(entry_of(record))
         if len(batch) < _BATCH:
@@ -87,34 +87,36 @@ class HistoryForwarder:
         return []
 
     def _send(self, batch: list[dict[str, Any]]) -> None:
-        """Send until it is kept, or until the end."""
+        """Send until acknowledged or stopped."""
         wait_s = _RETRY_S
         while not self._stop.is_set():
             try:
-                self._kept = self._call(batch)
+                self._acknowledged = self._call(batch)
                 return
             except InputError as error:
-                if len(batch) > 1:  # one record that cannot be kept must not hold up the others
-                    for one in batch:
-                        self._send([one])
+                if len(batch) > 1:  # a refused record must not block the others
+                    for entry in batch:
+                        self._send([entry])
                 else:
-                    logger.warning("a record of the journal is not kept in the history: %s", error)
+                    logger.warning("a record of the journal is refused by the history: %s", error)
                 return
             except CdffError as error:
-                logger.debug("the history waits: %s", error)
+                logger.debug("the history is not reachable: %s", error)
                 self._stop.wait(wait_s)
-                wait_s = min(2.0 * wait_s, _RETRY_MOST_S)
+                wait_s = min(2.0 * wait_s, _RETRY_MAX_S)
 
     def _call(self, batch: list[dict[str, Any]]) -> int:
-        """Have entries kept; the number of the last one that is."""
+        """Send entries; return the number of the last acknowledged entry."""
         body = pack({"origin": self._origin, "entries": batch})
         return int(
-            self._bus.call(keys.dpm_rpc(keys.GROUND, "history"), payload=body, timeout_s=_TIMEOUT_S).body()["last"]
+            self._bus.call(keys.dpm_rpc(keys.GROUND, "history"), payload=body, timeout_s=_TIMEOUT_S).body()[
+                "last"
+            ]
         )
 
 
 def entry_of(record: Mapping[str, Any]) -> dict[str, Any]:
-    """What the DPM takes of a record: its robot is the scope, its kind the kind."""
+    """Return the history entry for a record."""
     subject = str(record.get("dfpc") or record.get("sensor") or "")
     robot = subject.partition("/")[0] or str(record.get("robot", "any"))
     body = {name: value for name, value in record.items() if name not in ("n", "stamp_ns", "kind")}

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The book of jobs: one for each request, bounded while open, remembered for a while when done."""
+"""Registry of jobs, one for each request: limited in number while open, listed for a while after the end."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from services.orchestrator.timing import REAL, Timing
 
 @dataclass(slots=True)
 class Job:
-    """One request on its way.
+    """A request in execution.
 
     Attributes
     ----------
     id : str
         UUID.
     deadline_s : float
-        When the final answer is due, monotonic seconds.
+        When the final reply is due, monotonic seconds.
     reason : str
-        Why it is in its state.
+        Reason for its state.
     result : mapping
-        Of a job that is done: kind, id, delivered.
+        Result of a completed job: kind, id, delivered.
     retry_after_s : float or None
-        Of a job that gave its place to one of higher priority: when its requester may come back.
+        Retry time of a job displaced by one of higher priority.
     timing : Timing
     cancelled : Event
-        Set when somebody cancelled it, or it gave its place away.
+        Set when the job is cancelled or displaced.
     """
 
     id: str
@@ -56,21 +56,21 @@ class Job:
         self.cancelled = self.timing.event()
 
     def remaining_s(self) -> float:
-        """Seconds until the answer is due."""
+        """Return the seconds until the reply is due."""
         return self.deadline_s - self.timing.now_s()
 
     def check_cancelled(self) -> None:
-        """Raise UnavailableError if somebody cancelled the job, OverloadedError if it gave its place away."""
+        """Raise UnavailableError if the job was cancelled, OverloadedError if it was displaced."""
         if self.retry_after_s is not None:
             raise OverloadedError(
-                f"job {self.id} of priority {self.request.priority} made room for one of higher priority",
+                f"job {self.id} of priority {self.request.priority} was displaced by one of higher priority",
                 retry_after_s=self.retry_after_s,
             )
         if self.cancelled.is_set():
             raise UnavailableError(f"job {self.id} was cancelled")
 
     def describe(self) -> dict[str, Any]:
-        """Plain data for job lists."""
+        """Return plain data for job lists."""
         return {
             "job": self.id,
             "state": str(self.state),
@@ -83,45 +83,46 @@ class Job:
         }
 
 
-class JobBook:
-    """All jobs of one orchestrator.
+class JobRegistry:
+    """Jobs of one orchestrator.
 
     Parameters
     ----------
     journal : Journal
-        Each change of state is written there first.
+        Written before each change of state takes effect.
     capacity : int
-        Most jobs open at a time.
-    remembered : int
-        Finished jobs that are still listed.
+        Largest number of open jobs.
+    ended_limit : int
+        Number of ended jobs in lists.
     wake : callable, optional
-        Wakes the jobs that wait, so that one which has to make room does so at once.
+        Called when a job was displaced, to wake it, so that it ends at once.
     """
 
     def __init__(
         self,
         journal: Journal,
         capacity: int,
-        remembered: int = 200,
+        ended_limit: int = 200,
         wake: Callable[[], None] | None = None,
         timing: Timing = REAL,
     ) -> None:
         self._journal = journal
         self._capacity = capacity
-        self._remembered = remembered
+        self._ended_limit = ended_limit
         self._wake = wake
         self._timing = timing
         self._lock = timing.lock()
         self._jobs: OrderedDict[str, Job] = OrderedDict()
-        self._past: dict[str, Mapping[str, Any]] = {}  # of earlier orchestrators
+        self._past: dict[str, Mapping[str, Any]] = {}  # of earlier processes
 
-    def remember(self, ended: Iterable[Mapping[str, Any]]) -> None:
-        """Take over what an earlier orchestrator's journal says of jobs that have ended, as ``Job.describe`` has it."""
+    def add_ended(self, ended: Iterable[Mapping[str, Any]]) -> None:
+        """Add ended jobs of an earlier process, in the form of ``Job.describe``."""
         with self._lock:
             self._past = {str(job["job"]): job for job in ended}
 
     def open(self, request: ProductRequest) -> Job:
-        """Accept a request; where too many are open, in place of the last one of the lowest priority below its own.
+        """Accept a request; at full capacity it displaces the newest job of the lowest priority below its
+        own.
 
         Raises
         ------
@@ -133,17 +134,17 @@ class JobBook:
         with self._lock:
             running = [j for j in self._jobs.values() if j.state not in FINAL_STATES]
             if any(j.request.id == request.id for j in running):
-                raise InputError(f"request={request.id}: a request of that name is open; give each its own")
-            displaced = self._make_room(request, [j for j in running if j.retry_after_s is None])
+                raise InputError(f"request={request.id}: a request with this id is open; use a new id")
+            displaced = self._displace(request, [j for j in running if j.retry_after_s is None])
             deadline_s = self._timing.now_s() + request.deadline_s
             job = Job(str(uuid.uuid4()), request, deadline_s, wall_ns(), timing=self._timing)
             self._jobs[job.id] = job
-            done = [j.id for j in self._jobs.values() if j.state in FINAL_STATES]
-            for old in done[: max(len(done) - self._remembered, 0)]:
-                del self._jobs[old]
+            ended_ids = [j.id for j in self._jobs.values() if j.state in FINAL_STATES]
+            for job_id in ended_ids[: max(len(ended_ids) - self._ended_limit, 0)]:
+                del self._jobs[job_id]
         self._journal.append(
             "job",
-            # Who is told of progress has been told that the job is taken: it has to survive.
+            # A client with progress replies has been notified of the job: the record must be durable.
             durable=request.progress,
             job=job.id,
             robot=request.robot,
@@ -155,24 +156,28 @@ class JobBook:
             self._wake()
         return job
 
-    def _make_room(self, request: ProductRequest, staying: list[Job]) -> Job | None:
-        """The job that has to go for a request, None where there is room; raises OverloadedError."""
-        if len(staying) < self._capacity:
+    def _displace(self, request: ProductRequest, candidates: list[Job]) -> Job | None:
+        """Return the displaced job, or None if there is capacity; raises OverloadedError."""
+        if len(candidates) < self._capacity:
             return None
-        soonest_s = max(min(j.remaining_s() for j in staying), 0.1)
-        lower = [j for j in staying if j.request.priority < request.priority and j.state is not JobState.DELIVERING]
+        retry_after_s = max(min(j.remaining_s() for j in candidates), 0.1)
+        lower = [
+            j
+            for j in candidates
+            if j.request.priority < request.priority and j.state is not JobState.DELIVERING
+        ]
         if not lower:
             raise OverloadedError(
-                f"{len(staying)} requests of priority {request.priority} or more are open, which is the most",
-                retry_after_s=soonest_s,
+                f"{len(candidates)} requests of priority {request.priority} or more are open",
+                retry_after_s=retry_after_s,
             )
-        victim = max(lower, key=lambda j: (-j.request.priority, j.accepted_ns))
-        victim.retry_after_s = soonest_s
-        victim.cancelled.set()
-        return victim
+        displaced = max(lower, key=lambda j: (-j.request.priority, j.accepted_ns))
+        displaced.retry_after_s = retry_after_s
+        displaced.cancelled.set()
+        return displaced
 
     def move(self, job: Job, state: JobState, reason: str = "", **more: Any) -> None:
-        """Put a job in another state, on the journal before anybody is told."""
+        """Change the state of a job and write it to the journal."""
         with self._lock:
             job.state = next_job_state(job.state, state)
             job.reason = reason
@@ -189,31 +194,31 @@ class JobBook:
         )
 
     def renew(self, job_id: str, lease_s: float) -> Job:
-        """Let a standing request go on for ``lease_s`` from now.
+        """Extend a standing request to ``lease_s`` from now.
 
         Raises
         ------
         ProductNotFoundError
             If there is no such job, or it has ended.
         InputError
-            If it is no standing request.
+            If it is not a standing request.
         """
         job = self.get(job_id)
         if job.request.every_s is None:
-            raise InputError(f"job {job.id} is no standing request: its deadline stays")
+            raise InputError(f"job {job.id} is not a standing request: its deadline is fixed")
         with self._lock:
             if job.state in FINAL_STATES:
-                raise ProductNotFoundError(f"job {job.id} has ended ({job.state}); ask again")
+                raise ProductNotFoundError(f"job {job.id} has ended ({job.state}); send a new request")
             job.deadline_s = self._timing.now_s() + lease_s
         return job
 
     def describe(self, job_id: str) -> dict[str, Any]:
-        """Describe a job by its id or its request's, also one of an earlier orchestrator's.
+        """Return a job as plain data by its id or request id, also of an earlier process.
 
         Raises
         ------
         ProductNotFoundError
-            If it never was, or is too long ago.
+            If there is no such job.
         """
         try:
             return self.get(job_id).describe()
@@ -225,16 +230,20 @@ class JobBook:
             raise
 
     def get(self, job_id: str) -> Job:
-        """Return a job of this orchestrator by its id or its request's; raises ProductNotFoundError."""
+        """Return a job of this process by its id or request id; raises ProductNotFoundError."""
         with self._lock:
             for job in reversed(self._jobs.values()):
                 if job_id in (job.id, job.request.id):
                     return job
-        raise ProductNotFoundError(f"no job {job_id[:64]!r}: it never was, or is too long ago")
+        raise ProductNotFoundError(f"no job {job_id[:64]!r}: unknown, or removed after its end")
 
     def listed(self, robots: set[str], limit: int) -> list[dict[str, Any]]:
-        """The newest jobs for any of ``robots``, newest first."""
+        """Return the newest jobs for any of ``robots``, newest first."""
         with self._lock:
-            chosen = [j for j in reversed(self._jobs.values()) if j.request.robot in robots | {"any"}]
-            past = [dict(j) for j in reversed(self._past.values()) if j["request"].get("robot") in robots | {"any"}]
-            return [*(j.describe() for j in chosen), *past][:limit]
+            listed_jobs = [j for j in reversed(self._jobs.values()) if j.request.robot in robots | {"any"}]
+            past = [
+                dict(j)
+                for j in reversed(self._past.values())
+                if j["request"].get("robot") in robots | {"any"}
+            ]
+            return [*(j.describe() for j in listed_jobs), *past][:limit]

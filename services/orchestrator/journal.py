@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The append-only journal on disk: one JSON object a line, on the disk before anything relies on it."""
+"""Append-only journal on disk: one JSON object per line, durable before any action depends on it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import os
 import shutil
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from itertools import chain
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +23,12 @@ logger = logging.getLogger(__name__)
 
 
 class Journal:
-    """Appends records durably; a torn last line, which a kill leaves, is cut off when the journal is opened.
+    """Durable journal; an incomplete last line, left by a kill, is removed when the journal is opened.
 
     Parameters
     ----------
     path : Path
-        Made with its folder where it is missing.
+        Created with its folder if missing.
     clock : Clock, optional
         Mission clock for the records' ``stamp_ns``; the wall clock by default.
     """
@@ -35,119 +37,116 @@ class Journal:
         self._path = path
         self._clock = clock or WallClock()
         self._lock = threading.Lock()
-        self._syncing = threading.Lock()
+        self._sync_lock = threading.Lock()
         self._synced = 0
         self._listeners: list[Callable[[Mapping[str, Any]], None]] = []
-        try:
+        with self._storage_errors():
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._cut_torn_line()
+            self._remove_incomplete_line()
             self._file = path.open("ab", buffering=0)
-        except OSError as error:
-            raise StorageError(f"journal {path}: {error}") from error
-        self._number = max((int(r.get("n", 0)) for r in chain(self.put_aside(), self.records())), default=0)
+        self._number = max((int(r.get("n", 0)) for r in chain(self.archived(), self.records())), default=0)
 
     def listen(self, listener: Callable[[Mapping[str, Any]], None]) -> None:
-        """Have each record told once it is written, in the thread that wrote it."""
+        """Call a listener with each written record, in the writing thread."""
         self._listeners.append(listener)
 
     def append(self, kind: str, *, durable: bool = True, **record: Any) -> None:
-        """Add a record, in order, and return once it is on the disk; raises StorageError.
+        """Append a record and return once it is on the disk; raises StorageError.
 
-        It gets the next number ``n``, the mission time ``stamp_ns`` and the wall time ``at_ns``.
-
-        One that is not ``durable`` survives the end of this process but not the loss of power: for what no action
-        outside relies on, as a request's way through its states.
+        It gets the next number ``n``, the mission time ``stamp_ns`` and the wall time ``at_ns``. A record
+        that is not ``durable``, such as an intermediate job state, survives the end of the process but not a
+        loss of power.
         """
         with self._lock:
             number = self._number + 1
-            head = {"n": number, "at_ns": wall_ns(), "stamp_ns": self._clock.now_ns(), "kind": kind}
-            line = json.dumps({**head, **record}, default=str, separators=(",", ":"))
-            try:
-                self._file.write(line.encode() + b"\n")
-            except (OSError, ValueError) as error:
-                raise StorageError(f"journal {self._path}: {error}") from error
+            fields = {"n": number, "at_ns": wall_ns(), "stamp_ns": self._clock.now_ns(), "kind": kind}
+            with self._storage_errors():
+                self._file.write(_line({**fields, **record}))
             self._number = number
         if durable:
             self._sync(number)
         for listener in self._listeners:
-            listener({**head, **record})
+            listener({**fields, **record})
 
     def _sync(self, number: int) -> None:
-        """Return once the record of that number is on the disk; of threads that wait one syncs for all."""
-        with self._syncing:
+        """Return once a record is on the disk; one of the waiting threads syncs for all."""
+        with self._sync_lock:
             if self._synced >= number:
                 return
             written = self._number
-            try:
+            with self._storage_errors():
                 os.fsync(self._file.fileno())
-            except (OSError, ValueError) as error:
-                raise StorageError(f"journal {self._path}: {error}") from error
             self._synced = written
 
     def records(self) -> Iterator[dict[str, Any]]:
-        """Records since the last compaction, oldest first; lines that are none are logged and passed over."""
+        """Return the records since the last compaction, oldest first; malformed lines are skipped."""
         return (record for record, _ in _records(self._path, 0))
 
-    def put_aside(self) -> Iterator[dict[str, Any]]:
-        """Records that the last compaction put aside."""
-        return (record for record, _ in _records(self._aside, 0))
+    def archived(self) -> Iterator[dict[str, Any]]:
+        """Return the records archived by the last compaction."""
+        return (record for record, _ in _records(self._archive, 0))
 
     def records_from(self, offset: int) -> Iterator[tuple[dict[str, Any], int]]:
-        """Records from a byte of the journal on, each with the byte after it: where to go on."""
+        """Return the records from a byte offset, each with the offset after it."""
         return _records(self._path, offset)
 
     @property
     def size(self) -> int:
-        """Bytes on the disk."""
+        """Size in bytes."""
         return self._path.stat().st_size
 
     def compact(self, records: Iterable[Mapping[str, Any]]) -> None:
-        """Put the records so far aside as ``…1.jsonl``, in place of an older one, and go on from ``records`` alone.
+        """Archive the journal as ``….1.jsonl``, replacing an older archive, and continue with ``records``.
 
-        What is carried over has no number: it was said before. A kill at any moment leaves the old journal or the new
-        one. Raises StorageError.
+        The records carried over have no number. A kill leaves the old or the new journal. Raises
+        StorageError.
         """
-        fresh = self._path.with_suffix(".new")
-        with self._lock:
-            try:
-                with fresh.open("wb") as file:
-                    for record in records:
-                        file.write(json.dumps(record, default=str, separators=(",", ":")).encode() + b"\n")
-                    file.flush()
-                    os.fsync(file.fileno())
-                shutil.copyfile(self._path, self._aside)
-                self._file.close()
-                fresh.replace(self._path)
-                self._file = self._path.open("ab", buffering=0)
-            except OSError as error:
-                raise StorageError(f"journal {self._path}: {error}") from error
+        new_path = self._path.with_suffix(".new")
+        with self._lock, self._storage_errors():
+            with new_path.open("wb") as file:
+                file.writelines(map(_line, records))
+                file.flush()
+                os.fsync(file.fileno())
+            shutil.copyfile(self._path, self._archive)
+            self._file.close()
+            new_path.replace(self._path)
+            self._file = self._path.open("ab", buffering=0)
 
     def close(self) -> None:
         """Close the file."""
         with self._lock:
             self._file.close()
 
+    @contextmanager
+    def _storage_errors(self) -> Iterator[None]:
+        """Convert the errors of a full or defective disk, and of a closed file, to StorageError."""
+        try:
+            yield
+        except (OSError, ValueError) as error:
+            raise StorageError(f"journal {self._path}: {error}") from error
+
     @property
-    def _aside(self) -> Path:
+    def _archive(self) -> Path:
         return self._path.with_suffix(".1.jsonl")
 
-    def _cut_torn_line(self) -> None:
+    def _remove_incomplete_line(self) -> None:
         if not self._path.exists():
             return
         with self._path.open("rb+") as file:
-            size = file.seek(0, os.SEEK_END)
-            end = size
-            while end > 0:
-                start = max(end - 65536, 0)
-                file.seek(start)
-                at = file.read(end - start).rfind(b"\n")
-                if at >= 0:
-                    end = start + at + 1
-                    break
-                end = start
+            size = os.fstat(file.fileno()).st_size
+            if size == 0:
+                return
+            with mmap(file.fileno(), 0, access=ACCESS_READ) as content:
+                end = content.rfind(b"\n") + 1
             if end != size:
-                logger.warning("journal %s: %d bytes of a torn last line are cut off", self._path, size - end)
+                logger.warning(
+                    "journal %s: %d bytes of an incomplete last line are removed", self._path, size - end
+                )
                 file.truncate(end)
+
+
+def _line(record: Mapping[str, Any]) -> bytes:
+    return json.dumps(record, default=str, separators=(",", ":")).encode() + b"\n"
 
 
 def _records(path: Path, offset: int) -> Iterator[tuple[dict[str, Any], int]]:
@@ -157,7 +156,7 @@ def _records(path: Path, offset: int) -> Iterator[tuple[dict[str, Any], int]]:
         file.seek(offset)
         for line in file:
             if not line.endswith(b"\n"):
-                return  # it is being written
+                return  # being written
             offset += len(line)
             try:
                 record = json.loads(line)
@@ -166,4 +165,4 @@ def _records(path: Path, offset: int) -> Iterator[tuple[dict[str, Any], int]]:
             if isinstance(record, dict):
                 yield record, offset
             else:
-                logger.warning("journal %s: the line that ends at byte %d is no record", path, offset)
+                logger.warning("journal %s: the line that ends at byte %d is malformed", path, offset)

@@ -1,86 +1,97 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What can be made for a request now: the plan to follow, and the explanation of what would be done."""
+"""Planning and explanation of a request."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from cdff_common.bus import Reply
 from cdff_common.clock import Clock
 from cdff_common.errors import CdffError, FrameNotFoundError, UnavailableError
+from cdff_core.orchestration.acceptance import RESOLUTION_TOLERANCE, delivery_summary
 from cdff_core.orchestration.catalogue import frames_of
-from cdff_core.orchestration.cover import Cover, plan_cover
-from cdff_core.orchestration.explain import costed, explain
-from cdff_core.orchestration.judge import RESOLUTION_TOLERANCE, delivered
+from cdff_core.orchestration.coverage import RegionCoverage, plan_coverage
+from cdff_core.orchestration.explanation import explain, plan_with_costs
 from cdff_core.orchestration.planner import NoPlan, Plan, plan
 from cdff_core.orchestration.request import ProductRequest
-from cdff_core.orchestration.world import MakerId, World
-from services.orchestrator.finder import Finder, Found
-from services.orchestrator.state import State
+from cdff_core.orchestration.world import ProviderId, World
+from services.orchestrator.product_finder import ProductFinder, ProductMatch
+from services.orchestrator.state import SystemState
 from services.orchestrator.timing import REAL, Timing
 
 logger = logging.getLogger(__name__)
 
 
-class Planning:
-    """Plans over what the state says is there and the finder says is held."""
+@dataclass(frozen=True, slots=True)
+class _Plans:
+    """Plans for a request: with the DFPCs that run now, and with those that can be restarted."""
 
-    def __init__(self, state: State, finder: Finder, clock: Clock, timing: Timing = REAL) -> None:
-        self._state = state
-        self._finder = finder
-        self._clock = clock
-        self._timing = timing
+    world: World
+    now: Plan | NoPlan
+    optimistic_world: World
+    later: Plan | NoPlan
+    coverage: RegionCoverage | None
+
+
+@dataclass(frozen=True, slots=True)
+class RequestPlanner:
+    """Planner of requests over the system state and the products in the DPM."""
+
+    state: SystemState
+    finder: ProductFinder
+    clock: Clock
+    timing: Timing = REAL
 
     def robots(self, request: ProductRequest) -> tuple[str, ...]:
-        """Robots that may serve a request."""
-        return self._state.profile.robot_ids if request.robot == "any" else (request.robot,)
+        """Return the robots that may serve a request."""
+        return self.state.profile.robot_ids if request.robot == "any" else (request.robot,)
 
     def check_frames(self, request: ProductRequest, robots: Sequence[str], until_s: float) -> None:
-        """Raise FrameNotFoundError for a frame that neither the mission nor the DPM knows of.
+        """Raise FrameNotFoundError for a frame in neither the profile nor the frame tree of the DPM.
 
-        One that the profile names may have no pose yet: that comes once its robot has started.
+        A frame of the profile may have no pose before its robot has started.
         """
-        for frame in request.frames - frames_of(self._state.profile):
+        for frame in request.frames - frames_of(self.state.profile):
             try:
-                known = self._finder.knows_frame(frame, robots, until_s)
+                known = self.finder.has_frame(frame, robots, until_s)
             except UnavailableError:
-                return  # the search for the product will say so
+                return  # the query for the product reports it
             if not known:
-                raise FrameNotFoundError(f"frame {frame!r} is in neither the profile nor the DPM's frame tree")
+                raise FrameNotFoundError(
+                    f"frame {frame!r} is in neither the profile nor the DPM's frame tree"
+                )
 
     def best(
         self,
         request: ProductRequest,
         robots: Sequence[str],
-        found: Found | None,
-        exclude: frozenset[MakerId],
+        match: ProductMatch | None,
+        exclude: frozenset[ProviderId],
         until_s: float,
         horizon_s: float,
     ) -> tuple[Plan | NoPlan, bool]:
-        """The plan to follow now, and whether the cover of the region was counted.
+        """Return the best plan, and True if it accounts for the coverage of the region.
 
-        ``found`` is what the DPM holds, ``exclude`` names who must not take part, ``until_s`` (monotonic) limits what
-        is asked of the DPM, in ``horizon_s`` a robot must see what is missing. What is only away for a
-        moment is planned with too: its supervisor brings it back, the control loop switches it on.
+        ``match`` is the product in the DPM, ``exclude`` the providers to avoid, ``until_s`` (monotonic) the
+        limit of queries, ``horizon_s`` the time in which a robot must observe the missing part. A plan may
+        include DFPCs without a process: the supervisor restarts them.
         """
-        hopeful_world = self._state.world(hopeful=True, priority=request.priority)
-        counted = None if found is not None and _could_be_finer(request, hopeful_world, robots, found) else found
-        cover = self._cover(request, robots, counted, until_s, horizon_s)
-        now = self._planned(request, self._state.world(priority=request.priority), robots, exclude, cover)
-        hopeful = self._planned(request, hopeful_world, robots, exclude, cover)
-        waits = isinstance(now, NoPlan) or isinstance(hopeful, NoPlan) or now.maker == hopeful.maker
-        return (hopeful if waits else now), cover is not None
+        plans = self._plans(request, robots, match, exclude, until_s, horizon_s)
+        now, later = plans.now, plans.later
+        waits = isinstance(now, NoPlan) or isinstance(later, NoPlan) or now.provider == later.provider
+        return (later if waits else now), plans.coverage is not None
 
     def explain(self, request: ProductRequest) -> Reply:
-        """Say what would be served or made for a request, what else could be, and why not; no job, nothing is run.
+        """Return stored product, plan, alternatives and obstacles of a request; nothing is run.
 
-        Raises FrameNotFoundError for a frame that nobody knows.
+        Raises FrameNotFoundError for an unknown frame.
         """
         robots = self.robots(request)
-        until_s = self._timing.now_s() + request.deadline_s
+        until_s = self.timing.now_s() + request.deadline_s
         self.check_frames(request, robots, until_s)
         body: dict[str, Any] = {
             "request": request.id,
@@ -90,79 +101,112 @@ class Planning:
         }
         served = False
         try:
-            found, why = self._finder.find(request, robots, until_s)
+            best, unmet = self.finder.find(request, robots, until_s)
         except UnavailableError as error:
-            found, why = None, f"the DPM: {error}"
-        if found is not None:
-            stored, judgement = found
-            served = judgement.satisfies
-            what = delivered(stored.candidate, judgement, request, self._clock.now_ns(), stored.frame)
-            body["stored"] = {"id": stored.candidate.id, **what}
-        body["why_not_stored"] = "" if served else why
-        now = self._state.world(priority=request.priority)
-        hopeful = self._state.world(hopeful=True, priority=request.priority)
-        held_now = None if found is None else found[0]
-        counted = None if held_now is not None and _could_be_finer(request, hopeful, robots, held_now) else held_now
-        cover = self._cover(request, robots, counted, until_s, request.deadline_s)
-        told = explain(now, request.product, robots, cover, self._planned(request, now, robots, frozenset(), cover))
-        body |= told.describe(now)
-        again = self._planned(request, hopeful, robots, frozenset(), cover)
-        if cover is not None:
-            body["held"] = 0.0 if held_now is None else held_now.candidate.coverage
-        if body["plan"] is None and isinstance(again, Plan):
+            best, unmet = None, f"the DPM: {error}"
+        if best is not None:
+            stored, assessment = best
+            served = assessment.satisfies
+            summary = delivery_summary(stored.candidate, assessment, self.clock.now_ns(), stored.frame)
+            body["stored"] = {"id": stored.candidate.id, **summary}
+        body["why_not_stored"] = "" if served else unmet
+        match = None if best is None else best[0]
+        plans = self._plans(request, robots, match, frozenset(), until_s, request.deadline_s)
+        world, coverage, later = plans.world, plans.coverage, plans.later
+        body |= explain(world, request.product, robots, plans.now)
+        if coverage is not None:
+            body["held"] = 0.0 if match is None else match.candidate.coverage
+        if body["plan"] is None and isinstance(later, Plan):
             body["plan"] = {
-                **costed(again, hopeful),
-                "waits_for": [str(m) for m in again.order if not now.makers[m].available],
+                **plan_with_costs(later, plans.optimistic_world),
+                "waits_for": [str(m) for m in later.order if not world.providers[m].available],
             }
-        # Where nothing better can be made, what meets all that is mandatory is served with its differences.
-        acceptable = found is not None and found[1].acceptable
+        # Without a better product, one that meets all mandatory requirements is served with its differences.
+        acceptable = best is not None and best[1].acceptable
         body["would"] = "serve" if served else "make" if body["plan"] else "serve" if acceptable else "refuse"
         return Reply.of(body, kind="explanation", final=True, request=request.id)
 
-    def _cover(
-        self, request: ProductRequest, robots: Sequence[str], found: Found | None, until_s: float, horizon_s: float
-    ) -> Cover | None:
-        """What of the region is held and who can see the rest; None where no region is asked, or nobody can say."""
-        if request.region is None or not request.is_spatial:
-            return None
-        try:
-            return self._finder.cover(request, robots, found, until_s, horizon_s)
-        except CdffError as error:
-            logger.info("cover of request %s is not known: %s", request.id, error)
-            return None
+    def _plans(
+        self,
+        request: ProductRequest,
+        robots: Sequence[str],
+        match: ProductMatch | None,
+        exclude: frozenset[ProviderId],
+        until_s: float,
+        horizon_s: float,
+    ) -> _Plans:
+        optimistic_world = self.state.world(optimistic=True, priority=request.priority)
+        coverage = self._coverage(request, optimistic_world, robots, match, until_s, horizon_s)
+        world = self.state.world(
+            priority=request.priority
+        )  # after the query of the coverage, which takes time
+        return _Plans(
+            world=world,
+            now=_plan(request, world, robots, exclude, coverage),
+            optimistic_world=optimistic_world,
+            later=_plan(request, optimistic_world, robots, exclude, coverage),
+            coverage=coverage,
+        )
 
-    @staticmethod
-    def _planned(
+    def _coverage(
+        self,
         request: ProductRequest,
         world: World,
         robots: Sequence[str],
-        exclude: frozenset[MakerId],
-        cover: Cover | None,
-    ) -> Plan | NoPlan:
-        """The cheapest plan of those fine enough, else of all: coarser is delivered rather than nothing."""
-        makers = [m for m in world.makers.values() if request.product in m.products]
-        limit_m = _limit_m(request)
-        fine = frozenset(m.id for m in makers if m.resolution_m is None or m.resolution_m <= limit_m)
-        made: Plan | NoPlan = NoPlan(())
-        for roots in (fine, None) if 0 < len(fine) < len(makers) else (None,):
-            if cover is None:
-                made = plan(world, request.product, robots, exclude, roots)
-            else:
-                made = plan_cover(world, request.product, robots, cover, exclude, roots)
-            if isinstance(made, Plan):
-                break
-        return made
+        match: ProductMatch | None,
+        until_s: float,
+        horizon_s: float,
+    ) -> RegionCoverage | None:
+        """Return the stored and reachable part of the region; None without a region, or if unknown.
+
+        A match does not count if a provider declares the requested finer resolution.
+        """
+        if request.region is None or not request.is_spatial:
+            return None
+        if match is not None and _could_be_finer(request, world, robots, match):
+            match = None
+        try:
+            return self.finder.coverage(request, robots, match, until_s, horizon_s)
+        except CdffError as error:
+            logger.info("the coverage of request %s is unknown: %s", request.id, error)
+            return None
+
+
+def _plan(
+    request: ProductRequest,
+    world: World,
+    robots: Sequence[str],
+    exclude: frozenset[ProviderId],
+    coverage: RegionCoverage | None,
+) -> Plan | NoPlan:
+    """Return the cheapest plan with the requested resolution, else with any."""
+    providers = [m for m in world.providers.values() if request.product in m.products]
+    limit_m = _limit_m(request)
+    fine = frozenset(m.id for m in providers if m.resolution_m is None or m.resolution_m <= limit_m)
+    result: Plan | NoPlan = NoPlan(())
+    for roots in (fine, None) if 0 < len(fine) < len(providers) else (None,):
+        if coverage is None:
+            result = plan(world, request.product, robots, exclude, roots)
+        else:
+            result = plan_coverage(world, request.product, robots, coverage, exclude, roots)
+        if isinstance(result, Plan):
+            break
+    return result
 
 
 def _limit_m(request: ProductRequest) -> float:
-    """Coarsest resolution that is as asked, metres."""
+    """Return the coarsest resolution that meets the request, metres."""
     return float("inf") if request.resolution_m is None else request.resolution_m * RESOLUTION_TOLERANCE
 
 
-def _could_be_finer(request: ProductRequest, world: World, robots: Sequence[str], found: Found) -> bool:
-    """Whether what is held is coarser than asked, and some DFPC declares that it makes it as fine."""
-    limit_m, held_m = _limit_m(request), found.candidate.resolution_m
+def _could_be_finer(
+    request: ProductRequest, world: World, robots: Sequence[str], match: ProductMatch
+) -> bool:
+    """Return True if a match is too coarse and a DFPC declares the requested resolution."""
+    limit_m, held_m = _limit_m(request), match.candidate.resolution_m
     if held_m is None or held_m <= limit_m:
         return False
-    makers = (m for m in world.makers.values() if request.product in m.products and m.id.robot in robots)
-    return any(m.resolution_m is not None and m.resolution_m <= limit_m for m in makers)
+    providers = (
+        m for m in world.providers.values() if request.product in m.products and m.id.robot in robots
+    )
+    return any(m.resolution_m is not None and m.resolution_m <= limit_m for m in providers)

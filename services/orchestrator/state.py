@@ -1,223 +1,215 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the orchestrator knows and wants, behind one lock that wakes whoever waits for a change."""
+"""Observed and required state of all robots of a profile; one lock protects it and signals every change."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
+from cdff_common.contract.products import requestable_products
+from cdff_common.contract.wiring import mode_names
 from cdff_common.interfaces.profile import Profile
 from cdff_common.interfaces.registry import Registry
-from cdff_core.orchestration.catalogue import Measured, description_of, feeds_of, uses_of, world_of
-from cdff_core.orchestration.leases import ALWAYS, ALWAYS_PRIORITY, DEFAULT_PRIORITY, Leases
-from cdff_core.orchestration.offers import describe_world, offers
+from cdff_core.orchestration.catalogue import (
+    description_of,
+    sensors_used,
+    upstream_providers,
+    world_of,
+)
+from cdff_core.orchestration.leases import ALWAYS, ALWAYS_PRIORITY, Leases
+from cdff_core.orchestration.offers import describe_world, product_offers
 from cdff_core.orchestration.planner import Plan
-from cdff_core.orchestration.reconcile import Action, Observed, dependency_order, next_actions
-from cdff_core.orchestration.request import PRODUCTS
-from cdff_core.orchestration.world import MakerId, SensorId, World
+from cdff_core.orchestration.reconciliation import Action, ObservedState, dependency_order, next_actions
+from cdff_core.orchestration.world import ProviderId, SensorId, World
+from services.orchestrator.provider_monitor import ProviderMonitor
 from services.orchestrator.timing import REAL, Timing
 
-#: How long a mode that the instrument control unit refused is not asked for again, seconds.
+#: Time for which plans avoid a mode that the instrument control unit refused, seconds.
 REFUSAL_S = 30.0
-#: A DFPC that has been active for this long has got over its failures.
+#: Time in state active after which the failures of a DFPC are cleared, seconds.
 HEALTHY_S = 5.0
-#: A sensor that an active DFPC got no sample of for so long, seconds, is silent.
-STARVED_S = 4.0
-#: A process that has been gone for so long, seconds, is planned around where that can be.
-GONE_S = 3.0
-#: Outputs that a DFPC may refuse in a row before it is planned around.
-REFUSED_OUTPUTS = 5
 
 
-class State:
+@dataclass(frozen=True, slots=True)
+class PlanProgress:
+    """Progress of a plan.
+
+    Attributes
+    ----------
+    inactive, dead : tuple of str
+        Providers that are not active, and those without a process.
+    pending_modes : tuple of str
+        Sensors that are not in their mode.
+    lost : tuple of str
+        Reasons of lost sensors.
+    problems : mapping of ProviderId to str
+        Providers without input, without good output or without process, and the reason.
+    failures : mapping of str to (int, str)
+        Consecutive failures of providers and sensors, and the last reason.
+    """
+
+    inactive: tuple[str, ...]
+    dead: tuple[str, ...]
+    pending_modes: tuple[str, ...]
+    lost: tuple[str, ...]
+    problems: Mapping[ProviderId, str]
+    failures: Mapping[str, tuple[int, str]]
+
+    @property
+    def pending(self) -> tuple[str, ...]:
+        """Sensors and providers that the plan still waits for."""
+        return (*self.pending_modes, *self.inactive)
+
+
+class SystemState:
     """Descriptions, observations and leases of all robots of a profile.
 
-    Every method takes the lock; ``version`` grows with each change and ``wait`` returns when it has.
+    Every method takes the lock, which is reentrant. ``version`` increases with each change; ``wait`` waits
+    for that.
     """
 
     def __init__(self, profile: Profile, timing: Timing = REAL) -> None:
         registry = Registry.default()
-        entries = [(robot, entry) for robot in profile.robots for entry in robot.dfpcs]
+        entries = [
+            (ProviderId(robot.id, entry.name), robot, entry)
+            for robot in profile.robots
+            for entry in robot.dfpcs
+        ]
         self.profile = profile
         self.version = 0
         self._timing = timing
         self._changed = timing.condition()
-        self._observed = Observed()
-        self._refused: dict[tuple[SensorId, str], float] = {}
-        self._inserted: dict[str, int] = {}
-        self._changed_modes: set[SensorId] = set()
-        self._active_since_s: dict[MakerId, float] = {}
-        self._gone_since_s: dict[MakerId, float] = {}
-        self._changes: dict[MakerId, int] = {}
-        self._fed: dict[MakerId, dict[str, tuple[int, float]]] = {}
-        self._refusals: dict[MakerId, tuple[int, int, int]] = {}
-        self._measured: dict[MakerId, Measured] = {}
-        self._measured_at_s: dict[MakerId, float] = {}
-        self._warm_up_s = {MakerId(robot.id, e.name): e.warm_up_s for robot, e in entries}
-        self._descriptions: dict[MakerId, Mapping[str, Any]] = {
-            MakerId(robot.id, e.name): description_of(robot, e, registry.dfpc(e.name)) for robot, e in entries
+        self._descriptions: dict[ProviderId, Mapping[str, Any]] = {
+            provider: description_of(robot, entry, registry.dfpc(entry.name))
+            for provider, robot, entry in entries
         }
-        self._leases = Leases({MakerId(robot.id, e.name): e.linger_s for robot, e in entries})
-        for robot, entry in entries:
+        self._observed = ObservedState()
+        self._monitor = ProviderMonitor(profile, self._observed, self._descriptions)
+        self._state_changes: dict[ProviderId, int] = {}
+        self._warm_up_s = {provider: entry.warm_up_s for provider, _, entry in entries}
+        self._refused_modes: dict[tuple[SensorId, str], float] = {}
+        self._changed_modes: set[SensorId] = set()
+        self._insertions: Counter[str] = Counter()
+        self._leases = Leases({provider: entry.linger_s for provider, _, entry in entries})
+        for provider, robot, entry in entries:
             if entry.activation == "always":
-                accepts = {SensorId(robot.id, s): modes.split("|") for s, modes in robot.modes_of(entry).items()}
+                accepts = {SensorId(robot.id, s): mode_names(m) for s, m in robot.modes_of(entry).items()}
                 modes = {s: names[0] for s, names in accepts.items()}
-                maker = MakerId(robot.id, entry.name)
-                self._leases.acquire(ALWAYS, [maker], modes, priority=ALWAYS_PRIORITY, accepts=accepts)
+                self._leases.acquire(ALWAYS, [provider], modes, priority=ALWAYS_PRIORITY, accepts=accepts)
 
-    # -- waiting ----------------------------------------------------------------------------------------------------
+    # -- change signal
 
-    def touch(self) -> None:
-        """Say that something changed."""
+    def notify(self) -> None:
+        """Signal a change."""
         with self._changed:
-            self._touch()
+            self.version += 1
+            self._changed.notify_all()
 
-    def wait(self, seen: int, timeout_s: float) -> int:
-        """Return the version once it differs from ``seen``, or after ``timeout_s``."""
+    def wait(self, version: int, timeout_s: float) -> None:
+        """Return once the version differs from ``version``, or after ``timeout_s``."""
         with self._changed:
-            self._changed.wait_for(lambda: self.version != seen, timeout=max(timeout_s, 0.0))
-            return self.version
+            self._changed.wait_for(lambda: self.version != version, timeout=max(timeout_s, 0.0))
 
-    def _touch(self) -> None:
-        self.version += 1
-        self._changed.notify_all()
-
-    # -- what is seen -------------------------------------------------------------------------------------------------
-
-    def knows(self, maker: MakerId) -> bool:
-        """Whether the profile has it."""
-        return maker in self._descriptions
-
-    def products_of(self, maker: MakerId) -> frozenset[str]:
-        """What a requester can get from a DFPC."""
+    @contextmanager
+    def _change(self) -> Iterator[None]:
+        """Take the lock and signal a change."""
         with self._changed:
-            return frozenset(str(o["product"]) for o in self._descriptions[maker]["outputs"] if o["product"])
+            yield
+            self.notify()
 
-    def described(self, maker: MakerId, description: Mapping[str, Any]) -> None:
-        """Take a DFPC's own description."""
-        with self._changed:
-            self._descriptions[maker] = description
-            self._touch()
+    # -- observations of DFPCs
 
-    def seen_alive(self, maker: MakerId, alive: bool) -> None:
-        """A liveliness token came or went; what has gone is not active any more."""
+    def has_provider(self, provider: ProviderId) -> bool:
+        """Return True if the profile has the DFPC."""
+        return provider in self._descriptions
+
+    def products_of(self, provider: ProviderId) -> frozenset[str]:
+        """Return the products that can be requested from a DFPC."""
         with self._changed:
-            (self._observed.alive.add if alive else self._observed.alive.discard)(maker)
-            if not alive:
-                self._gone_since_s.setdefault(maker, self._timing.now_s())
-                self._seen_inactive(maker)
-                self._observed.states.pop(maker, None)
-                self._changes.pop(maker, None)
-                self._measured.pop(maker, None)
+            return frozenset(
+                str(o["product"]) for o in self._descriptions[provider]["outputs"] if o["product"]
+            )
+
+    def set_description(self, provider: ProviderId, description: Mapping[str, Any]) -> None:
+        """Record the description reported by a DFPC."""
+        with self._change():
+            self._descriptions[provider] = description
+
+    def set_alive(self, provider: ProviderId, alive: bool) -> None:
+        """Record that the process of a DFPC appeared or disappeared."""
+        with self._change():
+            self._monitor.set_alive(provider, alive, self._timing.now_s())
+            if alive:
+                self._observed.alive.add(provider)
+                self._observed.clear_failures(provider)
             else:
-                self._gone_since_s.pop(maker, None)
-                self._observed.succeeded(maker)
-            self._touch()
+                self._observed.alive.discard(provider)
+                self._set_inactive(provider)
+                self._observed.states.pop(provider, None)
+                self._state_changes.pop(provider, None)
 
-    def seen_state(
+    def set_state(
         self,
-        maker: MakerId,
+        provider: ProviderId,
         state: str,
         last_error: str = "",
         wired: Mapping[str, str] | None = None,
         changes: int | None = None,
     ) -> None:
-        """A DFPC said which state it is in, and what feeds it.
+        """Record the reported state and input sources of a DFPC.
 
-        ``changes`` counts its changes of state: what it said before the last one, and comes late, is passed over.
+        A late report, with fewer state ``changes`` than the last one, is ignored.
         """
         with self._changed:
-            if changes is not None and changes < self._changes.get(maker, 0):
-                return
             if changes is not None:
-                self._changes[maker] = changes
+                if changes < self._state_changes.get(provider, 0):
+                    return
+                self._state_changes[provider] = changes
             o, now_s = self._observed, self._timing.now_s()
-            was = (maker in o.active, o.states.get(maker), o.wired.get(maker))
+            before = (provider in o.active, o.states.get(provider), o.wired.get(provider))
             if state in ("unconfigured", "inactive", "active", "error"):
-                o.states[maker] = state
+                o.states[provider] = state
             if state == "active":
-                o.active.add(maker)
-                if maker not in self._active_since_s:
-                    self._active_since_s[maker] = now_s
-                    self._fed.pop(maker, None)
-                    self._refusals.pop(maker, None)
-                    if self._warm_up_s.get(maker):
-                        o.warm_at_s[maker] = now_s + self._warm_up_s[maker]
-                if now_s - self._active_since_s[maker] > HEALTHY_S:
-                    o.succeeded(maker)
+                o.active.add(provider)
+                active_s = self._monitor.set_active(provider, now_s)
+                if not before[0] and self._warm_up_s.get(provider):
+                    o.warm_at_s[provider] = now_s + self._warm_up_s[provider]
+                if active_s > HEALTHY_S:
+                    o.clear_failures(provider)
                 if wired is not None:
-                    o.wired[maker] = dict(wired)
+                    o.wired[provider] = dict(wired)
             else:
-                self._seen_inactive(maker)
-                if state == "error" and was[0]:
-                    o.attempt(maker).failed(last_error or "it went into error", now_s)
-            if was != (maker in o.active, o.states.get(maker), o.wired.get(maker)):
-                self._touch()
+                self._set_inactive(provider)
+                if state == "error" and before[0]:
+                    o.add_failure(provider, last_error or "it reported state error", now_s)
+            if before != (provider in o.active, o.states.get(provider), o.wired.get(provider)):
+                self.notify()
 
-    def _seen_inactive(self, maker: MakerId) -> None:
-        self._observed.active.discard(maker)
-        self._observed.warm_at_s.pop(maker, None)
-        self._observed.wired.pop(maker, None)
-        for known in (self._active_since_s, self._fed, self._refusals):
-            known.pop(maker, None)
+    def _set_inactive(self, provider: ProviderId) -> None:
+        self._observed.active.discard(provider)
+        self._observed.warm_at_s.pop(provider, None)
+        self._observed.wired.pop(provider, None)
+        self._monitor.set_inactive(provider)
 
-    def seen_status(self, maker: MakerId, status: Mapping[str, Any]) -> None:
-        """A heartbeat: what the DFPC takes, what reaches it, what it refuses. Raises InputError for a malformed one."""
+    def add_status(self, provider: ProviderId, status: Mapping[str, Any]) -> None:
+        """Record a heartbeat of a DFPC; raises InputError for a malformed one."""
         with self._changed:
-            now_s = self._timing.now_s()
-            taken = Measured.of(status, self._measured.get(maker), now_s - self._measured_at_s.get(maker, now_s))
-            self._measured[maker], self._measured_at_s[maker] = taken, now_s
-            if maker not in self._active_since_s:
-                return
-            before = (self._starved(maker, now_s), self._refuses(maker))
-            counts = status.get("samples_by_port", {})
-            fed = self._fed.setdefault(maker, {})
-            for port in self._sensor_ports(maker):
-                count = int(counts.get(port, 0))
-                if port not in fed or fed[port][0] != count:
-                    fed[port] = (count, now_s)
-            failed = int(status.get("failed", 0))
-            good = int(status.get("outputs", 0)) - failed
-            last = self._refusals.get(maker)
-            since = failed if last is None or last[1] != good else last[0]
-            self._refusals[maker] = (since, good, failed)
-            if before != (self._starved(maker, now_s), self._refuses(maker)):
-                self._touch()
+            if self._monitor.add_status(provider, status, self._timing.now_s()):
+                self.notify()
 
-    def _sensor_ports(self, maker: MakerId) -> dict[str, tuple[bool, SensorId]]:
-        """Ports that a sensor feeds now: whether each is optional, and the sensor."""
-        ports = {}
-        wired = self._observed.wired.get(maker, {})
-        for i in self._descriptions[maker]["inputs"]:
-            kind, _, rest = str(wired.get(i["port"], str(i["source"]).split("|")[0])).partition("/")
-            if kind == "sensor":
-                ports[str(i["port"])] = (bool(i["optional"]), SensorId(maker.robot, rest.partition("/")[0]))
-        return ports
+    def set_owned(self, provider: ProviderId, owned: bool) -> None:
+        """Record if this orchestrator owns a DFPC, having activated it; it deactivates only owned ones."""
+        with self._changed:
+            (self._observed.owned.add if owned else self._observed.owned.discard)(provider)
 
-    def _starved(self, maker: MakerId, now_s: float) -> str:
-        """Why an active DFPC is starved: a sensor that it must have sends nothing, or none of its sensors does."""
-        fed, ports = self._fed.get(maker, {}), self._sensor_ports(maker)
-        silent = {port for port in ports if port in fed and now_s - fed[port][1] > self._patience_s(ports[port][1])}
-        if silent and (silent == set(ports) or any(not ports[port][0] for port in silent)):
-            sensors = ", ".join(sorted({str(ports[port][1]) for port in silent}))
-            return f"no sample of {sensors} reaches {maker}"
-        return ""
+    # -- observations of sensors, actions and the DPM
 
-    def _patience_s(self, sensor: SensorId) -> float:
-        """How long a sensor may be silent: a while, or three samples."""
-        known = self.profile.robot(sensor.robot).sensors[sensor.sensor]
-        mode = known.modes.get(self._observed.modes.get(sensor, known.initial_mode))
-        rate_hz = None if mode is None else mode.rate_hz
-        return STARVED_S if not rate_hz else max(STARVED_S, 3.0 / rate_hz)
-
-    def _refuses(self, maker: MakerId) -> bool:
-        """Whether an active DFPC has refused its last outputs, one after the other."""
-        known = self._refusals.get(maker)
-        return known is not None and known[2] - known[0] >= REFUSED_OUTPUTS
-
-    def seen_mode(self, sensor: SensorId, mode: str, lost: str = "") -> None:
-        """The instrument control unit confirmed a mode, or says that a sensor is lost."""
+    def set_mode(self, sensor: SensorId, mode: str, lost: str = "") -> None:
+        """Record a confirmed mode, or the reason of a lost sensor, from the instrument control unit."""
         with self._changed:
             o = self._observed
             before = (o.modes.get(sensor), o.lost.get(sensor))
@@ -225,136 +217,169 @@ class State:
             if lost:
                 o.lost[sensor] = lost
             elif o.lost.pop(sensor, None) is not None:
-                o.succeeded(sensor)
+                o.clear_failures(sensor)
             if before != (o.modes.get(sensor), o.lost.get(sensor)):
-                self._touch()
+                self.notify()
 
-    def seen_inserted(self, product: str) -> None:
-        """The DPM has a new product."""
+    def add_mode_refusal(self, sensor: SensorId, mode: str) -> None:
+        """Record a mode refused by the instrument control unit; plans avoid it for a while."""
+        with self._change():
+            self._refused_modes[sensor, mode] = self._timing.now_s() + REFUSAL_S
+
+    def add_mode_change(self, sensor: SensorId) -> None:
+        """Record a sensor whose mode this orchestrator changed, for its reset after the last use."""
         with self._changed:
-            self._inserted[product] = self._inserted.get(product, 0) + 1
-            self._touch()
+            self._changed_modes.add(sensor)
 
-    def inserted(self, products: Iterable[str]) -> int:
-        """How many products of some kinds were seen to be inserted."""
+    def recover(self, owned: Iterable[ProviderId], changed_modes: Iterable[SensorId]) -> None:
+        """Record the DFPCs and modes that an earlier process changed; its DFPCs of the profile linger."""
+        sensors = {SensorId(robot.id, name) for robot in self.profile.robots for name in robot.sensors}
+        with self._change():
+            self._observed.owned |= set(owned)
+            self._changed_modes |= sensors.intersection(changed_modes)
+            self._leases.acquire("restart", self._observed.owned & self._descriptions.keys(), {})
+            self._leases.release("restart", self._timing.now_s())
+
+    def add_failure(self, subject: ProviderId | SensorId, reason: str) -> None:
+        """Record a failed activation or mode change; it is repeated after a back-off."""
+        with self._change():
+            self._observed.add_failure(subject, reason, self._timing.now_s())
+
+    def clear_failures(self, subject: ProviderId | SensorId) -> None:
+        """Clear the failures of a provider or sensor."""
+        with self._change():
+            self._observed.clear_failures(subject)
+
+    def add_insertion(self, product: str) -> None:
+        """Count a product inserted in the DPM."""
+        with self._change():
+            self._insertions[product] += 1
+
+    def insertions(self, products: Iterable[str]) -> int:
+        """Return the number of inserted products of some types."""
         with self._changed:
-            return sum(self._inserted.get(p, 0) for p in products)
+            return sum(self._insertions[p] for p in products)
 
-    def failed(self, what: MakerId | SensorId, reason: str) -> None:
-        """An activation or mode change failed; it is tried again after a back-off."""
-        with self._changed:
-            self._observed.attempt(what).failed(reason, self._timing.now_s())
-            self._touch()
+    # -- leases and actions
 
-    def refused(self, sensor: SensorId, mode: str) -> None:
-        """The instrument control unit refused a mode; for a while plans go without it."""
-        with self._changed:
-            self._refused[sensor, mode] = self._timing.now_s() + REFUSAL_S
-            self._touch()
-
-    def succeeded(self, what: MakerId | SensorId) -> None:
-        """A mode change worked."""
-        with self._changed:
-            self._observed.succeeded(what)
-            self._touch()
-
-    def changed_mode(self, sensor: SensorId) -> None:
-        """Remember that this orchestrator changed a sensor's mode: it sets it back when nobody needs the sensor."""
-        with self._changed:
-            if sensor.robot in self.profile.robot_ids and sensor.sensor in self.profile.robot(sensor.robot).sensors:
-                self._changed_modes.add(sensor)
-
-    def own(self, maker: MakerId, owned: bool) -> None:
-        """Remember whether this orchestrator activated a DFPC, which is what it may deactivate."""
-        with self._changed:
-            (self._observed.owned.add if owned else self._observed.owned.discard)(maker)
-
-    # -- what is wanted -----------------------------------------------------------------------------------------------
-
-    def acquire(
-        self, holder: str, makers: Iterable[MakerId], modes: Mapping[SensorId, str], priority: int = DEFAULT_PRIORITY
-    ) -> None:
-        """Let a holder keep makers on and sensors in modes."""
-        with self._changed:
-            self._leases.acquire(holder, makers, modes, priority=priority)
-            self._touch()
-
-    def hold(self, holder: str, made: Plan, priority: int) -> None:
-        """Let a holder have what a plan needs, in place of what it had."""
-        with self._changed:
+    def hold(self, holder: str, plan: Plan, priority: int) -> None:
+        """Replace the lease of a holder by the needs of a plan."""
+        with self._change():
             self._leases.release(holder, self._timing.now_s())
             self._leases.acquire(
-                holder, made.order, made.modes, priority=priority, accepts=made.accepts, feeding=made.feeding
+                holder,
+                plan.order,
+                plan.modes,
+                priority=priority,
+                accepts=plan.accepts,
+                chosen_sources=plan.chosen_sources,
             )
-            self._touch()
-
-    def displaced(self, holder: str) -> list[str]:
-        """Sensors that a holder lost to a request of higher priority, as reasons."""
-        with self._changed:
-            lost = self._leases.displaced(holder)
-            return [
-                f"sensor {s} is in mode {mode} for a request of higher priority" for s, mode in sorted(lost.items())
-            ]
 
     def release(self, holder: str) -> None:
-        """Let go of what a holder has."""
-        with self._changed:
+        """Release the lease of a holder."""
+        with self._change():
             self._leases.release(holder, self._timing.now_s())
-            self._touch()
+
+    def displaced(self, holder: str) -> list[str]:
+        """Return the sensors that a holder lost to a request of higher priority, as reasons."""
+        with self._changed:
+            return [
+                f"sensor {s} is in mode {mode} for a request of higher priority"
+                for s, mode in sorted(self._leases.displaced(holder).items())
+            ]
+
+    def leases(self) -> list[dict[str, Any]]:
+        """Return all leases as plain data."""
+        with self._changed:
+            return self._leases.describe()
 
     def actions(self) -> tuple[list[Action], float | None]:
-        """What to do now, and when to look again (monotonic seconds) if nothing changes before."""
+        """Return the due actions, and the time of the next call if nothing changes (monotonic seconds)."""
         with self._changed:
             now_s = self._timing.now_s()
             self._leases.expire(now_s)
-            world = self._world(hopeful=True)
-            feeding = {m: f for m in self._leases.wanted if (f := self._leases.feeding(m))}
-            feeds = feeds_of(world, feeding)
-            wanted = dependency_order(sorted(self._leases.wanted), feeds)
-            modes = {**self._idle_modes(), **self._leases.wanted_modes()}
-            actions = next_actions(wanted, modes, uses_of(world), feeds, self._observed, now_s, feeding)
-            times = [a.not_before_s for a in self._observed.attempts.values() if a.not_before_s > now_s]
-            times += [at_s for at_s in self._observed.warm_at_s.values() if at_s > now_s]
+            world = self.world(optimistic=True)
+            sources = {m: s for m in self._leases.wanted if (s := self._leases.chosen_sources(m))}
+            upstream = upstream_providers(world, sources)
+            actions = next_actions(
+                wanted=dependency_order(sorted(self._leases.wanted), upstream),
+                wanted_modes={**self._idle_modes(world), **self._leases.wanted_modes()},
+                uses=sensors_used(world),
+                upstream=upstream,
+                observed=self._observed,
+                now_s=now_s,
+                chosen_sources=sources,
+            )
+            times = [
+                *(h.not_before_s for h in self._observed.failures.values()),
+                *self._observed.warm_at_s.values(),
+            ]
             expiry_s = self._leases.next_expiry_s()
-            return actions, min([*times, *([] if expiry_s is None else [expiry_s])], default=None)
+            later_times_s = [t for t in times if t > now_s] + ([] if expiry_s is None else [expiry_s])
+            return actions, min(later_times_s, default=None)
 
-    # -- what jobs ask ------------------------------------------------------------------------------------------------
+    def _idle_modes(self, world: World) -> dict[SensorId, str]:
+        """Return the initial modes of changed sensors that no active or wanted provider uses."""
+        sensors_in_use = {
+            s
+            for m, sensors in sensors_used(world).items()
+            for s in sensors
+            if m in self._observed.active or m in self._leases.wanted
+        }
+        return {
+            s: self.profile.robot(s.robot).sensors[s.sensor].initial_mode
+            for s in self._changed_modes - sensors_in_use
+        }
 
-    def world(self, *, hopeful: bool = False, priority: int = -1) -> World:
-        """The planner's view of now, for a request of some priority."""
+    # -- views for planning and replies
+
+    def world(self, *, optimistic: bool = False, priority: int = -1) -> World:
+        """Return the current world of the planner for a request of some priority."""
         with self._changed:
-            return self._world(hopeful=hopeful, priority=priority)
-
-    def progress(self, makers: Iterable[MakerId], modes: Mapping[SensorId, str]) -> dict[str, Any]:
-        """How far a plan is: what runs, what is still missing, and failures in a row with their reasons.
-
-        ``silent`` are makers that run and get nothing, refuse all they make, or are gone for long, and why.
-        """
-        with self._changed:
-            makers, now_s = list(makers), self._timing.now_s()
-            o = self._observed
-            silent = {m: why for m in makers if (why := self._starved(m, now_s))}
-            gone = {m for m in makers if now_s - self._gone_since_s.get(m, now_s) > GONE_S}
-            silent |= {m: f"the process of {m} is gone" for m in gone}
-            silent |= {m: f"{m} refuses all it makes" for m in makers if m not in silent and self._refuses(m)}
-            return {
-                "missing": [str(m) for m in makers if m not in o.active],
-                "dead": [str(m) for m in makers if m not in o.alive],
-                "modes_missing": [
-                    str(s) for s in modes if o.modes.get(s) != (self._leases.held_mode(s) or modes[s]) or s in o.lost
-                ],
-                "lost": {str(s): f"sensor {s} is lost: {o.lost[s]}" for s in modes if s in o.lost},
-                "silent": {str(m): why for m, why in silent.items()},
-                "failures": {
-                    str(x): (a.failures, a.reason) for x, a in o.attempts.items() if x in makers or x in modes
-                },
+            now_s = self._timing.now_s()
+            self._refused_modes = {
+                k: until_s for k, until_s in self._refused_modes.items() if until_s > now_s
             }
+            refused: dict[SensorId, frozenset[str]] = {}
+            for sensor, mode in self._refused_modes:
+                refused[sensor] = refused.get(sensor, frozenset()) | {mode}
+            return world_of(
+                self.profile,
+                self._descriptions,
+                self._observed,
+                self._leases,
+                refused,
+                optimistic=optimistic,
+                priority=priority,
+                measured=self._monitor.usage,
+            )
+
+    def progress(self, plan: Plan) -> PlanProgress:
+        """Return the progress of a plan."""
+        with self._changed:
+            o, providers, modes = self._observed, plan.order, plan.modes
+            return PlanProgress(
+                inactive=tuple(str(m) for m in providers if m not in o.active),
+                dead=tuple(str(m) for m in providers if m not in o.alive),
+                pending_modes=tuple(
+                    str(s)
+                    for s in modes
+                    if o.modes.get(s) != (self._leases.held_mode(s) or modes[s]) or s in o.lost
+                ),
+                lost=tuple(f"sensor {s} is lost: {o.lost[s]}" for s in modes if s in o.lost),
+                problems=self._monitor.problems(providers, self._timing.now_s()),
+                failures={
+                    str(x): (h.failures, h.reason)
+                    for x, h in o.failures.items()
+                    if x in providers or x in modes
+                },
+            )
 
     def catalogue(self, robots: Iterable[str], product: str | None = None) -> dict[str, Any]:
-        """What there is and what it could make, as plain data; of one product alone where it is named."""
+        """Return DFPCs, sensors, leases and product offers as plain data; only of ``product`` if it is given."""
         robots = sorted(set(robots))
         with self._changed:
-            world, hopeful, o = self._world(), self._world(hopeful=True), self._observed
+            world, optimistic, o = self.world(), self.world(optimistic=True), self._observed
             descriptions = {
                 m: {
                     **d,
@@ -363,45 +388,13 @@ class State:
                     "active": m in o.active,
                     "holders": sorted(self._leases.holders(m)),
                     "wired": dict(o.wired.get(m, {})),
-                    "failures": o.attempts[m].failures if m in o.attempts else 0,
-                    "last_failure": o.attempts[m].reason if m in o.attempts else "",
-                    "measured": None if m not in self._measured else self._measured[m].describe(),
+                    "failures": o.failures[m].failures if m in o.failures else 0,
+                    "last_failure": o.failures[m].reason if m in o.failures else "",
+                    "measured": self._monitor.usage[m].describe() if m in self._monitor.usage else None,
                 }
                 for m, d in self._descriptions.items()
             }
             leases = [x for x in self._leases.describe() if str(x["dfpc"]).partition("/")[0] in robots]
         body = describe_world(world, self.profile, descriptions, robots)
-        asked = PRODUCTS if product is None else [product]
-        return {**body, "leases": leases, "products": offers(world, hopeful, asked, robots)}
-
-    def leases(self) -> list[dict[str, Any]]:
-        """Who holds what."""
-        with self._changed:
-            return self._leases.describe()
-
-    def _idle_modes(self) -> dict[SensorId, str]:
-        """Initial modes of the sensors that were changed, for those that nothing active or wanted uses any more."""
-        used = {
-            s
-            for m, sensors in uses_of(self._world(hopeful=True)).items()
-            for s in sensors
-            if m in self._observed.active or m in self._leases.wanted
-        }
-        return {s: self.profile.robot(s.robot).sensors[s.sensor].initial_mode for s in self._changed_modes - used}
-
-    def _world(self, *, hopeful: bool = False, priority: int = -1) -> World:
-        now_s = self._timing.now_s()
-        self._refused = {k: until_s for k, until_s in self._refused.items() if until_s > now_s}
-        refused: dict[SensorId, frozenset[str]] = {}
-        for sensor, mode in self._refused:
-            refused[sensor] = refused.get(sensor, frozenset()) | {mode}
-        return world_of(
-            self.profile,
-            self._descriptions,
-            self._observed,
-            self._leases,
-            refused,
-            hopeful=hopeful,
-            priority=priority,
-            measured=self._measured,
-        )
+        products = requestable_products() if product is None else [product]
+        return {**body, "leases": leases, "products": product_offers(world, optimistic, products, robots)}

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Time and waiting as the orchestrator's parts use them, in one place: a simulation can run them all in its own.
+"""Time, locks and threads of the orchestrator, replaceable by those of a simulation.
 
-Everything that waits does so through what a ``Timing`` makes. ``services.rehearsal.virtual`` runs the same code over a
-day in a minute, one thread at a time, in an order that a seed fixes.
+All waiting uses objects from a ``Timing``. ``cdff_dev.mission_replay.virtual`` simulates a day
+with the same code in a minute: one thread at a time, in an order that depends only on a seed.
 """
 
 from __future__ import annotations
@@ -18,36 +18,36 @@ from cdff_common.clock import monotonic_s
 
 
 class Timing:
-    """Real time and real threads."""
+    """System time and threads."""
 
     def now_s(self) -> float:
-        """Monotonic seconds."""
+        """Return monotonic seconds."""
         return monotonic_s()
 
     def event(self) -> threading.Event:
-        """A flag to wait for."""
+        """Return an event."""
         return threading.Event()
 
     def condition(self) -> threading.Condition:
-        """A lock, and a wait for what it guards."""
+        """Return a condition."""
         return threading.Condition()
 
     def lock(self) -> threading.Lock:
-        """A lock that can be waited for with a limit."""
+        """Return a lock whose acquisition can have a timeout."""
         return threading.Lock()
 
     def queue(self) -> SimpleQueue[Any]:
-        """A queue between threads."""
+        """Return a queue between threads."""
         return SimpleQueue()
 
     def start(self, target: Callable[[], None], name: str) -> threading.Thread:
-        """Run ``target`` in a thread of its own that does not keep the process alive."""
+        """Run ``target`` in a daemon thread."""
         thread = threading.Thread(target=target, name=name, daemon=True)
         thread.start()
         return thread
 
     def pool(self, workers: int, name: str) -> ThreadPoolExecutor:
-        """Threads for calls that wait."""
+        """Return a pool of threads for blocking calls."""
         return ThreadPoolExecutor(workers, thread_name_prefix=name)
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The Zenoh router of one robot: a Python process in router mode, listening on loopback unless told otherwise.
+"""Zenoh router of one robot: a Python process in router mode, listening on loopback by default.
 
 python -m services.router [--listen tcp/127.0.0.1:7447] [--scope mana --uplink tcp/GROUND:7447]
 """
@@ -24,8 +24,8 @@ def main(argv: list[str] | None = None) -> int:
     """Route until SIGTERM."""
     parser = argparse.ArgumentParser(prog="router", description=__doc__)
     parser.add_argument("--listen", default=os.environ.get("CDFF_LISTEN", DEFAULT_ENDPOINT))
-    parser.add_argument("--uplink", help="router that this one links to, whenever it is in contact; default: none")
-    parser.add_argument("--scope", default=GROUND, help="robot whose router this is; default: ground")
+    parser.add_argument("--uplink", help="router to link to when in contact; default: none")
+    parser.add_argument("--scope", default=GROUND, help="robot of this router; default: ground")
     args = parser.parse_args(argv)
 
     def body(stop: threading.Event) -> None:

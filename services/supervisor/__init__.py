@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Starts, watches and stops the services of a profile on this machine."""
+"""Supervisor of the services of a profile on one machine."""

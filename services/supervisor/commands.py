@@ -10,6 +10,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from cdff_common.cli import add_connect_option, add_profile_option
+
 DEFAULT_HTTP = "127.0.0.1:8080"
 SERVICES = ("router", "dpm", "orchestrator", "icu", "map_merging")
 
@@ -17,21 +19,23 @@ SERVICES = ("router", "dpm", "orchestrator", "icu", "map_merging")
 def register_up(nouns: Any) -> None:
     """Add ``cdff up``."""
     parser = nouns.add_parser("up", help="run every service of a profile on this machine until Ctrl-C")
-    parser.add_argument(
-        "--profile", default=os.environ.get("CDFF_PROFILE"), help="deploy/profiles/*.yaml; CDFF_PROFILE"
-    )
-    parser.add_argument("--connect", default=None, help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
+    add_profile_option(parser)
+    add_connect_option(parser)
     parser.add_argument("--http", default=DEFAULT_HTTP, help="host:port of the DPM's HTTP server")
     parser.add_argument("--data-dir", default=None, help="CDFF_DATA_DIR, ~/.local/share/cdff")
-    parser.add_argument("--log-dir", default=None, help="one log file per process there; default: standard error")
+    parser.add_argument(
+        "--log-dir", default=None, help="one log file per process there; default: standard error"
+    )
     parser.add_argument(
         "--scopes",
         nargs="+",
         metavar="ID",
-        help="only the services of these: robots of the profile, and ground for what they share; default: all",
+        help="scopes whose services run: robots, and ground for the shared services; default: all",
     )
     parser.add_argument(
-        "--uplink", metavar="ENDPOINT", help="router elsewhere, as of the ground, that the one here links to"
+        "--uplink",
+        metavar="ENDPOINT",
+        help="remote router, such as that of ground, to which the local one links",
     )
     parser.set_defaults(run=run_up)
 
@@ -43,6 +47,7 @@ def run_up(args: argparse.Namespace) -> int:
     from cdff_common.interfaces.profile import load_profile
     from cdff_common.output import make_folder
     from cdff_common.process import data_dir_of, run_service
+    from cdff_common.resources import resolve
     from services.supervisor.plan import plan
     from services.supervisor.supervisor import Supervisor
 
@@ -50,14 +55,19 @@ def run_up(args: argparse.Namespace) -> int:
         raise ConfigurationError(
             "no profile: give --profile FILE or set CDFF_PROFILE, as deploy/profiles/rover_traverse.yaml"
         )
-    path = Path(args.profile)
+    path = resolve("profiles", args.profile)
     profile = load_profile(path)
     data_dir = make_folder(data_dir_of(args.data_dir))
     log_dir = None if args.log_dir is None else make_folder(Path(args.log_dir))
     specs = plan(
-        profile, path, connect=endpoint(args.connect), http=args.http, data_dir=data_dir,
-        scopes=args.scopes or (), uplink=args.uplink,
-    )  # fmt: skip
+        profile,
+        path,
+        connect=endpoint(args.connect),
+        http=args.http,
+        data_dir=data_dir,
+        scopes=args.scopes or (),
+        uplink=args.uplink,
+    )
     return run_service("supervisor", Supervisor(specs, log_dir).run)
 
 
@@ -66,13 +76,14 @@ def register_service(nouns: Any) -> None:
     parser = nouns.add_parser("service", help="run one service in the foreground")
     parser.add_argument("name", choices=SERVICES)
     parser.add_argument(
-        "options", nargs=argparse.REMAINDER, help="of the service; `cdff service NAME --help` lists them"
+        "options",
+        nargs=argparse.REMAINDER,
+        help="options of the service; `cdff service NAME --help` lists them",
     )
     parser.set_defaults(run=run_one)
 
 
 def run_one(args: argparse.Namespace) -> int:
-    """Become the service's process, so that signals and the exit code are its own."""
+    """Replace this process by the service, so that signals and the exit code are those of the service."""
     sys.stdout.flush()
     os.execv(sys.executable, [sys.executable, "-m", f"services.{args.name}", *args.options])
-    return 1

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which processes a profile needs on one machine, in which order: pure data, no process started."""
+"""Processes of a profile on one machine in start order, as plain data."""
 
 from __future__ import annotations
 
@@ -13,21 +13,19 @@ from cdff_common.bus.keys import GROUND
 from cdff_common.errors import ConfigurationError
 from cdff_common.interfaces.profile import Profile
 
-GROUND_SERVICES = ("router", "dpm", "orchestrator", "icu")
-
 
 @dataclass(frozen=True, slots=True)
 class ProcessSpec:
-    """One process.
+    """Specification of a process.
 
     Attributes
     ----------
     name : str
     argv : tuple of str
     environment : mapping of str to str
-        What is set on top of the supervisor's own.
+        Variables added to the environment of the supervisor.
     tokens : tuple of (scope, service)
-        Liveliness tokens that say it is ready.
+        Liveliness tokens of the ready process.
     """
 
     name: str
@@ -37,37 +35,48 @@ class ProcessSpec:
 
 
 def plan(
-    profile: Profile, profile_path: Path, *, connect: str, http: str, data_dir: Path,
-    scopes: Collection[str] = (), uplink: str | None = None,
-) -> list[ProcessSpec]:  # fmt: skip
-    """Return the processes of a profile in the order in which they are started.
+    profile: Profile,
+    profile_path: Path,
+    *,
+    connect: str,
+    http: str,
+    data_dir: Path,
+    scopes: Collection[str] = (),
+    uplink: str | None = None,
+) -> list[ProcessSpec]:
+    """Return the processes of a profile in start order.
 
     Parameters
     ----------
     profile, profile_path
-        The mission and the file it was read from.
+        The mission and its file.
     connect : str
-        Endpoint the router listens on and everybody else connects to.
+        Endpoint of the router.
     http : str
         ``host:port`` of the DPM's HTTP server.
     data_dir : Path
-        Where the DPM and the orchestrator's journal keep their data, and the DFPCs theirs.
+        Data folder of DPM, orchestrator and DFPCs.
     scopes : collection of str
-        Whose processes: robots, and ``ground`` for the services that they share; empty for all. Each has a router.
+        Scopes whose processes run: robots, and ``ground`` for the shared services; empty for all. Each has a
+        router.
     uplink : str, optional
-        Endpoint of the router elsewhere that the one here links to.
+        Endpoint of a remote router to which the local one links.
 
     Raises
     ------
     ConfigurationError
         If the profile has no such robot.
     """
-    known = (GROUND, *profile.robot_ids)
+    all_scopes = (GROUND, *profile.robot_ids)
     for scope in scopes:
-        if scope not in known:
-            raise ConfigurationError(f"scope {scope!r}: profile {profile.name} has {', '.join(known)}")
-    chosen = scopes or known
-    host = GROUND if GROUND in chosen else next(robot for robot in profile.robot_ids if robot in chosen)
+        if scope not in all_scopes:
+            raise ConfigurationError(f"scope {scope!r}: profile {profile.name} has {', '.join(all_scopes)}")
+    selected_scopes = scopes or all_scopes
+    host = (
+        GROUND
+        if GROUND in selected_scopes
+        else next(robot for robot in profile.robot_ids if robot in selected_scopes)
+    )
     environment = {
         "CDFF_CONNECT": connect,
         "CDFF_LISTEN": connect,
@@ -83,9 +92,11 @@ def plan(
     def spec(name: str, module: str, *arguments: str, tokens: tuple[tuple[str, str], ...]) -> ProcessSpec:
         return ProcessSpec(name, (sys.executable, "-m", module, *arguments), environment, tokens)
 
-    linked = ("--uplink", uplink) if uplink else ()
-    specs = [spec("router", "services.router", "--scope", host, *linked, tokens=((host, "router"),))]
-    if GROUND in chosen:
+    uplink_arguments = ("--uplink", uplink) if uplink else ()
+    specs = [
+        spec("router", "services.router", "--scope", host, *uplink_arguments, tokens=((host, "router"),))
+    ]
+    if GROUND in selected_scopes:
         specs += [
             spec("dpm", "services.dpm", "--http", http, tokens=((GROUND, "dpm"),)),
             spec("orchestrator", "services.orchestrator", tokens=((GROUND, "orchestrator"),)),
@@ -94,7 +105,7 @@ def plan(
         if profile.merging is not None:
             specs.append(spec("map_merging", "services.map_merging", tokens=((GROUND, "map_merging"),)))
     for process, entries in profile.processes().items():
-        tokens = tuple((robot, entry.name) for robot, entry in entries if robot in chosen)
+        tokens = tuple((robot, entry.name) for robot, entry in entries if robot in selected_scopes)
         if tokens:
             specs.append(spec(process, "services.dfpc_host", "--process", process, tokens=tokens))
     return specs

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Keeps processes running: starts them staggered, starts dead ones again, ends them all within a few seconds."""
+"""Supervision of processes: staggered start, restart after failure, and end within a few seconds."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from services.supervisor.plan import ProcessSpec
 logger = logging.getLogger(__name__)
 
 POLL_S = 0.05
-#: Time between two starts, so that imports do not pile up on few cores.
+#: Time between two starts, so that imports do not compete for few cores, seconds.
 STAGGER_S = 0.4
-#: Back-off of a process that keeps dying: first and longest wait; it starts over after ``STABLE_S`` of running.
+#: Back-off of a failing process: first and longest wait, seconds; reset after ``STABLE_S`` of running.
 BACKOFF_FIRST_S = 0.2
 BACKOFF_LONGEST_S = 3.0
 STABLE_S = 10.0
-#: How long processes get to end by themselves after SIGTERM.
+#: Time for processes to end after SIGTERM, seconds.
 GRACE_S = 2.5
 ROUTER_GRACE_S = 0.7
 
 
 @dataclass(slots=True)
 class Child:
-    """A process and its history."""
+    """A process and its restarts."""
 
     spec: ProcessSpec
     process: subprocess.Popen[bytes] | None = None
@@ -45,14 +45,14 @@ class Child:
 
 @dataclass(slots=True)
 class Supervisor:
-    """Runs the processes of a plan until told to stop.
+    """Supervisor of the processes of a plan.
 
     Parameters
     ----------
     specs : sequence of ProcessSpec
-        In the order to start them.
+        Processes in start order.
     log_dir : Path or None
-        A file per process; None lets them write to this process's standard error.
+        Folder of a log file per process; None: standard error of this process.
     """
 
     specs: Sequence[ProcessSpec]
@@ -60,26 +60,26 @@ class Supervisor:
     children: dict[str, Child] = field(default_factory=dict)
 
     def run(self, stop: threading.Event) -> None:
-        """Start, watch and start again until ``stop``; then end every process. Call it from the main thread.
+        """Start and restart the processes until ``stop``, then end them. Call it from the main thread.
 
-        The kernel sends SIGTERM to the children when the thread that started them ends, so that not even a SIGKILL of
-        the supervisor leaves an orphan.
+        The kernel sends SIGTERM to the children when the thread that started them ends, so that even a
+        SIGKILL of the supervisor leaves no orphan.
         """
-        begin_s = monotonic_s()
+        start_s = monotonic_s()
         for i, spec in enumerate(self.specs):
             log = None if self.log_dir is None else self.log_dir / f"{spec.name}.log"
-            self.children[spec.name] = Child(spec, start_at_s=begin_s + i * STAGGER_S, log=log)
+            self.children[spec.name] = Child(spec, start_at_s=start_s + i * STAGGER_S, log=log)
         try:
             while not stop.wait(POLL_S):
                 for child in self.children.values():
-                    self._tend(child)
+                    self._check(child)
         finally:
             self.end()
 
     def end(self) -> None:
-        """End all: the newest first and the router last, since a session without a router closes slowly.
+        """End all processes, newest first, by SIGTERM and then SIGKILL.
 
-        SIGTERM, and SIGKILL to what stays; each is logged.
+        The router ends last, since a session without a router closes slowly.
         """
         running = [c for c in self.children.values() if c.process is not None and c.process.poll() is None]
         self._end_group(running[:0:-1], GRACE_S)
@@ -95,11 +95,13 @@ class Supervisor:
             try:
                 child.process.wait(max(deadline_s - monotonic_s(), 0.02))
             except subprocess.TimeoutExpired:
-                logger.warning("%s did not end within %g s of SIGTERM and is killed", child.spec.name, grace_s)
+                logger.warning(
+                    "%s did not end within %g s of SIGTERM and is killed", child.spec.name, grace_s
+                )
                 child.process.kill()
                 child.process.wait()
 
-    def _tend(self, child: Child) -> None:
+    def _check(self, child: Child) -> None:
         now_s = monotonic_s()
         if child.process is None:
             if now_s >= child.start_at_s:
@@ -110,7 +112,9 @@ class Supervisor:
             return
         if now_s - child.started_s > STABLE_S:
             child.backoff_s = BACKOFF_FIRST_S
-        logger.warning("%s ended with code %s; starting it again in %.1f s", child.spec.name, code, child.backoff_s)
+        logger.warning(
+            "%s ended with code %s; starting it again in %.1f s", child.spec.name, code, child.backoff_s
+        )
         child.process = None
         child.restarts += 1
         child.start_at_s = now_s + child.backoff_s
@@ -120,7 +124,7 @@ class Supervisor:
         environment = {**os.environ, **child.spec.environment, "CDFF_SUPERVISOR": str(os.getpid())}
         output = None if child.log is None else child.log.open("ab")
         try:
-            child.process = subprocess.Popen(  # argv is ours
+            child.process = subprocess.Popen(
                 child.spec.argv,
                 env=environment,
                 stdin=subprocess.DEVNULL,

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Every type in every codec: round trips, agreement with asn1tools, and bytes that are not what they seem."""
+"""Every type in every codec: round trips, agreement with asn1tools, and malformed bytes."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cdff_common.codecs import CODECS, decode, encode, reference, sizes, uper
-from cdff_common.codecs.plain import from_plain, to_plain
+from cdff_common.codecs.dict_form import from_dict_form, to_dict_form
 from cdff_common.errors import CodecError
-from tests.messages import ALL, random_message
+from tests.support.messages import ALL, random_message
 
 
 @pytest.mark.req("CDFF-CORE-051", "CDFF-CORE-052")
 @pytest.mark.parametrize("codec", CODECS)
 @pytest.mark.parametrize("name", ALL)
-def test_random_messages_survive(name: str, codec: str, rng: np.random.Generator) -> None:
+def test_random_messages_survive_a_round_trip(name: str, codec: str, rng: np.random.Generator) -> None:
     for _ in range(3):
         value = random_message(name, rng)
         assert decode(name, encode(value, codec, name), codec) == value
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_our_uper_and_that_of_asn1tools_read_each_other(name: str, rng: np.random.Generator) -> None:
+def test_our_uper_and_asn1tools_uper_are_interchangeable(name: str, rng: np.random.Generator) -> None:
     for _ in range(3):
         value = random_message(name, rng)
         assert reference.decode(name, uper.encode(value, name), "uper") == value
@@ -40,8 +40,8 @@ def test_the_plain_form_holds_only_plain_data(name: str, rng: np.random.Generato
             check(item)
 
     value = random_message(name, rng)
-    check(to_plain(value))
-    assert from_plain(name, to_plain(value)) == value
+    check(to_dict_form(value))
+    assert from_dict_form(name, to_dict_form(value)) == value
 
 
 @settings(max_examples=150, deadline=None)
@@ -49,16 +49,17 @@ def test_the_plain_form_holds_only_plain_data(name: str, rng: np.random.Generato
     name=st.sampled_from(ALL),
     codec=st.sampled_from(CODECS),
     seed=st.integers(0, 2**32 - 1),
-    edits=st.lists(st.tuples(st.integers(0, 10**6), st.integers(0, 255)), min_size=1, max_size=6),
-    cut=st.integers(0, 10**6),
+    replacements=st.lists(st.tuples(st.integers(0, 10**6), st.integers(0, 255)), min_size=1, max_size=6),
+    length=st.integers(0, 10**6),
 )
 def test_mutated_messages_are_decoded_or_refused(
-    name: str, codec: str, seed: int, edits: list[tuple[int, int]], cut: int
+    name: str, codec: str, seed: int, replacements: list[tuple[int, int]], length: int
 ) -> None:
     data = bytearray(encode(random_message(name, np.random.default_rng(seed)), codec, name))
-    for at, value in edits:
-        data[at % len(data)] = value
-    data = data[: 1 + cut % len(data)] if cut % 3 == 0 else data
+    for index, value in replacements:
+        data[index % len(data)] = value
+    if length % 3 == 0:  # one example in three is also truncated
+        data = data[: 1 + length % len(data)]
     try:
         decode(name, bytes(data), codec)
     except CodecError:
@@ -75,7 +76,7 @@ def test_random_bytes_are_decoded_or_refused(name: str, codec: str, data: bytes)
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_messages_take_as_many_octets_as_the_reference_says(name: str, rng: np.random.Generator) -> None:
-    least, most = sizes.uper_octets(name)
+def test_encoded_sizes_equal_those_of_the_reference_encoder(name: str, rng: np.random.Generator) -> None:
+    min_bytes, max_bytes = sizes.uper_bytes(name)
     for _ in range(3):
-        assert least <= len(encode(random_message(name, rng), "uper", name)) <= most
+        assert min_bytes <= len(encode(random_message(name, rng), "uper", name)) <= max_bytes

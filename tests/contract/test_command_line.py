@@ -19,13 +19,15 @@ def _parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParse
                 yield from _parsers(child)
 
 
-def test_every_command_says_what_it_does_in_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_command_has_a_help_summary(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["--help"]) == 0
-    listed = capsys.readouterr().out
+    help_text = capsys.readouterr().out
     for parser in cli.build_parser([])._actions:
         if isinstance(parser, argparse._SubParsersAction):
             for name in parser.choices:
-                assert re.search(rf"^    {name}\s+\S", listed, re.MULTILINE), f"cdff {name} has no help text"
+                assert re.search(rf"^    {name}\s+\S", help_text, re.MULTILINE), (
+                    f"cdff {name} has no help text"
+                )
 
 
 def test_help_of_every_command_can_be_printed() -> None:
@@ -33,10 +35,10 @@ def test_help_of_every_command_can_be_printed() -> None:
         assert parser.format_help()
 
 
-def test_every_command_without_further_verbs_runs_something() -> None:
+def test_every_command_without_subcommands_has_a_run_function() -> None:
     for parser in _parsers(cli.build_parser([])):
-        nested = any(isinstance(a, argparse._SubParsersAction) for a in parser._actions)
-        assert nested or callable(parser.get_default("run")), parser.prog
+        has_subcommands = any(isinstance(a, argparse._SubParsersAction) for a in parser._actions)
+        assert has_subcommands or callable(parser.get_default("run")), parser.prog
 
 
 NOUNS = """
@@ -45,5 +47,5 @@ check demo dfn dfpc doctor dpm generate log new orchestrator replay request run 
 
 
 @pytest.mark.parametrize("noun", NOUNS.split())
-def test_command_of_the_contract_exists(noun: str) -> None:
+def test_every_command_of_the_contract_exists(noun: str) -> None:
     assert cli.main([noun, "--help"]) == 0

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The containers are those of the profile that they run, and nothing of them is reached from elsewhere."""
+"""The containers match the profile that they run, and their ports are reachable from this machine only."""
 
 from __future__ import annotations
 
@@ -20,27 +20,35 @@ HOSTS = {name: s for name, s in SERVICES.items() if s["build"]["target"] == "dfp
 PROFILE = load_profile(ROOT / SERVICES["icu"]["environment"]["CDFF_PROFILE"])
 
 
-def test_there_is_one_container_per_service_and_per_process_of_the_profile() -> None:
-    assert set(SERVICES) == {"router", "dpm", "orchestrator", "icu", "player", "operator", *PROFILE.processes()}
+def test_every_service_and_every_process_of_the_profile_has_a_container() -> None:
+    assert set(SERVICES) == {
+        "router",
+        "dpm",
+        "orchestrator",
+        "icu",
+        "player",
+        "operator",
+        *PROFILE.processes(),
+    }
     assert set(HOSTS) == set(PROFILE.processes())
 
 
 @pytest.mark.parametrize("name", HOSTS)
-def test_host_runs_its_process_and_is_healthy_when_all_its_dfpcs_are_there(name: str) -> None:
+def test_a_host_runs_its_process_and_is_healthy_when_all_its_dfpcs_are_alive(name: str) -> None:
     assert HOSTS[name]["command"][-2:] == ["--process", name]
     tokens = {f"{robot}/{entry.name}" for robot, entry in PROFILE.processes()[name]}
     assert set(HOSTS[name]["healthcheck"]["test"][4:]) == tokens
 
 
 def test_player_waits_for_every_dfpc_that_takes_sensor_data() -> None:
-    waited = {key.removeprefix("cdff/@v1/") for key in SERVICES["player"]["command"][2:]}
-    fed = {
+    awaited_tokens = {key.removeprefix("cdff/@v1/") for key in SERVICES["player"]["command"][2:]}
+    sensor_dfpcs = {
         f"{robot.id}/@alive/{entry.name}"
         for robot in PROFILE.robots
         for entry in robot.dfpcs
         if any(source.startswith("sensor/") for source in entry.inputs.values())
     }
-    assert waited == fed | {f"ground/@alive/{s}" for s in ("dpm", "orchestrator", "icu")}
+    assert awaited_tokens == sensor_dfpcs | {f"ground/@alive/{s}" for s in ("dpm", "orchestrator", "icu")}
 
 
 def test_ports_are_published_on_loopback_only() -> None:
@@ -63,23 +71,31 @@ def test_products_outlive_their_container() -> None:
 
 
 @pytest.mark.parametrize("name", HOSTS)
-def test_what_waits_for_the_dpm_and_states_outlive_the_container_of_a_host(name: str) -> None:
+def test_outbox_and_states_outlive_the_container_of_a_host(name: str) -> None:
     assert HOSTS[name]["volumes"] == ["cdff-dfpc:/var/lib/cdff"]
     assert "cdff-dfpc" in COMPOSE["volumes"]
 
 
-def test_every_target_is_a_stage_and_only_the_algorithms_carry_open3d() -> None:
-    parents = {words[3]: words[1] for line in DOCKERFILE.splitlines() if (words := line.split()) and words[0] == "FROM"}
+def test_every_build_target_exists_and_only_the_player_includes_open3d() -> None:
+    locks: dict[str, set[str]] = {}
+    for words in map(str.split, DOCKERFILE.splitlines()):
+        if words[:1] == ["FROM"]:
+            stage = words[3]
+            locks[stage] = set(locks.get(words[1], ()))
+        elif words[:1] == ["COPY"]:
+            locks[stage] |= {Path(word).name for word in words if word.startswith("requirements/")}
+    with_open3d = {
+        lock.name
+        for lock in (ROOT / "requirements").glob("*.txt")
+        if any(line.startswith("open3d") for line in lock.read_text().splitlines())
+    }
+    assert "simulate.txt" in with_open3d
     for name, service in SERVICES.items():
         target = service["build"]["target"]
-        ancestors = [target]
-        while parents.get(ancestors[-1]) in parents:
-            ancestors.append(parents[ancestors[-1]])
-        heavy = "algorithm-libraries" in ancestors
-        assert heavy == (target in ("dfpc_host", "player")), name
+        assert bool(locks[target] & with_open3d) == (target == "player"), name
 
 
-def test_nothing_runs_as_root() -> None:
+def test_no_container_runs_as_root() -> None:
     user = ""
     for line in DOCKERFILE.splitlines():
         words = line.split()

@@ -14,23 +14,23 @@ _COMMAND = re.compile(r"^(?:\.venv/bin/)?cdff ([a-z]+)", re.MULTILINE)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
-def test_every_link_inside_the_tree_leads_somewhere(page: Path) -> None:
+def test_every_link_inside_the_tree_has_a_target(page: Path) -> None:
     for link in _LINK.findall(page.read_text(encoding="utf-8")):
         if not link.startswith(("http://", "https://", "#", "mailto:")):
             assert (page.parent / link.split("#")[0]).exists(), link
 
 
-def test_every_page_is_reached_from_the_index() -> None:
+def test_every_page_is_linked_from_the_index() -> None:
     docs = ROOT / "docs"
     seen: set[Path] = set()
-    waiting = [docs / "index.md"]
-    while waiting:
-        page = waiting.pop()
+    queue = [docs / "index.md"]
+    while queue:
+        page = queue.pop()
         if page in seen or page.suffix != ".md" or not page.is_file():
             continue
         seen.add(page)
         links = _LINK.findall(page.read_text(encoding="utf-8"))
-        waiting += [(page.parent / link.split("#")[0]).resolve() for link in links if "://" not in link]
+        queue += [(page.parent / link.split("#")[0]).resolve() for link in links if "://" not in link]
     assert sorted(p.relative_to(docs).as_posix() for p in docs.rglob("*.md") if p not in seen) == []
 
 

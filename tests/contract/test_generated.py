@@ -6,10 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from cdff_common.interfaces.description import read_dfn_description
 from cdff_dev.check import requirements
 from cdff_dev.generate.artefacts import due
+from cdff_dev.generate.interfaces import dfn_interface
 from cdff_dev.generate.plan import GROUPS, plan
-from cdff_dev.generate.tree import Tree
+from cdff_dev.tree import Tree
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -21,5 +23,11 @@ def test_generated_files_are_up_to_date(group: str) -> None:
     assert [a.path.relative_to(ROOT).as_posix() for a in due(plan(tree, [group]))] == []
 
 
-def test_every_built_requirement_is_named_by_a_test_and_every_id_exists() -> None:
+def test_the_interface_of_the_example_plugin_is_the_generated_one() -> None:
+    folder = ROOT / "examples/plugin_package/cdff_example_plugin/dfns/position_smoothing"
+    generated = dfn_interface(Tree.here(), read_dfn_description(folder / "dfn.yaml"))
+    assert (folder / "interface.py").read_text() == generated.text
+
+
+def test_every_built_requirement_has_a_test_and_every_cited_id_exists() -> None:
     assert requirements.faults(ROOT) == []

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Each name of InFuse's DFNs and implementations finds what its table says, or nothing."""
+"""Every InFuse name of a DFN or implementation resolves as the table of the page states."""
 
 from __future__ import annotations
 
@@ -18,17 +18,20 @@ ROWS = [
     for line in PAGE.read_text(encoding="utf-8").splitlines()
     if line.startswith("| `")
 ]
-#: DFN, folder.
+#: InFuse DFN and its folder here.
 TYPES = [(row[0].strip("`"), row[1].split("`")[1] if "`" in row[1] else None) for row in ROWS]
-#: DFN, implementation, folder, class or "".
+#: InFuse DFN and implementation, folder here, class here or "".
 IMPLEMENTATIONS = [
     (row[0].strip("`"), name, *target.partition("/")[::2])
     for row in ROWS
     for name, target in re.findall(r"`(\w+)`: `([\w/]+)`", row[2])
 ]
-#: Names before a colon are not here.
+#: The fourth column lists the missing names before a colon and the reason after it.
 ABSENT = [
-    name for row in ROWS for part in re.findall(r"((?:`\w+`(?:, )?)+):", row[3]) for name in part.split("`")[1::2]
+    name
+    for row in ROWS
+    for part in re.findall(r"((?:`\w+`(?:, )?)+):", row[3])
+    for name in part.split("`")[1::2]
 ]
 
 
@@ -39,7 +42,7 @@ def test_the_table_has_every_dfn_and_implementation_of_infuse() -> None:
 
 @pytest.mark.req("CDFF-CORE-030")
 @pytest.mark.parametrize(("name", "folder"), TYPES)
-def test_a_dfn_of_infuse_finds_what_does_the_same(name: str, folder: str | None) -> None:
+def test_every_dfn_of_infuse_has_its_counterpart(name: str, folder: str | None) -> None:
     registry = Registry.default()
     if folder is None:
         with pytest.raises(ConfigurationError):
@@ -53,22 +56,24 @@ def test_a_dfn_of_infuse_finds_what_does_the_same(name: str, folder: str | None)
 
 
 @pytest.mark.parametrize(("dfn", "name", "folder", "implementation"), IMPLEMENTATIONS)
-def test_an_implementation_of_infuse_finds_what_does_the_same(
+def test_every_implementation_of_infuse_has_its_counterpart(
     dfn: str, name: str, folder: str, implementation: str
 ) -> None:
     registry = Registry.default()
-    known = dict(TYPES)[dfn] == folder
-    made = registry.make_dfn(dfn, name) if known else registry.make_dfn(name)
-    made.configure()
-    found = (registry.dfn(dfn) if known else registry.dfn(name)).folder
-    assert (found, type(made).__name__ if implementation else "") == (folder, implementation)
+    in_its_own_dfn = dict(TYPES)[dfn] == folder
+    node = registry.make_dfn(dfn, name) if in_its_own_dfn else registry.make_dfn(name)
+    node.configure()
+    result = (registry.dfn(dfn) if in_its_own_dfn else registry.dfn(name)).folder
+    assert (result, type(node).__name__ if implementation else "") == (folder, implementation)
 
 
 @pytest.mark.parametrize("name", ABSENT)
-def test_what_the_table_says_is_not_here_is_not(name: str) -> None:
+def test_names_listed_as_missing_are_missing(name: str) -> None:
     registry = Registry.default()
     names = {
-        n for found in registry.dfns.values() for n in (*found.description.implementations, found.description.name)
+        n
+        for result in registry.dfns.values()
+        for n in (*result.description.implementations, result.description.name)
     }
     assert name not in names
     with pytest.raises(ConfigurationError):

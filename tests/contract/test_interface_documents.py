@@ -1,15 +1,16 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The interface documents say what the code does: parameters, products, states, codes."""
+"""The interface documents list the parameters, products, states and error codes of the code."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
 
+from cdff_common.contract.products import requestable_products
+from cdff_common.contract.queries import RequestParameters
 from cdff_common.errors import ERROR_OF_CODE
 from cdff_core.orchestration.modes import MODE_TRANSITIONS
-from cdff_core.orchestration.request import CODECS, PARAMETERS, PRODUCTS
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 OG2 = (DOCS / "og2-interface.md").read_text(encoding="utf-8")
@@ -21,10 +22,11 @@ def edges(text: str) -> set[tuple[str, str]]:
 
 
 def test_every_parameter_product_type_and_format_is_documented() -> None:
-    for name in PARAMETERS - {"robot"}:
+    names = {field.alias or name for name, field in RequestParameters.model_fields.items()}
+    for name in names - {"robot"}:
         assert f"`{name}`" in OG2, name
-    for product, (native, others, files) in PRODUCTS.items():
-        for word in (product, native, *others, *files, *CODECS):
+    for product in requestable_products().values():
+        for word in (product.name, *product.types, *product.formats):
             assert re.search(rf"\b{word}\b", OG2), word
 
 
@@ -33,5 +35,5 @@ def test_every_error_code_is_documented() -> None:
         assert f"`{code}`" in OG2, code
 
 
-def test_the_diagram_of_sensor_modes_is_the_table_of_the_code() -> None:
+def test_the_diagram_of_sensor_modes_matches_the_transition_table() -> None:
     assert edges(ICU) == {(state, to) for (state, _), to in MODE_TRANSITIONS.items()}

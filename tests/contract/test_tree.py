@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What holds for every file of the tree."""
+"""Rules for every file of the tree."""
 
 from __future__ import annotations
 
@@ -17,33 +17,35 @@ PACKAGES = ("cdff_common", "cdff_core", "cdff_dev", "dpm_store", "services")
 SPDX = ("SPDX-FileCopyrightText: 2026 the CDFF contributors", "SPDX-License-Identifier: BSD-3-Clause")
 WITH_LICENCE = {".py", ".asn", ".sh"}
 BINARY = {".png", ".jpg", ".pcd", ".ply", ".msg", ".npz", ".tif", ".bin", ".las"}
-#: Folders of one machine; in two halves, so that this file does not name them either.
+#: Folders of a developer's machine; written in two halves, so that this file does not contain them.
 MACHINE_PATHS = re.compile("|".join(f"/{name}/" for name in ("work", "root", "tmp/bash" + "_jobs", "farm")))
-#: Under the GPL: for comparison in their own environment, never imported.
+#: GPL packages: used for comparison in their own environment, never imported.
 GPL = {"evo", "visp", "orbslam", "pyqt5", "PyQt5"}
 MAX_LINES = 600
 
 
 def _tracked() -> list[Path]:
     try:
-        done = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True)
+        result = subprocess.run(
+            ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True
+        )
     except (OSError, subprocess.CalledProcessError) as error:
-        pytest.skip(f"not a git checkout, the list of files is not known: {error}")
-    return [p for name in done.stdout.split("\0") if name and (p := ROOT / name).is_file()]
+        pytest.skip(f"not a git checkout, the list of files is unknown: {error}")
+    return [p for name in result.stdout.split("\0") if name and (p := ROOT / name).is_file()]
 
 
 def _modules() -> list[Path]:
     return [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
 
 
-def test_every_source_file_carries_both_licence_lines() -> None:
+def test_every_source_file_has_both_licence_lines() -> None:
     for path in _tracked():
         if path.suffix in WITH_LICENCE:
             head = path.read_text(encoding="utf-8")[:400]
             assert not head.strip() or all(line in head for line in SPDX), path.relative_to(ROOT)
 
 
-def test_no_file_names_a_path_of_one_machine() -> None:
+def test_no_file_contains_a_path_of_a_developers_machine() -> None:
     for path in _tracked():
         if path.suffix not in BINARY:
             text = path.read_text(encoding="utf-8", errors="replace")
@@ -54,7 +56,7 @@ def test_no_tracked_file_is_over_one_megabyte() -> None:
     assert [p.relative_to(ROOT) for p in _tracked() if p.stat().st_size > 1_000_000] == []
 
 
-def test_no_module_is_longer_than_a_reader_bears() -> None:
+def test_no_module_exceeds_the_maximum_length() -> None:
     generated = "# GENERATED from"
     for path in _modules():
         lines = path.read_text(encoding="utf-8").splitlines()
@@ -63,7 +65,7 @@ def test_no_module_is_longer_than_a_reader_bears() -> None:
 
 
 @pytest.mark.req("CDFF-DEV-010")
-def test_nothing_that_ships_imports_the_toolkit_or_anything_under_the_gpl() -> None:
+def test_shipped_packages_import_neither_the_toolkit_nor_gpl_packages() -> None:
     for path in _modules():
         package = path.relative_to(ROOT).parts[0]
         for name in _imports(path):
@@ -73,17 +75,21 @@ def test_nothing_that_ships_imports_the_toolkit_or_anything_under_the_gpl() -> N
 
 
 @pytest.mark.req("CDFF-CORE-012", "CDFF-CORE-031")
-def test_imports_go_one_way() -> None:
+def test_imports_follow_the_layers() -> None:
     command = Path(sys.executable).parent / "lint-imports"
-    done = subprocess.run([command, "--no-cache"], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout
+    result = subprocess.run([command, "--no-cache"], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stdout
 
 
-def test_algorithms_read_no_clock_no_environment_and_open_no_file() -> None:
+def test_algorithms_use_no_clock_environment_or_file() -> None:
     forbidden = {"time", "datetime", "socket", "subprocess", "threading", "multiprocessing", "os", "random"}
     for path in (p for part in ("dfns", "dfpcs") for p in (ROOT / "cdff_core" / part).rglob("*.py")):
         assert forbidden.isdisjoint(_imports(path)), path.relative_to(ROOT)
-        calls = [n.func.id for n in ast.walk(_parsed(path)) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)]
+        calls = [
+            n.func.id
+            for n in ast.walk(_parsed(path))
+            if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)
+        ]
         assert not {"open", "print", "input"} & set(calls), path.relative_to(ROOT)
 
 
@@ -92,7 +98,7 @@ def _parsed(path: Path) -> ast.Module:
 
 
 def _imports(path: Path) -> set[str]:
-    """Top-level names that a module imports."""
+    """Return the top-level packages that a module imports."""
     names: set[str] = set()
     for node in ast.walk(_parsed(path)):
         if isinstance(node, ast.Import):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""One suite over every type of the wire."""
+"""Tests that run for every message type."""
 
 from __future__ import annotations
 
@@ -11,22 +11,25 @@ import numpy as np
 import pytest
 
 import cdff_common.types as types
-from cdff_common.codecs import decode, encode, schema_table
+from cdff_common.codecs import decode, encode
 from cdff_common.errors import CodecError
+from cdff_common.types import schema_table
 
-#: A CHOICE is part of the type that holds it and does not travel alone.
-MESSAGES = [c for n in types.__all__ if getattr(c := getattr(types, n), "ASN1_NAME", "") in schema_table.MESSAGES]
+#: Without the ASN.1 CHOICE types, which are only sent as a field of another type.
+MESSAGES = [
+    c for n in types.__all__ if getattr(c := getattr(types, n), "ASN1_NAME", "") in schema_table.MESSAGES
+]
 
 
-def _same(a: Any, b: Any) -> None:
+def _assert_equal(a: Any, b: Any) -> None:
     if dataclasses.is_dataclass(a):
         assert type(a) is type(b)
         for field in dataclasses.fields(a):
-            _same(getattr(a, field.name), getattr(b, field.name))
+            _assert_equal(getattr(a, field.name), getattr(b, field.name))
     elif isinstance(a, tuple):
         assert len(a) == len(b)
         for x, y in zip(a, b, strict=True):
-            _same(x, y)
+            _assert_equal(x, y)
     else:
         np.testing.assert_equal(a, b)
 
@@ -34,9 +37,9 @@ def _same(a: Any, b: Any) -> None:
 @pytest.mark.req("CDFF-CORE-050", "CDFF-CORE-051")
 @pytest.mark.parametrize("codec", ["uper", "msgpack"])
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda m: m.__name__)
-def test_default_value_survives_the_wire(message: Any, codec: str) -> None:
+def test_the_default_value_survives_encoding_and_decoding(message: Any, codec: str) -> None:
     value = message()
-    _same(value, decode(message.ASN1_NAME, encode(value, codec), codec))
+    _assert_equal(value, decode(message.ASN1_NAME, encode(value, codec), codec))
 
 
 @pytest.mark.req("CDFF-CORE-053")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A whole system on the simulated traverse, for tests that break parts of it."""
+"""The whole system running on the simulated traverse, for tests that kill parts of it."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import pytest
 
 from cdff_common.bus import Bus
 from cdff_common.interfaces.profile import load_profile
-from cdff_dev.demo.commands import DEPLOY
-from cdff_dev.demo.run import wait_for_clock
-from cdff_dev.demo.stage import Stage
+from cdff_common.resources import deploy_folder
+from cdff_dev.missions.requests import wait_for_clock
+from cdff_dev.missions.stage import Stage
 from cdff_dev.ports import free_port
 from cdff_dev.simulate.scenario import load_scenario
 from cdff_dev.simulate.store import simulated_log
@@ -32,15 +32,18 @@ def http() -> str:
 
 @pytest.fixture(scope="session")
 def traverse() -> Path:
-    """The log of the simulated traverse, made once and kept in the cache."""
+    """The log of the simulated traverse, simulated once and then cached."""
     return simulated_log(load_scenario("rover_traverse"))
 
 
 @pytest.fixture(scope="session")
 def stage(endpoint: str, http: str, traverse: Path) -> Iterator[Stage]:
-    """Every service of the rover profile, and the simulated traverse played slowly enough to last for all tests."""
-    path = DEPLOY / "profiles" / "rover_traverse.yaml"
-    with Stage(load_profile(path), path, endpoint, http) as running, Bus.open(endpoint, name="test", wait_s=20) as bus:
+    """Every service of the rover profile; the simulated traverse is played at 0.3 of real time."""
+    path = deploy_folder() / "profiles" / "rover_traverse.yaml"
+    with (
+        Stage(load_profile(path), path, endpoint, http) as running,
+        Bus.open(endpoint, name="test", wait_s=20) as bus,
+    ):
         running.wait_ready(bus)
         running.play(str(traverse), 0.3)
         wait_for_clock(bus, running.check_running)
@@ -48,13 +51,13 @@ def stage(endpoint: str, http: str, traverse: Path) -> Iterator[Stage]:
 
 
 def process_of(stage: Stage, name: str) -> psutil.Process:
-    """The process that the supervisor of a stage runs under a name of its plan."""
-    needle = ["--process", name] if name.startswith(("mana", "minnie")) else [f"services.{name}"]
+    """Return the process that the supervisor of a stage runs under this name."""
+    arguments = ["--process", name] if name.startswith(("mana", "minnie")) else [f"services.{name}"]
     for child in psutil.Process(stage.supervisor_pid).children():
         try:
             line = child.cmdline()
-        except psutil.Error:  # it ends at this moment
+        except psutil.Error:  # the process has just ended
             continue
-        if all(part in line for part in needle):
+        if all(argument in line for argument in arguments):
             return child
     raise AssertionError(f"no process {name} under the supervisor")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``docker-compose up`` for real, asked from outside the containers; skipped where no Docker engine answers."""
+"""``docker-compose up``, tested from outside the containers; skipped if no Docker engine answers."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PROJECT = "cdfftest"
 
 
 def compose_command() -> list[str]:
-    """``docker compose`` or ``docker-compose``; skips where neither can be used."""
+    """Return ``docker compose`` or ``docker-compose``; skip the test if neither can be used."""
     if (
         shutil.which("docker") is None
         or subprocess.run(["docker", "info"], capture_output=True, check=False).returncode
@@ -39,35 +39,42 @@ def compose_command() -> list[str]:
 
 
 class Composed:
-    """The system in containers, and the two addresses it publishes on loopback."""
+    """The system in containers, with the ports of its router and its HTTP server on loopback."""
 
     def __init__(self) -> None:
         self.router_port, self.http_port = free_port(), free_port()
         self.endpoint = f"tcp/127.0.0.1:{self.router_port}"
         self._command = [*compose_command(), "-p", PROJECT]
         self._environment = {
-            **os.environ, "CDFF_ROUTER_PORT": str(self.router_port), "CDFF_HTTP_PORT": str(self.http_port),
-        }  # fmt: skip
+            **os.environ,
+            "CDFF_ROUTER_PORT": str(self.router_port),
+            "CDFF_HTTP_PORT": str(self.http_port),
+        }
 
     def __call__(self, *arguments: str) -> str:
-        """Run compose; its output."""
-        done = subprocess.run(
-            [*self._command, *arguments], cwd=ROOT, env=self._environment, capture_output=True, text=True, check=False
+        """Run compose and return its output."""
+        result = subprocess.run(
+            [*self._command, *arguments],
+            cwd=ROOT,
+            env=self._environment,
+            capture_output=True,
+            text=True,
+            check=False,
         )
-        assert done.returncode == 0, done.stdout + done.stderr
-        return done.stdout
+        assert result.returncode == 0, result.stdout + result.stderr
+        return result.stdout
 
     def container(self, service: str) -> str:
-        """Id of a service's container."""
+        """Return the id of a service's container."""
         return self("ps", "-q", service).strip()
 
     def inspect(self, service: str, template: str) -> str:
-        """A field of ``docker inspect``."""
+        """Return a field of ``docker inspect``."""
         command = ["docker", "inspect", "-f", template, self.container(service)]
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
 
     def get(self, path: str) -> object:
-        """JSON of a path of the published HTTP server."""
+        """Return the JSON that the published HTTP server serves at a path."""
         with urllib.request.urlopen(f"http://127.0.0.1:{self.http_port}{path}", timeout=10) as response:
             return json.load(response)
 
@@ -81,15 +88,17 @@ def composed() -> Iterator[Composed]:
     compose("down", "-v")
 
 
-def until(condition: Callable[[], object], timeout_s: float, what: str) -> None:
+def wait_until(condition: Callable[[], object], timeout_s: float, what: str) -> None:
     deadline_s = time.monotonic() + timeout_s
     while not condition():
         assert time.monotonic() < deadline_s, f"{what}: not within {timeout_s:g} s"
         time.sleep(0.5)
 
 
-def test_the_operator_in_its_container_gets_every_answer(composed: Composed) -> None:
-    until(lambda: composed.inspect("operator", "{{.State.Status}}") == "exited", 1200, "the operator ends")
+def test_the_operator_container_receives_every_answer(composed: Composed) -> None:
+    wait_until(
+        lambda: composed.inspect("operator", "{{.State.Status}}") == "exited", 1200, "the operator ends"
+    )
     logs = composed("logs", "operator")
     assert composed.inspect("operator", "{{.State.ExitCode}}") == "0", logs
     assert "8 of 8 requests were answered as asked" in logs
@@ -98,10 +107,12 @@ def test_the_operator_in_its_container_gets_every_answer(composed: Composed) -> 
 def test_every_service_with_a_health_check_is_healthy(composed: Composed) -> None:
     services = [s for s in composed("config", "--services").split() if s not in {"player", "operator"}]
     for service in services:
-        until(lambda s=service: composed.inspect(s, "{{.State.Health.Status}}") == "healthy", 120, service)
+        wait_until(
+            lambda s=service: composed.inspect(s, "{{.State.Health.Status}}") == "healthy", 120, service
+        )
 
 
-def test_ground_and_autonomy_work_from_outside(composed: Composed) -> None:
+def test_http_and_product_requests_work_from_outside(composed: Composed) -> None:
     assert {robot["id"] for robot in composed.get("/api/v1/robots")["items"]} >= {"mana", "minnie"}  # type: ignore[index,call-overload]
     with Client(composed.endpoint) as client:
         assert client.request("pose", robot="mana").header.child == "mana/base"
@@ -111,23 +122,29 @@ def test_ground_and_autonomy_work_from_outside(composed: Composed) -> None:
 def test_ports_are_published_on_loopback_only(composed: Composed) -> None:
     for service in ("router", "dpm"):
         bindings = json.loads(composed.inspect(service, "{{json .NetworkSettings.Ports}}"))
-        assert {b["HostIp"] for published in bindings.values() if published for b in published} == {"127.0.0.1"}
+        assert {b["HostIp"] for published in bindings.values() if published for b in published} == {
+            "127.0.0.1"
+        }
 
 
 def test_a_killed_service_is_restarted_and_products_survive(composed: Composed) -> None:
-    before = composed.get("/api/v1/status")["products"]  # type: ignore[index,call-overload]
+    count_before = composed.get("/api/v1/status")["products"]  # type: ignore[index,call-overload]
     pid = composed.inspect("dpm", "{{.State.Pid}}")
     os.kill(int(pid), 9)
     with Bus.open(composed.endpoint, name="test", wait_s=10) as bus:
         token = keys.alive("ground", "dpm")
-        until(lambda: composed.inspect("dpm", "{{.State.Pid}}") not in {pid, "0"}, 30, "dpm is restarted")
-        until(lambda: token in bus.alive(token), 30, "dpm is back")
-    until(lambda: composed.get("/api/v1/status")["products"] >= before, 30, "products are there")  # type: ignore[index,call-overload,operator]
+        wait_until(
+            lambda: composed.inspect("dpm", "{{.State.Pid}}") not in {pid, "0"}, 30, "dpm is restarted"
+        )
+        wait_until(lambda: token in bus.alive(token), 30, "dpm is alive again")
+    wait_until(
+        lambda: composed.get("/api/v1/status")["products"] >= count_before, 30, "products are stored again"
+    )  # type: ignore[index,call-overload,operator]
 
 
 @pytest.mark.parametrize("service", ["router", "dpm", "orchestrator", "icu"])
-def test_light_images_carry_no_algorithms(composed: Composed, service: str) -> None:
+def test_light_images_contain_no_algorithm_libraries(composed: Composed, service: str) -> None:
     code = "import importlib.util as u; print(any(u.find_spec(m) for m in ('open3d', 'cv2', 'cdff_dev')))"
     command = ["docker", "exec", composed.container(service), "python", "-c", code]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"
+    result = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "False"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The demonstration as a user runs it."""
+"""``cdff demo`` as a user runs it."""
 
 from __future__ import annotations
 
@@ -34,42 +34,46 @@ def demo(*arguments: str) -> subprocess.Popen[str]:
 
 
 @pytest.mark.req("CDFF-SUP-028")
-def test_every_request_of_the_simulated_traverse_is_answered_as_asked(traverse: Path) -> None:
+def test_every_request_of_the_simulated_traverse_is_satisfied(traverse: Path) -> None:
     process = demo("--once")
     output, _ = process.communicate(timeout=380)
     assert process.returncode == 0, output
     assert "8 of 8 requests were answered as asked" in output
 
 
-def test_the_same_chain_answers_on_a_real_drive(real_data: Callable[[str], Path]) -> None:
+@pytest.mark.slow
+def test_the_demonstration_answers_every_request_on_a_recorded_drive(
+    real_data: Callable[[str], Path],
+) -> None:
     process = demo("--once", "--log", str(real_data("kitti_stereo/KITTI_sequence_1")))
     output, _ = process.communicate(timeout=380)
     assert process.returncode == 0, output
     assert "4 of 4 requests were answered as asked" in output
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_every_process_within_five_seconds(traverse: Path) -> None:
-    with demo() as process:  # closes the pipe and waits, whatever happens
+    with demo() as process:  # closes the pipe and waits, also after a failure
         assert process.stdout is not None
         try:
             ready = (re.search(r"(\d+) of (\d+) ready", line) for line in process.stdout)
             assert any(match and match[1] == match[2] for match in ready)
-            family = psutil.Process(process.pid).children(recursive=True)
-            assert len(family) > 8
+            processes = psutil.Process(process.pid).children(recursive=True)
+            assert len(processes) > 8
             process.send_signal(signal.SIGINT)
             process.wait(5.0)
         finally:
             process.kill()
-    left = [p for p in family if p.is_running() and p.status() != psutil.STATUS_ZOMBIE]
-    assert not left, [p.cmdline() for p in left]
+    survivors = [p for p in processes if p.is_running() and p.status() != psutil.STATUS_ZOMBIE]
+    assert not survivors, [p.cmdline() for p in survivors]
 
 
-def test_a_taken_address_is_an_error_that_says_so() -> None:
+def test_an_address_in_use_is_reported_as_an_error() -> None:
     import socket
 
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
+    with socket.socket() as used_socket:
+        used_socket.bind(("127.0.0.1", 0))
+        used_socket.listen()
         process = subprocess.run(
             [
                 sys.executable,
@@ -78,7 +82,7 @@ def test_a_taken_address_is_an_error_that_says_so() -> None:
                 "demo",
                 "--once",
                 "--http",
-                f"127.0.0.1:{taken.getsockname()[1]}",
+                f"127.0.0.1:{used_socket.getsockname()[1]}",
                 "--connect",
                 f"tcp/127.0.0.1:{free_port()}",
             ],

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Services are killed while a request waits: it is answered, or failed with a reason, before its deadline."""
+"""Killed services: a waiting request is answered, or fails with a reason, before its deadline."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ import pytest
 from cdff_common.bus import Bus, keys
 from cdff_common.client import Client
 from cdff_common.errors import CdffError, UnavailableError
-from cdff_dev.demo.stage import Stage
+from cdff_dev.missions.stage import Stage
 from tests.e2e.conftest import process_of
 
-pytestmark = [pytest.mark.e2e, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.e2e, pytest.mark.slow, pytest.mark.timeout(240)]
 
 DEADLINE_S = 25.0
-BACK_S = 5.0
-#: Younger than the time between two patches, two seconds of mission time: asked at the right moment, it must wait.
+RESTART_S = 5.0
+#: Less than the 2 s of mission time between two patches, so that a request can be made to wait for a patch.
 MAX_AGE_S = 1.0
-WISH = {"robot": "mana", "region": "near:mana/base,3", "max_age_s": MAX_AGE_S, "min_coverage": 0.1}
+PARAMETERS = {"robot": "mana", "region": "near:mana/base,3", "max_age_s": MAX_AGE_S, "min_coverage": 0.1}
 
 
-class Asked(threading.Thread):
-    """A request in flight: its answer or its error, and how long it took."""
+class PendingRequest(threading.Thread):
+    """A request that waits in a thread for its answer or error, with its duration ``took_s``."""
 
-    def __init__(self, endpoint: str, product: str, **wishes: Any) -> None:
+    def __init__(self, endpoint: str, product: str, **parameters: Any) -> None:
         super().__init__(daemon=True)
-        self._endpoint, self._product, self._wishes = endpoint, product, wishes
-        self.result: Any = None
+        self._endpoint, self._product, self._parameters = endpoint, product, parameters
+        self.patches: Any = None
         self.took_s = 0.0
         self.start()
 
@@ -40,33 +40,33 @@ class Asked(threading.Thread):
         begin_s = time.monotonic()
         try:
             with Client(self._endpoint) as client:
-                self.result = client.request(self._product, deadline_s=DEADLINE_S, **self._wishes)
+                self.patches = client.request(self._product, deadline_s=DEADLINE_S, **self._parameters)
         except CdffError as error:
-            self.result = error
+            self.patches = error
         self.took_s = time.monotonic() - begin_s
 
     def finished(self) -> Any:
-        """The answer or the typed error; fails where there is neither at the deadline."""
+        """Return the answer or the typed error; fail if neither has arrived at the deadline."""
         self.join(DEADLINE_S + 3.0)
         assert not self.is_alive(), "no final answer at the deadline"
         assert self.took_s <= DEADLINE_S + 0.5, f"the final answer came after {self.took_s:.1f} s"
-        return self.result
+        return self.patches
 
 
-def kill_and_wait_back(stage: Stage, bus: Bus, process: str, token: str) -> None:
-    """SIGKILL a service and return once another process of it has announced itself, within ``BACK_S``."""
-    victim = process_of(stage, process)
-    victim.send_signal(signal.SIGKILL)
+def kill_and_await_restart(stage: Stage, bus: Bus, process: str, token: str) -> None:
+    """Send SIGKILL to a service and wait at most ``RESTART_S`` until its new process is alive."""
+    killed_process = process_of(stage, process)
+    killed_process.send_signal(signal.SIGKILL)
     killed_s = time.monotonic()
 
-    def is_back() -> bool:
+    def has_restarted() -> bool:
         try:
-            return process_of(stage, process).pid != victim.pid and token in bus.alive(token)
+            return process_of(stage, process).pid != killed_process.pid and token in bus.alive(token)
         except AssertionError:  # not started again yet
             return False
 
-    while not is_back():
-        assert time.monotonic() - killed_s < BACK_S, f"{process} is not back after {BACK_S:g} s"
+    while not has_restarted():
+        assert time.monotonic() - killed_s < RESTART_S, f"{process} has not restarted after {RESTART_S:g} s"
         time.sleep(0.05)
 
 
@@ -83,44 +83,44 @@ def kill_and_wait_back(stage: Stage, bus: Bus, process: str, token: str) -> None
         ("router", "ground", "router"),
     ],
 )
-def test_a_killed_service_is_back_in_time_and_the_waiting_request_gets_its_final_answer(
+def test_a_killed_service_restarts_and_the_waiting_request_gets_its_final_reply(
     stage: Stage, endpoint: str, process: str, scope: str, service: str
 ) -> None:
     with Bus.open(endpoint, name="test") as bus:
         stage.wait_ready(bus)
-        asked = waiting_request(bus, endpoint)
-        kill_and_wait_back(stage, bus, process, keys.alive(scope, service))
-        result = asked.finished()
-        if isinstance(result, CdffError):
-            assert isinstance(result, UnavailableError), repr(result)
-            assert str(result)
+        request = waiting_request(bus, endpoint)
+        kill_and_await_restart(stage, bus, process, keys.alive(scope, service))
+        patches = request.finished()
+        if isinstance(patches, CdffError):
+            assert isinstance(patches, UnavailableError), repr(patches)
+            assert str(patches)
         else:
-            assert result.value.geometry.frame == "site"
+            assert patches.value.geometry.frame == "site"
         stage.wait_ready(bus)
         with Client(endpoint) as client:
             assert client.request("pose", robot="mana", deadline_s=DEADLINE_S).header.child == "mana/base"
 
 
 def wait_until_old(bus: Bus) -> None:
-    """Return when the newest patch of mana is older than what is asked for, so that the store cannot answer."""
+    """Wait until the newest patch of mana exceeds the requested age, so that the store cannot answer."""
     clock, deadline_s = bus.mission_clock, time.monotonic() + 20.0
     while time.monotonic() < deadline_s:
-        found = bus.call(keys.dpm_rpc("mana", "search"), {"type": "dem", "limit": 1}).body()["items"]
-        if not found or clock.now_ns() - int(found[0]["t1_ns"]) > MAX_AGE_S * 1e9:
+        patches = bus.call(keys.dpm_rpc("mana", "search"), {"type": "dem", "limit": 1}).body()["items"]
+        if not patches or clock.now_ns() - int(patches[0]["t1_ns"]) > MAX_AGE_S * 1e9:
             return
         time.sleep(0.05)
-    raise AssertionError("patches are never older than what is asked for")
+    raise AssertionError("the newest patch never exceeded the requested age")
 
 
-def waiting_request(bus: Bus, endpoint: str) -> Asked:
-    """A request that the orchestrator has open and that still waits; asked again where a patch came in between."""
+def waiting_request(bus: Bus, endpoint: str) -> PendingRequest:
+    """Return a request that waits in the orchestrator; repeat it if a new patch answered it at once."""
     for _ in range(5):
         wait_until_old(bus)
-        asked = Asked(endpoint, "dem", **WISH)
+        request = PendingRequest(endpoint, "dem", **PARAMETERS)
         with Client(endpoint) as client:
-            while asked.is_alive():
+            while request.is_alive():
                 if any(job["state"] in {"preparing", "waiting"} for job in client.jobs(limit=3)):
-                    return asked
+                    return request
                 time.sleep(0.02)
-        asked.finished()
+        request.finished()
     raise AssertionError("five requests in a row were answered at once")

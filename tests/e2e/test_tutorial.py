@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the demonstration's tutorial tells a reader to type works as it stands."""
+"""The commands of the tutorial of the demonstration work as printed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from cdff_dev.demo.stage import Stage
+from cdff_dev.missions.stage import Stage
 from tests.integration.conftest import ROOT
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(240)]
@@ -21,35 +21,46 @@ pytestmark = [pytest.mark.e2e, pytest.mark.timeout(240)]
 TUTORIAL = ROOT / "docs" / "tutorials" / "demonstration.md"
 
 
-def typed_lines() -> list[str]:
-    """Command lines of the tutorial that ask the running system."""
+def command_lines() -> list[str]:
+    """Return the commands of the tutorial that query the running system."""
     blocks = re.findall(r"^```\w*\n(.*?)^```", TUTORIAL.read_text(encoding="utf-8"), re.M | re.S)
     return [line for block in blocks for line in block.splitlines() if line.startswith(".venv/bin/cdff")]
 
 
 def snippet() -> str:
-    """The tutorial's Python block."""
-    (found,) = re.findall(r"^```python\n(.*?)^```", TUTORIAL.read_text(encoding="utf-8"), re.M | re.S)
-    return str(found)
+    """Return the tutorial's Python block."""
+    (result,) = re.findall(r"^```python\n(.*?)^```", TUTORIAL.read_text(encoding="utf-8"), re.M | re.S)
+    return str(result)
 
 
-@pytest.mark.parametrize("line", typed_lines())
-def test_every_command_of_the_tutorial_is_answered(stage: Stage, endpoint: str, line: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("line", command_lines())
+def test_every_command_of_the_tutorial_succeeds(
+    stage: Stage, endpoint: str, line: str, tmp_path: Path
+) -> None:
     command = [sys.executable, "-m", "cdff_common.cli", *shlex.split(line)[1:]]
-    done = subprocess.run(
-        command, cwd=tmp_path, env={**os.environ, "CDFF_CONNECT": endpoint, "PYTHONPATH": str(ROOT)},
-        capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert done.stdout
+    result = subprocess.run(
+        command,
+        cwd=tmp_path,
+        env={**os.environ, "CDFF_CONNECT": endpoint, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    assert result.stdout
     for name in re.findall(r"--out (\S+)", line):
         assert (tmp_path / name).stat().st_size > 0
 
 
 def test_the_python_block_of_the_tutorial_runs(stage: Stage, endpoint: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", snippet()], env={**os.environ, "CDFF_CONNECT": endpoint, "PYTHONPATH": str(ROOT)},
-        capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert "cells" in done.stdout
+    result = subprocess.run(
+        [sys.executable, "-c", snippet()],
+        env={**os.environ, "CDFF_CONNECT": endpoint, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    assert "cells" in result.stdout

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Absolute localisation replays a traverse to the same bytes, and to where it ended before."""
+"""Two replays of absolute localisation give equal bytes and the recorded end position."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from cdff_common.cli import main
-from cdff_dev.evaluate._orbital import Drive, Ground
 from cdff_dev.logs import LogWriter, open_log
+from evaluation.scenes.orbital import Ground, PatchRun
 
 pytestmark = pytest.mark.golden
 
@@ -21,18 +21,23 @@ DATUM_M = 40.0
 
 
 @pytest.mark.req("CDFF-CORE-088")
-def test_a_traverse_repeats_byte_for_byte_and_ends_where_it_ended(tmp_path: Path) -> None:
+def test_a_traverse_is_repeatable_and_reproduces_the_recorded_result(tmp_path: Path) -> None:
     ground = Ground.make(2)
-    drive = Drive.make(ground, 2, 40.0)
+    drive = PatchRun.make(ground, 2, 40.0)
     with LogWriter(tmp_path / "traverse.msg") as log:
         log.write("/mana/orbital.map", ground.orbital(2, DATUM_M), 0)
         for sample in drive.samples(ground, 2):
-            stream = "/mana/position_manager.pose" if sample.port == "poses" else "/mana/digital_elevation_mapping.map"
+            stream = (
+                "/mana/position_manager.pose"
+                if sample.port == "poses"
+                else "/mana/digital_elevation_mapping.map"
+            )
             log.write(stream, sample.value, sample.stamp_ns)
     wiring = {
-        "orbital": "/mana/orbital.map", "dem": "/mana/digital_elevation_mapping.map",
+        "orbital": "/mana/orbital.map",
+        "dem": "/mana/digital_elevation_mapping.map",
         "poses": "/mana/position_manager.pose",
-    }  # fmt: skip
+    }
     maps = [word for port, stream in wiring.items() for word in ("--map", f"{port}={stream}")]
     for out in ("a", "b"):
         command = ["replay", str(tmp_path / "traverse.msg"), "--dfpc", "absolute_localisation", *maps]
@@ -42,10 +47,10 @@ def test_a_traverse_repeats_byte_for_byte_and_ends_where_it_ended(tmp_path: Path
     assert (summary["outputs"], summary["failed"], summary["dropped"]) == (1, 0, 0)
     with closing(open_log(tmp_path / "a" / "outputs.msg")) as log:
         pose = next(iter(log.samples())).value
-    true = drive.true[pose.stamp_ns // 10_000_000_000 - 1]
+    true = drive.true_poses[pose.stamp_ns // 10_000_000_000 - 1]
     assert np.hypot(*(pose.transform.matrix - true)[:2, 3]) < 1.0
     np.testing.assert_allclose(pose.transform.matrix[:3, 3], REFERENCE_END_M, atol=0.05)
 
 
-#: Where the recorded run ended, metres; library versions may move it by centimetres.
+#: End position of the recorded run, m; library versions may move it by centimetres.
 REFERENCE_END_M = (15.415, -25.421, 39.734)

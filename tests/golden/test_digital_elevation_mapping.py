@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Elevation mapping replays sweeps and poses to the same bytes, and to the heights it gave before."""
+"""Two replays of elevation mapping give equal bytes and the recorded heights."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cdff_dev.logs import LogWriter, open_log
 pytestmark = pytest.mark.golden
 
 MS = 1_000_000
-#: Patches; cells of the last, mean of its heights, of its variances and of those of its means.
+#: Patches; of the last patch: cells, and means of the layers mean (m), variance and error_variance (m²).
 REFERENCE = (3, 11367, 9.2597e-3, 6.9587e-5, 9.1452e-5)
 
 
@@ -27,24 +27,28 @@ def ground_m(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def pose_at(t_ns: int) -> np.ndarray:
-    """0.5 m/s along x, 1 m above the ground's mean, rolling a little."""
+    """Return the pose: 0.5 m/s along x, 1 m above the mean ground, with a small roll and a slow yaw."""
     t_s = t_ns * 1e-9
-    return se3.transform(se3.exp_so3(np.array([0.03 * np.sin(t_s), 0.0, 0.05 * t_s])), np.array([0.5 * t_s, 0.0, 1.0]))
+    return se3.transform(
+        se3.exp_so3(np.array([0.03 * np.sin(t_s), 0.0, 0.05 * t_s])), np.array([0.5 * t_s, 0.0, 1.0])
+    )
 
 
 def sweep(rng: np.random.Generator, t1_ns: int) -> LidarScan:
-    """Points of the ground within 8 m, each in the base's frame at its own time, 1 cm of noise."""
+    """Return 6000 ground points within 8 m, each in the base frame at its own time, with 1 cm of noise."""
     offset_us = np.sort(rng.integers(0, 400_000, 6000)).astype(np.uint32)
     xy = rng.uniform(-8.0, 8.0, (6000, 2)) + pose_at(t1_ns)[:2, 3]
     points = np.column_stack([xy, ground_m(*xy.T) + rng.normal(0.0, 0.01, 6000)])
     t0_ns = t1_ns - 400 * MS
     inverse = [se3.inverse(pose_at(t0_ns + int(us) * 1000)) for us in offset_us]
-    seen = np.array([T[:3, :3] @ p + T[:3, 3] for T, p in zip(inverse, points, strict=True)])
-    return LidarScan.from_arrays(seen.astype(np.float32), offset_us, frame="mana/base", t0_ns=t0_ns, t1_ns=t1_ns)
+    points_base = np.array([T[:3, :3] @ p + T[:3, 3] for T, p in zip(inverse, points, strict=True)])
+    return LidarScan.from_arrays(
+        points_base.astype(np.float32), offset_us, frame="mana/base", t0_ns=t0_ns, t1_ns=t1_ns
+    )
 
 
 @pytest.mark.req("CDFF-CORE-071")
-def test_sweeps_repeat_byte_for_byte_and_give_the_heights_they_gave(tmp_path: Path) -> None:
+def test_sweeps_give_repeatable_maps_with_the_recorded_heights(tmp_path: Path) -> None:
     rng = np.random.default_rng(20260801)
     covariance = np.diag([1e-4, 1e-4, 1e-5, 1e-6, 1e-6, 1e-6])
     with LogWriter(tmp_path / "drive.msg") as log:
@@ -63,9 +67,9 @@ def test_sweeps_repeat_byte_for_byte_and_give_the_heights_they_gave(tmp_path: Pa
     with closing(open_log(tmp_path / "a" / "outputs.msg")) as log:
         maps = [s.value for s in log.samples(["/mana/digital_elevation_mapping.map"])]
     last = maps[-1]
-    seen = np.isfinite(last.layer("mean"))
-    found = [float(np.nanmean(last.layer(name))) for name in ("mean", "variance", "error_variance")]
+    observed = np.isfinite(last.layer("mean"))
+    layer_means = [float(np.nanmean(last.layer(name))) for name in ("mean", "variance", "error_variance")]
     x, y = last.geometry.centres_m()
-    assert np.sqrt(np.mean((last.layer("mean") - ground_m(x, y))[seen] ** 2)) < 0.015
-    assert (len(maps), int(seen.sum())) == REFERENCE[:2]
-    np.testing.assert_allclose(found, REFERENCE[2:], rtol=1e-3)
+    assert np.sqrt(np.mean((last.layer("mean") - ground_m(x, y))[observed] ** 2)) < 0.015
+    assert (len(maps), int(observed.sum())) == REFERENCE[:2]
+    np.testing.assert_allclose(layer_means, REFERENCE[2:], rtol=1e-3)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lidar localisation replays a log to the same bytes, and to where it went before."""
+"""Two replays of lidar localisation give equal bytes and the recorded end position."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from cdff_common.cli import main
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.types import LidarScan, Pointcloud, TransformWithCovariance
 from cdff_dev.logs import LogWriter, open_log
-from tests.mapped_hills import Hills
+from tests.support.mapped_hills import Hills
 
 pytestmark = pytest.mark.golden
 
 SWEEPS, PERIOD_NS = 8, 500_000_000
-#: Where the recorded run ended, metres and degrees; library versions may move it by millimetres.
+#: End position of the recorded run, m; library versions may move it by millimetres.
 REFERENCE_END_M = (1.399, 2.801, -0.384)
 
 
@@ -34,20 +34,27 @@ def true_pose(i: int) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A map in two pieces, then sweeps with odometry that drifts; no guess: the first sweep is searched for."""
+    """Return a log of a map in two pieces and of sweeps with drifting odometry.
+
+    It contains no initial pose, so the DFPC must search for the first one.
+    """
     path = tmp_path_factory.mktemp("log") / "drive.msg"
     rng = np.random.default_rng(0)
     ground = HILLS.map(rng, 0.3)
     drift = se3.exp_se3([0.03, 0.01, 0.0, 0.0, 0.0, 0.005])
-    felt = np.eye(4)
+    T_odom_lidar = np.eye(4)
     with LogWriter(path) as log:
         for i, piece in enumerate(np.array_split(ground, 2)):
-            log.write("/rover/lidar_slam.map", Pointcloud.from_points(piece, frame="site", stamp_ns=1000 * i), 1000 * i)
-        for i, (before, T) in enumerate(itertools.pairwise([true_pose(0), *map(true_pose, range(SWEEPS))])):
+            log.write(
+                "/rover/lidar_slam.map",
+                Pointcloud.from_points(piece, frame="site", stamp_ns=1000 * i),
+                1000 * i,
+            )
+        for i, (previous, T) in enumerate(itertools.pairwise([true_pose(0), *map(true_pose, range(SWEEPS))])):
             stamp_ns = (i + 1) * PERIOD_NS
-            felt = felt @ se3.inverse(before) @ T @ drift
+            T_odom_lidar = T_odom_lidar @ se3.inverse(previous) @ T @ drift
             odometry = TransformWithCovariance.from_transform(
-                UncertainTransform(felt), parent="rover/odom", child="rover/lidar", stamp_ns=stamp_ns
+                UncertainTransform(T_odom_lidar), parent="rover/odom", child="rover/lidar", stamp_ns=stamp_ns
             )
             log.write("/rover/wheels.odometry", odometry, stamp_ns)
             points = HILLS.scan(rng, T).astype(np.float32)
@@ -65,10 +72,10 @@ def replay(log: Path, out: Path) -> dict[str, object]:
     return summary
 
 
-def test_a_drive_on_a_map_repeats_byte_for_byte_and_ends_where_it_ended(log: Path, tmp_path: Path) -> None:
+def test_a_drive_on_a_map_is_repeatable_and_reproduces_the_recorded_result(log: Path, tmp_path: Path) -> None:
     first, _ = (replay(log, tmp_path / name) for name in ("a", "b"))
     assert first["failed"] == first["dropped"] == 0
-    assert first["degraded"] == 1  # the first, which was searched for
+    assert first["degraded"] == 1  # the first pose, found by the search
     for name in ("outputs.msg", "pose.tum"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
     with closing(open_log(tmp_path / "a" / "outputs.msg")) as outputs:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lidar SLAM replays a log to the same bytes, and to where it went before."""
+"""Two replays of lidar SLAM give equal bytes and the recorded end position."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ import pytest
 from cdff_common.cli import main
 from cdff_common.geometry import se3
 from cdff_dev.logs import LogWriter, open_log
-from tests.hills import circle, hills, scan
+from tests.support.hills import circle, hills, scan
 
 pytestmark = pytest.mark.golden
 
 GROUND = hills(1)
 RADIUS_M, PERIOD_NS = 8.0, 500_000_000
-WAY_M = np.concatenate([[0.0, 0.0, 0.0, 0.05, 0.2], np.arange(0.5, 12.0, 0.5)])
-#: Where the recorded run ended, metres; library versions may move it by millimetres.
+DISTANCES_M = np.concatenate([[0.0, 0.0, 0.0, 0.05, 0.2], np.arange(0.5, 12.0, 0.5)])
+#: End position of the recorded run, m; library versions may move it by millimetres.
 REFERENCE_END_M = (7.764, 6.639, 2.224)
 
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A quarter of a lap over hills, from rest."""
+    """Log a drive from rest along a quarter of a circle over hills."""
     path = tmp_path_factory.mktemp("log") / "drive.msg"
     rng = np.random.default_rng(0)
-    poses = circle(GROUND, RADIUS_M, WAY_M)
+    poses = circle(GROUND, RADIUS_M, DISTANCES_M)
     with LogWriter(path) as log:
         for i, T in enumerate(poses):
-            before, stamp_ns = poses[max(i - 1, 0)], (i + 1) * PERIOD_NS
-            begin = before @ se3.exp_se3(0.8 * se3.log_se3(se3.inverse(before) @ T))
-            log.write("/mana/lidar.scan", scan(GROUND, begin, T, stamp_ns, rng), stamp_ns)
+            previous, stamp_ns = poses[max(i - 1, 0)], (i + 1) * PERIOD_NS
+            start = previous @ se3.exp_se3(0.8 * se3.log_se3(se3.inverse(previous) @ T))
+            log.write("/mana/lidar.scan", scan(GROUND, start, T, stamp_ns, rng), stamp_ns)
     return path
 
 
-def test_a_drive_repeats_byte_for_byte_and_ends_where_it_ended(log: Path, tmp_path: Path) -> None:
+def test_a_replay_is_repeatable_and_reproduces_the_recorded_result(log: Path, tmp_path: Path) -> None:
     for name in ("a", "b"):
         assert main(["replay", str(log), "--dfpc", "lidar_slam", "--out", str(tmp_path / name)]) == 0
     for name in ("outputs.msg", "pose.tum", "odometry.tum"):
@@ -49,7 +49,13 @@ def test_a_drive_repeats_byte_for_byte_and_ends_where_it_ended(log: Path, tmp_pa
     with closing(open_log(tmp_path / "a" / "outputs.msg")) as outputs:
         streams = {s.rpartition(".")[2]: info.count for s, info in outputs.streams.items()}
         poses = [s.value.transform.matrix for s in outputs.samples(["/mana/lidar_slam.pose"])]
-    assert streams == {"pose": len(WAY_M), "odometry": len(WAY_M), "trajectory": 1, "graph": 1, "cloud": 1}
-    first, last = (circle(GROUND, RADIUS_M, WAY_M)[i] for i in (0, -1))
+    assert streams == {
+        "pose": len(DISTANCES_M),
+        "odometry": len(DISTANCES_M),
+        "trajectory": 1,
+        "graph": 1,
+        "cloud": 1,
+    }
+    first, last = (circle(GROUND, RADIUS_M, DISTANCES_M)[i] for i in (0, -1))
     np.testing.assert_allclose(poses[-1][:3, 3], (se3.inverse(first) @ last)[:3, 3], atol=0.06)
     np.testing.assert_allclose(poses[-1][:3, 3], REFERENCE_END_M, atol=0.005)

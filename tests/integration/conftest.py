@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Real processes for integration tests: a router of one's own, services, and waiting with a deadline."""
+"""Fixtures of integration tests: a router and services as real processes, and waiting with a deadline."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Eventually = Callable[..., None]
 
 
 def wait_until(condition: Callable[[], object], timeout_s: float = 10.0, what: str = "the condition") -> None:
-    """Return once the condition holds; fail when time is up."""
+    """Wait until the condition holds; fail after ``timeout_s``."""
     deadline_s = time.monotonic() + timeout_s
     while not condition():
         if time.monotonic() > deadline_s:
@@ -34,21 +34,22 @@ def wait_until(condition: Callable[[], object], timeout_s: float = 10.0, what: s
 
 @pytest.fixture
 def eventually() -> Eventually:
-    """``eventually(condition, timeout_s=10)``: ``wait_until``."""
+    """``wait_until`` as a fixture: ``eventually(condition, timeout_s=10)``."""
     return wait_until
 
 
 @pytest.fixture
 def endpoint() -> str:
-    """A router endpoint of this test's own."""
+    """The endpoint of this test's router."""
     return f"tcp/127.0.0.1:{free_port()}"
 
 
 @contextmanager
 def process_starter(endpoint: str, folder: Path) -> Iterator[Spawn]:
-    """``start("services.router", …) -> Popen``: a Python module as a process, ended with the context.
+    """Yield ``start("services.router", …) -> Popen``, which runs a Python module until the context ends.
 
-    The process connects to ``endpoint``, finds the test's DFPCs and writes its output to ``folder/{module}.log``.
+    The process connects to ``endpoint``, can load the DFPCs of ``plugin`` and writes its output to
+    ``folder/{module}.log``.
     """
     processes: list[subprocess.Popen[bytes]] = []
     environment = {

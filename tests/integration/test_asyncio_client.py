@@ -17,14 +17,16 @@ from cdff_common.geometry import UncertainTransform
 from cdff_common.types import TransformWithCovariance
 from cdff_dev.ports import free_port
 from tests.integration.conftest import Spawn
-from tests.integration.test_orchestrator import PROFILE, eventually
-from tests.integration.test_orchestrator_products import put
+from tests.integration.conftest import wait_until as eventually
+from tests.support.orchestrated_products import put
 
 pytestmark = pytest.mark.integration
 
+PROFILE = str(Path(__file__).parent / "orchestrator.yaml")
+
 
 @pytest.mark.req("CDFF-SUP-075")
-def test_twenty_requests_at_a_time_are_answered_and_a_cancelled_task_ends_its_job(
+def test_twenty_concurrent_requests_are_answered_and_a_cancelled_task_ends_its_job(
     spawn: Spawn, endpoint: str, tmp_path: Path
 ) -> None:
     spawn("services.router")
@@ -34,19 +36,23 @@ def test_twenty_requests_at_a_time_are_answered_and_a_cancelled_task_ends_its_jo
     T = UncertainTransform.identity()
     value = TransformWithCovariance.from_transform(T, parent="site", child="mana/base", stamp_ns=stamp_ns)
     with Bus.open(endpoint, name="test", wait_s=20) as bus:
-        wanted = {keys.alive("mana", s) for s in ("dpm", "orchestrator")}
-        eventually(lambda: wanted <= bus.alive(keys.alive("mana", "*")), 40, "start-up")
+        awaited_tokens = {keys.alive("mana", s) for s in ("dpm", "orchestrator")}
+        eventually(lambda: awaited_tokens <= bus.alive(keys.alive("mana", "*")), 40, "start-up")
         header = put(bus, "pose", value, child="mana/base")
 
-    async def ask() -> None:
+    async def one_shot_requests() -> None:
         async with AsyncClient(endpoint) as c:
-            answers = await asyncio.gather(*(c.request("pose", robot="mana", max_age_s=600) for _ in range(20)))
+            answers = await asyncio.gather(
+                *(c.request("pose", robot="mana", max_age_s=600) for _ in range(20))
+            )
             assert {a.header.id for a in answers} == {header.id}
             assert (await c.get(header.id)).value == value
             received = asyncio.Event()
-            # Nothing makes a newer one: its DFPC has no process here.
+            # No newer pose can appear: the DFPC that produces it is not running.
             task = asyncio.create_task(
-                c.request("pose", robot="mana", max_age_s=0.0, deadline_s=60, on_progress=lambda _b: received.set())
+                c.request(
+                    "pose", robot="mana", max_age_s=0.0, deadline_s=60, on_progress=lambda _b: received.set()
+                )
             )
             await asyncio.wait_for(received.wait(), 20)
             task.cancel()
@@ -56,41 +62,43 @@ def test_twenty_requests_at_a_time_are_answered_and_a_cancelled_task_ends_its_jo
                 while (await c.jobs("mana"))[0]["state"] != "cancelled":
                     await asyncio.sleep(0.05)
 
-    async def stand() -> None:
+    async def standing_requests() -> None:
         async with AsyncClient(endpoint) as c:
-            newest = stamp_ns
+            newest_ns = stamp_ns
             async with contextlib.aclosing(c.standing("pose", robot="mana", lease_s=6.0)) as answers:
                 async for answer in answers:
-                    assert answer.header.t1_ns == newest
-                    if newest > stamp_ns:
+                    assert answer.header.t1_ns == newest_ns
+                    if newest_ns > stamp_ns:
                         break
-                    newest += 1_000_000
-                    later = TransformWithCovariance.from_transform(T, parent="site", child="mana/base", stamp_ns=newest)
+                    newest_ns += 1_000_000
+                    later = TransformWithCovariance.from_transform(
+                        T, parent="site", child="mana/base", stamp_ns=newest_ns
+                    )
                     await asyncio.to_thread(put, bus, "pose", later, child="mana/base", seq=1)
             async with asyncio.timeout(20):
                 while (await c.jobs("mana"))[0]["state"] != "cancelled":
                     await asyncio.sleep(0.05)
-            # A task that only waits for the next one ends when it is cancelled.
-            waiting = asyncio.ensure_future(collect(c, 2))
+            # A task that waits for the next answer ends when it is cancelled.
+            task = asyncio.ensure_future(collect(c, 2))
             async with asyncio.timeout(20):
                 while (await c.jobs("mana"))[0]["state"] in ("cancelled", "received", "looking"):
                     await asyncio.sleep(0.05)
-            waiting.cancel()
+            task.cancel()
             with pytest.raises(asyncio.CancelledError):
-                await waiting
+                await task
             async with asyncio.timeout(20):
                 while (await c.jobs("mana"))[0]["state"] != "cancelled":
                     await asyncio.sleep(0.05)
 
     async def collect(c: AsyncClient, n: int) -> list[Answer]:
         async with contextlib.aclosing(c.standing("pose", robot="mana", lease_s=6.0)) as answers:
-            found: list[Answer] = []
+            results: list[Answer] = []
             async for answer in answers:
-                found.append(answer)
-                if len(found) == n:
+                results.append(answer)
+                if len(results) == n:
                     break
-            return found
+            return results
 
-    asyncio.run(ask())
+    asyncio.run(one_shot_requests())
     with Bus.open(endpoint, name="test", wait_s=20) as bus:
-        asyncio.run(stand())
+        asyncio.run(standing_requests())

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The bus over a real router between real sessions."""
+"""Calls, streams and liveliness of the bus between two sessions of a real router."""
 
 from __future__ import annotations
 
@@ -23,22 +23,25 @@ EVENT = keys.event("mana", "alarm")
 
 @pytest.fixture
 def pair(router: subprocess.Popen[bytes], endpoint: str) -> Iterator[tuple[Bus, Bus]]:
-    with Bus.open(endpoint, name="server", wait_s=10) as server, Bus.open(endpoint, name="client", wait_s=10) as client:
+    with (
+        Bus.open(endpoint, name="server", wait_s=10) as server,
+        Bus.open(endpoint, name="client", wait_s=10) as client,
+    ):
         yield server, client
 
 
-def served(bus: Bus, client: Bus, handler: object, eventually: Eventually, **options: int) -> None:
+def serve(bus: Bus, client: Bus, handler: object, eventually: Eventually, **options: int) -> None:
     """Serve ``STAT`` and wait until the client reaches it."""
     bus.serve(STAT, handler, **options)  # type: ignore[arg-type]
     bus.serve(keys.dpm_rpc("ground", "get"), lambda _r: Reply.of(True))
 
-    def there() -> bool:
+    def is_reachable() -> bool:
         try:
             return bool(client.call(keys.dpm_rpc("ground", "get"), timeout_s=1).body())
         except UnavailableError:
             return False
 
-    eventually(there)
+    eventually(is_reachable)
 
 
 def test_a_call_carries_parameters_payload_and_attachment_both_ways(
@@ -48,10 +51,12 @@ def test_a_call_carries_parameters_payload_and_attachment_both_ways(
 
     def handler(request: Request) -> Reply:
         return Reply(
-            request.payload[::-1], request.encoding, {"echo": dict(request.parameters), "scope": request.scope}
+            request.payload[::-1],
+            request.encoding,
+            {"echo": dict(request.parameters), "scope": request.scope},
         )
 
-    served(server, client, handler, eventually)
+    serve(server, client, handler, eventually)
     reply = client.call(STAT, {"a": "b;c=d", "region": "bbox:-1,2"}, payload=b"abc", encoding="application/x")
     assert reply.payload == b"cba"
     assert reply.encoding == "application/x"
@@ -63,31 +68,31 @@ def test_a_call_carries_parameters_payload_and_attachment_both_ways(
     }
 
 
-def test_progress_comes_before_the_final_reply(pair: tuple[Bus, Bus], eventually: Eventually) -> None:
+def test_progress_is_received_before_the_final_reply(pair: tuple[Bus, Bus], eventually: Eventually) -> None:
     server, client = pair
 
     def handler(_request: Request) -> Iterator[Reply]:
         yield Reply.of(1, kind="progress", final=False)
         yield Reply.of(2, kind="product")
 
-    served(server, client, handler, eventually)
+    serve(server, client, handler, eventually)
     assert [(r.body(), r.final) for r in client.call_stream(STAT)] == [(1, False), (2, True)]
     assert client.call(STAT).body() == 2
 
 
 @pytest.mark.req("CDFF-SUP-027")
-def test_nobody_there_is_unavailable_and_not_an_empty_answer(pair: tuple[Bus, Bus]) -> None:
-    with pytest.raises(UnavailableError, match="nobody answers"):
+def test_a_call_without_a_server_fails_with_unavailable(pair: tuple[Bus, Bus]) -> None:
+    with pytest.raises(UnavailableError, match="no service answers"):
         pair[1].call(STAT)
 
 
-def test_errors_arrive_as_the_class_that_was_raised(pair: tuple[Bus, Bus], eventually: Eventually) -> None:
+def test_errors_are_raised_as_the_class_of_the_server(pair: tuple[Bus, Bus], eventually: Eventually) -> None:
     server, client = pair
 
     def handler(_request: Request) -> Reply:
         raise InputError("region=x: expected bbox")
 
-    served(server, client, handler, eventually)
+    serve(server, client, handler, eventually)
     with pytest.raises(InputError, match="region=x"):
         client.call(STAT)
 
@@ -98,19 +103,23 @@ def test_a_bug_in_a_handler_is_answered_with_internal(pair: tuple[Bus, Bus], eve
     def handler(_request: Request) -> Reply:
         raise ZeroDivisionError("oops")
 
-    served(server, client, handler, eventually)
+    serve(server, client, handler, eventually)
     with pytest.raises(Exception, match="ZeroDivisionError: oops"):
         client.call(STAT)
 
 
-def test_an_answer_that_breaks_off_is_unavailable(pair: tuple[Bus, Bus], eventually: Eventually) -> None:
+def test_a_reply_without_a_final_part_raises_unavailable(
+    pair: tuple[Bus, Bus], eventually: Eventually
+) -> None:
     server, client = pair
-    served(server, client, lambda _r: iter([Reply.of(1, kind="progress", final=False)]), eventually)
+    serve(server, client, lambda _r: iter([Reply.of(1, kind="progress", final=False)]), eventually)
     with pytest.raises(UnavailableError, match="broke off"):
         client.call(STAT)
 
 
-def test_a_handler_slower_than_the_timeout_is_a_deadline_error(pair: tuple[Bus, Bus], eventually: Eventually) -> None:
+def test_a_handler_slower_than_the_timeout_raises_a_deadline_error(
+    pair: tuple[Bus, Bus], eventually: Eventually
+) -> None:
     server, client = pair
     release = threading.Event()
 
@@ -118,37 +127,37 @@ def test_a_handler_slower_than_the_timeout_is_a_deadline_error(pair: tuple[Bus, 
         release.wait(10)
         return Reply.of(1)
 
-    served(server, client, handler, eventually)
+    serve(server, client, handler, eventually)
     with pytest.raises(DeadlineError):
         client.call(STAT, timeout_s=0.3)
     release.set()
 
 
-def test_handlers_run_side_by_side_and_too_many_calls_are_refused_at_once(
+def test_handlers_run_concurrently_and_excess_calls_are_refused_at_once(
     pair: tuple[Bus, Bus], eventually: Eventually
 ) -> None:
     server, client = pair
-    release, inside = threading.Event(), threading.Semaphore(0)
+    release, entered = threading.Event(), threading.Semaphore(0)
 
     def handler(_request: Request) -> Reply:
-        inside.release()
+        entered.release()
         release.wait(10)
         return Reply.of(1)
 
-    served(server, client, handler, eventually, workers=2, backlog=1)
+    serve(server, client, handler, eventually, workers=2, backlog=1)
     results: list[object] = []
 
-    def ask() -> None:
+    def call() -> None:
         try:
             results.append(client.call(STAT, timeout_s=10).body())
         except OverloadedError as error:
             results.append(error)
 
-    threads = [threading.Thread(target=ask) for _ in range(4)]
+    threads = [threading.Thread(target=call) for _ in range(4)]
     for thread in threads:
         thread.start()
-    assert inside.acquire(timeout=5)
-    assert inside.acquire(timeout=5)
+    assert entered.acquire(timeout=5)
+    assert entered.acquire(timeout=5)
     eventually(lambda: any(isinstance(r, OverloadedError) for r in results))
     release.set()
     for thread in threads:
@@ -157,81 +166,79 @@ def test_handlers_run_side_by_side_and_too_many_calls_are_refused_at_once(
 
 
 @pytest.mark.req("CDFF-SUP-040")
-def test_a_slow_subscriber_loses_the_oldest_counts_them_and_blocks_nobody(
+def test_a_slow_subscriber_drops_and_counts_its_oldest_samples_and_blocks_no_other_subscriber(
     pair: tuple[Bus, Bus], eventually: Eventually
 ) -> None:
     server, client = pair
     release = threading.Event()
-    seen: list[int] = []
+    received: list[int] = []
 
     def slow(message: Message) -> None:
         release.wait(10)
-        seen.append(message.payload[0])
+        received.append(message.payload[0])
 
     subscription = client.subscribe(EVENT, slow, depth=4)
-    served(server, client, lambda _r: Reply.of(1), eventually)
+    serve(server, client, lambda _r: Reply.of(1), eventually)
     ready: list[Message] = []
     client.subscribe(keys.event("mana", "ready"), ready.append)
 
-    def announced() -> bool:
+    def is_subscribed() -> bool:
         server.publish(keys.event("mana", "ready"), b"")
         return bool(ready)
 
-    eventually(announced)
+    eventually(is_subscribed)
     for i in range(100):
         server.publish(EVENT, bytes([i]))
     assert client.call(STAT, timeout_s=5).body() == 1
     eventually(lambda: subscription.dropped >= 90)
     release.set()
-    eventually(lambda: len(seen) + subscription.dropped == 100)
-    assert seen[-4:] == [96, 97, 98, 99]
+    eventually(lambda: len(received) + subscription.dropped == 100)
+    assert received[-4:] == [96, 97, 98, 99]
 
 
-def test_a_failing_subscriber_is_counted_and_goes_on(pair: tuple[Bus, Bus], eventually: Eventually) -> None:
+def test_a_failing_subscriber_is_counted_and_continues(pair: tuple[Bus, Bus], eventually: Eventually) -> None:
     server, client = pair
-    seen: list[bytes] = []
+    received: list[bytes] = []
 
     def fails_first(message: Message) -> None:
-        seen.append(message.payload)
-        if len(seen) == 1:
+        received.append(message.payload)
+        if len(received) == 1:
             raise ZeroDivisionError
 
     subscription = client.subscribe(EVENT, fails_first)
 
-    def twice() -> bool:
+    def received_twice() -> bool:
         server.publish(EVENT, b"x")
-        return len(seen) >= 2
+        return len(received) >= 2
 
-    eventually(twice)
+    eventually(received_twice)
     assert subscription.failed == 1
 
 
-def test_late_joiners_get_what_was_latched(pair: tuple[Bus, Bus], eventually: Eventually) -> None:
+def test_late_subscribers_receive_the_latched_value(pair: tuple[Bus, Bus], eventually: Eventually) -> None:
     server, client = pair
     status = keys.dfpc_status("mana", "vo")
     server.publish_latched(status, {"state": "inactive"})
     server.publish_latched(status, {"state": "active"})
 
-    def joined() -> bool:
+    def last_state_is_active() -> bool:
         try:
             return bool(client.call(status).body()["state"] == "active")
         except UnavailableError:
             return False
 
-    eventually(joined)
+    eventually(last_state_is_active)
 
 
-def test_liveliness_comes_and_goes_with_the_service(
-    pair: tuple[Bus, Bus], endpoint: str, eventually: Eventually
-) -> None:
+def test_liveliness_follows_the_service(pair: tuple[Bus, Bus], endpoint: str, eventually: Eventually) -> None:
     _, client = pair
     changes: list[tuple[str, bool]] = []
     client.watch_alive(keys.alive("mana", "*"), lambda key, alive: changes.append((key, alive)))
     with Bus.open(endpoint, name="service") as service:
         service.declare_alive("mana", "vo")
         eventually(lambda: (keys.alive("mana", "vo"), True) in changes)
-        both = {keys.alive("ground", "router"), keys.alive("mana", "vo")}
-        eventually(lambda: client.alive(keys.alive("*", "*")) == both)
+        tokens = {keys.alive("ground", "router"), keys.alive("mana", "vo")}
+        eventually(lambda: client.alive(keys.alive("*", "*")) == tokens)
     eventually(lambda: (keys.alive("mana", "vo"), False) in changes)
 
 
@@ -240,37 +247,37 @@ def test_calls_and_streams_work_again_after_the_router_was_killed(
     pair: tuple[Bus, Bus], router: subprocess.Popen[bytes], spawn: Spawn, eventually: Eventually
 ) -> None:
     server, client = pair
-    served(server, client, lambda _r: Reply.of(1), eventually)
-    seen: list[bytes] = []
-    client.subscribe(EVENT, lambda m: seen.append(m.payload))
+    serve(server, client, lambda _r: Reply.of(1), eventually)
+    received: list[bytes] = []
+    client.subscribe(EVENT, lambda m: received.append(m.payload))
     router.kill()
     router.wait()
     with pytest.raises(UnavailableError):
         client.call(STAT, timeout_s=1)
     spawn("services.router")
 
-    def back() -> bool:
+    def calls_and_streams_work() -> bool:
         try:
             server.publish(EVENT, b"x")
-            return client.call(STAT, timeout_s=1).body() == 1 and bool(seen)
+            return client.call(STAT, timeout_s=1).body() == 1 and bool(received)
         except UnavailableError:
             return False
 
-    eventually(back, timeout_s=10)
+    eventually(calls_and_streams_work, timeout_s=10)
 
 
 def test_the_mission_clock_follows_its_publisher(pair: tuple[Bus, Bus], eventually: Eventually) -> None:
     server, client = pair
     clock = client.mission_clock
 
-    def follows() -> bool:
+    def follows_publisher() -> bool:
         server.publish_map(keys.CLOCK, {"now_ns": 5_000_000_000, "rate": 1.0})
         return 5_000_000_000 <= clock.now_ns() < 60_000_000_000
 
-    eventually(follows)
+    eventually(follows_publisher)
 
 
-def test_without_a_router_opening_fails_with_what_to_do(endpoint: str) -> None:
+def test_opening_a_bus_without_a_router_fails_with_advice(endpoint: str) -> None:
     started_s = time.monotonic()
     with pytest.raises(UnavailableError, match="cdff up"):
         Bus.open(endpoint, name="x", wait_s=0.2)
@@ -283,9 +290,9 @@ def test_a_second_router_on_the_same_endpoint_ends_with_a_known_error(
     assert spawn("services.router").wait(10) == 1
 
 
-def test_a_verb_that_nobody_has_is_answered(pair: tuple[Bus, Bus], eventually: Eventually) -> None:
+def test_an_unknown_verb_is_answered_with_an_error(pair: tuple[Bus, Bus], eventually: Eventually) -> None:
     server, client = pair
-    served(server, client, lambda _r: Reply.of(1), eventually)
+    serve(server, client, lambda _r: Reply.of(1), eventually)
     unknown = keys.dpm_rpc("ground", "nonsense")
     with pytest.raises(UnavailableError, match="starting"):
         client.call(unknown)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The DFPC host as a process: ports, life cycle, faults it survives."""
+"""The DFPC host as a process: ports, life cycle, and the faults that it survives."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ NAME = "troublemaker"
 
 
 class Robot:
-    """The other side: publishes poses, sees products, asks."""
+    """The peer of the host: publishes poses, receives products and events, calls operations."""
 
     def __init__(self, bus: Bus) -> None:
         self.bus = bus
@@ -38,7 +38,9 @@ class Robot:
         self.events: list[tuple[str, dict[str, Any]]] = []
         self._seq = 0
         bus.subscribe(keys.product("mana", NAME, "echo"), self.products.append, depth=1000)
-        bus.subscribe(keys.event("mana", "*"), lambda m: self.events.append((m.key.rsplit("/", 1)[1], decode_map(m))))
+        bus.subscribe(
+            keys.event("mana", "*"), lambda m: self.events.append((m.key.rsplit("/", 1)[1], decode_map(m)))
+        )
 
     def rpc(self, verb: str, parameters: dict[str, Any] | None = None) -> Any:
         return self.bus.call(keys.dfpc_rpc("mana", NAME, verb), parameters, timeout_s=5).body()
@@ -47,7 +49,10 @@ class Robot:
         self._seq += 1
         stamp_ns = self._seq * 1_000_000
         value = TransformWithCovariance.from_transform(
-            UncertainTransform(se3.transform(np.eye(3), [x, 0, 0])), parent="site", child=child, stamp_ns=stamp_ns
+            UncertainTransform(se3.transform(np.eye(3), [x, 0, 0])),
+            parent="site",
+            child=child,
+            stamp_ns=stamp_ns,
         )
         header = Header(
             id=product_id("mana", "wheels", "odometry", stamp_ns, self._seq, ""),
@@ -73,7 +78,7 @@ class Robot:
         try:
             return str(self.rpc("status")["state"])
         except UnavailableError:
-            return "away"
+            return "unavailable"
 
 
 def decode_map(message: Message) -> dict[str, Any]:
@@ -92,42 +97,42 @@ def host(router: subprocess.Popen[bytes], spawn: Spawn) -> subprocess.Popen[byte
 @pytest.fixture
 def robot(host: subprocess.Popen[bytes], endpoint: str, eventually: Eventually) -> Iterator[Robot]:
     with Bus.open(endpoint, name="robot", wait_s=10) as bus:
-        made = Robot(bus)
-        eventually(made.ready, timeout_s=20)
-        yield made
+        result = Robot(bus)
+        eventually(result.ready, timeout_s=20)
+        yield result
 
 
 @pytest.fixture
 def active(robot: Robot, eventually: Eventually) -> Robot:
-    """An active DFPC whose subscription is known to be there."""
+    """The robot after its DFPC was activated and has echoed a first pose."""
     assert robot.rpc("activate") == {"state": "active"}
 
-    def echoed() -> bool:
+    def has_echoed() -> bool:
         robot.send()
         return bool(robot.products)
 
-    eventually(echoed)
+    eventually(has_echoed)
     return robot
 
 
-def drained(robot: Robot) -> Callable[[], bool]:
+def queue_is_empty(robot: Robot) -> Callable[[], bool]:
     return lambda: robot.rpc("status")["pending"] == 0
 
 
-def test_it_says_what_it_is_and_starts_inactive(robot: Robot) -> None:
-    described = robot.rpc("describe")
-    assert described["state"] == "inactive"
-    assert described["inputs"][0] == {
+def test_a_host_describes_its_dfpc_and_starts_inactive(robot: Robot) -> None:
+    description = robot.rpc("describe")
+    assert description["state"] == "inactive"
+    assert description["inputs"][0] == {
         "port": "poses",
         "type": "TransformWithCovariance",
         "optional": False,
         "source": "sensor/wheels/odometry",
     }
-    assert described["outputs"][0]["product"] == "pose"
-    assert described["outputs"][0]["key"] == keys.product("mana", NAME, "echo")
+    assert description["outputs"][0]["product"] == "pose"
+    assert description["outputs"][0]["key"] == keys.product("mana", NAME, "echo")
 
 
-def test_an_inactive_dfpc_takes_nothing(robot: Robot) -> None:
+def test_an_inactive_dfpc_accepts_no_samples(robot: Robot) -> None:
     robot.send()
     assert robot.rpc("status")["samples"] == 0
 
@@ -136,11 +141,11 @@ def test_an_inactive_dfpc_takes_nothing(robot: Robot) -> None:
 def test_products_carry_provenance_and_the_value(active: Robot, eventually: Eventually) -> None:
     sent = active.send(x=7.0)
 
-    def arrived() -> list[Message]:
+    def products_of_pose() -> list[Message]:
         return [m for m in active.products if Header.from_attachment(m.attachment).inputs == (sent.id,)]
 
-    eventually(arrived)
-    message = arrived()[0]
+    eventually(products_of_pose)
+    message = products_of_pose()[0]
     header = Header.from_attachment(message.attachment)
     assert message.encoding == "application/vnd.cdff+uper;TransformWithCovariance/1"
     assert header.producer == "troublemaker/Troublemaker/1"
@@ -148,10 +153,14 @@ def test_products_carry_provenance_and_the_value(active: Robot, eventually: Even
 
 
 @pytest.mark.req("CDFF-SUP-012", "CDFF-SUP-013")
-def test_the_local_store_and_operations_are_asked_by_key(active: Robot, eventually: Eventually) -> None:
+def test_the_local_store_and_operations_are_available_by_key(active: Robot, eventually: Eventually) -> None:
     reply = active.bus.call(keys.dfpc_store("mana", NAME, "last"))
     header = Header.from_dict(reply.attachment)
-    assert (header.frame, header.child, header.producer) == ("site", "mana/base", "troublemaker/Troublemaker/1")
+    assert (header.frame, header.child, header.producer) == (
+        "site",
+        "mana/base",
+        "troublemaker/Troublemaker/1",
+    )
     assert decode("TransformWithCovariance", reply.payload, "uper").parent_frame == "site"
     assert active.rpc("call/count", {"factor": 0}) == 0
     with pytest.raises(ProductNotFoundError, match="offers last"):
@@ -163,7 +172,7 @@ def test_the_local_store_and_operations_are_asked_by_key(active: Robot, eventual
         active.rpc("dance")
 
 
-def test_deactivation_stops_it_and_is_announced(active: Robot, eventually: Eventually) -> None:
+def test_deactivation_stops_the_dfpc_and_is_announced(active: Robot, eventually: Eventually) -> None:
     assert active.rpc("deactivate") == {"state": "inactive"}
     assert active.rpc("deactivate") == {"state": "inactive"}
     eventually(lambda: any(kind == "deactivated" for kind, _ in active.events))
@@ -173,18 +182,18 @@ def test_deactivation_stops_it_and_is_announced(active: Robot, eventually: Event
 
 
 @pytest.mark.req("CDFF-SUP-042")
-def test_malformed_bytes_are_counted_and_do_no_harm(active: Robot, eventually: Eventually) -> None:
-    good = active.send().to_attachment()
+def test_malformed_bytes_are_counted_and_ignored(active: Robot, eventually: Eventually) -> None:
+    valid_attachment = active.send().to_attachment()
     encoding = encoding_string("TransformWithCovariance", "uper")
     value = b"\x00" * 20
-    for payload, named, attachment in [
+    for payload, message_encoding, attachment in [
         (value, encoding, b"nonsense"),
-        (b"", encoding, good),
-        (b"\xff" * 7, encoding, good),
-        (value, "text/plain", good),
-        (value, encoding_string("Pointcloud", "uper"), good),
+        (b"", encoding, valid_attachment),
+        (b"\xff" * 7, encoding, valid_attachment),
+        (value, "text/plain", valid_attachment),
+        (value, encoding_string("Pointcloud", "uper"), valid_attachment),
     ]:
-        active.bus.publish(INPUT, payload, encoding=named, attachment=attachment)
+        active.bus.publish(INPUT, payload, encoding=message_encoding, attachment=attachment)
     eventually(lambda: active.rpc("status")["malformed"] == 5)
     assert active.state() == "active"
     before = len(active.products)
@@ -192,35 +201,39 @@ def test_malformed_bytes_are_counted_and_do_no_harm(active: Robot, eventually: E
     eventually(lambda: len(active.products) > before)
 
 
-def test_a_refused_sample_is_counted_and_the_next_one_is_taken(active: Robot, eventually: Eventually) -> None:
+def test_a_refused_sample_is_counted_and_the_next_one_is_processed(
+    active: Robot, eventually: Eventually
+) -> None:
     active.send("trouble/refuse")
     eventually(lambda: active.rpc("status")["errors"] == 1)
-    assert "told to refuse" in active.rpc("status")["last_error"]
+    assert "refusal on command" in active.rpc("status")["last_error"]
     assert active.state() == "active"
 
 
 @pytest.mark.req("CDFF-SUP-042")
-def test_a_dfpc_that_raises_goes_to_error_says_why_and_comes_back_when_activated(
+def test_a_dfpc_that_raises_enters_error_with_its_reason_and_recovers_on_activation(
     active: Robot, eventually: Eventually
 ) -> None:
     active.send("trouble/raise")
     eventually(lambda: active.state() == "error")
-    assert "ZeroDivisionError: told to raise" in active.rpc("status")["last_error"]
-    eventually(lambda: any(kind == "alarm" and "told to raise" in body["reason"] for kind, body in active.events))
+    assert "ZeroDivisionError: error on command" in active.rpc("status")["last_error"]
+    eventually(
+        lambda: any(kind == "alarm" and "error on command" in body["reason"] for kind, body in active.events)
+    )
     with pytest.raises(NotActiveError):
         active.rpc("deactivate")
     assert active.rpc("activate") == {"state": "active"}
     before = len(active.products)
 
-    def echoed() -> bool:
+    def has_echoed() -> bool:
         active.send()
         return len(active.products) > before
 
-    eventually(echoed)
+    eventually(has_echoed)
 
 
 @pytest.mark.req("CDFF-SUP-042")
-def test_a_dfpc_that_hangs_ends_its_process_for_the_supervisor_to_start_it_again(
+def test_a_dfpc_that_hangs_ends_its_process(
     active: Robot, host: subprocess.Popen[bytes], eventually: Eventually
 ) -> None:
     active.send("trouble/hang")
@@ -230,18 +243,20 @@ def test_a_dfpc_that_hangs_ends_its_process_for_the_supervisor_to_start_it_again
 
 
 @pytest.mark.req("CDFF-SUP-040")
-def test_a_full_queue_drops_the_oldest_counts_each_and_answers_meanwhile(active: Robot, eventually: Eventually) -> None:
-    def accounted() -> int:
+def test_a_full_queue_drops_and_counts_the_oldest_samples_and_calls_are_still_answered(
+    active: Robot, eventually: Eventually
+) -> None:
+    def counted_samples() -> int:
         status = active.rpc("status")
         return int(status["samples"]) + int(status["dropped"]) + int(status["pending"])
 
-    eventually(drained(active))
-    before = accounted()
+    eventually(queue_is_empty(active))
+    before = counted_samples()
     for _ in range(120):
         active.send("trouble/slow")
     assert active.rpc("status")["state"] == "active"
     eventually(lambda: active.rpc("status")["dropped"] > 0)
-    eventually(lambda: accounted() == before + 120, timeout_s=20)
+    eventually(lambda: counted_samples() == before + 120, timeout_s=20)
 
 
 def test_a_failed_result_is_published_without_payload(active: Robot, eventually: Eventually) -> None:
@@ -267,12 +282,12 @@ def test_an_unknown_parameter_of_configure_is_refused_and_changes_nothing(robot:
 
 
 @pytest.mark.req("CDFF-SUP-044")
-def test_sigterm_ends_it_at_once_also_during_start_up(
+def test_sigterm_ends_a_running_host_and_a_starting_host_at_once(
     router: subprocess.Popen[bytes], spawn: Spawn, robot: Robot, host: subprocess.Popen[bytes]
 ) -> None:
-    starting = spawn("services.dfpc_host", "--profile", PROFILE, "--process", f"mana_{NAME}")
-    starting.terminate()
-    assert starting.wait(5) in (0, -15)
+    starting_host = spawn("services.dfpc_host", "--profile", PROFILE, "--process", f"mana_{NAME}")
+    starting_host.terminate()
+    assert starting_host.wait(5) in (0, -15)
     host.terminate()
     assert host.wait(5) == 0
 
@@ -290,16 +305,18 @@ def test_sigterm_ends_it_at_once_also_during_start_up(
 def test_sigterm_ends_a_service_that_waits_for_its_router(
     spawn: Spawn, tmp_path: Path, module: str, arguments: tuple[str, ...], eventually: Eventually
 ) -> None:
-    waiting = spawn(module, *arguments)
+    service = spawn(module, *arguments)
     log = tmp_path / f"{module}.log"
-    # Long enough to be past the imports, where the handler is not there yet and the default ends it.
-    eventually(lambda: log.exists() and waiting.poll() is None and _catches_sigterm(waiting.pid), timeout_s=20)
-    waiting.terminate()
-    assert waiting.wait(5) == 0, log.read_text(encoding="utf-8")
+    # Before its imports have ended, the service has no handler and SIGTERM would end it with -15.
+    eventually(
+        lambda: log.exists() and service.poll() is None and _catches_sigterm(service.pid), timeout_s=20
+    )
+    service.terminate()
+    assert service.wait(5) == 0, log.read_text(encoding="utf-8")
 
 
 def _catches_sigterm(pid: int) -> bool:
-    """Whether a process has a handler for SIGTERM (bit 14 of SigCgt)."""
+    """Return True if a process has a handler for SIGTERM (bit 14 of SigCgt)."""
     for line in Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines():
         if line.startswith("SigCgt:"):
             return bool(int(line.split()[1], 16) >> 14 & 1)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Eight processes write to one DPM over HTTP at once, and a backup is made meanwhile."""
+"""Eight processes write to one DPM over HTTP at once while a backup is made."""
 
 import subprocess
 import sys
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from dpm_store import open_store
-from dpm_store.backup import backup, restore
+from dpm_store.history.backup import backup
 
 from .test_dpm import System, cloud, system
 
@@ -28,9 +28,9 @@ def change(id, fields, etag):
 for i in range(times):
     while True:
         with urllib.request.urlopen(url + product, timeout=30) as answer:
-            there, etag = json.load(answer), answer.headers["ETag"]
+            product_now, etag = json.load(answer), answer.headers["ETag"]
         try:
-            change(product, {"notes": str(int(there["annotation"]["notes"] or 0) + 1)}, etag)
+            change(product, {"notes": str(int(product_now["annotation"]["notes"] or 0) + 1)}, etag)
             break
         except urllib.error.HTTPError as error:
             if error.code != 412:
@@ -40,21 +40,22 @@ for i in range(times):
 
 
 def notes(system: System, product_id: str) -> str:
-    """What is noted of a product."""
+    """Return the notes of a product."""
     return str(system.get(f"/api/v1/products/{product_id}")["annotation"]["notes"])
 
 
 @pytest.mark.req("CDFF-SUP-173")
+@pytest.mark.slow
 def test_eight_processes_lose_no_update_over_http(system: System, tmp_path: Path) -> None:
     ids = [system.put(cloud(), "pointcloud", seq) for seq in range(WRITERS + 1)]
     command = [sys.executable, "-c", WRITER, f"{system.http}/api/v1/products/", ids[0]]
     writers = [subprocess.Popen([*command, own, str(TIMES)]) for own in ids[1:]]
-    made = backup(tmp_path / "data", tmp_path / "copy")
+    result = backup(tmp_path / "data", tmp_path / "copy")
     assert [writer.wait(120) for writer in writers] == [0] * WRITERS
     assert notes(system, ids[0]) == str(WRITERS * TIMES)
     assert [notes(system, own) for own in ids[1:]] == [str(TIMES)] * WRITERS
-    assert made.products == WRITERS + 1
-    restore(tmp_path / "copy", tmp_path / "restored")
+    assert result.products == WRITERS + 1
+    backup(tmp_path / "copy", tmp_path / "restored")
     with open_store(f"sqlite:///{tmp_path}/restored") as restored:
         assert restored.verify() == ()
         assert int(restored.annotations.get(ids[0]).notes or 0) <= WRITERS * TIMES

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""An orbital model that the DPM holds: wired by the profile, waited for, and its fix in the position manager's pose."""
+"""Absolute localisation with an orbital model from the DPM, which may be inserted later.
+
+The profile connects the DPM to the input port; the fixes correct the poses of the position manager.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +17,14 @@ import pytest
 from cdff_common.bus import Bus, Message, keys
 from cdff_common.codecs import decode, encode
 from cdff_common.codecs.encoding import encoding_string
-from cdff_common.codecs.siblings import wire_type
+from cdff_common.codecs.size_variants import wire_type
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.product import Header, product_id
 from cdff_common.types import TransformWithCovariance
-from cdff_dev.evaluate._orbital import Drive, Ground, patch
 from cdff_dev.ports import free_port
+from evaluation.scenes.orbital import Ground, PatchRun, patch
 from tests.integration.conftest import Eventually, Spawn
-from tests.integration.test_absolute_localisation_inputs import measured
+from tests.integration.test_absolute_localisation_inputs import elevation_map
 
 pytestmark = pytest.mark.integration
 
@@ -39,7 +42,7 @@ robots:
   - name: position_manager
     process: locating
     inputs: {{odometry: sensor/wheels/odometry, absolute_fix: product/absolute_localisation/pose}}
-    parameters: {{start_tilt_sigma_rad: 0.001}}
+    parameters: {{start: {{tilt_sigma_rad: 0.001}}}}
   - name: absolute_localisation
     process: locating
     inputs:
@@ -52,9 +55,9 @@ robots:
 
 
 class Rover:
-    """Wheels and patches of a drive, as a rover and its mapping would publish them; hears what is made of them."""
+    """Publishes the wheel odometry and the patches of a drive, and collects the fixes."""
 
-    def __init__(self, bus: Bus, ground: Ground, drive: Drive) -> None:
+    def __init__(self, bus: Bus, ground: Ground, drive: PatchRun) -> None:
         self.bus, self.ground, self.drive = bus, ground, drive
         self.fixes: list[Header] = []
         self._seq = 0
@@ -66,36 +69,40 @@ class Rover:
     def status(self, dfpc: str) -> dict[str, Any]:
         return dict(self.bus.call(keys.dfpc_rpc("mana", dfpc, "status"), timeout_s=5).body())
 
-    def taken(self, dfpc: str, port: str) -> int:
-        """Samples that a port has taken."""
+    def received(self, dfpc: str, port: str) -> int:
+        """Return the number of samples that a port has received."""
         return int(self.status(dfpc)["samples_by_port"].get(port, 0))
 
-    def believed(self) -> TransformWithCovariance:
-        """Where the position manager says that the rover is, site to base."""
-        asked = {"parent": "site", "child": "mana/base", "t_ns": -1}
-        reply = self.bus.call(keys.dfpc_rpc("mana", "position_manager", "call/get_pose"), asked, timeout_s=10)
+    def estimated_pose(self) -> TransformWithCovariance:
+        """Return the pose from the position manager, site to base."""
+        query = {"parent": "site", "child": "mana/base", "t_ns": -1}
+        reply = self.bus.call(keys.dfpc_rpc("mana", "position_manager", "call/get_pose"), query, timeout_s=10)
         value: TransformWithCovariance = decode("TransformWithCovariance", reply.payload, "uper")
         return value
 
     def _is_at(self, stamp_ns: int) -> bool:
-        began = self.status("position_manager")["outputs_by_port"].get("pose", 0)
-        return bool(began) and self.believed().stamp_ns == stamp_ns
+        pose_count = self.status("position_manager")["outputs_by_port"].get("pose", 0)
+        return bool(pose_count) and self.estimated_pose().stamp_ns == stamp_ns
 
-    def off_m(self, i: int) -> float:
-        """Horizontal error of what is believed at patch ``i``."""
-        return float(np.hypot(*(self.believed().transform.matrix - self.drive.true[i])[:2, 3]))
+    def horizontal_error_m(self, i: int) -> float:
+        """Return the horizontal error of the estimated pose at patch ``i``."""
+        return float(np.hypot(*(self.estimated_pose().transform.matrix - self.drive.true_poses[i])[:2, 3]))
 
     def begin(self) -> bool:
-        """Whether the first wheel pose has come to both; told again and again until it has."""
+        """Publish a wheel pose; return True once both DFPCs have received it."""
         self.wheels(10_000_000_000, np.eye(4))
-        return all(self.taken(dfpc, "odometry") for dfpc in ("position_manager", "absolute_localisation"))
+        return all(self.received(dfpc, "odometry") for dfpc in ("position_manager", "absolute_localisation"))
 
     def publish(self, key: str, value: Any, t0_ns: int, t1_ns: int) -> None:
         self._seq += 1
         header = Header(
-            id=product_id("mana", key[-20:], "x", t1_ns, self._seq, ""), seq=self._seq, t0_ns=t0_ns, t1_ns=t1_ns,
-            frame="site", producer="test",
-        )  # fmt: skip
+            id=product_id("mana", key[-20:], "x", t1_ns, self._seq, ""),
+            seq=self._seq,
+            t0_ns=t0_ns,
+            t1_ns=t1_ns,
+            frame="site",
+            producer="test",
+        )
         encoding = encoding_string(wire_type(value), "uper")
         self.bus.publish(key, encode(value, "uper"), encoding=encoding, attachment=header.to_attachment())
 
@@ -105,19 +112,22 @@ class Rover:
         )
         self.publish(keys.sensor("mana", "wheels", "odometry"), value, stamp_ns, stamp_ns)
 
-    def leg(self, i: int, eventually: Eventually) -> None:
-        """From patch ``i - 1`` to patch ``i``, which is put where the position manager says."""
-        own = self.drive.believed
-        step = se3.log_se3(se3.inverse(own[i - 1]) @ own[i]) / STEPS
-        begin_ns = i * 10_000_000_000
+    def drive_leg(self, i: int, eventually: Eventually) -> None:
+        """Drive from patch ``i - 1`` to patch ``i``; publish patch ``i`` at the position manager's pose."""
+        poses = self.drive.estimated_poses
+        step = se3.log_se3(se3.inverse(poses[i - 1]) @ poses[i]) / STEPS
+        start_ns = i * 10_000_000_000
         for k in range(1, STEPS + 1):
             self.wheels(
-                begin_ns + k * 10_000_000_000 // STEPS, se3.inverse(own[0]) @ own[i - 1] @ se3.exp_se3(step * k)
+                start_ns + k * 10_000_000_000 // STEPS,
+                se3.inverse(poses[0]) @ poses[i - 1] @ se3.exp_se3(step * k),
             )
-        end_ns = begin_ns + 10_000_000_000
+        end_ns = start_ns + 10_000_000_000
         eventually(lambda: self._is_at(end_ns), 20, "the pose at the end of the leg")
-        placed = self.believed().transform.matrix
-        dem = patch(self.ground, self.drive.true[i], placed, end_ns, np.random.default_rng([SEED, i]))
+        T_site_base = self.estimated_pose().transform.matrix
+        dem = patch(
+            self.ground, self.drive.true_poses[i], T_site_base, end_ns, np.random.default_rng([SEED, i])
+        )
         self.publish(keys.product("mana", "digital_elevation_mapping", "map"), dem, dem.t0_ns, end_ns)
 
 
@@ -127,54 +137,74 @@ def ground() -> Ground:
 
 
 @pytest.fixture
-def rover(spawn: Spawn, endpoint: str, eventually: Eventually, tmp_path: Path, ground: Ground) -> Iterator[Rover]:
-    drive = Drive.make(ground, SEED, 55.0)
-    first = drive.believed[0]
+def rover(
+    spawn: Spawn, endpoint: str, eventually: Eventually, tmp_path: Path, ground: Ground
+) -> Iterator[Rover]:
+    drive = PatchRun.make(ground, SEED, 55.0)
+    first = drive.estimated_poses[0]
     yaw = float(np.degrees(np.arctan2(first[1, 0], first[0, 0])))
     profile = tmp_path / "profile.yaml"
-    profile.write_text(PROFILE.format(at=[round(float(v), 6) for v in first[:3, 3]], yaw=yaw), encoding="utf-8")
+    profile.write_text(
+        PROFILE.format(at=[round(float(v), 6) for v in first[:3, 3]], yaw=yaw), encoding="utf-8"
+    )
     spawn("services.router")
     spawn("services.dpm", "--profile", str(profile), "--http", f"127.0.0.1:{free_port()}")
     spawn("services.dfpc_host", "--profile", str(profile), "--process", "mana_locating")
     with Bus.open(endpoint, name="rover", wait_s=20) as bus:
-        made = Rover(bus, ground, drive)
+        result = Rover(bus, ground, drive)
         ready = {keys.alive("mana", name) for name in ("position_manager", "absolute_localisation", "dpm")}
         eventually(lambda: ready <= bus.alive(keys.alive("mana", "*")), 60, "the processes")
-        yield made
+        yield result
 
 
 @pytest.mark.req("CDFF-CORE-088")
-def test_an_orbital_model_in_the_dpm_locates_a_rover_also_where_it_comes_late(
+@pytest.mark.slow
+def test_an_orbital_model_in_the_dpm_locates_a_rover_even_if_inserted_late(
     rover: Rover, eventually: Eventually, ground: Ground
 ) -> None:
     for dfpc in ("position_manager", "absolute_localisation"):
-        assert rover.bus.call(keys.dfpc_rpc("mana", dfpc, "activate"), timeout_s=10).body() == {"state": "active"}
-    eventually(lambda: rover.status("absolute_localisation")["last_error"], 20, "that the model is missed")
-    missed = rover.status("absolute_localisation")["last_error"]
-    assert "absolute_localisation.orbital: the DPM holds no dem of orbiter yet" in missed
-    assert "cdff dpm put FILE --robot orbiter --type dem" in missed
+        assert rover.bus.call(keys.dfpc_rpc("mana", dfpc, "activate"), timeout_s=10).body() == {
+            "state": "active"
+        }
+    eventually(
+        lambda: rover.status("absolute_localisation")["last_error"], 20, "the report of the missing model"
+    )
+    last_error = rover.status("absolute_localisation")["last_error"]
+    assert "absolute_localisation.orbital: the DPM holds no dem of orbiter yet" in last_error
+    assert "cdff dpm put FILE --robot orbiter --type dem" in last_error
 
     eventually(rover.begin, 20, "the first wheel pose")
     for i in range(1, 8):
-        rover.leg(i, eventually)
-    eventually(lambda: rover.taken("absolute_localisation", "dem") == 7, 20, "seven patches")
+        rover.drive_leg(i, eventually)
+    eventually(lambda: rover.received("absolute_localisation", "dem") == 7, 20, "seven patches")
     assert rover.fixes == []
-    assert rover.off_m(7) > 10.0
-    seen = ground.orbital(SEED, DATUM_M)
-    model = measured(seen.geometry, seen.layer("mean"), 0)
+    assert rover.horizontal_error_m(7) > 10.0
+    orbital_map = ground.orbital(SEED, DATUM_M)
+    model = elevation_map(orbital_map.geometry, orbital_map.layer("mean"), 0)
     header = Header(
-        id=product_id("orbiter", "survey", "dem", 0, 0, ""), seq=0, t0_ns=0, t1_ns=0, frame="site",
-        producer="survey", box_m=model.extent_m(),
-    )  # fmt: skip
-    asked = {"robot": "orbiter", "dfpc": "survey", "port": "dem", "product": "dem"}
+        id=product_id("orbiter", "survey", "dem", 0, 0, ""),
+        seq=0,
+        t0_ns=0,
+        t1_ns=0,
+        frame="site",
+        producer="survey",
+        box_m=model.extent_m(),
+    )
+    parameters = {"robot": "orbiter", "dfpc": "survey", "port": "dem", "product": "dem"}
     encoding = encoding_string(wire_type(model), "uper")
     rover.bus.call(
-        keys.dpm_rpc(keys.GROUND, "put"), asked, payload=encode(model, "uper"), encoding=encoding,
-        attachment=header.to_attachment(), timeout_s=10,
-    )  # fmt: skip
-    eventually(lambda: rover.fixes, 30, "a fix once the model is there")
+        keys.dpm_rpc(keys.GROUND, "put"),
+        parameters,
+        payload=encode(model, "uper"),
+        encoding=encoding,
+        attachment=header.to_attachment(),
+        timeout_s=10,
+    )
+    eventually(lambda: rover.fixes, 30, "a fix after the model was stored")
     assert rover.status("absolute_localisation")["last_error"] == ""
-    eventually(lambda: rover.taken("position_manager", "absolute_fix") == 1, 20, "the fix in the position manager")
-    assert rover.off_m(7) < 1.0
-    rover.leg(8, eventually)
-    assert rover.off_m(8) < 1.5
+    eventually(
+        lambda: rover.received("position_manager", "absolute_fix") == 1, 20, "the fix in the position manager"
+    )
+    assert rover.horizontal_error_m(7) < 1.0
+    rover.drive_leg(8, eventually)
+    assert rover.horizontal_error_m(8) < 1.5

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""point_cloud_matching and shot_localisation on measured clouds, default configuration, no guess."""
+"""Point cloud matching and SHOT localisation of measured clouds without a guess, default configuration."""
 
 from __future__ import annotations
 
@@ -26,8 +26,9 @@ pytestmark = pytest.mark.slow
 RealData = Callable[[str], Path]
 Points = NDArray[np.float64]
 
-#: T_scene_model that PCL's correspondence grouping tutorial prints for its one instance of the milk carton, unrefined.
-#: The tutorial's scene has y up and z backwards; the file has y down and z forwards, hence the half turn about x.
+#: T_scene_model of the milk carton as printed by PCL's correspondence grouping tutorial, without refinement.
+#: The tutorial's scene has y up and z backwards; the file has y down and z forwards: hence the rotation by
+#: 180° about x.
 PCL_MILK = np.diag([1.0, -1.0, -1.0, 1.0]) @ np.array(
     [
         [0.968, -0.148, 0.201, -0.171],
@@ -38,34 +39,37 @@ PCL_MILK = np.diag([1.0, -1.0, -1.0, 1.0]) @ np.array(
 )
 
 
-def answered(dfpc: str, implementation: str | None = None, **clouds: Points) -> Output:
-    made = Registry.default().make_dfpc(dfpc)
-    made.configure(None, implementation=implementation)
+def run_dfpc(dfpc: str, implementation: str | None = None, **clouds: Points) -> Output:
+    compound = Registry.default().make_dfpc(dfpc)
+    compound.configure(None, implementation=implementation)
     samples = [
-        Sample(port, 0, 0, Pointcloud.from_points(points, frame=port, stamp_ns=0)) for port, points in clouds.items()
+        Sample(port, 0, 0, Pointcloud.from_points(points, frame=port, stamp_ns=0))
+        for port, points in clouds.items()
     ]
-    (output,) = [o for sample in samples for o in made.step(sample)]
+    (output,) = [o for sample in samples for o in compound.step(sample)]
     return output
 
 
 def errors(output: Output, T_true: Points) -> tuple[float, float]:
-    """Distance of the translations, metres, and angle between the rotations, degrees."""
+    """Return the translation error, m, and the rotation error, degrees."""
     T = output.value.transform.matrix
     angle = se3.rotation_angle(T[:3, :3] @ T_true[:3, :3].T)
     return float(np.linalg.norm(T[:3, 3] - T_true[:3, 3])), float(np.degrees(angle))
 
 
 def devon_halves(folder: Path) -> tuple[Points, Points, Points]:
-    """Disjoint halves of the road and of its copy, and T_copy_road."""
-    road, copy = (read_ply(folder / f"DevonIslandRoad1{name}.ply").points_m for name in ("", "TransformedNoise"))
+    """Return a half of the road, the other half of its moved copy, and T_copy_road."""
+    road, copy = (
+        read_ply(folder / f"DevonIslandRoad1{name}.ply").points_m for name in ("", "TransformedNoise")
+    )
     truth = [float(v) for v in (folder / "CloudsTransform.txt").read_text().split()]
     R = se3.matrix_from_quaternion_xyzw(truth[3:])
-    order, half = np.random.default_rng(0).permutation(len(road)), len(road) // 2
-    return road[order[:half]], copy[order[half:]], se3.transform(R, R @ np.array(truth[:3]))
+    permutation, half = np.random.default_rng(0).permutation(len(road)), len(road) // 2
+    return road[permutation[:half]], copy[permutation[half:]], se3.transform(R, R @ np.array(truth[:3]))
 
 
 def milk(folder: Path) -> tuple[Points, Points]:
-    """Model and scene of the tutorial."""
+    """Return model and scene of PCL's tutorial."""
     model, scene = (read_pcd(folder / n).points_m for n in ("milk.pcd", "milk_cartoon_all_small_clorox.pcd"))
     return model[np.isfinite(model).all(axis=1)], scene[np.isfinite(scene).all(axis=1)]
 
@@ -73,7 +77,7 @@ def milk(folder: Path) -> tuple[Points, Points]:
 def test_the_small_gicp_pair_is_matched_without_a_guess(real_data: RealData) -> None:
     folder = real_data("small_gicp_pair")
     source, target = (read_ply(folder / f"{name}.ply").points_m for name in ("source", "target"))
-    output = answered("point_cloud_matching", target=target, source=source)
+    output = run_dfpc("point_cloud_matching", target=target, source=source)
     error_m, error_deg = errors(output, read_pose(folder / "T_target_source.txt").T.matrix)
     assert error_m <= 0.03
     assert error_deg <= 0.4
@@ -81,42 +85,42 @@ def test_the_small_gicp_pair_is_matched_without_a_guess(real_data: RealData) -> 
 
 def test_disjoint_halves_of_devon_island_are_matched_without_a_guess(real_data: RealData) -> None:
     road, copy, T = devon_halves(real_data("cdff_upstream/PointClouds"))
-    error_m, error_deg = errors(answered("point_cloud_matching", target=copy, source=road), T)
+    error_m, error_deg = errors(run_dfpc("point_cloud_matching", target=copy, source=road), T)
     assert error_m <= 0.02
     assert error_deg <= 0.1
 
 
 @pytest.mark.req("CDFF-CORE-082")
-def test_two_drives_that_never_met_have_no_overlap(real_data: RealData) -> None:
+def test_clouds_of_two_separate_drives_have_no_overlap(real_data: RealData) -> None:
     folder = real_data("kitti_velodyne")
     source, target = (read_kitti_bin(folder / f"{i:06d}.bin").points_m for i in (0, 94))
-    output = answered("point_cloud_matching", target=target, source=source)
+    output = run_dfpc("point_cloud_matching", target=target, source=source)
     assert output.value is None
     assert output.quality.reasons[0] == "no_overlap"
 
 
 @pytest.mark.req("CDFF-CORE-083")
-def test_the_milk_carton_is_found_once_where_pcl_finds_it(real_data: RealData) -> None:
+def test_the_milk_carton_is_detected_once_at_the_pose_of_pcl(real_data: RealData) -> None:
     model, scene = milk(real_data("pcl_recognition/correspondence_grouping"))
-    output = answered("shot_localisation", model=model, scene=scene)
+    output = run_dfpc("shot_localisation", model=model, scene=scene)
     assert output.quality.status is not Status.FAILED, output.quality.reasons
     centre = model.mean(axis=0, keepdims=True)
-    found, expected = (se3.transform_points(T, centre) for T in (output.value.transform.matrix, PCL_MILK))
-    assert np.linalg.norm(found - expected) <= 0.01
+    result, expected = (se3.transform_points(T, centre) for T in (output.value.transform.matrix, PCL_MILK))
+    assert np.linalg.norm(result - expected) <= 0.01
     assert errors(output, PCL_MILK)[1] <= 3.0
     assert float(output.quality.metrics["rms_m"]) <= 0.001
 
 
 def test_disjoint_halves_of_devon_island_are_localised_without_a_guess(real_data: RealData) -> None:
     road, copy, T = devon_halves(real_data("cdff_upstream/PointClouds"))
-    error_m, error_deg = errors(answered("shot_localisation", model=road, scene=copy), T)
+    error_m, error_deg = errors(run_dfpc("shot_localisation", model=road, scene=copy), T)
     assert error_m <= 0.02
     assert error_deg <= 0.1
 
 
-def test_a_cat_is_not_found_in_the_scene_of_the_carton(real_data: RealData) -> None:
+def test_a_cat_model_is_not_detected_in_the_scene_of_the_carton(real_data: RealData) -> None:
     _, scene = milk(real_data("pcl_recognition/correspondence_grouping"))
     cat = read_pcd(real_data("pcl_recognition/ism_test_cat.pcd")).points_m / 1000.0
-    output = answered("shot_localisation", model=cat, scene=scene)
+    output = run_dfpc("shot_localisation", model=cat, scene=scene)
     assert output.value is None
     assert output.quality.reasons[0] == "not_found"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What an answer says of itself, and that each request gets exactly one, in time, whatever becomes of it."""
+"""Replies of the orchestrator: their metadata, and exactly one final reply in time to each request."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from cdff_common.geometry import UncertainTransform
 from cdff_common.types import TransformWithCovariance
 from cdff_dev.ports import free_port
 from tests.integration.conftest import process_starter
-from tests.integration.test_orchestrator import eventually
-from tests.integration.test_orchestrator_products import NOW_NS, T_SITE_BASE, patch, put
+from tests.integration.conftest import wait_until as eventually
+from tests.support.orchestrated_products import NOW_NS, T_SITE_BASE, patch, put
 
 pytestmark = pytest.mark.integration
 
@@ -37,7 +37,7 @@ REGION = "bbox:0,0,2,2"
 
 @pytest.fixture(scope="module")
 def endpoint_of_answers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """A router, a DPM with one patch and one pose, an orchestrator and an ICU; nothing that could make anything."""
+    """A router, a DPM with a patch and poses, an orchestrator and an ICU, but no DFPC."""
     folder, endpoint = tmp_path_factory.mktemp("answers"), f"tcp/127.0.0.1:{free_port()}"
     with process_starter(endpoint, folder) as spawn:
         spawn("services.router")
@@ -58,14 +58,14 @@ def endpoint_of_answers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[st
 
 @pytest.fixture
 def client(endpoint_of_answers: str) -> Iterator[Client]:
-    with Client(endpoint_of_answers) as made:
-        yield made
+    with Client(endpoint_of_answers) as client:
+        yield client
 
 
 @pytest.fixture
 def bus(endpoint_of_answers: str) -> Iterator[Bus]:
-    with Bus.open(endpoint_of_answers, name="raw", wait_s=10) as made:
-        yield made
+    with Bus.open(endpoint_of_answers, name="raw", wait_s=10) as bus:
+        yield bus
 
 
 @pytest.fixture
@@ -74,75 +74,86 @@ def session(endpoint_of_answers: str) -> Iterator[zenoh.Session]:
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps([endpoint_of_answers]))
     config.insert_json5("scouting/multicast/enabled", "false")
-    with zenoh.open(config) as made:
-        yield made
+    with zenoh.open(config) as result:
+        yield result
 
 
-def test_a_map_by_reference_says_that_it_is_kept_as_an_elevation_map(bus: Bus) -> None:
-    asked = {"type": "dem", "region": REGION, "as": "Map", "deliver": "reference", "deadline_ms": 10000}
-    reply = bus.call(REQUEST, asked, timeout_s=11)
-    what, body = reply.attachment["delivered"], reply.body()
-    assert (reply.attachment["kind"], body["type"], what["as"]) == ("reference", "ElevationMap", "ElevationMap")
-    assert any("asked Map" in d for d in what["differences"])
-    got = bus.call(keys.dpm_rpc("ground", "get"), {"id": body["id"], "as": "Map", "format": "uper"})
-    assert decode("Map", got.payload, "uper").data.rows == 40
-    inline = bus.call(REQUEST, {**asked, "deliver": "inline"}, timeout_s=11).attachment["delivered"]
+def test_a_map_by_reference_states_that_it_is_stored_as_an_elevation_map(bus: Bus) -> None:
+    parameters = {"type": "dem", "region": REGION, "as": "Map", "deliver": "reference", "deadline_ms": 10000}
+    reply = bus.call(REQUEST, parameters, timeout_s=11)
+    delivered, body = reply.attachment["delivered"], reply.body()
+    assert (reply.attachment["kind"], body["type"], delivered["as"]) == (
+        "reference",
+        "ElevationMap",
+        "ElevationMap",
+    )
+    assert any("asked Map" in d for d in delivered["differences"])
+    stored = bus.call(keys.dpm_rpc("ground", "get"), {"id": body["id"], "as": "Map", "format": "uper"})
+    assert decode("Map", stored.payload, "uper").data.rows == 40
+    inline = bus.call(REQUEST, {**parameters, "deliver": "inline"}, timeout_s=11).attachment["delivered"]
     assert (inline["as"], inline["differences"]) == ("Map", [])
 
 
-def test_the_header_of_a_map_has_the_heights_in_its_box(client: Client) -> None:
+def test_the_box_in_the_header_of_a_map_includes_its_heights(client: Client) -> None:
     box = client.request("dem", robot="mana", region=REGION, as_type="Map").header.box_m
     assert box == pytest.approx((0.0, 0.0, 1.0, 2.0, 2.0, 1.0))
-    moved = client.request("dem", robot="mana", region=REGION, region_frame="site", frame="mana/base", as_type="Map")
+    moved = client.request(
+        "dem", robot="mana", region=REGION, region_frame="site", frame="mana/base", as_type="Map"
+    )
     assert moved.header.box_m is not None
     corner = T_SITE_BASE.inverse().apply([[0.0, 0.0, 1.0]])[0]
     assert moved.header.box_m[2] == pytest.approx(corner[2])
 
 
-def test_cells_that_do_not_add_up_to_the_asked_ones_are_said_to_be_finer(client: Client) -> None:
+def test_cells_that_cannot_be_aggregated_to_the_requested_size_are_reported_as_finer(client: Client) -> None:
     answer = client.request("dem", robot="mana", region=REGION, resolution_m=0.07)
     assert answer.delivered["resolution_m"] == 0.05
     assert any("0.07" in d for d in answer.delivered["differences"])
     assert client.request("dem", robot="mana", region=REGION, resolution_m=0.1).delivered["differences"] == []
 
 
-def test_a_region_with_too_little_or_nothing_in_it_is_unavailable(client: Client) -> None:
+def test_a_region_with_insufficient_coverage_is_unavailable(client: Client) -> None:
     for region in ("circle:900,0,1", "bbox:0,0,10,10"):
         with pytest.raises(UnavailableError, match="coverage") as refused:
             client.request("dem", robot="mana", region=region, min_coverage=0.5, deadline_s=2)
         assert not isinstance(refused.value, DeadlineError)
 
 
-def test_a_frame_that_nobody_has_is_not_found_at_once_one_without_a_pose_yet_is_waited_for(client: Client) -> None:
-    for wishes in ({"frame": "nosuch"}, {"child": "mana/nosuch"}):
+def test_an_unknown_frame_is_not_found_at_once_and_a_known_one_without_pose_is_awaited(
+    client: Client,
+) -> None:
+    for parameters in ({"frame": "nosuch"}, {"child": "mana/nosuch"}):
         with pytest.raises(ProductNotFoundError, match=r"frame '.*nosuch' is in neither"):
-            client.request("pose", robot="mana", deadline_s=60, **wishes)
+            client.request("pose", robot="mana", deadline_s=60, **parameters)
     with pytest.raises(ProductNotFoundError, match=r"frame '.*nosuch' is in neither"):
         client.request("dem", robot="mana", region="near:nosuch,3", deadline_s=60)
     with pytest.raises(UnavailableError):
         client.request("pose", robot="minnie", frame="minnie/odom", deadline_s=1)
 
 
-def test_what_no_product_can_be_young_enough_for_ends_as_deadline(bus: Bus) -> None:
+@pytest.mark.slow
+def test_an_unattainable_age_limit_ends_with_deadline(bus: Bus) -> None:
     for _ in range(6):
-        asked = {"type": "pose", "max_age_s": 0.0001, "deadline_ms": 1000}
+        parameters = {"type": "pose", "max_age_s": 0.0001, "deadline_ms": 1000}
         with pytest.raises(DeadlineError) as late:
-            bus.call(REQUEST, asked, timeout_s=5)
+            bus.call(REQUEST, parameters, timeout_s=5)
         assert "the DPM:" not in str(late.value)
 
 
-def test_what_became_too_old_on_the_way_is_not_delivered(client: Client, bus: Bus) -> None:
-    """Products at 20 Hz whose age passes the limit between looking and answering: none may arrive past it."""
-    over = threading.Event()
+def test_a_product_that_became_too_old_before_delivery_is_not_delivered(client: Client, bus: Bus) -> None:
+    """Products at 20 Hz may exceed the age limit between search and delivery; none may be delivered then."""
+    stop = threading.Event()
 
     def produce() -> None:
         seq = 100
-        while not over.wait(0.05):
+        while not stop.wait(0.05):
             seq += 1
             pose = TransformWithCovariance.from_transform(
                 UncertainTransform(T_SITE_BASE.matrix, T_SITE_BASE.covariance),
-                parent="site", child="mana/base", stamp_ns=wall_ns() // 1000 * 1000,
-            )  # fmt: skip
+                parent="site",
+                child="mana/base",
+                stamp_ns=wall_ns() // 1000 * 1000,
+            )
             put(bus, "pose", pose, child="mana/base", seq=seq)
 
     thread = threading.Thread(target=produce)
@@ -157,11 +168,11 @@ def test_what_became_too_old_on_the_way_is_not_delivered(client: Client, bus: Bu
                 assert answer.delivered["age_s"] <= max_age_s
                 assert answer.delivered["differences"] == []
     finally:
-        over.set()
+        stop.set()
         thread.join()
 
 
-def test_an_error_names_its_request_whoever_made_the_name(session: zenoh.Session) -> None:
+def test_an_error_names_its_request_also_if_the_name_was_generated(session: zenoh.Session) -> None:
     def error(selector: str) -> dict[str, Any]:
         (reply,) = session.get(selector, timeout=10)
         body: dict[str, Any] = msgpack.unpackb(reply.err.payload.to_bytes())
@@ -173,7 +184,7 @@ def test_an_error_names_its_request_whoever_made_the_name(session: zenoh.Session
     assert error(f"{REQUEST}?type=pose;type=dem;request=mine")["request"] == "mine"
 
 
-def test_a_plain_query_with_zenoh_s_defaults_gets_one_complete_answer_also_when_it_fails_late(
+def test_a_plain_zenoh_query_gets_one_complete_answer_even_if_it_fails_late(
     session: zenoh.Session,
 ) -> None:
     replies = list(session.get(f"{REQUEST}?type=pose;max_age_s=0.0001;deadline_ms=2000"))
@@ -182,9 +193,11 @@ def test_a_plain_query_with_zenoh_s_defaults_gets_one_complete_answer_also_when_
     assert body["code"] == "DEADLINE"
 
 
-def test_progress_comes_to_whoever_asks_for_it_or_waits_longer_than_zenoh_s_defaults(bus: Bus) -> None:
+def test_progress_is_sent_on_request_or_to_clients_with_long_timeouts(bus: Bus) -> None:
     def kinds(**more: object) -> list[str]:
-        return [r.attachment["kind"] for r in bus.call_stream(REQUEST, {"type": "pose", **more}, timeout_s=30)]
+        return [
+            r.attachment["kind"] for r in bus.call_stream(REQUEST, {"type": "pose", **more}, timeout_s=30)
+        ]
 
     assert kinds() == ["product"]
     assert kinds(deadline_ms=20000)[0] == "progress"
@@ -194,39 +207,47 @@ def test_progress_comes_to_whoever_asks_for_it_or_waits_longer_than_zenoh_s_defa
         kinds(progress="maybe")
 
 
-def test_the_icu_says_which_robots_it_takes(bus: Bus) -> None:
-    for asked in ({}, {"robot": "any"}):
+def test_the_icu_states_the_robots_that_it_serves(bus: Bus) -> None:
+    for parameters in ({}, {"robot": "any"}):
         with pytest.raises(InputError) as refused:
-            bus.call(keys.icu_rpc("ground", "modes"), asked)
+            bus.call(keys.icu_rpc("ground", "modes"), parameters)
         assert str(refused.value).rstrip(")").endswith("a robot id")
 
 
-def test_each_of_many_requests_gets_exactly_one_final_reply_and_before_its_deadline(session: zenoh.Session) -> None:
-    asked = [
-        ("type=pose", 3.0), ("type=pose;max_age_s=0.0001", 1.0), ("type=pose;max_age_s=0.0001", 0.3),
-        ("type=pose;max_age_s=0.0001", 3.0), (f"type=dem;region={REGION}", 3.0),
+@pytest.mark.slow
+def test_each_of_many_requests_gets_exactly_one_final_reply_before_its_deadline(
+    session: zenoh.Session,
+) -> None:
+    requests = [
+        ("type=pose", 3.0),
+        ("type=pose;max_age_s=0.0001", 1.0),
+        ("type=pose;max_age_s=0.0001", 0.3),
+        ("type=pose;max_age_s=0.0001", 3.0),
+        (f"type=dem;region={REGION}", 3.0),
         ("type=dem;region=circle:900,0,1", 1.0),
-        (f"type=dem;region={REGION};resolution_m=0.01", 2.0), ("type=pose;frame=nosuch", 3.0), ("type=nonsense", 1.0),
+        (f"type=dem;region={REGION};resolution_m=0.01", 2.0),
+        ("type=pose;frame=nosuch", 3.0),
+        ("type=nonsense", 1.0),
         (f"type=dem;region={REGION};deliver=reference", 3.0),
-    ]  # fmt: skip
-    wrong: list[str] = []
+    ]
+    faults: list[str] = []
 
-    def ask(text: str, deadline_s: float) -> None:
+    def send(text: str, deadline_s: float) -> None:
         selector = f"{REQUEST}?{text};progress=true;deadline_ms={deadline_s * 1000:.0f}"
         start_s = time.monotonic()
-        ends, took_s, last = 0, 0.0, False
+        final_replies, took_s, is_final = 0, 0.0, False
         none = zenoh.ConsolidationMode.NONE
         for reply in session.get(selector, timeout=deadline_s + 1, consolidation=none):
-            last = reply.ok is None or msgpack.unpackb(reply.ok.attachment.to_bytes())["final"]
-            ends += last
+            is_final = reply.ok is None or msgpack.unpackb(reply.ok.attachment.to_bytes())["final"]
+            final_replies += is_final
             took_s = time.monotonic() - start_s
-        if ends != 1 or not last or took_s >= deadline_s:
-            wrong.append(f"{text}: {ends} final replies, {took_s:.3f} s of {deadline_s} s")
+        if final_replies != 1 or not is_final or took_s >= deadline_s:
+            faults.append(f"{text}: {final_replies} final replies, {took_s:.3f} s of {deadline_s} s")
 
     for _ in range(3):
-        threads = [threading.Thread(target=ask, args=one) for one in asked * 2]
+        threads = [threading.Thread(target=send, args=arguments) for arguments in requests * 2]
         for thread in threads:
             thread.start()
         for thread in threads:
             thread.join(30)
-    assert not wrong
+    assert not faults

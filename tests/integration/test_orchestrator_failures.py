@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a request comes to when a DFPC or a sensor fails while it waits, among real processes."""
+"""Outcome of a request when a DFPC or sensor fails while it waits, with real processes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cdff_common.errors import DeadlineError, InputError, UnavailableError
 from cdff_dev.ports import free_port
 from tests.integration.conftest import Spawn, process_starter
 from tests.integration.conftest import wait_until as eventually
-from tests.integration.test_orchestrator import Driver
+from tests.support.wheel_odometry import Driver
 
 pytestmark = pytest.mark.integration
 
@@ -26,17 +26,17 @@ PROFILE = str(Path(__file__).parent / "orchestrator_failures.yaml")
 HOST = ("services.dfpc_host", "--profile", PROFILE, "--process")
 
 
-class Stubborn(Driver):
-    """A driver that sends the same trouble for as long as it is told to."""
+class FaultyDriver(Driver):
+    """A driver that repeats the same fault while ``repeated_child`` is set."""
 
-    always = ""
+    repeated_child = ""
 
     def send(self, child: str) -> None:
-        super().send(self.always or child)
+        super().send(self.repeated_child or child)
 
 
 @pytest.fixture(scope="module")
-def spawned(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Spawn]]:
+def running_system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Spawn]]:
     folder, endpoint = tmp_path_factory.mktemp("failures"), f"tcp/127.0.0.1:{free_port()}"
     with process_starter(endpoint, folder) as spawn:
         spawn("services.router")
@@ -49,87 +49,91 @@ def spawned(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Spa
 
 
 @pytest.fixture
-def bus(spawned: tuple[str, Spawn]) -> Iterator[Bus]:
-    """Before a test everything is there and idle."""
-    with Bus.open(spawned[0], name="driver", wait_s=20) as made:
+def bus(running_system: tuple[str, Spawn]) -> Iterator[Bus]:
+    """A bus, after every service has started and no DFPC is active."""
+    with Bus.open(running_system[0], name="driver", wait_s=20) as bus:
         services = ("dpm", "orchestrator", "icu", "troublemaker", "understudy")
         wanted = {keys.alive("mana", s) for s in services}
-        eventually(lambda: wanted <= made.alive(keys.alive("mana", "*")), 40, "start-up")
-        eventually(lambda: all(state(made, d) != "active" for d in services[3:]), 20, "an idle system")
-        yield made
+        eventually(lambda: wanted <= bus.alive(keys.alive("mana", "*")), 40, "start-up")
+        eventually(lambda: all(state(bus, d) != "active" for d in services[3:]), 20, "an idle system")
+        yield bus
 
 
 @pytest.fixture
-def driver(bus: Bus) -> Iterator[Stubborn]:
-    made = Stubborn(bus)
-    yield made
-    made.stop()
+def driver(bus: Bus) -> Iterator[FaultyDriver]:
+    result = FaultyDriver(bus)
+    yield result
+    result.stop()
 
 
 def state(bus: Bus, dfpc: str) -> str:
-    """Of a DFPC; "active" while its process cannot say."""
+    """Return the state of a DFPC; "active" if its process does not answer."""
     try:
         return str(bus.call(keys.dfpc_rpc("mana", dfpc, "status")).body()["state"])
     except UnavailableError:
         return "active"
 
 
-def ask(endpoint: str, **wish: Any) -> tuple[threading.Thread, list[Any]]:
-    """Ask in a thread; the answer or the error comes into the list."""
-    got: list[Any] = []
+def request_in_thread(endpoint: str, **parameters: Any) -> tuple[threading.Thread, list[Any]]:
+    """Request a pose in a thread; the list receives the answer or the error."""
+    results: list[Any] = []
 
     def run() -> None:
         with Client(endpoint) as client:
             try:
-                got.append(client.request("pose", robot="mana", **wish))
+                results.append(client.request("pose", robot="mana", **parameters))
             except UnavailableError as error:
-                got.append(error)
+                results.append(error)
 
     thread = threading.Thread(target=run)
     thread.start()
-    return thread, got
+    return thread, results
 
 
 @pytest.mark.req("CDFF-SUP-027")
 @pytest.mark.parametrize("trouble", ["trouble/raise", "trouble/fail", "trouble/hang"])
-def test_what_raises_refuses_or_hangs_is_planned_around(
-    spawned: tuple[str, Spawn], driver: Stubborn, trouble: str, bus: Bus
+@pytest.mark.slow
+def test_a_provider_that_raises_fails_or_hangs_is_replaced_by_another_one(
+    running_system: tuple[str, Spawn], driver: FaultyDriver, trouble: str, bus: Bus
 ) -> None:
-    driver.always = trouble
-    thread, got = ask(spawned[0], max_age_s=0.5, deadline_s=40)
+    driver.repeated_child = trouble
+    thread, results = request_in_thread(running_system[0], max_age_s=0.5, deadline_s=40)
     thread.join(45)
-    assert got[0].delivered["source"].startswith("understudy"), got
-    if trouble == "trouble/hang":  # its watchdog ended it, and nobody else starts it again here
-        driver.always = ""
-        spawned[1](*HOST, "mana_troublemaker")
+    assert results[0].delivered["source"].startswith("understudy"), results
+    if trouble == "trouble/hang":  # the watchdog ended the host; without a supervisor, the test restarts it
+        driver.repeated_child = ""
+        running_system[1](*HOST, "mana_troublemaker")
 
 
 @pytest.mark.req("CDFF-SUP-027")
-def test_a_sensor_lost_while_a_request_waits_is_told_at_once_and_works_when_it_is_back(
-    spawned: tuple[str, Spawn], bus: Bus
+def test_a_sensor_lost_during_a_request_is_reported_at_once_and_works_after_recovery(
+    running_system: tuple[str, Spawn], bus: Bus
 ) -> None:
-    thread, got = ask(spawned[0], max_age_s=0.1, deadline_s=60)
-    eventually(lambda: state(bus, "troublemaker") == "active", 20, "the request to wait")
+    thread, results = request_in_thread(running_system[0], max_age_s=0.1, deadline_s=60)
+    eventually(lambda: state(bus, "troublemaker") == "active", 20, "activation of the DFPC")
     bus.call(keys.icu_rpc("mana", "fault"), {"sensor": "wheels", "lost": "no power"})
     thread.join(10)
     assert not thread.is_alive()
-    assert "sensor mana/wheels is lost: no power" in str(got[0])
+    assert "sensor mana/wheels is lost: no power" in str(results[0])
     bus.call(keys.icu_rpc("mana", "fault"), {"sensor": "wheels"})
-    driver = Stubborn(bus)
+    driver = FaultyDriver(bus)
     try:
-        thread, got = ask(spawned[0], max_age_s=0.5, deadline_s=20)
+        thread, results = request_in_thread(running_system[0], max_age_s=0.5, deadline_s=20)
         thread.join(25)
-        assert got[0].value is not None
+        assert results[0].value is not None
     finally:
         driver.stop()
 
 
 @pytest.mark.req("CDFF-SUP-027")
-def test_a_sensor_that_is_on_and_silent_is_the_reason_at_the_deadline(spawned: tuple[str, Spawn], bus: Bus) -> None:
-    thread, got = ask(spawned[0], max_age_s=0.1, deadline_s=20)
+@pytest.mark.slow
+def test_a_sensor_without_samples_is_reported_as_the_reason_at_the_deadline(
+    running_system: tuple[str, Spawn], bus: Bus
+) -> None:
+    thread, results = request_in_thread(running_system[0], max_age_s=0.1, deadline_s=20)
     thread.join(30)
-    assert isinstance(got[0], DeadlineError)
-    assert "no sample of mana/wheels reaches mana/" in str(got[0])
+    assert isinstance(results[0], DeadlineError)
+    assert "no sample of mana/wheels reaches mana/" in str(results[0])
 
 
 @pytest.mark.req("CDFF-SUP-144")
@@ -142,7 +146,9 @@ def test_a_dfpc_is_cleaned_up_configured_and_activated_by_its_verbs(bus: Bus) ->
     assert call("clean_up") == "unconfigured"
     assert call("configure") == "inactive"
     with pytest.raises(InputError, match="expected sensor/wheels/odometry"):
-        bus.call(keys.dfpc_rpc("mana", "understudy", "activate"), payload=pack({"inputs": {"poses": "sensor/x/y"}}))
+        bus.call(
+            keys.dfpc_rpc("mana", "understudy", "activate"), payload=pack({"inputs": {"poses": "sensor/x/y"}})
+        )
     chosen = pack({"inputs": {"poses": "sensor/wheels/odometry"}})
     bus.call(keys.dfpc_rpc("mana", "understudy", "activate"), payload=chosen)
     assert call("activate") == "active"

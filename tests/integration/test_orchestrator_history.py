@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the orchestrator decides is in the DPM's history, complete and once, whoever was away in between."""
+"""The DPM's history has each decision of the orchestrator exactly once, also after either was killed."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ PROFILE = str(Path(__file__).parent / "orchestrator.yaml")
 
 def history(bus: Bus) -> list[dict[str, Any]]:
     items: list[dict[str, Any]] = []
-    with suppress(CdffError):  # the DPM may be away
+    with suppress(CdffError):  # the DPM may be unavailable
         items = bus.call(keys.dpm_rpc("ground", "history"), {}, timeout_s=5).body()["items"]
     return [i for i in items if i.get("origin") == "orchestrator/mana"]
 
 
-def refused(client: Client) -> str:
-    """A request that nobody can answer; the id of its job."""
+def send_refused_request(client: Client) -> str:
+    """Send a request without a provider; return the id of its job."""
     with pytest.raises(CdffError):
         client.request("trajectory", robot="minnie", deadline_s=1.0)
     return str(client.jobs(limit=1)[0]["job"])
@@ -56,15 +56,15 @@ def test_the_history_is_complete_after_a_dpm_and_an_orchestrator_were_killed(
                 return [i["state"] for i in history(bus) if i["kind"] == "job" and i["job"] == job]
 
             eventually(lambda: alive("dpm") and alive("orchestrator"), 40, "start-up")
-            first = refused(client)
+            first = send_refused_request(client)
             eventually(lambda: states(first)[-1:] == ["failed"], 20, "the first job in the history")
 
             dpm.kill()
             dpm.wait()
-            second = refused(client)
-            orchestrator.kill()  # what it could not forward is in its journal only
+            second = send_refused_request(client)
+            orchestrator.kill()  # records not yet forwarded are only in its journal
             orchestrator.wait()
-            eventually(lambda: not alive("orchestrator"), 20, "its end")
+            eventually(lambda: not alive("orchestrator"), 20, "the end of the orchestrator")
             spawn(*store)
             spawn("services.orchestrator", "--profile", PROFILE)
             eventually(lambda: states(second)[-1:] == ["failed"], 40, "the second job in the history")
@@ -73,10 +73,22 @@ def test_the_history_is_complete_after_a_dpm_and_an_orchestrator_were_killed(
             numbers = [i["number"] for i in items]
             assert numbers == list(range(1, len(numbers) + 1))
             assert [i["kind"] for i in items].count("start") == 2
-            told = next(i for i in items if i["kind"] == "job" and i["job"] == second and i["state"] == "failed")
-            assert told["scope"] == "minnie"
-            assert told["reason"]
-            asked = ["orchestrator", "history", "--connect", endpoint, "--job", second, "--robot", "minnie", "--json"]
-            assert main(asked) == 0
-            listed = json.loads(capsys.readouterr().out)["items"]
-            assert [i["state"] for i in listed] == states(second)
+            received = next(
+                i for i in items if i["kind"] == "job" and i["job"] == second and i["state"] == "failed"
+            )
+            assert received["scope"] == "minnie"
+            assert received["reason"]
+            command = [
+                "orchestrator",
+                "history",
+                "--connect",
+                endpoint,
+                "--job",
+                second,
+                "--robot",
+                "minnie",
+                "--json",
+            ]
+            assert main(command) == 0
+            items_of_command = json.loads(capsys.readouterr().out)["items"]
+            assert [i["state"] for i in items_of_command] == states(second)

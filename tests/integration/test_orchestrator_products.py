@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps, clouds and poses out of a real DPM, cut, moved and encoded as asked; the test itself is the producer."""
+"""Maps, clouds and poses of a real DPM are cropped, transformed and encoded as requested."""
 
 from __future__ import annotations
 
@@ -9,19 +9,14 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from cdff_common.bus import Bus, keys
 from cdff_common.client import Client
-from cdff_common.clock import wall_ns
-from cdff_common.codecs import encode
-from cdff_common.codecs.encoding import encoding_string
 from cdff_common.errors import UnavailableError
 from cdff_common.geometry import UncertainTransform, se3
-from cdff_common.interfaces.product import Header, product_id
 from cdff_common.raster import GridGeometry
 from cdff_common.types import (
     ElevationMap,
@@ -34,42 +29,15 @@ from cdff_common.types import (
 from cdff_dev.ports import free_port
 from tests.integration.conftest import ROOT, process_starter
 from tests.integration.conftest import wait_until as eventually
+from tests.support.orchestrated_products import NOW_NS, T_SITE_BASE, patch, put
 
 pytestmark = pytest.mark.integration
 
 PROFILE = str(Path(__file__).parent / "orchestrator.yaml")
-NOW_NS = wall_ns()
-T_SITE_BASE = UncertainTransform(se3.transform(se3.exp_so3([0, 0, 0.3]), [1.0, 2.0, 0.1]), np.eye(6) * 1e-4)
-
-
-def put(bus: Bus, product: str, value: Any, robot: str = "mana", child: str | None = None, seq: int = 0) -> Header:
-    frame = value.parent_frame if hasattr(value, "parent_frame") else value.frame
-    resolution_m = value.geometry.resolution_m if hasattr(value, "geometry") else None
-    header = Header(
-        product_id(robot, "producer", product, value.stamp_ns, seq, ""), seq, value.stamp_ns, value.stamp_ns, frame,
-        "producer/P/1", child=child, box_m=value.extent_m(), resolution_m=resolution_m,
-    )  # fmt: skip
-    name = type(value).__name__
-    bus.call(
-        keys.dpm_rpc("ground", "put"), {"robot": robot, "dfpc": "producer", "port": product, "product": product},
-        payload=encode(value, "uper"), encoding=encoding_string(name, "uper"), attachment=header.to_attachment(),
-        timeout_s=20,
-    )  # fmt: skip
-    return header
-
-
-def patch(xmin_m: float, height_m: float, age_s: float, cells: int = 40) -> ElevationMap:
-    """A square patch of 5 cm cells with its lower edge on y = 0."""
-    g = GridGeometry.from_cells("site", 0.05, left=round(xmin_m / 0.05), top=cells, rows=cells, cols=cells)
-    full = np.full(g.shape, 1.0, np.float32)
-    values = {"mean": height_m, "variance": 0.01, "min": height_m, "max": height_m, "count": 4, "age_s": 0}
-    layers = {name: full * value for name, value in values.items()}
-    t_ns = NOW_NS - int(age_s * 1e9) // 1000 * 1000
-    return ElevationMap.from_layers(g, layers, t0_ns=t_ns, t1_ns=t_ns)
 
 
 @pytest.fixture(scope="module")
-def endpoint_of_filled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+def filled_endpoint(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """A router, a DPM that holds products of two robots, and an orchestrator."""
     folder, endpoint = tmp_path_factory.mktemp("products"), f"tcp/127.0.0.1:{free_port()}"
     with process_starter(endpoint, folder) as spawn:
@@ -77,8 +45,8 @@ def endpoint_of_filled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str
         spawn("services.dpm", "--profile", PROFILE, "--http", f"127.0.0.1:{free_port()}")
         spawn("services.orchestrator", "--profile", PROFILE)
         with Bus.open(endpoint, name="producer", wait_s=20) as bus:
-            wanted = {keys.alive("mana", s) for s in ("dpm", "orchestrator")}
-            eventually(lambda: wanted <= bus.alive(keys.alive("mana", "*")), 40, "start-up")
+            awaited_tokens = {keys.alive("mana", s) for s in ("dpm", "orchestrator")}
+            eventually(lambda: awaited_tokens <= bus.alive(keys.alive("mana", "*")), 40, "start-up")
             put(bus, "dem", patch(0.0, 1.0, age_s=5000.0))
             put(bus, "dem", patch(1.0, 2.0, age_s=10.0))
             put(bus, "dem", patch(-2.0, 5.0, age_s=20.0), robot="minnie")
@@ -99,23 +67,31 @@ def endpoint_of_filled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str
             classes = np.ones(g.shape, np.uint8)
             classes[:, :10] = 0
             stamp_ns = NOW_NS
-            put(bus, "navigation_map", NavigationMap.from_layers(g, {"class": classes}, t0_ns=stamp_ns, t1_ns=stamp_ns))
+            put(
+                bus,
+                "navigation_map",
+                NavigationMap.from_layers(g, {"class": classes}, t0_ns=stamp_ns, t1_ns=stamp_ns),
+            )
             stamps = stamp_ns + np.arange(3) * 1_000_000
             trajectory = PoseTrajectory.from_arrays(
-                stamps, [T_SITE_BASE.matrix] * 3, [T_SITE_BASE.covariance] * 3, parent="site", child="mana/base"
+                stamps,
+                [T_SITE_BASE.matrix] * 3,
+                [T_SITE_BASE.covariance] * 3,
+                parent="site",
+                child="mana/base",
             )
             put(bus, "trajectory", trajectory, child="mana/base")
             yield endpoint
 
 
 @pytest.fixture
-def client(endpoint_of_filled: str) -> Iterator[Client]:
-    with Client(endpoint_of_filled) as made:
-        yield made
+def client(filled_endpoint: str) -> Iterator[Client]:
+    with Client(filled_endpoint) as client:
+        yield client
 
 
 @pytest.mark.req("CDFF-SUP-021")
-def test_a_dem_of_a_region_is_pooled_from_patches_and_states_newest_and_oldest(client: Client) -> None:
+def test_a_dem_of_a_region_is_fused_from_patches_and_states_newest_and_oldest(client: Client) -> None:
     answer = client.request("dem", robot="mana", region="bbox:0,0,3,2", max_age_s=3600)
     assert isinstance(answer.value, ElevationMap)
     mean = answer.value.layer("mean")
@@ -129,7 +105,9 @@ def test_a_dem_of_a_region_is_pooled_from_patches_and_states_newest_and_oldest(c
     assert len(answer.header.inputs) == 2
 
 
-def test_cells_outside_a_round_region_are_not_delivered_and_finer_cells_are_aggregated(client: Client) -> None:
+def test_cells_outside_a_round_region_are_not_delivered_and_finer_cells_are_aggregated(
+    client: Client,
+) -> None:
     answer = client.request("dem", robot="mana", region="circle:1,1,0.5", resolution_m=0.1)
     assert answer.delivered["resolution_m"] == pytest.approx(0.1)
     x, y = answer.value.geometry.centres_m()
@@ -138,26 +116,26 @@ def test_cells_outside_a_round_region_are_not_delivered_and_finer_cells_are_aggr
     assert np.isfinite(answer.value.layer("mean")[inside]).all()
 
 
-def test_coarser_cells_than_asked_are_delivered_and_said_to_be(client: Client) -> None:
+def test_a_coarser_resolution_than_requested_is_delivered_and_reported(client: Client) -> None:
     answer = client.request("dem", robot="mana", region="circle:1,1,0.5", resolution_m=0.01)
     assert answer.delivered["resolution_m"] == 0.05
     assert any("resolution" in d for d in answer.delivered["differences"])
 
 
-def test_a_dem_of_any_robot_pools_all_of_them(client: Client) -> None:
+def test_a_dem_of_any_robot_fuses_the_patches_of_all(client: Client) -> None:
     answer = client.request("dem", robot="any", region="bbox:-1,0,1,1", min_coverage=0.99)
     mean = answer.value.layer("mean")
     assert set(np.unique(mean)) == {np.float32(1.0), np.float32(5.0)}
 
 
-def test_too_little_of_a_region_is_unavailable_with_the_coverage_there_is(client: Client) -> None:
+def test_insufficient_coverage_is_unavailable_with_the_available_coverage(client: Client) -> None:
     with pytest.raises(UnavailableError, match=r"coverage: 0\.\d+, asked at least 0\.9"):
         client.request("dem", robot="mana", region="bbox:0,0,10,10", min_coverage=0.9, deadline_s=5)
     with pytest.raises(UnavailableError, match="age"):
         client.request("dem", robot="mana", region="bbox:0,0,3,2", max_age_s=1, deadline_s=5)
 
 
-def test_a_dem_without_as_over_the_wire_is_an_infuse_map_in_any_frame(client: Client) -> None:
+def test_a_dem_in_uper_format_is_an_infuse_map_in_any_frame(client: Client) -> None:
     plain = client.request("dem", robot="mana", region="bbox:0,0,3,2", format="uper")
     assert isinstance(plain.value, Map)
     pose = plain.value.metadata.pose_fixed_frame_map_frame
@@ -167,23 +145,23 @@ def test_a_dem_without_as_over_the_wire_is_an_infuse_map_in_any_frame(client: Cl
     )
     pose = moved.value.metadata.pose_fixed_frame_map_frame
     assert pose.parent_frame == "mana/base"
-    corner = UncertainTransform(se3.transform(np.eye(3), [0.0, 2.0, 0.0]), np.zeros((6, 6)))
-    wanted = T_SITE_BASE.inverse() @ corner
-    np.testing.assert_allclose(pose.transform.matrix, wanted.matrix, atol=1e-9)
-    np.testing.assert_allclose(pose.transform.covariance, wanted.covariance, atol=1e-9)
+    corner = UncertainTransform.exact(se3.transform(np.eye(3), [0.0, 2.0, 0.0]))
+    expected = T_SITE_BASE.inverse() @ corner
+    np.testing.assert_allclose(pose.transform.matrix, expected.matrix, atol=1e-9)
+    np.testing.assert_allclose(pose.transform.covariance, expected.covariance, atol=1e-9)
     with pytest.raises(UnavailableError, match="as=Map"):
         client.request("dem", robot="mana", region="bbox:0,0,3,2", region_frame="site", frame="mana/base")
 
 
-def test_a_dem_as_geotiff_is_read_back_the_same(client: Client) -> None:
+def test_a_dem_as_geotiff_has_the_same_heights(client: Client) -> None:
     from cdff_common.formats.geotiff import read_map
 
     answer = client.request("dem", robot="mana", region="bbox:0,0,3,2", format="tif")
-    again = client.request("dem", robot="mana", region="bbox:0,0,3,2")
-    np.testing.assert_array_equal(read_map(answer.data).layer("mean"), again.value.layer("mean"))
+    uper = client.request("dem", robot="mana", region="bbox:0,0,3,2")
+    np.testing.assert_array_equal(read_map(answer.data).layer("mean"), uper.value.layer("mean"))
 
 
-def test_a_dem_by_reference_is_kept_by_the_dpm_and_fetched_by_id(client: Client) -> None:
+def test_a_dem_by_reference_is_stored_by_the_dpm_and_fetched_by_id(client: Client) -> None:
     answer = client.request("dem", robot="mana", region="bbox:0,0,3,2", deliver="reference")
     inline = client.request("dem", robot="mana", region="bbox:0,0,3,2")
     assert answer.value == inline.value
@@ -207,25 +185,27 @@ def test_a_cloud_near_the_rover_is_merged_cropped_and_moved_to_the_site(client: 
     assert (np.hypot(*one.value.points_m[:, :2].T) <= 3.0 + 1e-9).all()
 
 
-def test_a_large_cloud_goes_by_reference_and_the_client_does_not_notice(client: Client) -> None:
-    thinned = client.request("pointcloud", robot="mana", region="near:mana/base,4", resolution_m=0.5)
-    whole = client.request("pointcloud", robot="mana", region="near:mana/base,4", deliver="reference")
-    assert len(thinned.value.points_m) < len(whole.value.points_m)
-    assert whole.value.frame == "site"
+def test_a_large_cloud_is_sent_by_reference_transparently(client: Client) -> None:
+    downsampled = client.request("pointcloud", robot="mana", region="near:mana/base,4", resolution_m=0.5)
+    full = client.request("pointcloud", robot="mana", region="near:mana/base,4", deliver="reference")
+    assert len(downsampled.value.points_m) < len(full.value.points_m)
+    assert full.value.frame == "site"
     files = client.request("pointcloud", robot="mana", region="near:mana/base,4", format="ply")
     assert files.data.startswith(b"ply")
     later = client.request("pointcloud", robot="mana", region="near:mana/base,4")
-    assert "orchestrator" not in later.delivered["source"], "what was derived is not taken as a source"
+    assert "orchestrator" not in later.delivered["source"], "a derived product was used as a source"
 
 
-def test_a_navigation_map_is_cut_to_the_region_and_unknown_cells_do_not_cover(client: Client) -> None:
+def test_a_navigation_map_is_cropped_to_the_region_and_unknown_cells_do_not_count_as_coverage(
+    client: Client,
+) -> None:
     answer = client.request("navigation_map", robot="mana", region="bbox:0,0,2,2")
     assert answer.delivered["coverage"] == pytest.approx(0.5)
     right = client.request("navigation_map", robot="mana", region="bbox:1,0,2,2", min_coverage=1.0)
     assert (right.value.layer("class") == 1).all()
 
 
-def test_a_trajectory_in_the_rover_s_own_frame_is_moved_with_its_covariance(client: Client) -> None:
+def test_a_trajectory_in_the_rover_s_frame_is_transformed_with_its_covariance(client: Client) -> None:
     site = client.request("trajectory", robot="mana")
     assert isinstance(site.value, PoseTrajectory)
     assert site.value.parent_frame == "site"
@@ -236,33 +216,44 @@ def test_a_trajectory_in_the_rover_s_own_frame_is_moved_with_its_covariance(clie
 
 @pytest.mark.req("CDFF-SUP-020")
 @pytest.mark.parametrize(
-    ("example", "arguments", "shows"),
+    ("example", "arguments", "expected"),
     [
         ("three_lines.py", ["mana"], ["'resolution_m': 0.05", "GridGeometry"]),
-        ("raw_zenoh.py", [str(ROOT / "cdff_common" / "asn1"), "mana", "bbox:0,0,3,2"],
-         ["mana/base in site: position [1.0, 2.0, 0.1]", "DEM of 40 x 60 cells of 0.05 m", "heights 1.0..2.0 m"]),
+        (
+            "raw_zenoh.py",
+            [str(ROOT / "cdff_common" / "asn1"), "mana", "bbox:0,0,3,2"],
+            [
+                "mana/base in site: position [1.0, 2.0, 0.1]",
+                "DEM of 40 x 60 cells of 0.05 m",
+                "heights 1.0..2.0 m",
+            ],
+        ),
     ],
-)  # fmt: skip
-def test_an_example_shows_what_it_says(
-    endpoint_of_filled: str, example: str, arguments: list[str], shows: list[str]
+)
+def test_an_example_prints_its_documented_output(
+    filled_endpoint: str, example: str, arguments: list[str], expected: list[str]
 ) -> None:
-    environment = {**os.environ, "CDFF_CONNECT": endpoint_of_filled, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        [sys.executable, str(ROOT / "examples" / example), *arguments], env=environment, capture_output=True, text=True,
-        timeout=60, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    for text in shows:
-        assert text in done.stdout
+    environment = {**os.environ, "CDFF_CONNECT": filled_endpoint, "PYTHONPATH": str(ROOT)}
+    result = subprocess.run(
+        [sys.executable, str(ROOT / "examples" / example), *arguments],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    for text in expected:
+        assert text in result.stdout
 
 
-def test_the_raw_example_uses_nothing_of_ours() -> None:
+def test_the_raw_zenoh_example_does_not_import_cdff() -> None:
     text = (ROOT / "examples" / "raw_zenoh.py").read_text(encoding="utf-8")
     assert "import cdff" not in text
     assert "from cdff" not in text
 
 
-def test_a_plain_zenoh_query_with_its_defaults_gets_the_one_final_answer(endpoint_of_filled: str) -> None:
+def test_a_plain_zenoh_query_with_default_options_gets_one_final_answer(filled_endpoint: str) -> None:
     import json
 
     import msgpack
@@ -270,7 +261,7 @@ def test_a_plain_zenoh_query_with_its_defaults_gets_the_one_final_answer(endpoin
 
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", json.dumps([endpoint_of_filled]))
+    config.insert_json5("connect/endpoints", json.dumps([filled_endpoint]))
     config.insert_json5("scouting/multicast/enabled", "false")
     with zenoh.open(config) as session:
         replies = list(session.get("cdff/@v1/mana/orchestrator/@rpc/request?type=pose"))
@@ -282,18 +273,21 @@ def test_a_plain_zenoh_query_with_its_defaults_gets_the_one_final_answer(endpoin
         assert (body["code"], body["retriable"]) == ("INVALID_ARGUMENT", False)
 
 
-def test_the_command_line_asks_writes_the_file_and_lists_what_there_is(
-    endpoint_of_filled: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+def test_the_command_line_requests_products_writes_files_and_lists_jobs_and_catalogue(
+    filled_endpoint: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     import json
 
     from cdff_common.cli import main
     from cdff_common.formats.geotiff import read_map
 
-    monkeypatch.setenv("CDFF_CONNECT", endpoint_of_filled)
+    monkeypatch.setenv("CDFF_CONNECT", filled_endpoint)
     out = tmp_path / "dem.tif"
-    asked = ["request", "dem", "--robot", "mana", "--region", "bbox:0,0,3,2", "--out", str(out), "--json"]
-    assert main(asked) == 0
+    command = ["request", "dem", "--robot", "mana", "--region", "bbox:0,0,3,2", "--out", str(out), "--json"]
+    assert main(command) == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary["delivered"]["coverage"] == pytest.approx(1.0)
     assert read_map(out.read_bytes()).layer("mean").shape == (40, 60)

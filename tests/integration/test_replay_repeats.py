@@ -18,14 +18,16 @@ from cdff_dev.logs import LogWriter, open_log
 
 @pytest.fixture
 def log(tmp_path: Path, rng: np.random.Generator) -> Path:
-    """Six clouds of gently sloping ground, in the site frame, ten a second."""
+    """A log of six clouds of gently sloping ground in the site frame, at 10 Hz."""
     path = tmp_path / "clouds.msg"
     with LogWriter(path) as writer:
         for i in range(6):
             points = rng.uniform([-2, -2, 0], [2, 2, 0], (800, 3))
             points[:, 2] = 0.1 * points[:, 0] + rng.normal(0, 0.01, len(points))
             stamp_ns = 1_000_000_000 + i * 100_000_000
-            writer.write("/mana/lidar.cloud", Pointcloud.from_points(points, frame="site", stamp_ns=stamp_ns), stamp_ns)
+            writer.write(
+                "/mana/lidar.cloud", Pointcloud.from_points(points, frame="site", stamp_ns=stamp_ns), stamp_ns
+            )
     return path
 
 
@@ -33,14 +35,17 @@ def _replay(log: Path, out: Path, hash_seed: str) -> dict[str, object]:
     command = ["replay", str(log), "--dfpc", "digital_elevation_mapping", "--map", "cloud=/mana/lidar.cloud"]
     subprocess.run(
         [sys.executable, "-m", "cdff_common.cli", *command, "--out", str(out)],
-        env=os.environ | {"PYTHONHASHSEED": hash_seed}, check=True, capture_output=True,
-    )  # fmt: skip
+        env=os.environ | {"PYTHONHASHSEED": hash_seed},
+        check=True,
+        capture_output=True,
+    )
     summary: dict[str, object] = json.loads((out / "summary.json").read_text())
     return summary
 
 
 @pytest.mark.integration
 @pytest.mark.req("CDFF-DEV-021", "CDFF-DEV-022")
+@pytest.mark.slow
 def test_two_replays_in_two_processes_give_the_same_bytes(log: Path, tmp_path: Path) -> None:
     first = _replay(log, tmp_path / "a", "1")
     second = _replay(log, tmp_path / "b", "2")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The supervisor: what dies comes back, what is told to end ends, and nothing outlives it."""
+"""The supervisor restarts ended processes, ends all on request and leaves none running."""
 
 from __future__ import annotations
 
@@ -56,55 +56,55 @@ def children(process: subprocess.Popen[bytes]) -> list[psutil.Process]:
         return []
 
 
-def running(process: psutil.Process) -> bool:
+def is_running(process: psutil.Process) -> bool:
     return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
 
 
-def routing(endpoint: str) -> Callable[[], bool]:
-    def there() -> bool:
+def router_is_alive(endpoint: str) -> Callable[[], bool]:
+    def token_exists() -> bool:
         with Bus.open(endpoint, name="probe", wait_s=0.1) as bus:
             return keys.alive("ground", "router") in bus.alive(keys.alive("ground", "*"))
 
-    def quietly() -> bool:
+    def check() -> bool:
         from cdff_common.errors import UnavailableError
 
         try:
-            return there()
+            return token_exists()
         except UnavailableError:
             return False
 
-    return quietly
+    return check
 
 
 @pytest.mark.req("CDFF-SUP-041")
 def test_a_killed_service_is_back_within_five_seconds(
     supervisor: subprocess.Popen[bytes], endpoint: str, eventually: Eventually
 ) -> None:
-    eventually(routing(endpoint), timeout_s=20)
+    eventually(router_is_alive(endpoint), timeout_s=20)
     (router,) = [c for c in children(supervisor) if "services.router" in c.cmdline()]
     router.send_signal(signal.SIGKILL)
-    eventually(lambda: not running(router))
-    eventually(routing(endpoint), timeout_s=5)
-    (again,) = [c for c in children(supervisor) if "services.router" in c.cmdline()]
-    assert again.pid != router.pid
+    eventually(lambda: not is_running(router))
+    eventually(router_is_alive(endpoint), timeout_s=5)
+    (new_router,) = [c for c in children(supervisor) if "services.router" in c.cmdline()]
+    assert new_router.pid != router.pid
 
 
-def test_sigterm_ends_every_process_also_one_that_ignores_it(
+def test_sigterm_to_the_supervisor_ends_every_process_even_one_that_ignores_sigterm(
     supervisor: subprocess.Popen[bytes], endpoint: str, eventually: Eventually
 ) -> None:
     eventually(lambda: len(children(supervisor)) == 2, timeout_s=20)
-    eventually(routing(endpoint), timeout_s=20)
-    started = children(supervisor)
+    eventually(router_is_alive(endpoint), timeout_s=20)
+    processes = children(supervisor)
     supervisor.terminate()
     assert supervisor.wait(8) == 0
-    assert not [c for c in started if running(c)]
+    assert not [c for c in processes if is_running(c)]
 
 
 def test_a_killed_supervisor_leaves_no_service_behind(
     supervisor: subprocess.Popen[bytes], endpoint: str, eventually: Eventually
 ) -> None:
-    eventually(routing(endpoint), timeout_s=20)
+    eventually(router_is_alive(endpoint), timeout_s=20)
     (router,) = [c for c in children(supervisor) if "services.router" in c.cmdline()]
     supervisor.kill()
     supervisor.wait()
-    eventually(lambda: not running(router), timeout_s=5)
+    eventually(lambda: not is_running(router), timeout_s=5)

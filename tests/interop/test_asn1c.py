@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A set of types against C and C++ code that Debian's asn1c makes of our modules, and the tutorial's programs."""
+"""Messages are exchanged with C and C++ code that Debian's asn1c generates from the ASN.1 modules.
+
+The programs of the tutorial are tested, too.
+"""
 
 from __future__ import annotations
 
@@ -16,69 +19,92 @@ from cdff_common import types
 from cdff_common.asn1 import ASN1_DIR
 from cdff_common.codecs import decode, encode
 from cdff_common.geometry import UncertainTransform
-from tests import messages
-from tests.messages import random_message
+from tests.support import messages
+from tests.support.messages import random_message
 
 _MISSING = [tool for tool in ("asn1c", "gcc", "g++", "ar") if shutil.which(tool) is None]
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(bool(_MISSING), reason=f"not installed: {', '.join(_MISSING)} (Debian: asn1c build-essential)"),
+    pytest.mark.skipif(
+        bool(_MISSING), reason=f"not installed: {', '.join(_MISSING)} (Debian: asn1c build-essential)"
+    ),
 ]
 _ROOT = Path(__file__).resolve().parents[2]
 _EXAMPLES = _ROOT / "examples" / "exchange" / "c"
 #: asn1c rounds some denormals.
 _REALS = [v for v in messages.REALS if v == 0.0 or math.isnan(v) or abs(v) >= 2.2250738585072014e-308]
 _TYPES = (
-    "CorrespondenceMap2D", "CorrespondenceMap2DLarge", "Frame", "GroundAreas", "IMUSensors", "JointsTrajectory",
-    "LaserScan", "LidarScan", "Map", "PointSequence", "Pointcloud", "PoseGraph", "PoseTrajectory", "RigidBodyState",
-    "TransformWithCovariance", "VisualPointFeatureVector3D",
-)  # fmt: skip
+    "CorrespondenceMap2D",
+    "CorrespondenceMap2DLarge",
+    "Frame",
+    "GroundAreas",
+    "IMUSensors",
+    "JointsTrajectory",
+    "LaserScan",
+    "LidarScan",
+    "Map",
+    "PointSequence",
+    "Pointcloud",
+    "PoseGraph",
+    "PoseTrajectory",
+    "RigidBodyState",
+    "TransformWithCovariance",
+    "VisualPointFeatureVector3D",
+)
 
 
 @pytest.fixture(scope="module")
 def build(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Programs by source: all built with the tutorial's script."""
+    """Programs by the name of their source, built with the tutorial's script."""
     out = tmp_path_factory.mktemp("asn1c")
     programs = {}
     for source in (_EXAMPLES / "transform.c", _EXAMPLES / "cloud.cpp", Path(__file__).parent / "roundtrip.c"):
         command = ["bash", str(_EXAMPLES / "build.sh"), str(ASN1_DIR), str(out), str(source)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
-        assert done.returncode == 0, done.stderr
-        programs[source.name] = Path(done.stdout.strip())
+        result = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
+        assert result.returncode == 0, result.stderr
+        programs[source.name] = Path(result.stdout.strip())
     return programs
 
 
 @pytest.mark.req("CDFF-CORE-051")
 @pytest.mark.parametrize("name", _TYPES)
-def test_c_code_reads_what_we_write_and_we_what_it_writes(
+def test_a_message_survives_a_round_trip_through_c_code(
     build: dict[str, Path], name: str, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(messages, "REALS", _REALS)
     for _ in range(5):
         value = random_message(name, rng)
         data = encode(value, "uper", name)
-        done = subprocess.run(
+        result = subprocess.run(
             [str(build["roundtrip.c"]), name], input=data, capture_output=True, check=False, timeout=60
         )
-        assert done.returncode == 0
-        assert decode(name, done.stdout) == value
+        assert result.returncode == 0
+        assert decode(name, result.stdout) == value
 
 
-def test_c_code_reads_long_lists_and_octets_in_fragments(build: dict[str, Path], rng: np.random.Generator) -> None:
+def test_c_code_reads_long_lists_and_octets_in_fragments(
+    build: dict[str, Path], rng: np.random.Generator
+) -> None:
     values = [
         types.PointSequence(rng.normal(size=(20_000, 3))),
         types.Frame.from_image(rng.integers(0, 256, (480, 640), dtype=np.uint8), stamp_ns=0),
     ]
     for value in values:
         name = type(value).ASN1_NAME
-        done = subprocess.run(
-            [str(build["roundtrip.c"]), name], input=encode(value), capture_output=True, check=False, timeout=60
+        result = subprocess.run(
+            [str(build["roundtrip.c"]), name],
+            input=encode(value),
+            capture_output=True,
+            check=False,
+            timeout=60,
         )
-        assert done.returncode == 0
-        assert decode(name, done.stdout) == value
+        assert result.returncode == 0
+        assert decode(name, result.stdout) == value
 
 
-def test_the_program_of_the_tutorial_reads_and_moves_a_transform(build: dict[str, Path], tmp_path: Path) -> None:
+def test_the_program_of_the_tutorial_reads_and_shifts_a_transform(
+    build: dict[str, Path], tmp_path: Path
+) -> None:
     T = np.eye(4)
     T[:3, 3] = [-12.281598, 0.1, 1e-300]
     pose = types.TransformWithCovariance.from_transform(
@@ -86,12 +112,12 @@ def test_the_program_of_the_tutorial_reads_and_moves_a_transform(build: dict[str
     )
     (tmp_path / "in.uper").write_bytes(encode(pose))
     command = [str(build["transform.c"]), str(tmp_path / "in.uper"), str(tmp_path / "out.uper")]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
-    assert done.stdout.splitlines()[:2] == ["parent site", "child mana/base"]
-    assert [float(v) for v in done.stdout.split("translation ")[1].split()] == T[:3, 3].tolist()
-    moved = decode("TransformWithCovariance", (tmp_path / "out.uper").read_bytes())
-    assert moved.data.translation.tolist() == [-12.281598 + 1.0, 0.1, 1e-300]
-    assert moved.metadata == pose.metadata
+    result = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    assert result.stdout.splitlines()[:2] == ["parent site", "child mana/base"]
+    assert [float(v) for v in result.stdout.split("translation ")[1].split()] == T[:3, 3].tolist()
+    shifted = decode("TransformWithCovariance", (tmp_path / "out.uper").read_bytes())
+    assert shifted.data.translation.tolist() == [-12.281598 + 1.0, 0.1, 1e-300]
+    assert shifted.metadata == pose.metadata
 
 
 def test_a_scan_written_in_cpp_is_read(build: dict[str, Path], tmp_path: Path) -> None:

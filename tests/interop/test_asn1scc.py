@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Messages as asn1scc and LAAS's robots write them: mantissas of 53 bits, counted NULs, padding to the largest size."""
+"""Messages in the form that asn1scc and LAAS's robots write are read.
+
+This form has mantissas of 53 bits, texts that include their final NUL, and padding to the largest size.
+"""
 
 from __future__ import annotations
 
@@ -12,19 +15,22 @@ import pytest
 
 from cdff_common import types
 from cdff_common.codecs import bitstream, decode, encode, reference, sizes
-from cdff_common.codecs.bridge import message_node, to_asn1
-from cdff_common.codecs.schema import Alias, ListOf, Node, Struct, Text
-from tests import messages
-from tests.messages import ALL, random_message
+from cdff_common.codecs.dict_form import dict_form_of
+from cdff_common.codecs.nodes import message_node
+from cdff_common.types.schema import Alias, ListOf, Node, Struct, Text
+from tests.support import messages
+from tests.support.messages import ALL, random_message
 
-#: Sizes that asn1scc allots are REQUIRED_BYTES_FOR_ENCODING; above this they are not worth a test.
-_MOST_PADDED = 1_000_000
+#: Messages are padded to asn1scc's REQUIRED_BYTES_FOR_ENCODING if that is at most this number of bytes.
+_MAX_PADDED_BYTES = 1_000_000
 #: Values that asn1scc's C code can hold: no NaN, no infinities, no -0.
 _REALS = [v for v in messages.REALS if math.isfinite(v) and not (v == 0.0 and math.copysign(1.0, v) < 0.0)]
 
 
 def _encode_real(value: float) -> bytearray:
-    """Contents octets of a REAL as asn1scc writes them: all 53 bits of the mantissa, trailing zeros and all."""
+    """Return the contents octets of a REAL as asn1scc writes them: all 53 bits of the mantissa, including
+    trailing zeros.
+    """
     if value == 0.0:
         return bytearray()
     fraction, exponent = math.frexp(abs(value))
@@ -35,7 +41,7 @@ def _encode_real(value: float) -> bytearray:
 
 
 def _with_nul(obj: Any, node: Node | Alias) -> Any:
-    """Every text with the NUL that ends it in C, counted."""
+    """Return a message with the final NUL of C appended to each text."""
     match node:
         case Text():
             return (obj + b"\0")[: node.high]
@@ -52,7 +58,7 @@ def _with_nul(obj: Any, node: Node | Alias) -> Any:
 def _as_asn1scc(value: Any, type_name: str) -> bytes:
     node = message_node(type_name)
     specification = reference._specification("uper")
-    return bytes(specification.encode(node.name, _with_nul(to_asn1(value, node), node)))
+    return bytes(specification.encode(node.name, _with_nul(dict_form_of(value, node, asn1tools=True), node)))
 
 
 @pytest.fixture(autouse=True)
@@ -61,32 +67,34 @@ def _asn1scc(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("asn1tools.codecs.per.encode_real", _encode_real)
 
 
-def test_our_padded_form_is_that_of_asn1scc() -> None:
-    # the value and the two encodings of the reference, from a real rover
+def test_the_padded_form_equals_that_of_asn1scc() -> None:
+    # A value from a message of a real rover, with its encoding there.
     contents = bytes.fromhex("c0cf18902d900d8000")
     value = -float(0x18902D900D8000) * 2.0**-49
     assert _encode_real(value) == contents
-    assert sizes.uper_octets("TransformWithCovariance", real_octets=13)[1] == 1360
+    assert sizes.uper_bytes("TransformWithCovariance", real_octets=13)[1] == 1360
 
 
 @pytest.mark.req("CDFF-CORE-051")
 @pytest.mark.parametrize("name", ALL)
-def test_what_asn1scc_writes_is_read_and_written_again_with_the_same_value(name: str, rng: np.random.Generator) -> None:
+def test_a_message_of_asn1scc_survives_a_round_trip(name: str, rng: np.random.Generator) -> None:
     for _ in range(2):
         value = random_message(name, rng)
         data = _as_asn1scc(value, name)
-        most = sizes.uper_octets(name, real_octets=13)[1]
-        if most <= _MOST_PADDED:
-            assert len(data) <= most
-            data = data.ljust(most, b"\0")
-        read = decode(name, data)
-        assert read == value
-        assert decode(name, encode(read, "uper", name)) == value
+        max_bytes = sizes.uper_bytes(name, real_octets=13)[1]
+        if max_bytes <= _MAX_PADDED_BYTES:
+            assert len(data) <= max_bytes
+            data = data.ljust(max_bytes, b"\0")
+        decoded = decode(name, data)
+        assert decoded == value
+        assert decode(name, encode(decoded, "uper", name)) == value
 
 
 def test_a_padded_bitstream_of_a_robot_is_unwrapped() -> None:
     pose = types.TransformWithCovariance(
-        types.TransformWithCovarianceMetadata(parent_frame_id="LocalTerrainFrame", child_frame_id="RoverBodyFrame"),
+        types.TransformWithCovarianceMetadata(
+            parent_frame_id="LocalTerrainFrame", child_frame_id="RoverBodyFrame"
+        ),
         types.TransformWithCovarianceData([-12.281598, -28.618572, -0.083111], cov=np.eye(6)),
     )
     data = _as_asn1scc(pose, "TransformWithCovariance").ljust(1360, b"\0")

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Every type against pycrate, an ASN.1 compiler and runtime of others (LGPL: for tests alone, nothing that ships)."""
+"""Messages of every type are exchanged with pycrate, an independent ASN.1 compiler and runtime.
+
+pycrate is under the LGPL: only tests use it.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +16,21 @@ import pytest
 
 from cdff_common.asn1 import asn1_files
 from cdff_common.codecs import decode, encode
-from tests import messages
-from tests.messages import ALL, random_message
+from tests.support import messages
+from tests.support.messages import ALL, random_message
 
-asnproc = pytest.importorskip("pycrate_asn1c.asnproc", reason="pycrate is not installed (a development dependency)")
+asnproc = pytest.importorskip(
+    "pycrate_asn1c.asnproc", reason="pycrate is not installed (a development dependency)"
+)
 
-#: pycrate reads NaN and -0 as 0; all other REALs it gives back.
+#: REALs that pycrate preserves: it reads NaN and -0 as 0.
 _REALS = [v for v in messages.REALS if not np.isnan(v) and not (v == 0.0 and np.signbit(v))]
 Find = Callable[[str], Any]
 
 
 @pytest.fixture(scope="module")
 def find(tmp_path_factory: pytest.TempPathFactory) -> Find:
-    """Finds pycrate's object of a type by its ASN.1 name."""
+    """A function that returns pycrate's object of a type by its ASN.1 name."""
     from pycrate_asn1rt.asnobj import ASN1Obj
 
     path = tmp_path_factory.mktemp("pycrate") / "generated_types.py"
@@ -36,7 +41,7 @@ def find(tmp_path_factory: pytest.TempPathFactory) -> Find:
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    # It compares the bounds of REALs as if mantissas were values.
+    # Without bound checks: pycrate compares the mantissa of a REAL, not its value, with the bounds.
     ASN1Obj._SAFE_BND = False
     modules = [m for m in vars(module).values() if hasattr(m, "_name_")]
 
@@ -53,28 +58,32 @@ def _reals(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.req("CDFF-CORE-051")
 @pytest.mark.parametrize("name", ALL)
-def test_pycrate_and_we_read_each_others_uper(find: Find, name: str, rng: np.random.Generator) -> None:
-    theirs = find(name)
+def test_uper_messages_survive_a_round_trip_through_pycrate(
+    find: Find, name: str, rng: np.random.Generator
+) -> None:
+    pycrate_type = find(name)
     for _ in range(3):
         value = random_message(name, rng)
-        theirs.from_uper(encode(value, "uper", name))
-        assert decode(name, theirs.to_uper(), "uper") == value
+        pycrate_type.from_uper(encode(value, "uper", name))
+        assert decode(name, pycrate_type.to_uper(), "uper") == value
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_pycrate_and_we_read_each_others_ber(find: Find, name: str, rng: np.random.Generator) -> None:
-    theirs = find(name)
+def test_ber_messages_survive_a_round_trip_through_pycrate(
+    find: Find, name: str, rng: np.random.Generator
+) -> None:
+    pycrate_type = find(name)
     for _ in range(3):
         value = random_message(name, rng)
-        theirs.from_ber(encode(value, "ber", name))
-        assert decode(name, theirs.to_ber(), "ber") == value
+        pycrate_type.from_ber(encode(value, "ber", name))
+        assert decode(name, pycrate_type.to_ber(), "ber") == value
 
 
 @pytest.mark.parametrize("size", [16383, 16384, 65536, 70000])
-def test_pycrate_and_we_read_each_others_fragments(find: Find, size: int) -> None:
+def test_fragmented_messages_survive_a_round_trip_through_pycrate(find: Find, size: int) -> None:
     from cdff_common.types import Asn1Bitstream
 
-    theirs = find("Asn1Bitstream")
+    pycrate_type = find("Asn1Bitstream")
     value = Asn1Bitstream("Pointcloud", 0, (np.arange(size) % 251).astype(np.uint8))
-    theirs.from_uper(encode(value))
-    assert decode("Asn1Bitstream", theirs.to_uper()) == value
+    pycrate_type.from_uper(encode(value))
+    assert decode("Asn1Bitstream", pycrate_type.to_uper()) == value

@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""MessagePack of the plain form: one message, one map; long lists of numbers go through compiled loops."""
+"""MessagePack of the dict form: one map per message; long lists of numbers are processed by compiled
+loops.
+"""
 
 from __future__ import annotations
 
@@ -8,26 +10,27 @@ from typing import Any
 
 import msgpack
 
-from cdff_common.codecs.bridge import message_node
-from cdff_common.codecs.plain import from_plain
-from cdff_common.codecs.siblings import wire_node
+from cdff_common.codecs.compiled import has_numba
+from cdff_common.codecs.dict_form import from_dict_form
+from cdff_common.codecs.nodes import message_node
+from cdff_common.codecs.size_variants import wire_node
 from cdff_common.errors import CodecError
 
 __all__ = ["decode", "encode", "unpack", "unpack_message"]
 
-#: Messages below this size are unpacked in one go.
-_GUIDED_FROM_OCTETS = 4096
+#: Messages below this size are unpacked without the schema.
+_GUIDED_FROM_BYTES = 4096
 
 
 def encode(value: Any, type_name: str | None = None) -> bytes:
-    """MessagePack of ``to_plain(value)``; the same for siblings."""
+    """Encode ``to_dict_form(value)``; size variants have the same encoding."""
     from cdff_common.codecs.messagepack.lists import pieces
 
     return b"".join(pieces(value, wire_node(value, type_name)))
 
 
 def decode(type_name: str, data: bytes) -> Any:
-    """Inverse of ``encode``; also reads samples of InFuse logs.
+    """Decode a message; also reads samples of InFuse logs.
 
     Raises
     ------
@@ -36,14 +39,14 @@ def decode(type_name: str, data: bytes) -> Any:
     """
     name = message_node(type_name).name
     try:
-        return from_plain(name, unpack_message(data, name))
+        return from_dict_form(name, unpack_message(data, name))
     except CodecError as error:
-        raise CodecError(f"{name} as msgpack, {len(data)} octets: {error}") from error
+        raise CodecError(f"{name} as msgpack, {len(data)} bytes: {error}") from error
 
 
 def unpack_message(data: bytes, type_name: str) -> Any:
-    """What ``from_plain`` takes of a message: as ``unpack`` gives it, with long lists of numbers as arrays."""
-    if len(data) < _GUIDED_FROM_OCTETS:
+    """Return the input of ``from_dict_form``, as ``unpack`` but with long lists of numbers as arrays."""
+    if len(data) < _GUIDED_FROM_BYTES or not has_numba():
         return unpack(data)
     from cdff_common.codecs.messagepack.reading import guided
 
@@ -51,7 +54,7 @@ def unpack_message(data: bytes, type_name: str) -> Any:
 
 
 def unpack(data: bytes) -> Any:
-    """Objects of MessagePack bytes; lengths that the input cannot hold are refused before anything is allocated."""
+    """Unpack MessagePack bytes; lengths beyond the input are refused before any allocation."""
     size = len(data)
     try:
         return msgpack.unpackb(

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Walks over MessagePack without building objects: for the index of a log, and for lists of numbers."""
+"""Scanning of MessagePack without building objects, for the index of a log and for lists of numbers."""
 
 from __future__ import annotations
 
@@ -8,38 +8,40 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-#: Numbers of Python and of compiled code.
-Whole = int | np.int64
+#: Integers of Python and of compiled code.
+AnyInt = int | np.int64
 
 TRUNCATED = -1
 MALFORMED = -2
 
 
 @njit(cache=True, nogil=True)
-def _uint(buffer: NDArray[np.uint8], at: Whole, size: Whole) -> Whole:
-    value: Whole = 0
+def _uint(buffer: NDArray[np.uint8], at: AnyInt, size: AnyInt) -> AnyInt:
+    value: AnyInt = 0
     for i in range(size):
         value = (value << 8) | np.int64(buffer[at + i])
     return value
 
 
 @njit(cache=True, nogil=True)
-def skip(buffer: NDArray[np.uint8], at: Whole) -> Whole:
-    """Position after the object at ``at``; TRUNCATED where the buffer ends in it, MALFORMED on a reserved octet."""
+def skip(buffer: NDArray[np.uint8], at: AnyInt) -> AnyInt:
+    """Return the position after the object at ``at``, TRUNCATED if the buffer ends in it, MALFORMED on a
+    reserved byte.
+    """
     end = buffer.size
-    left: Whole = 1
-    while left > 0:
-        if at >= end or left > end - at:
+    remaining: AnyInt = 1
+    while remaining > 0:
+        if at >= end or remaining > end - at:
             return TRUNCATED
         b = np.int64(buffer[at])
         at += 1
-        left -= 1
+        remaining -= 1
         if b < 0x80 or b >= 0xE0 or b == 0xC0 or b == 0xC2 or b == 0xC3:
             continue
         if b < 0x90:
-            left += 2 * (b & 15)
+            remaining += 2 * (b & 15)
         elif b < 0xA0:
-            left += b & 15
+            remaining += b & 15
         elif b < 0xC0:
             at += b & 31
         elif b == 0xC1:
@@ -67,22 +69,22 @@ def skip(buffer: NDArray[np.uint8], at: Whole) -> Whole:
                 size, kind = 2 << (b - 0xDE), 3
             if at + size > end:
                 return TRUNCATED
-            n = _uint(buffer, at, size)
+            length = _uint(buffer, at, size)
             at += size
             if kind == 0:
-                at += n
+                at += length
             elif kind == 1:
-                at += n + 1
+                at += length + 1
             elif kind == 2:
-                left += n
+                remaining += length
             else:
-                left += 2 * n
+                remaining += 2 * length
     return at if at <= end else TRUNCATED
 
 
 @njit(cache=True, nogil=True)
-def skip_many(buffer: NDArray[np.uint8], at: Whole, ends: NDArray[np.int64]) -> Whole:
-    """Skip ``ends.size`` objects and note where each ends; returns how many were whole."""
+def skip_many(buffer: NDArray[np.uint8], at: AnyInt, ends: NDArray[np.int64]) -> AnyInt:
+    """Skip ``ends.size`` objects and store the end of each; return the number of complete objects."""
     for i in range(ends.size):
         after = skip(buffer, at)
         if after < 0:
@@ -94,21 +96,26 @@ def skip_many(buffer: NDArray[np.uint8], at: Whole, ends: NDArray[np.int64]) -> 
 
 @njit(cache=True, nogil=True)
 def read_reals(
-    buffer: NDArray[np.uint8], at: Whole, rows: int, columns: int, values: NDArray[np.float64], bits: NDArray[np.int64]
-) -> Whole:
+    buffer: NDArray[np.uint8],
+    at: AnyInt,
+    rows: int,
+    columns: int,
+    values: NDArray[np.float64],
+    bits: NDArray[np.int64],
+) -> AnyInt:
     """Read ``rows`` numbers, or ``rows`` lists of ``columns`` numbers, from ``at``.
 
     Parameters
     ----------
     columns : int
-        0 for a plain list.
+        0 for a list of numbers.
     values, bits : NDArray[np.float64], NDArray[np.int64]
-        The same memory, seen in two ways.
+        Two views of the same memory.
 
     Returns
     -------
     int
-        Position behind them; MALFORMED where something else than such lists of numbers was met.
+        Following position; MALFORMED on anything other than such lists of numbers.
     """
     end = buffer.size
     single_bits = np.zeros(1, dtype=np.uint32)
@@ -151,8 +158,8 @@ def read_reals(
 
 
 @njit(cache=True, nogil=True)
-def _integer(buffer: NDArray[np.uint8], at: Whole) -> tuple[Whole, Whole]:
-    """An integer and the position behind it; MALFORMED for anything else, and for those of 64 unsigned bits."""
+def _integer(buffer: NDArray[np.uint8], at: AnyInt) -> tuple[AnyInt, AnyInt]:
+    """Return an integer and the following position; MALFORMED on anything else, and above int64."""
     end = buffer.size
     b = np.int64(buffer[at])
     if b < 0x80:
@@ -176,8 +183,8 @@ def _integer(buffer: NDArray[np.uint8], at: Whole) -> tuple[Whole, Whole]:
 
 
 @njit(cache=True, nogil=True)
-def read_integers(buffer: NDArray[np.uint8], at: Whole, values: NDArray[np.int64]) -> Whole:
-    """Read integers from ``at``; position behind them, MALFORMED where something else was met."""
+def read_integers(buffer: NDArray[np.uint8], at: AnyInt, values: NDArray[np.int64]) -> AnyInt:
+    """Read integers from ``at``; return the following position, or MALFORMED on anything else."""
     for k in range(values.size):
         if at >= buffer.size:
             return MALFORMED

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Long lists of numbers, and long octets, written as blocks.
+"""Writing of long lists of numbers and long byte strings as blocks.
 
-The bytes are those that any MessagePack library writes for nested lists of float64.
+The output equals that of any MessagePack library for nested lists of float64.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.codecs.plain import plain_of
-from cdff_common.codecs.schema import Alias, Array, Node, Octets, Real, Struct
+from cdff_common.codecs.dict_form import dict_form_of
+from cdff_common.types.schema import Alias, Array, Node, OctetString, Real, Struct
 
-#: Arrays of at least this many numbers are worth a block.
+#: Arrays of at least this many numbers are written as a block.
 _LONG = 128
-#: Octets from this size on are handed on without a copy.
-_LONG_OCTETS = 4096
+#: Byte strings of at least this size are passed on without a copy.
+_LONG_BYTES = 4096
 _FLOAT64 = 0xCB
 _BIN16, _BIN32 = b"\xc5", b"\xc6"
 
 
 def pieces(value: Any, node: Node | Alias) -> Iterator[bytes | memoryview]:
-    """MessagePack of the value of a node, in pieces; some are views of its arrays."""
+    """Yield the MessagePack of the value of a node in pieces; some are views of its arrays."""
     packer = msgpack.Packer(unicode_errors="surrogateescape")
     if not _has_long(value, node):
-        yield packer.pack(plain_of(value, node))
+        yield packer.pack(dict_form_of(value, node))
         return
     match node:
         case Struct():
@@ -39,7 +39,7 @@ def pieces(value: Any, node: Node | Alias) -> Iterator[bytes | memoryview]:
                 yield from pieces(getattr(value, field.attribute), field.node)
         case Alias():
             yield from pieces(getattr(value, node.attribute), node.node)
-        case Octets():
+        case OctetString():
             yield _bin_header(value.nbytes)
             yield value.reshape(-1).view(np.uint8).data
         case _:
@@ -48,12 +48,14 @@ def pieces(value: Any, node: Node | Alias) -> Iterator[bytes | memoryview]:
 
 
 def _has_long(value: Any, node: Node | Alias) -> bool:
-    """Whether a message holds long octets, or a long array of REALs, outside lists of messages."""
+    """Return whether a message has a long byte string or a long array of REALs, outside lists of messages."""
     match node:
         case Array(element=Real()):
-            return bool(value.size >= _LONG and (value.ndim == 1 or (value.ndim == 2 and value.shape[1] < 16)))
-        case Octets():
-            return bool(value.nbytes >= _LONG_OCTETS)
+            return bool(
+                value.size >= _LONG and (value.ndim == 1 or (value.ndim == 2 and value.shape[1] < 16))
+            )
+        case OctetString():
+            return bool(value.nbytes >= _LONG_BYTES)
         case Struct():
             return any(_has_long(getattr(value, f.attribute), f.node) for f in node.fields)
         case Alias():
@@ -67,7 +69,7 @@ def _bin_header(size: int) -> bytes:
 
 
 def _block(values: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Octets of the elements of a list: a number each, or a list of under 16 numbers each."""
+    """Return the bytes of the elements of a list: each a number, or a list of less than 16 numbers."""
     rows = len(values)
     big = values.astype(">f8").view(np.uint8).reshape(rows, -1, 8)
     columns = big.shape[1]

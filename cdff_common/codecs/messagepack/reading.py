@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Unpacking with the type in view: long lists of numbers straight into arrays."""
+"""Unpacking by schema: long lists of numbers are read directly into arrays."""
 
 from __future__ import annotations
 
@@ -10,17 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.codecs import messagepack
-from cdff_common.codecs.bridge import array_dtype
 from cdff_common.codecs.messagepack import _kernels as kernels
-from cdff_common.codecs.schema import Alias, Array, Field, Integer, Node, Octets, Real, Struct
 from cdff_common.errors import CodecError
+from cdff_common.types.schema import Alias, Array, Field, Integer, Node, OctetString, Real, Struct
 
 #: Lists of at least this many elements are read into an array.
 _LONG = 128
 
 
 def guided(data: bytes, node: Node | Alias) -> Any:
-    """Unpack a message with its type in view: long lists of numbers become arrays, all else as ``unpack`` gives it.
+    """Unpack a message by its schema: long lists of numbers become arrays, the rest is as from ``unpack``.
 
     Raises
     ------
@@ -31,22 +30,26 @@ def guided(data: bytes, node: Node | Alias) -> Any:
     end = int(kernels.skip(buffer, 0))
     if end != len(data):
         what = (
-            "cut off" if end == kernels.TRUNCATED else "malformed" if end < 0 else f"followed by {len(data) - end} more"
+            "cut off"
+            if end == kernels.TRUNCATED
+            else "malformed"
+            if end < 0
+            else f"followed by {len(data) - end} more"
         )
         raise CodecError(f"not MessagePack: {what}")
     return _object(data, buffer, 0, end, node)
 
 
 def _object(data: bytes, buffer: NDArray[np.uint8], at: int, end: int, node: Node | Alias) -> Any:
-    """The object that lies from ``at`` to ``end``, which is known to be whole."""
+    """Return the object from ``at`` to ``end``, which is known to be complete."""
     match node:
         case Alias():
             return _object(data, buffer, at, end, node.node)
         case Struct():
             return _map(data, buffer, at, end, node)
-        case Array() | Octets():
-            found = _numbers(buffer, at, end, node)
-            return messagepack.unpack(data[at:end]) if found is None else found
+        case Array() | OctetString():
+            array = _numbers(buffer, at, end, node)
+            return messagepack.unpack(data[at:end]) if array is None else array
         case _:
             return messagepack.unpack(data[at:end])
 
@@ -57,19 +60,19 @@ def _map(data: bytes, buffer: NDArray[np.uint8], at: int, end: int, node: Struct
         return messagepack.unpack(data[at:end])
     count, at = head
     nodes = {name: f.node for f in node.fields for name in _names(f)}
-    found: dict[str, Any] = {}
+    entries: dict[str, Any] = {}
     for _ in range(count):
-        behind = int(kernels.skip(buffer, at))
-        key = messagepack.unpack(data[at:behind])
+        value_end = int(kernels.skip(buffer, at))
+        key = messagepack.unpack(data[at:value_end])
         if not isinstance(key, str):
             raise CodecError(f"{node.name}: key {key!r}, expected the name of a field")
-        at, behind = behind, int(kernels.skip(buffer, behind))
+        at, value_end = value_end, int(kernels.skip(buffer, value_end))
         if key in nodes:
-            found[key] = _object(data, buffer, at, behind, nodes[key])
+            entries[key] = _object(data, buffer, at, value_end, nodes[key])
         else:
-            found[key] = messagepack.unpack(data[at:behind])
-        at = behind
-    return found
+            entries[key] = messagepack.unpack(data[at:value_end])
+        at = value_end
+    return entries
 
 
 def _names(field: Field) -> tuple[str, str, str]:
@@ -77,7 +80,7 @@ def _names(field: Field) -> tuple[str, str, str]:
 
 
 def _header(buffer: NDArray[np.uint8], at: int, fixed: int, sized: int) -> tuple[int, int] | None:
-    """Number of elements and where they begin, of a map or array; None for another object."""
+    """Return number and start of the elements of a map or array, or None for another object."""
     first = int(buffer[at])
     if first & 0xF0 == fixed:
         return first & 0x0F, at + 1
@@ -87,17 +90,19 @@ def _header(buffer: NDArray[np.uint8], at: int, fixed: int, sized: int) -> tuple
     return None
 
 
-def _numbers(buffer: NDArray[np.uint8], at: int, end: int, node: Array | Octets) -> NDArray[Any] | None:
-    """Array of a long list of numbers; None for anything else, which ``from_plain`` then judges."""
+def _numbers(buffer: NDArray[np.uint8], at: int, end: int, node: Array | OctetString) -> NDArray[Any] | None:
+    """Return the array of a long list of numbers; None for others, which ``from_dict_form`` handles."""
     head = _header(buffer, at, 0x90, 0xDC)
     if head is None or head[0] < _LONG:
         return None
     rows, at = head
-    if isinstance(node, Octets) or isinstance(node.element, Integer):
+    if isinstance(node, OctetString) or isinstance(node.element, Integer):
         integers = np.empty(rows, dtype=np.int64)
-        if (isinstance(node, Array) and len(node.dims) > 1) or kernels.read_integers(buffer, at, integers) != end:
+        if (isinstance(node, Array) and len(node.dims) > 1) or kernels.read_integers(
+            buffer, at, integers
+        ) != end:
             return None
-        return _narrow(integers, np.dtype(np.uint8) if isinstance(node, Octets) else array_dtype(node))
+        return _narrow(integers, np.dtype(np.uint8) if isinstance(node, OctetString) else node.dtype)
     if not isinstance(node.element, Real) or len(node.dims) > 2:
         return None
     columns = 0
@@ -116,7 +121,7 @@ def _numbers(buffer: NDArray[np.uint8], at: int, end: int, node: Array | Octets)
 
 
 def _narrow(integers: NDArray[np.int64], dtype: np.dtype[Any]) -> NDArray[Any] | None:
-    """Integers as the dtype of their type; None where one does not fit."""
+    """Return integers in the dtype of their type, or None if one does not fit."""
     info = np.iinfo(dtype)
     if int(integers.min()) < int(info.min) or int(integers.max()) > int(info.max):
         return None

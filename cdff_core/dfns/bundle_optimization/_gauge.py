@@ -1,11 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What observations leave free: where everything is, and for single images how large it is.
+"""Gauge of a bundle: the motions of the whole problem that its observations do not constrain.
 
-Whatever is fixed takes from that what it holds, and so does a prior. A fixed camera leaves a size, a fixed point a size
-and a turn about it, two fixed points a turn about their line. The descent is free; afterwards all that may move is
-moved as one along what is left, so that the first camera keeps of its pose what it can and the camera farthest from it
-its distance. Covariances are relative to that.
+Observations leave the position and rotation of the whole problem unconstrained and, for single images, its
+scale. Fixed cameras, fixed points and the prior reduce this freedom: one fixed camera leaves the scale, one
+fixed point scale and rotation, two fixed points the rotation about their line. The minimisation is free;
+afterwards all movable parts are moved together along the unconstrained motions, so that the first camera
+keeps its pose and the camera farthest from it its distance. Covariances are relative to this gauge.
 """
 
 from __future__ import annotations
@@ -13,42 +14,50 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdff_common.arrays import FloatArray, IntArray
 from cdff_common.geometry import se3
 from cdff_core.dfns.bundle_optimization._kernels import POSE
-from cdff_core.dfns.bundle_optimization._motions import ROUNDING, moved_places, placed, similarity, turn, unheld
+from cdff_core.dfns.bundle_optimization._motions import (
+    ROUNDING,
+    null_motions,
+    position_derivatives,
+    rotation_of,
+    similarity,
+    transformed,
+)
 from cdff_core.dfns.bundle_optimization._system import Estimate, System
 
-Float = NDArray[np.float64]
 _MOST_STEPS, _LEAST_STEP = 30, 1e-14
-#: What can be held of the first camera: its turn, the logarithm of the farthest one's distance, its place.
-_TURN, _SIZE, _PLACE = slice(0, 3), slice(3, 4), slice(4, 7)
+#: Fixable quantities: rotation of the first camera, logarithm of the largest distance, position.
+_ROTATION, _SCALE, _POSITION = slice(0, 3), slice(3, 4), slice(4, 7)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gauge:
-    """Motions of everything that cost nothing, and by which cameras they are held.
+    """Unconstrained motions of the whole problem and the cameras that fix them.
 
     Attributes
     ----------
     camera, distant : int or None
-        Rows of the camera that keeps of its pose what is free, and of the one that keeps its distance from it.
+        Rows of the camera that keeps the unconstrained part of its pose, and of the one that keeps its
+        distance.
     free : ndarray, shape (k, 7)
-        Motions x y z rx ry rz and logarithm of size, about ``centre``, that move nothing that is held otherwise.
-    kept : ndarray, shape (k, 7)
-        What is held: combinations of the first camera's turn, the logarithm of the distance, the camera's place.
+        Unconstrained motions x y z rx ry rz and logarithm of the scale, about ``centre``.
+    fixed_combinations : ndarray, shape (k, 7)
+        Fixed combinations of the first camera's rotation, the logarithm of the distance, the camera's
+        position.
     """
 
     camera: int | None
     distant: int | None
-    free: Float
-    kept: Float
-    centre: Float
+    free: FloatArray
+    fixed_combinations: FloatArray
+    centre: FloatArray
 
     @classmethod
     def of(cls, system: System, first: Estimate) -> Gauge:
-        """What this problem leaves free."""
+        """Return the gauge of a problem."""
         part = np.union1d(system.cam, system.prior.cameras)
         moving = part[system.pose_column[part] >= 0]
         fixed = np.setdiff1d(part, moving)
@@ -58,23 +67,33 @@ class Gauge:
         distances = np.linalg.norm(first.c[others] - centre, axis=1)
         distant = int(others[np.argmax(distances)]) if len(others) and distances.max() > 0.0 else None
         free = _free(system, first, fixed, centre)
-        changes, left, kept = _changes(np.zeros(3), distant is not None), free.T, np.zeros((0, 7))
-        for what in (_TURN, _SIZE, _PLACE):
+        changes, left, fixed_combinations = (
+            _changes(np.zeros(3), distant is not None),
+            free.T,
+            np.zeros((0, 7)),
+        )
+        for what in (_ROTATION, _SCALE, _POSITION):
             U, values, V = np.linalg.svd(changes[what] @ left)
             rank = int((values > ROUNDING * np.abs(left).max(initial=1.0)).sum())
             rows = np.zeros((rank, 7))
             rows[:, what] = U[:, :rank].T
-            kept, left = np.concatenate([kept, rows]), left @ V[rank:].T
-        sized = bool(kept[:, _SIZE].any())
-        return cls(camera if len(kept) else None, distant if sized else None, free, kept, centre)
+            fixed_combinations, left = np.concatenate([fixed_combinations, rows]), left @ V[rank:].T
+        sized = bool(fixed_combinations[:, _SCALE].any())
+        return cls(
+            camera if len(fixed_combinations) else None,
+            distant if sized else None,
+            free,
+            fixed_combinations,
+            centre,
+        )
 
     @property
-    def holds_pose(self) -> bool:
-        """Whether the first camera keeps its whole pose."""
-        return int((self.kept[:, _SIZE] == 0.0).sum()) == POSE
+    def fixes_pose(self) -> bool:
+        """Return whether the first camera keeps its whole pose."""
+        return int((self.fixed_combinations[:, _SCALE] == 0.0).sum()) == POSE
 
     def restored(self, system: System, first: Estimate, found: Estimate) -> Estimate:
-        """The estimate, all of it that is not fixed moved as one so that it keeps what the gauge says."""
+        """Return the estimate with all parts that are not fixed moved together into the gauge."""
         if self.camera is None:
             return found
         rows = [self.camera, self.camera if self.distant is None else self.distant]
@@ -84,60 +103,67 @@ class Gauge:
             at = self._moved(whole, c)
             gaps = [float(np.linalg.norm(np.diff(x, axis=0))) for x in (c0, at)]
             size = np.log(gaps[1] / gaps[0]) if min(gaps) > 0.0 else 0.0
-            off = np.concatenate([se3.log_so3(turn(whole) @ R.T @ R0), [size], at[0] - c0[0]])
+            off = np.concatenate([se3.log_so3(rotation_of(whole) @ R.T @ R0), [size], at[0] - c0[0]])
             changes = _changes(at[0] - self.centre, self.distant is not None)
-            motion = -self.free.T @ np.linalg.lstsq(self.kept @ changes @ self.free.T, self.kept @ off)[0]
+            motion = (
+                -self.free.T
+                @ np.linalg.lstsq(
+                    self.fixed_combinations @ changes @ self.free.T, self.fixed_combinations @ off
+                )[0]
+            )
             whole = similarity(motion) @ whole
             if np.abs(motion).max() < _LEAST_STEP:
                 break
         loose, points = system.pose_column >= 0, system.held == 0
         rotations, positions, X = found.R.copy(), found.c.copy(), found.X.copy()
-        rotations[loose] = rotations[loose] @ turn(whole).T
+        rotations[loose] = rotations[loose] @ rotation_of(whole).T
         positions[loose], X[points] = self._moved(whole, positions[loose]), self._moved(whole, X[points])
         return replace(found, R=rotations, c=positions, X=X)
 
-    def held_directions(self, system: System, estimate: Estimate) -> Float:
-        """Directions ``(k, size)`` in which nothing may move for covariances to be relative to this gauge."""
-        rows = np.zeros((len(self.kept), system.size))
+    def fixed_directions(self, system: System, estimate: Estimate) -> FloatArray:
+        """Return the directions ``(k, size)`` along which covariances relative to the gauge are 0."""
+        rows = np.zeros((len(self.fixed_combinations), system.size))
         if self.camera is None:
             return rows
         own = int(system.pose_column[self.camera])
         if own >= 0:
-            rows[:, own + 3 : own + 6] = self.kept[:, _TURN]
-            rows[:, own : own + 3] = self.kept[:, _PLACE]
+            rows[:, own + 3 : own + 6] = self.fixed_combinations[:, _ROTATION]
+            rows[:, own : own + 3] = self.fixed_combinations[:, _POSITION]
         if self.distant is not None:
             offset = estimate.c[self.distant] - estimate.c[self.camera]
-            along = self.kept[:, _SIZE] * offset / (offset @ offset)
+            along = self.fixed_combinations[:, _SCALE] * offset / (offset @ offset)
             far = int(system.pose_column[self.distant])
             rows[:, far : far + 3] += along
             if own >= 0:
                 rows[:, own : own + 3] -= along
         return rows
 
-    def _moved(self, whole: Float, positions: Float) -> Float:
-        return self.centre + placed(whole, positions - self.centre)
+    def _moved(self, whole: FloatArray, positions: FloatArray) -> FloatArray:
+        return self.centre + transformed(whole, positions - self.centre)
 
 
-def _changes(offset: Float, sized: bool) -> Float:
-    """How what can be held changes ``(7, 7)`` with each motion, the first camera lying at an offset from the centre."""
+def _changes(offset: FloatArray, sized: bool) -> FloatArray:
+    """Return the derivative ``(7, 7)`` of fixable quantities by motions, for a first camera at an offset."""
     changes = np.zeros((7, 7))
-    changes[_TURN, 3:6] = np.eye(3)
-    changes[_SIZE, 6] = float(sized)
-    changes[_PLACE] = moved_places(offset[None])[0]
+    changes[_ROTATION, 3:6] = np.eye(3)
+    changes[_SCALE, 6] = float(sized)
+    changes[_POSITION] = position_derivatives(offset[None])[0]
     return changes
 
 
-def _free(system: System, first: Estimate, fixed: NDArray[np.int64], centre: Float) -> Float:
-    """Motions ``(k, 7)`` that move no fixed camera, no fixed point, and nothing that the prior or a baseline holds."""
-    places = np.concatenate([first.c[fixed], first.X[(system.held != 0) & (np.diff(system.start) > 0)]]) - centre
+def _free(system: System, first: Estimate, fixed: IntArray, centre: FloatArray) -> FloatArray:
+    """Return the motions ``(k, 7)`` not constrained by fixed cameras and points, prior or baselines."""
+    places = (
+        np.concatenate([first.c[fixed], first.X[(system.held != 0) & (np.diff(system.start) > 0)]]) - centre
+    )
     unit = float(np.linalg.norm(np.concatenate([places, first.c - centre]), axis=1).max()) or 1.0
-    rows = [moved_places(places / unit).reshape(-1, 7)]
+    rows = [position_derivatives(places / unit).reshape(-1, 7)]
     if len(fixed):
         rows.append(np.eye(7)[3:6])
     if not np.isnan(system.pixels[:, 2]).all():
         rows.append(np.eye(7)[6:])
     if len(system.prior.cameras):
         rows.append(system.prior.holds(first.R, first.c, centre, unit))
-    free = unheld(np.concatenate(rows))
+    free = null_motions(np.concatenate(rows))
     free[:, :3] *= unit
     return free

@@ -1,42 +1,50 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled loops over observations: residuals, normal equations by blocks, Schur complement, back substitution."""
+"""Compiled loops over observations: residuals, normal equations, Schur complement, back substitution."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
+from cdff_common.arrays import BoolArray, ByteArray, FloatArray, IntArray
+from cdff_common.geometry.small_vectors import cross, rotated
 
-#: Columns of an observation: six of the pose (x y z rx ry rz in the frame), eight of the lens (f cx cy k1 k2 k3 p1 p2).
+#: Columns of an observation: six of the pose (x y z rx ry rz in the frame), eight of the lens (f cx cy k1 k2
+#: k3 p1 p2). The order of the lens columns is not that of ``BundleLenses.values``.
 POSE, LENS = 6, 8
 WIDTH = POSE + LENS
 NO_LOSS, HUBER, CAUCHY = 0, 1, 2
 
 
 @njit(cache=True, inline="always", error_model="numpy")
-def _predicted(R: Float, c: Float, v: Float, X: Float, out: Float) -> float:
-    """Column, row and right column at which X appears; its depth. R is frame to camera, c the camera's position."""
-    d0, d1, d2 = X[0] - c[0], X[1] - c[1], X[2] - c[2]
-    x = R[0, 0] * d0 + R[0, 1] * d1 + R[0, 2] * d2
-    y = R[1, 0] * d0 + R[1, 1] * d1 + R[1, 2] * d2
-    z = R[2, 0] * d0 + R[2, 1] * d1 + R[2, 2] * d2
+def _project(R: FloatArray, c: FloatArray, v: FloatArray, X: FloatArray) -> tuple[float, ...]:
+    """Return depth, coordinates on the plane z = 1, squared norm, radial factor, distorted coordinates.
+
+    R: rotation from frame to camera; c: position of the camera; v: row of ``BundleLenses.values`` (fx fy cx
+    cy k1 k2 p1 p2 k3 baseline); X: the point.
+    """
+    x, y, z = rotated(R, X[0] - c[0], X[1] - c[1], X[2] - c[2])
     a, b = x / z, y / z
     r2 = a * a + b * b
     s = 1.0 + r2 * (v[4] + r2 * (v[5] + r2 * v[8]))
     u = a * s + 2.0 * v[6] * a * b + v[7] * (r2 + 2.0 * a * a)
     w = b * s + v[6] * (r2 + 2.0 * b * b) + 2.0 * v[7] * a * b
+    return z, a, b, r2, s, u, w
+
+
+@njit(cache=True, inline="always", error_model="numpy")
+def _predict_pixels(R: FloatArray, c: FloatArray, v: FloatArray, X: FloatArray, out: FloatArray) -> float:
+    """Write column, row and right-image column of the projection of X to ``out``; return its depth."""
+    z, _, _, _, _, u, w = _project(R, c, v, X)
     out[0], out[1] = v[0] * u + v[2], v[1] * w + v[3]
     out[2] = out[0] - v[0] * v[9] / z
-    return float(z)
+    return z
 
 
 @njit(cache=True, inline="always", error_model="numpy")
 def _loss(kind: int, scale: float, s: float) -> tuple[float, float]:
-    """rho(s) and its derivative, s being the squared residual."""
+    """Return rho(s) and its derivative for the squared residual s."""
     t = scale * scale
     if kind == HUBER and s > t:
         root = np.sqrt(s)
@@ -48,14 +56,23 @@ def _loss(kind: int, scale: float, s: float) -> tuple[float, float]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def residuals(
-    cam: Int, pt: Int, pixels: Float, lens: Int, R: Float, c: Float, V: Float, X: Float, kind: int, scale: float
-) -> tuple[Float, Float, float, float, int]:
-    """Residuals ``(m, 3)`` (third 0 for a single image), weights, robust and plain cost, points behind their camera."""
+    cam: IntArray,
+    pt: IntArray,
+    pixels: FloatArray,
+    lens: IntArray,
+    R: FloatArray,
+    c: FloatArray,
+    V: FloatArray,
+    X: FloatArray,
+    kind: int,
+    scale: float,
+) -> tuple[FloatArray, FloatArray, float, float, int]:
+    """Return residuals ``(m, 3)``, weights, robust and plain cost, and number of points behind."""
     m = len(cam)
     r, weights, out = np.zeros((m, 3)), np.ones(m), np.zeros(3)
     robust, plain, behind = 0.0, 0.0, 0
     for k in range(m):
-        z = _predicted(R[cam[k]], c[cam[k]], V[lens[cam[k]]], X[pt[k]], out)
+        z = _predict_pixels(R[cam[k]], c[cam[k]], V[lens[cam[k]]], X[pt[k]], out)
         behind += z <= 0.0
         s = 0.0
         for i in range(3):
@@ -69,18 +86,14 @@ def residuals(
 
 
 @njit(cache=True, inline="always", error_model="numpy")
-def _slopes(R: Float, c: Float, v: Float, X: Float, stereo: bool, J: Float, A: Float) -> None:
-    """Derivatives of the prediction: J ``(3, WIDTH)`` by pose and lens, A ``(3, 3)`` by the point."""
+def _derivatives(
+    R: FloatArray, c: FloatArray, v: FloatArray, X: FloatArray, stereo: bool, J: FloatArray, A: FloatArray
+) -> None:
+    """Compute derivatives of the prediction: J ``(3, WIDTH)`` by pose and lens, A ``(3, 3)`` by the point."""
     d0, d1, d2 = X[0] - c[0], X[1] - c[1], X[2] - c[2]
-    x = R[0, 0] * d0 + R[0, 1] * d1 + R[0, 2] * d2
-    y = R[1, 0] * d0 + R[1, 1] * d1 + R[1, 2] * d2
-    iz = 1.0 / (R[2, 0] * d0 + R[2, 1] * d1 + R[2, 2] * d2)
-    a, b = x * iz, y * iz
-    r2 = a * a + b * b
-    s = 1.0 + r2 * (v[4] + r2 * (v[5] + r2 * v[8]))
+    z, a, b, r2, s, u, w = _project(R, c, v, X)
+    iz = 1.0 / z
     ds = v[4] + r2 * (2.0 * v[5] + 3.0 * r2 * v[8])  # by r2
-    u = a * s + 2.0 * v[6] * a * b + v[7] * (r2 + 2.0 * a * a)
-    w = b * s + v[6] * (r2 + 2.0 * b * b) + 2.0 * v[7] * a * b
     uu = s + 2.0 * a * a * ds + 2.0 * v[6] * b + 6.0 * v[7] * a
     uw = 2.0 * a * b * ds + 2.0 * v[6] * a + 2.0 * v[7] * b
     ww = s + 2.0 * b * b * ds + 6.0 * v[6] * b + 2.0 * v[7] * a
@@ -103,23 +116,34 @@ def _slopes(R: Float, c: Float, v: Float, X: Float, stereo: bool, J: Float, A: F
         if i == 2:
             for j in range(9, WIDTH):
                 J[2, j] = J[0, j]
-        # Turning the camera by phi turns the point about it by -phi.
+        # A rotation of the camera by phi rotates the point about it by -phi.
         J[i, 0], J[i, 1], J[i, 2] = -A[i, 0], -A[i, 1], -A[i, 2]
-        J[i, 3] = A[i, 1] * d2 - A[i, 2] * d1
-        J[i, 4] = A[i, 2] * d0 - A[i, 0] * d2
-        J[i, 5] = A[i, 0] * d1 - A[i, 1] * d0
+        J[i, 3], J[i, 4], J[i, 5] = cross(A[i, 0], A[i, 1], A[i, 2], d0, d1, d2)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def linearised(
-    cam: Int, pt: Int, pixels: Float, lens: Int, R: Float, c: Float, V: Float, X: Float, columns: Int, count: Int,
-    r: Float, weights: Float, held: NDArray[np.uint8], size: int,
-) -> tuple[Float, Float, Float, Float, Float]:  # fmt: skip
-    """Normal equations: H ``(size, size)`` lower half and g of cameras and lenses, blocks and gradient of points.
+    cam: IntArray,
+    pt: IntArray,
+    pixels: FloatArray,
+    lens: IntArray,
+    R: FloatArray,
+    c: FloatArray,
+    V: FloatArray,
+    X: FloatArray,
+    columns: IntArray,
+    count: IntArray,
+    r: FloatArray,
+    weights: FloatArray,
+    held: ByteArray,
+    size: int,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return the normal equations: H ``(size, size)`` (lower half) and g of cameras and lenses, blocks and
+    gradient of the points.
 
-    ``columns (n, WIDTH)`` say which columns of a camera's observations are adjusted, the first ``count`` of them, as
-    pairs: ``columns[i, :, 0]`` in J, ``columns[i, :, 1]`` in H, ascending. W ``(m, WIDTH, 3)`` couples each
-    observation's columns with its point.
+    ``columns (n, WIDTH)`` holds the adjusted columns of each camera's observations, the first ``count`` of
+    them, as pairs: ``columns[i, :, 0]`` in J, ``columns[i, :, 1]`` in H, ascending. W ``(m, WIDTH, 3)``
+    couples the columns of each observation with its point.
     """
     m = len(cam)
     H, g = np.zeros((size, size)), np.zeros(size)
@@ -129,7 +153,7 @@ def linearised(
         i, p = cam[k], pt[k]
         stereo = not np.isnan(pixels[k, 2])
         rows = 3 if stereo else 2
-        _slopes(R[i], c[i], V[lens[i]], X[p], stereo, J, A)
+        _derivatives(R[i], c[i], V[lens[i]], X[p], stereo, J, A)
         w = weights[k]
         for row in range(rows):
             e = w * r[k, row]
@@ -152,8 +176,8 @@ def linearised(
 
 
 @njit(cache=True, inline="always", error_model="numpy")
-def inverted(M: Float, out: Float) -> bool:
-    """Inverse of a symmetric positive 3x3 matrix; False where it has none."""
+def inverted(M: FloatArray, out: FloatArray) -> bool:
+    """Compute the inverse of a symmetric positive definite 3x3 matrix; return False if it is singular."""
     a, b, c, d, e, f = M[0, 0], M[0, 1], M[0, 2], M[1, 1], M[1, 2], M[2, 2]
     x, y, z = d * f - e * e, c * e - b * f, b * e - c * d
     determinant = a * x + b * y + c * z
@@ -169,11 +193,21 @@ def inverted(M: Float, out: Float) -> bool:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def reduced(
-    start: Int, cam: Int, columns: Int, count: Int, H: Float, g: Float, Hp: Float, gp: Float, W: Float, damping: float
-) -> tuple[Float, Float, Float, NDArray[np.bool_]]:
-    """Schur complement of the points: S (lower half), its right side, inverses of the points' blocks, which have one.
+    start: IntArray,
+    cam: IntArray,
+    columns: IntArray,
+    count: IntArray,
+    H: FloatArray,
+    g: FloatArray,
+    Hp: FloatArray,
+    gp: FloatArray,
+    W: FloatArray,
+    damping: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+    """Return the Schur complement of the points: S (lower half), its right side, the inverses of the points'
+    blocks and which blocks are regular.
 
-    ``damping`` adds that share of each diagonal element to itself.
+    ``damping`` is the factor by which each diagonal element is increased.
     """
     S, b, inverses = H.copy(), g.copy(), np.zeros_like(Hp)
     fine = np.zeros(len(Hp), np.bool_)
@@ -213,9 +247,16 @@ def reduced(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def point_steps(
-    start: Int, cam: Int, columns: Int, count: Int, gp: Float, W: Float, inverses: Float, step: Float
-) -> Float:
-    """Steps ``(p, 3)`` of the points that follow from that of cameras and lenses."""
+    start: IntArray,
+    cam: IntArray,
+    columns: IntArray,
+    count: IntArray,
+    gp: FloatArray,
+    W: FloatArray,
+    inverses: FloatArray,
+    step: FloatArray,
+) -> FloatArray:
+    """Return the steps ``(p, 3)`` of the points for a given step of cameras and lenses."""
     out = np.zeros_like(gp)
     for p in range(len(gp)):
         b0, b1, b2 = -gp[p, 0], -gp[p, 1], -gp[p, 2]
@@ -234,9 +275,16 @@ def point_steps(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def point_covariances(
-    start: Int, cam: Int, columns: Int, count: Int, W: Float, inverses: Float, fine: NDArray[np.bool_], C: Float
-) -> Float:
-    """Covariances ``(p, 3, 3)`` of points from that of cameras and lenses C (full); NaN where there is none."""
+    start: IntArray,
+    cam: IntArray,
+    columns: IntArray,
+    count: IntArray,
+    W: FloatArray,
+    inverses: FloatArray,
+    fine: BoolArray,
+    C: FloatArray,
+) -> FloatArray:
+    """Return covariances ``(p, 3, 3)`` of points from that of cameras and lenses C; NaN where undefined."""
     out = np.full((len(inverses), 3, 3), np.nan)
     Z, M = np.zeros((3, 3)), np.zeros((3, 3))
     for p in range(len(inverses)):

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Cameras that are dropped, and what they and the points they saw say of those that stay, as a prior.
+"""Marginalisation of dropped cameras and of the points they observed to a prior on the remaining cameras.
 
-Sibley, Matthies, Sukhatme (2010), Sliding window filter, doi:10.1002/rob.20360; Triggs et al. (2000) §6.1 for the
-Schur complement.
+Sibley, Matthies, Sukhatme (2010), Sliding window filter, doi:10.1002/rob.20360; Triggs et al. (2000) §6.1 for
+the Schur complement.
 """
 
 from __future__ import annotations
@@ -11,28 +11,30 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdff_common.arrays import BoolArray, FloatArray, IntArray
 from cdff_common.errors import InputError
 from cdff_common.types import BundleCameras, BundleObservations, BundlePoints, BundlePrior, BundleProblem
 from cdff_core.dfns.bundle_optimization._gauge import Gauge
 from cdff_core.dfns.bundle_optimization._kernels import POSE
-from cdff_core.dfns.bundle_optimization._motions import moved_poses
+from cdff_core.dfns.bundle_optimization._motions import pose_derivatives
 from cdff_core.dfns.bundle_optimization._prior import scales
 from cdff_core.dfns.bundle_optimization._system import System
 
-Float = NDArray[np.float64]
 
+def marginalised(problem: BundleProblem, dropped: IntArray, loss: int, scale: float) -> BundleProblem:
+    """Return the problem without the dropped cameras and their points; their observations become a prior.
 
-def marginalised(problem: BundleProblem, dropped: NDArray[np.int64], loss: int, scale: float) -> BundleProblem:
-    """The problem without cameras and without the points they saw; their observations become a prior on the rest.
-
-    Linearised where the problem is; lenses count as known. Raises InputError where a camera is not there or none stays.
+    The linearisation point is the problem's estimate; lenses are treated as known. Raises InputError if a
+    camera does not exist or none remains.
     """
     missing = np.setdiff1d(dropped, problem.cameras.ids)
     gone = np.isin(problem.cameras.ids, dropped)
     if missing.size or gone.all() or not gone.any():
-        raise InputError(f"dropped {dropped.tolist()}: expected ids of the problem's cameras, and one that stays")
+        raise InputError(
+            f"dropped {dropped.tolist()}: expected ids of cameras of the problem, and at least one "
+            "remaining camera"
+        )
     seen = problem.observations
     lost = np.zeros(len(problem.points.ids), bool)
     lost[seen.points[gone[seen.cameras]]] = True
@@ -55,25 +57,30 @@ def marginalised(problem: BundleProblem, dropped: NDArray[np.int64], loss: int, 
     return _without(problem, gone, lost, theirs, prior)
 
 
-def _without_motions(H: Float, gradient: Float, gauge: Gauge, c: Float) -> tuple[Float, Float]:
-    """Without what rounding says along the motions of everything that are free: there is nothing to know of them."""
+def _without_motions(
+    H: FloatArray, gradient: FloatArray, gauge: Gauge, c: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Remove information about unconstrained motions of the whole problem, which is rounding noise."""
     if not len(c):
         return H, gradient
     scale = scales(H)
-    Q = np.linalg.qr(scale[:, None] * (moved_poses(c - gauge.centre) @ gauge.free.T))[0]
+    Q = np.linalg.qr(scale[:, None] * (pose_derivatives(c - gauge.centre) @ gauge.free.T))[0]
     P = np.eye(len(H)) - (Q / scale[:, None]) @ (Q * scale[:, None]).T
     H = P.T @ H @ P
     return 0.5 * (H + H.T), P.T @ gradient
 
 
-def _only(seen: BundleObservations, kept: NDArray[np.bool_]) -> BundleObservations:
-    return BundleObservations(seen.cameras[kept], seen.points[kept], seen.pixels[kept])
+def _only(seen: BundleObservations, mask: BoolArray) -> BundleObservations:
+    return BundleObservations(seen.cameras[mask], seen.points[mask], seen.pixels[mask])
 
 
 def _without(
-    problem: BundleProblem, gone: NDArray[np.bool_], lost: NDArray[np.bool_], theirs: NDArray[np.bool_],
+    problem: BundleProblem,
+    gone: BoolArray,
+    lost: BoolArray,
+    theirs: BoolArray,
     prior: BundlePrior,
-) -> BundleProblem:  # fmt: skip
+) -> BundleProblem:
     c, p, seen = problem.cameras, problem.points, _only(problem.observations, ~theirs)
     camera_row, point_row = np.cumsum(~gone) - 1, np.cumsum(~lost) - 1
     return BundleProblem(

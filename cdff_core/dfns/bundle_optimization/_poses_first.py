@@ -1,32 +1,30 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The same step with the poses eliminated instead of the points: for many images of few points.
+"""Step with the poses eliminated instead of the points, for many images of few points.
 
-A camera motion of hundreds of images over some tens of points couples every pose with every other one, so that the
-reduced system of cameras is full; that of the points and lenses is small (Triggs et al. 2000, §6.1).
+Some tens of points observed in hundreds of images couple every pose with every other one, so that the reduced
+system of cameras is dense; that of the points and lenses is small (Triggs et al. 2000, §6.1).
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from cdff_common.arrays import FloatArray, IntArray
 from cdff_core.dfns.bundle_optimization._kernels import POSE
 from cdff_core.dfns.bundle_optimization._system import Normal, System
 
-Float = NDArray[np.float64]
-
 
 def is_smaller(system: System) -> bool:
-    """Whether the points and lenses are less than half of the poses' unknowns, and nothing else couples the poses."""
+    """Return whether the points are far fewer unknowns than the poses, and nothing else couples these."""
     poses = POSE * int((system.pose_column >= 0).sum())
     left = system.size - poses + 3 * len(system.held)
     return not len(system.prior_columns) and 2 * left <= poses
 
 
-def stepped(system: System, normal: Normal, damping: float) -> tuple[Float | None, Float]:
-    """Step of cameras and lenses, and of points ``(p, 3)``; None where the damped system is not positive."""
+def stepped(system: System, normal: Normal, damping: float) -> tuple[FloatArray | None, FloatArray]:
+    """Return the steps of cameras and lenses, and of points ``(p, 3)``; None if singular."""
     moving, points = np.flatnonzero(system.pose_column >= 0), len(system.held)
     poses = POSE * len(moving)
     B, C, D = _blocks(system, normal, moving)
@@ -47,8 +45,10 @@ def stepped(system: System, normal: Normal, damping: float) -> tuple[Float | Non
     return (step if np.isfinite(step).all() else None), rest[system.size - poses :].reshape(points, 3)
 
 
-def _blocks(system: System, n: Normal, moving: NDArray[np.int64]) -> tuple[Float, Float, Float]:
-    """Blocks of the poses ``(n, 6, 6)``, their coupling with lenses and points ``(n, 6, d)``, and these ``(d, d)``."""
+def _blocks(system: System, n: Normal, moving: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the blocks of the poses ``(n, 6, 6)``, their coupling with lenses and points ``(n, 6, d)``, and
+    the blocks ``(d, d)`` of these.
+    """
     poses, points = POSE * len(moving), len(system.held)
     lenses = system.size - poses
     own = np.arange(poses).reshape(-1, POSE)

@@ -1,11 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Levenberg-Marquardt on the reduced system: of cameras, or of points where these are far fewer.
+"""Levenberg-Marquardt on the reduced system of the cameras, or of the points where these are far fewer.
 
 References
 ----------
 .. [1] B. Triggs et al., Bundle Adjustment - A Modern Synthesis, 2000, doi:10.1007/3-540-44480-7_21, §6
-.. [2] K. Madsen, H. Nielsen, O. Tingleff, Methods for Non-Linear Least Squares Problems, 2004, §3.2: the damping
+.. [2] K. Madsen, H. Nielsen, O. Tingleff, Methods for Non-Linear Least Squares Problems, 2004, §3.2: the
+  damping
 """
 
 from __future__ import annotations
@@ -13,34 +14,34 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from cdff_common.arrays import FloatArray
 from cdff_core.dfns.bundle_optimization import _poses_first
 from cdff_core.dfns.bundle_optimization._kernels import point_steps
 from cdff_core.dfns.bundle_optimization._system import Estimate, Normal, System
 
-Float = NDArray[np.float64]
 _FIRST_DAMPING, _MOST_DAMPING = 1e-4, 1e32
-#: Share of the initial cost that is rounding: a problem with as many unknowns as residuals has no cost at all.
+#: Ratio to the initial cost that is rounding noise: the cost of a problem with as many unknowns as residuals
+#: is 0.
 _NOTHING = 1e-16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """Where it ended, and how.
+    """Result of the minimisation.
 
     Attributes
     ----------
     cost_initial, cost_final : float
         Half the sum of squared residuals, without robust loss and prior.
     robust_initial, robust_final : float
-        What was minimised: the same with robust loss and prior.
+        Minimised cost: with robust loss and prior.
     """
 
     estimate: Estimate
-    residuals: Float
-    weights: Float
+    residuals: FloatArray
+    weights: FloatArray
     cost_initial: float
     cost_final: float
     robust_initial: float
@@ -51,7 +52,7 @@ class Solution:
 
 
 def minimised(system: System, first: Estimate, max_iterations: int, tolerance: float) -> Solution:
-    """Descend from an estimate until the cost no longer changes."""
+    """Minimise the cost [1]_ from an initial estimate with the damping of [2]_."""
     at = first
     r, weights, robust, plain, behind = system.residuals(at)
     initial = plain, robust
@@ -74,7 +75,7 @@ def minimised(system: System, first: Estimate, max_iterations: int, tolerance: f
                     normal = system.normal(at, r, weights)
                 continue
             if 0.0 <= expected <= tolerance * robust:
-                converged = True  # not even the model promises a gain
+                converged = True  # the model predicts no decrease
                 continue
         damping, growth = damping * growth, 2.0 * growth
         if damping > _MOST_DAMPING:
@@ -82,23 +83,27 @@ def minimised(system: System, first: Estimate, max_iterations: int, tolerance: f
     return Solution(at, r, weights, initial[0], plain, initial[1], robust, behind, iterations, converged)
 
 
-def _points_first(system: System, normal: Normal, damping: float) -> tuple[Float | None, Float]:
-    """Step of cameras and lenses, and of points; None where the damped system is not positive."""
+def _points_first(system: System, normal: Normal, damping: float) -> tuple[FloatArray | None, FloatArray]:
+    """Return the steps of cameras and lenses, and of points; None if singular."""
     S, b, inverses, _ = system.reduced(normal, damping)
     step = np.zeros(0)
     if system.size:
         try:
-            step = -cho_solve(cho_factor(S, lower=True, overwrite_a=True, check_finite=False), b, check_finite=False)
+            step = -cho_solve(
+                cho_factor(S, lower=True, overwrite_a=True, check_finite=False), b, check_finite=False
+            )
         except LinAlgError:
             return None, step
         if not np.isfinite(step).all():
             return None, step
-    points = point_steps(system.start, system.cam, system.columns, system.count, normal.gp, normal.W, inverses, step)
+    points = point_steps(
+        system.start, system.cam, system.columns, system.count, normal.gp, normal.W, inverses, step
+    )
     return step, points
 
 
-def _expected(normal: Normal, step: Float, point_step: Float, damping: float) -> float:
-    """What the quadratic model promises: half of ``damping d'Dd - g'd``."""
+def _expected(normal: Normal, step: FloatArray, point_step: FloatArray, damping: float) -> float:
+    """Return the decrease predicted by the quadratic model: half of ``damping d'Dd - g'd``."""
     D = np.clip(np.diag(normal.H), 1e-6, 1e32)
     Dp = np.clip(np.diagonal(normal.Hp, axis1=1, axis2=2), 1e-6, 1e32)
     held = damping * (float(step**2 @ D) + float((point_step**2 * Dp).sum()))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A bundle as arrays ordered by point, its columns, and its normal equations at an estimate."""
+"""Bundle as arrays ordered by point, its columns, and its normal equations at an estimate."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdff_common.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.types import BundleProblem
@@ -17,83 +17,85 @@ from cdff_common.types.bundle_ext import FOCAL, K1, K2, K3, PRINCIPAL_POINT, TAN
 from cdff_core.dfns.bundle_optimization._kernels import LENS, POSE, WIDTH, linearised, reduced, residuals
 from cdff_core.dfns.bundle_optimization._prior import Prior
 
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-#: Flag of each of the lens's eight columns: f cx cy k1 k2 k3 p1 p2; and where they lie in a lens's values.
+#: Flags of the eight columns of a lens (f cx cy k1 k2 k3 p1 p2), and their indices in the values of a lens.
 _FLAGS = np.array([FOCAL, PRINCIPAL_POINT, PRINCIPAL_POINT, K1, K2, K3, TANGENTIAL, TANGENTIAL])
-_PLACES = np.array([0, 2, 3, 4, 5, 8, 6, 7])
+_VALUE_INDEX = np.array([0, 2, 3, 4, 5, 8, 6, 7])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """Rotations frame to camera ``(n, 3, 3)``, positions ``(n, 3)``, lenses ``(l, 10)``, points ``(p, 3)``."""
+    """Rotations to camera ``(n, 3, 3)``, positions ``(n, 3)``, lenses ``(l, 10)``, points ``(p, 3)``."""
 
-    R: Float
-    c: Float
-    lenses: Float
-    X: Float
+    R: FloatArray
+    c: FloatArray
+    lenses: FloatArray
+    X: FloatArray
 
-    def matrices(self) -> Float:
+    def matrices(self) -> FloatArray:
         """``T_frame_camera (n, 4, 4)``."""
         return se3.transform(np.swapaxes(self.R, 1, 2), self.c)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Normal:
-    """Normal equations: of cameras and lenses, of points, and what couples them."""
+    """Normal equations of cameras and lenses, of points, and their coupling."""
 
-    H: Float
-    g: Float
-    Hp: Float
-    gp: Float
-    W: Float
+    H: FloatArray
+    g: FloatArray
+    Hp: FloatArray
+    gp: FloatArray
+    W: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class System:
-    """What does not change while a bundle is adjusted.
+    """Constant data of an adjustment.
 
     Attributes
     ----------
     order : ndarray, shape (m,)
         Rows of the problem's observations, by point.
     start : ndarray, shape (p + 1,)
-        Where each point's observations begin.
+        First observation of each point.
     columns : ndarray, shape (n, WIDTH, 2)
-        Of each camera's observations, in J and in H; the first ``count`` of them.
+        Columns of each camera's observations, in J and in H; the first ``count`` are used.
     pose_column, lens_columns : ndarray, shape (n,), (l, 8)
-        First column in H of a pose, columns of a lens; -1 where held.
+        First column in H of a pose, columns of a lens; -1 where fixed.
     """
 
-    order: Int
-    start: Int
-    cam: Int
-    pt: Int
-    pixels: Float
-    lens: Int
-    columns: Int
-    count: Int
-    pose_column: Int
-    lens_columns: Int
+    order: IntArray
+    start: IntArray
+    cam: IntArray
+    pt: IntArray
+    pixels: FloatArray
+    lens: IntArray
+    columns: IntArray
+    count: IntArray
+    pose_column: IntArray
+    lens_columns: IntArray
     size: int
-    held: NDArray[np.uint8]
+    held: ByteArray
     loss: int
     scale: float
-    prior_columns: Int
+    prior_columns: IntArray
     prior: Prior
 
     @classmethod
     def of(cls, problem: BundleProblem, free: int | None, loss: int, scale: float) -> System:
-        """Order a problem; ``free`` goes before what the lenses say where it is given. Raises InputError."""
+        """Return the system of a problem; ``free`` overrides the flags of the lenses. Raises InputError."""
         cameras, points, seen = problem.cameras, problem.points, problem.observations
         finite = np.isfinite(seen.pixels[:, :2]).all() and np.isfinite(points.positions).all()
-        said = len(seen.cameras) or len(problem.prior.cameras)
-        if not said or not finite or not (problem.lenses.values[:, :2] > 0.0).all():
+        prior_residuals = len(seen.cameras) or len(problem.prior.cameras)
+        if not prior_residuals or not finite or not (problem.lenses.values[:, :2] > 0.0).all():
             raise InputError(
                 "problem: expected observations or a prior, finite pixels and points, focal lengths above 0"
             )
         order = np.argsort(seen.points, kind="stable")
-        flags = np.full(len(problem.lenses.values), free) if free is not None else problem.lenses.free.astype(np.int64)
+        flags = (
+            np.full(len(problem.lenses.values), free)
+            if free is not None
+            else problem.lenses.free.astype(np.int64)
+        )
         n = len(cameras.ids)
         pose_column = np.full(n, -1, np.int64)
         moving = np.flatnonzero(cameras.fixed == 0)
@@ -116,46 +118,68 @@ class System:
         prior_columns = (pose_column[prior.cameras, None] + np.arange(POSE)).reshape(-1)
         pt = seen.points[order].astype(np.int64)
         return cls(
-            order, np.r_[0, np.cumsum(np.bincount(pt, minlength=len(points.ids)))].astype(np.int64),
-            seen.cameras[order].astype(np.int64), pt, np.ascontiguousarray(seen.pixels[order]),
-            cameras.lenses.astype(np.int64), columns, count, pose_column, lens_columns, size,
-            np.array(points.fixed), loss, scale, prior_columns, prior,
-        )  # fmt: skip
+            order,
+            np.r_[0, np.cumsum(np.bincount(pt, minlength=len(points.ids)))].astype(np.int64),
+            seen.cameras[order].astype(np.int64),
+            pt,
+            np.ascontiguousarray(seen.pixels[order]),
+            cameras.lenses.astype(np.int64),
+            columns,
+            count,
+            pose_column,
+            lens_columns,
+            size,
+            np.array(points.fixed),
+            loss,
+            scale,
+            prior_columns,
+            prior,
+        )
 
     @staticmethod
     def first(problem: BundleProblem) -> Estimate:
-        """Where the problem begins."""
+        """Return the initial estimate of a problem."""
         T = problem.cameras.matrices
         return Estimate(
-            np.ascontiguousarray(np.swapaxes(T[:, :3, :3], 1, 2)), np.ascontiguousarray(T[:, :3, 3]),
-            np.array(problem.lenses.values), np.array(problem.points.positions),
-        )  # fmt: skip
+            np.ascontiguousarray(np.swapaxes(T[:, :3, :3], 1, 2)),
+            np.ascontiguousarray(T[:, :3, 3]),
+            np.array(problem.lenses.values),
+            np.array(problem.points.positions),
+        )
 
-    def _arrays(self, e: Estimate) -> tuple[Any, ...]:
+    def _arrays(self, e: Estimate) -> Any:
         return self.cam, self.pt, self.pixels, self.lens, e.R, e.c, e.lenses, e.X
 
-    def residuals(self, e: Estimate) -> tuple[Float, Float, float, float, int]:
-        """Residuals, weights, robust cost with the prior's, plain cost without, points behind their camera."""
-        r, weights, robust, plain, behind = residuals(*self._arrays(e), self.loss, self.scale)
-        said, _ = self.prior.residuals(e.R, e.c)
-        return r, weights, robust + 0.5 * float(said @ said), plain, behind
+    def residuals(self, e: Estimate) -> tuple[FloatArray, FloatArray, float, float, int]:
+        """Return residuals, weights, robust cost and plain cost, and the number of points behind their
+        camera.
 
-    def normal(self, e: Estimate, r: Float, weights: Float) -> Normal:
-        """Normal equations, the prior's included."""
-        H, g, Hp, gp, W = linearised(*self._arrays(e), self.columns, self.count, r, weights, self.held, self.size)
+        The robust cost includes the prior, the plain one does not.
+        """
+        r, weights, robust, plain, behind = residuals(*self._arrays(e), self.loss, self.scale)  # type: ignore[call-arg]
+        prior_residuals, _ = self.prior.residuals(e.R, e.c)
+        return r, weights, robust + 0.5 * float(prior_residuals @ prior_residuals), plain, behind
+
+    def normal(self, e: Estimate, r: FloatArray, weights: FloatArray) -> Normal:
+        """Return the normal equations with the prior."""
+        H, g, Hp, gp, W = linearised(  # type: ignore[call-arg]
+            *self._arrays(e), self.columns, self.count, r, weights, self.held, self.size
+        )
         if len(self.prior_columns):
-            said, slopes = self.prior.residuals(e.R, e.c)
-            g[self.prior_columns] += slopes.T @ said
-            H[np.ix_(self.prior_columns, self.prior_columns)] += np.tril(slopes.T @ slopes)
+            prior_residuals, prior_derivatives = self.prior.residuals(e.R, e.c)
+            g[self.prior_columns] += prior_derivatives.T @ prior_residuals
+            H[np.ix_(self.prior_columns, self.prior_columns)] += np.tril(
+                prior_derivatives.T @ prior_derivatives
+            )
         return Normal(H, g, Hp, gp, W)
 
-    def reduced(self, normal: Normal, damping: float) -> tuple[Float, Float, Float, NDArray[np.bool_]]:
-        """Schur complement of the points."""
+    def reduced(self, normal: Normal, damping: float) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+        """Return the Schur complement of the points."""
         n = normal
         return reduced(self.start, self.cam, self.columns, self.count, n.H, n.g, n.Hp, n.gp, n.W, damping)
 
-    def moved(self, e: Estimate, step: Float, point_step: Float) -> Estimate:
-        """The estimate after a step."""
+    def moved(self, e: Estimate, step: FloatArray, point_step: FloatArray) -> Estimate:
+        """Return the estimate after a step."""
         free = self.pose_column >= 0
         d = step[self.pose_column[free, None] + np.arange(POSE)]
         R, c, lenses = e.R.copy(), e.c.copy(), e.lenses.copy()
@@ -163,6 +187,6 @@ class System:
         R[free] = R[free] @ np.swapaxes(se3.exp_so3(d[:, 3:]), 1, 2)
         ratio = lenses[:, 1] / lenses[:, 0]
         for row, j in zip(*np.nonzero(self.lens_columns >= 0), strict=True):
-            lenses[row, _PLACES[j]] += step[self.lens_columns[row, j]]
+            lenses[row, _VALUE_INDEX[j]] += step[self.lens_columns[row, j]]
         lenses[:, 1] = ratio * lenses[:, 0]
         return replace(e, R=R, c=c, lenses=lenses, X=e.X + point_step)

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""OpenCV's conversions, by way of RGB where there is no direct one."""
+"""Conversions of OpenCV, via RGB if there is no direct one."""
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -13,50 +13,53 @@ from pydantic import Field
 from cdff_common.errors import InputError
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_common.types import FrameModeT
-from cdff_core.dfns.color_conversion._interface import (
-    ColorConversionInputs,
-    ColorConversionInterface,
-    ColorConversionOutputs,
-)
+from cdff_core.dfns.color_conversion.interface import Inputs, Interface, Outputs
 from cdff_core.imaging.frames import with_image
 
 Mode = Literal["GRAY", "RGB", "RGBA", "BGR", "BGRA", "HSV", "HLS"]
 _CHANNELS = {"GRAY": 1, "RGB": 3, "RGBA": 4, "BGR": 3, "BGRA": 4, "HSV": 3, "HLS": 3}
-#: Conversions into these are made of 8 bits only.
+#: Modes with 8 bit conversions only.
 _EIGHT_BIT = ("HSV", "HLS")
 
 
 class OpenCvConfig(DfnConfig):
-    """What to convert to."""
+    """Parameters of OpenCv."""
 
-    mode: Mode = Field("GRAY", description="Mode of the output")
+    mode: Mode = Field(
+        "GRAY",
+        description=(
+            "Mode of the output; hue is in steps of 2 degrees, alpha is opaque where the input has none"
+        ),
+    )
 
 
-class OpenCv(ColorConversionInterface):
-    """Luma of ITU-R BT.601; hue in steps of 2 degrees so that it fits in 8 bits."""
+class OpenCv(Interface[OpenCvConfig]):
+    """Conversion with the luma of ITU-R BT.601 and hue in steps of 2 degrees, which fits 8 bits."""
 
-    Config: ClassVar[type[DfnConfig]] = OpenCvConfig
-
-    def process(self, inputs: ColorConversionInputs) -> ColorConversionOutputs:
-        """Return the converted image; raises InputError where mode or depth cannot be converted."""
+    def process(self, inputs: Inputs) -> Outputs:
+        """Return the converted image; raises InputError if mode or depth cannot be converted."""
         image, target = inputs.image.image, self.config.mode
         source = inputs.image.metadata.mode.name.removeprefix("MODE_")
         channels = 1 if image.ndim == 2 else image.shape[2]
         if source not in _CHANNELS or channels != _CHANNELS[source]:
-            raise InputError(f"image of {channels} channels in mode {source}: expected one of {', '.join(_CHANNELS)}")
+            raise InputError(
+                f"image of {channels} channels in mode {source}: expected one of {', '.join(_CHANNELS)}"
+            )
         deep = image.dtype == np.uint16 and not {source, target} & set(_EIGHT_BIT)
         if image.dtype != np.uint8 and not deep:
-            raise InputError(f"{source} of {image.dtype} to {target}: expected uint8, or uint16 without HSV and HLS")
+            raise InputError(
+                f"{source} of {image.dtype} to {target}: expected uint8, or uint16 without HSV and HLS"
+            )
         for step in _steps(source, target):
             image = cv2.cvtColor(np.ascontiguousarray(image), getattr(cv2, f"COLOR_{step}"))
-        return ColorConversionOutputs(image=with_image(inputs.image, image, mode=FrameModeT[f"MODE_{target}"]))
+        return Outputs(image=with_image(inputs.image, image, mode=FrameModeT[f"MODE_{target}"]))
 
 
 def _steps(source: str, target: str) -> list[str]:
-    """Names of OpenCV's conversions that lead from one mode to another."""
+    """Return the names of OpenCV's conversions from one mode to another."""
     if source == target:
         return []
-    for way in ([f"{source}2{target}"], [f"{source}2RGB", f"RGB2{target}"]):
-        if all(hasattr(cv2, f"COLOR_{step}") for step in way):
-            return way
+    for path in ([f"{source}2{target}"], [f"{source}2RGB", f"RGB2{target}"]):
+        if all(hasattr(cv2, f"COLOR_{step}") for step in path):
+            return path
     raise InputError(f"no conversion from {source} to {target}")

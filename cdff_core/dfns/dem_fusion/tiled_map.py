@@ -1,51 +1,48 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A map of all that was seen, in tiles."""
+"""Elevation map of the whole observed area, in tiles."""
 
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterator
 from itertools import product
-from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from cdff_common.arrays import FloatArray
 from cdff_common.errors import InputError
-from cdff_common.interfaces.dfn import DfnConfig
 from cdff_common.raster import GridGeometry
-from cdff_core.dfns.dem_fusion._interface import DemFusionInputs, DemFusionInterface, DemFusionOutputs
+from cdff_core.dfns.dem_fusion._configuration import WindowConfig
+from cdff_core.dfns.dem_fusion.interface import Inputs, Interface, Outputs
 from cdff_core.elevation import visibility
-from cdff_core.elevation.fusing import bounds_of, middle_of, window_around
 from cdff_core.elevation.map_cells import MapCells
+from cdff_core.elevation.patch_fusion import bounds_of, middle_of, window_around
 
-#: Cells along a tile's edge.
+#: Cells along the edge of a tile.
 TILE = 128
 
 
-class TiledMapConfig(DfnConfig):
-    """Size of the window that is returned, and of the map."""
+class TiledMapConfig(WindowConfig):
+    """Parameters of TiledMap."""
 
-    size_m: float = Field(40.0, gt=0.0, le=10_000.0, description="Edge of the square window returned, metres")
-    resolution_m: float | None = Field(None, gt=0.0, description="Edge of a cell, metres; the patches' where absent")
-    clear_margin_m: float = Field(0.1, ge=0.0, description="How far below a cell rays must pass to clear it, metres")
-    max_tiles: int = Field(2000, ge=1, description="Tiles kept at most; each holds 16384 cells")
-    max_cells: int = Field(1 << 22, ge=1 << 14, description="Cells of a map for bounds; above, they double in size")
+    max_tiles: int = Field(
+        2000, ge=1, description="Maximum number of tiles; the least recently used are evicted"
+    )
+    max_cells: int = Field(
+        1 << 22, ge=1 << 14, description="Maximum number of cells for given bounds; above it cells double"
+    )
 
 
-class TiledMap(DemFusionInterface):
-    """Pool each patch into tiles of 128 x 128 cells, made where something was seen: memory grows with the area seen.
+class TiledMap(Interface[TiledMapConfig]):
+    """Pool each patch into tiles of 128 x 128 cells; memory grows with the observed area.
 
-    Up to ``max_tiles``: then those touched least recently make room, and ``forgotten`` counts them. A map for bounds
-    has at most ``max_cells`` cells: where there would be more they are pooled into ones 2^n times as large.
+    Above ``max_tiles`` tiles the least recently used ones are evicted and counted in ``forgotten``. A map for
+    given bounds has at most ``max_cells`` cells: above, cells are pooled into ones 2^n times as large.
     """
 
-    Config: ClassVar[type[DfnConfig]] = TiledMapConfig
-
     def setup(self) -> None:
-        """Start with nothing observed."""
+        """Start with an empty map."""
         visibility.compile_now(1.0)
         self._tiles: OrderedDict[tuple[int, int], MapCells] = OrderedDict()
         self._like: GridGeometry | None = None
@@ -57,13 +54,13 @@ class TiledMap(DemFusionInterface):
         """Memory of all tiles, bytes."""
         return sum(tile.nbytes for tile in self._tiles.values())
 
-    def process(self, inputs: DemFusionInputs) -> DemFusionOutputs:
-        """Return the window around the centre, or the bounds, after the patch.
+    def process(self, inputs: Inputs) -> Outputs:
+        """Return the window around the centre, or the map of the bounds, after adding the patch.
 
         Raises
         ------
         InputError
-            If the patch's cells do not fit into the map's, or there is neither a patch nor a map.
+            If the cells of the patch do not fit those of the map, or there is neither a patch nor a map.
         """
         patch, cleared, forgotten = inputs.patch, 0, 0
         if patch is not None:
@@ -72,13 +69,13 @@ class TiledMap(DemFusionInterface):
             if inputs.centre is None:
                 self._centre = middle_of(patch.geometry)
             if inputs.rays is not None:
-                reached = [key for key in self._keys_of(_reach(new.geometry, inputs.rays)) if key in self._tiles]
-                for tile in (self._tiles[key] for key in reached):
-                    cleared += visibility.clear_seen_through(tile, inputs.rays, patch.t0_ns, self.config.clear_margin_m)
-            for key in self._keys_of(new.geometry):
+                below_rays = product(*_reached_by(_reach(new.geometry, inputs.rays)))
+                for tile in (self._tiles[key] for key in below_rays if key in self._tiles):
+                    cleared += visibility.clear_seen_through(
+                        tile, inputs.rays, patch.t0_ns, self.config.clear_margin_m
+                    )
+            for key in product(*_reached_by(new.geometry)):
                 forgotten += self._add(key, new)
-        if not self._tiles:
-            raise InputError("no patch yet: nothing to return a map of")
         if inputs.centre is not None:
             self._centre = np.asarray(inputs.centre, dtype=np.float64)
         wanted = MapCells.empty(self._wanted(inputs.bounds))
@@ -87,15 +84,13 @@ class TiledMap(DemFusionInterface):
         for (i, j), tile in self._tiles.items():
             if i in rows and j in cols:
                 wanted.add(tile.coarsened(factor))
-        return DemFusionOutputs(
-            map=wanted.to_map(*self._span_ns), cleared=np.array(cleared), forgotten=np.array(forgotten)
-        )
+        return Outputs(map=wanted.to_map(*self._span_ns), cleared=cleared, forgotten=forgotten)
 
     @property
     def _grid(self) -> GridGeometry:
-        """A grid of the map's cells; raises InputError before the first patch."""
+        """Return a grid of the map's cells; raises InputError before the first patch."""
         if self._like is None:
-            raise InputError("no patch yet: nothing to return a map of")
+            raise InputError("no patch yet: there is no map to return")
         return self._like
 
     def _begin(self, geometry: GridGeometry, t0_ns: int, t1_ns: int) -> None:
@@ -105,7 +100,7 @@ class TiledMap(DemFusionInterface):
         self._span_ns = (min(self._span_ns[0], t0_ns), max(self._span_ns[1], t1_ns))
 
     def _add(self, key: tuple[int, int], new: MapCells) -> int:
-        """Pool into a tile, made if there is something in it; tells how many others made room for it."""
+        """Pool cells into their tile and return the number of evicted tiles."""
         tile = self._geometry(key)
         part = new.geometry.intersection(tile)
         if part is None or not new.statistics.count[new.geometry.slices_of(part)].any():
@@ -125,12 +120,8 @@ class TiledMap(DemFusionInterface):
             like.frame, like.resolution_m, left=j * TILE, top=(i + 1) * TILE, rows=TILE, cols=TILE
         )
 
-    def _keys_of(self, g: GridGeometry) -> Iterator[tuple[int, int]]:
-        """Tiles that a grid reaches into."""
-        yield from product(*_reached_by(g))
-
-    def _wanted(self, bounds: NDArray[np.float64] | None) -> GridGeometry:
-        """The window, or a grid of at most ``max_cells`` cells over the bounds."""
+    def _wanted(self, bounds: FloatArray | None) -> GridGeometry:
+        """Return the grid of the window, or a grid of at most ``max_cells`` cells over the bounds."""
         like = self._grid
         if bounds is None:
             return window_around(like.frame, like.resolution_m, self._centre, self.config.size_m)
@@ -141,18 +132,18 @@ class TiledMap(DemFusionInterface):
         return GridGeometry.aligned(like.frame, cell_m, (x0, y0, x1, y1))
 
     def _extent_m(self) -> tuple[float, float, float, float]:
-        """Bounds of all tiles."""
+        """Return the bounds of all tiles."""
         each = np.array([tile.geometry.bounds for tile in self._tiles.values()])
         return bounds_of(np.concatenate([each[:, :2].min(axis=0), each[:, 2:].max(axis=0)]))
 
 
 def _reached_by(g: GridGeometry, factor: int = 1) -> tuple[range, range]:
-    """Rows and columns of the tiles that a grid reaches into, whose cells are ``factor`` times the map's."""
+    """Return rows and columns of tiles that a grid of cells ``factor`` times the map's intersects."""
     bottom, top, left, right = (factor * k for k in (g.top - g.rows, g.top, g.left, g.left + g.cols))
     return range(bottom // TILE, (top - 1) // TILE + 1), range(left // TILE, (right - 1) // TILE + 1)
 
 
 def _reach(like: GridGeometry, rays: np.ndarray) -> GridGeometry:
-    """The grid below all rays."""
+    """Return the grid below all rays."""
     x, y = rays[:, [0, 3]], rays[:, [1, 4]]
     return GridGeometry.aligned(like.frame, like.resolution_m, (x.min(), y.min(), x.max(), y.max()))

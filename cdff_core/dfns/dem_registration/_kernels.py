@@ -1,29 +1,29 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Planes through the cells around points, compiled."""
+"""Compiled planes through the cells around points."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from cdff_common.arrays import Float32Array, FloatArray
 
 
 @njit(cache=True)
 def tangent_planes(
-    points: Array,
-    heights: NDArray[np.float32],
+    points: FloatArray,
+    heights: Float32Array,
     resolution_m: float,
     xmin_m: float,
     ymax_m: float,
     radius: int,
-    above: Array,
-    gradient: Array,
-    spread: Array,
+    above: FloatArray,
+    gradient: FloatArray,
+    spread: FloatArray,
 ) -> None:
-    """Height of each point over the least-squares plane of the cells around it, the plane's gradient and scatter.
+    """Compute the height of each point over the least-squares plane of the surrounding cells, its gradient
+    and scatter.
 
     Parameters
     ----------
@@ -33,8 +33,8 @@ def tangent_planes(
     radius : int
         Cells to each side of the point's own.
     above, gradient, spread : ndarray, shapes (n,), (n, 2), (n,)
-        Filled in: metres; slopes along x and y; variance of the cells about the plane over their number, square metres.
-        NaN where the cells do not span a plane.
+        Outputs: metres; slopes along x and y; variance of the cells about the plane over their number, square
+        metres. NaN where the cells do not span a plane.
     """
     rows, cols = heights.shape
     least = ((2 * radius + 1) ** 2) // 2

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Block matching: the fastest, for ground with texture.
+"""Block matching: fast, for terrain with texture.
 
 References
 ----------
@@ -10,28 +10,25 @@ References
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import cv2
 from pydantic import Field
 
-from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.disparity_image._checked import CheckedMatcher, MatcherConfig
 
 
 class BmConfig(MatcherConfig):
-    """Size of the block and how much texture it needs."""
+    """Parameters of Bm."""
 
-    block_px: int = Field(9, ge=5, le=255, description="Edge of the matched block, px; odd")
-    texture: int = Field(10, ge=0, le=100_000, description="Least sum of a block's horizontal gradients")
+    block_px: int = Field(9, ge=5, le=255, description="Edge of the matched block; odd")
+    texture: int = Field(
+        10, ge=0, le=100_000, description="Minimum sum of the horizontal gradients of a block"
+    )
 
 
-class Bm(CheckedMatcher):
+class Bm(CheckedMatcher[BmConfig]):
     """Sum of absolute differences of horizontal gradients over a block ([1]_); sub-pixel by a parabola."""
 
-    Config: ClassVar[type[DfnConfig]] = BmConfig
-
-    def _made(self) -> cv2.StereoMatcher:
+    def _matcher_of_opencv(self) -> cv2.StereoMatcher:
         c = self.config
         matcher = cv2.StereoBM.create(c.num_disparities, c.block_px)
         matcher.setMinDisparity(c.min_disparity_px)

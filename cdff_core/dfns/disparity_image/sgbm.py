@@ -1,42 +1,48 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Semi-global matching with a left-right check on both images.
+"""Semi-global matching [1]_ with a left-right check on both images.
 
 References
 ----------
-.. [1] Hirschmüller, H. (2008). Stereo processing by semiglobal matching and mutual information. IEEE TPAMI 30(2).
+.. [1] Hirschmüller, H. (2008). Stereo processing by semiglobal matching and mutual information. IEEE TPAMI
+   30(2).
    doi:10.1109/TPAMI.2007.1166
 """
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Literal
 
 import cv2
 from pydantic import Field
 
-from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.disparity_image._checked import CheckedMatcher, MatcherConfig
 
 _MODES = {3: cv2.STEREO_SGBM_MODE_SGBM_3WAY, 5: cv2.STEREO_SGBM_MODE_SGBM, 8: cv2.STEREO_SGBM_MODE_HH}
 
 
 class SgbmConfig(MatcherConfig):
-    """Costs and their aggregation."""
+    """Parameters of Sgbm."""
 
-    block_px: int = Field(3, ge=1, le=15, description="Edge of the matched block, px; odd")
-    paths: Literal[3, 5, 8] = Field(5, description="Directions in which costs are aggregated")
+    block_px: int = Field(3, ge=1, le=15, description="Edge of the matched block; odd")
+    paths: Literal[3, 5, 8] = Field(5, description="Number of directions in which costs are aggregated")
 
 
-class Sgbm(CheckedMatcher):
-    """Costs of blocks aggregated along several directions ([1]_); sub-pixel by a parabola through the costs."""
+class Sgbm(CheckedMatcher[SgbmConfig]):
+    """Block costs aggregated along several directions; sub-pixel by a parabola through the costs."""
 
-    Config: ClassVar[type[DfnConfig]] = SgbmConfig
-
-    def _made(self) -> cv2.StereoMatcher:
+    def _matcher_of_opencv(self) -> cv2.StereoMatcher:
         c = self.config
         return cv2.StereoSGBM.create(
-            minDisparity=c.min_disparity_px, numDisparities=c.num_disparities, blockSize=c.block_px,
-            P1=8 * c.block_px**2, P2=32 * c.block_px**2, disp12MaxDiff=-1, preFilterCap=31,
-            uniquenessRatio=c.uniqueness_percent, speckleWindowSize=0, speckleRange=0, mode=_MODES[c.paths],
-        )  # fmt: skip
+            minDisparity=c.min_disparity_px,
+            numDisparities=c.num_disparities,
+            blockSize=c.block_px,
+            P1=8 * c.block_px**2,
+            P2=32 * c.block_px**2,
+            disp12MaxDiff=-1,
+            preFilterCap=31,
+            uniquenessRatio=c.uniqueness_percent,
+            speckleWindowSize=0,
+            speckleRange=0,
+            mode=_MODES[c.paths],
+        )

@@ -8,17 +8,17 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
+from cdff_common.arrays import FloatArray, IntArray
 
 BINS = 11
 
 
 @njit(cache=True)
-def simplified(points: Float, normals: Float, which: Int, start: Int, index: Int) -> Float:  # pragma: no cover
-    """Histograms (k, 33) of the three angles between points of ``which`` and their neighbours, each summing to 100."""
+def simplified(
+    points: FloatArray, normals: FloatArray, which: IntArray, start: IntArray, index: IntArray
+) -> FloatArray:  # pragma: no cover
+    """Return histograms (k, 33) of the angles between points of ``which`` and neighbours; sum 100 each."""
     out = np.zeros((len(which), 3 * BINS))
     for k in range(len(which)):
         p = which[k]
@@ -32,7 +32,7 @@ def simplified(points: Float, normals: Float, which: Int, start: Int, index: Int
             dx, dy, dz = dx / d, dy / d, dz / d
             cos_p = dx * normals[p, 0] + dy * normals[p, 1] + dz * normals[p, 2]
             cos_q = dx * normals[q, 0] + dy * normals[q, 1] + dz * normals[q, 2]
-            # The frame stands on the point whose normal is nearer to the line between them.
+            # The origin is the point whose normal is closer to the line between the two.
             if abs(cos_q) > abs(cos_p):
                 s, t = q, p
                 dx, dy, dz = -dx, -dy, -dz
@@ -65,9 +65,14 @@ def _bin(share: float) -> int:  # pragma: no cover - compiled
 
 @njit(cache=True)
 def weighted(
-    points: Float, keypoints: Float, spfh: Float, row: Int, start: Int, index: Int
-) -> Float:  # pragma: no cover - compiled
-    """Sum the neighbours' histograms over their distances squared, each third scaled to 100."""
+    points: FloatArray,
+    keypoints: FloatArray,
+    spfh: FloatArray,
+    row: IntArray,
+    start: IntArray,
+    index: IntArray,
+) -> FloatArray:  # pragma: no cover - compiled
+    """Return sums of neighbours' histograms by inverse squared distance, each third scaled to 100."""
     out = np.zeros((len(keypoints), 3 * BINS))
     for k in range(len(keypoints)):
         for q in index[start[k] : start[k + 1]]:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled loops of SHOT: the local reference frames, and the histograms."""
+"""Compiled loops of SHOT: local reference frames and histograms."""
 
 from __future__ import annotations
 
@@ -8,22 +8,19 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from cdff_common.arrays import Float32Array, FloatArray, IntArray
 from cdff_common.geometry.plane_fits import eigen
-
-Float = NDArray[np.float64]
-Float32 = NDArray[np.float32]
-Int = NDArray[np.int64]
 
 AZIMUTHS, ELEVATIONS, SHELLS, COSINES = 8, 2, 2, 11
 LENGTH = AZIMUTHS * ELEVATIONS * SHELLS * COSINES
-#: Bins of the cosine and one that only ever gets 0, so that each neighbour has two.
+#: Bins of the cosine and one that stays 0, so that each neighbour has two bins.
 _ROW = COSINES + 1
 
 
 def _arctangent() -> tuple[float, ...]:
-    """Coefficients of t, t^3, ... of ``atan t`` in [0, 1], within 4e-10: its Chebyshev series, cut after 11 terms.
+    """Return the coefficients of t, t^3, ... of ``atan t`` in [0, 1], accurate to 4e-10: 11 terms of its
+    Chebyshev series.
 
     ``atan t = 2 sum (-1)^k q^(2k+1) / (2k+1) T_(2k+1)(t)``, ``q = sqrt 2 - 1`` (Mason, Handscomb 2003, 5.2).
     """
@@ -38,15 +35,16 @@ _A0, _A1, _A2, _A3, _A4, _A5, _A6, _A7, _A8, _A9, _A10 = _arctangent()
 
 @njit(cache=True, fastmath=True)
 def local_frames(
-    points: Float, keypoints: Float, start: Int, index: Int, radius: float
-) -> tuple[Float, Float]:  # pragma: no cover - compiled
-    """Axes x, y, z as rows (k, 3, 3) and variances (k, 3) ascending of ``sum (R - d) (p - q)(p - q)^T / sum (R - d)``.
+    points: FloatArray, keypoints: FloatArray, start: IntArray, index: IntArray, radius: float
+) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
+    """Return axes x, y, z as rows (k, 3, 3) and ascending variances (k, 3) of ``sum (R - d) (p - q)(p - q)^T
+    / sum (R - d)``.
 
-    x and z point to where most neighbours lie; on a tie the sum of the projections decides, since the paper's subset
-    about the median distance can tie again.
+    x and z point to the side with more neighbours; a tie is decided by the sum of the projections, since the
+    subset of the paper about the median distance can tie again.
     """
     frames, variance = np.zeros((len(keypoints), 3, 3)), np.zeros((len(keypoints), 3))
-    offset = np.empty((3, _most(start)))
+    offset = np.empty((3, _largest_count(start)))
     scatter, values, vectors = np.empty((3, 3)), np.empty(3), np.empty((3, 3))
     for k in range(len(keypoints)):
         n = start[k + 1] - start[k]
@@ -92,21 +90,31 @@ def local_frames(
 
 @njit(cache=True, fastmath=True)
 def histograms(
-    points: Float, normals: Float, keypoints: Float, frames: Float, start: Int, index: Int, radius: float, signed: bool
-) -> Float32:  # pragma: no cover - compiled
-    """One row of 352 per keypoint, unit length; ``frames`` (k, 3, 3) hold the axes x, y, z as rows.
+    points: FloatArray,
+    normals: FloatArray,
+    keypoints: FloatArray,
+    frames: FloatArray,
+    start: IntArray,
+    index: IntArray,
+    radius: float,
+    signed: bool,
+) -> Float32Array:  # pragma: no cover - compiled
+    """Return one row of 352 per keypoint, unit length; ``frames`` (k, 3, 3) hold the axes x, y, z as rows.
 
-    Order of the bins: azimuth, elevation, shell, cosine (fastest). Each neighbour is spread over the two nearest bins
-    of each dimension with weights ``1 - d``; d is the distance to the bin's centre over the distance between centres.
-    What falls outside the outermost centres of shell and elevation is lost, as the definition has no bin for it.
+    Order of the bins: azimuth, elevation, shell, cosine (fastest). Each neighbour is distributed over the two
+    nearest bins of each dimension with weights ``1 - d``; d is the distance to the bin's centre over the
+    distance between centres. Contributions outside the outermost centres of shell and elevation are dropped,
+    as the definition has no bin for them.
 
-    Two loops: the first, over arrays, is compiled to vector instructions; the second adds up, elevations and shells
-    side by side in memory.
+    Of the two loops the first, over arrays, is vectorised; the second sums with elevations and shells
+    adjacent in memory.
     """
     out = np.zeros((len(keypoints), LENGTH), np.float32)
     h = np.zeros(AZIMUTHS * _ROW * 4)
-    at = np.empty((6, _most(start)))  # positions in bins of azimuth and cosine, weights of elevations and shells
-    p = np.empty((6, _most(start)))
+    at = np.empty(
+        (6, _largest_count(start))
+    )  # positions in bins of azimuth and cosine, weights of elevations and shells
+    p = np.empty((6, _largest_count(start)))
     least2 = (1e-12 * radius) ** 2
     for k in range(len(keypoints)):
         n = start[k + 1] - start[k]
@@ -148,9 +156,9 @@ def histograms(
 
 @njit(cache=True, fastmath=True)
 def _positions(
-    p: Float, at: Float, n: int, axes: Float, radius: float, least2: float, signed: bool
+    p: FloatArray, at: FloatArray, n: int, axes: FloatArray, radius: float, least2: float, signed: bool
 ) -> None:  # pragma: no cover - compiled
-    """Rows of ``at`` from offsets and normals ``p`` (6, n); a neighbour at the keypoint itself gets weights 0."""
+    """Compute rows of ``at`` from offsets and normals ``p`` (6, n); weights at the keypoint are 0."""
     xx, xy, xz = axes[0, 0], axes[0, 1], axes[0, 2]
     yx, yy, yz = axes[1, 0], axes[1, 1], axes[1, 2]
     zx, zy, zz = axes[2, 0], axes[2, 1], axes[2, 2]
@@ -176,8 +184,8 @@ def _positions(
 
 
 @njit(cache=True)
-def _most(start: Int) -> int:  # pragma: no cover - compiled
-    """The greatest number of neighbours."""
+def _largest_count(start: IntArray) -> int:  # pragma: no cover - compiled
+    """Return the largest number of neighbours."""
     most = 0
     for k in range(len(start) - 1):
         most = max(most, start[k + 1] - start[k])
@@ -186,7 +194,7 @@ def _most(start: Int) -> int:  # pragma: no cover - compiled
 
 @njit(cache=True, inline="always")
 def angle(y: float, x: float) -> float:  # pragma: no cover - compiled
-    """``atan2(y, x)`` within 1e-9 and without branches; 0 where both are."""
+    """Return ``atan2(y, x)`` within 1e-9 without branches; 0 where both are 0."""
     ax, ay = abs(x), abs(y)
     t = min(ax, ay) / max(ax, ay, 1e-300)
     u = t * t

@@ -6,14 +6,13 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from cdff_common.arrays import BoolArray, IntArray
 
 
 @njit(cache=True)
-def spread(
-    columns: NDArray[np.int64], rows: NDArray[np.int64], shape: tuple[int, int], radius: int
-) -> NDArray[np.bool_]:
-    """Which points stay when each, in the given order, clears a square of ``radius`` around itself."""
+def suppress(columns: IntArray, rows: IntArray, shape: tuple[int, int], radius: int) -> BoolArray:
+    """Return which points remain when each, in order, suppresses a square of ``radius`` around it."""
     cell = max(radius // 2, 1)
     covered = np.zeros((shape[0] // cell + 1, shape[1] // cell + 1), np.bool_)
     reach = radius // cell

@@ -4,30 +4,17 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from cdff_common.geometry.points import checked_points
-from cdff_common.interfaces.dfn import DfnConfig
-from cdff_core.dfns.features_extraction_3d._interface import (
-    FeaturesExtraction3DInputs,
-    FeaturesExtraction3DInterface,
-    FeaturesExtraction3DOutputs,
-)
 from cdff_core.dfns.features_extraction_3d._scale import ScaleConfig, scale_m
+from cdff_core.dfns.features_extraction_3d.interface import Inputs, Interface, Outputs
 
 
-class UniformConfig(ScaleConfig):
-    """Edge of the cells and how many keypoints there may be."""
-
-
-class Uniform(FeaturesExtraction3DInterface):
+class Uniform(Interface[ScaleConfig]):
     """The point nearest to the middle of each occupied cell of a grid; of too many, evenly spaced ones."""
 
-    Config: ClassVar[type[DfnConfig]] = UniformConfig
-
-    def process(self, inputs: FeaturesExtraction3DInputs) -> FeaturesExtraction3DOutputs:
+    def process(self, inputs: Inputs) -> Outputs:
         """Return the keypoints; raises InputError on a malformed cloud."""
         p = checked_points(inputs.points, least=2)
         edge_m = scale_m(p, inputs.radius_m, self.config)
@@ -39,4 +26,4 @@ class Uniform(FeaturesExtraction3DInterface):
         if len(chosen) > self.config.max_keypoints:
             chosen = chosen[np.linspace(0, len(chosen) - 1, self.config.max_keypoints).astype(np.int64)]
         indices = np.sort(chosen)
-        return FeaturesExtraction3DOutputs(keypoints=p[indices], indices=indices)
+        return Outputs(keypoints=p[indices], indices=indices)

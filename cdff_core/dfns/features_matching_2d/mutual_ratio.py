@@ -1,22 +1,18 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""MutualRatio: exhaustive nearest neighbours, kept where they are mutual and unambiguous."""
+"""Exhaustive nearest neighbours with mutual and ratio test."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from cdff_common.arrays import BoolArray, ByteArray, Float32Array
 from cdff_common.errors import InputError
 from cdff_common.interfaces.dfn import DfnConfig
-from cdff_core.dfns.features_matching_2d._interface import (
-    FeaturesMatching2DInputs,
-    FeaturesMatching2DInterface,
-    FeaturesMatching2DOutputs,
-)
+from cdff_core.dfns.features_matching_2d.interface import Inputs, Interface, Outputs
 from cdff_core.imaging.two_view import homogeneous
 
 _BLOCK_ROWS = 1024
@@ -24,20 +20,28 @@ _FAR = np.float32(1e12)
 
 
 class MutualRatioConfig(DfnConfig):
-    """Which pairs are kept."""
+    """Parameters of MutualRatio."""
 
-    norm: Literal["auto", "euclidean", "hamming"] = "auto"
-    max_ratio: Annotated[float, Field(gt=0, le=1)] = 0.85
-    mutual: bool = True
-    max_matches: Annotated[int, Field(ge=1, le=1_000_000)] = 20_000
-    band_px: Annotated[float, Field(gt=0, le=1000)] = 3.0
+    norm: Literal["auto", "euclidean", "hamming"] = Field(
+        "auto", description="Distance of descriptors; auto takes hamming for descriptors of 32 bytes"
+    )
+    max_ratio: float = Field(
+        0.85, gt=0, le=1, description="Largest ratio of nearest to second nearest distance"
+    )
+    mutual: bool = Field(True, description="Require that both descriptors are the nearest of each other")
+    max_matches: int = Field(
+        20_000, ge=1, le=1_000_000, description="Maximum number of matches, by smallest ratio"
+    )
+    band_px: float = Field(
+        3.0, gt=0, le=1000, description="Largest distance from the epipolar line, with a fundamental matrix"
+    )
 
 
-class MutualRatio(FeaturesMatching2DInterface):
-    """All distances; the nearest stays where it is mutual and clearly nearer than the second ([1]_).
+class MutualRatio(Interface[MutualRatioConfig]):
+    """Nearest descriptors that are mutual and clearly nearer than the second nearest [1]_.
 
-    With a fundamental matrix only points near the epipolar line compete: a repeated structure that is elsewhere no
-    longer makes a point ambiguous.
+    With a fundamental matrix only points near the epipolar line are compared, so that a repeated structure
+    elsewhere in the image does not make a point ambiguous.
 
     References
     ----------
@@ -45,17 +49,12 @@ class MutualRatio(FeaturesMatching2DInterface):
        doi:10.1023/B:VISI.0000029664.99615.94
     """
 
-    Config = MutualRatioConfig
-    config: MutualRatioConfig
-
-    def process(self, inputs: FeaturesMatching2DInputs) -> FeaturesMatching2DOutputs:
-        """Return the matches; raises InputError where the inputs do not fit."""
+    def process(self, inputs: Inputs) -> Outputs:
+        """Return the matches; raises InputError for a fundamental matrix without points."""
         c = self.config
         source, sink = np.asarray(inputs.source), np.asarray(inputs.sink)
-        if source.ndim != 2 or sink.ndim != 2 or source.shape[1] != sink.shape[1]:
-            raise InputError(f"descriptors {source.shape} and {sink.shape}: expected (n, d) and (m, d)")
         if not (len(source) and len(sink)):
-            return FeaturesMatching2DOutputs(np.zeros((0, 2), np.int64), np.zeros(0), np.zeros(0))
+            return Outputs(matches=np.zeros((0, 2), np.int64), distances=np.zeros(0), ratios=np.zeros(0))
         squared = self._squared(source, sink)
         if inputs.fundamental_matrix is not None:
             squared[~self._near_lines(inputs, len(source), len(sink))] = _FAR
@@ -67,23 +66,25 @@ class MutualRatio(FeaturesMatching2DInterface):
         with np.errstate(divide="ignore", invalid="ignore"):
             ratios = np.where(second > 0.0, np.sqrt(first / second), 1.0)
             if self._hamming(source):
-                ratios = ratios**2  # these are distances already, not squares
+                ratios = ratios**2  # Hamming distances are not squared
         keep = (first < _FAR) & (ratios <= c.max_ratio)
         if c.mutual:
             keep &= back[nearest] == rows
         chosen = np.flatnonzero(keep)
         chosen = chosen[np.argsort(ratios[chosen], kind="stable")[: c.max_matches]]
         distances = first if self._hamming(source) else np.sqrt(first)
-        return FeaturesMatching2DOutputs(
-            np.column_stack([chosen, nearest[chosen]]).astype(np.int64), distances[chosen], ratios[chosen]
+        return Outputs(
+            matches=np.column_stack([chosen, nearest[chosen]]).astype(np.int64),
+            distances=distances[chosen],
+            ratios=ratios[chosen],
         )
 
-    def _hamming(self, descriptors: NDArray[np.uint8]) -> bool:
+    def _hamming(self, descriptors: ByteArray) -> bool:
         norm = self.config.norm
         return norm == "hamming" or (norm == "auto" and descriptors.shape[1] == 32)
 
-    def _squared(self, source: NDArray[np.uint8], sink: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """Squared Euclidean, or Hamming, distances ``(n, m)``."""
+    def _squared(self, source: ByteArray, sink: ByteArray) -> Float32Array:
+        """Return squared Euclidean, or Hamming, distances ``(n, m)``."""
         if self._hamming(source):
             bits = 8 * source.shape[1]
             a, b = (np.float32(2.0) * np.unpackbits(d, axis=1) - np.float32(1.0) for d in (source, sink))
@@ -95,14 +96,11 @@ class MutualRatio(FeaturesMatching2DInterface):
         squared += np.einsum("ij,ij->i", b, b)
         return np.maximum(squared, np.float32(0.0), out=squared)
 
-    def _near_lines(self, inputs: FeaturesMatching2DInputs, n: int, m: int) -> NDArray[np.bool_]:
-        """Pairs ``(n, m)`` within the band of the fundamental matrix, by Sampson's distance."""
+    def _near_lines(self, inputs: Inputs, n: int, m: int) -> BoolArray:
+        """Return which pairs ``(n, m)`` lie within the band about epipolar lines, by Sampson distance."""
         F = np.asarray(inputs.fundamental_matrix, np.float64)
         if inputs.source_features is None or inputs.sink_features is None:
             raise InputError("fundamentalMatrix without sourceFeatures and sinkFeatures: expected all three")
-        if inputs.source_features.shape != (n, 2) or inputs.sink_features.shape != (m, 2) or F.shape != (3, 3):
-            shapes = f"{inputs.source_features.shape}, {inputs.sink_features.shape}, F {F.shape}"
-            raise InputError(f"points {shapes}: expected ({n}, 2), ({m}, 2), (3, 3)")
         x = homogeneous(np.asarray(inputs.source_features, np.float64))
         y = homogeneous(np.asarray(inputs.sink_features, np.float64))
         lines, back = x @ F.T, y @ F

@@ -1,51 +1,44 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Nearest neighbours in descriptor space, both ways, with a bound on their ambiguity."""
+"""Nearest neighbours in descriptor space with mutual and ratio test."""
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
-
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from cdff_common.errors import InputError
+from cdff_common.arrays import Float32Array, IntArray
 from cdff_common.interfaces.dfn import DfnConfig
-from cdff_core.dfns.features_matching_3d._interface import (
-    FeaturesMatching3DInputs,
-    FeaturesMatching3DInterface,
-    FeaturesMatching3DOutputs,
-)
+from cdff_core.dfns.features_matching_3d.interface import Inputs, Interface, Outputs
 
 _BLOCK_ROWS = 1024
 
 
 class MutualRatioConfig(DfnConfig):
-    """Which pairs are kept."""
+    """Parameters of MutualRatio."""
 
-    max_ratio: float = Field(1.0, gt=0.0, le=1.0, description="Largest nearest over second nearest distance")
-    mutual: bool = Field(True, description="Whether a pair must be nearest both ways")
-    max_matches: int = Field(5000, ge=1, le=1_000_000, description="Matches at most")
+    max_ratio: float = Field(
+        1.0, gt=0, le=1, description="Largest ratio of nearest to second nearest distance"
+    )
+    mutual: bool = Field(True, description="Require that both descriptors are the nearest of each other")
+    max_matches: int = Field(
+        5000, ge=1, le=1_000_000, description="Maximum number of matches, by smallest ratio"
+    )
 
 
-class MutualRatio(FeaturesMatching3DInterface):
-    """Exhaustive search; a pair is kept if it is mutual and its ratio is small enough.
+class MutualRatio(Interface[MutualRatioConfig]):
+    """Exhaustive search for mutual nearest neighbours with a bound on the distance ratio.
 
     Lowe (2004), doi:10.1023/B:VISI.0000029664.99615.94, for the ratio.
     """
 
-    Config: ClassVar[type[DfnConfig]] = MutualRatioConfig
-
-    def process(self, inputs: FeaturesMatching3DInputs) -> FeaturesMatching3DOutputs:
-        """Return the matches; raises InputError where the descriptors do not fit."""
-        cfg: Any = self.config
-        source, target = _checked(inputs.source, "source"), _checked(inputs.target, "target")
-        if source.shape[1] != target.shape[1]:
-            raise InputError(f"descriptors of {source.shape[1]} and {target.shape[1]} values, expected the same length")
+    def process(self, inputs: Inputs) -> Outputs:
+        """Return the matches."""
+        cfg = self.config
+        source, target = (np.ascontiguousarray(d, np.float32) for d in (inputs.source, inputs.target))
         if not (len(source) and len(target)):
             nothing = np.zeros(0, np.float32)
-            return FeaturesMatching3DOutputs(np.zeros((0, 2), np.int64), nothing, nothing)
+            return Outputs(matches=np.zeros((0, 2), np.int64), distances=nothing, ratios=nothing)
         nearest, first, second, back = _nearest(source, target)
         rows = np.arange(len(source))
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -55,29 +48,24 @@ class MutualRatio(FeaturesMatching3DInterface):
             keep &= back[nearest] == rows
         chosen = np.flatnonzero(keep)
         chosen = chosen[np.argsort(ratio[chosen], kind="stable")[: cfg.max_matches]]
-        return FeaturesMatching3DOutputs(
+        return Outputs(
             matches=np.stack([chosen, nearest[chosen]], axis=1), distances=first[chosen], ratios=ratio[chosen]
         )
 
 
-def _checked(descriptors: Any, name: str) -> NDArray[np.float32]:
-    d = np.ascontiguousarray(descriptors, dtype=np.float32)
-    if d.ndim != 2 or not np.all(np.isfinite(d)):
-        raise InputError(f"{name}: shape {d.shape}, expected finite values of shape (n, d)")
-    return d
-
-
 def _nearest(
-    source: NDArray[np.float32], target: NDArray[np.float32]
-) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
-    """Per source row the nearest target, its distance and that of the second; per target row the nearest source."""
+    source: Float32Array, target: Float32Array
+) -> tuple[IntArray, Float32Array, Float32Array, IntArray]:
+    """Return nearest target and two smallest distances per source, nearest source per target."""
     nearest, back = np.empty(len(source), np.int64), np.zeros(len(target), np.int64)
     first, second = np.empty(len(source), np.float32), np.full(len(source), np.inf, np.float32)
     back_d2 = np.full(len(target), np.inf, np.float32)
     target_norm2 = np.einsum("ij,ij->i", target, target)
     for low in range(0, len(source), _BLOCK_ROWS):
         block = source[low : low + _BLOCK_ROWS]
-        d2 = np.maximum(np.einsum("ij,ij->i", block, block)[:, None] + target_norm2 - 2.0 * (block @ target.T), 0.0)
+        d2 = np.maximum(
+            np.einsum("ij,ij->i", block, block)[:, None] + target_norm2 - 2.0 * (block @ target.T), 0.0
+        )
         column = np.argmin(d2, axis=0)
         at_column = d2[column, np.arange(len(target))]
         better = at_column < back_d2

@@ -1,10 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Geodesic: translation along the line, rotation about one axis, and what lies between two known poses."""
+"""Linear interpolation of the translation and geodesic interpolation of the rotation."""
 
 from __future__ import annotations
-
-from typing import Annotated, ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -12,36 +10,31 @@ from pydantic import Field
 from cdff_common.errors import ExtrapolationError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfn import DfnConfig
-from cdff_core.dfns.frame_interpolation._interface import (
-    FrameInterpolationInputs,
-    FrameInterpolationInterface,
-    FrameInterpolationOutputs,
-)
+from cdff_core.dfns.frame_interpolation.interface import Inputs, Interface, Outputs
 
 
 class GeodesicConfig(DfnConfig):
-    """How much a frame may move off the geodesic."""
+    """Parameters of Geodesic: motion that deviates from the geodesic."""
 
-    acceleration_m_s2: Annotated[float, Field(ge=0, le=100, description="m/s^2")] = 0.1
-    angular_acceleration_rad_s2: Annotated[float, Field(ge=0, le=100, description="rad/s^2")] = 0.1
+    acceleration_m_s2: float = Field(
+        0.1, ge=0, le=100, description="Standard deviation of the acceleration between the poses"
+    )
+    angular_acceleration_rad_s2: float = Field(
+        0.1, ge=0, le=100, description="Standard deviation of the angular acceleration"
+    )
 
 
-class Geodesic(FrameInterpolationInterface):
-    """The error between two poses is the weighted mean of theirs, and half of ``a (t - t0)(t1 - t)`` of the motion."""
+class Geodesic(Interface[GeodesicConfig]):
+    """Interpolation; its error is the mean of both plus half of ``a (t - t0)(t1 - t)`` of the motion."""
 
-    Config: ClassVar[type[DfnConfig]] = GeodesicConfig
-    config: GeodesicConfig
-
-    def process(self, inputs: FrameInterpolationInputs) -> FrameInterpolationOutputs:
-        """Interpolate; raises ExtrapolationError where the time lies outside the interval."""
-        begin, end = (int(t) for t in inputs.interval_ns)
-        time = int(inputs.time_ns)
-        if not begin <= time <= end:
-            raise ExtrapolationError(f"time {time}: expected within {begin}..{end}; this is interpolation")
-        s = 0.0 if end == begin else (time - begin) / (end - begin)
-        A, B = inputs.first, inputs.second
-        R = A[:3, :3] @ se3.exp_so3(s * se3.log_so3(A[:3, :3].T @ B[:3, :3]))
-        T = se3.transform(se3.normalise_rotation(R), (1.0 - s) * A[:3, 3] + s * B[:3, 3])
+    def process(self, inputs: Inputs) -> Outputs:
+        """Return the interpolated pose; raises ExtrapolationError for a time outside the interval."""
+        start, end = (int(t) for t in inputs.interval_ns)
+        time = inputs.time_ns
+        if not start <= time <= end:
+            raise ExtrapolationError(f"time {time}: expected within {start}..{end}; this is interpolation")
+        s = 0.0 if end == start else (time - start) / (end - start)
+        T = se3.interpolate_transform(inputs.first, inputs.second, s)
         covariance = np.full((6, 6), np.nan)
         C1, C2, X = inputs.first_covariance, inputs.second_covariance, inputs.cross_covariance
         if C1 is not None and C2 is not None:
@@ -49,7 +42,7 @@ class Geodesic(FrameInterpolationInterface):
                 covariance = (1.0 - s) * C1 + s * C2
             else:
                 covariance = (1.0 - s) ** 2 * C1 + s**2 * C2 + s * (1.0 - s) * (X + X.T)
-            bend_s2 = 0.5 * s * (1.0 - s) * ((end - begin) * 1e-9) ** 2
+            bend_s2 = 0.5 * s * (1.0 - s) * ((end - start) * 1e-9) ** 2
             bend = [self.config.acceleration_m_s2] * 3 + [self.config.angular_acceleration_rad_s2] * 3
             covariance = covariance + np.diag(np.square(np.multiply(bend, bend_s2)))
-        return FrameInterpolationOutputs(T, covariance, np.asarray(s))
+        return Outputs(pose=T, covariance=covariance, fraction=s)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled maximum clique of a graph of pairs, on bit sets; the same graph gives the same clique."""
+"""Compiled, deterministic maximum clique of a graph of pairs on bit sets."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
+from cdff_common.arrays import FloatArray, IntArray
+
 Bits = NDArray[np.uint64]
 
 _ONE = np.uint64(1)
@@ -17,10 +17,12 @@ _GREEDY_IN_VAIN = 10
 
 
 @njit(cache=True)
-def consistency(source: Float, target: Float, tolerance: float, least: float) -> tuple[Bits, Int]:  # pragma: no cover
-    """Graph of pairs whose distances agree: adjacency as bits (n, words), and degrees (n,).
+def consistency(
+    source: FloatArray, target: FloatArray, tolerance: float, least: float
+) -> tuple[Bits, IntArray]:  # pragma: no cover
+    """Return the graph of pairs with consistent distances: adjacency as bits (n, words), and degrees (n,).
 
-    Pairs nearer than ``least`` to one another in either cloud are no evidence for one another.
+    Two pairs closer than ``least`` in either cloud do not support each other.
     """
     n = len(source)
     bits = np.zeros((n, (n + 63) // 64), np.uint64)
@@ -42,13 +44,13 @@ def consistency(source: Float, target: Float, tolerance: float, least: float) ->
 
 @njit(cache=True)
 def has(words: Bits, i: int) -> bool:  # pragma: no cover - compiled
-    """Whether bit ``i`` is set."""
-    return (words[i >> 6] >> np.uint64(i & 63)) & _ONE != np.uint64(0)
+    """Return whether bit ``i`` is set."""
+    return bool((words[i >> 6] >> np.uint64(i & 63)) & _ONE != np.uint64(0))
 
 
 @njit(cache=True)
-def core_numbers(bits: Bits, degree: Int) -> tuple[Int, Int]:  # pragma: no cover - compiled
-    """Core number of each vertex and the order in which vertices of least degree are taken away.
+def core_numbers(bits: Bits, degree: IntArray) -> tuple[IntArray, IntArray]:  # pragma: no cover - compiled
+    """Return the core number of each vertex and the order in which vertices of least degree are removed.
 
     Batagelj, Zaversnik (2003), arXiv:cs/0310049.
     """
@@ -70,11 +72,13 @@ def core_numbers(bits: Bits, degree: Int) -> tuple[Int, Int]:  # pragma: no cove
 
 
 @njit(cache=True)
-def maximum_clique(bits: Bits, degree: Int, max_work: int) -> tuple[Int, bool]:  # pragma: no cover - compiled
-    """Largest clique found, ascending, and whether it is known to be the largest there is.
+def maximum_clique(
+    bits: Bits, degree: IntArray, max_work: int
+) -> tuple[IntArray, bool]:  # pragma: no cover - compiled
+    """Return the largest clique found, ascending, and whether it is proven to be maximum.
 
-    Greedy cliques first, from the vertices of the highest cores down; then branch and bound over the neighbours that
-    come later in the degeneracy order, bounded by core numbers and by greedy colouring (Rossi et al. 2015,
+    Greedy cliques from the vertices of the highest cores first; then branch and bound over the later
+    neighbours in the degeneracy order, bounded by core numbers and by greedy colouring (Rossi et al. 2015,
     doi:10.1137/14100018X; San Segundo et al. 2011, doi:10.1016/j.cor.2010.07.007).
     """
     n, words = bits.shape
@@ -108,8 +112,8 @@ def maximum_clique(bits: Bits, degree: Int, max_work: int) -> tuple[Int, bool]: 
 
 
 @njit(cache=True)
-def _greedy(bits: Bits, core: Int, v: int) -> Int:  # pragma: no cover - compiled
-    """Clique from ``v``, each time adding the candidate that has the most candidates as neighbours."""
+def _greedy(bits: Bits, core: IntArray, v: int) -> IntArray:  # pragma: no cover - compiled
+    """Return a clique from ``v``, adding the candidate with the most candidates as neighbours each time."""
     n, words = bits.shape
     candidates = bits[v].copy()
     clique = np.empty(n, np.int64)
@@ -136,8 +140,8 @@ def _greedy(bits: Bits, core: Int, v: int) -> Int:  # pragma: no cover - compile
 @njit(cache=True)
 def _search(
     bits: Bits, candidates: Bits, least: int, work: int, max_work: int
-) -> tuple[Int, int]:  # pragma: no cover - compiled
-    """Largest clique within ``candidates`` if larger than ``least``, else empty; and the vertices coloured so far."""
+) -> tuple[IntArray, int]:  # pragma: no cover - compiled
+    """Return the largest clique above ``least`` of candidates, else empty, and coloured vertices."""
     words = bits.shape[1]
     total = 0
     for w in range(words):
@@ -181,8 +185,10 @@ def _search(
 
 
 @njit(cache=True)
-def _coloured(bits: Bits, candidates: Bits, vertex: Int, colour: Int) -> int:  # pragma: no cover - compiled
-    """Order candidates by greedy colours, ascending: of the first i no clique is larger than ``colour[i]``."""
+def _coloured(
+    bits: Bits, candidates: Bits, vertex: IntArray, colour: IntArray
+) -> int:  # pragma: no cover - compiled
+    """Order candidates by greedy colours: no clique of the first i is larger than ``colour[i]``."""
     words = len(candidates)
     left = candidates.copy()
     count, current = 0, 0
@@ -206,14 +212,14 @@ def _coloured(bits: Bits, candidates: Bits, vertex: Int, colour: Int) -> int:  #
 
 @njit(cache=True, inline="always")
 def _count(x: np.uint64) -> int:  # pragma: no cover - compiled
-    """Bits set in a word."""
+    """Return the number of bits set in a word."""
     x -= (x >> np.uint64(1)) & np.uint64(0x5555555555555555)
     x = (x & np.uint64(0x3333333333333333)) + ((x >> np.uint64(2)) & np.uint64(0x3333333333333333))
     x = (x + (x >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
-    return np.int64((x * np.uint64(0x0101010101010101)) >> np.uint64(56))
+    return np.int64((x * np.uint64(0x0101010101010101)) >> np.uint64(56))  # type: ignore[return-value]
 
 
 @njit(cache=True, inline="always")
 def _trailing(x: np.uint64) -> int:  # pragma: no cover - compiled
-    """Position of the lowest bit set."""
+    """Return the position of the lowest bit set."""
     return _count((x & (~x + _ONE)) - _ONE)

@@ -1,22 +1,21 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Smooth surface through the known cells of a grid."""
+"""Interpolation of a smooth surface through the known cells of a grid."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import LinearOperator, cg
 
-FloatGrid = NDArray[np.float64]
+from cdff_common.arrays import BoolArray, FloatArray
 
 #: Residual of the linear system, relative to the level of the known heights about their mean.
 _TOLERANCE = 1e-5
 
 
-def inpainted(heights_m: FloatGrid) -> FloatGrid:
+def inpainted(heights_m: FloatArray) -> FloatArray:
     """Fill the unknown cells with the solution of Laplace's equation between the known ones.
 
     Parameters
@@ -43,8 +42,8 @@ def inpainted(heights_m: FloatGrid) -> FloatGrid:
     return np.asarray(filled)
 
 
-def _laplace(hole: NDArray[np.bool_], known_m: FloatGrid) -> tuple[csr_matrix, NDArray[np.float64]]:
-    """Matrix and right side of "neighbours' sum = number of neighbours times own height", for the unknown cells."""
+def _laplace(hole: BoolArray, known_m: FloatArray) -> tuple[csr_matrix, FloatArray]:
+    """Return matrix and right side of "sum of neighbours = their number times height" of unknown cells."""
     rows, cols = hole.shape
     number = np.full(hole.shape, -1, dtype=np.int64)
     number[hole] = np.arange(np.count_nonzero(hole))

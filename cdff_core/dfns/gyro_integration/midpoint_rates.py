@@ -1,10 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""MidpointRates: between two readings the body turns at their mean rate."""
+"""Integration of angular rates with the mean rate between two readings."""
 
 from __future__ import annotations
-
-from typing import Annotated
 
 import numpy as np
 from pydantic import Field
@@ -12,46 +10,39 @@ from pydantic import Field
 from cdff_common.errors import InputError, RefusedError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfn import DfnConfig
-from cdff_core.dfns.gyro_integration._interface import (
-    GyroIntegrationInputs,
-    GyroIntegrationInterface,
-    GyroIntegrationOutputs,
-)
+from cdff_core.dfns.gyro_integration.interface import Inputs, Interface, Outputs
 
 
 class MidpointRatesConfig(DfnConfig):
     """Parameters of MidpointRates.
 
-    The noise is above a good gyro's: increments are compounded as if independent, so it also stands for its bias.
+    The default noise is above that of a good gyroscope: increments are compounded as if independent, so it
+    also accounts for the bias.
     """
 
-    noise_rad_s_sqrt_hz: Annotated[float, Field(ge=0, le=1, description="rad/s/sqrt(Hz)")] = 1e-3
-    bias_sigma_rad_s: Annotated[float, Field(ge=0, le=1, description="rad/s")] = 2e-4
-    max_gap_s: Annotated[float, Field(gt=0, le=10, description="s")] = 0.1
+    noise_rad_s_sqrt_hz: float = Field(1e-3, ge=0, le=1, description="Noise density of a rate")
+    bias_sigma_rad_s: float = Field(2e-4, ge=0, le=1, description="Standard deviation of the gyroscope bias")
+    max_gap_s: float = Field(0.1, gt=0, le=10, description="Longest interpolated time between two samples")
 
 
-class MidpointRates(GyroIntegrationInterface):
-    """Product of the exponentials of the mean rates; the ends are interpolated or, within ``max_gap_s``, held."""
+class MidpointRates(Interface[MidpointRatesConfig]):
+    """Product of the exponentials of mean rates, interpolated at the ends or constant there."""
 
-    Config = MidpointRatesConfig
-    config: MidpointRatesConfig
-
-    def process(self, inputs: GyroIntegrationInputs) -> GyroIntegrationOutputs:
-        """Integrate over the interval.
+    def process(self, inputs: Inputs) -> Outputs:
+        """Return the rotation over the interval.
 
         Raises
         ------
         InputError
-            On arrays that do not fit together, stamps that do not rise, or an interval that ends before it begins.
+            On stamps that do not ascend, or an interval whose end precedes its start.
         RefusedError
-            If a stretch of the interval longer than ``max_gap_s`` has no reading.
+            If part of the interval longer than ``max_gap_s`` has no reading.
         """
         stamps, rates = inputs.stamps_ns, inputs.rates_rad_s
         begin, end = (int(t) for t in inputs.interval_ns)
-        if rates.shape != (len(stamps), 3) or np.any(np.diff(stamps) <= 0) or end < begin:
+        if np.any(np.diff(stamps) <= 0) or end < begin:
             raise InputError(
-                f"{len(stamps)} stamps, rates {rates.shape}, interval {begin}..{end}: expected (n, 3) rates at rising "
-                "stamps and begin <= end"
+                f"{len(stamps)} stamps, interval {begin}..{end}: expected rising stamps and begin <= end"
             )
         inside = (stamps > begin) & (stamps < end)
         nodes = np.concatenate([[begin], stamps[inside], [end]])
@@ -64,7 +55,7 @@ class MidpointRates(GyroIntegrationInterface):
             R = R @ step
         span_s = (end - begin) * 1e-9
         variance = self.config.noise_rad_s_sqrt_hz**2 * span_s + (self.config.bias_sigma_rad_s * span_s) ** 2
-        return GyroIntegrationOutputs(se3.normalise_rotation(R), variance * np.eye(3))
+        return Outputs(rotation=se3.normalise_rotation(R), covariance=variance * np.eye(3))
 
     def _refuse_gaps(self, stamps: np.ndarray, begin: int, end: int) -> None:
         limit_ns = self.config.max_gap_s * 1e9
@@ -72,6 +63,7 @@ class MidpointRates(GyroIntegrationInterface):
         covered = len(near) > 0 and near[0] - begin <= limit_ns and end - near[-1] <= limit_ns
         if not covered or np.any(np.diff(near) > limit_ns):
             raise RefusedError(
-                f"gyro: {len(near)} readings around {begin}..{end} leave over {self.config.max_gap_s} s without one",
+                f"gyro: {len(near)} readings around {begin}..{end} leave over "
+                f"{self.config.max_gap_s} s without one",
                 reasons=["gyro_gap"],
             )

@@ -1,35 +1,23 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Magsac: MAGSAC++ over samples of four pairs, then least squares over all inliers."""
+"""MAGSAC++ over samples of four pairs, then least squares over all inliers."""
 
 from __future__ import annotations
 
 import cv2
-import numpy as np
 
-from cdff_core.dfns.homography_computation._interface import (
-    HomographyComputationInputs,
-    HomographyComputationInterface,
-    HomographyComputationOutputs,
-)
-from cdff_core.imaging.magsac import MagsacConfig, accepted, found, parameters, refused_few
-from cdff_core.imaging.two_view import checked_pairs, fit_homography
+from cdff_core.dfns.homography_computation.interface import Inputs, Interface, Outputs
+from cdff_core.imaging.magsac import MagsacConfig, checked_matrix, outputs_of, pairs, parameters
+from cdff_core.imaging.two_view import fit_homography
 
 
-class Magsac(HomographyComputationInterface):
-    """Barath et al. 2020 as OpenCV has it, refined on the eight parameters by the transfer error."""
+class Magsac(Interface[MagsacConfig]):
+    """MAGSAC++ (Barath et al. 2020) of OpenCV, with the eight parameters refined by the transfer error."""
 
-    Config = MagsacConfig
-    config: MagsacConfig
-
-    def process(self, inputs: HomographyComputationInputs) -> HomographyComputationOutputs:
-        """Estimate; raises RefusedError where the pairs do not carry a model."""
+    def process(self, inputs: Inputs) -> Outputs:
+        """Return the homography; raises RefusedError if the pairs do not support a model."""
         c = self.config
-        source, sink = checked_pairs(inputs.source, inputs.sink, 0)
-        refused_few(len(source), c)
-        H = found(cv2.findHomography(source, sink, parameters(c))[0], len(source))
+        source, sink = pairs(inputs.source, inputs.sink, c.min_inliers)
+        H = checked_matrix(cv2.findHomography(source, sink, parameters(c))[0], len(source))
         fit = fit_homography(H, source, sink, c.gate_sigmas, c.threshold_px)
-        alarms = accepted(fit, c, sink, 4, is_line=False)
-        return HomographyComputationOutputs(
-            fit.matrix, fit.covariance, fit.inliers, fit.residuals, np.array(fit.sigma_px), np.array(alarms)
-        )
+        return Outputs(homography=fit.matrix, **outputs_of(fit, c, sink, 4, is_line=False))

@@ -1,35 +1,16 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Blocks of pixels become their mean."""
+"""Reduction of an image by averaging blocks of pixels."""
 
 from __future__ import annotations
 
-from typing import ClassVar
-
-from pydantic import Field
-
-from cdff_common.interfaces.dfn import DfnConfig
-from cdff_core.dfns.image_degradation._interface import (
-    ImageDegradationInputs,
-    ImageDegradationInterface,
-    ImageDegradationOutputs,
-)
-from cdff_core.imaging.resizing import shrunk
+from cdff_core.dfns.image_degradation.interface import Inputs, Interface, Outputs
+from cdff_core.imaging.resizing import BlockConfig, shrunk
 
 
-class AreaAverageConfig(DfnConfig):
-    """Size of the blocks."""
+class AreaAverage(Interface[BlockConfig]):
+    """Mean of each block, which avoids aliasing and reduces noise."""
 
-    columns_per_pixel: int = Field(2, ge=1, le=64, description="Columns that become one, px")
-    rows_per_pixel: int = Field(2, ge=1, le=64, description="Rows that become one, px")
-
-
-class AreaAverage(ImageDegradationInterface):
-    """Mean of each block: no aliasing, and noise falls with its size."""
-
-    Config: ClassVar[type[DfnConfig]] = AreaAverageConfig
-
-    def process(self, inputs: ImageDegradationInputs) -> ImageDegradationOutputs:
-        """Return the smaller image; raises InputError where it is smaller than one block."""
-        image = shrunk(inputs.image, self.config.columns_per_pixel, self.config.rows_per_pixel)
-        return ImageDegradationOutputs(image=image)
+    def process(self, inputs: Inputs) -> Outputs:
+        """Return the smaller image; raises InputError if it is smaller than one block."""
+        return Outputs(image=shrunk(inputs.image, self.config))

@@ -4,12 +4,11 @@
 
 References
 ----------
-.. [1] Canny, J. (1986). A computational approach to edge detection. IEEE TPAMI 8(6). doi:10.1109/TPAMI.1986.4767851
+.. [1] Canny, J. (1986). A computational approach to edge detection. IEEE TPAMI 8(6).
+  doi:10.1109/TPAMI.1986.4767851
 """
 
 from __future__ import annotations
-
-from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -18,11 +17,7 @@ from pydantic import Field
 from cdff_common.errors import ConfigurationError
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_common.types import FrameModeT
-from cdff_core.dfns.image_filtering._interface import (
-    ImageFilteringInputs,
-    ImageFilteringInterface,
-    ImageFilteringOutputs,
-)
+from cdff_core.dfns.image_filtering.interface import Inputs, Interface, Outputs
 from cdff_core.imaging.frames import with_image
 from cdff_core.imaging.grey import grey_image
 
@@ -30,26 +25,28 @@ from cdff_core.imaging.grey import grey_image
 class CannyEdgeDetectionConfig(DfnConfig):
     """Smoothing and thresholds."""
 
-    sigma_px: float = Field(1.0, ge=0.0, le=50.0, description="Width of the smoothing kernel, px; 0 smooths nothing")
-    low_grey: float = Field(50.0, ge=0.0, le=2000.0, description="Gradient down to which a strong edge is followed")
-    high_grey: float = Field(100.0, ge=0.0, le=2000.0, description="Gradient from which an edge begins")
+    sigma_px: float = Field(
+        1.0, ge=0, le=50, description="Standard deviation of the smoothing; 0 disables it"
+    )
+    low_grey: float = Field(50.0, ge=0, le=2000, description="Gradient down to which an edge is followed")
+    high_grey: float = Field(100.0, ge=0, le=2000, description="Gradient from which an edge starts")
 
 
-class CannyEdgeDetection(ImageFilteringInterface):
+class CannyEdgeDetection(Interface[CannyEdgeDetectionConfig]):
     """Canny's edges [1]_ with the Sobel gradient's Euclidean length."""
-
-    Config: ClassVar[type[DfnConfig]] = CannyEdgeDetectionConfig
 
     def setup(self) -> None:
         """Refuse thresholds in the wrong order."""
         c = self.config
         if c.low_grey > c.high_grey:
-            raise ConfigurationError(f"CannyEdgeDetection: low_grey={c.low_grey} above high_grey={c.high_grey}")
+            raise ConfigurationError(
+                f"CannyEdgeDetection: low_grey={c.low_grey} above high_grey={c.high_grey}"
+            )
 
-    def process(self, inputs: ImageFilteringInputs) -> ImageFilteringOutputs:
-        """Return 255 on edges, 0 elsewhere; raises InputError where the image is not of 8 bit."""
+    def process(self, inputs: Inputs) -> Outputs:
+        """Return 255 on edges, 0 elsewhere; raises InputError if the image is not of 8 bit."""
         c, grey = self.config, grey_image(inputs.image)
         if c.sigma_px:
             grey = np.asarray(cv2.GaussianBlur(grey, (0, 0), c.sigma_px), dtype=np.uint8)
         edges = cv2.Canny(np.ascontiguousarray(grey), c.low_grey, c.high_grey, L2gradient=True)
-        return ImageFilteringOutputs(image=with_image(inputs.image, np.asarray(edges), mode=FrameModeT.MODE_GRAY))
+        return Outputs(image=with_image(inputs.image, np.asarray(edges), mode=FrameModeT.MODE_GRAY))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled strapdown integration: over so few readings numpy pays for its calls, not for the sums."""
+"""Compiled strapdown integration: for few readings the call overhead of numpy dominates."""
 
 from __future__ import annotations
 
@@ -8,31 +8,32 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from cdff_common.arrays import FloatArray
 
 
 @njit(cache=True)
-def strapdown(t_s: Float, readings: Float) -> tuple[Float, Float, Float, Float]:  # pragma: no cover - compiled
-    """Trapezoidal integration in the frame of the begin, coning to second order.
+def strapdown(
+    t_s: FloatArray, readings: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:  # pragma: no cover - compiled
+    """Integrate readings by the trapezoidal rule in the frame of the start, coning to second order.
 
     Parameters
     ----------
     t_s : ndarray, shape (k,)
-        Seconds, rising; the first is the begin, the last the end.
+        Seconds, ascending, from the start to the end.
     readings : ndarray, shape (k, 6)
         Rates, rad/s, and specific forces, m/s^2, free of biases.
 
     Returns
     -------
-    turn, turned : ndarray, shape (3, 3)
-        Rotation from the end to the begin, and the integral of the rotation over the interval, s.
+    rotation, rotation_integral : ndarray, shape (3, 3)
+        Rotation from the end to the start, and the integral of the rotation over the interval, s.
     dv, dp : ndarray, shape (3,)
         Integral and double integral of the specific force, m/s and m.
     """
     total, coning, angle, step = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
-    R, R_next, turned = np.eye(3), np.eye(3), np.zeros((3, 3))
+    R, R_next, rotation_integral = np.eye(3), np.eye(3), np.zeros((3, 3))
     a, dv, dp = readings[0, 3:].copy(), np.zeros(3), np.zeros(3)
     for k in range(1, len(t_s)):
         dt = t_s[k] - t_s[k - 1]
@@ -46,24 +47,30 @@ def strapdown(t_s: Float, readings: Float) -> tuple[Float, Float, Float, Float]:
             angle[i] = total[i] + coning[i]
         _rotate(angle, R_next)
         for i in range(3):
-            felt = R_next[i, 0] * readings[k, 3] + R_next[i, 1] * readings[k, 4] + R_next[i, 2] * readings[k, 5]
-            push = 0.5 * dt * (a[i] + felt)
-            a[i] = felt
+            readings_in_interval = (
+                R_next[i, 0] * readings[k, 3] + R_next[i, 1] * readings[k, 4] + R_next[i, 2] * readings[k, 5]
+            )
+            push = 0.5 * dt * (a[i] + readings_in_interval)
+            a[i] = readings_in_interval
             dp[i] += dt * (dv[i] + 0.5 * push)
             dv[i] += push
             for j in range(3):
-                turned[i, j] += 0.5 * dt * (R[i, j] + R_next[i, j])
+                rotation_integral[i, j] += 0.5 * dt * (R[i, j] + R_next[i, j])
                 R[i, j] = R_next[i, j]
-    return R, turned, dv, dp
+    return R, rotation_integral, dv, dp
 
 
 @njit(cache=True)
-def _rotate(a: Float, R: Float) -> None:  # pragma: no cover - compiled
-    """Make ``R`` the rotation matrix of a rotation vector (Rodrigues)."""
+def _rotate(a: FloatArray, R: FloatArray) -> None:  # pragma: no cover - compiled
+    """Set ``R`` to the rotation matrix of a rotation vector (Rodrigues)."""
     x, y, z = a
     half = 0.5 * math.sqrt(x * x + y * y + z * z) + 1e-300
     s, c = math.sin(2.0 * half) / (2.0 * half), 0.5 * (math.sin(half) / half) ** 2
-    R[0, 0], R[1, 1], R[2, 2] = 1.0 - c * (y * y + z * z), 1.0 - c * (x * x + z * z), 1.0 - c * (x * x + y * y)
+    R[0, 0], R[1, 1], R[2, 2] = (
+        1.0 - c * (y * y + z * z),
+        1.0 - c * (x * x + z * z),
+        1.0 - c * (x * x + y * y),
+    )
     R[0, 1], R[1, 0] = c * x * y - s * z, c * x * y + s * z
     R[0, 2], R[2, 0] = c * x * z + s * y, c * x * z - s * y
     R[1, 2], R[2, 1] = c * y * z - s * x, c * y * z + s * x

@@ -1,51 +1,53 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A laser scan as arrays: which ranges are measurements, where they lie, and a copy with some taken out."""
+"""Arrays of a laser scan: validity of ranges, points, and a copy with ranges replaced by error codes."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdff_common.arrays import BoolArray, FloatArray
 from cdff_common.errors import InputError
 from cdff_common.types import LaserRangeErrors, LaserScan
 
 _M_PER_MM = 1e-3
 
 
-def measured(scan: LaserScan) -> NDArray[np.bool_]:
-    """Which ranges are measurements, shape (n,): smaller values are error codes."""
+def measured(scan: LaserScan) -> BoolArray:
+    """Return which ranges are measurements, shape (n,); smaller values are error codes."""
     return scan.ranges >= LaserRangeErrors.END_LASER_RANGE_ERRORS
 
 
-def ranges_m(scan: LaserScan) -> NDArray[np.float64]:
+def ranges_m(scan: LaserScan) -> FloatArray:
     """Ranges in metres, shape (n,); NaN where the scan holds an error code."""
     return np.where(measured(scan), scan.ranges * _M_PER_MM, np.nan)
 
 
-def points_laser_m(scan: LaserScan) -> NDArray[np.float64]:
-    """Points of the scan in the laser frame, shape (n, 3), metres; NaN where nothing was measured.
+def points_laser_m(scan: LaserScan) -> FloatArray:
+    """Return the points of the scan in the laser frame, shape (n, 3), metres; NaN where nothing was measured.
 
-    The scan lies in the plane z = 0; beam i points at ``start_angle + i angular_resolution`` from x towards y.
+    The scan lies in the plane z = 0; beam i points at ``start_angle + i angular_resolution`` from x towards
+    y.
     """
     angle_rad = scan.start_angle + scan.angular_resolution * np.arange(len(scan.ranges))
     directions = np.column_stack([np.cos(angle_rad), np.sin(angle_rad), np.zeros_like(angle_rad)])
-    points: NDArray[np.float64] = ranges_m(scan)[:, np.newaxis] * directions
+    points: FloatArray = ranges_m(scan)[:, np.newaxis] * directions
     return points
 
 
 def checked(scan: LaserScan) -> LaserScan:
-    """The scan, if its beams can be told apart; raises InputError where they cannot."""
+    """Return the scan; raises InputError if its beam geometry is missing."""
     if not np.isfinite([scan.start_angle, scan.angular_resolution]).all() or scan.angular_resolution == 0:
         raise InputError(
-            f"scan_samples: start_angle {scan.start_angle}, angular_resolution {scan.angular_resolution} rad; "
+            f"scan_samples: start_angle {scan.start_angle}, angular_resolution "
+            f"{scan.angular_resolution} rad; "
             "expected finite numbers and a resolution other than 0"
         )
     return scan
 
 
-def without(scan: LaserScan, removed: NDArray[np.bool_], code: LaserRangeErrors) -> LaserScan:
-    """A copy of the scan with ``code`` in place of the ranges that are ``removed``, shape (n,); remission is kept."""
+def without(scan: LaserScan, removed: BoolArray, code: LaserRangeErrors) -> LaserScan:
+    """Return the scan with ``code`` instead of the ``removed`` ranges, shape (n,)."""
     return replace(scan, ranges=np.where(removed, np.int32(code), scan.ranges).astype(np.int32))

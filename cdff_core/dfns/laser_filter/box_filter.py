@@ -1,21 +1,21 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""BoxFilter: takes out the points inside (or outside) a box fixed to the body: the robot's own parts, a work space."""
+"""Removal of points inside or outside a box of the body, such as the robot's own parts."""
 
 from __future__ import annotations
 
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from cdff_common.arrays import FloatArray
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_common.types import LaserRangeErrors, RigidBodyState
-from cdff_core.dfns.laser_filter._interface import LaserFilterInputs, LaserFilterInterface, LaserFilterOutputs
 from cdff_core.dfns.laser_filter._scan import checked, points_laser_m, without
+from cdff_core.dfns.laser_filter.interface import Inputs, Interface, Outputs
 
 Coordinate = Annotated[float, Field(ge=-1000, le=1000)]
 Corner = tuple[Coordinate, Coordinate, Coordinate]
@@ -26,47 +26,48 @@ _UNIT_TOLERANCE = 1e-3
 class BoxFilterConfig(DfnConfig):
     """Parameters of BoxFilter."""
 
-    min_corner_m: Annotated[Corner, Field(description="lower corner of the box in the body frame, m")] = (
-        -0.5,
-        -0.5,
-        -0.5,
+    min_corner_m: Corner = Field((-0.5, -0.5, -0.5), description="Lower corner of the box in the body frame")
+    max_corner_m: Corner = Field((0.5, 0.5, 0.5), description="Upper corner of the box in the body frame")
+    remove: Literal["inside", "outside"] = Field(
+        "inside",
+        description=(
+            "Points to remove: those inside the box, its faces included (the robot itself), or those outside"
+        ),
     )
-    max_corner_m: Annotated[Corner, Field(description="upper corner of the box in the body frame, m")] = (0.5, 0.5, 0.5)
-    remove: Annotated[
-        Literal["inside", "outside"], Field(description="which points are taken out; the faces belong to the box")
-    ] = "inside"
 
     @model_validator(mode="after")
     def _corners_in_order(self) -> BoxFilterConfig:
         if not all(low < high for low, high in zip(self.min_corner_m, self.max_corner_m, strict=True)):
-            raise ValueError(f"box from {self.min_corner_m} to {self.max_corner_m}: expected min < max on every axis")
+            raise ValueError(
+                f"box from {self.min_corner_m} to {self.max_corner_m}: expected min < max on every axis"
+            )
         return self
 
 
-class BoxFilter(LaserFilterInterface):
-    """Compares each point, brought into the body frame, with a box along the body's axes."""
+class BoxFilter(Interface[BoxFilterConfig]):
+    """Test of each point in the body frame against a box along the body's axes."""
 
-    Config = BoxFilterConfig
-    config: BoxFilterConfig
-
-    def process(self, inputs: LaserFilterInputs) -> LaserFilterOutputs:
+    def process(self, inputs: Inputs) -> Outputs:
         """Filter one scan.
 
         Raises
         ------
         InputError
-            On a scan without beam geometry, or a transform that is not finite or whose quaternion has no unit length.
+            On a scan without beam geometry, or a transform that is not finite or whose quaternion has no unit
+            length.
         """
         scan = checked(inputs.scan_samples)
         points_m = se3.transform_points(_T_body_laser(inputs.laser_2_body_tf), points_laser_m(scan))
-        inside = np.all((points_m >= self.config.min_corner_m) & (points_m <= self.config.max_corner_m), axis=1)
+        inside = np.all(
+            (points_m >= self.config.min_corner_m) & (points_m <= self.config.max_corner_m), axis=1
+        )
         chosen = inside if self.config.remove == "inside" else ~inside
         removed = chosen & np.isfinite(points_m).all(axis=1)
-        return LaserFilterOutputs(filtered_scans=without(scan, removed, LaserRangeErrors.OTHER_RANGE_ERRORS))
+        return Outputs(filtered_scans=without(scan, removed, LaserRangeErrors.OTHER_RANGE_ERRORS))
 
 
-def _T_body_laser(state: RigidBodyState) -> NDArray[np.float64]:
-    """The 4x4 transform of a state: pose of its source (laser) in its target (body)."""
+def _T_body_laser(state: RigidBodyState) -> FloatArray:
+    """Return the 4x4 transform of a state: pose of its source (laser) in its target (body)."""
     norm = float(np.linalg.norm(state.orient))
     if not np.isfinite(state.pos).all() or not abs(norm - 1) < _UNIT_TOLERANCE:
         raise InputError(

@@ -1,47 +1,41 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""NoiseFilter: takes out ranges beyond the sensor's limits, speckle, and mixed pixels at the edges of things."""
+"""Removal of ranges beyond the sensor's limits, speckle, and mixed pixels at edges of objects."""
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 from pydantic import Field
 
+from cdff_common.arrays import BoolArray, FloatArray
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_common.types import LaserRangeErrors, LaserScan
-from cdff_core.dfns.laser_filter._interface import LaserFilterInputs, LaserFilterInterface, LaserFilterOutputs
 from cdff_core.dfns.laser_filter._scan import checked, measured, ranges_m, without
+from cdff_core.dfns.laser_filter.interface import Inputs, Interface, Outputs
+
+#: Angle between beam and surface on both sides below which a range is a mixed pixel.
+_MIN_INCIDENCE_RAD = np.deg2rad(3.0)
 
 
 class NoiseFilterConfig(DfnConfig):
     """Parameters of NoiseFilter."""
 
-    half_window: Annotated[int, Field(ge=1, le=50, description="beams on each side that a range is compared with")] = 3
-    max_deviation_m: Annotated[
-        float, Field(gt=0, le=100, description="distance from the window's median beyond which a range is noise, m")
-    ] = 0.5
-    min_incidence_deg: Annotated[
-        float,
-        Field(
-            ge=0,
-            lt=45,
-            description="angle between beam and surface below which a range is a mixed pixel, deg; 0 switches it off",
-        ),
-    ] = 3.0
+    half_window: int = Field(3, ge=1, le=50, description="Number of beams on each side to compare with")
+    max_deviation_m: float = Field(
+        0.5, gt=0, le=100, description="Distance from the median of the window above which a range is noise"
+    )
 
 
-class NoiseFilter(LaserFilterInterface):
+class NoiseFilter(Interface[NoiseFilterConfig]):
     """Range limits, median in a window, mixed pixels.
 
-    1. A range outside the limits that the scan itself states becomes too-near or too-far (``max_range`` 0: no limit).
+    1. A range outside the limits that the scan itself states becomes too-near or too-far (``max_range`` 0: no
+      limit).
     2. A range that differs from the median of its window by more than ``max_deviation_m`` is noise.
     3. A range whose lines to the next measured beam on *both* sides meet its own beam at less than
-       ``min_incidence_deg`` hangs between two surfaces: a mixed pixel, where one beam hit two things. The last point of
-       a surface is seen so on one side only and stays. A surface that is seen at a smaller angle than that goes, too.
+       3 degrees is a mixed pixel between two surfaces hit by one beam. The last point of a
+       surface has such an angle on one side only and is kept; a surface at a smaller angle is removed.
 
     Notes
     -----
@@ -50,31 +44,32 @@ class NoiseFilter(LaserFilterInterface):
 
     References
     ----------
-    .. [1] Tuley, J., Vandapel, N., Hebert, M. (2005). Analysis and removal of artifacts in 3-D LADAR data. ICRA,
+    .. [1] Tuley, J., Vandapel, N., Hebert, M. (2005). Analysis and removal of artifacts in 3-D LADAR data.
+       ICRA,
        2203-2210.
     """
 
-    Config = NoiseFilterConfig
-    config: NoiseFilterConfig
-
-    def process(self, inputs: LaserFilterInputs) -> LaserFilterOutputs:
-        """Filter one scan; the transform is not needed. Raises InputError on a scan without beam geometry."""
+    def process(self, inputs: Inputs) -> Outputs:
+        """Return the filtered scan; raises InputError on a scan without beam geometry."""
         scan = _within_limits(checked(inputs.scan_samples))
         values_m = ranges_m(scan)
         noise = self._speckle(values_m) | self._mixed(values_m, abs(scan.angular_resolution))
-        return LaserFilterOutputs(filtered_scans=without(scan, noise, LaserRangeErrors.MEASUREMENT_ERROR))
+        return Outputs(filtered_scans=without(scan, noise, LaserRangeErrors.MEASUREMENT_ERROR))
 
-    def _speckle(self, values_m: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which ranges lie far from the median of their window, shape (n,)."""
+    def _speckle(self, values_m: FloatArray) -> BoolArray:
+        """Return which ranges are far from the median of their window, shape (n,)."""
         k = self.config.half_window
         windows = sliding_window_view(np.pad(values_m, k, constant_values=np.nan), 2 * k + 1)
         there = np.isfinite(values_m)
         far = np.zeros(len(values_m), np.bool_)
-        far[there] = np.abs(values_m[there] - np.nanmedian(windows[there], axis=1)) > self.config.max_deviation_m
+        far[there] = (
+            np.abs(values_m[there] - np.nanmedian(windows[there], axis=1)) > self.config.max_deviation_m
+        )
         return far
 
-    def _mixed(self, values_m: NDArray[np.float64], beam_angle_rad: float) -> NDArray[np.bool_]:
-        """Which ranges are seen at a grazing angle from both sides, shape (n,)."""
+    @staticmethod
+    def _mixed(values_m: FloatArray, beam_angle_rad: float) -> BoolArray:
+        """Return which ranges have a grazing incidence on both sides, shape (n,)."""
         there = np.flatnonzero(np.isfinite(values_m))
         mixed = np.zeros(len(values_m), np.bool_)
         if len(there) < 3:
@@ -83,20 +78,19 @@ class NoiseFilter(LaserFilterInterface):
         delta = np.diff(there) * beam_angle_rad
         after = _incidence_rad(r[:-1], r[1:], delta)
         before = _incidence_rad(r[1:], r[:-1], delta)
-        least = np.deg2rad(self.config.min_incidence_deg)
-        mixed[there[1:-1]] = (before[:-1] < least) & (after[1:] < least)
+        mixed[there[1:-1]] = (before[:-1] < _MIN_INCIDENCE_RAD) & (after[1:] < _MIN_INCIDENCE_RAD)
         return mixed
 
 
-def _incidence_rad(r: NDArray[np.float64], s: NDArray[np.float64], delta: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Angle at the end of beam ``r`` between it and the line to the end of beam ``s``, shape (n,), in 0…π/2."""
+def _incidence_rad(r: FloatArray, s: FloatArray, delta: FloatArray) -> FloatArray:
+    """Return the angle between beam ``r`` and the line to the end of beam ``s``, shape (n,), in 0…π/2."""
     angle = np.arctan2(s * np.sin(delta), r - s * np.cos(delta))
-    nearer: NDArray[np.float64] = np.minimum(np.abs(angle), np.pi - np.abs(angle))
+    nearer: FloatArray = np.minimum(np.abs(angle), np.pi - np.abs(angle))
     return nearer
 
 
 def _within_limits(scan: LaserScan) -> LaserScan:
-    """The scan with error codes in place of ranges outside its own limits."""
+    """Return the scan with error codes instead of ranges outside its own limits."""
     valid = measured(scan)
     scan = without(scan, valid & (scan.ranges < scan.min_range), LaserRangeErrors.TOO_NEAR)
     if scan.max_range:

@@ -1,29 +1,29 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled loop over points: linear start, reprojection refinement, angle, depth and covariance of each.
+"""Compiled loop over points: linear initial value, refinement, angle, depth and covariance of each.
 
-Sums are kept in scalars and handed on in tuples: in small arrays the compiler would write each one to memory.
+Sums are kept in scalars and returned in tuples, since small arrays would be written to memory.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from cdff_common.arrays import ByteArray, FloatArray, IntArray
+
 #: A point or gradient: x, y, z.
 Three = tuple[float, float, float]
 #: A symmetric 3x3 matrix: xx, xy, xz, yy, yz, zz.
 Six = tuple[float, float, float, float, float, float]
 
-#: What became of a point.
+#: Status of a point.
 FOUND, FEW_VIEWS, DEGENERATE, BEHIND, SMALL_ANGLE, LARGE_RESIDUAL = 0, 1, 2, 3, 4, 5
 
 
 @njit(cache=True, inline="always", error_model="numpy", fastmath={"contract", "reassoc"})
 def _inverted(A: Six) -> tuple[bool, Six]:
-    """Inverse of a symmetric positive 3x3 matrix; False where it has none."""
+    """Return the inverse of a symmetric positive definite 3x3 matrix; False if it is singular."""
     a, b, c, d, e, f = A
     x, y, z = d * f - e * e, c * e - b * f, b * e - c * d
     determinant = a * x + b * y + c * z
@@ -35,7 +35,7 @@ def _inverted(A: Six) -> tuple[bool, Six]:
 
 @njit(cache=True, inline="always", error_model="numpy", fastmath={"contract", "reassoc"})
 def _times(A: Six, b: Three) -> Three:
-    """Product of a symmetric matrix and a vector."""
+    """Return the product of a symmetric matrix and a vector."""
     return (
         A[0] * b[0] + A[1] * b[1] + A[2] * b[2],
         A[1] * b[0] + A[3] * b[1] + A[4] * b[2],
@@ -45,9 +45,9 @@ def _times(A: Six, b: Three) -> Three:
 
 @njit(cache=True, inline="always", error_model="numpy", fastmath={"contract", "reassoc"})
 def _linear(
-    lo: int, hi: int, cam: NDArray[np.int64], xy: Float, P: Float, X: Three, weighed: bool
+    lo: int, hi: int, cam: IntArray, xy: FloatArray, P: FloatArray, X: Three, weighed: bool
 ) -> tuple[bool, Three]:
-    """Least squares on the cross products, on request weighed by the depths that X has; False where it has none."""
+    """Return the least-squares point of the cross products, also weighted by depth; False if singular."""
     a00 = a01 = a02 = a11 = a12 = a22 = b0 = b1 = b2 = 0.0
     for k in range(lo, hi):
         p = P[cam[k]]
@@ -74,9 +74,9 @@ def _linear(
 
 @njit(cache=True, inline="always", error_model="numpy", fastmath={"contract", "reassoc"})
 def _normal(
-    lo: int, hi: int, cam: NDArray[np.int64], xy: Float, P: Float, f: Float, X: Three
+    lo: int, hi: int, cam: IntArray, xy: FloatArray, P: FloatArray, f: FloatArray, X: Three
 ) -> tuple[float, float, Six, Three]:
-    """Square sum of the reprojection errors in pixels at X, the least depth, normal matrix and gradient."""
+    """Return the sum of squared reprojection errors at X, the smallest depth, normal matrix and gradient."""
     a00 = a01 = a02 = a11 = a12 = a22 = g0 = g1 = g2 = cost = 0.0
     least = np.inf
     for k in range(lo, hi):
@@ -108,9 +108,9 @@ def _normal(
 
 @njit(cache=True, inline="always", error_model="numpy", fastmath={"contract", "reassoc"})
 def _refined(
-    lo: int, hi: int, cam: NDArray[np.int64], xy: Float, P: Float, f: Float, iterations: int, X: Three
+    lo: int, hi: int, cam: IntArray, xy: FloatArray, P: FloatArray, f: FloatArray, iterations: int, X: Three
 ) -> tuple[Three, float, float, Six]:
-    """Gauss-Newton, damped when a step does not help: the point, its square sum, least depth and normal matrix."""
+    """Return point, sum of squares, smallest depth and normal matrix after damped Gauss-Newton steps."""
     cost, least, A, g = _normal(lo, hi, cam, xy, P, f, X)
     damping = 0.0
     for _ in range(iterations):
@@ -132,14 +132,16 @@ def _refined(
             continue
         X, A, g = Y, B, h
         cost, least, damping = tried, depth, damping * 0.1 if damping > 1e-7 else 0.0
-        if gain <= 1e-5 * (1.0 + cost):  # the next step would be the square of this one
+        if gain <= 1e-5 * (
+            1.0 + cost
+        ):  # quadratic convergence: the next step is about the square of this one
             break
     return X, cost, least, A
 
 
 @njit(cache=True, inline="always", error_model="numpy", fastmath={"contract", "reassoc"})
-def _angle_cosine(lo: int, hi: int, cam: NDArray[np.int64], C: Float, X: Three) -> float:
-    """Least cosine between rays from the point: to the camera farthest round from the first, then from that one."""
+def _angle_cosine(lo: int, hi: int, cam: IntArray, C: FloatArray, X: Three) -> float:
+    """Return the smallest cosine between rays: to the camera farthest from the first, then from that one."""
     at, cosine = lo, 1.0
     for _ in range(2):
         c = C[cam[at]]
@@ -159,13 +161,23 @@ def _angle_cosine(lo: int, hi: int, cam: NDArray[np.int64], C: Float, X: Three) 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
 def triangulated(
-    start: NDArray[np.int64], cam: NDArray[np.int64], xy: Float, P: Float, C: Float, f: Float,
-    iterations: int, max_cosine: float, max_residual_px: float, min_depth: float,
-) -> tuple[Float, Float, Float, Float, NDArray[np.uint8]]:  # fmt: skip
-    """Points ``(n, 3)``, inverse normal matrices ``(n, 3, 3)``, square sums, angles (rad) and what became of each.
+    start: IntArray,
+    cam: IntArray,
+    xy: FloatArray,
+    P: FloatArray,
+    C: FloatArray,
+    f: FloatArray,
+    iterations: int,
+    max_cosine: float,
+    max_residual_px: float,
+    min_depth: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, ByteArray]:
+    """Return points ``(n, 3)``, inverse normal matrices ``(n, 3, 3)``, sums of squares, angles (rad) and
+    status of each.
 
-    ``start (n + 1,)`` says where the views of each point begin in ``cam`` and ``xy``; ``xy`` are on the plane z = 1,
-    ``P (k, 3, 4)`` are T_camera_frame, ``C (k, 3)`` the cameras' positions, ``f (k, 2)`` pixels a unit of the plane.
+    ``start (n + 1,)`` is the first view of each point in ``cam`` and ``xy``; ``xy`` are on the plane z = 1,
+    ``P (k, 3, 4)`` are T_camera_frame, ``C (k, 3)`` the positions of the cameras, ``f (k, 2)`` the focal
+    lengths in pixels.
     """
     n = len(start) - 1
     points, covariances = np.full((n, 3), np.nan), np.full((n, 3, 3), np.nan)

@@ -1,56 +1,50 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""LinearThenReprojection: all views at once, linear first, then the least reprojection error."""
+"""Triangulation from all views: linear initial value, then minimal reprojection error."""
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from cdff_common.arrays import FloatArray, IntArray
 from cdff_common.camera import CameraModel
 from cdff_common.errors import InputError, RefusedError
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_common.types import BundleProblem
-from cdff_core.dfns.n_view_triangulation._interface import (
-    NViewTriangulationInputs,
-    NViewTriangulationInterface,
-    NViewTriangulationOutputs,
-)
 from cdff_core.dfns.n_view_triangulation._kernels import triangulated
+from cdff_core.dfns.n_view_triangulation.interface import Inputs, Interface, Outputs
 
-Float = NDArray[np.float64]
 _REASONS = ("found", "few_views", "degenerate", "behind", "small_angle", "large_residual")
 
 
 class LinearThenReprojectionConfig(DfnConfig):
-    """Noise and gates."""
+    """Parameters of LinearThenReprojection."""
 
-    sigma_px: Annotated[float, Field(gt=0, le=100)] = 0.5
-    max_iterations: Annotated[int, Field(ge=0, le=100)] = 10
-    min_angle_deg: Annotated[float, Field(ge=0, le=90)] = 0.2
-    max_residual_px: Annotated[float, Field(gt=0, le=1000)] = 4.0
-    min_depth_m: Annotated[float, Field(ge=0)] = 1e-6
-    scale_by_residuals: bool = True
+    sigma_px: float = Field(0.5, gt=0, le=100, description="Standard deviation of an observed column or row")
+    max_iterations: int = Field(10, ge=0, le=100, description="Maximum number of Gauss-Newton steps")
+    min_angle_deg: float = Field(
+        0.2, ge=0, le=90, description="Smallest largest angle between rays of a valid point"
+    )
+    max_residual_px: float = Field(
+        4.0, gt=0, le=1000, description="Largest root mean square reprojection error"
+    )
+    min_depth_m: float = Field(1e-6, ge=0, description="Depth below which a point is removed")
 
 
-class LinearThenReprojection(NViewTriangulationInterface):
-    """Least squares on the cross products [1]_, weighed by depth, then Gauss-Newton on the reprojection error.
+class LinearThenReprojection(Interface[LinearThenReprojectionConfig]):
+    """Least squares on the cross products [1]_, weighted by depth, then Gauss-Newton on the reprojection
+    error.
 
-    For two views the minimum is the one that optimal triangulation has in closed form [2]_; for more it is the
-    maximum-likelihood point under equal Gaussian noise. One pass over the points, compiled; the covariance is that of
-    the last normal matrix.
+    For two views the minimum is that of optimal triangulation in closed form [2]_; for more it is the
+    maximum-likelihood point under equal Gaussian noise. The covariance follows from the last normal matrix,
+    enlarged by the unit variance where above 1.
 
     References
     ----------
     .. [1] R. Hartley, P. Sturm, Triangulation, CVIU 68(2), 1997, doi:10.1006/cviu.1997.0547
     .. [2] P. Lindstrom, Triangulation made easy, CVPR 2010, doi:10.1109/CVPR.2010.5539785
     """
-
-    Config = LinearThenReprojectionConfig
-    config: LinearThenReprojectionConfig
 
     def setup(self) -> None:
         """Compile the kernel."""
@@ -59,8 +53,8 @@ class LinearThenReprojection(NViewTriangulationInterface):
         P[1, 0, 3] = -1.0
         triangulated(start, cam, xy, P, -P[:, :, 3], np.ones((2, 2)), 2, 1.0, 1.0, 0.0)
 
-    def process(self, inputs: NViewTriangulationInputs) -> NViewTriangulationOutputs:
-        """Triangulate every point; raises InputError and RefusedError."""
+    def process(self, inputs: Inputs) -> Outputs:
+        """Return the triangulated points; raises InputError and RefusedError."""
         c, tracks = self.config, inputs.tracks
         if not len(tracks.cameras.ids):
             raise InputError("tracks: no cameras")
@@ -70,24 +64,37 @@ class LinearThenReprojection(NViewTriangulationInterface):
         focal = np.ascontiguousarray(tracks.lenses.values[tracks.cameras.lenses, :2])
         T = np.linalg.inv(tracks.cameras.matrices)
         points, inverse, costs, angles, status = triangulated(
-            start, cam, xy, np.ascontiguousarray(T[:, :3]), tracks.cameras.poses[:, :3].copy(), focal, c.max_iterations,
-            float(np.cos(np.radians(c.min_angle_deg))), c.max_residual_px, c.min_depth_m,
-        )  # fmt: skip
+            start,
+            cam,
+            xy,
+            np.ascontiguousarray(T[:, :3]),
+            tracks.cameras.poses[:, :3].copy(),
+            focal,
+            c.max_iterations,
+            float(np.cos(np.radians(c.min_angle_deg))),
+            c.max_residual_px,
+            c.min_depth_m,
+        )
         valid, views = status == 0, np.diff(start)
         self.metrics = {name: float((status == code).sum()) for code, name in enumerate(_REASONS)}
         if not valid.any():
             worst = max(_REASONS[1:], key=lambda name: self.metrics[name])
-            raise RefusedError(f"none of {len(points)} points can be stood for", ["no_points", f"mostly:{worst}"])
+            raise RefusedError(f"none of {len(points)} points is valid", ["no_points", f"mostly:{worst}"])
         freedom = int((2 * views[valid] - 3).sum())
         variance = float(costs[valid].sum()) / freedom / c.sigma_px**2 if freedom > 0 else 1.0
-        scale = c.sigma_px**2 * (max(variance, 1.0) if c.scale_by_residuals else 1.0)
-        return NViewTriangulationOutputs(
-            points, inverse * scale, valid, status, angles, np.sqrt(costs / np.maximum(views, 1)), np.array(variance)
+        return Outputs(
+            points=points,
+            covariances=inverse * (c.sigma_px**2 * max(variance, 1.0)),
+            valid=valid,
+            status=status,
+            angles=angles,
+            rms_px=np.sqrt(costs / np.maximum(views, 1)),
+            unit_variance=variance,
         )
 
 
-def normalised(tracks: BundleProblem) -> Float:
-    """Observations ``(m, 2)`` on the plane z = 1, their lenses' distortion taken out; raises InputError."""
+def normalised(tracks: BundleProblem) -> FloatArray:
+    """Return undistorted observations ``(m, 2)`` on the plane z = 1; raises InputError."""
     values, pixels = tracks.lenses.values, tracks.observations.pixels[:, :2]
     lens = tracks.cameras.lenses[tracks.observations.cameras]
     used = np.unique(lens)
@@ -108,8 +115,8 @@ def normalised(tracks: BundleProblem) -> Float:
     return out
 
 
-def _by_point(tracks: BundleProblem) -> tuple[NDArray[np.int64], NDArray[np.int64] | slice]:
-    """Where the observations of each point begin, and the order that brings them together."""
+def _by_point(tracks: BundleProblem) -> tuple[IntArray, IntArray | slice]:
+    """Return the first observation of each point and the order that groups observations by point."""
     rows = tracks.observations.points.astype(np.int64)
     order = slice(None) if (rows[1:] >= rows[:-1]).all() else np.argsort(rows, kind="stable")
     counts = np.bincount(rows, minlength=len(tracks.points.ids))

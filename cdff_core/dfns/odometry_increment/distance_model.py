@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""DistanceModel: the increment's covariance grows with the distance, as wheels that slip are modelled."""
+"""Odometry increment whose covariance grows with the distance, for wheels with slip."""
 
 from __future__ import annotations
 
@@ -11,11 +11,7 @@ from pydantic import Field
 
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.dfn import DfnConfig
-from cdff_core.dfns.odometry_increment._interface import (
-    OdometryIncrementInputs,
-    OdometryIncrementInterface,
-    OdometryIncrementOutputs,
-)
+from cdff_core.dfns.odometry_increment.interface import Inputs, Interface, Outputs
 
 Sigma = Annotated[float, Field(ge=0, le=10)]
 
@@ -23,37 +19,45 @@ Sigma = Annotated[float, Field(ge=0, le=10)]
 class DistanceModelConfig(DfnConfig):
     """Parameters of DistanceModel.
 
-    Slip is a scale error that wanders over metres; as a random walk it is ``slip sqrt(correlation length)`` per square
-    root of a metre: 0.25 stands for 10 % over 6 m.
+    Slip is a scale error with a correlation length of some metres; as a random walk it is ``slip
+    sqrt(correlation length)`` per square root of a metre: 0.25 corresponds to 10 % over 6 m.
     """
 
-    along_m_sqrt_m: Annotated[Sigma, Field(description="m/sqrt(m)")] = 0.25
-    across_m_sqrt_m: Annotated[Sigma, Field(description="m/sqrt(m)")] = 0.08
-    up_m_sqrt_m: Annotated[Sigma, Field(description="m/sqrt(m)")] = 0.08
-    tilt_rad_sqrt_m: Annotated[Sigma, Field(description="rad/sqrt(m)")] = 0.05
-    yaw_rad_sqrt_m: Annotated[Sigma, Field(description="rad/sqrt(m)")] = 0.02
-    yaw_share: Annotated[float, Field(ge=0, le=1)] = 0.05
+    along_m_sqrt_m: Sigma = Field(
+        0.25, description="Error along the motion after one metre; variances grow with the distance"
+    )
+    across_m_sqrt_m: Sigma = Field(0.08, description="Error across the motion after one metre")
+    up_m_sqrt_m: Sigma = Field(0.08, description="Error along the z axis of the body after one metre")
+    tilt_rad_sqrt_m: Sigma = Field(0.05, description="Error of roll and pitch, which are not observed")
+    yaw_rad_sqrt_m: Sigma = Field(0.02, description="Error of the heading after one metre")
+    yaw_fraction: float = Field(
+        0.05, ge=0, le=1, description="Error of the heading as a fraction of the turn"
+    )
 
 
-class DistanceModel(OdometryIncrementInterface):
-    """For wheels: the covariances the driver reports are not needed."""
-
-    Config = DistanceModelConfig
-    config: DistanceModelConfig
+class DistanceModel(Interface[DistanceModelConfig]):
+    """Covariance model for wheels, independent of the reported covariances."""
 
     def setup(self) -> None:
-        """Variances per metre."""
+        """Compute the variances per metre."""
         c = self.config
         self._per_metre = np.square(
-            [c.along_m_sqrt_m, c.across_m_sqrt_m, c.up_m_sqrt_m, c.tilt_rad_sqrt_m, c.tilt_rad_sqrt_m, c.yaw_rad_sqrt_m]
+            [
+                c.along_m_sqrt_m,
+                c.across_m_sqrt_m,
+                c.up_m_sqrt_m,
+                c.tilt_rad_sqrt_m,
+                c.tilt_rad_sqrt_m,
+                c.yaw_rad_sqrt_m,
+            ]
         )
 
-    def process(self, inputs: OdometryIncrementInputs) -> OdometryIncrementOutputs:
-        """Difference of two cumulative poses; raises InputError on an input that is no rigid transform."""
+    def process(self, inputs: Inputs) -> Outputs:
+        """Return the increment between two poses; raises InputError on an input that is not rigid."""
         first, second = UncertainTransform(inputs.first).matrix, UncertainTransform(inputs.second).matrix
         mount = UncertainTransform(inputs.mount).matrix
         step = mount @ se3.inverse(first) @ second @ se3.inverse(mount)
         distance_m = float(np.linalg.norm(step[:3, 3]))
         variance = self._per_metre * distance_m
-        variance[5] += (self.config.yaw_share * float(se3.rotation_angle(step[:3, :3]))) ** 2
-        return OdometryIncrementOutputs(step, np.diag(variance), np.asarray(distance_m))
+        variance[5] += (self.config.yaw_fraction * float(se3.rotation_angle(step[:3, :3]))) ** 2
+        return Outputs(increment=step, covariance=np.diag(variance), distance_m=distance_m)

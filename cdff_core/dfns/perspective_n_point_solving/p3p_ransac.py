@@ -1,62 +1,51 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""P3pRansac: three-point poses from random samples, the one with most inliers refined."""
+"""Camera pose by RANSAC over three-point poses, with refinement on the inliers."""
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from cdff_common.errors import InputError, RefusedError
+from cdff_common.arrays import BoolArray, FloatArray
+from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfn import DfnConfig
-from cdff_core.dfns.perspective_n_point_solving._interface import (
-    PerspectiveNPointSolvingInputs,
-    PerspectiveNPointSolvingInterface,
-    PerspectiveNPointSolvingOutputs,
-)
-
-FloatArray = NDArray[np.float64]
+from cdff_core.dfns.perspective_n_point_solving.interface import Inputs, Interface, Outputs
 
 
 class P3pRansacConfig(DfnConfig):
     """Parameters of P3pRansac."""
 
-    threshold_px: Annotated[float, Field(gt=0, le=50)] = 2.0
-    max_iterations: Annotated[int, Field(ge=1, le=100_000)] = 500
-    confidence: Annotated[float, Field(gt=0, lt=1)] = 0.9999
-    min_inliers: Annotated[int, Field(ge=4)] = 12
-    seed: Annotated[int, Field(ge=0)] = 0
+    threshold_px: float = Field(2.0, gt=0, le=50, description="Largest reprojection error of an inlier")
+    max_iterations: int = Field(
+        500, ge=1, le=100_000, description="Maximum number of samples of three points"
+    )
+    confidence: float = Field(0.9999, gt=0, lt=1, description="Probability of a sample without outliers")
+    min_inliers: int = Field(12, ge=4, description="Minimum number of inliers; fewer are refused")
+    seed: int = Field(0, ge=0, description="Seed of the random samples; every call starts from it")
 
 
-class P3pRansac(PerspectiveNPointSolvingInterface):
+class P3pRansac(Interface[P3pRansacConfig]):
     """RANSAC [1]_ on the three-point pose problem [2]_, with a guess as the first hypothesis.
 
-    The guess only competes: it wins where no sample explains more points.
+    The guess is selected only if no sample has more inliers.
 
     References
     ----------
     .. [1] M. Fischler, R. Bolles, Random Sample Consensus, CACM 24(6), 1981, doi:10.1145/358669.358692
-    .. [2] T. Ke, S. Roumeliotis, An Efficient Algebraic Solution to the Perspective-Three-Point Problem, CVPR 2017,
+    .. [2] T. Ke, S. Roumeliotis, An Efficient Algebraic Solution to the Perspective-Three-Point Problem, CVPR
+       2017,
        doi:10.1109/CVPR.2017.491
     """
 
-    Config = P3pRansacConfig
-    config: P3pRansacConfig
-
-    def process(self, inputs: PerspectiveNPointSolvingInputs) -> PerspectiveNPointSolvingOutputs:
-        """Solve; raises RefusedError with ``few_points`` or ``few_inliers``."""
+    def process(self, inputs: Inputs) -> Outputs:
+        """Return the pose; raises RefusedError with ``few_points`` or ``few_inliers``."""
         c = self.config
         points = np.ascontiguousarray(inputs.points, np.float64)
         pixels = np.ascontiguousarray(inputs.projections, np.float64)
         K = np.ascontiguousarray(inputs.camera_matrix, np.float64)
-        if points.ndim != 2 or points.shape[1] != 3 or pixels.shape != (len(points), 2) or K.shape != (3, 3):
-            shapes = f"points {points.shape}, projections {pixels.shape}, camera {K.shape}"
-            raise InputError(f"{shapes}: expected (n, 3), (n, 2), (3, 3)")
         if len(points) < c.min_inliers:
             reason = f"few_points:{len(points)}<{c.min_inliers}"
             raise RefusedError(f"{len(points)} points, expected {c.min_inliers}", [reason])
@@ -68,7 +57,9 @@ class P3pRansac(PerspectiveNPointSolvingInterface):
         while drawn < self._needed(inliers):
             drawn += 1
             sample = generator.choice(len(points), 3, replace=False)
-            _, rotations, translations = cv2.solveP3P(points[sample], pixels[sample], K, None, flags=cv2.SOLVEPNP_AP3P)
+            _, rotations, translations = cv2.solveP3P(
+                points[sample], pixels[sample], K, None, flags=cv2.SOLVEPNP_AP3P
+            )
             for rvec, t in zip(rotations, translations, strict=True):
                 candidate = se3.transform(se3.exp_so3(rvec[:, 0]), t[:, 0])
                 agreeing = self._inliers(candidate, points, pixels, K)
@@ -79,20 +70,23 @@ class P3pRansac(PerspectiveNPointSolvingInterface):
                 f"{inliers.sum()} of {len(points)} points agree on a pose, expected {c.min_inliers}",
                 [f"few_inliers:{inliers.sum()}<{c.min_inliers}"],
             )
-        return PerspectiveNPointSolvingOutputs(camera=best, inliers=inliers)
+        return Outputs(camera=best, inliers=inliers)
 
-    def _needed(self, inliers: NDArray[np.bool_]) -> int:
-        """Samples for one without outliers at the stated confidence, given the best inlier ratio so far."""
+    def _needed(self, inliers: BoolArray) -> int:
+        """Return the number of samples for one without outliers at the current inlier ratio."""
         clean = float(inliers.mean()) ** 3
         if clean <= 1e-9:
             return self.config.max_iterations
         if clean >= 1.0 - 1e-12:
             return 1
-        return min(self.config.max_iterations, int(np.ceil(np.log(1.0 - self.config.confidence) / np.log(1.0 - clean))))
+        return min(
+            self.config.max_iterations,
+            int(np.ceil(np.log(1.0 - self.config.confidence) / np.log(1.0 - clean))),
+        )
 
-    def _inliers(self, T: FloatArray, points: FloatArray, pixels: FloatArray, K: FloatArray) -> NDArray[np.bool_]:
+    def _inliers(self, T: FloatArray, points: FloatArray, pixels: FloatArray, K: FloatArray) -> BoolArray:
         moved = se3.transform_points(T, points)
         depth = moved[:, 2]
         image = (moved / np.where(depth > 1e-6, depth, np.inf)[:, None]) @ K.T
-        near: NDArray[np.bool_] = np.hypot(*(image[:, :2] - pixels).T) < self.config.threshold_px
+        near: BoolArray = np.hypot(*(image[:, :2] - pixels).T) < self.config.threshold_px
         return near & (depth > 1e-6)

@@ -6,38 +6,45 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from cdff_common.arrays import FloatArray
 
-#: After so many points a place whose mean is above this share of the cut-off is given up.
+#: Number of points after which a position with a mean above this fraction of the cut-off is rejected.
 _GLANCE, _HOPELESS = 40, 0.6
 
 
 @njit(cache=True)
 def residuals(
-    heights: Float, origin: Float, cell: float, starts: Float, turns: Float, points: Float, cutoff: float, least: float
-) -> Float:  # pragma: no cover - compiled
-    """Mean cut-off height difference at each start (s) and turn (t): shape (s, t), infinity where little is covered.
+    heights: FloatArray,
+    origin: FloatArray,
+    cell: float,
+    starts: FloatArray,
+    rotations: FloatArray,
+    points: FloatArray,
+    cutoff: float,
+    least: float,
+) -> FloatArray:  # pragma: no cover - compiled
+    """Return the mean limited height difference of each start and rotation, shape (s, t); infinite for little
+    coverage.
 
     Parameters
     ----------
     heights : ndarray, shape (rows, columns)
-        Of cells along x and y from ``origin (2,)``; NaN where there is none.
+        Values of cells along x and y from ``origin (2,)``; NaN if unknown.
     starts : ndarray, shape (s, 4, 4)
         Poses of the ground below the robot.
-    turns : ndarray, shape (t, 2)
-        Cosine and sine of turns about the ground's normal.
+    rotations : ndarray, shape (t, 2)
+        Cosine and sine of rotations about the ground's normal.
     points : ndarray, shape (m, 3)
         About the foot of the robot, z along the ground's normal.
     """
-    out = np.full((len(starts), len(turns)), np.inf)
+    out = np.full((len(starts), len(rotations)), np.inf)
     rows, columns = heights.shape
     needed = least * len(points)
     for s in range(len(starts)):
         T = starts[s]
-        for t in range(len(turns)):
-            c, w = turns[t, 0], turns[t, 1]
+        for t in range(len(rotations)):
+            c, w = rotations[t, 0], rotations[t, 1]
             total, count = 0.0, 0
             for i in range(len(points)):
                 x = c * points[i, 0] - w * points[i, 1]

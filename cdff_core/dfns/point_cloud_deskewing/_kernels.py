@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled loop over points; single-threaded, for replay must not depend on the number of threads."""
+"""Compiled loop over points; single-threaded, so that replay does not depend on the number of threads."""
 
 from __future__ import annotations
 
@@ -8,17 +8,22 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
+from cdff_common.arrays import FloatArray, IntArray
+from cdff_common.geometry.small_vectors import cross, rotated
 
 
 @njit(cache=True)
 def deskew(
-    points: Float, interval: Int, fraction: Float, R: Float, t: Float, phi: Float, cov: Float
-) -> tuple[Float, Float]:  # pragma: no cover - compiled
-    """Map point i by the pose ``fraction[i]`` of the way through ``interval[i]``.
+    points: FloatArray,
+    interval: IntArray,
+    fraction: FloatArray,
+    R: FloatArray,
+    t: FloatArray,
+    phi: FloatArray,
+    cov: FloatArray,
+) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
+    """Transform point i by the pose at ``fraction[i]`` of ``interval[i]``.
 
     Rotation ``R_k Exp(f phi_k)`` (Rodrigues), translation and covariance linearly. The variance of z is
     ``J C J^T`` with J = [0 0 1 y -x 0] at the lever arm (x, y) of the point in the fixed frame.
@@ -34,12 +39,10 @@ def deskew(
             s, c = math.sin(a) / a, (1.0 - math.cos(a)) / a2
         else:
             s, c = 1.0, 0.5
-        cx, cy, cz = wy * pz - wz * py, wz * px - wx * pz, wx * py - wy * px
-        dx, dy, dz = wy * cz - wz * cy, wz * cx - wx * cz, wx * cy - wy * cx
+        cx, cy, cz = cross(wx, wy, wz, px, py, pz)
+        dx, dy, dz = cross(wx, wy, wz, cx, cy, cz)
         qx, qy, qz = px + s * cx + c * dx, py + s * cy + c * dy, pz + s * cz + c * dz
-        ax = R[k, 0, 0] * qx + R[k, 0, 1] * qy + R[k, 0, 2] * qz
-        ay = R[k, 1, 0] * qx + R[k, 1, 1] * qy + R[k, 1, 2] * qz
-        az = R[k, 2, 0] * qx + R[k, 2, 1] * qy + R[k, 2, 2] * qz
+        ax, ay, az = rotated(R[k], qx, qy, qz)
         g = 1.0 - f
         out[i, 0] = ax + g * t[k, 0] + f * t[k + 1, 0]
         out[i, 1] = ay + g * t[k, 1] + f * t[k + 1, 1]

@@ -1,10 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Drop points that are too near, too far, or on the robot itself."""
+"""Removal of points that are too near, too far, or on the robot itself."""
 
 from __future__ import annotations
-
-from typing import ClassVar
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -12,20 +10,20 @@ from pydantic import Field, model_validator
 from cdff_common.errors import InputError
 from cdff_common.geometry.points import checked_points
 from cdff_common.interfaces.dfn import DfnConfig
-from cdff_core.dfns.point_cloud_filtering._interface import (
-    PointCloudFilteringInputs,
-    PointCloudFilteringInterface,
-    PointCloudFilteringOutputs,
-)
+from cdff_core.dfns.point_cloud_filtering.interface import Inputs, Interface, Outputs
 
 
 class RangeFilterConfig(DfnConfig):
-    """Limits in the frame of the points."""
+    """Parameters of RangeFilter."""
 
-    min_range_m: float = Field(0.0, ge=0.0, description="Nearest range kept, metres")
-    max_range_m: float = Field(1e6, gt=0.0, description="Farthest range kept, metres")
+    min_range_m: float = Field(0.0, ge=0, description="Smallest range that is kept")
+    max_range_m: float = Field(1e6, gt=0, description="Largest range that is kept")
     self_mask_m: tuple[float, float, float, float, float, float] | None = Field(
-        None, description="xmin ymin zmin xmax ymax zmax of the robot, metres"
+        None,
+        description=(
+            "Box (xmin ymin zmin xmax ymax zmax) of the robot in the frame of the points; points inside "
+            "are removed"
+        ),
     )
 
     @model_validator(mode="after")
@@ -38,12 +36,10 @@ class RangeFilterConfig(DfnConfig):
         return self
 
 
-class RangeFilter(PointCloudFilteringInterface):
+class RangeFilter(Interface[RangeFilterConfig]):
     """Keep finite points within a range of the origin and outside the robot's box."""
 
-    Config: ClassVar[type[DfnConfig]] = RangeFilterConfig
-
-    def process(self, inputs: PointCloudFilteringInputs) -> PointCloudFilteringOutputs:
+    def process(self, inputs: Inputs) -> Outputs:
         """Return the points within the limits; raises InputError if none is left."""
         p = checked_points(inputs.points, finite=False)
         with np.errstate(invalid="ignore", over="ignore"):
@@ -56,4 +52,4 @@ class RangeFilter(PointCloudFilteringInterface):
         if not len(kept):
             raise InputError(f"points: none of {len(p)} is finite and within the limits {self.config}")
         points = p if len(kept) == len(p) else p[kept]
-        return PointCloudFilteringOutputs(filtered_points=points, kept=kept.astype(np.int64, copy=False))
+        return Outputs(filtered_points=points, kept=kept.astype(np.int64, copy=False))

@@ -1,47 +1,42 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Drop points whose neighbours are unusually far away."""
+"""Removal of points whose mean distance to their neighbours is an outlier."""
 
 from __future__ import annotations
-
-from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
 from cdff_common.errors import InputError
+from cdff_common.geometry.kdtree import kd_tree, neighbours
 from cdff_common.geometry.points import checked_points
+from cdff_common.geometry.robust import median_sigma
 from cdff_common.interfaces.dfn import DfnConfig
-from cdff_core.dfns.point_cloud_filtering._interface import (
-    PointCloudFilteringInputs,
-    PointCloudFilteringInterface,
-    PointCloudFilteringOutputs,
-)
+from cdff_core.dfns.point_cloud_filtering.interface import Inputs, Interface, Outputs
 
 
 class StatisticalOutlierRemovalConfig(DfnConfig):
-    """How isolated a point may be."""
+    """Parameters of StatisticalOutlierRemoval."""
 
-    neighbours: int = Field(8, ge=1, le=200, description="Neighbours whose mean distance is judged")
-    deviations: float = Field(6.0, gt=0.0, le=100.0, description="Robust standard deviations above the median")
+    neighbours: int = Field(8, ge=1, le=200, description="Number of neighbours whose mean distance is tested")
+    deviations: float = Field(
+        6.0, gt=0, le=100, description="Robust standard deviations above the median of an outlier"
+    )
 
 
-class StatisticalOutlierRemoval(PointCloudFilteringInterface):
-    """Judge each point by the mean distance to its nearest neighbours.
+class StatisticalOutlierRemoval(Interface[StatisticalOutlierRemovalConfig]):
+    """Test of the mean distance of each point to its nearest neighbours.
 
     Notes
     -----
-    As Rusu et al. (2008), "Towards 3D point cloud based object maps", doi:10.1016/j.robot.2008.08.005, section 4, with
-    median and median absolute deviation of the logarithm in place of mean and standard deviation, so that a lidar's
-    falling density with range is not taken for outliers and outliers do not widen the gate.
+    As Rusu et al. (2008), "Towards 3D point cloud based object maps", doi:10.1016/j.robot.2008.08.005,
+    section 4, with median and median absolute deviation of the logarithm in place of mean and standard
+    deviation, so that the decreasing density of a lidar with range causes no outliers and outliers do not
+    widen the gate.
     """
 
-    Config: ClassVar[type[DfnConfig]] = StatisticalOutlierRemovalConfig
-
-    def process(self, inputs: PointCloudFilteringInputs) -> PointCloudFilteringOutputs:
+    def process(self, inputs: Inputs) -> Outputs:
         """Return the points with neighbours; raises InputError if none is left."""
-        from cdff_common.geometry.kdtree import kd_tree, neighbours
-
         p = checked_points(inputs.points, finite=False)
         finite = np.flatnonzero(np.all(np.isfinite(p), axis=1))
         k = self.config.neighbours
@@ -52,6 +47,7 @@ class StatisticalOutlierRemoval(PointCloudFilteringInterface):
         isolation = np.empty(len(finite))
         isolation[tree.order] = np.log(np.maximum(distance_m[:, 1:].mean(axis=1), 1e-12))
         centre = np.median(isolation)
-        spread = 1.4826 * np.median(np.abs(isolation - centre))
-        kept = finite[isolation <= centre + self.config.deviations * max(float(spread), 1e-3)]
-        return PointCloudFilteringOutputs(filtered_points=p[kept], kept=kept.astype(np.int64))
+        kept = finite[
+            isolation <= centre + self.config.deviations * max(median_sigma(isolation - centre), 1e-3)
+        ]
+        return Outputs(filtered_points=p[kept], kept=kept.astype(np.int64))

@@ -1,22 +1,21 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Map points by a rigid transform."""
+"""Rigid transformation of points."""
 
 from __future__ import annotations
 
 from cdff_common.geometry import se3
 from cdff_common.geometry.points import checked_points, checked_transform
-from cdff_core.dfns.point_cloud_transformation._interface import (
-    PointCloudTransformationInputs,
-    PointCloudTransformationInterface,
-    PointCloudTransformationOutputs,
-)
+from cdff_common.interfaces.dfn import DfnConfig
+from cdff_core.dfns.point_cloud_transformation.interface import Inputs, Interface, Outputs
 
 
-class CartesianSystemTransform(PointCloudTransformationInterface):
+class CartesianSystemTransform(Interface[DfnConfig]):
     """``p_a = T_a_b p_b`` for each point."""
 
-    def process(self, inputs: PointCloudTransformationInputs) -> PointCloudTransformationOutputs:
+    def process(self, inputs: Inputs) -> Outputs:
         """Return the points in frame a; raises InputError on malformed points or transform."""
         T_a_b = checked_transform(inputs.transform)
-        return PointCloudTransformationOutputs(se3.transform_points(T_a_b, checked_points(inputs.points, finite=False)))
+        return Outputs(
+            transformed_points=se3.transform_points(T_a_b, checked_points(inputs.points, finite=False))
+        )

@@ -4,73 +4,93 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.linalg import splu
 
+from cdff_common.arrays import FloatArray, IntArray
 from cdff_common.geometry import se3
-from cdff_core.dfns.pose_graph_optimization._problem import Float, Int, Problem
+from cdff_core.dfns.pose_graph_optimization._problem import Problem
 
 
-def chordal(problem: Problem, poses: Float, weights: Float) -> Float:
-    """Poses ``(n, 4, 4)`` with those that are held as in ``poses``.
+def chordal(problem: Problem, poses: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return poses ``(n, 4, 4)``; the fixed ones are those of ``poses``.
 
     Martinec and Pajdla (2007), doi:10.1109/CVPR.2007.383115, compared by Carlone et al. (2015),
-    doi:10.1109/ICRA.2015.7139836: ``sum kappa |R_b - R_a R_ab|^2`` is linear in the entries of the rotations; the
-    nearest rotations to its solution are kept, and ``sum tau |t_b - t_a - R_a t_ab|^2`` is solved for the translations.
-    kappa and tau are isotropic readings of the information. Edges of weight 0 are left out.
+    doi:10.1109/ICRA.2015.7139836: ``sum kappa |R_b - R_a R_ab|^2`` is linear in the entries of the rotations;
+    its solution is projected to the nearest rotations, and ``sum tau |t_b - t_a - R_a t_ab|^2`` is solved for
+    the translations. kappa and tau are isotropic approximations of the information. Edges of weight 0 are
+    ignored.
     """
     kappa, tau = (weights * w for w in _isotropic(problem))
     n = len(poses)
     prior = problem.is_prior
     a, b = problem.first[~prior], problem.second[~prior]
     Z = problem.measured[~prior]
-    # Row i of R_b is row i of R_a times R_ab: three unknowns a pose, and a right-hand side for each of the rows.
+    # Row i of R_b is row i of R_a times R_ab: three unknowns a pose, and a right-hand side for each of the
+    # rows.
     blocks = np.swapaxes(Z[:, :3, :3], 1, 2)
     known = poses[problem.held, :3, :3]
     rows = _solved(
-        n, problem, _Edges(a, b, blocks, kappa[~prior]), np.zeros((len(a), 3, 3)),
+        n,
+        problem,
+        _Edges(a, b, blocks, kappa[~prior]),
+        np.zeros((len(a), 3, 3)),
         _Ties(problem.first[prior], kappa[prior], np.swapaxes(problem.measured[prior, :3, :3], 1, 2)),
         np.swapaxes(known, 1, 2),
-    )  # fmt: skip
+    )
     R = se3.normalise_rotation(np.swapaxes(rows, 1, 2))
     R[problem.held] = known
     shift = (R[a] @ Z[:, :3, 3, None])[..., 0]
     t = _solved(
-        n, problem, _Edges(a, b, np.ones((len(a), 1, 1)), tau[~prior]), shift[:, None, :],
+        n,
+        problem,
+        _Edges(a, b, np.ones((len(a), 1, 1)), tau[~prior]),
+        shift[:, None, :],
         _Ties(problem.first[prior], tau[prior], problem.measured[prior, None, :3, 3]),
         poses[problem.held, None, :3, 3],
-    )  # fmt: skip
+    )
     return se3.transform(R, t[:, 0])
 
 
 class _Edges:
     """``sum weight |x_b - block x_a - shift|^2``."""
 
-    def __init__(self, a: Int, b: Int, blocks: Float, weights: Float) -> None:
+    def __init__(self, a: IntArray, b: IntArray, blocks: FloatArray, weights: FloatArray) -> None:
         self.a, self.b, self.blocks, self.weights = a, b, blocks, weights
 
 
 class _Ties:
     """``sum weight |x_a - value|^2``."""
 
-    def __init__(self, a: Int, weights: Float, values: Float) -> None:
+    def __init__(self, a: IntArray, weights: FloatArray, values: FloatArray) -> None:
         self.a, self.weights, self.values = a, weights, values
 
 
-def _solved(n: int, problem: Problem, edges: _Edges, shift: Float, ties: _Ties, known: Float) -> Float:
-    """Unknowns ``(n, k, r)`` of the sum of both, with the held ones at ``known (g, k, r)``."""
+def _solved(
+    n: int, problem: Problem, edges: _Edges, shift: FloatArray, ties: _Ties, known: FloatArray
+) -> FloatArray:
+    """Return the unknowns ``(n, k, r)`` of the sum of both, with the fixed ones at ``known (g, k, r)``."""
     k, r = shift.shape[1:] if len(shift) else known.shape[1:]
     m, p = len(edges.a), len(ties.a)
     root = np.sqrt(edges.weights)
     eye = np.broadcast_to(np.eye(k), (m, k, k))
     equation = np.arange((m + p) * k).reshape(m + p, k, 1)
-    values = np.concatenate([
-        -(edges.blocks * root[:, None, None]).ravel(), (eye * root[:, None, None]).ravel(),
-        (np.broadcast_to(np.eye(k), (p, k, k)) * np.sqrt(ties.weights)[:, None, None]).ravel(),
-    ])  # fmt: skip
-    at = np.concatenate([np.broadcast_to(equation[rows], (len(equation[rows]), k, k)).ravel() for rows in (
-        slice(0, m), slice(0, m), slice(m, m + p))])  # fmt: skip
+    values = np.concatenate(
+        [
+            -(edges.blocks * root[:, None, None]).ravel(),
+            (eye * root[:, None, None]).ravel(),
+            (np.broadcast_to(np.eye(k), (p, k, k)) * np.sqrt(ties.weights)[:, None, None]).ravel(),
+        ]
+    )
+    at = np.concatenate(
+        [
+            np.broadcast_to(equation[rows], (len(equation[rows]), k, k)).ravel()
+            for rows in (slice(0, m), slice(0, m), slice(m, m + p))
+        ]
+    )
     unknown = np.concatenate([_columns(i, k) for i in (edges.a, edges.b, ties.a)])
     A = coo_matrix((values, (at, unknown)), shape=((m + p) * k, n * k)).tocsc()
     right = np.concatenate([shift * root[:, None, None], ties.values * np.sqrt(ties.weights)[:, None, None]])
@@ -81,26 +101,28 @@ def _solved(n: int, problem: Problem, edges: _Edges, shift: Float, ties: _Ties, 
     columns = (free[:, None] * k + np.arange(k)).ravel()
     B = A[:, columns]
     normal = csc_matrix(B.T @ B)
-    # What nothing measures stays at its start: a hair of weight keeps the system solvable.
+    # Unmeasured vertices stay at their start: a tiny weight keeps the system regular.
     normal.setdiag(normal.diagonal() + 1e-12 * max(float(normal.diagonal().max(initial=0.0)), 1e-300))
     if len(free):
         x[free] = factorised(normal).solve(B.T @ (right - A @ x.reshape(-1, r))).reshape(-1, k, r)
     return x
 
 
-def _columns(vertices: Int, k: int) -> Int:
-    """Columns of the blocks ``(len, k, k)`` of these vertices, as one row."""
+def _columns(vertices: IntArray, k: int) -> IntArray:
+    """Return the columns of the blocks ``(len, k, k)`` of these vertices, as one row."""
     return np.broadcast_to((vertices[:, None] * k + np.arange(k))[:, None, :], (len(vertices), k, k)).ravel()
 
 
-def factorised(matrix: csc_matrix):
-    """Sparse factors of a symmetric positive definite matrix; raises RuntimeError where it is singular."""
+def factorised(matrix: csc_matrix) -> Any:
+    """Return sparse factors of a positive definite matrix; raises RuntimeError if singular."""
     return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
 
-def _isotropic(problem: Problem) -> tuple[Float, Float]:
-    """Mean information of the rotations and translations: what one number says of the matrices' blocks."""
+def _isotropic(problem: Problem) -> tuple[FloatArray, FloatArray]:
+    """Return the mean information of the rotations and of the translations of each edge."""
     diagonal = np.diagonal(problem.information, axis1=1, axis2=2)
     split = 3 if len(problem.rows) == 6 else 2
     floor = 1e-9 * max(float(diagonal.max(initial=0.0)), 1e-300)
-    return np.maximum(diagonal[:, split:].mean(axis=1), floor), np.maximum(diagonal[:, :split].mean(axis=1), floor)
+    return np.maximum(diagonal[:, split:].mean(axis=1), floor), np.maximum(
+        diagonal[:, :split].mean(axis=1), floor
+    )

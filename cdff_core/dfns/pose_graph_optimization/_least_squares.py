@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_matrix, csc_matrix, diags
 
+from cdff_common.arrays import FloatArray
 from cdff_common.errors import DegenerateGeometryError
 from cdff_common.geometry import se3
 from cdff_core.dfns.pose_graph_optimization._chordal import factorised
-from cdff_core.dfns.pose_graph_optimization._problem import Float, Problem
+from cdff_core.dfns.pose_graph_optimization._problem import Problem
 
 _FIRST_DAMPING = 1e-6
 _MOST_DAMPING = 1e8
@@ -20,23 +21,25 @@ _MOST_DAMPING = 1e8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """Poses ``(n, 4, 4)`` with what they cost, and how they were come by."""
+    """Poses ``(n, 4, 4)`` with their cost and the state of the minimisation."""
 
-    poses: Float
+    poses: FloatArray
     chi2: float
     iterations: int
     converged: bool
 
 
-def minimised(problem: Problem, poses: Float, weights: Float, max_iterations: int, tolerance: float) -> Solution:
-    """Lower ``sum weight e' Omega e``: each pose moves as ``X Exp(x)``.
+def minimised(
+    problem: Problem, poses: FloatArray, weights: FloatArray, max_iterations: int, tolerance: float
+) -> Solution:
+    """Minimise ``sum weight e' Omega e`` with steps ``X Exp(x)`` of each pose.
 
-    Levenberg (1944) as Marquardt (1963) damps it; the damping is off as long as full steps lower the sum.
+    Levenberg-Marquardt damping (Marquardt 1963) is only active where full steps do not reduce the sum.
 
     Raises
     ------
     DegenerateGeometryError
-        If the information leaves poses free even with damping.
+        If the information leaves poses unconstrained even with damping.
     """
     chi2 = float(weights @ problem.squared(problem.errors(poses)))
     damping = 0.0
@@ -54,7 +57,8 @@ def minimised(problem: Problem, poses: Float, weights: Float, max_iterations: in
             if damping >= _MOST_DAMPING:
                 if moved is None:
                     raise DegenerateGeometryError(
-                        "pose graph: the information leaves poses free, whatever the damping", ["free_poses"]
+                        "pose graph: the information leaves poses unconstrained, even with damping",
+                        ["free_poses"],
                     )
                 return Solution(poses, chi2, iteration + 1, True)
             damping = max(10.0 * damping, _FIRST_DAMPING)
@@ -67,8 +71,10 @@ def minimised(problem: Problem, poses: Float, weights: Float, max_iterations: in
     return Solution(poses, chi2, max_iterations, False)
 
 
-def normal_equations(problem: Problem, poses: Float, weights: Float) -> tuple[csc_matrix, Float]:
-    """The Hessian's approximation and the gradient in the poses that are not held, ``d`` rows for each."""
+def normal_equations(
+    problem: Problem, poses: FloatArray, weights: FloatArray
+) -> tuple[csc_matrix, FloatArray]:
+    """Return approximate Hessian and gradient by the poses that are not fixed, ``d`` rows each."""
     n, d = len(poses), len(problem.rows)
     prior = problem.is_prior
     e = problem.errors(poses)
@@ -86,7 +92,12 @@ def normal_equations(problem: Problem, poses: Float, weights: Float) -> tuple[cs
     a, b = place[problem.first], place[problem.second]
     cross = JaT @ WJb
     rows, columns, values = [], [], []
-    for i, j, block in ((a, a, JaT @ WJa), (b, b, JbT @ WJb), (a, b, cross), (b, a, np.swapaxes(cross, 1, 2))):
+    for i, j, block in (
+        (a, a, JaT @ WJa),
+        (b, b, JbT @ WJb),
+        (a, b, cross),
+        (b, a, np.swapaxes(cross, 1, 2)),
+    ):
         kept = (i >= 0) & (j >= 0)
         shape = (int(kept.sum()), d, d)
         rows.append(np.broadcast_to((i[kept, None] * d + np.arange(d))[:, :, None], shape).ravel())
@@ -100,8 +111,10 @@ def normal_equations(problem: Problem, poses: Float, weights: Float) -> tuple[cs
     return coo_matrix(entries, shape=(size, size)).tocsc(), g[free].ravel()
 
 
-def _moved(problem: Problem, poses: Float, H: csc_matrix, g: Float, damping: Float) -> Float | None:
-    """Poses after a step, None where the equations cannot be solved."""
+def _moved(
+    problem: Problem, poses: FloatArray, H: csc_matrix, g: FloatArray, damping: FloatArray
+) -> FloatArray | None:
+    """Return the poses after a step, None if the equations are singular."""
     if not len(g):
         return poses
     try:

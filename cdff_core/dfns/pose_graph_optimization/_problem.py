@@ -1,34 +1,31 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A pose graph as arrays that a solver works on, and its residuals."""
+"""Pose graph as arrays for a solver, and its residuals."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from cdff_common.arrays import BoolArray, FloatArray, IntArray
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.types import PoseGraph
 from cdff_common.types.pose_graph_ext import LOOP_CLOSURE
 
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-
 #: Rows of a plane graph in x y z rx ry rz.
 _PLANE = np.array([0, 1, 5])
 _SPACE = np.arange(6)
-#: Negative eigenvalues below this share of the largest are rounding.
+#: Ratio to the largest eigenvalue below which a negative eigenvalue is rounding noise.
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """What is to be solved.
+    """Arrays of the optimisation problem.
 
     Attributes
     ----------
@@ -37,45 +34,45 @@ class Problem:
     measured : ndarray, shape (m, 4, 4)
         ``T_a_b``, of a prior ``T_frame_a``.
     information : ndarray, shape (m, d, d)
-        Of ``Log(measured^-1 X_a^-1 X_b)``, positive semi-definite.
+        Information of ``Log(measured^-1 X_a^-1 X_b)``, positive semi-definite.
     is_loop : ndarray of bool, shape (m,)
     held : ndarray of int64, shape (g,)
-        Rows that stay where they are.
+        Rows of the fixed vertices.
     rows : ndarray of int64, shape (d,)
         The unknowns of a pose in x y z rx ry rz: three in the plane, else all.
     components, repaired : int
-        Parts of the graph; information matrices that had to be changed.
+        Number of connected components and of repaired information matrices.
     """
 
-    first: Int
-    second: Int
-    measured: Float
-    information: Float
-    is_loop: NDArray[np.bool_]
-    held: Int
-    rows: Int
+    first: IntArray
+    second: IntArray
+    measured: FloatArray
+    information: FloatArray
+    is_loop: BoolArray
+    held: IntArray
+    rows: IntArray
     components: int
     repaired: int
 
     @property
-    def is_prior(self) -> NDArray[np.bool_]:
-        """Edges that measure one pose in the graph's frame."""
-        return self.first == self.second
+    def is_prior(self) -> BoolArray:
+        """Return which edges measure one pose in the graph's frame."""
+        return np.asarray(self.first == self.second)
 
-    def errors(self, poses: Float) -> Float:
+    def errors(self, poses: FloatArray) -> FloatArray:
         """Errors ``(m, 6)`` of the edges at poses ``(n, 4, 4)``."""
         between = se3.inverse(poses[self.first]) @ poses[self.second]
         between[self.is_prior] = poses[self.first[self.is_prior]]
         return se3.log_se3(se3.inverse(self.measured) @ between)
 
-    def squared(self, errors: Float) -> Float:
+    def squared(self, errors: FloatArray) -> FloatArray:
         """``e' Omega e`` of each edge ``(m,)``."""
         e = errors[:, self.rows]
-        return np.einsum("mi,mij,mj->m", e, self.information, e)
+        return np.asarray(np.einsum("mi,mij,mj->m", e, self.information, e))
 
 
 def problem_of(graph: PoseGraph) -> Problem:
-    """The arrays of a graph.
+    """Return the arrays of a graph.
 
     Raises
     ------
@@ -88,7 +85,8 @@ def problem_of(graph: PoseGraph) -> Problem:
     order = np.argsort(ids)
     first, second = (order[np.searchsorted(ids[order], ends[:, i])] for i in (0, 1))
     measured = graph.edges.matrices
-    # The type's information is of an error in a, ours of one in b; both are turned by the measured rotation.
+    # The message has the information of an error in a, the solver of one in b: rotate by the measured
+    # rotation.
     J = np.zeros((len(ends), 6, 6))
     J[:, :3, :3] = J[:, 3:, 3:] = measured[:, :3, :3]
     given = _checked(graph.edges.information_matrices, ends)
@@ -98,12 +96,19 @@ def problem_of(graph: PoseGraph) -> Problem:
     repaired, count = _repaired(information[:, rows[:, None], rows])
     parts, label = _parts(len(ids), first, second)
     return Problem(
-        first, second, measured, repaired, graph.edges.kinds == LOOP_CLOSURE,
-        _held(graph, first, second, parts, label), rows, parts, count,
-    )  # fmt: skip
+        first,
+        second,
+        measured,
+        repaired,
+        graph.edges.kinds == LOOP_CLOSURE,
+        _held(graph, first, second, parts, label),
+        rows,
+        parts,
+        count,
+    )
 
 
-def _checked(information: Float, ends: Int) -> Float:
+def _checked(information: FloatArray, ends: IntArray) -> FloatArray:
     scale = np.abs(information).max(axis=(1, 2), initial=0.0)
     skewed = np.abs(information - np.swapaxes(information, 1, 2)).max(axis=(1, 2), initial=0.0)
     bad = ~np.isfinite(scale) | (skewed > 1e-6 * scale)
@@ -113,8 +118,8 @@ def _checked(information: Float, ends: Int) -> Float:
     return information
 
 
-def _is_plane(graph: PoseGraph, information: Float) -> bool:
-    """Whether nothing leaves the plane z = 0, and nothing is known of leaving it."""
+def _is_plane(graph: PoseGraph, information: FloatArray) -> bool:
+    """Return whether poses, measurements and information all lie in the plane z = 0."""
     out = np.array([2, 3, 4])
     scale = np.abs(information).max(initial=0.0)
     return bool(
@@ -124,11 +129,11 @@ def _is_plane(graph: PoseGraph, information: Float) -> bool:
     )
 
 
-def _repaired(information: Float) -> tuple[Float, int]:
-    """Positive semi-definite matrices, and how many had to be changed.
+def _repaired(information: FloatArray) -> tuple[FloatArray, int]:
+    """Return positive semi-definite matrices and the number of repaired ones.
 
-    What breaks definiteness in published graphs is the coupling of translation and rotation: without it the blocks
-    are sound. Eigenvalues that are negative even so are set to 0.
+    In published graphs the coupling of translation and rotation is the usual cause of indefinite matrices,
+    and is removed. Remaining negative eigenvalues are set to 0.
     """
     if not len(information):
         return information, 0
@@ -145,14 +150,14 @@ def _repaired(information: Float) -> tuple[Float, int]:
     return fixed, int(bad.sum())
 
 
-def _parts(n: int, first: Int, second: Int) -> tuple[int, Int]:
+def _parts(n: int, first: IntArray, second: IntArray) -> tuple[int, IntArray]:
     graph = coo_matrix((np.ones(len(first)), (first, second)), shape=(n, n))
     count, label = connected_components(graph, directed=False)
     return int(count), label
 
 
-def _held(graph: PoseGraph, first: Int, second: Int, parts: int, label: Int) -> Int:
-    """Fixed vertices, and of each part that has neither these nor a prior the one with the least id."""
+def _held(graph: PoseGraph, first: IntArray, second: IntArray, parts: int, label: IntArray) -> IntArray:
+    """Return fixed vertices, and the smallest id of each component without a fixed vertex or prior."""
     fixed = graph.vertices.fixed
     held = np.flatnonzero(fixed) if len(fixed) else np.zeros(0, np.int64)
     tied = np.zeros(parts, np.bool_)

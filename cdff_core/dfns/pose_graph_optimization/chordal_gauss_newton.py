@@ -1,63 +1,67 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Chordal initialisation, Gauss-Newton, and graduated non-convexity for loop closures that may be wrong."""
+"""Chordal initialisation, Gauss-Newton, and graduated non-convexity for wrong loop closures."""
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
-from scipy.stats import chi2 as chi_squared
 
+from cdff_common.arrays import FloatArray, IntArray
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
-from cdff_common.geometry.covariance import from_right_perturbation
+from cdff_common.geometry.covariance import rotate_covariance
+from cdff_common.geometry.robust import GNC_GROWTH, chi_squared_quantile, truncated_weights
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_common.types import PoseGraph
 from cdff_core.dfns.pose_graph_optimization._chordal import chordal, factorised
-from cdff_core.dfns.pose_graph_optimization._interface import (
-    PoseGraphOptimizationInputs,
-    PoseGraphOptimizationInterface,
-    PoseGraphOptimizationOutputs,
-)
 from cdff_core.dfns.pose_graph_optimization._least_squares import Solution, minimised, normal_equations
-from cdff_core.dfns.pose_graph_optimization._problem import Float, Int, Problem, problem_of
+from cdff_core.dfns.pose_graph_optimization._problem import Problem, problem_of
+from cdff_core.dfns.pose_graph_optimization.interface import Inputs, Interface, Outputs
 
-_GNC_STEP = 1.4
 _GNC_ROUNDS = 100
 _GNC_INNER = 3
 
 
 class ChordalGaussNewtonConfig(DfnConfig):
-    """Where to begin, what may be wrong, when to end."""
+    """Parameters of ChordalGaussNewton."""
 
-    initialise: Literal["auto", "given", "chordal"] = Field("auto", description="Poses to begin from")
-    robust: Literal["none", "gnc"] = Field("none", description="Whether loop closures may be wrong")
-    inlier_probability: float = Field(0.999, gt=0.5, lt=1.0, description="Share of right loop closures that are kept")
-    max_iterations: int = Field(100, ge=1, le=10_000, description="Normal equations solved at most")
-    tolerance: float = Field(1e-10, gt=0.0, lt=1e-2, description="Relative change of chi2 that counts as none")
+    initialise: Literal["auto", "given", "chordal"] = Field(
+        "auto",
+        description=(
+            "Initial poses: those of the graph (given), from the measurements alone (chordal), or the "
+            "better fit of both (auto)"
+        ),
+    )
+    robust: Literal["none", "gnc"] = Field("none", description="gnc rejects wrong loop closures")
+    inlier_probability: float = Field(
+        0.999, gt=0.5, lt=1, description="Probability that a correct loop closure is kept"
+    )
+    max_iterations: int = Field(100, ge=1, le=10_000, description="Maximum number of normal equations solved")
+    tolerance: float = Field(1e-10, gt=0, lt=1e-2, description="Relative change of chi2 at convergence")
 
 
-class ChordalGaussNewton(PoseGraphOptimizationInterface):
-    """Begin where the measurements themselves say, then solve by sparse Gauss-Newton with damping when it is needed.
+class ChordalGaussNewton(Interface[ChordalGaussNewtonConfig]):
+    """Sparse Gauss-Newton, damped where needed, from initial poses of the measurements themselves.
 
     Notes
     -----
-    The objective is ``sum e' Omega e`` with ``e = Log(T_ab^-1 X_a^-1 X_b)``. From odometry alone Gauss-Newton ends in
-    local minima where loops are long; the chordal relaxation does not (Carlone et al. 2015,
-    doi:10.1109/ICRA.2015.7139836). Loop closures that may be wrong are weighed by graduated non-convexity of truncated
-    least squares (Yang et al. 2020, doi:10.1109/LRA.2020.2965893); odometry and priors keep their weight.
+    The objective is ``sum e' Omega e`` with ``e = Log(T_ab^-1 X_a^-1 X_b)``. Started from odometry,
+    Gauss-Newton
+    ends in local minima for long loops; with the chordal relaxation it does not (Carlone et al. 2015,
+    doi:10.1109/ICRA.2015.7139836). Possibly wrong loop closures are weighted by graduated non-convexity of
+    truncated least squares (Yang et al. 2020, doi:10.1109/LRA.2020.2965893); odometry and priors keep their
+    weight.
 
-    A graph that grew by a few vertices is solved again from its poses (``initialise: given``): where nothing new
-    contradicts them no equation is solved at all.
+    A graph extended by a few vertices can start from its previous poses (``initialise: given``); where no new
+    edge contradicts them no equation is solved.
     """
 
-    Config: ClassVar[type[DfnConfig]] = ChordalGaussNewtonConfig
-
-    def process(self, inputs: PoseGraphOptimizationInputs) -> PoseGraphOptimizationOutputs:
+    def process(self, inputs: Inputs) -> Outputs:
         """Return the optimised graph; raises InputError and DegenerateGeometryError."""
-        cfg: Any = self.config
+        cfg = self.config
         problem = problem_of(inputs.graph)
         given = inputs.graph.vertices.matrices
         wanted = _rows_of(inputs)
@@ -71,20 +75,22 @@ class ChordalGaussNewton(PoseGraphOptimizationInterface):
             f"chi2_{when}": float(weights @ problem.squared(problem.errors(poses)))
             for when, poses in (("initial", given), ("final", found.poses))
         }
-        return PoseGraphOptimizationOutputs(
+        return Outputs(
             graph=_with_poses(inputs.graph, found.poses, problem.held),
-            iterations=np.array(found.iterations),
-            converged=np.array(found.converged),
+            iterations=found.iterations,
+            converged=found.converged,
             gauge=inputs.graph.vertices.ids[problem.held],
             weights=weights,
             covariances=_covariances(problem, found.poses, weights, wanted),
         )
 
-    def _minimised(self, problem: Problem, poses: Float, weights: Float, most: int | None = None) -> Solution:
+    def _minimised(
+        self, problem: Problem, poses: FloatArray, weights: FloatArray, most: int | None = None
+    ) -> Solution:
         return minimised(problem, poses, weights, most or self.config.max_iterations, self.config.tolerance)
 
-    def _start(self, problem: Problem, given: Float, limit: float) -> Float:
-        """Poses to begin from: of those that the configuration allows, the ones of the least truncated cost."""
+    def _start(self, problem: Problem, given: FloatArray, limit: float) -> FloatArray:
+        """Return the initial poses of smallest truncated cost among the configured ones."""
         ones = np.ones(len(problem.first))
         candidates = [] if self.config.initialise == "chordal" else [given]
         if self.config.initialise != "given":
@@ -94,9 +100,9 @@ class ChordalGaussNewton(PoseGraphOptimizationInterface):
         costs = [np.minimum(problem.squared(problem.errors(poses)), limit).sum() for poses in candidates]
         return candidates[int(np.argmin(costs))]
 
-    def _robust(self, problem: Problem, given: Float) -> tuple[Solution, Float]:
-        """Solve with weights of loop closures that go from all the same to 0 or 1."""
-        limit = float(chi_squared.ppf(self.config.inlier_probability, len(problem.rows)))
+    def _robust(self, problem: Problem, given: FloatArray) -> tuple[Solution, FloatArray]:
+        """Solve with weights of loop closures that change from equal ones to 0 or 1."""
+        limit = chi_squared_quantile(self.config.inlier_probability, len(problem.rows))
         weights = np.ones(len(problem.first))
         found = self._minimised(problem, self._start(problem, given, limit), weights, 2 * _GNC_INNER)
         iterations = found.iterations
@@ -105,25 +111,22 @@ class ChordalGaussNewton(PoseGraphOptimizationInterface):
         for _ in range(_GNC_ROUNDS):
             if r2.max() <= limit or mu > 1e6:
                 break
-            low, high = mu / (mu + 1.0) * limit, (mu + 1.0) / mu * limit
-            between = np.sqrt(limit * mu * (mu + 1.0) / np.maximum(r2, low)) - mu
-            loops = np.where(r2 <= low, 1.0, np.where(r2 >= high, 0.0, between))
-            weights[problem.is_loop] = loops
+            weights[problem.is_loop] = loops = truncated_weights(r2, limit, mu)
             found = self._minimised(problem, found.poses, weights, _GNC_INNER)
             iterations += found.iterations
             r2 = problem.squared(problem.errors(found.poses))[problem.is_loop]
             if np.all((loops < 1e-4) | (loops > 1.0 - 1e-4)):
                 break
-            mu *= _GNC_STEP
+            mu *= GNC_GROWTH
         weights[problem.is_loop] = (r2 <= limit).astype(np.float64)
         last = self._minimised(problem, found.poses, weights)
         return Solution(last.poses, last.chi2, iterations + last.iterations, last.converged), weights
 
 
-def _rows_of(inputs: PoseGraphOptimizationInputs) -> Int:
-    """Rows of the vertices whose covariance is wanted; raises InputError for one that is not there."""
+def _rows_of(inputs: Inputs) -> IntArray:
+    """Return the rows of the vertices whose covariance is requested; raises InputError for a missing one."""
     ids = inputs.graph.vertices.ids
-    wanted = np.zeros(0, np.int64) if inputs.wanted is None else np.asarray(inputs.wanted, np.int64).reshape(-1)
+    wanted = np.asarray(() if inputs.wanted is None else inputs.wanted, np.int64).reshape(-1)
     missing = np.setdiff1d(wanted, ids)
     if missing.size:
         raise InputError(f"wanted: vertex {missing[0]} is not in the graph of {len(ids)}")
@@ -131,30 +134,37 @@ def _rows_of(inputs: PoseGraphOptimizationInputs) -> Int:
     return order[np.searchsorted(ids[order], wanted)]
 
 
-def _reasons(problem: Problem, found: Solution, weights: Float) -> tuple[str, ...]:
+def _reasons(problem: Problem, found: Solution, weights: FloatArray) -> tuple[str, ...]:
     rejected = int(np.count_nonzero(weights == 0.0))
-    counted = (
-        ("information_repaired", problem.repaired, problem.repaired > 0),
-        ("components", problem.components, problem.components > 1),
-        ("loops_rejected", rejected, rejected > 0),
-    )
-    reasons = [f"{name}:{count}" for name, count, told in counted if told]
-    return (*reasons, *(() if found.converged else ("not_converged",)))
+    reasons = {
+        f"information_repaired:{problem.repaired}": problem.repaired > 0,
+        f"components:{problem.components}": problem.components > 1,
+        f"loops_rejected:{rejected}": rejected > 0,
+        "not_converged": not found.converged,
+    }
+    return tuple(reason for reason, applies in reasons.items() if applies)
 
 
-def _with_poses(graph: PoseGraph, poses: Float, held: Int) -> PoseGraph:
+def _with_poses(graph: PoseGraph, poses: FloatArray, held: IntArray) -> PoseGraph:
     fixed = np.zeros(len(poses), np.bool_)
     fixed[held] = True
     vertices, edges = graph.vertices, graph.edges
     return PoseGraph.from_arrays(
-        vertices.ids, vertices.stamps_ns, se3.transform(se3.normalise_rotation(poses[:, :3, :3]), poses[:, :3, 3]),
-        edges.ends, edges.matrices, edges.information_matrices, edges.kinds,
-        frame=graph.frame, fixed=fixed, producer=graph.metadata.producer_id,
-    )  # fmt: skip
+        vertices.ids,
+        vertices.stamps_ns,
+        se3.transform(se3.normalise_rotation(poses[:, :3, :3]), poses[:, :3, 3]),
+        edges.ends,
+        edges.matrices,
+        edges.information_matrices,
+        edges.kinds,
+        frame=graph.frame,
+        fixed=fixed,
+        producer=graph.metadata.producer_id,
+    )
 
 
-def _covariances(problem: Problem, poses: Float, weights: Float, wanted: Int) -> Float:
-    """Marginal covariances ``(k, 6, 6)``: blocks of the inverse of the normal equations; 0 for what is held."""
+def _covariances(problem: Problem, poses: FloatArray, weights: FloatArray, wanted: IntArray) -> FloatArray:
+    """Return marginal covariances ``(k, 6, 6)``: blocks of the inverse Hessian; 0 for fixed poses."""
     out = np.zeros((len(wanted), 6, 6))
     free = np.setdiff1d(np.arange(len(poses)), problem.held)
     if not len(wanted) or not len(free):
@@ -170,5 +180,5 @@ def _covariances(problem: Problem, poses: Float, weights: Float, wanted: Int) ->
         block = factors.solve(unit)[at * d : (at + 1) * d]
         whole = np.zeros((6, 6))
         whole[np.ix_(problem.rows, problem.rows)] = 0.5 * (block + block.T)
-        out[k] = from_right_perturbation(poses[row], whole)
+        out[k] = rotate_covariance(whole, poses[row][:3, :3])
     return out

@@ -4,7 +4,8 @@
 
 References
 ----------
-.. [1] Padfield, D. (2012). Masked object registration in the Fourier domain. IEEE Transactions on Image Processing
+.. [1] Padfield, D. (2012). Masked object registration in the Fourier domain. IEEE Transactions on Image
+   Processing
    21(5). doi:10.1109/TIP.2011.2181402
 """
 
@@ -16,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-Float = NDArray[np.float64]
+from cdff_common.arrays import FloatArray
+
 Complex = NDArray[np.complex128]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,9 +29,9 @@ class Field:
     Attributes
     ----------
     components : tuple of 2 Complex
-        Of x and y, 0 where unobserved.
+        Spectra of the x and y components, 0 where unobserved.
     mask, energy : Complex
-        Of the mask and of the squared length.
+        Spectra of the mask and of the squared length.
     """
 
     components: tuple[Complex, Complex]
@@ -38,35 +39,35 @@ class Field:
     energy: Complex
 
 
-def field(gradient: tuple[Float, Float], shape: tuple[int, int]) -> Field:
-    """Spectra of a gradient, each component ``(rows, cols)`` with NaN where unobserved, padded to ``shape``."""
+def field(gradient: tuple[FloatArray, FloatArray], shape: tuple[int, int]) -> Field:
+    """Return spectra of a gradient ``(rows, cols)``, NaN where unobserved, padded to ``shape``."""
     seen = np.isfinite(gradient[0])
     x, y = (np.where(seen, g, 0.0) for g in gradient)
 
-    def spectrum(a: Float) -> Complex:
+    def spectrum(a: FloatArray) -> Complex:
         return np.asarray(fft.rfft2(a, s=shape))
 
     return Field((spectrum(x), spectrum(y)), spectrum(seen.astype(np.float64)), spectrum(x * x + y * y))
 
 
-def correlation(template: Field, reference: Field, shape: tuple[int, int], least: float) -> Float:
+def correlation(template: Field, reference: Field, shape: tuple[int, int], least: float) -> FloatArray:
     """Correlation of two vector fields about their means, for every shift; equation numbers are of [1]_.
 
     Parameters
     ----------
     template, reference : Field
-        Of one padded ``shape``.
+        Fields padded to the same ``shape``.
     least : float
         Cells that must be observed in both.
 
     Returns
     -------
-    Float, of ``shape``
-        At ``[s]`` that of ``template[r]`` with ``reference[r + s]``, indices modulo the shape; NaN where too few cells
-        meet.
+    FloatArray, of ``shape``
+        At ``[s]`` that of ``template[r]`` with ``reference[r + s]``, indices modulo the shape; NaN where too
+        few cells meet.
     """
 
-    def sums(a: Complex, b: Complex) -> Float:
+    def sums(a: Complex, b: Complex) -> FloatArray:
         return np.asarray(fft.irfft2(np.conj(a) * b, s=shape))
 
     (fx, fy), (gx, gy) = template.components, reference.components
@@ -75,7 +76,9 @@ def correlation(template: Field, reference: Field, shape: tuple[int, int], least
     n = np.where(enough, n, 1.0)
     f_x, f_y = sums(fx, reference.mask), sums(fy, reference.mask)
     g_x, g_y = sums(template.mask, gx), sums(template.mask, gy)
-    both = np.asarray(fft.irfft2(np.conj(fx) * gx + np.conj(fy) * gy, s=shape)) - (f_x * g_x + f_y * g_y) / n  # eq. 12
+    both = (
+        np.asarray(fft.irfft2(np.conj(fx) * gx + np.conj(fy) * gy, s=shape)) - (f_x * g_x + f_y * g_y) / n
+    )  # eq. 12
     f = sums(template.energy, reference.mask) - (f_x**2 + f_y**2) / n
     g = sums(template.mask, reference.energy) - (g_x**2 + g_y**2) / n
     floor = 1e-9 * max(float(f.max()), 1e-300) * max(float(g.max()), 1e-300)

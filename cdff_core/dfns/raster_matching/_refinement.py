@@ -1,27 +1,27 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Shift, turn and height of points on a grid of heights, below the size of its cells, by least squares."""
+"""Sub-cell refinement of position, rotation and height of points on a height grid by least squares."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates, spline_filter
 
-Float = NDArray[np.float64]
+from cdff_common.arrays import BoolArray, FloatArray
+from cdff_common.geometry.robust import median_sigma
 
 _ITERATIONS = 12
 _CONVERGED_CELLS = 1e-4
 #: Huber's bound in robust standard deviations: 95 % efficient where errors are normal.
 _HUBER = 1.345
-#: Cells of a block within which residuals may depend on one another.
+#: Cells of a block within which residuals may be correlated.
 _BLOCK_CELLS = 4
 _PARAMETERS = 6
-#: Slopes are those of heights smoothed over so many cells: noise in them would pass for knowledge of the shift.
+#: Cells over which heights are smoothed for slopes: noise in slopes would count as information on the
+#: translation.
 _SLOPE_CELLS = 1.2
-_MAD = 1.4826
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,19 +30,19 @@ class Ground:
 
     Attributes
     ----------
-    coefficients, slope_row, slope_col : Float, shape (rows, cols)
-    seen : NDArray[np.bool_]
+    coefficients, slope_row, slope_col : FloatArray, shape (rows, cols)
+    seen : BoolArray
         Cells whose value no hole touches.
     """
 
-    coefficients: Float
-    slope_row: Float
-    slope_col: Float
-    seen: NDArray[np.bool_]
+    coefficients: FloatArray
+    slope_row: FloatArray
+    slope_col: FloatArray
+    seen: BoolArray
 
     @classmethod
-    def of(cls, heights_m: Float) -> Ground:
-        """From a grid with NaN where unobserved: holes are filled for the splines' sake and never used."""
+    def of(cls, heights_m: FloatArray) -> Ground:
+        """Return the surface of a grid; holes (NaN) are filled for the splines but not used."""
         hole = ~np.isfinite(heights_m)
         filled = heights_m
         if hole.any():
@@ -51,8 +51,8 @@ class Ground:
         row, col = np.gradient(gaussian_filter(filled, _SLOPE_CELLS, mode="nearest"))
         return cls(spline_filter(filled, order=3, mode="nearest"), row, col, ~hole)
 
-    def at(self, row: Float, col: Float) -> tuple[Float, Float, Float, NDArray[np.bool_]]:
-        """Heights, slopes along rows and columns, and which of them are of observed cells; each ``(n,)``."""
+    def at(self, row: FloatArray, col: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+        """Return heights, slopes along rows and columns, and which are of observed cells; each ``(n,)``."""
         at = np.stack([row, col])
         rows, cols = self.seen.shape
         inside = (row >= 0) & (row <= rows - 1) & (col >= 0) & (col <= cols - 1)
@@ -64,18 +64,18 @@ class Ground:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placement:
-    """Where points lie on the ground.
+    """Position of the points on the surface.
 
     Attributes
     ----------
     row, col : float
-        Shift of the middle, cells.
+        Translation of the middle, cells.
     turn_rad : float
         About it, from columns towards falling rows (counter-clockwise seen from above, row 0 at the top).
     height_m : float
-        What the ground is above the points at the middle.
-    covariance : Float, shape (4, 4)
-        Of column, row, height and turn: cells, metres, radians; not inflated.
+        Height of the surface above the points at the middle.
+    covariance : FloatArray, shape (4, 4)
+        Covariance of column, row, height and rotation: cells, metres, radians; not inflated.
     residual_m : float
         Robust standard deviation of the heights.
     """
@@ -84,27 +84,31 @@ class Placement:
     col: float
     turn_rad: float
     height_m: float
-    covariance: Float
+    covariance: FloatArray
     residual_m: float
     relief_m: float
     cells: int
 
 
-def place(ground: Ground, row: Float, col: Float, z_m: Float, middle: tuple[float, float]) -> Placement | None:
-    """Least squares of the height differences over shift, turn, height and tilt, with Huber's weights.
+def place(
+    ground: Ground, row: FloatArray, col: FloatArray, z_m: FloatArray, middle: tuple[float, float]
+) -> Placement | None:
+    """Least squares of the height differences over translation, rotation, height and tilt, with Huber
+    weights.
 
     Parameters
     ----------
-    row, col, z_m : Float, shape (n,)
-        Points, cells and metres, near where they belong.
+    row, col, z_m : FloatArray, shape (n,)
+        Points, cells and metres, near the solution.
     middle : tuple of float
-        Row and column about which they turn.
+        Row and column of the centre of rotation.
 
     Returns
     -------
     Placement or None
-        None where the points leave the ground or leave a direction free. The covariance is a sandwich over blocks of
-        cells, since errors of neighbours depend on one another.
+        None if the points leave the grid or a direction is unconstrained. The covariance is a sandwich
+        over
+        blocks of cells, since errors of neighbours depend on one another.
     """
     y, x = row - middle[0], col - middle[1]
     p = np.zeros(_PARAMETERS)  # row, col, turn, height, tilts
@@ -118,7 +122,7 @@ def place(ground: Ground, row: Float, col: Float, z_m: Float, middle: tuple[floa
         J = np.column_stack([slope_row, slope_col, turn, np.ones_like(x), -y, -x])[usable]
         J[:, 3] = -1.0
         e = (z - z_m)[usable] - p[3] - p[4] * y[usable] - p[5] * x[usable]
-        spread = max(_MAD * float(np.median(np.abs(e - np.median(e)))), 1e-9)
+        spread = max(median_sigma(e - np.median(e)), 1e-9)
         w = np.minimum(1.0, _HUBER * spread / np.maximum(np.abs(e), 1e-12))
         H = J.T @ (w[:, None] * J)
         scale = np.sqrt(np.maximum(np.diag(H), 1e-30))
@@ -128,7 +132,9 @@ def place(ground: Ground, row: Float, col: Float, z_m: Float, middle: tuple[floa
         p += step
         if np.hypot(step[0], step[1]) < _CONVERGED_CELLS:
             break
-    block = (row[usable] // _BLOCK_CELLS).astype(np.int64) * 100_003 + (col[usable] // _BLOCK_CELLS).astype(np.int64)
+    block = (row[usable] // _BLOCK_CELLS).astype(np.int64) * 100_003 + (col[usable] // _BLOCK_CELLS).astype(
+        np.int64
+    )
     _, index = np.unique(block, return_inverse=True)
     scores = np.zeros((int(index.max()) + 1, _PARAMETERS))
     np.add.at(scores, index, (w * e)[:, None] * J)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A cloud as normal distributions: mean and inverse covariance of the points of each cell of a grid."""
+"""Normal distributions of a cloud: mean and inverse covariance of the points of each cell of a grid."""
 
 from __future__ import annotations
 
@@ -8,16 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from cdff_common.arrays import BoolArray, FloatArray, IntArray
 from cdff_common.geometry.kdtree import KdTree, kd_tree
 from cdff_common.geometry.plane_fits import eigen
 from cdff_common.geometry.voxels import voxel_rows
 
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-
-#: Second over first variance below which points lie along a line (a ring of a lidar): no surface can be said of them.
+#: Ratio of the second to the first variance below which points lie along a line (a lidar ring), not a
+#: surface.
 _LINE = 0.02
 
 
@@ -28,7 +26,7 @@ class Cells:
     Attributes
     ----------
     tree : KdTree
-        Of the means; what follows is in its order.
+        Search tree of the means; the other arrays have its order.
     information : ndarray, shape (m, 3, 3)
         Inverse covariances, 1 / m^2.
     normals : ndarray, shape (m, 3)
@@ -36,15 +34,16 @@ class Cells:
     """
 
     tree: KdTree
-    information: Float
-    normals: Float
+    information: FloatArray
+    normals: FloatArray
 
 
-def cells_of(points_m: Float, cell_m: float, least: int, flattest: float) -> Cells | None:
-    """Distributions of the cells that hold at least ``least`` points that span a surface; None where there are none.
+def cells_of(points_m: FloatArray, cell_m: float, least: int, flattest: float) -> Cells | None:
+    """Return the distributions of cells with at least ``least`` points that span a surface; None where there
+    are none.
 
-    Variances are no smaller than ``flattest`` times the largest of the cell (Magnusson 2009, The three-dimensional
-    normal-distributions transform, section 6.1).
+    Variances are no smaller than ``flattest`` times the largest of the cell (Magnusson 2009, The
+    three-dimensional normal-distributions transform, section 6.1).
     """
     row, keys = voxel_rows(points_m, cell_m)
     means, information, normals, keep = _fitted(points_m, row, len(keys), least, flattest)
@@ -56,8 +55,8 @@ def cells_of(points_m: Float, cell_m: float, least: int, flattest: float) -> Cel
 
 @njit(cache=True)
 def _fitted(
-    points: Float, row: Int, m: int, least: int, flattest: float
-) -> tuple[Float, Float, Float, NDArray[np.bool_]]:  # pragma: no cover - compiled
+    points: FloatArray, row: IntArray, m: int, least: int, flattest: float
+) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:  # pragma: no cover - compiled
     count, means, scatter = np.zeros(m), np.zeros((m, 3)), np.zeros((m, 3, 3))
     information, normals, keep = np.zeros((m, 3, 3)), np.zeros((m, 3)), np.zeros(m, np.bool_)
     for i in range(len(points)):

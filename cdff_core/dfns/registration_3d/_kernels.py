@@ -6,32 +6,32 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from cdff_common.arrays import FloatArray, IntArray
 from cdff_common.geometry.kdtree import KdTree, nearest_row, scratch
+from cdff_common.geometry.small_vectors import cross, rotated
 
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-
-#: Kernels by name: the numbers that ``weight_of`` knows them by.
+#: Kernel numbers of ``weight_of`` by name.
 KERNELS = {"none": 0, "tukey": 1, "huber": 2, "cauchy": 3, "geman_mcclure": 4}
 
 
 @njit(cache=True)
-def pair(tree: KdTree, source: Float, T: Float, gate: float, row: Int, moved: Float) -> int:  # pragma: no cover
-    """Move the source and find the nearest point of each moved one within a gate; returns how many have one.
+def pair(
+    tree: KdTree, source: FloatArray, T: FloatArray, gate: float, row: IntArray, moved: FloatArray
+) -> int:  # pragma: no cover
+    """Transform the source and find the nearest point of each within a gate; return the number of pairs.
 
     Parameters
     ----------
     tree : KdTree
-        Of the target.
+        Search tree of the target.
     source : ndarray, shape (n, 3)
     T : ndarray, shape (4, 4)
         T_target_source.
     gate : float
         Greatest distance of a pair.
     row : ndarray of int64, shape (n,)
-        In: a row of the tree to begin from (that of the iteration before), or -1. Out: the nearest, or -1.
+        Input: start row in the tree (that of the previous iteration), or -1. Output: the nearest, or -1.
     moved : ndarray, shape (n, 3)
         Out.
     """
@@ -39,10 +39,8 @@ def pair(tree: KdTree, source: Float, T: Float, gate: float, row: Int, moved: Fl
     count = 0
     limit = gate * gate
     for i in range(len(source)):
-        sx, sy, sz = source[i, 0], source[i, 1], source[i, 2]
-        x = T[0, 0] * sx + T[0, 1] * sy + T[0, 2] * sz + T[0, 3]
-        y = T[1, 0] * sx + T[1, 1] * sy + T[1, 2] * sz + T[1, 3]
-        z = T[2, 0] * sx + T[2, 1] * sy + T[2, 2] * sz + T[2, 3]
+        x, y, z = rotated(T, source[i, 0], source[i, 1], source[i, 2])
+        x, y, z = x + T[0, 3], y + T[1, 3], z + T[2, 3]
         moved[i, 0], moved[i, 1], moved[i, 2] = x, y, z
         best, best_d2, j = -1, limit, row[i]
         if j >= 0:
@@ -57,7 +55,9 @@ def pair(tree: KdTree, source: Float, T: Float, gate: float, row: Int, moved: Fl
 
 
 @njit(cache=True)
-def plane_distances(points: Float, normals: Float, row: Int, moved: Float) -> Float:  # pragma: no cover - compiled
+def plane_distances(
+    points: FloatArray, normals: FloatArray, row: IntArray, moved: FloatArray
+) -> FloatArray:  # pragma: no cover - compiled
     """``n . (p - q)`` of the pairs, in their order, metres."""
     out = np.empty(len(row))
     count = 0
@@ -74,8 +74,8 @@ def plane_distances(points: Float, normals: Float, row: Int, moved: Float) -> Fl
 
 
 @njit(cache=True)
-def middle(row: Int, moved: Float) -> tuple[Float, float]:  # pragma: no cover - compiled
-    """Mean of the moved points that have a partner, and their root mean square distance from it."""
+def middle(row: IntArray, moved: FloatArray) -> tuple[FloatArray, float]:  # pragma: no cover - compiled
+    """Return the mean of the transformed points with a partner, and their RMS distance from it."""
     centre = np.zeros(3)
     count, square = 0, 0.0
     for i in range(len(row)):
@@ -93,7 +93,7 @@ def middle(row: Int, moved: Float) -> tuple[Float, float]:  # pragma: no cover -
 
 @njit(cache=True, inline="always")
 def weight_of(u: float, kernel: int) -> float:  # pragma: no cover - compiled
-    """Weight of a residual in units of the kernel's width (Babin et al. 2019, arXiv:1810.01474, table I)."""
+    """Return the weight of a residual in kernel widths (Babin et al. 2019, arXiv:1810.01474)."""
     if kernel == 1:
         return (1.0 - u * u) ** 2 if abs(u) < 1.0 else 0.0
     if kernel == 2:
@@ -107,8 +107,15 @@ def weight_of(u: float, kernel: int) -> float:  # pragma: no cover - compiled
 
 @njit(cache=True)
 def plane_equations(
-    points: Float, normals: Float, row: Int, moved: Float, centre: Float, radius: float, width: float, kernel: int
-) -> tuple[Float, Float]:  # pragma: no cover - compiled
+    points: FloatArray,
+    normals: FloatArray,
+    row: IntArray,
+    moved: FloatArray,
+    centre: FloatArray,
+    radius: float,
+    width: float,
+    kernel: int,
+) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
     """Sum the weighted Hessian (6, 6) and gradient (6,) of ``n . (p + t + phi x (p - centre) - q)``.
 
     Order ``[x y z rx ry rz]``, rotations in units of the radius.
@@ -120,18 +127,17 @@ def plane_equations(
             continue
         nx, ny, nz = normals[j, 0], normals[j, 1], normals[j, 2]
         residual = (
-            (moved[i, 0] - points[j, 0]) * nx + (moved[i, 1] - points[j, 1]) * ny + (moved[i, 2] - points[j, 2]) * nz
+            (moved[i, 0] - points[j, 0]) * nx
+            + (moved[i, 1] - points[j, 1]) * ny
+            + (moved[i, 2] - points[j, 2]) * nz
         )
         w = weight_of(residual / width, kernel)
         if w <= 0.0:
             continue
-        ox, oy, oz = (
-            (moved[i, 0] - centre[0]) / radius,
-            (moved[i, 1] - centre[1]) / radius,
-            (moved[i, 2] - centre[2]) / radius,
-        )
+        ox, oy, oz = moved[i, 0] - centre[0], moved[i, 1] - centre[1], moved[i, 2] - centre[2]
+        ox, oy, oz = ox / radius, oy / radius, oz / radius
         J[0], J[1], J[2] = nx, ny, nz
-        J[3], J[4], J[5] = oy * nz - oz * ny, oz * nx - ox * nz, ox * ny - oy * nx
+        J[3], J[4], J[5] = cross(ox, oy, oz, nx, ny, nz)
         for a in range(6):
             wj = w * J[a]
             g[a] += wj * residual
@@ -143,11 +149,19 @@ def plane_equations(
 
 @njit(cache=True)
 def distribution_equations(
-    means: Float, information: Float, row: Int, moved: Float, centre: Float, radius: float, width: float
-) -> tuple[Float, Float]:  # pragma: no cover - compiled
-    """Sum the Hessian and gradient of distances to normal distributions, weighted by ``exp(-d^2 / (2 width^2))``.
+    means: FloatArray,
+    information: FloatArray,
+    row: IntArray,
+    moved: FloatArray,
+    centre: FloatArray,
+    radius: float,
+    width: float,
+) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
+    """Sum the Hessian and gradient of distances to normal distributions, weighted by ``exp(-d^2 / (2
+    width^2))``.
 
-    d is the Mahalanobis distance ``sqrt(e^T A e)`` of ``e = p - mean``; A are the inverse covariances (m, 3, 3).
+    d is the Mahalanobis distance ``sqrt(e^T A e)`` of ``e = p - mean``; A are the inverse covariances (m, 3,
+    3).
     """
     H, g, e = np.zeros((6, 6)), np.zeros(6), np.zeros(3)
     J, AJ = np.zeros((3, 6)), np.zeros((3, 6))
@@ -164,11 +178,8 @@ def distribution_equations(
         for a in range(3):
             d2 += e[a] * (A[a, 0] * e[0] + A[a, 1] * e[1] + A[a, 2] * e[2])
         w = np.exp(-0.5 * d2 / (width * width))
-        ox, oy, oz = (
-            (moved[i, 0] - centre[0]) / radius,
-            (moved[i, 1] - centre[1]) / radius,
-            (moved[i, 2] - centre[2]) / radius,
-        )
+        ox, oy, oz = moved[i, 0] - centre[0], moved[i, 1] - centre[1], moved[i, 2] - centre[2]
+        ox, oy, oz = ox / radius, oy / radius, oz / radius
         J[0, 4], J[0, 5], J[1, 3], J[1, 5], J[2, 3], J[2, 4] = oz, -oy, -oz, ox, oy, -ox
         for a in range(3):
             for b in range(6):
@@ -182,7 +193,7 @@ def distribution_equations(
 
 
 @njit(cache=True, inline="always")
-def _mirror(H: Float) -> None:  # pragma: no cover - compiled
+def _mirror(H: FloatArray) -> None:  # pragma: no cover - compiled
     for a in range(6):
         for b in range(a):
             H[b, a] = H[a, b]

@@ -4,35 +4,30 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
-
 import numpy as np
 from pydantic import Field
 
 from cdff_common.geometry import se3
-from cdff_common.geometry.points import checked_points, checked_transform
-from cdff_common.interfaces.dfn import DfnConfig
-from cdff_core.dfns.registration_3d._interface import (
-    Registration3DInputs,
-    Registration3DInterface,
-    Registration3DOutputs,
-)
+from cdff_common.geometry.kdtree import kd_tree, nearest, spacing
+from cdff_common.geometry.robust import median_sigma
+from cdff_core.dfns.registration_3d import _kernels as k
+from cdff_core.dfns.registration_3d import _surface as s
+from cdff_core.dfns.registration_3d.interface import Inputs, Interface, Outputs
 
 
-class GicpConfig(DfnConfig):
-    """Gate and stopping rule."""
+class GicpConfig(s.RegistrationConfig):
+    """Parameters of Gicp."""
 
-    max_distance_m: float | None = Field(None, gt=0.0, description="Gate of pairs, metres; absent: from the clouds")
-    first_medians: float = Field(3.0, ge=1.0, le=20.0, description="Gate in median distances at the guess")
-    gate_spacings: float = Field(5.0, ge=1.0, le=50.0, description="Smallest gate in median spacings of the target")
-    thin_to: int | None = Field(25_000, ge=100, description="Points left of bigger clouds given without normals")
-    max_iterations: int = Field(50, ge=1, le=1000, description="Iterations at most")
-    tolerance_m: float | None = Field(None, gt=0.0, description="Step that has converged, metres; absent: spacing/1000")
-    neighbours: int = Field(12, ge=5, le=200, description="Neighbourhood of a covariance")
+    gate_spacings: float = Field(5.0, ge=1, le=50, description="Smallest gate in the target's point spacings")
+    max_iterations: int = Field(50, ge=1, le=1000, description="Maximum number of iterations")
+    neighbours: int = Field(
+        12, ge=5, le=200, description="Number of points of a neighbourhood for covariances"
+    )
 
 
-class Gicp(Registration3DInterface):
-    """Distances between local planes of both clouds, weighted by their covariances, Gauss-Newton on one thread.
+class Gicp(Interface[GicpConfig]):
+    """Distances between local planes of both clouds, weighted by their covariances, Gauss-Newton on one
+    thread.
 
     Notes
     -----
@@ -40,32 +35,26 @@ class Gicp(Registration3DInterface):
     "small_gicp", doi:10.21105/joss.06948.
     """
 
-    Config: ClassVar[type[DfnConfig]] = GicpConfig
-
-    def process(self, inputs: Registration3DInputs) -> Registration3DOutputs:
-        """Return T_target_source; raises InputError, or DegenerateGeometryError when too few pairs are left."""
+    def process(self, inputs: Inputs) -> Outputs:
+        """Return T_target_source; raises InputError, or DegenerateGeometryError when too few pairs remain."""
         import small_gicp
 
-        from cdff_common.geometry.kdtree import kd_tree, nearest, spacing
-        from cdff_core.dfns.registration_3d import _kernels as k
-        from cdff_core.dfns.registration_3d import _surface as s
-
-        cfg: Any = self.config
-        source = checked_points(inputs.source, "source", max(s.LEAST_PAIRS, cfg.neighbours))
-        target = checked_points(inputs.target, "target", max(s.LEAST_PAIRS, cfg.neighbours))
-        T_guess = checked_transform(np.eye(4) if inputs.guess is None else inputs.guess, "guess")
-        if inputs.target_normals is None:
-            # Rings around the sensor meet themselves at the identity: uneven clouds are thinned first.
-            source, target = s.evened(source, target, cfg.thin_to)
+        cfg = self.config
+        source, target, T_guess = s.prepared(inputs, cfg, cfg.neighbours, cfg.neighbours)
         tree = kd_tree(target)
         distance_m, _ = nearest(tree, se3.transform_points(T_guess, source))
         step_m = spacing(tree)
-        gate_m = cfg.max_distance_m or max(cfg.gate_spacings * step_m, cfg.first_medians * float(np.median(distance_m)))
+        gate_m = cfg.max_distance_m or max(
+            cfg.gate_spacings * step_m, s.FIRST_MEDIANS * float(np.median(distance_m))
+        )
         tolerance_m = cfg.tolerance_m or 1e-3 * step_m
-        # small_gicp keeps absolute coordinates in its Hessian: rotations far from the origin lose digits, so both
-        # clouds are taken about the target's centre.
+        # small_gicp keeps absolute coordinates in its Hessian: rotations far from the origin lose digits, so
+        # both clouds are taken about the target's centre.
         centre = target.mean(axis=0)
-        clouds = [small_gicp.PointCloud(target - centre), small_gicp.PointCloud(source - _preimage(T_guess, centre))]
+        clouds = [
+            small_gicp.PointCloud(target - centre),
+            small_gicp.PointCloud(source - _preimage(T_guess, centre)),
+        ]
         trees = [small_gicp.KdTree(cloud, 1) for cloud in clouds]
         for cloud, its_tree in zip(clouds, trees, strict=True):
             small_gicp.estimate_covariances(cloud, its_tree, cfg.neighbours, 1)
@@ -80,7 +69,8 @@ class Gicp(Registration3DInterface):
             num_threads=1,
             max_iterations=cfg.max_iterations,
             translation_epsilon=tolerance_m,
-            rotation_epsilon=tolerance_m / max(float(np.sqrt(np.mean(np.sum((target - centre) ** 2, axis=1)))), 1e-9),
+            rotation_epsilon=tolerance_m
+            / max(float(np.sqrt(np.mean(np.sum((target - centre) ** 2, axis=1)))), 1e-9),
         )
         if found.num_inliers < s.LEAST_PAIRS:
             raise s.too_few(int(found.num_inliers), len(source), gate_m)
@@ -92,11 +82,11 @@ class Gicp(Registration3DInterface):
         k.pair(tree, source, T, gate_m, row, moved)
         normals = s.tree_normals(tree, cfg.neighbours, inputs.target_normals)
         residual_m = k.plane_distances(tree.points, normals, row, moved)
-        return Registration3DOutputs(
+        return Outputs(
             transform=T,
-            residual_scale_m=np.array(1.4826 * np.median(np.abs(residual_m))),
-            iterations=np.array(int(found.iterations)),
-            converged=np.array(bool(found.converged)),
+            residual_scale_m=median_sigma(residual_m),
+            iterations=int(found.iterations),
+            converged=bool(found.converged),
         )
 
 

@@ -1,65 +1,63 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Judge an alignment by the structure that both clouds agree on."""
+"""Assessment of an alignment by the structure that both clouds have in common."""
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
-
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from cdff_common.arrays import FloatArray
 from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
+from cdff_common.geometry.kdtree import kd_tree, nearest, spacing
 from cdff_common.geometry.points import checked_points, checked_transform
+from cdff_common.geometry.robust import median_sigma
 from cdff_common.interfaces.dfn import DfnConfig
-from cdff_core.dfns.registration_assessment._interface import (
-    RegistrationAssessmentInputs,
-    RegistrationAssessmentInterface,
-    RegistrationAssessmentOutputs,
-)
-
-FloatArray = NDArray[np.float64]
+from cdff_core.dfns.registration_assessment.interface import Inputs, Interface, Outputs
 
 _LEAST_PAIRS = 20
 
 
 class CrossInformationConfig(DfnConfig):
-    """Gate of the overlap and what the covariance is made of."""
+    """Parameters of CrossInformation."""
 
-    gate_m: float | None = Field(None, gt=0.0, description="Gate of the overlap, metres; absent: gate_spacings")
-    gate_spacings: float = Field(2.5, ge=1.0, le=50.0, description="Gate in median point spacings of the sparser cloud")
-    tukey: float = Field(3.0, ge=1.0, le=10.0, description="Tukey's constant in robust standard deviations")
-    cell_gates: float = Field(
-        4.0, ge=1.0, le=100.0, description="Edge of cells that count as one measurement, in gates"
+    gate_m: float | None = Field(
+        None, gt=0, description="Distance of overlapping points; absent: from gate_spacings"
     )
-    covariance_inflation: float = Field(4.0, ge=0.01, le=1e4, description="Factor on the variance of translations")
+    gate_spacings: float = Field(2.5, ge=1, le=50, description="Gate in the sparser cloud's point spacings")
+    tukey: float = Field(3.0, ge=1, le=10, description="Tukey constant in robust standard deviations")
+    cell_gates: float = Field(
+        4.0, ge=1, le=100, description="Edge in gates of a cell that counts as one measurement"
+    )
+    covariance_inflation: float = Field(
+        4.0, ge=0.01, le=1e4, description="Factor on the variance of translations"
+    )
     rotation_inflation: float = Field(4.0, ge=0.01, le=1e4, description="Factor on the variance of rotations")
-    floor_spacings: float = Field(0.02, ge=0.0, le=1.0, description="Least sigma of a translation, in spacings")
+    floor_spacings: float = Field(
+        0.02, ge=0, le=1, description="Lower bound of a standard deviation in spacings"
+    )
 
 
-class CrossInformation(RegistrationAssessmentInterface):
-    """Overlap from both sides, clustered covariance, and agreement of the two clouds along each direction of the pose.
+class CrossInformation(Interface[CrossInformationConfig]):
+    """Overlap from both sides, clustered covariance, and agreement of the two clouds along each direction of
+    the pose.
 
     Notes
     -----
-    The information of point-to-plane pairs is ``H = E[J J^T]``, ``J = [n, (p-c)/r x n]``. Where the ground is flat,
-    noise of the normals feigns information in the free directions. Noise of two clouds is independent, so the
-    cross-information ``X = E[J_target J_source^T]``, with each cloud's own normals, is free of it: along an
-    eigenvector v of H the ratio ``v^T X v / v^T H v`` is near 1 for structure seen by both, near 0 for a free
-    direction and for a wrong alignment that slid along it. The covariance is the sandwich ``H^-1 B H^-1`` with B
-    summed over cells, since neighbouring residuals are not independent (Liang and Zeger 1986,
+    The information of point-to-plane pairs is ``H = E[J J^T]``, ``J = [n, (p-c)/r x n]``. On flat terrain
+    noise of the normals appears as information in the unconstrained directions. Noise of two clouds is
+    independent,
+    so the cross-information ``X = E[J_target J_source^T]``, with each cloud's own normals, is free of it:
+    along an eigenvector v of H the ratio ``v^T X v / v^T H v`` is near 1 for structure in both clouds, near 0
+    for an unconstrained direction and for a wrong alignment along it. The covariance is the sandwich ``H^-1 B
+    H^-1`` with B summed over cells, since neighbouring residuals are not independent (Liang and Zeger 1986,
     doi:10.1093/biomet/73.1.13), inflated: translations of the centre and turns about it by a factor each.
     """
 
-    Config: ClassVar[type[DfnConfig]] = CrossInformationConfig
-
-    def process(self, inputs: RegistrationAssessmentInputs) -> RegistrationAssessmentOutputs:
-        """Return the judgement; raises InputError, or RefusedError (no_overlap) when hardly a point has a neighbour."""
-        from cdff_common.geometry.kdtree import kd_tree, nearest, spacing
-
-        cfg: Any = self.config
+    def process(self, inputs: Inputs) -> Outputs:
+        """Return the assessment; raises InputError, or RefusedError (no_overlap)."""
+        cfg = self.config
         target = checked_points(inputs.target, "target", _LEAST_PAIRS)
         target_normals = checked_points(inputs.target_normals, "target_normals", len(target))
         T = checked_transform(inputs.transform)
@@ -73,7 +71,8 @@ class CrossInformation(RegistrationAssessmentInterface):
         paired = np.isfinite(distance_m)
         if np.count_nonzero(paired) < _LEAST_PAIRS:
             raise RefusedError(
-                f"{np.count_nonzero(paired)} of {len(source)} points overlap within {gate_m:.3g} m", ["no_overlap"]
+                f"{np.count_nonzero(paired)} of {len(source)} points overlap within {gate_m:.3g} m",
+                ["no_overlap"],
             )
         p, match = source[paired], match[paired]
         n_target, n_source = target_normals[match], source_normals[paired]
@@ -89,15 +88,15 @@ class CrossInformation(RegistrationAssessmentInterface):
         floor_m2 = (cfg.floor_spacings * spacing_m) ** 2
         inflation = np.sqrt([cfg.covariance_inflation] * 3 + [cfg.rotation_inflation] * 3)
         covariance = covariance * np.outer(inflation, inflation) + floor_m2 * np.eye(6)
-        return RegistrationAssessmentOutputs(
+        return Outputs(
             covariance=_about_origin(covariance, centre, radius_m, T),
-            overlap_source=np.array(np.mean(paired)),
-            overlap_target=np.array(np.mean(np.isfinite(back_m))),
-            inlier_ratio=np.array(np.mean(weight > 0.0)),
-            rms_m=np.array(np.sqrt(np.average(residual_m**2, weights=weight))),
-            gate_m=np.array(gate_m),
+            overlap_source=float(np.mean(paired)),
+            overlap_target=float(np.mean(np.isfinite(back_m))),
+            inlier_ratio=float(np.mean(weight > 0.0)),
+            rms_m=float(np.sqrt(np.average(residual_m**2, weights=weight))),
+            gate_m=gate_m,
             centre_m=centre,
-            radius_m=np.array(radius_m),
+            radius_m=radius_m,
             information=information,
             agreement=agreement,
             directions=directions,
@@ -105,20 +104,20 @@ class CrossInformation(RegistrationAssessmentInterface):
 
 
 def _tukey(residual_m: FloatArray, constant: float) -> FloatArray:
-    scale_m = max(1.4826 * float(np.median(np.abs(residual_m))), 1e-9)
+    scale_m = max(median_sigma(residual_m), 1e-9)
     u = residual_m / (constant * scale_m)
     return np.where(np.abs(u) < 1.0, (1.0 - u * u) ** 2, 0.0)
 
 
 def _jacobian(offset: FloatArray, normals: FloatArray) -> FloatArray:
-    """Rows ``[n, offset x n]`` (n, 6): derivatives of the plane distances by shift and turn about the centre."""
+    """Return rows ``[n, offset x n]`` (n, 6): derivatives by translation and rotation."""
     return np.hstack([normals, np.cross(offset, normals)])
 
 
 def _agreement(
     J_target: FloatArray, J_source: FloatArray, weight: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Eigenvalues of the information, its eigenvectors as rows, and the share of each that both clouds agree on."""
+    """Return eigenvalues of the information, eigenvectors as rows, and the fraction common to both."""
     share = weight / weight.sum()
     mean = 0.5 * ((J_target * share[:, None]).T @ J_target + (J_source * share[:, None]).T @ J_source)
     cross = (J_target * share[:, None]).T @ J_source
@@ -131,7 +130,7 @@ def _agreement(
 def _clustered_covariance(
     J: FloatArray, residual_m: FloatArray, weight: FloatArray, points: FloatArray, cell_m: float
 ) -> FloatArray:
-    """Sandwich covariance (6, 6) about the centre, rotations in units of the radius, square metres."""
+    """Return the sandwich covariance (6, 6) about the centre, rotations in radii, square metres."""
     H = (J * weight[:, None]).T @ J
     cells = np.floor((points - points.min(axis=0)) / cell_m).astype(np.int64)
     _, cell = np.unique(cells, axis=0, return_inverse=True)
@@ -142,9 +141,9 @@ def _clustered_covariance(
 
 
 def _about_origin(covariance: FloatArray, centre: FloatArray, radius_m: float, T: FloatArray) -> FloatArray:
-    """Covariance of ``[t, phi]`` of the transform from that of a shift and turn about the centre.
+    """Return the covariance of ``[t, phi]`` of the transform from that of a motion about the centre.
 
-    A shift d and turn phi about c move the translation by ``d + phi x (t - c)``.
+    A translation d and rotation phi about c move the translation by ``d + phi x (t - c)``.
     """
     S = np.diag([1.0, 1.0, 1.0, 1.0 / radius_m, 1.0 / radius_m, 1.0 / radius_m])
     A = np.eye(6)

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""An open-addressing hash table of voxels, each with the moments of its points and the planes through them.
+"""Open-addressing hash table of voxels with the moments of their points and the planes through them.
 
-Every voxel keeps its moments in two halves, of points that alternate: planes of the halves have independent noise.
+Every voxel has two sets of moments, of alternating points: the planes of both halves have independent noise.
 """
 
 from __future__ import annotations
@@ -11,46 +11,44 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from cdff_common.arrays import FloatArray, IntArray
 from cdff_common.geometry.plane_fits import eigen
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
 
 EMPTY = np.int64(-1)
 _OFFSET = 1 << 20  # cells count from -2^20 to 2^20 along each axis: 21 bits
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _LEAST_POINTS = 6
-#: Columns of ``planes``: mean, normal of all, normals of the halves, variance along the normal (below 0: no plane).
+#: Columns of ``planes``: mean, normal of all, normals of the halves, variance along the normal (below 0: no
+#: plane).
 MEAN, NORMAL, FIRST, SECOND, VARIANCE = 0, 3, 6, 9, 12
 
 
 class VoxelTable(NamedTuple):
-    """Columns of one row a voxel; rows are found by the hash of the cell.
+    """Columns with one row per voxel; rows are found by the hash of the cell.
 
     Attributes
     ----------
     keys : ndarray of int64, shape (c,)
         Packed cell, or ``EMPTY``; c is a power of two.
     counts : ndarray of int64, shape (c, 3)
-        Points of the halves, and of both when the planes were last fitted.
+        Points of the halves, and of both at the last fit of the planes.
     sums : ndarray, shape (c, 2, 9)
         x y z xx xy xz yy yz zz of the halves, from the voxel's centre, metres.
     planes : ndarray, shape (c, 13)
     used : ndarray of int64, shape (1,)
-        Voxels in the table.
+        Number of voxels in the table.
     """
 
-    keys: Int
-    counts: Int
-    sums: Float
-    planes: Float
-    used: Int
+    keys: IntArray
+    counts: IntArray
+    sums: FloatArray
+    planes: FloatArray
+    used: IntArray
 
 
 def empty_table(capacity: int) -> VoxelTable:
-    """Table with room for fewer than ``capacity`` voxels, a power of two."""
+    """Return an empty table for fewer than ``capacity`` voxels, a power of two."""
     return VoxelTable(
         np.full(capacity, EMPTY),
         np.zeros((capacity, 3), np.int64),
@@ -62,23 +60,23 @@ def empty_table(capacity: int) -> VoxelTable:
 
 @njit(cache=True, inline="always")
 def pack(i: int, j: int, k: int) -> int:  # pragma: no cover - compiled
-    """One integer for a cell."""
+    """Return one integer for a cell."""
     return ((i + _OFFSET) << 42) | ((j + _OFFSET) << 21) | (k + _OFFSET)
 
 
 @njit(cache=True, inline="always")
-def row_of(keys: Int, key: int) -> int:  # pragma: no cover - compiled
-    """Row that holds the key, or the empty one where it would go."""
+def row_of(keys: IntArray, key: int) -> int:  # pragma: no cover - compiled
+    """Return the row of the key, or the empty row where it would be inserted."""
     mask = len(keys) - 1
     row = np.int64((np.uint64(key) * _GOLDEN) >> np.uint64(20)) & mask
     while keys[row] != EMPTY and keys[row] != key:
         row = (row + 1) & mask
-    return row
+    return row  # type: ignore[return-value]
 
 
 @njit(cache=True)
-def thinned(points: Float, voxel: float) -> Int:  # pragma: no cover - compiled
-    """Indices of the first point of each voxel, in the order of the points; points that are not finite are left out."""
+def thinned(points: FloatArray, voxel: float) -> IntArray:  # pragma: no cover - compiled
+    """Return the indices of the first finite point of each voxel, in the order of the points."""
     capacity = 1024
     while capacity < 2 * len(points):
         capacity *= 2
@@ -99,8 +97,10 @@ def thinned(points: Float, voxel: float) -> Int:  # pragma: no cover - compiled
 
 
 @njit(cache=True)
-def add(table: VoxelTable, points: Float, voxel: float, full: int) -> None:  # pragma: no cover - compiled
-    """Add points to the moments of their voxels, those that are full excepted, and fit the planes that grew."""
+def add(
+    table: VoxelTable, points: FloatArray, voxel: float, full: int
+) -> None:  # pragma: no cover - compiled
+    """Add points to the moments of their voxels, except full ones, and fit the changed planes."""
     keys, counts, sums, planes, used = table
     touched = np.empty(len(points), np.int64)
     n = 0
@@ -145,13 +145,13 @@ def add(table: VoxelTable, points: Float, voxel: float, full: int) -> None:  # p
 
 @njit(cache=True)
 def _fit(counts, sums, plane, key, voxel, m, values, vectors):  # type: ignore[no-untyped-def] # pragma: no cover
-    """Planes through all points of a voxel and through each half; a line of points is none, nor is a cluster."""
+    """Fit planes through all points of a voxel and through each half; lines and clusters have none."""
     plane[VARIANCE] = -1.0
     total = float(counts[0] + counts[1])
-    mean_x = _moments(sums[0] + sums[1], total, m, plane)
+    _moments(sums[0] + sums[1], total, m, plane)
     eigen(m, values, vectors)
     if values[1] < 0.0025 * voxel * voxel or values[0] > 0.2 * values[1]:
-        return mean_x
+        return
     variance = max(values[0], 0.0)
     for c in range(3):
         plane[NORMAL + c] = vectors[c, 0]
@@ -169,7 +169,6 @@ def _fit(counts, sums, plane, key, voxel, m, values, vectors):  # type: ignore[n
     plane[1] += (((key >> 21) & mask) - _OFFSET + 0.5) * voxel
     plane[2] += ((key & mask) - _OFFSET + 0.5) * voxel
     plane[VARIANCE] = variance
-    return mean_x
 
 
 @njit(cache=True)
@@ -183,12 +182,11 @@ def _moments(s, n, m, plane):  # type: ignore[no-untyped-def] # pragma: no cover
     m[1, 1] = s[6] / n - y * y
     m[2, 1] = s[7] / n - y * z
     m[2, 2] = s[8] / n - z * z
-    return x
 
 
 @njit(cache=True)
 def moved_over(
-    table: VoxelTable, into: VoxelTable, centre: Float, radius: float, voxel: float
+    table: VoxelTable, into: VoxelTable, centre: FloatArray, radius: float, voxel: float
 ) -> None:  # pragma: no cover
     """Copy the voxels within ``radius`` of ``centre`` to an empty table."""
     mask = (1 << 21) - 1

@@ -1,40 +1,25 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Blocks of pixels become their mean."""
+"""Reduction of a stereo pair by averaging blocks of pixels."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar
-
-from pydantic import Field
 
 from cdff_common.errors import InputError
-from cdff_common.interfaces.dfn import DfnConfig
-from cdff_core.dfns.stereo_degradation._interface import (
-    StereoDegradationInputs,
-    StereoDegradationInterface,
-    StereoDegradationOutputs,
-)
-from cdff_core.imaging.resizing import shrunk
+from cdff_core.dfns.stereo_degradation.interface import Inputs, Interface, Outputs
+from cdff_core.imaging.resizing import BlockConfig, shrunk
 
 
-class AreaAverageConfig(DfnConfig):
-    """Size of the blocks."""
+class AreaAverage(Interface[BlockConfig]):
+    """Mean of each block, which avoids aliasing and reduces noise."""
 
-    columns_per_pixel: int = Field(2, ge=1, le=64, description="Columns that become one, px")
-    rows_per_pixel: int = Field(2, ge=1, le=64, description="Rows that become one, px")
-
-
-class AreaAverage(StereoDegradationInterface):
-    """Mean of each block: no aliasing, and noise falls with its size."""
-
-    Config: ClassVar[type[DfnConfig]] = AreaAverageConfig
-
-    def process(self, inputs: StereoDegradationInputs) -> StereoDegradationOutputs:
-        """Return the smaller pair; raises InputError where its images differ or are too small."""
-        pair, block = inputs.pair, (self.config.columns_per_pixel, self.config.rows_per_pixel)
+    def process(self, inputs: Inputs) -> Outputs:
+        """Return the smaller pair; raises InputError if its images differ or are too small."""
+        pair = inputs.pair
         if pair.left.image.shape != pair.right.image.shape:
-            raise InputError(f"left {pair.left.image.shape}, right {pair.right.image.shape}: expected one size")
-        small = replace(pair, left=shrunk(pair.left, *block), right=shrunk(pair.right, *block))
-        return StereoDegradationOutputs(pair=small)
+            raise InputError(
+                f"left {pair.left.image.shape}, right {pair.right.image.shape}: expected one size"
+            )
+        left, right = (shrunk(image, self.config) for image in (pair.left, pair.right))
+        return Outputs(pair=replace(pair, left=left, right=right))

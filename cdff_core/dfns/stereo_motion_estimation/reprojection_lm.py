@@ -5,40 +5,46 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from cdff_common.arrays import FloatArray
 from cdff_common.errors import DegenerateGeometryError, InputError, RefusedError
 from cdff_common.geometry import covariance as cov
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfn import DfnConfig
-from cdff_core.dfns.stereo_motion_estimation._interface import (
-    StereoMotionEstimationInputs,
-    StereoMotionEstimationInterface,
-    StereoMotionEstimationOutputs,
-)
+from cdff_core.dfns.stereo_motion_estimation.interface import Inputs, Interface, Outputs
 from cdff_core.imaging.rectified_camera import RectifiedCamera
 
-FloatArray = NDArray[np.float64]
 _DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
+
+#: Standard deviations at which the Cauchy weight is 0.5.
+_ROBUST_SCALE = 3.0
+#: Lower bound of the factor on the covariance.
+_MIN_UNIT_VARIANCE = 0.25
 
 
 class ReprojectionLmConfig(DfnConfig):
     """Noise model and limits of ReprojectionLm."""
 
-    sigma_track_px: Annotated[float, Field(gt=0, le=10)] = 0.2
-    sigma_disparity_px: Annotated[float, Field(gt=0, le=10)] = 0.2
-    sigma_common_px: Annotated[float, Field(ge=0, le=5)] = 0.003
-    sigma_common_disparity_px: Annotated[float, Field(ge=0, le=5)] = 0.015
-    noise_factor: Annotated[float, Field(ge=1, le=100)] = 2.7
-    robust_scale: Annotated[float, Field(gt=0.5, le=100)] = 3.0
-    gate: Annotated[float, Field(gt=1, le=100)] = 3.4
-    max_iterations: Annotated[int, Field(ge=1, le=200)] = 30
-    min_unit_variance: Annotated[float, Field(ge=0, le=100)] = 0.25
-    max_conditioning: Annotated[float, Field(gt=1)] = 1e7
+    sigma_track_px: float = Field(
+        0.2, gt=0, le=10, description="Standard deviation of tracked columns and rows"
+    )
+    sigma_disparity_px: float = Field(0.2, gt=0, le=10, description="Standard deviation of a disparity")
+    sigma_common_px: float = Field(
+        0.003,
+        ge=0,
+        le=5,
+        description="Standard deviation of an error of columns and rows common to all points",
+    )
+    sigma_common_disparity_px: float = Field(
+        0.015, ge=0, le=5, description="Standard deviation of a common error of disparities"
+    )
+    noise_factor: float = Field(2.7, ge=1, le=100, description="Factor on the variance, for dependent points")
+    gate: float = Field(3.4, gt=1, le=100, description="Standard deviations of three components of an inlier")
+    max_iterations: int = Field(30, ge=1, le=200, description="Maximum number of Levenberg-Marquardt steps")
+    max_conditioning: float = Field(1e7, gt=1, description="Largest condition number of an observable motion")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,21 +60,25 @@ class _Problem:
     prior_information: FloatArray
 
     @classmethod
-    def of(cls, inputs: StereoMotionEstimationInputs) -> _Problem:
+    def of(cls, inputs: Inputs) -> _Problem:
         """Check the shapes; raises InputError."""
         reference, current = np.asarray(inputs.reference, np.float64), np.asarray(inputs.current, np.float64)
         n = len(reference)
-        if reference.shape != (n, 3) or current.shape != (n, 3):
-            raise InputError(f"reference {reference.shape} and current {current.shape}: expected both (n, 3)")
         mean = np.zeros(0) if inputs.calibration is None else np.asarray(inputs.calibration, np.float64)
         k = len(mean)
-        first, second = (np.zeros((n, 0)) if b is None else b for b in (inputs.reference_basis, inputs.current_basis))
-        covariance = np.zeros((0, 0)) if inputs.calibration_covariance is None else inputs.calibration_covariance
+        first, second = (
+            np.zeros((n, 0)) if b is None else b for b in (inputs.reference_basis, inputs.current_basis)
+        )
+        covariance = (
+            np.zeros((0, 0)) if inputs.calibration_covariance is None else inputs.calibration_covariance
+        )
         if first.shape != (n, k) or second.shape != (n, k) or covariance.shape != (k, k):
             text = f"bases {first.shape} and {second.shape}, calibration covariance {covariance.shape}"
             raise InputError(f"{text}: expected ({n}, {k}), ({k}, {k})")
         camera = RectifiedCamera.from_matrix(inputs.camera_matrix, inputs.baseline)
-        return cls(camera, reference, current, first, second, mean, np.asarray(np.linalg.inv(covariance), np.float64))
+        return cls(
+            camera, reference, current, first, second, mean, np.asarray(np.linalg.inv(covariance), np.float64)
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,33 +94,34 @@ class _System:
     cost: float
 
 
-class ReprojectionLm(StereoMotionEstimationInterface):
+class ReprojectionLm(Interface[ReprojectionLmConfig]):
     """Motion-only adjustment with the points' own uncertainty carried along.
 
-    The residual of a point is its measured minus predicted ``(u, v, d)`` in the current pair. Its covariance is the
-    measurement's plus that of the triangulated reference point, projected: to first order this is two-view bundle
-    adjustment with the structure eliminated, and it weighs near and far points as their geometry deserves. Cauchy
-    weights; Levenberg-Marquardt on ``R3 x SO(3)``; covariance ``s2 (J^T W J)^-1`` [1]_, plus what an error common to
-    all points does (``_common_modes``), which more points do not average out: pixel locking and the perspective of
-    patches leave 0.002 to 0.015 px. ``noise_factor`` is what the points of one pair, whose patches overlap and whose
-    reference disparities are measured in the same images, lack in independence.
+    The residual of a point is its measured minus predicted ``(u, v, d)`` in the current pair. Its covariance
+    is the measurement's plus that of the triangulated reference point, projected: to first order this is
+    two-view bundle adjustment with the structure eliminated, and it weighs near and far points as their
+    geometry. Cauchy weights; Levenberg-Marquardt on ``R3 x SO(3)``; covariance ``s2 (J^T W J)^-1``
+    [1]_, plus what an error common to all points does (``_common_modes``), which more points do not average
+    out: pixel locking and the perspective of patches leave 0.002 to 0.015 px. ``noise_factor`` is what the
+    points of one pair, whose patches overlap and whose reference disparities are measured in the same images,
+    lack in independence.
 
-    What a calibration leaves over bends near and far depths differently and is therefore visible in the motion itself
-    [2]_: parameters to which the disparities respond as the two bases say are estimated along with the motion, held by
-    what is known of them, and the motion's covariance includes what stays unknown of them.
+    Residual calibration errors affect near and far depths differently and are therefore observable in the
+    motion itself [2]_: parameters with the derivatives of the two bases are estimated together with the
+    motion
+    from their prior, and the motion's covariance includes their remaining uncertainty.
 
     References
     ----------
-    .. [1] B. Triggs et al., Bundle Adjustment - A Modern Synthesis, 2000, doi:10.1007/3-540-44480-7_21, §4 and §6
-    .. [2] I. Kreso, S. Segvic, Improving the Egomotion Estimation by Correcting the Calibration Bias, VISAPP 2015,
+    .. [1] B. Triggs et al., Bundle Adjustment - A Modern Synthesis, 2000, doi:10.1007/3-540-44480-7_21, §4
+      and §6
+    .. [2] I. Kreso, S. Segvic, Improving the Egomotion Estimation by Correcting the Calibration Bias, VISAPP
+       2015,
        doi:10.5220/0005316103470356
     """
 
-    Config = ReprojectionLmConfig
-    config: ReprojectionLmConfig
-
-    def process(self, inputs: StereoMotionEstimationInputs) -> StereoMotionEstimationOutputs:
-        """Estimate the motion; raises RefusedError or DegenerateGeometryError where the points do not say it."""
+    def process(self, inputs: Inputs) -> Outputs:
+        """Return the motion; raises RefusedError or DegenerateGeometryError."""
         problem = _Problem.of(inputs)
         if len(problem.reference) < 4:
             n = len(problem.reference)
@@ -123,7 +134,9 @@ class ReprojectionLm(StereoMotionEstimationInterface):
             raise RefusedError("no point agrees with the guess, even loosely", ["diverged"])
         damping = 1e-6
         for _ in range(self.config.max_iterations):
-            step = np.linalg.solve(system.normal + damping * np.diag(np.diag(system.normal)), -system.gradient)
+            step = np.linalg.solve(
+                system.normal + damping * np.diag(np.diag(system.normal)), -system.gradient
+            )
             candidate = se3.transform(se3.exp_so3(step[3:6]) @ T[:3, :3], T[:3, 3] + step[:3])
             trial = self._linearise(problem, candidate, theta + step[6:])
             if trial.cost > system.cost * (1.0 + 1e-9):
@@ -131,7 +144,9 @@ class ReprojectionLm(StereoMotionEstimationInterface):
                 if damping > 1e6:
                     break
                 continue
-            settled = float(step @ system.normal @ step) < 1e-8  # a ten-thousandth of the estimate's own sigma
+            settled = (
+                float(step @ system.normal @ step) < 1e-8
+            )  # a ten-thousandth of the estimate's own sigma
             T, theta, system, damping = candidate, theta + step[6:], trial, max(damping * 0.1, 1e-9)
             if settled:
                 break
@@ -154,7 +169,7 @@ class ReprojectionLm(StereoMotionEstimationInterface):
         W = np.linalg.inv(measured + c.sigma_disparity_px**2 * J_depth[:, :, None] * J_depth[:, None, :])
         squared = np.einsum("ni,nij,nj->n", residuals, W, residuals)
         squared[behind] = 1e12
-        weights = 1.0 / (1.0 + squared / c.robust_scale**2)
+        weights = 1.0 / (1.0 + squared / _ROBUST_SCALE**2)
         J_calibration = J_depth[:, :, None] * problem.reference_basis[:, None, :]
         J_calibration[:, 2, :] -= problem.current_basis
         J = np.concatenate([J_point, -J_point @ se3.skew(rotated), J_calibration], axis=2)
@@ -163,24 +178,26 @@ class ReprojectionLm(StereoMotionEstimationInterface):
         surprise = theta - problem.prior_mean
         normal[6:, 6:] += problem.prior_information
         gradient[6:] += problem.prior_information @ surprise
-        cost = float(np.sum(np.log1p(squared / c.robust_scale**2))) * c.robust_scale**2
+        cost = float(np.sum(np.log1p(squared / _ROBUST_SCALE**2))) * _ROBUST_SCALE**2
         cost += float(surprise @ problem.prior_information @ surprise)
-        return _System(residuals, squared, weights, normal, gradient, (JW @ _common_modes(reference)).sum(axis=0), cost)
+        return _System(
+            residuals, squared, weights, normal, gradient, (JW @ _common_modes(reference)).sum(axis=0), cost
+        )
 
-    def _outputs(
-        self, problem: _Problem, T: FloatArray, theta: FloatArray, system: _System
-    ) -> StereoMotionEstimationOutputs:
+    def _outputs(self, problem: _Problem, T: FloatArray, theta: FloatArray, system: _System) -> Outputs:
         c = self.config
         inliers = system.squared < c.gate**2
         if inliers.sum() < 4 or not np.all(np.isfinite(T)):
-            raise RefusedError(f"{inliers.sum()} points agree on a motion", [f"few_inliers:{inliers.sum()}<4"])
+            raise RefusedError(
+                f"{inliers.sum()} points agree on a motion", [f"few_inliers:{inliers.sum()}<4"]
+            )
         conditioning, direction = self._conditioning(system.normal)
         if conditioning > c.max_conditioning:
             text = f"the points leave {direction} free (condition {conditioning:.3g})"
             raise DegenerateGeometryError(text, [direction])
         freedom = max(3.0 * float(system.weights.sum()) - len(system.normal), 1.0)
         unit_variance = float((system.weights * system.squared).sum()) / freedom
-        scale = max(unit_variance, c.min_unit_variance)  # of the measurements' covariances, not of the prior's
+        scale = max(unit_variance, _MIN_UNIT_VARIANCE)  # of the measurements' covariances, not of the prior's
         information = system.normal / scale
         information[6:, 6:] += (1.0 - 1.0 / scale) * problem.prior_information
         inverse = np.linalg.inv(information)
@@ -192,7 +209,7 @@ class ReprojectionLm(StereoMotionEstimationInterface):
         noise = c.noise_factor * J @ np.linalg.inv(information[:6, :6]) @ J.T
         noise = 0.5 * (noise + noise.T)
         shared = by_calibration @ inverse[6:, 6:] @ by_calibration.T + common @ common.T
-        return StereoMotionEstimationOutputs(
+        return Outputs(
             motion=se3.inverse(T),
             covariance=noise + 0.5 * (shared + shared.T),
             noise_covariance=noise,
@@ -200,19 +217,21 @@ class ReprojectionLm(StereoMotionEstimationInterface):
             calibration_response=by_calibration,
             inliers=inliers,
             residuals=system.residuals,
-            unit_variance=np.array([unit_variance]),
-            conditioning=np.array([conditioning]),
+            unit_variance=unit_variance,
+            conditioning=conditioning,
             calibration=theta,
             calibration_covariance=inverse[6:, 6:],
         )
 
     @staticmethod
     def _conditioning(normal: FloatArray) -> tuple[float, str]:
-        """Condition of the 6x6 normal matrix, rotations in the unit of translations, and its weakest direction."""
+        """Return condition number of the 6x6 normal matrix, rotations scaled, and weakest direction."""
         H = normal[:6, :6]
         if len(normal) > 6:
             H = H - normal[:6, 6:] @ np.linalg.solve(normal[6:, 6:], normal[6:, :6])
-        distance = np.sqrt(np.trace(H[3:, 3:]) / max(np.trace(H[:3, :3]), 1e-300))  # the points' effective distance
+        distance = np.sqrt(
+            np.trace(H[3:, 3:]) / max(np.trace(H[:3, :3]), 1e-300)
+        )  # the points' effective distance
         scale = np.array([1.0, 1.0, 1.0, *[1.0 / distance] * 3])
         values, vectors = np.linalg.eigh(H * np.outer(scale, scale))
         weakest = _DIRECTIONS[int(np.argmax(np.abs(vectors[:, 0])))]
@@ -220,7 +239,8 @@ class ReprojectionLm(StereoMotionEstimationInterface):
 
 
 def _common_modes(reference: FloatArray) -> FloatArray:
-    """Errors that all points can share, as residuals ``(n, 3, 5)``: shifts of u, v and d, a magnification, a stretch.
+    """Errors that all points can share, as residuals ``(n, 3, 5)``: shifts of u, v and d, a magnification, a
+    stretch.
 
     The stretch is along columns alone: patches of the ground ahead grow more towards the camera than across.
     """

@@ -1,32 +1,26 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""RectifiedTriangulation: points of a rectified pair by their disparity."""
+"""Triangulation of points of a rectified pair from their disparity."""
 
 from __future__ import annotations
-
-from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
 from cdff_common.errors import InputError
 from cdff_common.interfaces.dfn import DfnConfig
-from cdff_core.dfns.stereo_triangulation._interface import (
-    StereoTriangulationInputs,
-    StereoTriangulationInterface,
-    StereoTriangulationOutputs,
-)
+from cdff_core.dfns.stereo_triangulation.interface import Inputs, Interface, Outputs
 from cdff_core.imaging.rectified_camera import RectifiedCamera
 
 
 class RectifiedTriangulationConfig(DfnConfig):
-    """Noise of the measurements."""
+    """Parameters of RectifiedTriangulation."""
 
-    sigma_feature_px: Annotated[float, Field(gt=0, le=10)] = 0.2
-    sigma_disparity_px: Annotated[float, Field(gt=0, le=10)] = 0.2
+    sigma_feature_px: float = Field(0.2, gt=0, le=10, description="Standard deviation of column and row")
+    sigma_disparity_px: float = Field(0.2, gt=0, le=10, description="Standard deviation of a disparity")
 
 
-class RectifiedTriangulation(StereoTriangulationInterface):
+class RectifiedTriangulation(Interface[RectifiedTriangulationConfig]):
     """``z = fx b / d``, and first-order propagation of the pixels' noise.
 
     References
@@ -34,11 +28,8 @@ class RectifiedTriangulation(StereoTriangulationInterface):
     .. [1] R. Hartley, A. Zisserman, Multiple View Geometry, 2nd ed., 2004, doi:10.1017/CBO9780511811685, §12
     """
 
-    Config = RectifiedTriangulationConfig
-    config: RectifiedTriangulationConfig
-
-    def process(self, inputs: StereoTriangulationInputs) -> StereoTriangulationOutputs:
-        """Triangulate every point; raises InputError on a disparity that is not above 0."""
+    def process(self, inputs: Inputs) -> Outputs:
+        """Return the triangulated points; raises InputError on a disparity that is not above 0."""
         camera = RectifiedCamera.from_matrix(inputs.camera_matrix, inputs.baseline)
         uvd = np.column_stack([inputs.features, inputs.disparities])
         if len(uvd) and not uvd[:, 2].min() > 0.0:
@@ -46,4 +37,4 @@ class RectifiedTriangulation(StereoTriangulationInterface):
         J = camera.triangulation_jacobian(uvd)
         c = self.config
         noise = np.diag([c.sigma_feature_px**2, c.sigma_feature_px**2, c.sigma_disparity_px**2])
-        return StereoTriangulationOutputs(points=camera.triangulate(uvd), covariances=J @ noise @ np.swapaxes(J, 1, 2))
+        return Outputs(points=camera.triangulate(uvd), covariances=J @ noise @ np.swapaxes(J, 1, 2))

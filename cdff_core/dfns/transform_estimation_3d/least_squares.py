@@ -1,20 +1,17 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""LeastSquares: all pairs are right."""
+"""Least squares over all pairs."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cdff_core.dfns.transform_estimation_3d._rigid import Float, RigidConfig, RigidEstimation
+from cdff_common.arrays import BoolArray, FloatArray
+from cdff_core.dfns.transform_estimation_3d._rigid import RigidConfig, RigidEstimation
 
 
-class LeastSquares(RigidEstimation):
+class LeastSquares(RigidEstimation[RigidConfig]):
     """Closed form of Umeyama (1991), doi:10.1109/34.88573, over all pairs."""
 
-    Config = RigidConfig
-    config: RigidConfig
-
-    def _agreeing(self, source: Float, sink: Float, sigmas: Float) -> NDArray[np.bool_]:
+    def _agreeing(self, source: FloatArray, sink: FloatArray, sigmas: FloatArray) -> BoolArray:
         return np.ones(len(source), bool)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled plane fits; single-threaded, for replay must not depend on the number of threads."""
+"""Compiled plane fits, single-threaded, so that replay does not depend on the number of threads."""
 
 from __future__ import annotations
 
@@ -8,17 +8,18 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from cdff_common.arrays import FloatArray
 
-#: Smallest ratio of product to squared mean of the two eigenvalues of the footprint's second moments: below it the
-#: observed cells lie along a line and leave the slope across it free.
+#: Smallest ratio of product to squared mean of the two eigenvalues of the footprint's second moments: below
+#: it the observed cells lie along a line and leave the slope across it free.
 _MIN_SPREAD = 0.05
 
 
 @njit(cache=True)
-def fit_planes(z: Float, half: int, least: int) -> tuple[Float, Float, Float, Float]:  # pragma: no cover - compiled
+def fit_planes(
+    z: FloatArray, half: int, least: int
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:  # pragma: no cover - compiled
     """Least-squares plane of the observed heights in the square of ``2 half + 1`` cells around each cell.
 
     Sums run along columns and then along the row, so that the cost does not depend on the size of the square.

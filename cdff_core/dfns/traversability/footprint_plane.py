@@ -1,88 +1,103 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Slope and roughness of the plane under the footprint, steps around each cell, classes with inflation in metres."""
+"""Slope and roughness of the plane under the footprint, steps around each cell, and classes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import hypot
-from typing import ClassVar
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 from scipy.special import ndtr
 
+from cdff_common.arrays import BoolArray, ByteArray, Float32Array, FloatArray
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_common.types import ElevationMap, NavigationMap
-from cdff_core.dfns.traversability._interface import (
-    TraversabilityInputs,
-    TraversabilityInterface,
-    TraversabilityOutputs,
-)
 from cdff_core.dfns.traversability._kernels import fit_planes
-from cdff_core.dfns.traversability._uncertainty import denoised, footprint_noise, taken_from_steps
+from cdff_core.dfns.traversability._uncertainty import denoised, footprint_noise, step_loss_by_denoising
+from cdff_core.dfns.traversability.interface import Inputs, Interface, Outputs
 
 UNKNOWN, SAFE, CAUTION, HAZARD = 0, 1, 2, 3
-#: A step that lies inside a cell shows in the difference of its two neighbours: heights are compared over two cells.
+#: A step inside a cell appears in the difference of its two neighbours: heights are compared over two cells.
 _LEAST_REACH_CELLS = 2
 
-#: Standard deviation at which a margin is as good as certain, in the unit of its measure.
+#: Lower bound of the standard deviation of a margin, in the unit of its measure.
 _LEAST_SIGMA = 1e-6
-
-FloatGrid = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+#: Minimum observed fraction of the footprint.
+_MIN_OBSERVED = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Measure:
     """Values ``(rows, cols)`` and their standard deviations."""
 
-    value: FloatGrid
-    sigma: FloatGrid
+    value: FloatArray
+    sigma: FloatArray
 
 
 class FootprintPlaneConfig(DfnConfig):
-    """Size and limits of the rover."""
+    """Parameters of FootprintPlane: size and limits of the rover."""
 
-    length_m: float = Field(1.0, gt=0.0, le=20.0, description="Length of the rover, metres")
-    width_m: float = Field(0.8, gt=0.0, le=20.0, description="Width of the rover, metres")
+    length_m: float = Field(1.0, gt=0, le=20, description="Length of the rover")
+    width_m: float = Field(0.8, gt=0, le=20, description="Width of the rover")
     height_m: float | None = Field(
-        None, gt=0.0, le=20.0, description="Height of the rover, metres; absent: what hangs over ground is not judged"
+        None,
+        gt=0,
+        le=20,
+        description=(
+            "Height of the rover; lower overhangs (layer overhang_m of the map) are hazards; absent: "
+            "overhangs are not assessed"
+        ),
     )
-    max_slope_deg: float = Field(20.0, gt=0.0, lt=90.0, description="Steepest slope, degrees")
-    max_step_m: float = Field(0.2, gt=0.0, le=10.0, description="Highest step, metres")
-    max_roughness_m: float = Field(0.1, gt=0.0, le=10.0, description="Largest rms distance from the plane, metres")
-    step_reach_m: float = Field(0.2, gt=0.0, le=10.0, description="Distance over which heights are compared, metres")
-    gap_m: float = Field(0.25, ge=0.0, le=10.0, description="Unobserved ground this wide may hide a step, metres")
-    margin_m: float = Field(0.1, ge=0.0, le=10.0, description="Added to the rover's radius around steps, metres")
-    caution_fraction: float = Field(0.7, gt=0.0, le=1.0, description="Share of a limit from which a cell is caution")
-    sigmas: float = Field(3.0, ge=0.0, le=10.0, description="Standard deviations by which safe ground keeps its limits")
-    correlated_m: float = Field(
-        0.0, ge=0.0, le=10.0, description="Distance over which errors of heights are alike, metres"
+    max_slope_deg: float = Field(20.0, gt=0, lt=90, description="Steepest slope that the rover can stand on")
+    max_step_m: float = Field(0.2, gt=0, le=10, description="Highest step that the rover can take")
+    max_roughness_m: float = Field(
+        0.1, gt=0, le=10, description="Largest root mean square distance from the plane of the footprint"
     )
-    min_observed_fraction: float = Field(0.5, gt=0.0, le=1.0, description="Share of the footprint to be observed")
+    step_reach_m: float = Field(
+        0.2, gt=0, le=10, description="Distance over which heights are compared; at least one cell"
+    )
+    gap_m: float = Field(
+        0.25,
+        ge=0,
+        le=10,
+        description=(
+            "Width of unobserved terrain that may hide a step; terrain within half the rover's width of "
+            "it is not safe"
+        ),
+    )
+    margin_m: float = Field(0.1, ge=0, le=10, description="Margin added to the rover's radius around steps")
+    caution_fraction: float = Field(
+        0.7, gt=0, le=1, description="Fraction of a limit from which a cell is caution"
+    )
+    sigmas: float = Field(
+        3.0,
+        ge=0,
+        le=10,
+        description="Number of standard deviations by which safe terrain is below each limit",
+    )
+    correlated_m: float = Field(0.0, ge=0, le=10, description="Distance of correlated errors of heights")
 
 
-class FootprintPlane(TraversabilityInterface):
-    """A cell's class says whether the rover may stand with its middle there, whatever its heading.
+class FootprintPlane(Interface[FootprintPlaneConfig]):
+    """Class of each cell for a rover with its middle on the cell and any heading.
 
-    Slope and roughness come from the least-squares plane of the observed cells in the square of the rover's longer
-    side, so they need no inflation; steps are those of single cells and are inflated. An unobserved cell, or one with
-    too little observed under the rover, is unknown. Where the elevation map states variances, safe ground keeps every
-    limit by so many standard deviations, and a step that may be too high is caution as far as the rover turns. Ground
-    that something hangs over lower than the rover's height and so many standard deviations is a hazard as a step is.
+    Slope and roughness are those of the least-squares plane of the observed cells in the square of the
+    rover's longer side, so they need no inflation; steps are those of single cells and are inflated. An
+    unobserved cell, or one with too little observed under the rover, is unknown. Where the elevation map has
+    variances, safe terrain keeps every limit by a number of standard deviations, and a step that may be too
+    high is caution within the rover's radius. Terrain under an overhang lower than the rover's height plus
+    the same number of standard deviations is a hazard.
     """
 
-    Config: ClassVar[type[DfnConfig]] = FootprintPlaneConfig
-
     def setup(self) -> None:
-        """Compile, so that the first map is as fast as the others."""
+        """Compile the kernels."""
         fit_planes(np.zeros((3, 3)), 1, 3)
 
-    def process(self, inputs: TraversabilityInputs) -> TraversabilityOutputs:
-        """Return the navigation map of the same cells; raises InputError if the elevation map has no layer mean."""
+    def process(self, inputs: Inputs) -> Outputs:
+        """Return the navigation map of the same cells; raises InputError without the layer mean."""
         c, dem = self.config, inputs.dem
         cell_m = dem.geometry.resolution_m
         z = dem.layer("mean").astype(np.float64)
@@ -93,77 +108,96 @@ class FootprintPlane(TraversabilityInterface):
         if "variance" in dem.layer_names:
             variance = np.nan_to_num(dem.layer("variance").astype(np.float64), nan=0.0)
         slope, roughness = self._planes(z, seen, variance, cell_m)
-        step, taken_m = self._steps(z, seen, variance, cell_m)
-        room = self._room(dem, z + datum, variance)
+        step, step_loss_m = self._steps(z, seen, variance, cell_m)
+        room = self._clearance(dem, z + datum, variance)
         measures = [(slope, c.max_slope_deg), (roughness, c.max_roughness_m), (step, c.max_step_m)]
         ratio, bound = (
-            np.fmax.reduce([(m.value + k * m.sigma) / limit for m, limit in measures]) for k in (0.0, c.sigmas)
+            np.fmax.reduce([(m.value + k * m.sigma) / limit for m, limit in measures])
+            for k in (0.0, c.sigmas)
         )
         known = seen & np.isfinite(slope.value)
         blocked = room.value < c.sigmas * room.sigma  # false where NaN
-        classes = self._classify(known, ratio, bound, step, taken_m, blocked, cell_m, _gaps(seen, c.gap_m, cell_m))
+        classes = self._classify(
+            known, ratio, bound, step, step_loss_m, blocked, cell_m, _gaps(seen, c.gap_m, cell_m)
+        )
         margins = [(limit - m.value, m.sigma) for m, limit in measures] + [(room.value, room.sigma)]
         margin = np.fmin.reduce([left / np.maximum(sigma, _LEAST_SIGMA) for left, sigma in margins])
         layers = {
-            "slope_deg": slope.value, "step_m": step.value, "roughness_m": roughness.value,
-            "cost": np.where(classes == HAZARD, 1.0, np.clip(ratio, 0.0, 1.0)), "confidence": ndtr(margin),
-        }  # fmt: skip
+            "slope_deg": slope.value,
+            "step_m": step.value,
+            "roughness_m": roughness.value,
+            "cost": np.where(classes == HAZARD, 1.0, np.clip(ratio, 0.0, 1.0)),
+            "confidence": ndtr(margin),
+        }
         rated = classes != UNKNOWN
         made = NavigationMap.from_layers(
             dem.geometry,
-            {"class": classes} | {name: np.where(rated, a, np.nan).astype(np.float32) for name, a in layers.items()},
-            t0_ns=dem.t0_ns, t1_ns=dem.t1_ns,
-        )  # fmt: skip
-        return TraversabilityOutputs(map=made)
+            {"class": classes}
+            | {name: np.where(rated, a, np.nan).astype(np.float32) for name, a in layers.items()},
+            t0_ns=dem.t0_ns,
+            t1_ns=dem.t1_ns,
+        )
+        return Outputs(map=made)
 
-    def _room(self, dem: ElevationMap, z: FloatGrid, variance: FloatGrid) -> _Measure:
-        """Height left between the rover's top and what hangs over it, NaN where nothing does or it is not judged."""
+    def _clearance(self, dem: ElevationMap, z: FloatArray, variance: FloatArray) -> _Measure:
+        """Return the clearance below overhangs, NaN without one or where it is not assessed."""
         if self.config.height_m is None or "overhang_m" not in dem.layer_names:
             return _Measure(np.full(z.shape, np.nan), np.zeros(z.shape))
         return _Measure(dem.layer("overhang_m") - z - self.config.height_m, np.sqrt(variance))
 
-    def _planes(self, z: FloatGrid, seen: Mask, variance: FloatGrid, cell_m: float) -> tuple[_Measure, _Measure]:
-        """Slope and roughness under the footprint, NaN where too little is observed."""
+    def _planes(
+        self, z: FloatArray, seen: BoolArray, variance: FloatArray, cell_m: float
+    ) -> tuple[_Measure, _Measure]:
+        """Return slope and roughness under the footprint, NaN where too little is observed."""
         c = self.config
         half = max(1, round(0.5 * max(c.length_m, c.width_m) / cell_m))
-        least = max(3, round(c.min_observed_fraction * (2 * half + 1) ** 2))
-        gradient, rms, _, _ = fit_planes(np.where(seen, z, np.nan), half, least)
+        least = max(3, round(_MIN_OBSERVED * (2 * half + 1) ** 2))
+        rise_per_cell, rms, _, _ = fit_planes(np.where(seen, z, np.nan), half, least)
         noise, count = footprint_noise(variance, seen, half)
-        # Of heights alike within some cells one counts; half (half + 1) / 3 is their mean square offset.
+        # Correlated heights within some cells count once; half (half + 1) / 3 is their mean square offset.
         independent = np.maximum(count, 1.0) / max(1.0, c.correlated_m / cell_m) ** 2
         sigma = np.sqrt(noise / (independent * half * (half + 1) / 3.0))
-        flatter = 1.0 / (1.0 + (gradient / cell_m) ** 2)  # an angle grows by so much less than its tangent
-        slope = _Measure(np.degrees(np.arctan(gradient / cell_m)), np.degrees(sigma / cell_m * flatter))
+        tangent = rise_per_cell / cell_m
+        angle_per_tangent = 1.0 / (1.0 + tangent**2)  # d(atan t)/dt
+        slope = _Measure(np.degrees(np.arctan(tangent)), np.degrees(sigma / cell_m * angle_per_tangent))
         return slope, _Measure(rms, np.sqrt(0.5 * noise / independent))
 
-    def _steps(self, z: FloatGrid, seen: Mask, variance: FloatGrid, cell_m: float) -> tuple[_Measure, FloatGrid]:
-        """Largest difference between a cell and the observed ones within reach, NaN where the cell is unobserved.
+    def _steps(
+        self, z: FloatArray, seen: BoolArray, variance: FloatArray, cell_m: float
+    ) -> tuple[_Measure, FloatArray]:
+        """Return the largest difference of a cell to observed ones within reach, NaN where unobserved.
 
-        Beside it what denoising takes from a step of the limit's height, metres.
+        The second result is the height, metres, that denoising removes from a step as high as ``max_step_m``.
         """
         reach = max(_LEAST_REACH_CELLS, round(self.config.step_reach_m / cell_m))
         disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
         z, variance, noise = denoised(z, seen, variance)
         far = np.finfo(np.float32).max / 4
-        highest = cv2.dilate(np.where(seen, z, -far).astype(np.float32), disc, borderType=cv2.BORDER_REPLICATE)
+        highest = cv2.dilate(
+            np.where(seen, z, -far).astype(np.float32), disc, borderType=cv2.BORDER_REPLICATE
+        )
         lowest = cv2.erode(np.where(seen, z, far).astype(np.float32), disc, borderType=cv2.BORDER_REPLICATE)
-        worst = cv2.dilate(np.where(seen, variance, 0.0).astype(np.float32), disc, borderType=cv2.BORDER_REPLICATE)
+        worst = cv2.dilate(
+            np.where(seen, variance, 0.0).astype(np.float32), disc, borderType=cv2.BORDER_REPLICATE
+        )
         value = np.where(seen, np.maximum(highest - z, z - lowest), np.nan)
-        return _Measure(value, np.sqrt(variance + worst)), taken_from_steps(noise, self.config.max_step_m)
+        return _Measure(value, np.sqrt(variance + worst)), step_loss_by_denoising(
+            noise, self.config.max_step_m
+        )
 
     def _classify(
         self,
-        known: Mask,
-        ratio: FloatGrid,
-        bound: FloatGrid,
+        known: BoolArray,
+        ratio: FloatArray,
+        bound: FloatArray,
         step: _Measure,
-        taken_m: FloatGrid,
-        blocked: Mask,
+        step_loss_m: FloatArray,
+        blocked: BoolArray,
         cell_m: float,
-        gaps: Mask,
-    ) -> NDArray[np.uint8]:
+        gaps: BoolArray,
+    ) -> ByteArray:
         c = self.config
-        obstacle = (step.value + taken_m > c.max_step_m) | blocked  # false where NaN
+        obstacle = (step.value + step_loss_m > c.max_step_m) | blocked  # false where NaN
         possible = obstacle | (step.value + c.sigmas * step.sigma > c.max_step_m)
         safe = (ratio < c.caution_fraction) & (bound <= 1.0)
         classes = np.where(known, np.where(safe, SAFE, CAUTION), UNKNOWN).astype(np.uint8)
@@ -173,20 +207,22 @@ class FootprintPlane(TraversabilityInterface):
         classes[known & (_distance_m(gaps, cell_m) <= passing_m)] = CAUTION
         classes[known & (_distance_m(obstacle, cell_m) <= passing_m)] = HAZARD
         classes[known & (ratio > 1.0)] = HAZARD
-        classes[obstacle] = HAZARD  # seen to be one, even where too little around it is observed
+        classes[obstacle] = HAZARD  # a hazard even where too little around it is observed
         return classes
 
 
-def _gaps(seen: Mask, gap_m: float, cell_m: float) -> Mask:
-    """Unobserved cells of holes at least that wide; the map's edge counts as observed."""
-    cells = 2 * max(0, round(0.5 * (gap_m / cell_m - 1.0))) + 1  # odd: an even opening would move what it keeps
+def _gaps(seen: BoolArray, gap_m: float, cell_m: float) -> BoolArray:
+    """Return the unobserved cells of holes of at least that width; the map's border counts as observed."""
+    cells = (
+        2 * max(0, round(0.5 * (gap_m / cell_m - 1.0))) + 1
+    )  # odd, since an even opening shifts its result
     disc = cv2.getStructuringElement(cv2.MORPH_RECT, (cells, cells))
     hidden = cv2.morphologyEx((~seen).astype(np.uint8), cv2.MORPH_OPEN, disc, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(hidden > 0)
 
 
-def _distance_m(cells: Mask, cell_m: float) -> NDArray[np.float32]:
-    """Distance of every cell from the nearest of those; infinite where there are none."""
+def _distance_m(cells: BoolArray, cell_m: float) -> Float32Array:
+    """Return the distance of every cell from the nearest of the given ones; infinite where there are none."""
     if not cells.any():
         return np.full(cells.shape, np.inf, np.float32)
     free = np.where(cells, 0, 255).astype(np.uint8)

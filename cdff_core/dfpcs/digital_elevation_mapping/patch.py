@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What has been measured since the last patch, and how to say how good it is."""
+"""Measurements since the last patch, and their quality."""
 
 from __future__ import annotations
 
@@ -13,144 +13,100 @@ from numpy.typing import NDArray
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
-from cdff_core.dfpcs.digital_elevation_mapping.pose_history import covariance_kind_of, degraded
+from cdff_core.dfpcs.digital_elevation_mapping.pose_history import any_degraded, covariance_kind_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measurements:
-    """Points of one capture in the frame of the map.
+class MapPoints:
+    """Points in the frame of the map."""
 
-    Attributes
-    ----------
-    points_m : NDArray[np.float64], shape (n, 3)
-    stamps_ns : NDArray[np.int64], shape (n,)
-    pose_variance_m2 : NDArray[np.float64], shape (n,)
-        What the pose's covariance puts on z, square metres; NaN where unknown.
-    noise_variance_m2 : NDArray[np.float64], shape (n,)
-        What the sensor's noise puts on z, square metres.
-    brightness : NDArray[np.float64], shape (n,)
-        Intensity; NaN where unknown.
-    near : NDArray[np.bool_], shape (n,)
-        Which go into the patch; the others only into the far map.
-    sample : Sample
-        What they were measured in.
-    poses : list of Sample
-        What brought them into the frame.
-    taken : int
-        Points of the capture, those outside the gates among them.
-    frame : str
-        Of the points.
-    pose : UncertainTransform or None
-        T_map_body at the end of capture; None where the points came in the frame of the map.
-    origin_m : NDArray[np.float64] or None, shape (3,)
-        Where the sensor was then.
-    correction_m : float
-        How far the capture was moved to fit the map.
-    """
-
-    points_m: NDArray[np.float64]
-    stamps_ns: NDArray[np.int64]
+    points_m: NDArray[np.float64]  # (n, 3)
+    stamps_ns: NDArray[np.int64]  # (n,)
+    #: (n,), variance of z by the pose's covariance, square metres; NaN if unknown.
     pose_variance_m2: NDArray[np.float64]
-    noise_variance_m2: NDArray[np.float64]
-    brightness: NDArray[np.float64]
-    near: NDArray[np.bool_]
+    noise_variance_m2: NDArray[np.float64]  # (n,), variance of z by the sensor's noise, square metres
+    intensity: NDArray[np.float64]  # (n,), NaN if unknown
+    near: NDArray[np.bool_]  # (n,), true for points of the patch; the others enter only the far map.
+
+    def select(self, keep: NDArray[np.bool_]) -> MapPoints:
+        """Return the points of a mask ``(n,)``."""
+        return MapPoints(*(getattr(self, f.name)[keep] for f in fields(MapPoints)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CapturePoints(MapPoints):
+    """Points of one capture."""
+
     sample: Sample
     poses: list[Sample]
-    taken: int
-    frame: str
+    raw_points: int  # Number of points before the gates
+    frame: str  # Of the points
+    #: ``T_map_body`` at the end of capture; None if the capture was in the frame of the map.
     pose: UncertainTransform | None = None
-    origin_m: NDArray[np.float64] | None = None
-    correction_m: float = 0.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Joined:
-    """All measurements of a patch, in one frame.
-
-    Attributes
-    ----------
-    points_m, stamps_ns, pose_variance_m2, noise_variance_m2, brightness, near : NDArray
-        As in ``Measurements``; an unknown variance of the pose counts as 0, ``Patch.quality`` says so.
-    """
-
-    points_m: NDArray[np.float64]
-    stamps_ns: NDArray[np.int64]
-    pose_variance_m2: NDArray[np.float64]
-    noise_variance_m2: NDArray[np.float64]
-    brightness: NDArray[np.float64]
-    near: NDArray[np.bool_]
-
-    def only(self, keep: NDArray[np.bool_]) -> Joined:
-        """Those of ``keep`` ``(n,)``."""
-        return Joined(*(getattr(self, f.name)[keep] for f in fields(self)))
+    origin_m: NDArray[np.float64] | None = None  # (3,), position of the sensor at that time
+    correction_m: float = 0.0  # Translation of the capture by its alignment with the map
 
 
 @dataclass(slots=True)
 class Patch:
-    """Measurements not yet published.
+    """Captures not yet published."""
 
-    Attributes
-    ----------
-    drops : Counter
-        Captures that were not used, by reason.
-    points_in : int
-        Points that came in; those outside the gates among them.
-    """
-
-    captures: list[Measurements] = field(default_factory=list)
-    drops: Counter[str] = field(default_factory=Counter)
+    captures: list[CapturePoints] = field(default_factory=list)
+    drops: Counter[str] = field(default_factory=Counter)  # Captures that were not used, by reason
     notes: set[str] = field(default_factory=set)
-    points_in: int = 0
+    raw_points: int = 0  # Number of points before the gates
 
-    def add(self, measured: Measurements) -> None:
-        """Take a capture; one without points within the gates is only counted."""
-        self.points_in += measured.taken
-        if len(measured.points_m):
-            self.captures.append(measured)
+    def add(self, points: CapturePoints) -> None:
+        """Add a capture; one without points within the gates is only counted."""
+        self.raw_points += points.raw_points
+        if len(points.points_m):
+            self.captures.append(points)
 
     @property
     def points(self) -> int:
-        """Number of points held."""
+        """Number of points."""
         return sum(len(c.points_m) for c in self.captures)
 
     @property
     def t0_ns(self) -> int:
-        """Stamp of the first point held."""
+        """Stamp of the first point."""
         return min(int(c.stamps_ns.min()) for c in self.captures)
 
     @property
     def t1_ns(self) -> int:
-        """Stamp of the last point held."""
+        """Stamp of the last point."""
         return max(int(c.stamps_ns.max()) for c in self.captures)
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Ids of captures and poses, each once, in the order of their use."""
+        """Ids of captures and poses in the order of their use."""
         samples = [s for c in self.captures for s in (c.sample, *c.poses)]
         return tuple(dict.fromkeys(s.id for s in samples if s.id))
 
-    def joined(self) -> Joined:
-        """The measurements of all captures."""
-        arrays = {f.name: np.concatenate([getattr(c, f.name) for c in self.captures]) for f in fields(Joined)}
-        return Joined(**{**arrays, "pose_variance_m2": np.nan_to_num(arrays["pose_variance_m2"])})
+    def joined(self) -> MapPoints:
+        """Return the points of all captures; an unknown variance of the pose is 0 (see ``quality``)."""
+        arrays = {
+            f.name: np.concatenate([getattr(c, f.name) for c in self.captures]) for f in fields(MapPoints)
+        }
+        return MapPoints(**{**arrays, "pose_variance_m2": np.nan_to_num(arrays["pose_variance_m2"])})
 
-    def rays(self, most: int) -> NDArray[np.float64]:
-        """At most so many rays ``(m, 6)`` from where the sensor was to what was hit, spread over the captures."""
-        seen = [(c.origin_m, c.points_m) for c in self.captures if c.origin_m is not None]
-        step = -(-sum(len(points) for _, points in seen) // most) if seen else 1
-        rays = [np.column_stack([np.broadcast_to(origin, p[::step].shape), p[::step]]) for origin, p in seen]
+    def rays(self, limit: int) -> NDArray[np.float64]:
+        """Return at most ``limit`` rays ``(m, 6)`` from the sensor to points of all captures."""
+        hits = [(c.origin_m, c.points_m) for c in self.captures if c.origin_m is not None]
+        step = -(-sum(len(points) for _, points in hits) // limit) if hits else 1
+        rays = [np.column_stack([np.broadcast_to(origin, p[::step].shape), p[::step]]) for origin, p in hits]
         return np.concatenate(rays) if rays else np.empty((0, 6))
 
-    def quality(self, cells: int, cleared: int = 0, tiles_forgotten: int = 0) -> Quality:
-        """DEGRADED where captures were dropped, poses were, or the map lost tiles to the patch; the rest in metrics."""
+    def quality(self, cells: int, cleared: int = 0, tiles_removed: int = 0) -> Quality:
+        """Return the quality: DEGRADED by dropped captures, degraded poses, or tiles removed from the map."""
         poses = [p for c in self.captures for p in c.poses]
         variance = np.concatenate([c.pose_variance_m2 for c in self.captures])
         known = variance[np.isfinite(variance)]
         reasons = [f"dropped_{why}:{count}" for why, count in sorted(self.drops.items())]
-        if degraded(poses):
+        if any_degraded(poses):
             reasons.append("poses_degraded")
-        if tiles_forgotten:
-            reasons.append(f"tiles_forgotten:{tiles_forgotten}")
+        if tiles_removed:
+            reasons.append(f"tiles_forgotten:{tiles_removed}")
         status = Status.DEGRADED if reasons or self.notes else Status.OK
         if len(known) < len(variance):
             reasons.append("pose_covariance_unknown")
@@ -162,10 +118,10 @@ class Patch:
                 "captures": len(self.captures),
                 "captures_dropped": sum(self.drops.values()),
                 "points": len(variance),
-                "points_gated": self.points_in - len(variance),
+                "points_gated": self.raw_points - len(variance),
                 "cells": cells,
                 "cells_cleared": cleared,
-                "tiles_forgotten": tiles_forgotten,
+                "tiles_forgotten": tiles_removed,
                 "noise_height_sigma_m": float(
                     np.sqrt(np.concatenate([c.noise_variance_m2 for c in self.captures]).mean())
                 ),

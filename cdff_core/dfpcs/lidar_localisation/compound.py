@@ -1,86 +1,85 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Controller of LidarLocalisation: predict, get the local map, match, estimate; search where that fails."""
+"""Controller of LidarLocalisation: predict, get the local map, match, estimate; search if that fails."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import ClassVar
 
 import numpy as np
 
 from cdff_common.errors import FrameNotFoundError, InputError, ProductNotFoundError, RefusedError
 from cdff_common.geometry import UncertainTransform, se3
-from cdff_common.interfaces.dfpc import DfpcConfig, Output, Sample
+from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
 from cdff_common.types import LidarScan, Pointcloud, TransformWithCovariance
-from cdff_core.dfns.point_cloud_deskewing._interface import PointCloudDeskewingInputs
-from cdff_core.dfns.point_cloud_filtering._interface import PointCloudFilteringInputs
-from cdff_core.dfns.pose_estimation._interface import PoseEstimationInputs
-from cdff_core.dfpcs.lidar_localisation._configuration import LidarLocalisationConfig
-from cdff_core.dfpcs.lidar_localisation._graph import KeyFrames
-from cdff_core.dfpcs.lidar_localisation._interface import LidarLocalisationInterface
-from cdff_core.dfpcs.lidar_localisation._matching import Match, Sweep, SweepMatcher
-from cdff_core.dfpcs.lidar_localisation._motion import Motion
-from cdff_core.dfpcs.lidar_localisation._relocalisation import Relocaliser
-from cdff_core.dfpcs.lidar_localisation._scan_map import ScanMap
+from cdff_core.dfns.point_cloud_deskewing.interface import PointCloudDeskewingInputs
+from cdff_core.dfns.point_cloud_filtering.interface import PointCloudFilteringInputs
+from cdff_core.dfns.pose_estimation.interface import PoseEstimationInputs
+from cdff_core.dfpcs.lidar_localisation.configuration import LidarLocalisationConfig
+from cdff_core.dfpcs.lidar_localisation.interface import LidarLocalisationInterface
+from cdff_core.dfpcs.lidar_localisation.keyframes import Keyframes
+from cdff_core.dfpcs.lidar_localisation.motion_prior import MotionPrior
+from cdff_core.dfpcs.lidar_localisation.relocaliser import Relocaliser
+from cdff_core.dfpcs.lidar_localisation.sweep_matcher import Sweep, SweepMatcher
+from cdff_core.dfpcs.lidar_localisation.tiled_map import TiledMap
 
 _LEAST_POINTS = 200
-#: Odometry older than this is no longer waited for.
+#: Standard deviations of a guess without covariance.
+_GUESS_SIGMA_M, _GUESS_SIGMA_DEG = 1.0, 10.0
+#: Odometry older than this is stale: sweeps do not wait for more.
 _STALE_NS = 2_000_000_000
 
 
 class LidarLocalisation(LidarLocalisationInterface):
-    """Localise each sweep on the map."""
+    """Localisation of each sweep in the map."""
 
-    Config: ClassVar[type[DfpcConfig]] = LidarLocalisationConfig
-
+    Config = LidarLocalisationConfig
     config: LidarLocalisationConfig
 
     def setup(self) -> None:
-        """Make the DFNs, forget everything, offer the store's items."""
-        self._range, self._deskew, self._estimate = self.dfn("range"), self.dfn("deskew"), self.dfn("estimate")
+        """Create the DFNs, clear the state, offer the store items."""
+        self._range, self._deskew = self.dfn("range"), self.dfn("deskew")
+        self._estimate = self.dfn("estimate")
         self._matcher = SweepMatcher(self, self.config)
         self._relocaliser = Relocaliser(self, self._matcher, self.config)
-        self._motion = Motion(self.dfn("increment"), self.config)
+        self._motion = MotionPrior(self.dfn("increment"), self.config)
         self._waiting: Sample | None = None
         self.forget_map()
         self.store.offer("scan_map", self._scan_map)
-        self.store.offer("pose_graph", lambda: self._key_frames.graph(self._map.frame))
-        self.store.offer("key_frames", lambda: self._key_frames.trajectory(self._map.frame, self._child))
+        self.store.offer("pose_graph", lambda: self._keyframes.graph(self._map.frame))
+        self.store.offer("key_frames", lambda: self._keyframes.trajectory(self._map.frame, self._child))
         self.store.offer("last_pose", lambda: self._last)
 
     def forget_map(self) -> None:
-        """Begin without map and estimate."""
-        c = self.config
-        self._map = ScanMap(
-            c.voxel_m, c.tile_m, c.local_radius_m, c.local_reuse_m, self._matcher.normals, self._matcher.coarse
-        )
-        self._key_frames = KeyFrames(c.key_frame_m)
+        """Clear map and estimate."""
+        c, matcher = self.config, self._matcher
+        self._map = TiledMap(c.voxel_m, c.local_radius_m, matcher.normals, matcher.coarse)
+        self._keyframes = Keyframes(c.keyframe_distance_m)
         self._used: dict[str, str] = {}
         self._child = ""
         self._last: TransformWithCovariance | None = None
         self.relocalise()
 
     def relocalise(self) -> None:
-        """Forget the estimate."""
+        """Clear the estimate."""
         self._pose: UncertainTransform | None = None
         self._pose_ns = 0
-        self._motion.forget_poses()
+        self._motion.clear_poses()
 
     def get_local_map(self) -> Pointcloud:
-        """The map around the estimate; raises ProductNotFoundError where there is no estimate or no map there."""
+        """Return the map around the estimate; raises ProductNotFoundError without either."""
         local = None if self._pose is None else self._map.local(self._pose.matrix[:3, 3], _LEAST_POINTS)
         if local is None:
             raise ProductNotFoundError("no local map: there is no estimate, or no map around it")
         return Pointcloud.from_points(local.points_m, frame=self._map.frame, stamp_ns=self._pose_ns)
 
     def on_map(self, sample: Sample) -> Iterable[Output]:
-        """Put a piece of the map into its tiles."""
+        """Add a piece of the map."""
         return self._grow(sample, sample.value.points_m, sample.value.frame)
 
     def on_dem(self, sample: Sample) -> Iterable[Output]:
-        """Put the cells of an elevation map into the tiles."""
+        """Add the cells of an elevation map."""
         geometry = sample.value.geometry
         height = np.asarray(sample.value.layer("mean"), dtype=np.float64)
         rows, columns = np.nonzero(np.isfinite(height))
@@ -89,18 +88,18 @@ class LidarLocalisation(LidarLocalisationInterface):
         return self._grow(sample, np.column_stack([x, y, height[rows, columns]]), geometry.frame)
 
     def on_graph_map(self, sample: Sample) -> Iterable[Output]:
-        """Put the clouds of the key frames into the tiles, in place of what there was; keep the graph."""
+        """Replace the map by the clouds of the keyframes; store the graph."""
         if sample.value.frame == self._map.frame:
-            self._map.clear()  # the same map, its key frames moved: the estimate stays
-        list(self._grow(sample, sample.value.points_m, sample.value.frame))
-        self._key_frames.take(sample.value.graph)
+            self._map.clear()  # the same map with corrected keyframes: the estimate stays
+        self._grow(sample, sample.value.points_m, sample.value.frame)
+        self._keyframes.set_map(sample.value.graph)
         return ()
 
     def on_guess(self, sample: Sample) -> Iterable[Output]:
-        """Begin the next sweep from here."""
+        """Start the next sweep from this pose."""
         T: UncertainTransform = sample.value.transform
         if T.covariance is None:
-            sigma = np.repeat([self.config.guess_sigma_m, np.radians(self.config.guess_sigma_deg)], 3)
+            sigma = np.repeat([_GUESS_SIGMA_M, np.radians(_GUESS_SIGMA_DEG)], 3)
             T = UncertainTransform(T.matrix, np.diag(sigma**2))
         self.relocalise()
         self._pose, self._pose_ns = T, sample.stamp_ns
@@ -108,7 +107,7 @@ class LidarLocalisation(LidarLocalisationInterface):
         return ()
 
     def on_odometry(self, sample: Sample) -> Iterable[Output]:
-        """Keep the odometry; take up the sweep that waited for it."""
+        """Store the odometry; process the sweep that waited for it."""
         mount, _ = self._mount(sample.value.child_frame, sample.stamp_ns)
         self._motion.insert(sample.stamp_ns, sample.value, mount)
         if self._waiting is not None and not self._is_early(self._waiting):
@@ -116,17 +115,17 @@ class LidarLocalisation(LidarLocalisationInterface):
         return ()
 
     def on_scan(self, sample: Sample) -> Iterable[Output]:
-        """Localise the sweep, once odometry reaches its end where there is any."""
+        """Localise the sweep, once the odometry, if any, reaches its end."""
         outputs = list(self.finish())
         if self._is_early(sample):
             self._waiting = sample
             return outputs
-        return [*outputs, self._localised(sample)]
+        return [*outputs, self._localise(sample)]
 
     def finish(self) -> Iterable[Output]:
-        """Localise the sweep that waited for odometry with what there is."""
+        """Localise the sweep that waited for odometry with the odometry so far."""
         waiting, self._waiting = self._waiting, None
-        return () if waiting is None else [self._localised(waiting)]
+        return () if waiting is None else [self._localise(waiting)]
 
     def _grow(self, sample: Sample, points_m: se3.FloatArray, frame: str) -> Iterable[Output]:
         if self._map and frame != self._map.frame:
@@ -136,110 +135,139 @@ class LidarLocalisation(LidarLocalisationInterface):
         return ()
 
     def _is_early(self, scan: Sample) -> bool:
-        """Whether odometry is still to come that belongs to the sweep."""
+        """Return whether odometry for the sweep is still expected."""
         last_ns = self._motion.last_ns
         wait_ns = self.config.odometry_wait_s * 1e9
-        return last_ns is not None and last_ns < scan.stamp_ns and scan.stamp_ns - last_ns < min(wait_ns, _STALE_NS)
+        return (
+            last_ns is not None
+            and last_ns < scan.stamp_ns
+            and scan.stamp_ns - last_ns < min(wait_ns, _STALE_NS)
+        )
 
-    def _localised(self, sample: Sample) -> Output:
+    def _localise(self, sample: Sample) -> Output:
         """The control sequence for one sweep."""
         scan: LidarScan = sample.value
         T_base_lidar, self._child = self._mount(scan.frame, scan.t1_ns)
-        predicted = self._predicted(scan.t1_ns)
+        predicted = self._predict(scan.t1_ns)
         try:
             if not self._map:
                 raise RefusedError("there is no map", ["no_map"])
-            sweep = self._prepared(scan, T_base_lidar)
-            pose, quality = self._tracked(sweep, predicted) if predicted is not None else (None, Quality(Status.FAILED))
+            sweep = self._prepare(scan, T_base_lidar)
+            pose, quality = (
+                self._track(sweep, predicted) if predicted is not None else (None, Quality(Status.FAILED))
+            )
             if pose is None:
-                pose, quality = self._searched(sweep, quality)
+                pose, quality = self._search(sweep, quality)
         except (InputError, RefusedError) as error:
-            reasons = getattr(error, "reasons", ()) or (f"bad_input:{error}",)
-            pose, quality = None, Quality(Status.FAILED, tuple(reasons))
+            pose, quality = None, Quality.from_error(error)
         return self._output(sample, predicted, pose, quality)
 
-    def _predicted(self, stamp_ns: int) -> UncertainTransform | None:
-        """The last pose moved on by the motion since."""
+    def _predict(self, stamp_ns: int) -> UncertainTransform | None:
+        """Return the last pose moved by the motion since."""
         if self._pose is None or stamp_ns < self._pose_ns:
             return self._pose
         return self._pose @ self._motion.between(self._pose_ns, stamp_ns)
 
-    def _prepared(self, scan: LidarScan, T_base_lidar: se3.FloatArray) -> Sweep:
-        """Keep points in range, bring them into the base at the end of the sweep, thin them."""
-        near = self._range.process(PointCloudFilteringInputs(scan.points_m.astype(np.float64)))
-        points, kept = near.filtered_points, near.kept
+    def _prepare(self, scan: LidarScan, T_base_lidar: se3.FloatArray) -> Sweep:
+        """Select points in range, transform them into the base at the end of the sweep, thin them."""
+        near = self._range.process(PointCloudFilteringInputs(points=scan.points_m.astype(np.float64)))
+        points, is_near = near.filtered_points, near.kept
         if len(points) < _LEAST_POINTS:
             raise InputError(f"scan: {len(points)} points within range, expected at least {_LEAST_POINTS}")
         if scan.t1_ns > scan.t0_ns:
-            stamps_ns = scan.t0_ns + scan.time_offset_us[kept].astype(np.int64) * 1000
-            sweep = self._motion.sweep(min(scan.t0_ns, int(stamps_ns.min())), scan.t1_ns, T_base_lidar)
+            stamps_ns = scan.t0_ns + scan.time_offset_us[is_near].astype(np.int64) * 1000
+            t0_ns = min(scan.t0_ns, int(stamps_ns.min()))
+            pose_stamps_ns, poses = self._motion.sweep(t0_ns, scan.t1_ns, T_base_lidar)
             points = self._deskew.process(
-                PointCloudDeskewingInputs(points, np.minimum(stamps_ns, scan.t1_ns), sweep)
+                PointCloudDeskewingInputs(
+                    points=points,
+                    stamps_ns=np.minimum(stamps_ns, scan.t1_ns),
+                    pose_stamps_ns=pose_stamps_ns,
+                    poses=poses,
+                )
             ).points
         else:
             points = se3.transform_points(T_base_lidar, points)
         return self._matcher.sweep(points)
 
-    def _tracked(self, sweep: Sweep, predicted: UncertainTransform) -> tuple[UncertainTransform | None, Quality]:
-        """getLocalMap, PointcloudMatcher.doICP from the prediction, PoseEstimator.estimatePose."""
+    def _track(
+        self, sweep: Sweep, predicted: UncertainTransform
+    ) -> tuple[UncertainTransform | None, Quality]:
+        """Run getLocalMap, PointcloudMatcher.doICP from the prediction, PoseEstimator.estimatePose."""
         local = self._map.local(predicted.matrix[:3, 3], _LEAST_POINTS)
         if local is None:
-            return None, Quality(Status.FAILED, ("no_map_here",))
+            return None, Quality.failed("no_map_here")
         quality = Quality(Status.FAILED)
-        for doIcp in (self._matcher.near, self._matcher.far):
-            match = doIcp(sweep, local, predicted.matrix, may_be_free=True)
-            if match.is_good:
-                pose, quality = self._estimated(predicted, match)
+        for register in (self._matcher.near, self._matcher.far):
+            match = register(sweep, local, predicted.matrix, allow_degenerate=True)
+            quality = match.quality
+            if match.accepted is not None:
+                pose, quality = self._estimate_pose(predicted, self._matcher.pose(match.accepted), quality)
                 if pose is not None:
                     return pose, quality
-            else:
-                quality = match.quality
         return None, quality
 
-    def _estimated(self, predicted: UncertainTransform, match: Match) -> tuple[UncertainTransform | None, Quality]:
-        """PoseEstimator.estimatePose; None where prediction and match contradict each other."""
-        measured = self._matcher.pose(match.found)
-        q = match.quality
+    def _estimate_pose(
+        self, predicted: UncertainTransform, measured: UncertainTransform, quality: Quality
+    ) -> tuple[UncertainTransform | None, Quality]:
+        """Run PoseEstimator.estimatePose; return None if prediction and match contradict each other."""
+        assert predicted.covariance is not None  # predictions and matches have one
+        assert measured.covariance is not None
         try:
-            joined = self._estimate.process(
-                PoseEstimationInputs(predicted.matrix, predicted.covariance, measured.matrix, measured.covariance)
+            estimate = self._estimate.process(
+                PoseEstimationInputs(
+                    prediction=predicted.matrix,
+                    prediction_covariance=predicted.covariance,
+                    measurement=measured.matrix,
+                    measurement_covariance=measured.covariance,
+                )
             )
         except RefusedError as error:
-            return None, Quality(Status.FAILED, tuple(error.reasons), metrics=q.metrics)
-        metrics = {**q.metrics, "innovation": float(joined.innovation)}
-        return UncertainTransform(joined.pose, joined.covariance), Quality(
-            q.status, q.reasons, CovarianceKind.CALIBRATED, metrics
+            return None, Quality.from_error(error, quality.metrics)
+        metrics = {**quality.metrics, "innovation": estimate.innovation}
+        return UncertainTransform(estimate.pose, estimate.covariance), Quality(
+            quality.status, quality.reasons, CovarianceKind.CALIBRATED, metrics
         )
 
-    def _searched(self, sweep: Sweep, before: Quality) -> tuple[UncertainTransform | None, Quality]:
-        """Search the whole map; lost where that finds nothing either."""
-        match = self._relocaliser.found(sweep, self._map, self._key_frames.places_m)
-        if not match.is_good:
-            return None, Quality(Status.FAILED, ("lost", *dict.fromkeys((*match.quality.reasons, *before.reasons))))
-        q = match.quality
-        self._motion.forget_poses()
-        reasons = ("relocalised", *q.reasons)
-        return self._matcher.pose(match.found), Quality(Status.DEGRADED, reasons, CovarianceKind.CALIBRATED, q.metrics)
+    def _search(self, sweep: Sweep, tracking: Quality) -> tuple[UncertainTransform | None, Quality]:
+        """Search the whole map; FAILED lost without a match."""
+        match = self._relocaliser.search(sweep, self._map, self._keyframes.positions_m)
+        if match.accepted is None:
+            return None, Quality.failed("lost", *match.quality.reasons, *tracking.reasons)
+        self._motion.clear_poses()
+        reasons = ["relocalised", *match.quality.reasons]
+        quality = Quality.from_reasons(reasons, CovarianceKind.CALIBRATED, match.quality.metrics)
+        return self._matcher.pose(match.accepted), quality
 
     def _output(
-        self, sample: Sample, predicted: UncertainTransform | None, pose: UncertainTransform | None, quality: Quality
+        self,
+        sample: Sample,
+        predicted: UncertainTransform | None,
+        pose: UncertainTransform | None,
+        quality: Quality,
     ) -> Output:
         scan: LidarScan = sample.value
-        value = None
         if pose is not None:
-            self._motion.localised(scan.t1_ns, pose.matrix)
-            self._key_frames.localised(scan.t1_ns, pose)
-            value = self._last = TransformWithCovariance.from_transform(
-                pose, parent=self._map.frame, child=self._child, stamp_ns=scan.t1_ns, producer=self.name
-            )
-        # Without an answer the prediction goes on, ever less certain.
+            self._motion.add_pose(scan.t1_ns, pose.matrix)
+            self._keyframes.add_pose(scan.t1_ns, pose)
+        # Without a pose the prediction continues with growing covariance.
         self._pose, self._pose_ns = pose or predicted, scan.t1_ns
-        used = tuple(i for i in (*self._used.values(), sample.id) if i)
-        frame = self._map.frame or "map"
-        return Output("pose", value, scan.t0_ns, scan.t1_ns, frame, self._child, quality, used)
+        output = Output.of_pose(
+            "pose",
+            pose,
+            t0_ns=scan.t0_ns,
+            stamp_ns=scan.t1_ns,
+            frame=self._map.frame or "map",
+            child=self._child,
+            quality=quality,
+            inputs=(*self._used.values(), sample.id),
+            producer=self.name,
+        )
+        self._last = output.value or self._last
+        return output
 
     def _mount(self, frame: str, stamp_ns: int) -> tuple[se3.FloatArray, str]:
-        """``T_base_frame`` and the base's name; the identity and the frame itself where no mount is known."""
+        """Return ``T_base_frame`` and the base; the identity and the frame itself without a known mount."""
         base = f"{self.context.robot}/base"
         try:
             return self.context.frames.lookup(base, frame, stamp_ns).matrix, base

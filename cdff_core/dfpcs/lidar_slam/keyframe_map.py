@@ -1,11 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Key frames, what was measured between them, and where that puts them."""
+"""Keyframes and the pose graph between them."""
 
 from __future__ import annotations
 
-import heapq
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,222 +12,232 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry.covariance import information_from_covariance
 from cdff_common.interfaces.dfn import Dfn
 from cdff_common.types import LidarMap, PoseGraph
 from cdff_common.types.pose_graph_ext import LOOP_CLOSURE, ODOMETRY
-from cdff_core.dfns.pose_graph_optimization._interface import PoseGraphOptimizationInputs
+from cdff_core.dfns.pose_graph_optimization.interface import PoseGraphOptimizationInputs
 
 Float = NDArray[np.float64]
+#: Keyframe a, keyframe b and kind of an edge ``T_a_b``.
+EdgeKey = tuple[int, int, int]
 
 _LEAST_SIGMA = 1e-4
+#: Weight below which the robust optimisation has rejected an edge.
+_REJECTED_WEIGHT = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class KeyFrame:
-    """A place and what was seen from it.
+class Keyframe:
+    """Points observed around one pose of the lidar, whose frame is the frame of the keyframe."""
 
-    Attributes
-    ----------
-    stamp_ns : int
-        Of the sweep whose lidar frame it is.
-    points_m : ndarray of float32, shape (n, 3)
-        In the key frame.
-    descriptor : ndarray of float32, shape (d,), or None
-        Of LoopDetection; None while the key frame has not ended.
-    """
-
-    stamp_ns: int
-    points_m: NDArray[np.float32]
-    descriptor: NDArray[np.float32] | None = None
+    stamp_ns: int  # end of the first sweep
+    points_m: NDArray[np.float32]  # (n, 3)
+    descriptor: NDArray[np.float32] | None = None  # (d,) by LoopDetection; None until completed
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Edge:
-    """A measured ``T_a_b`` with covariance, and of which kind."""
+class KeyframeMap:
+    """Keyframes by id, their poses in the map frame, and edges by pair of ids and kind.
 
-    T: UncertainTransform
-    kind: int
-
-    @property
-    def way_m(self) -> float:
-        """Distance between the two."""
-        return float(np.linalg.norm(self.T.matrix[:3, 3]))
-
-
-class KeyFrameMap:
-    """Places by id, edges by the pair of ids, poses in the frame of the map.
-
-    The map may fall into parts, as long as no loop links them; ``root`` is the place whose part's frame is the map's.
-    Between two places there is one edge of each kind at most, the better known, so that driving round and round does
-    not make the graph grow.
+    The graph may have several connected components until loop closures connect them; the component of
+    ``root`` defines the map frame. A pair of keyframes has at most one edge of each kind, the one with the
+    smallest covariance, so that repeated passes do not make the graph grow.
     """
 
     def __init__(self) -> None:
-        self.frames: dict[int, KeyFrame] = {}
+        self.keyframes: dict[int, Keyframe] = {}
         self.poses: dict[int, Float] = {}
         self.covariances: dict[int, Float] = {}
-        self.edges: dict[tuple[int, int, int], Edge] = {}
+        self.edges: dict[EdgeKey, UncertainTransform] = {}
         self.root: int | None = None
         self.loops_rejected = 0
-        self._next = 0
+        self._next_id = 0
+        self._distances: tuple[dict[int, int], Any] | None = None
 
     def __len__(self) -> int:
-        return len(self.frames)
+        return len(self.keyframes)
 
     @property
     def point_bytes(self) -> int:
-        """Memory of the clouds."""
-        return sum(f.points_m.nbytes for f in self.frames.values())
+        """Memory of the clouds, bytes."""
+        return sum(keyframe.points_m.nbytes for keyframe in self.keyframes.values())
 
     @property
-    def loops(self) -> int:
-        """Loop closures in the graph."""
-        return sum(kind == LOOP_CLOSURE for _, _, kind in self.edges)
+    def loop_count(self) -> int:
+        """Number of loop closures in the graph."""
+        return sum(1 for _ in self.loop_closures())
 
-    def begin(self, stamp_ns: int, T_map_key: Float) -> int:
-        """Add a place without an edge; the first of all is the root."""
-        key = self._add(KeyFrame(stamp_ns, np.zeros((0, 3), np.float32)), T_map_key, np.zeros((6, 6)))
+    def loop_closures(self) -> Iterator[tuple[int, int, UncertainTransform]]:
+        """Yield both keyframes and ``T_a_b`` of each loop closure in the graph."""
+        return ((a, b, T) for (a, b, kind), T in self.edges.items() if kind == LOOP_CLOSURE)
+
+    def pose(self, key: int) -> UncertainTransform:
+        """Return ``T_map_keyframe``."""
+        return UncertainTransform(self.poses[key], self.covariances[key])
+
+    def distance_m(self, key: int, position_m: Float) -> float:
+        """Return the distance of a keyframe from a position (3,) in the map frame."""
+        return float(np.linalg.norm(self.poses[key][:3, 3] - position_m))
+
+    def start_component(self, stamp_ns: int, T_map_keyframe: Float) -> int:
+        """Add a keyframe without an edge and return its id; the first keyframe of all becomes the root."""
+        key = self._add(stamp_ns, np.zeros((0, 3), np.float32), T_map_keyframe, np.zeros((6, 6)))
         self.root = key if self.root is None else self.root
         return key
 
-    def follow(self, before: int, stamp_ns: int, T: UncertainTransform) -> int:
-        """Add the place that the odometry reached from another one."""
-        here = UncertainTransform(self.poses[before], self.covariances[before]) @ T
-        assert here.covariance is not None  # both have one
-        key = self._add(KeyFrame(stamp_ns, np.zeros((0, 3), np.float32)), here.matrix, here.covariance)
-        self.edges[before, key, ODOMETRY] = Edge(T, ODOMETRY)
+    def add_successor(self, previous: int, stamp_ns: int, T_previous_keyframe: UncertainTransform) -> int:
+        """Add a keyframe with an odometry edge from the previous one and return its id."""
+        pose = self.pose(previous) @ T_previous_keyframe
+        assert pose.covariance is not None  # both factors have one
+        key = self._add(stamp_ns, np.zeros((0, 3), np.float32), pose.matrix, pose.covariance)
+        self.edges[previous, key, ODOMETRY] = T_previous_keyframe
         return key
 
-    def link(self, a: int, b: int, T: UncertainTransform) -> None:
-        """Add a loop, the better known of two that link the same places; a part that it links moves to the root's."""
-        rooted = self.part(self.root) if self.root is not None else set()
+    def add_loop(self, a: int, b: int, T_a_b: UncertainTransform) -> None:
+        """Add a loop closure; a component that it connects with the root's is moved to fit."""
+        rooted = self.component(self.root)
         if (a in rooted) != (b in rooted):
-            inner, outer, T_in_out = (a, b, T.matrix) if a in rooted else (b, a, se3.inverse(T.matrix))
-            shift = self.poses[inner] @ T_in_out @ se3.inverse(self.poses[outer])
-            for key in self.part(outer):
-                self.poses[key] = _rigid(shift @ self.poses[key])
-        self._keep_better(a, b, LOOP_CLOSURE, T)
+            inner, outer, T_in_out = (
+                (a, b, T_a_b.matrix) if a in rooted else (b, a, se3.inverse(T_a_b.matrix))
+            )
+            correction = self.poses[inner] @ T_in_out @ se3.inverse(self.poses[outer])
+            for key in self.component(outer):
+                self.poses[key] = se3.normalise_transform(correction @ self.poses[key])
+        self._add_loop_edge(a, b, T_a_b)
 
-    def unlink(self, key: int) -> None:
-        """Take the loops of a place away, for better ones."""
+    def remove_loops(self, key: int) -> None:
+        """Remove the loop closures of a keyframe."""
         for edge in [e for e in self.edges if key in e[:2] and e[2] == LOOP_CLOSURE]:
             del self.edges[edge]
+        self._distances = None
 
-    def dissolve(self, key: int, into: int, T_into_key: UncertainTransform) -> None:
-        """Remove a place that lies next to an older one; what was measured to it was measured to that."""
+    def replace_by(self, key: int, older: int, T_older_key: UncertainTransform) -> None:
+        """Remove a keyframe: its edges become loop closures of an older one; its points are discarded."""
         for a, b, kind in [e for e in self.edges if key in e[:2]]:
-            edge = self.edges.pop((a, b, kind))
-            if into in (a, b):
+            T_a_b = self.edges.pop((a, b, kind))
+            if older in (a, b):
                 continue
             if b == key:
-                self._keep_better(a, into, LOOP_CLOSURE, edge.T @ T_into_key.inverse())
+                self._add_loop_edge(a, older, T_a_b @ T_older_key.inverse())
             else:
-                self._keep_better(into, b, LOOP_CLOSURE, T_into_key @ edge.T)
-        del self.frames[key], self.poses[key], self.covariances[key]
+                self._add_loop_edge(older, b, T_older_key @ T_a_b)
+        del self.keyframes[key], self.poses[key], self.covariances[key]
+        self._distances = None
 
-    def part(self, key: int | None) -> set[int]:
-        """Places linked with one by edges, itself included."""
-        return set() if key is None else set(self.ways_m(key))
+    def component(self, key: int | None) -> set[int]:
+        """Return the keyframes connected with one, itself included; empty for None."""
+        return set() if key is None else set(self.path_lengths_m(key))
 
-    def ways_m(self, key: int) -> dict[int, float]:
-        """Shortest way along edges from one place to each that can be reached (Dijkstra)."""
-        neighbours: dict[int, list[tuple[int, float]]] = {k: [] for k in self.frames}
-        for (a, b, _), edge in self.edges.items():
-            neighbours[a].append((b, edge.way_m))
-            neighbours[b].append((a, edge.way_m))
-        ways, heap = {}, [(0.0, key)]
-        while heap:
-            way, at = heapq.heappop(heap)
-            if at in ways:
-                continue
-            ways[at] = way
-            for other, step in neighbours[at]:
-                if other not in ways:
-                    heapq.heappush(heap, (way + step, other))
-        return ways
+    def path_lengths_m(self, key: int) -> dict[int, float]:
+        """Return the length of the shortest path along edges to each connected keyframe, metres."""
+        from scipy.sparse.csgraph import dijkstra
 
-    def optimise(self, node: Dfn[Any, Any, Any]) -> int:
-        """Poses and covariances of the root's part anew; loops that contradict the rest go, and are counted."""
-        keys = sorted(self.part(self.root))
-        graph = self.graph(keys)
-        found = node.process(PoseGraphOptimizationInputs(graph=graph, wanted=np.array(keys, dtype=np.int64)))
+        rows, graph = self._distance_graph()
+        lengths = dijkstra(graph, directed=False, indices=rows[key])
+        return {k: float(lengths[row]) for k, row in rows.items() if np.isfinite(lengths[row])}
+
+    def optimise(self, optimiser: Dfn[Any, Any, Any]) -> int:
+        """Optimise the root's component; remove and count the loop closures that contradict the rest."""
+        keys = sorted(self.component(self.root))
+        solution = optimiser.process(
+            PoseGraphOptimizationInputs(graph=self.to_graph(keys), wanted=np.array(keys, dtype=np.int64))
+        )
         inside = [e for e in self.edges if e[0] in set(keys)]
-        rejected = [e for e, weight in zip(inside, found.weights, strict=True) if weight < 0.5]
+        rejected = [e for e, w in zip(inside, solution.weights, strict=True) if w < _REJECTED_WEIGHT]
         for edge in rejected:
             del self.edges[edge]
+        self._distances = None
         self.loops_rejected += len(rejected)
-        for key, T, covariance in zip(keys, found.graph.vertices.matrices, found.covariances, strict=True):
+        matrices = solution.graph.vertices.matrices
+        for key, T, covariance in zip(keys, matrices, solution.covariances, strict=True):
             self.poses[key], self.covariances[key] = T, covariance
         return len(rejected)
 
-    def graph(self, keys: Iterable[int] | None = None, *, frame: str = "map", producer: str = "") -> PoseGraph:
-        """Places (all where none are named) and the edges between them; the root is held."""
-        keys = sorted(self.frames if keys is None else keys)
+    def to_graph(
+        self, keys: Iterable[int] | None = None, *, frame: str = "map", producer: str = ""
+    ) -> PoseGraph:
+        """Return the given keyframes (default: all) and the edges between them, with the root fixed."""
+        keys = sorted(self.keyframes if keys is None else keys)
         inside = set(keys)
-        edges = {e: v for e, v in self.edges.items() if e[0] in inside}
+        edges = {e: T for e, T in self.edges.items() if e[0] in inside}
+        covariances = np.array([T.covariance for T in edges.values()])
         return PoseGraph.from_arrays(
             keys,
-            [self.frames[k].stamp_ns for k in keys],
+            [self.keyframes[k].stamp_ns for k in keys],
             np.array([self.poses[k] for k in keys]).reshape(-1, 4, 4),
             np.array([e[:2] for e in edges], dtype=np.int64).reshape(-1, 2),
-            np.array([e.T.matrix for e in edges.values()]).reshape(-1, 4, 4),
-            np.array([_information(e.T) for e in edges.values()]).reshape(-1, 6, 6),
+            np.array([T.matrix for T in edges.values()]).reshape(-1, 4, 4),
+            information_from_covariance(covariances.reshape(-1, 6, 6), _LEAST_SIGMA),
             np.array([e[2] for e in edges], dtype=np.int64),
             frame=frame,
             fixed=[k == self.root for k in keys],
             producer=producer,
         )
 
-    def to_message(self, *, frame: str, sensor: str, producer: str, position: tuple[int, Float] | None) -> LidarMap:
-        """All of it as a message."""
-        graph = self.graph(frame=frame, producer=producer)
-        clouds = [self.frames[int(k)].points_m for k in graph.vertices.ids]
-        newest = max((f.stamp_ns for f in self.frames.values()), default=0)
-        return LidarMap.from_parts(graph, clouds, sensor=sensor, stamp_ns=newest, position=position, producer=producer)
+    def to_message(
+        self, *, frame: str, sensor: str, producer: str, position: tuple[int, Float] | None
+    ) -> LidarMap:
+        """Return the whole map; ``position`` is the last keyframe with ``T_keyframe_lidar``."""
+        graph = self.to_graph(frame=frame, producer=producer)
+        clouds = [self.keyframes[int(k)].points_m for k in graph.vertices.ids]
+        newest_ns = max((keyframe.stamp_ns for keyframe in self.keyframes.values()), default=0)
+        return LidarMap.from_parts(
+            graph, clouds, sensor=sensor, stamp_ns=newest_ns, position=position, producer=producer
+        )
 
-    def absorb(self, message: LidarMap) -> dict[int, int]:
-        """Add the places and edges of a message as a part of their own; return the new id of each.
+    def add_message(self, message: LidarMap) -> dict[int, int]:
+        """Add a map as a separate component; return the new id of each keyframe by its id in the message.
 
-        The first map ever gives the frame: the vertex that is held in it, or else the first, becomes the root.
+        In an empty map the fixed vertex of the message, or else its first one, becomes the root.
         """
         vertices, edges = message.graph.vertices, message.graph.edges
         new: dict[int, int] = {}
         columns = zip(vertices.ids, vertices.stamps_ns, vertices.matrices, message.clouds_m, strict=True)
-        for key, stamp_ns, T, points in columns:
-            new[int(key)] = self._add(KeyFrame(int(stamp_ns), np.array(points)), T, np.zeros((6, 6)))
+        for key, stamp_ns, T, points_m in columns:
+            new[int(key)] = self._add(int(stamp_ns), np.array(points_m), T, np.zeros((6, 6)))
         values = zip(edges.ends, edges.matrices, edges.information_matrices, edges.kinds, strict=True)
         for (a, b), T, information, kind in values:
-            edge = UncertainTransform(T, np.linalg.inv(information))
-            self.edges[new[int(a)], new[int(b)], int(kind)] = Edge(edge, int(kind))
+            self.edges[new[int(a)], new[int(b)], int(kind)] = UncertainTransform(
+                T, np.linalg.inv(information)
+            )
         if self.root is None and new:
-            held = vertices.ids[vertices.fixed > 0] if len(vertices.fixed) else vertices.ids[:1]
-            self.root = new[int(held[0] if len(held) else vertices.ids[0])]
+            fixed = vertices.ids[vertices.fixed > 0] if len(vertices.fixed) else vertices.ids[:1]
+            self.root = new[int(fixed[0] if len(fixed) else vertices.ids[0])]
         return new
 
-    def _add(self, frame: KeyFrame, T: Float, covariance: Float) -> int:
-        key, self._next = self._next, self._next + 1
-        self.frames[key], self.poses[key], self.covariances[key] = frame, _rigid(T), covariance
+    def _add(self, stamp_ns: int, points_m: NDArray[np.float32], T: Float, covariance: Float) -> int:
+        key, self._next_id = self._next_id, self._next_id + 1
+        self.keyframes[key] = Keyframe(stamp_ns, points_m)
+        self.poses[key], self.covariances[key] = se3.normalise_transform(T), covariance
+        self._distances = None
         return key
 
-    def _keep_better(self, a: int, b: int, kind: int, T: UncertainTransform) -> None:
-        """Add an edge, a below b, unless one of the kind is there that is known better."""
+    def _add_loop_edge(self, a: int, b: int, T_a_b: UncertainTransform) -> None:
+        """Add a loop closure with a < b, unless the existing one has a smaller covariance."""
         if a > b:
-            a, b, T = b, a, T.inverse()
-        before = self.edges.get((a, b, kind))
-        if before is None or _spread(T) < _spread(before.T):
-            self.edges[a, b, kind] = Edge(T, kind)
+            a, b, T_a_b = b, a, T_a_b.inverse()
+        existing = self.edges.get((a, b, LOOP_CLOSURE))
+        if existing is None or _position_variance(T_a_b) < _position_variance(existing):
+            self.edges[a, b, LOOP_CLOSURE] = T_a_b
+            self._distances = None
+
+    def _distance_graph(self) -> tuple[dict[int, int], Any]:
+        """Return the row of each keyframe and the sparse matrix of edge lengths, cached."""
+        from scipy.sparse import csr_matrix
+
+        if self._distances is None:
+            rows = {key: row for row, key in enumerate(self.keyframes)}
+            lengths: dict[tuple[int, int], float] = {}
+            for (a, b, _), T in self.edges.items():
+                pair = (rows[min(a, b)], rows[max(a, b)])
+                length_m = float(np.linalg.norm(T.matrix[:3, 3]))
+                lengths[pair] = min(length_m, lengths.get(pair, np.inf))
+            ends = np.array(list(lengths), dtype=np.int64).reshape(-1, 2)
+            values = np.array(list(lengths.values()))
+            self._distances = rows, csr_matrix((values, (ends[:, 0], ends[:, 1])), shape=(len(rows),) * 2)
+        return self._distances
 
 
-def _rigid(T: Float) -> Float:
-    return se3.transform(se3.normalise_rotation(T[:3, :3]), T[:3, 3])
-
-
-def _spread(T: UncertainTransform) -> float:
+def _position_variance(T: UncertainTransform) -> float:
     assert T.covariance is not None  # edges have one
     return float(np.trace(T.covariance[:3, :3]))
-
-
-def _information(T: UncertainTransform) -> Float:
-    assert T.covariance is not None  # edges have one
-    information = np.linalg.inv(T.covariance + _LEAST_SIGMA**2 * np.eye(6))
-    return np.asarray(0.5 * (information + information.T))

@@ -1,29 +1,27 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where the lidar was, relative to the key frames, so that loops that close later correct it."""
+"""Poses of the lidar relative to keyframes, so that later loop closures correct them."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.geometry import UncertainTransform, se3
-from cdff_core.dfpcs.lidar_slam.keyframe_map import KeyFrameMap
+from cdff_common.geometry import UncertainTransform
+from cdff_common.geometry.covariance import compose_covariance, rotate_covariance
+from cdff_core.dfpcs.lidar_slam.keyframe_map import KeyframeMap
 
 Float = NDArray[np.float64]
 
+#: Maximum number of poses; beyond it every second pose of the older half is removed.
+_CAPACITY = 20_000
+
 
 class Trajectory:
-    """Stamps with key frame and ``T_key_lidar``; beyond ``history`` every other of the older half goes.
+    """Stamps with keyframe and ``T_keyframe_lidar``."""
 
-    Parameters
-    ----------
-    history : int
-        Poses kept at most.
-    """
-
-    def __init__(self, history: int) -> None:
-        self._history = history
+    def __init__(self, capacity: int = _CAPACITY) -> None:
+        self._capacity = capacity
         self._stamps_ns: list[int] = []
         self._keys: list[int] = []
         self._poses: list[Float] = []
@@ -34,39 +32,41 @@ class Trajectory:
 
     @property
     def last_ns(self) -> int:
-        """Stamp of the newest pose; -1 where there is none."""
+        """Stamp of the newest pose; -1 without one."""
         return self._stamps_ns[-1] if self._stamps_ns else -1
 
-    def is_placed(self, places: KeyFrameMap) -> bool:
-        """Whether a pose lies at a key frame that is linked with the first."""
-        return not places.part(places.root).isdisjoint(self._keys)
+    def is_localised(self, keyframes: KeyframeMap) -> bool:
+        """Return whether any pose belongs to a keyframe connected with the root."""
+        return not keyframes.component(keyframes.root).isdisjoint(self._keys)
 
-    def append(self, stamp_ns: int, key: int, T_key_lidar: UncertainTransform) -> None:
+    def append(self, stamp_ns: int, key: int, T_keyframe_lidar: UncertainTransform) -> None:
         """Add the newest pose."""
-        assert T_key_lidar.covariance is not None  # every increment has one
-        if len(self) >= self._history:
+        assert T_keyframe_lidar.covariance is not None  # every increment has one
+        if len(self) >= self._capacity:
             half = len(self) // 2
             for column in (self._stamps_ns, self._keys, self._poses, self._covariances):
                 del column[1:half:2]
         self._stamps_ns.append(stamp_ns)
         self._keys.append(key)
-        self._poses.append(np.array(T_key_lidar.matrix))
-        self._covariances.append(np.array(T_key_lidar.covariance))
+        self._poses.append(np.array(T_keyframe_lidar.matrix))
+        self._covariances.append(np.array(T_keyframe_lidar.covariance))
 
     def move(self, key: int, into: int, T_into_key: Float) -> None:
-        """Express the poses at one key frame at another."""
+        """Express the poses at one keyframe relative to another."""
         for i, at in enumerate(self._keys):
             if at == key:
                 self._keys[i], self._poses[i] = into, T_into_key @ self._poses[i]
-                B = np.kron(np.eye(2), T_into_key[:3, :3])
-                self._covariances[i] = B @ self._covariances[i] @ B.T
+                self._covariances[i] = rotate_covariance(self._covariances[i], T_into_key[:3, :3])
 
-    def placed(self, places: KeyFrameMap, t0_ns: int, t1_ns: int) -> tuple[NDArray[np.int64], Float, Float]:
-        """Stamps (n,), poses in the frame of the map (n, 4, 4) and covariances (n, 6, 6).
+    def in_map(
+        self, keyframes: KeyframeMap, t0_ns: int, t1_ns: int
+    ) -> tuple[NDArray[np.int64], Float, Float]:
+        """Return stamps (n,), poses (n, 4, 4) and covariances (n, 6, 6) in the map frame.
 
-        Between two times, where these are not below 0, and only at key frames linked with the first.
+        Only poses from ``t0_ns`` to ``t1_ns`` (a negative time is no bound) at keyframes connected with the
+        root.
         """
-        linked = places.part(places.root)
+        linked = keyframes.component(keyframes.root)
         rows = [
             i
             for i, (t, key) in enumerate(zip(self._stamps_ns, self._keys, strict=True))
@@ -76,13 +76,12 @@ class Trajectory:
         if not rows:
             return stamps, np.zeros((0, 4, 4)), np.zeros((0, 6, 6))
         keys = [self._keys[i] for i in rows]
-        T_key, T_rel = np.array([places.poses[k] for k in keys]), np.array([self._poses[i] for i in rows])
-        # As compose_covariance, for all at once: a turn of the key frame moves what lies at the end of the lever.
-        J = np.tile(np.eye(6), (len(rows), 1, 1))
-        lever = np.einsum("nij,nj->ni", T_key[:, :3, :3], T_rel[:, :3, 3])
-        J[:, :3, 3:] = -np.array([se3.skew(v) for v in lever])
-        B = np.zeros((len(rows), 6, 6))
-        B[:, :3, :3] = B[:, 3:, 3:] = T_key[:, :3, :3]
-        covariance = J @ np.array([places.covariances[k] for k in keys]) @ np.swapaxes(J, 1, 2)
-        covariance += B @ np.array([self._covariances[i] for i in rows]) @ np.swapaxes(B, 1, 2)
-        return stamps, T_key @ T_rel, 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
+        T_keyframe = np.array([keyframes.poses[k] for k in keys])
+        T_relative = np.array([self._poses[i] for i in rows])
+        covariance = compose_covariance(
+            T_keyframe,
+            np.array([keyframes.covariances[k] for k in keys]),
+            T_relative,
+            np.array([self._covariances[i] for i in rows]),
+        )
+        return stamps, T_keyframe @ T_relative, covariance

@@ -1,11 +1,15 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the filter knows at one time: the robot's state, poses it was at, and the covariance of all of it.
+"""State of the error-state filter: the robot's motion, cloned poses, and their joint covariance.
 
-Errors, in this order: position and rotation of ``T_site_base`` (world side, as all covariances here), velocity in the
-site, gyro bias, accelerometer bias (base axes), slip ahead, aside and up as shares of the way; then six for each clone.
-A clone is the pose at which an odometry last said where it was (Roumeliotis and Burdick 2002,
-doi:10.1109/ROBOT.2002.1014801): an increment is measured between two poses, and so corrects both.
+Order of the errors: position and rotation of ``T_site_base`` (perturbation in the site), velocity in the
+site, gyro bias, accelerometer bias (base axes), slip forward, left and up relative to the path length; then
+six for each clone. A clone is the pose at the last measurement of an odometry [1]_: an increment is measured
+between two poses and corrects both.
+
+References
+----------
+.. [1] S. Roumeliotis, J. Burdick, Stochastic cloning, 2002, doi:10.1109/ROBOT.2002.1014801
 """
 
 from __future__ import annotations
@@ -15,99 +19,101 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry.covariance import relative_jacobians
 from cdff_common.geometry.se3 import FloatArray
 
 POSITION, ROTATION, VELOCITY, GYRO, FORCE, SLIP = (slice(k, k + 3) for k in range(0, 18, 3))
 POSE = slice(0, 6)
-CORE = 18
-#: Errors that the time line keeps of each estimate: pose and gyro bias, whose motion in time is nearly their own.
-LINE = np.r_[0:6, 9:12]
+#: Number of errors without clones.
+CORE_SIZE = 18
+#: Errors stored in the timeline: pose and gyro bias, which evolve nearly independently of the others.
+TIMELINE_ERRORS = np.r_[0:6, 9:12]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clone:
-    """Where the robot was when a source last spoke.
+    """Pose of the robot at the last measurement of a source."""
 
-    Attributes
-    ----------
-    pose : array, shape (4, 4)
-        ``T_site_base`` then; of an anchor ``T_site_origin`` of the source's own frame.
-    measured : UncertainTransform
-        What the source said then: ``T_origin_sensor``.
-    stamp_ns : int
-    """
-
-    pose: FloatArray
-    measured: UncertainTransform
+    pose: FloatArray  # (4, 4), ``T_site_base`` at that time
+    measured: UncertainTransform  # Measurement ``T_origin_sensor`` at that time
     stamp_ns: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """State and covariance at one time; never changed, only replaced.
-
-    Attributes
-    ----------
-    pose : array, shape (4, 4)
-        ``T_site_base``.
-    velocity, slip : array, shape (3,)
-    biases : array, shape (6,)
-        Of gyro (rad/s) and accelerometer (m/s^2).
-    covariance : array, shape (18 + 6 c, 18 + 6 c)
-    since : array, shape (18 + 6 c, 9)
-        Covariance of the errors with those of ``LINE`` at the estimate before.
-    clones : dict of str to Clone
-        In the order of their errors.
-    refused : int
-        Increments that were refused one after the other.
-    """
+    """State and covariance at one time; immutable."""
 
     stamp_ns: int
-    pose: FloatArray
-    velocity: FloatArray
-    biases: FloatArray
-    slip: FloatArray
-    covariance: FloatArray
-    since: FloatArray
-    clones: dict[str, Clone]
-    refused: int = 0
+    pose: FloatArray  # (4, 4), ``T_site_base``
+    velocity: FloatArray  # (3,), m/s in the site
+    biases: FloatArray  # (6,), gyro (rad/s) and accelerometer (m/s^2)
+    slip: FloatArray  # (3,), per metre of path length
+    covariance: FloatArray  # (18 + 6 c, 18 + 6 c)
+    #: (18 + 6 c, 9), covariance of these errors with the ``TIMELINE_ERRORS`` of the previous estimate
+    cross_covariance: FloatArray
+    clones: dict[str, Clone]  # In the order of their errors
+    consecutive_refusals: int = 0  # Increments refused one after the other
 
-    def index(self, name: str) -> slice:
-        """Errors of a clone."""
-        first = CORE + 6 * list(self.clones).index(name)
+    @classmethod
+    def at_start(
+        cls,
+        stamp_ns: int,
+        pose: UncertainTransform,
+        speed_sigma_m_s: float,
+        biases: FloatArray,
+        sigmas: FloatArray,
+    ) -> Estimate:
+        """Return an estimate at rest without clones; ``sigmas`` (9,) of biases and slip."""
+        P = np.zeros((CORE_SIZE, CORE_SIZE))
+        P[POSE, POSE] = 0.0 if pose.covariance is None else pose.covariance
+        P[6:, 6:] = np.diag(np.square(np.concatenate([np.full(3, speed_sigma_m_s), sigmas])))
+        zero = np.zeros(3)
+        return cls(stamp_ns, pose.matrix, zero, biases, zero, P, P[:, TIMELINE_ERRORS].copy(), {})
+
+    def clone_errors(self, name: str) -> slice:
+        """Return the errors of a clone."""
+        first = CORE_SIZE + 6 * list(self.clones).index(name)
         return slice(first, first + 6)
 
-    @property
-    def transform(self) -> UncertainTransform:
-        """``T_site_base`` with its covariance."""
-        return UncertainTransform(self.pose, self.covariance[POSE, POSE])
+    def relative_motion(self, name: str) -> tuple[FloatArray, FloatArray]:
+        """Return ``T_clone_base`` (4, 4) and the Jacobian (6, n) of its error by those of the state."""
+        clone = self.clones[name].pose
+        H = np.zeros((6, len(self.covariance)))
+        H[:, self.clone_errors(name)], H[:, POSE] = relative_jacobians(clone, self.pose)
+        return se3.inverse(clone) @ self.pose, H
 
-    def moved(self, correction: FloatArray) -> Estimate:
-        """The state with a correction of its errors added; covariances stay."""
-        errors = np.concatenate([correction[POSE], correction[CORE:]]).reshape(-1, 6)
+    def with_correction(self, correction: FloatArray) -> Estimate:
+        """Return the state with a correction (n,) added; covariances are unchanged."""
+        errors = np.concatenate([correction[POSE], correction[CORE_SIZE:]]).reshape(-1, 6)
         poses = np.array([self.pose, *(clone.pose for clone in self.clones.values())])
         poses[:, :3, :3] = se3.exp_so3(errors[:, 3:]) @ poses[:, :3, :3]
         poses[:, :3, 3] += errors[:, :3]
+        clones = zip(self.clones.items(), poses[1:], strict=True)
         return replace(
             self,
             pose=poses[0],
             velocity=self.velocity + correction[VELOCITY],
             biases=self.biases + correction[9:15],
             slip=self.slip + correction[SLIP],
-            clones={
-                name: Clone(pose, clone.measured, clone.stamp_ns)
-                for pose, (name, clone) in zip(poses[1:], self.clones.items(), strict=True)
-            },
+            clones={name: replace(clone, pose=pose) for (name, clone), pose in clones},
         )
 
-    def cloned(self, name: str, measured: UncertainTransform) -> Estimate:
-        """With the pose of now as the clone ``name``."""
+    def with_clone(self, name: str, measured: UncertainTransform) -> Estimate:
+        """Return the estimate with its pose as the clone ``name``."""
         clones = {**self.clones, name: Clone(self.pose, measured, self.stamp_ns)}
-        n, size = len(self.covariance), CORE + 6 * len(clones)
-        covariance, since = np.empty((size, size)), np.empty((size, len(LINE)))
-        covariance[:n, :n], since[:n] = self.covariance, self.since
-        first = CORE + 6 * list(clones).index(name)
+        n, size = len(self.covariance), CORE_SIZE + 6 * len(clones)
+        covariance, cross = np.empty((size, size)), np.empty((size, len(TIMELINE_ERRORS)))
+        covariance[:n, :n], cross[:n] = self.covariance, self.cross_covariance
+        first = CORE_SIZE + 6 * list(clones).index(name)
         at = slice(first, first + 6)
-        covariance[at], since[at] = covariance[POSE], since[POSE]
+        covariance[at], cross[at] = covariance[POSE], cross[POSE]
         covariance[:, at] = covariance[:, POSE]
-        return replace(self, covariance=covariance, since=since, clones=clones)
+        return replace(self, covariance=covariance, cross_covariance=cross, clones=clones)
+
+    def with_velocity_sigma(self, sigma_m_s: float) -> Estimate:
+        """Return the estimate with an uncorrelated velocity of a standard deviation, and no refusals."""
+        P, cross = self.covariance.copy(), self.cross_covariance.copy()
+        P[VELOCITY] = P[:, VELOCITY] = 0.0
+        P[VELOCITY, VELOCITY] = sigma_m_s**2 * np.eye(3)
+        cross[VELOCITY] = 0.0
+        return replace(self, covariance=P, cross_covariance=cross, consecutive_refusals=0)

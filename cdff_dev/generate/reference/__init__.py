@@ -7,17 +7,18 @@ from __future__ import annotations
 import re
 
 from cdff_dev.generate.artefacts import Artefact
-from cdff_dev.generate.reference import command_line, descriptions, endpoints, keys, states, types
-from cdff_dev.generate.tree import Tree
+from cdff_dev.generate.reference import command_line, descriptions, endpoints, keys, profile, states, types
+from cdff_dev.tree import Tree
 
 
 def pages(tree: Tree) -> list[Artefact]:
-    """Every generated reference page, made from what is installed."""
+    """Return every generated reference page of the installed packages."""
     texts = {
-        "dfns.md": descriptions.dfns(),
-        "dfpcs.md": descriptions.dfpcs(tree.root / "docs" / "dfpcs"),
+        **descriptions.dfns(),
+        **descriptions.dfpcs(tree.root / "docs" / "dfpcs"),
         **types.pages(),
         "keys.md": keys.page(),
+        "profile.md": profile.page(),
         "endpoints.md": endpoints.page(),
         "cli.md": command_line.page(),
         "state-machines.md": states.page(),
@@ -26,5 +27,5 @@ def pages(tree: Tree) -> list[Artefact]:
 
 
 def _tidy(text: str) -> str:
-    """The page with one blank line where templates left several, and one line end at its end."""
+    """Return the page without repeated blank lines, and with one line end at its end."""
     return re.sub(r"\n{3,}", "\n\n", text).rstrip() + "\n"

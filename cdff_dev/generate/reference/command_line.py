@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cli.md``: every command, read from its parser; the layout is ours, so that no Python version changes the page."""
+"""``cli.md``: every command, from its parser, independent of the Python version."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cdff_dev.generate.python_source import render
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One command: its words, what it does, and ``(spelling, default, help)`` of its arguments."""
+    """Command: its words, its description, and ``(spelling, default, help)`` of its arguments."""
 
     words: str
     doc: str
@@ -25,7 +25,7 @@ class Command:
 
 
 def page() -> str:
-    """Page of all commands that are installed."""
+    """Return the page of all installed commands."""
     with _without_settings():
         parser = cli.build_parser([])
     return render("cli.md.j2", commands=list(_commands(parser, "cdff", "")))
@@ -33,7 +33,7 @@ def page() -> str:
 
 @contextmanager
 def _without_settings() -> Iterator[None]:
-    """Hide ``CDFF_*``: parsers take their defaults from there, and the page shall not show those of one machine."""
+    """Hide ``CDFF_*``, from which parsers take defaults of this machine."""
     hidden = {name: os.environ.pop(name) for name in list(os.environ) if name.startswith("CDFF_")}
     try:
         yield
@@ -44,7 +44,9 @@ def _without_settings() -> Iterator[None]:
 def _commands(parser: argparse.ArgumentParser, words: str, doc: str) -> Iterator[Command]:
     nested = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
     if not nested:
-        yield Command(words, parser.description or doc, tuple(_argument(a) for a in parser._actions if _is_shown(a)))
+        yield Command(
+            words, parser.description or doc, tuple(_argument(a) for a in parser._actions if _is_shown(a))
+        )
     for action in nested:
         docs = {choice.dest: choice.help or "" for choice in action._choices_actions}
         for name, child in sorted(action.choices.items()):
@@ -56,17 +58,23 @@ def _is_shown(action: argparse.Action) -> bool:
 
 
 def _argument(action: argparse.Action) -> tuple[str, str, str]:
-    value = action.metavar or (f"{{{','.join(map(str, action.choices))}}}" if action.choices else action.dest.upper())
+    value = action.metavar or (
+        f"{{{','.join(map(str, action.choices))}}}" if action.choices else action.dest.upper()
+    )
     value = " ".join(value) if isinstance(value, tuple) else value
     if action.option_strings:
         spelling = ", ".join(action.option_strings) + ("" if action.nargs == 0 else f" {value}")
     else:
         spelling = {"*": f"[{value} …]", "+": f"{value} …", "?": f"[{value}]"}.get(str(action.nargs), value)
-    return spelling, _default(action), " ".join((action.help or "").split()) % vars(action) if action.help else ""
+    return (
+        spelling,
+        _default(action),
+        " ".join((action.help or "").split()) % vars(action) if action.help else "",
+    )
 
 
 def _default(action: argparse.Action) -> str:
-    """The default as text; empty where there is none, or where it would name a folder of this machine."""
+    """Return the default as text; empty if there is none, or for a folder of this machine."""
     default = action.default
     if default in (None, False, True, [], argparse.SUPPRESS):
         return ""

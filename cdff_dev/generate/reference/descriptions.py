@@ -1,31 +1,37 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``dfns.md`` and ``dfpcs.md``: descriptions with the parameters of what implements them."""
+"""``dfns.md``, ``dfpcs.md`` and a page for each DFN and DFPC: description, ports and parameters."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from cdff_common.interfaces.parameters import ParameterRow, parameter_rows
+from cdff_common.interfaces.parameters import parameter_rows
 from cdff_common.interfaces.registry import Registry
 from cdff_dev.generate.python_source import render
 
 
-def dfns() -> str:
-    """Page of all DFNs."""
+def dfns() -> dict[str, str]:
+    """Return path under ``docs/reference`` and text of the index and of each DFN's page."""
     registry = Registry.default()
-    rows: dict[str, dict[str, list[ParameterRow]]] = {
-        name: {i: parameter_rows(type(registry.make_dfn(name, i)).Config) for i in found.description.implementations}
-        for name, found in registry.dfns.items()
-    }
     descriptions = {name: found.description for name, found in sorted(registry.dfns.items())}
-    return render("dfns.md.j2", dfns=descriptions, rows=rows)
+    texts = {"dfns.md": render("dfns.md.j2", dfns=descriptions)}
+    for name, dfn in descriptions.items():
+        rows = {i: parameter_rows(type(registry.make_dfn(name, i)).Config) for i in dfn.implementations}
+        texts[f"dfns/{name}.md"] = render("dfn.md.j2", name=name, dfn=dfn, rows=rows)
+    return texts
 
 
-def dfpcs(pages: Path) -> str:
-    """Page of all DFPCs; where ``pages`` holds a page of one's own name, it is linked."""
+def dfpcs(pages: Path) -> dict[str, str]:
+    """Return path under ``docs/reference`` and text of the index and of each DFPC's page.
+
+    A DFPC with a page in the folder ``pages`` is linked to it.
+    """
     registry = Registry.default()
-    rows = {name: parameter_rows(type(registry.make_dfpc(name)).Config) for name in registry.dfpcs}
     descriptions = {name: found.description for name, found in sorted(registry.dfpcs.items())}
-    written = {name for name in descriptions if (pages / f"{name}.md").is_file()}
-    return render("dfpcs.md.j2", dfpcs=descriptions, rows=rows, written=written)
+    texts = {"dfpcs.md": render("dfpcs.md.j2", dfpcs=descriptions)}
+    for name, dfpc in descriptions.items():
+        rows = parameter_rows(registry.make_dfpc(name).config_model())
+        has_page = (pages / f"{name}.md").is_file()
+        texts[f"dfpcs/{name}.md"] = render("dfpc.md.j2", name=name, dfpc=dfpc, rows=rows, has_page=has_page)
+    return texts

@@ -1,29 +1,20 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``endpoints.md``: the HTTP surface, from its own OpenAPI document.
-
-The toolkit never imports a service; a service hands its document out under the entry points ``cdff.openapi``, each a
-function without arguments that returns it.
-"""
+"""``endpoints.md``: the HTTP interface of the DPM, from its OpenAPI document."""
 
 from __future__ import annotations
 
-from importlib.metadata import entry_points
 from typing import Any
 
 from cdff_dev.generate.python_source import render
+from services.dpm.http.app import openapi
 
-GROUP = "cdff.openapi"
 _METHODS = ("get", "head", "post", "put", "patch", "delete")
 
 
 def page() -> str:
-    """Page of all endpoints of all services that serve HTTP."""
-    documents = {entry.name: entry.load()() for entry in sorted(entry_points(group=GROUP), key=lambda e: e.name)}
-    services = {
-        name: [row for path in document["paths"].items() for row in _rows(*path)]
-        for name, document in documents.items()
-    }
+    """Return the page of all HTTP endpoints."""
+    services = {"dpm": [row for path in openapi()["paths"].items() for row in _rows(*path)]}
     return render("endpoints.md.j2", services=services)
 
 
@@ -35,7 +26,13 @@ def _rows(path: str, item: dict[str, Any]) -> list[dict[str, Any]]:
             "summary": operation.get("summary", ""),
             "doc": " ".join(operation.get("description", "").split()),
             "parameters": [
-                (p["name"], p["in"], p.get("required", False), _schema(p.get("schema", {})), p.get("description", ""))
+                (
+                    p["name"],
+                    p["in"],
+                    p.get("required", False),
+                    _schema(p.get("schema", {})),
+                    p.get("description", ""),
+                )
                 for p in operation.get("parameters", ())
             ],
             "answers": sorted(operation.get("responses", {})),

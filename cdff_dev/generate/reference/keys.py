@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``keys.md``: every key expression, made by the functions that make them."""
+"""``keys.md``: every key expression, from the functions of ``cdff_common.bus.keys``."""
 
 from __future__ import annotations
 
@@ -15,15 +15,19 @@ _EXAMPLE_ID = "00000000-0000-5000-8000-000000000000"
 
 
 def page() -> str:
-    """Page of all keys."""
+    """Return the page of all keys."""
     functions = [f for _, f in inspect.getmembers(keys, inspect.isfunction) if f.__module__ == keys.__name__]
-    public = sorted((f for f in functions if not f.__name__.startswith("_")), key=lambda f: f.__code__.co_firstlineno)
+    public = sorted(
+        (f for f in functions if not f.__name__.startswith("_")), key=lambda f: f.__code__.co_firstlineno
+    )
     rows = []
     for function in public:
         names = list(inspect.signature(function).parameters)
         if "wiring" in names:
             continue  # only another spelling of the keys above
-        rows.append((function.__name__, _pattern(function(*map(_argument, names)), names), inspect.getdoc(function)))
+        rows.append(
+            (function.__name__, _pattern(function(*map(_argument, names)), names), inspect.getdoc(function))
+        )
     return render("keys.md.j2", rows=rows, clock=keys.CLOCK)
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``state-machines.md``: the tables of ``cdff_core.orchestration``, drawn."""
+"""``state-machines.md``: diagrams of the tables of ``cdff_core.orchestration``."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from cdff_core.orchestration.modes import MODE_TRANSITIONS
 _HEAD = """<!-- GENERATED from cdff_core.orchestration by cdff generate; do not edit. -->
 # State machines
 
-The tables that the orchestrator, the DFPC hosts and the instrument control unit run by, drawn. What is not drawn is
-refused.
+Transitions of the orchestrator's jobs, the DFPC hosts and the instrument control unit.
+All others are refused.
 """
 _JOB = """
 ## A request's job
 
-`lifecycle.JOB_TRANSITIONS`. Each change, with its reason, is in the journal before anybody is told, and in the
+`lifecycle.JOB_TRANSITIONS`. Each change, with its reason, is in the journal before it is published, and in the
 DPM's history after. From every state that is not final a job may also go to `failed` or `cancelled`.
 """
 _DFPC = """
@@ -35,7 +35,7 @@ _MODE = """
 
 
 def page() -> str:
-    """The page."""
+    """Return the page."""
     ends = {JobState.FAILED, JobState.CANCELLED}
     jobs = [(str(a), str(b), "") for a, following in JOB_TRANSITIONS.items() for b in following - ends]
     job = diagram(jobs, JobState.RECEIVED, FINAL_STATES - ends)
@@ -44,7 +44,9 @@ def page() -> str:
 
 
 def diagram(edges: Iterable[tuple[str, str, str]], first: str, final: Iterable[str] = ()) -> str:
-    """A Mermaid state diagram of ``(from, to, label)`` edges, labels between the same two states joined."""
+    """Return a Mermaid state diagram of ``(from, to, label)`` edges, with the labels of equal edges
+    joined.
+    """
     labels: dict[tuple[str, str], set[str]] = defaultdict(set)
     for start, end, label in edges:
         labels[start, end] |= {label} - {""}

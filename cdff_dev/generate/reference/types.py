@@ -1,14 +1,24 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``types.md`` and a page for each type: units and frames as its ASN.1 module says, constraints, octets on the wire."""
+"""``types.md`` and a page for each type: units, frames and constraints of its ASN.1 module, encoded size."""
 
 from __future__ import annotations
 
-import numpy as np
-
 from cdff_common.asn1 import asn1_files
-from cdff_common.codecs.schema import Alias, Array, Choice, Enumeration, Integer, ListOf, Node, Octets, Struct, Text
-from cdff_common.codecs.sizes import uper_octets
+from cdff_common.codecs.sizes import uper_bytes
+from cdff_common.types.schema import (
+    Alias,
+    Array,
+    Choice,
+    Enumeration,
+    Integer,
+    ListOf,
+    Node,
+    OctetString,
+    Struct,
+    Text,
+    fields_of,
+)
 from cdff_dev.generate.asn1_model import ModelReader, TypeModel
 from cdff_dev.generate.python_source import render
 
@@ -16,8 +26,10 @@ _SCALARS = {"Real": "float", "Boolean": "bool"}
 
 
 def pages() -> dict[str, str]:
-    """Path under ``docs/reference`` and text: the index, by the file that declares a type, and a page for each."""
-    models = [m for m in ModelReader(asn1_files()).types.values() if not m.is_sibling]
+    """Return path under ``docs/reference`` and text of the index, grouped by file, and of each type's
+    page.
+    """
+    models = [m for m in ModelReader(asn1_files()).types.values() if not m.is_large_variant]
     families: dict[str, list[TypeModel]] = {}
     for model in models:
         families.setdefault(model.module, []).append(model)
@@ -31,56 +43,57 @@ def pages() -> dict[str, str]:
 
 
 def _sizes(model: TypeModel) -> list[tuple[str, str]]:
-    """``(ASN.1 type, octets)`` of a type and its sibling."""
+    """Return ``(ASN.1 type, bytes)`` of a type and its size variant."""
     both = [model] if model.large is None else [model, model.large]
     return [(m.name, _size(m)) for m in both if isinstance(m.node, Struct | Alias)]
 
 
 def _size(model: TypeModel) -> str:
-    """Octets of a message in UPER: least and most; nothing for what is no message."""
+    """Return the smallest and largest size in UPER, in bytes; empty for a type that is not a message."""
     if not isinstance(model.node, Struct | Alias):
         return ""
-    least, most = uper_octets(model.name)
+    least, most = uper_bytes(model.name)
     return f"{least:,}" if least == most else f"{least:,} to {most:,}"
 
 
 def _users(model: TypeModel, models: list[TypeModel]) -> list[str]:
-    """Names of the classes that have a field of this type."""
+    """Return the names of the classes that have a field of this type."""
     return sorted(m.class_name for m in models if m is not model and model.class_name in _linked(m))
 
 
 def _linked(model: TypeModel) -> set[str]:
-    node = model.node
-    parts: list[Node] = [f.node for f in node.fields] if isinstance(node, Struct) else []
-    if isinstance(node, Choice):
-        parts = [f.node for f in node.alternatives]
-    if isinstance(node, Alias):
-        parts = [node.node]
-    inner = [p.element if isinstance(p, ListOf) else p for p in parts]
-    return {p.class_name for p in inner if isinstance(p, Struct | Enumeration | Choice)}
+    nodes = [f.node.element if isinstance(f.node, ListOf) else f.node for f in fields_of(model.node)]
+    return {node.class_name for node in nodes if isinstance(node, Struct | Enumeration | Choice)}
 
 
 def _rows(model: TypeModel) -> list[tuple[str, str, str, str]]:
-    """``(attribute, ASN.1 name, content, comment)`` of each field, alternative or member."""
+    """Return ``(attribute, ASN.1 name, content, comment)`` of each field, alternative or member."""
     node = model.node
     if isinstance(node, Enumeration):
-        return [(n.replace("-", "_").upper(), n, str(v), model.field_comments.get(n, "")) for n, v in node.members]
-    if isinstance(node, Alias):
-        return [(node.attribute, "", _content(node.node), "")]
-    fields = node.alternatives if isinstance(node, Choice) else node.fields
-    return [(f.attribute, f.name, _content(f.node), model.field_comments.get(f.name, "")) for f in fields]
+        return [
+            (n.replace("-", "_").upper(), n, str(v), model.field_comments.get(n, "")) for n, v in node.members
+        ]
+    return [
+        (
+            f.attribute,
+            "" if isinstance(node, Alias) else f.name,
+            _content(f.node),
+            model.field_comments.get(f.name, ""),
+        )
+        for f in fields_of(node)
+    ]
 
 
 def _content(node: Node) -> str:
-    """What a field holds, in the words of Python; messages are links to their pages."""
+    """Return the content of a field in Python terms; message types are links to their pages."""
     match node:
         case Integer():
             return f"int {node.low}…{node.high}"
         case Text():
-            return f"str, at most {node.high} octets"
-        case Octets():
+            return f"str, at most {node.high} bytes"
+        case OctetString():
             columns = f", {node.columns} columns" if node.columns else ""
-            return f"octets as {np.dtype(node.dtype).name}{columns}, at most {node.high:,} octets"
+            return f"{node.scalar_name} array{columns}, at most {node.high:,} bytes"
         case Array():
             sizes = " x ".join(str(low) if low == high else f"{low}…{high}" for low, high in node.dims)
             return f"array of {_content(node.element)}, {sizes}"

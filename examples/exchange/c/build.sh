@@ -2,11 +2,10 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
 #
-# C code of the .asn files with asn1c, and one program against it:
+# Generate C code from the .asn files with asn1c, and build one program with it:
 #     build.sh ASN1_FOLDER OUT_FOLDER SOURCE.c|SOURCE.cpp
-# Debian's asn1c (0.9.28) reads neither the ranges of REALs nor a list of lists without a name for the inner one; both
-# are written otherwise first, which changes no bit of an encoding. It also miscounts the bits of 64-bit integers (0
-# instead of 64 and 63), which is put right in what it generates.
+# Debian's asn1c (0.9.28) cannot parse ranges of REALs and lists of unnamed lists. Both are rewritten first; the encoding
+# does not change. It also miscounts the bits of 64-bit integers (0 instead of 64 and 63); the generated code is corrected.
 set -euo pipefail
 asn1=$(realpath "$1") out=$2 source=$(realpath "$3")
 mkdir -p "$out"

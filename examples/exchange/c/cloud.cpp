@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 the CDFF contributors
 // SPDX-License-Identifier: BSD-3-Clause
 //
-// cloud OUT: writes a LidarScan of three points in UPER. Its arrays are little-endian octets: memory, as it lies there.
+// cloud OUT: writes a LidarScan of three points in UPER. Its arrays are little-endian octets, copied from memory.
 #include <cstdint>
 #include <cstdio>
 #include <fstream>

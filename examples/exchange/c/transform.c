@@ -1,7 +1,7 @@
 /* SPDX-FileCopyrightText: 2026 the CDFF contributors
  * SPDX-License-Identifier: BSD-3-Clause
  *
- * transform IN OUT: reads a TransformWithCovariance in UPER, says what it holds, moves the child 1 m along x, writes it.
+ * transform IN OUT: reads a TransformWithCovariance in UPER, prints it, moves the child 1 m along x, writes it.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -40,7 +40,7 @@ int main(int argc, char **argv) {
 
     const asn_enc_rval_t written =
         uper_encode_to_buffer(&asn_DEF_TransformWithCovariance, message, buffer, sizeof buffer);
-    if (written.encoded < 0) fail("it cannot be written");
+    if (written.encoded < 0) fail("the message cannot be encoded");
     FILE *out = fopen(argv[2], "wb");
     if (!out || fwrite(buffer, 1, (written.encoded + 7) / 8, out) == 0 || fclose(out)) fail("OUT cannot be written");
     ASN_STRUCT_FREE(asn_DEF_TransformWithCovariance, message);

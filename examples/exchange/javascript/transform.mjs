@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 the CDFF contributors
 // SPDX-License-Identifier: BSD-3-Clause
 //
-// node transform.mjs FILE.ber|FILE.msgpack: says what a TransformWithCovariance holds.
+// node transform.mjs FILE.ber|FILE.msgpack: prints a TransformWithCovariance.
 import { readFileSync } from "node:fs";
 import { decode } from "@msgpack/msgpack";
 import { fromBER } from "asn1js";
@@ -24,7 +24,7 @@ function real(node) {
   if (bytes[1] & 0x80) exponent -= 256 ** size;
   let mantissa = 0n;
   for (const byte of bytes.subarray(1 + size)) mantissa = mantissa * 256n + BigInt(byte);
-  // In two steps: 2 ** -1074 is the smallest number there is.
+  // Two factors, because 2 ** -1074 is the smallest number of a double.
   const half = Math.trunc(exponent / 2);
   return (head & 0x40 ? -1 : 1) * Number(mantissa) * 2 ** half * 2 ** (exponent - half);
 }

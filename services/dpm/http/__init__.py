@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The DPM over HTTP (contract §8), and the operators' page."""
+"""The DPM over HTTP, and the operators' page."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The HTTP application, put together."""
+"""The HTTP application: routes, middleware and OpenAPI document."""
 
 from __future__ import annotations
 
@@ -10,20 +10,21 @@ from typing import Any
 
 from fastapi import Depends, FastAPI
 
-from services.dpm.http import problems
-from services.dpm.http.conditional import Conditional
 from services.dpm.http.context import Context, checked_query
-from services.dpm.http.guard import Guard
+from services.dpm.http.middleware import problems
+from services.dpm.http.middleware.conditional import Conditional
+from services.dpm.http.middleware.guard import Guard
+from services.dpm.http.middleware.roles import rules_of
 from services.dpm.http.models import Problem
-from services.dpm.http.roles import rules_of
+from services.dpm.http.routes import annotations as annotation_routes
 from services.dpm.http.routes import (
-    annotations,
     bodies,
     frames,
     layers,
     maps,
     ogc,
     page,
+    product_types,
     products,
     requests,
     retention,
@@ -33,50 +34,65 @@ from services.dpm.http.routes import (
     tiles,
     transactions,
 )
-from services.dpm.refusals import Refusals
+from services.dpm.operations.refusals import RefusalLog
 
-#: The last is the page: for people, not in the OpenAPI document.
+#: Modules with routes; the last one is the operators' page, which is not in the OpenAPI document.
 MODULES = (
-    products, transactions, annotations, robots, frames, bodies, maps, layers, tiles, requests, retention, status, stac,
-    ogc, page,
-)  # fmt: skip
+    products,
+    product_types,
+    transactions,
+    annotation_routes,
+    robots,
+    frames,
+    bodies,
+    maps,
+    layers,
+    tiles,
+    requests,
+    retention,
+    status,
+    stac,
+    ogc,
+    page,
+)
 
-_DESCRIBING = threading.Lock()
+_OPENAPI_LOCK = threading.Lock()
 
 
 def create_app(context: Context) -> FastAPI:
     """Return the application over a DPM."""
-    app = _routed()
+    app = _app_with_routes()
     app.state.context = context
     problems.install(app)
     rules = rules_of(module.router for module in MODULES)
     app.add_middleware(Conditional)
-    app.add_middleware(Guard, settings=context.settings, rules=rules, refusals=Refusals(context.dpm))
+    app.add_middleware(Guard, settings=context.settings, rules=rules, refusals=RefusalLog(context.dpm))
     return app
 
 
 def openapi() -> dict[str, Any]:
-    """Return the OpenAPI document without a DPM: for the reference page (entry point ``cdff.openapi``)."""
-    return _routed().openapi()
+    """Return the OpenAPI document without a running DPM, for the reference page."""
+    return _app_with_routes().openapi()
 
 
-def _routed() -> FastAPI:
+def _app_with_routes() -> FastAPI:
     app = FastAPI(title="CDFF Data Product Manager", version="1", docs_url=None, redoc_url=None)
     for module in MODULES[:-1]:
         app.include_router(module.router, responses=problems.RESPONSES, dependencies=[Depends(checked_query)])
     app.include_router(page.router)
-    app.openapi = functools.partial(_described, app)  # type: ignore[method-assign]  # FastAPI's way to add to it
+    app.openapi = functools.partial(_openapi_document, app)  # type: ignore[method-assign]
     return app
 
 
-def _described(app: FastAPI) -> dict[str, Any]:
-    """The OpenAPI document, with the problem document that every operation refers to.
-
-    The first requests ask for it in several threads at once, and FastAPI makes it right in one only.
+def _openapi_document(app: FastAPI) -> dict[str, Any]:
+    """Return the OpenAPI document with the model of problem documents, which every operation references.
+    The lock is necessary because FastAPI cannot build the document in several threads at once.
     """
-    with _DESCRIBING:
+    with _OPENAPI_LOCK:
         if app.openapi_schema is None:
             document = FastAPI.openapi(app)
-            document.setdefault("components", {}).setdefault("schemas", {})["Problem"] = Problem.model_json_schema()
+            document.setdefault("components", {}).setdefault("schemas", {})["Problem"] = (
+                Problem.model_json_schema()
+            )
             app.openapi_schema = document
         return app.openapi_schema

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What routes depend on, as typed parameters."""
+"""Dependencies of routes, as typed parameters."""
 
 from __future__ import annotations
 
@@ -14,44 +14,42 @@ from cdff_common.bus import Bus
 from cdff_common.errors import InputError, UnavailableError
 from cdff_common.interfaces.profile import Profile
 from cdff_common.json_form import jsonable as jsonable  # for the routes
-from dpm_store.extents import ExtentCache
-from services.dpm.operations import Dpm
+from dpm_store.search.extents import ExtentCache
+from services.dpm.bus.service_monitor import ServiceMonitor
+from services.dpm.operations.dpm import Dpm
 from services.dpm.settings import Settings
-from services.dpm.watch import Watch
 
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """The DPM and what surrounds it; ``bus`` and ``watch`` are None where HTTP runs without a router.
-
-    ``closing`` is set when the server stops: streams without end then end.
+    """Objects that routes use; ``bus`` and ``watch`` are None if HTTP runs without a router.
+    ``closing`` is set when the server stops, to end endless streams.
     """
 
     dpm: Dpm
     settings: Settings
     bus: Bus | None = None
-    watch: Watch | None = None
+    watch: ServiceMonitor | None = None
     profile: Profile | None = None
     extents: ExtentCache = field(default_factory=ExtentCache)
     closing: threading.Event = field(default_factory=threading.Event)
 
     def connected(self) -> Bus:
-        """The bus; raises UnavailableError without one."""
+        """Return the bus; raises UnavailableError if there is none."""
         if self.bus is None:
             raise UnavailableError("this server runs without the bus; requests need the orchestrator")
         return self.bus
 
 
 def context_of(request: Request) -> Context:
-    """The context of the application that a request came to."""
+    """Return the context of the application that serves a request."""
     return cast(Context, request.app.state.context)
 
 
 def checked_query(request: Request) -> None:
-    """Refuse a parameter that is repeated or that the route does not have: as over Zenoh and OGC 17-069r4 §7.9.
+    """Refuse a parameter that is repeated or unknown to the route, as over Zenoh and in OGC 17-069r4 §7.9.
 
-    Which of two values counts would be a guess, and one that is misspelt would silently mean something else. None of
-    the parameters is a list.
+    No parameter is a list.
 
     Raises
     ------
@@ -62,9 +60,11 @@ def checked_query(request: Request) -> None:
         return
     repeated = next((name for name in names if names.count(name) > 1), None)
     if repeated is not None:
-        raise InputError(f"parameter {repeated[:80]!r} is repeated: expected it once, several values with commas")
+        raise InputError(
+            f"parameter {repeated[:80]!r} is repeated: expected it once, several values with commas"
+        )
     declared = _declared(request)
-    if any(p["schema"].get("type") == "object" for p in declared):  # of any names: the route looks at them itself
+    if any(p["schema"].get("type") == "object" for p in declared):  # arbitrary names: the route checks them
         return
     known = {p["name"] for p in declared}
     unknown = next((name for name in names if name not in known), None)
@@ -74,7 +74,7 @@ def checked_query(request: Request) -> None:
 
 
 def _declared(request: Request) -> list[dict[str, Any]]:
-    """Query parameters that the OpenAPI document gives the route."""
+    """Return the query parameters of the route in the OpenAPI document."""
     operations = request.app.openapi()["paths"][request.scope["route"].path_format]
     operation = operations["get" if request.method == "HEAD" else request.method.lower()]
     return [p for p in operation.get("parameters", ()) if p["in"] == "query"]

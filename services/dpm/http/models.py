@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What answers look like in the OpenAPI document, shared by several routes."""
+"""Models of answers that several routes share."""
 
 from __future__ import annotations
 
@@ -9,21 +9,24 @@ from typing import Annotated, Any, Literal
 from fastapi import Query
 from pydantic import BaseModel, ConfigDict, Field
 
-#: Media type of the OpenAPI document.
+#: Media types; the last one is that of the OpenAPI document.
+JSON, GEOJSON = "application/json", "application/geo+json"
 OPENAPI = "application/vnd.oai.openapi+json;version=3.1"
-#: Nanoseconds as a decimal (contract §6).
+#: Nanoseconds as a decimal.
 StampNs = Annotated[str, Field(pattern=r"^-?\d{1,19}$")]
 Json = dict[str, Any]
+#: Responses of a route that answers with GeoJSON.
+GEOJSON_BODY: dict[int | str, Json] = {200: {"content": {GEOJSON: {}}, "description": "GeoJSON"}}
 
 
-class Open(BaseModel):
-    """Fields that are not named here may come too: headers of products grow."""
+class OpenModel(BaseModel):
+    """Base of answers that may have further fields."""
 
     model_config = ConfigDict(extra="allow")
 
 
-class Problem(Open):
-    """RFC 9457."""
+class Problem(OpenModel):
+    """A problem document (RFC 9457)."""
 
     type: str
     title: str
@@ -32,8 +35,8 @@ class Problem(Open):
     code: str | None = None
 
 
-class Link(Open):
-    """RFC 8288, as STAC and OGC write it."""
+class Link(OpenModel):
+    """A link (RFC 8288) with the fields of STAC and OGC."""
 
     href: str
     rel: str
@@ -45,14 +48,15 @@ class Link(Open):
 
 
 Form = Annotated[
-    Literal["json"] | None, Field(description="Form of the answer: json (GeoJSON for features), which is the only one")
+    Literal["json"] | None,
+    Field(description="Form of the answer: json (GeoJSON for features), which is the only one"),
 ]
 
 
 def as_json(
     f: Annotated[Literal["json"] | None, Query(description="Form of the answer: json, the only one")] = None,
 ) -> None:
-    """Let ``f=json`` be said, as clients of OGC interfaces customarily do; another form is refused."""
+    """Accept ``f=json``, which clients of OGC interfaces send; refuse another form."""
 
 
 class Conformance(BaseModel):
@@ -61,7 +65,7 @@ class Conformance(BaseModel):
     conformsTo: list[str]
 
 
-class Feature(Open):
+class Feature(OpenModel):
     """A GeoJSON feature."""
 
     type: Literal["Feature"]
@@ -71,7 +75,7 @@ class Feature(Open):
     links: list[Link] = []
 
 
-class FeatureCollection(Open):
+class FeatureCollection(OpenModel):
     """A page of GeoJSON features."""
 
     type: Literal["FeatureCollection"]

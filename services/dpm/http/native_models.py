@@ -1,21 +1,30 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the native interface answers with (contract §8), as the OpenAPI document shows it."""
+"""Models of the answers below ``/api/v1``."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from pydantic import BaseModel, Field
 
-from services.dpm.http.models import Open, StampNs
+from services.dpm.http.models import OpenModel, StampNs
 
+Item = TypeVar("Item")
 Matrix = Annotated[list[list[float]], Field(description="Rows")]
-Box = Annotated[list[float], Field(min_length=6, max_length=6, description="xmin ymin zmin xmax ymax zmax, metres")]
+Box = Annotated[
+    list[float], Field(min_length=6, max_length=6, description="xmin ymin zmin xmax ymax zmax, metres")
+]
 
 
-class Quality(Open):
-    """How far a result can be trusted."""
+class Items(OpenModel, Generic[Item]):
+    """All of a kind, in their order."""
+
+    items: list[Item]
+
+
+class Quality(OpenModel):
+    """Quality of a result."""
 
     status: Literal["OK", "DEGRADED", "FAILED"]
     reasons: list[str]
@@ -23,16 +32,16 @@ class Quality(Open):
     metrics: dict[str, float | None]
 
 
-class ProductLinks(Open):
-    """Where more of a product is."""
+class ProductLinks(OpenModel):
+    """Links of a product."""
 
     self: str
     payload: str
     thumbnail: str
 
 
-class Product(Open):
-    """Metadata of a product: its header, and what the key and the store add."""
+class Product(OpenModel):
+    """Metadata of a product: its header, names and storage."""
 
     id: str
     robot: str
@@ -60,8 +69,8 @@ class Product(Open):
     deleted_ns: StampNs | None = None
 
 
-class Annotation(Open):
-    """One revision of what is said of a product."""
+class Annotation(OpenModel):
+    """One revision of the annotation of a product."""
 
     revision: int
     tags: list[str]
@@ -73,21 +82,21 @@ class Annotation(Open):
     stamp_ns: StampNs
 
 
-class Described(Product):
-    """A product with its formats and what is said of it."""
+class AnnotatedProduct(Product):
+    """A product with its formats and its annotation."""
 
     formats: list[str]
     annotation: Annotation
 
 
-class PageLinks(Open):
-    """Where the next page is."""
+class PageLinks(OpenModel):
+    """Links of a page."""
 
     self: str
     next: str | None = None
 
 
-class ProductPage(Open):
+class ProductPage(OpenModel):
     """A page of a search."""
 
     items: list[Product]
@@ -99,47 +108,35 @@ class ProductPage(Open):
 
 
 class Inserted(BaseModel):
-    """What an insertion came to."""
+    """Outcome of an insertion."""
 
     id: str
     result: Literal["inserted", "already"]
 
 
-class InsertedAll(BaseModel):
-    """What a batch came to, in its order."""
-
-    items: list[Inserted]
-
-
 class Deleted(BaseModel):
-    """Whether a product was deleted now; false where it was before."""
+    """Outcome of a deletion; ``deleted`` is false if it was already deleted."""
 
     id: str
     deleted: bool
 
 
 class NewAnnotation(Annotation):
-    """The revision that was made."""
+    """The new revision."""
 
     id: str
 
 
-class Annotations(BaseModel):
-    """All revisions, oldest first."""
-
-    items: list[Annotation]
-
-
-class Generation(Open):
-    """A product that another was made from, or that was made from it."""
+class Generation(OpenModel):
+    """A product in the provenance of another, with its distance."""
 
     id: str
     generation: int
     known: bool
 
 
-class Provenance(Open):
-    """Generations of products and who was made from whom."""
+class Provenance(OpenModel):
+    """Generations of products and the links between them."""
 
     id: str
     direction: str
@@ -148,7 +145,7 @@ class Provenance(Open):
     truncated: bool
 
 
-class FrameRevision(Open):
+class FrameRevision(OpenModel):
     """A fixed edge ``parent -> frame``."""
 
     frame: str
@@ -158,8 +155,8 @@ class FrameRevision(Open):
     covariance: Matrix | None
 
 
-class Track(Open):
-    """A moving edge and the span that is known."""
+class Track(OpenModel):
+    """A moving edge and the time span of its poses."""
 
     parent: str
     child: str
@@ -170,21 +167,15 @@ class Track(Open):
     count: int
 
 
-class Frames(Open):
-    """Fixed frames and moving ones."""
+class Frames(OpenModel):
+    """Fixed and moving frames."""
 
     items: list[FrameRevision]
     tracks: list[Track]
     frames_revision: int
 
 
-class FrameRevisions(Open):
-    """All revisions of a frame, oldest first."""
-
-    items: list[FrameRevision]
-
-
-class Pose(Open):
+class Pose(OpenModel):
     """``T_parent_child`` at a time."""
 
     parent: str
@@ -194,14 +185,8 @@ class Pose(Open):
     covariance: Matrix | None
 
 
-class Poses(Open):
-    """Poses in the order of time."""
-
-    items: list[Pose]
-
-
-class Robot(Open):
-    """A robot, where it is and what its DFPCs do."""
+class Robot(OpenModel):
+    """A robot, its pose and its DFPCs."""
 
     id: str
     pose: Pose | None
@@ -211,14 +196,8 @@ class Robot(Open):
     described: dict[str, Any] | None
 
 
-class Robots(Open):
-    """All robots."""
-
-    items: list[Robot]
-
-
-class Status(Open):
-    """Counts and sizes, and who is alive."""
+class Status(OpenModel):
+    """Counts and sizes, and the running services."""
 
     products: int
     by_robot: dict[str, dict[str, int]]
@@ -231,7 +210,7 @@ class Status(Open):
     mission: str | None
 
 
-class Happened(Open):
+class EventAnswer(OpenModel):
     """An event."""
 
     ordinal: int
@@ -240,8 +219,8 @@ class Happened(Open):
     kind: str
 
 
-class Verdict(Open):
-    """What retention does with a product, and why."""
+class RetentionDecision(OpenModel):
+    """Decision of retention on a product, with its reason."""
 
     id: str
     product: str
@@ -252,20 +231,20 @@ class Verdict(Open):
     why: str
 
 
-class RetentionPlan(Open):
-    """What the rules let go; the first thousand verdicts."""
+class RetentionPlan(OpenModel):
+    """Plan of the retention rules, with the first thousand decisions."""
 
     applied: bool
     rules: int
     retired: int
     bytes: int
     kept: int
-    verdicts: list[Verdict]
+    verdicts: list[RetentionDecision]
 
 
-class Changes(Open):
-    """What happened; go on from ``next``."""
+class Changes(OpenModel):
+    """Events; continue from ``next``."""
 
-    items: list[Happened]
+    items: list[EventAnswer]
     next: int
     more: bool

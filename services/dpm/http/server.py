@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""uvicorn in a thread of the DPM process, on a socket that is bound first so that a taken port is an error."""
+"""The HTTP server, in a thread of the DPM process; its socket is bound first to detect a taken port."""
 
 from __future__ import annotations
 
@@ -32,19 +32,28 @@ class HttpServer:
         family = socket.AF_INET6 if ":" in s.host else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_STREAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        # connections inherit it; without it, an answer in two parts waits 40 ms for the first to be acknowledged
+        # connections inherit it; without it, an answer in two parts waits 40 ms for the first to be
+        # acknowledged
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         try:
             self._socket.bind((s.host, s.port))
             self._socket.listen(128)  # callers wait from now on instead of being refused
         except OSError as error:
             self._socket.close()
-            raise UnavailableError(f"HTTP on {s.host}:{s.port}: {error.strerror}; try another --http") from error
+            raise UnavailableError(
+                f"HTTP on {s.host}:{s.port}: {error.strerror}; try another --http"
+            ) from error
         self.port: int = self._socket.getsockname()[1]
         config = uvicorn.Config(
-            create_app(context), log_config=None, access_log=False, timeout_graceful_shutdown=1, server_header=False,
-            limit_concurrency=256, timeout_keep_alive=15, lifespan="off",
-        )  # fmt: skip
+            create_app(context),
+            log_config=None,
+            access_log=False,
+            timeout_graceful_shutdown=1,
+            server_header=False,
+            limit_concurrency=256,
+            timeout_keep_alive=15,
+            lifespan="off",
+        )
         self._server = uvicorn.Server(config)
         self._thread = threading.Thread(
             target=self._server.run, kwargs={"sockets": [self._socket]}, name="http", daemon=True

@@ -15,14 +15,14 @@ from cdff_common.errors import DegenerateGeometryError, InputError
 
 
 def _register(nouns: Any) -> None:
-    parser = nouns.add_parser("fake", help="does as it is told")
-    parser.add_argument("--how", default="well")
+    parser = nouns.add_parser("fake", help="return the given exit code")
+    parser.add_argument("--how", default="succeed")
     parser.set_defaults(run=_run)
 
 
 def _run(args: Any) -> int:
     match args.how:
-        case "well":
+        case "succeed":
             return 0
         case "known":
             raise InputError("points: 3 given,\nexpected at least 10")
@@ -44,7 +44,7 @@ def _broken() -> None:
 
 
 def _unwanted() -> None:
-    raise AssertionError("loaded though not asked for")
+    raise AssertionError("a command was loaded that was not requested")
 
 
 @pytest.fixture
@@ -56,9 +56,9 @@ def entries(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
 
 @pytest.mark.parametrize(
-    ("how", "code"), [("well", 0), ("known", 1), ("refused", 3), ("crash", 70), ("interrupted", 130)]
+    ("how", "code"), [("succeed", 0), ("known", 1), ("refused", 3), ("crash", 70), ("interrupted", 130)]
 )
-def test_exit_code_says_what_happened(entries: Callable[..., None], how: str, code: int) -> None:
+def test_the_exit_code_states_the_kind_of_failure(entries: Callable[..., None], how: str, code: int) -> None:
     entries(fake=lambda: _register)
     assert cli.main(["fake", "--how", how]) == code
 
@@ -77,7 +77,9 @@ def test_bug_shows_its_traceback(entries: Callable[..., None], capsys: pytest.Ca
     assert "ZeroDivisionError: a bug" in capsys.readouterr().err
 
 
-def test_unknown_noun_is_a_usage_error(entries: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
+def test_unknown_noun_is_a_usage_error(
+    entries: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
     entries(fake=lambda: _register)
     assert cli.main(["nonsense"]) == 2
     assert "fake" in capsys.readouterr().err
@@ -91,17 +93,17 @@ def test_no_noun_shows_help_and_is_a_usage_error(
     assert "fake" in capsys.readouterr().err
 
 
-def test_only_the_noun_asked_for_is_loaded(entries: Callable[..., None]) -> None:
+def test_only_the_requested_noun_is_loaded(entries: Callable[..., None]) -> None:
     entries(fake=lambda: _register, other=_unwanted)
     assert cli.main(["fake"]) == 0
 
 
-def test_noun_registered_under_another_entry_is_found(entries: Callable[..., None]) -> None:
+def test_a_noun_registered_by_an_entry_with_another_name_is_found(entries: Callable[..., None]) -> None:
     entries(several=lambda: _register)
     assert cli.main(["fake"]) == 0
 
 
-def test_broken_command_is_reported_and_leaves_the_others(
+def test_a_broken_command_is_reported_and_the_others_work(
     entries: Callable[..., None], capsys: pytest.CaptureFixture[str]
 ) -> None:
     entries(fake=lambda: _register, broken=_broken)
@@ -118,11 +120,29 @@ def test_installed_commands_all_load() -> None:
         assert callable(entry.load()), entry
 
 
-def test_help_imports_nothing_heavy() -> None:
+def test_help_imports_no_heavy_module() -> None:
     heavy = ["numpy", "zenoh", "open3d", "cv2", "fastapi", "sqlalchemy", "numba", "scipy", "rasterio"]
     code = (
         "import sys; from cdff_common import cli; cli.main(['--help']); "
         f"print([m for m in {heavy!r} if m in sys.modules], file=sys.stderr)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stderr.strip() == "[]"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stderr.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("module", "extra"), [("cv2", "core"), ("sqlalchemy.orm", "dpm"), ("open3d", "simulate"), ("json", None)]
+)
+def test_the_extra_that_contains_a_library_is_known(module: str, extra: str | None) -> None:
+    assert cli.extra_of(module) == extra
+
+
+def test_a_missing_library_is_a_known_error_and_another_missing_module_a_bug(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def missing(name: str) -> int:
+        raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+    assert cli.run_safely(lambda: missing("cv2")) == cli.EXIT_ERROR
+    assert capsys.readouterr().err == "cdff: cv2 is not installed: pip install 'cdff[core]'\n"
+    assert cli.run_safely(lambda: missing("cdff_core.nowhere")) == cli.EXIT_BUG

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Time: stamps, text and the mission clock."""
+"""Time stamps as text, and the mission clock."""
 
 import pytest
 
@@ -14,13 +14,13 @@ def test_stamps_are_read_from_nanoseconds_and_from_rfc_3339() -> None:
     assert clock.parse_stamp("2026-08-01T14:00:00.000001+02:00") == 1785585600000001000
 
 
-def test_text_of_a_stamp_reads_back() -> None:
+def test_a_stamp_survives_its_text_form() -> None:
     stamp = 1785585600123456000
     assert clock.parse_stamp(clock.format_stamp(stamp)) == stamp
 
 
 @pytest.mark.parametrize("text", ["", "now", "2026-08-01T12:00:00", "1785585600000000001", "1e9"])
-def test_stamps_that_are_neither_are_refused(text: str) -> None:
+def test_malformed_stamps_are_refused(text: str) -> None:
     with pytest.raises(InputError):
         clock.parse_stamp(text)
 
@@ -30,7 +30,9 @@ def test_without_a_publisher_mission_time_is_the_wall_clock() -> None:
     assert abs(mission.now_ns() - clock.wall_ns()) < 10**9
 
 
-def test_mission_time_runs_on_between_ticks_and_falls_back_when_they_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_mission_time_is_extrapolated_between_ticks_and_falls_back_after_the_last(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     now = [100.0]
     monkeypatch.setattr(clock, "monotonic_s", lambda: now[0])
     mission = clock.MissionClock(timeout_s=2.0)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Errors and their two tables."""
+"""Errors, their RPC codes and their HTTP statuses."""
 
 import inspect
 
@@ -21,12 +21,12 @@ def test_every_error_has_an_rpc_code_and_a_status(cls: type[errors.CdffError]) -
     assert 400 <= errors.http_status(cls("x")) < 600
 
 
-def test_an_error_that_is_none_of_ours_is_internal() -> None:
+def test_an_unknown_exception_is_internal() -> None:
     assert errors.rpc_code(ValueError("x")) == ("INTERNAL", False)
     assert errors.http_status(ValueError("x")) == 500
 
 
-def test_degenerate_geometry_names_its_directions() -> None:
+def test_a_degenerate_geometry_error_lists_its_directions() -> None:
     error = errors.DegenerateGeometryError("plane", directions=["x", "rz"])
     assert error.directions == ("x", "rz")
     assert error.reasons == ("degenerate:x", "degenerate:rz")

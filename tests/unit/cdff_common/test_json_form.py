@@ -5,8 +5,12 @@ from __future__ import annotations
 from cdff_common.json_form import jsonable
 
 
-def test_stamps_are_decimal_strings_at_any_depth_and_other_numbers_stay() -> None:
-    data = {"t0_ns": 1_700_000_000_123_456_000, "items": [{"stamp_ns": 5, "count": 7}], "no": ({"t1_ns": None},)}
+def test_stamps_become_decimal_strings_at_any_depth_and_other_numbers_are_unchanged() -> None:
+    data = {
+        "t0_ns": 1_700_000_000_123_456_000,
+        "items": [{"stamp_ns": 5, "count": 7}],
+        "no": ({"t1_ns": None},),
+    }
     assert jsonable(data) == {
         "t0_ns": "1700000000123456000",
         "items": [{"stamp_ns": "5", "count": 7}],

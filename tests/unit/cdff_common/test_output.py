@@ -10,15 +10,17 @@ from cdff_common.errors import StorageError
 from cdff_common.output import check_file, make_folder, write_file
 
 
-def test_a_file_where_there_is_no_folder_is_a_known_error_before_and_while_it_is_written(tmp_path: Path) -> None:
-    lost = tmp_path / "none" / "x.ply"
-    with pytest.raises(StorageError, match=r"there is no folder .*none; make it first"):
-        check_file(lost)
+def test_an_output_path_below_a_file_is_a_known_error(
+    tmp_path: Path,
+) -> None:
+    path_without_folder = tmp_path / "none" / "x.ply"
+    with pytest.raises(StorageError, match=r"there is no folder .*none; create it first"):
+        check_file(path_without_folder)
     with pytest.raises(StorageError, match="cannot be written: No such file"):
-        write_file(lost, b"x")
+        write_file(path_without_folder, b"x")
 
 
-def test_a_folder_is_no_file_and_a_file_is_no_folder(tmp_path: Path) -> None:
+def test_files_and_folders_are_not_interchanged(tmp_path: Path) -> None:
     with pytest.raises(StorageError, match="it is a folder"):
         check_file(tmp_path)
     (tmp_path / "file").write_bytes(b"")
@@ -26,7 +28,7 @@ def test_a_folder_is_no_file_and_a_file_is_no_folder(tmp_path: Path) -> None:
         make_folder(tmp_path / "file" / "below")
 
 
-def test_what_can_be_written_is_written(tmp_path: Path) -> None:
+def test_a_writable_output_is_written(tmp_path: Path) -> None:
     path = make_folder(tmp_path / "a" / "b") / "x"
     check_file(path)
     write_file(path, b"data")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Every command that writes a file or folder: what cannot be written is one line and exit 1, not a bug."""
+"""Every command that writes files: an unwritable output is a known error, one line with exit code 1."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ],
     ids=lambda c: " ".join(c[:2]) + c[-1],
 )
-def test_a_place_that_cannot_be_written_is_a_known_error(
+def test_an_unwritable_output_is_a_known_error(
     command: list[str], log: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    place = str(log / "below" / "x")  # below a file nobody can make a folder, root included
+    place = str(log / "below" / "x")  # no user, not even root, can create a folder below a file
     assert main([part.replace("LOG", str(log)).replace("PLACE", place) for part in command]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert "Not a directory" in line

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Kills, failing calls, full disks and flipped bits."""
+"""The store after kills, failing system calls, full disks and flipped bits."""
 
 import json
 import os
@@ -16,12 +16,11 @@ import pytest
 from cdff_common.clock import ManualClock
 from cdff_common.errors import StorageError
 from dpm_store import Insertion, Query, Rule, Store, open_store
-from dpm_store.blobs import CHUNK_BYTES, BlobFiles, digest
-from dpm_store.packs import pack_of, places_of
-from dpm_store.payloads import PACKED_BYTES
+from dpm_store.payloads.blobs import CHUNK_BYTES, BlobFiles, digest
+from dpm_store.payloads.packs import location_range, pack_of
+from dpm_store.payloads.payloads import PACKED_BYTES
 from tests.kill_dpm import campaign
-
-from .conftest import header, put
+from tests.support.store_products import header, put
 
 ROOT = Path(__file__).resolve().parents[3]
 COMPILER = shutil.which("cc") or shutil.which("gcc")
@@ -30,17 +29,19 @@ MB = 1 << 20
 
 @pytest.mark.req("CDFF-SUP-032")
 @pytest.mark.parametrize("runs", [2, pytest.param(15, marks=pytest.mark.slow)])
-def test_what_was_acknowledged_before_a_kill_is_there_and_nothing_is_half_written(tmp_path: Path, runs: int) -> None:
+def test_acknowledged_changes_survive_a_kill_and_no_change_is_partly_written(
+    tmp_path: Path, runs: int
+) -> None:
     summary = campaign(tmp_path, runs, seed=runs)
     assert summary["findings"] == []
     assert summary["verify"]["problems"] == []
-    assert summary["told"]["put done"] > 0
+    assert summary["reported"]["put done"] > 0
 
 
 @pytest.mark.req("CDFF-SUP-172")
-@pytest.mark.skipif(COMPILER is None, reason="needs a C compiler to make the calls that fail")
+@pytest.mark.skipif(COMPILER is None, reason="needs a C compiler to build the library of failing calls")
 @pytest.mark.parametrize("stride", [97, pytest.param(13, marks=pytest.mark.slow)])
-def test_wherever_a_call_fails_the_error_is_typed_and_the_store_is_whole(
+def test_every_failing_call_gives_a_typed_error_and_an_intact_store(
     empty: Path, tmp_path: Path, stride: int
 ) -> None:
     library, work = tmp_path / "faults.so", tmp_path / "work"
@@ -48,11 +49,15 @@ def test_wherever_a_call_fails_the_error_is_typed_and_the_store_is_whole(
     assert COMPILER is not None
     command = [COMPILER, "-shared", "-fPIC", "-o", str(library), str(ROOT / "tests" / "faults.c"), "-ldl"]
     subprocess.run(command, check=True)
-    done = subprocess.run(
+    result = subprocess.run(
         [sys.executable, "-m", "tests.fault_load", str(empty), str(work), str(stride)],
-        cwd=ROOT, env=os.environ | {"LD_PRELOAD": str(library)}, capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    summary = json.loads(done.stdout)
+        cwd=ROOT,
+        env=os.environ | {"LD_PRELOAD": str(library)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    summary = json.loads(result.stdout)
     assert summary["problems"] == []
     assert len(summary["injected"]) == 20
     assert all(count > 0 for count in summary["injected"].values()), summary["injected"]
@@ -64,7 +69,10 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     disk = tmp_path / "disk"
     disk.mkdir()
     mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=32m", "tmpfs", str(disk)], capture_output=True, text=True, check=False
+        ["mount", "-t", "tmpfs", "-o", "size=32m", "tmpfs", str(disk)],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     if mounted.returncode:
         pytest.skip(f"a small file system cannot be mounted here: {mounted.stderr.strip()}")
@@ -73,7 +81,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 def fill(path: Path) -> None:
-    """Write until the disk is full to the last byte."""
+    """Write until the disk is full."""
     with suppress(OSError), path.open("wb", buffering=0) as file:
         for size in (MB, 4096, 1):
             with suppress(OSError):
@@ -82,7 +90,7 @@ def fill(path: Path) -> None:
 
 
 def fill_store(store: Store, size: int) -> None:
-    """Insert until it is refused."""
+    """Insert until an insertion is refused."""
     for seq in range(10_000):
         put(store, header(seq), seq.to_bytes(2, "big") * (size // 2))
 
@@ -98,15 +106,17 @@ def test_on_a_full_disk_nothing_is_added_and_everything_can_be_deleted(
             fill_store(store, size)
         count = store.statistics().count
         assert count > 20
-        fill(small_disk / "ballast")  # somebody else
+        fill(small_disk / "ballast")  # another program
         assert os.statvfs(small_disk).f_bavail == 0
         with pytest.raises(StorageError):
             put(store, header(20_000))
         assert store.delete(header(0).id)
-        assert store.retention.apply([Rule("dem", max_count=10)]).going == count - 11
+        assert store.retention.apply([Rule(product="dem", max_count=10)]).to_delete == count - 11
         assert store.collect() >= (count - 11) * size
         assert [r.header.seq for r in store.search(Query()).items] == list(range(count - 1, count - 11, -1))
-    with open_store(url, clock, low_water_bytes=8 * MB, reserve_bytes=4 * MB) as store:  # the disk is still full
+    with open_store(
+        url, clock, low_water_bytes=8 * MB, reserve_bytes=4 * MB
+    ) as store:  # the disk is still full
         assert store.verify() == ()
         assert store.delete(header(count - 1).id)
         (small_disk / "ballast").unlink()
@@ -115,7 +125,7 @@ def test_on_a_full_disk_nothing_is_added_and_everything_can_be_deleted(
     assert (small_disk / "data" / "store.reserve").stat().st_size == 4 * MB
 
 
-def test_a_reserve_is_not_taken_unasked(tmp_path: Path) -> None:
+def test_there_is_no_reserve_by_default(tmp_path: Path) -> None:
     open_store(f"sqlite:///{tmp_path}").close()
     assert not (tmp_path / "store.reserve").exists()
 
@@ -123,42 +133,52 @@ def test_a_reserve_is_not_taken_unasked(tmp_path: Path) -> None:
 @pytest.mark.req("CDFF-SUP-171")
 @pytest.mark.parametrize("size", [10, PACKED_BYTES, PACKED_BYTES + 1, 3 * CHUNK_BYTES])
 @pytest.mark.parametrize("where", [0.0, 0.5, 1.0])
-def test_a_flipped_bit_is_found_and_never_served(store: Store, size: int, where: float) -> None:
+def test_a_flipped_bit_is_detected_and_the_payload_is_never_returned(
+    store: Store, size: int, where: float
+) -> None:
     payload = bytes(range(256)) * (size // 256 + 1)
     put(store, header(1), payload[:size])
     flip(store, digest(payload[:size]), int(where * (size - 1)))
-    with pytest.raises(StorageError, match="not what was written"):
+    with pytest.raises(StorageError, match="corrupt on the disk"):
         store.payload(header(1).id)
     (problem,) = store.verify()
     assert digest(payload[:size]) in problem.where
-    assert put(store, header(2), payload[:size]) is Insertion.INSERTED  # the same content again mends it
+    assert (
+        put(store, header(2), payload[:size]) is Insertion.INSERTED
+    )  # inserting the same content repairs the payload
     assert store.payload(header(1).id) == payload[:size]
     assert store.verify() == ()
 
 
-def flip(store: Store, sha256: str, at: int) -> None:
-    """Change one bit of a payload, where it lies."""
+def flip(store: Store, sha256: str, offset: int) -> None:
+    """Change one bit of a stored payload."""
     path = store.directory / "blobs" / sha256[:2] / sha256[2:]
     if not path.exists():
         with store._database.read() as connection:
-            place = connection.exec_driver_sql("SELECT place FROM blobs WHERE sha256 = ?", (sha256,)).scalar_one()
-        path, at = store._payloads.packs.path(pack_of(place)), place - places_of(pack_of(place))[0] + at
+            location = connection.exec_driver_sql(
+                "SELECT location FROM blobs WHERE sha256 = ?", (sha256,)
+            ).scalar_one()
+        path, offset = (
+            store._payloads.packs.path(pack_of(location)),
+            location - location_range(pack_of(location))[0] + offset,
+        )
     with path.open("r+b") as file:
-        file.seek(at)
-        changed = bytes([file.read(1)[0] ^ 4])
-        file.seek(at)
-        file.write(changed)
+        file.seek(offset)
+        changed_byte = bytes([file.read(1)[0] ^ 4])
+        file.seek(offset)
+        file.write(changed_byte)
 
 
-def test_a_header_that_was_changed_is_found(store: Store) -> None:
+def test_a_changed_header_is_detected(store: Store) -> None:
     put(store, header(1))
     put(store, header(2))
     with store._database.write() as connection:
         connection.exec_driver_sql("UPDATE products SET header = ? WHERE ordinal = 1", (b"\xc1",))
         connection.exec_driver_sql("UPDATE products SET t1_ns = t1_ns + 1 WHERE ordinal = 2")
     assert [(p.where, p.what[:10]) for p in store.verify()] == [
-        (f"product {header(1).id}", "header not"), (f"product {header(2).id}", "its row an"),
-    ]  # fmt: skip
+        (f"product {header(1).id}", "header not"),
+        (f"product {header(2).id}", "its row an"),
+    ]
 
 
 def test_a_payload_whose_folder_could_not_be_synced_is_synced_the_next_time(
@@ -168,13 +188,13 @@ def test_a_payload_whose_folder_could_not_be_synced_is_synced_the_next_time(
     folder = files.path(digest(payload)).parent
     folder.mkdir()
     synced: list[Path] = []
-    real, broken = os.fsync, True
+    original, broken = os.fsync, True
 
     def fsync(descriptor: int) -> None:
         synced.append(Path(f"/proc/self/fd/{descriptor}").readlink())
         if broken and synced[-1] == folder:
             raise OSError(5, "Input/output error")
-        real(descriptor)
+        original(descriptor)
 
     monkeypatch.setattr(os, "fsync", fsync)
     with pytest.raises(StorageError, match="the disk failed"):

@@ -3,7 +3,6 @@
 """Opening, closing, locking, migrating, threads and crashes, each on real files."""
 
 import os
-import sys
 import threading
 from pathlib import Path
 
@@ -11,11 +10,8 @@ import pytest
 
 from cdff_common.errors import ConfigurationError, UnavailableError
 from dpm_store import Query, Store, open_store
-from dpm_store.migrate import HEAD, revision_of
-from dpm_store.payloads import PACKED_BYTES
-from dpm_store.schema import metadata
-
-from .conftest import header, put
+from dpm_store.payloads.payloads import PACKED_BYTES
+from tests.support.store_products import header, put
 
 
 def test_only_one_process_opens_a_data_directory(tmp_path: Path) -> None:
@@ -30,33 +26,11 @@ def test_other_urls_are_refused(url: str) -> None:
         open_store(url)
 
 
-def test_a_store_of_a_newer_version_is_left_alone(tmp_path: Path) -> None:
-    with open_store(f"sqlite:///{tmp_path}") as store, store._database.write() as connection:
-        connection.exec_driver_sql("UPDATE alembic_version SET version_num = '9999'")
-    with pytest.raises(ConfigurationError, match="9999"):
-        open_store(f"sqlite:///{tmp_path}")
-
-
-def test_the_migrations_make_the_tables_that_the_code_expects(store: Store) -> None:
-    from alembic.autogenerate import compare_metadata
-    from alembic.migration import MigrationContext
-
-    assert revision_of(store._database) == HEAD
-    with store._database.read() as connection:
-        kept = {"include_object": lambda _o, name, kind, *_: not (kind == "table" and "_index" in name)}
-        differences = compare_metadata(MigrationContext.configure(connection, opts=kept), metadata)
-    assert differences == []
-
-
-def test_the_head_is_the_newest_migration() -> None:
-    versions = Path(sys.modules["dpm_store"].__file__ or "").parent / "migrations" / "versions"
-    assert max(path.name[:4] for path in versions.glob("[0-9]*.py")) == HEAD
-
-
 def test_the_database_is_in_wal_mode_and_syncs_every_commit(store: Store) -> None:
     with store._database.read() as connection:
         pragmas = {
-            name: connection.exec_driver_sql(f"PRAGMA {name}").scalar() for name in ("journal_mode", "synchronous")
+            name: connection.exec_driver_sql(f"PRAGMA {name}").scalar()
+            for name in ("journal_mode", "synchronous")
         }
     assert pragmas == {"journal_mode": "wal", "synchronous": 2}
 
@@ -68,8 +42,12 @@ def test_read_modify_writes_of_many_threads_lose_nothing(store: Store) -> None:
     def count() -> None:
         for _ in range(25):
             with store._database.write() as connection:
-                value = int(connection.exec_driver_sql("SELECT value FROM meta WHERE name = 'counter'").scalar())
-                connection.exec_driver_sql("UPDATE meta SET value = ? WHERE name = 'counter'", (str(value + 1),))
+                value = int(
+                    connection.exec_driver_sql("SELECT value FROM meta WHERE name = 'counter'").scalar()
+                )
+                connection.exec_driver_sql(
+                    "UPDATE meta SET value = ? WHERE name = 'counter'", (str(value + 1),)
+                )
 
     threads = [threading.Thread(target=count) for _ in range(4)]
     for thread in threads:
@@ -94,7 +72,9 @@ def test_readers_do_not_wait_for_a_writer(store: Store) -> None:
 def test_the_same_product_from_many_threads_is_inserted_once(store: Store) -> None:
     results: list[str] = []
     payload = b"z" * (PACKED_BYTES + 1)
-    threads = [threading.Thread(target=lambda: results.append(str(put(store, header(0), payload)))) for _ in range(6)]
+    threads = [
+        threading.Thread(target=lambda: results.append(str(put(store, header(0), payload)))) for _ in range(6)
+    ]
     for thread in threads:
         thread.start()
     for thread in threads:

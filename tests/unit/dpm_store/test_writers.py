@@ -7,8 +7,7 @@ from concurrent.futures import ThreadPoolExecutor, wait
 import pytest
 
 from dpm_store import Query, Rule, StaleRevisionError, Store
-
-from .conftest import header, put
+from tests.support.store_products import header, put
 
 WRITERS, TIMES = 8, 15
 
@@ -21,20 +20,20 @@ def test_eight_threads_lose_no_update_while_retention_and_collection_run(store: 
     def write() -> None:
         for _ in range(TIMES):
             count_up(store, header(0).id)
-            put(store, header(next(seqs)), b"kept")
-            put(store, header(next(seqs)), b"passing", product="image")
+            put(store, header(next(seqs)), b"dem")
+            put(store, header(next(seqs)), b"image", product="image")
 
-    def look_after() -> None:
+    def retain_and_collect() -> None:
         while not done.is_set():
-            store.retention.apply([Rule("image", max_count=5)])
+            store.retention.apply([Rule(product="image", max_count=5)])
             store.collect()
 
     with ThreadPoolExecutor(WRITERS + 1) as threads:
-        keeper = threads.submit(look_after)
+        maintenance = threads.submit(retain_and_collect)
         writers = [threads.submit(write) for _ in range(WRITERS)]
         wait(writers)
         done.set()
-        for future in (keeper, *writers):
+        for future in (maintenance, *writers):
             future.result()
     assert store.annotations.get(header(0).id).notes == str(WRITERS * TIMES)
     assert store.annotations.get(header(0).id).revision == WRITERS * TIMES
@@ -43,11 +42,13 @@ def test_eight_threads_lose_no_update_while_retention_and_collection_run(store: 
 
 
 def count_up(store: Store, product_id: str) -> None:
-    """Read, add one, write; again where somebody else was faster."""
+    """Increment the number in the notes of a product; repeat after a conflict."""
     while True:
-        there = store.annotations.get(product_id)
+        annotation = store.annotations.get(product_id)
         try:
-            store.annotations.update(product_id, {"notes": str(int(there.notes or 0) + 1)}, if_match=there.revision)
+            store.annotations.update(
+                product_id, {"notes": str(int(annotation.notes or 0) + 1)}, if_match=annotation.revision
+            )
             return
         except StaleRevisionError:
             continue

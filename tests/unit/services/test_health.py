@@ -20,13 +20,13 @@ class _Bus:
 
 def test_services_without_a_token_are_named() -> None:
     bus: Any = _Bus("cdff/@v1/ground/@alive/dpm")
-    assert health.missing(bus, ["ground/dpm", "mana/position_manager"]) == ["mana/position_manager"]
+    assert health.missing_services(bus, ["ground/dpm", "mana/position_manager"]) == ["mana/position_manager"]
 
 
-def test_service_spelt_without_a_scope_is_refused() -> None:
+def test_a_service_without_scope_is_refused() -> None:
     bus: Any = _Bus()
     with pytest.raises(InputError, match="scope"):
-        health.missing(bus, ["dpm"])
+        health.missing_services(bus, ["dpm"])
 
 
 def test_without_a_router_it_is_not_healthy(

@@ -8,14 +8,14 @@ from typing import Any
 import pytest
 
 from cdff_common.interfaces.description import DfnDescription
-from cdff_common.interfaces.registry import Found, Registry
+from cdff_common.interfaces.registry import DiscoveredPackage, Registry
 from services import warm
 
 SETUP = Path(__file__).resolve().parents[3] / "scripts" / "setup"
 
 
 class Node:
-    """Stands for a DFN; counts how often one was configured."""
+    """DFN double that counts its configurations."""
 
     configured = 0
 
@@ -23,12 +23,10 @@ class Node:
         type(self).configured += 1
 
 
-def test_a_library_that_is_missing_leaves_one_dfn_cold_and_no_other(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    registry = Registry(failures={"broken": "broken/dfn.yaml: name is missing"})
+def test_a_missing_library_leaves_only_its_dfn_cold(monkeypatch: pytest.MonkeyPatch) -> None:
+    registry = Registry()
     for name in ("First", "Heavy", "Last"):
-        registry.dfns[name.lower()] = Found(
+        registry.dfns[name.lower()] = DiscoveredPackage(
             "nowhere", Path("dfn.yaml"), DfnDescription(name=name, implementations=(name,))
         )
 
@@ -39,18 +37,20 @@ def test_a_library_that_is_missing_leaves_one_dfn_cold_and_no_other(
 
     monkeypatch.setattr(Registry, "make_dfn", lambda self, name, implementation: make(name, implementation))
     monkeypatch.setattr(Registry, "default", classmethod(lambda cls: registry))
-    monkeypatch.setattr(warm, "warm_wire", lambda: None)
-    assert warm.main(["--algorithms"]) == 0
-    said = capsys.readouterr()
+    reasons = [warm.compile_task(task) for task in warm.algorithm_tasks()]
     assert Node.configured == 2
-    assert "not warmed: heavy.Heavy: ImportError: libGL.so.1" in said.err
-    assert "not warmed: broken" in said.err
-    assert "2 implementations" in said.out
+    assert reasons == ["", "ImportError: libGL.so.1: cannot open shared object file", ""]
 
 
-def test_set_up_compiles_all_and_goes_on_where_that_is_not_possible() -> None:
+def test_each_dfpc_of_a_profile_is_compiled_once() -> None:
+    tasks = warm.profile_tasks("two_rovers")
+    assert tasks
+    assert len({task.name for task in tasks}) == len(tasks)
+
+
+def test_set_up_compiles_a_profile_and_continues_without_it() -> None:
     lines = SETUP.read_text(encoding="utf-8").splitlines()
     (line,) = [i for i, text in enumerate(lines) if "-m services.warm" in text]
-    assert "--algorithms ||" in lines[line]
+    assert "--profile rover_traverse ||" in lines[line]
     assert "echo" in lines[line - 1]
     assert "echo" in lines[line + 1]

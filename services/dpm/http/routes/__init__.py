@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""One module per resource; each route is a thin cover of an operation."""
+"""One module per resource; each route calls one operation."""

@@ -9,77 +9,50 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
 from fastapi.responses import Response
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-from services.dpm.convert import file_formats
+from cdff_common.contract.queries import (
+    CloudParameters,
+    DeliveryParameters,
+    NavigationWindowParameters,
+    ProfileParameters,
+    WindowParameters,
+)
 from services.dpm.http.context import Ctx
-from services.dpm.http.models import Open
+from services.dpm.http.models import OpenModel
 from services.dpm.http.routes.products import file_response
-from services.dpm.parameters import GROUND, cloud_request, profile_request, window_request
+from services.dpm.rendering.convert import file_formats
 
 router = APIRouter(prefix="/api/v1/maps", tags=["maps"])
-
-Text = Annotated[str | None, Field(max_length=20_000)]
 
 
 def _file_of(type_name: str) -> dict[int | str, dict[str, Any]]:
     media_types = ("application/octet-stream", *file_formats(type_name).values())
-    return {200: {"description": "The file asked for", "content": {name: {} for name in media_types}}}
+    return {200: {"description": "The requested file", "content": {name: {} for name in media_types}}}
 
 
-class _Asked(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-
-    frame: Text = Field(None, description="Frame of the answer and of the region; default: site")
-    robot: Text = Field(None, description="Only what this robot measured")
-    t1: Text = Field(None, description="Captures that ended by then: nanoseconds or RFC 3339")
-    as_of: Text = Field(None, description="What the store knew then: nanoseconds or RFC 3339")
-    frames_revision: Text = Field(None, description="Frames as they were in this state of the tree")
+_FORMAT = Field(max_length=16, description="Codec or file format")
 
 
-class _Pooled(_Asked):
-    resolution_m: Text = Field(None, description="Cell size wanted, metres; coarser data come as they are")
-    choice: Text = Field(None, description="In each cell pooled (default), newest, oldest or best")
-    disagreement: Text = Field(None, description="Pooled cells whose patches disagree: keep (default), newest or drop")
+class WindowFileParameters(WindowParameters):
+    """An elevation window and its format."""
+
+    format: Annotated[str, _FORMAT] = "tif"
 
 
-class WindowParameters(_Pooled):
-    """What a window is asked with."""
+class NavigationFileParameters(NavigationWindowParameters):
+    """A window of navigation maps and its format."""
 
-    region: Text = Field(None, description="bbox: box: circle: polygon: path: near:, metres; default: everything")
-    max_age_s: Text = Field(None, description="Of the newest patch")
-    min_coverage: Text = Field(None, description="0 to 1; less is 503")
-    format: Annotated[str, Field(max_length=16)] = "tif"
+    format: Annotated[str, _FORMAT] = "tif"
 
 
-class JudgedParameters(_Asked):
-    """What a window of navigation maps is asked with."""
+class CloudFileParameters(CloudParameters):
+    """An assembled cloud and its format."""
 
-    region: Text = Field(None, description="bbox: box: circle: polygon: path: near:, metres; default: everything")
-    resolution_m: Text = Field(None, description="Cell size wanted, metres; the worst of the cells in one counts")
-    choice: Text = Field(None, description="Whose judgement a cell holds: newest (default), oldest or worst")
-    max_age_s: Text = Field(None, description="Of the newest map")
-    min_coverage: Text = Field(None, description="0 to 1; less is 503")
-    format: Annotated[str, Field(max_length=16)] = "tif"
+    format: Annotated[str, _FORMAT] = "ply"
 
 
-class CloudParameters(_Asked):
-    """What a cloud is asked with."""
-
-    region: Text = Field(None, description="bbox: box: circle: polygon: path: near:, metres; default: everything")
-    t0: Text = Field(None, description="Captures that end at or after this")
-    points: Text = Field(None, description="At most this many, default 1000000, up to 5000000")
-    format: Annotated[str, Field(max_length=16)] = "ply"
-
-
-class ProfileParameters(_Pooled):
-    """What a profile is asked with."""
-
-    path: Annotated[str, Field(max_length=20_000, description="x1,y1,x2,y2,… in frame, metres")]
-    step_m: Text = Field(None, description="Between samples, metres; default: the size of a cell")
-
-
-class ProfileAnswer(Open):
+class ProfileAnswer(OpenModel):
     """Elevation along a line: columns of one length, null where unobserved."""
 
     distance_m: list[float]
@@ -94,50 +67,54 @@ class ProfileAnswer(Open):
 
 
 @router.get("/dem/window", response_class=Response, responses=_file_of("ElevationMap"))
-def window(context: Ctx, asked: Annotated[WindowParameters, Query()]) -> Response:
-    """The elevation of a region, assembled from every patch; ``CDFF-…`` headers say from what and how complete."""
-    given = asked.model_dump(exclude_none=True, exclude={"format"})
-    request = window_request(GROUND, given, context.dpm.clock.now_ns())
-    answer = context.dpm.window(request, asked.format, deliver="inline")
-    response = file_response(answer.body, "dem_window")
-    say_origin(response, answer.metadata)
-    return response
+def window(context: Ctx, parameters: Annotated[WindowFileParameters, Query()]) -> Response:
+    """Return the elevation of a region, assembled from every patch; ``CDFF-…`` headers state origin and
+    coverage.
+    """
+    product = context.dpm.retrieval.window(parameters, _form(parameters.format))
+    return file_response(product.body, "dem_window", origin_headers(product.metadata))
 
 
 @router.get("/navigation_map/window", response_class=Response, responses=_file_of("NavigationMap"))
-def navigation(context: Ctx, asked: Annotated[JudgedParameters, Query()]) -> Response:
-    """Where a rover may drive in a region: each cell is what the newest map says of it, or the oldest or the worst."""
-    given = asked.model_dump(exclude_none=True, exclude={"format"})
-    request = window_request(GROUND, given, context.dpm.clock.now_ns(), navigation=True)
-    answer = context.dpm.navigation_window(request, asked.format, deliver="inline")
-    response = file_response(answer.body, "navigation_map_window")
-    say_origin(response, answer.metadata)
-    return response
+def navigation(context: Ctx, parameters: Annotated[NavigationFileParameters, Query()]) -> Response:
+    """Return the traversability of a region: each cell is from the newest map, the oldest map, or the map
+    with the worst class.
+    """
+    product = context.dpm.retrieval.navigation_window(parameters, _form(parameters.format))
+    return file_response(product.body, "navigation_map_window", origin_headers(product.metadata))
 
 
 @router.get("/pointcloud/window", response_class=Response, responses=_file_of("Pointcloud"))
-def cloud(context: Ctx, asked: Annotated[CloudParameters, Query()]) -> Response:
-    """The points of a region from all clouds, in one frame, thinned fairly to ``points``."""
-    given = asked.model_dump(exclude_none=True, exclude={"format"})
-    answer = context.dpm.cloud(cloud_request(GROUND, given), asked.format, deliver="inline")
-    response = file_response(answer.body, "pointcloud_window")
-    m = answer.metadata
-    response.headers["CDFF-Points"], response.headers["CDFF-Points-Seen"] = str(m["points"]), str(m["points_seen"])
-    response.headers["CDFF-Voxel-M"] = f"{m['voxel_m']:g}"
-    return response
+def cloud(context: Ctx, parameters: Annotated[CloudFileParameters, Query()]) -> Response:
+    """Return the points of a region from all clouds, in one frame, downsampled evenly to ``points``."""
+    product = context.dpm.retrieval.cloud(parameters, _form(parameters.format))
+    m = product.metadata
+    headers = {
+        "CDFF-Points": str(m["points"]),
+        "CDFF-Points-Seen": str(m["points_seen"]),
+        "CDFF-Voxel-M": f"{m['voxel_m']:g}",
+    }
+    return file_response(product.body, "pointcloud_window", headers)
 
 
 @router.get("/dem/profile", response_model=ProfileAnswer)
-def profile(context: Ctx, asked: Annotated[ProfileParameters, Query()]) -> dict[str, Any]:
-    """Elevation along a line, each sample the cell that it lies in."""
-    return context.dpm.profile(profile_request(GROUND, asked.model_dump(exclude_none=True)))
+def profile(context: Ctx, parameters: Annotated[ProfileParameters, Query()]) -> dict[str, Any]:
+    """Return the elevation along a path; each sample is the value of its cell."""
+    return context.dpm.retrieval.profile(parameters)
 
 
-def say_origin(response: Response, m: Mapping[str, Any]) -> None:
-    """Say in headers what a window was made from and how complete it is."""
-    response.headers["CDFF-Coverage"] = f"{m['coverage']:.4f}"
-    response.headers["CDFF-Resolution-M"] = f"{m['resolution_m']:g}"
-    response.headers["CDFF-Patches"] = str(len(m["patches"]))
-    response.headers["CDFF-Disagreeing"] = str(m["disagreeing"])
-    response.headers["CDFF-Frames-Revision"] = str(m["frames_revision"])
-    response.headers["CDFF-Newest-Ns"], response.headers["CDFF-Oldest-Ns"] = str(m["newest_ns"]), str(m["oldest_ns"])
+def _form(format_name: str) -> DeliveryParameters:
+    return DeliveryParameters.parse({"format": format_name})
+
+
+def origin_headers(m: Mapping[str, Any]) -> dict[str, str]:
+    """Return headers that state the patches, coverage and times of a window."""
+    return {
+        "CDFF-Coverage": f"{m['coverage']:.4f}",
+        "CDFF-Resolution-M": f"{m['resolution_m']:g}",
+        "CDFF-Patches": str(len(m["patches"])),
+        "CDFF-Disagreeing": str(m["disagreeing"]),
+        "CDFF-Frames-Revision": str(m["frames_revision"]),
+        "CDFF-Newest-Ns": str(m["newest_ns"]),
+        "CDFF-Oldest-Ns": str(m["oldest_ns"]),
+    }

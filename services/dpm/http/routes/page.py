@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``/``: the operators' page, and ``/docs``: the interface to read; files beside the code, nothing from elsewhere."""
+"""``/``: the operators' page, and ``/docs``: the interface; static files of this package."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ _FILES = frozenset({"index.html", "docs.html", "style.css", "app.js", "map.js", 
 
 @router.get("/")
 def index() -> Response:
-    """The operators' page."""
+    """Return the operators' page."""
     return _file("index.html")
 
 
 @router.get("/docs")
 def docs() -> Response:
-    """What the OpenAPI document says, to read."""
+    """Return the description of the interface as a page."""
     return _file("docs.html")
 
 
 @router.get("/static/{name}")
 def static(name: str) -> Response:
-    """A file of the page."""
+    """Return a file of the page."""
     return _file(name)
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``/api/v1/requests``: the orchestrator's jobs, over the bus; a request is answered by reference."""
+"""``/api/v1/requests``: requests to the orchestrator and its jobs, over the bus."""
 
 from __future__ import annotations
 
@@ -9,69 +9,80 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Body, Request
 
 from cdff_common.bus import keys
+from cdff_common.contract.queries import RequestParameters
 from cdff_common.errors import InputError
-from dpm_store.actor import check_robot
-from services.dpm.http.context import Ctx, jsonable
-from services.dpm.http.roles import allowed
+from dpm_store.history.actor import check_robot
+from services.dpm.http.context import Context, Ctx, jsonable
+from services.dpm.http.middleware.roles import allowed
 
 router = APIRouter(prefix="/api/v1/requests", tags=["requests"])
 
 _LIST_TIMEOUT_S = 3.0
 _MAX_DEADLINE_MS = 600_000
 _EXAMPLE = {"type": "dem", "robot": "mana", "region": "circle:0,0,10", "max_age_s": 60}
-#: Parameters of contract §5, as OpenAPI describes ones of any names.
-_ANY: dict[str, Any] = {
-    "in": "query", "name": "parameters", "style": "form", "explode": True,
-    "schema": {"type": "object", "additionalProperties": {"type": "string"}},
-}  # fmt: skip
+#: Query parameters of a request in the OpenAPI document; all may be in the body instead.
+_QUERY = [
+    {"in": "query", "name": name, "required": False, "schema": schema}
+    for name, schema in RequestParameters.model_json_schema()["properties"].items()
+]
 
 
 @router.get("")
 def jobs(context: Ctx) -> Any:
-    """The newest jobs of all robots."""
-    bus = context.connected()
-    body = bus.call(keys.orchestrator_rpc(keys.GROUND, "jobs"), {"robot": "any"}, timeout_s=_LIST_TIMEOUT_S).body()
-    return jsonable(body)
+    """Return the newest jobs of all robots."""
+    return _jobs(context)
 
 
 @router.get("/{job}")
 def job(context: Ctx, job: str) -> Any:
-    """One job by its id or its request's."""
-    asked = {"robot": "any", "job": job}
-    bus = context.connected()
-    return jsonable(bus.call(keys.orchestrator_rpc(keys.GROUND, "jobs"), asked, timeout_s=_LIST_TIMEOUT_S).body())
+    """Return one job by its id or the id of its request."""
+    return _jobs(context, job=job)
 
 
-@router.post("", openapi_extra=allowed("robot", "operator") | {"parameters": [_ANY]})
+@router.post("", openapi_extra=allowed("robot", "operator") | {"parameters": _QUERY})
 def ask(
     context: Ctx, request: Request, body: Annotated[dict[str, Any] | None, Body(examples=[_EXAMPLE])] = None
 ) -> Any:
-    """Ask for a product; answers when it is done, by reference.
+    """Request a product; the answer is a reference, sent when the job has ended.
 
-    Parameters are contract §5's, in the query or as a JSON object of the same names, each in one of them.
+    Parameters are those of ``RequestParameters``, in the query or in a JSON object with the same names, each
+    once.
     """
-    given = [*request.query_params.multi_items(), *_texts(body or {})]
-    parameters = dict(given)
-    if len(given) != len(parameters):
+    items = [*request.query_params.multi_items(), *_texts(body or {})]
+    parameters = dict(items)
+    if len(items) != len(parameters):
         raise InputError("a parameter is repeated")
     if not parameters:
-        raise InputError("no parameters: give them in the query, as ?type=dem&robot=mana, or as a JSON object")
-    check_robot(parameters.get("robot", ""))
-    text = parameters.get("deadline_ms", "8000")
-    if not text.isdigit() or int(text) > _MAX_DEADLINE_MS:
-        raise InputError(f"deadline_ms={text[:20]!r}: expected a whole number up to {_MAX_DEADLINE_MS}")
+        raise InputError(
+            "no parameters: give them in the query, as ?type=dem&robot=mana, or as a JSON object"
+        )
+    checked = RequestParameters.parse(parameters)
+    check_robot(checked.robot or "")
+    if checked.deadline_ms > _MAX_DEADLINE_MS:
+        raise InputError(f"deadline_ms={checked.deadline_ms:g}: expected at most {_MAX_DEADLINE_MS}")
     reply = context.connected().call(
-        keys.orchestrator_rpc(keys.GROUND, "request"), {**parameters, "deliver": "reference"},
-        timeout_s=int(text) / 1000 + 1.0,
-    )  # fmt: skip
+        keys.orchestrator_rpc(keys.GROUND, "request"),
+        {**parameters, "deliver": "reference"},
+        timeout_s=checked.deadline_ms / 1000 + 1.0,
+    )
     return jsonable(dict(reply.attachment))
 
 
+def _jobs(context: Context, **parameters: str) -> Any:
+    key = keys.orchestrator_rpc(keys.GROUND, "jobs")
+    reply = context.connected().call(key, {"robot": "any", **parameters}, timeout_s=_LIST_TIMEOUT_S)
+    return jsonable(reply.body())
+
+
 def _texts(body: dict[str, Any]) -> list[tuple[str, str]]:
-    """The parameters of a JSON body as they would stand in a query; raises InputError on what is no text or number."""
+    """Return the parameters of a JSON body as query text; raises InputError for values other than text
+    and numbers.
+    """
     texts = []
     for name, value in body.items():
         if isinstance(value, bool) or not isinstance(value, (str, int, float)):
-            raise InputError(f"{name[:40]}: a JSON {type(value).__name__}, expected a text or a number as in a query")
+            raise InputError(
+                f"{name[:40]}: a JSON {type(value).__name__}, expected a text or a number as in a query"
+            )
         texts.append((name, value if isinstance(value, str) else repr(value)))
     return texts

@@ -10,16 +10,30 @@ from urllib.parse import urlencode
 
 import shapely
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from cdff_common.errors import InputError
 from dpm_store import Query as StoreQuery
-from dpm_store.actor import ROLES
-from services.dpm.http.catalogue import Catalogue, Found, numbers_of, page_size, span_of
+from dpm_store.history.actor import ROLES
 from services.dpm.http.context import Context, Ctx
-from services.dpm.http.models import OPENAPI, Conformance, Feature, FeatureCollection, Form, Json, Link, Open, as_json
-from services.dpm.http.roles import allowed
-from services.dpm.http.stac_items import GEOJSON, VERSION, ItemWriter
+from services.dpm.http.middleware.roles import allowed
+from services.dpm.http.models import (
+    GEOJSON,
+    GEOJSON_BODY,
+    JSON,
+    OPENAPI,
+    Conformance,
+    Feature,
+    FeatureCollection,
+    Form,
+    Json,
+    Link,
+    OpenModel,
+    as_json,
+)
+from services.dpm.http.stac.catalogue import Catalogue, FeaturePage, numbers_of, page_size, span_of
+from services.dpm.http.stac.items import VERSION, ItemWriter
+from services.dpm.queries.bodies import validated
 
 router = APIRouter(prefix="/stac", tags=["stac"], dependencies=[Depends(as_json)])
 
@@ -31,15 +45,14 @@ _CONFORMS = [
     "http://www.opengis.net/spec/ogcapi-features-1/1.0/conf/core",
     "http://www.opengis.net/spec/ogcapi-features-1/1.0/conf/geojson",
 ]
-_GEOJSON_BODY: dict[int | str, dict[str, Any]] = {200: {"content": {GEOJSON: {}}, "description": "GeoJSON"}}
-#: Corners of a geometry to search with.
+#: Largest number of corners of a geometry in a search.
 _MAX_CORNERS = 10_000
 Name = Annotated[str, Path(max_length=64)]
 Text = Annotated[str, Field(max_length=20_000)] | None
 Limit = Annotated[int, Field(ge=1, le=2**31)]
 
 
-class Catalog(Open):
+class Catalog(OpenModel):
     """The landing page."""
 
     type: Literal["Catalog"] = "Catalog"
@@ -51,7 +64,7 @@ class Catalog(Open):
     links: list[Link]
 
 
-class StacCollection(Open):
+class StacCollection(OpenModel):
     """A STAC collection."""
 
     type: Literal["Collection"]
@@ -86,22 +99,22 @@ class ItemCollection(FeatureCollection):
 
 
 class PageParameters(BaseModel):
-    """What items of a collection are asked with."""
+    """Parameters of a page of items."""
 
     model_config = ConfigDict(extra="forbid")
 
     bbox: Text = Field(None, description="4 or 6 numbers: degrees of the body, longitude first")
     datetime: Text = Field(None, description="RFC 3339 time, or an interval t0/t1, open with ..")
-    limit: Limit | None = Field(None, description="Of the page; 1000 at most")
-    token: Text = Field(None, description="Of the page before")
+    limit: Limit | None = Field(None, description="Items per page, at most 1000")
+    token: Text = Field(None, description="Token of the previous page")
     f: Form = None
 
 
 class SearchParameters(PageParameters):
-    """What a search is asked with; ``bbox`` or ``intersects``, not both."""
+    """Parameters of a search; ``bbox`` or ``intersects``, not both."""
 
-    collections: Text = Field(None, description="Ids with commas")
-    ids: Text = Field(None, description="Ids with commas")
+    collections: Text = Field(None, description="Ids, separated by commas")
+    ids: Text = Field(None, description="Ids, separated by commas")
     intersects: Text = Field(None, description="A GeoJSON geometry in degrees of the body")
 
 
@@ -119,131 +132,143 @@ class SearchBody(BaseModel):
     intersects: Json | None = None
 
 
+_SEARCH_BODY = TypeAdapter(SearchBody)
+
+
 @router.get("", response_model_exclude_none=True)
 def landing(context: Ctx, request: Request) -> Catalog:
-    """The landing page: a catalog with its collections as children."""
+    """Return the landing page: a catalog with its collections as children."""
     root, stac = str(request.base_url), stac_url(request)
     links = [
-        Link(rel="self", type="application/json", href=stac),
-        Link(rel="root", type="application/json", href=stac),
-        Link(rel="conformance", type="application/json", href=f"{stac}/conformance"),
-        Link(rel="data", type="application/json", href=f"{stac}/collections"),
+        Link(rel="self", type=JSON, href=stac),
+        Link(rel="root", type=JSON, href=stac),
+        Link(rel="conformance", type=JSON, href=f"{stac}/conformance"),
+        Link(rel="data", type=JSON, href=f"{stac}/collections"),
         Link(rel="search", type=GEOJSON, href=f"{stac}/search", method="GET"),
         Link(rel="search", type=GEOJSON, href=f"{stac}/search", method="POST"),
         Link(rel="service-desc", type=OPENAPI, href=f"{root}openapi.json"),
         Link(rel="service-doc", type="text/html", href=f"{root}docs"),
         *(
-            Link(rel="child", type="application/json", href=f"{stac}/collections/{c.id}", title=c.title)
+            Link(rel="child", type=JSON, href=f"{stac}/collections/{c.id}", title=c.title)
             for c in Catalogue(context).collections()
         ),
     ]
     return Catalog(
-        id="cdff", title="CDFF data products", description="What robots made: maps, clouds, poses and images.",
-        stac_version=VERSION, conformsTo=_CONFORMS, links=links,
-    )  # fmt: skip
+        id="cdff",
+        title="CDFF data products",
+        description="Maps, clouds, poses and images of robots.",
+        stac_version=VERSION,
+        conformsTo=_CONFORMS,
+        links=links,
+    )
 
 
 @router.get("/conformance")
 def conformance() -> Conformance:
-    """The conformance classes that are met."""
+    """Return the conformance classes."""
     return Conformance(conformsTo=_CONFORMS)
 
 
 @router.get("/collections", response_model_exclude_none=True)
 def collections(context: Ctx, request: Request) -> StacCollections:
-    """A collection for each type of product."""
+    """Return a collection for each product type."""
     catalogue = Catalogue(context)
     writer = ItemWriter(str(request.base_url), catalogue.places)
     stac = stac_url(request)
     links = [
-        Link(rel="self", type="application/json", href=f"{stac}/collections"),
-        Link(rel="root", type="application/json", href=stac),
+        Link(rel="self", type=JSON, href=f"{stac}/collections"),
+        Link(rel="root", type=JSON, href=stac),
     ]
-    found = [StacCollection(**writer.collection(c)) for c in catalogue.collections()]
-    return StacCollections(collections=found, links=links)
+    all_collections = [StacCollection(**writer.collection(c)) for c in catalogue.collections()]
+    return StacCollections(collections=all_collections, links=links)
 
 
 @router.get("/collections/{collection}", response_model_exclude_none=True)
 def collection(context: Ctx, request: Request, collection: Name) -> StacCollection:
-    """One collection."""
+    """Return one collection."""
     catalogue = Catalogue(context)
-    described = ItemWriter(str(request.base_url), catalogue.places).collection(catalogue.collection(collection))
+    described = ItemWriter(str(request.base_url), catalogue.places).collection(
+        catalogue.collection(collection)
+    )
     return StacCollection(**described)
 
 
-@router.get("/collections/{collection}/items", response_model=ItemCollection, responses=_GEOJSON_BODY)
-def items(context: Ctx, request: Request, collection: Name, asked: Annotated[PageParameters, Query()]) -> Response:
-    """Items of a collection, newest first."""
-    Catalogue(context).check(collection)
-    body = _search_body(
-        bbox=numbers_of(asked.bbox), datetime=asked.datetime, limit=asked.limit, token=asked.token,
-        collections=[collection],
-    )  # fmt: skip
+@router.get("/collections/{collection}/items", response_model=ItemCollection, responses=GEOJSON_BODY)
+def items(
+    context: Ctx, request: Request, collection: Name, parameters: Annotated[PageParameters, Query()]
+) -> Response:
+    """Return the items of a collection, newest first."""
+    Catalogue(context).extents(collection)
+    body = _search_body(parameters, collections=[collection])
     url = f"{stac_url(request)}/collections/{collection}/items"
-    return _answer(context, request, body, url, asked.model_dump(exclude_none=True))
+    return _answer(context, request, body, url, parameters.model_dump(exclude_none=True))
 
 
-@router.get("/collections/{collection}/items/{item}", response_model=Item, responses=_GEOJSON_BODY)
+@router.get("/collections/{collection}/items/{item}", response_model=Item, responses=GEOJSON_BODY)
 def item(context: Ctx, request: Request, collection: Name, item: Name) -> Response:
-    """One item."""
+    """Return one item."""
     catalogue = Catalogue(context)
-    found = ItemWriter(str(request.base_url), catalogue.places).item(catalogue.get(collection, item))
-    return Response(json.dumps(found, allow_nan=False), media_type=GEOJSON)
+    item_data = ItemWriter(str(request.base_url), catalogue.places).item(catalogue.get(collection, item))
+    return Response(json.dumps(item_data, allow_nan=False), media_type=GEOJSON)
 
 
-@router.get("/search", response_model=ItemCollection, responses=_GEOJSON_BODY)
-def search(context: Ctx, request: Request, asked: Annotated[SearchParameters, Query()]) -> Response:
-    """Items of all collections."""
+@router.get("/search", response_model=ItemCollection, responses=GEOJSON_BODY)
+def search(context: Ctx, request: Request, parameters: Annotated[SearchParameters, Query()]) -> Response:
+    """Search the items of all collections."""
     body = _search_body(
-        bbox=numbers_of(asked.bbox), datetime=asked.datetime, limit=asked.limit, token=asked.token,
-        collections=_names(asked.collections), ids=_names(asked.ids),
-        intersects=None if asked.intersects is None else _json(asked.intersects),
-    )  # fmt: skip
-    return _answer(context, request, body, f"{stac_url(request)}/search", asked.model_dump(exclude_none=True))
+        parameters,
+        collections=_names(parameters.collections),
+        ids=_names(parameters.ids),
+        intersects=None if parameters.intersects is None else _json(parameters.intersects),
+    )
+    return _answer(
+        context, request, body, f"{stac_url(request)}/search", parameters.model_dump(exclude_none=True)
+    )
 
 
-@router.post("/search", response_model=ItemCollection, responses=_GEOJSON_BODY, openapi_extra=allowed(*ROLES))
+@router.post("/search", response_model=ItemCollection, responses=GEOJSON_BODY, openapi_extra=allowed(*ROLES))
 def search_body(context: Ctx, request: Request, body: SearchBody) -> Response:
-    """Items of all collections, asked with a JSON body."""
+    """Search the items of all collections by a JSON body."""
     return _answer(context, request, body, f"{stac_url(request)}/search", None)
 
 
-def _search_body(**asked: Any) -> SearchBody:
-    """A search asked in the address, held against the same bounds as one asked with a body; raises InputError."""
-    try:
-        return SearchBody(**asked)
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise InputError(f"{'.'.join(str(part) for part in first['loc'])}: {first['msg']}") from error
+def _search_body(parameters: PageParameters, **other: Any) -> SearchBody:
+    """Return a search in the URL as a search with a body, which has the same bounds; raises InputError."""
+    shared = {"datetime": parameters.datetime, "limit": parameters.limit, "token": parameters.token}
+    return validated(_SEARCH_BODY, {"bbox": numbers_of(parameters.bbox), **shared, **other}, "search")
 
 
 def stac_url(request: Request) -> str:
-    """URL of this interface, as the caller reached it."""
+    """Return the URL of this interface as requested by the caller."""
     return f"{request.base_url}stac"
 
 
-def find(context: Context, asked: SearchBody) -> tuple[Found, Catalogue]:
-    """Products that a search asks for.
+def find(context: Context, parameters: SearchBody) -> tuple[FeaturePage, Catalogue]:
+    """Return the products of a search.
 
     Raises
     ------
     InputError
-        On a malformed box, geometry, time or token.
+        If the box, geometry, time or token is malformed.
     """
-    if asked.bbox is not None and asked.intersects is not None:
+    if parameters.bbox is not None and parameters.intersects is not None:
         raise InputError("bbox and intersects: give one of the two")
     catalogue = Catalogue(context)
-    intersects = None if asked.intersects is None else geometry_of(asked.intersects)
-    t0_ns, t1_ns = span_of(asked.datetime)
-    types = tuple(asked.collections or ())
-    query = StoreQuery(types=types, t0_ns=t0_ns, t1_ns=t1_ns, limit=page_size(asked.limit), cursor=asked.token)
-    if asked.ids is not None:
-        return catalogue.find_ids(asked.ids, query, bbox=asked.bbox, intersects=intersects), catalogue
-    return catalogue.find(query, bbox=asked.bbox, intersects=intersects), catalogue
+    intersects = None if parameters.intersects is None else geometry_of(parameters.intersects)
+    t0_ns, t1_ns = span_of(parameters.datetime)
+    types = tuple(parameters.collections or ())
+    query = StoreQuery(
+        types=types, t0_ns=t0_ns, t1_ns=t1_ns, limit=page_size(parameters.limit), cursor=parameters.token
+    )
+    if parameters.ids is not None:
+        return catalogue.find_ids(
+            parameters.ids, query, bbox=parameters.bbox, intersects=intersects
+        ), catalogue
+    return catalogue.find(query, bbox=parameters.bbox, intersects=intersects), catalogue
 
 
 def geometry_of(data: Json) -> Any:
-    """A GeoJSON geometry; raises InputError where it is none, is too large, or crosses itself."""
+    """Return a GeoJSON geometry; raises InputError if it is none, too large, or intersects itself."""
     try:
         geometry = shapely.from_geojson(json.dumps(data))
     except (shapely.errors.GEOSException, ValueError, TypeError, RecursionError) as error:
@@ -260,26 +285,33 @@ def geometry_of(data: Json) -> Any:
     return geometry
 
 
-def _answer(context: Context, request: Request, asked: SearchBody, url: str, query: Json | None) -> Response:
-    """A page of items; ``query`` are the parameters of a GET, None for a POST."""
-    found, catalogue = find(context, asked)
+def _answer(
+    context: Context, request: Request, parameters: SearchBody, url: str, query: Json | None
+) -> Response:
+    """Return a page of items; ``query`` are the parameters of a GET, None for a POST."""
+    result, catalogue = find(context, parameters)
     writer = ItemWriter(str(request.base_url), catalogue.places)
-    features = [writer.item(placed) for placed in found.items]
+    features = [writer.item(product) for product in result.items]
     href = url if not query else f"{url}?{urlencode(query)}"
     links: list[Json] = [
         {"rel": "self", "type": GEOJSON, "href": href},
-        {"rel": "root", "type": "application/json", "href": stac_url(request)},
+        {"rel": "root", "type": JSON, "href": stac_url(request)},
     ]
     headers = {}
-    if found.cursor is not None:
+    if result.cursor is not None:
         if query is None:
-            body = asked.model_dump(exclude_none=True) | {"token": found.cursor}
+            body = parameters.model_dump(exclude_none=True) | {"token": result.cursor}
             links.append({"rel": "next", "type": GEOJSON, "href": url, "method": "POST", "body": body})
         else:
-            href = f"{url}?{urlencode(query | {'token': found.cursor})}"
+            href = f"{url}?{urlencode(query | {'token': result.cursor})}"
             links.append({"rel": "next", "type": GEOJSON, "href": href, "method": "GET"})
             headers["Link"] = f'<{href}>; rel="next"; type="{GEOJSON}"'
-    page = {"type": "FeatureCollection", "features": features, "links": links, "numberReturned": len(features)}
+    page = {
+        "type": "FeatureCollection",
+        "features": features,
+        "links": links,
+        "numberReturned": len(features),
+    }
     return Response(json.dumps(page, allow_nan=False), media_type=GEOJSON, headers=headers)
 
 

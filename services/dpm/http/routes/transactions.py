@@ -12,37 +12,39 @@ from fastapi import APIRouter, Request
 from pydantic import BaseModel
 
 from cdff_common.errors import InputError
-from services.dpm.changes import changes_of
 from services.dpm.http.context import Ctx, jsonable
-from services.dpm.http.roles import allowed
-from services.dpm.operations import Dpm
+from services.dpm.http.middleware.roles import allowed
+from services.dpm.http.native_models import Items
+from services.dpm.operations.dpm import Dpm
+from services.dpm.operations.transactions import parse_changes
 
 router = APIRouter(prefix="/api/v1", tags=["products"])
 
 
-class Outcomes(BaseModel):
-    """What each change came to, in their order."""
-
-    items: list[dict[str, Any]]
-
-
 class Purged(BaseModel):
-    """Bytes that the payload's removal freed; 0 where another product has the same content."""
+    """Bytes that the payload's removal freed; 0 if another product has the same content."""
 
     id: str
     bytes: int
 
 
 @router.post(
-    "/transactions", response_model=Outcomes,
+    "/transactions",
+    response_model=Items[dict[str, Any]],
     openapi_extra=allowed("operator")
-    | {"requestBody": {"required": True, "content": {
-        "application/json": {"schema": {"type": "array", "items": {"type": "object"}}}, "application/msgpack": {},
-    }}},
-)  # fmt: skip
+    | {
+        "requestBody": {
+            "required": True,
+            "content": {
+                "application/json": {"schema": {"type": "array", "items": {"type": "object"}}},
+                "application/msgpack": {},
+            },
+        }
+    },
+)
 async def transact(context: Ctx, request: Request) -> dict[str, Any]:
-    """Make several changes in one transaction: maps with ``do`` one of insert (MessagePack only), update, delete, pin,
-    unpin, supersede, reanchor; all are made, in their order, or none.
+    """Make several changes in one transaction: maps with ``do`` one of insert (MessagePack only), update,
+    delete, pin, unpin, supersede, reanchor; all are made, in their order, or none.
     """
     from starlette.concurrency import run_in_threadpool
 
@@ -53,11 +55,11 @@ async def transact(context: Ctx, request: Request) -> dict[str, Any]:
 @router.delete("/products/{product_id}/payload", response_model=Purged, openapi_extra=allowed("operator"))
 def purge(context: Ctx, product_id: str) -> dict[str, Any]:
     """Remove the payload of a product that was deleted before; its metadata stay."""
-    return {"id": product_id, "bytes": context.dpm.purge(product_id)}
+    return {"id": product_id, "bytes": context.dpm.writer.purge(product_id)}
 
 
 def _run(dpm: Dpm, body: Any) -> list[dict[str, Any]]:
-    return dpm.transact(changes_of(body, dpm.parcel, "http"))
+    return dpm.writer.transact(parse_changes(body, dpm.writer.checked_product, "http"))
 
 
 def _body(data: bytes, media_type: str) -> Any:

@@ -1,12 +1,11 @@
 // SPDX-FileCopyrightText: 2026 the CDFF contributors
 // SPDX-License-Identifier: BSD-3-Clause
-// The operators' page: asks the interface that everybody else has, again whenever an event says that something changed.
+// The operators' page: reads the public interface, again after every event that changes its content.
 "use strict";
 
 const PAGE = 24;
-const PICTURED = new Set(["dem", "navigation_map", "pointcloud", "image", "trajectory"]);
-const FILES = { dem: ["tif", "npz"], navigation_map: ["tif", "npz"], pointcloud: ["ply", "las"], pose: ["tum"],
-  trajectory: ["tum"], image: ["png"] };
+/** File formats that a card links to; the details list all. */
+const CARD_FORMATS = 2;
 const GOOD = new Set(["OK", "ACTIVE", "DONE", "SERVED", "active", "done", "served", "ready"]);
 const BAD = new Set(["FAILED", "ERROR", "failed", "error", "faulted", "FAULTED", "EXPIRED", "expired", "CANCELLED", "cancelled", "dead"]);
 const IDLE = new Set(["INACTIVE", "inactive", "CONFIGURED", "configured", "UNCONFIGURED", "unconfigured", "idle", "IDLE"]);
@@ -15,6 +14,8 @@ const byId = (id) => document.getElementById(id);
 let items = [];
 let cursor = null;
 let asked = { type: "" };
+/** Product types by name, as /api/v1/product_types lists them. */
+let productTypes = new Map();
 
 /** An element with text and attributes; text never becomes markup. */
 function make(tag, attributes, ...children) {
@@ -26,7 +27,7 @@ function make(tag, attributes, ...children) {
   return element;
 }
 
-/** Off loopback a key is needed: it is kept for this tab only, and sent with everything. */
+/** Off loopback a key is required: it is stored for this tab only and sent with every request. */
 const key = () => sessionStorage.getItem("cdff-key");
 const authorised = (more) => ({ ...more, ...(key() ? { Authorization: `Bearer ${key()}` } : {}) });
 
@@ -157,7 +158,7 @@ const nothing = (text) => make("tr", null, make("td", { colspan: 6, class: "empt
 
 function picture(product) {
   const box = make("div", { class: "picture" });
-  if (PICTURED.has(product.product) && product.quality.status !== "FAILED") {
+  if (productTypes.get(product.product)?.thumbnail && product.quality.status !== "FAILED") {
     const image = make("img", { alt: `${words(product.product)} seen from above`, loading: "lazy" });
     image.addEventListener("error", () => image.replaceWith(make("span", null, "no picture")));
     if (key()) get(product.links.thumbnail).then((answer) => answer.blob()).then((blob) => { image.src = URL.createObjectURL(blob); });
@@ -182,7 +183,7 @@ function productCard(product) {
   details.addEventListener("click", (event) => { event.preventDefault(); showDetail(product.id); });
   const links = make("p", { class: "links" }, details);
   if (product.quality.status !== "FAILED") {
-    for (const format of FILES[product.product] || []) {
+    for (const format of (productTypes.get(product.product)?.file_formats || []).slice(0, CARD_FORMATS)) {
       links.append(fileLink(`${product.links.payload}?format=${format}`, `${product.id}.${format}`, format));
     }
   }
@@ -198,7 +199,7 @@ function productCard(product) {
 const facts = (pairs) => make("dl", { class: "facts" }, ...pairs.filter(([, value]) => value !== null && value !== undefined && value !== "")
   .flatMap(([name, value]) => [make("dt", null, name), make("dd", null, value)]));
 
-/** Products that one was made from, or that were made from it: known ones can be looked at. */
+/** Inputs or results of a product, with links to those that are stored. */
 function generations(title, provenance) {
   const rows = provenance.items.map((item) => {
     if (!item.known) return make("li", null, `${item.id} (not stored here)`);
@@ -215,7 +216,7 @@ async function showDetail(id) {
   body.replaceChildren(make("p", { class: "empty" }, "Loading …"));
   if (!byId("detail").open) byId("detail").showModal();
   try {
-    const [product, up, down, said] = await Promise.all([ask(base), ask(`${base}/provenance?direction=up`),
+    const [product, up, down, revisions] = await Promise.all([ask(base), ask(`${base}/provenance?direction=up`),
       ask(`${base}/provenance?direction=down`), ask(`${base}/revisions`)]);
     const note = product.annotation;
     const metrics = Object.entries(product.quality.metrics || {}).map(([name, value]) => `${words(name)} ${value === null ? "–" : +value.toPrecision(4)}`);
@@ -223,17 +224,17 @@ async function showDetail(id) {
       fileLink(`${product.links.payload}?format=${format}`, `${product.id}.${format}`, format)));
     body.replaceChildren(
       make("h3", { id: "detail-title" }, words(product.product), " ", badge(product.quality.status)), picture(product),
-      facts([["Robot", product.robot], ["Made by", `${product.dfpc}/${product.port}, ${product.producer}`],
+      facts([["Robot", product.robot], ["Produced by", `${product.dfpc}/${product.port}, ${product.producer}`],
         ["Configuration", product.config_hash], ["Frame", product.child ? `${product.child} in ${product.frame}` : product.frame],
         ["Captured", `${time(product.t0_ns)} to ${time(product.t1_ns)}`], ["Stored", time(product.inserted_ns)],
         ["Box", product.box_m ? `${product.box_m.map(metres).join(", ")} m` : null],
         ["Cells", product.resolution_m ? `${product.resolution_m} m` : null], ["Size", bytes(product.size)],
         ["Reasons", (product.quality.reasons || []).join(", ")], ["Quality", metrics.join(", ")],
-        ["Tags", note.tags.join(", ")], ["Notes", note.notes], ["Pinned", note.pinned ? "yes, it is neither deleted nor retired" : null],
+        ["Tags", note.tags.join(", ")], ["Notes", note.notes], ["Pinned", note.pinned ? "yes: never deleted or retired" : null],
         ["Superseded by", note.superseded_by],
-        ["Said", said.items.map((r) => `r${r.revision} by ${r.author}, ${time(r.stamp_ns)}`).join("; ")],
+        ["Revisions", revisions.items.map((r) => `r${r.revision} by ${r.author}, ${time(r.stamp_ns)}`).join("; ")],
         ["Id", product.id], ["SHA-256", product.sha256]]),
-      files, generations("Made from", up), generations("Used for", down));
+      files, generations("Inputs", up), generations("Results", down));
   } catch (error) {
     body.replaceChildren(make("p", { class: "error" }, error.message));
   }
@@ -260,15 +261,15 @@ async function showFrames() {
 }
 
 async function showPlan() {
-  byId("plan-sum").textContent = "Looking …";
+  byId("plan-sum").textContent = "Loading …";
   try {
     const plan = await ask("/api/v1/retention");
     byId("plan-sum").textContent = plan.rules
-      ? `${plan.retired} products with ${bytes(plan.bytes)} would go, ${plan.kept} stay though their rule lets them go.`
-      : "The profile has no rule: everything stays.";
+      ? `${plan.retired} products with ${bytes(plan.bytes)} would be deleted, ${plan.kept} are kept for another reason.`
+      : "The profile has no rule: everything is kept.";
     byId("plan-scroll").hidden = plan.verdicts.length === 0;
-    byId("verdicts").tBodies[0].replaceChildren(...plan.verdicts.map((v) => make("tr", null, ...[
-      make("span", { class: `badge ${v.retire ? "warn" : "ok"}` }, v.retire ? "goes" : "stays"), words(v.product), v.robot,
+    byId("decisions").tBodies[0].replaceChildren(...plan.verdicts.map((v) => make("tr", null, ...[
+      make("span", { class: `badge ${v.retire ? "warn" : "ok"}` }, v.retire ? "delete" : "keep"), words(v.product), v.robot,
       time(v.t1_ns), bytes(v.size), v.why].map((cell) => make("td", null, cell)))));
   } catch (error) {
     byId("plan-sum").textContent = error.message;
@@ -283,7 +284,7 @@ async function showProducts(older) {
   const known = new Map([...byId("list").children].map((card) => [card.dataset.id, card]));
   items = older ? items.concat(page.items) : page.items;
   cursor = page.cursor;
-  // A card that is there already stays: its picture is not fetched again and the focus is not lost.
+  // An existing card stays: its picture is not fetched again and the focus is not lost.
   const cards = items.map((product) => {
     const card = known.get(product.id) || productCard(product);
     card.dataset.id = product.id;
@@ -293,7 +294,13 @@ async function showProducts(older) {
   byId("more").hidden = cursor === null;
 }
 
+async function loadProductTypes() {
+  const { items: types } = await ask("/api/v1/product_types");
+  productTypes = new Map(types.map((type) => [type.name, type]));
+}
+
 async function refresh() {
+  if (productTypes.size === 0) await loadProductTypes().catch(() => {});
   const others = [showRobots(), showRequests(), showFrames()];
   await showStatus().catch(() => live("lost", "No answer, trying again …"));
   if (items.length <= PAGE) others.push(showProducts(false));

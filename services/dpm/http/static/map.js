@@ -31,7 +31,7 @@ async function fit() {
   look((x0 + x1) / 2, (y0 + y1) / 2, z < 0 ? 0 : z);
 }
 
-/** Place the tiles that are seen, fetch those that are new, and let go of the others. */
+/** Place the visible tiles, fetch new ones and remove the others. */
 function draw() {
   if (!layer()) return;
   const half = layer().bounds[2];
@@ -69,7 +69,7 @@ function added(path) {
   return image;
 }
 
-/** Fetch a tile; with a key, which an address of an image could not carry. What has not changed is not drawn again. */
+/** Fetch a tile with the key, which the address of an image cannot carry. Unchanged tiles are not drawn again. */
 async function load(path, image) {
   const answer = await get(path);
   const tag = answer.headers.get("ETag");

@@ -51,7 +51,7 @@ T_01: -5.370000e-01 4.822061e-03 -1.252488e-02
 
 @pytest.fixture
 def file(tmp_path: Path) -> Callable[[str], Path]:
-    """Writes a text to a file."""
+    """A function that writes a text to a file and returns its path."""
 
     def write(text: str) -> Path:
         (tmp_path / "calibration").write_text(text)
@@ -71,7 +71,7 @@ def test_a_rovers_opencv_file_is_read(real_data: Callable[[str], Path]) -> None:
 
 
 @pytest.mark.req("CDFF-CORE-094")
-def test_what_opencv_writes_is_read(tmp_path: Path) -> None:
+def test_a_calibration_written_by_opencv_is_read(tmp_path: Path) -> None:
     K, D = (
         np.array([[500.0, 0.0, 320.0], [0.0, 501.0, 240.0], [0.0, 0.0, 1.0]]),
         np.array([[-0.2, 0.05, 0.0, 0.0, 0.01]]),
@@ -108,7 +108,7 @@ def test_kittis_raw_calibration_is_read(file: Callable[[str], Path]) -> None:
     assert not stereo.is_rectified
 
 
-def test_kittis_rectified_cameras_are_read_beside_the_raw_ones_and_alone(file: Callable[[str], Path]) -> None:
+def test_rectified_kitti_cameras_are_read_with_and_without_the_raw_ones(file: Callable[[str], Path]) -> None:
     rectified = (
         "S_rect_00: 1.242e+03 3.75e+02\nP_rect_00: 721.5 0 609.6 0 0 721.5 172.9 0 0 0 1 0\n"
         "S_rect_01: 1.242e+03 3.75e+02\nP_rect_01: 721.5 0 609.6 -387.6 0 721.5 172.9 0 0 0 1 0\n"
@@ -122,7 +122,7 @@ def test_kittis_rectified_cameras_are_read_beside_the_raw_ones_and_alone(file: C
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "reason"),
     [
         ("just words", "expected"),
         ("a: &a [1]\nb: *a", "aliases"),
@@ -130,42 +130,47 @@ def test_kittis_rectified_cameras_are_read_beside_the_raw_ones_and_alone(file: C
         (KALIBR.replace("pinhole", "omni", 1), "omni"),
         (KALIBR.replace("[458.6, ", "["), "ValueError"),
         (KITTI_RAW.replace("K_01: 9.895267e+02", "K_01: nan"), "finite"),
-        ("camera_matrix: !!python/object:os.system {}", "no YAML"),
-        ("[" * 5000, "no YAML"),
+        ("camera_matrix: !!python/object:os.system {}", "not YAML"),
+        ("[" * 5000, "not YAML"),
     ],
 )
-def test_what_is_no_calibration_is_refused_with_the_reason(file: Callable[[str], Path], text: str, said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_an_invalid_calibration_is_refused_with_the_reason(
+    file: Callable[[str], Path], text: str, reason: str
+) -> None:
+    with pytest.raises(InputError, match=reason):
         read_stereo(file(text))
 
 
-def test_a_camera_that_is_not_there_and_a_pose_that_is_not_said_are_named(file: Callable[[str], Path]) -> None:
+def test_a_missing_camera_and_a_camera_without_pose_are_named_in_the_error(
+    file: Callable[[str], Path],
+) -> None:
     with pytest.raises(InputError, match="cam7"):
         read_camera(file(KALIBR), "cam7")
-    alone = file(KALIBR.replace("  T_cn_cnm1:", "  T_unknown:"))
-    assert read_camera(alone, "cam1").fisheye
+    unlinked = file(KALIBR.replace("  T_cn_cnm1:", "  T_unknown:"))
+    assert read_camera(unlinked, "cam1").fisheye
     with pytest.raises(InputError, match="no pose of camera 'cam1'"):
-        read_stereo(alone)
+        read_stereo(unlinked)
 
 
 def chain(*links: bool) -> str:
-    """A chain of cameras, each linked to the one before it or not."""
-    one = KALIBR[KALIBR.index("cam1:") :]
-    first = "cam0:\n" + one[one.index("  camera_model") :]
-    rest = (one.replace("cam1", f"cam{n}") for n in range(1, len(links) + 1))
+    """Return a Kalibr chain; each entry states if that camera has a pose relative to the previous one."""
+    camera = KALIBR[KALIBR.index("cam1:") :]
+    first = "cam0:\n" + camera[camera.index("  camera_model") :]
+    rest = (camera.replace("cam1", f"cam{n}") for n in range(1, len(links) + 1))
     return first + "".join(
-        text if linked else text.replace("T_cn_cnm1", "T_unknown") for text, linked in zip(rest, links, strict=True)
+        text if is_linked else text.replace("T_cn_cnm1", "T_unknown")
+        for text, is_linked in zip(rest, links, strict=True)
     )
 
 
 @pytest.mark.req("CDFF-CORE-094")
-def test_behind_a_missing_link_of_a_kalibr_chain_no_camera_has_a_pose(file: Callable[[str], Path]) -> None:
+def test_cameras_after_a_missing_link_of_a_kalibr_chain_have_no_pose(file: Callable[[str], Path]) -> None:
     assert read_stereo(file(chain(True, True)), "cam0", "cam2").baseline_m == pytest.approx(0.22)
     broken = file(chain(False, True))
     assert read_camera(broken, "cam2").fisheye
     for right in ("cam1", "cam2"):
         with pytest.raises(InputError, match=f"no pose of camera '{right}'.*cam0$"):
             read_stereo(broken, "cam0", right)
-    without = file(chain(True, True).replace("cam1:", "other:"))
+    without_cam1 = file(chain(True, True).replace("cam1:", "other:"))
     with pytest.raises(InputError, match="no pose of camera 'cam2'"):
-        read_stereo(without, "cam0", "cam2")
+        read_stereo(without_cam1, "cam0", "cam2")

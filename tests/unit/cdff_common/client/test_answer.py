@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the client makes of a reply."""
+"""The client converts a reply into an answer."""
 
 from __future__ import annotations
 
 import pytest
 
 from cdff_common.bus import Reply
-from cdff_common.client.client import _answer, _scope
+from cdff_common.client.client import _answer, _orchestrator_key
 from cdff_common.codecs import encode
 from cdff_common.codecs.encoding import encoding_string
 from cdff_common.errors import CodecError
@@ -18,12 +18,20 @@ from cdff_common.types import TransformWithCovariance
 HEADER = Header(
     product_id("mana", "d", "p", 0, 0, ""), 0, 0, 0, "site", "d/i/1", quality=Quality(Status.DEGRADED, ("x",))
 )
-VALUE = TransformWithCovariance.from_transform(UncertainTransform.identity(), parent="a", child="b", stamp_ns=0)
+VALUE = TransformWithCovariance.from_transform(
+    UncertainTransform.identity(), parent="a", child="b", stamp_ns=0
+)
 
 
 @pytest.mark.parametrize("codec", ["uper", "ber", "xer", "msgpack"])
-def test_a_payload_in_any_codec_is_a_value_in_hand(codec: str) -> None:
-    attachment = {**HEADER.to_dict(), "robot": "mana", "job": "j", "request": "r", "delivered": {"age_s": 1.0}}
+def test_a_payload_in_any_codec_is_decoded(codec: str) -> None:
+    attachment = {
+        **HEADER.to_dict(),
+        "robot": "mana",
+        "job": "j",
+        "request": "r",
+        "delivered": {"age_s": 1.0},
+    }
     encoding = encoding_string("TransformWithCovariance", codec)
     answer = _answer(Reply(encode(VALUE, codec), encoding, attachment))
     assert answer.value == VALUE
@@ -33,16 +41,17 @@ def test_a_payload_in_any_codec_is_a_value_in_hand(codec: str) -> None:
     assert answer.summary()["header"]["quality"]["reasons"] == ["x"]
 
 
-def test_a_file_stays_bytes() -> None:
+def test_a_file_is_returned_as_bytes() -> None:
     answer = _answer(Reply(b"II*", "image/tiff", HEADER.to_dict()))
     assert answer.value is None
     assert (answer.data, answer.type_name) == (b"II*", "image/tiff")
 
 
-def test_an_answer_without_a_header_is_no_answer() -> None:
+def test_an_answer_without_a_header_is_refused() -> None:
     with pytest.raises(CodecError):
         _answer(Reply(b"", "image/tiff", {}))
 
 
-def test_any_robot_is_asked_under_ground_and_a_named_one_under_its_own_keys() -> None:
-    assert (_scope("any"), _scope("mana")) == ("ground", "mana")
+def test_requests_for_any_robot_use_the_keys_of_the_ground_and_others_the_keys_of_the_robot() -> None:
+    assert _orchestrator_key("any", "jobs") == "cdff/@v1/ground/orchestrator/@rpc/jobs"
+    assert _orchestrator_key("mana", "jobs") == "cdff/@v1/mana/orchestrator/@rpc/jobs"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The bitstream message decodes all its methods, and what robots of InFuse wrote into it."""
+"""Bitstream messages: every serialization method, and messages as written by the robots of InFuse."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from cdff_common.errors import CodecError
 
 
 @pytest.mark.parametrize("codec", METHODS)
-def test_a_message_comes_back(codec: str) -> None:
+def test_a_message_survives_a_round_trip(codec: str) -> None:
     value = types.Pose([1, 2, 3])
     assert unwrap(wrap(value, codec)) == value
 
 
-def test_every_codec_has_a_number() -> None:
+def test_every_codec_has_a_method_number() -> None:
     assert set(METHODS) == set(CODECS)
 
 
-def test_prefixed_names_and_padding_are_read() -> None:
+def test_a_message_with_prefixed_type_name_and_padding_is_read() -> None:
     data = np.frombuffer(encode(types.TransformWithCovariance()).ljust(1360, b"\0"), np.uint8)
     bitstream = types.Asn1Bitstream("asn1SccTransformWithCovariance", 0, data)
     assert unwrap(bitstream) == types.TransformWithCovariance()

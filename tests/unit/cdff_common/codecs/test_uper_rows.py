@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lists of messages of REALs alone go through the compiled loops, and are what they are one by one."""
+"""Lists of messages that contain only REALs: compiled loops give the encoding of single messages."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import pytest
 
 from cdff_common import types
 from cdff_common.codecs import decode, reference, uper
-from cdff_common.codecs.schema_table import MESSAGES
 from cdff_common.codecs.uper_rows import LONG, widths
 from cdff_common.errors import CodecError
-from tests.messages import REALS, random_message
+from cdff_common.types.schema_table import MESSAGES
+from tests.support.messages import REALS, random_message
 
 
 def _pairs(n: int, rng: np.random.Generator) -> types.CorrespondenceMap2D:
@@ -29,7 +29,7 @@ def _joints(n: int, rng: np.random.Generator) -> types.JointTrajectory:
 
 @pytest.mark.parametrize("make", [_pairs, _joints])
 @pytest.mark.parametrize("n", [1, LONG - 1, LONG, LONG + 1, 60])
-def test_long_lists_are_written_and_read_as_short_ones(make: Any, n: int, rng: np.random.Generator) -> None:
+def test_long_lists_are_encoded_like_short_ones(make: Any, n: int, rng: np.random.Generator) -> None:
     value = make(n, rng)
     name, data = type(value).ASN1_NAME, uper.encode(value)
     assert decode(name, data) == value
@@ -42,22 +42,22 @@ def test_lists_in_fragments_are_read(rng: np.random.Generator) -> None:
     assert decode("CorrespondenceMap2DLarge", uper.encode(value)) == value
 
 
-def test_what_is_read_is_contiguous_and_read_only(rng: np.random.Generator) -> None:
-    found = decode("CorrespondenceMap2D", uper.encode(_pairs(40, rng)))
-    for item in found.items:
+def test_decoded_arrays_are_contiguous_and_read_only(rng: np.random.Generator) -> None:
+    decoded = decode("CorrespondenceMap2D", uper.encode(_pairs(40, rng)))
+    for item in decoded.items:
         assert item.source.flags.c_contiguous
         assert not item.source.flags.writeable
         assert type(item.probability) is float
         assert item == types.Correspondence2D(item.source, item.sink, item.probability)
 
 
-def test_a_list_that_is_cut_is_refused(rng: np.random.Generator) -> None:
+def test_a_truncated_list_is_refused(rng: np.random.Generator) -> None:
     data = uper.encode(_pairs(40, rng))
     with pytest.raises(CodecError, match="CorrespondenceMap2D as uper"):
         decode("CorrespondenceMap2D", data[:-30])
 
 
-def test_only_messages_of_reals_of_fixed_sizes_qualify() -> None:
+def test_only_messages_of_fixed_size_reals_use_the_fast_path() -> None:
     assert widths(MESSAGES["Correspondence3D"]) == [("source", (3,)), ("sink", (3,)), ("probability", None)]
     assert widths(MESSAGES["Pose"]) == [("pos", (3,)), ("orient", (4,))]
     for name in ("VisualPointFeature2D", "Time", "Wrench", "VisualPointFeature3D"):

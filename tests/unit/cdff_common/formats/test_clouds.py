@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Point cloud files: what is written is read back, and what is broken is named."""
+"""Point cloud files: round trips, and errors for malformed files."""
 
 from __future__ import annotations
 
@@ -14,10 +14,9 @@ import pytest
 
 from cdff_common.errors import CodecError, InputError
 from cdff_common.formats.cloud import CloudArrays
-from cdff_common.formats.detect import detect
-from cdff_common.formats.kitti_bin import read_kitti_bin, write_kitti_bin
+from cdff_common.formats.format_detection import detect
+from cdff_common.formats.kitti_bin import read_kitti_bin
 from cdff_common.formats.las import read_las, write_las, write_laz
-from cdff_common.formats.lzf import lzf_decompress
 from cdff_common.formats.pcd import read_pcd, write_pcd
 from cdff_common.formats.ply import read_ply, write_ply
 
@@ -33,63 +32,81 @@ def cloud(rng: np.random.Generator) -> CloudArrays:
 
 
 @pytest.mark.parametrize("ascii_text", [False, True])
-def test_a_ply_file_gives_back_what_was_written(cloud: CloudArrays, ascii_text: bool) -> None:
+def test_a_ply_file_survives_a_round_trip(cloud: CloudArrays, ascii_text: bool) -> None:
     data = write_ply(cloud, ascii_text=ascii_text, comments={"frame": "site"})
-    back = read_ply(data)
+    reread = read_ply(data)
     assert detect(data) == "ply"
-    np.testing.assert_allclose(back.points_m, cloud.points_m, atol=1e-5)
-    np.testing.assert_array_equal(back.colors, cloud.colors)
-    np.testing.assert_allclose(back.intensity, cloud.intensity)
-    np.testing.assert_allclose(back.normals, cloud.normals, atol=1e-6)
+    np.testing.assert_allclose(reread.points_m, cloud.points_m, atol=1e-5)
+    np.testing.assert_array_equal(reread.colors, cloud.colors)
+    np.testing.assert_allclose(reread.intensity, cloud.intensity)
+    np.testing.assert_allclose(reread.normals, cloud.normals, atol=1e-6)
 
 
 @pytest.mark.parametrize("layout", ["binary", "ascii"])
-def test_a_pcd_file_gives_back_what_was_written(cloud: CloudArrays, layout: str) -> None:
+def test_a_pcd_file_survives_a_round_trip(cloud: CloudArrays, layout: str) -> None:
     data = write_pcd(cloud, layout=layout)
-    back = read_pcd(data)
+    reread = read_pcd(data)
     assert detect(data) == "pcd"
-    np.testing.assert_allclose(back.points_m, cloud.points_m, atol=1e-5)
-    np.testing.assert_allclose(back.intensity, cloud.intensity)
+    np.testing.assert_allclose(reread.points_m, cloud.points_m, atol=1e-5)
+    np.testing.assert_allclose(reread.intensity, cloud.intensity)
     if layout == "binary":
-        np.testing.assert_array_equal(back.colors, cloud.colors)
+        np.testing.assert_array_equal(reread.colors, cloud.colors)
 
 
 def test_a_las_file_keeps_millimetres_intensity_and_colour(cloud: CloudArrays) -> None:
     data = write_las(cloud)
-    back = read_las(data)
+    reread = read_las(data)
     assert detect(data) == "las"
-    np.testing.assert_allclose(back.points_m, cloud.points_m, atol=5.1e-4)
-    np.testing.assert_array_equal(back.intensity, cloud.intensity)
-    np.testing.assert_array_equal(back.colors, cloud.colors)
+    np.testing.assert_allclose(reread.points_m, cloud.points_m, atol=5.1e-4)
+    np.testing.assert_array_equal(reread.intensity, cloud.intensity)
+    np.testing.assert_array_equal(reread.colors, cloud.colors)
 
 
 def test_a_kitti_scan_is_recognised_without_a_header(cloud: CloudArrays) -> None:
-    scan = CloudArrays.of(cloud.points_m, np.linspace(0, 1, 100))
-    data = write_kitti_bin(scan)
+    data = np.column_stack([cloud.points_m, np.linspace(0, 1, 100)]).astype("<f4").tobytes()
     assert detect(data) == "bin"
     np.testing.assert_allclose(read_kitti_bin(data).points_m, cloud.points_m, atol=1e-5)
 
 
 def test_a_compressed_pcd_is_read() -> None:
     xyz = np.arange(12, dtype="<f4").reshape(4, 3)
-    block = xyz.T.tobytes()  # column by column
-    packed = b"".join(bytes([len(block[i : i + 32]) - 1]) + block[i : i + 32] for i in range(0, len(block), 32))
+    columns = xyz.T.tobytes()  # column by column
+    packed = b"".join(
+        bytes([len(columns[i : i + 32]) - 1]) + columns[i : i + 32] for i in range(0, len(columns), 32)
+    )
     head = b"VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 4\nHEIGHT 1\nDATA binary_compressed\n"
-    data = head + struct.pack("<II", len(packed), len(block)) + packed
+    data = head + struct.pack("<II", len(packed), len(columns)) + packed
     np.testing.assert_array_equal(read_pcd(data).points_m, xyz)
 
 
-def test_lzf_repeats_what_a_reference_says() -> None:
-    assert lzf_decompress(bytes([1]) + b"ab" + bytes([0b100_00000, 1]), 8) == b"abababab"
+def compressed_pcd(packed: bytes, points: int) -> bytes:
+    head = f"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH {points}\nHEIGHT 1\nDATA binary_compressed\n"
+    return b"VERSION .7\n" + head.encode() + struct.pack("<II", len(packed), 12 * points) + packed
 
 
-@pytest.mark.parametrize("packed", [bytes([0b100_00000, 1]), bytes([31]), bytes([1]) + b"ab"])
-def test_malformed_lzf_is_refused(packed: bytes) -> None:
+def test_back_references_of_lzf_are_decompressed() -> None:
+    packed = bytes([3]) + struct.pack("<f", 1.5) + bytes([0b110_00000, 3])  # four bytes, then the same twice
+    np.testing.assert_array_equal(read_pcd(compressed_pcd(packed, 1)).points_m, [[1.5, 1.5, 1.5]])
+
+
+@pytest.mark.parametrize(
+    ("packed", "points"),
+    [
+        (bytes([0b100_00000, 1]), 2),
+        (bytes([31]), 2),
+        (bytes([1]) + b"ab", 2),
+        (bytes([7]) + b"abcdefgh", 3),
+        (bytes([15]) + b"abcdefghijklmnop", 2),
+        (b"", 2),
+        (bytes([7]) + b"abcdefgh", 1 << 28),
+    ],
+)
+def test_malformed_lzf_is_refused(packed: bytes, points: int) -> None:
     with pytest.raises(CodecError, match="LZF"):
-        lzf_decompress(packed, 8)
+        read_pcd(compressed_pcd(packed, points))
 
 
-def test_a_header_that_promises_more_than_the_file_holds_allocates_nothing(cloud: CloudArrays) -> None:
+def test_a_header_with_too_large_a_count_is_refused(cloud: CloudArrays) -> None:
     data = write_ply(cloud).replace(b"vertex 100", b"vertex 99999999999")
     with pytest.raises(CodecError, match="99999999999 vertices"):
         read_ply(data)
@@ -97,9 +114,11 @@ def test_a_header_that_promises_more_than_the_file_holds_allocates_nothing(cloud
         read_pcd(write_pcd(cloud).replace(b"POINTS 100", b"POINTS 99999999999"))
 
 
-def test_a_broken_file_is_named_with_its_path(tmp_path: Path) -> None:
+def test_an_error_of_a_corrupt_file_names_its_path(tmp_path: Path) -> None:
     path = tmp_path / "broken.ply"
-    path.write_bytes(b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nend_header\n")
+    path.write_bytes(
+        b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nend_header\n"
+    )
     with pytest.raises(CodecError, match=r"broken\.ply"):
         read_ply(path)
     with pytest.raises(InputError, match=r"absent\.ply"):
@@ -109,28 +128,28 @@ def test_a_broken_file_is_named_with_its_path(tmp_path: Path) -> None:
         detect(tmp_path / "noise")
 
 
-def test_laz_holds_what_las_does_in_less_room(cloud: CloudArrays) -> None:
+def test_laz_has_the_content_of_las_in_a_smaller_file(cloud: CloudArrays) -> None:
     data = write_laz(cloud)
     assert detect(data) == "las"
     assert len(data) < len(write_las(cloud))
-    back, plain = read_las(data), read_las(write_las(cloud))
-    np.testing.assert_array_equal(back.points_m, plain.points_m)
+    reread, plain = read_las(data), read_las(write_las(cloud))
+    np.testing.assert_array_equal(reread.points_m, plain.points_m)
     for name in ("intensity", "colors"):
-        np.testing.assert_array_equal(getattr(back, name), getattr(plain, name))
+        np.testing.assert_array_equal(getattr(reread, name), getattr(plain, name))
 
 
-def test_laspy_reads_our_laz(cloud: CloudArrays) -> None:
+def test_laspy_reads_a_written_laz_file(cloud: CloudArrays) -> None:
     import laspy
 
-    read = laspy.read(io.BytesIO(write_laz(cloud)))
-    assert len(read.points) == len(cloud.points_m)
-    np.testing.assert_allclose(read.xyz, cloud.points_m, atol=0.0006)
+    reread = laspy.read(io.BytesIO(write_laz(cloud)))
+    assert len(reread.points) == len(cloud.points_m)
+    np.testing.assert_allclose(reread.xyz, cloud.points_m, atol=0.0006)
 
 
-def test_a_las_that_only_claims_to_be_packed_is_refused(cloud: CloudArrays) -> None:
+def test_a_las_file_wrongly_marked_as_compressed_is_refused(cloud: CloudArrays) -> None:
     data = bytearray(write_las(cloud))
     data[104] |= 0x80
-    with pytest.raises(CodecError, match="no readable LAZ"):
+    with pytest.raises(CodecError, match="not a readable LAZ"):
         read_las(bytes(data))
 
 
@@ -146,9 +165,11 @@ def test_a_las_that_only_claims_to_be_packed_is_refused(cloud: CloudArrays) -> N
         ("pcl_recognition/correspondence_grouping/milk.pcd", None),
     ],
 )
-def test_real_files_are_detected_and_read(real_data: Callable[[str], Path], name: str, points: int | None) -> None:
+def test_real_files_are_detected_and_read(
+    real_data: Callable[[str], Path], name: str, points: int | None
+) -> None:
     path = real_data(name)
-    read = {"ply": read_ply, "pcd": read_pcd, "bin": read_kitti_bin}
-    cloud = read[detect(path)](path)
+    readers = {"ply": read_ply, "pcd": read_pcd, "bin": read_kitti_bin}
+    cloud = readers[detect(path)](path)
     assert len(cloud.points_m) > 0
     assert points is None or len(cloud.points_m) == points

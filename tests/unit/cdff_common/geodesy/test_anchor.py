@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sites on bodies: site metres and longitude and latitude, by our transform and by the CRS."""
+"""Anchors of sites on bodies: transform and CRS convert site coordinates to longitude and latitude."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cdff_common.errors import InputError
-from cdff_common.geodesy import Anchor, Body, Place, body
+from cdff_common.geodesy import Anchor, Body, FrameLocation, body
 
 MARS = body("mars")
 EARTH_LIKE = Body.from_dict({"name": "earth_like", "kind": "planet", "crs": "EPSG:4326"})
@@ -29,41 +29,44 @@ def test_x_is_east_and_y_is_north() -> None:
 
 
 def test_the_azimuth_is_the_bearing_of_the_y_axis() -> None:
-    turned = Anchor(MARS, 77.5, 18.4, azimuth_deg=90.0).lonlat([[0.0, 100.0]])[0]
-    assert turned == pytest.approx(Anchor(MARS, 77.5, 18.4).lonlat([[100.0, 0.0]])[0], abs=1e-12)
+    y_axis_lonlat = Anchor(MARS, 77.5, 18.4, azimuth_deg=90.0).lonlat([[0.0, 100.0]])[0]
+    assert y_axis_lonlat == pytest.approx(Anchor(MARS, 77.5, 18.4).lonlat([[100.0, 0.0]])[0], abs=1e-12)
 
 
 anchors = st.builds(
     Anchor,
     st.sampled_from([MARS, body("moon"), body("bennu"), EARTH_LIKE]),
-    st.floats(-179, 179), st.floats(-89, 89), st.floats(-50, 50), st.floats(-179, 179),
-)  # fmt: skip
+    st.floats(-179, 179),
+    st.floats(-89, 89),
+    st.floats(-50, 50),
+    st.floats(-179, 179),
+)
 
 
 @settings(max_examples=60, deadline=None)
 @given(anchors)
-def test_site_metres_come_back_from_longitude_and_latitude(anchor: Anchor) -> None:
+def test_site_coordinates_survive_the_conversion_to_longitude_and_latitude(anchor: Anchor) -> None:
     points = POINTS * (0.1 if anchor.body.name == "bennu" else 1.0)
     assert anchor.points(anchor.lonlat(points)) == pytest.approx(points, abs=1e-5)
 
 
 @settings(max_examples=60, deadline=None)
 @given(anchors)
-def test_an_anchor_comes_back_from_its_transform(anchor: Anchor) -> None:
-    again = Anchor.from_transform(anchor.body, anchor.T_body_frame)
-    assert again.T_body_frame == pytest.approx(anchor.T_body_frame, abs=1e-5)
-    assert again.height_m == pytest.approx(anchor.height_m, abs=1e-4)
+def test_an_anchor_is_recovered_from_its_transform(anchor: Anchor) -> None:
+    recovered = Anchor.from_transform(anchor.body, anchor.T_body_frame)
+    assert recovered.T_body_frame == pytest.approx(anchor.T_body_frame, abs=1e-5)
+    assert recovered.height_m == pytest.approx(anchor.height_m, abs=1e-4)
 
 
 @pytest.mark.parametrize("height_m", [0.0, -2500.0])
 @pytest.mark.parametrize("azimuth_deg", [0.0, 30.0])
 @pytest.mark.req("CDFF-SUP-080")
-def test_the_crs_says_the_same_as_the_transform(height_m: float, azimuth_deg: float) -> None:
+def test_the_crs_agrees_with_the_transform(height_m: float, azimuth_deg: float) -> None:
     anchor = Anchor(MARS, 77.5, 18.4, height_m, azimuth_deg)
     crs = pyproj.CRS.from_wkt(anchor.wkt)
     assert crs.is_projected
     to_lonlat = pyproj.Transformer.from_crs(crs, MARS.geographic_crs, always_xy=True)
-    # points on the sphere through the site, whose x and y the projection keeps
+    # Points on the sphere through the site: for these, the projection agrees with the site's x and y.
     lonlat = anchor.lonlat(POINTS)
     lonlat[:, 2] = height_m
     points = anchor.points(lonlat)
@@ -73,7 +76,7 @@ def test_the_crs_says_the_same_as_the_transform(height_m: float, azimuth_deg: fl
     assert np.column_stack([x, y]) == pytest.approx(points[:, :2], abs=1e-4)
 
 
-def test_the_crs_goes_through_a_geotiff() -> None:
+def test_the_crs_survives_a_geotiff() -> None:
     from cdff_common.formats.geotiff import write_bands
     from cdff_common.raster import GridGeometry
 
@@ -89,19 +92,19 @@ def test_the_crs_goes_through_a_geotiff() -> None:
     assert lonlat == pytest.approx(anchor.lonlat([[1000.0, 2000.0]])[0][:2], abs=1e-7)
 
 
-def test_mars_is_not_the_moon() -> None:
+def test_frames_of_different_bodies_are_not_connected() -> None:
     with pytest.raises(pyproj.exceptions.ProjError, match="celestial body"):
         pyproj.Transformer.from_crs(Anchor(MARS, 0, 0).crs, body("moon").geographic_crs).transform(0, 0)
 
 
-def test_two_sites_of_one_body_are_joined_through_it() -> None:
+def test_two_sites_of_one_body_are_connected_through_it() -> None:
     a, b = Anchor(MARS, 77.5, 18.4, 10.0), Anchor(MARS, 77.51, 18.4, 10.0)
     T_a_b = np.linalg.inv(a.T_body_frame) @ b.T_body_frame
     assert T_a_b[:3, 3] == pytest.approx(a.points([[77.51, 18.4, 10.0]])[0], abs=1e-6)
 
 
 @pytest.mark.parametrize("numbers", [(400, 0, 0), (0, 91, 0), (0, 0, 4e6), (float("nan"), 0, 0)])
-def test_a_place_that_is_none_is_refused(numbers: tuple[float, float, float]) -> None:
+def test_an_invalid_anchor_is_refused(numbers: tuple[float, float, float]) -> None:
     with pytest.raises(InputError, match="anchor"):
         Anchor(MARS, *numbers)
 
@@ -111,10 +114,10 @@ def test_a_target_has_no_anchor() -> None:
         Anchor(body("orbital_target"), 0.0, 0.0)
 
 
-def test_a_frame_that_is_nowhere_has_an_engineering_crs_of_its_name() -> None:
-    place = Place("mana/odom")
-    crs = pyproj.CRS.from_wkt(place.wkt)
+def test_an_unanchored_frame_has_an_engineering_crs_with_the_name_of_the_frame() -> None:
+    location = FrameLocation("mana/odom")
+    crs = pyproj.CRS.from_wkt(location.wkt)
     assert crs.is_engineering
     assert crs.name == "mana/odom"
     with pytest.raises(InputError, match="not anchored"):
-        place.lonlat([[0.0, 0.0]])
+        location.lonlat([[0.0, 0.0]])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The tree of frames and pose tracks."""
+"""Frame graphs and pose tracks: lookup, interpolation and pruning."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from cdff_common.errors import ConflictError, ExtrapolationError, FrameNotFoundE
 from cdff_common.geometry import FrameGraph, PoseTrack, UncertainTransform, checked_frame, interpolate, se3
 
 
-def at(x: float, yaw: float = 0.0, sigma: float | None = 0.0) -> UncertainTransform:
+def pose_at(x: float, yaw: float = 0.0, sigma: float | None = 0.0) -> UncertainTransform:
     c = None if sigma is None else np.eye(6) * sigma**2
     return UncertainTransform(se3.transform(se3.exp_so3([0, 0, yaw]), [x, 0, 0]), c)
 
@@ -17,24 +17,24 @@ def at(x: float, yaw: float = 0.0, sigma: float | None = 0.0) -> UncertainTransf
 @pytest.fixture
 def graph() -> FrameGraph:
     g = FrameGraph()
-    g.set_static("site", "mana/odom", at(1.0))
-    g.track("mana/odom", "mana/base").insert(0, at(0.0))
-    g.track("mana/odom", "mana/base").insert(1000, at(2.0))
-    g.set_static("mana/base", "mana/lidar", at(0.5))
-    g.set_static("site", "minnie/odom", at(10.0))
+    g.set_static("site", "mana/odom", pose_at(1.0))
+    g.track("mana/odom", "mana/base").insert(0, pose_at(0.0))
+    g.track("mana/odom", "mana/base").insert(1000, pose_at(2.0))
+    g.set_static("mana/base", "mana/lidar", pose_at(0.5))
+    g.set_static("site", "minnie/odom", pose_at(10.0))
     return g
 
 
-def test_a_lookup_composes_down_the_chain(graph: FrameGraph) -> None:
+def test_a_lookup_composes_the_edges_of_a_chain(graph: FrameGraph) -> None:
     assert np.isclose(graph.lookup("site", "mana/lidar", 1000).matrix[0, 3], 3.5)
 
 
-def test_a_lookup_upwards_is_the_inverse(graph: FrameGraph) -> None:
+def test_a_lookup_from_child_to_parent_is_the_inverse(graph: FrameGraph) -> None:
     down, up = graph.lookup("site", "mana/lidar", 1000), graph.lookup("mana/lidar", "site", 1000)
     assert np.allclose(down.matrix @ up.matrix, np.eye(4))
 
 
-def test_a_lookup_goes_over_the_common_ancestor(graph: FrameGraph) -> None:
+def test_a_lookup_uses_the_common_ancestor(graph: FrameGraph) -> None:
     assert np.isclose(graph.lookup("minnie/odom", "mana/base", 0).matrix[0, 3], -9.0)
 
 
@@ -47,80 +47,80 @@ def test_a_time_outside_the_track_is_refused(graph: FrameGraph) -> None:
         graph.lookup("site", "mana/base", 5000)
 
 
-def test_the_nearest_pose_holds_within_the_limit() -> None:
+def test_the_nearest_pose_is_used_within_the_limit() -> None:
     track = PoseTrack(extrapolation_limit_ns=100)
-    track.insert(0, at(1.0))
+    track.insert(0, pose_at(1.0))
     assert track.at(100).matrix[0, 3] == 1.0
     with pytest.raises(ExtrapolationError):
         track.at(101)
 
 
-def test_unknown_frames_are_named_with_those_that_are_known(graph: FrameGraph) -> None:
+def test_an_unknown_frame_is_refused_with_the_known_ones(graph: FrameGraph) -> None:
     with pytest.raises(FrameNotFoundError, match=r"venus.*mana/base"):
         graph.lookup("site", "venus", 0)
 
 
 def test_a_frame_has_one_parent(graph: FrameGraph) -> None:
-    with pytest.raises(ConflictError, match="hangs under"):
-        graph.set_static("minnie/odom", "mana/base", at(0.0))
+    with pytest.raises(ConflictError, match="has the parent"):
+        graph.set_static("minnie/odom", "mana/base", pose_at(0.0))
 
 
 def test_an_edge_that_closes_a_loop_is_refused(graph: FrameGraph) -> None:
     with pytest.raises(InputError, match="loop"):
-        graph.set_static("mana/lidar", "site", at(0.0))
+        graph.set_static("mana/lidar", "site", pose_at(0.0))
 
 
-def test_covariance_is_unknown_where_an_edge_has_none(graph: FrameGraph) -> None:
-    graph.set_static("mana/base", "mana/imu", at(0.0, sigma=None))
+def test_a_lookup_over_an_edge_without_covariance_has_none(graph: FrameGraph) -> None:
+    graph.set_static("mana/base", "mana/imu", pose_at(0.0, sigma=None))
     assert graph.lookup("site", "mana/imu", 0).covariance is None
     assert graph.lookup("site", "mana/lidar", 0).covariance is not None
 
 
 def test_rotation_is_interpolated_along_the_geodesic() -> None:
-    half = interpolate(at(0.0, 0.0), at(0.0, 1.0), 0.5)
+    half = interpolate(pose_at(0.0, 0.0), pose_at(0.0, 1.0), 0.5)
     assert np.isclose(se3.log_so3(half.matrix[:3, :3])[2], 0.5)
 
 
-def test_interpolation_does_not_extrapolate() -> None:
+def test_a_fraction_above_one_is_refused_by_interpolation() -> None:
     with pytest.raises(InputError, match="fraction"):
-        interpolate(at(0.0), at(1.0), 1.5)
+        interpolate(pose_at(0.0), pose_at(1.0), 1.5)
 
 
-def test_forgetting_keeps_the_last_pose_before_the_cut() -> None:
+def test_pruning_keeps_the_last_pose_before_the_limit() -> None:
     track = PoseTrack()
     for stamp in range(5):
-        track.insert(stamp * 10, at(float(stamp)))
-    track.forget_before(25)
+        track.insert(stamp * 10, pose_at(float(stamp)))
+    track.evict_before(25)
     assert track.stamps_ns == [20, 30, 40]
     assert track.at(25).matrix[0, 3] == 2.5
 
 
-def test_forgetting_keeps_what_lies_around_times_to_keep_and_answers_nothing_in_between() -> None:
+def test_pruning_keeps_poses_around_pinned_times_and_refuses_times_in_between() -> None:
     track = PoseTrack()
     for stamp in range(10):
-        track.insert(stamp * 10, at(float(stamp)))
-    track.forget_before(65, keep_ns=[15, 40])
+        track.insert(stamp * 10, pose_at(float(stamp)))
+    track.evict_before(65, keep_ns=[15, 40])
     assert track.stamps_ns == [10, 20, 40, 50, 60, 70, 80, 90]
     assert track.at(15).matrix[0, 3] == 1.5
     assert track.at(45).matrix[0, 3] == 4.5
-    with pytest.raises(ExtrapolationError, match="forgotten from 20 to 40"):
+    with pytest.raises(ExtrapolationError, match="from 20 to 40 were evicted"):
         track.at(30)
-    track.forget_before(85, keep_ns=[15])
+    track.evict_before(85, keep_ns=[15])
     assert track.stamps_ns == [10, 20, 80, 90]
-    with pytest.raises(ExtrapolationError, match="forgotten from 20 to 80"):
+    with pytest.raises(ExtrapolationError, match="from 20 to 80 were evicted"):
         track.at(70)
-    track.forget_before(85)
+    track.evict_before(85)
     assert track.stamps_ns == [80, 90]
     assert track.at(80).matrix[0, 3] == 8.0
-    assert not track.broken
+    assert not track.gap_ends
 
 
 @pytest.mark.parametrize("frame", ["", "Site", "a//b", "/a", "a/", "a b", "x" * 200, "a\n"])
-def test_frame_ids_outside_the_contract_are_refused(frame: str) -> None:
+def test_invalid_frame_ids_are_refused(frame: str) -> None:
     with pytest.raises(InputError):
         checked_frame(frame)
 
 
-def test_a_transform_that_is_not_rigid_is_refused() -> None:
+def test_a_non_rigid_transform_is_refused() -> None:
     with pytest.raises(InputError, match="rigid"):
         UncertainTransform(2 * np.eye(4))

@@ -13,7 +13,7 @@ from cdff_common.geometry.plane_fits import plane_fits
 
 
 @pytest.mark.parametrize("n", [1, 2, 11, 500, 3000])
-def test_neighbours_are_those_of_an_exhaustive_search(n: int, rng: np.random.Generator) -> None:
+def test_neighbours_agree_with_an_exhaustive_search(n: int, rng: np.random.Generator) -> None:
     points, queries = rng.normal(size=(n, 3)) * [10.0, 3.0, 0.1], rng.normal(size=(200, 3)) * 8.0
     tree, reference = kd_tree(points), cKDTree(points)
     distance, row = nearest(tree, queries)
@@ -25,20 +25,20 @@ def test_neighbours_are_those_of_an_exhaustive_search(n: int, rng: np.random.Gen
     assert np.all(np.sort(rows, axis=1)[:, 1:] != np.sort(rows, axis=1)[:, :-1])
 
 
-def test_a_gate_counts_points_at_exactly_its_distance_and_none_beyond() -> None:
+def test_a_maximum_distance_includes_points_at_exactly_this_distance() -> None:
     tree = kd_tree(np.array([[0.0, 0, 0], [5.0, 0, 0]]))
     distance, row = nearest(tree, np.array([[2.0, 0, 0], [2.5, 0, 0]]), 2.0)
     np.testing.assert_array_equal(distance, [2.0, np.inf])
     np.testing.assert_array_equal(row, [0, -1])
 
 
-def test_more_neighbours_than_points_are_said_to_be_missing() -> None:
+def test_neighbours_beyond_the_number_of_points_are_marked_as_missing() -> None:
     distance, row = neighbours(kd_tree(np.eye(3)), np.zeros((1, 3)), 5)
     np.testing.assert_array_equal(np.isfinite(distance[0]), [True, True, True, False, False])
     assert list(row[0, 3:]) == [-1, -1]
 
 
-def test_equal_points_are_all_found_and_leave_no_endless_search() -> None:
+def test_coincident_points_are_found_as_separate_neighbours() -> None:
     tree = kd_tree(np.tile([1.0, 2.0, 3.0], (1000, 1)))
     distance, row = neighbours(tree, np.array([[1.0, 2.0, 3.0]]), 4)
     assert np.all(distance == 0.0)
@@ -47,10 +47,14 @@ def test_equal_points_are_all_found_and_leave_no_endless_search() -> None:
 
 def test_spacing_is_the_median_distance_to_the_nearest_neighbour() -> None:
     x, y = np.meshgrid(np.arange(50.0), np.arange(50.0))
-    assert spacing(kd_tree(np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1) * 0.2)) == pytest.approx(0.2)
+    assert spacing(kd_tree(np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1) * 0.2)) == pytest.approx(
+        0.2
+    )
 
 
-def test_planes_have_the_axes_and_variances_of_their_neighbourhoods(rng: np.random.Generator) -> None:
+def test_planes_have_the_principal_axes_and_variances_of_their_neighbourhoods(
+    rng: np.random.Generator,
+) -> None:
     points = rng.normal(size=(800, 3)) * [3.0, 2.0, 0.05]
     normals, means, variances = plane_fits(kd_tree(points), 12)
     _, row = cKDTree(points).query(points, k=12)

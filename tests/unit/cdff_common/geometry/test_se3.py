@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""SO(3) and SE(3): inverses, round trips, conventions."""
+"""SO(3) and SE(3): inverses, round trips and conventions."""
 
 import numpy as np
 import pytest
@@ -16,12 +16,12 @@ twists = arrays(np.float64, (6,), elements=st.floats(-1.7, 1.7))
 
 
 @given(angles)
-def test_log_undoes_exp_of_a_rotation(phi: np.ndarray) -> None:
+def test_log_inverts_exp_of_a_rotation(phi: np.ndarray) -> None:
     assert np.allclose(se3.log_so3(se3.exp_so3(phi)), phi, atol=1e-9)
 
 
 @given(twists)
-def test_log_undoes_exp_of_a_transform(xi: np.ndarray) -> None:
+def test_log_inverts_exp_of_a_transform(xi: np.ndarray) -> None:
     assert np.allclose(se3.log_se3(se3.exp_se3(xi)), xi, atol=1e-8)
 
 
@@ -39,7 +39,7 @@ def test_quaternion_round_trip_keeps_the_rotation_and_w_is_not_negative(phi: np.
     assert np.allclose(se3.matrix_from_quaternion_xyzw(q), R, atol=1e-12)
 
 
-def test_rotations_by_half_a_turn_survive_the_quaternion() -> None:
+def test_rotations_by_180_degrees_survive_the_quaternion() -> None:
     for axis in np.eye(3):
         R = se3.exp_so3(np.pi * axis)
         assert np.allclose(se3.matrix_from_quaternion_xyzw(se3.quaternion_xyzw_from_matrix(R)), R, atol=1e-12)
@@ -56,7 +56,7 @@ def test_a_zero_quaternion_is_refused() -> None:
         se3.matrix_from_quaternion_xyzw([0.0, 0.0, 0.0, 0.0])
 
 
-def test_stacks_give_what_single_elements_give(rng: np.random.Generator) -> None:
+def test_stacked_elements_give_the_same_result_as_single_ones(rng: np.random.Generator) -> None:
     xi = rng.normal(size=(5, 4, 6))
     stacked = se3.exp_se3(xi)
     assert np.allclose(stacked[3, 2], se3.exp_se3(xi[3, 2]))
@@ -82,7 +82,7 @@ def test_the_inverse_right_jacobian_is_the_derivative_of_the_logarithm(rng: np.r
     np.testing.assert_allclose(se3.inverse_right_jacobian_se3(xi), np.swapaxes(numeric, 1, 2), atol=1e-8)
 
 
-def test_the_adjoint_carries_a_motion_to_the_other_side(rng: np.random.Generator) -> None:
+def test_the_adjoint_transforms_a_motion_to_the_other_frame(rng: np.random.Generator) -> None:
     T, x = se3.exp_se3(rng.normal(size=(5, 6))), 0.1 * rng.normal(size=(5, 6))
-    moved = se3.exp_se3((se3.adjoint(T) @ x[..., None])[..., 0])
-    np.testing.assert_allclose(T @ se3.exp_se3(x) @ se3.inverse(T), moved, atol=1e-12)
+    transformed = se3.exp_se3((se3.adjoint(T) @ x[..., None])[..., 0])
+    np.testing.assert_allclose(T @ se3.exp_se3(x) @ se3.inverse(T), transformed, atol=1e-12)

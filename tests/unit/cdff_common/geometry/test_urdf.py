@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""URDF: links and joints as a tree, or the reason why not."""
+"""URDF files: a tree of links and joints, or an error with the reason."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ ROVER = """<?xml version="1.0"?>
 </robot>"""
 
 
-def test_joints_come_from_the_root_downwards_with_their_frames() -> None:
+def test_joints_are_listed_from_the_root_with_their_frames() -> None:
     model = read_urdf(ROVER)
     assert (model.name, model.root) == ("rover", "base_link")
     names = [j.name for j in model.joints]
@@ -37,7 +37,7 @@ def test_joints_come_from_the_root_downwards_with_their_frames() -> None:
     assert [model.frame("mana", link) for link in ("base_link", "Mast")] == ["mana/base", "mana/mast"]
 
 
-def test_joints_turn_and_slide_about_their_axes() -> None:
+def test_joints_rotate_and_translate_about_their_axes() -> None:
     joints = {j.name: j for j in read_urdf(ROVER).joints}
     T = joints["tilt_joint"].transform(0.3)
     np.testing.assert_allclose(T, se3.transform(se3.exp_so3([0, 0.3, 0]), [0, 0, 0.1]), atol=1e-12)
@@ -58,13 +58,13 @@ def test_joints_turn_and_slide_about_their_axes() -> None:
         ('<parent link="pan"/>', '<parent link="neck"/>', "neck"),
         ('<parent link="Mast"/>', '<parent link="tilt"/>', "loop"),
         ('<link name="arm"/>', '<link name="arm"/><link name="leg"/>', "one root"),
-        ('<link name="arm"/>', '<link name="arm"/><link name="arm"/>', "twice"),
+        ('<link name="arm"/>', '<link name="arm"/><link name="arm"/>', "repeated"),
         ('xyz="0 2 0"', 'xyz="0 0 0"', "direction"),
         ('xyz="0 0 0.1"', 'xyz="0 0 up"', "numbers"),
         ('joint="pan_joint" multiplier', 'joint="mast_joint" multiplier', "mimics"),
     ],
 )
-def test_what_is_no_tree_of_joints_is_refused_by_name(old: str, new: str, message: str) -> None:
+def test_an_invalid_joint_tree_is_refused_by_name(old: str, new: str, message: str) -> None:
     assert old in ROVER
     with pytest.raises(ConfigurationError, match=message):
         read_urdf(ROVER.replace(old, new))

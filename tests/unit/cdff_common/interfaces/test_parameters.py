@@ -29,7 +29,7 @@ class _Config(DfnConfig):
     other: _Inner
 
 
-def test_rows_give_type_default_bounds_and_meaning_in_the_order_of_the_model() -> None:
+def test_parameters_are_listed_with_type_default_bounds_and_meaning() -> None:
     rows = parameter_rows(_Config)
     assert [r.name for r in rows] == [
         *("window", "limit_m", "kind", "corner_m", "names", "part.x", "part.inner.y", "other.y")
@@ -41,7 +41,7 @@ def test_rows_give_type_default_bounds_and_meaning_in_the_order_of_the_model() -
     assert rows[4].type == "list of string"
 
 
-def test_fields_of_models_within_a_model_are_rows_with_dots_and_the_defaults_of_the_outermost() -> None:
+def test_nested_fields_are_listed_with_dotted_names_and_the_defaults_of_the_outermost_field() -> None:
     x, y, other = parameter_rows(_Config)[5:]
     assert x == ParameterRow("part.x", "integer", "7", "", "")
     assert y == ParameterRow("part.inner.y", "number", "2.0", "> 0", "metres")

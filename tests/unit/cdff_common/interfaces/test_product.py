@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The product envelope."""
+"""Headers of products, their ids and attachments."""
 
 import uuid
 
@@ -29,11 +29,11 @@ def header(**changes: object) -> Header:
     return Header(**{**fields, **changes})  # type: ignore[arg-type]
 
 
-def test_a_header_survives_its_attachment() -> None:
+def test_a_header_survives_conversion_to_an_attachment() -> None:
     assert Header.from_attachment(header().to_attachment()) == header()
 
 
-def test_a_retry_has_the_same_id_and_another_configuration_another() -> None:
+def test_a_retry_has_the_same_id_and_another_configuration_a_different_one() -> None:
     assert product_id("mana", "vo", "pose", 1000, 0, "a") == product_id("mana", "vo", "pose", 1000, 0, "a")
     assert product_id("mana", "vo", "pose", 1000, 0, "a") != product_id("mana", "vo", "pose", 1000, 0, "b")
 
@@ -68,7 +68,7 @@ def test_a_header_with_a_wrong_field_is_refused(changes: dict[str, object]) -> N
 @pytest.mark.parametrize(
     "data", [b"", b"\xff\xff", msgpack.packb([1]), msgpack.packb({"v": 2}), msgpack.packb({"v": 1})]
 )
-def test_bytes_that_are_no_header_are_refused(data: bytes) -> None:
+def test_invalid_header_bytes_are_refused(data: bytes) -> None:
     with pytest.raises(InputError):
         Header.from_attachment(data)
 

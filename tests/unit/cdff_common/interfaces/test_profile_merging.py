@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a profile says of the merging of maps is checked when it is read."""
+"""Validation of the map merging section of a profile."""
 
 from __future__ import annotations
 
@@ -19,14 +19,17 @@ def profile(folder: Path, merging: str) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("merging", "named"), [("{search_radius: 5}", "search_radius"), ("{trials: 0}", "trials"), ("12", "merging")]
+    ("merging", "parameter"),
+    [("{search_radius: 5}", "search_radius"), ("{trials: 0}", "trials"), ("12", "merging")],
 )
-def test_what_the_merging_does_not_know_is_refused_and_named(tmp_path: Path, merging: str, named: str) -> None:
-    with pytest.raises(ConfigurationError, match=named):
+def test_unknown_merging_parameters_are_refused_and_named(
+    tmp_path: Path, merging: str, parameter: str
+) -> None:
+    with pytest.raises(ConfigurationError, match=parameter):
         load_profile(profile(tmp_path, f"merging: {merging}\n"))
 
 
-def test_merging_without_parameters_has_its_defaults_and_absent_there_is_none(tmp_path: Path) -> None:
+def test_merging_without_parameters_has_defaults_and_is_absent_without_an_entry(tmp_path: Path) -> None:
     merging = load_profile(profile(tmp_path, "merging: {trials: 3}\n")).merging
     assert merging is not None
     assert (merging.trials, merging.candidates) == (3, 2)

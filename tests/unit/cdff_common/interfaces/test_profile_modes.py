@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sensor modes and wiring of a profile: needs become modes, transitions become ways, mistakes are named."""
+"""Sensor modes and wiring of a profile: required modes, mode transitions, and refusals with the reason."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from pydantic import ValidationError
 from cdff_common.interfaces.profile import ModeNeed, Profile, Sensor, SensorMode
 
 NAVCAM: dict[str, Any] = {
-    "kind": "stereo_camera", "frame": "mana/navcam_left", "streams": {"pair": "FramePair"}, "initial_mode": "off",
+    "kind": "stereo_camera",
+    "frame": "mana/navcam_left",
+    "streams": {"pair": "FramePair"},
+    "initial_mode": "off",
     "modes": {
         "off": {"on": False},
         "slow": {"rate_hz": 1.0, "stereo": True, "width_px": 1024, "height_px": 768, "exposure": "auto"},
@@ -21,7 +24,7 @@ NAVCAM: dict[str, Any] = {
         "bare": {},
     },
     "switch_s": 0.5,
-}  # fmt: skip
+}
 
 
 def robot(**entry: Any) -> Profile:
@@ -32,7 +35,7 @@ def robot(**entry: Any) -> Profile:
 
 @pytest.mark.req("CDFF-SUP-143")
 @pytest.mark.parametrize(
-    ("need", "modes"),
+    ("requirement", "modes"),
     [
         ("slow", "slow"),
         ("fast|slow", "fast|slow"),
@@ -44,40 +47,42 @@ def robot(**entry: Any) -> Profile:
         ({}, "slow|fast|mono|bare"),
     ],
 )
-def test_what_a_dfpc_needs_of_a_mode_becomes_the_modes_that_serve_it(need: Any, modes: str) -> None:
-    mana = robot(modes={"navcam": need}).robot("mana")
+def test_a_requirement_of_a_dfpc_selects_the_modes_that_satisfy_it(requirement: Any, modes: str) -> None:
+    mana = robot(modes={"navcam": requirement}).robot("mana")
     assert mana.modes_of(mana.dfpcs[0]) == {"navcam": modes}
 
 
-@pytest.mark.parametrize("need", ["x_ray", "slow|x_ray", {"min_rate_hz": 99.0}])
-def test_a_need_that_no_mode_serves_is_refused(need: Any) -> None:
+@pytest.mark.parametrize("requirement", ["x_ray", "slow|x_ray", {"min_rate_hz": 99.0}])
+def test_a_requirement_that_no_mode_satisfies_is_refused(requirement: Any) -> None:
     with pytest.raises(ValidationError, match="which no sensor has"):
-        robot(modes={"navcam": need})
+        robot(modes={"navcam": requirement})
 
 
-def test_a_mode_that_does_not_stream_serves_no_need() -> None:
-    assert not ModeNeed().served_by(SensorMode(on=False))
+def test_a_mode_that_does_not_stream_satisfies_no_requirement() -> None:
+    assert not ModeNeed().is_met_by(SensorMode(on=False))
 
 
 @pytest.mark.req("CDFF-SUP-141")
-def test_inputs_may_have_alternatives_each_of_which_has_to_exist() -> None:
+def test_each_alternative_of_an_input_must_exist() -> None:
     robot(inputs={"stereo": "sensor/navcam/pair|product/other/pair"})
-    with pytest.raises(ValidationError, match="no DFPC 'nobody'"):
-        robot(inputs={"stereo": "sensor/navcam/pair|product/nobody/pair"})
+    with pytest.raises(ValidationError, match="no DFPC 'missing'"):
+        robot(inputs={"stereo": "sensor/navcam/pair|product/missing/pair"})
 
 
-def test_the_quickest_way_between_two_modes_is_taken() -> None:
-    ways = {"off": {"slow": 5.0, "mono": 1.0}, "mono": {"slow": 1.0}, "slow": {}}
-    sensor = Sensor.model_validate(NAVCAM | {"transitions": ways})
-    assert sensor.way("off", "slow") == (("mono", 1.0), ("slow", 1.0))
-    assert sensor.way("off", "off") == ()
-    assert sensor.way("slow", "off") is None
-    assert sensor.way("fast", "off") == (("off", 0.5),), "what names no transitions goes anywhere in switch_s"
+def test_the_fastest_sequence_between_two_modes_is_selected() -> None:
+    transitions = {"off": {"slow": 5.0, "mono": 1.0}, "mono": {"slow": 1.0}, "slow": {}}
+    sensor = Sensor.model_validate(NAVCAM | {"transitions": transitions})
+    assert sensor.mode_path("off", "slow") == (("mono", 1.0), ("slow", 1.0))
+    assert sensor.mode_path("off", "off") == ()
+    assert sensor.mode_path("slow", "off") is None
+    assert sensor.mode_path("fast", "off") == (("off", 0.5),), (
+        "a mode without listed transitions reaches every mode in switch_s"
+    )
     with pytest.raises(ValidationError, match="not among modes"):
         Sensor.model_validate(NAVCAM | {"transitions": {"off": {"x_ray": 1.0}}})
 
 
-def test_an_input_may_be_what_the_dpm_holds_of_any_robot() -> None:
+def test_an_input_may_be_a_product_of_any_robot_in_the_dpm() -> None:
     entry = robot(inputs={"stereo": "dpm/orbiter/dem"}).robots[0].dfpcs[0]
     assert entry.inputs == {"stereo": "dpm/orbiter/dem"}
     with pytest.raises(ValidationError, match="dpm/orbiter"):

@@ -13,18 +13,18 @@ def grid(xmin: float = 0.0, ymin: float = 0.0, xmax: float = 1.0, ymax: float = 
     return GridGeometry.aligned("site", 0.05, (xmin, ymin, xmax, ymax))
 
 
-def test_aligned_covers_the_bounds_with_the_fewest_cells_on_multiples_of_the_cell_size() -> None:
+def test_an_aligned_grid_is_the_smallest_that_covers_the_bounds() -> None:
     g = GridGeometry.aligned("site", 0.1, (-0.25, 0.31, 0.25, 0.5))
     assert (g.left, g.top, g.rows, g.cols) == (-3, 5, 2, 6)
     assert g.bounds == pytest.approx((-0.3, 0.3, 0.3, 0.5))
 
 
-def test_bounds_that_lie_on_edges_up_to_rounding_gain_no_extra_cells() -> None:
+def test_rounding_at_cell_edges_adds_no_cells() -> None:
     g = GridGeometry.aligned("site", 0.1, (0.1 * 3, 0.0, 0.1 * 7, 0.1 * 3))
     assert g.shape == (3, 4)
 
 
-def test_a_point_of_no_extent_still_gets_one_cell() -> None:
+def test_a_single_point_gets_one_cell() -> None:
     assert GridGeometry.aligned("site", 0.5, (0.2, 0.2, 0.2, 0.2)).shape == (1, 1)
 
 
@@ -38,12 +38,12 @@ def test_row_zero_is_at_ymax_and_centres_lie_in_their_cells() -> None:
     np.testing.assert_array_equal(cols.reshape(g.shape), np.arange(g.cols)[None, :] * np.ones((g.rows, 1)))
 
 
-def test_points_outside_or_not_finite_are_told_apart() -> None:
+def test_points_outside_the_grid_or_not_finite_are_marked() -> None:
     inside = grid().cells_of([-0.001, 0.0, 0.999, 1.0, np.nan, np.inf], [1.0, 0.0, 1.999, 1.0, 1.0, 1.0])[2]
     assert inside.tolist() == [False, True, True, False, False, False]
 
 
-def test_two_windows_put_a_point_into_the_same_cell_of_the_frame(rng: np.random.Generator) -> None:
+def test_two_windows_assign_a_point_to_the_same_cell_of_the_frame(rng: np.random.Generator) -> None:
     points = rng.uniform(-1, 1, (2000, 2))
     a = GridGeometry.aligned("site", 0.03, (-1, -1, 1, 1))
     b = GridGeometry.aligned("site", 0.03, (-7.3, -5.1, 4.4, 9.9))
@@ -54,29 +54,29 @@ def test_two_windows_put_a_point_into_the_same_cell_of_the_frame(rng: np.random.
 
 def test_union_intersection_and_slices_agree() -> None:
     a, b = grid(), grid(0.5, 1.0, 3.0, 4.0)
-    both = a.union(b)
-    assert both.bounds == pytest.approx((0.0, 0.0, 3.0, 4.0))
-    common = a.intersection(b)
-    assert common is not None
-    assert common.bounds == pytest.approx((0.5, 1.0, 1.0, 2.0))
-    rows, cols = both.slices_of(a)
+    union = a.union(b)
+    assert union.bounds == pytest.approx((0.0, 0.0, 3.0, 4.0))
+    intersection = a.intersection(b)
+    assert intersection is not None
+    assert intersection.bounds == pytest.approx((0.5, 1.0, 1.0, 2.0))
+    rows, cols = union.slices_of(a)
     assert (rows.stop - rows.start, cols.stop - cols.start) == a.shape
     assert a.intersection(grid(5, 5, 6, 6)) is None
 
 
-def test_grids_of_another_frame_or_cell_size_do_not_mix() -> None:
-    with pytest.raises(InputError, match="one frame and one cell size"):
+def test_grids_of_different_frames_or_cell_sizes_cannot_be_combined() -> None:
+    with pytest.raises(InputError, match="the same frame and cell size"):
         grid().union(GridGeometry.aligned("mana/odom", 0.05, (0, 0, 1, 1)))
     with pytest.raises(InputError, match="aggregate"):
         grid().intersection(GridGeometry.aligned("site", 0.1, (0, 0, 1, 1)))
 
 
-def test_a_window_that_sticks_out_is_refused() -> None:
-    with pytest.raises(InputError, match="sticks out"):
+def test_a_window_beyond_the_grid_is_refused() -> None:
+    with pytest.raises(InputError, match="extends beyond"):
         grid().slices_of(grid(0.5, 0.5, 1.5, 1.5))
 
 
-def test_coarser_cells_cover_the_finer_and_are_aligned_themselves() -> None:
+def test_coarser_cells_are_aligned_and_cover_the_finer_ones() -> None:
     g = GridGeometry.from_cells("site", 0.05, left=-7, top=11, rows=5, cols=4).coarsened(4)
     assert (g.left, g.top, g.rows, g.cols) == (-2, 3, 2, 2)
     assert g.resolution_m == pytest.approx(0.2)
@@ -95,7 +95,7 @@ def test_coarser_cells_cover_the_finer_and_are_aligned_themselves() -> None:
     ],
 )
 def test_a_wrong_value_is_refused_by_name(change: dict[str, object], message: str) -> None:
-    good: dict[str, object] = {
+    valid: dict[str, object] = {
         "frame": "site",
         "resolution_m": 0.05,
         "xmin_m": 0.0,
@@ -104,24 +104,28 @@ def test_a_wrong_value_is_refused_by_name(change: dict[str, object], message: st
         "cols": 3,
     }
     with pytest.raises(InputError, match=message):
-        GridGeometry(**{**good, **change})  # type: ignore[arg-type]
+        GridGeometry(**{**valid, **change})  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("bounds", [(1, 0, 0, 1), (0, 0, float("nan"), 1), (0, 0, 1e9, 1e9)])
-def test_reversed_endless_or_huge_bounds_are_refused(bounds: tuple[float, float, float, float]) -> None:
+def test_reversed_infinite_or_huge_bounds_are_refused(bounds: tuple[float, float, float, float]) -> None:
     with pytest.raises(InputError):
         GridGeometry.aligned("site", 0.05, bounds)
 
 
-def test_the_grid_around_points_holds_them_all_and_no_row_or_column_too_many(rng: np.random.Generator) -> None:
-    points = np.vstack([rng.uniform(-3, 4, (50, 3)), [[2.5, 4.5, 0.0]], [[np.nan, 9.0, 0.0]], [[9.0, 9.0, np.inf]]])
+def test_the_grid_around_points_is_the_smallest_that_contains_them(
+    rng: np.random.Generator,
+) -> None:
+    points = np.vstack(
+        [rng.uniform(-3, 4, (50, 3)), [[2.5, 4.5, 0.0]], [[np.nan, 9.0, 0.0]], [[9.0, 9.0, np.inf]]]
+    )
     g = GridGeometry.around("site", 0.5, points)
     rows, cols, inside = g.cells_of(points[:51, 0], points[:51, 1])
     assert inside.all()
     assert (rows.min(), cols.min(), rows.max(), cols.max()) == (0, 0, g.rows - 1, g.cols - 1)
 
 
-def test_points_without_a_finite_one_or_too_far_apart_have_no_grid() -> None:
+def test_points_without_finite_values_or_too_far_apart_have_no_grid() -> None:
     with pytest.raises(InputError, match="finite"):
         GridGeometry.around("site", 0.5, np.full((3, 3), np.nan))
     with pytest.raises(InputError, match="cells"):

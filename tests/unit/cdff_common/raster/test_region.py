@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Regions over grids."""
+"""Regions on grids: contained cells and coverage."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from cdff_common.geometry.region import parse_region
 from cdff_common.raster import GridGeometry, coverage, mask
 
 
-def test_a_circle_counts_cells_by_their_centres() -> None:
+def test_a_circle_contains_the_cells_with_centres_inside() -> None:
     g = GridGeometry.aligned("site", 0.1, (-2, -2, 2, 2))
     inside = mask(parse_region("circle:0,0,1"), g)
     assert np.count_nonzero(inside) * 0.01 == pytest.approx(np.pi, rel=0.01)
 
 
-def test_coverage_is_the_share_of_observed_cells_also_where_the_grid_is_smaller_than_the_region() -> None:
+def test_coverage_is_the_fraction_of_observed_cells_of_the_region() -> None:
     g = GridGeometry.aligned("site", 0.1, (0, 0, 2, 1))
     observed = np.zeros(g.shape, dtype=bool)
     observed[:, :10] = True

@@ -26,7 +26,7 @@ def test_the_slope_of_a_plane_is_its_angle() -> None:
     np.testing.assert_allclose(np.degrees(slope_rad(plane(0.0, 1.0), 0.5)[1:-1, 1:-1]), 45.0)
 
 
-def test_no_slope_is_given_where_a_neighbour_is_unobserved() -> None:
+def test_the_slope_is_unknown_next_to_an_unobserved_cell() -> None:
     z = plane(0.1, 0.1)
     z[5, 5] = np.nan
     unknown = np.isnan(slope_rad(z, 0.5))
@@ -35,8 +35,8 @@ def test_no_slope_is_given_where_a_neighbour_is_unobserved() -> None:
     assert not unknown[1:-1, 1:4].any()
 
 
-def test_a_flank_towards_the_light_is_brighter_and_unobserved_cells_are_zero() -> None:
-    z = plane(0.5, -0.5)  # falls towards the north-west, where the light is
+def test_a_slope_facing_the_light_is_brighter_and_unobserved_cells_are_zero() -> None:
+    z = plane(0.5, -0.5)  # descends towards the north-west, the direction of the light
     z[0, 0] = np.nan
     bright, dark = hillshade(z, 0.5), hillshade(-z, 0.5)
     assert bright.dtype == np.uint8
@@ -44,13 +44,13 @@ def test_a_flank_towards_the_light_is_brighter_and_unobserved_cells_are_zero() -
     assert bright[4, 4] > dark[4, 4] >= 1
 
 
-def test_a_lone_cell_is_shaded_as_flat_ground() -> None:
+def test_an_isolated_cell_is_shaded_as_flat_ground() -> None:
     z = np.full((3, 3), np.nan)
     z[1, 1] = 7.0
     assert hillshade(z, 1.0)[1, 1] == round(1 + 254 * np.sin(np.radians(45)))
 
 
-def test_heights_that_are_no_grid_are_refused() -> None:
+def test_heights_of_wrong_shape_are_refused() -> None:
     with pytest.raises(InputError):
         horn_gradient(np.zeros(4), 1.0)
     with pytest.raises(InputError):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cdff_common.errors import InputError
-from cdff_common.raster import CellStatistics, GridGeometry, pool
+from cdff_common.raster import CellStatistics, GridGeometry
 
 T_NS = 1_700_000_000_000_000_000
 FIELDS = ("count", "mean", "m2", "minimum", "maximum", "newest_ns")
@@ -27,7 +27,7 @@ def assert_same(a: CellStatistics, b: CellStatistics, rtol: float = 1e-12) -> No
 
 
 @pytest.mark.parametrize("datum_m", [0.0, -2500.0, 21_000.0])
-def test_a_cell_holds_what_numpy_says_of_its_points(rng: np.random.Generator, datum_m: float) -> None:
+def test_cell_statistics_agree_with_numpy(rng: np.random.Generator, datum_m: float) -> None:
     points, g = cloud(rng, datum_m=datum_m), grid()
     s = CellStatistics.from_points(g, points, stamps_ns=T_NS)
     rows, cols, inside = g.cells_of(points[:, 0], points[:, 1])
@@ -48,59 +48,65 @@ def test_cells_without_points_are_nan_in_every_layer(rng: np.random.Generator) -
         assert np.isfinite(layer[:, :8]).all(), name
 
 
-def test_pooling_parts_gives_the_statistics_of_all_points_at_once(rng: np.random.Generator) -> None:
+def test_fusing_parts_gives_the_statistics_of_all_points_at_once(rng: np.random.Generator) -> None:
     points, stamps = cloud(rng), T_NS + 1000 * rng.integers(0, 10**6, 4000)
     variances = rng.uniform(0, 0.01, 4000)
-    whole = CellStatistics.from_points(grid(), points, stamps_ns=stamps, height_variance_m2=variances)
-    pooled = CellStatistics.empty(grid())
-    for part in np.array_split(rng.permutation(4000), 7):
-        pooled.add(
-            CellStatistics.from_points(grid(), points[part], stamps_ns=stamps[part], height_variance_m2=variances[part])
+    all_at_once = CellStatistics.from_points(grid(), points, stamps_ns=stamps, height_variance_m2=variances)
+    fused = CellStatistics.empty(grid())
+    for rows in np.array_split(rng.permutation(4000), 7):
+        fused.add(
+            CellStatistics.from_points(
+                grid(), points[rows], stamps_ns=stamps[rows], height_variance_m2=variances[rows]
+            )
         )
-    assert_same(pooled, whole)
+    assert_same(fused, all_at_once)
 
 
-def test_pooling_does_not_depend_on_order_or_window(rng: np.random.Generator) -> None:
-    left = CellStatistics.from_points(GridGeometry.aligned("site", 0.25, (-2, -2, 0.5, 2)), cloud(rng), stamps_ns=T_NS)
+def fuse(first: CellStatistics, second: CellStatistics) -> CellStatistics:
+    result = first.window(first.geometry.union(second.geometry))
+    result.add(second)
+    return result
+
+
+def test_fusion_does_not_depend_on_order_or_window(rng: np.random.Generator) -> None:
+    left = CellStatistics.from_points(
+        GridGeometry.aligned("site", 0.25, (-2, -2, 0.5, 2)), cloud(rng), stamps_ns=T_NS
+    )
     right = CellStatistics.from_points(
         GridGeometry.aligned("site", 0.25, (-0.5, -1, 2, 2)), cloud(rng), stamps_ns=T_NS + 1000
     )
-    assert_same(pool(left, right), pool(right, left))
-    assert pool(left, right).count.sum() == left.count.sum() + right.count.sum()
+    assert_same(fuse(left, right), fuse(right, left))
+    assert fuse(left, right).count.sum() == left.count.sum() + right.count.sum()
 
 
 def test_two_scans_that_disagree_are_less_certain_than_either(rng: np.random.Generator) -> None:
     z = rng.normal(0.0, 0.02, 500)
     xy = np.full((500, 2), 0.1)
-    scans = [CellStatistics.from_points(grid(), np.column_stack([xy, z + dz]), stamps_ns=T_NS) for dz in (0.0, 0.3)]
-    sigma = np.sqrt(np.nanmax(pool(*scans).variance))
+    scans = [
+        CellStatistics.from_points(grid(), np.column_stack([xy, z + dz]), stamps_ns=T_NS) for dz in (0.0, 0.3)
+    ]
+    sigma = np.sqrt(np.nanmax(fuse(*scans).variance))
     assert sigma == pytest.approx(np.hypot(0.15, 0.02), rel=0.02)
 
 
-def test_the_variance_of_a_height_adds_to_the_spread_of_the_heights() -> None:
+def test_the_mean_variance_of_the_points_is_added_to_their_scatter() -> None:
     points = np.array([[0.1, 0.1, 1.0], [0.1, 0.1, 3.0]])
     s = CellStatistics.from_points(grid(), points, stamps_ns=T_NS, height_variance_m2=[0.5, 1.5])
     assert np.nanmax(s.variance) == pytest.approx(1.0 + 1.0)
 
 
-def test_layers_and_back_keep_the_statistics_to_float32(rng: np.random.Generator) -> None:
-    s = CellStatistics.from_points(grid(), cloud(rng)[:200], stamps_ns=T_NS - 1_000_000 * rng.integers(0, 5000, 200))
-    back = CellStatistics.from_layers(s.geometry, s.to_layers(T_NS), T_NS)
-    np.testing.assert_array_equal(back.observed, s.observed)
-    np.testing.assert_allclose(back.mean, s.mean, atol=1e-6)
-    np.testing.assert_allclose(back.m2, s.m2, rtol=1e-5, atol=1e-6)
-    np.testing.assert_allclose(back.newest_ns[s.observed], s.newest_ns[s.observed], atol=1_000_000, rtol=0)
+def test_statistics_survive_conversion_to_float32_layers(rng: np.random.Generator) -> None:
+    s = CellStatistics.from_points(
+        grid(), cloud(rng)[:200], stamps_ns=T_NS - 1_000_000 * rng.integers(0, 5000, 200)
+    )
+    reread = CellStatistics.from_layers(s.geometry, s.to_layers(T_NS), T_NS)
+    np.testing.assert_array_equal(reread.observed, s.observed)
+    np.testing.assert_allclose(reread.mean, s.mean, atol=1e-6)
+    np.testing.assert_allclose(reread.m2, s.m2, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(reread.newest_ns[s.observed], s.newest_ns[s.observed], atol=1_000_000, rtol=0)
 
 
-def test_the_newest_and_oldest_stamps_are_those_of_observed_cells() -> None:
-    s = CellStatistics.from_points(grid(), [[0, 0, 0], [1, 1, 0]], stamps_ns=[T_NS, T_NS + 5000])
-    assert (s.oldest_stamp_ns, s.newest_stamp_ns) == (T_NS, T_NS + 5000)
-    empty = CellStatistics.empty(grid())
-    assert empty.oldest_stamp_ns is None
-    assert empty.newest_stamp_ns is None
-
-
-def test_points_outside_the_window_or_not_finite_are_left_out() -> None:
+def test_points_outside_the_window_or_not_finite_are_ignored() -> None:
     points = [[9, 0, 0], [0, np.nan, 0], [0, 0, np.inf], [0.1, 0.1, 1.0]]
     assert CellStatistics.from_points(grid(), points, stamps_ns=T_NS).count.sum() == 1
 
@@ -109,7 +115,7 @@ def test_no_points_give_an_empty_grid() -> None:
     assert not CellStatistics.from_points(grid(), np.empty((0, 3)), stamps_ns=T_NS).observed.any()
 
 
-def test_a_mask_takes_measurements_away_and_nothing_else(rng: np.random.Generator) -> None:
+def test_a_mask_removes_exactly_its_measurements(rng: np.random.Generator) -> None:
     s = CellStatistics.from_points(grid(), cloud(rng), stamps_ns=T_NS)
     keep = np.zeros(grid().shape, dtype=bool)
     keep[4:6, 4:9] = True
@@ -127,7 +133,7 @@ def test_a_mask_takes_measurements_away_and_nothing_else(rng: np.random.Generato
         {"points_m": np.zeros((1, 3)), "stamps_ns": T_NS, "height_variance_m2": [-1.0]},
     ],
 )
-def test_arrays_that_do_not_fit_are_refused(arguments: dict[str, object]) -> None:
+def test_arrays_of_inconsistent_shape_are_refused(arguments: dict[str, object]) -> None:
     with pytest.raises(InputError):
         CellStatistics.from_points(grid(), **arguments)  # type: ignore[arg-type]
 

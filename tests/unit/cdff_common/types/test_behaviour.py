@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What messages do beside holding fields: from and to arrays, images, transforms and maps."""
+"""Behaviour of messages: conversion from and to arrays, images, transforms and maps."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ from cdff_common import types
 from cdff_common.codecs import decode, encode
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
-from cdff_common.geometry.uncertain import UncertainTransform
+from cdff_common.geometry.uncertain_transform import UncertainTransform
 from cdff_common.raster.geometry import GridGeometry
+from cdff_common.types.extents import POSITIONS
+from cdff_common.types.rows import COLUMNS
 
 
 @pytest.fixture
@@ -25,11 +27,15 @@ def T_site_base(rng: np.random.Generator) -> UncertainTransform:
     return UncertainTransform(se3.exp_se3(rng.normal(size=6)), A @ A.T)
 
 
-def test_a_transform_comes_back_with_frames_time_and_covariance(T_site_base: UncertainTransform) -> None:
+def test_a_transform_message_keeps_matrix_frames_time_and_covariance(T_site_base: UncertainTransform) -> None:
     message = types.TransformWithCovariance.from_transform(
         T_site_base, parent="site", child="mana/base", stamp_ns=1_530_195_435_193_075_000, producer="pom"
     )
-    assert (message.parent_frame, message.child_frame, message.metadata.producer_id) == ("site", "mana/base", "pom")
+    assert (message.parent_frame, message.child_frame, message.metadata.producer_id) == (
+        "site",
+        "mana/base",
+        "pom",
+    )
     assert message.stamp_ns == 1_530_195_435_193_075_000
     np.testing.assert_allclose(message.transform.matrix, T_site_base.matrix, atol=1e-12)
     np.testing.assert_array_equal(message.transform.covariance, T_site_base.covariance)
@@ -39,22 +45,24 @@ def test_a_transform_comes_back_with_frames_time_and_covariance(T_site_base: Unc
 
 @pytest.mark.req("CDFF-CORE-061")
 @pytest.mark.parametrize("codec", ["uper", "ber", "xer", "msgpack"])
-def test_an_unknown_covariance_stays_unknown_on_the_wire(T_site_base: UncertainTransform, codec: str) -> None:
+def test_an_unknown_covariance_survives_a_round_trip(T_site_base: UncertainTransform, codec: str) -> None:
     message = types.TransformWithCovariance.from_transform(
         UncertainTransform(T_site_base.matrix), parent="a", child="b", stamp_ns=0
     )
-    back = decode("TransformWithCovariance", encode(message, codec), codec)
-    assert back.transform.covariance is None
-    assert back == message
+    decoded = decode("TransformWithCovariance", encode(message, codec), codec)
+    assert decoded.transform.covariance is None
+    assert decoded == message
 
 
-def test_an_impossible_transform_is_refused() -> None:
+def test_an_invalid_transform_is_refused() -> None:
     data = types.TransformWithCovarianceData(orientation=[0, 0, 0, 0])
     with pytest.raises(InputError, match="unit quaternion"):
         _ = types.TransformWithCovariance(data=data).transform
 
 
-def test_a_rigid_body_state_gives_its_transform_without_cross_covariance(T_site_base: UncertainTransform) -> None:
+def test_the_transform_of_a_rigid_body_state_has_no_cross_covariance(
+    T_site_base: UncertainTransform,
+) -> None:
     state = types.RigidBodyState.from_transform(T_site_base, parent="site", child="mana/base", stamp_ns=1000)
     assert (state.target_frame, state.source_frame, state.stamp_ns) == ("site", "mana/base", 1000)
     assert T_site_base.covariance is not None
@@ -63,8 +71,10 @@ def test_a_rigid_body_state_gives_its_transform_without_cross_covariance(T_site_
     assert not state.transform.covariance[:3, 3:].any()
 
 
-def test_a_pose_of_a_matrix_is_that_matrix(T_site_base: UncertainTransform) -> None:
-    np.testing.assert_allclose(types.Pose.from_matrix(T_site_base.matrix).matrix, T_site_base.matrix, atol=1e-12)
+def test_a_pose_survives_conversion_to_a_matrix(T_site_base: UncertainTransform) -> None:
+    np.testing.assert_allclose(
+        types.Pose.from_matrix(T_site_base.matrix).matrix, T_site_base.matrix, atol=1e-12
+    )
 
 
 @pytest.mark.req("CDFF-CORE-062")
@@ -77,9 +87,11 @@ def test_stamps_are_whole_microseconds() -> None:
         _ = types.Time(5, 0).ns
 
 
-def test_a_cloud_says_what_it_has(T_site_base: UncertainTransform) -> None:
+def test_a_cloud_has_its_frame_time_extent_and_sensor_pose(T_site_base: UncertainTransform) -> None:
     points = np.array([[0, 0, 0], [1, 2, 3], [np.nan, 0, 0]])
-    cloud = types.Pointcloud.from_points(points, frame="mana/lidar", stamp_ns=2000, T_robot_sensor=T_site_base)
+    cloud = types.Pointcloud.from_points(
+        points, frame="mana/lidar", stamp_ns=2000, T_robot_sensor=T_site_base
+    )
     assert cloud.intensity is None
     assert cloud.colors is None
     assert cloud.extent_m() == (0, 0, 0, 1, 2, 3)
@@ -101,13 +113,15 @@ def test_a_scan_keeps_the_time_of_each_point() -> None:
     assert (scan.intensity, scan.t0_ns, scan.t1_ns, scan.stamp_ns) == (None, 1000, 101_000, 101_000)
     with pytest.raises(InputError, match="lies after t1"):
         types.LidarScan.from_arrays(np.ones((1, 3)), [101], frame="a", t0_ns=0, t1_ns=100_000)
-    with pytest.raises(InputError, match="time_offsets: 1 for 2 points"):
+    with pytest.raises(InputError, match="time_offsets: 1 rows, expected 2"):
         types.LidarScan.from_arrays(np.ones((2, 3)), [1], frame="a", t0_ns=0, t1_ns=100_000)
 
 
-@pytest.mark.parametrize("dtype", ["uint8", "int8", "uint16", "int16", "int32", "float32", "float64", ">u2", ">f4"])
+@pytest.mark.parametrize(
+    "dtype", ["uint8", "int8", "uint16", "int16", "int32", "float32", "float64", ">u2", ">f4"]
+)
 @pytest.mark.parametrize("shape", [(4, 5), (4, 5, 3), (1, 1), (0, 0)])
-def test_an_image_comes_back(dtype: str, shape: tuple[int, ...]) -> None:
+def test_an_image_survives_a_round_trip(dtype: str, shape: tuple[int, ...]) -> None:
     image = np.arange(np.prod(shape)).reshape(shape).astype(dtype)
     frame = types.Frame.from_image(image, stamp_ns=3000, mode="UNDEF")
     assert np.array_equal(frame.image, image)
@@ -116,23 +130,27 @@ def test_an_image_comes_back(dtype: str, shape: tuple[int, ...]) -> None:
     assert np.array_equal(decode("Frame", encode(frame)).image, image)
 
 
-def test_an_image_with_gaps_between_its_rows_is_read() -> None:
+def test_an_image_with_row_padding_is_read() -> None:
     array = types.Array3D(rows=2, cols=2, channels=1, depth=0, row_size=4, data=bytes([1, 2, 0, 0, 3, 4]))
     assert array.array.tolist() == [[1, 2], [3, 4]]
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
-    [({"rows": 3}, "expected 10 for"), ({"row_size": 1}, "row size 1"), ({"channels": 9}, "expected"),
-     ({"cols": 4294967295, "rows": 4294967295, "row_size": 0}, "expected")],
-)  # fmt: skip
-def test_octets_that_are_too_few_for_the_image_are_refused(change: dict[str, int], message: str) -> None:
+    [
+        ({"rows": 3}, "expected 10 for"),
+        ({"row_size": 1}, "row size 1"),
+        ({"channels": 9}, "expected"),
+        ({"cols": 4294967295, "rows": 4294967295, "row_size": 0}, "expected"),
+    ],
+)
+def test_too_few_octets_for_an_image_are_refused(change: dict[str, int], message: str) -> None:
     fields = {"rows": 2, "cols": 2, "channels": 1, "depth": 0, "row_size": 4, "data": bytes(6)} | change
     with pytest.raises(InputError, match=message):
         _ = types.Array3D(**fields).array
 
 
-def test_images_of_unknown_kinds_are_refused() -> None:
+def test_images_of_invalid_type_or_mode_are_refused() -> None:
     with pytest.raises(InputError, match="dtype"):
         types.Frame.from_image(np.zeros((2, 2), np.int64), stamp_ns=0)
     with pytest.raises(InputError, match="3 channels"):
@@ -141,20 +159,25 @@ def test_images_of_unknown_kinds_are_refused() -> None:
         types.Frame.from_image(np.zeros((2, 2), np.uint8), stamp_ns=0, mode="PINK")
 
 
-def test_a_pair_holds_both_images_and_the_right_camera_sits_at_the_baseline() -> None:
+def test_a_pair_has_both_images_and_the_right_camera_at_the_baseline() -> None:
     left, right = np.zeros((4, 6), np.uint8), np.ones((4, 6), np.uint8)
     K = np.array([[500.0, 0, 3], [0, 500, 2], [0, 0, 1]])
     pair = types.FramePair.from_images(
-        left, right, baseline_m=0.2, camera_matrix=K, stamp_ns=4000, sensor="mana/navcam_left",
+        left,
+        right,
+        baseline_m=0.2,
+        camera_matrix=K,
+        stamp_ns=4000,
+        sensor="mana/navcam_left",
         T_robot_sensor=UncertainTransform.identity(),
-    )  # fmt: skip
+    )
     assert pair.right.image.all()
     assert pair.right.frame == "mana/navcam_right"
     assert (pair.baseline, pair.stamp_ns) == (0.2, 4000)
     np.testing.assert_array_equal(pair.camera_matrix, K)
     assert pair.right.T_robot_sensor is not None
     assert pair.right.T_robot_sensor.matrix[0, 3] == 0.2
-    with pytest.raises(InputError, match="expected alike"):
+    with pytest.raises(InputError, match="expected equal"):
         types.FramePair.from_images(left, right[:2], baseline_m=0.2, camera_matrix=K, stamp_ns=0)
 
 
@@ -174,22 +197,26 @@ def test_a_map_gives_its_geometry_and_layers() -> None:
         elevation.layer("slope")
     with pytest.raises(InputError, match="shape"):
         types.ElevationMap.from_layers(geometry, {"mean": mean.T}, t0_ns=0, t1_ns=0)
-    navigation = types.NavigationMap.from_layers(geometry, {"class": np.ones((2, 4), np.uint8)}, t0_ns=0, t1_ns=0)
+    navigation = types.NavigationMap.from_layers(
+        geometry, {"class": np.ones((2, 4), np.uint8)}, t0_ns=0, t1_ns=0
+    )
     assert navigation.layer("class").dtype == np.uint8
     assert navigation.extent_m() == (-1.0, 1.0, 0.0, 1.0, 2.0, 0.0)
 
 
-def test_a_trajectory_comes_back(rng: np.random.Generator) -> None:
+def test_a_trajectory_survives_a_round_trip(rng: np.random.Generator) -> None:
     T = se3.exp_se3(rng.normal(size=(5, 6)))
     covariances = np.tile(np.eye(6), (5, 1, 1))
-    track = types.PoseTrajectory.from_arrays(np.arange(5) * 1000, T, covariances, parent="site", child="mana/base")
+    track = types.PoseTrajectory.from_arrays(
+        np.arange(5) * 1000, T, covariances, parent="site", child="mana/base"
+    )
     np.testing.assert_allclose(track.matrices, T, atol=1e-12)
     np.testing.assert_array_equal(track.covariances, covariances)
     np.testing.assert_array_equal(track.stamps_ns, np.arange(5) * 1000)
     assert (track.stamp_ns, track.parent_frame, track.child_frame) == (4000, "site", "mana/base")
     assert track.extent_m() is not None
     assert types.PoseTrajectory.from_arrays([0], T[:1], parent="a", child="b").covariances is None
-    with pytest.raises(InputError, match="rising"):
+    with pytest.raises(InputError, match="ascending"):
         types.PoseTrajectory.from_arrays([0, 0], T[:2], parent="a", child="b")
     with pytest.raises(InputError, match="rigid"):
         types.PoseTrajectory.from_arrays([0], np.zeros((1, 4, 4)), parent="a", child="b")
@@ -197,21 +224,24 @@ def test_a_trajectory_comes_back(rng: np.random.Generator) -> None:
 
 def test_every_type_with_positions_has_an_extent() -> None:
     pose, other = types.Pose([1, 2, 3]), types.Pose([-1, 5, 0])
-    stated = types.TransformWithCovariance(data=types.TransformWithCovarianceData([1, 2, 3]))
+    transform = types.TransformWithCovariance(data=types.TransformWithCovarianceData([1, 2, 3]))
     point = (1.0, 2.0, 3.0, 1.0, 2.0, 3.0)
     assert pose.extent_m() == point
     assert types.PosesSequence([pose, other]).extent_m() == (-1, 2, 0, 1, 5, 3)
     assert types.PointSequence([[1, 2, 3], [-1, 5, 0]]).extent_m() == (-1, 2, 0, 1, 5, 3)
     assert types.Trajectory(points=[[1, 2, 3]]).extent_m() == point
     assert types.Waypoint([1, 2, 3]).extent_m() == point
-    assert types.Path(waypoints=[stated]).extent_m() == point
-    assert types.BodyState(types.Time(5), stated).extent_m() == point
+    assert types.Path(waypoints=[transform]).extent_m() == point
+    assert types.BodyState(types.Time(5), transform).extent_m() == point
     assert types.Pose([np.nan, 0, 0]).extent_m() is None
     assert types.Path().extent_m() is None
     cloud = types.Pointcloud.from_points([[1, 2, 3]], frame="a", stamp_ns=7000)
     assert types.Octree(2.0, cloud).extent_m() == (0, 1, 2, 2, 3, 4)
     corner = types.TransformWithCovariance.from_transform(
-        UncertainTransform(se3.transform(np.eye(3), [10.0, 20.0, 0.0])), parent="site", child="map", stamp_ns=0
+        UncertainTransform(se3.transform(np.eye(3), [10.0, 20.0, 0.0])),
+        parent="site",
+        child="map",
+        stamp_ns=0,
     )
     metadata = types.MapMetadataT(scale=0.5, pose_fixed_frame_map_frame=corner)
     grid = types.Map(metadata=metadata, data=types.Array3D.from_array(np.zeros((4, 6), np.float32)))
@@ -222,13 +252,30 @@ def test_every_type_with_positions_has_an_extent() -> None:
 def test_every_type_with_a_time_has_a_stamp() -> None:
     time = types.Time(7)
     twist = types.TwistWithCovariance(types.TwistWithCovarianceMetadata(time_stamp=time))
-    for value in (types.IMUSensors(time), types.BodyState(time), types.Path(time_stamp=time), types.Pressure(time),
-                  types.LaserScan(time), types.Joints(time), twist):  # fmt: skip
+    for value in (
+        types.IMUSensors(time),
+        types.BodyState(time),
+        types.Path(time_stamp=time),
+        types.Pressure(time),
+        types.LaserScan(time),
+        types.Joints(time),
+        twist,
+    ):
         assert value.stamp_ns == 7000
 
 
-def test_copies_and_pickles_are_read_only_too() -> None:
+def test_copies_and_unpickled_messages_are_read_only() -> None:
     cloud = types.Pointcloud.from_points(np.ones((3, 3)), frame="a", stamp_ns=0)
-    for other in (copy.deepcopy(cloud), pickle.loads(pickle.dumps(cloud)), dataclasses.replace(cloud)):
-        assert other == cloud
-        assert not other.points_m.flags.writeable
+    for duplicate in (copy.deepcopy(cloud), pickle.loads(pickle.dumps(cloud)), dataclasses.replace(cloud)):
+        assert duplicate == cloud
+        assert not duplicate.points_m.flags.writeable
+
+
+def test_the_tables_of_positions_and_of_columns_name_attributes_of_existing_types() -> None:
+    for name in POSITIONS:
+        assert name == types.__dict__[name].ASN1_NAME
+        types.__dict__[name]().extent_m()
+    for name, columns in COLUMNS.items():
+        attributes = {f.name for f in dataclasses.fields(types.__dict__[name])}
+        named = {*columns.required, *columns.optional, columns.unique, columns.ascending} - {""}
+        assert named <= attributes

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from cdff_common.errors import InputError
-from cdff_core.dfns.image_assessment._interface import ImageAssessmentInputs
 from cdff_core.dfns.image_assessment.band_energy import BandEnergy
-from tests.corridor import texture
+from cdff_core.dfns.image_assessment.interface import ImageAssessmentInputs
+from tests.support.corridor import texture
 
 IMAGE = np.clip(texture(10, 256), 0, 255).astype(np.uint8)
 
@@ -17,8 +17,8 @@ IMAGE = np.clip(texture(10, 256), 0, 255).astype(np.uint8)
 def assess(image: np.ndarray, previous: np.ndarray | None = None) -> tuple[float, ...]:
     dfn = BandEnergy()
     dfn.configure()
-    out = dfn.process(ImageAssessmentInputs(image, previous))
-    return tuple(float(v[0]) for v in (out.contrast, out.sharpness, out.saturation, out.change))
+    out = dfn.process(ImageAssessmentInputs(image=image, previous=previous))
+    return out.contrast, out.sharpness, out.saturation, out.change
 
 
 def test_sharpness_falls_with_blur_and_does_not_follow_exposure() -> None:
@@ -28,7 +28,7 @@ def test_sharpness_falls_with_blur_and_does_not_follow_exposure() -> None:
     assert assess(cv2.GaussianBlur(IMAGE, (0, 0), 5.0))[1] < 0.25
 
 
-def test_black_white_and_equal_images_are_told() -> None:
+def test_black_white_and_repeated_images_are_detected() -> None:
     assert assess(np.zeros_like(IMAGE))[:2] == (0.0, 0.0)
     assert assess(np.full_like(IMAGE, 255))[2] == 1.0
     assert assess(IMAGE, IMAGE)[3] == 0.0
@@ -37,5 +37,5 @@ def test_black_white_and_equal_images_are_told() -> None:
 
 
 def test_a_previous_image_of_another_size_is_refused() -> None:
-    with pytest.raises(InputError, match="same size"):
+    with pytest.raises(InputError, match=r"previous \(100, 256\).*r=256 of image"):
         assess(IMAGE, IMAGE[:100])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Undistorted images and rectified pairs: straight lines are straight, rows are common."""
+"""Undistortion and stereo rectification: images match their ideal cameras, pairs have common rows."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from cdff_common.camera import CameraModel, StereoCalibration, read_stereo
 from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.types import Frame, FrameCameraModelT, FramePair
-from cdff_core.dfns.image_undistortion._interface import ImageUndistortionInputs
+from cdff_core.dfns.image_undistortion.interface import ImageUndistortionInputs
 from cdff_core.dfns.image_undistortion.lens_map import LensMap as Undistortion
-from cdff_core.dfns.stereo_rectification._interface import StereoRectificationInputs
+from cdff_core.dfns.stereo_rectification.interface import StereoRectificationInputs
 from cdff_core.dfns.stereo_rectification.lens_map import LensMap as Rectification
 from cdff_core.imaging import rectification
 
@@ -29,8 +29,8 @@ R = se3.exp_so3([0.02, -0.03, 0.015])
 STEREO = StereoCalibration.from_parts(LEFT, RIGHT, R, [-0.25, 0.004, -0.003])
 
 
-def drawn(camera: CameraModel, points_m: np.ndarray) -> np.ndarray:
-    """White dots of 2 px where points are seen, with sub-pixel places."""
+def draw(camera: CameraModel, points_m: np.ndarray) -> np.ndarray:
+    """Return an image with dots of 2 px at the projections of points, with sub-pixel positions."""
     image = np.zeros((camera.rows, camera.cols), np.uint8)
     for x, y in camera.project(points_m):
         if np.isfinite([x, y]).all():
@@ -40,23 +40,29 @@ def drawn(camera: CameraModel, points_m: np.ndarray) -> np.ndarray:
 
 
 def dots(image: np.ndarray) -> np.ndarray:
-    """Centres of the dots, ordered by row and column."""
+    """Return the centres of the dots in an image."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats((image > 40).astype(np.uint8))
-    found = []
+    results = []
     for label in range(1, len(stats)):
         rows, cols = np.nonzero(labels == label)
         weight = image[rows, cols].astype(float)
-        found.append([np.average(cols, weights=weight), np.average(rows, weights=weight)])
-    return np.array(found)
+        results.append([np.average(cols, weights=weight), np.average(rows, weights=weight)])
+    return np.array(results)
 
 
-def frame(camera: CameraModel, image: np.ndarray, T_base_camera: np.ndarray, name: str = "mana/left") -> Frame:
-    made = Frame.from_image(
-        image, stamp_ns=7000, camera_matrix=camera.matrix, dist_coeffs=camera.distortion, sensor=name,
+def frame(
+    camera: CameraModel, image: np.ndarray, T_base_camera: np.ndarray, name: str = "mana/left"
+) -> Frame:
+    result = Frame.from_image(
+        image,
+        stamp_ns=7000,
+        camera_matrix=camera.matrix,
+        dist_coeffs=camera.distortion,
+        sensor=name,
         T_robot_sensor=UncertainTransform(T_base_camera, np.eye(6) * 1e-6),
-    )  # fmt: skip
+    )
     model = FrameCameraModelT.CAM_FISHEYE if camera.fisheye else FrameCameraModelT.CAM_PINHOLE
-    return replace(made, intrinsic=replace(made.intrinsic, camera_model=model))
+    return replace(result, intrinsic=replace(result.intrinsic, camera_model=model))
 
 
 def wall(z_m: float = 3.0, half_m: float = 1.4, n: int = 9) -> np.ndarray:
@@ -65,68 +71,72 @@ def wall(z_m: float = 3.0, half_m: float = 1.4, n: int = 9) -> np.ndarray:
 
 
 @pytest.mark.parametrize("camera", [LEFT, FISHEYE])
-def test_an_undistorted_image_is_what_its_new_camera_sees(camera: CameraModel) -> None:
+def test_an_undistorted_image_matches_its_new_camera(camera: CameraModel) -> None:
     node = Undistortion()
     node.configure({"keep": 0.0})
     points = wall()
-    made = node.process(ImageUndistortionInputs(image=frame(camera, drawn(camera, points), np.eye(4)))).image
-    ideal = CameraModel.of_frame(made)
+    outputs = node.process(
+        ImageUndistortionInputs(image=frame(camera, draw(camera, points), np.eye(4)))
+    ).image
+    ideal = CameraModel.of_frame(outputs)
     assert ideal.is_ideal
-    assert made.stamp_ns == 7000
-    seen = dots(made.image)
+    assert outputs.stamp_ns == 7000
+    detected = dots(outputs.image)
     expected = ideal.project(points)
-    nearest = np.linalg.norm(seen[:, None] - expected[None], axis=2).min(axis=1)
-    assert len(seen) >= 25
+    nearest = np.linalg.norm(detected[:, None] - expected[None], axis=2).min(axis=1)
+    assert len(detected) >= 25
     assert np.median(nearest) < 0.2
 
 
-def test_what_is_kept_goes_from_all_pixels_seen_to_nothing_lost() -> None:
+def test_keep_selects_a_crop_between_valid_pixels_only_and_all_pixels() -> None:
     white = np.full((300, 400), 255, np.uint8)
-    shares, focal = [], []
+    valid_fractions, focal = [], []
     for keep in (0.0, 0.5, 1.0):
         node = Undistortion()
         node.configure({"keep": keep, "interpolation": "nearest"})
-        made = node.process(ImageUndistortionInputs(image=frame(LEFT, white, np.eye(4)))).image
-        shares.append(float((made.image == 255).mean()))
-        focal.append(float(made.camera_matrix[0, 0]))
-    assert shares[0] > 0.999
-    assert shares[0] > shares[1] > shares[2]
+        outputs = node.process(ImageUndistortionInputs(image=frame(LEFT, white, np.eye(4)))).image
+        valid_fractions.append(float((outputs.image == 255).mean()))
+        focal.append(float(outputs.camera_matrix[0, 0]))
+    assert valid_fractions[0] > 0.999
+    assert valid_fractions[0] > valid_fractions[1] > valid_fractions[2]
     assert focal[0] > focal[1] > focal[2]
 
 
 T_BASE_LEFT = se3.transform(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]), [0.3, 0.1, 0.9])
 
 
-def rectified_pair(points_m: np.ndarray, keep: float = 0.0, T_base_left: np.ndarray = T_BASE_LEFT) -> FramePair:
+def rectified_pair(
+    points_m: np.ndarray, keep: float = 0.0, T_base_left: np.ndarray = T_BASE_LEFT
+) -> FramePair:
     T_right_left = STEREO.T_right_left
     in_right = points_m @ T_right_left[:3, :3].T + T_right_left[:3, 3]
     raw = FramePair(
         baseline=0.0,
-        left=frame(LEFT, drawn(LEFT, points_m), T_base_left),
-        right=frame(RIGHT, drawn(RIGHT, in_right), T_base_left @ se3.inverse(T_right_left), "mana/right"),
+        left=frame(LEFT, draw(LEFT, points_m), T_base_left),
+        right=frame(RIGHT, draw(RIGHT, in_right), T_base_left @ se3.inverse(T_right_left), "mana/right"),
     )
     node = Rectification()
     node.configure({"keep": keep})
     return node.process(StereoRectificationInputs(pair=raw)).pair
 
 
-def test_in_a_rectified_pair_rows_are_common_and_disparity_is_depth() -> None:
+def test_a_rectified_pair_has_common_rows_and_disparity_gives_depth() -> None:
     pair = rectified_pair(wall())
     assert pair.baseline == pytest.approx(STEREO.baseline_m)
     assert (pair.left.camera_matrix == pair.right.camera_matrix).all()
     left, right = dots(pair.left.image), dots(pair.right.image)
     fx = pair.left.camera_matrix[0, 0]
     expected_px = fx * pair.baseline / 3.0
-    apart = right[None] - left[:, None] + [expected_px, 0.0]
-    best = np.abs(apart).max(axis=2).argmin(axis=1)
-    matched = apart[np.arange(len(left)), best]
-    close = np.abs(matched).max(axis=1) < 3.0
+    differences_px = right[None] - left[:, None] + [expected_px, 0.0]
+    best = np.abs(differences_px).max(axis=2).argmin(axis=1)
+    best_px = differences_px[np.arange(len(left)), best]
+    close = np.abs(best_px).max(axis=1) < 3.0
     assert close.sum() >= 20
-    assert np.abs(np.median(matched[close], axis=0)) == pytest.approx([0.0, 0.0], abs=0.15)
-    assert np.percentile(np.abs(matched[close][:, 1]), 90) < 0.3
+    assert np.abs(np.median(best_px[close], axis=0)) == pytest.approx([0.0, 0.0], abs=0.15)
+    assert np.percentile(np.abs(best_px[close][:, 1]), 90) < 0.3
 
 
-def test_the_rectified_cameras_say_where_they_look() -> None:
+def test_the_rectified_cameras_have_equal_orientation_and_the_baseline_along_x() -> None:
     pair = rectified_pair(wall())
     T_left, T_right = pair.left.T_robot_sensor, pair.right.T_robot_sensor
     assert T_left is not None
@@ -148,40 +158,44 @@ def test_a_real_rovers_raw_calibration_gives_common_rows(real_data: Callable[[st
     assert a[:, 0] - b[:, 0] == pytest.approx(left.camera.fx * baseline_m / depth, abs=1e-9)
 
 
-def test_maps_are_made_once_per_calibration() -> None:
+def test_maps_are_computed_once_per_calibration() -> None:
     rectified_pair(wall())
-    before = rectification._rectified.cache_info()
+    before = rectification._rectified_pair.cache_info()
     rectified_pair(wall())
-    after = rectification._rectified.cache_info()
+    after = rectification._rectified_pair.cache_info()
     assert (after.hits, after.misses) == (before.hits + 1, before.misses)
 
 
-def test_a_mast_that_turns_with_both_cameras_is_one_calibration() -> None:
+def test_rotating_the_mast_with_both_cameras_reuses_the_rectification_maps() -> None:
     first = rectified_pair(wall())
-    before = rectification._rectified.cache_info()
+    before = rectification._rectified_pair.cache_info()
     for pan in (0.3, 0.7, -1.1, 1.9):
-        turned = rectified_pair(wall(), T_base_left=se3.transform(se3.exp_so3([0, 0, pan]), [0.1, 0, 0]) @ T_BASE_LEFT)
-        assert (turned.left.image == first.left.image).all()
-        assert turned.baseline == first.baseline
-    after = rectification._rectified.cache_info()
+        rotated = rectified_pair(
+            wall(), T_base_left=se3.transform(se3.exp_so3([0, 0, pan]), [0.1, 0, 0]) @ T_BASE_LEFT
+        )
+        assert (rotated.left.image == first.left.image).all()
+        assert rotated.baseline == first.baseline
+    after = rectification._rectified_pair.cache_info()
     assert (after.hits, after.misses) == (before.hits + 4, before.misses)
 
 
-def test_what_cannot_be_rectified_is_refused_with_the_reason() -> None:
+def test_pairs_that_cannot_be_rectified_are_refused_with_the_reason() -> None:
     node = Rectification()
     node.configure()
     image = np.zeros((300, 400), np.uint8)
-    at = frame(LEFT, image, np.eye(4))
+    left = frame(LEFT, image, np.eye(4))
     above = frame(RIGHT, image, se3.transform(np.eye(3), [0.0, -0.2, 0.0]))
     with pytest.raises(InputError, match="to its right"):
-        node.process(StereoRectificationInputs(pair=FramePair(baseline=0.0, left=at, right=above)))
-    nowhere = Frame.from_image(image, stamp_ns=0, camera_matrix=RIGHT.matrix)
-    with pytest.raises(InputError, match="where they sit"):
-        node.process(StereoRectificationInputs(pair=FramePair(baseline=0.0, left=at, right=nowhere)))
+        node.process(StereoRectificationInputs(pair=FramePair(baseline=0.0, left=left, right=above)))
+    without_extrinsic = Frame.from_image(image, stamp_ns=0, camera_matrix=RIGHT.matrix)
+    with pytest.raises(InputError, match="need an extrinsic"):
+        node.process(
+            StereoRectificationInputs(pair=FramePair(baseline=0.0, left=left, right=without_extrinsic))
+        )
     undistortion = Undistortion()
     undistortion.configure()
     with pytest.raises(InputError, match="CAM_UNDEF"):
         undistortion.process(ImageUndistortionInputs(image=Frame.from_image(image, stamp_ns=0)))
     wide = replace(FISHEYE, fx=60.0, fy=60.0)
-    with pytest.raises(InputError, match="too far to the side"):
+    with pytest.raises(InputError, match="field of view is too wide"):
         undistortion.process(ImageUndistortionInputs(image=frame(wide, image, np.eye(4))))

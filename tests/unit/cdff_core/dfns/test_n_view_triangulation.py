@@ -9,17 +9,17 @@ from cdff_common.camera import CameraModel
 from cdff_common.errors import InputError, RefusedError
 from cdff_common.geometry import se3
 from cdff_common.types import BundleProblem
-from cdff_core.dfns.n_view_triangulation._interface import NViewTriangulationInputs, NViewTriangulationOutputs
+from cdff_core.dfns.n_view_triangulation.interface import NViewTriangulationInputs, NViewTriangulationOutputs
 from cdff_core.dfns.n_view_triangulation.linear_then_reprojection import LinearThenReprojection
-from cdff_dev.evaluate.triangulation import scene
+from evaluation.triangulation import scene
 
 CAMERA = [700.0, 700.0, 320.0, 240.0]
 
 
-def solved(problem: BundleProblem, **config: object) -> NViewTriangulationOutputs:
+def solve(problem: BundleProblem, **config: object) -> NViewTriangulationOutputs:
     dfn = LinearThenReprojection()
     dfn.configure(config)
-    return dfn.process(NViewTriangulationInputs(problem))
+    return dfn.process(NViewTriangulationInputs(tracks=problem))
 
 
 def two_cameras(points: list[list[float]], pixels: list[list[float]] | None = None) -> BundleProblem:
@@ -27,27 +27,27 @@ def two_cameras(points: list[list[float]], pixels: list[list[float]] | None = No
     n = len(points)
     if pixels is None:
         K = np.array([[700.0, 0, 320], [0, 700.0, 240], [0, 0, 1]])
-        seen = [se3.transform_points(np.linalg.inv(t), np.array(points)) @ K.T for t in T]
-        pixels = np.stack([s[:, :2] / s[:, 2:] for s in seen], axis=1).reshape(-1, 2).tolist()
+        projections = [se3.transform_points(np.linalg.inv(t), np.array(points)) @ K.T for t in T]
+        pixels = np.stack([s[:, :2] / s[:, 2:] for s in projections], axis=1).reshape(-1, 2).tolist()
     return BundleProblem.from_arrays(
         T, CAMERA, np.zeros((n, 3)), (np.tile([0, 1], n), np.repeat(np.arange(n), 2)), pixels, frame="site"
     )
 
 
 @pytest.mark.parametrize("views", [2, 3, 5])
-def test_errors_are_as_large_as_the_covariances_say_and_none_is_better_by_least_squares(views: int) -> None:
+def test_errors_are_consistent_with_the_covariances_and_not_improved_by_least_squares(views: int) -> None:
     problem, truth = scene(views, (4.0, 30.0), 3000)
-    out = solved(problem, min_angle_deg=0.0)
+    out = solve(problem, min_angle_deg=0.0)
     assert out.valid.mean() > 0.99
     error = (out.points - truth)[out.valid]
     nees = np.einsum("ni,nij,nj->n", error, np.linalg.inv(out.covariances[out.valid]), error) / 3.0
     assert 0.93 < nees.mean() < 1.07
-    assert 0.9 < float(out.unit_variance) < 1.1
+    assert 0.9 < out.unit_variance < 1.1
 
 
 def test_the_reprojection_error_is_at_its_minimum() -> None:
     problem, _ = scene(3, (4.0, 30.0), 200)
-    out = solved(problem, min_angle_deg=0.0)
+    out = solve(problem, min_angle_deg=0.0)
     T = np.linalg.inv(problem.cameras.matrices)
     pixels = problem.observations.pixels[:, :2].reshape(-1, 3, 2)
 
@@ -63,43 +63,50 @@ def test_the_reprojection_error_is_at_its_minimum() -> None:
             assert (cost(out.points + sign * 1e-4 * np.eye(3)[axis]) >= cost(out.points) - 1e-6).all()
 
 
-def test_each_point_left_out_says_why() -> None:
+def test_each_omitted_point_has_a_reason() -> None:
     problem = two_cameras(
         [[0.0, 0, 5], [0.0, 0, -5], [0.0, 0, 4000], [0.0, 0, 5]],
         [[320, 240], [180, 240], [320, 240], [460, 240], [320, 240], [319.8, 240], [320, 240], [180, 290]],
     )
-    out = solved(problem)
+    out = solve(problem)
     assert out.status.tolist() == [0, 3, 4, 5]
     assert out.valid.tolist() == [True, False, False, False]
     assert out.points[0] == pytest.approx([0.0, 0.0, 5.0])
     assert out.points[1, 2] < 0.0
 
 
-def test_a_point_seen_once_and_rays_that_are_one_have_no_answer() -> None:
+def test_points_observed_once_or_along_a_single_ray_are_refused() -> None:
     T = np.tile(np.eye(4), (2, 1, 1))
     problem = BundleProblem.from_arrays(
         T, CAMERA, np.zeros((2, 3)), ([0, 0, 1], [0, 1, 1]), [[320.0, 240]] * 3, frame="site"
     )
     with pytest.raises(RefusedError) as refusal:
-        solved(problem)
+        solve(problem)
     assert refusal.value.reasons[0] == "no_points"
 
 
-def test_lens_distortion_is_taken_out() -> None:
+def test_lens_distortion_is_corrected() -> None:
     lens = [700.0, 690.0, 320.0, 240.0, -0.2, 0.05, 0.001, -0.002, 0.01]
     camera = CameraModel.from_matrix([[700.0, 0, 320], [0, 690.0, 240], [0, 0, 1]], lens[4:])
     points = np.array([[0.5, -0.4, 4.0], [1.0, 0.8, 6.0], [-0.5, 0.2, 5.0]])
     T = np.stack([np.eye(4), se3.transform(se3.exp_so3([0.0, 0.05, 0.0]), [0.8, 0.0, 0.1])])
     pixels = np.stack([camera.project(se3.transform_points(np.linalg.inv(t), points)) for t in T], axis=1)
     problem = BundleProblem.from_arrays(
-        T, lens, np.zeros((3, 3)), (np.tile([0, 1], 3), np.repeat(np.arange(3), 2)), pixels.reshape(-1, 2), frame="site"
+        T,
+        lens,
+        np.zeros((3, 3)),
+        (np.tile([0, 1], 3), np.repeat(np.arange(3), 2)),
+        pixels.reshape(-1, 2),
+        frame="site",
     )
-    assert solved(problem).points == pytest.approx(points, abs=1e-6)
+    assert solve(problem).points == pytest.approx(points, abs=1e-6)
 
 
 def test_a_lens_without_focal_length_and_no_cameras_are_refused() -> None:
     with pytest.raises(InputError, match="cameras"):
-        solved(BundleProblem())
-    problem = BundleProblem.from_arrays([np.eye(4)], [0.0] * 4, [[0, 0, 0]], ([0], [0]), [[1.0, 2.0]], frame="site")
+        solve(BundleProblem())
+    problem = BundleProblem.from_arrays(
+        [np.eye(4)], [0.0] * 4, [[0, 0, 0]], ([0], [0]), [[1.0, 2.0]], frame="site"
+    )
     with pytest.raises(InputError, match="focal"):
-        solved(problem)
+        solve(problem)

@@ -6,20 +6,22 @@ import numpy as np
 import pytest
 
 from cdff_common.errors import InputError
-from cdff_core.dfns.rectification_refinement._interface import RectificationRefinementInputs
 from cdff_core.dfns.rectification_refinement.epipolar_field import EpipolarField
-from tests.corridor import CAMERA
+from cdff_core.dfns.rectification_refinement.interface import RectificationRefinementInputs
+from tests.support.corridor import CAMERA
 
 
 def matches(rng: np.random.Generator, n: int, k_px: float) -> RectificationRefinementInputs:
-    """Row offsets as a yaw leaves them, with noise and one outlier in ten."""
+    """Return matches with the row offsets of a yaw error, with noise and 10 % outliers."""
     features = np.column_stack([rng.uniform(0, 320, n), rng.uniform(0, 240, n)])
     disparities = rng.uniform(2, 40, n)
     x = (features[:, 0] - disparities - CAMERA[0, 2]) / CAMERA[0, 0]
     y = (features[:, 1] - CAMERA[1, 2]) / CAMERA[1, 1]
     offsets = 0.1 - 0.2 * x + k_px * x * y + rng.normal(0, 0.15, n)
     offsets[::10] += rng.uniform(-1, 1, len(offsets[::10]))
-    return RectificationRefinementInputs(features, disparities, CAMERA, offsets)
+    return RectificationRefinementInputs(
+        features=features, disparities=disparities, camera_matrix=CAMERA, row_offsets=offsets
+    )
 
 
 def refinement() -> EpipolarField:
@@ -28,7 +30,7 @@ def refinement() -> EpipolarField:
     return dfn
 
 
-def test_what_a_yaw_leaves_in_the_rows_is_found_and_turned_into_columns(rng: np.random.Generator) -> None:
+def test_a_yaw_error_is_estimated_from_row_offsets_and_corrected(rng: np.random.Generator) -> None:
     dfn, inputs = refinement(), matches(rng, 400, 5.0)
     out = dfn.process(inputs)
     np.testing.assert_allclose(out.coefficients, [0.1, -0.2, 0.0, 5.0], atol=0.25)
@@ -38,20 +40,28 @@ def test_what_a_yaw_leaves_in_the_rows_is_found_and_turned_into_columns(rng: np.
     assert np.sqrt(out.open_covariance[1, 1]) > 4.0
 
 
-def test_a_good_rectification_is_left_alone(rng: np.random.Generator) -> None:
+def test_a_good_rectification_is_unchanged(rng: np.random.Generator) -> None:
     out = refinement().process(matches(rng, 400, 0.0))
     assert np.abs(out.corrections).max() < 0.1
     assert np.sqrt(out.open_covariance[1, 1]) < 0.6
 
 
-def test_without_row_offsets_it_says_what_it_learnt_and_learns_nothing(rng: np.random.Generator) -> None:
+def test_without_row_offsets_the_previous_estimate_is_used(rng: np.random.Generator) -> None:
     dfn, inputs = refinement(), matches(rng, 200, 5.0)
-    learnt = dfn.process(inputs)
-    told = dfn.process(RectificationRefinementInputs(inputs.features, inputs.disparities, CAMERA))
-    assert np.array_equal(learnt.corrections, told.corrections)
-    assert np.isnan(told.row_residuals).all()
+    first = dfn.process(inputs)
+    outputs = dfn.process(
+        RectificationRefinementInputs(
+            features=inputs.features, disparities=inputs.disparities, camera_matrix=CAMERA
+        )
+    )
+    assert np.array_equal(first.corrections, outputs.corrections)
+    assert np.isnan(outputs.row_residuals).all()
 
 
 def test_row_offsets_of_another_length_are_refused() -> None:
-    with pytest.raises(InputError, match="row offsets"):
-        refinement().process(RectificationRefinementInputs(np.ones((4, 2)), np.ones(4), CAMERA, np.ones(3)))
+    with pytest.raises(InputError, match=r"row_offsets.*n=4 of features"):
+        refinement().process(
+            RectificationRefinementInputs(
+                features=np.ones((4, 2)), disparities=np.ones(4), camera_matrix=CAMERA, row_offsets=np.ones(3)
+            )
+        )

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 from cdff_common.errors import InputError
-from cdff_core.dfns.stereo_matching_2d._interface import StereoMatching2DInputs
 from cdff_core.dfns.stereo_matching_2d.epipolar_zncc import EpipolarZncc
-from tests.corridor import texture
+from cdff_core.dfns.stereo_matching_2d.interface import StereoMatching2DInputs
+from tests.support.corridor import texture
 
 IMAGE = np.clip(texture(8, 256), 0, 255).astype(np.uint8)
-POINTS = np.stack(np.meshgrid(np.arange(80.0, 220.0, 20.0), np.arange(60.0, 200.0, 20.0)), axis=-1).reshape(-1, 2)
+POINTS = np.stack(np.meshgrid(np.arange(80.0, 220.0, 20.0), np.arange(60.0, 200.0, 20.0)), axis=-1).reshape(
+    -1, 2
+)
 
 
 def matcher() -> EpipolarZncc:
@@ -21,45 +23,62 @@ def matcher() -> EpipolarZncc:
     return dfn
 
 
-def test_disparities_are_found_with_and_without_a_guess() -> None:
+def test_disparities_are_estimated_with_and_without_a_guess() -> None:
     right = np.roll(IMAGE, -23, axis=1)
     for guess in (None, np.full(len(POINTS), 24.6)):
-        out = matcher().process(StereoMatching2DInputs(IMAGE, right, POINTS, guess))
+        out = matcher().process(StereoMatching2DInputs(left=IMAGE, right=right, features=POINTS, guess=guess))
         assert out.valid.mean() > 0.9
         assert np.abs(out.disparities[out.valid] - 23.0).max() < 0.1
         assert np.abs(out.row_offsets[out.valid]).max() < 0.1
 
 
-def test_ground_seen_flatly_is_matched_with_its_slope_given_or_not() -> None:
-    """The disparity grows by 0.3 px a row, 5 px over a patch: 30 px in the middle row."""
+def test_ground_at_a_grazing_angle_is_matched_with_and_without_a_given_slope() -> None:
+    """The disparity is 30 px in the middle row and grows by 0.3 px per row, which is 5 px over a patch."""
     smooth = cv2.GaussianBlur(texture(8, 256), (0, 0), 1.0)
     shear = np.array([[1.0, -0.3, -30.0 + 0.3 * 128.0], [0.0, 1.0, 0.0]])
-    left, right = (np.clip(m, 0, 255).astype(np.uint8) for m in (smooth, cv2.warpAffine(smooth, shear, (256, 256))))
-    truth = 30.0 + 0.3 * (POINTS[:, 1] - 128.0)
-    inside = POINTS[:, 0] - truth > 30.0
+    left, right = (
+        np.clip(m, 0, 255).astype(np.uint8) for m in (smooth, cv2.warpAffine(smooth, shear, (256, 256)))
+    )
+    true_disparity_px = 30.0 + 0.3 * (POINTS[:, 1] - 128.0)
+    inside = POINTS[:, 0] - true_disparity_px > 30.0
     rms_px = []
     for slopes in (None, np.tile([0.0, 0.3], (len(POINTS), 1)), np.zeros((len(POINTS), 2))):
-        out = matcher().process(StereoMatching2DInputs(left, right, POINTS, None if slopes is None else truth, slopes))
-        rms_px.append(np.sqrt(np.mean((out.disparities - truth)[out.valid] ** 2)))
+        out = matcher().process(
+            StereoMatching2DInputs(
+                left=left,
+                right=right,
+                features=POINTS,
+                guess=None if slopes is None else true_disparity_px,
+                slopes=slopes,
+            )
+        )
+        rms_px.append(np.sqrt(np.mean((out.disparities - true_disparity_px)[out.valid] ** 2)))
         if slopes is None or slopes.any():
-            assert np.percentile(np.abs(out.disparities - truth)[out.valid], 95) < 0.06
+            assert np.percentile(np.abs(out.disparities - true_disparity_px)[out.valid], 95) < 0.06
             assert np.percentile(np.abs(out.slopes - [0.0, 0.3])[out.valid], 95) < 0.03
             assert out.valid[inside].mean() > 0.5
-    assert rms_px[2] > 5.0 * max(rms_px[:2])  # as if it faced the camera
+    assert rms_px[2] > 5.0 * max(rms_px[:2])  # a slope of zero, as for a plane parallel to the image
 
 
-def test_images_of_two_scenes_do_not_match() -> None:
+def test_images_of_different_scenes_do_not_match() -> None:
     other = np.clip(texture(9, 256), 0, 255).astype(np.uint8)
-    assert matcher().process(StereoMatching2DInputs(IMAGE, other, POINTS)).valid.sum() <= 1
+    assert (
+        matcher().process(StereoMatching2DInputs(left=IMAGE, right=other, features=POINTS)).valid.sum() <= 1
+    )
 
 
-def test_a_repeating_texture_is_ambiguous_not_matched() -> None:
-    tile = np.tile(IMAGE[:, :16], (1, 16))
-    assert matcher().process(StereoMatching2DInputs(tile, tile, POINTS)).valid.sum() == 0
+def test_a_repeating_texture_is_reported_as_ambiguous() -> None:
+    repeated = np.tile(IMAGE[:, :16], (1, 16))
+    assert (
+        matcher().process(StereoMatching2DInputs(left=repeated, right=repeated, features=POINTS)).valid.sum()
+        == 0
+    )
 
 
 def test_images_of_different_size_are_refused() -> None:
-    with pytest.raises(InputError, match="equal size"):
-        matcher().process(StereoMatching2DInputs(IMAGE, IMAGE[:200], POINTS))
+    with pytest.raises(InputError, match="r=256 of left"):
+        matcher().process(StereoMatching2DInputs(left=IMAGE, right=IMAGE[:200], features=POINTS))
     with pytest.raises(InputError, match="slopes"):
-        matcher().process(StereoMatching2DInputs(IMAGE, IMAGE, POINTS, slopes=np.zeros((1, 2))))
+        matcher().process(
+            StereoMatching2DInputs(left=IMAGE, right=IMAGE, features=POINTS, slopes=np.zeros((1, 2)))
+        )

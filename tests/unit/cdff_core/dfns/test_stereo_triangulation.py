@@ -6,25 +6,35 @@ import numpy as np
 import pytest
 
 from cdff_common.errors import InputError
-from cdff_core.dfns.stereo_triangulation._interface import StereoTriangulationInputs
+from cdff_core.dfns.stereo_triangulation.interface import StereoTriangulationInputs
 from cdff_core.dfns.stereo_triangulation.rectified_triangulation import RectifiedTriangulation
-from tests.corridor import BASELINE_M, CAMERA
+from tests.support.corridor import BASELINE_M, CAMERA
 
 
-def test_depth_follows_the_disparity_and_its_sigma_the_square_of_the_depth() -> None:
+def test_depth_is_inversely_proportional_to_disparity_and_its_sigma_grows_with_depth_squared() -> None:
     dfn = RectifiedTriangulation()
     dfn.configure({"sigma_disparity_px": 0.1})
     out = dfn.process(
         StereoTriangulationInputs(
-            np.full((2, 2), [159.5, 119.5]), np.array([10.0, 20.0]), CAMERA, np.array([BASELINE_M])
+            features=np.full((2, 2), [159.5, 119.5]),
+            disparities=np.array([10.0, 20.0]),
+            camera_matrix=CAMERA,
+            baseline=BASELINE_M,
         )
     )
     np.testing.assert_allclose(out.points, [[0, 0, 5.2], [0, 0, 2.6]], atol=1e-12)
     np.testing.assert_allclose(np.sqrt(out.covariances[:, 2, 2]), [0.052, 0.013], rtol=1e-9)
 
 
-def test_a_disparity_of_nought_is_refused() -> None:
+def test_a_disparity_of_zero_is_refused() -> None:
     dfn = RectifiedTriangulation()
     dfn.configure()
     with pytest.raises(InputError, match="above 0"):
-        dfn.process(StereoTriangulationInputs(np.ones((1, 2)), np.zeros(1), CAMERA, np.array([BASELINE_M])))
+        dfn.process(
+            StereoTriangulationInputs(
+                features=np.ones((1, 2)),
+                disparities=np.zeros(1),
+                camera_matrix=CAMERA,
+                baseline=BASELINE_M,
+            )
+        )

@@ -11,14 +11,14 @@ from cdff_common.errors import DegenerateGeometryError, InputError, RefusedError
 from cdff_common.geometry import covariance as cov
 from cdff_common.geometry import se3
 from cdff_common.interfaces.registry import Registry
-from cdff_core.dfns.transform_estimation_3d._interface import TransformEstimation3DInputs
+from cdff_core.dfns.transform_estimation_3d.interface import TransformEstimation3DInputs
 from cdff_core.dfns.transform_estimation_3d.least_squares import LeastSquares
 from cdff_core.dfns.transform_estimation_3d.truncated_gnc import TruncatedGnc
 
 T_TRUE = se3.transform(se3.exp_so3([0.4, -1.1, 2.0]), [3.0, -1.0, 0.5])
 
 
-def made(kind: Any, **config: Any) -> Any:
+def make_node(kind: Any, **config: Any) -> Any:
     dfn = kind()
     dfn.configure(config)
     return dfn
@@ -34,66 +34,74 @@ def pairs(
 
 
 @pytest.mark.parametrize("kind", [LeastSquares, TruncatedGnc])
-def test_exact_pairs_give_the_transform_exactly_also_on_a_plane(kind: Any, rng: np.random.Generator) -> None:
+def test_exact_pairs_give_the_exact_transform_also_on_a_plane(kind: Any, rng: np.random.Generator) -> None:
     source, sink = pairs(rng, 4, sigma_m=0.0)
-    flat = source * [1.0, 1.0, 0.0]
-    for a, b in ((source, sink), (flat, se3.transform_points(T_TRUE, flat))):
-        out = made(kind).process(TransformEstimation3DInputs(a, b))
+    planar = source * [1.0, 1.0, 0.0]
+    for a, b in ((source, sink), (planar, se3.transform_points(T_TRUE, planar))):
+        out = make_node(kind).process(TransformEstimation3DInputs(source=a, sink=b))
         assert out.transform == pytest.approx(T_TRUE, abs=1e-9)
         assert out.inliers.all()
 
 
 @pytest.mark.parametrize("kind", [LeastSquares, TruncatedGnc])
-def test_errors_are_as_large_as_the_covariance_says(kind: Any) -> None:
-    squared = []
+def test_errors_are_consistent_with_the_covariance(kind: Any) -> None:
+    nees = []
     for seed in range(200):
         source, sink = pairs(np.random.default_rng(seed), 20)
-        out = made(kind).process(TransformEstimation3DInputs(source, sink))
+        out = make_node(kind).process(TransformEstimation3DInputs(source=source, sink=sink))
         error = cov.pose_error(T_TRUE, out.transform)
-        squared.append(error @ np.linalg.solve(out.covariance, error) / 6.0)
-    # F with 6 and 54 degrees of freedom has mean 54 / 52; 200 draws stray from it by 5 %.
-    assert np.mean(squared) == pytest.approx(54.0 / 52.0, abs=0.15)
+        nees.append(error @ np.linalg.solve(out.covariance, error) / 6.0)
+    # The F distribution with 6 and 54 degrees of freedom has mean 54 / 52; the mean of 200 draws varies by 5 %.
+    assert np.mean(nees) == pytest.approx(54.0 / 52.0, abs=0.15)
 
 
 @pytest.mark.req("CDFF-CORE-093")
-def test_half_of_the_pairs_may_be_wrong(rng: np.random.Generator) -> None:
+def test_half_of_the_pairs_may_be_outliers(rng: np.random.Generator) -> None:
     source, sink = pairs(rng, 200, 100)
-    out = made(TruncatedGnc, threshold=0.05).process(TransformEstimation3DInputs(source, sink))
+    out = make_node(TruncatedGnc, threshold=0.05).process(
+        TransformEstimation3DInputs(source=source, sink=sink)
+    )
     assert out.inliers[100:].all()
     assert out.inliers[:100].sum() <= 1
     assert np.linalg.norm(cov.pose_error(T_TRUE, out.transform)) < 0.01
-    assert float(out.unit_variance) == pytest.approx(1e-4, rel=0.3)
+    assert out.unit_variance == pytest.approx(1e-4, rel=0.3)
 
 
-def test_pairs_count_by_their_sigmas(rng: np.random.Generator) -> None:
+def test_pairs_are_weighted_by_their_sigmas(rng: np.random.Generator) -> None:
     source, sink = pairs(rng, 100)
     sink[:50] += rng.normal(0.0, 0.5, (50, 3))
     sigmas = np.repeat([0.5, 0.01], 50)
     errors = {}
-    for name, given in (("equal", None), ("weighed", sigmas)):
-        out = made(LeastSquares).process(TransformEstimation3DInputs(source, sink, given))
+    for name, pair_sigmas in (("equal", None), ("weighted", sigmas)):
+        out = make_node(LeastSquares).process(
+            TransformEstimation3DInputs(source=source, sink=sink, sigmas=pair_sigmas)
+        )
         errors[name] = np.linalg.norm(cov.pose_error(T_TRUE, out.transform))
-    assert errors["weighed"] < 0.3 * errors["equal"]
-    assert float(out.unit_variance) == pytest.approx(1.0, abs=0.3)
+    assert errors["weighted"] < 0.3 * errors["equal"]
+    assert out.unit_variance == pytest.approx(1.0, abs=0.3)
 
 
-def test_what_does_not_fix_a_transform_is_refused(rng: np.random.Generator) -> None:
+def test_degenerate_pairs_are_refused(rng: np.random.Generator) -> None:
     line = np.linspace(0.0, 1.0, 10)[:, None] * [[1.0, 2.0, 3.0]]
     with pytest.raises(DegenerateGeometryError):
-        made(LeastSquares).process(TransformEstimation3DInputs(line, line))
+        make_node(LeastSquares).process(TransformEstimation3DInputs(source=line, sink=line))
     source, sink = pairs(rng)
     with pytest.raises(RefusedError, match="expected at least 3"):
-        made(LeastSquares).process(TransformEstimation3DInputs(source[:2], sink[:2]))
+        make_node(LeastSquares).process(TransformEstimation3DInputs(source=source[:2], sink=sink[:2]))
     with pytest.raises(RefusedError) as refusal:
-        made(LeastSquares, max_rms_m=0.01).process(TransformEstimation3DInputs(source, sink[::-1]))
+        make_node(LeastSquares, max_rms_m=0.01).process(
+            TransformEstimation3DInputs(source=source, sink=sink[::-1])
+        )
     assert refusal.value.reasons[0].startswith("rms:")
     with pytest.raises(RefusedError, match="pairs"):
-        made(TruncatedGnc, min_pairs=10, threshold=1e-3).process(TransformEstimation3DInputs(source, sink[::-1]))
+        make_node(TruncatedGnc, min_pairs=10, threshold=1e-3).process(
+            TransformEstimation3DInputs(source=source, sink=sink[::-1])
+        )
     for a, b, s in ((source, sink[:3], None), (source, sink * np.nan, None), (source, sink, np.zeros(50))):
         with pytest.raises(InputError):
-            made(LeastSquares).process(TransformEstimation3DInputs(a, b, s))
+            make_node(LeastSquares).process(TransformEstimation3DInputs(source=a, sink=b, sigmas=s))
 
 
 @pytest.mark.parametrize("alias", ["Transform3DEstimation", "LeastSquaresMinimization", "CeresEstimation"])
-def test_it_answers_to_its_names_in_infuse(alias: str) -> None:
+def test_infuse_names_select_the_dfn(alias: str) -> None:
     assert Registry.default().make_dfn(alias).configure() is None

@@ -7,10 +7,12 @@ import pytest
 
 from cdff_common.errors import InputError
 from cdff_core.imaging.rectified_camera import RectifiedCamera
-from tests.corridor import BASELINE_M, CAMERA
+from tests.support.corridor import BASELINE_M, CAMERA
 
 
-def test_projection_undoes_triangulation_and_its_derivatives_are_inverse(rng: np.random.Generator) -> None:
+def test_projection_is_the_inverse_of_triangulation_and_so_are_their_jacobians(
+    rng: np.random.Generator,
+) -> None:
     camera = RectifiedCamera.from_matrix(CAMERA, BASELINE_M)
     uvd = np.column_stack([rng.uniform(0, 320, 20), rng.uniform(0, 240, 20), rng.uniform(2, 60, 20)])
     points = camera.triangulate(uvd)
@@ -22,6 +24,6 @@ def test_projection_undoes_triangulation_and_its_derivatives_are_inverse(rng: np
 @pytest.mark.parametrize(
     ("matrix", "baseline"), [(np.zeros((3, 3)), 0.2), (np.eye(4), 0.2), (CAMERA, -0.1), (CAMERA, np.nan)]
 )
-def test_a_camera_that_cannot_be_is_refused(matrix: np.ndarray, baseline: float) -> None:
+def test_an_invalid_camera_is_refused(matrix: np.ndarray, baseline: float) -> None:
     with pytest.raises(InputError):
         RectifiedCamera.from_matrix(matrix, baseline)

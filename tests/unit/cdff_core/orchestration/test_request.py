@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Requests as contract §5 writes them."""
+"""Parsing and validation of request parameters."""
 
 from __future__ import annotations
 
@@ -8,18 +8,26 @@ import math
 
 import pytest
 
+from cdff_common.contract.products import requestable_products
 from cdff_common.errors import InputError
-from cdff_core.orchestration.request import PRODUCTS, parse_request, parse_robot
+from cdff_core.orchestration.request import parse_request, parse_robot
 
 
-def test_the_contract_s_example_is_read_field_by_field() -> None:
+def test_each_parameter_of_a_request_is_read() -> None:
     request = parse_request(
         {
-            "type": "dem", "robot": "mana", "region": "bbox:-10,-5,10,5", "frame": "site", "max_age_s": "60",
-            "resolution_m": "0.05", "format": "uper", "deadline_ms": "20000", "request": "a-b",
+            "type": "dem",
+            "robot": "mana",
+            "region": "bbox:-10,-5,10,5",
+            "frame": "site",
+            "max_age_s": "60",
+            "resolution_m": "0.05",
+            "format": "uper",
+            "deadline_ms": "20000",
+            "request": "a-b",
         },
         "ground",
-    )  # fmt: skip
+    )
     assert (request.product, request.robot, request.frame, request.id) == ("dem", "mana", "site", "a-b")
     assert request.region is not None
     assert request.region.bounds == (-10.0, -5.0, 10.0, 5.0)
@@ -32,12 +40,12 @@ def test_a_dem_in_another_encoding_or_by_name_keeps_all_its_layers() -> None:
     assert parse_request({"type": "dem", "as": "ElevationMap"}, "mana").type_name == "ElevationMap"
 
 
-def test_what_is_not_asked_is_not_a_limit() -> None:
+def test_omitted_parameters_impose_no_limits() -> None:
     request = parse_request({"type": "pose"}, "mana")
     assert math.isinf(request.max_age_s)
     assert request.region is None
     assert request.robot == "mana"
-    assert request.deadline_s < 10.0, "a plain Zenoh query stops after 10 s"
+    assert request.deadline_s < 10.0, "Zenoh ends a query after 10 s by default"
 
 
 def test_under_a_robot_the_robot_must_match_and_under_ground_it_is_required() -> None:
@@ -49,7 +57,7 @@ def test_under_a_robot_the_robot_must_match_and_under_ground_it_is_required() ->
 
 
 @pytest.mark.parametrize(
-    ("parameters", "named"),
+    ("parameters", "fault"),
     [
         ({}, "type"),
         ({"type": "painting"}, "painting"),
@@ -73,21 +81,21 @@ def test_under_a_robot_the_robot_must_match_and_under_ground_it_is_required() ->
         ({"type": "pose", "request": "a b"}, "a b"),
     ],
 )
-def test_a_wrong_parameter_is_named_in_the_error(parameters: dict[str, str], named: str) -> None:
-    with pytest.raises(InputError, match=named.replace("(", "\\(")):
+def test_a_wrong_parameter_is_named_in_the_error(parameters: dict[str, str], fault: str) -> None:
+    with pytest.raises(InputError, match=fault.replace("(", "\\(")):
         parse_request(parameters, "mana")
 
 
-@pytest.mark.parametrize("product", sorted(PRODUCTS))
-def test_every_product_can_be_asked_for_in_every_codec(product: str) -> None:
-    for codec in ("uper", "ber", "xer", "msgpack", *PRODUCTS[product][2]):
+@pytest.mark.parametrize("product", sorted(requestable_products()))
+def test_every_product_can_be_requested_in_every_codec(product: str) -> None:
+    for codec in requestable_products()[product].formats:
         assert parse_request({"type": product, "format": codec}, "mana").format == codec
 
 
 def test_a_description_of_a_request_is_plain_data() -> None:
-    described = parse_request({"type": "dem", "region": "near:mana/base,5"}, "mana").describe()
-    assert described["region"] == "near:mana/base,5"
-    assert described["max_age_s"] is None
+    description = parse_request({"type": "dem", "region": "near:mana/base,5"}, "mana").describe()
+    assert description["region"] == "near:mana/base,5"
+    assert description["max_age_s"] is None
 
 
 def test_priority_is_one_digit_and_explain_is_true_or_false() -> None:
@@ -98,10 +106,10 @@ def test_priority_is_one_digit_and_explain_is_true_or_false() -> None:
             parse_request({"type": "pose", name: value}, "mana")
 
 
-def test_any_robot_is_only_offered_where_it_is_taken() -> None:
-    for asked in (None, "any"):
+def test_any_robot_is_only_accepted_where_supported() -> None:
+    for robot in (None, "any"):
         with pytest.raises(InputError) as refused:
-            parse_robot(asked, "ground")
+            parse_robot(robot, "ground")
         assert str(refused.value).rstrip(")").endswith("a robot id")
     assert parse_robot("any", "ground", any_robot=True) == "any"
     with pytest.raises(InputError, match="a robot id, or any"):

@@ -1,23 +1,39 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""State machines that are data: jobs, DFPCs, sensor modes; and what a journal leads to."""
+"""Transition tables of jobs, DFPCs and sensor modes, and recovery from a journal."""
 
 from __future__ import annotations
 
 import pytest
 
-from cdff_common.errors import ConflictError, DeniedError, NotActiveError, ProductNotFoundError, UnavailableError
+from cdff_common.errors import (
+    ConflictError,
+    DeniedError,
+    NotActiveError,
+    ProductNotFoundError,
+    UnavailableError,
+)
 from cdff_common.interfaces.profile import Sensor, SensorMode
 from cdff_core.orchestration.journal import recover
-from cdff_core.orchestration.lifecycle import DFPC_TRANSITIONS, FINAL_STATES, JOB_TRANSITIONS, JobState, next_job_state
+from cdff_core.orchestration.lifecycle import (
+    DFPC_TRANSITIONS,
+    FINAL_STATES,
+    JOB_TRANSITIONS,
+    JobState,
+    next_job_state,
+)
 from cdff_core.orchestration.modes import MODE_TRANSITIONS, ModeMachine
-from cdff_core.orchestration.world import MakerId
+from cdff_core.orchestration.world import ProviderId
 
 NAVCAM = Sensor(
-    kind="stereo_camera", frame="mana/navcam_left", streams={"pair": "FramePair"}, initial_mode="off", switch_s=0.5,
+    kind="stereo_camera",
+    frame="mana/navcam_left",
+    streams={"pair": "FramePair"},
+    initial_mode="off",
+    switch_s=0.5,
     modes={"off": SensorMode(on=False), "nominal": SensorMode(rate_hz=3.0), "fast": SensorMode(rate_hz=9.0)},
     refuses=("fast",),
-)  # fmt: skip
+)
 
 
 def test_every_job_can_fail_be_cancelled_and_reach_an_end() -> None:
@@ -33,34 +49,34 @@ def test_every_job_can_fail_be_cancelled_and_reach_an_end() -> None:
     assert reached == set(JobState)
 
 
-def test_a_job_that_ended_stays_ended() -> None:
+def test_a_job_in_a_final_state_cannot_change_its_state() -> None:
     for state in FINAL_STATES:
         with pytest.raises(ConflictError):
             next_job_state(state, JobState.LOOKING)
 
 
-def test_hosts_run_the_dfpc_table_and_every_state_can_be_left_and_reached() -> None:
-    from services.dfpc_host.lifecycle import State, next_state
+def test_hosts_follow_the_dfpc_table_and_every_state_can_be_entered_and_left() -> None:
+    from services.dfpc_host.lifecycle import DfpcState, next_state
 
     for (state, verb), to in DFPC_TRANSITIONS.items():
-        assert next_state(verb, State(state), "x") == to
+        assert next_state(verb, DfpcState(state), "x") == to
     with pytest.raises(NotActiveError, match="allowed when active or inactive"):
-        next_state("activate", State.ERROR, "x")
+        next_state("activate", DfpcState.ERROR, "x")
     reached, stack = set(), ["unconfigured"]
     while stack:
         state = stack.pop()
         if state not in reached:
             reached.add(state)
             stack.extend(to for (a, _), to in DFPC_TRANSITIONS.items() if a == state)
-    assert reached == {str(s) for s in State}
-    assert all(("unconfigured" in _following(str(s))) or s is State.ACTIVE for s in State)
+    assert reached == {str(s) for s in DfpcState}
+    assert all(("unconfigured" in _following(str(s))) or s is DfpcState.ACTIVE for s in DfpcState)
 
 
 def _following(state: str) -> set[str]:
     return {to for (a, _), to in DFPC_TRANSITIONS.items() if a == state}
 
 
-def test_a_mode_is_confirmed_only_when_the_switch_is_over() -> None:
+def test_a_mode_is_confirmed_only_after_the_switch() -> None:
     machine = ModeMachine("navcam", NAVCAM)
     assert machine.demand("nominal", "orchestrator", 10.0)
     assert machine.mode == "off"
@@ -72,22 +88,22 @@ def test_a_mode_is_confirmed_only_when_the_switch_is_over() -> None:
     assert (event["state"], event["reason"]) == ("steady", "")
 
 
-def test_asking_for_the_mode_it_is_in_changes_nothing() -> None:
+def test_requesting_the_current_mode_changes_nothing() -> None:
     machine = ModeMachine("navcam", NAVCAM)
     assert not machine.demand("off", "", 0.0)
     assert machine.state == "steady"
 
 
-def test_asking_again_does_not_delay_a_switch_and_asking_otherwise_redirects_it() -> None:
+def test_a_repeated_demand_does_not_delay_a_switch_and_a_new_demand_replaces_it() -> None:
     machine = ModeMachine("navcam", NAVCAM)
     machine.demand("nominal", "", 0.0)
     machine.demand("nominal", "", 0.4)
-    assert machine.ready_at_s == 0.5
+    assert machine.steps[-1][1] == 0.5
     machine.demand("off", "", 0.4)
-    assert (machine.target, machine.ready_at_s) == ("off", 0.9)
+    assert (machine.target, machine.steps[-1][1]) == ("off", 0.9)
 
 
-def test_refused_and_unknown_modes_leave_the_sensor_as_it_is() -> None:
+def test_refused_and_unknown_modes_leave_the_sensor_unchanged() -> None:
     machine = ModeMachine("navcam", NAVCAM)
     with pytest.raises(DeniedError, match="refuses"):
         machine.demand("fast", "", 0.0)
@@ -98,32 +114,35 @@ def test_refused_and_unknown_modes_leave_the_sensor_as_it_is() -> None:
 
 
 GIMBALLED = Sensor(
-    kind="lidar", frame="mana/lidar", streams={"scan": "LidarScan"}, initial_mode="off",
+    kind="lidar",
+    frame="mana/lidar",
+    streams={"scan": "LidarScan"},
+    initial_mode="off",
     modes={"off": SensorMode(on=False), "warm": SensorMode(on=False), "scan": SensorMode(rate_hz=2.0)},
     transitions={"off": {"warm": 4.0}, "warm": {"scan": 1.0, "off": 0.5}, "scan": {"warm": 0.5}},
-)  # fmt: skip
+)
 
 
 @pytest.mark.req("CDFF-SUP-143")
-def test_a_mode_without_a_direct_way_is_reached_over_those_the_profile_declares_in_between() -> None:
+def test_a_mode_without_direct_transition_is_reached_over_intermediate_modes() -> None:
     machine = ModeMachine("lidar", GIMBALLED)
     assert machine.demand("scan", "", 0.0)
-    assert machine.ready_at_s == 5.0
+    assert machine.steps[-1][1] == 5.0
     assert not machine.settle(3.9)
     assert machine.settle(4.5)
     assert (machine.mode, machine.target, machine.state) == ("warm", "scan", "switching")
     assert machine.settle(5.0)
     assert (machine.mode, machine.state) == ("scan", "steady")
-    assert GIMBALLED.way("scan", "off") == (("warm", 0.5), ("off", 0.5))
+    assert GIMBALLED.mode_path("scan", "off") == (("warm", 0.5), ("off", 0.5))
 
 
-def test_a_mode_without_any_way_is_denied() -> None:
+def test_an_unreachable_mode_is_denied() -> None:
     one_way = GIMBALLED.model_copy(update={"transitions": {"off": {"warm": 1.0}, "warm": {}}})
-    with pytest.raises(DeniedError, match="no way from mode off to scan"):
+    with pytest.raises(DeniedError, match="cannot switch from mode off to scan"):
         ModeMachine("lidar", one_way).demand("scan", "", 0.0)
 
 
-def test_a_lost_sensor_takes_no_demand_until_it_is_back_in_its_initial_mode() -> None:
+def test_a_lost_sensor_refuses_demands_until_it_has_recovered_in_its_initial_mode() -> None:
     machine = ModeMachine("lidar", GIMBALLED)
     machine.demand("warm", "", 0.0)
     machine.fail("no power")
@@ -134,7 +153,7 @@ def test_a_lost_sensor_takes_no_demand_until_it_is_back_in_its_initial_mode() ->
     assert (machine.state, machine.mode) == ("steady", "off")
 
 
-def test_a_switch_refused_on_its_way_stays_at_the_last_confirmed_mode() -> None:
+def test_a_sensor_that_refuses_during_a_switch_keeps_the_last_confirmed_mode() -> None:
     machine = ModeMachine("lidar", GIMBALLED)
     machine.demand("scan", "", 0.0)
     machine.settle(4.0)
@@ -142,30 +161,33 @@ def test_a_switch_refused_on_its_way_stays_at_the_last_confirmed_mode() -> None:
     assert (machine.mode, machine.state, machine.refusal) == ("warm", "steady", "too hot")
 
 
-def test_every_thing_that_happens_to_a_sensor_is_in_the_table() -> None:
+def test_every_sensor_event_is_in_the_transition_table() -> None:
     machine = ModeMachine("lidar", GIMBALLED)
-    happens = {
-        "demand": lambda: machine.demand("scan", "", 0.0), "refuse": lambda: machine.refuse("no"),
-        "fail": lambda: machine.fail("gone"), "recover": machine.recover,
-        "pass": lambda: machine.settle(1e9), "confirm": lambda: machine.settle(1e9),
-    }  # fmt: skip
+    actions = {
+        "demand": lambda: machine.demand("scan", "", 0.0),
+        "refuse": lambda: machine.refuse("no"),
+        "fail": lambda: machine.fail("gone"),
+        "recover": machine.recover,
+        "pass": lambda: machine.settle(1e9),
+        "confirm": lambda: machine.settle(1e9),
+    }
     verbs = ["demand", "refuse", "demand", "demand", "pass", "confirm", "fail", "recover", "demand", "fail"]
     for verb in verbs:
         before = machine.state
-        happens[verb]()
+        actions[verb]()
         assert MODE_TRANSITIONS[before, verb] == machine.state, verb
     assert {verb for _, verb in MODE_TRANSITIONS} == set(verbs)
 
 
-def test_a_journal_tells_which_jobs_were_open_and_what_was_held_and_switched_on() -> None:
-    dem, pose = MakerId("mana", "dem"), MakerId("mana", "pose")
-    found = recover(
+def test_a_journal_restores_open_jobs_leases_and_activations() -> None:
+    dem, pose = ProviderId("mana", "dem"), ProviderId("mana", "pose")
+    result = recover(
         [
             {"kind": "start"},
             {"kind": "job", "job": "1", "state": "received"},
             {"kind": "job", "job": "2", "state": "received"},
-            {"kind": "lease", "action": "acquire", "holder": "1", "makers": ["mana/dem", "mana/pose"]},
-            {"kind": "lease", "action": "acquire", "holder": "2", "makers": ["mana/pose"]},
+            {"kind": "lease", "action": "acquire", "holder": "1", "providers": ["mana/dem", "mana/pose"]},
+            {"kind": "lease", "action": "acquire", "holder": "2", "providers": ["mana/pose"]},
             {"kind": "activation", "action": "activate", "dfpc": "mana/dem", "ok": True},
             {"kind": "activation", "action": "activate", "dfpc": "mana/pose", "ok": True},
             {"kind": "activation", "action": "deactivate", "dfpc": "mana/pose", "ok": False},
@@ -176,10 +198,14 @@ def test_a_journal_tells_which_jobs_were_open_and_what_was_held_and_switched_on(
             {"kind": "activation", "action": "deactivate", "dfpc": "mana/dem", "ok": True},
         ]
     )
-    assert set(found.open_jobs) == {"2"}
-    assert found.held == {pose}
-    assert found.owned == {pose}
-    assert found.jobs == 2
-    assert dem not in found.owned
-    again = recover(found.records())
-    assert (set(again.open_jobs), again.owned, again.modes) == (set(found.open_jobs), found.owned, found.modes)
+    assert set(result.open_jobs) == {"2"}
+    assert result.held == {pose}
+    assert result.owned == {pose}
+    assert result.jobs == 2
+    assert dem not in result.owned
+    second = recover(result.records())
+    assert (set(second.open_jobs), second.owned, second.modes) == (
+        set(result.open_jobs),
+        result.owned,
+        result.modes,
+    )

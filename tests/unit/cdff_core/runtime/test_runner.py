@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The loop that orders samples and gives outputs their identity."""
+"""The runner orders samples and gives each output its id and header."""
 
 import sys
 from collections.abc import Iterator
@@ -24,12 +24,12 @@ PLUGIN = Path(__file__).parents[3] / "integration" / "plugin"
 @pytest.fixture
 def dfpc(monkeypatch: pytest.MonkeyPatch) -> Iterator[Dfpc]:
     monkeypatch.syspath_prepend(str(PLUGIN))
-    found = Registry()
-    found.scan("cdff_test_dfpcs", "dfpc")
-    monkeypatch.setattr(registry, "_default_registry", lambda: found)
-    made = found.make_dfpc("troublemaker")
-    made.configure(context=DfpcContext(robot="mana"))
-    yield made
+    result = Registry()
+    result.scan("cdff_test_dfpcs", "dfpc")
+    monkeypatch.setattr(registry, "_default_registry", lambda: result)
+    dfpc = result.make_dfpc("troublemaker")
+    dfpc.configure(context=DfpcContext(robot="mana"))
+    yield dfpc
     sys.modules.pop("cdff_test_dfpcs", None)
 
 
@@ -56,7 +56,9 @@ def test_an_older_or_repeated_sample_of_a_port_is_dropped_and_counted(dfpc: Dfpc
     assert runner.counters.late == 2
 
 
-def test_an_older_sample_of_a_port_that_takes_any_order_is_stepped_and_a_repeated_one_dropped(dfpc: Dfpc) -> None:
+def test_an_unordered_port_accepts_older_samples_and_drops_repeated_ones(
+    dfpc: Dfpc,
+) -> None:
     (port,) = dfpc.description.input_ports
     dfpc.description = dfpc.description.model_copy(
         update={"input_ports": (port.model_copy(update={"ordered": False}),)}
@@ -69,14 +71,14 @@ def test_an_older_sample_of_a_port_that_takes_any_order_is_stepped_and_a_repeate
     assert [p.header.t1_ns for p in runner.drain()] == [1000, 1000, 2000, 3000]
 
 
-def test_a_port_goes_on_from_where_the_mission_clock_went_back_to(dfpc: Dfpc) -> None:
+def test_a_port_accepts_samples_after_a_backward_jump_of_the_mission_clock(dfpc: Dfpc) -> None:
     runner, hour = Runner(dfpc), 3_600_000_000_000
     assert runner.push(sample(hour))
     assert [runner.push(sample(t)) for t in (1000, 2000, 3000, 4000)] == [False, False, True, True]
     assert [p.header.t1_ns for p in runner.drain()] == [3000, 4000, hour]
 
 
-def test_one_stamp_of_the_future_and_some_that_are_late_do_not_turn_a_port_back(dfpc: Dfpc) -> None:
+def test_one_future_stamp_and_some_late_ones_do_not_reset_a_port(dfpc: Dfpc) -> None:
     runner, hour = Runner(dfpc), 3_600_000_000_000
     assert runner.push(sample(hour))
     for late in (1000, 2000):
@@ -85,7 +87,7 @@ def test_one_stamp_of_the_future_and_some_that_are_late_do_not_turn_a_port_back(
     assert not runner.push(sample(3000))
 
 
-def test_a_log_played_again_is_taken_again_by_a_port_that_takes_any_order(dfpc: Dfpc) -> None:
+def test_a_replayed_log_is_accepted_again_by_an_unordered_port(dfpc: Dfpc) -> None:
     (port,) = dfpc.description.input_ports
     dfpc.description = dfpc.description.model_copy(
         update={"input_ports": (port.model_copy(update={"ordered": False}),)}
@@ -96,7 +98,7 @@ def test_a_log_played_again_is_taken_again_by_a_port_that_takes_any_order(dfpc: 
 
 
 @pytest.mark.req("CDFF-SUP-015")
-def test_an_output_has_the_id_of_the_contract_and_names_its_inputs(dfpc: Dfpc) -> None:
+def test_an_output_has_a_deterministic_id_and_the_ids_of_its_inputs(dfpc: Dfpc) -> None:
     runner = Runner(dfpc)
     runner.push(sample(1000))
     (product,) = runner.drain()
@@ -106,16 +108,16 @@ def test_an_output_has_the_id_of_the_contract_and_names_its_inputs(dfpc: Dfpc) -
     assert product.header.box_m == (0.0,) * 6
 
 
-def test_a_refusal_is_counted_and_the_next_sample_is_stepped(dfpc: Dfpc) -> None:
+def test_a_refused_sample_is_counted_and_the_next_one_stepped(dfpc: Dfpc) -> None:
     runner = Runner(dfpc)
     runner.push(sample(1000, "trouble/refuse"))
     runner.push(sample(2000))
     assert len(list(runner.drain())) == 1
     assert runner.counters.errors == 1
-    assert "told to refuse" in runner.counters.last_error
+    assert "refusal on command" in runner.counters.last_error
 
 
-def test_a_bug_passes_through(dfpc: Dfpc) -> None:
+def test_an_unexpected_exception_propagates(dfpc: Dfpc) -> None:
     runner = Runner(dfpc)
     runner.push(sample(1000, "trouble/raise"))
     with pytest.raises(ZeroDivisionError):
@@ -149,7 +151,7 @@ def test_two_runs_give_the_same_ids(dfpc: Dfpc) -> None:
 
 
 @pytest.mark.req("CDFF-SUP-012")
-def test_operations_take_text_and_refuse_what_they_do_not_know(dfpc: Dfpc) -> None:
+def test_operations_accept_text_and_refuse_unknown_parameters(dfpc: Dfpc) -> None:
     assert dfpc.call("count", {"factor": "2"}) == 0
     with pytest.raises(InputError, match="factor='x'"):
         dfpc.call("count", {"factor": "x"})
@@ -157,7 +159,7 @@ def test_operations_take_text_and_refuse_what_they_do_not_know(dfpc: Dfpc) -> No
         dfpc.call("count", {"facto": "1"})
 
 
-def test_an_implementation_that_is_not_listed_is_refused(dfpc: Dfpc) -> None:
+def test_an_unlisted_implementation_is_refused(dfpc: Dfpc) -> None:
     with pytest.raises(ConfigurationError, match="expected one of Troublemaker"):
         dfpc.configure(implementation="Other")
     with pytest.raises(ConfigurationError, match="Known keys"):

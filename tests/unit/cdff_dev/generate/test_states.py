@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The drawn state machines say what the tables say."""
+"""The diagrams of the state machines show the transitions of the tables."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def arrows(text: str) -> set[tuple[str, str]]:
     return set(re.findall(r"^    (\w+) --> (\w+)", text, re.MULTILINE))
 
 
-def test_every_transition_of_the_tables_is_drawn_and_no_other() -> None:
+def test_exactly_the_transitions_of_the_tables_are_drawn() -> None:
     job, dfpc = page().split("```mermaid")[1:3]
     drawn = arrows(job)
     ends = {s for s in FINAL_STATES if s != "done"}

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""From ASN.1 text to Python classes: names, shapes, defaults, comments."""
+"""ASN.1 modules are read for the generation of Python classes: names, shapes, bounds and comments."""
 
 from __future__ import annotations
 
@@ -8,7 +8,18 @@ from pathlib import Path
 
 import pytest
 
-from cdff_common.codecs.schema import Alias, Array, Choice, Enumeration, Integer, ListOf, Octets, Real, Struct, Text
+from cdff_common.types.schema import (
+    Alias,
+    Array,
+    Choice,
+    Enumeration,
+    Integer,
+    ListOf,
+    OctetString,
+    Real,
+    Struct,
+    Text,
+)
 from cdff_dev.generate.asn1_model import ModelReader, class_name, snake_case
 
 _SOURCE = """
@@ -21,7 +32,7 @@ Float32x3-Array ::= OCTET STRING (SIZE(0..1200))
 Point ::= SEQUENCE (SIZE(3)) OF T-Double
 Row ::= SEQUENCE (SIZE(0..5)) OF T-Double
 Colour ::= ENUMERATED {blue(2), dark-red(0)}
--- What is measured.
+-- Measured thing.
 -- In two lines.
 Thing-data-t ::= SEQUENCE {
     msgVersion INTEGER (0..255),
@@ -45,18 +56,28 @@ def model(tmp_path: Path) -> ModelReader:
 
 @pytest.mark.parametrize(
     ("asn1", "python"),
-    [("Frame-metadata-t", "FrameMetadataT"), ("PointCloud-Data", "PointCloudData"), ("UNIT-AXIS", "UnitAxis"),
-     ("IMUSensors", "IMUSensors"), ("Array3D-depth-t", "Array3DDepthT")],
-)  # fmt: skip
+    [
+        ("Frame-metadata-t", "FrameMetadataT"),
+        ("PointCloud-Data", "PointCloudData"),
+        ("UNIT-AXIS", "UnitAxis"),
+        ("IMUSensors", "IMUSensors"),
+        ("Array3D-depth-t", "Array3DDepthT"),
+    ],
+)
 def test_class_names_are_the_asn1_names_without_dashes(asn1: str, python: str) -> None:
     assert class_name(asn1) == python
 
 
 @pytest.mark.parametrize(
     ("asn1", "python"),
-    [("frameId", "frame_id"), ("cov-position", "cov_position"), ("usecPerSec", "usec_per_sec"), ("rows", "rows"),
-     ("pose-robotFrame-sensorFrame", "pose_robot_frame_sensor_frame")],
-)  # fmt: skip
+    [
+        ("frameId", "frame_id"),
+        ("cov-position", "cov_position"),
+        ("usecPerSec", "usec_per_sec"),
+        ("rows", "rows"),
+        ("pose-robotFrame-sensorFrame", "pose_robot_frame_sensor_frame"),
+    ],
+)
 def test_attributes_are_snake_case(asn1: str, python: str) -> None:
     assert snake_case(asn1) == python
 
@@ -70,7 +91,7 @@ def test_fields_become_nodes_with_their_bounds(model: ModelReader) -> None:
     assert nodes["points"] == Array(Real(), ((0, 70000), (3, 3)), ("Point", "T-Double"))
     assert nodes["rows"] == ListOf(Array(Real(), ((0, 5),), ("T-Double",)), 1, 2, "Row")
     assert nodes["colour"] == Enumeration("Colour", (("dark-red", 0), ("blue", 2)))
-    assert nodes["raw"] == Octets(1200, "<f4", 3)
+    assert nodes["raw"] == OctetString(1200, "<f4", 3)
     either = nodes["either"]
     assert isinstance(either, Choice)
     assert [f.attribute for f in either.alternatives] == ["a", "b"]
@@ -81,18 +102,20 @@ def test_fields_become_nodes_with_their_bounds(model: ModelReader) -> None:
 
 def test_comments_and_versions_are_kept(model: ModelReader) -> None:
     thing = model.types["Thing-data-t"]
-    assert thing.comment == "What is measured. In two lines."
+    assert thing.comment == "Measured thing. In two lines."
     assert thing.field_comments == {"name": "of the thing", "points": "m"}
     assert thing.version == 3
 
 
-def test_a_type_comes_after_those_it_refers_to(model: ModelReader) -> None:
+def test_a_type_follows_the_types_that_it_refers_to(model: ModelReader) -> None:
     names = list(model.types)
     assert names.index("Colour") < names.index("Thing-data-t") < names.index("Things")
 
 
 def test_a_name_declared_twice_is_refused(tmp_path: Path) -> None:
     for name in ("a", "b"):
-        (tmp_path / f"{name}.asn").write_text(f"M-{name} DEFINITIONS ::= BEGIN\nT ::= SEQUENCE {{x BOOLEAN}}\nEND\n")
+        (tmp_path / f"{name}.asn").write_text(
+            f"M-{name} DEFINITIONS ::= BEGIN\nT ::= SEQUENCE {{x BOOLEAN}}\nEND\n"
+        )
     with pytest.raises(ValueError, match=r"b\.asn: type T is declared twice"):
         ModelReader(sorted(tmp_path.glob("*.asn")))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff log``: info, cat, cut, merge."""
+"""``cdff log``: info, cat, cut and merge."""
 
 from __future__ import annotations
 
@@ -51,15 +51,20 @@ def test_info_lists_the_streams(log: Path, capsys: pytest.CaptureFixture[str]) -
 
 
 def test_cat_prints_samples_as_valid_json(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert _run("cat", str(log), "--stream", "/mana/arm.state", "--t0", "2000000000", "--limit", "2", "--json") == 0
+    assert (
+        _run("cat", str(log), "--stream", "/mana/arm.state", "--t0", "2000000000", "--limit", "2", "--json")
+        == 0
+    )
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [line["stamp_ns"] for line in lines] == ["2000000000", "3000000000"]
     assert lines[0]["value"]["pos"] == [2.0, None, "inf"]
     assert _run("cat", str(log), "--limit", "1") == 0
-    assert capsys.readouterr().out.startswith("1970-01-01T00:00:00.000000Z /mana/arm.state #0 RigidBodyState(")
+    assert capsys.readouterr().out.startswith(
+        "1970-01-01T00:00:00.000000Z /mana/arm.state #0 RigidBodyState("
+    )
 
 
-def test_cut_and_merge_give_the_log_back(log: Path, tmp_path: Path) -> None:
+def test_cut_and_merge_restore_the_log(log: Path, tmp_path: Path) -> None:
     parts = []
     for stream in ("/mana/imu.sample", "/mana/arm.state"):
         parts.append(tmp_path / f"{stream[-5:]}.msg")
@@ -67,7 +72,16 @@ def test_cut_and_merge_give_the_log_back(log: Path, tmp_path: Path) -> None:
     assert _run("merge", *map(str, parts), "--out", str(tmp_path / "merged.msg")) == 0
     assert (tmp_path / "merged.msg").read_bytes() == log.read_bytes()
     assert (
-        _run("cut", str(log), "--out", str(tmp_path / "span"), "--t0", "1970-01-01T00:00:02Z", "--t1", "3000000000")
+        _run(
+            "cut",
+            str(log),
+            "--out",
+            str(tmp_path / "span"),
+            "--t0",
+            "1970-01-01T00:00:02Z",
+            "--t1",
+            "3000000000",
+        )
         == 0
     )
     with open_log(tmp_path / "span") as cut:
@@ -79,7 +93,7 @@ def test_logs_that_share_a_stream_are_not_merged(log: Path, tmp_path: Path) -> N
         _run("merge", str(log), str(log), "--out", str(tmp_path / "out.msg"))
 
 
-def test_a_log_that_is_read_is_not_replaced(log: Path) -> None:
+def test_a_log_is_not_overwritten_while_it_is_read(log: Path) -> None:
     with pytest.raises(InputError, match="would replace the log"):
         _run("cut", str(log), "--out", str(log))
     with open_log(log) as same:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Logs: what is written is read, in one order, in bounded memory; what is broken is told."""
+"""Logs: round trips in a defined order and in bounded memory; damaged logs are reported."""
 
 from __future__ import annotations
 
@@ -38,26 +38,36 @@ def test_a_short_log_is_one_file_of_figure_4(tmp_path: Path) -> None:
     _write(tmp_path / "run.msg", 2)
     assert [p.name for p in tmp_path.iterdir()] == ["run.msg"]
     log = msgpack.unpackb((tmp_path / "run.msg").read_bytes())
-    assert list(log) == ["/mana/imu.sample.meta", "/mana/imu.sample", "/mana/navcam.left.meta", "/mana/navcam.left"]
+    assert list(log) == [
+        "/mana/imu.sample.meta",
+        "/mana/imu.sample",
+        "/mana/navcam.left.meta",
+        "/mana/navcam.left",
+    ]
     assert log["/mana/imu.sample.meta"] == {"type": "IMUSensors", "timestamps": [0, 1]}
     assert log["/mana/imu.sample"][1]["acc"] == [1.0, 1.0, 1.0]
 
 
 @pytest.mark.req("CDFF-DEV-021")
-def test_samples_come_in_the_order_of_stamp_stream_and_number(tmp_path: Path) -> None:
+def test_samples_are_ordered_by_stamp_stream_and_number(tmp_path: Path) -> None:
     with LogWriter(tmp_path / "run.msg") as writer:
         for stream, stamp in (("/b/x.y", 3), ("/b/x.y", 1), ("/a/x.y", 1), ("/b/x.y", 1), ("/a/x.y", 2)):
             writer.write(stream, _imu(stamp), stamp * 1000)
     with open_log(tmp_path / "run.msg") as log:
         order = [(s.stamp_ns, s.stream, s.seq) for s in log.samples()]
-        assert order == [(1000, "/a/x.y", 0), (1000, "/b/x.y", 1), (1000, "/b/x.y", 2), (2000, "/a/x.y", 1),
-                         (3000, "/b/x.y", 0)]  # fmt: skip
+        assert order == [
+            (1000, "/a/x.y", 0),
+            (1000, "/b/x.y", 1),
+            (1000, "/b/x.y", 2),
+            (2000, "/a/x.y", 1),
+            (3000, "/b/x.y", 0),
+        ]
         assert log.streams["/b/x.y"] == StreamInfo("IMUSensors", 3, 1000, 3000)
         assert [s.seq for s in log.samples(["/a/x.y"])] == [0, 1]
 
 
 @pytest.mark.parametrize("name", ["run.msg", "folder"])
-def test_a_long_log_is_chunks_that_are_logs_by_themselves(tmp_path: Path, name: str) -> None:
+def test_a_long_log_is_split_into_chunks_that_are_valid_logs(tmp_path: Path, name: str) -> None:
     _write(tmp_path / name, 20, chunk_bytes=50_000)
     folder = tmp_path / name if name == "folder" else tmp_path
     chunks = sorted(folder.iterdir())
@@ -82,7 +92,7 @@ def test_headers_of_products_are_kept(tmp_path: Path) -> None:
         assert [s.header for s in log.samples()] == [None, header]
 
 
-def test_two_writings_are_the_same_octets(tmp_path: Path) -> None:
+def test_writing_twice_gives_equal_bytes(tmp_path: Path) -> None:
     for name in ("a.msg", "b.msg"):
         _write(tmp_path / name)
     assert (tmp_path / "a.msg").read_bytes() == (tmp_path / "b.msg").read_bytes()
@@ -101,7 +111,7 @@ def test_an_empty_log_has_no_streams(tmp_path: Path) -> None:
         assert list(log.samples()) == []
 
 
-def test_what_a_log_cannot_hold_is_refused(tmp_path: Path) -> None:
+def test_values_that_a_log_cannot_store_are_refused(tmp_path: Path) -> None:
     with LogWriter(tmp_path / "run.msg") as writer:
         writer.write("/a/b.c", _imu(0), 0)
         for stream, value, stamp, message in (
@@ -149,8 +159,8 @@ def test_a_truncated_log_is_read_up_to_its_last_whole_sample(tmp_path: Path, kee
             "/mana/navcam.left": [_frame(i) for i in range(20)],
         }
         for name in log.streams:
-            got = [s.value for s in samples if s.stream == name]
-            assert got == expected[name][: len(got)]
+            values = [s.value for s in samples if s.stream == name]
+            assert values == expected[name][: len(values)]
 
 
 @pytest.mark.parametrize(
@@ -166,7 +176,7 @@ def test_a_truncated_log_is_read_up_to_its_last_whole_sample(tmp_path: Path, kee
         (b"\x82\xa4/a.b\xdd\xff\xff\xff\xff", "has no"),
     ],
 )
-def test_what_is_no_log_is_refused(tmp_path: Path, content: bytes, message: str | None) -> None:
+def test_an_invalid_log_is_refused(tmp_path: Path, content: bytes, message: str | None) -> None:
     (tmp_path / "x.msg").write_bytes(content)
     if message is None:
         with open_log(tmp_path / "x.msg") as log:
@@ -176,14 +186,17 @@ def test_what_is_no_log_is_refused(tmp_path: Path, content: bytes, message: str 
         open_log(tmp_path / "x.msg")
 
 
-def test_a_log_that_is_not_there_is_named(tmp_path: Path) -> None:
+def test_a_missing_log_is_refused(tmp_path: Path) -> None:
     for path in ("nothing.msg", "*.msg", "folder"):
         with pytest.raises(InputError, match="no such file"):
             open_log(tmp_path / path)
 
 
-def test_a_sample_of_another_type_is_named(tmp_path: Path) -> None:
-    log = {"/a.b.meta": {"type": "Time", "timestamps": [1, 2]}, "/a.b": [{"microseconds": 1}, {"acc": [1, 2, 3]}]}
+def test_a_sample_of_another_type_is_refused(tmp_path: Path) -> None:
+    log = {
+        "/a.b.meta": {"type": "Time", "timestamps": [1, 2]},
+        "/a.b": [{"microseconds": 1}, {"acc": [1, 2, 3]}],
+    }
     (tmp_path / "x.msg").write_bytes(msgpack.packb(log))
     with (
         open_log(tmp_path / "x.msg") as reader,
@@ -203,7 +216,9 @@ def test_real_infuse_logs_are_read_with_their_quirks(real_data) -> None:  # type
         assert samples[0].value.source_frame == "upper_dynamixel"
         assert np.isnan(samples[0].value.cov_position).all()
         assert (
-            log.quirks.counts["/dynamixel.transforms: RigidBodyState.timestamp.usecPerSec: left out, default taken"]
+            log.quirks.counts[
+                "/dynamixel.transforms: RigidBodyState.timestamp.usecPerSec: missing, default used"
+            ]
             == 100
         )
     with LogReader([folder / "xsens_imu_00.msg"]) as log:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Logs larger than memory: what is read is not kept."""
+"""Logs larger than memory are written and read with bounded memory."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_a_large_file_is_indexed_and_read_sample_by_sample(tmp_path: Path) -> No
     assert _peak_mb(lambda: _read(path, 300)) < 4.0
 
 
-def test_a_file_that_became_shorter_is_told(tmp_path: Path) -> None:
+def test_a_file_truncated_after_indexing_is_reported(tmp_path: Path) -> None:
     path = _log(tmp_path, 4, 1 << 30)
     with open_log(path) as log:
         path.write_bytes(path.read_bytes()[: 1 << 19])

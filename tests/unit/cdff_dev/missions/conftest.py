@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A piece of the shipped ground a few metres wide, made once, with a rover that sees little."""
+"""A small version of the shipped scenario ``outing``: 24 m of ground and a lidar with few points."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-from cdff_dev.missions.driven import Driven
+from cdff_dev.missions.driven_log import GrowingLog
 from cdff_dev.simulate.relief import Relief
 from cdff_dev.simulate.scenario import Scenario, load_scenario
 from cdff_dev.simulate.world import World, cast_scene, make_world
 
 
 def tiny_scenario() -> Scenario:
-    """The shipped outing on 24 m of ground, with 16 rings of 128 points and a way of its own of 4 s."""
+    """Return the scenario ``outing`` on 24 m of ground, with 16 rings of 128 points, for 4 s."""
     full = load_scenario("outing").model_dump()
     full["duration_s"] = 4.0
     full["terrain"] |= {"fine_half_width_m": 12.0, "far_half_width_m": 30.0}
@@ -34,17 +34,17 @@ def world() -> World:
 
 @pytest.fixture(scope="session")
 def scene(world: World) -> Any:
-    """What rays hit in it."""
+    """Scene for ray casting."""
     return cast_scene(world.relief, world.rocks)
 
 
 @pytest.fixture(scope="session")
-def felt(world: World) -> Relief:
-    """Its ground as wheels feel it."""
+def smoothed_relief(world: World) -> Relief:
+    """The terrain of the tiny scenario, smoothed over the size of a wheel."""
     return world.relief.smoothed(0.5)
 
 
 @pytest.fixture
-def driven(world: World) -> Driven:
-    """Its rovers, at the begin, without anybody who keeps the truth."""
-    return Driven(world, None)
+def growing_log(world: World) -> GrowingLog:
+    """A simulated log of the tiny scenario at its start, without a writer for the ground truth."""
+    return GrowingLog(world, None)

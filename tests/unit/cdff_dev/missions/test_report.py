@@ -1,32 +1,30 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The page of a mission holds score, tasks and requests, and is sound HTML whatever the names are."""
+"""The report page has results, tasks, requests and resources, and escapes all texts."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cdff_common.interfaces.profile import Profile, Robot
-from cdff_dev.demo.report import Process, Way
-from cdff_dev.demo.run import Outcome
-from cdff_dev.demo.script import Ask
-from cdff_dev.missions.autonomy import Arrival, Asked
-from cdff_dev.missions.report import write
-from cdff_dev.missions.run import Result
-from cdff_dev.missions.score import Located, Reached, Score
-from cdff_dev.missions.script import GoTo, Mission
-from cdff_dev.missions.terrain import Driven, Mapped
+from cdff_common.raster.geometry import GridGeometry
+from cdff_common.types import ElevationMap
+from cdff_dev.missions.autonomy import Arrival, RequestRecord
+from cdff_dev.missions.report import Process, Report, write_report
+from cdff_dev.missions.requests import Outcome
+from cdff_dev.missions.script import GoTo, TimedRequest
+from cdff_dev.missions.tracks import Track, Truth
 
 S = 1_000_000_000
 GO = GoTo(do="go_to", xy_m=(4.0, 1.0))
 
 
 class Page(HTMLParser):
-    """Texts and tags of a page; counts what is opened and not closed."""
+    """Texts and tags of a page, and the tags that are not closed."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -52,56 +50,89 @@ class Page(HTMLParser):
         return text in "".join(self.texts)
 
 
-def result(unfinished: tuple[str, ...] = (), faults: tuple[str, ...] = ()) -> Result:
+def track() -> Track:
+    """Return five poses along x, 0.1 m to the left of the true poses."""
     stamps_ns = np.arange(5, dtype=np.int64) * S
-    true = np.column_stack([np.arange(5.0), np.zeros(5), np.zeros(5)])
-    covariances = np.tile(0.01 * np.eye(3), (5, 1, 1))
-    way = Way(
-        "mana", stamps_ns, true + np.array([0, 0.1, 0]), covariances, dict(zip(stamps_ns.tolist(), true, strict=True))
+    true = np.tile(np.eye(4), (5, 1, 1))
+    true[:, 0, 3] = np.arange(5.0)
+    poses = true.copy()
+    poses[:, 1, 3] += 0.1
+    return Track("mana", stamps_ns, poses, np.tile(0.01 * np.eye(3), (5, 1, 1)), Truth(stamps_ns, true))
+
+
+def ground() -> ElevationMap:
+    heights = np.random.default_rng(0).normal(size=(8, 8)).astype(np.float32)
+    geometry = GridGeometry("site", 1.0, -2.0, 4.0, 8, 8)
+    return ElevationMap.from_layers(geometry, {"mean": heights}, t0_ns=0, t1_ns=1000)
+
+
+def report(faults: tuple[str, ...] = (), request_faults: tuple[str, ...] = ()) -> Report:
+    request = TimedRequest(at_s=3, type="dem", robot="mana", max_age_s=2, deadline_ms=1000)
+    return Report(
+        title="out & <back>",
+        paragraphs=["Rock & roll <b>.", "A <profile>."],
+        faults=faults,
+        tracks=[track()],
+        ground=ground(),
+        outcomes=[Outcome(request, request_faults, 0.5, summary="ElevationMap")],
+        processes=[Process("dpm", 3.0, 80.0)],
+        arrivals=[Arrival("mana", GO, 4 * S, (4.0, 1.0))],
+        guidance_requests=[
+            RequestRecord(1, "mana", "pose", 0.1, "answer 1"),
+            RequestRecord(3, "mana", "pose", 0.5, "answer 3"),
+            RequestRecord(2.0, "mana", "navigation_map", 1.5, "<90 x 90> cells"),
+        ],
     )
-    score = Score(
-        (Located("mana", 100.0, 0.1, 0.2, 0.1, 0.99),), (Reached("mana", "(4, 1)", 0.3),),
-        (Driven("mana", 20, 12.0, 0.1, 0, 0, 20.0, 0.2),), Mapped(400, 0.01, 0.03, 0.02), unfinished,
-    )  # fmt: skip
-    asked = [Asked(t, "mana", what, took, f"answer {t}") for t, what, took in ((1, "pose", 0.1), (3, "pose", 0.5))]
-    asked.append(Asked(2.0, "mana", "navigation_map", 1.5, "<90 x 90> cells"))
-    ask = Ask(at_s=3, type="dem", robot="mana", max_age_s=2, deadline_ms=1000)
-    mission = Mission(doc="Rock & roll <b>.", profile="p", scenario="s", robots={"mana": (GO,)})
-    return Result(
-        mission, Profile(name="p", doc="A <profile>.", robots=(Robot(id="mana"),)), score, tuple(asked),
-        (Arrival("mana", GO, 4 * S, (4.0, 1.0), (4.0, 1.0)),), (Outcome(ask, faults, 0.5, summary="ElevationMap"),),
-        ("seen <each> other",), (), (way,), None, (Process("dpm", 3.0, 80.0),), 0, 4.0, 1.0,
-    )  # fmt: skip
 
 
-def page(tmp_path: Path, made: Result) -> Page:
+def page(tmp_path: Path, content: Report) -> Page:
     path = tmp_path / "mission.html"
-    write(path, "out & <back>", made)
-    return Page(path.read_text(encoding="utf-8"))
+    write_report(path, content)
+    text = path.read_text(encoding="utf-8")
+    assert "http" not in text  # the page refers to no other file
+    return Page(text)
 
 
-@pytest.mark.req("CDFF-DEV-074")
-def test_the_page_holds_score_tasks_requests_and_resources(tmp_path: Path) -> None:
-    made = page(tmp_path, result())
-    assert not made.open
-    assert made.seen.count("svg") == 2
+@pytest.mark.req("CDFF-DEV-074", "CDFF-SUP-193")
+def test_the_page_holds_map_paths_tasks_requests_and_resources(tmp_path: Path) -> None:
+    content = page(tmp_path, report())
+    assert not content.open
+    assert content.seen.count("svg") == 2
+    assert {"polyline", "ellipse", "image"} <= set(content.seen)
     for text in (
-        "All that the mission demands holds", "100 m driven", "(4, 1), truly 0.30 m off", "steepest 12.0 deg",
-        "over 400 cells", "go_to (4, 1)", "4 s", "navigation_map", "0.30 s", "0.50 s", "answer 3 at 3 s",
-        "ElevationMap", "80 MB",
-    ):  # fmt: skip
-        assert text in made
+        "5 poses, 4.0 m; off the truth: RMS 0.100 m",
+        "go_to (4, 1)",
+        "4 s",
+        "navigation_map",
+        "0.30 s",
+        "0.50 s",
+        "answer 3 at 3 s",
+        "ElevationMap",
+        "dpm",
+        "80 MB",
+    ):
+        assert text in content
 
 
-def test_what_others_wrote_is_shown_as_it_is_and_not_as_html(tmp_path: Path) -> None:
-    made = page(tmp_path, result(("mana: <script>alert(1)</script>",), ("too <late>",)))
-    assert not {"script", "back", "b", "profile", "late", "each"} & set(made.seen)
-    for text in ("out & <back>", "Rock & roll <b>.", "A <profile>.", "<script>alert(1)", "too <late>", "<90 x 90>"):
-        assert text in made
+def test_texts_are_escaped(tmp_path: Path) -> None:
+    content = page(tmp_path, report(("mana: <script>alert(1)</script>",), ("too <late>",)))
+    assert not {"script", "back", "b", "profile", "late"} & set(content.seen)
+    for text in (
+        "out & <back>",
+        "Rock & roll <b>.",
+        "A <profile>.",
+        "<script>alert(1)",
+        "too <late>",
+        "<90 x 90>",
+    ):
+        assert text in content
 
 
-def test_faults_stand_on_the_page_instead_of_praise(tmp_path: Path) -> None:
-    made = page(tmp_path, result(("mana: no way on",), ("too late",)))
-    assert "mana: no way on" in made
-    assert "too late" in made
-    assert "All that the mission demands" not in made
+def test_faults_are_on_the_page(tmp_path: Path) -> None:
+    content = page(tmp_path, report(("mana: no track on",), ("too late",)))
+    assert "mana: no track on" in content
+    assert "too late" in content
+
+
+def test_without_tracks_there_is_no_map(tmp_path: Path) -> None:
+    assert "svg" not in page(tmp_path, replace(report(), tracks=[])).seen

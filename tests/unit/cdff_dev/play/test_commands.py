@@ -8,7 +8,7 @@ from cdff_common import cli
 
 
 @pytest.mark.parametrize("item", ["mana", "=tcp/127.0.0.1:7448", "mana="])
-def test_a_router_of_no_robot_or_a_robot_without_router_is_refused(
+def test_a_via_option_without_robot_or_endpoint_is_refused(
     item: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.main(["play", "log", "--via", item]) == 1

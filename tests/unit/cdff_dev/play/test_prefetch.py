@@ -14,7 +14,8 @@ from cdff_common.errors import CodecError, InputError
 from cdff_common.interfaces.product import Header
 from cdff_common.types import Frame
 from cdff_dev.logs import LogSample
-from cdff_dev.play.prefetch import Prefetch, item_of, split_stream
+from cdff_dev.logs.source import split_stream
+from cdff_dev.play.prefetch import Prefetch, item_of
 
 
 def sample(i: int, stream: str = "/mana/navcam.image") -> LogSample:
@@ -23,7 +24,7 @@ def sample(i: int, stream: str = "/mana/navcam.image") -> LogSample:
     return LogSample(stream, "Frame", stamp_ns, i, Frame.from_image(image, stamp_ns=stamp_ns), None)
 
 
-def test_items_come_in_order_with_their_key_bytes_and_a_header() -> None:
+def test_items_are_ordered_with_key_bytes_and_header() -> None:
     items = list(Prefetch([sample(i) for i in range(5)], lambda robot, sensor: True))
     assert [i.stamp_ns for i in items] == [i * 1_000_000 for i in range(5)]
     assert items[3].key == "cdff/@v1/mana/sensor/navcam/image"
@@ -32,23 +33,23 @@ def test_items_come_in_order_with_their_key_bytes_and_a_header() -> None:
     assert Header.from_attachment(items[3].attachment).seq == 3
 
 
-def test_a_sample_of_a_sensor_that_is_off_is_encoded_only_when_asked_for() -> None:
+def test_samples_of_a_sensor_that_is_off_are_encoded_only_on_request() -> None:
     (item,) = Prefetch([sample(1)], lambda robot, sensor: False)
     assert item.payload is None
     assert item.encoded() == item_of(sample(1)).encoded()
 
 
 def test_the_buffer_stays_within_its_capacity() -> None:
-    drawn = []
+    numbers_read = []
 
     def source() -> Iterator[LogSample]:
         for i in range(50):
-            drawn.append(i)
+            numbers_read.append(i)
             yield sample(i)
 
     prefetch = Prefetch(source(), lambda robot, sensor: True, capacity_bytes=20_000)
     prefetch.wait_filled(10**12, 10.0)
-    assert 2 <= len(drawn) <= 8
+    assert 2 <= len(numbers_read) <= 8
     prefetch.close()
 
 
@@ -58,7 +59,7 @@ def test_closing_ends_the_reading_of_a_long_log() -> None:
     assert not prefetch._thread.is_alive()
 
 
-def test_what_reading_raises_comes_out_in_its_place() -> None:
+def test_errors_of_reading_are_raised_in_order() -> None:
     def source() -> Iterator[LogSample]:
         yield sample(0)
         raise CodecError("chunk 2 is broken")

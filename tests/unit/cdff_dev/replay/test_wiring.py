@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which stream of a log feeds which port."""
+"""Streams of a log are assigned to the input ports of a DFPC."""
 
 from __future__ import annotations
 
@@ -25,37 +25,44 @@ def description(name: str) -> DfpcDescription:
     return Registry.default().dfpc(name)
 
 
-def test_the_only_stream_of_the_only_port_of_a_type_is_wired() -> None:
-    wired = wire(description("visual_odometry_sparse"), LOG, "mana", {})
-    assert wired == {"stereo": "/mana/navcam.pair", "odometry": "/mana/wheels.odometry", "imu": "/mana/imu.sample"}
+def test_a_unique_stream_is_wired_to_the_unique_port_of_its_type() -> None:
+    wiring = wire(description("visual_odometry_sparse"), LOG, "mana", {})
+    assert wiring == {
+        "stereo": "/mana/navcam.pair",
+        "odometry": "/mana/wheels.odometry",
+        "imu": "/mana/imu.sample",
+    }
 
 
-def test_a_stream_named_like_the_port_is_wired_and_the_truth_never() -> None:
-    wired = wire(description("position_manager"), LOG, "mana", {})
-    assert wired == {"odometry": "/mana/wheels.odometry", "imu": "/mana/imu.sample"}
+def test_a_stream_named_like_the_port_is_wired_and_ground_truth_never() -> None:
+    wiring = wire(description("position_manager"), LOG, "mana", {})
+    assert wiring == {"odometry": "/mana/wheels.odometry", "imu": "/mana/imu.sample"}
 
 
-def test_what_is_said_goes_before_what_is_guessed() -> None:
-    wired = wire(description("position_manager"), LOG, "mana", {"visual_odometry": "/mana/wheels.odometry"})
-    assert wired["visual_odometry"] == "/mana/wheels.odometry"
+def test_an_explicit_wiring_precedes_an_automatic_one() -> None:
+    wiring = wire(description("position_manager"), LOG, "mana", {"visual_odometry": "/mana/wheels.odometry"})
+    assert wiring["visual_odometry"] == "/mana/wheels.odometry"
 
 
-def test_a_profile_wires_what_the_log_has() -> None:
+def test_a_profile_wires_the_streams_of_the_log() -> None:
     entry = DfpcEntry(
         name="position_manager",
-        inputs={"odometry": "sensor/wheels/odometry", "visual_odometry": "product/visual_odometry_sparse/pose"},
+        inputs={
+            "odometry": "sensor/wheels/odometry",
+            "visual_odometry": "product/visual_odometry_sparse/pose",
+        },
     )
-    wired = wire(description("position_manager"), LOG, "mana", {}, entry)
-    assert wired["odometry"] == "/mana/wheels.odometry"
-    assert "visual_odometry" not in wired
+    wiring = wire(description("position_manager"), LOG, "mana", {}, entry)
+    assert wiring["odometry"] == "/mana/wheels.odometry"
+    assert "visual_odometry" not in wiring
 
 
-def test_what_a_profile_takes_from_the_dpm_is_looked_for_by_type_in_a_log() -> None:
+def test_an_input_from_the_dpm_is_found_in_a_log_by_type() -> None:
     inputs = {"dem": "product/digital_elevation_mapping/map", "orbital": "dpm/orbiter/dem"}
     entry = DfpcEntry(name="absolute_localisation", inputs=inputs)
     log = {"/mana/digital_elevation_mapping.map": "ElevationMap", "/mana/survey.orbital": "ElevationMap"}
-    wired = wire(description("absolute_localisation"), log, "mana", {}, entry)
-    assert wired == {"dem": "/mana/digital_elevation_mapping.map", "orbital": "/mana/survey.orbital"}
+    wiring = wire(description("absolute_localisation"), log, "mana", {}, entry)
+    assert wiring == {"dem": "/mana/digital_elevation_mapping.map", "orbital": "/mana/survey.orbital"}
 
 
 @pytest.mark.parametrize(
@@ -66,7 +73,7 @@ def test_what_a_profile_takes_from_the_dpm_is_looked_for_by_type_in_a_log() -> N
         ({"stereo": "/mana/imu.sample"}, "takes FramePair"),
     ],
 )
-def test_a_wrong_mapping_is_refused_with_what_there_is(mapping: dict[str, str], fault: str) -> None:
+def test_a_wrong_wiring_is_refused_with_the_available_streams(mapping: dict[str, str], fault: str) -> None:
     with pytest.raises(InputError, match=fault):
         wire(description("visual_odometry_sparse"), LOG, "mana", mapping)
 

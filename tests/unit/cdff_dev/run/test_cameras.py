@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff run`` on pictures with the calibration files of their cameras."""
+"""``cdff run`` on images with the calibration files of their cameras."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SHAPE = (96, 128)
 K1 = [[80.0, 0.0, 64.0], [0.0, 81.0, 47.0], [0.0, 0.0, 1.0]]
 K2 = [[79.0, 0.0, 63.0], [0.0, 80.0, 48.5], [0.0, 0.0, 1.0]]
 D1, D2 = (-0.2, 0.05, 1e-4, -2e-4), (-0.21, 0.06, -1e-4, 1e-4)
-PICTURE = Port(name="image", type="Frame")
+IMAGE = Port(name="image", type="Frame")
 PAIR = Port(name="pair", type="FramePair")
 
 
@@ -64,7 +64,9 @@ def opencv(path: Path) -> None:
 def kalibr(path: Path, model: str = "radtan") -> None:
     text = ""
     for name, K, D in (("cam0", K1, D1), ("cam1", K2, D2)):
-        text += f"{name}:\n  camera_model: pinhole\n  distortion_model: {model}\n  distortion_coeffs: {list(D)}\n"
+        text += (
+            f"{name}:\n  camera_model: pinhole\n  distortion_model: {model}\n  distortion_coeffs: {list(D)}\n"
+        )
         text += f"  intrinsics: [{K[0][0]}, {K[1][1]}, {K[0][2]}, {K[1][2]}]\n  resolution: [{SHAPE[1]}, {SHAPE[0]}]\n"
     path.write_text(text + "  T_cn_cnm1: [[1, 0, 0, -0.1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n")
 
@@ -76,12 +78,17 @@ def kalibr_fisheye(path: Path) -> None:
 def kitti(path: Path) -> None:
     lines = []
     for name, K, D, x in (("00", K1, D1, 0.0), ("01", K2, D2, -0.1)):
-        fields: dict[str, Any] = {"S": [SHAPE[1], SHAPE[0]], "K": np.ravel(K), "D": [*D, 0.01], "R": np.eye(3).ravel()}
+        fields: dict[str, Any] = {
+            "S": [SHAPE[1], SHAPE[0]],
+            "K": np.ravel(K),
+            "D": [*D, 0.01],
+            "R": np.eye(3).ravel(),
+        }
         lines += [f"{k}_{name}: {' '.join(map(str, v))}" for k, v in (fields | {"T": [x, 0.0, 0.0]}).items()]
     path.write_text("\n".join(lines) + "\n")
 
 
-#: How a file of each kind is written, and what it calls the second camera.
+#: For each kind of calibration file: its writer, and the name of the second camera.
 KINDS: dict[str, tuple[Callable[[Path], None], str]] = {
     "opencv": (opencv, "2"),
     "kalibr": (kalibr, "cam1"),
@@ -91,7 +98,7 @@ KINDS: dict[str, tuple[Callable[[Path], None], str]] = {
 
 
 @pytest.fixture
-def pictures(tmp_path: Path, rng: np.random.Generator) -> tuple[Path, Path]:
+def images(tmp_path: Path, rng: np.random.Generator) -> tuple[Path, Path]:
     for name in ("left", "right"):
         (tmp_path / name).write_bytes(write_png(rng.integers(0, 255, SHAPE).astype(np.uint8)))
     return tmp_path / "left", tmp_path / "right"
@@ -99,37 +106,41 @@ def pictures(tmp_path: Path, rng: np.random.Generator) -> tuple[Path, Path]:
 
 @pytest.mark.req("CDFF-CORE-094")
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_picture_is_undistorted_by_the_camera_of_any_calibration_file(
-    tmp_path: Path, pictures: tuple[Path, Path], kind: str
+def test_an_image_is_undistorted_by_the_camera_of_any_calibration_file(
+    tmp_path: Path, images: tuple[Path, Path], kind: str
 ) -> None:
     write, second = KINDS[kind]
     write(tmp_path / "camera")
-    for name, of_file in (("", pictures[0]), (second, pictures[1])):
+    for name, of_file in (("", images[0]), (second, images[1])):
         image = f"image={of_file},{tmp_path / 'camera'}" + (f",{name}" if name else "")
         assert cdff_run("image_undistortion", image, "--set", "keep=0.5", "--out", tmp_path / "out") == 0
         ideal = rectification.undistorted(read_camera(tmp_path / "camera", name), 0.5)
-        np.testing.assert_array_equal(read_image(tmp_path / "out/image.png"), ideal.apply(read_image(of_file)))
-        # A picture holds no camera: it is beside it, as the next run takes it.
-        beside = tmp_path / "out" / report_of(tmp_path / "out")["outputs"]["image"]["camera"]
-        assert read_camera(beside) == ideal.camera
+        np.testing.assert_array_equal(
+            read_image(tmp_path / "out/image.png"), ideal.apply(read_image(of_file))
+        )
+        # The camera is written to a separate file, since an image file cannot contain it.
+        camera_file = tmp_path / "out" / report_of(tmp_path / "out")["outputs"]["image"]["camera"]
+        assert read_camera(camera_file) == ideal.camera
 
 
 @pytest.mark.req("CDFF-CORE-094")
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_pair_is_rectified_by_the_cameras_of_any_calibration_file(
-    tmp_path: Path, pictures: tuple[Path, Path], kind: str
+    tmp_path: Path, images: tuple[Path, Path], kind: str
 ) -> None:
     KINDS[kind][0](tmp_path / "camera")
-    files = f"pair={pictures[0]},{pictures[1]},{tmp_path / 'camera'}"
+    files = f"pair={images[0]},{images[1]},{tmp_path / 'camera'}"
     assert cdff_run("stereo_rectification", files, "--set", "keep=0.5", "--out", tmp_path / "out") == 0
     pair = from_json("FramePair", json.loads((tmp_path / "out/pair.json").read_text()))
     left, right, baseline_m = rectification.rectified(read_stereo(tmp_path / "camera"), 0.5)
     assert pair.baseline == pytest.approx(baseline_m)
-    for image, ideal, file in ((pair.left, left, pictures[0]), (pair.right, right, pictures[1])):
+    for image, ideal, file in ((pair.left, left, images[0]), (pair.right, right, images[1])):
         np.testing.assert_allclose(image.camera_matrix, ideal.camera.matrix)
         np.testing.assert_array_equal(image.image, ideal.apply(read_image(file)))
-    # What comes out goes in again.
-    assert cdff_run("stereo_degradation", f"pair={tmp_path / 'out/pair.json'}", "--out", tmp_path / "small") == 0
+    # The output can be used as an input.
+    assert (
+        cdff_run("stereo_degradation", f"pair={tmp_path / 'out/pair.json'}", "--out", tmp_path / "small") == 0
+    )
 
 
 @pytest.mark.parametrize(
@@ -141,12 +152,16 @@ def test_a_pair_is_rectified_by_the_cameras_of_any_calibration_file(
         ("disparity_image", ["left={l},{c},cam0", "right={r},{c},cam1"]),
     ],
 )
-def test_what_takes_a_pinholes_image_refuses_one_with_its_lens_in_it(
-    tmp_path: Path, pictures: tuple[Path, Path], name: str, inputs: list[str], capsys: pytest.CaptureFixture[str]
+def test_a_dfn_for_pinhole_images_refuses_a_distorted_image(
+    tmp_path: Path,
+    images: tuple[Path, Path],
+    name: str,
+    inputs: list[str],
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     kalibr(tmp_path / "camera")
-    given = [text.format(l=pictures[0], r=pictures[1], c=tmp_path / "camera") for text in inputs]
-    assert cdff_run(name, *given, "--out", tmp_path / "out") in (1, 3)
+    inputs_of_files = [text.format(l=images[0], r=images[1], c=tmp_path / "camera") for text in inputs]
+    assert cdff_run(name, *inputs_of_files, "--out", tmp_path / "out") in (1, 3)
     assert "stereo_rectification" in capsys.readouterr().err
 
 
@@ -159,11 +174,15 @@ def test_a_real_rovers_pair_is_rectified_by_its_calibration_file(real_data: Real
     stereo = read_stereo(calibration)
     assert value.left.intrinsic.dist_coeffs.tolist() == list(stereo.left.distortion)
     assert value.right.camera_matrix.tolist() == stereo.right.matrix.tolist()
-    np.testing.assert_allclose(np.linalg.inv(value.right.T_robot_sensor.matrix), stereo.T_right_left, atol=1e-12)
+    np.testing.assert_allclose(
+        np.linalg.inv(value.right.T_robot_sensor.matrix), stereo.T_right_left, atol=1e-12
+    )
     assert value.baseline == pytest.approx(0.27028, abs=1e-5)
 
 
-def test_a_real_drives_first_pair_is_taken_with_kittis_calibration(real_data: RealData, tmp_path: Path) -> None:
+def test_the_first_pair_of_a_recorded_drive_is_read_with_kitti_calibration(
+    real_data: RealData, tmp_path: Path
+) -> None:
     folder = real_data("kitti_stereo/KITTI_sequence_1")
     left, right = (folder / f"image_{side}_kitti" / "000000.png" for side in "lr")
     stereo = f"stereo={left},{right},{folder / 'calib_kitti.txt'}"
@@ -171,11 +190,18 @@ def test_a_real_drives_first_pair_is_taken_with_kittis_calibration(real_data: Re
     assert report_of(tmp_path / "out")["quality"]["metrics"]["features"] > 100
 
 
-@pytest.mark.parametrize("text", ['{"camera_matrix": [[80, 0, 64], [0, 80, 48], [0, 0, 1]], "baseline_m": 0.12}',
-                                  "camera_matrix: [80, 0, 64, 0, 80, 48, 0, 0, 1]\nbaseline_m: 0.12\n"])  # fmt: skip
-def test_the_short_form_is_a_rectified_pair(tmp_path: Path, pictures: tuple[Path, Path], text: str) -> None:
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"camera_matrix": [[80, 0, 64], [0, 80, 48], [0, 0, 1]], "baseline_m": 0.12}',
+        "camera_matrix: [80, 0, 64, 0, 80, 48, 0, 0, 1]\nbaseline_m: 0.12\n",
+    ],
+)
+def test_the_short_form_denotes_a_rectified_pair(
+    tmp_path: Path, images: tuple[Path, Path], text: str
+) -> None:
     (tmp_path / "camera").write_text(text)
-    pair = read_inputs([PAIR], {"pair": f"{pictures[0]},{pictures[1]},{tmp_path / 'camera'}"})["pair"]
+    pair = read_inputs([PAIR], {"pair": f"{images[0]},{images[1]},{tmp_path / 'camera'}"})["pair"]
     assert pair.baseline == 0.12
     assert pair.left.T_robot_sensor is None
     assert pair.right.camera_matrix.tolist() == [[80.0, 0.0, 64.0], [0.0, 80.0, 48.0], [0.0, 0.0, 1.0]]
@@ -183,34 +209,39 @@ def test_the_short_form_is_a_rectified_pair(tmp_path: Path, pictures: tuple[Path
 
 
 @pytest.mark.parametrize(
-    ("port", "files", "said"),
+    ("port", "files", "reason"),
     [
-        (PICTURE, "left,camera,cam7", "no camera 'cam7'"),
-        (PICTURE, "left,absent", "absent"),
-        (PICTURE, "left,right", "right"),
-        (PICTURE, "left,camera,cam0,cam1", "IMAGE,CAMERA"),
-        (PICTURE, "small,camera", "for 128 x 96 pixels, the image has 64 x 48"),
+        (IMAGE, "left,camera,cam7", "no camera 'cam7'"),
+        (IMAGE, "left,absent", "absent"),
+        (IMAGE, "left,right", "right"),
+        (IMAGE, "left,camera,cam0,cam1", "IMAGE,CAMERA"),
+        (IMAGE, "small,camera", "for 128 x 96 pixels, the image has 64 x 48"),
         (PAIR, "left,right", "LEFT,RIGHT,CAMERA"),
         (PAIR, "left,right,camera,cam0", "LEFT,RIGHT,CAMERA"),
-        (PAIR, "left,right,one", "alone"),
+        (PAIR, "left,right,one", "only"),
         (PAIR, "left,right,backwards", "baseline_m"),
         (PAIR, "left,right,camera,cam0,cam0", "baseline"),
     ],
 )
-def test_what_does_not_fit_is_named_with_its_port(
-    tmp_path: Path, pictures: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, port: Port, files: str, said: str
+def test_inconsistent_input_is_refused_with_its_port(
+    tmp_path: Path,
+    images: tuple[Path, Path],
+    monkeypatch: pytest.MonkeyPatch,
+    port: Port,
+    files: str,
+    reason: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     kalibr(tmp_path / "camera")
     (tmp_path / "one").write_text("camera_matrix: [80, 0, 64, 0, 80, 48, 0, 0, 1]\n")
     (tmp_path / "backwards").write_text("camera_matrix: [80, 0, 64, 0, 80, 48, 0, 0, 1]\nbaseline_m: -0.1\n")
     (tmp_path / "small").write_bytes(write_png(np.zeros((48, 64), np.uint8)))
-    with pytest.raises(InputError, match=said) as refused:
+    with pytest.raises(InputError, match=reason) as refused:
         read_inputs([port], {port.name: files})
     assert str(refused.value).startswith(f"{port.name}=")
 
 
-def test_a_picture_may_have_a_comma_in_its_name(tmp_path: Path) -> None:
+def test_an_image_name_may_contain_a_comma(tmp_path: Path) -> None:
     path = tmp_path / "a,b"
     path.write_bytes(write_png(np.zeros(SHAPE, np.uint8)))
-    assert read_inputs([PICTURE], {"image": str(path)})["image"].image.shape == SHAPE
+    assert read_inputs([IMAGE], {"image": str(path)})["image"].image.shape == SHAPE

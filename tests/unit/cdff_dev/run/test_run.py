@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff run``: files in, files and outputs.json out, for any DFN and DFPC."""
+"""``cdff run`` reads files and writes files and outputs.json for any DFN and DFPC."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from cdff_dev.run import commands
 from cdff_dev.run.arrays import read_array
 from cdff_dev.run.inputs import read_inputs
 from cdff_dev.run.parameters import parameters
-from tests import surfaces
+from tests.support import surfaces
 
 T_TRUE = se3.exp_se3([0.3, -0.2, 0.1, 0.01, 0.02, 0.05])
 
@@ -46,7 +46,7 @@ def report_of(folder: Path) -> Any:
     return json.loads((folder / "outputs.json").read_text())
 
 
-def test_a_dfpc_writes_a_pose_as_the_contract_has_it(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_a_dfpc_writes_a_pose_in_the_documented_form(tmp_path: Path, rng: np.random.Generator) -> None:
     scene = ply(tmp_path / "a", surfaces.terrain(rng))
     model = ply(tmp_path / "b", se3.transform_points(se3.inverse(T_TRUE), surfaces.terrain(rng)))
     np.savetxt(tmp_path / "guess.txt", np.eye(4))
@@ -76,17 +76,26 @@ def test_a_refusal_exits_with_3_and_writes_no_value(
     assert not (tmp_path / "pose.json").exists()
 
 
-def test_a_dfn_is_found_by_its_infuse_name_and_takes_settings(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_a_dfn_is_found_by_its_infuse_name_and_takes_settings(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
     target = ply(tmp_path / "t", surfaces.terrain(rng))
     source = ply(tmp_path / "s", se3.transform_points(se3.inverse(T_TRUE), surfaces.terrain(rng)))
-    arguments = [f"source={source}", f"target={target}", "--implementation", "Gicp", "--set", "max_iterations=30"]
+    arguments = [
+        f"source={source}",
+        f"target={target}",
+        "--implementation",
+        "Gicp",
+        "--set",
+        "max_iterations=30",
+    ]
     assert cdff_run("Registration3D", *arguments, "--out", tmp_path / "out") == 0
     report = report_of(tmp_path / "out")
     np.testing.assert_allclose(np.array(report["outputs"]["transform"]["value"]["T"]), T_TRUE, atol=0.01)
     assert report["outputs"]["converged"]["value"] is True
 
 
-def test_the_infuse_name_of_an_implementation_runs_that_one(tmp_path: Path) -> None:
+def test_the_infuse_name_of_an_implementation_selects_it(tmp_path: Path) -> None:
     image = np.full((40, 60), 30, np.uint8)
     image[:, 30:] = 200
     (tmp_path / "image").write_bytes(write_png(image))
@@ -97,25 +106,39 @@ def test_the_infuse_name_of_an_implementation_runs_that_one(tmp_path: Path) -> N
     assert (edges[5:-5] > 0).any(axis=0).nonzero()[0].tolist() == [29]
 
 
-def test_points_come_out_as_ply_and_columns_as_npz(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_points_are_written_as_ply_and_columns_as_npz(tmp_path: Path, rng: np.random.Generator) -> None:
     cloud = ply(tmp_path / "cloud", np.vstack([surfaces.terrain(rng, 500), [[100.0, 0.0, 0.0]]]))
     out = tmp_path / "out"
-    assert cdff_run("point_cloud_filtering", f"points={cloud}", "--set", "max_range_m=50", "--implementation",
-                    "RangeFilter", "--out", out) == 0  # fmt: skip
+    assert (
+        cdff_run(
+            "point_cloud_filtering",
+            f"points={cloud}",
+            "--set",
+            "max_range_m=50",
+            "--implementation",
+            "RangeFilter",
+            "--out",
+            out,
+        )
+        == 0
+    )
     assert len(read_ply(out / "filtered_points.ply").points_m) == 500
     assert len(read_npz(out / "kept.npz")["kept"]) == 500
 
 
-def test_a_map_comes_out_as_geotiff(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_a_map_is_written_as_geotiff(tmp_path: Path, rng: np.random.Generator) -> None:
     cloud = ply(tmp_path / "cloud", surfaces.terrain(rng))
     out = tmp_path / "out"
-    assert cdff_run("digital_elevation_mapping", f"cloud={cloud}", "--set", "resolution_m=0.5", "--out", out) == 0
+    assert (
+        cdff_run("digital_elevation_mapping", f"cloud={cloud}", "--set", "resolution_m=0.5", "--out", out)
+        == 0
+    )
     dem = read_map(out / report_of(out)["outputs"]["map"]["file"])
     assert dem.geometry.resolution_m == 0.5
     assert dem.layer("mean").shape == dem.geometry.shape
 
 
-def test_a_disparity_comes_out_as_float_tif(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_a_disparity_image_is_written_as_float_tif(tmp_path: Path, rng: np.random.Generator) -> None:
     left = rng.integers(0, 255, (120, 300)).astype(np.uint8)
     for name, image in (("left", left), ("right", np.roll(left, -8, axis=1))):
         (tmp_path / name).write_bytes(write_png(image))
@@ -142,10 +165,14 @@ def test_a_disparity_comes_out_as_float_tif(tmp_path: Path, rng: np.random.Gener
         (["registration_3d", "source=cloud", "target=cloud", "guess=cloud"], "guess"),
     ],
 )
-def test_what_cannot_be_used_is_named_in_one_line(
-    tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str,
+def test_unusable_input_is_refused_in_one_line(
+    tmp_path: Path,
+    rng: np.random.Generator,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    message: str,
     monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+) -> None:
     monkeypatch.chdir(tmp_path)
     ply(tmp_path / "cloud", surfaces.terrain(rng, 200))
     (tmp_path / "noise").write_bytes(bytes(range(250)))
@@ -155,7 +182,7 @@ def test_what_cannot_be_used_is_named_in_one_line(
     assert error.count("\n") == 1
 
 
-def test_settings_win_over_the_file_and_dots_reach_into_mappings(tmp_path: Path) -> None:
+def test_settings_precede_the_file_and_dots_address_nested_keys(tmp_path: Path) -> None:
     path = tmp_path / "config.yaml"
     path.write_text("min_overlap: 0.3\nregister_fine: {tukey: 2.0}\n")
     merged = parameters(str(path), ["min_overlap=0.5", "register_fine.max_iterations=5", "box=[1, 2]"])
@@ -165,7 +192,7 @@ def test_settings_win_over_the_file_and_dots_reach_into_mappings(tmp_path: Path)
             parameters(str(path), [bad])
 
 
-def test_array_ports_take_files_of_many_kinds_and_plain_numbers(tmp_path: Path) -> None:
+def test_array_ports_accept_files_of_many_formats_and_plain_numbers(tmp_path: Path) -> None:
     points = np.arange(12.0).reshape(4, 3)
     (tmp_path / "a.npz").write_bytes(write_npz({"points": points, "other": np.zeros(1)}))
     (tmp_path / "a.csv").write_text("x,y,z\n" + "\n".join(",".join(map(str, row)) for row in points))
@@ -173,7 +200,7 @@ def test_array_ports_take_files_of_many_kinds_and_plain_numbers(tmp_path: Path) 
     port = Port(name="points", type="float64[n,3]")
     for name in ("a.npz", "a.csv", "a.json"):
         np.testing.assert_array_equal(read_array(port, str(tmp_path / name)), points)
-    assert read_array(Port(name="baselineM", type="float64[]"), "0.12") == 0.12
+    assert read_array(Port(name="baselineM", type="float"), "0.12") == 0.12
     np.testing.assert_array_equal(read_array(Port(name="size", type="int64[2]"), "3,4"), [3, 4])
     with pytest.raises(InputError, match="shape"):
         read_array(Port(name="points", type="float64[n,2]"), str(tmp_path / "a.csv"))
@@ -181,12 +208,13 @@ def test_array_ports_take_files_of_many_kinds_and_plain_numbers(tmp_path: Path) 
     assert read_array(Port(name="image", type="uint8[r,c]"), str(tmp_path / "a.png")).shape == (4, 5)
 
 
-def test_a_single_sensor_is_where_the_pose_says(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_the_pose_of_a_single_sensor_is_used(tmp_path: Path, rng: np.random.Generator) -> None:
     cloud = ply(tmp_path / "cloud", surfaces.terrain(rng, 200))
     (tmp_path / "pose.tum").write_text("12.5 1 2 3 0 0 0 1\n")
     ports = [
-        Port(name="cloud", type="Pointcloud"), Port(name="poses", type="TransformWithCovariance", optional=True)
-    ]  # fmt: skip
+        Port(name="cloud", type="Pointcloud"),
+        Port(name="poses", type="TransformWithCovariance", optional=True),
+    ]
     values = read_inputs(ports, {"cloud": str(cloud), "poses": str(tmp_path / "pose.tum")})
     assert values["cloud"].frame == values["poses"].child_frame == "robot/base"
     assert values["cloud"].stamp_ns == values["poses"].stamp_ns == 12_500_000_000

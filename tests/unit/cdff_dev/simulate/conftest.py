@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A small and short variant of the shipped scenario: seconds instead of minutes."""
+"""A small and short version of the shipped scenario, simulated in seconds."""
 
 from __future__ import annotations
 
@@ -32,5 +32,5 @@ def scenario() -> Scenario:
 
 @pytest.fixture(scope="session")
 def world(scenario: Scenario) -> World:
-    """Its world."""
+    """The world of the tiny scenario."""
     return make_world(scenario)

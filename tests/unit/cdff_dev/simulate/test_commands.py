@@ -17,7 +17,7 @@ from cdff_dev.simulate.scenario import Scenario
 
 @pytest.fixture
 def file(scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The tiny scenario, shorter still, as a file; with a cache of its own."""
+    """The file of a scenario of 0.4 s, with a separate cache."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     path = tmp_path / "tiny.yaml"
     short = scenario.model_copy(update={"duration_s": 0.4})
@@ -25,7 +25,7 @@ def file(scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     return path
 
 
-def test_a_scenario_becomes_a_log_and_the_answer_says_which(
+def test_a_scenario_is_simulated_to_a_log_and_the_output_names_it(
     file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "log"
@@ -37,7 +37,7 @@ def test_a_scenario_becomes_a_log_and_the_answer_says_which(
     log.close()
 
 
-def test_a_log_that_is_there_is_not_replaced_unasked(
+def test_an_existing_log_is_replaced_only_on_request(
     file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "log").mkdir()
@@ -48,7 +48,9 @@ def test_a_log_that_is_there_is_not_replaced_unasked(
     assert not (tmp_path / "cache").exists()
 
 
-def test_an_unknown_scenario_is_one_line_on_standard_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_scenario_is_one_line_on_standard_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["simulate", "moon_walk", "--out", str(tmp_path / "log")]) == 1
     err = capsys.readouterr().err
     assert "moon_walk" in err

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The ground: spectrum, craters, grid."""
+"""Simulated terrain: spectrum, craters, grid and rocks."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cdff_dev.simulate.relief import crater_profile, fractal_tile, graded_axis, 
 from cdff_dev.simulate.world import World
 
 
-def test_a_fractal_tile_has_the_slope_asked_for_and_the_spectrum_s_exponent(rng: np.random.Generator) -> None:
+def test_a_fractal_tile_has_the_requested_slope_and_spectral_exponent(rng: np.random.Generator) -> None:
     n, cell_m, hurst = 256, 0.1, 0.7
     tile = fractal_tile(rng, n, cell_m, (0.4, 12.8), hurst, 0.1)
     kx, ky = np.meshgrid(np.fft.fftfreq(n, cell_m), np.fft.fftfreq(n, cell_m))
@@ -43,7 +43,7 @@ def test_sizes_follow_their_power_law(rng: np.random.Generator) -> None:
     assert np.mean(sizes > 0.2) == pytest.approx(0.25, abs=0.02)
 
 
-def test_the_grid_is_even_inside_and_reaches_the_far_edge() -> None:
+def test_the_grid_is_uniform_inside_and_extends_to_the_far_edge() -> None:
     axis = graded_axis(2.0, 0.1, 50.0, 1.2)
     inner = axis[np.abs(axis) <= 2.0 + 1e-9]
     np.testing.assert_allclose(np.diff(inner), 0.1)
@@ -60,10 +60,10 @@ def test_heights_are_those_of_the_nodes_and_linear_between_them(world: World) ->
     assert middle == pytest.approx(relief.z_m[90:92, 100:102].mean())
 
 
-def test_no_rock_lies_on_a_rover_s_way(world: World) -> None:
+def test_no_rock_is_on_the_path_of_a_rover(world: World) -> None:
     t_s = np.linspace(0, world.scenario.duration_s, 20)
     clearance_m = world.scenario.terrain.rocks.track_clearance_m
     for motion in world.motions.values():
-        way = motion.poses(t_s)[:, :2, 3]
-        gaps = np.linalg.norm(world.rocks.vertices[None, :, :2] - way[:, None, :], axis=-1)
+        path_xy = motion.poses(t_s)[:, :2, 3]
+        gaps = np.linalg.norm(world.rocks.vertices[None, :, :2] - path_xy[:, None, :], axis=-1)
         assert gaps.min() > clearance_m - 0.15

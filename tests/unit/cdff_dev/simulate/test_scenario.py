@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scenario files: strict, frozen, found by name."""
+"""Scenario files: found by name, with unknown keys refused."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cdff_common.geometry import se3
 from cdff_dev.simulate.scenario import SCENARIO_FOLDER, Scenario, load_scenario
 
 
-def test_every_shipped_scenario_loads_and_says_that_it_is_frozen() -> None:
+def test_every_shipped_scenario_loads_and_is_marked_frozen() -> None:
     files = sorted(SCENARIO_FOLDER.glob("*.yaml"))
     assert files
     for path in files:
@@ -23,7 +23,7 @@ def test_every_shipped_scenario_loads_and_says_that_it_is_frozen() -> None:
         assert "FROZEN" in path.read_text(encoding="utf-8")
 
 
-def test_a_seed_on_the_command_line_replaces_the_file_s_and_changes_the_digest() -> None:
+def test_a_given_seed_replaces_that_of_the_file_and_changes_the_digest() -> None:
     assert load_scenario("rover_traverse", 5).seed == 5
     assert load_scenario("rover_traverse", 5).digest != load_scenario("rover_traverse").digest
 
@@ -36,7 +36,7 @@ def test_an_unknown_key_is_refused_by_name(tmp_path: Path) -> None:
         load_scenario(str(tmp_path / "odd.yaml"))
 
 
-def test_a_scenario_that_extends_another_says_only_what_differs() -> None:
+def test_a_derived_scenario_contains_only_differences() -> None:
     base, sand = load_scenario("rover_traverse"), load_scenario("visual_sand")
     assert sand.terrain.surface.albedo_contrast == 0.06
     assert sand.terrain.surface.sun_elevation_deg == base.terrain.surface.sun_elevation_deg
@@ -45,18 +45,18 @@ def test_a_scenario_that_extends_another_says_only_what_differs() -> None:
 
 
 @pytest.mark.parametrize("value", ["odd", ["rover_traverse"]])
-def test_a_scenario_extends_no_list_and_not_itself(tmp_path: Path, value: object) -> None:
+def test_a_scenario_cannot_extend_a_list_or_itself(tmp_path: Path, value: object) -> None:
     (tmp_path / "odd.yaml").write_text(yaml.safe_dump({"extends": value}), encoding="utf-8")
     with pytest.raises(ConfigurationError, match="extends"):
         load_scenario(str(tmp_path / "odd.yaml"))
 
 
-def test_an_unknown_scenario_is_answered_with_those_there_are() -> None:
+def test_an_unknown_scenario_is_refused_with_the_known_ones() -> None:
     with pytest.raises(ConfigurationError, match="rover_traverse"):
         load_scenario("moon_walk")
 
 
-def test_the_camera_looks_ahead_and_down_with_x_to_the_right(scenario: Scenario) -> None:
+def test_the_camera_looks_forward_and_down_with_x_to_the_right(scenario: Scenario) -> None:
     T = scenario.navcam.T_base_left
     assert se3.is_transform(T)
     pitch_rad = np.radians(24.0)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The samples of a simulated mission: repeatable, and true to one geometry."""
+"""The samples of a simulated mission are repeatable and consistent with its terrain and poses."""
 
 from __future__ import annotations
 
@@ -30,12 +30,14 @@ def of(samples: list[tuple[Entry, Any]], stream: str) -> list[tuple[Entry, Any]]
     return [(e, v) for e, v in samples if e.stream == stream]
 
 
-def test_samples_come_in_the_order_of_a_log_with_the_rates_asked_for(
+def test_samples_are_ordered_at_the_requested_rates(
     samples: list[tuple[Entry, Any]], scenario: Scenario
 ) -> None:
     order = [(e.stamp_ns, e.stream) for e, _ in samples]
     assert order == sorted(order)
-    counts = {stream: sum(e.stream == stream for e, _ in samples) for stream in {e.stream for e, _ in samples}}
+    counts = {
+        stream: sum(e.stream == stream for e, _ in samples) for stream in {e.stream for e, _ in samples}
+    }
     assert counts["/mana/imu.sample"] == 101
     assert counts["/minnie/wheels.odometry"] == 11
     assert counts["/mana/navcam.pair"] == 4
@@ -51,7 +53,7 @@ def test_every_sample_is_labelled_simulated(samples: list[tuple[Entry, Any]]) ->
     assert len({e.header.id for e, _ in samples}) == len(samples)
 
 
-def test_the_same_scenario_gives_the_same_octets_whatever_the_workers(
+def test_the_same_scenario_gives_the_same_bytes_for_any_number_of_workers(
     scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     logs = []
@@ -67,29 +69,29 @@ def test_another_seed_gives_another_world(scenario: Scenario, world: World) -> N
     assert np.abs(other.relief.z_m - world.relief.z_m).max() > 0.1
 
 
-def test_a_log_is_made_once_and_linked_where_asked(
+def test_a_log_is_generated_once_and_linked_on_request(
     scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    made = simulated_log(scenario, 0)
-    told: list[int] = []
-    assert simulated_log(scenario, 0, lambda done, total: told.append(done)) == made
-    assert told == []
-    deliver(made, tmp_path / "out")
+    result = simulated_log(scenario, 0)
+    received: list[int] = []
+    assert simulated_log(scenario, 0, lambda done, total: received.append(done)) == result
+    assert received == []
+    deliver(result, tmp_path / "out")
     log = open_log(tmp_path / "out")
     assert log.streams["/mana/navcam.pair"].count == 4
     log.close()
     assert (tmp_path / "out" / SIDECAR).is_file()
     with pytest.raises(ConflictError, match="--force"):
-        deliver(made, tmp_path / "out")
-    deliver(made, tmp_path / "out", force=True)
+        deliver(result, tmp_path / "out")
+    deliver(result, tmp_path / "out", force=True)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("years of work", encoding="utf-8")
     with pytest.raises(ConflictError, match=r"thesis\.txt"):
-        deliver(made, tmp_path / "mine", force=True)
+        deliver(result, tmp_path / "mine", force=True)
 
 
-def test_lidar_points_lie_on_the_ground_each_seen_from_where_the_rover_was_at_its_time(
+def test_lidar_points_are_on_the_terrain_seen_from_the_pose_at_their_time(
     samples: list[tuple[Entry, Any]], scenario: Scenario, world: World
 ) -> None:
     import open3d as o3d
@@ -100,19 +102,23 @@ def test_lidar_points_lie_on_the_ground_each_seen_from_where_the_rover_was_at_it
             assert (scan.t0_ns, scan.t1_ns) == (entry.header.t0_ns, entry.stamp_ns)
             t_s = (scan.t0_ns - scenario.epoch_ns) * 1e-9 + scan.time_offset_us * 1e-6
             T = world.motions[robot].poses(t_s) @ scenario.lidar.mount.matrix()
-            at = np.einsum("nij,nj->ni", T[:, :3, :3], scan.points_m) + T[:, :3, 3]
-            gap_m = scene.compute_distance(o3d.core.Tensor(at.astype(np.float32)), nthreads=1).numpy()
-            assert len(at) > 100
+            points_site = np.einsum("nij,nj->ni", T[:, :3, :3], scan.points_m) + T[:, :3, 3]
+            gap_m = scene.compute_distance(
+                o3d.core.Tensor(points_site.astype(np.float32)), nthreads=1
+            ).numpy()
+            assert len(points_site) > 100
             assert gap_m.max() < 6 * scenario.lidar.range_sigma_m
             assert np.sqrt(np.mean(gap_m**2)) < 1.2 * scenario.lidar.range_sigma_m
 
 
-def test_the_disparity_of_the_images_is_that_of_the_true_depth(
+def test_image_disparity_agrees_with_the_true_depth(
     samples: list[tuple[Entry, Any]], scenario: Scenario, world: World
 ) -> None:
     vertices, triangles = world.relief.mesh()
     scene = cast_scene(world.relief, world.rocks)
-    camera = StereoCamera(scenario.navcam, scene, world.look, len(vertices), (triangles, world.rocks.triangles))
+    camera = StereoCamera(
+        scenario.navcam, scene, world.look, len(vertices), (triangles, world.rocks.triangles)
+    )
     entry, pair = of(samples, "/mana/navcam.pair")[0]
     t_s = np.array([(entry.stamp_ns - scenario.epoch_ns) * 1e-9])
     depth = camera.depth(world.motions["mana"].poses(t_s)[0] @ scenario.navcam.T_base_left)
@@ -130,7 +136,7 @@ def test_the_disparity_of_the_images_is_that_of_the_true_depth(
     assert abs(shifts[np.argmin([mismatch(s) for s in shifts])]) <= 0.25
 
 
-def test_images_have_texture_and_no_burnt_out_areas(samples: list[tuple[Entry, Any]]) -> None:
+def test_images_have_texture_and_no_saturation(samples: list[tuple[Entry, Any]]) -> None:
     for _, pair in of(samples, "/minnie/navcam.pair"):
         ground = pair.left.image[48:]
         assert 60 < ground.mean() < 190
@@ -138,7 +144,7 @@ def test_images_have_texture_and_no_burnt_out_areas(samples: list[tuple[Entry, A
         assert (ground == 255).mean() < 0.01
 
 
-def test_the_true_map_is_the_ground_with_its_rocks(samples: list[tuple[Entry, Any]], world: World) -> None:
+def test_the_reference_map_is_the_terrain_with_rocks(samples: list[tuple[Entry, Any]], world: World) -> None:
     ((_, terrain),) = of(samples, "/site/truth.terrain")
     grid = terrain.geometry
     assert (grid.frame, grid.resolution_m) == ("site", 0.05)
@@ -154,7 +160,7 @@ def test_the_true_map_is_the_ground_with_its_rocks(samples: list[tuple[Entry, An
     assert np.all(coarse["mean"] <= coarse["max"])
 
 
-def test_the_start_pose_is_the_level_one_with_the_rover_s_heading(scenario: Scenario, world: World) -> None:
+def test_the_start_pose_is_level_with_the_heading_of_the_rover(scenario: Scenario, world: World) -> None:
     for robot, drive in scenario.robots.items():
         true = world.motions[robot].poses(np.zeros(1))[0]
         T = levelled(true)

@@ -21,7 +21,7 @@ def test_list_names_every_dfn_with_its_implementations(capsys: pytest.CaptureFix
     assert any(line.split() == ["laser_filter", "NoiseFilter,", "BoxFilter"] for line in lines)
 
 
-def test_list_for_machines_holds_failures_with_their_reason(
+def test_json_list_contains_load_failures_with_their_reason(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     broken = Registry(failures={"broken_filter": "broken_filter/dfn.yaml: name is missing"})
@@ -33,14 +33,18 @@ def test_list_for_machines_holds_failures_with_their_reason(
 
 
 @pytest.mark.parametrize("name", ["laser_filter", "LaserFilter"])
-def test_show_gives_ports_and_parameters_by_folder_or_class_name(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_show_gives_ports_and_parameters_by_folder_or_class_name(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert cli.main(["dfn", "show", name]) == 0
     out = capsys.readouterr().out
     assert "scan_samples: LaserScan" in out
     assert "half_window = 3  (integer ≥ 1, ≤ 50)" in out
 
 
-def test_show_for_machines_is_the_description_with_its_configuration(capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_show_is_the_description_with_its_configuration(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert cli.main(["dfn", "show", "laser_filter", "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert data["implementations"] == ["NoiseFilter", "BoxFilter"]
@@ -48,10 +52,10 @@ def test_show_for_machines_is_the_description_with_its_configuration(capsys: pyt
 
 
 @pytest.mark.req("CDFF-CORE-030")
-def test_name_that_nobody_has_is_an_error_that_lists_the_known(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_name_is_an_error_that_lists_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["dfn", "show", "nonsense"]) == 1
     err = capsys.readouterr().err
-    assert "no DFN 'nonsense'; known are" in err
+    assert "no DFN 'nonsense'; expected one of" in err
     assert "laser_filter" in err
 
 
@@ -64,86 +68,115 @@ def test_running_a_dfpc_without_a_profile_needs_its_wiring(
         assert f"add --input {port}=sensor/SENSOR/STREAM" in capsys.readouterr().err
 
 
-def test_a_dfpc_becomes_a_process_with_its_wiring_and_its_router(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_dfpc_is_started_as_a_process_with_wiring_and_router(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("CDFF_PROFILE", raising=False)
-    become: list[list[str]] = []
-    monkeypatch.setattr("os.execv", lambda _path, arguments: become.append(arguments))
+    executed: list[list[str]] = []
+    monkeypatch.setattr("os.execv", lambda _path, arguments: executed.append(arguments))
     wiring = ["--input", "stereo=sensor/navcam/pair", "--connect", "tcp/127.0.0.1:9"]
     cli.main(["dfpc", "run", "visual_odometry_sparse", "--robot", "mana", *wiring])
-    (arguments,) = become
-    chosen = ["--robot", "mana", "--dfpc", "visual_odometry_sparse", "--connect", "tcp/127.0.0.1:9"]
-    assert arguments[2:] == ["services.dfpc_host", *chosen, "--input", "stereo=sensor/navcam/pair"]
+    (arguments,) = executed
+    options = ["--robot", "mana", "--dfpc", "visual_odometry_sparse", "--connect", "tcp/127.0.0.1:9"]
+    assert arguments[2:] == ["services.dfpc_host", *options, "--input", "stereo=sensor/navcam/pair"]
 
 
-class Asked:
-    """Stands for a client whose DFPCs answer with what they are asked."""
+class ClientDouble:
+    """Client double whose DFPCs return the parameters of the call."""
 
     calls: list[tuple[object, ...]] = []
     value: Any = None
 
     def __init__(self, *_: object, **__: object) -> None: ...
 
-    def __enter__(self) -> Asked:
+    def __enter__(self) -> ClientDouble:
         return self
 
     def __exit__(self, *_: object) -> None: ...
 
-    def call(self, *asked: object, timeout_s: float) -> tuple[Any, dict[str, Any]]:
-        self.calls.append((*asked, timeout_s))
+    def call(self, *client: object, timeout_s: float) -> tuple[Any, dict[str, Any]]:
+        self.calls.append((*client, timeout_s))
         return self.value, {"frame": "site", "t1_ns": 7_000, "quality": {"covariance_kind": "formal"}}
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> type[Asked]:
-    monkeypatch.setattr("cdff_common.client.Client", Asked)
-    monkeypatch.setattr(Asked, "calls", [])
-    return Asked
+def client(monkeypatch: pytest.MonkeyPatch) -> type[ClientDouble]:
+    monkeypatch.setattr("cdff_common.client.Client", ClientDouble)
+    monkeypatch.setattr(ClientDouble, "calls", [])
+    return ClientDouble
 
 
 @pytest.mark.req("CDFF-SUP-195")
 def test_an_operation_is_called_with_its_parameters_and_its_pose_is_printed(
-    asked: type[Asked], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    client: type[ClientDouble], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pose = UncertainTransform(se3.transform(np.eye(3), [1.0, 2.0, 3.0]), np.eye(6))
     value = TransformWithCovariance.from_transform(pose, parent="site", child="mana/head", stamp_ns=7_000)
-    monkeypatch.setattr(Asked, "value", value)
-    assert cli.main(["call", "mana", "Pom", "get_pose", "parent=site", "child=mana/head", "--timeout-s", "3"]) == 0
-    assert asked.calls == [("mana", "position_manager", "get_pose", {"parent": "site", "child": "mana/head"}, 3.0)]
-    told = json.loads(capsys.readouterr().out)
-    assert (told["parent"], told["child"], told["stamp_ns"], told["T"][1][3]) == ("site", "mana/head", "7000", 2.0)
-    assert told["covariance_kind"] == "formal"
+    monkeypatch.setattr(ClientDouble, "value", value)
+    assert (
+        cli.main(["call", "mana", "Pom", "get_pose", "parent=site", "child=mana/head", "--timeout-s", "3"])
+        == 0
+    )
+    assert client.calls == [
+        ("mana", "position_manager", "get_pose", {"parent": "site", "child": "mana/head"}, 3.0)
+    ]
+    document = json.loads(capsys.readouterr().out)
+    assert (document["parent"], document["child"], document["stamp_ns"], document["T"][1][3]) == (
+        "site",
+        "mana/head",
+        "7000",
+        2.0,
+    )
+    assert document["covariance_kind"] == "formal"
 
 
-def test_a_value_that_is_a_product_is_written_to_the_file_that_is_named(
-    asked: type[Asked], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+def test_a_product_value_is_written_to_the_named_file(
+    client: type[ClientDouble],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
 ) -> None:
     stamps, poses = np.array([1_000, 2_000]), np.tile(np.eye(4), (2, 1, 1))
-    way = PoseTrajectory.from_arrays(stamps, poses, None, parent="site", child="mana/base")
-    monkeypatch.setattr(Asked, "value", way)
-    line = ["call", "mana", "navigation_mapping", "get_route", "from_x_m=0", "from_y_m=0", "to_x_m=1", "to_y_m=2"]
+    path = PoseTrajectory.from_arrays(stamps, poses, None, parent="site", child="mana/base")
+    monkeypatch.setattr(ClientDouble, "value", path)
+    line = [
+        "call",
+        "mana",
+        "navigation_mapping",
+        "get_route",
+        "from_x_m=0",
+        "from_y_m=0",
+        "to_x_m=1",
+        "to_y_m=2",
+    ]
     assert cli.main([*line, "--out", str(tmp_path / "way.tum"), "--json"]) == 0
     assert len((tmp_path / "way.tum").read_text().splitlines()) == 2
     assert json.loads(capsys.readouterr().out)["type"] == "PoseTrajectory"
     assert cli.main([*line, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told | {"extent_m": None} == {
-        "type": "PoseTrajectory", "frame": "site", "t1_ns": "7000", "extent_m": None,
+    document = json.loads(capsys.readouterr().out)
+    assert document | {"extent_m": None} == {
+        "type": "PoseTrajectory",
+        "frame": "site",
+        "t1_ns": "7000",
+        "extent_m": None,
         "out": ["tum", "npz", "geojson", "uper"],
-    }  # fmt: skip
+    }
     for ending in ("uper", "npz", "geojson"):
         assert cli.main([*line, "--out", str(tmp_path / f"way.{ending}")]) == 0
         assert (tmp_path / f"way.{ending}").stat().st_size > 0
 
 
-def test_plain_values_are_printed_as_they_are(asked: type[Asked], capsys: pytest.CaptureFixture[str]) -> None:
+def test_plain_values_are_printed_unchanged(
+    client: type[ClientDouble], capsys: pytest.CaptureFixture[str]
+) -> None:
     assert cli.main(["call", "mana", "position_manager", "unpin", "t_ns=7000", "--json"]) == 0
     assert capsys.readouterr().out == "null\n"
 
 
-def test_without_an_operation_those_that_there_are_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_an_operation_the_available_ones_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["call", "mana", "navigation_mapping"]) == 0
-    listed = {o["name"]: [p["name"] for p in o["inputs"]] for o in json.loads(capsys.readouterr().out)}
-    assert listed["get_reachable"] == ["x_m", "y_m"]
+    inputs_of_operations = {
+        o["name"]: [p["name"] for p in o["inputs"]] for o in json.loads(capsys.readouterr().out)
+    }
+    assert inputs_of_operations["get_reachable"] == ["x_m", "y_m"]
 
 
 @pytest.mark.parametrize(
@@ -152,13 +185,16 @@ def test_without_an_operation_those_that_there_are_are_listed(capsys: pytest.Cap
         (["get_rout"], "no operation 'get_rout'; it has get_map"),
         (["get_route", "x"], "'x': expected KEY=VALUE"),
         (["get_route", "to_x_m=1", "to_x_m=2"], "to_x_m is given twice"),
-        (["get_route", "--out", "way.ply"], "'.ply' names no format of a PoseTrajectory; expected one of .tum"),
+        (
+            ["get_route", "--out", "way.ply"],
+            "'.ply' is no format of a PoseTrajectory, expected one of .tum",
+        ),
         (["get_route", "--out", "no/way.tum"], "there is no folder no"),
     ],
 )
-def test_a_call_that_cannot_be_is_refused_before_anybody_is_asked(
-    line: list[str], reason: str, asked: type[Asked], capsys: pytest.CaptureFixture[str]
+def test_an_invalid_call_is_refused_before_it_is_sent(
+    line: list[str], reason: str, client: type[ClientDouble], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.main(["call", "mana", "navigation_mapping", *line]) == 1
     assert reason in capsys.readouterr().err
-    assert asked.calls == []
+    assert client.calls == []

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""From a message on an input key to a sample of a port."""
+"""Messages on input keys are decoded to samples of ports."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from cdff_common.codecs import encode, encoding_string
 from cdff_common.errors import CodecError
 from cdff_common.interfaces.product import Header
 from cdff_common.types import Correspondence2D, CorrespondenceMap2D
-from services.dfpc_host.inputs import sample_of
+from services.dfpc_host.sample_decoding import decode_sample
 
-_HEADER = Header(id="00000000-0000-5000-8000-000000000001", seq=3, t0_ns=0, t1_ns=1000, frame="site", producer="test")
+_HEADER = Header(
+    id="00000000-0000-5000-8000-000000000001", seq=3, t0_ns=0, t1_ns=1000, frame="site", producer="test"
+)
 
 
 def _message(count: int, type_name: str) -> tuple[Message, CorrespondenceMap2D]:
@@ -26,9 +28,9 @@ def _message(count: int, type_name: str) -> tuple[Message, CorrespondenceMap2D]:
     ("count", "type_name"),
     [(2, "CorrespondenceMap2D"), (2, "CorrespondenceMap2DLarge"), (1500, "CorrespondenceMap2DLarge")],
 )
-def test_a_port_takes_its_type_and_the_sibling_with_room_for_more(count: int, type_name: str) -> None:
+def test_a_port_accepts_its_type_and_the_larger_size_variant(count: int, type_name: str) -> None:
     message, value = _message(count, type_name)
-    sample = sample_of(message, "matches", "CorrespondenceMap2D")
+    sample = decode_sample(message, "matches", "CorrespondenceMap2D")
     assert sample.value == value
     assert (sample.stamp_ns, sample.seq) == (1000, 3)
 
@@ -36,4 +38,4 @@ def test_a_port_takes_its_type_and_the_sibling_with_room_for_more(count: int, ty
 def test_another_type_is_refused_by_name() -> None:
     message, _ = _message(1, "CorrespondenceMap2D")
     with pytest.raises(CodecError, match="carries CorrespondenceMap2D, port matches takes Pointcloud"):
-        sample_of(message, "matches", "Pointcloud")
+        decode_sample(message, "matches", "Pointcloud")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bad input, over HTTP and as it comes over Zenoh: refused with a reason, nothing stored, memory flat."""
+"""Invalid input over HTTP and Zenoh is refused with a reason, and without storing or large allocations."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from cdff_common.errors import CdffError, InputError, rpc_code
 from cdff_common.interfaces.product import Header
 from cdff_common.types import Pointcloud
 from dpm_store import open_store
-from services.dpm import service
-from services.dpm.checks import MAX_SKEW_S
+from services.dpm.bus import service
 from services.dpm.http.app import create_app
 from services.dpm.http.context import Context
-from services.dpm.operations import Dpm
+from services.dpm.operations.checks import MAX_SKEW_S
+from services.dpm.operations.dpm import Dpm
 from services.dpm.settings import Settings
 
 from .conftest import S, cloud, elevation, navigation, parcel
@@ -44,46 +44,50 @@ HEADERS: dict[str, Change] = {
     "a NaN in the box": lambda h: h | {"box_m": [NAN, *BOX[1:]]},
     "an infinite box": lambda h: h | {"box_m": [*BOX[:5], math.inf]},
     "a box that ends beyond the solar system": lambda h: h | {"box_m": [-1e300, *BOX[1:]]},
-    "a box inside out": lambda h: h | {"box_m": BOX[::-1]},
+    "a box with exchanged corners": lambda h: h | {"box_m": BOX[::-1]},
     "a box elsewhere than the content": lambda h: h | {"box_m": [500.0, 500.0, 500.0, 501.0, 501.0, 501.0]},
-    "a box that holds a part of the content": lambda h: h | {"box_m": [*BOX[:5], 0.0]},
+    "a box that contains a part of the content": lambda h: h | {"box_m": [*BOX[:5], 0.0]},
     "a box of five": lambda h: h | {"box_m": BOX[:5]},
     "a box that is text": lambda h: h | {"box_m": "abcdef"},
-    "a self-crossing footprint": lambda h: h | {"box_m": BOX, "footprint_m": [[0, 0], [4, 4], [4, 0], [0, 4]]},
+    "a self-crossing footprint": lambda h: (
+        h | {"box_m": BOX, "footprint_m": [[0, 0], [4, 4], [4, 0], [0, 4]]}
+    ),
     "a footprint out of the box": lambda h: h | {"box_m": BOX, "footprint_m": [[0, 0], [40, 0], [0, 40]]},
     "a NaN in the footprint": lambda h: h | {"box_m": BOX, "footprint_m": [[0, 0], [4, NAN], [0, 4]]},
-    "a frame that nothing is known of": lambda h: h | {"frame": "elsewhere"},
-    "a frame of a robot that nobody knows": lambda h: h | {"frame": "ghost/odom"},
+    "an unknown frame": lambda h: h | {"frame": "elsewhere"},
+    "a frame of an unknown robot": lambda h: h | {"frame": "ghost/odom"},
     "a frame that is a path": lambda h: h | {"frame": "../site"},
     "a frame that is a list": lambda h: h | {"frame": ["site"]},
     "a time in the future": lambda h: h | {"t1_ns": LATE_NS},
     "a time beyond all columns": lambda h: h | {"t1_ns": 2**63 // 1000 * 1000},
     "a time before the mission": lambda h: h | {"t0_ns": -S},
-    "a field that there is not": lambda h: h | {"boxm": BOX},
-    "a field of the quality that there is not": lambda h: h | {"quality": h["quality"] | {"reason": ["few_points"]}},
+    "an unknown field": lambda h: h | {"boxm": BOX},
+    "an unknown field of the quality": lambda h: h | {"quality": h["quality"] | {"reason": ["few_points"]}},
     "a time of half a microsecond": lambda h: h | {"t0_ns": 500},
-    "an end before the begin": lambda h: h | {"t0_ns": 2 * S, "t1_ns": S},
+    "an end before the start": lambda h: h | {"t0_ns": 2 * S, "t1_ns": S},
     "an infinite counter": lambda h: h | {"seq": math.inf},
     "a negative counter": lambda h: h | {"seq": -1},
     "a counter beyond all columns": lambda h: h | {"seq": 2**63},
     "inputs that are paths": lambda h: h | {"inputs": ["../../etc/shadow"]},
-    "inputs without end": lambda h: h | {"inputs": ["a"] * 10_001},
+    "too many inputs": lambda h: h | {"inputs": ["a"] * 10_001},
     "inputs that are a number": lambda h: h | {"inputs": 3},
-    "a producer without end": lambda h: h | {"producer": "x" * 10_000},
+    "a too long producer": lambda h: h | {"producer": "x" * 10_000},
     "a producer with control characters": lambda h: h | {"producer": "a\r\nSet-Cookie: b"},
     "no cell size": lambda h: h | {"resolution_m": 0.0},
     "a NaN cell size": lambda h: h | {"resolution_m": NAN},
     "a quality that is a list": lambda h: h | {"quality": [1]},
     "a quality of another kind": lambda h: h | {"quality": {"status": "SUPERB"}},
-    "metrics without end": lambda h: h | {"quality": h["quality"] | {"metrics": {f"m{i}": 1.0 for i in range(300)}}},
+    "too many metrics": lambda h: (
+        h | {"quality": h["quality"] | {"metrics": {f"m{i}": 1.0 for i in range(300)}}}
+    ),
     "another wire version": lambda h: h | {"v": 99},
     "another digest": lambda h: h | {"sha256": "0" * 64},
     "FAILED with a payload": lambda h: h | {"quality": h["quality"] | {"status": "FAILED"}},
 }
 
 
-def claims(points: int) -> bytes:
-    """A few octets of UPER that say that many points follow."""
+def announce_points(points: int) -> bytes:
+    """Return a truncated UPER cloud whose header announces ``points`` points."""
     from cdff_common.codecs import encode
 
     return encode(cloud(3), "uper")[:40] + struct.pack(">I", points)
@@ -91,72 +95,74 @@ def claims(points: int) -> bytes:
 
 NAMES, PAYLOAD, ENCODING, ATTACHMENT = parcel(cloud(), "pointcloud")
 PAYLOADS: dict[str, tuple[dict[str, str], bytes, str]] = {
-    "a cloud said to be a map": (NAMES | {"product": "dem"}, PAYLOAD, ENCODING),
+    "a cloud put as a map": (NAMES | {"product": "dem"}, PAYLOAD, ENCODING),
     "a cloud encoded as a pose": (NAMES, PAYLOAD, ENCODING.replace("Pointcloud", "TransformWithCovariance")),
-    "a type that there is not": (NAMES, PAYLOAD, ENCODING.replace("Pointcloud", "Ghost")),
-    "a codec that there is not": (NAMES, PAYLOAD, ENCODING.replace("uper", "zip")),
+    "an unknown type": (NAMES, PAYLOAD, ENCODING.replace("Pointcloud", "Ghost")),
+    "an unknown codec": (NAMES, PAYLOAD, ENCODING.replace("uper", "zip")),
     "no encoding": (NAMES, PAYLOAD, ""),
-    "an encoding without end": (NAMES, PAYLOAD, ENCODING + "x" * 5000),
-    "a product that there is not": (NAMES | {"product": "cake"}, PAYLOAD, ENCODING),
+    "a too long encoding": (NAMES, PAYLOAD, ENCODING + "x" * 5000),
+    "an unknown product": (NAMES | {"product": "cake"}, PAYLOAD, ENCODING),
     "nothing": (NAMES, b"", ENCODING),
     "half of it": (NAMES, PAYLOAD[: len(PAYLOAD) // 2], ENCODING),
     "noise": (NAMES, b"\xff" * 4096, ENCODING),
-    "a claim of 4 294 967 295 points": (NAMES, claims(2**32 - 1), ENCODING),
+    "a claim of 4 294 967 295 points": (NAMES, announce_points(2**32 - 1), ENCODING),
     "a zip": (NAMES, b"PK\x03\x04" + b"\0" * 2000, ENCODING),
     "too much": (NAMES, b"\0" * (1 << 20) + b"1", ENCODING),
     "a port that is a path": (NAMES | {"port": "../x"}, PAYLOAD, ENCODING),
-    "a dfpc without end": (NAMES | {"dfpc": "x" * 65}, PAYLOAD, ENCODING),
+    "a too long dfpc": (NAMES | {"dfpc": "x" * 65}, PAYLOAD, ENCODING),
 }
-#: Refusing anything of the above may take this much, whatever it claims.
-FLAT_BYTES = 64 << 20
+#: Largest memory that the refusal of an input may allocate.
+MAX_ALLOCATION_BYTES = 64 << 20
 
 
 @pytest.fixture(scope="module")
 def dpm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Dpm]:
-    """One DPM for all: nothing of what is tried here changes it."""
+    """One DPM for all tests, because no test changes it."""
     with open_store(f"sqlite:///{tmp_path_factory.mktemp('bad')}", ManualClock(100 * S)) as store:
         yield Dpm(store, max_payload_bytes=1 << 20)
 
 
 @pytest.fixture(scope="module")
 def http(dpm: Dpm) -> TestClient:
-    """HTTP in front of it."""
+    """A client of the HTTP interface of the DPM."""
     app = create_app(Context(dpm, Settings(dpm.store.directory, max_body_bytes=2 << 20)))
     return TestClient(app, base_url="http://127.0.0.1:8080", raise_server_exceptions=False)
 
 
 @contextlib.contextmanager
-def nothing_happens(dpm: Dpm) -> Iterator[None]:
-    """Nothing is stored meanwhile, and no memory is kept or taken for what is only claimed."""
+def unchanged_store(dpm: Dpm) -> Iterator[None]:
+    """Check that nothing is stored, and that no memory is allocated for claimed sizes."""
     process = psutil.Process()
 
     def state() -> tuple[Any, ...]:
-        told = [e.kind for e in dpm.store.events.since() if e.kind != "refused"]
+        received = [e.kind for e in dpm.store.events.since() if e.kind != "refused"]
         blobs = sorted(p.name for p in (dpm.store.directory / "blobs").rglob("*") if p.is_file())
-        return dpm.store.statistics().count, told, blobs, dpm.store.frame_names()
+        return dpm.store.statistics().count, received, blobs, dpm.store.frame_names()
 
     before, resident = state(), process.memory_info().rss
     yield
     assert state() == before
-    assert process.memory_info().rss - resident < FLAT_BYTES
+    assert process.memory_info().rss - resident < MAX_ALLOCATION_BYTES
 
 
-def over_http(http: TestClient, names: dict[str, str], payload: bytes, encoding: str, header: dict[str, Any]) -> None:
-    given = {"Content-Type": encoding, "CDFF-Header": json.dumps(careless(header))}
-    answer = http.post("/api/v1/products", params=names, content=payload, headers=given)
+def over_http(
+    http: TestClient, names: dict[str, str], payload: bytes, encoding: str, header: dict[str, Any]
+) -> None:
+    headers = {"Content-Type": encoding, "CDFF-Header": json.dumps(as_careless_json(header))}
+    answer = http.post("/api/v1/products", params=names, content=payload, headers=headers)
     assert 400 <= answer.status_code < 500, answer.text
     assert answer.headers["content-type"] == "application/problem+json"
     assert answer.json()["detail"]
 
 
-def careless(header: dict[str, Any]) -> dict[str, Any]:
-    """Times as texts; NaN stays, as Python's JSON has it: what a careless caller sends."""
+def as_careless_json(header: dict[str, Any]) -> dict[str, Any]:
+    """Return a header with times as texts. NaN is kept, as by ``json.dumps`` of a careless caller."""
     return {k: str(v) if k.endswith("_ns") and isinstance(v, int) else v for k, v in header.items()}
 
 
 def over_zenoh(dpm: Dpm, names: dict[str, str], payload: bytes, encoding: str, attachment: bytes) -> None:
-    asked = {k: v for k, v in names.items() if k != "robot"}
-    request = Request("cdff/@v1/mana/dpm/@rpc/put", asked, payload, encoding, attachment)
+    parameters = {k: v for k, v in names.items() if k != "robot"}
+    request = Request("cdff/@v1/mana/dpm/@rpc/put", parameters, payload, encoding, attachment)
     with pytest.raises(CdffError) as refused:
         service.put(dpm, request)
     assert rpc_code(refused.value)[0] == "INVALID_ARGUMENT"
@@ -167,11 +173,11 @@ def over_zenoh(dpm: Dpm, names: dict[str, str], payload: bytes, encoding: str, a
 @pytest.mark.parametrize("what", HEADERS)
 def test_a_bad_header_is_refused(http: TestClient, dpm: Dpm, what: str) -> None:
     header = HEADERS[what](Header.from_attachment(ATTACHMENT).to_dict())
-    with nothing_happens(dpm):
+    with unchanged_store(dpm):
         over_http(http, NAMES, PAYLOAD, ENCODING, header)
         try:
             attachment = msgpack.packb(header)
-        except OverflowError:  # an integer that MessagePack cannot even say
+        except OverflowError:  # MessagePack cannot represent the integer
             return
         over_zenoh(dpm, NAMES, PAYLOAD, ENCODING, attachment)
 
@@ -180,30 +186,40 @@ def test_a_bad_header_is_refused(http: TestClient, dpm: Dpm, what: str) -> None:
 @pytest.mark.parametrize("what", PAYLOADS)
 def test_a_bad_payload_is_refused(http: TestClient, dpm: Dpm, what: str) -> None:
     names, payload, encoding = PAYLOADS[what]
-    with nothing_happens(dpm):
+    with unchanged_store(dpm):
         over_http(http, names, payload, encoding, Header.from_attachment(ATTACHMENT).to_dict())
         over_zenoh(dpm, names, payload, encoding, ATTACHMENT)
 
 
 NO_HEADERS = {
-    "empty": b"", "reserved": b"\xc1", "claims 4 G items": b"\xdd\xff\xff\xff\xff", "nested": b"\x91" * 5000,
-    "a list": msgpack.packb([1, 2]), "no fields": msgpack.packb({"v": 1}), "2 MB": b"\0" * (2 << 20),
-}  # fmt: skip
+    "empty": b"",
+    "reserved": b"\xc1",
+    "claims 4 G items": b"\xdd\xff\xff\xff\xff",
+    "nested": b"\x91" * 5000,
+    "a list": msgpack.packb([1, 2]),
+    "no fields": msgpack.packb({"v": 1}),
+    "2 MB": b"\0" * (2 << 20),
+}
 NO_BATCHES = {
-    "empty": b"", "nested": b"\x91" * 5000, "claims 4 G products": b"\xdd\xff\xff\xff\xff", "reserved": b"\xc1",
-    "a map": msgpack.packb({}), "half a product": msgpack.packb([{"robot": "mana"}]), "a number": msgpack.packb([7]),
-}  # fmt: skip
+    "empty": b"",
+    "nested": b"\x91" * 5000,
+    "claims 4 G products": b"\xdd\xff\xff\xff\xff",
+    "reserved": b"\xc1",
+    "a map": msgpack.packb({}),
+    "half a product": msgpack.packb([{"robot": "mana"}]),
+    "a number": msgpack.packb([7]),
+}
 
 
 @pytest.mark.parametrize("attachment", NO_HEADERS.values(), ids=NO_HEADERS.keys())
-def test_an_attachment_that_is_no_header_is_refused(dpm: Dpm, attachment: bytes) -> None:
-    with nothing_happens(dpm):
+def test_an_attachment_without_header_is_refused(dpm: Dpm, attachment: bytes) -> None:
+    with unchanged_store(dpm):
         over_zenoh(dpm, NAMES, PAYLOAD, ENCODING, attachment)
 
 
 @pytest.mark.parametrize("body", NO_BATCHES.values(), ids=NO_BATCHES.keys())
 def test_a_bad_batch_is_refused(http: TestClient, dpm: Dpm, body: bytes) -> None:
-    with nothing_happens(dpm):
+    with unchanged_store(dpm):
         answer = http.post("/api/v1/products/batch", content=body)
         assert answer.status_code == 422, answer.text
         if body:
@@ -211,20 +227,20 @@ def test_a_bad_batch_is_refused(http: TestClient, dpm: Dpm, body: bytes) -> None
                 service.put_all(dpm, Request("cdff/@v1/ground/dpm/@rpc/put_all", {}, body, "", b""))
 
 
-def test_one_bad_product_keeps_a_whole_batch_out(http: TestClient, dpm: Dpm) -> None:
+def test_one_invalid_product_rejects_the_whole_batch(http: TestClient, dpm: Dpm) -> None:
     def item(value: Any, product: str, seq: int, **fields: Any) -> dict[str, Any]:
         names, payload, encoding, attachment = parcel(value, product, seq, **fields)
         return {**names, "payload": payload, "encoding": encoding, "attachment": attachment}
 
     good, late = item(elevation(0.0), "dem", 1), item(elevation(0.0), "dem", 2, t1_ns=LATE_NS)
-    with nothing_happens(dpm):
+    with unchanged_store(dpm):
         answer = http.post("/api/v1/products/batch", content=msgpack.packb([good, late]))
         assert answer.status_code == 422
         assert "mission clock" in answer.json()["detail"]
 
 
-def test_a_capture_may_end_a_little_after_now(dpm: Dpm) -> None:
-    _, header = dpm.put(*parcel(cloud(), "pointcloud", 1, t1_ns=(100 + int(MAX_SKEW_S)) * S))
+def test_a_capture_may_end_slightly_in_the_future(dpm: Dpm) -> None:
+    _, header = dpm.writer.put(*parcel(cloud(), "pointcloud", 1, t1_ns=(100 + int(MAX_SKEW_S)) * S))
     assert dpm.store.get(header.id).header.t1_ns == (100 + int(MAX_SKEW_S)) * S
 
 
@@ -243,7 +259,7 @@ IDS = [
 @pytest.mark.parametrize("product_id", IDS)
 @pytest.mark.parametrize("suffix", ["", "/payload", "/thumbnail.png", "/provenance", "/revisions"])
 def test_an_id_is_never_a_path(http: TestClient, dpm: Dpm, product_id: str, suffix: str) -> None:
-    with nothing_happens(dpm):
+    with unchanged_store(dpm):
         answer = http.get(f"/api/v1/products/{product_id}{suffix}")
         assert answer.status_code in (404, 405, 422), answer.text
         assert b"root:" not in answer.content
@@ -251,8 +267,12 @@ def test_an_id_is_never_a_path(http: TestClient, dpm: Dpm, product_id: str, suff
 
 @pytest.mark.parametrize("product_id", ["..", "../../etc/passwd", "\0", "a" * 5000])
 def test_an_id_is_never_a_path_over_zenoh(dpm: Dpm, product_id: str) -> None:
-    for handler, verb in ((service.get, "get"), (service.delete, "delete"), (service.provenance, "provenance")):
-        with nothing_happens(dpm), pytest.raises(CdffError):
+    for handler, verb in (
+        (service.get, "get"),
+        (service.delete, "delete"),
+        (service.provenance, "provenance"),
+    ):
+        with unchanged_store(dpm), pytest.raises(CdffError):
             handler(dpm, Request(f"cdff/@v1/ground/dpm/@rpc/{verb}", {"id": product_id}, b"", "", b""))
     with pytest.raises(CdffError):
         service.payload(dpm, Request(f"cdff/@v1/ground/dpm/product/{product_id}", {}, b"", "", b""))
@@ -263,26 +283,36 @@ FRAMES: dict[str, dict[str, Any]] = {
     "no rotation": {"parent": "site", "T": [[2, 0, 0, 0], [0, 2, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]]},
     "a NaN": {"parent": "site", "T": [[1, 0, 0, NAN], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
     "a place beyond the solar system": {
-        "parent": "site", "T": [[1, 0, 0, 1e300], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+        "parent": "site",
+        "T": [[1, 0, 0, 1e300], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
     },
     "a covariance beyond the solar system": {
-        "parent": "site", "T": np.eye(4).tolist(), "covariance": (np.eye(6) * 1e300).tolist(),
+        "parent": "site",
+        "T": np.eye(4).tolist(),
+        "covariance": (np.eye(6) * 1e300).tolist(),
     },
     "a path as parent": {"parent": "../site", "T": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
-    "itself as parent": {"parent": "mana/odom", "T": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
+    "itself as parent": {
+        "parent": "mana/odom",
+        "T": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+    },
     "times that are words": {
-        "parent": "site", "T": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "valid_from_ns": "soon",
+        "parent": "site",
+        "T": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+        "valid_from_ns": "soon",
     },
     "a revision that is a word": {
-        "parent": "site", "T": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "expected_revision": "x",
+        "parent": "site",
+        "T": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+        "expected_revision": "x",
     },
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("what", FRAMES)
 def test_a_bad_frame_is_refused(http: TestClient, dpm: Dpm, what: str) -> None:
     body = FRAMES[what]
-    with nothing_happens(dpm):
+    with unchanged_store(dpm):
         text = json.dumps(body)
         answer = http.post(
             "/api/v1/frames/mana/odom/revisions", content=text, headers={"Content-Type": "application/json"}
@@ -290,12 +320,14 @@ def test_a_bad_frame_is_refused(http: TestClient, dpm: Dpm, what: str) -> None:
         assert answer.status_code == 422, answer.text
         packed = msgpack.packb({"frame": "mana/odom", **body})
         with pytest.raises(CdffError):
-            service.frames(dpm, Request("cdff/@v1/ground/dpm/@rpc/frames", {}, packed, "application/msgpack", b""))
+            service.frames(
+                dpm, Request("cdff/@v1/ground/dpm/@rpc/frames", {}, packed, "application/msgpack", b"")
+            )
     assert dpm.store.frames.current() == ()
 
 
 def test_deep_json_is_refused(http: TestClient, dpm: Dpm) -> None:
-    with nothing_happens(dpm):
+    with unchanged_store(dpm):
         for path in ("/api/v1/frames/a/revisions", "/stac/search", "/api/v1/requests"):
             deep = "[" * 100_000 + "]" * 100_000
             answer = http.post(path, content=deep, headers={"Content-Type": "application/json"})
@@ -322,27 +354,29 @@ CROSSING = "polygon:0,0,4,4,4,0,0,4"
         ("/stac/search?collections=" + "a" * 65, 400),
     ],
 )
-def test_a_bad_place_is_refused_where_one_searches(http: TestClient, dpm: Dpm, path: str, status: int) -> None:
-    with nothing_happens(dpm):
+def test_an_invalid_region_of_a_search_is_refused(http: TestClient, dpm: Dpm, path: str, status: int) -> None:
+    with unchanged_store(dpm):
         answer = http.get(path)
         assert answer.status_code == status, answer.text
         assert answer.json()["detail"]
 
 
-def test_a_box_may_be_larger_than_the_content_and_smaller_by_rounding(dpm: Dpm) -> None:
+def test_a_box_may_be_larger_than_the_content_or_smaller_by_rounding(dpm: Dpm) -> None:
     x0, *others = cloud().extent_m()
-    dpm.put(*parcel(cloud(), "pointcloud", 1, box_m=(x0 + 5e-4, *others)))
-    dpm.put(*parcel(cloud(), "pointcloud", 2, box_m=tuple(BOX)))
-    with pytest.raises(InputError, match=r"box_m=\[.*\] m does not contain the content, which lies in \[.*\] m"):
-        dpm.put(*parcel(cloud(), "pointcloud", 3, box_m=(x0 + 2e-3, *others)))
+    dpm.writer.put(*parcel(cloud(), "pointcloud", 1, box_m=(x0 + 5e-4, *others)))
+    dpm.writer.put(*parcel(cloud(), "pointcloud", 2, box_m=tuple(BOX)))
+    with pytest.raises(
+        InputError, match=r"box_m=\[.*\] m does not contain the content, which lies in \[.*\] m"
+    ):
+        dpm.writer.put(*parcel(cloud(), "pointcloud", 3, box_m=(x0 + 2e-3, *others)))
 
 
-def test_a_map_of_which_only_the_plane_is_known_may_have_a_box_with_heights(dpm: Dpm) -> None:
-    dpm.put(*parcel(navigation(), "navigation_map", 1, box_m=(0.0, 0.0, 3.0, 1.0, 1.0, 4.0)))
+def test_a_2d_map_may_have_a_box_with_heights(dpm: Dpm) -> None:
+    dpm.writer.put(*parcel(navigation(), "navigation_map", 1, box_m=(0.0, 0.0, 3.0, 1.0, 1.0, 4.0)))
 
 
 def test_a_cloud_without_a_finite_point_is_refused_and_an_empty_one_is_not(dpm: Dpm) -> None:
     lost, none = (Pointcloud.from_points(np.full((n, 3), NAN), frame="site", stamp_ns=S) for n in (4, 0))
     with pytest.raises(InputError, match="none of 4 points is finite"):
-        dpm.put(*parcel(lost, "pointcloud", 11))
-    dpm.put(*parcel(none, "pointcloud", 12))
+        dpm.writer.put(*parcel(lost, "pointcloud", 11))
+    dpm.writer.put(*parcel(none, "pointcloud", 12))

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from cdff_common import cli
-from dpm_store.payloads import PACKED_BYTES
-from services.dpm.commands import register
-from services.dpm.operations import Dpm
+from dpm_store.payloads.payloads import PACKED_BYTES
+from services.dpm.cli.commands import register
+from services.dpm.operations.dpm import Dpm
 
 from .conftest import cloud, parcel
 
@@ -22,10 +22,10 @@ def run(*arguments: str) -> int:
     return code
 
 
-def test_verify_tells_a_sound_store_from_one_that_the_disk_changed(
+def test_verify_distinguishes_an_intact_store_from_a_corrupt_one(
     dpm: Dpm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    _, header = dpm.put(*parcel(cloud(5000), "pointcloud"))
+    _, header = dpm.writer.put(*parcel(cloud(5000), "pointcloud"))
     record = dpm.store.get(header.id)
     assert record.size > PACKED_BYTES
     dpm.store.close()
@@ -43,14 +43,14 @@ def test_verify_tells_a_sound_store_from_one_that_the_disk_changed(
 STAMP_NS = 1_700_000_000_123_456_000
 
 
-class Found:
-    """Stands for a client whose DPM holds one product."""
+class ClientDouble:
+    """Client double whose DPM has one product."""
 
     data = b"payload"
 
     def __init__(self, *_: object, **__: object) -> None: ...
 
-    def __enter__(self) -> "Found":
+    def __enter__(self) -> "ClientDouble":
         return self
 
     def __exit__(self, *_: object) -> None: ...
@@ -58,29 +58,33 @@ class Found:
     def search(self, *_: object, **__: object) -> list[dict[str, object]]:
         return [{"id": "a", "t0_ns": STAMP_NS, "t1_ns": STAMP_NS}]
 
-    def get(self, *_: object) -> "Found":
+    def get(self, *_: object) -> "ClientDouble":
         return self
 
 
-def test_search_for_machines_gives_stamps_as_decimal_strings(
+def test_json_search_has_stamps_as_decimal_strings(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("cdff_common.client.Client", Found)
+    monkeypatch.setattr("cdff_common.client.Client", ClientDouble)
     assert run("search", "--json") == 0
-    assert json.loads(capsys.readouterr().out) == [{"id": "a", "t0_ns": str(STAMP_NS), "t1_ns": str(STAMP_NS)}]
+    assert json.loads(capsys.readouterr().out) == [
+        {"id": "a", "t0_ns": str(STAMP_NS), "t1_ns": str(STAMP_NS)}
+    ]
 
 
-def test_a_payload_that_cannot_be_written_is_one_line_and_exit_1(
+def test_an_unwritable_payload_file_is_one_line_and_exit_1(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("cdff_common.client.Client", Found)
+    monkeypatch.setattr("cdff_common.client.Client", ClientDouble)
     assert cli.main(["dpm", "get", "a", "--out", str(tmp_path / "none" / "x")]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert "there is no folder" in line
 
 
-def test_a_backup_of_an_open_store_is_restored(dpm: Dpm, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    dpm.put(*parcel(cloud(5000), "pointcloud"))
+def test_a_backup_of_an_open_store_is_restored(
+    dpm: Dpm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dpm.writer.put(*parcel(cloud(5000), "pointcloud"))
     copy, new = tmp_path / "copy", tmp_path / "new"
     assert run("backup", str(copy), "--data-dir", str(tmp_path), "--json") == 0
     assert json.loads(capsys.readouterr().out)["products"] == 1

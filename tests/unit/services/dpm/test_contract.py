@@ -1,9 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The whole OpenAPI document against the application over a filled store, by schemathesis: no 5xx, no answer that the
-document does not describe.
+"""All operations of the OpenAPI document with generated requests: no 5xx, only documented answers.
 
-The quick part tries a few questions per operation; the slow one many.
+The fast tests send few requests per operation, the slow ones many.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from cdff_common.geodesy import Anchor, body
 from dpm_store import open_store
 from services.dpm.http.app import create_app, openapi
 from services.dpm.http.context import Context
-from services.dpm.operations import Dpm
+from services.dpm.operations.dpm import Dpm
 from services.dpm.settings import Settings
 
 from .conftest import S, cloud, elevation, navigation, parcel, pose
@@ -31,73 +30,80 @@ schemathesis = pytest.importorskip("schemathesis", reason="schemathesis is not i
 conformance = pytest.importorskip("schemathesis.specs.openapi.checks")
 
 CHECKS = [
-    schemathesis.checks.not_a_server_error, conformance.status_code_conformance, conformance.content_type_conformance,
-    conformance.response_headers_conformance, conformance.response_schema_conformance,
-]  # fmt: skip
+    schemathesis.checks.not_a_server_error,
+    conformance.status_code_conformance,
+    conformance.content_type_conformance,
+    conformance.response_headers_conformance,
+    conformance.response_schema_conformance,
+]
 HEADERS = {"Host": "localhost"}
-#: A stream of events has no end; it has tests of its own.
+#: The stream of events is endless and is tested separately.
 ENDLESS = "/api/v1/events"
 OPERATIONS = [
     (verb.upper(), path) for path, verbs in openapi()["paths"].items() for verb in verbs if path != ENDLESS
-]  # fmt: skip
+]
 
 
 class Orchestrator:
-    """Answers like one: what the bus carries is not what is tried here."""
+    """A bus with the answers of an orchestrator."""
 
     def call(self, key: str, parameters: dict[str, str], **_: Any) -> Reply:
-        """An empty list of jobs, or a reference; it tells no counts."""
+        """Return an empty list of jobs, or a reference."""
         if key.endswith("/jobs"):
             return Reply.of({"jobs": []})
         if key.endswith("/request"):
             return Reply.of({}, kind="reference", id="0" * 36, job="j", final=True)
-        raise NoAnswerError(f"{key}: nobody answers")
+        raise NoAnswerError(f"{key}: no answer")
 
 
 @pytest.fixture(scope="module")
 def application(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """A server over a store with products of each kind on an anchored site."""
+    """A server with a store that has products of each kind on an anchored site."""
     directory = tmp_path_factory.mktemp("store")
     with open_store(f"sqlite:///{directory}", ManualClock(100 * S)) as store:
         dpm = Dpm(store, max_payload_bytes=1 << 20)
-        store.places.anchor("site", Anchor(body("mars"), 77.45, 18.44))
-        dpm.put(*parcel(elevation(0.0), "dem", 0, resolution_m=0.1))
-        dpm.put(*parcel(navigation(), "navigation_map", 1, resolution_m=0.1))
-        dpm.put(*parcel(cloud(), "pointcloud", 2))
+        store.anchors.anchor("site", Anchor(body("mars"), 77.45, 18.44))
+        dpm.writer.put(*parcel(elevation(0.0), "dem", 0, resolution_m=0.1))
+        dpm.writer.put(*parcel(navigation(), "navigation_map", 1, resolution_m=0.1))
+        dpm.writer.put(*parcel(cloud(), "pointcloud", 2))
         for second in range(3):
-            dpm.put(*parcel(pose(second, float(second)), "pose", second + 3, child="mana/base"))
-        yield create_app(Context(dpm, Settings(directory, max_body_bytes=1 << 20), bus=Orchestrator()))  # type: ignore[arg-type]  # answers what is asked of it
+            dpm.writer.put(*parcel(pose(second, float(second)), "pose", second + 3, child="mana/base"))
+        yield create_app(Context(dpm, Settings(directory, max_body_bytes=1 << 20), bus=Orchestrator()))  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
 def document(application: Any) -> Any:
-    """The document as schemathesis reads it from the application."""
+    """The OpenAPI document, read from the application by schemathesis."""
     return schemathesis.openapi.from_asgi("/openapi.json", application, headers=HEADERS)
 
 
-def tried(document: Any, method: str, path: str, questions: int) -> None:
-    """Ask an operation a number of questions, and judge each answer by the document."""
+def check_operation(document: Any, method: str, path: str, count: int) -> None:
+    """Send generated requests to an operation and validate each answer by the document."""
 
     @settings(
-        max_examples=questions, deadline=None, derandomize=True, database=None,
-        phases=[Phase.explicit, Phase.generate], suppress_health_check=list(HealthCheck),
-    )  # fmt: skip
+        max_examples=count,
+        deadline=None,
+        derandomize=True,
+        database=None,
+        phases=[Phase.explicit, Phase.generate],
+        suppress_health_check=list(HealthCheck),
+    )
     @given(case=document[path][method].as_strategy())
-    def ask(case: Any) -> None:
+    def call(case: Any) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)
             case.call_and_validate(headers=HEADERS, checks=CHECKS)
 
-    ask()
+    call()
 
 
 @pytest.mark.req("CDFF-SUP-161")
 @pytest.mark.parametrize(("method", "path"), OPERATIONS)
-def test_every_operation_answers_as_the_document_says(document: Any, method: str, path: str) -> None:
-    tried(document, method, path, 8)
+def test_every_operation_conforms_to_its_openapi_document(document: Any, method: str, path: str) -> None:
+    check_operation(document, method, path, 8)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("method", "path"), OPERATIONS)
-def test_every_operation_answers_many_questions_as_the_document_says(document: Any, method: str, path: str) -> None:
-    tried(document, method, path, 50)
+def test_generated_requests_conform_to_the_openapi_document(document: Any, method: str, path: str) -> None:
+    check_operation(document, method, path, 50)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Server-sent events over a real socket: in order, resumed without a gap, with a heartbeat, at any speed of reading."""
+"""Server-sent events over a real socket: in order, resumed without gaps, kept alive, with slow readers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ import pytest
 from services.dpm.http.context import Context
 from services.dpm.http.routes import status
 from services.dpm.http.server import HttpServer
-from services.dpm.operations import Dpm
+from services.dpm.operations.dpm import Dpm
 from services.dpm.settings import Settings
 
 from .conftest import cloud, parcel
@@ -26,7 +26,7 @@ from .conftest import cloud, parcel
 
 @pytest.fixture
 def port(dpm: Dpm, tmp_path: Path) -> Iterator[int]:
-    """A server on a port of its own."""
+    """The port of a server that runs during the test."""
     with HttpServer(Context(dpm, Settings(tmp_path, port=0))) as server:
         yield server.port
 
@@ -43,14 +43,14 @@ class Reader:
         assert self.block() == [": connected"]
 
     def block(self) -> list[str]:
-        """Lines up to the next empty one."""
+        """Return the lines up to the next empty one."""
         lines = []
         while (line := self.answer.readline().decode().rstrip("\n")) != "":
             lines.append(line)
         return lines
 
     def event(self) -> tuple[int, str, dict[str, object]]:
-        """The next event, heartbeats left out."""
+        """Return id, kind and body of the next event; skip keep-alive messages."""
         while (lines := self.block())[0].startswith(":"):
             pass
         fields = dict(line.split(": ", 1) for line in lines)
@@ -60,36 +60,38 @@ class Reader:
         self.connection.close()
 
 
-def test_events_come_as_they_happen_and_in_order(dpm: Dpm, port: int) -> None:
+def test_events_are_streamed_in_order(dpm: Dpm, port: int) -> None:
     reader = Reader(port)
     for i in range(3):
-        dpm.record("mana", "alarm", {"number": i})
-    told = [reader.event() for _ in range(3)]
-    assert [body["number"] for _, _, body in told] == [0, 1, 2]
-    assert {kind for _, kind, _ in told} == {"alarm"}
-    _, header = dpm.put(*parcel(cloud(), "pointcloud"))
+        dpm.writer.record("mana", "alarm", {"number": i})
+    received = [reader.event() for _ in range(3)]
+    assert [body["number"] for _, _, body in received] == [0, 1, 2]
+    assert {kind for _, kind, _ in received} == {"alarm"}
+    _, header = dpm.writer.put(*parcel(cloud(), "pointcloud"))
     _, kind, body = reader.event()
     assert (kind, body["id"]) == ("inserted", header.id)
     reader.close()
 
 
 @pytest.mark.req("CDFF-SUP-164")
-def test_a_reader_who_comes_back_misses_nothing_and_hears_nothing_twice(dpm: Dpm, port: int) -> None:
+def test_a_reconnected_reader_receives_each_event_exactly_once(dpm: Dpm, port: int) -> None:
     reader = Reader(port, 0)
     for i in range(5):
-        dpm.record("mana", "alarm", {"number": i})
+        dpm.writer.record("mana", "alarm", {"number": i})
     last, _, _ = [reader.event() for _ in range(2)][-1]
     reader.close()
-    for i in range(5, 100):  # more than is read at once
+    for i in range(5, 100):  # more events than one read returns
         dpm.store.events.append("mana", "alarm", {"number": i})
     reader = Reader(port, last)
     assert [reader.event()[2]["number"] for _ in range(98)] == list(range(2, 100))
-    dpm.record("mana", "alarm", {"number": 100})
+    dpm.writer.record("mana", "alarm", {"number": 100})
     assert reader.event()[2]["number"] == 100
     reader.close()
 
 
-def test_a_quiet_stream_shows_that_it_lives(dpm: Dpm, port: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_idle_stream_sends_keep_alive_messages(
+    dpm: Dpm, port: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(status, "_KEEP_ALIVE_S", 0.05)
     reader = Reader(port)
     assert [reader.block() for _ in range(2)] == [[": still here"]] * 2
@@ -97,33 +99,37 @@ def test_a_quiet_stream_shows_that_it_lives(dpm: Dpm, port: int, monkeypatch: py
 
 
 @pytest.mark.req("CDFF-SUP-164")
-def test_who_does_not_read_holds_up_nobody_and_costs_no_memory(dpm: Dpm, port: int) -> None:
+def test_a_slow_reader_blocks_no_others_and_uses_bounded_memory(dpm: Dpm, port: int) -> None:
     slow = socket.create_connection(("127.0.0.1", port), timeout=20)
     slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     slow.sendall(b"GET /api/v1/events HTTP/1.1\r\nHost: localhost\r\nLast-Event-ID: 0\r\n\r\n")
     process = psutil.Process()
     for _ in range(150):
-        dpm.record("mana", "alarm", {"text": "x" * 60_000})
+        dpm.writer.record("mana", "alarm", {"text": "x" * 60_000})
     resident = process.memory_info().rss
     for _ in range(500):
-        dpm.record("mana", "alarm", {"text": "x" * 60_000})
-    dpm.record("mana", "alarm", {"number": 1})
+        dpm.writer.record("mana", "alarm", {"text": "x" * 60_000})
+    dpm.writer.record("mana", "alarm", {"number": 1})
     quick = Reader(port, dpm.store.events.last_ordinal() - 1)
     assert quick.event()[2]["number"] == 1
-    assert process.memory_info().rss - resident < 16 << 20  # of 30 MB that wait for the slow one
+    assert (
+        process.memory_info().rss - resident < 16 << 20
+    )  # 30 MB of events are not delivered to the slow reader
     slow.close()
     quick.close()
-    forgotten(dpm)
+    wait_until_removed(dpm)
 
 
-def test_a_reader_who_leaves_is_forgotten(dpm: Dpm, port: int) -> None:
+def test_a_disconnected_reader_is_removed(dpm: Dpm, port: int) -> None:
     reader = Reader(port)
-    assert len(dpm._listeners) == 1
+    assert len(dpm.events._listeners) == 1
     reader.close()
-    forgotten(dpm)
+    wait_until_removed(dpm)
 
 
-def test_a_server_that_stops_ends_its_streams(dpm: Dpm, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_server_that_stops_ends_its_streams(
+    dpm: Dpm, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     with HttpServer(Context(dpm, Settings(tmp_path, port=0))) as server:
         reader = Reader(server.port)
     assert reader.answer.read() == b""
@@ -131,16 +137,16 @@ def test_a_server_that_stops_ends_its_streams(dpm: Dpm, tmp_path: Path, caplog: 
     assert not [r for r in caplog.records if r.levelno >= logging.ERROR]
 
 
-def forgotten(dpm: Dpm) -> None:
-    """Wait until nobody listens any more."""
+def wait_until_removed(dpm: Dpm) -> None:
+    """Wait until the DPM has no listener."""
     deadline = time.monotonic() + 20.0
-    while dpm._listeners:
+    while dpm.events._listeners:
         assert time.monotonic() < deadline
         time.sleep(0.02)
 
 
 @pytest.mark.parametrize("last", ["-1", "abc", "²", "9" * 40])
-def test_a_place_that_is_none_is_refused(port: int, last: str) -> None:
+def test_an_invalid_anchor_is_refused(port: int, last: str) -> None:
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
     connection.request("GET", "/api/v1/events", headers={"Last-Event-ID": last.encode("latin-1")})  # type: ignore[dict-item]  # bytes are passed on
     answer = connection.getresponse()

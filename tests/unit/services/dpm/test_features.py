@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""STAC and OGC API Features without an anchor, at the antimeridian, on two sites; ETags, HEAD and ``If-Range``."""
+"""STAC and OGC API Features without an anchor, at the antimeridian, on two sites; ETags, HEAD and
+``If-Range``.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +16,11 @@ from fastapi.testclient import TestClient
 from cdff_common.geodesy import Anchor, body
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.types import Pointcloud
-from dpm_store import frames
-from services.dpm.http.conditional import matches
-from services.dpm.http.crs import CrsList
-from services.dpm.http.places import cut_at_antimeridian
-from services.dpm.operations import Dpm
+from dpm_store.frames import frames
+from services.dpm.http.geographic_outlines import cut_at_antimeridian
+from services.dpm.http.middleware.conditional import matches
+from services.dpm.http.ogc.crs import CrsList
+from services.dpm.operations.dpm import Dpm
 
 from .conftest import elevation, parcel
 
@@ -32,7 +34,7 @@ def found(http: TestClient, path: str) -> list[str]:
     return [feature["id"] for feature in answer.json()["features"]]
 
 
-def test_without_an_anchor_everything_is_listed_and_nothing_has_a_geometry(http: TestClient, filled: Filled) -> None:
+def test_without_an_anchor_products_are_listed_without_geometry(http: TestClient, filled: Filled) -> None:
     for path in ("/stac/collections/dem/items", "/ogc/collections/dem/items", "/stac/search?collections=dem"):
         (feature,) = http.get(path).json()["features"]
         assert (feature["id"], feature["geometry"]) == (filled("dem"), None)
@@ -40,39 +42,51 @@ def test_without_an_anchor_everything_is_listed_and_nothing_has_a_geometry(http:
     described = http.get("/ogc/collections/dem").json()
     assert described["crs"] == []
     assert "spatial" not in described["extent"]
-    assert http.get("/ogc/collections/dem/items?crs=http://www.opengis.net/def/crs/IAU/2015/49900").status_code == 400
+    assert (
+        http.get("/ogc/collections/dem/items?crs=http://www.opengis.net/def/crs/IAU/2015/49900").status_code
+        == 400
+    )
     assert http.get("/ogc/crs/mars_lonlat").status_code == 404
 
 
-def test_anchoring_the_site_gives_everything_a_place_at_once(http: TestClient, dpm: Dpm, filled: Filled) -> None:
-    dpm.store.places.anchor("site", Anchor(MARS, 10.0, 0.0))
+def test_anchoring_the_site_gives_all_products_a_geometry(http: TestClient, dpm: Dpm, filled: Filled) -> None:
+    dpm.store.anchors.anchor("site", Anchor(MARS, 10.0, 0.0))
     assert set(found(http, "/stac/search?bbox=9.99,-0.01,10.01,0.01")) == {
         filled(k) for k in ("dem", "navigation_map", "pointcloud", "pose")
     }
-    dpm.store.places.anchor("site", Anchor(MARS, 20.0, 0.0))
+    dpm.store.anchors.anchor("site", Anchor(MARS, 20.0, 0.0))
     assert found(http, "/stac/search?bbox=9.99,-0.01,10.01,0.01") == []
     assert filled("dem") in found(http, "/ogc/collections/dem/items?bbox=19.99,-0.01,20.01,0.01")
 
 
 @pytest.mark.parametrize("position_m", [0.0, 1e12, 1e155, 1e300])
-def test_a_frame_that_is_nowhere_on_its_body_hides_nothing(
+def test_an_unanchored_frame_does_not_hide_other_products(
     http: TestClient, dpm: Dpm, filled: Filled, monkeypatch: pytest.MonkeyPatch, position_m: float
 ) -> None:
-    monkeypatch.setattr(frames, "FARTHEST_FRAME_M", np.inf)  # a store that was filled before such frames were refused
+    monkeypatch.setattr(
+        frames, "FARTHEST_FRAME_M", np.inf
+    )  # a store that was filled before such frames were refused
     T = se3.transform(np.eye(3), [position_m, 0.0, position_m])
     dpm.store.frames.set("site", "mars", UncertainTransform(T))
     for path in ("/stac/search?collections=dem", "/ogc/collections/dem/items"):
         assert found(http, path) == [filled("dem")]
-    for path in ("/stac", "/ogc/collections", "/api/v1/places/site", "/api/v1/frames", "/tiles/wmts.xml",
-                 "/api/v1/maps/dem/window", "/stac/search?bbox=0,0,1,1"):  # fmt: skip
+    for path in (
+        "/stac",
+        "/ogc/collections",
+        "/api/v1/places/site",
+        "/api/v1/frames",
+        "/tiles/wmts.xml",
+        "/api/v1/maps/dem/window",
+        "/stac/search?bbox=0,0,1,1",
+    ):
         assert http.get(path).status_code == 200
 
 
 def test_a_site_on_the_antimeridian_is_found_from_both_sides(http: TestClient, dpm: Dpm) -> None:
-    dpm.store.places.anchor("site", Anchor(MARS, 180.0, 0.0))
-    _, west = dpm.put(*parcel(elevation(-100.0), "dem", 1, resolution_m=0.1))
-    _, over = dpm.put(*parcel(elevation(-1.0), "dem", 2, resolution_m=0.1))
-    _, east = dpm.put(*parcel(elevation(100.0), "dem", 3, resolution_m=0.1))
+    dpm.store.anchors.anchor("site", Anchor(MARS, 180.0, 0.0))
+    _, west = dpm.writer.put(*parcel(elevation(-100.0), "dem", 1, resolution_m=0.1))
+    _, over = dpm.writer.put(*parcel(elevation(-1.0), "dem", 2, resolution_m=0.1))
+    _, east = dpm.writer.put(*parcel(elevation(100.0), "dem", 3, resolution_m=0.1))
     assert set(found(http, "/stac/search?bbox=179.99,-1,-179.99,1")) == {west.id, over.id, east.id}
     assert set(found(http, "/stac/search?bbox=179,-1,180,1")) == {west.id, over.id}
     assert set(found(http, "/stac/search?bbox=-180,-1,-179,1")) == {over.id, east.id}
@@ -82,21 +96,23 @@ def test_a_site_on_the_antimeridian_is_found_from_both_sides(http: TestClient, d
 
 
 def test_two_sites_of_one_body_are_both_found(http: TestClient, dpm: Dpm) -> None:
-    dpm.store.places.anchor("site", Anchor(MARS, 10.0, 0.0))
-    dpm.store.places.anchor("mana/camp", Anchor(MARS, 11.0, 0.0))
-    _, here = dpm.put(*parcel(elevation(0.0), "dem", 1, resolution_m=0.1))
+    dpm.store.anchors.anchor("site", Anchor(MARS, 10.0, 0.0))
+    dpm.store.anchors.anchor("mana/camp", Anchor(MARS, 11.0, 0.0))
+    _, here = dpm.writer.put(*parcel(elevation(0.0), "dem", 1, resolution_m=0.1))
     value = Pointcloud.from_points(np.zeros((3, 3)), frame="mana/camp", stamp_ns=0)
-    _, there = dpm.put(*parcel(value, "pointcloud", 2, frame="mana/camp", box_m=(0.0, 0.0, 0.0, 1.0, 1.0, 0.0)))
+    _, there = dpm.writer.put(
+        *parcel(value, "pointcloud", 2, frame="mana/camp", box_m=(0.0, 0.0, 0.0, 1.0, 1.0, 0.0))
+    )
     assert found(http, "/stac/search?bbox=9.9,-0.1,10.1,0.1") == [here.id]
     assert found(http, "/stac/search?bbox=10.9,-0.1,11.1,0.1") == [there.id]
     assert set(found(http, "/stac/search?bbox=0,-5,20,5")) == {here.id, there.id}
     assert set(found(http, "/stac/search?bbox=-180,-90,180,90")) == {here.id, there.id}
 
 
-def test_a_body_that_no_authority_lists_has_a_crs_of_our_own(http: TestClient, dpm: Dpm) -> None:
+def test_a_body_unknown_to_authorities_has_its_own_crs(http: TestClient, dpm: Dpm) -> None:
     bennu = body("bennu")
-    dpm.store.places.anchor("site", Anchor(bennu, 10.0, 5.0))
-    dpm.put(*parcel(elevation(0.0), "dem", 1, resolution_m=0.1))
+    dpm.store.anchors.anchor("site", Anchor(bennu, 10.0, 5.0))
+    dpm.writer.put(*parcel(elevation(0.0), "dem", 1, resolution_m=0.1))
     uris = http.get("/ogc/collections/dem").json()["crs"]
     assert uris == ["http://127.0.0.1:8080/ogc/crs/bennu_lonlat"]
     assert "ELLIPSOID" in http.get("/ogc/crs/bennu_lonlat").text
@@ -105,16 +121,18 @@ def test_a_body_that_no_authority_lists_has_a_crs_of_our_own(http: TestClient, d
     assert item["properties"]["cdff:geographic_crs"] is None
 
 
-def test_the_earth_is_named_as_geojson_names_it() -> None:
+def test_the_earth_has_the_crs_name_of_geojson() -> None:
     listed = CrsList(body("earth"), "http://x/ogc").uris
     assert any("IAU" in uri or "CRS84" in uri for uri in listed)
 
 
-def test_an_outline_far_from_the_antimeridian_is_left_alone() -> None:
+def test_an_outline_far_from_the_antimeridian_is_unchanged() -> None:
     square = shapely.box(10.0, 0.0, 11.0, 1.0)
     assert cut_at_antimeridian(square, 10.5).equals(square)
     parts = cut_at_antimeridian(shapely.box(179.0, 0.0, 181.0, 1.0), 180.0)
-    assert parts.equals(shapely.union(shapely.box(179.0, 0.0, 180.0, 1.0), shapely.box(-180.0, 0.0, -179.0, 1.0)))
+    assert parts.equals(
+        shapely.union(shapely.box(179.0, 0.0, 180.0, 1.0), shapely.box(-180.0, 0.0, -179.0, 1.0))
+    )
 
 
 def test_features_filter_by_robot_and_status(http: TestClient, filled: Filled) -> None:
@@ -123,7 +141,9 @@ def test_features_filter_by_robot_and_status(http: TestClient, filled: Filled) -
 
 
 @pytest.mark.parametrize("path", ["/stac", "/ogc/collections", "/api/v1/products", "/openapi.json"])
-def test_what_is_known_is_not_sent_again(http: TestClient, filled: Filled, path: str) -> None:
+def test_an_unchanged_representation_is_answered_with_304(
+    http: TestClient, filled: Filled, path: str
+) -> None:
     answer = http.get(path)
     etag = answer.headers["etag"]
     again = http.get(path, headers={"If-None-Match": f'"other", {etag}'})
@@ -131,7 +151,7 @@ def test_what_is_known_is_not_sent_again(http: TestClient, filled: Filled, path:
     assert http.get(path, headers={"If-None-Match": '"other"'}).status_code == 200
 
 
-def test_metadata_that_changed_are_sent_again(http: TestClient, dpm: Dpm, filled: Filled) -> None:
+def test_changed_metadata_are_sent_again(http: TestClient, dpm: Dpm, filled: Filled) -> None:
     url = f"/api/v1/products/{filled('dem')}"
     etag = http.get(url).headers["etag"]
     assert http.get(url, headers={"If-None-Match": etag}).status_code == 304
@@ -139,15 +159,18 @@ def test_metadata_that_changed_are_sent_again(http: TestClient, dpm: Dpm, filled
     assert http.get(url, headers={"If-None-Match": etag}).status_code == 200
 
 
-def test_converted_payloads_have_an_etag_of_their_own(http: TestClient, filled: Filled) -> None:
+def test_converted_payloads_have_their_own_etag(http: TestClient, filled: Filled) -> None:
     url = f"/api/v1/products/{filled('dem')}/payload"
-    etags = {http.get(url, params=p).headers["etag"] for p in ({}, {"format": "tif"}, {"format": "npz"}, {"as": "Map"})}
+    etags = {
+        http.get(url, params=p).headers["etag"]
+        for p in ({}, {"format": "tif"}, {"format": "npz"}, {"as": "Map"})
+    }
     assert len(etags) == 4
     tif = http.get(url, params={"format": "tif"}).headers["etag"]
     assert http.get(url, params={"format": "tif"}, headers={"If-None-Match": tif}).status_code == 304
 
 
-def test_a_range_is_of_the_payload_that_one_has_begun(http: TestClient, filled: Filled) -> None:
+def test_a_range_applies_to_the_payload_of_its_etag(http: TestClient, filled: Filled) -> None:
     url = f"/api/v1/products/{filled('pointcloud')}/payload"
     etag = http.get(url).headers["etag"]
     assert http.get(url, headers={"Range": "bytes=1-2", "If-Range": etag}).status_code == 206
@@ -155,7 +178,7 @@ def test_a_range_is_of_the_payload_that_one_has_begun(http: TestClient, filled: 
 
 
 @pytest.mark.parametrize("path", ["/api/v1/status", "/stac", "/", "/healthz"])
-def test_head_is_get_without_the_body(http: TestClient, path: str) -> None:
+def test_head_equals_get_without_the_body(http: TestClient, path: str) -> None:
     answer = http.head(path)
     assert (answer.status_code, answer.content) == (200, b"")
     assert int(answer.headers["content-length"]) > 0

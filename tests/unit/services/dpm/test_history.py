@@ -11,76 +11,93 @@ from fastapi.testclient import TestClient
 
 from cdff_common.clock import ManualClock
 from cdff_common.errors import InputError
-from services.dpm import service
-from services.dpm.history import history
-from services.dpm.operations import Dpm
+from services.dpm.bus import service
+from services.dpm.bus.history import history
+from services.dpm.operations.dpm import Dpm
 
 from .conftest import S, cloud, parcel
-from .test_annotations import asked
+from .test_annotations import bus_request
 
 Filled = Callable[[str], str]
 
 
 @pytest.mark.req("CDFF-SUP-031")
-def test_changes_are_given_once_from_where_one_left_off(http: TestClient, dpm: Dpm, filled: Filled) -> None:
+def test_changes_are_returned_once_from_a_cursor(http: TestClient, dpm: Dpm, filled: Filled) -> None:
     first = http.get("/api/v1/changes", params={"limit": 3}).json()
     assert [item["kind"] for item in first["items"]] == ["inserted"] * 3
     assert first["more"]
-    dpm.update(filled("dem"), {"tags": ["a"]}, 0)
-    dpm.delete(filled("pose"))
-    dpm.record("mana", "alarm", {"what": "not a change of the store"})
+    dpm.writer.update(filled("dem"), {"tags": ["a"]}, 0)
+    dpm.writer.delete(filled("pose"))
+    dpm.writer.record("mana", "alarm", {"what": "not a change of the store"})
     second = http.get("/api/v1/changes", params={"since": first["next"]}).json()
     assert [item["kind"] for item in second["items"]] == ["inserted", "updated", "deleted"]
     assert not second["more"]
     third = http.get("/api/v1/changes", params={"since": second["next"]}).json()
     assert (third["items"], third["next"]) == ([], second["next"])
-    only = msgpack.unpackb(service.changes(dpm, asked("changes", since="0", kind="deleted")).payload)
+    only = msgpack.unpackb(service.changes(dpm, bus_request("changes", since="0", kind="deleted")).payload)
     assert [item["id"] for item in only["items"]] == [filled("pose")]
 
 
 def test_changes_of_another_kind_are_refused(http: TestClient, dpm: Dpm) -> None:
     assert http.get("/api/v1/changes", params={"kind": "alarm"}).status_code == 422
     with pytest.raises(InputError, match="since"):
-        service.changes(dpm, asked("changes", since="yesterday"))
+        service.changes(dpm, bus_request("changes", since="yesterday"))
 
 
-def test_an_earlier_state_is_found_over_http(http: TestClient, dpm: Dpm, filled: Filled, clock: ManualClock) -> None:
+def test_an_earlier_state_can_be_queried_over_http(
+    http: TestClient, dpm: Dpm, filled: Filled, clock: ManualClock
+) -> None:
     then_ns = clock.now_ns()
     clock.set_ns(then_ns + S)
-    dpm.delete(filled("dem"))
+    dpm.writer.delete(filled("dem"))
     for asked_then, count in (({"as_of": str(then_ns)}, 1), ({}, 0), ({"as_of": "1970-01-01T00:00:00Z"}, 0)):
-        found = http.get("/api/v1/products", params={"type": "dem", "region": "bbox:0,0,1,1"} | asked_then)
-        assert len(found.json()["items"]) == count, found.text
+        result = http.get("/api/v1/products", params={"type": "dem", "region": "bbox:0,0,1,1"} | asked_then)
+        assert len(result.json()["items"]) == count, result.text
     assert http.get("/api/v1/frames", params={"as_of": str(then_ns)}).json()["items"] == []
     assert http.get("/api/v1/products", params={"superseded": "maybe"}).status_code == 422
 
 
 def test_products_are_found_by_tag(http: TestClient, dpm: Dpm, filled: Filled) -> None:
-    dpm.update(filled("dem"), {"tags": ["a", "b"]}, 0)
+    dpm.writer.update(filled("dem"), {"tags": ["a", "b"]}, 0)
     for tag, count in (("a", 1), ("a,b", 1), ("a,c", 0)):
         assert len(http.get("/api/v1/products", params={"tag": tag}).json()["items"]) == count
 
 
-def test_provenance_goes_up_and_down(http: TestClient, dpm: Dpm, filled: Filled) -> None:
-    _, made = dpm.put(*parcel(cloud(), "pointcloud", 9, inputs=(filled("dem"), "sample")))
-    up = http.get(f"/api/v1/products/{made.id}/provenance").json()
+def test_provenance_is_followed_in_both_directions(http: TestClient, dpm: Dpm, filled: Filled) -> None:
+    _, result = dpm.writer.put(*parcel(cloud(), "pointcloud", 9, inputs=(filled("dem"), "sample")))
+    up = http.get(f"/api/v1/products/{result.id}/provenance").json()
     assert {(item["id"], item["known"]) for item in up["items"]} == {(filled("dem"), True), ("sample", False)}
     down = http.get(f"/api/v1/products/{filled('dem')}/provenance", params={"direction": "down"}).json()
-    assert [(item["id"], item["generation"], item["product"]) for item in down["items"]] == [(made.id, 1, "pointcloud")]
-    url = f"/api/v1/products/{made.id}/provenance"
+    assert [(item["id"], item["generation"], item["product"]) for item in down["items"]] == [
+        (result.id, 1, "pointcloud")
+    ]
+    url = f"/api/v1/products/{result.id}/provenance"
     assert http.get(url, params={"direction": "sideways"}).status_code == 422
     assert http.get("/api/v1/products/none/provenance").status_code == 404
-    same = msgpack.unpackb(service.provenance(dpm, asked("provenance", id=made.id)).payload)
+    same = msgpack.unpackb(service.provenance(dpm, bus_request("provenance", id=result.id)).payload)
     assert [item["id"] for item in same["items"]] == [item["id"] for item in up["items"]]
 
 
-def test_another_services_journal_is_entered_once_and_listed_over_both_interfaces(http: TestClient, dpm: Dpm) -> None:
-    line = {"number": 3, "stamp_ns": 5 * S, "scope": "mana", "kind": "activation", "body": {"dfpc": "mana/dem"}}
+def test_the_journal_of_another_service_is_stored_once_and_listed_over_both_interfaces(
+    http: TestClient, dpm: Dpm
+) -> None:
+    line = {
+        "number": 3,
+        "stamp_ns": 5 * S,
+        "scope": "mana",
+        "kind": "activation",
+        "body": {"dfpc": "mana/dem"},
+    }
     body = {"origin": "orchestrator", "entries": [line]}
     for _ in range(2):
-        assert history(dpm, asked("history", body)).body() == {"last": 3}
-    (item,) = history(dpm, asked("history", kind="activation", scope="mana")).body()["items"]
-    assert (item["dfpc"], item["origin"], item["number"], item["stamp_ns"]) == ("mana/dem", "orchestrator", 3, 5 * S)
+        assert history(dpm, bus_request("history", body)).body() == {"last": 3}
+    (item,) = history(dpm, bus_request("history", kind="activation", scope="mana")).body()["items"]
+    assert (item["dfpc"], item["origin"], item["number"], item["stamp_ns"]) == (
+        "mana/dem",
+        "orchestrator",
+        3,
+        5 * S,
+    )
     (same,) = http.get("/api/v1/history", params={"kind": "activation", "scope": "mana"}).json()["items"]
     assert same == {**item, "stamp_ns": str(5 * S)}
 
@@ -88,4 +105,4 @@ def test_another_services_journal_is_entered_once_and_listed_over_both_interface
 @pytest.mark.parametrize("body", [[1], {"origin": "o"}, {"origin": "o", "entries": [{"number": "x"}]}])
 def test_a_malformed_journal_is_refused(dpm: Dpm, body: Any) -> None:
     with pytest.raises(InputError, match="history"):
-        history(dpm, asked("history", body))
+        history(dpm, bus_request("history", body))

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from cdff_common.codecs import decode, encode
 from cdff_common.interfaces.product import Header, Quality
 from services.dpm.http.context import jsonable
-from services.dpm.operations import Dpm
+from services.dpm.operations.dpm import Dpm
 
 from .conftest import S, cloud, elevation, parcel, pose
 
@@ -42,7 +42,7 @@ def test_pages_are_linked(http: TestClient, filled: Filled) -> None:
 
 
 @pytest.mark.parametrize("codec", ["uper", "ber", "xer", "msgpack"])
-def test_a_payload_comes_in_any_codec(http: TestClient, filled: Filled, codec: str) -> None:
+def test_a_payload_is_returned_in_any_codec(http: TestClient, filled: Filled, codec: str) -> None:
     answer = http.get(f"/api/v1/products/{filled('pose')}/payload", params={"format": codec})
     assert answer.status_code == 200
     assert answer.headers["cdff-encoding"] == f"application/vnd.cdff+{codec};TransformWithCovariance/1"
@@ -63,7 +63,7 @@ def test_a_payload_comes_in_any_codec(http: TestClient, filled: Filled, codec: s
         ("pose", "tum", b"3", "text/plain"),
     ],
 )
-def test_a_payload_comes_in_the_file_formats_of_its_type(
+def test_a_payload_is_returned_in_the_file_formats_of_its_type(
     http: TestClient, filled: Filled, kind: str, form: str, magic: bytes, media: str
 ) -> None:
     answer = http.get(f"/api/v1/products/{filled(kind)}/payload", params={"format": form})
@@ -73,13 +73,13 @@ def test_a_payload_comes_in_the_file_formats_of_its_type(
     assert filled(kind) in answer.headers["content-disposition"]
 
 
-def test_a_dem_comes_as_the_map_of_infuse(http: TestClient, filled: Filled) -> None:
+def test_a_dem_is_returned_as_infuse_map(http: TestClient, filled: Filled) -> None:
     answer = http.get(f"/api/v1/products/{filled('dem')}/payload", params={"format": "uper", "as": "Map"})
     assert answer.headers["cdff-encoding"] == "application/vnd.cdff+uper;Map/1"
     decode("Map", answer.content, "uper")
 
 
-def test_a_format_that_the_type_has_not_is_refused_with_those_it_has(http: TestClient, filled: Filled) -> None:
+def test_an_unsupported_format_is_refused_with_the_supported_ones(http: TestClient, filled: Filled) -> None:
     answer = http.get(f"/api/v1/products/{filled('pose')}/payload", params={"format": "tif"})
     assert answer.status_code == 422
     assert "tum" in answer.json()["detail"]
@@ -89,7 +89,7 @@ def test_a_format_that_the_type_has_not_is_refused_with_those_it_has(http: TestC
     ("asked", "first", "last"),
     [("bytes=0-9", 0, 9), ("bytes=5-", 5, None), ("bytes=-7", -7, None), ("bytes=3-3", 3, 3)],
 )
-def test_native_payloads_come_in_parts(
+def test_native_payloads_are_returned_in_parts(
     http: TestClient, dpm: Dpm, filled: Filled, asked: str, first: int, last: int | None
 ) -> None:
     whole = dpm.store.payload(filled("pointcloud"))
@@ -99,7 +99,7 @@ def test_native_payloads_come_in_parts(
     assert answer.headers["content-range"].endswith(f"/{len(whole)}")
 
 
-def test_a_range_beyond_the_end_is_not_satisfiable_and_a_strange_one_is_ignored(
+def test_a_range_beyond_the_end_is_not_satisfiable_and_a_malformed_one_ignored(
     http: TestClient, filled: Filled
 ) -> None:
     url = f"/api/v1/products/{filled('pose')}/payload"
@@ -108,14 +108,14 @@ def test_a_range_beyond_the_end_is_not_satisfiable_and_a_strange_one_is_ignored(
         assert http.get(url, headers={"Range": strange}).status_code == 200
 
 
-def test_a_payload_that_is_known_is_not_sent_again(http: TestClient, filled: Filled) -> None:
+def test_a_payload_with_known_etag_is_not_sent_again(http: TestClient, filled: Filled) -> None:
     url = f"/api/v1/products/{filled('dem')}/payload"
     etag = http.get(url).headers["etag"]
     assert http.get(url, headers={"If-None-Match": etag}).status_code == 304
 
 
 @pytest.mark.parametrize("kind", ["dem", "navigation_map", "pointcloud"])
-def test_thumbnails_show_something_and_stay_small(http: TestClient, filled: Filled, kind: str) -> None:
+def test_thumbnails_are_small_and_not_empty(http: TestClient, filled: Filled, kind: str) -> None:
     from PIL import Image
 
     answer = http.get(f"/api/v1/products/{filled(kind)}/thumbnail.png")
@@ -124,7 +124,8 @@ def test_thumbnails_show_something_and_stay_small(http: TestClient, filled: Fill
         assert np.asarray(picture)[..., 3].any()
     assert (
         http.get(
-            f"/api/v1/products/{filled(kind)}/thumbnail.png", headers={"If-None-Match": answer.headers["etag"]}
+            f"/api/v1/products/{filled(kind)}/thumbnail.png",
+            headers={"If-None-Match": answer.headers["etag"]},
         ).status_code
         == 304
     )
@@ -145,11 +146,13 @@ def test_a_product_is_inserted_once(http: TestClient) -> None:
     again = http.post("/api/v1/products", **insertion(cloud(), "pointcloud"))
     assert (first.status_code, again.status_code) == (201, 200)
     assert http.get(first.headers["location"]).json()["product"] == "pointcloud"
-    other = http.post("/api/v1/products", **(insertion(cloud(), "pointcloud") | {"content": encode(cloud(5), "uper")}))
+    other = http.post(
+        "/api/v1/products", **(insertion(cloud(), "pointcloud") | {"content": encode(cloud(5), "uper")})
+    )
     assert other.status_code == 409
 
 
-def test_a_deleted_product_is_gone(http: TestClient, filled: Filled) -> None:
+def test_a_deleted_product_is_not_found(http: TestClient, filled: Filled) -> None:
     url = f"/api/v1/products/{filled('dem')}"
     assert http.delete(url).json() == {"id": filled("dem"), "deleted": True}
     assert http.get(url).status_code == http.get(f"{url}/payload").status_code == 404
@@ -181,7 +184,9 @@ def test_a_deleted_product_is_gone(http: TestClient, filled: Filled) -> None:
         ("/nowhere", 404),
     ],
 )
-def test_bad_questions_get_problem_documents(http: TestClient, filled: Filled, path: str, status: int) -> None:
+def test_invalid_requests_get_problem_documents(
+    http: TestClient, filled: Filled, path: str, status: int
+) -> None:
     answer = http.get(path)
     assert answer.status_code == status, answer.text
     assert answer.headers["content-type"] == "application/problem+json"
@@ -213,7 +218,7 @@ def test_bad_insertions_are_refused_and_nothing_is_stored(http: TestClient, dpm:
     assert dpm.store.statistics().count == 0
 
 
-def test_a_body_over_the_cap_is_refused_with_and_without_its_length(http: TestClient, dpm: Dpm) -> None:
+def test_too_large_a_body_is_refused_with_and_without_its_length(http: TestClient, dpm: Dpm) -> None:
     given = insertion(cloud(), "pointcloud")
     large = b"x" * (3 << 20)
     assert http.post("/api/v1/products", **(given | {"content": large})).status_code == 413
@@ -241,15 +246,17 @@ def test_known_hosts_are_answered(http: TestClient, host: str) -> None:
         {"Sec-Fetch-Site": "cross-site"},
     ],
 )
-def test_writes_of_foreign_pages_are_refused_and_reads_are_not(http: TestClient, filled: Filled, headers: dict) -> None:
+def test_writes_from_foreign_origins_are_refused_and_reads_are_not(
+    http: TestClient, filled: Filled, headers: dict
+) -> None:
     url = f"/api/v1/products/{filled('dem')}"
     assert http.delete(url, headers=headers).status_code == 403
     assert http.get(url, headers=headers).status_code == 200
     assert http.delete(url, headers={"Origin": "http://127.0.0.1:8080"}).status_code == 200
 
 
-def test_maps_are_assembled_and_say_how_complete_they_are(http: TestClient, dpm: Dpm) -> None:
-    dpm.put(*parcel(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
+def test_maps_are_assembled_with_their_coverage(http: TestClient, dpm: Dpm) -> None:
+    dpm.writer.put(*parcel(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
     answer = http.get(
         "/api/v1/maps/dem/window", params={"region": "bbox:0,0,4,2", "format": "npz", "resolution_m": "0.2"}
     )
@@ -274,10 +281,14 @@ def test_frames_are_revised_and_listed(http: TestClient) -> None:
 
 def test_poses_are_a_series_or_one_at_a_time(http: TestClient, dpm: Dpm) -> None:
     for second in range(4):
-        dpm.put(*parcel(pose(second, float(second)), "pose", second, child="mana/base"))
-    series = http.get("/api/v1/poses", params={"robot": "mana", "t0": str(1 * S), "t1": str(2 * S)}).json()["items"]
+        dpm.writer.put(*parcel(pose(second, float(second)), "pose", second, child="mana/base"))
+    series = http.get("/api/v1/poses", params={"robot": "mana", "t0": str(1 * S), "t1": str(2 * S)}).json()[
+        "items"
+    ]
     assert [p["stamp_ns"] for p in series] == [str(1 * S), str(2 * S)]
-    (one,) = http.get("/api/v1/poses", params={"robot": "mana", "t": "1970-01-01T00:00:01.5Z"}).json()["items"]
+    (one,) = http.get("/api/v1/poses", params={"robot": "mana", "t": "1970-01-01T00:00:01.5Z"}).json()[
+        "items"
+    ]
     assert one["T"][0][3] == pytest.approx(1.5)
 
 
@@ -291,7 +302,7 @@ def test_robots_status_and_metrics(http: TestClient, filled: Filled) -> None:
     assert http.get("/readyz").text == "ready\n"
 
 
-def test_the_page_loads_nothing_from_elsewhere(http: TestClient) -> None:
+def test_the_page_loads_nothing_from_other_hosts(http: TestClient) -> None:
     for path in ("/", "/docs"):
         page = http.get(path)
         assert page.headers["content-type"].startswith("text/html")
@@ -318,30 +329,55 @@ ODD_REGIONS = [
     "box:0,0,0,1e308,1e308,1e308",
     "near:a,1",
 ]
-ODD_TIMES = ["9999999999999999999", "-9223372036854775000", "1970-01-01T00:00:00Z", "0001-01-01T00:00:00+23:59"]
+ODD_TIMES = [
+    "9999999999999999999",
+    "-9223372036854775000",
+    "1970-01-01T00:00:00Z",
+    "0001-01-01T00:00:00+23:59",
+]
 PARAMETERS = [
-    "type", "robot", "region", "frame", "t0", "t1", "t", "limit", "cursor", "after", "order", "status", "format",
-    "child", "resolution_m", "resolution_max_m", "max_age_s", "min_coverage",
-]  # fmt: skip
+    "type",
+    "robot",
+    "region",
+    "frame",
+    "t0",
+    "t1",
+    "t",
+    "limit",
+    "cursor",
+    "after",
+    "order",
+    "status",
+    "format",
+    "child",
+    "resolution_m",
+    "resolution_max_m",
+    "max_age_s",
+    "min_coverage",
+]
 texts = st.one_of(
-    st.text(max_size=30), st.integers().map(str), st.floats().map(str),
+    st.text(max_size=30),
+    st.integers().map(str),
+    st.floats().map(str),
     st.sampled_from(["dem", "mana", "site", "OK", "1e400", *ODD_REGIONS, *ODD_TIMES]),
-)  # fmt: skip
+)
 paths = st.sampled_from(["/api/v1/products", "/api/v1/poses", "/api/v1/maps/dem/window"])
 
 
 @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(path=paths, asked=st.dictionaries(st.sampled_from(PARAMETERS), texts, max_size=4))
-def test_no_question_makes_the_server_fail(http: TestClient, filled: Filled, path: str, asked: dict[str, str]) -> None:
+def test_no_request_makes_the_server_fail(
+    http: TestClient, filled: Filled, path: str, asked: dict[str, str]
+) -> None:
     answer = http.get(path, params=asked)
     assert answer.status_code < 500, answer.text
     if answer.status_code >= 400:
         assert answer.headers["content-type"] == "application/problem+json"
 
 
-def test_a_metric_that_is_no_number_is_null(http: TestClient, dpm: Dpm) -> None:
+def test_a_nan_metric_is_null(http: TestClient, dpm: Dpm) -> None:
     quality = Quality(metrics={"residual": float("inf"), "ratio": float("nan")})
-    _, header = dpm.put(*parcel(cloud(), "pointcloud", quality=quality))
+    _, header = dpm.writer.put(*parcel(cloud(), "pointcloud", quality=quality))
     for path in ("/api/v1/products", f"/api/v1/products/{header.id}"):
         data = http.get(path).json()
         item = data["items"][0] if "items" in data else data

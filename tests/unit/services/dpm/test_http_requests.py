@@ -14,7 +14,7 @@ from fastapi.testclient import TestClient
 from cdff_common.bus import Bus
 from services.dpm.http.app import create_app
 from services.dpm.http.context import Context
-from services.dpm.operations import Dpm
+from services.dpm.operations.dpm import Dpm
 from services.dpm.settings import Settings
 
 ASKED = {"type": "dem", "robot": "mana", "region": "circle:0,0,10", "max_age_s": "60"}
@@ -22,7 +22,7 @@ URL = "/api/v1/requests"
 
 
 class Orchestrator:
-    """Stands for the bus to an orchestrator: keeps what it was asked."""
+    """A bus that records the parameters of requests."""
 
     def __init__(self) -> None:
         self.asked: list[dict[str, str]] = []
@@ -43,7 +43,7 @@ def asking(dpm: Dpm, tmp_path: Path, orchestrator: Orchestrator) -> TestClient:
     return TestClient(create_app(context), base_url="http://127.0.0.1:8080", raise_server_exceptions=False)
 
 
-def test_query_and_json_body_ask_the_same(asking: TestClient, orchestrator: Orchestrator) -> None:
+def test_query_and_json_body_are_equivalent(asking: TestClient, orchestrator: Orchestrator) -> None:
     answers = [
         asking.post(URL, params=ASKED),
         asking.post(URL, json={**ASKED, "max_age_s": 60}),
@@ -58,14 +58,17 @@ def test_query_and_json_body_ask_the_same(asking: TestClient, orchestrator: Orch
     ("sent", "said"),
     [
         ({"params": ASKED, "json": {"robot": "mana"}}, "repeated"),
-        ({"json": {"type": "dem", "region": {"circle": 1}}}, "region: a JSON dict, expected a text or a number"),
+        (
+            {"json": {"type": "dem", "region": {"circle": 1}}},
+            "region: a JSON dict, expected a text or a number",
+        ),
         ({"json": {"type": "dem", "max_age_s": None}}, "max_age_s"),
         ({"json": ["dem"]}, "body"),
         ({"content": b"type=dem", "headers": {"Content-Type": "text/plain"}}, "body"),
         ({}, "no parameters: give them in the query"),
     ],
 )
-def test_a_body_that_asks_for_nothing_is_refused_with_the_reason(
+def test_an_empty_request_body_is_refused_with_the_reason(
     asking: TestClient, orchestrator: Orchestrator, sent: dict[str, Any], said: str
 ) -> None:
     answer = asking.post(URL, **sent)

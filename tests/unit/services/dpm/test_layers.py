@@ -10,13 +10,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from cdff_common.formats.file_source import load
 from cdff_common.formats.geotiff import read_bands
-from cdff_common.formats.source import load
 from cdff_common.raster.rendering import CLASS_COLORS, RENDERINGS
 from cdff_common.raster.tiles import tiles_over
 from cdff_common.types import NavigationMap
 from services.dpm.http.routes.layers import LAYERS
-from services.dpm.operations import Dpm
+from services.dpm.operations.dpm import Dpm
 
 from .conftest import S, TestClient, elevation, navigation, parcel
 from .test_tiles import pixels, put_hills
@@ -25,7 +25,7 @@ MAPS = "/api/v1/maps"
 REGION = {"region": "bbox:-5,0,5,8"}
 
 
-def test_the_layers_say_what_is_held_and_lead_to_it(http: TestClient, filled: Callable[[str], str]) -> None:
+def test_layers_list_their_content_with_links(http: TestClient, filled: Callable[[str], str]) -> None:
     items = {item["layer"]: item for item in http.get(MAPS).json()["items"]}
     assert set(items) == set(LAYERS)
     (held,) = items["slope"]["frames"]
@@ -43,7 +43,7 @@ def test_the_layers_say_what_is_held_and_lead_to_it(http: TestClient, filled: Ca
 
 
 @pytest.mark.parametrize("layer", RENDERINGS)
-def test_a_window_of_a_layer_is_a_picture_or_its_values(http: TestClient, dpm: Dpm, layer: str) -> None:
+def test_a_window_of_a_layer_is_an_image_or_values(http: TestClient, dpm: Dpm, layer: str) -> None:
     put_hills(dpm)
     picture = http.get(f"{MAPS}/{layer}/window", params=REGION)
     assert (picture.status_code, picture.headers["content-type"]) == (200, "image/png")
@@ -59,20 +59,20 @@ def test_a_window_of_a_layer_is_a_picture_or_its_values(http: TestClient, dpm: D
 
 
 @pytest.mark.parametrize("path", ["soil", "soil/window", "soil/profile"])
-def test_an_unknown_layer_is_answered_with_those_that_are_known(http: TestClient, path: str) -> None:
+def test_an_unknown_layer_is_refused_with_the_known_ones(http: TestClient, path: str) -> None:
     answer = http.get(f"{MAPS}/{path}")
     assert (answer.status_code, answer.json()["code"]) == (404, "NOT_FOUND")
     assert ", ".join(LAYERS) in answer.json()["detail"]
 
 
 @pytest.mark.parametrize("path", ["navigation_map/profile?path=0,0,1,1", "slope/profile?path=0,0,1,1"])
-def test_a_view_that_a_layer_has_not_is_not_found(http: TestClient, path: str) -> None:
+def test_an_unknown_view_of_a_layer_is_not_found(http: TestClient, path: str) -> None:
     assert http.get(f"{MAPS}/{path}").json()["code"] == "NOT_FOUND"
 
 
 @pytest.mark.parametrize("asked", ["low=3&high=2", "format=jpg", "low=nan", "choice=any"])
 def test_a_window_that_cannot_be_drawn_is_refused(http: TestClient, dpm: Dpm, asked: str) -> None:
-    dpm.put(*parcel(elevation(0.0), "dem", 1))
+    dpm.writer.put(*parcel(elevation(0.0), "dem", 1))
     assert http.get(f"{MAPS}/slope/window?{asked}").status_code == 422
 
 
@@ -90,21 +90,26 @@ def test_a_window_that_cannot_be_drawn_is_refused(http: TestClient, dpm: Dpm, as
     ],
 )
 def test_every_refusal_has_a_code(
-    http: TestClient, filled: Callable[[str], str], method: str, path: str, headers: dict[str, str], status: int,
+    http: TestClient,
+    filled: Callable[[str], str],
+    method: str,
+    path: str,
+    headers: dict[str, str],
+    status: int,
     code: str,
-) -> None:  # fmt: skip
+) -> None:
     url = path.format(dem=f"/api/v1/products/{filled('dem')}")
     answer = http.request(method, url, headers=headers, json={"notes": "x"} if method == "PATCH" else None)
     assert (answer.status_code, answer.json()["code"]) == (status, code)
 
 
 @pytest.mark.req("CDFF-SUP-184")
-def test_navigation_maps_come_as_window_and_tiles_by_the_judgement_chosen(http: TestClient, dpm: Dpm) -> None:
-    dpm.put(*parcel(navigation(), "navigation_map", 1, resolution_m=0.1))
+def test_navigation_maps_are_windows_and_tiles_by_the_selected_rule(http: TestClient, dpm: Dpm) -> None:
+    dpm.writer.put(*parcel(navigation(), "navigation_map", 1, resolution_m=0.1))
     safe = NavigationMap.from_layers(
         navigation().geometry, {"class": np.ones((10, 10), np.uint8)}, t0_ns=2 * S, t1_ns=2 * S
     )
-    dpm.put(*parcel(safe, "navigation_map", 2, resolution_m=0.1))
+    dpm.writer.put(*parcel(safe, "navigation_map", 2, resolution_m=0.1))
     for choice, hazards in (("newest", 0), ("oldest", 50), ("worst", 50)):
         answer = http.get(f"{MAPS}/navigation_map/window?region=bbox:0,0,1,1&format=npz&choice={choice}")
         assert answer.status_code == 200, answer.text
@@ -118,20 +123,22 @@ def test_navigation_maps_come_as_window_and_tiles_by_the_judgement_chosen(http: 
 
 
 @pytest.mark.req("CDFF-SUP-184")
-def test_a_tile_of_navigation_maps_is_drawn_again_when_one_of_them_comes(http: TestClient, dpm: Dpm) -> None:
-    dpm.put(*parcel(navigation(), "navigation_map", 1, resolution_m=0.1))
+def test_a_tile_of_navigation_maps_is_redrawn_after_an_insertion(http: TestClient, dpm: Dpm) -> None:
+    dpm.writer.put(*parcel(navigation(), "navigation_map", 1, resolution_m=0.1))
     columns, rows = tiles_over(17, (0.5, 0.5, 0.5, 0.5))
     tile = f"/tiles/navigation_map/17/{columns[0]}/{rows[0]}"
     values = np.frombuffer(http.get(f"{tile}.bin").content, "<f4")
     assert (np.isfinite(values).sum(), (values == 3).sum()) == (100, 50)
     before = http.get(f"{tile}.png")
     shown = pixels(before.content).reshape(-1, 4)
-    assert {tuple(c) for c in np.unique(shown[shown[:, 3] > 0], axis=0)} == {tuple(CLASS_COLORS[c]) for c in (1, 3)}
+    assert {tuple(c) for c in np.unique(shown[shown[:, 3] > 0], axis=0)} == {
+        tuple(CLASS_COLORS[c]) for c in (1, 3)
+    }
     assert http.get(f"{tile}.png?low=0").status_code == 422
-    dpm.put(*parcel(elevation(0.0), "dem", 3, resolution_m=0.1))
+    dpm.writer.put(*parcel(elevation(0.0), "dem", 3, resolution_m=0.1))
     assert http.get(f"{tile}.png").headers["ETag"] == before.headers["ETag"]
     safe = NavigationMap.from_layers(
         navigation().geometry, {"class": np.ones((10, 10), np.uint8)}, t0_ns=4 * S, t1_ns=4 * S
     )
-    dpm.put(*parcel(safe, "navigation_map", 4, resolution_m=0.1))
+    dpm.writer.put(*parcel(safe, "navigation_map", 4, resolution_m=0.1))
     assert http.get(f"{tile}.png").headers["ETag"] != before.headers["ETag"]

@@ -17,7 +17,8 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.profile import Profile
 from cdff_common.types import Pointcloud
 from services.dpm.__main__ import anchor
-from services.dpm.operations import Dpm
+from services.dpm.operations.dpm import Dpm
+from services.dpm.queries.bodies import FrameEdge
 
 from .conftest import S, TestClient, elevation, parcel, pose
 
@@ -30,10 +31,12 @@ def ids(answer: Any) -> list[str]:
 
 
 @pytest.mark.req("CDFF-SUP-080", "CDFF-SUP-081")
-def test_a_site_is_anchored_corrected_and_the_place_before_can_be_asked(http: TestClient) -> None:
+def test_a_site_is_anchored_and_corrected_and_its_earlier_location_can_be_queried(http: TestClient) -> None:
     assert http.get("/api/v1/places/site").json()["body"] is None
     first = http.put("/api/v1/places/site", json=SITE).json()
-    http.put("/api/v1/places/site", json=SITE | {"lon_deg": 77.6, "azimuth_deg": 10.0, "expected_revision": 1})
+    http.put(
+        "/api/v1/places/site", json=SITE | {"lon_deg": 77.6, "azimuth_deg": 10.0, "expected_revision": 1}
+    )
     now = http.get("/api/v1/places/site").json()
     assert now["anchor"]["lon_deg"] == pytest.approx(77.6)
     assert now["body"]["crs"] == "IAU_2015:49900"
@@ -46,10 +49,17 @@ def test_a_site_is_anchored_corrected_and_the_place_before_can_be_asked(http: Te
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"body": "vulcan"}, {"lat_deg": 91}, {"lon_deg": "east"}, {"height_m": -4e6}, {"sigma_m": -1}, {"colour": "red"},
-     {"body": "orbital_target"}],
-)  # fmt: skip
-def test_a_place_that_is_none_is_refused(http: TestClient, wrong: dict[str, Any]) -> None:
+    [
+        {"body": "vulcan"},
+        {"lat_deg": 91},
+        {"lon_deg": "east"},
+        {"height_m": -4e6},
+        {"sigma_m": -1},
+        {"colour": "red"},
+        {"body": "orbital_target"},
+    ],
+)
+def test_an_invalid_anchor_is_refused(http: TestClient, wrong: dict[str, Any]) -> None:
     answer = http.put("/api/v1/places/site", json=SITE | wrong)
     assert 400 <= answer.status_code < 500
     assert http.get("/api/v1/frames").json()["items"] == []
@@ -65,16 +75,19 @@ def test_a_body_is_defined_and_listed(http: TestClient) -> None:
 
 
 @pytest.mark.req("CDFF-SUP-081", "CDFF-SUP-082")
-def test_an_answer_from_before_a_re_anchoring_is_had_again_by_its_number(
+def test_an_answer_before_a_re_anchoring_can_be_repeated_by_its_revision(
     http: TestClient, dpm: Dpm, filled: Callable[[str], str]
 ) -> None:
-    dpm.set_frame({"frame": "mana/odom", "parent": "site", "T": np.eye(4).tolist()})
-    in_odom = Pointcloud.from_points(np.random.default_rng(1).normal(0, 2, (9, 3)), frame="mana/odom", stamp_ns=S)
-    dpm.put(*parcel(in_odom, "pointcloud", 50, frame="mana/odom"))
+    dpm.frames.set_frame("mana/odom", FrameEdge(parent="site", T=np.eye(4).tolist()), "test")
+    in_odom = Pointcloud.from_points(
+        np.random.default_rng(1).normal(0, 2, (9, 3)), frame="mana/odom", stamp_ns=S
+    )
+    dpm.writer.put(*parcel(in_odom, "pointcloud", 50, frame="mana/odom"))
     asked = {"type": "pointcloud", "region": "circle:0,0,3"}
     before = http.get("/api/v1/products", params=asked).json()
     assert len(before["items"]) == 2
-    dpm.set_frame({"frame": "mana/odom", "parent": "site", "T": se3.transform(np.eye(3), [500, 0, 0]).tolist()})
+    moved = FrameEdge(parent="site", T=se3.transform(np.eye(3), [500, 0, 0]).tolist())
+    dpm.frames.set_frame("mana/odom", moved, "test")
     assert len(ids(http.get("/api/v1/products", params=asked))) == 1
     again = http.get("/api/v1/products", params=asked | {"frames_revision": before["frames_revision"]}).json()
     assert [i["id"] for i in again["items"]] == [i["id"] for i in before["items"]]
@@ -83,9 +96,9 @@ def test_an_answer_from_before_a_re_anchoring_is_had_again_by_its_number(
 
 
 @pytest.mark.req("CDFF-SUP-082")
-def test_the_nearest_come_first_page_by_page(http: TestClient, dpm: Dpm) -> None:
+def test_nearest_products_are_first_over_all_pages(http: TestClient, dpm: Dpm) -> None:
     for i, x0 in enumerate((10.0, 0.0, 30.0, 20.0)):
-        dpm.put(*parcel(elevation(x0), "dem", i, resolution_m=0.1))
+        dpm.writer.put(*parcel(elevation(x0), "dem", i, resolution_m=0.1))
     asked = {"type": "dem", "order": "nearest", "point": "21,1", "limit": "2"}
     first = http.get("/api/v1/products", params=asked).json()
     assert [item["box_m"][0] for item in first["items"]] == [20.0, 30.0]
@@ -100,7 +113,7 @@ def test_products_are_found_by_quality_and_along_a_path(http: TestClient, dpm: D
         names, payload, encoding, attachment = parcel(elevation(20.0 * i), "dem", i, resolution_m=0.1)
         header = msgpack.unpackb(attachment)
         header["quality"] |= {"metrics": {"inliers": inliers}, "covariance_kind": "formal"}
-        dpm.put(names, payload, encoding, msgpack.packb(header))
+        dpm.writer.put(names, payload, encoding, msgpack.packb(header))
     good = http.get("/api/v1/products", params={"quality": "inliers>=30", "covariance_kind": "formal"}).json()
     assert [item["box_m"][0] for item in good["items"]] == [20.0]
     along = {"region": "path:1,0,3,19,3,19,-5"}
@@ -110,16 +123,29 @@ def test_products_are_found_by_quality_and_along_a_path(http: TestClient, dpm: D
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"quality": "inliers"}, {"quality": "inliers>=many"}, {"quality": "inliers>=nan"}, {"order": "best"},
-     {"order": "nearest"}, {"point": "1,2"}, {"order": "nearest", "point": "1"}, {"order": "nearest", "point": "nan,1"},
-     {"covariance_kind": "good"}, {"frames_revision": "-1"}, {"region": "path:1,2,3"}, {"cursor": "AAAA"}],
-)  # fmt: skip
-def test_a_search_that_cannot_be_read_is_refused(http: TestClient, wrong: dict[str, str]) -> None:
+    [
+        {"quality": "inliers"},
+        {"quality": "inliers>=many"},
+        {"quality": "inliers>=nan"},
+        {"order": "best"},
+        {"order": "nearest"},
+        {"point": "1,2"},
+        {"order": "nearest", "point": "1"},
+        {"order": "nearest", "point": "nan,1"},
+        {"covariance_kind": "good"},
+        {"frames_revision": "-1"},
+        {"region": "path:1,2,3"},
+        {"cursor": "AAAA"},
+    ],
+)
+def test_a_malformed_search_is_refused(http: TestClient, wrong: dict[str, str]) -> None:
     assert http.get("/api/v1/products", params=wrong).status_code == 422
 
 
 @pytest.mark.req("CDFF-SUP-083")
-def test_a_transaction_of_many_changes_is_one(http: TestClient, dpm: Dpm, filled: Callable[[str], str]) -> None:
+def test_a_transaction_of_many_changes_is_atomic(
+    http: TestClient, dpm: Dpm, filled: Callable[[str], str]
+) -> None:
     names, payload, encoding, attachment = parcel(elevation(5.0), "dem", 70, resolution_m=0.1)
     new = {"do": "insert", **names, "encoding": encoding, "attachment": attachment, "payload": payload}
     new_id = msgpack.unpackb(attachment)["id"]
@@ -129,18 +155,26 @@ def test_a_transaction_of_many_changes_is_one(http: TestClient, dpm: Dpm, filled
         {"do": "pin", "id": new_id},
         {"do": "update", "id": new_id, "changes": {"tags": ["merged"]}},
         {"do": "delete", "id": filled("navigation_map")},
-        {"do": "reanchor", "frame": "mana/odom", "parent": "site", "T": np.eye(4).tolist(), "valid_from_ns": "0"},
+        {
+            "do": "reanchor",
+            "frame": "mana/odom",
+            "parent": "site",
+            "T": np.eye(4).tolist(),
+            "valid_from_ns": "0",
+        },
     ]
     packed = {"content-type": "application/msgpack"}
     answer = http.post("/api/v1/transactions", content=msgpack.packb(changes), headers=packed)
     assert answer.status_code == 200, answer.text
-    told = answer.json()["items"]
-    assert told[0] == {"result": "inserted"}
-    assert told[1]["superseded_by"] == new_id
-    assert told[4] == {"deleted": True}
-    assert told[5]["revision"] == 1
+    received = answer.json()["items"]
+    assert received[0] == {"result": "inserted"}
+    assert received[1]["superseded_by"] == new_id
+    assert received[4] == {"deleted": True}
+    assert received[5]["revision"] == 1
     before = dpm.store.events.last_ordinal()
-    refused = http.post("/api/v1/transactions", json=[{"do": "unpin", "id": new_id}, {"do": "delete", "id": "f" * 36}])
+    refused = http.post(
+        "/api/v1/transactions", json=[{"do": "unpin", "id": new_id}, {"do": "delete", "id": "f" * 36}]
+    )
     assert refused.status_code == 404
     assert dpm.store.annotations.get(new_id).pinned
     assert all(e.kind == "refused" for e in dpm.store.events.since(before))
@@ -148,17 +182,27 @@ def test_a_transaction_of_many_changes_is_one(http: TestClient, dpm: Dpm, filled
 
 @pytest.mark.parametrize(
     "body",
-    [b"", b"[]", b"{}", b"[1]", b'[{"do":"burn"}]', b'[{"do":"delete"}]', b'[{"do":"delete","id":"x","by":"y"}]',
-     b'[{"do":"delete","id":"x","if_match":"soon"}]', b'[{"do":"update","id":"x","changes":1}]',
-     b'[{"do":"insert","robot":"mana"}]', b'[{"do":"reanchor","frame":"a","parent":"b","T":[[1]]}]',
-     b'[{"do":"delete","id":"x","if_match":"9e99"}]'],
-)  # fmt: skip
-def test_a_transaction_that_cannot_be_read_is_refused(http: TestClient, body: bytes) -> None:
+    [
+        b"",
+        b"[]",
+        b"{}",
+        b"[1]",
+        b'[{"do":"burn"}]',
+        b'[{"do":"delete"}]',
+        b'[{"do":"delete","id":"x","by":"y"}]',
+        b'[{"do":"delete","id":"x","if_match":"soon"}]',
+        b'[{"do":"update","id":"x","changes":1}]',
+        b'[{"do":"insert","robot":"mana"}]',
+        b'[{"do":"reanchor","frame":"a","parent":"b","T":[[1]]}]',
+        b'[{"do":"delete","id":"x","if_match":"9e99"}]',
+    ],
+)
+def test_a_malformed_transaction_is_refused(http: TestClient, body: bytes) -> None:
     answer = http.post("/api/v1/transactions", content=body, headers={"content-type": "application/json"})
     assert answer.status_code == 422, answer.text
 
 
-def test_a_deleted_product_is_purged_and_another_is_not(http: TestClient, filled: Callable[[str], str]) -> None:
+def test_only_a_deleted_product_can_be_purged(http: TestClient, filled: Callable[[str], str]) -> None:
     url = f"/api/v1/products/{filled('pointcloud')}"
     assert http.delete(f"{url}/payload").status_code == 409
     http.delete(url)
@@ -167,15 +211,17 @@ def test_a_deleted_product_is_purged_and_another_is_not(http: TestClient, filled
 
 
 @pytest.mark.req("CDFF-SUP-085")
-def test_poses_are_asked_as_they_were_known_and_within_a_limit(http: TestClient, dpm: Dpm, clock: ManualClock) -> None:
-    dpm.put(*parcel(pose(1, 1.0), "pose", 1, child="mana/base"))
+def test_poses_can_be_queried_in_an_earlier_state_and_within_an_age_limit(
+    http: TestClient, dpm: Dpm, clock: ManualClock
+) -> None:
+    dpm.writer.put(*parcel(pose(1, 1.0), "pose", 1, child="mana/base"))
     then_ns = clock.now_ns()
     clock.set_ns(then_ns + S)
-    dpm.put(*parcel(pose(3, 5.0), "pose", 3, child="mana/base"))
+    dpm.writer.put(*parcel(pose(3, 5.0), "pose", 3, child="mana/base"))
     asked = {"robot": "mana", "t": str(2 * S)}
-    (found,) = http.get("/api/v1/poses", params=asked).json()["items"]
-    assert found["T"][0][3] == pytest.approx(3.0)
-    assert found["limit_s"] == 0.2
+    (result,) = http.get("/api/v1/poses", params=asked).json()["items"]
+    assert result["T"][0][3] == pytest.approx(3.0)
+    assert result["limit_s"] == 0.2
     early = http.get("/api/v1/poses", params=asked | {"as_of": str(then_ns)})
     assert early.status_code == 404 or 400 <= early.status_code < 500
     assert "outside" in early.json()["detail"]
@@ -189,15 +235,22 @@ def test_a_profile_anchors_its_sites_and_describes_its_robots(dpm: Dpm, tmp_path
     profile = Profile.model_validate(
         {
             "name": "test",
-            "body": {"name": "moon", "site_lon_deg": 10.0, "site_lat_deg": -80.0, "site_azimuth_deg": 5.0,
-                     "sites": {"crater": {"lon_deg": 10.1, "lat_deg": -80.0, "sigma_m": 3.0}}},
-            "robots": [{"id": "mana", "doc": "first", "frames": [{"parent": "crater", "child": "mana/odom"}]}],
+            "body": {
+                "name": "moon",
+                "site_lon_deg": 10.0,
+                "site_lat_deg": -80.0,
+                "site_azimuth_deg": 5.0,
+                "sites": {"crater": {"lon_deg": 10.1, "lat_deg": -80.0, "sigma_m": 3.0}},
+            },
+            "robots": [
+                {"id": "mana", "doc": "first", "frames": [{"parent": "crater", "child": "mana/odom"}]}
+            ],
         }
-    )  # fmt: skip
+    )
     for _ in range(2):
         anchor(dpm.store, profile)
-    assert dpm.store.places.of("mana/odom").lonlat([[0, 0]])[0, :2] == pytest.approx([10.1, -80.0])
-    T = dpm.store.frames.lookup("site", "crater")
+    assert dpm.store.anchors.of("mana/odom").lonlat([[0, 0]])[0, :2] == pytest.approx([10.1, -80.0])
+    T = dpm.store.poses.at(0, "site", "crater")
     assert isinstance(T, UncertainTransform)
     apart_m = np.deg2rad(0.1) * 1737400 * np.cos(np.deg2rad(80))
     assert np.linalg.norm(T.matrix[:3, 3]) == pytest.approx(apart_m, rel=1e-3)

@@ -4,28 +4,28 @@ import numpy as np
 import pytest
 
 from cdff_common.codecs import decode, encode, encoding_string
+from cdff_common.contract.queries import DeliveryParameters, SearchParameters, WindowParameters
 from cdff_common.errors import CodecError, InputError, ProductNotFoundError, UnavailableError
 from cdff_common.interfaces.product import Header, Quality, Status
 from cdff_common.types import Pointcloud
 from dpm_store import Event, Insertion, Query
-from services.dpm.operations import Dpm
-from services.dpm.parameters import search_query, window_request
+from services.dpm.operations.dpm import Dpm
 
 from .conftest import S, cloud, elevation, parcel, pose
 
 
-def test_an_insertion_is_told_once_it_is_durable(dpm: Dpm) -> None:
-    told: list[Event] = []
-    dpm.listen(told.append)
+def test_an_insertion_is_announced_after_it_is_durable(dpm: Dpm) -> None:
+    received: list[Event] = []
+    dpm.events.listen(received.append)
     names, payload, encoding, attachment = parcel(cloud(), "pointcloud")
-    assert dpm.put(names, payload, encoding, attachment)[0] is Insertion.INSERTED
-    assert dpm.put(names, payload, encoding, attachment)[0] is Insertion.ALREADY
-    assert [(e.kind, e.body["product"]) for e in told] == [("inserted", "pointcloud")]
-    assert dpm.counters["inserted"] == dpm.counters["already"] == 1
+    assert dpm.writer.put(names, payload, encoding, attachment)[0] is Insertion.INSERTED
+    assert dpm.writer.put(names, payload, encoding, attachment)[0] is Insertion.ALREADY
+    assert [(e.kind, e.body["product"]) for e in received] == [("inserted", "pointcloud")]
+    assert dpm.events.counters["inserted"] == dpm.events.counters["already"] == 1
 
 
-def test_a_box_is_taken_from_the_value_where_the_header_has_none(dpm: Dpm) -> None:
-    _, header = dpm.put(*parcel(cloud(), "pointcloud"))
+def test_a_missing_box_is_computed_from_the_value(dpm: Dpm) -> None:
+    _, header = dpm.writer.put(*parcel(cloud(), "pointcloud"))
     points = cloud().points_m
     stored = dpm.store.get(header.id).header.box_m
     assert stored == pytest.approx([*points.min(axis=0), *points.max(axis=0)], abs=1e-6)
@@ -45,41 +45,45 @@ def test_a_box_is_taken_from_the_value_where_the_header_has_none(dpm: Dpm) -> No
         ({"product": "nonsense"}, InputError, "expected one of"),
         ({"robot": "../../etc"}, InputError, "robot"),
     ],
-)  # fmt: skip
-def test_what_cannot_be_read_is_refused_and_not_stored(dpm: Dpm, change: dict, error: type, match: str) -> None:
+)
+def test_unreadable_products_are_refused_and_not_stored(
+    dpm: Dpm, change: dict, error: type, match: str
+) -> None:
     names, payload, encoding, attachment = parcel(cloud(), "pointcloud")
     names |= {k: v for k, v in change.items() if k in names}
     with pytest.raises(error, match=match):
-        dpm.put(
+        dpm.writer.put(
             names,
             change.get("payload", payload),
             change.get("encoding", encoding),
             change.get("attachment", attachment),
         )
     assert dpm.store.statistics().count == 0
-    assert dpm.counters["refused"] == 1
+    assert dpm.events.counters["refused"] == 1
 
 
-def test_a_pose_that_its_header_contradicts_is_refused(dpm: Dpm) -> None:
-    with pytest.raises(CodecError, match="its header says"):
-        dpm.put(*parcel(pose(0, 1.0), "pose", child="minnie/base"))
+def test_a_pose_that_contradicts_its_header_is_refused(dpm: Dpm) -> None:
+    with pytest.raises(CodecError, match="its header"):
+        dpm.writer.put(*parcel(pose(0, 1.0), "pose", child="minnie/base"))
 
 
-def test_a_failed_result_is_kept_without_a_value_and_is_not_the_newest(dpm: Dpm) -> None:
-    _, good = dpm.put(*parcel(cloud(), "pointcloud", 0))
-    names, _, encoding, attachment = parcel(cloud(), "pointcloud", 1, quality=Quality(Status.FAILED, ("black",)))
-    _, failed = dpm.put(names, b"", encoding, attachment)
-    assert [r.id for r in dpm.search(Query()).items] == [failed.id, good.id]
-    assert dpm.newest(Query(types=("pointcloud",))).metadata["id"] == good.id
+def test_a_failed_result_is_stored_without_value_and_is_not_the_newest(dpm: Dpm) -> None:
+    _, good = dpm.writer.put(*parcel(cloud(), "pointcloud", 0))
+    names, _, encoding, attachment = parcel(
+        cloud(), "pointcloud", 1, quality=Quality(Status.FAILED, ("black",))
+    )
+    _, failed = dpm.writer.put(names, b"", encoding, attachment)
+    assert [r.id for r in dpm.retrieval.find(Query()).items] == [failed.id, good.id]
+    assert dpm.retrieval.newest(SearchParameters(type=("pointcloud",))).metadata["id"] == good.id
     with pytest.raises(InputError, match="FAILED"):
-        dpm.product(failed.id, "ply")
+        dpm.retrieval.product(failed.id, DeliveryParameters(format="ply"))
 
 
-def test_a_window_pools_patches_and_says_from_what(dpm: Dpm) -> None:
-    dpm.put(*parcel(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
-    dpm.put(*parcel(elevation(1.0, 2.0), "dem", 2, robot="minnie", resolution_m=0.1))
-    asked = window_request("ground", {"region": "bbox:0,0,4,2"}, dpm.clock.now_ns())
-    answer = dpm.window(asked)
+def test_a_window_fuses_patches_and_names_them(dpm: Dpm) -> None:
+    dpm.writer.put(*parcel(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
+    dpm.writer.put(*parcel(elevation(1.0, 2.0), "dem", 2, robot="minnie", resolution_m=0.1))
+    asked = WindowParameters.parse({"region": "bbox:0,0,4,2"})
+    answer = dpm.retrieval.window(asked)
     value = decode("ElevationMap", answer.body.data, "uper")
     mean = value.layer("mean")
     assert mean.shape == (20, 40)
@@ -91,27 +95,27 @@ def test_a_window_pools_patches_and_says_from_what(dpm: Dpm) -> None:
     assert value.layer("variance")[5, 15] == pytest.approx(0.01 + 0.25)
     m = answer.metadata
     assert m["coverage"] == pytest.approx(0.75)
-    assert m["robots"] == ["mana", "minnie"]
+    assert m["robots"] == ("mana", "minnie")
     assert (m["oldest_ns"], m["newest_ns"], len(m["patches"])) == (1 * S, 2 * S, 2)
-    assert m["inputs"] == m["patches"]
+    assert tuple(m["inputs"]) == m["patches"]
 
 
 def test_a_window_is_coarser_on_request_and_never_finer_than_its_patches(dpm: Dpm) -> None:
-    dpm.put(*parcel(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
+    dpm.writer.put(*parcel(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
     for asked, delivered in (("0.2", 0.2), ("0.05", 0.1), ("0.25", 0.2)):
-        request = window_request("ground", {"region": "bbox:0,0,2,2", "resolution_m": asked}, 0)
-        assert dpm.window(request).metadata["resolution_m"] == pytest.approx(delivered)
+        request = WindowParameters.parse({"region": "bbox:0,0,2,2", "resolution_m": asked})
+        assert dpm.retrieval.window(request).metadata["resolution_m"] == pytest.approx(delivered)
 
 
-def test_a_window_by_reference_is_a_product_that_is_not_pooled_again(dpm: Dpm) -> None:
-    dpm.put(*parcel(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
-    request = window_request("ground", {"region": "bbox:0,0,2,2"}, 0)
-    first = dpm.window(request, deliver="reference")
-    again = dpm.window(request, deliver="reference")
+def test_a_window_by_reference_is_stored_and_not_used_as_a_patch(dpm: Dpm) -> None:
+    dpm.writer.put(*parcel(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
+    request = WindowParameters.parse({"region": "bbox:0,0,2,2"})
+    first = dpm.retrieval.window(request, DeliveryParameters(deliver="reference"))
+    again = dpm.retrieval.window(request, DeliveryParameters(deliver="reference"))
     assert first.reference == again.reference is not None
-    stored = decode("ElevationMap", dpm.product(str(first.reference)).body.data, "uper")
+    stored = decode("ElevationMap", dpm.retrieval.product(str(first.reference)).body.data, "uper")
     assert stored.layer("count").max() == 2
-    assert len(dpm.window(request).metadata["patches"]) == 1
+    assert len(dpm.retrieval.window(request).metadata["patches"]) == 1
 
 
 @pytest.mark.parametrize(
@@ -126,50 +130,59 @@ def test_a_window_by_reference_is_a_product_that_is_not_pooled_again(dpm: Dpm) -
         ({"region": "circle:1e300,0,1"}, ProductNotFoundError),
     ],
 )
-def test_a_window_that_would_not_be_as_asked_is_an_error(dpm: Dpm, parameters: dict[str, str], error: type) -> None:
-    dpm.put(*parcel(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
+def test_a_window_that_cannot_satisfy_the_request_is_an_error(
+    dpm: Dpm, parameters: dict[str, str], error: type
+) -> None:
+    dpm.writer.put(*parcel(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
     with pytest.raises(error):
-        dpm.window(window_request("ground", parameters, dpm.clock.now_ns()))
+        dpm.retrieval.window(WindowParameters.parse(parameters))
 
 
-def test_a_pose_is_given_at_a_time_or_newest(dpm: Dpm) -> None:
+def test_a_pose_is_returned_at_a_time_or_the_newest(dpm: Dpm) -> None:
     for second in (0, 2):
-        dpm.put(*parcel(pose(second, float(second)), "pose", second, child="mana/base"))
-    assert dpm.pose("site", "mana/base", 1 * S)["T"][0][3] == pytest.approx(1.0)
-    newest = dpm.pose("site", "mana/base", None)
+        dpm.writer.put(*parcel(pose(second, float(second)), "pose", second, child="mana/base"))
+    assert dpm.frames.pose("site", "mana/base", 1 * S)["T"][0][3] == pytest.approx(1.0)
+    newest = dpm.frames.pose("site", "mana/base", None)
     assert (newest["stamp_ns"], newest["T"][0][3]) == (2 * S, 2.0)
 
 
-def test_events_of_others_are_kept_and_told(dpm: Dpm) -> None:
-    told: list[Event] = []
-    dpm.listen(told.append)
-    dpm.record("mana", "activated", {"dfpc": "x"})
-    dpm.unlisten(told.append)
+def test_events_of_other_services_are_stored_and_announced(dpm: Dpm) -> None:
+    received: list[Event] = []
+    dpm.events.listen(received.append)
+    dpm.writer.record("mana", "activated", {"dfpc": "x"})
+    dpm.events.unlisten(received.append)
     assert [(e.scope, e.kind) for e in dpm.store.events.since()] == [("mana", "activated")]
-    assert [e.kind for e in told] == ["activated"]
+    assert [e.kind for e in received] == ["activated"]
 
 
-@pytest.mark.parametrize("fields", [{"t1_ns": 2**63 // 1000 * 1000}, {"t1_ns": -(2**63) // 1000 * 1000 + 1000}])
-def test_times_that_no_column_holds_are_refused(dpm: Dpm, fields: dict[str, int]) -> None:
+@pytest.mark.parametrize(
+    "fields", [{"t1_ns": 2**63 // 1000 * 1000}, {"t1_ns": -(2**63) // 1000 * 1000 + 1000}]
+)
+def test_times_out_of_range_are_refused(dpm: Dpm, fields: dict[str, int]) -> None:
     with pytest.raises(InputError, match=r"out of range|mission clock|expected 0"):
-        dpm.put(*parcel(cloud(), "pointcloud", 1, **fields))
+        dpm.writer.put(*parcel(cloud(), "pointcloud", 1, **fields))
 
 
-def test_a_polygon_that_crosses_itself_is_refused() -> None:
+def test_a_self_intersecting_polygon_is_refused() -> None:
     with pytest.raises(InputError, match="Self-intersection"):
-        search_query("ground", {"region": "polygon:0,0,2,2,2,0,0,1"})
+        SearchParameters.parse({"region": "polygon:0,0,2,2,2,0,0,1"})
 
 
-def test_a_cloud_of_the_larger_type_is_stored_and_read_as_a_pointcloud(dpm: Dpm) -> None:
+def test_a_cloud_of_the_larger_size_variant_is_stored_and_read_as_pointcloud(dpm: Dpm) -> None:
     large = Pointcloud.from_points(np.zeros((400_001, 3)), frame="site", stamp_ns=1_000_000_000)
     payload, encoding = encode(large, "uper"), encoding_string("PointcloudLarge", "uper")
     header = Header(
-        id="00000000-0000-5000-8000-00000000000a", seq=0, t0_ns=10**9, t1_ns=10**9, frame="site", producer="test"
+        id="00000000-0000-5000-8000-00000000000a",
+        seq=0,
+        t0_ns=10**9,
+        t1_ns=10**9,
+        frame="site",
+        producer="test",
     )
     names = {"robot": "mana", "dfpc": "d", "port": "cloud", "product": "pointcloud"}
-    dpm.max_payload_bytes = 4 << 20
-    dpm.put(names, payload, encoding, header.to_attachment())
-    assert dpm.product(header.id).body.encoding == encoding
-    answer = dpm.product(header.id, "msgpack")
+    dpm.writer.max_payload_bytes = 4 << 20
+    dpm.writer.put(names, payload, encoding, header.to_attachment())
+    assert dpm.retrieval.product(header.id).body.encoding == encoding
+    answer = dpm.retrieval.product(header.id, DeliveryParameters(format="msgpack"))
     assert decode("PointcloudLarge", answer.body.data, "msgpack") == large
-    assert dpm.product(header.id, "ply").body.suffix == "ply"
+    assert dpm.retrieval.product(header.id, DeliveryParameters(format="ply")).body.suffix == "ply"

@@ -18,11 +18,11 @@ from cdff_common.errors import InputError, StorageError
 from cdff_common.formats.payload import to_file
 from cdff_common.types import PoseTrajectory
 from dpm_store import Query
-from services.dpm import service
-from services.dpm.commands import register
-from services.dpm.convert import convert
-from services.dpm.operations import Dpm
-from services.dpm.put import put
+from services.dpm.bus import service
+from services.dpm.cli.commands import register
+from services.dpm.cli.put import put
+from services.dpm.operations.dpm import Dpm
+from services.dpm.rendering.convert import convert
 
 from .conftest import S, cloud, elevation, navigation, pose
 
@@ -64,19 +64,19 @@ def path_of() -> PoseTrajectory:
         (path_of(), "tum", "trajectory"),
     ],
 )
-def test_what_was_exported_can_be_put_again(
+def test_exported_files_can_be_inserted_again(
     run: Put, dpm: Dpm, tmp_path: Path, value: Any, suffix: str, product: str
 ) -> None:
     file = tmp_path / f"value.{suffix}"
     file.write_bytes(to_file(value, suffix))
-    done = run(str(file), "--type", product)
-    assert done["result"] == "inserted"
-    record = dpm.store.get(done["id"])
+    completed = run(str(file), "--type", product)
+    assert completed["result"] == "inserted"
+    record = dpm.store.get(completed["id"])
     assert (record.product, record.header.frame, record.type_name) == (product, "site", type(value).__name__)
     assert record.header.box_m == pytest.approx(value.extent_m(), abs=1e-3)
 
 
-def test_a_payload_goes_in_as_it_is_and_twice_is_once(run: Put, dpm: Dpm, tmp_path: Path) -> None:
+def test_a_payload_is_inserted_unchanged_and_only_once(run: Put, dpm: Dpm, tmp_path: Path) -> None:
     file = tmp_path / "value.uper"
     file.write_bytes(encode(pose(3, 1.0), "uper"))
     first, again = run(str(file), "--type", "pose"), run(str(file), "--type", "pose")
@@ -85,7 +85,7 @@ def test_a_payload_goes_in_as_it_is_and_twice_is_once(run: Put, dpm: Dpm, tmp_pa
     assert dpm.store.get(first["id"]).header.t1_ns == 3 * S
 
 
-def test_a_picture_comes_back_as_jpeg(run: Put, dpm: Dpm, tmp_path: Path) -> None:
+def test_an_image_is_returned_as_jpeg(run: Put, dpm: Dpm, tmp_path: Path) -> None:
     from PIL import Image
 
     file = tmp_path / "eye.png"
@@ -97,7 +97,7 @@ def test_a_picture_comes_back_as_jpeg(run: Put, dpm: Dpm, tmp_path: Path) -> Non
         assert (image.format, image.size, image.getpixel((0, 0))) == ("JPEG", (6, 8), 200)
 
 
-def test_the_time_of_a_file_that_has_none_is_said_or_now(run: Put, dpm: Dpm, tmp_path: Path) -> None:
+def test_a_file_without_time_gets_the_given_time_or_now(run: Put, dpm: Dpm, tmp_path: Path) -> None:
     file = tmp_path / "cloud.ply"
     file.write_bytes(to_file(cloud(), "ply"))
     said = dpm.store.get(run(str(file), "--t", str(7 * S), "--frame", "mana/lidar")["id"]).header
@@ -105,14 +105,17 @@ def test_the_time_of_a_file_that_has_none_is_said_or_now(run: Put, dpm: Dpm, tmp
     assert dpm.store.get(run(str(file))["id"]).header.t1_ns == dpm.clock.now_ns()
 
 
-def test_a_file_that_does_not_fit_is_refused_with_what_would(run: Put, dpm: Dpm, tmp_path: Path) -> None:
+def test_an_unsuitable_file_is_refused_with_the_alternatives(run: Put, dpm: Dpm, tmp_path: Path) -> None:
     file = tmp_path / "cloud.ply"
     with pytest.raises((InputError, StorageError), match=r"cloud\.ply"):
         run(str(file))
     file.write_bytes(b"no cloud")
     for words, message in (
-        ([], "ply"), (["--type", "dem"], "tif"), (["--type", "nonsense"], "pointcloud"), (["--type", "track"], "track"),
-    ):  # fmt: skip
+        ([], "ply"),
+        (["--type", "dem"], "tif"),
+        (["--type", "nonsense"], "pointcloud"),
+        (["--type", "track"], "track"),
+    ):
         with pytest.raises(InputError, match=message):
             run(str(file), *words)
     assert not dpm.store.search(Query()).items

@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Parameters of an address: repeated and unknown ones are refused on every route, ``f=json`` is understood."""
+"""Parameters of an address: repeated and unknown ones are refused on every route, ``f=json`` is
+understood.
+"""
 
 from __future__ import annotations
 
@@ -52,16 +54,20 @@ def test_an_unknown_parameter_is_refused(http: TestClient, filled: Filled, path:
     assert (answer.status_code, answer.json()["code"]) == (status, "INVALID_ARGUMENT")
 
 
-def test_a_deletion_with_a_strange_parameter_deletes_nothing(http: TestClient, filled: Filled) -> None:
+def test_a_deletion_with_an_unknown_parameter_deletes_nothing(http: TestClient, filled: Filled) -> None:
     url = f"/api/v1/products/{filled('dem')}"
     assert http.delete(f"{url}?a=1&a=1").status_code == 422
     assert http.delete(f"{url}?dry_run=true").status_code == 422
     assert http.get(url).status_code == 200
 
 
-@pytest.mark.parametrize("path", ["", "/conformance", "/collections", "/collections/dem", "/collections/dem/items"])
+@pytest.mark.parametrize(
+    "path", ["", "/conformance", "/collections", "/collections/dem", "/collections/dem/items"]
+)
 @pytest.mark.parametrize("interface", ["/ogc", "/stac"])
-def test_json_may_be_asked_for_and_nothing_else(http: TestClient, filled: Filled, interface: str, path: str) -> None:
+def test_json_is_the_only_accepted_media_type(
+    http: TestClient, filled: Filled, interface: str, path: str
+) -> None:
     plain, named = http.get(f"{interface}{path}"), http.get(f"{interface}{path}?f=json")
     assert (plain.status_code, named.status_code) == (200, 200)
     assert named.json().keys() == plain.json().keys()
@@ -70,13 +76,15 @@ def test_json_may_be_asked_for_and_nothing_else(http: TestClient, filled: Filled
     assert "json" in refused.json()["detail"]
 
 
-def test_the_first_requests_may_come_all_at_once() -> None:
+def test_the_first_requests_may_be_concurrent() -> None:
     script = """
 from concurrent.futures import ThreadPoolExecutor
-from services.dpm.http.app import _routed
-app = _routed()
+from services.dpm.http.app import _app_with_routes
+app = _app_with_routes()
 with ThreadPoolExecutor(4) as threads:
     documents = list(threads.map(lambda _: app.openapi(), range(4)))
 assert all("Problem" in document["components"]["schemas"] for document in documents)
 """
-    subprocess.run([sys.executable, "-c", script], check=True)  # what FastAPI keeps of the routes is the process's
+    subprocess.run(
+        [sys.executable, "-c", script], check=True
+    )  # what FastAPI keeps of the routes is the process's

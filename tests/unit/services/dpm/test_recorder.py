@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sensor samples become products, as the profile's policy says."""
+"""Recording of sensor samples by the policies of the profile."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from cdff_common.interfaces.product import Header, product_id
 from cdff_common.interfaces.profile import History, Profile
 from cdff_common.types import IMUSensors, LidarScan, Time
 from dpm_store import Query
-from services.dpm.operations import Dpm
-from services.dpm.recorder import Recorder, rules_of_history
+from services.dpm.bus.recorder import Recorder, rules_of_history
+from services.dpm.operations.dpm import Dpm
 
 S = 1_000_000_000
 SENSORS = {
@@ -29,7 +29,7 @@ SENSORS = {
 
 
 class NoBus:
-    """Keeps what is subscribed to; nothing comes from it."""
+    """A bus that records subscriptions."""
 
     def __init__(self) -> None:
         self.keys: list[str] = []
@@ -41,18 +41,28 @@ class NoBus:
 
 def recorder(dpm: Dpm, *policies: History) -> Recorder:
     profile = Profile.model_validate(
-        {"name": "test", "robots": [{"id": "mana", "sensors": SENSORS}], "history": [p.model_dump() for p in policies]}
+        {
+            "name": "test",
+            "robots": [{"id": "mana", "sensors": SENSORS}],
+            "history": [p.model_dump() for p in policies],
+        }
     )
     return Recorder(NoBus(), dpm, profile)  # type: ignore[arg-type]  # subscribes only
 
 
 def message(value: Any, sensor: str, stream: str, seq: int, t1_ns: int) -> Message:
     header = Header(
-        id=product_id("mana", sensor, stream, t1_ns, seq, ""), seq=seq, t0_ns=t1_ns, t1_ns=t1_ns,
-        frame=f"mana/{sensor}", producer=sensor,
-    )  # fmt: skip
+        id=product_id("mana", sensor, stream, t1_ns, seq, ""),
+        seq=seq,
+        t0_ns=t1_ns,
+        t1_ns=t1_ns,
+        frame=f"mana/{sensor}",
+        producer=sensor,
+    )
     encoding = encoding_string(type(value).__name__, "uper")
-    return Message(f"cdff/@v1/mana/sensor/{sensor}/{stream}", encode(value, "uper"), encoding, header.to_attachment())
+    return Message(
+        f"cdff/@v1/mana/sensor/{sensor}/{stream}", encode(value, "uper"), encoding, header.to_attachment()
+    )
 
 
 def scan(seq: int, second: float) -> Message:
@@ -69,75 +79,89 @@ def inertial(seq: int, second: float) -> Message:
 
 
 @pytest.mark.req("CDFF-SUP-084")
-def test_each_nth_sample_is_kept_and_found_like_any_product(dpm: Dpm) -> None:
-    kept = recorder(dpm, History(sensor="lidar", stream="scan", every_n=3))
+def test_every_nth_sample_is_stored_and_searchable_like_a_product(dpm: Dpm) -> None:
+    recording = recorder(dpm, History(sensor="lidar", stream="scan", every_n=3))
     for seq in range(9):
-        kept.take(scan(seq, seq * 0.5))
-    found = dpm.search(Query(types=("scan",), robot="mana", dfpc="lidar", port="scan")).items
-    assert [record.header.seq for record in found] == [6, 3, 0]
-    assert found[0].header.box_m is not None
-    assert kept.counters == {"kept": 3, "skipped": 6, "refused": 0, "retired": 0, "dropped": 0}
-    assert dpm.status()["history"]["kept"] == 3
+        recording.record(scan(seq, seq * 0.5))
+    result = dpm.retrieval.find(Query(types=("scan",), robot="mana", dfpc="lidar", port="scan")).items
+    assert [record.header.seq for record in result] == [6, 3, 0]
+    assert result[0].header.box_m is not None
+    assert recording.counters == {"kept": 3, "skipped": 6, "refused": 0, "retired": 0, "dropped": 0}
+    assert dpm.reports.status()["history"]["kept"] == 3
 
 
-def test_samples_are_kept_no_denser_than_the_policy_says(dpm: Dpm) -> None:
-    kept = recorder(dpm, History(sensor="lidar", stream="scan", every_s=2.0))
+def test_samples_are_stored_no_denser_than_the_policy_states(dpm: Dpm) -> None:
+    recording = recorder(dpm, History(sensor="lidar", stream="scan", every_s=2.0))
     for seq in range(10):
-        kept.take(scan(seq, seq * 0.5))
-    assert [r.header.t1_ns for r in dpm.search(Query(types=("scan",))).items] == [4 * S, 2 * S, 0]
+        recording.record(scan(seq, seq * 0.5))
+    assert [r.header.t1_ns for r in dpm.retrieval.find(Query(types=("scan",))).items] == [4 * S, 2 * S, 0]
 
 
 @pytest.mark.req("CDFF-SUP-084")
-def test_inertial_samples_are_kept_as_spans_that_name_them(dpm: Dpm) -> None:
-    kept = recorder(dpm, History(sensor="imu", stream="sample", span_s=1.0))
+def test_inertial_samples_are_stored_as_spans_that_name_them(dpm: Dpm) -> None:
+    recording = recorder(dpm, History(sensor="imu", stream="sample", span_s=1.0))
     for seq in range(25):
-        kept.take(inertial(seq, seq * 0.1))
-    kept.flush()
-    found = dpm.search(Query(types=("imu_span",))).items[::-1]
-    assert [(r.header.t0_ns, r.header.t1_ns) for r in found] == [
-        (0, 9 * S // 10), (S, 19 * S // 10), (2 * S, 24 * S // 10),
-    ]  # fmt: skip
-    span = decode("ImuSpan", dpm.store.payload(found[1].id), "uper")
+        recording.record(inertial(seq, seq * 0.1))
+    recording.flush()
+    result = dpm.retrieval.find(Query(types=("imu_span",))).items[::-1]
+    assert [(r.header.t0_ns, r.header.t1_ns) for r in result] == [
+        (0, 9 * S // 10),
+        (S, 19 * S // 10),
+        (2 * S, 24 * S // 10),
+    ]
+    span = decode("ImuSpan", dpm.store.payload(result[1].id), "uper")
     assert span.frame == "mana/imu"
     assert np.array_equal(span.stamps_ns, np.arange(10, 20) * S // 10)
     assert span.data.gyro[0] == pytest.approx([0.1] * 3)
-    assert len(found[1].header.inputs) == 10
+    assert len(result[1].header.inputs) == 10
 
 
 @pytest.mark.req("CDFF-SUP-084")
-def test_what_was_kept_long_enough_goes_but_for_what_a_product_was_made_from(dpm: Dpm) -> None:
+def test_expired_samples_are_deleted_unless_a_product_was_derived_from_them(dpm: Dpm) -> None:
     clock = dpm.clock
     assert isinstance(clock, ManualClock)
-    kept = recorder(dpm, History(sensor="lidar", stream="scan", keep_s=60.0))
+    recording = recorder(dpm, History(sensor="lidar", stream="scan", keep_s=60.0))
     first = clock.now_ns() // S
     for seq in range(3):
-        kept.take(scan(seq, first))
+        recording.record(scan(seq, first))
     clock.set_ns((first + 100) * S)
-    kept.take(scan(9, first + 100))
-    assert [r.header.seq for r in dpm.search(Query(types=("scan",))).items] == [9]
-    assert kept.counters["retired"] == 3
+    recording.record(scan(9, first + 100))
+    assert [r.header.seq for r in dpm.retrieval.find(Query(types=("scan",))).items] == [9]
+    assert recording.counters["retired"] == 3
 
 
-def test_a_sample_that_cannot_be_read_is_counted_and_not_kept(dpm: Dpm) -> None:
-    kept = recorder(dpm, History(sensor="lidar", stream="scan"))
+def test_an_unreadable_sample_is_counted_and_not_stored(dpm: Dpm) -> None:
+    recording = recorder(dpm, History(sensor="lidar", stream="scan"))
     good = scan(1, 1.0)
-    kept.take(Message(good.key, good.payload[:40], good.encoding, good.attachment))
-    kept.take(Message(good.key, good.payload, good.encoding, b"nothing"))
-    assert kept.counters["refused"] == 2
-    assert dpm.search(Query(types=("scan",))).items == ()
+    recording.record(Message(good.key, good.payload[:40], good.encoding, good.attachment))
+    recording.record(Message(good.key, good.payload, good.encoding, b"nothing"))
+    assert recording.counters["refused"] == 2
+    assert dpm.retrieval.find(Query(types=("scan",))).items == ()
 
 
-def test_a_policy_of_a_stream_that_no_robot_has_is_refused() -> None:
+def test_a_policy_of_an_unknown_stream_is_refused() -> None:
     with pytest.raises(ValueError, match="radar/echo"):
         Profile.model_validate(
             {"name": "test", "robots": [{"id": "mana"}], "history": [{"sensor": "radar", "stream": "echo"}]}
         )
 
 
-def test_the_policy_becomes_rules_of_retention() -> None:
+def test_the_policy_is_converted_to_retention_rules() -> None:
     profile = Profile.model_validate(
-        {"name": "test", "robots": [{"id": "mana", "sensors": SENSORS}],
-         "history": [{"sensor": "lidar", "stream": "scan", "keep_s": 60}, {"sensor": "imu", "stream": "sample"}]}
-    )  # fmt: skip
+        {
+            "name": "test",
+            "robots": [{"id": "mana", "sensors": SENSORS}],
+            "history": [
+                {"sensor": "lidar", "stream": "scan", "keep_s": 60},
+                {"sensor": "imu", "stream": "sample"},
+            ],
+        }
+    )
     (rule,) = rules_of_history(profile)
-    assert (rule.product, rule.robot, rule.dfpc, rule.port, rule.max_age_s) == ("scan", "mana", "lidar", "scan", 60.0)
+    assert (rule.product, rule.robot, rule.dfpc, rule.port, rule.max_age_s) == (
+        "scan",
+        "mana",
+        "lidar",
+        "scan",
+        60.0,
+    )

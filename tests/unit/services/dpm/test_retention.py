@@ -9,12 +9,12 @@ from cdff_common.bus import Reply, Request
 from cdff_common.errors import InputError
 from cdff_common.interfaces.profile import Profile
 from dpm_store import Event, Rule
-from services.dpm.operations import Dpm
-from services.dpm.retention import retention, rules_of
+from services.dpm.bus.retention import retention, rules_of
+from services.dpm.operations.dpm import Dpm
 
 from .conftest import cloud, elevation, parcel
 
-RULES = (Rule("pointcloud", max_age_s=50),)
+RULES = (Rule(product="pointcloud", max_age_s=50),)
 
 
 def asked(**parameters: str) -> Request:
@@ -22,17 +22,17 @@ def asked(**parameters: str) -> Request:
 
 
 def final(replies: Reply | Iterator[Reply]) -> Any:
-    """What the last reply says."""
+    """Return the body of the last reply."""
     return (replies if isinstance(replies, Reply) else list(replies)[-1]).body()
 
 
 @pytest.mark.req("CDFF-SUP-036")
-def test_retention_explains_first_and_deletes_when_told(dpm: Dpm) -> None:
-    _, old = dpm.put(*parcel(cloud(), "pointcloud", 10))
-    dpm.put(*parcel(cloud(), "pointcloud", 90))
-    dpm.put(*parcel(elevation(0.0), "dem", 1))
+def test_retention_first_explains_and_deletes_on_command(dpm: Dpm) -> None:
+    _, old = dpm.writer.put(*parcel(cloud(), "pointcloud", 10))
+    dpm.writer.put(*parcel(cloud(), "pointcloud", 90))
+    dpm.writer.put(*parcel(elevation(0.0), "dem", 1))
     events: list[Event] = []
-    dpm.listen(events.append)
+    dpm.events.listen(events.append)
     plan = final(retention(dpm, RULES, asked()))
     assert (plan["applied"], plan["retired"], plan["rules"]) == (False, 1, 1)
     (verdict,) = plan["verdicts"]
@@ -45,23 +45,31 @@ def test_retention_explains_first_and_deletes_when_told(dpm: Dpm) -> None:
     assert [event.kind for event in events] == ["deleted"]
 
 
-def test_every_verdict_is_told_in_parts_before_the_sums(dpm: Dpm, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("services.dpm.retention.MAX_TOLD", 2)
+def test_every_decision_is_listed_in_pages_before_the_sums(dpm: Dpm, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("services.dpm.bus.retention.MAX_DECISIONS", 2)
     for seq in range(5):
-        dpm.put(*parcel(cloud(), "pointcloud", seq))
+        dpm.writer.put(*parcel(cloud(), "pointcloud", seq))
     *parts, sums = retention(dpm, RULES, asked(all="true"))
-    assert [(len(part.body()["verdicts"]), part.final) for part in parts] == [(2, False), (2, False), (1, False)]
+    assert [(len(part.body()["verdicts"]), part.final) for part in parts] == [
+        (2, False),
+        (2, False),
+        (1, False),
+    ]
     assert (sums.body()["retired"], sums.body()["verdicts"], sums.final) == (5, [], True)
 
 
-def test_other_words_than_true_and_false_are_refused(dpm: Dpm) -> None:
+def test_values_other_than_true_and_false_are_refused(dpm: Dpm) -> None:
     with pytest.raises(InputError, match="apply"):
         retention(dpm, RULES, asked(apply="yes"))
 
 
 def test_the_rules_are_those_of_the_profile() -> None:
     profile = Profile.model_validate(
-        {"name": "test", "robots": [{"id": "mana"}], "retention": [{"product": "dem", "max_age_s": 5, "max_bytes": 9}]}
+        {
+            "name": "test",
+            "robots": [{"id": "mana"}],
+            "retention": [{"product": "dem", "max_age_s": 5, "max_bytes": 9}],
+        }
     )
-    assert rules_of(profile) == (Rule("dem", None, 5.0, 9),)
+    assert rules_of(profile) == (Rule(product="dem", max_age_s=5.0, max_bytes=9),)
     assert rules_of(None) == ()

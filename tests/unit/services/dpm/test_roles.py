@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Every route with every role: who may, who may not, and what the history says of it."""
+"""Access of every role to every route, and refusals in the history."""
 
 import hashlib
 import json
@@ -15,12 +15,12 @@ from fastapi.testclient import TestClient
 
 from cdff_common.errors import ConfigurationError
 from cdff_common.interfaces.product import Header
-from dpm_store.actor import ROLES
-from services.dpm import refusals
+from dpm_store.history.actor import ROLES
 from services.dpm.http.app import MODULES, create_app
 from services.dpm.http.context import Context, jsonable
-from services.dpm.http.roles import SAFE, Keys, Rule, allowed, rules_of
-from services.dpm.operations import Dpm
+from services.dpm.http.middleware.roles import SAFE, Keys, Rule, allowed, rules_of
+from services.dpm.operations import refusals
+from services.dpm.operations.dpm import Dpm
 from services.dpm.settings import Settings
 
 from .conftest import cloud, elevation, parcel
@@ -48,9 +48,14 @@ def key_of(role: str) -> dict[str, str]:
 def guarded(dpm: Dpm, tmp_path: Path) -> TestClient:
     """A server off loopback with one key of each role."""
     keys = tmp_path / "keys"
-    lines = [f"{hashlib.sha256(f'key of {role}'.encode()).hexdigest()} {role} {NAMES[role]}  # one" for role in ROLES]
+    lines = [
+        f"{hashlib.sha256(f'key of {role}'.encode()).hexdigest()} {role} {NAMES[role]}  # one"
+        for role in ROLES
+    ]
     keys.write_text("# keys\n\n" + "\n".join(lines))
-    settings = Settings(tmp_path, host="0.0.0.0", hosts=("dpm.example",), keys_file=keys, max_body_bytes=2 << 20)
+    settings = Settings(
+        tmp_path, host="0.0.0.0", hosts=("dpm.example",), keys_file=keys, max_body_bytes=2 << 20
+    )
     app = create_app(Context(dpm, settings))
     return TestClient(app, base_url="http://dpm.example", raise_server_exceptions=False)
 
@@ -60,7 +65,7 @@ def concrete(path: str) -> str:
 
 
 @pytest.mark.parametrize(("method", "rule"), WRITES, ids=lambda v: v.path if isinstance(v, Rule) else v)
-def test_every_route_that_writes_names_its_roles_and_admin_is_one(method: str, rule: Rule) -> None:
+def test_every_writing_route_names_its_roles_including_admin(method: str, rule: Rule) -> None:
     assert rule.roles, f"{method} {rule.path}: give it openapi_extra=allowed(…)"
     assert "admin" in rule.roles
 
@@ -68,14 +73,14 @@ def test_every_route_that_writes_names_its_roles_and_admin_is_one(method: str, r
 @pytest.mark.req("CDFF-SUP-163")
 @pytest.mark.parametrize(("method", "rule"), WRITES, ids=lambda v: v.path if isinstance(v, Rule) else v)
 @pytest.mark.parametrize("role", ROLES)
-def test_a_role_may_what_the_route_says(guarded: TestClient, method: str, rule: Rule, role: str) -> None:
+def test_a_role_may_use_exactly_its_routes(guarded: TestClient, method: str, rule: Rule, role: str) -> None:
     answer = guarded.request(method, concrete(rule.path), headers=key_of(role))
     assert rule.roles is not None
     assert (answer.status_code in (401, 403)) == (role not in rule.roles), answer.text
 
 
 @pytest.mark.parametrize("path", READ)
-def test_everybody_with_a_key_may_read_and_nobody_without(guarded: TestClient, path: str) -> None:
+def test_reading_requires_a_key_of_any_role(guarded: TestClient, path: str) -> None:
     url = concrete(path)
     for role in ROLES:
         assert guarded.get(url, headers=key_of(role)).status_code not in (401, 403)
@@ -85,19 +90,21 @@ def test_everybody_with_a_key_may_read_and_nobody_without(guarded: TestClient, p
         assert path in OPEN or answer.headers["www-authenticate"] == "Bearer"
 
 
-def test_a_route_that_names_nobody_is_for_nobody(guarded: TestClient, dpm: Dpm, tmp_path: Path) -> None:
+def test_a_route_without_roles_is_forbidden(guarded: TestClient, dpm: Dpm, tmp_path: Path) -> None:
     from fastapi import APIRouter
 
-    from services.dpm.http.guard import Guard
-    from services.dpm.refusals import Refusals
+    from services.dpm.http.middleware.guard import Guard
+    from services.dpm.operations.refusals import RefusalLog
 
     router = APIRouter()
     router.post("/new")(lambda: None)
-    guard = Guard(create_app(Context(dpm, Settings(tmp_path))), Settings(tmp_path), rules_of([router]), Refusals(dpm))
+    guard = Guard(
+        create_app(Context(dpm, Settings(tmp_path))), Settings(tmp_path), rules_of([router]), RefusalLog(dpm)
+    )
     assert TestClient(guard, base_url="http://localhost").post("/new").status_code == 403
 
 
-def test_what_may_be_read_by_post_is_no_write() -> None:
+def test_a_reading_post_is_not_a_write() -> None:
     (search,) = [rule for rule in RULES if rule.path == "/stac/search"]
     assert not search.changes
     assert all(rule.changes for rule in RULES if rule is not search)
@@ -145,16 +152,19 @@ def test_a_robot_writes_its_own_products_only(guarded: TestClient, dpm: Dpm) -> 
 
 
 @pytest.mark.req("CDFF-SUP-163")
-def test_the_history_says_who_wrote_and_who_was_refused(guarded: TestClient, dpm: Dpm) -> None:
-    made = guarded.post("/api/v1/products", **insertion("mana")).json()["id"]
-    url = f"/api/v1/products/{made}"
+def test_the_history_names_writers_and_refused_clients(guarded: TestClient, dpm: Dpm) -> None:
+    result = guarded.post("/api/v1/products", **insertion("mana")).json()["id"]
+    url = f"/api/v1/products/{result}"
     guarded.patch(url, json={"tags": ["a"]}, headers=key_of("operator") | {"If-Match": "*"})
     guarded.delete(url, headers=key_of("reader"))
     guarded.delete(url, headers={"Authorization": "Bearer nonsense"})
     guarded.post("/api/v1/products", **insertion("minnie"))
     guarded.delete(url, headers=key_of("admin"))
-    told = [(e.kind, e.body["by"], e.body["status"] if e.kind == "refused" else None) for e in dpm.store.events.since()]
-    assert told == [
+    received = [
+        (e.kind, e.body["by"], e.body["status"] if e.kind == "refused" else None)
+        for e in dpm.store.events.since()
+    ]
+    assert received == [
         ("inserted", "http/robot/mana", None),
         ("updated", "http/operator/olaf", None),
         ("refused", "http/reader/anna", 403),
@@ -162,15 +172,17 @@ def test_the_history_says_who_wrote_and_who_was_refused(guarded: TestClient, dpm
         ("refused", "http/robot/mana", 403),
         ("deleted", "http/admin/ada", None),
     ]
-    assert all("key of" not in str(e.body) and "nonsense" not in str(e.body) for e in dpm.store.events.since())
+    assert all(
+        "key of" not in str(e.body) and "nonsense" not in str(e.body) for e in dpm.store.events.since()
+    )
 
 
-def test_being_refused_fills_neither_the_history_nor_the_log(
+def test_refusals_are_limited_in_history_and_log(
     guarded: TestClient, dpm: Dpm, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = [1000.0]
     monkeypatch.setattr(refusals, "monotonic_s", lambda: now[0])
-    with caplog.at_level(logging.WARNING, "services.dpm.refusals"):
+    with caplog.at_level(logging.WARNING, "services.dpm.operations.refusals"):
         for _ in range(50):
             guarded.delete("/api/v1/products/x", headers={"Authorization": "Bearer secret-of-mine"})
         now[0] += 61.0
@@ -181,13 +193,15 @@ def test_being_refused_fills_neither_the_history_nor_the_log(
     assert "secret" not in caplog.text
 
 
-def test_keys_are_kept_as_hashes_and_malformed_lines_are_refused_without_showing_them(tmp_path: Path) -> None:
+def test_keys_are_stored_as_hashes_and_malformed_lines_are_refused_without_being_shown(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "keys"
     digest = hashlib.sha256(b"k").hexdigest()
     path.write_text(f"{digest.upper()} robot mana\n")
-    found = Keys(path).actor("bearer k ")
-    assert found is not None
-    assert (found.name, found.role) == ("mana", "robot")
+    result = Keys(path).actor("bearer k ")
+    assert result is not None
+    assert (result.name, result.role) == ("mana", "robot")
     malformed = (
         f"{digest} robot",
         f"{digest} robot Mana!",
@@ -197,9 +211,9 @@ def test_keys_are_kept_as_hashes_and_malformed_lines_are_refused_without_showing
     )
     for line in malformed:
         path.write_text(line)
-        with pytest.raises(ConfigurationError, match="keys:1") as told:
+        with pytest.raises(ConfigurationError, match="keys:1") as received:
             Keys(path)
-        assert digest[:10] not in str(told.value)
-        assert "plainkey" not in str(told.value)
+        assert digest[:10] not in str(received.value)
+        assert "plainkey" not in str(received.value)
     with pytest.raises(ConfigurationError):
         Keys(tmp_path / "absent")

@@ -8,18 +8,17 @@ from cdff_common.errors import ConfigurationError
 from services.dpm.settings import parse_settings
 
 
-def test_arguments_come_before_the_environment(tmp_path: Path) -> None:
+def test_arguments_precede_the_environment(tmp_path: Path) -> None:
     environment = {"CDFF_DATA_DIR": "/somewhere", "CDFF_HTTP": "127.0.0.1:9"}
     settings = parse_settings(["--data-dir", str(tmp_path)], environment)
     assert (settings.data_dir, settings.host, settings.port) == (tmp_path, "127.0.0.1", 9)
-    assert settings.on_loopback
 
 
 @pytest.mark.parametrize("address", ["0.0.0.0:8080", "192.0.2.1:80", "[::]:80", "some.host:80"])
-def test_off_loopback_a_file_of_keys_is_needed(address: str, tmp_path: Path) -> None:
+def test_other_addresses_than_loopback_require_a_key_file(address: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="key"):
         parse_settings(["--http", address], {})
-    assert not parse_settings(["--http", address, "--keys", str(tmp_path / "keys")], {}).on_loopback
+    assert parse_settings(["--http", address, "--keys", str(tmp_path / "keys")], {}).keys_file is not None
     parse_settings(["--http", address], {"CDFF_HTTP_PUBLISHED_ON_LOOPBACK": "1"})
 
 

@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tiles as clients get them: pictures without seams, values, tags, and the documents that say where they lie."""
+"""Tiles as clients get them: pictures without seams, values, tags, and the documents that say where they
+lie.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +15,8 @@ import pytest
 from cdff_common.raster import GridGeometry, hillshade
 from cdff_common.raster.tiles import Tile, tiles_over
 from cdff_common.types import ElevationMap
-from services.dpm.operations import Dpm
-from services.dpm.tiles import LAYERS, TileRequest
+from services.dpm.operations.dpm import Dpm
+from services.dpm.rendering.tiles import LAYERS, TileRequest
 
 from .conftest import S, TestClient, elevation, parcel
 
@@ -31,7 +33,7 @@ def hills(left: int, cols: int, top: int = 200, rows: int = 200, seq: int = 1) -
 
 def put_hills(dpm: Dpm) -> None:
     for seq, left in enumerate((-200, 0), 1):
-        dpm.put(*parcel(hills(left, 200, seq=seq), "dem", seq, resolution_m=0.1))
+        dpm.writer.put(*parcel(hills(left, 200, seq=seq), "dem", seq, resolution_m=0.1))
 
 
 def pixels(data: bytes) -> np.ndarray:
@@ -41,7 +43,7 @@ def pixels(data: bytes) -> np.ndarray:
 
 
 @pytest.mark.parametrize("layer", [name for name, product in LAYERS.items() if product == "dem"])
-def test_a_tile_is_a_picture_that_is_transparent_where_nothing_is_known(dpm: Dpm, layer: str) -> None:
+def test_a_tile_is_an_image_transparent_in_unknown_cells(dpm: Dpm, layer: str) -> None:
     put_hills(dpm)
     columns, rows = tiles_over(17, (-19.0, 1.0, 19.0, 1.0))
     assert len(columns) == 2
@@ -56,7 +58,9 @@ def test_a_tile_is_a_picture_that_is_transparent_where_nothing_is_known(dpm: Dpm
 def test_shading_has_no_seam_between_tiles(dpm: Dpm) -> None:
     put_hills(dpm)
     columns, rows = tiles_over(17, (-19.0, 1.0, 19.0, 1.0))
-    tiles = [dpm.tiles.get(TileRequest("site", "hillshade", Tile(17, x, rows[0]), "bin")).data for x in columns]
+    tiles = [
+        dpm.tiles.get(TileRequest("site", "hillshade", Tile(17, x, rows[0]), "bin")).data for x in columns
+    ]
     side_by_side = np.hstack([np.frombuffer(data, "<f4").reshape(256, 256) for data in tiles])
     whole = Tile(17, columns[0], rows[0]).geometry("site")
     both = GridGeometry.from_cells("site", 0.1, left=whole.left - 1, top=whole.top + 1, rows=258, cols=514)
@@ -70,11 +74,13 @@ def test_shading_has_no_seam_between_tiles(dpm: Dpm) -> None:
     np.testing.assert_allclose(side_by_side, wanted, atol=1.0)
 
 
-def test_values_come_as_geotiff_and_as_plain_numbers(dpm: Dpm) -> None:
+def test_values_are_returned_as_geotiff_and_as_plain_numbers(dpm: Dpm) -> None:
     put_hills(dpm)
     columns, rows = tiles_over(17, (1.0, 1.0, 1.0, 1.0))
     tile = Tile(17, columns[0], rows[0])
-    plain = np.frombuffer(dpm.tiles.get(TileRequest("site", "elevation", tile, "bin")).data, "<f4").reshape(256, 256)
+    plain = np.frombuffer(dpm.tiles.get(TileRequest("site", "elevation", tile, "bin")).data, "<f4").reshape(
+        256, 256
+    )
     from rasterio.io import MemoryFile
 
     data = dpm.tiles.get(TileRequest("site", "elevation", tile, "tif")).data
@@ -86,15 +92,15 @@ def test_values_come_as_geotiff_and_as_plain_numbers(dpm: Dpm) -> None:
     assert 5.0 < np.nanmax(slope) < 45.0
 
 
-def test_a_tile_is_rendered_again_only_when_something_in_it_changed(dpm: Dpm) -> None:
+def test_a_tile_is_rendered_again_only_after_a_change_in_it(dpm: Dpm) -> None:
     put_hills(dpm)
     columns, rows = tiles_over(17, (1.0, 1.0, 1.0, 1.0))
     asked = TileRequest("site", "elevation", Tile(17, columns[0], rows[0]))
     first = dpm.tiles.get(asked)
     assert dpm.tiles.get(asked) is first
-    dpm.put(*parcel(elevation(300.0), "dem", 8, resolution_m=0.1))
+    dpm.writer.put(*parcel(elevation(300.0), "dem", 8, resolution_m=0.1))
     assert dpm.tiles.get(asked) is first
-    dpm.put(*parcel(elevation(3.0, 5.0), "dem", 9, resolution_m=0.1))
+    dpm.writer.put(*parcel(elevation(3.0, 5.0), "dem", 9, resolution_m=0.1))
     changed = dpm.tiles.get(asked)
     assert changed.etag != first.etag
 
@@ -121,8 +127,10 @@ def test_the_documents_agree_on_the_grid(http: TestClient) -> None:
     root = ET.fromstring(http.get("/tiles/wmts.xml").content)
     space = {"w": "http://www.opengis.net/wmts/1.0", "o": "http://www.opengis.net/ows/1.1"}
     matrices = root.findall(".//w:TileMatrix", space)
-    assert len([m for m in matrices if m.find("w:TopLeftCorner", space) is not None]) == len(matrix_set["tileMatrices"])
-    assert [e.text for e in root.findall(".//w:Layer/o:Identifier", space)] == list(LAYERS)
-    assert "/tiles/dem/{TileMatrix}/{TileCol}/{TileRow}.png" in root.findall(".//w:ResourceURL", space)[0].get(
-        "template", ""
+    assert len([m for m in matrices if m.find("w:TopLeftCorner", space) is not None]) == len(
+        matrix_set["tileMatrices"]
     )
+    assert [e.text for e in root.findall(".//w:Layer/o:Identifier", space)] == list(LAYERS)
+    assert "/tiles/dem/{TileMatrix}/{TileCol}/{TileRow}.png" in root.findall(".//w:ResourceURL", space)[
+        0
+    ].get("template", "")

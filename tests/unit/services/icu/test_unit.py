@@ -22,33 +22,49 @@ def unit(
     clock: Callable[[], float] = monotonic_s,
 ) -> SimulatedIcu:
     lidar = Sensor(
-        kind="lidar", frame="mana/lidar", streams={"scan": "LidarScan"}, initial_mode="off", switch_s=switch_s,
-        modes={"off": SensorMode(on=False), "nominal": SensorMode(rate_hz=2.0), "fast": SensorMode(rate_hz=9.0)},
+        kind="lidar",
+        frame="mana/lidar",
+        streams={"scan": "LidarScan"},
+        initial_mode="off",
+        switch_s=switch_s,
+        modes={
+            "off": SensorMode(on=False),
+            "nominal": SensorMode(rate_hz=2.0),
+            "fast": SensorMode(rate_hz=9.0),
+        },
         refuses=("fast",),
-    )  # fmt: skip
+    )
     profile = Profile(name="p", robots=(Robot(id="mana", sensors={"lidar": lidar}),))
     return SimulatedIcu(profile, lambda *event: told.append(event), faults, clock)
 
 
 @pytest.mark.req("CDFF-SUP-022")
-def test_a_mode_is_answered_and_told_once_it_is_reached() -> None:
-    told: list[tuple[str, Mapping[str, object]]] = []
-    icu = unit(0.02, told)
+def test_a_mode_call_is_answered_and_reported_once_the_mode_is_reached() -> None:
+    received: list[tuple[str, Mapping[str, object]]] = []
+    icu = unit(0.02, received)
     answer = icu.set_mode("mana", "lidar", "nominal", "me")
     event = {
-        "sensor": "lidar", "mode": "nominal", "state": "steady", "on": True, "rate_hz": 2.0, "width_px": None,
-        "height_px": None, "stereo": None, "exposure": None, "reason": "",
-    }  # fmt: skip
+        "sensor": "lidar",
+        "mode": "nominal",
+        "state": "steady",
+        "on": True,
+        "rate_hz": 2.0,
+        "width_px": None,
+        "height_px": None,
+        "stereo": None,
+        "exposure": None,
+        "reason": "",
+    }
     assert answer == {"robot": "mana", "confirmed": True, **event}
-    assert told == [("mana", event)]
+    assert received == [("mana", event)]
     assert icu.modes("mana")["sensors"]["lidar"]["holder"] == "me"
     icu.set_mode("mana", "lidar", "nominal", "me")
-    assert len(told) == 1, "the mode it is in is no change"
+    assert len(received) == 1, "the mode it is in is no change"
 
 
 def test_a_refused_or_unknown_mode_changes_nothing() -> None:
-    told: list[tuple[str, Mapping[str, object]]] = []
-    icu = unit(0.0, told)
+    received: list[tuple[str, Mapping[str, object]]] = []
+    icu = unit(0.0, received)
     with pytest.raises(DeniedError):
         icu.set_mode("mana", "lidar", "fast", "me")
     for robot, sensor, mode in (("mana", "lidar", "x"), ("mana", "sonar", "off"), ("minnie", "lidar", "off")):
@@ -56,11 +72,11 @@ def test_a_refused_or_unknown_mode_changes_nothing() -> None:
             icu.set_mode(robot, sensor, mode, "me")
     with pytest.raises(ProductNotFoundError):
         icu.modes("minnie")
-    assert told == []
+    assert received == []
     assert icu.modes("mana")["sensors"]["lidar"]["mode"] == "off"
 
 
-def test_who_is_overtaken_by_another_demand_is_told_so() -> None:
+def test_a_call_superseded_by_another_demand_is_refused() -> None:
     icu = unit(30.0, [])
     raised: list[BaseException] = []
     waiting = threading.Thread(target=lambda: raised.append(_raised(icu, "nominal")))
@@ -77,15 +93,15 @@ def test_who_is_overtaken_by_another_demand_is_told_so() -> None:
 
 
 @pytest.mark.req("CDFF-SUP-143")
-def test_delays_and_refusals_are_drawn_from_the_seed_and_it_says_that_it_is_simulated() -> None:
+def test_delays_and_refusals_are_seeded_and_marked_as_simulated() -> None:
     def session(seed: int) -> list[object]:
         now_s = [0.0]
-        icu = unit(1.0, [], Faults(seed, spread=0.3, refuses=0.3), lambda: now_s[0])
+        icu = unit(1.0, [], Faults(seed=seed, spread=0.3, refuses=0.3), lambda: now_s[0])
         assert icu.modes("mana")["simulated"] is True
         took: list[object] = []
         for i in range(40):
             machine = icu.demand("mana", "lidar", "nominal" if i % 2 else "off", "me")
-            took.append(round(machine.ready_at_s - now_s[0], 6) if machine.steps else 0.0)
+            took.append(round(machine.steps[-1][1] - now_s[0], 6) if machine.steps else 0.0)
             now_s[0] += 10.0
             icu.modes("mana")
             took.append(machine.refusal)
@@ -98,9 +114,9 @@ def test_delays_and_refusals_are_drawn_from_the_seed_and_it_says_that_it_is_simu
     assert len({x for x in first if isinstance(x, float) and x > 0}) > 10
 
 
-def test_a_lost_sensor_is_told_ends_the_waiting_and_comes_back_in_its_initial_mode() -> None:
-    told: list[tuple[str, Mapping[str, object]]] = []
-    icu = unit(30.0, told)
+def test_a_lost_sensor_is_reported_ends_the_wait_and_recovers_in_its_initial_mode() -> None:
+    received: list[tuple[str, Mapping[str, object]]] = []
+    icu = unit(30.0, received)
     raised: list[BaseException] = []
     waiting = threading.Thread(target=lambda: raised.append(_raised(icu, "nominal")))
     waiting.start()
@@ -110,16 +126,17 @@ def test_a_lost_sensor_is_told_ends_the_waiting_and_comes_back_in_its_initial_mo
     waiting.join(5)
     assert "no power" in str(raised[0])
     icu.recover("mana", "lidar")
-    assert [(e["state"], e["mode"], e["reason"]) for _, e in told] == [
-        ("lost", "off", "no power"), ("steady", "off", ""),
-    ]  # fmt: skip
+    assert [(e["state"], e["mode"], e["reason"]) for _, e in received] == [
+        ("lost", "off", "no power"),
+        ("steady", "off", ""),
+    ]
 
 
 @pytest.mark.parametrize("text", ["refuses=2", "spread=-1", "colour=3", "seed=x"])
-def test_faults_that_make_no_sense_are_refused(text: str) -> None:
-    assert Faults.parse("seed=3,spread=0.2,refuses=0.1") == Faults(3, 0.2, 0.1)
+def test_invalid_faults_are_refused(text: str) -> None:
+    assert Faults.of_text("seed=3,spread=0.2,refuses=0.1") == Faults(seed=3, spread=0.2, refuses=0.1)
     with pytest.raises(InputError):
-        Faults.parse(text)
+        Faults.of_text(text)
 
 
 def _raised(icu: SimulatedIcu, mode: str) -> BaseException:

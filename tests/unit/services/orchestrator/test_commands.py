@@ -10,14 +10,14 @@ from typing import Any
 import pytest
 
 from cdff_common import cli
-from cdff_common.errors import InputError
+from cdff_common.errors import InputError, UnavailableError
 from services.orchestrator.commands import format_of
 
 STAMP_NS = 1_700_000_000_123_456_000
 
 
 class Answered:
-    """Stands for a client whose orchestrator has one job and one pose."""
+    """Client double whose orchestrator has one job and one pose."""
 
     data = b"payload"
 
@@ -45,7 +45,7 @@ class Answered:
 
 
 @pytest.fixture
-def answered(monkeypatch: pytest.MonkeyPatch) -> None:
+def run_dfpc(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cdff_common.client.Client", Answered)
 
 
@@ -61,17 +61,19 @@ def answered(monkeypatch: pytest.MonkeyPatch) -> None:
         ("image", "a.png", "png"),
     ],
 )
-def test_the_ending_of_a_file_names_the_format(product: str, name: str, form: str) -> None:
+def test_the_file_suffix_selects_the_format(product: str, name: str, form: str) -> None:
     assert format_of(Path(name), product) == form
 
 
-@pytest.mark.parametrize(("product", "name"), [("pose", "pose.json"), ("pose", "x"), ("dem", "x.ply")])
-def test_an_ending_that_names_no_format_of_the_product_is_refused(product: str, name: str) -> None:
-    with pytest.raises(InputError, match=r"names no format of a .*\.uper.*--format"):
+@pytest.mark.parametrize(("product", "name"), [("pose", "pose.png"), ("pose", "x"), ("dem", "x.ply")])
+def test_an_unsupported_file_suffix_is_refused(product: str, name: str) -> None:
+    with pytest.raises(InputError, match=r"is no format of a .*\.uper.*--format"):
         format_of(Path(name), product)
 
 
-def test_json_carries_stamps_as_decimal_strings(answered: None, capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_output_has_stamps_as_decimal_strings(
+    run_dfpc: None, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert cli.main(["request", "pose", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert (said["header"]["t1_ns"], said["delivered"]["newest_ns"]) == (str(STAMP_NS), str(STAMP_NS))
@@ -80,28 +82,43 @@ def test_json_carries_stamps_as_decimal_strings(answered: None, capsys: pytest.C
 
 
 def test_a_file_that_cannot_be_written_is_one_line_and_exit_1(
-    answered: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run_dfpc: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.main(["request", "pose", "--out", str(tmp_path / "none" / "x.tum")]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert "there is no folder" in line
 
 
-def test_format_says_what_a_file_of_any_name_holds(answered: None, tmp_path: Path) -> None:
+def test_the_format_option_applies_to_any_file_name(run_dfpc: None, tmp_path: Path) -> None:
     path = tmp_path / "pose.dat"
     assert cli.main(["request", "pose", "--format", "uper", "--out", str(path), "--json"]) == 0
     assert path.read_bytes() == Answered.data
 
 
-def test_a_standing_request_writes_a_line_for_each_answer(answered: None, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_standing_request_writes_a_line_for_each_answer(
+    run_dfpc: None, capsys: pytest.CaptureFixture[str]
+) -> None:
     asked = ["request", "pose", "--every-s", "2", "--count", "3", "--t", str(STAMP_NS), "--json"]
     assert cli.main(asked) == 0
     assert len(capsys.readouterr().out.splitlines()) == 3
 
 
-@pytest.mark.parametrize("asked", [["--count", "3"], ["--every-s", "1", "--count", "0"], ["--t", "yesterday"]])
-def test_wishes_that_make_no_sense_are_refused(
-    answered: None, asked: list[str], capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    "asked", [["--count", "3"], ["--every-s", "1", "--count", "0"], ["--t", "yesterday"]]
+)
+def test_inconsistent_options_are_refused(
+    run_dfpc: None, asked: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.main(["request", "pose", *asked]) == 1
     assert asked[-2] in capsys.readouterr().err
+
+
+def test_a_malformed_region_is_reported_without_a_router(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refused(*_: object, **__: object) -> None:
+        raise UnavailableError("no router")
+
+    monkeypatch.setattr("cdff_common.client.Client", refused)
+    assert cli.main(["request", "dem", "--region", "bbox:1,2"]) == 1
+    assert "bbox:1,2" in capsys.readouterr().err

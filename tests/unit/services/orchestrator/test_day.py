@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A day of virtual time with random requests and faults: the orchestrator's own service keeps its invariants.
 
-The whole service runs (flow, finder, sharing, delivery, control, watcher, journal, history) on a simulated bus; only
-what is behind the bus is simulated. DFPCs crash, hang, raise, refuse, degrade and go deaf; sensors are refused and
-lost; the DPM and the ICU go away; the orchestrator is killed and restarted. A seed replays its day, thread for thread.
+The whole service runs (flow, finder, sharing, delivery, control, watcher, journal, history) on a simulated
+bus; only the other side of the bus is simulated. DFPCs crash, hang, raise, refuse, degrade and go deaf;
+sensors are refused and lost; the DPM and the ICU go away; the orchestrator is killed and restarted. A seed
+replays its day, thread for thread.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ import pytest
 from cdff_common.bus import Request, keys
 from cdff_common.errors import CdffError, NoAnswerError
 from cdff_common.interfaces.registry import Registry
-from cdff_core.orchestration.catalogue import feeds_of, uses_of
+from cdff_core.orchestration.catalogue import sensors_used, upstream_providers
 from cdff_core.orchestration.leases import ALWAYS
 from cdff_core.orchestration.lifecycle import FINAL_STATES
+from cdff_dev.mission_replay.virtual import Scheduler, VirtualTiming
 from services.orchestrator.service import Orchestrator
-from services.rehearsal.virtual import Scheduler, VirtualTiming
-from tests.unit.services.orchestrator import mission
-from tests.unit.services.orchestrator.simulated_bus import Mission, SimulatedBus
+from tests.support import orchestrator_mission
+from tests.support.simulated_bus import Mission, SimulatedBus
 
 HOUR_S, DAY_S = 3600.0, 86_400.0
 CAPACITY = 12
@@ -46,11 +47,13 @@ class Asked:
 
 
 class Day:
-    """A mission, an orchestrator, clients and faults; after each step of any thread the invariants are checked."""
+    """A mission, an orchestrator, clients and faults; after each step of any thread the invariants are
+    checked.
+    """
 
     def __init__(self, seed: int, folder: Path) -> None:
         self.scheduler = Scheduler()
-        self.mission = Mission(self.scheduler, mission.profile(), seed)
+        self.mission = Mission(self.scheduler, orchestrator_mission.profile(), seed)
         self.random = self.mission.random
         self.journal = folder / f"journal{seed}.jsonl"
         self.asked: dict[str, Asked] = {}
@@ -70,10 +73,18 @@ class Day:
 
     def run(self, until_s: float) -> None:
         for every_s, event in (
-            (40.0, self.arrive), (900.0, self.crash), (1200.0, self.hang), (1200.0, self.raise_), (1500.0, self.refuse),
-            (1500.0, self.degrade), (2400.0, self.go_deaf), (2400.0, self.lose_sensor), (3000.0, self.dpm_away),
-            (5000.0, self.icu_away), (9000.0, self.kill),
-        ):  # fmt: skip
+            (40.0, self.arrive),
+            (900.0, self.crash),
+            (1200.0, self.hang),
+            (1200.0, self.raise_),
+            (1500.0, self.refuse),
+            (1500.0, self.degrade),
+            (2400.0, self.go_deaf),
+            (2400.0, self.lose_sensor),
+            (3000.0, self.dpm_away),
+            (5000.0, self.icu_away),
+            (9000.0, self.kill),
+        ):
             self.scheduler.start(lambda e=every_s, f=event: self.every(e, f, until_s), event.__name__)  # type: ignore[misc]
         while not self.over or self.asked:
             self.over = self.scheduler.now_s >= until_s
@@ -87,7 +98,8 @@ class Day:
             if self.scheduler.now_s < until_s:
                 event()
 
-    # -- clients -----------------------------------------------------------------------------------------------------
+    # -- clients
+    # -----------------------------------------------------------------------------------------------------
 
     def arrive(self) -> None:
         wish = self.wish()
@@ -129,7 +141,7 @@ class Day:
 
     def client(self, bus: SimulatedBus, asked: Asked, wish: dict[str, str]) -> None:
         try:
-            for reply in bus.ask(keys.orchestrator_rpc("ground", "request"), wish):
+            for reply in bus.query(keys.orchestrator_rpc("ground", "request"), wish):
                 if reply.final:
                     asked.finals += 1
                     asked.how = str(reply.attachment.get("kind"))
@@ -156,10 +168,13 @@ class Day:
         assert self.ended[asked.name] == 1, f"{asked.name} ended twice"
         late = asked.how != NoAnswerError.__name__ and self.scheduler.now_s > asked.until_s + EPSILON_S
         assert asked.finals == 1, f"{asked.name} got {asked.finals} final answers"
-        assert not late, f"{asked.name} answered {self.scheduler.now_s - asked.until_s:.3f} s late: {asked.how}"
+        assert not late, (
+            f"{asked.name} answered {self.scheduler.now_s - asked.until_s:.3f} s late: {asked.how}"
+        )
         self.log.append(f"{self.scheduler.now_s:.6f} {asked.name} {asked.how}")
 
-    # -- faults ------------------------------------------------------------------------------------------------------
+    # -- faults
+    # ------------------------------------------------------------------------------------------------------
 
     def process(self):  # type: ignore[no-untyped-def]
         return self.mission.processes[self.random.choice(sorted(self.mission.processes))]
@@ -175,7 +190,7 @@ class Day:
         """Until its watchdog ends it and its supervisor starts it again."""
         process = self.process()
         if process.alive:
-            process.hung = True
+            process.is_hung = True
             self.scheduler.sleep(10.0)
             self.mission.stop(process)
             self.scheduler.sleep(2.0)
@@ -185,22 +200,26 @@ class Day:
         self.mission.fail(self.process())
 
     def refuse(self) -> None:
-        self.for_a_while("refusing")
+        self.for_a_while("produces_nothing")
 
     def degrade(self) -> None:
         self.for_a_while("degraded")
 
     def go_deaf(self) -> None:
-        self.for_a_while("deaf")
+        self.for_a_while("receives_nothing")
 
-    def for_a_while(self, what: str) -> None:
+    def for_a_while(self, fault: str) -> None:
         process = self.process()
-        setattr(process, what, True)
+        assert not getattr(process, fault), f"{fault} of {process.id}: two faults of one kind at a time"
+        setattr(process, fault, True)
         self.scheduler.sleep(self.random.uniform(10.0, 120.0))
-        setattr(process, what, False)
+        setattr(process, fault, False)
 
     def lose_sensor(self) -> None:
-        robot, sensor = self.random.choice(self.mission.profile.robot_ids), self.random.choice(["lidar", "navcam"])
+        robot, sensor = (
+            self.random.choice(self.mission.profile.robot_ids),
+            self.random.choice(["lidar", "navcam"]),
+        )
         self.mission.icu.lose(robot, sensor, "simulated")
         self.scheduler.sleep(self.random.uniform(5.0, 60.0))
         self.mission.icu.recover(robot, sensor)
@@ -220,7 +239,9 @@ class Day:
             self.mission.token(keys.alive(robot, "icu"), here=True)
 
     def kill(self) -> None:
-        """Kill the orchestrator; its clients see that nobody answers any more, another one starts on its journal."""
+        """Kill the orchestrator; its clients lose the connection, and a new one starts with its
+        journal.
+        """
         self.restarts += 1
         old = self.timing
         self.scheduler.kill(old)
@@ -233,60 +254,71 @@ class Day:
         self.scheduler.sleep(self.random.uniform(0.5, 3.0))
         self.lead()
 
-    # -- invariants --------------------------------------------------------------------------------------------------
+    # -- invariants
+    # --------------------------------------------------------------------------------------------------
 
     def check(self) -> None:
         where = f"event {self.events} at {self.scheduler.now_s:.3f} s"
-        state, book = self.orchestrator._state, self.orchestrator._book
+        state, book = self.orchestrator._state, self.orchestrator._jobs
         o, leases = state._observed, state._leases
         open_jobs = {j.id for j in book._jobs.values() if j.state not in FINAL_STATES}
         holders = {h for m in leases.wanted for h in leases.holders(m)}
-        assert holders <= open_jobs | {ALWAYS}, f"{where}: {holders - open_jobs} hold something and have ended"
+        assert holders <= open_jobs | {ALWAYS}, (
+            f"{where}: {holders - open_jobs} hold something and have ended"
+        )
         # memory
         flow = self.orchestrator._flow
         sizes = {
             "open": len(open_jobs),
             "jobs": len(book._jobs),
             "looks": len(flow._shared),
-            "attempts": len(o.attempts),
+            "attempts": len(o.failures),
             "tasks": len(self.scheduler.tasks),
-            "cached": len(flow._finder._dpm._values),
+            "cached": len(flow.finder.dpm._values),
         }
         self.most |= Counter(sizes)
-        if self.scheduler.is_waiting("control", self.timing) and self.scheduler.is_waiting("watcher", self.timing):
+        if self.scheduler.is_waiting("control", self.timing) and self.scheduler.is_waiting(
+            "watcher", self.timing
+        ):
             self.check_control(where)
 
     def check_control(self, where: str) -> None:
-        """What is wanted runs or is being seen to; what runs is wanted, or is being seen to."""
-        state, busy = self.orchestrator._state, self.orchestrator._controller._busy
+        """Check that running and wanted providers agree, except those with an action in progress."""
+        state, busy = self.orchestrator._state, self.orchestrator._reconciler._busy
         o, leases, now_s = state._observed, state._leases, self.scheduler.now_s
-        world = state._world(hopeful=True)
-        feeds = feeds_of(world, {m: leases.feeding(m) for m in leases.wanted if leases.feeding(m)})
-        uses, wanted = uses_of(world), leases.wanted
+        world = state.world(optimistic=True)
+        upstream = upstream_providers(
+            world, {m: leases.chosen_sources(m) for m in leases.wanted if leases.chosen_sources(m)}
+        )
+        uses, wanted = sensors_used(world), leases.wanted
 
         def seen_to(what: object) -> bool:
-            return what in busy or what in o.attempts
+            return what in busy or what in o.failures
 
         modes = leases.wanted_modes()
         for sensor, mode in modes.items():
             settled = o.modes.get(sensor) == mode or sensor in o.lost
-            assert settled or seen_to(sensor), f"{where}: {sensor} is not brought into mode {mode}, which is held"
+            assert settled or seen_to(sensor), (
+                f"{where}: {sensor} is not brought into mode {mode}, which is held"
+            )
             for job in (h for h in leases._demands.get(sensor, {}) if sensor not in leases.displaced(h)):
                 accepted = leases._demands[sensor][job].accepts
                 assert mode in accepted, f"{where}: {sensor} is in {mode}, {job} needs {accepted}"
-        for maker in (o.active & o.owned & o.alive) - wanted:
-            lingers = any(maker in feeds[m] for m in (o.active & o.owned) - wanted)
-            assert seen_to(maker) or lingers, f"{where}: {maker} runs for nobody"
+        for provider in (o.active & o.owned & o.alive) - wanted:
+            lingers = any(provider in upstream[m] for m in (o.active & o.owned) - wanted)
+            assert seen_to(provider) or lingers, f"{where}: {provider} runs without a request"
         pending = {s for s, mode in modes.items() if o.modes.get(s) != mode and s not in o.lost}
-        for maker in (wanted & o.alive) - o.active:
-            cold = {m for m in feeds[maker] if m in wanted and o.warm_at_s.get(m, now_s) > now_s}
-            waits = uses[maker] & pending or feeds[maker] & (wanted & o.alive) - o.active or cold
-            assert seen_to(maker) or waits, f"{where}: nobody starts {maker}"
+        for provider in (wanted & o.alive) - o.active:
+            cold = {m for m in upstream[provider] if m in wanted and o.warm_at_s.get(m, now_s) > now_s}
+            waits = uses[provider] & pending or upstream[provider] & (wanted & o.alive) - o.active or cold
+            assert seen_to(provider) or waits, f"{where}: {provider} is not started"
 
 
 @pytest.fixture(autouse=True)
 def simulated(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Registry, "default", classmethod(lambda cls: mission.SimulatedRegistry()))
+    monkeypatch.setattr(
+        Registry, "default", classmethod(lambda cls: orchestrator_mission.SimulatedRegistry())
+    )
     monkeypatch.setattr(os, "fsync", lambda _: None)
 
 
@@ -299,7 +331,9 @@ def endings(day: Day) -> Counter[str]:
     ("seed", "hours"),
     [(1, 0.5), (2, 0.5), pytest.param(3, 24.0, marks=[pytest.mark.slow, pytest.mark.timeout(900)])],
 )
-def test_the_service_keeps_its_invariants_over_requests_and_faults(seed: int, hours: float, tmp_path: Path) -> None:
+def test_the_service_keeps_its_invariants_over_requests_and_faults(
+    seed: int, hours: float, tmp_path: Path
+) -> None:
     day = Day(seed, tmp_path)
     day.run(hours * HOUR_S)
     assert not day.asked
@@ -309,7 +343,9 @@ def test_the_service_keeps_its_invariants_over_requests_and_faults(seed: int, ho
     assert how["product"] > day.count / 4, how
     assert {"product", "UnavailableError"} <= set(how)
     numbers = [int(r["n"]) for r in day.orchestrator._journal.records() if "n" in r]
-    assert numbers[-1] - day.mission.history <= 200, "the DPM's history has followed the journal, each record once"
+    assert numbers[-1] - day.mission.history <= 200, (
+        "the DPM's history has followed the journal, each record once"
+    )
     assert day.most["open"] <= 2 * CAPACITY, "those that made room end at once"
     assert day.most["jobs"] <= CAPACITY + 200
     assert day.most["looks"] <= CAPACITY
@@ -317,7 +353,7 @@ def test_the_service_keeps_its_invariants_over_requests_and_faults(seed: int, ho
     assert day.most["attempts"] <= 16
 
 
-def test_a_seed_replays_its_day(tmp_path: Path) -> None:
+def test_a_seed_reproduces_its_day(tmp_path: Path) -> None:
     days = []
     for i in range(2):
         (tmp_path / str(i)).mkdir()

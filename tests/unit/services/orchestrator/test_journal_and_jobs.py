@@ -16,11 +16,11 @@ import pytest
 from cdff_common.errors import ConflictError, InputError, OverloadedError, ProductNotFoundError, StorageError
 from cdff_core.orchestration.lifecycle import JobState
 from cdff_core.orchestration.request import ProductRequest
-from services.orchestrator.jobs import JobBook
+from services.orchestrator.jobs import JobRegistry
 from services.orchestrator.journal import Journal
 
 
-def test_what_was_appended_is_read_back_in_order_also_by_the_next_process(tmp_path: Path) -> None:
+def test_appended_records_are_read_in_order_also_by_the_next_process(tmp_path: Path) -> None:
     path = tmp_path / "a" / "journal.jsonl"
     journal = Journal(path)
     journal.append("start", open_jobs=0)
@@ -28,13 +28,17 @@ def test_what_was_appended_is_read_back_in_order_also_by_the_next_process(tmp_pa
     journal.close()
     again = Journal(path)
     again.append("start", open_jobs=1)
-    assert [(r["kind"], r.get("open_jobs")) for r in again.records()] == [("start", 0), ("mode", None), ("start", 1)]
+    assert [(r["kind"], r.get("open_jobs")) for r in again.records()] == [
+        ("start", 0),
+        ("mode", None),
+        ("start", 1),
+    ]
     again.close()
     with pytest.raises(StorageError):
         again.append("start")
 
 
-def test_a_torn_last_line_is_cut_off_and_garbage_in_between_is_passed_over(tmp_path: Path) -> None:
+def test_a_truncated_last_line_is_removed_and_invalid_lines_are_skipped(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     path.write_bytes(b'{"kind":"start"}\nnonsense\n[1]\n{"kind":"mode"}\n{"kind":"jo')
     journal = Journal(path)
@@ -43,7 +47,9 @@ def test_a_torn_last_line_is_cut_off_and_garbage_in_between_is_passed_over(tmp_p
     journal.close()
 
 
-def test_a_compacted_journal_goes_on_from_what_was_carried_over_and_keeps_the_old_one_aside(tmp_path: Path) -> None:
+def test_a_compacted_journal_continues_from_its_summary_and_the_old_one_is_kept(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "journal.jsonl"
     journal = Journal(path)
     for i in range(5):
@@ -57,7 +63,7 @@ def test_a_compacted_journal_goes_on_from_what_was_carried_over_and_keeps_the_ol
     journal.close()
 
 
-def test_threads_that_wait_for_the_disk_share_a_sync_and_each_record_is_synced_before_it_is_acknowledged(
+def test_concurrent_appends_share_a_sync_and_are_acknowledged_after_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "journal.jsonl"
@@ -79,13 +85,15 @@ def test_threads_that_wait_for_the_disk_share_a_sync_and_each_record_is_synced_b
     with ThreadPoolExecutor(9) as pool:
         covered = list(pool.map(append, range(9)))
     assert sorted(r["job"] for r in journal.records()) == [str(i) for i in range(9)]
-    assert len(synced) <= 2  # the first one's, which may have begun before the others wrote, and theirs
+    assert (
+        len(synced) <= 2
+    )  # the first one's, which may have started before the others wrote, and a second one
     assert max(covered) == journal.size
     journal.close()
 
 
 @pytest.mark.parametrize("content", [b"", b"torn", b"\n"])
-def test_an_empty_or_all_torn_journal_starts_anew(tmp_path: Path, content: bytes) -> None:
+def test_an_empty_or_all_truncated_journal_starts_again(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "journal.jsonl"
     path.write_bytes(content)
     journal = Journal(path)
@@ -95,17 +103,17 @@ def test_an_empty_or_all_torn_journal_starts_anew(tmp_path: Path, content: bytes
 
 @pytest.fixture
 def journal(tmp_path: Path) -> Iterator[Journal]:
-    made = Journal(tmp_path / "journal.jsonl")
-    yield made
-    made.close()
+    journal = Journal(tmp_path / "journal.jsonl")
+    yield journal
+    journal.close()
 
 
 def request(name: str, robot: str = "mana") -> ProductRequest:
     return ProductRequest(name, "pose", robot)
 
 
-def test_more_jobs_than_there_is_room_for_are_refused_with_a_time_to_come_back(journal: Journal) -> None:
-    book = JobBook(journal, capacity=2)
+def test_excess_jobs_are_refused_with_a_time_to_retry(journal: Journal) -> None:
+    book = JobRegistry(journal, capacity=2)
     first = book.open(request("a"))
     book.open(request("b"))
     with pytest.raises(OverloadedError) as caught:
@@ -116,9 +124,9 @@ def test_more_jobs_than_there_is_room_for_are_refused_with_a_time_to_come_back(j
 
 
 @pytest.mark.req("CDFF-SUP-072")
-def test_the_last_job_of_the_lowest_priority_makes_room_for_a_higher_one(journal: Journal) -> None:
+def test_the_last_job_of_lowest_priority_is_evicted_for_a_higher_one(journal: Journal) -> None:
     woken: list[bool] = []
-    book = JobBook(journal, capacity=3, wake=lambda: woken.append(True))
+    book = JobRegistry(journal, capacity=3, wake=lambda: woken.append(True))
     jobs = [book.open(replace(request(name), priority=p)) for name, p in (("a", 5), ("b", 2), ("c", 2))]
     high = book.open(replace(request("high"), priority=9))
     assert woken == [True]
@@ -134,8 +142,8 @@ def test_the_last_job_of_the_lowest_priority_makes_room_for_a_higher_one(journal
         book.open(replace(request("low"), priority=3))
 
 
-def test_a_job_that_is_being_delivered_does_not_make_room(journal: Journal) -> None:
-    book = JobBook(journal, capacity=1)
+def test_a_job_in_delivery_is_not_evicted(journal: Journal) -> None:
+    book = JobRegistry(journal, capacity=1)
     job = book.open(replace(request("a"), priority=0))
     book.move(job, JobState.LOOKING)
     book.move(job, JobState.DELIVERING)
@@ -143,8 +151,8 @@ def test_a_job_that_is_being_delivered_does_not_make_room(journal: Journal) -> N
         book.open(replace(request("b"), priority=9))
 
 
-def test_a_request_s_name_is_free_again_once_its_job_has_ended(journal: Journal) -> None:
-    book = JobBook(journal, capacity=9)
+def test_a_request_name_can_be_reused_after_its_job(journal: Journal) -> None:
+    book = JobRegistry(journal, capacity=9)
     job = book.open(request("a"))
     with pytest.raises(InputError, match="a"):
         book.open(request("a"))
@@ -157,8 +165,8 @@ def test_a_request_s_name_is_free_again_once_its_job_has_ended(journal: Journal)
         book.move(job, JobState.LOOKING)
 
 
-def test_only_a_standing_request_that_is_open_is_renewed(journal: Journal) -> None:
-    book = JobBook(journal, capacity=9)
+def test_only_an_open_standing_request_can_be_renewed(journal: Journal) -> None:
+    book = JobRegistry(journal, capacity=9)
     standing = book.open(replace(request("s"), every_s=0.0, deadline_s=1.0))
     assert book.renew("s", 100.0).remaining_s() > 90
     book.open(request("once"))
@@ -170,8 +178,8 @@ def test_only_a_standing_request_that_is_open_is_renewed(journal: Journal) -> No
             book.renew(name, 5.0)
 
 
-def test_old_jobs_are_forgotten_and_lists_name_the_newest_of_a_robot_first(journal: Journal) -> None:
-    book = JobBook(journal, capacity=1, remembered=6)
+def test_old_jobs_are_removed_and_lists_start_with_the_newest(journal: Journal) -> None:
+    book = JobRegistry(journal, capacity=1, ended_limit=6)
     for i in range(12):
         book.move(book.open(request(f"r{i}", "mana" if i % 2 else "minnie")), JobState.FAILED)
     listed = book.listed({"mana"}, 500)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Counters from the journal, and how ``/metrics`` says them."""
+"""Counters from the journal, and their form in ``/metrics``."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ def test_requests_actions_and_answer_times_are_counted_from_the_journal(tmp_path
     assert buckets == sorted(buckets)
 
 
-def test_an_orchestrator_that_is_away_is_said_to_be_down() -> None:
+def test_an_unavailable_orchestrator_is_reported_as_down() -> None:
     assert orchestrator_lines(None)[-1] == "cdff_orchestrator_up 0"
 
 
-def test_records_of_jobs_that_began_before_this_process_are_not_counted(tmp_path: Path) -> None:
+def test_jobs_started_before_this_process_are_not_counted(tmp_path: Path) -> None:
     metrics = Metrics()
     journal = Journal(tmp_path / "j.jsonl")
     journal.listen(metrics.on_record)

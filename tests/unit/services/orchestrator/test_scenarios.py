@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the service does when one thing fails at a time: next plan, the loser told, an answer as early as it is known.
+"""Behaviour of the service under single failures: new plan, displaced requests, early replies.
 
 The service runs in virtual time on the simulated mission; only what a test breaks is broken.
 """
@@ -16,12 +16,12 @@ import pytest
 from cdff_common.bus import Reply, Request, keys
 from cdff_common.errors import CdffError, DeadlineError, FrameNotFoundError, UnavailableError
 from cdff_common.interfaces.registry import Registry
-from cdff_core.orchestration.world import MakerId, SensorId
+from cdff_core.orchestration.world import ProviderId, SensorId
+from cdff_dev.mission_replay.virtual import Scheduler, VirtualTiming
 from services.orchestrator import service
 from services.orchestrator.service import Orchestrator
-from services.rehearsal.virtual import Scheduler, VirtualTiming
-from tests.unit.services.orchestrator import mission
-from tests.unit.services.orchestrator.simulated_bus import Mission
+from tests.support import orchestrator_mission
+from tests.support.simulated_bus import Mission
 
 DEM = {"type": "dem", "robot": "mana", "max_age_s": "4", "deadline_ms": "40000"}
 
@@ -32,7 +32,7 @@ class Stage:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.scheduler = Scheduler()
-        self.mission = Mission(self.scheduler, mission.profile(), 1, fails=0.0)
+        self.mission = Mission(self.scheduler, orchestrator_mission.profile(), 1, failure_rate=0.0)
         self.lead()
         self.run_until(lambda: all(p.alive for p in self.mission.processes.values()), 10.0)
         self.run(3.0)
@@ -41,20 +41,24 @@ class Stage:
         self.timing = VirtualTiming(self.scheduler)
         self.bus = self.mission.connect(self.timing)
         self.orchestrator = Orchestrator(
-            self.bus, self.mission.profile, self.folder / "journal.jsonl", 8, self.timing  # type: ignore[arg-type]
-        )  # fmt: skip
+            self.bus,
+            self.mission.profile,
+            self.folder / "journal.jsonl",
+            8,
+            self.timing,  # type: ignore[arg-type]
+        )
         self.timing.start(self.orchestrator.start, "start")
 
     def process(self, name: str, robot: str = "mana"):  # type: ignore[no-untyped-def]
-        return self.mission.processes[MakerId(robot, name)]
+        return self.mission.processes[ProviderId(robot, name)]
 
     def ask(self, **wish: str) -> list[Any]:
-        """Ask in a task of its own; what comes is added to the list: replies, and an error at last."""
+        """Ask in a task of its own; the list collects replies and the final error."""
         got: list[Any] = []
 
         def client() -> None:
             try:
-                got.extend(self.bus.ask(keys.orchestrator_rpc("ground", "request"), wish))
+                got.extend(self.bus.query(keys.orchestrator_rpc("ground", "request"), wish))
             except CdffError as error:
                 got.append(error)
             got.append(self.scheduler.now_s)
@@ -77,7 +81,9 @@ class Stage:
 
     def answer(self, got: list[Any], limit_s: float = 60.0) -> Any:
         """The final reply or error, once it is there."""
-        assert self.run_until(lambda: bool(got) and isinstance(got[-1], float), limit_s), "it was never answered"
+        assert self.run_until(lambda: bool(got) and isinstance(got[-1], float), limit_s), (
+            "it was never answered"
+        )
         return got[-2]
 
     def decisions(self) -> str:
@@ -86,7 +92,9 @@ class Stage:
 
 @pytest.fixture
 def stage(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Stage:
-    monkeypatch.setattr(Registry, "default", classmethod(lambda cls: mission.SimulatedRegistry()))
+    monkeypatch.setattr(
+        Registry, "default", classmethod(lambda cls: orchestrator_mission.SimulatedRegistry())
+    )
     return Stage(tmp_path)
 
 
@@ -104,7 +112,7 @@ def activate(stage: Stage, **wish: str) -> list[Any]:
 
 
 @pytest.mark.req("CDFF-SUP-024")
-def test_an_answer_says_what_was_asked_what_is_delivered_and_the_difference(stage: Stage) -> None:
+def test_an_answer_states_request_delivery_and_difference(stage: Stage) -> None:
     reply = stage.answer(stage.ask(**DEM, region="bbox:0,0,4,4", request="mine"))
     assert made_by(reply) == "dem"
     asked, given = reply.attachment["asked"], reply.attachment["delivered"]
@@ -116,10 +124,10 @@ def test_an_answer_says_what_was_asked_what_is_delivered_and_the_difference(stag
 
 @pytest.mark.req("CDFF-SUP-027")
 @pytest.mark.parametrize("trouble", ["crash", "raise", "refuse", "deaf", "lost"])
-def test_what_fails_is_planned_around(stage: Stage, trouble: str) -> None:
+def test_a_failed_provider_is_replaced_by_another_plan(stage: Stage, trouble: str) -> None:
     dem = stage.process("dem")
     dem.degraded = trouble == "degraded"
-    dem.refusing, dem.deaf = trouble == "refuse", trouble == "deaf"
+    dem.produces_nothing, dem.receives_nothing = trouble == "refuse", trouble == "deaf"
     got = activate(stage)
     if trouble == "lost":
         stage.mission.icu.lose("mana", "lidar", "no power")
@@ -132,15 +140,15 @@ def test_what_fails_is_planned_around(stage: Stage, trouble: str) -> None:
 
 
 @pytest.mark.req("CDFF-SUP-027")
-def test_degraded_output_is_delivered_where_the_next_plan_brings_nothing_better(stage: Stage) -> None:
+def test_degraded_output_is_delivered_if_the_next_plan_gives_no_better(stage: Stage) -> None:
     stage.process("dem").degraded = stage.process("stereo_dem").degraded = True
     reply = stage.answer(activate(stage))
-    assert "what mana/dem made is DEGRADED" in stage.decisions()
-    assert "status: DEGRADED, as its quality says" in reply.attachment["delivered"]["differences"]
+    assert "the product of mana/dem is DEGRADED" in stage.decisions()
+    assert "status: DEGRADED, see its quality" in reply.attachment["delivered"]["differences"]
 
 
 @pytest.mark.req("CDFF-SUP-027")
-def test_a_lost_sensor_that_nothing_replaces_is_the_reason_told_at_once(stage: Stage) -> None:
+def test_an_irreplaceable_lost_sensor_is_reported_at_once(stage: Stage) -> None:
     got = activate(stage, robot="minnie")
     stage.mission.icu.lose("minnie", "lidar", "no power")
     began_s = stage.scheduler.now_s
@@ -153,10 +161,10 @@ def test_a_lost_sensor_that_nothing_replaces_is_the_reason_told_at_once(stage: S
 
 
 @pytest.mark.req("CDFF-SUP-145")
-def test_the_lower_priority_loses_the_sensor_and_is_told(stage: Stage) -> None:
+def test_the_lower_priority_loses_the_sensor_and_is_reported(stage: Stage) -> None:
     stage.mission.stop(stage.process("position", "minnie"))
-    stage.process("dem", "minnie").refusing = True
-    stage.process("slam", "minnie").refusing = True
+    stage.process("dem", "minnie").produces_nothing = True
+    stage.process("slam", "minnie").produces_nothing = True
     stage.run(1.0)
     low = stage.ask(**{**DEM, "robot": "minnie", "priority": "3", "deadline_ms": "60000"})
     lidar = SensorId("minnie", "lidar")
@@ -170,12 +178,12 @@ def test_the_lower_priority_loses_the_sensor_and_is_told(stage: Stage) -> None:
     assert isinstance(error, UnavailableError)
     assert "minnie/lidar is kept in mode fast by another request" in str(error)
     assert "is in mode fast for a request of higher priority" in stage.decisions()
-    stage.process("slam", "minnie").refusing = False
+    stage.process("slam", "minnie").produces_nothing = False
     assert isinstance(stage.answer(high), Reply)
 
 
 @pytest.mark.req("CDFF-SUP-142")
-def test_a_region_that_nobody_can_see_in_time_is_refused_at_once_with_what_is_held(stage: Stage) -> None:
+def test_an_unobservable_region_is_refused_at_once_with_the_stored_coverage(stage: Stage) -> None:
     began_s = stage.scheduler.now_s
     got = stage.ask(**{**DEM, "robot": "any", "region": "bbox:300,300,310,310"})
     error = stage.answer(got)
@@ -187,18 +195,20 @@ def test_a_region_that_nobody_can_see_in_time_is_refused_at_once_with_what_is_he
 
 
 @pytest.mark.req("CDFF-SUP-142")
-def test_of_a_region_that_is_held_in_part_the_rest_is_made_and_the_answer_is_of_both(stage: Stage) -> None:
+def test_of_a_partly_stored_region_only_the_rest_is_produced(stage: Stage) -> None:
     wish = {**DEM, "region": "bbox:0,0,4,4", "max_age_s": "600", "min_coverage": "0.1"}
     first = stage.answer(stage.ask(**wish)).attachment["delivered"]
     second = stage.answer(stage.ask(**{**wish, "min_coverage": "0.5", "deadline_ms": "300000"}), 300.0)
     given = second.attachment["delivered"]
     assert given["assembled"]["stored"] >= first["coverage"] - 1e-4
-    assert given["assembled"]["stored"] + given["assembled"]["made"] == pytest.approx(given["coverage"], abs=1e-3)
+    assert given["assembled"]["stored"] + given["assembled"]["made"] == pytest.approx(
+        given["coverage"], abs=1e-3
+    )
     assert given["coverage"] >= 0.5
     assert given["assembled"]["made"] > 0.0
 
 
-def test_an_unknown_frame_is_not_found_also_in_an_explanation(stage: Stage) -> None:
+def test_an_unknown_frame_is_not_found_in_requests_and_explanations(stage: Stage) -> None:
     for more in ({}, {"explain": "true"}):
         error = stage.answer(stage.ask(**DEM, frame="nowhere", **more))
         assert isinstance(error, FrameNotFoundError)
@@ -206,7 +216,7 @@ def test_an_unknown_frame_is_not_found_also_in_an_explanation(stage: Stage) -> N
 
 
 @pytest.mark.req("CDFF-SUP-041")
-def test_an_acknowledged_job_is_still_known_after_the_orchestrator_was_killed(stage: Stage) -> None:
+def test_an_acknowledged_job_survives_a_kill_of_the_orchestrator(stage: Stage) -> None:
     activate(stage, request="mine", progress="true")
     stage.scheduler.kill(stage.timing)
     stage.mission.buses.clear()
@@ -217,20 +227,24 @@ def test_an_acknowledged_job_is_still_known_after_the_orchestrator_was_killed(st
     assert job["request"]["type"] == "dem"
     assert job["job"] in {j["job"] for j in stage.call("jobs", robot="any")["jobs"]}
     dem = stage.process("dem")
-    assert stage.run_until(lambda: dem.state == "inactive", 60.0), "nobody holds it any more"
+    assert stage.run_until(lambda: dem.state == "inactive", 60.0), "no request holds it"
 
 
 @pytest.mark.req("CDFF-SUP-070")
-def test_the_catalogue_says_of_each_type_how_it_can_be_made_or_why_not_and_what_is_nearest(stage: Stage) -> None:
+def test_the_catalogue_states_for_each_type_the_providers_or_the_reasons(
+    stage: Stage,
+) -> None:
     (dem,) = stage.call("catalogue", robot="mana", type="dem")["products"]
     assert dem["possible"]
     assert [w["dfpc"] for w in dem["by"]] == ["dem", "stereo_dem"]
-    assert all({"cpu_cores", "memory_mb", "ready_s", "resolution_m", "implementation"} <= set(w) for w in dem["by"])
+    assert all(
+        {"cpu_cores", "memory_mb", "ready_s", "resolution_m", "implementation"} <= set(w) for w in dem["by"]
+    )
     products = stage.call("catalogue", robot="any")["products"]
-    told = {(p["type"], p["robot"]): p for p in products}
-    assert "no DFPC of minnie makes navigation_map" in told["navigation_map", "minnie"]["why_not"]
-    assert told["navigation_map", "minnie"]["nearest"][0] == "navigation_map of mana"
-    assert not told["image", "mana"]["possible"]
+    results = {(p["type"], p["robot"]): p for p in products}
+    assert "no DFPC of minnie provides navigation_map" in results["navigation_map", "minnie"]["why_not"]
+    assert results["navigation_map", "minnie"]["nearest"][0] == "navigation_map of mana"
+    assert not results["image", "mana"]["possible"]
     stage.mission.icu.lose("minnie", "lidar", "no power")
     stage.run(1.0)
     (lost,) = stage.call("catalogue", robot="minnie", type="dem")["products"]
@@ -239,19 +253,19 @@ def test_the_catalogue_says_of_each_type_how_it_can_be_made_or_why_not_and_what_
     assert "pose of minnie" in lost["nearest"]
 
 
-def test_a_status_from_before_the_last_change_that_comes_late_is_passed_over(stage: Stage) -> None:
-    state, dem = stage.orchestrator._state, MakerId("mana", "dem")
-    state.seen_state(dem, "active", changes=5)
-    state.seen_state(dem, "error", "long ago", changes=4)
+def test_an_outdated_status_is_skipped(stage: Stage) -> None:
+    state, dem = stage.orchestrator._state, ProviderId("mana", "dem")
+    state.set_state(dem, "active", changes=5)
+    state.set_state(dem, "error", "long ago", changes=4)
     assert dem in state._observed.active
-    assert dem not in state._observed.attempts
-    state.seen_alive(dem, alive=False)
-    state.seen_state(dem, "inactive", changes=1)
-    assert state._observed.states[dem] == "inactive", "a new process counts anew"
+    assert dem not in state._observed.failures
+    state.set_alive(dem, alive=False)
+    state.set_state(dem, "inactive", changes=1)
+    assert state._observed.states[dem] == "inactive", "a new process starts a new count"
 
 
 @pytest.mark.req("CDFF-SUP-024")
-def test_an_error_says_what_was_asked_too(stage: Stage) -> None:
+def test_an_error_states_the_request(stage: Stage) -> None:
     error = stage.answer(stage.ask(**{**DEM, "region": "bbox:300,300,310,310", "request": "mine"}))
     assert isinstance(error, UnavailableError)
     assert error.asked is not None
@@ -261,8 +275,14 @@ def test_an_error_says_what_was_asked_too(stage: Stage) -> None:
     assert wrong.asked["request"] == wrong.request
 
 
-def test_a_standing_request_goes_on_where_the_dpm_holds_all_of_its_region(stage: Stage) -> None:
-    wish = {"type": "dem", "robot": "mana", "region": "bbox:0,0,2,2", "deadline_ms": "60000", "min_coverage": "0.01"}
+def test_a_standing_request_continues_although_the_dpm_stores_its_whole_region(stage: Stage) -> None:
+    wish = {
+        "type": "dem",
+        "robot": "mana",
+        "region": "bbox:0,0,2,2",
+        "deadline_ms": "60000",
+        "min_coverage": "0.01",
+    }
     whole = stage.answer(stage.ask(**{**wish, "min_coverage": "0.99", "deadline_ms": "600000"}), 600.0)
     assert isinstance(whole, Reply), whole
     end = stage.answer(stage.ask(**wish, every_s="0"), 70.0)
@@ -272,50 +292,54 @@ def test_a_standing_request_goes_on_where_the_dpm_holds_all_of_its_region(stage:
     assert end.body()["asked"]["every_s"] == 0.0
 
 
-def test_what_is_held_though_coarser_is_said_to_be_served_where_nothing_finer_can_be_made(stage: Stage) -> None:
+def test_stored_coarser_data_are_delivered_if_no_finer_can_be_produced(
+    stage: Stage,
+) -> None:
     wish = {"type": "dem", "robot": "mana", "region": "bbox:0,0,2,2", "resolution_m": "0.001"}
     whole = stage.answer(stage.ask(**wish, min_coverage="0.99", deadline_ms="600000"), 600.0)
     assert isinstance(whole, Reply), whole
-    told = stage.answer(stage.ask(**wish, explain="true")).body()
+    received = stage.answer(stage.ask(**wish, explain="true")).body()
     given = stage.answer(stage.ask(**wish))
     assert isinstance(given, Reply), given
     assert given.attachment["delivered"]["differences"]
-    assert told["would"] == ("make" if told["plan"] else "serve")
+    assert received["would"] == ("make" if received["plan"] else "serve")
 
 
-def test_what_is_held_coarser_than_asked_is_made_by_who_declares_to_be_finer(
+def test_coarser_stored_data_are_replaced_by_a_finer_provider(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    plain = mission.profile()
+    plain = orchestrator_mission.profile()
     cells = {"dem": 1.0, "stereo_dem": 0.5}
     finer = {name: {"parameters": {"resolution_m": m}} for name, m in cells.items()}
     robots = tuple(
         r.model_copy(update={"dfpcs": tuple(e.model_copy(update=finer.get(e.name, {})) for e in r.dfpcs)})
         for r in plain.robots
     )
-    monkeypatch.setattr(mission, "profile", lambda: plain.model_copy(update={"robots": robots}))
-    monkeypatch.setattr(Registry, "default", classmethod(lambda cls: mission.SimulatedRegistry()))
+    monkeypatch.setattr(orchestrator_mission, "profile", lambda: plain.model_copy(update={"robots": robots}))
+    monkeypatch.setattr(
+        Registry, "default", classmethod(lambda cls: orchestrator_mission.SimulatedRegistry())
+    )
     stage, wish = Stage(tmp_path), {"type": "dem", "robot": "mana", "region": "bbox:0,0,2,2"}
     whole = stage.answer(stage.ask(**wish, min_coverage="0.99", deadline_ms="600000"), 600.0)
     assert whole.attachment["delivered"]["resolution_m"] == 1.0
     stage.run(60.0)
-    told = stage.answer(stage.ask(**wish, resolution_m="0.5", explain="true")).body()
-    assert (told["would"], told["plan"]["maker"]) == ("make", "mana/stereo_dem")
+    received = stage.answer(stage.ask(**wish, resolution_m="0.5", explain="true")).body()
+    assert (received["would"], received["plan"]["provider"]) == ("make", "mana/stereo_dem")
     stage.answer(stage.ask(**wish, resolution_m="0.5"))
-    assert "mana/stereo_dem is to make it" in stage.decisions()
+    assert "mana/stereo_dem shall provide it" in stage.decisions()
 
 
-def test_what_was_made_is_not_said_to_have_been_held_where_it_is_planned_anew(stage: Stage) -> None:
+def test_a_product_made_for_the_request_is_not_reported_as_stored_after_replanning(stage: Stage) -> None:
     stage.process("dem").degraded = stage.process("stereo_dem").degraded = True
     given = stage.answer(stage.ask(**DEM, region="bbox:0,0,4,4")).attachment["delivered"]
-    assert "what mana/dem made is DEGRADED" in stage.decisions()
+    assert "the product of mana/dem is DEGRADED" in stage.decisions()
     assert given["assembled"] == {"stored": 0.0, "made": pytest.approx(given["coverage"], abs=1e-4)}
 
 
 @pytest.mark.req("CDFF-SUP-027")
-def test_what_is_not_made_in_time_is_a_deadline_that_says_how_far_it_came(stage: Stage) -> None:
+def test_a_deadline_states_the_progress(stage: Stage) -> None:
     activate(stage)
     error = stage.answer(stage.ask(**{**DEM, "max_age_s": "0", "deadline_ms": "300"}))
     assert isinstance(error, DeadlineError), error
     assert "deadline of 0.3 s" in str(error)
-    assert "runs, but made nothing better in time" in str(error)
+    assert "runs, but provided nothing better in time" in str(error)

@@ -22,11 +22,11 @@ def planned(**where: Any) -> list[ProcessSpec]:
     return plan(load_profile(PROFILE), PROFILE, connect="tcp/a:1", http="b:2", data_dir=Path("data"), **where)
 
 
-def test_all_of_a_profile_runs_on_one_machine_by_default() -> None:
+def test_a_whole_profile_runs_on_one_machine_by_default() -> None:
     assert [s.name for s in planned()] == GROUND + ROVERS
 
 
-def test_a_robot_that_has_a_machine_of_its_own_has_a_router_of_its_own_linked_to_the_ground() -> None:
+def test_a_robot_with_its_own_machine_has_its_own_router_linked_to_the_ground() -> None:
     ground, mana = planned(scopes=["ground", "minnie"]), planned(scopes=["mana"], uplink="tcp/c:3")
     assert [s.name for s in ground] == GROUND + ROVERS[2:]
     assert [s.name for s in mana] == ["router", *ROVERS[:2]]
@@ -36,6 +36,8 @@ def test_a_robot_that_has_a_machine_of_its_own_has_a_router_of_its_own_linked_to
     assert "--uplink" not in ground[0].argv
 
 
-def test_a_scope_that_the_profile_has_not_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match="scope 'manna': profile two_rovers has ground, mana, minnie"):
+def test_an_unknown_scope_is_refused() -> None:
+    with pytest.raises(
+        ConfigurationError, match="scope 'manna': profile two_rovers has ground, mana, minnie"
+    ):
         planned(scopes=["manna"])

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A DFPC that misbehaves when told to."""
+"""A DFPC that misbehaves on command."""

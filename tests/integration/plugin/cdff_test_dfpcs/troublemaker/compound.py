@@ -19,7 +19,7 @@ class Troublemaker(Dfpc):
     name = "troublemaker"
 
     def setup(self) -> None:
-        """Offer the last pose."""
+        """Store the last pose as an item."""
         self._last: Any = None
         self._count = 0
         self.store.offer("last", lambda: self._last)
@@ -28,9 +28,9 @@ class Troublemaker(Dfpc):
         """Echo a pose."""
         trouble = sample.child.removeprefix("trouble/")
         if trouble == "refuse":
-            raise RefusedError("told to refuse")
+            raise RefusedError("refusal on command")
         if trouble == "raise":
-            raise ZeroDivisionError("told to raise")
+            raise ZeroDivisionError("error on command")
         if trouble == "hang":
             time.sleep(3600)
         if trouble == "slow":
@@ -41,9 +41,18 @@ class Troublemaker(Dfpc):
         self._last = sample.value
         self._count += 1
         return [
-            Output("echo", value, sample.stamp_ns, sample.stamp_ns, sample.frame, sample.child, quality, (sample.id,))
+            Output(
+                "echo",
+                value,
+                sample.stamp_ns,
+                sample.stamp_ns,
+                sample.frame,
+                sample.child,
+                quality,
+                (sample.id,),
+            )
         ]
 
     def count(self, factor: int) -> int:
-        """How many poses were echoed, times ``factor``."""
+        """Return the number of echoed poses, times ``factor``."""
         return self._count * factor

@@ -11,12 +11,12 @@ from cdff_common.types import TransformWithCovariance
 
 
 class Understudy(Dfpc):
-    """Echoes poses as those of ``mana/base``."""
+    """Publishes each received pose with the child frame ``mana/base``."""
 
     name = "understudy"
 
     def setup(self) -> None:
-        """Nothing to prepare."""
+        """Do nothing."""
 
     def step(self, sample: Sample) -> Iterable[Output]:
         """Echo a pose."""

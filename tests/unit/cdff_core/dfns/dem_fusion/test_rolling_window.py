@@ -10,7 +10,7 @@ import pytest
 from cdff_common.errors import InputError
 from cdff_common.raster import CellStatistics, GridGeometry
 from cdff_common.types import ElevationMap
-from cdff_core.dfns.dem_fusion._interface import DemFusionInputs
+from cdff_core.dfns.dem_fusion.interface import DemFusionInputs
 from cdff_core.dfns.dem_fusion.rolling_window import RollingWindow
 
 T_NS = 1_700_000_000_000_000_000
@@ -22,14 +22,16 @@ def fusion(**config: Any) -> RollingWindow:
     return node
 
 
-def patch(points: np.ndarray, t_ns: int = T_NS, frame: str = "site", resolution_m: float = 0.25) -> ElevationMap:
+def patch(
+    points: np.ndarray, t_ns: int = T_NS, frame: str = "site", resolution_m: float = 0.25
+) -> ElevationMap:
     low, high = points.min(axis=0), points.max(axis=0) + 1e-6
     g = GridGeometry.aligned(frame, resolution_m, (low[0], low[1], high[0], high[1]))
     layers = CellStatistics.from_points(g, points, stamps_ns=t_ns).to_layers(t_ns)
     return ElevationMap.from_layers(g, layers, t0_ns=t_ns, t1_ns=t_ns)
 
 
-def test_patches_fuse_to_what_all_points_at_once_would_give(rng: np.random.Generator) -> None:
+def test_patches_fuse_to_the_statistics_of_all_points(rng: np.random.Generator) -> None:
     points = np.column_stack([rng.uniform(-4, 4, (6000, 2)), rng.normal(2.0, 0.3, 6000)])
     node = fusion(size_m=10.0)
     for i, part in enumerate(np.array_split(points, 6)):
@@ -42,7 +44,7 @@ def test_patches_fuse_to_what_all_points_at_once_would_give(rng: np.random.Gener
     assert (fused.t0_ns, fused.t1_ns) == (T_NS, T_NS + 5000)
 
 
-def test_two_flat_patches_apart_make_an_uncertain_cell_in_either_order() -> None:
+def test_two_contradicting_flat_patches_make_an_uncertain_cell_in_either_order() -> None:
     flat = np.column_stack([np.tile([[0.1, 0.1]], (50, 1)), np.zeros(50)])
     for first, second in ((0.0, 0.3), (0.3, 0.0)):
         node = fusion(size_m=1.0)
@@ -51,11 +53,13 @@ def test_two_flat_patches_apart_make_an_uncertain_cell_in_either_order() -> None
         assert np.sqrt(np.nanmax(fused.layer("variance"))) == pytest.approx(0.15, rel=1e-5)
 
 
-def test_the_window_follows_its_centre_and_forgets_what_it_leaves(rng: np.random.Generator) -> None:
+def test_the_window_follows_its_centre_and_discards_cells_outside(rng: np.random.Generator) -> None:
     node = fusion(size_m=4.0)
     square = np.column_stack([rng.uniform(-1, 1, (2000, 2)), np.zeros(2000)])
     for x in np.arange(0.0, 30.0, 1.0):
-        fused = node.process(DemFusionInputs(patch=patch(square + np.array([x, 0, 0])), centre=np.array([x, 0.0]))).map
+        fused = node.process(
+            DemFusionInputs(patch=patch(square + np.array([x, 0, 0])), centre=np.array([x, 0.0]))
+        ).map
     assert fused.geometry.shape == (16, 16)
     b = fused.geometry.bounds
     assert b.xmin <= 29.0 - 1.75
@@ -63,9 +67,13 @@ def test_the_window_follows_its_centre_and_forgets_what_it_leaves(rng: np.random
     assert np.isfinite(fused.layer("mean")).mean() > 0.3
 
 
-def test_patches_are_pooled_into_coarser_cells_where_asked(rng: np.random.Generator) -> None:
+def test_patches_are_aggregated_to_coarser_cells_on_request(rng: np.random.Generator) -> None:
     points = np.column_stack([rng.uniform(-1, 1, (500, 2)), rng.normal(0, 1, 500)])
-    fused = fusion(size_m=4.0, resolution_m=0.5).process(DemFusionInputs(patch=patch(points), centre=np.zeros(2))).map
+    fused = (
+        fusion(size_m=4.0, resolution_m=0.5)
+        .process(DemFusionInputs(patch=patch(points), centre=np.zeros(2)))
+        .map
+    )
     assert fused.geometry.resolution_m == 0.5
     assert np.nansum(fused.layer("count")) == 500
     with pytest.raises(InputError, match="do not fit"):
@@ -76,6 +84,8 @@ def test_a_patch_in_another_frame_starts_a_new_map() -> None:
     node = fusion(size_m=2.0)
     node.process(DemFusionInputs(patch=patch(np.array([[0.1, 0.1, 1.0]])), centre=np.zeros(2)))
     fused = node.process(
-        DemFusionInputs(patch=patch(np.array([[0.6, 0.6, 5.0]]), T_NS + 9000, frame="site_2"), centre=np.zeros(2))
+        DemFusionInputs(
+            patch=patch(np.array([[0.6, 0.6, 5.0]]), T_NS + 9000, frame="site_2"), centre=np.zeros(2)
+        )
     ).map
     assert (fused.frame, np.nansum(fused.layer("count")), fused.t0_ns) == ("site_2", 1.0, T_NS + 9000)

@@ -8,7 +8,7 @@ import pytest
 from cdff_common.errors import InputError
 from cdff_common.raster import CellStatistics, GridGeometry
 from cdff_common.types import ElevationMap
-from cdff_core.dfns.dem_fusion._interface import DemFusionInputs
+from cdff_core.dfns.dem_fusion.interface import DemFusionInputs
 from cdff_core.dfns.dem_fusion.tiled_map import TILE, TiledMap
 
 
@@ -20,7 +20,7 @@ def patch(x0: float, frame: str = "site") -> ElevationMap:
     )
 
 
-def test_the_window_is_cut_from_tiles_across_their_borders() -> None:
+def test_a_window_extends_across_the_borders_of_tiles() -> None:
     node = TiledMap()
     node.configure({"size_m": 4.0})
     edge = TILE * 0.1
@@ -29,41 +29,41 @@ def test_the_window_is_cut_from_tiles_across_their_borders() -> None:
     assert np.all(out.layer("count") == 1)
 
 
-def test_the_least_recently_touched_tile_goes_first() -> None:
+def test_the_least_recently_used_tile_is_evicted_first() -> None:
     node = TiledMap()
     node.configure({"max_tiles": 4})
     for x0 in (0.0, 100.0, 200.0):
         node.process(DemFusionInputs(patch=patch(x0)))
-    whole = node.process(DemFusionInputs(bounds=np.array([0.0, -5.0, 20.0, 5.0]))).map
-    assert np.nansum(whole.layer("count")) == 0
+    full_map = node.process(DemFusionInputs(bounds=np.array([0.0, -5.0, 20.0, 5.0]))).map
+    assert np.nansum(full_map.layer("count")) == 0
 
 
-def test_tiles_that_make_room_are_counted() -> None:
+def test_evicted_tiles_are_counted() -> None:
     node = TiledMap()
     node.configure({"max_tiles": 4})
-    lost = [int(node.process(DemFusionInputs(patch=patch(x0))).forgotten) for x0 in (0.0, 100.0, 200.0)]
-    whole = node.process(DemFusionInputs(bounds=np.full(4, np.nan)))
-    assert lost == [0, 2, 4]  # the patches lie on 2, 4 and 4 tiles
-    assert int(whole.forgotten) == 0
+    evicted_counts = [node.process(DemFusionInputs(patch=patch(x0))).forgotten for x0 in (0.0, 100.0, 200.0)]
+    full_map = node.process(DemFusionInputs(bounds=np.full(4, np.nan)))
+    assert evicted_counts == [0, 2, 4]  # the patches cover 2, 4 and 4 tiles
+    assert full_map.forgotten == 0
 
 
-def test_a_map_of_all_that_was_seen_has_cells_as_large_as_the_bound_asks_and_loses_no_measurement() -> None:
+def test_a_map_beyond_the_cell_limit_has_coarser_cells_with_every_measurement() -> None:
     node = TiledMap()
     node.configure({"max_cells": 1 << 14})
-    for x0 in (0.0, 7000.0):  # at 0.1 m the box around both has 18 million cells
+    for x0 in (0.0, 7000.0):  # with cells of 0.1 m, the box around both patches has 18 million cells
         node.process(DemFusionInputs(patch=patch(x0)))
-    made = node.process(DemFusionInputs(bounds=np.full(4, np.nan))).map
-    g = made.geometry
+    outputs = node.process(DemFusionInputs(bounds=np.full(4, np.nan))).map
+    g = outputs.geometry
     factor = round(g.resolution_m / 0.1)
     assert (g.rows * g.cols, factor & (factor - 1)) == (pytest.approx(8192, rel=1.0), 0)
     assert g.rows * g.cols <= 1 << 14
-    assert np.nansum(made.layer("count")) == 20_000
-    assert np.nanmax(np.abs(made.layer("mean") - 1.0)) == 0.0
+    assert np.nansum(outputs.layer("count")) == 20_000
+    assert np.nanmax(np.abs(outputs.layer("mean") - 1.0)) == 0.0
     near = node.process(DemFusionInputs(bounds=np.array([0.0, -2.0, 4.0, 2.0]))).map
     assert (near.geometry.resolution_m, near.geometry.shape) == (0.1, (40, 40))
 
 
-def test_no_bounds_lead_to_more_cells_than_the_bound(rng: np.random.Generator) -> None:
+def test_the_limit_on_cells_is_never_exceeded(rng: np.random.Generator) -> None:
     node = TiledMap()
     node.configure({"max_cells": 1 << 14})
     node.process(DemFusionInputs(patch=patch(0.0)))
@@ -72,13 +72,13 @@ def test_no_bounds_lead_to_more_cells_than_the_bound(rng: np.random.Generator) -
         assert g.rows * g.cols <= 1 << 14
 
 
-def test_a_patch_in_another_frame_starts_anew_and_nothing_is_refused() -> None:
+def test_a_patch_in_another_frame_starts_a_new_map_without_error() -> None:
     node = TiledMap()
     node.configure()
     with pytest.raises(InputError, match="no patch yet"):
         node.process(DemFusionInputs())
     node.process(DemFusionInputs(patch=patch(0.0)))
     node.process(DemFusionInputs(patch=patch(50.0, "mana/odom")))
-    whole = node.process(DemFusionInputs(bounds=np.full(4, np.nan))).map
-    assert whole.frame == "mana/odom"
-    assert np.nansum(whole.layer("count")) == 10_000
+    full_map = node.process(DemFusionInputs(bounds=np.full(4, np.nan))).map
+    assert full_map.frame == "mana/odom"
+    assert np.nansum(full_map.layer("count")) == 10_000

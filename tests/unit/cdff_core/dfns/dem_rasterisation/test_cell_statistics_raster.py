@@ -9,19 +9,19 @@ import pytest
 
 from cdff_common.errors import InputError
 from cdff_common.types import ElevationMap
-from cdff_core.dfns.dem_rasterisation._interface import DemRasterisationInputs
 from cdff_core.dfns.dem_rasterisation.cell_statistics_raster import CellStatisticsRaster
+from cdff_core.dfns.dem_rasterisation.interface import DemRasterisationInputs
 
 T_NS = 1_700_000_000_000_000_000
 
 
 def rasterise(points: np.ndarray, *, config: dict[str, Any] | None = None, **inputs: Any) -> ElevationMap:
     node = CellStatisticsRaster()
-    node.configure({"resolution_m": 0.5, "frame": "site", **(config or {})})
-    return node.process(DemRasterisationInputs(points=points, **inputs)).map
+    node.configure({"resolution_m": 0.5, **(config or {})})
+    return node.process(DemRasterisationInputs(frame="site", points=points, **inputs)).map
 
 
-def test_the_grid_is_the_smallest_aligned_one_that_holds_all_points(rng: np.random.Generator) -> None:
+def test_the_grid_is_the_smallest_aligned_one_that_contains_all_points(rng: np.random.Generator) -> None:
     points = rng.uniform(-3.3, 7.7, (500, 3))
     dem = rasterise(points)
     b = dem.geometry.bounds
@@ -39,9 +39,10 @@ def test_a_point_on_the_upper_edge_lies_in_the_cell_above() -> None:
     np.testing.assert_array_equal(dem.layer("mean"), [[np.nan, 2.0], [1.0, np.nan]])
 
 
-def test_layers_are_those_of_the_contract_and_unobserved_cells_nan() -> None:
+def test_a_map_has_the_documented_layers_and_nan_in_unobserved_cells() -> None:
     dem = rasterise(
-        np.array([[0.1, 0.1, 1.0], [1.1, 0.1, 3.0], [1.2, 0.2, 5.0]]), stamps_ns=np.array([T_NS, T_NS, T_NS + 2000])
+        np.array([[0.1, 0.1, 1.0], [1.1, 0.1, 3.0], [1.2, 0.2, 5.0]]),
+        stamps_ns=np.array([T_NS, T_NS, T_NS + 2000]),
     )
     assert dem.layer_names == ("mean", "variance", "min", "max", "count", "age_s")
     np.testing.assert_array_equal(dem.layer("mean"), [[1, np.nan, 4]])
@@ -53,12 +54,12 @@ def test_layers_are_those_of_the_contract_and_unobserved_cells_nan() -> None:
     assert (dem.t0_ns, dem.t1_ns) == (T_NS, T_NS + 2000)
 
 
-def test_own_variances_are_added_to_the_spread() -> None:
+def test_point_variances_are_added_to_the_scatter() -> None:
     dem = rasterise(np.array([[0.1, 0.1, 1.0], [0.2, 0.2, 3.0]]), height_variance=np.array([0.25, 0.75]))
     assert dem.layer("variance")[0, 0] == pytest.approx(1.5)
 
 
-def test_outliers_that_would_blow_up_the_grid_are_refused_and_infinite_ones_left_out() -> None:
+def test_outliers_that_would_enlarge_the_grid_are_refused_and_infinite_ones_omitted() -> None:
     with pytest.raises(InputError, match="cells"):
         rasterise(np.array([[0.0, 0, 0], [1e6, 1e6, 0]]))
     assert rasterise(np.array([[0.0, 0, 0], [np.inf, 0, 0], [0, np.nan, 0]])).geometry.shape == (1, 1)

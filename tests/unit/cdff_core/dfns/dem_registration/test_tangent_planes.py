@@ -9,7 +9,7 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.raster import CellStatistics, GridGeometry
 from cdff_common.types import ElevationMap
-from cdff_core.dfns.dem_registration._interface import DemRegistrationInputs, DemRegistrationOutputs
+from cdff_core.dfns.dem_registration.interface import DemRegistrationInputs, DemRegistrationOutputs
 from cdff_core.dfns.dem_registration.tangent_planes import TangentPlanes
 
 GRID = GridGeometry.aligned("site", 0.1, (-8.0, -8.0, 8.0, 8.0))
@@ -21,7 +21,7 @@ def relief(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return 0.3 * np.sin(x / 1.3) * np.cos(y / 1.1) + 0.1 * np.sin(0.7 * x + y)
 
 
-def known(rng: np.random.Generator, flat: bool = False) -> ElevationMap:
+def map_of_relief(rng: np.random.Generator, flat: bool = False) -> ElevationMap:
     xy = rng.uniform(-8, 8, (60_000, 2))
     z = 0 * xy[:, 0] if flat else relief(*xy.T)
     points = np.column_stack([xy, z + rng.normal(0, 0.01, len(xy))])
@@ -29,7 +29,9 @@ def known(rng: np.random.Generator, flat: bool = False) -> ElevationMap:
     return ElevationMap.from_layers(GRID, layers, t0_ns=0, t1_ns=0)
 
 
-def fitted(points: np.ndarray, dem: ElevationMap, prior: np.ndarray = PRIOR, **config: float) -> DemRegistrationOutputs:
+def fit(
+    points: np.ndarray, dem: ElevationMap, prior: np.ndarray = PRIOR, **config: float
+) -> DemRegistrationOutputs:
     node = TangentPlanes()
     node.configure(config)
     return node.process(
@@ -39,48 +41,53 @@ def fitted(points: np.ndarray, dem: ElevationMap, prior: np.ndarray = PRIOR, **c
     )
 
 
-def capture(rng: np.random.Generator, n: int = 5000, flat: bool = False) -> np.ndarray:
+def capture_points(rng: np.random.Generator, n: int = 5000, flat: bool = False) -> np.ndarray:
     xy = rng.uniform(-5, 5, (n, 2))
     return np.column_stack([xy, (0 * xy[:, 0] if flat else relief(*xy.T)) + rng.normal(0, 0.01, n)])
 
 
-def test_a_wrong_pose_is_put_right_by_the_relief(rng: np.random.Generator) -> None:
-    wrong = se3.transform(se3.exp_so3([0.01, -0.008, 0.012]), [0.03, -0.04, 0.05])
-    points = capture(rng)
-    out = fitted(se3.transform_points(wrong, points), known(rng))
-    left = se3.transform_points(out.correction @ wrong, points) - points
-    assert np.abs(left[:, 2]).max() < 0.006
-    assert np.linalg.norm(left[:, :2], axis=1).max() < 0.02
+def test_a_wrong_pose_over_relief_is_corrected(rng: np.random.Generator) -> None:
+    pose_error = se3.transform(se3.exp_so3([0.01, -0.008, 0.012]), [0.03, -0.04, 0.05])
+    points = capture_points(rng)
+    out = fit(se3.transform_points(pose_error, points), map_of_relief(rng))
+    residual_m = se3.transform_points(out.correction @ pose_error, points) - points
+    assert np.abs(residual_m[:, 2]).max() < 0.006
+    assert np.linalg.norm(residual_m[:, :2], axis=1).max() < 0.02
     assert np.all(np.diag(out.covariance) < np.diag(PRIOR))
 
 
-def test_flat_ground_leaves_place_and_heading_to_the_pose(rng: np.random.Generator) -> None:
-    points = capture(rng, flat=True) + np.array([0.0, 0.0, 0.04])
-    out = fitted(points, known(rng, flat=True))
+def test_flat_ground_leaves_position_and_heading_unchanged(rng: np.random.Generator) -> None:
+    points = capture_points(rng, flat=True) + np.array([0.0, 0.0, 0.04])
+    out = fit(points, map_of_relief(rng, flat=True))
     assert abs(out.correction[2, 3] + 0.04) < 0.003
     assert np.abs(out.correction[:2, 3]).max() < 0.03
     assert np.all(np.diag(out.covariance)[:2] > 20 * out.covariance[2, 2])
 
 
-def test_what_moved_does_not_move_the_capture(rng: np.random.Generator) -> None:
-    points = capture(rng)
+def test_moving_objects_do_not_shift_the_capture_points(rng: np.random.Generator) -> None:
+    points = capture_points(rng)
     points[:600, 2] += 0.8
-    assert abs(fitted(points, known(rng)).correction[2, 3]) < 0.005
+    assert abs(fit(points, map_of_relief(rng)).correction[2, 3]) < 0.005
 
 
-def test_nothing_is_corrected_beside_the_map_or_further_than_the_pose_allows(rng: np.random.Generator) -> None:
-    for points in (capture(rng) + np.array([100.0, 0.0, 0.0]), capture(rng) + np.array([0.0, 0.0, 2.0])):
-        out = fitted(points, known(rng))
-        assert int(out.matched) == 0
+def test_no_correction_outside_the_map_or_beyond_the_pose_covariance(
+    rng: np.random.Generator,
+) -> None:
+    for points in (
+        capture_points(rng) + np.array([100.0, 0.0, 0.0]),
+        capture_points(rng) + np.array([0.0, 0.0, 2.0]),
+    ):
+        out = fit(points, map_of_relief(rng))
+        assert out.matched == 0
         np.testing.assert_array_equal(out.correction, np.eye(4))
         np.testing.assert_array_equal(out.covariance, PRIOR)
 
 
-def test_an_exact_pose_is_believed(rng: np.random.Generator) -> None:
-    out = fitted(capture(rng) + np.array([0.0, 0.0, 0.0005]), known(rng), np.zeros((6, 6)))
+def test_an_exact_pose_is_not_corrected(rng: np.random.Generator) -> None:
+    out = fit(capture_points(rng) + np.array([0.0, 0.0, 0.0005]), map_of_relief(rng), np.zeros((6, 6)))
     np.testing.assert_allclose(out.correction, np.eye(4), atol=2e-4)
 
 
-def test_a_covariance_that_is_none_is_refused(rng: np.random.Generator) -> None:
+def test_an_invalid_covariance_is_refused(rng: np.random.Generator) -> None:
     with pytest.raises(InputError, match="semi-definite"):
-        fitted(capture(rng), known(rng), -PRIOR)
+        fit(capture_points(rng), map_of_relief(rng), -PRIOR)

@@ -12,15 +12,15 @@ import pytest
 
 from cdff_common.errors import ConfigurationError
 from cdff_common.types import Frame
-from cdff_core.dfns.disparity_image._interface import DisparityImageInputs
 from cdff_core.dfns.disparity_image.bm import Bm
+from cdff_core.dfns.disparity_image.interface import DisparityImageInputs
 
 
 def match(left: np.ndarray, right: np.ndarray, **config: Any) -> np.ndarray:
     node = Bm()
     node.configure({"num_disparities": 32, **config})
-    images = (Frame.from_image(image, stamp_ns=0, mode="GRAY") for image in (left, right))
-    return node.process(DisparityImageInputs(*images)).disparity.image
+    left, right = (Frame.from_image(image, stamp_ns=0, mode="GRAY") for image in (left, right))
+    return node.process(DisparityImageInputs(left=left, right=right)).disparity.image
 
 
 def texture(rng: np.random.Generator) -> np.ndarray:
@@ -29,7 +29,9 @@ def texture(rng: np.random.Generator) -> np.ndarray:
 
 
 @pytest.mark.parametrize("disparity_px", [3, 10, 21])
-def test_a_plane_parallel_to_the_images_has_one_disparity(rng: np.random.Generator, disparity_px: int) -> None:
+def test_a_plane_parallel_to_the_images_has_one_disparity(
+    rng: np.random.Generator, disparity_px: int
+) -> None:
     left = texture(rng)
     disparity = match(left, np.roll(left, -disparity_px, axis=1))
     inner = disparity[12:-12, 50:-50]
@@ -37,7 +39,7 @@ def test_a_plane_parallel_to_the_images_has_one_disparity(rng: np.random.Generat
     assert np.nanmedian(inner) == pytest.approx(disparity_px, abs=0.1)
 
 
-def test_where_there_is_no_texture_there_is_no_disparity(rng: np.random.Generator) -> None:
+def test_regions_without_texture_have_no_disparity(rng: np.random.Generator) -> None:
     left = texture(rng)
     left[30:90, 80:180] = 128
     disparity = match(left, np.roll(left, -9, axis=1))
@@ -51,12 +53,12 @@ def test_parameters_out_of_bounds_are_refused(config: dict[str, Any]) -> None:
         Bm().configure(config)
 
 
-def test_a_middlebury_pair_is_matched_in_most_places(real_data: Callable[[str], Path]) -> None:
+def test_a_middlebury_pair_has_mostly_correct_disparities(real_data: Callable[[str], Path]) -> None:
     folder = real_data("middlebury/teddy")
     left, right, truth = (
         cv2.imread(str(folder / name), cv2.IMREAD_GRAYSCALE) for name in ("im2.png", "im6.png", "disp2.png")
     )
     disparity = match(left, right, num_disparities=64)
-    given = (truth > 0) & np.isfinite(disparity)
-    assert np.mean(np.abs(disparity - truth / 4.0)[given] > 1.0) < 0.11
-    assert given.sum() / (truth > 0).sum() > 0.65
+    has_both = (truth > 0) & np.isfinite(disparity)
+    assert np.mean(np.abs(disparity - truth / 4.0)[has_both] > 1.0) < 0.11
+    assert has_both.sum() / (truth > 0).sum() > 0.65

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Fpfh: agrees with Open3D's, and does not depend on the pose."""
+"""FPFH descriptors agree with those of Open3D and do not depend on the pose."""
 
 from __future__ import annotations
 
@@ -8,17 +8,19 @@ import numpy as np
 import pytest
 
 from cdff_common.geometry import se3
-from cdff_core.dfns.features_description_3d._interface import FeaturesDescription3DInputs
 from cdff_core.dfns.features_description_3d.fpfh import Fpfh
-from tests import surfaces
+from cdff_core.dfns.features_description_3d.interface import FeaturesDescription3DInputs
+from tests.support import surfaces
 
 RADIUS_M = 1.5
 
 
-def described(points: np.ndarray, normals: np.ndarray, keypoints: np.ndarray) -> np.ndarray:
+def describe(points: np.ndarray, normals: np.ndarray, keypoints: np.ndarray) -> np.ndarray:
     node = Fpfh()
     node.configure()
-    out = node.process(FeaturesDescription3DInputs(points, normals, keypoints, np.array(RADIUS_M)))
+    out = node.process(
+        FeaturesDescription3DInputs(points=points, normals=normals, keypoints=keypoints, radius_m=RADIUS_M)
+    )
     assert np.all(out.valid)
     return out.descriptors
 
@@ -30,15 +32,15 @@ def cloud(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.slow
-def test_histograms_are_those_of_open3d(rng: np.random.Generator) -> None:
+def test_histograms_agree_with_open3d(rng: np.random.Generator) -> None:
     o3d = pytest.importorskip("open3d")
     points, normals = cloud(rng)
     reference = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
     reference.normals = o3d.utility.Vector3dVector(normals)
     radius = o3d.geometry.KDTreeSearchParamRadius(RADIUS_M)
     expected = np.asarray(o3d.pipelines.registration.compute_fpfh_feature(reference, radius).data).T[::20]
-    found = described(points, normals, points[::20])
-    correlation = [np.corrcoef(a, b)[0, 1] for a, b in zip(found, expected, strict=True)]
+    result = describe(points, normals, points[::20])
+    correlation = [np.corrcoef(a, b)[0, 1] for a, b in zip(result, expected, strict=True)]
     assert np.median(correlation) > 0.99
 
 
@@ -46,7 +48,7 @@ def test_descriptors_do_not_depend_on_the_pose(rng: np.random.Generator) -> None
     points, normals = cloud(rng)
     T = se3.exp_se3([5.0, -2.0, 1.0, 1.0, -0.5, 2.0])
     moved = se3.transform_points(T, points)
-    here = described(points, normals, points[::20])
-    there = described(moved, normals @ T[:3, :3].T, moved[::20])
-    # A value at the edge of a bin may fall on either side.
-    assert np.mean(np.abs(here - there) < 0.5) > 0.99
+    descriptors = describe(points, normals, points[::20])
+    descriptors_moved = describe(moved, normals @ T[:3, :3].T, moved[::20])
+    # Rounding may move a value at the edge of a bin to the neighbouring bin.
+    assert np.mean(np.abs(descriptors - descriptors_moved) < 0.5) > 0.99

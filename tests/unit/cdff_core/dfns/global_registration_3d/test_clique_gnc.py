@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""CliqueGnc: the motion that the few right pairs agree on."""
+"""CliqueGnc: the transform on which the few correct pairs agree."""
 
 from __future__ import annotations
 
@@ -11,21 +11,28 @@ import pytest
 
 from cdff_common.errors import DegenerateGeometryError, InputError, RefusedError
 from cdff_common.geometry import se3
+from cdff_common.geometry.robust import graduated_fit
 from cdff_core.dfns.global_registration_3d._clique import consistency, core_numbers, maximum_clique
-from cdff_core.dfns.global_registration_3d._interface import GlobalRegistration3DInputs, GlobalRegistration3DOutputs
-from cdff_core.dfns.global_registration_3d.clique_gnc import CliqueGnc, graduated
+from cdff_core.dfns.global_registration_3d.clique_gnc import CliqueGnc
+from cdff_core.dfns.global_registration_3d.interface import (
+    GlobalRegistration3DInputs,
+    GlobalRegistration3DOutputs,
+)
 
 NOISE_M = 0.03
 
 
-def solved(source: np.ndarray, target: np.ndarray, **config: object) -> GlobalRegistration3DOutputs:
+def solve(source: np.ndarray, target: np.ndarray, **config: object) -> GlobalRegistration3DOutputs:
     node = CliqueGnc()
     node.configure({"noise_m": NOISE_M, **config})
-    return node.process(GlobalRegistration3DInputs(source, target))
+    return node.process(GlobalRegistration3DInputs(source=source, target=target))
 
 
 def pairs(seed: int, wrong: float, n: int = 1000) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points in a cube of 2 m with 1 cm noise; wrong pairs have partners at random in the same cube."""
+    """Return points in a cube of 2 m, their transforms with 1 cm noise, and the transform.
+
+    The fraction ``wrong`` of the pairs has a random partner in the same cube.
+    """
     rng = np.random.default_rng(seed)
     source = rng.uniform(-1, 1, (n, 3))
     T = se3.exp_se3(rng.normal(size=6))
@@ -44,76 +51,76 @@ def graph(n: int, edges: set[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
     return bits, degree
 
 
-def test_ninety_eight_percent_of_wrong_pairs_are_survived_every_time() -> None:
-    right = 0
+def test_ninety_eight_percent_of_outliers_are_rejected() -> None:
+    correct = 0
     for seed in range(100):
         source, target, T = pairs(seed, 0.98)
-        error = se3.log_se3(se3.inverse(T) @ solved(source, target).transform)
-        right += bool(np.linalg.norm(error[:3]) < 0.05 and np.linalg.norm(error[3:]) < 0.05)
-    assert right >= 99
+        error = se3.log_se3(se3.inverse(T) @ solve(source, target).transform)
+        correct += bool(np.linalg.norm(error[:3]) < 0.05 and np.linalg.norm(error[3:]) < 0.05)
+    assert correct >= 99
 
 
-def test_right_pairs_are_named_and_chance_is_ruled_out() -> None:
+def test_inliers_are_returned_and_chance_agreement_is_excluded() -> None:
     source, target, _ = pairs(1, 0.95)
-    out = solved(source, target)
+    out = solve(source, target)
     assert np.count_nonzero(out.inliers[950:]) >= 48
     assert np.count_nonzero(out.inliers[:950]) <= 1
     assert out.clique_size >= 45
     assert out.expected_by_chance < 1e-20
 
 
-def test_mostly_right_pairs_give_the_least_squares_answer() -> None:
+def test_mostly_correct_pairs_give_the_least_squares_solution() -> None:
     source, target, T = pairs(2, 0.1)
-    error = se3.log_se3(se3.inverse(T) @ solved(source, target).transform)
+    error = se3.log_se3(se3.inverse(T) @ solve(source, target).transform)
     assert np.linalg.norm(error) < 0.003
 
 
-def test_the_same_pairs_give_the_same_answer_to_the_bit() -> None:
+def test_the_same_pairs_give_the_same_result_bit_for_bit() -> None:
     source, target, _ = pairs(3, 0.9)
-    assert np.array_equal(solved(source, target).transform, solved(source, target).transform)
+    assert np.array_equal(solve(source, target).transform, solve(source, target).transform)
 
 
 def test_random_pairs_are_refused() -> None:
     source, target, _ = pairs(4, 1.0, 100)
     with pytest.raises(RefusedError) as refused:
-        solved(source, target, least_inliers=8)
+        solve(source, target, least_inliers=8)
     assert refused.value.reasons[0].startswith("too_few_consistent")
     with pytest.raises(RefusedError):
-        solved(np.zeros((0, 3)), np.zeros((0, 3)))
+        solve(np.zeros((0, 3)), np.zeros((0, 3)))
 
 
-def test_pairs_on_a_line_are_refused_as_degenerate(rng: np.random.Generator) -> None:
+def test_collinear_pairs_are_refused_as_degenerate(rng: np.random.Generator) -> None:
     line = np.c_[rng.uniform(0, 10, 30), np.zeros((30, 2))]
     with pytest.raises(DegenerateGeometryError) as refused:
-        solved(line, line + np.array([1.0, 2.0, 3.0]))
+        solve(line, line + np.array([1.0, 2.0, 3.0]))
     assert refused.value.reasons == ("degenerate:collinear",)
 
 
-def test_pairs_that_do_not_fit_are_refused() -> None:
-    with pytest.raises(InputError, match="pairs"):
-        solved(np.zeros((5, 3)), np.zeros((6, 3)))
+def test_inconsistent_pairs_are_refused() -> None:
+    with pytest.raises(InputError, match="n=5 of source"):
+        solve(np.zeros((5, 3)), np.zeros((6, 3)))
 
 
-def test_graduation_finds_the_inliers_that_a_mean_would_miss() -> None:
+def test_graduated_non_convexity_finds_inliers_that_least_squares_misses() -> None:
     source, target, T = pairs(5, 0.3, 200)
-    error = se3.log_se3(se3.inverse(T) @ graduated(source, target, NOISE_M))
+    error = se3.log_se3(se3.inverse(T) @ graduated_fit(source, target, NOISE_M)[0])
     assert np.linalg.norm(error) < 0.02
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_the_clique_is_the_largest_there_is(seed: int) -> None:
+def test_the_clique_is_the_maximum_one(seed: int) -> None:
     rng = np.random.default_rng(seed)
     n = 70
     edges = {(i, j) for i, j in combinations(range(n), 2) if rng.random() < 0.35}
-    found, proven = maximum_clique(*graph(n, edges), 10_000_000)
+    result, proven = maximum_clique(*graph(n, edges), 10_000_000)
     assert proven
-    assert all((int(i), int(j)) in edges for i, j in combinations(found, 2))
+    assert all((int(i), int(j)) in edges for i, j in combinations(result, 2))
     neighbours = {v: {b if a == v else a for a, b in edges if v in (a, b)} for v in range(n)}
-    assert len(found) == _largest(set(range(n)), neighbours, 0)
+    assert len(result) == _largest(set(range(n)), neighbours, 0)
 
 
 def _largest(candidates: set[int], neighbours: dict[int, set[int]], best: int) -> int:
-    """Size of the largest clique, by trying everything that can still beat the best."""
+    """Return the size of the largest clique by an exhaustive search with pruning."""
     size = 0
     while candidates and len(candidates) > max(best, size):
         v = candidates.pop()
@@ -127,7 +134,7 @@ def test_core_numbers_of_a_triangle_with_a_tail() -> None:
     assert order[0] == 4
 
 
-def test_points_too_near_to_one_another_are_no_evidence() -> None:
+def test_pairs_of_points_too_close_together_are_not_counted_as_consistent() -> None:
     points = np.array([[0.0, 0, 0], [0.01, 0, 0], [1.0, 0, 0]])
     _, degree = consistency(points, points, 0.02, 0.05)
     assert degree.tolist() == [1, 1, 2]

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cdff_common.errors import ConfigurationError, InputError
 from cdff_common.types import LaserRangeErrors, LaserScan, RigidBodyState
-from cdff_core.dfns.laser_filter._interface import LaserFilterInputs
+from cdff_core.dfns.laser_filter.interface import LaserFilterInputs
 from cdff_core.dfns.laser_filter.noise_filter import NoiseFilter
 
 RESOLUTION_RAD = np.deg2rad(0.5)
@@ -31,38 +31,38 @@ def _removed(scan: LaserScan, **config: float) -> list[int]:
 
 
 def _wall(beams: int = 200, distance_m: float = 3.0) -> NDArray[np.float64]:
-    """Ranges to a straight wall across x, seen from -1 rad on."""
+    """Return the ranges to a straight wall perpendicular to x, from -1 rad on."""
     angle = -1.0 + RESOLUTION_RAD * np.arange(beams)
     return distance_m / np.cos(angle)
 
 
 @pytest.mark.req("CDFF-CORE-040")
-def test_flat_wall_passes_unchanged() -> None:
+def test_a_flat_wall_is_unchanged() -> None:
     scan = _scan(_wall())
     filtered = _filter(scan)
     np.testing.assert_array_equal(filtered.ranges, scan.ranges)
     np.testing.assert_array_equal(filtered.remission, scan.remission)
 
 
-def test_wall_with_sensor_noise_passes_unchanged(rng: np.random.Generator) -> None:
+def test_a_wall_with_sensor_noise_is_unchanged(rng: np.random.Generator) -> None:
     assert _removed(_scan(_wall() + rng.normal(0, 0.01, 200))) == []
 
 
 @pytest.mark.parametrize("spike_m", [0.4, 2.0, 4.5, 12.0])
-def test_single_wrong_range_is_taken_out_and_nothing_else(spike_m: float) -> None:
+def test_only_a_single_wrong_range_is_removed(spike_m: float) -> None:
     ranges = _wall()
     ranges[120] = spike_m
     assert _removed(_scan(ranges)) == [120]
 
 
-def test_mixed_pixel_between_two_surfaces_is_taken_out_and_both_edges_stay() -> None:
+def test_a_mixed_pixel_is_removed_and_both_edges_stay() -> None:
     ranges = np.full(60, 6.0)
     ranges[:30] = 2.0
     ranges[30] = 3.9
     assert _removed(_scan(ranges), max_deviation_m=10) == [30]
 
 
-def test_clean_jump_between_two_surfaces_stays() -> None:
+def test_a_clean_step_between_two_surfaces_stays() -> None:
     ranges = np.full(60, 6.0)
     ranges[:30] = 2.0
     assert _removed(_scan(ranges)) == []
@@ -74,7 +74,7 @@ def test_thin_post_wider_than_half_the_window_stays() -> None:
     assert _removed(_scan(ranges), half_window=3) == []
 
 
-def test_range_beyond_the_limits_of_the_scan_gets_the_code_that_says_so() -> None:
+def test_a_range_beyond_the_limits_gets_its_error_code() -> None:
     ranges = np.full(40, 5.0)
     ranges[10], ranges[20] = 0.5, 25.0
     filtered = _filter(_scan(ranges, min_range=1000, max_range=20_000))
@@ -87,7 +87,7 @@ def test_scan_without_a_maximum_range_has_no_far_limit() -> None:
     assert _filter(_scan(np.full(40, 500.0), max_range=0)).ranges.tolist() == [500_000] * 40
 
 
-def test_error_codes_of_the_sensor_stay_and_are_not_measurements() -> None:
+def test_error_codes_of_the_sensor_are_unchanged_and_not_used_as_ranges() -> None:
     scan = _scan(np.full(40, 5.0))
     ranges = scan.ranges.copy()
     ranges[7:12] = [0, 1, 2, 3, 4]
@@ -95,12 +95,12 @@ def test_error_codes_of_the_sensor_stay_and_are_not_measurements() -> None:
     np.testing.assert_array_equal(filtered.ranges, ranges)
 
 
-def test_scan_of_nothing_but_errors_passes() -> None:
+def test_a_scan_of_only_errors_is_unchanged() -> None:
     assert _filter(_scan(np.full(5, 0.001))).ranges.tolist() == [1] * 5
 
 
 @pytest.mark.req("CDFF-CORE-013")
-def test_geometry_and_time_of_the_scan_are_kept_and_the_input_is_not_touched() -> None:
+def test_geometry_and_time_are_kept_and_the_input_is_not_modified() -> None:
     ranges = _wall()
     ranges[50] = 9.0
     scan = _scan(ranges, speed=2.5)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Increments of an odometry, seen through a mount, with their own covariance."""
+"""Odometry increments of the body, from poses of a mounted sensor, with their covariance."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ import pytest
 
 from cdff_common.errors import ConfigurationError, InputError
 from cdff_common.geometry import UncertainTransform, se3
-from cdff_core.dfns.odometry_increment._interface import OdometryIncrementInputs, OdometryIncrementOutputs
 from cdff_core.dfns.odometry_increment.covariance_difference import CovarianceDifference
 from cdff_core.dfns.odometry_increment.distance_model import DistanceModel
+from cdff_core.dfns.odometry_increment.interface import OdometryIncrementInputs, OdometryIncrementOutputs
 
 MOUNT = se3.exp_se3([0.3, -0.1, 0.9, 0.4, -1.2, 1.1])
 EXACT = {"floor_m": 0.0, "floor_rad": 0.0}
 NO_ERROR = dict.fromkeys(
-    ("along_m_sqrt_m", "across_m_sqrt_m", "up_m_sqrt_m", "tilt_rad_sqrt_m", "yaw_rad_sqrt_m", "yaw_share"), 0.0
+    ("along_m_sqrt_m", "across_m_sqrt_m", "up_m_sqrt_m", "tilt_rad_sqrt_m", "yaw_rad_sqrt_m", "yaw_fraction"),
+    0.0,
 )
 
 
@@ -28,12 +29,21 @@ def covariance(rng: np.random.Generator, scale: float = 0.01) -> np.ndarray:
 
 
 def run(node: Any, config: dict[str, float], *inputs: Any) -> OdometryIncrementOutputs:
+    first, second, mount, first_covariance, second_covariance = inputs
     node.configure(config)
-    return node.process(OdometryIncrementInputs(*inputs))
+    return node.process(
+        OdometryIncrementInputs(
+            first=first,
+            second=second,
+            mount=mount,
+            first_covariance=first_covariance,
+            second_covariance=second_covariance,
+        )
+    )
 
 
 @pytest.mark.parametrize(("node", "config"), [(CovarianceDifference(), EXACT), (DistanceModel(), NO_ERROR)])
-def test_the_increment_is_the_body_s_motion_whatever_the_origin_and_the_mount(
+def test_the_increment_is_independent_of_origin_and_mount(
     node: Any, config: dict[str, float], rng: np.random.Generator
 ) -> None:
     T_site_body1, motion = se3.exp_se3(rng.standard_normal(6)), se3.exp_se3(0.2 * rng.standard_normal(6))
@@ -45,38 +55,56 @@ def test_the_increment_is_the_body_s_motion_whatever_the_origin_and_the_mount(
     assert out.distance_m == pytest.approx(np.linalg.norm(motion[:3, 3]))
 
 
-def test_the_covariance_is_what_a_compounding_odometry_added(rng: np.random.Generator) -> None:
+def test_the_covariance_is_the_increase_of_a_compounding_odometry(rng: np.random.Generator) -> None:
     first = UncertainTransform(se3.exp_se3(rng.standard_normal(6)), covariance(rng))
     step = UncertainTransform(se3.exp_se3(0.3 * rng.standard_normal(6)), covariance(rng))
     second = first @ step
     out = run(
-        CovarianceDifference(), EXACT, first.matrix, second.matrix, np.eye(4), first.covariance, second.covariance
+        CovarianceDifference(),
+        EXACT,
+        first.matrix,
+        second.matrix,
+        np.eye(4),
+        first.covariance,
+        second.covariance,
     )
     np.testing.assert_allclose(out.covariance, step.covariance, atol=1e-12)
 
 
-def test_compounding_the_increments_gives_back_the_odometry_s_covariance_through_the_mount(
+def test_compounding_increments_restores_the_covariance_of_the_odometry(
     rng: np.random.Generator,
 ) -> None:
-    mount = UncertainTransform(MOUNT, np.zeros((6, 6)))
+    mount = UncertainTransform.exact(MOUNT)
     sensor = UncertainTransform.identity()
     body = UncertainTransform.identity()
     for _ in range(5):
         step = UncertainTransform(se3.exp_se3(0.2 * rng.standard_normal(6)), covariance(rng))
-        moved = sensor @ step
+        next_sensor = sensor @ step
         out = run(
-            CovarianceDifference(), EXACT, sensor.matrix, moved.matrix, MOUNT, sensor.covariance, moved.covariance
+            CovarianceDifference(),
+            EXACT,
+            sensor.matrix,
+            next_sensor.matrix,
+            MOUNT,
+            sensor.covariance,
+            next_sensor.covariance,
         )
-        body, sensor = body @ UncertainTransform(out.increment, out.covariance), moved
+        body, sensor = body @ UncertainTransform(out.increment, out.covariance), next_sensor
     expected = mount @ sensor @ mount.inverse()
     np.testing.assert_allclose(body.matrix, expected.matrix, atol=1e-9)
     np.testing.assert_allclose(body.covariance, expected.covariance, atol=1e-9)
 
 
-def test_a_covariance_that_does_not_grow_leaves_the_floor(rng: np.random.Generator) -> None:
+def test_a_constant_covariance_gives_the_minimum_covariance(rng: np.random.Generator) -> None:
     constant = 1e-4 * np.eye(6)
     out = run(
-        CovarianceDifference(), {"floor_m": 0.01, "floor_rad": 0.002}, np.eye(4), np.eye(4), MOUNT, constant, constant
+        CovarianceDifference(),
+        {"floor_m": 0.01, "floor_rad": 0.002},
+        np.eye(4),
+        np.eye(4),
+        MOUNT,
+        constant,
+        constant,
     )
     np.testing.assert_allclose(np.diag(out.covariance), [1e-4] * 3 + [4e-6] * 3)
 
@@ -90,7 +118,7 @@ def test_the_distance_model_grows_with_the_square_root_of_the_distance() -> None
     assert not sigma(0.0).any()
 
 
-def test_an_input_that_is_no_rigid_transform_is_refused() -> None:
+def test_a_non_rigid_input_is_refused() -> None:
     with pytest.raises(InputError, match="rigid"):
         run(DistanceModel(), {}, np.eye(4), 2 * np.eye(4), np.eye(4), None, None)
 

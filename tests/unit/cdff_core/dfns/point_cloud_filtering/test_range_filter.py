@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""RangeFilter: what is too near, too far, on the robot or not finite goes."""
+"""RangeFilter: removes points that are too near, too far, on the robot or not finite."""
 
 from __future__ import annotations
 
@@ -8,40 +8,46 @@ import numpy as np
 import pytest
 
 from cdff_common.errors import ConfigurationError, InputError
-from cdff_core.dfns.point_cloud_filtering._interface import PointCloudFilteringInputs
+from cdff_core.dfns.point_cloud_filtering.interface import PointCloudFilteringInputs
 from cdff_core.dfns.point_cloud_filtering.range_filter import RangeFilter
 
-POINTS = np.array([[0.1, 0, 0], [1, 0, 0], [5, 0, 0], [np.nan, 0, 0], [2, 0.1, 0], [np.inf, 0, 0]], dtype=np.float64)
+POINTS = np.array(
+    [[0.1, 0, 0], [1, 0, 0], [5, 0, 0], [np.nan, 0, 0], [2, 0.1, 0], [np.inf, 0, 0]], dtype=np.float64
+)
 
 
-def made(**config: object) -> RangeFilter:
+def make_node(**config: object) -> RangeFilter:
     node = RangeFilter()
     node.configure(config)
     return node
 
 
 def test_points_outside_the_limits_are_dropped_and_the_rest_keeps_its_order() -> None:
-    out = made(min_range_m=0.5, max_range_m=4.0).process(PointCloudFilteringInputs(POINTS))
+    out = make_node(min_range_m=0.5, max_range_m=4.0).process(PointCloudFilteringInputs(points=POINTS))
     np.testing.assert_array_equal(out.kept, [1, 4])
     np.testing.assert_array_equal(out.filtered_points, POINTS[[1, 4]])
 
 
 def test_points_on_the_robot_are_dropped() -> None:
-    out = made(self_mask_m=[0.5, -0.2, -0.2, 1.5, 0.2, 0.2]).process(PointCloudFilteringInputs(POINTS))
+    out = make_node(self_mask_m=[0.5, -0.2, -0.2, 1.5, 0.2, 0.2]).process(
+        PointCloudFilteringInputs(points=POINTS)
+    )
     np.testing.assert_array_equal(out.kept, [0, 2, 4])
 
 
-def test_a_cloud_of_which_nothing_is_left_is_an_error_with_the_limits() -> None:
+def test_a_cloud_without_remaining_points_is_an_error_with_the_limits() -> None:
     with pytest.raises(InputError, match="min_range_m=100"):
-        made(min_range_m=100.0).process(PointCloudFilteringInputs(POINTS))
+        make_node(min_range_m=100.0).process(PointCloudFilteringInputs(points=POINTS))
 
 
-@pytest.mark.parametrize("config", [{"min_range_m": 5.0, "max_range_m": 1.0}, {"self_mask_m": [1, 0, 0, 0, 1, 1]}])
+@pytest.mark.parametrize(
+    "config", [{"min_range_m": 5.0, "max_range_m": 1.0}, {"self_mask_m": [1, 0, 0, 0, 1, 1]}]
+)
 def test_limits_in_the_wrong_order_are_refused(config: dict[str, object]) -> None:
     with pytest.raises(ConfigurationError):
-        made(**config)
+        make_node(**config)
 
 
-def test_an_array_of_another_shape_is_named() -> None:
-    with pytest.raises(InputError, match=r"shape \(4, 2\)"):
-        made().process(PointCloudFilteringInputs(np.zeros((4, 2))))
+def test_an_array_of_another_shape_is_refused() -> None:
+    with pytest.raises(InputError, match=r"points \(4, 2\): expected float64\[n,3\]"):
+        make_node().process(PointCloudFilteringInputs(points=np.zeros((4, 2))))

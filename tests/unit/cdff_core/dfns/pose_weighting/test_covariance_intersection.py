@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""CovarianceIntersection: never too sure, whatever two estimates share."""
+"""CovarianceIntersection: consistent fusion of two estimates with unknown correlation."""
 
 from __future__ import annotations
 
@@ -12,56 +12,62 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.geometry.covariance import pose_error
 from cdff_common.interfaces.registry import Registry
-from cdff_core.dfns.pose_weighting._interface import PoseWeightingInputs, PoseWeightingOutputs
+from cdff_core.dfns.pose_weighting.interface import PoseWeightingInputs, PoseWeightingOutputs
 
 WIDE_X = np.diag([1.0, 0.01, 0.01, 1e-3, 1e-3, 1e-3])
 WIDE_Y = np.diag([0.01, 1.0, 0.01, 1e-3, 1e-3, 1e-3])
 
 
-def weighed(*inputs: np.ndarray) -> PoseWeightingOutputs:
+def fuse(
+    first: np.ndarray, first_covariance: np.ndarray, second: np.ndarray, second_covariance: np.ndarray
+) -> PoseWeightingOutputs:
     node = Registry.default().make_dfn("pose_weighting")
     node.configure()
-    return node.process(PoseWeightingInputs(*inputs))
+    return node.process(
+        PoseWeightingInputs(
+            first=first, first_covariance=first_covariance, second=second, second_covariance=second_covariance
+        )
+    )
 
 
-def test_equals_are_weighed_equally_and_each_gives_what_it_knows() -> None:
-    out = weighed(np.eye(4), WIDE_X, se3.transform(np.eye(3), [0.4, 0.4, 0]), WIDE_Y)
-    assert float(out.weight) == pytest.approx(0.5)
+def test_equal_covariances_get_equal_weights_in_their_informative_directions() -> None:
+    out = fuse(np.eye(4), WIDE_X, se3.transform(np.eye(3), [0.4, 0.4, 0]), WIDE_Y)
+    assert out.weight == pytest.approx(0.5)
     np.testing.assert_allclose(out.pose[:3, 3], [0.4 / 1.01, 0.4 * 0.01 / 1.01, 0.0], atol=1e-9)
     assert out.covariance[0, 0] == pytest.approx(2 / 101)
 
 
-def test_who_is_worse_in_every_direction_gets_no_weight() -> None:
+def test_an_estimate_worse_in_every_direction_gets_no_weight() -> None:
     T = se3.exp_se3([0.1, 0, 0, 0, 0, 0.1])
-    out = weighed(T, 0.5 * WIDE_X, np.eye(4), WIDE_X)
-    assert float(out.weight) == 1.0
+    out = fuse(T, 0.5 * WIDE_X, np.eye(4), WIDE_X)
+    assert out.weight == 1.0
     np.testing.assert_allclose(out.pose, T, atol=1e-12)
-    assert float(weighed(np.eye(4), WIDE_X, T, 0.5 * WIDE_X).weight) == 0.0
+    assert fuse(np.eye(4), WIDE_X, T, 0.5 * WIDE_X).weight == 0.0
 
 
 def test_the_weight_has_the_smallest_determinant(rng: np.random.Generator) -> None:
     A, B = rng.normal(size=(2, 6, 6))
     C1, C2 = A @ A.T + 0.1 * np.eye(6), B @ B.T + 0.1 * np.eye(6)
 
-    def volume(w: float) -> float:
+    def log_determinant(w: float) -> float:
         return -float(np.linalg.slogdet(w * np.linalg.inv(C1) + (1 - w) * np.linalg.inv(C2))[1])
 
-    best = minimize_scalar(volume, bounds=(0, 1), method="bounded", options={"xatol": 1e-9})
-    assert float(weighed(np.eye(4), C1, np.eye(4), C2).weight) == pytest.approx(best.x, abs=1e-5)
+    best = minimize_scalar(log_determinant, bounds=(0, 1), method="bounded", options={"xatol": 1e-9})
+    assert fuse(np.eye(4), C1, np.eye(4), C2).weight == pytest.approx(best.x, abs=1e-5)
 
 
-def test_an_error_that_both_share_is_not_averaged_away(rng: np.random.Generator) -> None:
+def test_a_common_error_is_not_reduced_by_averaging(rng: np.random.Generator) -> None:
     C = np.diag(np.square([0.1, 0.1, 0.1, 0.01, 0.01, 0.01]))
-    squared = []
+    nees = []
     for _ in range(300):
-        common, own = rng.normal(size=(2, 6)) * np.sqrt(np.diagonal(C))
-        T1, T2 = se3.exp_se3(common), se3.exp_se3(0.9 * common + np.sqrt(1 - 0.81) * own)
-        out = weighed(T1, C, T2, C)
+        common, independent = rng.normal(size=(2, 6)) * np.sqrt(np.diagonal(C))
+        T1, T2 = se3.exp_se3(common), se3.exp_se3(0.9 * common + np.sqrt(1 - 0.81) * independent)
+        out = fuse(T1, C, T2, C)
         e = pose_error(np.eye(4), out.pose)
-        squared.append(e @ np.linalg.solve(out.covariance, e))
-    assert 5.0 < np.mean(squared) < 6.4
+        nees.append(e @ np.linalg.solve(out.covariance, e))
+    assert 5.0 < np.mean(nees) < 6.4
 
 
-def test_what_is_no_covariance_is_refused() -> None:
+def test_a_matrix_that_is_not_a_covariance_is_refused() -> None:
     with pytest.raises(InputError):
-        weighed(np.eye(4), -np.eye(6), np.eye(4), np.eye(6))
+        fuse(np.eye(4), -np.eye(6), np.eye(4), np.eye(6))

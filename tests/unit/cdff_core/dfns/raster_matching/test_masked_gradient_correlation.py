@@ -12,7 +12,7 @@ from cdff_common.errors import ConfigurationError, InputError, RefusedError
 from cdff_common.geometry import se3
 from cdff_common.raster import GridGeometry
 from cdff_common.types import ElevationMap
-from cdff_core.dfns.raster_matching._interface import RasterMatchingInputs, RasterMatchingOutputs
+from cdff_core.dfns.raster_matching.interface import RasterMatchingInputs, RasterMatchingOutputs
 from cdff_core.dfns.raster_matching.masked_gradient_correlation import MaskedGradientCorrelation
 
 CELLS = 120
@@ -27,8 +27,10 @@ def elevation(geometry: GridGeometry, heights: np.ndarray) -> ElevationMap:
 REFERENCE = elevation(WIDE, RELIEF)
 
 
-def template(T: np.ndarray, *, cell_m: float = 0.25, noise_m: float = 0.0, holes: float = 0.0) -> ElevationMap:
-    """What a rover whose frame lies at T in the reference's maps of 30 m x 24 m of it."""
+def template(
+    T: np.ndarray, *, cell_m: float = 0.25, noise_m: float = 0.0, holes: float = 0.0
+) -> ElevationMap:
+    """Return the map of 30 m x 24 m of a rover whose frame is at T in the reference."""
     geometry = GridGeometry.aligned("rover", cell_m, (-10, -14, 20, 10))
     x, y = (c.ravel() for c in geometry.centres_m())
     p = T[:2, :2] @ np.stack([x, y]) + T[:2, 3, None]
@@ -43,28 +45,32 @@ def upright(yaw_deg: float, x: float, y: float, z: float) -> np.ndarray:
     return se3.transform(se3.exp_so3(np.radians([0.0, 0.0, yaw_deg])), [x, y, z])
 
 
-def match(looked_for: ElevationMap, guess: np.ndarray | None = None, **config: Any) -> RasterMatchingOutputs:
+def match(
+    template_map: ElevationMap, guess: np.ndarray | None = None, **config: Any
+) -> RasterMatchingOutputs:
     node = MaskedGradientCorrelation()
     node.configure({"search_m": 20.0, **config})
-    return node.process(RasterMatchingInputs(reference=REFERENCE, template=looked_for, guess=guess))
+    return node.process(RasterMatchingInputs(reference=REFERENCE, template=template_map, guess=guess))
 
 
 @pytest.mark.req("CDFF-CORE-089")
-@pytest.mark.parametrize("T", [upright(0.0, 3.0, -5.0, 0.0), upright(6.3, -8.37, 6.71, 250.0), upright(-9.0, 0, 0, -3)])
+@pytest.mark.parametrize(
+    "T", [upright(0.0, 3.0, -5.0, 0.0), upright(6.3, -8.37, 6.71, 250.0), upright(-9.0, 0, 0, -3)]
+)
 @pytest.mark.parametrize("holes", [0.0, 0.5])
-def test_shift_turn_and_height_are_found_well_below_a_cell(T: np.ndarray, holes: float) -> None:
-    found = match(template(T, noise_m=0.02, holes=holes))
-    at = np.array([5.0, -2.0, 0.0])
-    error = (found.transforms[0] - T)[:3, :3] @ at + (found.transforms[0] - T)[:3, 3]
+def test_shift_rotation_and_height_are_estimated_to_subcell_precision(T: np.ndarray, holes: float) -> None:
+    matches = match(template(T, noise_m=0.02, holes=holes))
+    point = np.array([5.0, -2.0, 0.0])
+    error = (matches.transforms[0] - T)[:3, :3] @ point + (matches.transforms[0] - T)[:3, 3]
     np.testing.assert_allclose(error, 0.0, atol=0.06)
-    assert se3.rotation_angle(found.transforms[0][:3, :3] @ T[:3, :3].T) < np.radians(0.3)
-    assert found.explained[0] > 0.98
-    assert found.correlations[0] > 0.95
-    assert (np.diff(found.explained) <= 0.0).all()
-    assert found.log_likelihoods[0] > found.log_likelihoods[1:].max(initial=-np.inf) + 10.0
+    assert se3.rotation_angle(matches.transforms[0][:3, :3] @ T[:3, :3].T) < np.radians(0.3)
+    assert matches.explained[0] > 0.98
+    assert matches.correlations[0] > 0.95
+    assert (np.diff(matches.explained) <= 0.0).all()
+    assert matches.log_likelihoods[0] > matches.log_likelihoods[1:].max(initial=-np.inf) + 10.0
 
 
-def test_a_tilt_of_the_template_changes_nothing() -> None:
+def test_a_tilt_of_the_template_has_no_effect() -> None:
     T = upright(2.0, 4.4, -3.3, 1.0)
     level = template(T)
     x, _ = level.geometry.centres_m()
@@ -73,18 +79,23 @@ def test_a_tilt_of_the_template_changes_nothing() -> None:
     np.testing.assert_allclose(second.transforms[0][:2, 3], first.transforms[0][:2, 3], atol=0.05)
 
 
-def test_the_search_is_about_the_guess_and_as_far_as_said() -> None:
+def test_the_search_is_centred_on_the_guess_within_its_stated_range() -> None:
     T = upright(100.0, -20.0, 15.0, 0.0)
-    found = match(template(T), upright(95.0, -16.0, 12.0, 3.0))
-    np.testing.assert_allclose(found.transforms[0][:2, 3], T[:2, 3], atol=0.1)
+    matches = match(template(T), upright(95.0, -16.0, 12.0, 3.0))
+    np.testing.assert_allclose(matches.transforms[0][:2, 3], T[:2, 3], atol=0.1)
     node = MaskedGradientCorrelation()
     node.configure()
-    near = RasterMatchingInputs(REFERENCE, template(T), upright(100.0, -12.0, 15.0, 0.0), np.array([3.0, 0.05]))
+    inputs = RasterMatchingInputs(
+        reference=REFERENCE,
+        template=template(T),
+        guess=upright(100.0, -12.0, 15.0, 0.0),
+        reach=np.array([3.0, 0.05]),
+    )
     try:
-        other = node.process(near).transforms[0]
+        estimate = node.process(inputs).transforms[0]
     except RefusedError:
         return
-    assert np.hypot(*(other[:2, 3] - T[:2, 3])) > 2.0
+    assert np.hypot(*(estimate[:2, 3] - T[:2, 3])) > 2.0
 
 
 def test_the_covariance_grows_with_the_noise_of_the_reference() -> None:
@@ -93,7 +104,15 @@ def test_the_covariance_grows_with_the_noise_of_the_reference() -> None:
     node = MaskedGradientCorrelation()
     node.configure({"search_m": 10.0, "floor_cells": 0.0})
     sigma = [
-        float(np.sqrt(np.trace(node.process(RasterMatchingInputs(r, template(T))).covariances[0][:2, :2])))
+        float(
+            np.sqrt(
+                np.trace(
+                    node.process(RasterMatchingInputs(reference=r, template=template(T))).covariances[0][
+                        :2, :2
+                    ]
+                )
+            )
+        )
         for r in (REFERENCE, noisy)
     ]
     assert sigma[1] > 2.0 * sigma[0]
@@ -101,32 +120,32 @@ def test_the_covariance_grows_with_the_noise_of_the_reference() -> None:
 
 
 @pytest.mark.req("CDFF-CORE-089")
-def test_flat_ground_little_ground_and_ground_beside_the_reference_are_refused() -> None:
+def test_a_flat_small_empty_or_distant_template_is_refused() -> None:
     T = upright(0.0, 0.0, 0.0, 0.0)
-    seen = template(T)
-    plane = elevation(seen.geometry, np.full(seen.geometry.shape, 3.0))
+    rover_map = template(T)
+    plane = elevation(rover_map.geometry, np.full(rover_map.geometry.shape, 3.0))
     with pytest.raises(RefusedError) as flat:
         match(plane)
-    few = seen.layer("mean").copy()
-    few[:, 20:] = np.nan
-    with pytest.raises(RefusedError) as little:
-        match(elevation(seen.geometry, few))
-    with pytest.raises(RefusedError) as none:
-        match(elevation(seen.geometry, np.full(seen.geometry.shape, np.nan)))
-    with pytest.raises(RefusedError) as away:
-        match(seen, upright(0.0, 500.0, 0.0, 0.0))
-    reasons = [e.value.reasons for e in (flat, little, none, away)]
+    strip = rover_map.layer("mean").copy()
+    strip[:, 20:] = np.nan
+    with pytest.raises(RefusedError) as too_small:
+        match(elevation(rover_map.geometry, strip))
+    with pytest.raises(RefusedError) as empty:
+        match(elevation(rover_map.geometry, np.full(rover_map.geometry.shape, np.nan)))
+    with pytest.raises(RefusedError) as outside:
+        match(rover_map, upright(0.0, 500.0, 0.0, 0.0))
+    reasons = [e.value.reasons for e in (flat, too_small, empty, outside)]
     assert reasons == [("flat",), ("little_seen",), ("little_seen",), ("outside",)]
 
 
-def test_holes_of_the_reference_are_not_ground() -> None:
+def test_holes_of_the_reference_are_ignored() -> None:
     T = upright(1.0, 3.3, -4.2, 0.0)
     holed = RELIEF.copy()
     holed[55:60, :] = np.nan
     node = MaskedGradientCorrelation()
     node.configure({"search_m": 10.0, "min_overlap": 0.5})
-    found = node.process(RasterMatchingInputs(elevation(WIDE, holed), template(T)))
-    np.testing.assert_allclose(found.transforms[0][:2, 3], T[:2, 3], atol=0.1)
+    outputs = node.process(RasterMatchingInputs(reference=elevation(WIDE, holed), template=template(T)))
+    np.testing.assert_allclose(outputs.transforms[0][:2, 3], T[:2, 3], atol=0.1)
 
 
 def test_a_template_of_larger_cells_and_a_wrong_parameter_are_refused() -> None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Normal distributions and robust kernels: what they hold against, and what they refuse."""
+"""Normal distributions transform and robust kernels: robustness to outliers, and refused input."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from cdff_common.errors import ConfigurationError, DegenerateGeometryError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.registry import Registry
 from cdff_core.dfns.registration_3d._cells import cells_of
-from cdff_core.dfns.registration_3d._interface import Registration3DInputs
-from tests import surfaces
+from cdff_core.dfns.registration_3d.interface import Registration3DInputs
+from tests.support import surfaces
 
 T_TRUE = se3.exp_se3([0.2, -0.15, 0.1, 0.01, -0.02, 0.04])
 
@@ -22,12 +22,12 @@ T_TRUE = se3.exp_se3([0.2, -0.15, 0.1, 0.01, -0.02, 0.04])
 def error_m(implementation: str, source: Any, target: Any, **config: object) -> float:
     node = Registry.default().make_dfn("registration_3d", implementation)
     node.configure(config)
-    out = node.process(Registration3DInputs(source, target))
+    out = node.process(Registration3DInputs(source=source, target=target))
     return float(np.linalg.norm(se3.log_se3(se3.inverse(T_TRUE) @ out.transform)[:3]))
 
 
 @pytest.mark.parametrize("kernel", ["tukey", "huber", "cauchy", "geman_mcclure"])
-def test_every_robust_kernel_bears_wrong_points_that_least_squares_does_not(
+def test_every_robust_kernel_tolerates_outliers_that_break_least_squares(
     kernel: str, rng: np.random.Generator
 ) -> None:
     source, target = (surfaces.terrain(rng) for _ in range(2))
@@ -43,17 +43,21 @@ def test_an_unknown_kernel_is_refused() -> None:
         Registry.default().make_dfn("registration_3d").configure({"kernel": "welsch"})
 
 
-def test_ndt_bears_a_fifth_of_wrong_points(rng: np.random.Generator) -> None:
+def test_ndt_tolerates_twenty_percent_of_outliers(rng: np.random.Generator) -> None:
     source = se3.transform_points(se3.inverse(T_TRUE), surfaces.terrain(rng))
     clutter = rng.uniform([-10, -10, 0.8], [10, 10, 2.0], (len(source) // 5, 3))
     assert error_m("Ndt", np.vstack([source, clutter]), surfaces.terrain(rng)) < 0.02
 
 
-def test_cells_have_the_mean_and_covariance_of_their_points_and_rings_have_none(rng: np.random.Generator) -> None:
+def test_a_cell_has_mean_and_covariance_of_its_points_and_a_cell_of_collinear_points_is_dropped(
+    rng: np.random.Generator,
+) -> None:
     patch = rng.normal(size=(200, 3)) * [0.1, 0.1, 0.01] + [0.5, 0.5, 0.05]
     patch = np.clip(patch, 0.01, 0.99)
-    ring = np.c_[np.linspace(10.01, 10.99, 50), np.full(50, 10.5), np.full(50, 0.5)] + rng.normal(0, 1e-3, (50, 3))
-    grid = np.vstack([[[0.0, 0.0, 0.0]], patch, ring])
+    line = np.c_[np.linspace(10.01, 10.99, 50), np.full(50, 10.5), np.full(50, 0.5)] + rng.normal(
+        0, 1e-3, (50, 3)
+    )
+    grid = np.vstack([[[0.0, 0.0, 0.0]], patch, line])
     cells = cells_of(grid, 1.0, 5, 1e-6)
     assert cells is not None
     assert len(cells.normals) == 1

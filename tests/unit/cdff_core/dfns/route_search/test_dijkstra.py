@@ -10,18 +10,24 @@ import pytest
 from cdff_common.errors import ConfigurationError, InputError, RefusedError
 from cdff_common.raster import GridGeometry
 from cdff_common.types import NavigationMap
-from cdff_core.dfns.route_search._interface import RouteSearchInputs, RouteSearchOutputs
 from cdff_core.dfns.route_search.dijkstra import Dijkstra
+from cdff_core.dfns.route_search.interface import RouteSearchInputs, RouteSearchOutputs
 
 GRID = GridGeometry.aligned("site", 0.5, (0, 0, 10, 8))
 
 
-def search(classes: np.ndarray, start: Any, goal: Any = None, cost: float = 0.0, **config: Any) -> RouteSearchOutputs:
+def search(
+    classes: np.ndarray, start: Any, goal: Any = None, cost: float = 0.0, **config: Any
+) -> RouteSearchOutputs:
     node = Dijkstra()
     node.configure(config)
     layers = {"class": classes.astype(np.uint8), "cost": np.full(GRID.shape, cost, np.float32)}
-    made = NavigationMap.from_layers(GRID, layers, t0_ns=0, t1_ns=0)
-    return node.process(RouteSearchInputs(made, np.array(start), None if goal is None else np.array(goal)))
+    navigation_map = NavigationMap.from_layers(GRID, layers, t0_ns=0, t1_ns=0)
+    return node.process(
+        RouteSearchInputs(
+            map=navigation_map, start=np.array(start), goal=None if goal is None else np.array(goal)
+        )
+    )
 
 
 def wall(gap_row: int | None) -> np.ndarray:
@@ -33,57 +39,59 @@ def wall(gap_row: int | None) -> np.ndarray:
 
 
 @pytest.mark.req("CDFF-CORE-073")
-def test_open_ground_costs_its_way() -> None:
-    found = search(np.ones(GRID.shape), (0.25, 0.25), (5.25, 0.25))
+def test_open_ground_costs_the_path_length() -> None:
+    results = search(np.ones(GRID.shape), (0.25, 0.25), (5.25, 0.25))
     row, col, _ = GRID.cells_of([5.25], [0.25])
-    assert found.costs_m[row[0], col[0]] == pytest.approx(5.0)
-    np.testing.assert_allclose(found.way[[0, -1]], [[0.25, 0.25], [5.25, 0.25]])
-    dear = search(np.ones(GRID.shape), (0.25, 0.25), (5.25, 0.25), cost=0.5, cost_weight=4.0)
-    assert dear.costs_m[row[0], col[0]] == pytest.approx(15.0)
+    assert results.costs_m[row[0], col[0]] == pytest.approx(5.0)
+    np.testing.assert_allclose(results.route[[0, -1]], [[0.25, 0.25], [5.25, 0.25]])
+    costly = search(np.ones(GRID.shape), (0.25, 0.25), (5.25, 0.25), cost=0.5, cost_weight=4.0)
+    assert costly.costs_m[row[0], col[0]] == pytest.approx(15.0)
 
 
-def test_a_wall_is_passed_through_its_gap_and_never_across_a_corner() -> None:
-    found = search(wall(3), (0.25, 0.25), (9.75, 0.25))
-    through = found.way[np.isclose(found.way[:, 0], 5.25)]
-    np.testing.assert_allclose(through, [[5.25, 6.25]])
+def test_a_wall_is_passed_only_through_its_gap() -> None:
+    results = search(wall(3), (0.25, 0.25), (9.75, 0.25))
+    crossing = results.route[np.isclose(results.route[:, 0], 5.25)]
+    np.testing.assert_allclose(crossing, [[5.25, 6.25]])
     corner = np.ones(GRID.shape)
-    corner[:8, 10], corner[8:, 11] = 3, 3  # a wall whose two halves touch at a corner
+    corner[:8, 10], corner[8:, 11] = 3, 3  # the two halves of the wall touch at a corner
     with pytest.raises(RefusedError) as refusal:
         search(corner, (0.25, 0.25), (9.75, 0.25))
     assert refusal.value.reasons == ("unreachable",)
 
 
 @pytest.mark.parametrize("blocked", [0, 3])
-def test_unknown_ground_is_no_more_free_than_a_hazard(blocked: int) -> None:
+def test_unknown_ground_is_impassable_like_a_hazard(blocked: int) -> None:
     classes = np.ones(GRID.shape)
     classes[:, 10] = blocked
-    found = search(classes, (0.25, 0.25))
-    assert np.isinf(found.costs_m[:, 10:]).all()
-    assert np.isfinite(found.costs_m[:, :10]).all()
-    assert found.way.shape == (0, 2)
+    results = search(classes, (0.25, 0.25))
+    assert np.isinf(results.costs_m[:, 10:]).all()
+    assert np.isfinite(results.costs_m[:, :10]).all()
+    assert results.route.shape == (0, 2)
 
 
-def test_caution_is_passed_only_where_it_is_allowed() -> None:
+def test_caution_cells_are_used_only_if_allowed() -> None:
     classes = np.ones(GRID.shape)
     classes[:, 10] = 2
     assert np.isfinite(search(classes, (0.25, 0.25)).costs_m).all()
     assert np.isinf(search(classes, (0.25, 0.25), caution_allowed=False).costs_m[:, 10:]).all()
 
 
-def test_costs_are_those_of_every_single_step_tried(rng: np.random.Generator) -> None:
+def test_costs_agree_with_an_exhaustive_search(rng: np.random.Generator) -> None:
     classes = np.where(rng.random(GRID.shape) < 0.25, 3, 1)
     classes[15, 0] = 1
     costs = search(classes, (0.25, 0.25)).costs_m
     best = np.full(GRID.shape, np.inf)
     best[15, 0] = 0.0
-    for _ in range(200):  # Bellman and Ford
+    for _ in range(200):  # Bellman–Ford
         for dr in (-1, 0, 1):
             for dc in (-1, 0, 1):
                 for r in range(max(0, -dr), 16 - max(0, dr)):
                     for c in range(max(0, -dc), 20 - max(0, dc)):
-                        beside = classes[r, c + dc] == classes[r + dr, c] == 1
-                        if classes[r, c] == classes[r + dr, c + dc] == 1 and beside:
-                            best[r + dr, c + dc] = min(best[r + dr, c + dc], best[r, c] + 0.5 * np.hypot(dr, dc))
+                        both_neighbours_safe = classes[r, c + dc] == classes[r + dr, c] == 1
+                        if classes[r, c] == classes[r + dr, c + dc] == 1 and both_neighbours_safe:
+                            best[r + dr, c + dc] = min(
+                                best[r + dr, c + dc], best[r, c] + 0.5 * np.hypot(dr, dc)
+                            )
         if np.array_equal(np.isfinite(best), np.isfinite(costs)) and np.allclose(best, costs):
             break
     np.testing.assert_allclose(costs, best)

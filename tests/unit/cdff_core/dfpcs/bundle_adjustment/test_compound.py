@@ -12,10 +12,10 @@ from cdff_common.interfaces.dfpc import Dfpc, Sample
 from cdff_common.interfaces.product import CovarianceKind, Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import BundleProblem
-from cdff_dev.evaluate._bundles import cost, ring
+from evaluation.scenes.bundles import cost, ring
 
 
-def made(implementation: str | None = None, **config: object) -> Dfpc:
+def make_configured_dfpc(implementation: str | None = None, **config: object) -> Dfpc:
     dfpc = Registry.default().make_dfpc("bundle_adjustment")
     dfpc.configure(config, implementation=implementation)
     return dfpc
@@ -23,10 +23,12 @@ def made(implementation: str | None = None, **config: object) -> Dfpc:
 
 @pytest.mark.req("CDFF-CORE-092")
 @pytest.mark.parametrize("implementation", ["LeastSquares", "Robust"])
-def test_a_problem_becomes_poses_and_landmarks_with_covariances_and_a_stated_gauge(implementation: str) -> None:
+def test_a_problem_gives_poses_and_landmarks_with_covariances_and_reports_its_gauge(
+    implementation: str,
+) -> None:
     problem, *_ = ring(8, 60, 6)
     stamped = replace(problem, cameras=replace(problem.cameras, stamps=np.arange(8) * 1000))
-    dfpc = made(implementation)
+    dfpc = make_configured_dfpc(implementation)
     answer, trajectory, landmarks = dfpc.step(Sample("problem", 8_000_000, 0, stamped, id="p"))
     assert answer.quality.status is Status.OK
     assert answer.quality.covariance_kind is CovarianceKind.FORMAL
@@ -39,8 +41,8 @@ def test_a_problem_becomes_poses_and_landmarks_with_covariances_and_a_stated_gau
     assert dfpc.store.get("last_problem") is answer.value
 
 
-def test_marginalise_keeps_the_rest_with_a_prior() -> None:
-    dfpc = made()
+def test_marginalise_returns_the_remaining_problem_with_a_prior() -> None:
+    dfpc = make_configured_dfpc()
     with pytest.raises(ProductNotFoundError):
         dfpc.call("marginalise", {"cameras": "1"})
     list(dfpc.step(Sample("problem", 0, 0, ring(8, 60, 6)[0])))
@@ -54,8 +56,8 @@ def test_marginalise_keeps_the_rest_with_a_prior() -> None:
         dfpc.store.get("last_problem")
 
 
-def test_after_cameras_became_a_prior_the_answer_still_states_gauge_and_covariances() -> None:
-    dfpc = made()
+def test_a_problem_with_a_prior_has_a_gauge_and_covariances() -> None:
+    dfpc = make_configured_dfpc()
     (before, *_) = dfpc.step(Sample("problem", 0, 0, ring(8, 60, 6)[0]))
     remaining = dfpc.call("marginalise", {"cameras": "7"})
     answer, *_, landmarks = dfpc.step(Sample("problem", 1, 1, remaining))
@@ -68,9 +70,9 @@ def test_after_cameras_became_a_prior_the_answer_still_states_gauge_and_covarian
 
 
 def test_more_noise_than_stated_is_degraded_and_an_empty_problem_fails() -> None:
-    (answer, *_) = made(sigma_px=0.1).step(Sample("problem", 0, 0, ring(8, 60, 6)[0]))
+    (answer, *_) = make_configured_dfpc(sigma_px=0.1).step(Sample("problem", 0, 0, ring(8, 60, 6)[0]))
     assert answer.quality.status is Status.DEGRADED
     assert answer.quality.reasons[0].startswith("residuals_exceed_noise")
-    (failed,) = made().step(Sample("problem", 0, 0, BundleProblem()))
+    (failed,) = make_configured_dfpc().step(Sample("problem", 0, 0, BundleProblem()))
     assert failed.quality.status is Status.FAILED
     assert failed.quality.reasons[0].startswith("bad_problem")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""What bundle_adjustment says of problems that it cannot stand for: the rows of its page that no other test has."""
+"""Bundle adjustment reports deficient problems in the quality."""
 
 from __future__ import annotations
 
@@ -12,43 +12,45 @@ from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import BundleProblem
-from cdff_dev.evaluate._bundles import ring
+from evaluation.scenes.bundles import ring
 
 TWO_CAMERAS = np.stack([np.eye(4), se3.transform(np.eye(3), [1.0, 0.0, 0.0])])
 LENS = [700.0, 700.0, 320.0, 240.0]
 
 
-def answered(problem: BundleProblem, **config: object) -> Output:
+def run_dfpc(problem: BundleProblem, **config: object) -> Output:
     dfpc = Registry.default().make_dfpc("bundle_adjustment")
     dfpc.configure(config)
     return next(iter(dfpc.step(Sample("problem", 0, 0, problem))))
 
 
-def test_a_descent_that_is_cut_short_is_degraded() -> None:
-    answer = answered(ring(8, 60, 6)[0], adjust={"max_iterations": 1})
+def test_a_solution_that_has_not_converged_is_degraded() -> None:
+    answer = run_dfpc(ring(8, 60, 6)[0], adjust={"max_iterations": 1})
     assert answer.quality.status is Status.DEGRADED
     assert answer.quality.reasons[0] == "not_converged"
 
 
-def test_a_point_that_its_views_put_behind_the_cameras_is_degraded_and_counted() -> None:
+def test_a_point_behind_its_cameras_is_degraded_and_counted() -> None:
     pixels = [[320.0, 240.0], [460.0, 240.0]]  # rays that meet 5 m behind both
     behind = BundleProblem.from_arrays(
         TWO_CAMERAS, LENS, [[0.0, 0.0, -4.0]], ([0, 1], [0, 0]), pixels, frame="site", fixed=[1.0, 1.0]
     )
-    answer = answered(behind)
+    answer = run_dfpc(behind)
     assert answer.quality.status is Status.DEGRADED
     assert answer.quality.reasons == ("behind_camera:2",)
     assert answer.value.points.positions[0] == pytest.approx([0.0, 0.0, -5.0], abs=1e-6)
 
 
-def test_fewer_residuals_than_unknowns_are_degraded_and_numbers_that_are_none_fail() -> None:
+def test_fewer_residuals_than_unknowns_are_degraded_and_nan_fails() -> None:
     indices = ([0, 1, 0, 1], [0, 0, 1, 1])
     points = [[0.0, 0.0, 5.0], [1.0, 0.0, 5.0]]
-    few = answered(BundleProblem.from_arrays(TWO_CAMERAS, LENS, points, indices, np.zeros((4, 2)), frame="site"))
-    assert few.quality.status is Status.DEGRADED
-    assert "underdetermined" in few.quality.reasons
-    assert few.quality.covariance_kind is CovarianceKind.NONE
+    underdetermined = run_dfpc(
+        BundleProblem.from_arrays(TWO_CAMERAS, LENS, points, indices, np.zeros((4, 2)), frame="site")
+    )
+    assert underdetermined.quality.status is Status.DEGRADED
+    assert "underdetermined" in underdetermined.quality.reasons
+    assert underdetermined.quality.covariance_kind is CovarianceKind.NONE
     pixels = np.full((4, 2), np.nan)
-    bad = answered(BundleProblem.from_arrays(TWO_CAMERAS, LENS, points, indices, pixels, frame="site"))
-    assert bad.quality.status is Status.FAILED
-    assert bad.quality.reasons[0].startswith("bad_problem")
+    with_nan = run_dfpc(BundleProblem.from_arrays(TWO_CAMERAS, LENS, points, indices, pixels, frame="site"))
+    assert with_nan.quality.status is Status.FAILED
+    assert with_nan.quality.reasons[0].startswith("bad_problem")

@@ -14,15 +14,15 @@ from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Frame
-from cdff_dev.evaluate._image_pairs import marked_dlr
-from tests.corridor import CAMERA, render, texture
+from evaluation.data_sets.image_pairs import marked_dlr
+from tests.support.corridor import CAMERA, render, texture
 
 VARIANTS = ("RootSift", "Sift", "Orb", "FastGrid", "GfttKlt")
 T_WORLD_LEFT = np.eye(4)
 T_WORLD_RIGHT = se3.transform(se3.exp_so3([0.0, 0.03, 0.0]), [0.25, 0.02, 0.1])
 
 
-def made(implementation: str | None = None, **config: object) -> Dfpc:
+def make_configured_dfpc(implementation: str | None = None, **config: object) -> Dfpc:
     dfpc = Registry.default().make_dfpc("feature_matching")
     dfpc.configure(config, implementation=implementation)
     return dfpc
@@ -32,8 +32,12 @@ def frame(image: np.ndarray, camera: bool = False) -> Frame:
     return Frame.from_image(image, stamp_ns=0, camera_matrix=CAMERA if camera else None)
 
 
-def shown(dfpc: Dfpc, left: Frame, right: Frame) -> list[Output]:
-    return [o for port, f in (("left", left), ("right", right)) for o in dfpc.step(Sample(port, 1000, 0, f, id=port))]
+def process_pair(dfpc: Dfpc, left: Frame, right: Frame) -> list[Output]:
+    return [
+        o
+        for port, f in (("left", left), ("right", right))
+        for o in dfpc.step(Sample(port, 1000, 0, f, id=port))
+    ]
 
 
 def corridor(camera: bool = True) -> tuple[Frame, Frame]:
@@ -43,8 +47,8 @@ def corridor(camera: bool = True) -> tuple[Frame, Frame]:
 
 @pytest.mark.req("CDFF-CORE-090")
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_every_variant_matches_two_views_and_finds_how_the_cameras_stand(variant: str) -> None:
-    matches, transform = shown(made(variant), *corridor())
+def test_every_implementation_matches_two_views_and_estimates_the_transform(variant: str) -> None:
+    matches, transform = process_pair(make_configured_dfpc(variant), *corridor())
     assert matches.quality.status is not Status.FAILED
     assert matches.inputs == ("left", "right")
     E = se3.inverse(T_WORLD_RIGHT)
@@ -54,7 +58,9 @@ def test_every_variant_matches_two_views_and_finds_how_the_cameras_stand(variant
     distances = np.abs(sampson(F, matches.value.sources_px, matches.value.sinks_px))
     assert np.mean(distances < 1.5) > 0.9
     assert ((matches.value.probabilities > 0.0) & (matches.value.probabilities <= 1.0)).all()
-    if variant == "Orb":  # its points are good to some pixels here, the parallax is two: not told from a rotation
+    if (
+        variant == "Orb"
+    ):  # noise of several pixels exceeds the parallax of 2 px: indistinguishable from a pure rotation
         assert transform.value is None
         assert transform.quality.reasons == ("degenerate:translation",)
         return
@@ -66,16 +72,19 @@ def test_every_variant_matches_two_views_and_finds_how_the_cameras_stand(variant
     error = cov.pose_error(T_true, transform.value.transform.matrix)
     assert np.degrees(np.linalg.norm(error[3:])) < (0.5 if variant == "FastGrid" else 0.1)
     assert np.linalg.norm(error[:3]) < 0.06
-    # Of the translation's length nothing is said: five degrees of freedom, 99.9 %.
+    # 99.9 % quantile of χ² with five degrees of freedom: the length of the translation is unknown.
     information = np.linalg.pinv(transform.value.transform.covariance, rcond=1e-9, hermitian=True)
     assert error @ information @ error < 20.5
 
 
-def test_without_cameras_there_are_matches_alone_and_the_store_holds_the_models() -> None:
-    dfpc = made()
-    (matches,) = shown(dfpc, *corridor(camera=False))
+def test_without_camera_matrices_only_matches_are_published_and_the_store_has_the_models() -> None:
+    dfpc = make_configured_dfpc()
+    (matches,) = process_pair(dfpc, *corridor(camera=False))
     assert matches.port == "matches"
-    F, covariance = dfpc.store.get("fundamental_matrix").values, dfpc.store.get("fundamental_covariance").values
+    F, covariance = (
+        dfpc.store.get("fundamental_matrix").values,
+        dfpc.store.get("fundamental_covariance").values,
+    )
     assert F.shape == (3, 3)
     assert covariance.shape == (9, 9)
     assert np.linalg.eigvalsh(covariance).min() > -1e-12
@@ -83,14 +92,14 @@ def test_without_cameras_there_are_matches_alone_and_the_store_holds_the_models(
     assert len(dfpc.store.get("features").points_px) > 100
 
 
-def test_a_plane_is_judged_as_one_and_leaves_the_transform_degraded() -> None:
+def test_a_planar_scene_is_detected_and_the_transform_degraded() -> None:
     import cv2
 
     left = np.clip(texture(3, 256), 0, 255).astype(np.uint8)
     H = np.array([[0.95, -0.1, 12.0], [0.1, 0.95, 4.0], [1e-4, 0.0, 1.0]])
     right = cv2.warpPerspective(left, H, (256, 256))
-    outputs = shown(made(), frame(left, True), frame(right, True))
-    assert outputs[0].quality.metrics["planar_share"] == 1.0
+    outputs = process_pair(make_configured_dfpc(), frame(left, True), frame(right, True))
+    assert outputs[0].quality.metrics["planar_ratio"] == 1.0
     from cdff_core.imaging.two_view import transfer
 
     errors = np.hypot(*(transfer(H, outputs[0].value.sources_px) - outputs[0].value.sinks_px).T)
@@ -100,16 +109,16 @@ def test_a_plane_is_judged_as_one_and_leaves_the_transform_degraded() -> None:
 
 @pytest.mark.req("CDFF-CORE-090")
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_images_of_nothing_in_common_fail_with_the_reason(variant: str) -> None:
+def test_images_without_a_common_scene_fail_with_the_reason(variant: str) -> None:
     images = (frame(np.clip(texture(seed, 256), 0, 255).astype(np.uint8)) for seed in (1, 2))
-    (output,) = shown(made(variant), *images)
+    (output,) = process_pair(make_configured_dfpc(variant), *images)
     assert output.value is None
     assert output.quality.status is Status.FAILED
     assert output.quality.reasons[0] == "no_common_scene"
 
 
-def test_a_right_image_waits_for_its_left_one_and_forget_forgets() -> None:
-    dfpc = made("Orb")
+def test_a_right_image_waits_for_its_left_image_until_forget_is_called() -> None:
+    dfpc = make_configured_dfpc("Orb")
     left, right = corridor()
     assert not list(dfpc.step(Sample("right", 1000, 0, right)))
     assert len(list(dfpc.step(Sample("left", 2000, 0, left)))) == 2
@@ -117,18 +126,22 @@ def test_a_right_image_waits_for_its_left_one_and_forget_forgets() -> None:
     assert not list(dfpc.step(Sample("right", 3000, 0, right)))
 
 
-def test_an_image_without_texture_or_of_another_depth_fails_and_says_why() -> None:
+def test_an_image_without_texture_or_of_wrong_type_fails_with_the_reason() -> None:
     flat = frame(np.full((100, 120), 90, np.uint8))
-    (output,) = shown(made(), flat, flat)
+    (output,) = process_pair(make_configured_dfpc(), flat, flat)
     assert output.quality.reasons == ("no_common_scene", "few_matches:0<12")
-    (output,) = made().step(Sample("left", 0, 0, Frame.from_image(np.zeros((90, 90), np.uint16), stamp_ns=0)))
+    (output,) = make_configured_dfpc().step(
+        Sample("left", 0, 0, Frame.from_image(np.zeros((90, 90), np.uint16), stamp_ns=0))
+    )
     assert output.quality.reasons[0].startswith("bad_left")
 
 
 @pytest.mark.req("CDFF-CORE-090")
-def test_the_hand_marked_points_of_the_mock_up_are_found_within_five_pixels(real_data: Callable[[str], Path]) -> None:
+def test_the_hand_marked_points_of_the_satellite_mock_up_are_matched_within_five_pixels(
+    real_data: Callable[[str], Path],
+) -> None:
     pair = marked_dlr(real_data("cdff_upstream").parent)
-    value = shown(made(), frame(pair.left), frame(pair.right))[0].value
+    value = process_pair(make_configured_dfpc(), frame(pair.left), frame(pair.right))[0].value
     for source, sink in zip(pair.points, pair.partners, strict=True):
         errors = np.maximum(np.hypot(*(value.sources_px - source).T), np.hypot(*(value.sinks_px - sink).T))
         assert errors.min() <= 5.0

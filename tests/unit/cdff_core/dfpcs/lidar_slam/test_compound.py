@@ -16,49 +16,55 @@ from cdff_common.interfaces.product import CovarianceKind, Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import LidarMap, Pointcloud, TransformWithCovariance
 from cdff_core.dfpcs.lidar_slam.compound import LidarSlam
-from tests.hills import Float, Ground, circle, hills, plain, scan, standing
+from cdff_core.dfpcs.lidar_slam.keyframe_map import KeyframeMap
+from tests.support.hills import Float, Ground, circle, flat_ground, hills, pose_on_ground, scan
 
 PERIOD_NS = 500_000_000
 STEP_M = 0.5
 RADIUS_M = 8.0
-#: Small enough for a second lap within seconds; clouds of the small world are sparse.
-CONFIG: dict[str, Any] = {"keyframe_distance_m": 3.0, "keyframe_range_m": 22.0, "reuse_distance_m": 2.0}
+#: Distances for a small world, so that a lap takes seconds to simulate.
+CONFIG: dict[str, Any] = {"keyframe_distance_m": 3.0, "keyframe_range_m": 22.0, "merge_distance_m": 2.0}
 
 
 class Rover:
-    """A lidar that is driven over the ground, and what the DFPC says of it."""
+    """A simulated lidar on the ground, and the outputs of the DFPC."""
 
     def __init__(self, ground: Ground, seed: int = 0, **config: Any) -> None:
         self.ground, self.rng = ground, np.random.default_rng(seed)
         self.node = LidarSlam()
         frames = FrameGraph()
-        frames.set_static("mana/base", "mana/lidar", UncertainTransform(np.eye(4), np.zeros((6, 6))))
+        frames.set_static("mana/base", "mana/lidar", UncertainTransform.identity())
         self.node.configure({**CONFIG, **config}, DfpcContext("mana", frames))
-        self.truth: dict[int, Float] = {}
+        self.true_poses: dict[int, Float] = {}
         self.outputs: list[Output] = []
         self.now_ns = 0
 
     def drive(self, poses: list[Float], *, wheels: bool = False) -> list[Output]:
-        """One sweep at each pose; the outputs."""
-        made: list[Output] = []
+        """Send one sweep at each pose and return the outputs."""
+        outputs: list[Output] = []
         for i, T in enumerate(poses):
             self.now_ns += PERIOD_NS
-            before = poses[max(i - 1, 0)]
-            begin = before @ se3.exp_se3(0.8 * se3.log_se3(se3.inverse(before) @ T))  # a fifth of the way since
-            self.truth[self.now_ns] = T
+            previous = poses[max(i - 1, 0)]
+            start = previous @ se3.exp_se3(
+                0.8 * se3.log_se3(se3.inverse(previous) @ T)
+            )  # the sweep covers the last fifth of the path since the previous one
+            self.true_poses[self.now_ns] = T
             if wheels:
                 value = TransformWithCovariance.from_transform(
-                    UncertainTransform(T, np.zeros((6, 6))), parent="mana/odom", child="mana/base", stamp_ns=self.now_ns
+                    UncertainTransform.exact(T),
+                    parent="mana/odom",
+                    child="mana/base",
+                    stamp_ns=self.now_ns,
                 )
-                made += self.node.step(Sample("odometry", self.now_ns, i, value))
-            sweep = scan(self.ground, begin, T, self.now_ns, self.rng)
-            made += self.node.step(Sample("scan", self.now_ns, i, sweep, id=f"scan{i}"))
-        self.outputs += made
-        return made
+                outputs += self.node.step(Sample("odometry", self.now_ns, i, value))
+            sweep = scan(self.ground, start, T, self.now_ns, self.rng)
+            outputs += self.node.step(Sample("scan", self.now_ns, i, sweep, id=f"scan{i}"))
+        self.outputs += outputs
+        return outputs
 
     def error_m(self, output: Output) -> float:
-        """Distance of a pose from the truth, both since the first sweep."""
-        T = se3.inverse(self.truth[min(self.truth)]) @ self.truth[output.t1_ns]
+        """Return the distance between a pose and the true pose, both relative to the first sweep."""
+        T = se3.inverse(self.true_poses[min(self.true_poses)]) @ self.true_poses[output.t1_ns]
         return float(np.linalg.norm(output.value.transform.matrix[:3, 3] - T[:3, 3]))
 
 
@@ -67,9 +73,9 @@ def of(outputs: list[Output], port: str) -> list[Output]:
 
 
 def laps(ground: Ground, count: float) -> list[Float]:
-    """Poses along the circle from rest: the first sweeps at one place, then faster."""
-    way = np.concatenate([[0.0, 0.0, 0.0, 0.05, 0.2], np.arange(0.5, count * 2 * np.pi * RADIUS_M, STEP_M)])
-    return circle(ground, RADIUS_M, way)
+    """Return poses along the circle from rest: the first sweeps at one place, then with increasing speed."""
+    path = np.concatenate([[0.0, 0.0, 0.0, 0.05, 0.2], np.arange(0.5, count * 2 * np.pi * RADIUS_M, STEP_M)])
+    return circle(ground, RADIUS_M, path)
 
 
 @pytest.fixture(scope="module")
@@ -78,18 +84,20 @@ def ground() -> Ground:
 
 
 @pytest.fixture(scope="module")
-def lapped(ground: Ground) -> tuple[Rover, list[Output]]:
-    """A lap and a bit, then the end."""
+def rover_after_lap(ground: Ground) -> tuple[Rover, list[Output]]:
+    """A rover after 1.3 laps, and the outputs of finish."""
     rover = Rover(ground)
     rover.drive(laps(ground, 1.3))
     return rover, list(rover.node.finish())
 
 
 @pytest.mark.req("CDFF-CORE-075")
-def test_poses_follow_the_lidar_with_covariance_and_quality(lapped: tuple[Rover, list[Output]]) -> None:
-    rover, _ = lapped
+def test_poses_follow_the_lidar_with_covariance_and_quality(
+    rover_after_lap: tuple[Rover, list[Output]],
+) -> None:
+    rover, _ = rover_after_lap
     poses = of(rover.outputs, "pose")
-    assert len(poses) == len(rover.truth)
+    assert len(poses) == len(rover.true_poses)
     assert all(o.quality.status is not Status.FAILED for o in poses)
     assert np.mean([o.quality.status is Status.OK for o in poses[3:]]) > 0.95
     assert max(rover.error_m(o) for o in poses) < 0.15
@@ -100,227 +108,297 @@ def test_poses_follow_the_lidar_with_covariance_and_quality(lapped: tuple[Rover,
     assert last.inputs[0].startswith("scan")
 
 
-def test_a_lap_closes_loops_and_ends_with_trajectory_graph_and_cloud(lapped: tuple[Rover, list[Output]]) -> None:
-    rover, end = lapped
+def test_a_lap_closes_loops_and_ends_with_trajectory_graph_and_cloud(
+    rover_after_lap: tuple[Rover, list[Output]],
+) -> None:
+    rover, end = rover_after_lap
     assert {o.port for o in end} == {"trajectory", "graph", "cloud"}
     (graph,) = of(end, "graph")
     assert graph.quality.metrics["loops"] >= 1
     assert graph.value.frame == "mana/slam"
     (trajectory,) = of(end, "trajectory")
-    first = se3.inverse(rover.truth[min(rover.truth)])
+    first = se3.inverse(rover.true_poses[min(rover.true_poses)])
     for stamp, T in zip(trajectory.value.stamps_ns, trajectory.value.matrices, strict=True):
-        assert np.linalg.norm((first @ rover.truth[int(stamp)])[:3, 3] - T[:3, 3]) < 0.15
+        assert np.linalg.norm((first @ rover.true_poses[int(stamp)])[:3, 3] - T[:3, 3]) < 0.15
     (cloud,) = of(end, "cloud")
-    site = se3.transform_points(rover.truth[min(rover.truth)], cloud.value.points_m)
+    site = se3.transform_points(rover.true_poses[min(rover.true_poses)], cloud.value.points_m)
     height = site[:, 2] - rover.ground(site[:, 0], site[:, 1])
     assert np.median(np.abs(height)) < 0.05
 
 
 @pytest.mark.slow
-def test_a_second_lap_adds_next_to_nothing(ground: Ground) -> None:
-    rover, way = Rover(ground, seed=3), laps(ground, 2.6)
-    one = round(len(way) / 2)
-    rover.drive(way[:one])
-    first = len(rover.node.places)
-    rover.drive(way[one:])
-    assert len(rover.node.places) <= first + 2
+def test_a_second_lap_adds_hardly_any_keyframes(ground: Ground) -> None:
+    rover, path = Rover(ground, seed=3), laps(ground, 2.6)
+    first_lap = round(len(path) / 2)
+    rover.drive(path[:first_lap])
+    count = len(rover.node.keyframes)
+    rover.drive(path[first_lap:])
+    assert len(rover.node.keyframes) <= count + 2
 
 
-def test_the_odometry_never_jumps_when_the_map_does(lapped: tuple[Rover, list[Output]]) -> None:
-    rover, _ = lapped
+@pytest.mark.slow
+def test_each_optimisation_of_the_graph_is_reported(ground: Ground, monkeypatch: pytest.MonkeyPatch) -> None:
+    rover = Rover(ground, seed=3)
+    optimised_ns: list[int] = []
+    optimise = KeyframeMap.optimise
+
+    def recorded(keyframes: KeyframeMap, optimiser: Any) -> int:
+        optimised_ns.append(rover.now_ns)
+        return optimise(keyframes, optimiser)
+
+    monkeypatch.setattr(KeyframeMap, "optimise", recorded)
+    rover.drive(laps(ground, 2.6))
+    assert len(optimised_ns) > 3
+    assert {o.t1_ns for o in of(rover.outputs, "graph")} == set(optimised_ns)
+
+
+def test_the_odometry_does_not_jump_when_a_loop_closes(rover_after_lap: tuple[Rover, list[Output]]) -> None:
+    rover, _ = rover_after_lap
     odometry = of(rover.outputs, "odometry")
     assert {o.frame for o in odometry} == {"mana/lidar_odom"}
-    for before, now in itertools.pairwise(odometry[2:]):
-        step = se3.inverse(before.value.transform.matrix) @ now.value.transform.matrix
-        true = se3.inverse(rover.truth[before.t1_ns]) @ rover.truth[now.t1_ns]
+    for previous, now in itertools.pairwise(odometry[2:]):
+        step = se3.inverse(previous.value.transform.matrix) @ now.value.transform.matrix
+        true = se3.inverse(rover.true_poses[previous.t1_ns]) @ rover.true_poses[now.t1_ns]
         assert np.linalg.norm((se3.inverse(true) @ step)[:3, 3]) < 0.06
 
 
-def test_the_position_manager_takes_the_odometry(lapped: tuple[Rover, list[Output]]) -> None:
-    rover, _ = lapped
+def test_the_position_manager_accepts_the_odometry(rover_after_lap: tuple[Rover, list[Output]]) -> None:
+    rover, _ = rover_after_lap
     manager = Registry.default().make_dfpc("position_manager")
     manager.configure(None, rover.node.context)
-    made: list[Output] = []
+    outputs: list[Output] = []
     for i, output in enumerate(of(rover.outputs, "odometry")[:40]):
         sample = Sample("visual_odometry", output.t1_ns, i, output.value, quality=output.quality)
-        made += manager.step(sample)
-    last = [o for o in made if o.port == "pose"][-1]
-    first = rover.truth[min(rover.truth)]
-    moved = se3.inverse(first) @ rover.truth[last.t1_ns]
+        outputs += manager.step(sample)
+    last = [o for o in outputs if o.port == "pose"][-1]
+    first = rover.true_poses[min(rover.true_poses)]
+    T_first_current = se3.inverse(first) @ rover.true_poses[last.t1_ns]
     assert (last.frame, last.child) == ("site", "mana/base")
     assert "source:vo" in last.quality.reasons
-    assert abs(np.linalg.norm(last.value.transform.matrix[:3, 3]) - np.linalg.norm(moved[:3, 3])) < 0.2
+    assert (
+        abs(np.linalg.norm(last.value.transform.matrix[:3, 3]) - np.linalg.norm(T_first_current[:3, 3])) < 0.2
+    )
 
 
 @pytest.mark.req("CDFF-CORE-076")
-def test_a_plain_is_said_to_hold_nothing_and_the_wheels_hold_instead() -> None:
-    rover = Rover(plain)
-    made = rover.drive([standing(plain, 0.4 * i, 0.0, 0.0) for i in range(14)], wheels=True)
-    late = of(made, "pose")[8:]
-    assert all(o.quality.status is Status.DEGRADED for o in late)
-    reasons = {r for o in late for r in o.quality.reasons}
-    assert "held_by:odometry" in reasons
+def test_flat_ground_is_degenerate_and_the_odometry_constrains_the_pose() -> None:
+    rover = Rover(flat_ground)
+    outputs = rover.drive([pose_on_ground(flat_ground, 0.4 * i, 0.0, 0.0) for i in range(14)], wheels=True)
+    last_outputs = of(outputs, "pose")[8:]
+    assert all(o.quality.status is Status.DEGRADED for o in last_outputs)
+    reasons = {r for o in last_outputs for r in o.quality.reasons}
+    assert "constrained_by:odometry" in reasons
     assert {"degenerate:translation_x", "degenerate:translation_y"} <= reasons
-    assert rover.error_m(late[-1]) < 0.5
+    assert rover.error_m(last_outputs[-1]) < 0.5
 
 
 @pytest.mark.req("CDFF-CORE-076")
-def test_where_the_wheels_hold_the_sigma_grows_with_the_way_and_not_with_its_root() -> None:
-    rover = Rover(plain)
-    made = of(rover.drive([standing(plain, 0.5 * i, 0.0, 0.0) for i in range(24)], wheels=True), "odometry")
-    sigma_m = np.array([np.sqrt(o.value.transform.covariance[0, 0]) for o in made])
+def test_in_degenerate_directions_sigma_grows_linearly_with_the_path_length() -> None:
+    rover = Rover(flat_ground)
+    outputs = of(
+        rover.drive([pose_on_ground(flat_ground, 0.5 * i, 0.0, 0.0) for i in range(24)], wheels=True),
+        "odometry",
+    )
+    sigma_m = np.array([np.sqrt(o.value.transform.covariance[0, 0]) for o in outputs])
     assert sigma_m[23] > 1.7 * sigma_m[12] > 0.3
-    assert 0.06 * 11.5 < sigma_m[23] < 0.12 * 11.5  # wheels are off by 8 %
-    up_m = np.sqrt(made[-1].value.transform.covariance[2, 2])
-    assert up_m < 0.1 * sigma_m[23]  # that the ground does hold
+    assert 0.06 * 11.5 < sigma_m[23] < 0.12 * 11.5  # odometry_sigma_ratio is 8 %
+    up_m = np.sqrt(outputs[-1].value.transform.covariance[2, 2])
+    assert up_m < 0.1 * sigma_m[23]  # the ground constrains the height
 
 
 @pytest.mark.req("CDFF-CORE-077")
-def test_a_restart_goes_on_where_it_was(ground: Ground, lapped: tuple[Rover, list[Output]]) -> None:
-    before, _ = lapped
-    state = decode("LidarMap", encode(before.node.state(), "uper"), "uper")
+def test_a_restart_continues_in_the_same_map(
+    ground: Ground, rover_after_lap: tuple[Rover, list[Output]]
+) -> None:
+    previous, _ = rover_after_lap
+    state = decode("LidarMap", encode(previous.node.state(), "uper"), "uper")
     rover = Rover(ground, seed=5)
     rover.node.resume(state)
-    rover.truth, rover.now_ns = dict(before.truth), before.now_ns
-    way = laps(ground, 1.5)[len(before.truth) :]
-    made = rover.drive(way)
-    poses = of(made, "pose")
-    assert poses[0].quality.reasons[0] == "not_localised_in_map"  # one sweep alone may be a decimetre off
+    rover.true_poses, rover.now_ns = dict(previous.true_poses), previous.now_ns
+    path = laps(ground, 1.5)[len(previous.true_poses) :]
+    outputs = rover.drive(path)
+    poses = of(outputs, "pose")
+    assert (
+        poses[0].quality.reasons[0] == "not_localised_in_map"
+    )  # a single sweep may have an error of a decimetre
     assert poses[1].quality.status is not Status.FAILED
     assert max(rover.error_m(o) for o in poses[1:]) < 0.2
     assert rover.node.export_map().frame == "mana/slam"
 
 
-def test_a_rover_that_drove_on_while_nobody_mapped_is_found_on_the_map_without_a_guess(
-    ground: Ground, lapped: tuple[Rover, list[Output]]
+def test_the_covariance_after_a_restart_is_in_the_axes_of_the_keyframe(
+    ground: Ground, rover_after_lap: tuple[Rover, list[Output]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    before, _ = lapped
+    restarts: list[tuple[Float, Float, Float]] = []
+    restart = LidarSlam._restart_on_map
+
+    def recording_restart(node: LidarSlam, key: int, sweep: Any) -> Any:
+        tracking = restart(node, key, sweep)
+        assert tracking is not None
+        R_map_keyframe = node.keyframes.poses[key][:3, :3]
+        restarts.append(
+            (R_map_keyframe, tracking.registration.covariance, node._mapper.T_keyframe_lidar.covariance)
+        )
+        return tracking
+
+    monkeypatch.setattr(LidarSlam, "_restart_on_map", recording_restart)
+    previous, _ = rover_after_lap
+    rover = Rover(ground, seed=5)
+    rover.node.resume(decode("LidarMap", encode(previous.node.state(), "uper"), "uper"))
+    rover.true_poses, rover.now_ns = dict(previous.true_poses), previous.now_ns
+    rover.drive(laps(ground, 1.5)[len(previous.true_poses) :][:4])
+    ((R, in_map, in_keyframe),) = restarts
+    assert np.linalg.norm(R - np.eye(3)) > 0.5  # the keyframe is rotated relative to the map
+    variances = np.linalg.eigvalsh(in_map[:3, :3])
+    assert variances[-1] > 1.2 * variances[0]  # the variances differ between the axes
+    for block in (slice(0, 3), slice(3, 6)):
+        np.testing.assert_allclose(R @ in_keyframe[block, block] @ R.T, in_map[block, block], rtol=1e-9)
+
+
+def test_a_rover_that_moved_while_not_mapping_is_relocalised_without_a_guess(
+    ground: Ground, rover_after_lap: tuple[Rover, list[Output]]
+) -> None:
+    previous, _ = rover_after_lap
     rover = Rover(ground, seed=6, report_keyframes=True)
-    rover.node.resume(before.node.export_map())
-    rover.truth, rover.now_ns = dict(before.truth), before.now_ns
-    way = laps(ground, 0.85)[round(0.4 * len(laps(ground, 1.0))) :]
-    poses = of(rover.drive([way[0]] * 3 + way), "pose")
-    known = [o for o in poses if o.value is not None]
+    rover.node.resume(previous.node.export_map())
+    rover.true_poses, rover.now_ns = dict(previous.true_poses), previous.now_ns
+    path = laps(ground, 0.85)[round(0.4 * len(laps(ground, 1.0))) :]
+    poses = of(rover.drive([path[0]] * 3 + path), "pose")
+    localised = [o for o in poses if o.value is not None]
     assert all(o.quality.reasons[0] == "not_localised_in_map" for o in poses if o.value is None)
-    assert len(known) > 0.8 * len(poses)
-    assert max(rover.error_m(o) for o in known) < 0.3
+    assert len(localised) > 0.8 * len(poses)
+    assert max(rover.error_m(o) for o in localised) < 0.3
 
 
-def test_where_the_map_is_not_found_again_no_place_in_it_is_claimed(lapped: tuple[Rover, list[Output]]) -> None:
-    before, _ = lapped
+def test_without_relocalisation_no_pose_in_the_map_is_published(
+    rover_after_lap: tuple[Rover, list[Output]],
+) -> None:
+    previous, _ = rover_after_lap
     rover = Rover(hills(77), seed=6, report_keyframes=True)
-    state = before.node.export_map()
+    state = previous.node.export_map()
     rover.node.resume(state)
-    rover.now_ns = before.now_ns
-    made = rover.drive(laps(rover.ground, 0.2))
-    assert {o.quality.reasons[0] for o in of(made, "pose")} == {"not_localised_in_map"}
-    assert of(made, "trajectory") == []
-    graphs = of(made, "graph")
+    rover.now_ns = previous.now_ns
+    outputs = rover.drive(laps(rover.ground, 0.2))
+    assert {o.quality.reasons[0] for o in of(outputs, "pose")} == {"not_localised_in_map"}
+    assert of(outputs, "trajectory") == []
+    graphs = of(outputs, "graph")
     assert graphs
     assert {tuple(g.value.vertices.stamps_ns) for g in graphs} == {tuple(state.graph.vertices.stamps_ns)}
-    kept = rover.node.export_map()
-    assert kept.last_position is not None  # where it is to be sought next time
-    stamp_of = dict(zip(kept.graph.vertices.ids.tolist(), kept.graph.vertices.stamps_ns.tolist(), strict=True))
-    assert stamp_of[kept.last_position[0]] in set(state.graph.vertices.stamps_ns.tolist())
+    exported = rover.node.export_map()
+    assert exported.last_position is not None  # the next run starts its search here
+    stamp_of = dict(
+        zip(exported.graph.vertices.ids.tolist(), exported.graph.vertices.stamps_ns.tolist(), strict=True)
+    )
+    assert stamp_of[exported.last_position[0]] in set(state.graph.vertices.stamps_ns.tolist())
 
 
-def test_a_young_map_is_worth_keeping_anew_each_time_its_sweeps_have_doubled(ground: Ground) -> None:
+def test_a_new_map_is_checkpointed_each_time_its_sweeps_have_doubled(ground: Ground) -> None:
     rover, revisions = Rover(ground), list[int]()
     for T in [laps(ground, 0.1)[0]] * 9:  # at rest
         rover.drive([T])
         revisions.append(rover.node.state_revision)
-    news = [i + 1 for i in range(1, 9) if revisions[i] > revisions[i - 1]]
-    assert news == [2, 4, 8]
+    checkpoints = [i + 1 for i in range(1, 9) if revisions[i] > revisions[i - 1]]
+    assert checkpoints == [2, 4, 8]
 
 
-def test_the_begin_of_a_map_is_a_state_worth_keeping(ground: Ground) -> None:
+def test_the_first_sweep_of_a_map_is_checkpointed(ground: Ground) -> None:
     rover = Rover(ground)
     revision = rover.node.state_revision
     rover.drive(laps(ground, 0.1)[:1])
     assert rover.node.state_revision > revision
-    again = Rover(ground, seed=3)
-    again.node.resume(decode("LidarMap", encode(rover.node.state(), "uper"), "uper"))
-    again.truth, again.now_ns = dict(rover.truth), rover.now_ns
-    poses = of(again.drive(laps(ground, 0.2)[8:], wheels=True), "pose")
+    restarted = Rover(ground, seed=3)
+    restarted.node.resume(decode("LidarMap", encode(rover.node.state(), "uper"), "uper"))
+    restarted.true_poses, restarted.now_ns = dict(rover.true_poses), rover.now_ns
+    poses = of(restarted.drive(laps(ground, 0.2)[8:], wheels=True), "pose")
     assert poses[-1].value is not None
-    assert again.error_m(poses[-1]) < 0.3
+    assert restarted.error_m(poses[-1]) < 0.3
 
 
-def test_the_map_of_another_rover_is_merged_when_a_place_is_known_again(ground: Ground) -> None:
-    way = laps(ground, 1.0)
-    half = len(way) // 2
+def test_the_map_of_another_rover_is_connected_by_a_loop(ground: Ground) -> None:
+    path = laps(ground, 1.0)
+    half = len(path) // 2
     first, second = Rover(ground, seed=7), Rover(ground, seed=8)
-    first.drive(way[: half + 8])
-    second.drive([way[half - 8]] * 3 + way[half - 8 :])
+    first.drive(path[: half + 8])
+    second.drive([path[half - 8]] * 3 + path[half - 8 :])
     for rover in (first, second):
         list(rover.node.finish())
-    keys = len(first.node.places)
-    made = list(first.node.step(Sample("map", first.now_ns, 0, second.node.export_map())))
-    places = first.node.places
-    assert places.part(places.root) == set(places.frames)
-    assert len(places) > keys
-    assert not any(r.startswith("keyframes_not_linked") for r in of(made, "graph")[0].quality.reasons)
+    keys = len(first.node.keyframes)
+    outputs = list(first.node.step(Sample("map", first.now_ns, 0, second.node.export_map())))
+    keyframes = first.node.keyframes
+    assert keyframes.component(keyframes.root) == set(keyframes.keyframes)
+    assert len(keyframes) > keys
+    assert not any(r.startswith("keyframes_not_linked") for r in of(outputs, "graph")[0].quality.reasons)
     cloud = first.node.get_map(0.5)
     assert isinstance(cloud, Pointcloud)
-    site = se3.transform_points(first.truth[min(first.truth)], cloud.points_m)
+    site = se3.transform_points(first.true_poses[min(first.true_poses)], cloud.points_m)
     assert np.median(np.abs(site[:, 2] - ground(site[:, 0], site[:, 1]))) < 0.1
 
 
-def test_a_map_of_elsewhere_stays_apart_and_is_named(ground: Ground) -> None:
-    here, there = Rover(ground, seed=9), Rover(hills(77), seed=10)
-    here.drive(laps(ground, 0.3))
-    there.drive(laps(hills(77), 0.3))
-    list(there.node.finish())
-    made = list(here.node.step(Sample("map", here.now_ns, 0, there.node.export_map())))
-    assert of(made, "graph")[0].quality.reasons[-1].startswith("keyframes_not_linked:")
+def test_a_map_without_overlap_is_reported_as_not_linked(ground: Ground) -> None:
+    rover, distant_rover = Rover(ground, seed=9), Rover(hills(77), seed=10)
+    rover.drive(laps(ground, 0.3))
+    distant_rover.drive(laps(hills(77), 0.3))
+    list(distant_rover.node.finish())
+    outputs = list(rover.node.step(Sample("map", rover.now_ns, 0, distant_rover.node.export_map())))
+    assert of(outputs, "graph")[0].quality.reasons[-1].startswith("keyframes_not_linked:")
 
 
-def test_a_map_is_taken_over_where_there_is_none(ground: Ground, lapped: tuple[Rover, list[Output]]) -> None:
+def test_an_imported_map_replaces_an_empty_one(
+    ground: Ground, rover_after_lap: tuple[Rover, list[Output]]
+) -> None:
     rover = Rover(ground)
-    assert list(rover.node.step(Sample("map", 0, 0, lapped[0].node.export_map()))) == []
-    assert len(rover.node.places) == len(lapped[0].node.places)
+    assert list(rover.node.step(Sample("map", 0, 0, rover_after_lap[0].node.export_map()))) == []
+    assert len(rover.node.keyframes) == len(rover_after_lap[0].node.keyframes)
 
 
-def test_before_the_first_sweep_nothing_is_answered() -> None:
-    rover = Rover(plain)
+def test_before_the_first_sweep_there_are_no_products() -> None:
+    rover = Rover(flat_ground)
     assert rover.node.state() is None
     assert list(rover.node.finish()) == []
-    for ask in (rover.node.export_map, lambda: rover.node.get_map(0.0), lambda: rover.node.get_trajectory(-1, -1)):
+    for operation in (
+        rover.node.export_map,
+        lambda: rover.node.get_map(0.0),
+        lambda: rover.node.get_trajectory(-1, -1),
+    ):
         with pytest.raises(ProductNotFoundError):
-            ask()
+            operation()
     for item in rover.node.store.items:
         with pytest.raises(ProductNotFoundError):
             rover.node.store.get(item)
 
 
-def test_the_store_holds_what_the_description_promises(lapped: tuple[Rover, list[Output]]) -> None:
-    node = lapped[0].node
+def test_the_store_has_the_items_of_the_description(rover_after_lap: tuple[Rover, list[Output]]) -> None:
+    node = rover_after_lap[0].node
     assert set(node.store.items) == {m.item for m in node.description.product_management}
     assert isinstance(node.store.get("map"), LidarMap)
 
 
 def test_a_state_of_another_type_is_refused() -> None:
     with pytest.raises(InputError, match="LidarMap"):
-        Rover(plain).node.resume("nonsense")
+        Rover(flat_ground).node.resume("nonsense")
 
 
-def test_forgetting_begins_anew(ground: Ground) -> None:
+def test_forget_starts_a_new_map(ground: Ground) -> None:
     rover = Rover(ground)
     rover.drive(laps(ground, 0.1))
     rover.node.forget()
-    assert len(rover.node.places) == 0
+    assert len(rover.node.keyframes) == 0
     rover.drive(laps(ground, 0.1))
     assert of(rover.outputs, "pose")[-1].quality.status is not Status.FAILED
 
 
-def test_an_empty_sweep_does_not_end_it(ground: Ground) -> None:
+def test_an_empty_sweep_fails_and_the_next_one_is_processed(ground: Ground) -> None:
     rover = Rover(ground)
     rover.drive(laps(ground, 0.1))
     rover.now_ns += PERIOD_NS
     empty = scan(ground, np.eye(4), np.eye(4), rover.now_ns, rover.rng)
     empty = type(empty).from_arrays(
-        np.zeros((0, 3), np.float32), np.zeros(0, np.uint32), frame="mana/lidar", t0_ns=empty.t0_ns, t1_ns=empty.t1_ns
+        np.zeros((0, 3), np.float32),
+        np.zeros(0, np.uint32),
+        frame="mana/lidar",
+        t0_ns=empty.t0_ns,
+        t1_ns=empty.t1_ns,
     )
-    made = list(rover.node.step(Sample("scan", rover.now_ns, 99, empty)))
-    assert {o.quality.status for o in made} == {Status.FAILED}
-    assert {o.quality.reasons[0] for o in made} == {"lost"}
+    outputs = list(rover.node.step(Sample("scan", rover.now_ns, 99, empty)))
+    assert {o.quality.status for o in outputs} == {Status.FAILED}
+    assert {o.quality.reasons[0] for o in outputs} == {"lost"}

@@ -18,12 +18,14 @@ T_NS = 1_700_000_000_000_000_000
 
 
 def navigation(limits: dict[str, float] | None = None, **config: Any) -> NavigationMapping:
-    made = NavigationMapping()
-    made.configure({"size_m": 12.0, **config}, DfpcContext("mana", limits=limits or {}))
-    return made
+    result = NavigationMapping()
+    result.configure({"size_m": 12.0, **config}, DfpcContext("mana", limits=limits or {}))
+    return result
 
 
-def patch(slope: float = 0.0, *, x0: float = -4.0, t_ns: int = T_NS, resolution_m: float = 0.05) -> ElevationMap:
+def patch(
+    slope: float = 0.0, *, x0: float = -4.0, t_ns: int = T_NS, resolution_m: float = 0.05
+) -> ElevationMap:
     g = GridGeometry.aligned("site", resolution_m, (x0, -4.0, x0 + 8.0, 4.0))
     x, y = (c.ravel() for c in g.centres_m())
     layers = CellStatistics.from_points(g, np.column_stack([x, y, slope * x]), stamps_ns=t_ns).to_layers(t_ns)
@@ -42,7 +44,7 @@ def classes_of(output: Output, radius_m: float = 3.0) -> np.ndarray:
 
 
 @pytest.mark.req("CDFF-CORE-073")
-def test_flat_ground_is_safe_and_what_no_patch_reached_is_unknown() -> None:
+def test_flat_ground_is_safe_and_unobserved_ground_unknown() -> None:
     out = step(navigation(), patch())[0]
     assert (classes_of(out) == 1).all()
     x, _ = out.value.geometry.centres_m()
@@ -60,19 +62,19 @@ def test_flat_ground_is_safe_and_what_no_patch_reached_is_unknown() -> None:
         ({"max_slope_deg": 10.0}, {"traversability": {"max_slope_deg": 30.0}}, 1),
     ],
 )
-def test_limits_come_from_the_configuration_else_the_profile_else_the_defaults(
+def test_limits_of_the_configuration_precede_those_of_the_profile_and_the_defaults(
     limits: dict[str, float], config: dict[str, Any], expected: int
 ) -> None:
     out = step(navigation(limits, **config), patch(np.tan(np.radians(18.0))))[0]
     assert (classes_of(out) == expected).all()
 
 
-def test_cells_are_those_asked_for_in_multiples_of_the_patches() -> None:
+def test_cell_size_is_a_multiple_of_that_of_the_patches() -> None:
     assert step(navigation(resolution_m=0.12), patch())[0].value.geometry.resolution_m == pytest.approx(0.1)
     assert step(navigation(resolution_m=0.1), patch(resolution_m=0.2))[0].value.geometry.resolution_m == 0.2
 
 
-def test_patches_side_by_side_make_one_map() -> None:
+def test_adjacent_patches_form_one_map() -> None:
     node = navigation(size_m=20.0)
     step(node, patch(x0=-8.0))
     out = step(node, patch(x0=0.0, t_ns=T_NS + 5000), name="q")[0]
@@ -83,27 +85,27 @@ def test_patches_side_by_side_make_one_map() -> None:
     assert (out.t0_ns, out.t1_ns) == (T_NS - 1000, T_NS + 5000)
 
 
-def test_a_patch_that_changes_nothing_is_not_published_again() -> None:
+def test_an_unchanged_map_is_not_published_again() -> None:
     node = navigation()
     assert len(step(node, patch())) == 1
     assert step(node, patch(t_ns=T_NS + 1000)) == []
     assert len(step(node, patch(0.3))) == 1
 
 
-def test_a_ledge_that_a_later_patch_shows_over_ground_that_stays_as_it_was_is_noticed() -> None:
-    node, anew = (navigation({"height_m": 1.5}) for _ in range(2))
+def test_an_overhang_observed_later_over_unchanged_ground_is_rated() -> None:
+    node, new_node = (navigation({"height_m": 1.5}) for _ in range(2))
     first = step(node, patch())[0].value
     g = patch().geometry
     x, y = g.centres_m()
     overhang = np.where((np.abs(x - 2.0) < 0.2) & (np.abs(y) < 0.2), np.float32(1.1), np.float32(np.nan))
     layers = {name: patch().layer(name) for name in patch().layer_names} | {"overhang_m": overhang}
-    shown = ElevationMap.from_layers(g, layers, t0_ns=T_NS, t1_ns=T_NS + 1000)
-    second = step(node, shown)[0].value
+    with_overhang = ElevationMap.from_layers(g, layers, t0_ns=T_NS, t1_ns=T_NS + 1000)
+    second = step(node, with_overhang)[0].value
     x, y = second.geometry.centres_m()
     below = (np.abs(x - 2.0) < 0.2) & (np.abs(y) < 0.2)
     assert (first.layer("class")[below] == 1).all()
     assert (second.layer("class")[below] == 3).all()
-    whole = step(anew, shown)[0].value
+    whole = step(new_node, with_overhang)[0].value
     np.testing.assert_array_equal(second.layer("class"), whole.layer("class"))
 
 
@@ -114,7 +116,7 @@ def test_a_degraded_patch_degrades_the_map_and_a_failed_one_changes_nothing() ->
     assert step(node, None, Quality(status=Status.FAILED)) == []
 
 
-def test_a_patch_whose_cells_do_not_fit_is_refused_with_a_reason() -> None:
+def test_a_patch_with_incompatible_cells_is_refused_with_the_reason() -> None:
     node = navigation()
     step(node, patch())
     out = step(node, patch(resolution_m=0.03))[0]
@@ -123,7 +125,7 @@ def test_a_patch_whose_cells_do_not_fit_is_refused_with_a_reason() -> None:
     assert "do not fit" in out.quality.reasons[0]
 
 
-def test_the_map_can_be_asked_for() -> None:
+def test_the_map_is_returned_on_request() -> None:
     node = navigation()
     with pytest.raises(ProductNotFoundError):
         node.call("get_map", {})
@@ -145,13 +147,13 @@ def test_a_limit_of_the_profile_out_of_bounds_is_refused() -> None:
 
 
 def rough(seed: int, x0: float = -4.0, *, t_ns: int = T_NS, lump_m: float = 0.0) -> ElevationMap:
-    """A patch of hills with noise, the same ground wherever it lies, and a lump at (1, 1)."""
+    """Return a patch of hills with noise and a block of height ``lump_m`` at (1, 1)."""
     g = GridGeometry.aligned("site", 0.05, (x0, -4.0, x0 + 8.0, 4.0))
     x, y = (c.ravel() for c in g.centres_m())
     z = 0.3 * np.sin(x) * np.cos(0.7 * y) + np.random.default_rng(seed).normal(0.0, 0.01, x.shape)
     z += lump_m * (np.hypot(x - 1.0, y - 1.0) < 0.3)
-    seen = np.hypot(x + 1.0, y - 2.0) > 0.6
-    points = np.column_stack([x, y, z])[seen]
+    is_observed = np.hypot(x + 1.0, y - 2.0) > 0.6
+    points = np.column_stack([x, y, z])[is_observed]
     layers = CellStatistics.from_points(
         g, points, stamps_ns=t_ns, height_variance_m2=np.full(len(points), 1e-4)
     ).to_layers(t_ns)
@@ -159,13 +161,19 @@ def rough(seed: int, x0: float = -4.0, *, t_ns: int = T_NS, lump_m: float = 0.0)
 
 
 @pytest.mark.req("CDFF-CORE-073")
-def test_rating_only_what_changed_gives_what_rating_everything_gives() -> None:
+def test_incremental_rating_equals_rating_of_the_whole_map() -> None:
     patches = [rough(0), rough(1), rough(2, 1.0), rough(3, 1.5), rough(4, lump_m=0.4)]
-    parts = [patches[0], _only(patches[1], 0.5), patches[2], _only(patches[3], 2.0), _only(patches[4], 1.0)]
+    partial_patches = [
+        patches[0],
+        _only(patches[1], 0.5),
+        patches[2],
+        _only(patches[3], 2.0),
+        _only(patches[4], 1.0),
+    ]
     node, whole = navigation(size_m=14.0), navigation(size_m=14.0)
-    for part in parts:
+    for part in partial_patches:
         step(node, part)
-        whole._dem = None  # makes it begin anew
+        whole._dem = None  # forces a new rating of the whole map
         step(whole, part)
         a, b = node.get_map(), whole.get_map()
         assert a.geometry == b.geometry
@@ -175,7 +183,7 @@ def test_rating_only_what_changed_gives_what_rating_everything_gives() -> None:
 
 
 def _only(dem: ElevationMap, half_m: float) -> ElevationMap:
-    """A patch of which only what lies around (1, 1) was seen."""
+    """Return a patch observed only around (1, 1)."""
     x, y = dem.geometry.centres_m()
     near = (np.abs(x - 1.0) < half_m) & (np.abs(y - 1.0) < half_m)
     layers = {n: np.where(near, dem.layer(n), 0.0 if n == "count" else np.nan) for n in dem.layer_names}
@@ -185,55 +193,69 @@ def _only(dem: ElevationMap, half_m: float) -> ElevationMap:
 
 
 @pytest.mark.req("CDFF-CORE-073")
-def test_a_way_goes_around_a_hazard_and_says_what_it_costs() -> None:
+def test_a_route_goes_around_a_hazard_with_its_cost() -> None:
     node = navigation()
     step(node, rough(0, lump_m=0.5))
-    way = node.call("get_route", {"from_x_m": "-2.5", "from_y_m": "-1.5", "to_x_m": "2.8", "to_y_m": "2.2"})
-    made = node.get_map()
-    x, y = way.matrices[:, 0, 3], way.matrices[:, 1, 3]
-    row, col, inside = made.geometry.cells_of(x, y)
+    route = node.call("get_route", {"from_x_m": "-2.5", "from_y_m": "-1.5", "to_x_m": "2.8", "to_y_m": "2.2"})
+    result = node.get_map()
+    x, y = route.matrices[:, 0, 3], route.matrices[:, 1, 3]
+    row, col, inside = result.geometry.cells_of(x, y)
     assert inside.all()
-    assert np.isin(made.layer("class")[row, col], (1, 2)).all()
+    assert np.isin(result.layer("class")[row, col], (1, 2)).all()
     length_m = np.hypot(np.diff(x), np.diff(y)).sum()
-    cost_m = 1e-9 * (way.stamps_ns[-1] - way.stamps_ns[0])
+    cost_m = 1e-9 * (route.stamps_ns[-1] - route.stamps_ns[0])
     assert length_m > np.hypot(5.3, 3.7) - 0.2
     assert length_m <= cost_m <= 5.0 * length_m
-    assert (way.parent_frame, way.child_frame) == ("site", "mana/base")
+    assert (route.parent_frame, route.child_frame) == ("site", "mana/base")
     reach = node.call("get_reachable", {"x_m": "-2.5", "y_m": "-1.5"})
     assert reach.layer("travel_cost_m")[row[-1], col[-1]] == pytest.approx(cost_m, abs=1e-3)
-    blocked = ~np.isin(made.layer("class"), (1, 2))
+    blocked = ~np.isin(result.layer("class"), (1, 2))
     assert np.isnan(reach.layer("travel_cost_m")[blocked]).all()
 
 
 @pytest.mark.parametrize("kind", ["free", "passable", "hazard", "blocked"])
 @pytest.mark.parametrize("tolerance_m", ["0.0", "0.2"])
-def test_outlines_hold_the_cells_of_their_kind_and_err_to_the_safe_side(kind: str, tolerance_m: str) -> None:
+def test_outlines_contain_the_cells_of_their_kind_and_are_conservative(kind: str, tolerance_m: str) -> None:
     import shapely
 
     node = navigation()
     step(node, rough(0, lump_m=0.5))
-    found = node.call("get_polygons", {"kind": kind, "tolerance_m": tolerance_m})
-    polygons = [shapely.Polygon(outer, holes) for outer, *holes in found.polygons]
+    result = node.call("get_polygons", {"kind": kind, "tolerance_m": tolerance_m})
+    polygons = [shapely.Polygon(outer, holes) for outer, *holes in result.polygons]
     assert all(polygon.is_valid and polygon.exterior.is_ccw for polygon in polygons)
-    np.testing.assert_allclose(found.data.areas, [polygon.area for polygon in polygons], rtol=1e-9)
+    np.testing.assert_allclose(result.data.areas, [polygon.area for polygon in polygons], rtol=1e-9)
     area = shapely.union_all(polygons)
-    made = node.get_map()
-    number, classes = {"free": (1, (1,)), "passable": (4, (1, 2)), "hazard": (3, (3,)), "blocked": (5, (0, 3))}[kind]
-    assert set(found.data.kinds) == {number}
-    assert (found.frame, found.t0_ns, found.t1_ns) == (made.frame, made.t0_ns, made.t1_ns)
-    assert (found.metadata.resolution, found.metadata.tolerance) == (made.geometry.resolution_m, float(tolerance_m))
-    x, y = made.geometry.centres_m()
-    inside, is_kind = shapely.contains_xy(area, x, y), np.isin(made.layer("class"), classes)
+    navigation_map = node.get_map()
+    number, classes = {
+        "free": (1, (1,)),
+        "passable": (4, (1, 2)),
+        "hazard": (3, (3,)),
+        "blocked": (5, (0, 3)),
+    }[kind]
+    assert set(result.data.kinds) == {number}
+    assert (result.frame, result.t0_ns, result.t1_ns) == (
+        navigation_map.frame,
+        navigation_map.t0_ns,
+        navigation_map.t1_ns,
+    )
+    assert (result.metadata.resolution, result.metadata.tolerance) == (
+        navigation_map.geometry.resolution_m,
+        float(tolerance_m),
+    )
+    x, y = navigation_map.geometry.centres_m()
+    inside, is_kind = shapely.contains_xy(area, x, y), np.isin(navigation_map.layer("class"), classes)
     if tolerance_m == "0.0":
         np.testing.assert_array_equal(inside, is_kind)
-        assert found.data.areas.sum() == pytest.approx(is_kind.sum() * made.geometry.resolution_m**2)
+        assert result.data.areas.sum() == pytest.approx(
+            is_kind.sum() * navigation_map.geometry.resolution_m**2
+        )
     elif kind in ("free", "passable"):
         assert not (inside & ~is_kind).any()
     else:
         assert not (is_kind & ~inside).any()
 
 
-def test_places_that_are_blocked_or_outside_and_unknown_kinds_are_refused() -> None:
+def test_blocked_or_outside_points_and_unknown_kinds_are_refused() -> None:
     node = navigation()
     step(node, rough(0, lump_m=0.5))
     with pytest.raises(RefusedError, match="start"):
@@ -246,13 +268,13 @@ def test_places_that_are_blocked_or_outside_and_unknown_kinds_are_refused() -> N
         node.call("get_polygons", {"tolerance_m": "-0.1"})
 
 
-def test_outlines_of_all_kinds_cover_what_is_known_once() -> None:
+def test_outlines_of_all_kinds_cover_the_observed_area_once() -> None:
     node = navigation()
     step(node, rough(0, lump_m=0.5))
-    found, made = node.call("get_polygons", {}), node.get_map()
-    counts = np.bincount(made.layer("class").ravel(), minlength=4)
+    result, navigation_map = node.call("get_polygons", {}), node.get_map()
+    counts = np.bincount(navigation_map.layer("class").ravel(), minlength=4)
     for kind in (1, 2, 3):
-        cells = found.data.areas[found.data.kinds == kind].sum() / made.geometry.resolution_m**2
+        cells = result.data.areas[result.data.kinds == kind].sum() / navigation_map.geometry.resolution_m**2
         assert cells == pytest.approx(counts[kind])
-    assert sorted(set(found.data.kinds)) == [1, 2, 3]
+    assert sorted(set(result.data.kinds)) == [1, 2, 3]
     assert node.call("get_polygons", {"kind": "free", "tolerance_m": "50"}).polygons == []

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""ShotLocalisation: finds a model anywhere in a scene, and says where it is not there or there twice."""
+"""SHOT localisation: a model anywhere in a scene, a missing model, and a model that occurs twice."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Pointcloud, TransformWithCovariance
-from tests import surfaces
+from tests.support import surfaces
 
 T_TRUE = se3.exp_se3([4.0, -3.0, 2.0, 0.3, -0.2, 2.0])
 
 
-def made(implementation: str | None = None, **config: Any) -> Dfpc:
+def make_configured_dfpc(implementation: str | None = None, **config: Any) -> Dfpc:
     dfpc = Registry.default().make_dfpc("shot_localisation")
     dfpc.configure(config, implementation=implementation)
     return dfpc
@@ -32,11 +32,13 @@ def cloud(port: str, points: surfaces.Points, stamp_ns: int = 1000) -> Sample:
 
 
 def guess(T: np.ndarray) -> Sample:
-    value = TransformWithCovariance.from_transform(UncertainTransform(T), parent="scene", child="model", stamp_ns=1000)
+    value = TransformWithCovariance.from_transform(
+        UncertainTransform(T), parent="scene", child="model", stamp_ns=1000
+    )
     return Sample("guess", 1000, 0, value, id="guess")
 
 
-def localised(dfpc: Dfpc, *samples: Sample) -> Output:
+def localise(dfpc: Dfpc, *samples: Sample) -> Output:
     outputs = [output for sample in samples for output in dfpc.step(sample)]
     assert len(outputs) == 1
     return outputs[0]
@@ -47,7 +49,7 @@ def scene(rng: np.random.Generator) -> surfaces.Points:
 
 
 def model(rng: np.random.Generator) -> surfaces.Points:
-    """The middle of the scene, sampled anew, in a frame of its own."""
+    """Return the centre of the scene, sampled again, in the frame of the model."""
     points = surfaces.terrain(rng, 12_000)
     inside = np.all(np.abs(points[:, :2] - [2.0, -1.0]) < 5.0, axis=1)
     return se3.transform_points(se3.inverse(T_TRUE), points[inside])
@@ -58,7 +60,7 @@ def error_of(output: Output) -> np.ndarray:
 
 
 def test_a_model_is_found_without_a_guess_with_covariance_and_provenance(rng: np.random.Generator) -> None:
-    output = localised(made(), cloud("model", model(rng)), cloud("scene", scene(rng)))
+    output = localise(make_configured_dfpc(), cloud("model", model(rng)), cloud("scene", scene(rng)))
     assert output.quality.status is not Status.FAILED, output.quality.reasons
     assert output.quality.covariance_kind is CovarianceKind.FORMAL
     assert np.linalg.norm(error_of(output)) < 0.05
@@ -66,55 +68,57 @@ def test_a_model_is_found_without_a_guess_with_covariance_and_provenance(rng: np
     assert output.inputs == ("model-1000", "scene-1000")
 
 
-def test_a_good_guess_is_tried_first_and_used_once(rng: np.random.Generator) -> None:
-    dfpc = made()
+def test_a_good_guess_is_tested_first_and_used_once(rng: np.random.Generator) -> None:
+    dfpc = make_configured_dfpc()
     near = T_TRUE @ se3.exp_se3([0.1, 0.1, 0.05, 0.02, 0.01, 0.03])
-    output = localised(dfpc, guess(near), cloud("model", model(rng)), cloud("scene", scene(rng)))
+    output = localise(dfpc, guess(near), cloud("model", model(rng)), cloud("scene", scene(rng)))
     assert "matches" not in output.quality.metrics
     assert np.linalg.norm(error_of(output)) < 0.05
     assert output.inputs == ("model-1000", "scene-1000", "guess")
-    assert "matches" in localised(dfpc, cloud("scene", scene(rng), 2000)).quality.metrics
+    assert "matches" in localise(dfpc, cloud("scene", scene(rng), 2000)).quality.metrics
 
 
-def test_a_wrong_guess_does_not_mislead(rng: np.random.Generator) -> None:
+def test_a_wrong_guess_does_not_affect_the_result(rng: np.random.Generator) -> None:
     far = se3.exp_se3([50.0, 0, 0, 0, 1.0, 0])
-    output = localised(made(), guess(far), cloud("model", model(rng)), cloud("scene", scene(rng)))
+    output = localise(
+        make_configured_dfpc(), guess(far), cloud("model", model(rng)), cloud("scene", scene(rng))
+    )
     assert np.linalg.norm(error_of(output)) < 0.05
 
 
-def test_a_scene_that_comes_first_waits_for_its_model(rng: np.random.Generator) -> None:
-    dfpc = made()
-    with pytest.raises(ProductNotFoundError, match="nothing yet"):
+def test_a_scene_received_before_its_model_is_processed_with_the_model(rng: np.random.Generator) -> None:
+    dfpc = make_configured_dfpc()
+    with pytest.raises(ProductNotFoundError, match="still empty"):
         dfpc.store.get("last_pose")
-    localised(dfpc, cloud("scene", scene(rng)), cloud("model", model(rng)))
+    localise(dfpc, cloud("scene", scene(rng)), cloud("model", model(rng)))
     assert dfpc.store.get("last_pose").parent_frame == "scene"
     assert dfpc.store.get("model").frame == "model"
 
 
-def test_a_model_that_is_not_there_is_not_found(rng: np.random.Generator) -> None:
+def test_a_missing_model_is_not_found(rng: np.random.Generator) -> None:
     other = surfaces.terrain(rng)[:, [1, 0, 2]] * [1, 1, -2]
-    output = localised(made(), cloud("model", other), cloud("scene", scene(rng)))
+    output = localise(make_configured_dfpc(), cloud("model", other), cloud("scene", scene(rng)))
     assert output.value is None
     assert output.quality.reasons[0] == "not_found"
 
 
-def test_a_model_that_is_there_twice_is_ambiguous(rng: np.random.Generator) -> None:
-    twice = np.vstack([scene(rng), scene(rng) + np.array([40.0, 0.0, 0.0])])
-    output = localised(made(), cloud("model", model(rng)), cloud("scene", twice))
+def test_a_model_that_occurs_twice_is_ambiguous(rng: np.random.Generator) -> None:
+    scene_with_two = np.vstack([scene(rng), scene(rng) + np.array([40.0, 0.0, 0.0])])
+    output = localise(make_configured_dfpc(), cloud("model", model(rng)), cloud("scene", scene_with_two))
     assert output.quality.status is Status.FAILED
     assert output.quality.reasons[0] == "ambiguous"
 
 
 @pytest.mark.parametrize("port", ["model", "scene"])
-def test_a_cloud_without_use_leads_to_a_failed_output(rng: np.random.Generator, port: str) -> None:
+def test_an_unusable_cloud_leads_to_a_failed_output(rng: np.random.Generator, port: str) -> None:
     points = {"model": model(rng), "scene": scene(rng)} | {port: np.zeros((10, 3))}
-    output = localised(made(), *(cloud(name, points[name]) for name in ("model", "scene")))
+    output = localise(make_configured_dfpc(), *(cloud(name, points[name]) for name in ("model", "scene")))
     assert output.quality.status is Status.FAILED
     assert output.quality.reasons[0].startswith("bad_")
 
 
-def test_forgetting_drops_the_guess(rng: np.random.Generator) -> None:
-    dfpc = made()
+def test_forget_clears_the_guess(rng: np.random.Generator) -> None:
+    dfpc = make_configured_dfpc()
     assert list(dfpc.step(guess(T_TRUE))) == []
     dfpc.call("forget", {})
-    assert "matches" in localised(dfpc, cloud("model", model(rng)), cloud("scene", scene(rng))).quality.metrics
+    assert "matches" in localise(dfpc, cloud("model", model(rng)), cloud("scene", scene(rng))).quality.metrics

@@ -18,25 +18,25 @@ from cdff_common.types import (
     FramePair,
     TransformWithCovariance,
 )
-from cdff_dev.evaluate.triangulation import CAMERA, scene
-from tests.corridor import CAMERA as K
-from tests.corridor import SHAPE, texture
+from evaluation.triangulation import CAMERA, scene
+from tests.support.corridor import CAMERA as K
+from tests.support.corridor import SHAPE, texture
 
 
-def made(**config: object) -> Dfpc:
+def make_configured_dfpc(**config: object) -> Dfpc:
     dfpc = Registry.default().make_dfpc("triangulation")
     dfpc.configure(config)
     return dfpc
 
 
-def given(dfpc: Dfpc, **values: object) -> list[Output]:
+def process(dfpc: Dfpc, **values: object) -> list[Output]:
     return [o for port, value in values.items() for o in dfpc.step(Sample(port, 1000, 0, value, id=port))]
 
 
 @pytest.mark.req("CDFF-CORE-091")
 def test_tracks_become_landmarks_with_covariances_and_a_cloud() -> None:
     problem, truth = scene(3, (4.0, 20.0), 500)
-    landmarks, cloud = given(made(triangulate={"max_residual_px": 100.0}), tracks=problem)
+    landmarks, cloud = process(make_configured_dfpc(triangulate={"max_residual_px": 100.0}), tracks=problem)
     assert landmarks.quality.status is Status.OK
     assert landmarks.quality.covariance_kind is CovarianceKind.FORMAL
     error = landmarks.value.data.positions - truth[landmarks.value.data.ids]
@@ -56,14 +56,14 @@ def test_matches_wait_for_the_pose_and_need_a_camera() -> None:
     pose = TransformWithCovariance.from_transform(
         UncertainTransform(T_left_right), parent="mana/left", child="mana/right", stamp_ns=1000
     )
-    dfpc = made(camera=CAMERA)
-    assert not given(dfpc, matches=matches)
-    landmarks, _ = given(dfpc, pose=pose)
+    dfpc = make_configured_dfpc(camera=CAMERA)
+    assert not process(dfpc, matches=matches)
+    landmarks, _ = process(dfpc, pose=pose)
     assert landmarks.frame == "mana/left"
     assert landmarks.inputs == ("matches", "pose")
     expected = se3.transform_points(se3.inverse(T[0]), truth)[landmarks.value.data.ids]
     assert np.median(np.linalg.norm(landmarks.value.data.positions - expected, axis=1)) < 0.6
-    (failed,) = given(made(), matches=matches, pose=pose)
+    (failed,) = process(make_configured_dfpc(), matches=matches, pose=pose)
     assert failed.quality.reasons[0].startswith("no_camera")
 
 
@@ -73,27 +73,29 @@ def test_a_stereo_pair_becomes_a_cloud_with_grey_values_and_the_uncertainty_of_i
     rows, columns = SHAPE
     left, right = (np.ascontiguousarray(image[:rows, start : start + columns]) for start in (0, 12))
     pair = FramePair.from_images(left, right, baseline_m=0.2, camera_matrix=K, stamp_ns=1000)
-    dfpc = made(disparity={"num_disparities": 32})
-    (cloud,) = given(dfpc, stereo=pair)
+    dfpc = make_configured_dfpc(disparity={"num_disparities": 32})
+    (cloud,) = process(dfpc, stereo=pair)
     z = K[0, 0] * 0.2 / 12.0
     points = cloud.value.points_m
     assert np.median(points[:, 2]) == pytest.approx(z, rel=0.01)
     sigmas = dfpc.store.get("depth_sigmas").values
     assert np.allclose(sigmas, points[:, 2] ** 2 / (K[0, 0] * 0.2) * 0.3)
-    at = np.rint(points[:, :2] / points[:, 2:] * [K[0, 0], K[1, 1]] + [K[0, 2], K[1, 2]]).astype(int)
-    assert np.array_equal(cloud.value.intensity, left[at[:, 1], at[:, 0]])
+    pixels = np.rint(points[:, :2] / points[:, 2:] * [K[0, 0], K[1, 1]] + [K[0, 2], K[1, 2]]).astype(int)
+    assert np.array_equal(cloud.value.intensity, left[pixels[:, 1], pixels[:, 0]])
 
 
-def test_what_cannot_be_built_fails_with_the_reason_and_much_noise_is_degraded() -> None:
+def test_unusable_input_fails_with_the_reason_and_much_noise_is_degraded() -> None:
     flat = np.full(SHAPE, 90, np.uint8)
     pair = FramePair.from_images(flat, flat, baseline_m=0.2, camera_matrix=K, stamp_ns=1000)
-    (failed,) = given(made(), stereo=pair)
+    (failed,) = process(make_configured_dfpc(), stereo=pair)
     assert failed.quality.reasons[0] == "no_points"
     problem, _ = scene(3, (4.0, 20.0), 300)
-    landmarks, _ = given(made(triangulate={"sigma_px": 0.1, "max_residual_px": 100.0}), tracks=problem)
+    landmarks, _ = process(
+        make_configured_dfpc(triangulate={"sigma_px": 0.1, "max_residual_px": 100.0}), tracks=problem
+    )
     assert landmarks.quality.status is Status.DEGRADED
     assert landmarks.quality.reasons[0].startswith("residuals_exceed_noise")
-    (failed,) = given(made(triangulate={"max_residual_px": 1e-6}), tracks=problem)
+    (failed,) = process(make_configured_dfpc(triangulate={"max_residual_px": 1e-6}), tracks=problem)
     assert failed.quality.reasons == ("no_points", "mostly:large_residual")
 
 
@@ -103,19 +105,21 @@ def test_one_wrong_view_of_most_points_is_degraded_and_a_lens_without_focal_leng
     pixels = o.pixels.copy()
     pixels[(o.points < 180) & (o.cameras == 1), :2] += 60.0
     wrong = replace(problem, observations=BundleObservations(o.cameras, o.points, pixels))
-    landmarks, _ = given(made(), tracks=wrong)
+    landmarks, _ = process(make_configured_dfpc(), tracks=wrong)
     assert landmarks.quality.status is Status.DEGRADED
     assert landmarks.quality.reasons[0].startswith("few_valid:0.4")
     assert landmarks.quality.metrics["large_residual"] == 180.0
-    blind = BundleProblem.from_arrays([np.eye(4)], [0.0] * 4, [[0, 0, 0]], ([0], [0]), [[1.0, 2.0]], frame="site")
-    (failed,) = given(made(), tracks=blind)
+    without_lens = BundleProblem.from_arrays(
+        [np.eye(4)], [0.0] * 4, [[0, 0, 0]], ([0], [0]), [[1.0, 2.0]], frame="site"
+    )
+    (failed,) = process(make_configured_dfpc(), tracks=without_lens)
     assert failed.quality.status is Status.FAILED
     assert failed.quality.reasons[0].startswith("bad_input")
 
 
-def test_points_seen_once_fail_with_that_as_the_reason() -> None:
-    once = BundleProblem.from_arrays(
+def test_points_observed_once_fail_with_the_reason() -> None:
+    observed_once = BundleProblem.from_arrays(
         [np.eye(4)], CAMERA, np.zeros((2, 3)), ([0, 0], [0, 1]), [[320.0, 240.0]] * 2, frame="site"
     )
-    (failed,) = given(made(), tracks=once)
+    (failed,) = process(make_configured_dfpc(), tracks=observed_once)
     assert failed.quality.reasons == ("no_points", "mostly:few_views")

@@ -1,0 +1,88 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+# GENERATED from dfn.yaml by cdff generate; do not edit.
+"""Interface of the DFN DemRasterisation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.dfn import ConfigT, Dfn
+from cdff_common.types import ElevationMap
+
+_ARRAYS = ArrayPorts(
+    {
+        "points": "float64[n,3]",
+        "height_variance": "float64[n]",
+        "stamps_ns": "int64[n]",
+        "noise_variance": "float64[n]",
+        "intensity": "float64[n]",
+    },
+    positive=["resolution_m"],
+    optional=["resolution_m", "height_variance", "stamps_ns", "noise_variance", "intensity"],
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class DemRasterisationInputs:
+    """Inputs of one call.
+
+    Attributes
+    ----------
+    frame : str, optional
+        Frame of the points and of the map; default: map.
+    resolution_m : float, optional
+        Edge of a cell, metres; default: the configured value.
+    points : ndarray of float64, shape (n,3)
+        Points in the frame of the map, z up, metres; rows that are not finite are ignored.
+    height_variance : ndarray of float64, shape (n), optional
+        Variance of each height that the variance within a cell does not contain, square metres.
+    stamps_ns : ndarray of int64, shape (n), optional
+        Measurement time of each point, nanoseconds; default: 0.
+    noise_variance : ndarray of float64, shape (n), optional
+        Variance of each height due to sensor noise, square metres.
+    intensity : ndarray of float64, shape (n), optional
+        Brightness of each point, NaN if unknown.
+    """
+
+    points: NDArray[np.float64]
+    frame: str | None = None
+    resolution_m: float | None = None
+    height_variance: NDArray[np.float64] | None = None
+    stamps_ns: NDArray[np.int64] | None = None
+    noise_variance: NDArray[np.float64] | None = None
+    intensity: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        _ARRAYS.check(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class DemRasterisationOutputs:
+    """Outputs of one call.
+
+    Attributes
+    ----------
+    map : ElevationMap
+        Smallest grid that holds all points; layers mean, variance, min, max, count, age_s, NaN if
+        unobserved; auxiliary layers for optional inputs: pose_variance (mean of heightVariance), intensity
+        (mean), first_age_s (age of the oldest measurement), overhang_m (lowest height of an overhang).
+    """
+
+    map: ElevationMap
+
+
+class DemRasterisationInterface(Dfn[ConfigT, DemRasterisationInputs, DemRasterisationOutputs]):
+    """Compute statistics of the heights of a cloud in each cell of a grid aligned with the frame of
+    the cloud; cells without points are unobserved.
+    """
+
+
+#: Short names for the implementations.
+Inputs = DemRasterisationInputs
+Outputs = DemRasterisationOutputs
+Interface = DemRasterisationInterface

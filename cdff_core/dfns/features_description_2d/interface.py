@@ -1,0 +1,73 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+# GENERATED from dfn.yaml by cdff generate; do not edit.
+"""Interface of the DFN FeaturesDescription2D."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.dfn import ConfigT, Dfn
+
+_ARRAYS = ArrayPorts(
+    {"image": "uint8[r,c]", "features": "float64[n,2]", "sizes": "float64[n]", "angles": "float64[n]"},
+    optional=["sizes", "angles"],
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FeaturesDescription2DInputs:
+    """Inputs of one call.
+
+    Attributes
+    ----------
+    image : ndarray of uint8, shape (r,c)
+        Grey image.
+    features : ndarray of float64, shape (n,2)
+        Column and row of each point, pixels.
+    sizes : ndarray of float64, shape (n), optional
+        Diameter of each point, pixels; default: the configured value.
+    angles : ndarray of float64, shape (n), optional
+        Direction of each point, degrees clockwise from x; default: computed from the surrounding grey
+        values.
+    """
+
+    image: NDArray[np.uint8]
+    features: NDArray[np.float64]
+    sizes: NDArray[np.float64] | None = None
+    angles: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        _ARRAYS.check(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FeaturesDescription2DOutputs:
+    """Outputs of one call.
+
+    Attributes
+    ----------
+    descriptors : ndarray of uint8, shape (n,d)
+        128 values with Euclidean distance (RootSift, Sift) or 32 bytes with Hamming distance (Orb).
+    valid : ndarray of bool, shape (n)
+        False if a point is too close to the image border.
+    """
+
+    descriptors: NDArray[np.uint8]
+    valid: NDArray[np.bool_]
+
+
+class FeaturesDescription2DInterface(Dfn[ConfigT, FeaturesDescription2DInputs, FeaturesDescription2DOutputs]):
+    """Compute a descriptor of the image around each point that is similar for the same point in
+    another image.
+    """
+
+
+#: Short names for the implementations.
+Inputs = FeaturesDescription2DInputs
+Outputs = FeaturesDescription2DOutputs
+Interface = FeaturesDescription2DInterface

@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+# GENERATED from dfn.yaml by cdff generate; do not edit.
+"""Interface of the DFN FeaturesPrediction2D."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.dfn import ConfigT, Dfn
+
+_ARRAYS = ArrayPorts(
+    {
+        "points": "float64[n,3]",
+        "pose": "float64[4,4]",
+        "camera_matrix": "float64[3,3]",
+        "image": "uint8[r,c]",
+        "slopes": "float64[n,2]",
+    },
+    optional=["slopes"],
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FeaturesPrediction2DInputs:
+    """Inputs of one call.
+
+    Attributes
+    ----------
+    points : ndarray of float64, shape (n,3)
+        Points in the reference camera's frame, metres.
+    pose : ndarray of float64, shape (4,4)
+        T_current_reference, the predicted motion of the camera.
+    camera_matrix : ndarray of float64, shape (3,3)
+        Rectified left camera, pixels.
+    baseline : float
+        Distance between the cameras, metres.
+    image : ndarray of uint8, shape (r,c)
+        Image in which the points are predicted; only its size is used.
+    slopes : ndarray of float64, shape (n,2), optional
+        Derivatives of the disparity by column and row in the reference; without them surfaces are assumed
+        to face the camera.
+    """
+
+    points: NDArray[np.float64]
+    pose: NDArray[np.float64]
+    camera_matrix: NDArray[np.float64]
+    baseline: float
+    image: NDArray[np.uint8]
+    slopes: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        _ARRAYS.check(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FeaturesPrediction2DOutputs:
+    """Outputs of one call.
+
+    Attributes
+    ----------
+    features : ndarray of float64, shape (n,2)
+        Predicted column and row, pixels.
+    disparities : ndarray of float64, shape (n)
+        Predicted disparity, pixels.
+    warps : ndarray of float64, shape (n,3,3)
+        Homographies from offsets around each point of the reference to offsets around the predicted one.
+    slopes : ndarray of float64, shape (n,2)
+        Derivatives of the disparity by column and row in the predicted image.
+    visible : ndarray of bool, shape (n)
+        True for points in front of the camera, inside the image, and within the limit on magnification.
+    """
+
+    features: NDArray[np.float64]
+    disparities: NDArray[np.float64]
+    warps: NDArray[np.float64]
+    slopes: NDArray[np.float64]
+    visible: NDArray[np.bool_]
+
+
+class FeaturesPrediction2DInterface(Dfn[ConfigT, FeaturesPrediction2DInputs, FeaturesPrediction2DOutputs]):
+    """Predict the positions of known points in the left and right image at a predicted pose, and the
+    warps of their patches.
+    """
+
+
+#: Short names for the implementations.
+Inputs = FeaturesPrediction2DInputs
+Outputs = FeaturesPrediction2DOutputs
+Interface = FeaturesPrediction2DInterface

@@ -1,0 +1,76 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+# GENERATED from dfn.yaml by cdff generate; do not edit.
+"""Interface of the DFN HomographyComputation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.dfn import ConfigT, Dfn
+
+_ARRAYS = ArrayPorts({"source": "float64[n,2]", "sink": "float64[n,2]"}, finite=["source", "sink"])
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class HomographyComputationInputs:
+    """Inputs of one call.
+
+    Attributes
+    ----------
+    source : ndarray of float64, shape (n,2)
+        Points of the first image, column and row, pixels, without distortion.
+    sink : ndarray of float64, shape (n,2)
+        Matching points of the second image, including outliers.
+    """
+
+    source: NDArray[np.float64]
+    sink: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        _ARRAYS.check(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class HomographyComputationOutputs:
+    """Outputs of one call.
+
+    Attributes
+    ----------
+    homography : ndarray of float64, shape (3,3)
+        H of unit norm: sink ~ H source.
+    covariance : ndarray of float64, shape (9,9)
+        Covariance of the matrix read row by row, calibrated: sandwich estimator over the inliers with their
+        leverage; its rank is the number of parameters, 8.
+    inliers : ndarray of bool, shape (n)
+        Pairs that agree with the model.
+    residuals : ndarray of float64, shape (n)
+        Transfer error of each pair, pixels.
+    sigma_px : float
+        Standard deviation of an inlier's residual in one direction, pixels.
+    log_false_alarms : float
+        Log10 of the expected number of models as good as this among random pairs.
+    """
+
+    homography: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    inliers: NDArray[np.bool_]
+    residuals: NDArray[np.float64]
+    sigma_px: float
+    log_false_alarms: float
+
+
+class HomographyComputationInterface(Dfn[ConfigT, HomographyComputationInputs, HomographyComputationOutputs]):
+    """Estimate the homography between two images of a plane, or of any scene from the same position,
+    from pairs of points that include outliers.
+    """
+
+
+#: Short names for the implementations.
+Inputs = HomographyComputationInputs
+Outputs = HomographyComputationOutputs
+Interface = HomographyComputationInterface

@@ -1,0 +1,66 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+# GENERATED from dfn.yaml by cdff generate; do not edit.
+"""Interface of the DFN PlaceSearch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.dfn import ConfigT, Dfn
+
+_ARRAYS = ArrayPorts({"map": "float64[n,3]", "scan": "float64[m,3]"})
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PlaceSearchInputs:
+    """Inputs of one call.
+
+    Attributes
+    ----------
+    map : ndarray of float64, shape (n,3)
+        Points of the map, z up, metres.
+    scan : ndarray of float64, shape (m,3)
+        Points around the robot, z approximately up, metres.
+    """
+
+    map: NDArray[np.float64]
+    scan: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        _ARRAYS.check(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PlaceSearchOutputs:
+    """Outputs of one call.
+
+    Attributes
+    ----------
+    transforms : ndarray of float64, shape (k,4,4)
+        T_map_robot of the candidates, best first.
+    residuals_m : ndarray of float64, shape (k)
+        Mean height difference between scan and map of each candidate, limited by cutoff_m, metres.
+    searched : int
+        Number of compared positions and headings.
+    """
+
+    transforms: NDArray[np.float64]
+    residuals_m: NDArray[np.float64]
+    searched: int
+
+
+class PlaceSearchInterface(Dfn[ConfigT, PlaceSearchInputs, PlaceSearchOutputs]):
+    """Find poses on a terrain map at which a scan could have been recorded, by the shape of the
+    terrain. The results are candidates for a registration, best first.
+    """
+
+
+#: Short names for the implementations.
+Inputs = PlaceSearchInputs
+Outputs = PlaceSearchOutputs
+Interface = PlaceSearchInterface

@@ -1,0 +1,140 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+# GENERATED from dfn.yaml by cdff generate; do not edit.
+"""Interface of the DFN ScanToMapRegistration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.dfn import ConfigT, Dfn
+
+_ARRAYS = ArrayPorts(
+    {
+        "surface": "float64[k,3]",
+        "points": "float64[n,3]",
+        "fraction": "float64[n]",
+        "guess": "float64[4,4]",
+        "sweep_guess": "float64[4,4]",
+        "guess_covariance": "float64[6,6]",
+        "sweep_covariance": "float64[6,6]",
+        "before": "float64[4,4]",
+    },
+    finite=["guess_covariance", "sweep_covariance"],
+    optional=[
+        "surface",
+        "points",
+        "fraction",
+        "guess",
+        "sweep_guess",
+        "guess_covariance",
+        "sweep_covariance",
+        "before",
+    ],
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ScanToMapRegistrationInputs:
+    """Inputs of one call.
+
+    Attributes
+    ----------
+    surface : ndarray of float64, shape (k,3), optional
+        Points in the frame of the map, metres; added to the map before the registration.
+    points : ndarray of float64, shape (n,3), optional
+        Points of the sweep, each in the sensor's frame at its own time, metres; without them the map is
+        only extended.
+    fraction : ndarray of float64, shape (n), optional
+        Time of each point: -1 at the start, 0 at the end of the sweep; absent if all points have the same
+        time.
+    guess : ndarray of float64, shape (4,4), optional
+        Initial T_map_sensor at the end of the sweep.
+    sweep_guess : ndarray of float64, shape (4,4), optional
+        Initial T_end_begin, motion during the sweep; default: identity.
+    guess_covariance : ndarray of float64, shape (6,6), optional
+        Covariance of the guess, [x y z rx ry rz], error in the frame of the map.
+    sweep_covariance : ndarray of float64, shape (6,6), optional
+        Covariance of the motion during the sweep, [x y z rx ry rz].
+    before : ndarray of float64, shape (4,4), optional
+        T_map_sensor at the end of the previous sweep; if given with sweepFraction, the prior of the motion
+        during the sweep is this fraction of the estimated motion since then, and sweepGuess is only the
+        initial value.
+    sweep_fraction : float, optional
+        Ratio of the duration of the sweep to the time since the end of the previous sweep.
+    """
+
+    surface: NDArray[np.float64] | None = None
+    points: NDArray[np.float64] | None = None
+    fraction: NDArray[np.float64] | None = None
+    guess: NDArray[np.float64] | None = None
+    sweep_guess: NDArray[np.float64] | None = None
+    guess_covariance: NDArray[np.float64] | None = None
+    sweep_covariance: NDArray[np.float64] | None = None
+    before: NDArray[np.float64] | None = None
+    sweep_fraction: float | None = None
+
+    def __post_init__(self) -> None:
+        _ARRAYS.check(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ScanToMapRegistrationOutputs:
+    """Outputs of one call.
+
+    Attributes
+    ----------
+    transform : ndarray of float64, shape (4,4)
+        T_map_sensor at the end of the sweep.
+    sweep : ndarray of float64, shape (4,4)
+        T_end_begin, motion during the sweep.
+    covariance : ndarray of float64, shape (6,6)
+        Covariance of transform, [x y z rx ry rz], error in the frame of the map, including the guess.
+    directions : ndarray of float64, shape (6,6)
+        Eigenvectors of the information as rows: translation of the sensor, then rotation about the sensor
+        times radiusM, in the axes of the map.
+    agreement : ndarray of float64, shape (6)
+        Fraction of the information along each direction on which both halves of the map agree; near 0 for
+        noise.
+    sigma_m : ndarray of float64, shape (6)
+        Standard deviation along each direction from the map alone, metres.
+    radius_m : float
+        Root mean square distance of the matched points, metres.
+    inlier_ratio : float
+        Fraction of the downsampled points that lie on the map.
+    rms_m : float
+        Weighted root mean square distance to the planes, metres.
+    iterations : int
+        Number of iterations.
+    converged : bool
+        True if the last step was below the tolerance.
+    """
+
+    transform: NDArray[np.float64]
+    sweep: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    directions: NDArray[np.float64]
+    agreement: NDArray[np.float64]
+    sigma_m: NDArray[np.float64]
+    radius_m: float
+    inlier_ratio: float
+    rms_m: float
+    iterations: int
+    converged: bool
+
+
+class ScanToMapRegistrationInterface(Dfn[ConfigT, ScanToMapRegistrationInputs, ScanToMapRegistrationOutputs]):
+    """Align the sweep of a moving lidar with a local map, estimate the pose together with the motion
+    during the sweep, and identify the directions that the map does not constrain. The DFN stores
+    the map; surfaces are added, distant parts removed.
+    """
+
+
+#: Short names for the implementations.
+Inputs = ScanToMapRegistrationInputs
+Outputs = ScanToMapRegistrationOutputs
+Interface = ScanToMapRegistrationInterface

@@ -1,0 +1,69 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+# GENERATED from dfn.yaml by cdff generate; do not edit.
+"""Interface of the DFN StereoTriangulation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.dfn import ConfigT, Dfn
+
+_ARRAYS = ArrayPorts(
+    {"features": "float64[n,2]", "disparities": "float64[n]", "camera_matrix": "float64[3,3]"}
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class StereoTriangulationInputs:
+    """Inputs of one call.
+
+    Attributes
+    ----------
+    features : ndarray of float64, shape (n,2)
+        Column and row in the left image, pixels.
+    disparities : ndarray of float64, shape (n)
+        Pixels, above 0.
+    camera_matrix : ndarray of float64, shape (3,3)
+        Rectified left camera, pixels.
+    baseline : float
+        Distance between the cameras, metres.
+    """
+
+    features: NDArray[np.float64]
+    disparities: NDArray[np.float64]
+    camera_matrix: NDArray[np.float64]
+    baseline: float
+
+    def __post_init__(self) -> None:
+        _ARRAYS.check(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class StereoTriangulationOutputs:
+    """Outputs of one call.
+
+    Attributes
+    ----------
+    points : ndarray of float64, shape (n,3)
+        Points in the left camera's frame, metres.
+    covariances : ndarray of float64, shape (n,3,3)
+        Covariances of the points, square metres.
+    """
+
+    points: NDArray[np.float64]
+    covariances: NDArray[np.float64]
+
+
+class StereoTriangulationInterface(Dfn[ConfigT, StereoTriangulationInputs, StereoTriangulationOutputs]):
+    """Triangulate points of the left image and their disparities, with covariance."""
+
+
+#: Short names for the implementations.
+Inputs = StereoTriangulationInputs
+Outputs = StereoTriangulationOutputs
+Interface = StereoTriangulationInterface

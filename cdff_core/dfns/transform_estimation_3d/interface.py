@@ -1,0 +1,78 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+# GENERATED from dfn.yaml by cdff generate; do not edit.
+"""Interface of the DFN TransformEstimation3D."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.dfn import ConfigT, Dfn
+
+_ARRAYS = ArrayPorts(
+    {"source": "float64[n,3]", "sink": "float64[n,3]", "sigmas": "float64[n]"},
+    finite=["source", "sink"],
+    positive=["sigmas"],
+    optional=["sigmas"],
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TransformEstimation3DInputs:
+    """Inputs of one call.
+
+    Attributes
+    ----------
+    source : ndarray of float64, shape (n,3)
+        Points in the source frame, metres.
+    sink : ndarray of float64, shape (n,3)
+        Matching points in the sink frame, metres.
+    sigmas : ndarray of float64, shape (n), optional
+        Standard deviation of the distance of each pair along one axis, metres; default: equal.
+    """
+
+    source: NDArray[np.float64]
+    sink: NDArray[np.float64]
+    sigmas: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        _ARRAYS.check(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TransformEstimation3DOutputs:
+    """Outputs of one call.
+
+    Attributes
+    ----------
+    transform : ndarray of float64, shape (4,4)
+        T_sink_source, metres.
+    covariance : ndarray of float64, shape (6,6)
+        [x y z rx ry rz], perturbation in the sink frame, formal: from the residuals of the agreeing pairs.
+    inliers : ndarray of bool, shape (n)
+        Pairs that agree; all of them for LeastSquares.
+    residuals : ndarray of float64, shape (n)
+        Distance of each transformed point from its match, metres.
+    unit_variance : float
+        Variance of unit weight of the agreeing pairs; square metres if no sigmas are given.
+    """
+
+    transform: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    inliers: NDArray[np.bool_]
+    residuals: NDArray[np.float64]
+    unit_variance: float
+
+
+class TransformEstimation3DInterface(Dfn[ConfigT, TransformEstimation3DInputs, TransformEstimation3DOutputs]):
+    """Estimate the rotation and translation between matched points in space, with covariance."""
+
+
+#: Short names for the implementations.
+Inputs = TransformEstimation3DInputs
+Outputs = TransformEstimation3DOutputs
+Interface = TransformEstimation3DInterface

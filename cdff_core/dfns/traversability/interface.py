@@ -1,0 +1,51 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+# GENERATED from dfn.yaml by cdff generate; do not edit.
+"""Interface of the DFN Traversability."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cdff_common.interfaces.dfn import ConfigT, Dfn
+from cdff_common.types import ElevationMap, NavigationMap
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TraversabilityInputs:
+    """Inputs of one call.
+
+    Attributes
+    ----------
+    dem : ElevationMap
+        Elevation map with the layer mean; with the layer variance, safe cells are below the limits by some
+        standard deviations; with the layer overhang_m, overhangs lower than the rover's height are hazards.
+    """
+
+    dem: ElevationMap
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TraversabilityOutputs:
+    """Outputs of one call.
+
+    Attributes
+    ----------
+    map : NavigationMap
+        Layers class (0 unknown, 1 safe, 2 caution, 3 hazard), slope_deg, step_m, roughness_m, cost,
+        confidence (probability that the cell is within all limits); NaN if unknown.
+    """
+
+    map: NavigationMap
+
+
+class TraversabilityInterface(Dfn[ConfigT, TraversabilityInputs, TraversabilityOutputs]):
+    """Classify where a rover may stand on an elevation map, by slope and roughness under its footprint
+    and steps within reach; unobserved terrain is never rated safe.
+    """
+
+
+#: Short names for the implementations.
+Inputs = TraversabilityInputs
+Outputs = TraversabilityOutputs
+Interface = TraversabilityInterface

@@ -1,0 +1,36 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Parameters of AbsoluteLocalisation."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from cdff_common.interfaces.dfpc import DfpcConfig
+
+
+class AbsoluteLocalisationConfig(DfpcConfig):
+    """Segments, search, drift and jumps. Standard deviations are one sigma."""
+
+    segment_m: float = Field(30.0, gt=0.0, le=10_000.0, description="Path length of a segment, metres")
+    map_m: float = Field(80.0, gt=0.0, le=10_000.0, description="Edge of the square map of a segment, metres")
+    max_search_m: float = Field(60.0, gt=0.0, le=100_000.0, description="Largest translation, metres")
+    max_search_deg: float = Field(20.0, gt=0.0, le=180.0, description="Largest rotation, degrees")
+    prior_m: float = Field(
+        10.0, gt=0.0, description="Standard deviation of the first position without poses, metres"
+    )
+    prior_deg: float = Field(
+        3.0, gt=0.0, le=180.0, description="Standard deviation of the first yaw without poses, degrees"
+    )
+    datum_m: float = Field(
+        100.0, ge=0.0, description="Standard deviation of the orbital model's height datum, metres"
+    )
+    drift_m: float = Field(0.05, ge=0.0, description="Drift of x and y per metre of path, metres")
+    drift_height_m: float = Field(0.004, ge=0.0, description="Drift of the height per metre of path, metres")
+    drift_deg: float = Field(0.12, ge=0.0, description="Drift of the yaw per metre of path, degrees")
+    jump_m: float = Field(
+        0.2, gt=0.0, description="Least translation of a jump of the frame of poses, beyond slip, metres"
+    )
+    jump_deg: float = Field(
+        2.5, gt=0.0, le=180.0, description="Least yaw of such a jump, above that of skidding wheels, degrees"
+    )

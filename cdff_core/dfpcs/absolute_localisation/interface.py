@@ -1,0 +1,75 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+# GENERATED from dfpc.yaml by cdff generate; do not edit.
+"""Interface of the DFPC AbsoluteLocalisation."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterable
+
+from cdff_common.errors import InputError
+from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
+from cdff_common.types import ElevationMap, TransformWithCovariance
+
+
+class AbsoluteLocalisationInterface(Dfpc):
+    """Estimate the pose of the robot on an orbital elevation model: the map of each segment of its
+    path is matched with the model, the matches of a traverse are fused, and ambiguous or
+    unexplained results are refused.
+    """
+
+    name = "absolute_localisation"
+    INPUT_PORTS = ("dem", "orbital", "poses", "odometry")
+
+    def step(self, sample: Sample) -> Iterable[Output]:
+        """Pass the sample to the handler of its port; raises InputError on an unknown port."""
+        match sample.port:
+            case "dem":
+                return self.on_dem(sample)
+            case "orbital":
+                return self.on_orbital(sample)
+            case "poses":
+                return self.on_poses(sample)
+            case "odometry":
+                return self.on_odometry(sample)
+            case _:
+                raise InputError(
+                    f"{self.name}: no input port {sample.port!r}; it has {', '.join(self.INPUT_PORTS)}"
+                )
+
+    @abstractmethod
+    def on_dem(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type ElevationMap. Elevation patches in the frame of the robot's own
+        poses; each measurement is in one patch only.
+        """
+
+    @abstractmethod
+    def on_orbital(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type ElevationMap. The orbital model, layer mean, cells at least as
+        large as the patches'; from the DPM or a GeoTIFF, stored until the next one.
+        """
+
+    @abstractmethod
+    def on_poses(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type TransformWithCovariance. The robot's own T_map_base with which the
+        patches were made; without it the output is T_orbital_map.
+        """
+
+    @abstractmethod
+    def on_odometry(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type TransformWithCovariance. T_odom_base of wheel odometry, which does
+        not jump; used to measure jumps of the frame of poses.
+        """
+
+    @abstractmethod
+    def get_correction(self) -> TransformWithCovariance:
+        """The last T_orbital_map, from the robot's own frame to the orbital model."""
+
+    @abstractmethod
+    def get_map(self) -> ElevationMap:
+        """Map since the last match."""
+
+    @abstractmethod
+    def forget(self) -> None:
+        """Clear map and hypotheses, keep the orbital model."""

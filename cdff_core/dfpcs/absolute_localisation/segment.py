@@ -1,0 +1,64 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Map of the path since the last match."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cdff_common.geometry.se3 import FloatArray
+from cdff_common.interfaces.dfn import Dfn
+from cdff_common.interfaces.dfpc import Sample
+from cdff_common.types import ElevationMap
+from cdff_core.dfns.dem_fusion.interface import DemFusionInputs
+
+#: Greatest number of patches listed as inputs.
+_MAX_INPUTS = 256
+
+
+class Segment:
+    """Patches pooled into one map by a new DemFusion, from a path length on."""
+
+    def __init__(self, fusion: Dfn[Any, Any, Any], start_m: float) -> None:
+        self._fusion, self._start_m = fusion, start_m
+        self.map: ElevationMap | None = None
+        self.patch: Sample | None = None
+        self.inputs: tuple[str, ...] = ()
+        self.t0_ns: int | None = None
+        self.length_m = 0.0
+
+    def add(self, sample: Sample, path_length_m: float | None) -> None:
+        """Pool a patch; raises InputError if it does not fit the map.
+
+        Without ``path_length_m``, the length is that of the extent of the map.
+        """
+        self.map = self._fusion.process(DemFusionInputs(patch=sample.value)).map
+        self.patch = sample
+        self.inputs = (*self.inputs, sample.id)[-_MAX_INPUTS:] if sample.id else self.inputs
+        self.t0_ns = min(self.t0_ns or sample.value.t0_ns, sample.value.t0_ns)
+        if path_length_m is None:
+            self.length_m = max(self.length_m, extent_m(self.map))
+        else:
+            self.length_m = path_length_m - self._start_m
+
+
+def centre(elevation: ElevationMap) -> FloatArray:
+    """Return the mean (3,) of the observed cells."""
+    z = elevation.layer("mean")
+    row, col = np.nonzero(np.isfinite(z))
+    g = elevation.geometry
+    if not len(row):
+        return np.zeros(3)
+    return np.array(
+        [g.x_centres_m()[col].mean(), g.y_centres_m()[row].mean(), float(z[row, col].mean(dtype=np.float64))]
+    )
+
+
+def extent_m(elevation: ElevationMap) -> float:
+    """Return the longest extent of the observed cells, metres."""
+    row, col = np.nonzero(np.isfinite(elevation.layer("mean")))
+    if not len(row):
+        return 0.0
+    return float(max(np.ptp(row), np.ptp(col)) + 1) * elevation.geometry.resolution_m

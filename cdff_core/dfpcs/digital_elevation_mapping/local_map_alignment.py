@@ -1,0 +1,91 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Alignment of captures with the local map within the uncertainty of their pose."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.geometry import se3
+from cdff_common.interfaces.dfn import Dfn
+from cdff_common.types import ElevationMap
+from cdff_core.dfns.dem_registration.interface import DemRegistrationInputs
+from cdff_core.dfpcs.digital_elevation_mapping.patch import CapturePoints
+
+
+class LocalMapAligner:
+    """Aligns captures with the local map by a DemRegistration.
+
+    An aligned capture has the map's error, which is that of the first pose and grows with the distance from
+    it by the tilt, plus the variance of the alignment and the variance that earlier alignments added to the
+    cells.
+    """
+
+    def __init__(self, registration: Dfn[Any, Any, Any]) -> None:
+        self._registration = registration
+        self._anchor: tuple[str, NDArray[np.float64], NDArray[np.float64]] | None = None
+
+    def align(self, capture: CapturePoints, local_map: ElevationMap | None) -> CapturePoints:
+        """Return the capture aligned with the map, with the remaining variance of its pose.
+
+        It is unchanged without a map in its frame, without covariance of its pose, or without overlap; its
+        variance never grows.
+        """
+        pose = capture.pose
+        if pose is None or pose.covariance is None or not len(capture.points_m):
+            return capture
+        centre = pose.matrix[:3, 3]
+        if self._anchor is None or self._anchor[0] != capture.frame:
+            self._anchor = (capture.frame, centre, pose.covariance)
+        if local_map is None or local_map.frame != capture.frame:
+            return capture
+        alignment = self._registration.process(
+            DemRegistrationInputs(
+                points=capture.points_m,
+                noise_variance=capture.noise_variance_m2,
+                map=local_map,
+                centre=centre,
+                covariance=pose.covariance,
+            )
+        )
+        if not alignment.matched:
+            return capture
+        points = se3.transform_points(alignment.correction, capture.points_m)
+        variance = self._anchor_variance(points) + _height_variance(points - centre, alignment.covariance)
+        variance += self._map_variance(points, local_map)
+        origin = (
+            None
+            if capture.origin_m is None
+            else se3.transform_points(alignment.correction, capture.origin_m[None])[0]
+        )
+        return replace(
+            capture,
+            points_m=points,
+            pose_variance_m2=np.fmin(capture.pose_variance_m2, variance),
+            origin_m=origin,
+            correction_m=float(
+                np.linalg.norm(alignment.correction[:3, :3] @ centre + alignment.correction[:3, 3] - centre)
+            ),
+        )
+
+    def _anchor_variance(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        _, centre, covariance = self._anchor or ("", np.zeros(3), np.zeros((6, 6)))
+        return _height_variance(points - centre, covariance)
+
+    def _map_variance(self, points: NDArray[np.float64], local_map: ElevationMap) -> float:
+        """Return the mean variance of the cells beyond that of the anchor, square metres."""
+        row, col, inside = local_map.geometry.cells_of(points[:, 0], points[:, 1])
+        below = local_map.layer("pose_variance")[row[inside], col[inside]] - self._anchor_variance(
+            points[inside]
+        )
+        return max(float(np.nanmean(below)), 0.0) if np.isfinite(below).any() else 0.0
+
+
+def _height_variance(arm: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the variance of the heights of points at lever arms ``(n, 3)`` by a pose's covariance."""
+    J = np.column_stack([np.ones(len(arm)), arm[:, 1], -arm[:, 0]])
+    return np.asarray(np.einsum("ni,ij,nj->n", J, covariance[2:5, 2:5], J))

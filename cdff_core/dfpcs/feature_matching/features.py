@@ -1,0 +1,106 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Features of images, and pairs of points between two images."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.interfaces.dfpc import Sample
+from cdff_core.dfns.features_description_2d.interface import FeaturesDescription2DInputs
+from cdff_core.dfns.features_extraction_2d.interface import FeaturesExtraction2DInputs
+from cdff_core.dfns.features_matching_2d.interface import FeaturesMatching2DInputs
+from cdff_core.dfns.features_tracking_2d.interface import FeaturesTracking2DInputs
+from cdff_core.imaging.frames import check_straight
+from cdff_core.imaging.grey import grey_image
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FeatureView:
+    """Image with its points; without descriptors if points are tracked."""
+
+    sample: Sample
+    image: NDArray[np.uint8]
+    points: FloatArray
+    descriptors: NDArray[np.uint8]
+
+    @property
+    def camera(self) -> FloatArray | None:
+        """Camera matrix; None if it is unknown."""
+        K = np.asarray(self.sample.value.camera_matrix, np.float64)
+        return K if K[0, 0] > 0.0 and K[1, 1] > 0.0 else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointPairs:
+    """Corresponding points ``(n, 2)`` of the left and the right image, pixels."""
+
+    left: FloatArray
+    right: FloatArray
+
+    def __getitem__(self, mask: NDArray[np.bool_]) -> PointPairs:
+        return PointPairs(self.left[mask], self.right[mask])
+
+    def __len__(self) -> int:
+        return len(self.left)
+
+
+class FeatureMatcher:
+    """Extracts, describes and matches points (blobs, corners, describe, match, guide, track)."""
+
+    def __init__(self, slots: dict[str, Any]) -> None:
+        self._slots = slots
+
+    def view(self, sample: Sample) -> FeatureView:
+        """Return points and descriptors of every detector of the implementation; raises InputError."""
+        check_straight(sample.value)
+        image = grey_image(sample.value)
+        points, descriptors = [], []
+        for slot in ("blobs", "corners"):
+            if slot not in self._slots:
+                continue
+            detected = self._slots[slot].process(FeaturesExtraction2DInputs(image=image))
+            if "describe" not in self._slots:
+                return FeatureView(
+                    sample, image, detected.features, np.zeros((len(detected.features), 0), np.uint8)
+                )
+            described = self._slots["describe"].process(
+                FeaturesDescription2DInputs(
+                    image=image, features=detected.features, sizes=detected.sizes, angles=detected.angles
+                )
+            )
+            points.append(detected.features[described.valid])
+            descriptors.append(described.descriptors[described.valid])
+        return FeatureView(sample, image, np.concatenate(points), np.concatenate(descriptors))
+
+    def match(self, left: FeatureView, right: FeatureView) -> PointPairs:
+        """Return the pairs with similar descriptors, or the tracked points."""
+        if "track" in self._slots:
+            tracked = self._slots["track"].process(
+                FeaturesTracking2DInputs(reference=left.image, image=right.image, features=left.points)
+            )
+            return PointPairs(left.points, tracked.matches)[tracked.valid]
+        matched = self._slots["match"].process(
+            FeaturesMatching2DInputs(source=left.descriptors, sink=right.descriptors)
+        )
+        return PointPairs(left.points[matched.matches[:, 0]], right.points[matched.matches[:, 1]])
+
+    def match_along_lines(self, left: FeatureView, right: FeatureView, F: FloatArray) -> PointPairs | None:
+        """Return the pairs with similar descriptors near epipolar lines; None if the slot is not used."""
+        if "guide" not in self._slots:
+            return None
+        inputs = FeaturesMatching2DInputs(
+            source=left.descriptors,
+            sink=right.descriptors,
+            source_features=left.points,
+            sink_features=right.points,
+            fundamental_matrix=F,
+        )
+        matched = self._slots["guide"].process(inputs)
+        return PointPairs(left.points[matched.matches[:, 0]], right.points[matched.matches[:, 1]])

@@ -1,0 +1,48 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+# GENERATED from dfpc.yaml by cdff generate; do not edit.
+"""Interface of the DFPC FeatureMatching."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterable
+
+from cdff_common.errors import InputError
+from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
+
+
+class FeatureMatchingInterface(Dfpc):
+    """Match the points of two images of one scene, with the probability that each pair is correct, and
+    estimate the epipolar geometry and the homography with their covariance; FAILED without a common
+    scene.
+    """
+
+    name = "feature_matching"
+    INPUT_PORTS = ("left", "right")
+
+    def step(self, sample: Sample) -> Iterable[Output]:
+        """Pass the sample to the handler of its port; raises InputError on an unknown port."""
+        match sample.port:
+            case "left":
+                return self.on_left(sample)
+            case "right":
+                return self.on_right(sample)
+            case _:
+                raise InputError(
+                    f"{self.name}: no input port {sample.port!r}; it has {', '.join(self.INPUT_PORTS)}"
+                )
+
+    @abstractmethod
+    def on_left(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type Frame. First image, stored until the second one arrives; without
+        lens distortion.
+        """
+
+    @abstractmethod
+    def on_right(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type Frame. Second image; each one yields one output."""
+
+    @abstractmethod
+    def forget(self) -> None:
+        """Clear the stored images."""

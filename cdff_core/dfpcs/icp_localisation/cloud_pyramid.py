@@ -1,0 +1,57 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Point cloud prepared for registration at several levels of detail."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+
+
+class Level:
+    """One level of detail; normals and statistics are computed on first use."""
+
+    def __init__(self, points_m: Float, normals_of: Callable[[Float], Float]) -> None:
+        self.points_m = points_m
+        self._normals_of = normals_of
+
+    @cached_property
+    def normals(self) -> Float:
+        """Unit normals, shape (n, 3)."""
+        return self._normals_of(self.points_m)
+
+    @cached_property
+    def spacing_m(self) -> float:
+        """Median distance of a point to its nearest neighbour."""
+        from cdff_common.geometry.kdtree import kd_tree, spacing
+
+        return spacing(kd_tree(self.points_m))
+
+    @cached_property
+    def centre_m(self) -> Float:
+        """Mean of the points, shape (3,)."""
+        return np.asarray(self.points_m.mean(axis=0))
+
+    @cached_property
+    def radius_m(self) -> float:
+        """Root mean square distance of the points from their mean."""
+        offset = self.points_m - self.centre_m
+        return float(np.sqrt(np.einsum("ij,ij->", offset, offset) / len(offset)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pyramid:
+    """The levels of a cloud, coarsest first."""
+
+    levels: tuple[Level, ...]
+
+    @property
+    def points_m(self) -> Float:
+        """Points (n, 3) of the finest level."""
+        return self.levels[-1].points_m

@@ -1,0 +1,55 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+# GENERATED from dfpc.yaml by cdff generate; do not edit.
+"""Interface of the DFPC IcpLocalisation."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterable
+
+from cdff_common.errors import InputError
+from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
+
+
+class IcpLocalisationInterface(Dfpc):
+    """Localise a model cloud (an object, a map, an earlier scan) in a scene cloud by iterative closest
+    points, coarse to fine, from a guess or from the identity; an uncertain result is refused.
+    """
+
+    name = "icp_localisation"
+    INPUT_PORTS = ("scene", "model", "guess")
+
+    def step(self, sample: Sample) -> Iterable[Output]:
+        """Pass the sample to the handler of its port; raises InputError on an unknown port."""
+        match sample.port:
+            case "scene":
+                return self.on_scene(sample)
+            case "model":
+                return self.on_model(sample)
+            case "guess":
+                return self.on_guess(sample)
+            case _:
+                raise InputError(
+                    f"{self.name}: no input port {sample.port!r}; it has {', '.join(self.INPUT_PORTS)}"
+                )
+
+    @abstractmethod
+    def on_scene(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type Pointcloud. Cloud of the sensor; each scene yields one pose."""
+
+    @abstractmethod
+    def on_model(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type Pointcloud. Cloud to localise in the scene; stored until the next
+        one.
+        """
+
+    @abstractmethod
+    def on_guess(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type TransformWithCovariance. Initial T_scene_model; default: the last
+        alignment, or the identity.
+        """
+
+    @abstractmethod
+    def forget(self) -> None:
+        """Clear the guess and the last alignment: the next scene starts from the identity."""

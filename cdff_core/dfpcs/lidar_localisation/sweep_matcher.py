@@ -1,0 +1,148 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Registration of a sweep with the local map, its quality and covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cdff_common.errors import RefusedError
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.interfaces.product import CovarianceKind, Quality, Status
+from cdff_core.cloud_matching.acceptance import registration_quality
+from cdff_core.cloud_matching.matcher import Registration, refined
+from cdff_core.dfns.normals_estimation.interface import NormalsEstimationInputs
+from cdff_core.dfns.point_cloud_downsampling.interface import PointCloudDownsamplingInputs
+from cdff_core.dfns.registration_3d.interface import Registration3DInputs
+
+if TYPE_CHECKING:
+    from cdff_common.interfaces.dfpc import Dfpc
+    from cdff_core.dfpcs.lidar_localisation.configuration import LidarLocalisationConfig
+    from cdff_core.dfpcs.lidar_localisation.tiled_map import LocalMap
+
+
+#: Robust distance of an accepted sweep from the map, and after the coarse registration, metres.
+_MAX_RESIDUAL_M, _MAX_COARSE_RESIDUAL_M = 0.03, 0.06
+#: Standard deviation along degenerate directions, metres.
+_DEGENERATE_SIGMA_M = 10.0
+#: Reasons that make an answer DEGRADED at most.
+_DEGRADED = ("weak:", "not_converged")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sweep:
+    """A sweep in the base's frame at its end."""
+
+    whole_m: se3.FloatArray  # (m, 3), all points within range
+    points_m: se3.FloatArray  # (n, 3), thinned
+    normals: se3.FloatArray  # (n, 3)
+    coarse_m: se3.FloatArray  # (k, 3), thinned for the coarse registration
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Match:
+    """A registration with its quality; ``registration`` is None if the registration failed."""
+
+    registration: Registration | None
+    quality: Quality
+
+    @property
+    def accepted(self) -> Registration | None:
+        """The registration; None if the quality is FAILED."""
+        return None if self.quality.status is Status.FAILED else self.registration
+
+
+class SweepMatcher:
+    """The DFNs of the slots thin_scan, thin_coarse, normals, register_coarse, refine and assess."""
+
+    def __init__(self, dfpc: Dfpc, config: LidarLocalisationConfig) -> None:
+        self._config = config
+        self._thin, self._thin_coarse = dfpc.dfn("thin_scan"), dfpc.dfn("thin_coarse")
+        self._normals, self._coarse = dfpc.dfn("normals"), dfpc.dfn("register_coarse")
+        self._refine, self._assess = dfpc.dfn("refine"), dfpc.dfn("assess")
+
+    def normals(self, points_m: se3.FloatArray) -> se3.FloatArray:
+        """Return the normals ``(n, 3)`` of points."""
+        normals: se3.FloatArray = self._normals.process(NormalsEstimationInputs(points=points_m)).normals
+        return normals
+
+    def coarse(self, points_m: se3.FloatArray) -> se3.FloatArray:
+        """Return points thinned for the coarse registration."""
+        points: se3.FloatArray = self._thin_coarse.process(
+            PointCloudDownsamplingInputs(points=points_m)
+        ).points
+        return points
+
+    def sweep(self, points_m: se3.FloatArray) -> Sweep:
+        """Thin a sweep to both levels."""
+        points = self._thin.process(PointCloudDownsamplingInputs(points=points_m)).points
+        return Sweep(points_m, points, self.normals(points), self.coarse(points))
+
+    def near(self, sweep: Sweep, local: LocalMap, T: se3.FloatArray, *, allow_degenerate: bool) -> Match:
+        """PointcloudMatcher.doICP from a nearly correct pose.
+
+        ``allow_degenerate`` accepts degenerate directions, which a prediction constrains.
+        """
+        try:
+            registration = refined(self._refine, self._assess, sweep, local, T, {})
+        except RefusedError as error:
+            return Match(None, Quality.from_error(error))
+        return Match(registration, self._quality(registration, allow_degenerate=allow_degenerate))
+
+    def approach(self, sweep: Sweep, local: LocalMap, T: se3.FloatArray) -> se3.FloatArray:
+        """Return the pose ``(4, 4)`` of the coarse registration, from up to metres and tens of degrees away.
+
+        Raises RefusedError if sweep and map do not match in that pose.
+        """
+        step = self._coarse.process(
+            Registration3DInputs(
+                source=sweep.coarse_m, target=local.coarse_m, target_normals=local.coarse_normals, guess=T
+            )
+        )
+        if step.residual_scale_m > _MAX_COARSE_RESIDUAL_M:
+            reason = f"large_residuals:{step.residual_scale_m:.3g}m>{_MAX_COARSE_RESIDUAL_M:g}m"
+            raise RefusedError(f"coarse registration of sweep and map: {reason}", [reason])
+        T_coarse: se3.FloatArray = step.transform
+        return T_coarse
+
+    def far(self, sweep: Sweep, local: LocalMap, T: se3.FloatArray, *, allow_degenerate: bool) -> Match:
+        """PointcloudMatcher.doICP from coarse to fine: ``approach``, then ``near``."""
+        try:
+            first = self.approach(sweep, local, T)
+        except RefusedError as error:
+            return Match(None, Quality.from_error(error))
+        return self.near(sweep, local, first, allow_degenerate=allow_degenerate)
+
+    def pose(self, registration: Registration) -> UncertainTransform:
+        """Return ``T_map_base`` with calibrated covariance, large along degenerate directions."""
+        cfg, a, T = self._config, registration.assessment, registration.T_target_source
+        tilt, yaw = np.radians([cfg.map_sigma_tilt_deg, cfg.map_sigma_yaw_deg])
+        map_sigma = np.array([cfg.map_sigma_xy_m, cfg.map_sigma_xy_m, cfg.map_sigma_z_m, tilt, tilt, yaw])
+        C = a.covariance + np.diag(map_sigma**2)
+        for direction in a.directions[a.agreement < cfg.min_agreement]:
+            # Translation and rotation about the centre of the overlap, as a change of the pose.
+            rotation = direction[3:] / a.radius_m
+            v = np.concatenate([direction[:3] + np.cross(rotation, T[:3, 3] - a.centre_m), rotation])
+            C = C + _DEGENERATE_SIGMA_M**2 * np.outer(v, v)
+        return UncertainTransform(T, C)
+
+    def _quality(self, registration: Registration, *, allow_degenerate: bool) -> Quality:
+        cfg = self._config
+        quality = registration_quality(registration, registration.assessment.overlap_source, cfg)
+        allowed = (*_DEGRADED, "degenerate:") if allow_degenerate else _DEGRADED
+        is_failed = quality.status is Status.FAILED
+        failed = [r for r in quality.reasons if is_failed and not r.startswith(allowed)]
+        residual_m = registration.assessment.rms_m
+        if residual_m > _MAX_RESIDUAL_M:
+            failed.append(f"large_residuals:{residual_m:.3g}m>{_MAX_RESIDUAL_M:g}m")
+        others = tuple(r for r in quality.reasons if r not in failed)
+        step = registration.step
+        metrics = {
+            "residual_scale_m": step.residual_scale_m,
+            "iterations": step.iterations,
+            **quality.metrics,
+        }
+        return Quality.from_reasons(others, CovarianceKind.CALIBRATED, metrics, failed=failed)

@@ -1,0 +1,117 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The map in tiles, and the local map around a position."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.geometry.voxels import voxel_means
+
+Float = NDArray[np.float64]
+
+#: Edge of a tile; distance from the centre of a local map up to which it is reused, metres.
+_TILE_M, _REUSE_M = 10.0, 3.0
+
+
+class LocalMap:
+    """Part of the map (n, 3) that a sweep is registered with; derived clouds are computed on first use."""
+
+    def __init__(
+        self, points_m: Float, normals: Callable[[Float], Float], coarse: Callable[[Float], Float]
+    ) -> None:
+        self.points_m = points_m
+        self._normals, self._coarse = normals, coarse
+
+    @cached_property
+    def normals(self) -> Float:
+        """Normals ``(n, 3)``."""
+        return self._normals(self.points_m)
+
+    @cached_property
+    def coarse_m(self) -> Float:
+        """The points ``(k, 3)`` thinned for the coarse registration."""
+        return self._coarse(self.points_m)
+
+    @cached_property
+    def coarse_normals(self) -> Float:
+        """Normals ``(k, 3)`` of the coarse points."""
+        return self._normals(self.coarse_m)
+
+
+class TiledMap:
+    """Points in tiles, one mean point per voxel.
+
+    ``normals`` returns the normals (n, 3) of points, ``coarse`` the points for the coarse registration.
+    """
+
+    def __init__(
+        self,
+        voxel_m: float,
+        radius_m: float,
+        normals: Callable[[Float], Float],
+        coarse: Callable[[Float], Float],
+    ) -> None:
+        self._voxel_m, self._radius_m = voxel_m, radius_m
+        self._normals, self._coarse = normals, coarse
+        self._tiles: dict[tuple[int, int], Float] = {}
+        self._local: tuple[Float, LocalMap | None] | None = None
+        self.frame = ""
+
+    def add(self, points_m: Float, frame: str) -> None:
+        """Add points ``(n, 3)``; points in another frame start a new map."""
+        if frame != self.frame:
+            self.clear()
+            self.frame = frame
+        self._local = None
+        points = points_m[np.isfinite(points_m).all(axis=1)]
+        index = np.floor(points[:, :2] / _TILE_M).astype(np.int64)
+        order = np.lexsort((index[:, 1], index[:, 0]))
+        keys, first = np.unique(index[order], axis=0, return_index=True)
+        for (x, y), rows in zip(keys.tolist(), np.split(order, first[1:]), strict=True):
+            existing = self._tiles.get((x, y))
+            both = points[rows] if existing is None else np.vstack([existing, points[rows]])
+            self._tiles[x, y] = voxel_means(both, self._voxel_m)
+
+    def clear(self) -> None:
+        """Remove all points."""
+        self._tiles, self._local = {}, None
+
+    def __bool__(self) -> bool:
+        return bool(self._tiles)
+
+    @property
+    def points_m(self) -> Float:
+        """All points ``(n, 3)``."""
+        return (
+            np.vstack([self._tiles[key] for key in sorted(self._tiles)]) if self._tiles else np.zeros((0, 3))
+        )
+
+    def around(self, centre_m: Float, radius_m: float) -> Float:
+        """Return the points ``(n, 3)`` within a horizontal radius."""
+        low = np.floor((centre_m[:2] - radius_m) / _TILE_M).astype(int)
+        high = np.floor((centre_m[:2] + radius_m) / _TILE_M).astype(int)
+        inside = [
+            self._tiles[x, y]
+            for x in range(low[0], high[0] + 1)
+            for y in range(low[1], high[1] + 1)
+            if (x, y) in self._tiles
+        ]
+        if not inside:
+            return np.zeros((0, 3))
+        points: Float = np.vstack(inside)
+        is_inside: NDArray[np.bool_] = np.sum((points[:, :2] - centre_m[:2]) ** 2, axis=1) <= radius_m**2
+        return points[is_inside]
+
+    def local(self, centre_m: Float, least: int) -> LocalMap | None:
+        """Return the map around a position, cached; None with fewer than ``least`` points."""
+        if self._local is not None and np.linalg.norm(self._local[0] - centre_m[:2]) <= _REUSE_M:
+            return self._local[1]
+        points = self.around(centre_m, self._radius_m + _REUSE_M)
+        local = LocalMap(points, self._normals, self._coarse) if len(points) >= least else None
+        self._local = (centre_m[:2].copy(), local)
+        return local

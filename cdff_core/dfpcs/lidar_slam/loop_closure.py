@@ -1,0 +1,220 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Detection and verification of loop closures."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.errors import InputError, RefusedError
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.interfaces.dfpc import Dfpc
+from cdff_common.interfaces.product import Quality, Status
+from cdff_core.cloud_matching.acceptance import registration_quality
+from cdff_core.cloud_matching.configuration import MatchingGates
+from cdff_core.cloud_matching.matcher import Cloud, CloudMatcher, Registration
+from cdff_core.cloud_matching.search import AlignmentSearch
+from cdff_core.dfns.loop_detection.interface import LoopDetectionInputs, LoopDetectionOutputs
+from cdff_core.dfpcs.lidar_slam.configuration import LoopGates
+from cdff_core.dfpcs.lidar_slam.keyframe_map import Keyframe, KeyframeMap
+
+Float = NDArray[np.float64]
+
+#: Gates of the registration of two keyframes: a registration that would be DEGRADED closes no loop.
+MATCHING_GATES = MatchingGates(candidates=2, min_overlap=0.4, good_overlap=0.4, good_agreement=0.5)
+#: Clouds of keyframes cached in the form prepared for registration.
+_CACHED_CLOUDS = 16
+#: Tolerances of a loop against the graph: constant part, metres and radians, and part by the loop's length.
+_TRANSLATION_M, _TRANSLATION_RATIO, _ROTATION_RAD, _ROTATION_RAD_PER_M = 0.5, 0.03, 0.05, 0.001
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Loop:
+    """A verified loop: ``T_old_new`` of two keyframes."""
+
+    old: int
+    new: int
+    T: UncertainTransform
+
+    @property
+    def distance_m(self) -> float:
+        """Distance between both keyframes."""
+        return float(np.linalg.norm(self.T.matrix[:3, 3]))
+
+
+class LoopCloser:
+    """Description of keyframes, detection of loop candidates and their verification."""
+
+    def __init__(self, dfpc: Dfpc, gates: LoopGates) -> None:
+        self._gates = gates
+        self._detect, self._voxel_choice = dfpc.dfn("detect"), dfpc.dfn("voxel_choice")
+        self._matcher = CloudMatcher(dfpc, MATCHING_GATES)
+        self._clouds: dict[int, Cloud] = {}
+        self.refusals: Counter[str] = Counter()
+
+    def clear(self) -> None:
+        """Remove all cached clouds and counts."""
+        self._clouds.clear()
+        self.refusals.clear()
+
+    def evict(self, key: int) -> None:
+        """Remove the cached cloud of a keyframe that has changed."""
+        self._clouds.pop(key, None)
+
+    def describe(self, keyframe: Keyframe) -> Keyframe:
+        """Return the keyframe with its descriptor."""
+        return replace(keyframe, descriptor=self._detect_in(keyframe, None).descriptor)
+
+    def close(self, keyframes: KeyframeMap, key: int, excluded: Collection[int] = ()) -> Iterator[Loop]:
+        """Yield verified loops of a completed keyframe: first with near ones, then with similar ones.
+
+        Keyframes in ``excluded`` are not compared, such as those just left.
+        """
+        path_lengths_m = keyframes.path_lengths_m(key)
+        is_closed = False
+        for old in self._near(keyframes, key, path_lengths_m, excluded):
+            guess = se3.inverse(keyframes.poses[old]) @ keyframes.poses[key]
+            if loop := self.verify(keyframes, old, key, guess, path_lengths_m):
+                is_closed = True
+                yield loop
+        if is_closed and keyframes.root in path_lengths_m:
+            return  # a separate component still needs a connection to the root's
+        for old, guess in self._similar(keyframes, key, path_lengths_m, excluded):
+            loop = self.verify(keyframes, old, key, guess, path_lengths_m)
+            if loop := loop or self._search(keyframes, old, key, path_lengths_m):
+                yield loop
+                return
+
+    def relocalise(self, keyframes: KeyframeMap, key: int, candidates: Iterable[int]) -> list[Loop]:
+        """Return the loops of a keyframe with candidates, registered without a guess."""
+        loops = (self._search(keyframes, old, key, {}) for old in candidates)
+        return [loop for loop in loops if loop is not None]
+
+    def verify(
+        self, keyframes: KeyframeMap, old: int, key: int, guess: Float, path_lengths_m: dict[int, float]
+    ) -> Loop | None:
+        """Register from a guess of ``T_old_key``; None if the clouds do not match or the graph contradicts.
+
+        ``path_lengths_m`` are those from ``key``; keyframes without one are not compared with the graph.
+        """
+        source, target = self._cloud(keyframes, key), self._cloud(keyframes, old)
+        if source is None or target is None:
+            return None
+        try:
+            registration = self._matcher.refine(source, target, guess, {})
+        except RefusedError as error:
+            self.refusals[next(iter(error.reasons), "not_registered")] += 1
+            return None
+        return self._accept(keyframes, old, key, registration, path_lengths_m)
+
+    def _near(
+        self, keyframes: KeyframeMap, key: int, path_lengths_m: dict[int, float], excluded: Collection[int]
+    ) -> list[int]:
+        """Return the nearest completed keyframes within the search radius."""
+        here = keyframes.poses[key][:3, 3]
+        distances = {
+            k: keyframes.distance_m(k, here)
+            for k in path_lengths_m
+            if k != key and k not in excluded and keyframes.keyframes[k].descriptor is not None
+        }
+        near = [k for k, distance_m in distances.items() if distance_m < self._gates.search_radius_m]
+        return sorted(near, key=lambda k: (distances[k], k))[: self._gates.candidates]
+
+    def _similar(
+        self, keyframes: KeyframeMap, key: int, path_lengths_m: dict[int, float], excluded: Collection[int]
+    ) -> list[tuple[int, Float]]:
+        """Return the keyframes with the most similar descriptors, with a guess of ``T_old_key``.
+
+        Connected keyframes farther away than the drift along the path explains are omitted.
+        """
+        described = {
+            k: keyframe.descriptor
+            for k, keyframe in keyframes.keyframes.items()
+            if k != key and k not in excluded and keyframe.descriptor is not None
+        }
+        here = keyframes.poses[key][:3, 3]
+        for k, length_m in path_lengths_m.items():
+            reach_m = _TRANSLATION_M + _TRANSLATION_RATIO * length_m + self._gates.search_radius_m
+            if keyframes.distance_m(k, here) >= reach_m:
+                described.pop(k, None)
+        if not described:
+            return []
+        detected = self._detect_in(keyframes.keyframes[key], np.stack(list(described.values())))
+        rows = zip(detected.candidates, detected.transforms, strict=True)
+        keys = list(described)
+        return [(keys[int(row)], T) for row, T in rows][: self._gates.candidates]
+
+    def _detect_in(self, keyframe: Keyframe, database: NDArray[np.float32] | None) -> LoopDetectionOutputs:
+        points_m = np.asarray(keyframe.points_m, dtype=np.float64)
+        detected: LoopDetectionOutputs = self._detect.process(
+            LoopDetectionInputs(points=points_m, database=database)
+        )
+        return detected
+
+    def _search(
+        self, keyframes: KeyframeMap, old: int, key: int, path_lengths_m: dict[int, float]
+    ) -> Loop | None:
+        """Register without a guess."""
+        source, target = self._cloud(keyframes, key), self._cloud(keyframes, old)
+        if source is None or target is None:
+            return None
+        try:
+            search = AlignmentSearch(self._matcher, source, target, MATCHING_GATES, self._quality)
+            registration, _ = next(search.acceptable(), (None, None))
+        except InputError:
+            return None
+        if registration is None:
+            return None
+        return self._accept(keyframes, old, key, registration, path_lengths_m)
+
+    def _accept(
+        self,
+        keyframes: KeyframeMap,
+        old: int,
+        key: int,
+        registration: Registration,
+        path_lengths_m: dict[int, float],
+    ) -> Loop | None:
+        """Return the loop if the registration passes the gates and agrees with the graph."""
+        quality, T_old_key = self._quality(registration), registration.T_target_source
+        if quality.status is Status.FAILED:
+            self.refusals[quality.reasons[0].split(":")[0]] += 1
+            return None
+        if old in path_lengths_m and not self._agrees(keyframes, old, key, T_old_key, path_lengths_m[old]):
+            self.refusals["contradicts_graph"] += 1
+            return None
+        return Loop(old, key, registration.transform)
+
+    @staticmethod
+    def _quality(registration: Registration) -> Quality:
+        return registration_quality(registration, registration.overlap, MATCHING_GATES)
+
+    def _agrees(
+        self, keyframes: KeyframeMap, old: int, key: int, T_old_key: Float, loop_length_m: float
+    ) -> bool:
+        """Return whether drift along the loop explains the difference between a loop and the graph."""
+        T_old_key_graph = se3.inverse(keyframes.poses[old]) @ keyframes.poses[key]
+        difference_m = float(np.linalg.norm((T_old_key_graph - T_old_key)[:3, 3]))
+        R_difference = (T_old_key @ se3.inverse(keyframes.poses[key]) @ keyframes.poses[old])[:3, :3]
+        allowed_m = _TRANSLATION_M + _TRANSLATION_RATIO * loop_length_m
+        allowed_rad = _ROTATION_RAD + _ROTATION_RAD_PER_M * loop_length_m
+        return difference_m <= allowed_m and float(se3.rotation_angle(R_difference)) <= allowed_rad
+
+    def _cloud(self, keyframes: KeyframeMap, key: int) -> Cloud | None:
+        """Return the prepared cloud of a keyframe; None if too few points remain."""
+        if key not in self._clouds:
+            points_m = keyframes.keyframes[key].points_m
+            try:
+                cloud = self._matcher.prepare(points_m, "keyframe", self._voxel_choice)
+            except InputError:
+                self.refusals["bad_cloud"] += 1
+                return None
+            while len(self._clouds) >= _CACHED_CLOUDS:
+                self._clouds.pop(next(iter(self._clouds)))
+            self._clouds[key] = cloud
+        return self._clouds[key]

@@ -1,0 +1,96 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Prediction of the lidar's motion to the end of a sweep."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.clock import NS_PER_S
+from cdff_common.geometry import OdometryBuffer, UncertainTransform, se3
+from cdff_common.types import LidarScan
+from cdff_core.dfpcs.lidar_slam.configuration import MotionPrediction
+
+Float = NDArray[np.float64]
+
+_HISTORY_NS = 60 * NS_PER_S
+#: Interval to the previous sweep that is assumed for the first one.
+_FIRST_INTERVAL_S = 0.1
+#: Standard deviations of a motion predicted by constant velocity: translation, metres, and rotation, radians.
+_VELOCITY_SIGMA = np.array([0.2] * 3 + [0.05] * 3)
+#: Constant parts by the odometry: of the translation, and of the rotation about z.
+_ODOMETRY_SIGMA_M, _ODOMETRY_YAW_SIGMA_RAD = 0.02, 0.01
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prediction:
+    """Predicted motion to the end of a sweep."""
+
+    T_previous_current: Float  # (4, 4)
+    covariance: Float  # (6, 6) of this motion, in the lidar's axes
+    T_end_start: Float  # (4, 4), motion during the sweep
+    interval_s: float  # since the end of the previous sweep
+    sweep_ratio: float | None  # duration of the sweep by the interval; None without a previous sweep
+    used_odometry: bool
+
+
+class MotionPredictor:
+    """Motion by the odometry of the base if available, otherwise at constant velocity."""
+
+    def __init__(self, config: MotionPrediction, T_base_lidar: Float) -> None:
+        self._config, self._T_base_lidar = config, T_base_lidar
+        self._odometry = OdometryBuffer(_HISTORY_NS, int(config.odometry_max_age_s * NS_PER_S))
+        self._last: Float | None = None
+
+    def insert(self, stamp_ns: int, T_odom_base: UncertainTransform) -> None:
+        """Add a pose of the odometry."""
+        self._odometry.insert(stamp_ns, T_odom_base)
+
+    def increment(self, stamp_ns: int) -> Float | None:
+        """Return ``T_previous_current`` (4, 4) of the lidar since the previous call; None without a pose.
+
+        It starts where the previous increment ended, so that errors of extrapolation do not accumulate.
+        """
+        pose = self._odometry.pose(stamp_ns)
+        previous, self._last = self._last, None if pose is None else pose.matrix @ self._T_base_lidar
+        return None if previous is None or self._last is None else se3.inverse(previous) @ self._last
+
+    def velocity(self, stamp_ns: int) -> Float | None:
+        """Return translation and rotation vector (6,) of the lidar per second, in its axes, or None."""
+        window_ns = NS_PER_S // 5
+        motion = self._odometry.motion(stamp_ns - window_ns, stamp_ns)
+        if motion is None:
+            return None
+        T_lidar = se3.inverse(self._T_base_lidar) @ motion @ self._T_base_lidar
+        return se3.vector_from_transform(T_lidar) * (NS_PER_S / window_ns)
+
+    def predict(self, scan: LidarScan, previous_ns: int | None, velocity: Float) -> Prediction:
+        """Predict the motion since the end of the previous sweep and during this one.
+
+        ``velocity`` (6,) is that of the lidar in its own axes, per second.
+        """
+        increment = self.increment(scan.t1_ns)
+        duration_ns = scan.t1_ns - scan.t0_ns
+        interval_s, sweep_ratio = _FIRST_INTERVAL_S, None
+        if previous_ns is not None:
+            interval_s = max((scan.t1_ns - previous_ns) / NS_PER_S, 1e-3)
+            sweep_ratio = min(1.0, duration_ns / NS_PER_S / interval_s)
+        variance = np.square(_VELOCITY_SIGMA)
+        if increment is not None:
+            if previous_ns is not None:  # else it is zero, as the same sweep was predicted before a restart
+                velocity = se3.vector_from_transform(increment) / interval_s
+            path_m = float(np.linalg.norm(increment[:3, 3]))
+            variance[:3] = _ODOMETRY_SIGMA_M**2 + (self._config.odometry_sigma_ratio * path_m) ** 2
+            variance[5] = _ODOMETRY_YAW_SIGMA_RAD**2
+        motion = se3.transform_from_vector
+        return Prediction(
+            T_previous_current=motion(velocity * interval_s) if increment is None else increment,
+            covariance=np.diag(variance),
+            T_end_start=se3.inverse(motion(velocity * duration_ns / NS_PER_S)),
+            interval_s=interval_s,
+            sweep_ratio=sweep_ratio,
+            used_odometry=increment is not None,
+        )

@@ -1,0 +1,170 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Outputs of LidarSlam with their quality."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from cdff_common.errors import ProductNotFoundError
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.interfaces.dfpc import Output
+from cdff_common.interfaces.product import CovarianceKind, Quality
+from cdff_common.types import (
+    LidarMap,
+    LidarScan,
+    Pointcloud,
+    PoseGraph,
+    PoseTrajectory,
+)
+from cdff_core.dfpcs.lidar_slam.configuration import TrackingGates
+from cdff_core.dfpcs.lidar_slam.keyframe_mapper import KeyframeMapper
+from cdff_core.dfpcs.lidar_slam.quality import degradation_reasons, registration_metrics
+from cdff_core.dfpcs.lidar_slam.relocaliser import Relocaliser
+from cdff_core.dfpcs.lidar_slam.scan_tracker import TrackingResult
+
+
+class ProductBuilder:
+    """Products in the frames ``{robot}/slam``, ``{robot}/lidar_odom`` and ``{robot}/lidar``."""
+
+    def __init__(
+        self,
+        producer: str,
+        robot: str,
+        gates: TrackingGates,
+        mapper: KeyframeMapper,
+        relocaliser: Relocaliser,
+    ) -> None:
+        self._producer, self._gates = producer, gates
+        self._mapper, self._relocaliser = mapper, relocaliser
+        self._map, self._odom, self._lidar = f"{robot}/slam", f"{robot}/lidar_odom", f"{robot}/lidar"
+        self.clear()
+
+    def clear(self) -> None:
+        """Reset the accumulated odometry covariance, counts and input ids."""
+        self._odometry_covariance = np.zeros((6, 6))
+        self._degraded_sweeps = 0
+        self._inputs: tuple[str, ...] = ()
+
+    def poses(self, scan: LidarScan, sample_id: str, tracking: TrackingResult) -> Iterator[Output]:
+        """Yield odometry and pose of a sweep."""
+        self._inputs = (sample_id,)
+        reasons = degradation_reasons(tracking, self._gates)
+        self._degraded_sweeps += bool(reasons)
+        metrics = registration_metrics(tracking) | {
+            "keyframes": len(self._mapper.keyframes),
+            "path_length_m": self._mapper.path_length_m,
+        }
+        if tracking.is_lost:
+            failed = Quality.failed("lost", *reasons, metrics=metrics)
+            yield self._pose("odometry", self._odom, None, scan, failed)
+            yield self._pose("pose", self._map, None, scan, failed)
+            return
+        quality = Quality.from_reasons(reasons, CovarianceKind.FORMAL, metrics)
+        odometry = self._accumulate(tracking)
+        yield self._pose("odometry", self._odom, tracking.with_noise(odometry), scan, quality)
+        T_map_lidar = self._mapper.T_map_lidar
+        if T_map_lidar is None or self._relocaliser.is_uncertain:
+            failed = Quality.failed("not_localised_in_map", *reasons, metrics=metrics)
+            yield self._pose("pose", self._map, None, scan, failed)
+        else:
+            yield self._pose("pose", self._map, tracking.with_noise(T_map_lidar), scan, quality)
+
+    def reports(self, stamp_ns: int | None = None) -> Iterator[Output]:
+        """Yield the current trajectory and graph."""
+        first_ns, quality = self._mapper.first_ns, self.map_quality()
+        stamp_ns = self._mapper.newest_ns if stamp_ns is None else stamp_ns
+        if (trajectory := self.stored_trajectory()) is not None:
+            yield Output(
+                "trajectory", trajectory, first_ns, stamp_ns, self._map, self._lidar, quality, self._inputs
+            )
+        yield Output("graph", self.graph(), first_ns, stamp_ns, self._map, None, quality, self._inputs)
+
+    def cloud_output(self) -> Output:
+        """Return the whole map as an output."""
+        cloud = self.cloud(0.0)
+        return Output(
+            "cloud", cloud, self._mapper.first_ns, cloud.stamp_ns, self._map, None, self.map_quality()
+        )
+
+    def cloud(self, voxel_m: float) -> Pointcloud:
+        """Return the whole map; raises ProductNotFoundError without one."""
+        self._require_map()
+        points_m = self._mapper.cloud(voxel_m)
+        return Pointcloud.from_points(points_m, frame=self._map, stamp_ns=self._mapper.newest_ns)
+
+    def lidar_map(self) -> LidarMap:
+        """Return all keyframes and the position of the lidar; raises ProductNotFoundError without a map."""
+        self._require_map()
+        mapper, position = self._mapper, self._relocaliser.last_position
+        if mapper.current is not None:
+            mapper.update_cloud(describe=False)
+            position = position or (mapper.current, mapper.T_keyframe_lidar.matrix)
+        return mapper.keyframes.to_message(
+            frame=self._map, sensor=self._lidar, producer=self._producer, position=position
+        )
+
+    def graph(self) -> PoseGraph:
+        """Return the linked keyframes; the poses of others in the map are unknown."""
+        return self._mapper.keyframes.to_graph(self._mapper.linked, frame=self._map, producer=self._producer)
+
+    def trajectory(self, t0_ns: int, t1_ns: int) -> PoseTrajectory:
+        """Return ``T_slam_lidar`` between two times; raises ProductNotFoundError without a pose there."""
+        stamps, poses, covariances = self._mapper.trajectory.in_map(self._mapper.keyframes, t0_ns, t1_ns)
+        if not len(stamps):
+            raise ProductNotFoundError(f"{self._producer}: no pose between {t0_ns} and {t1_ns}")
+        return PoseTrajectory.from_arrays(
+            stamps, poses, covariances, parent=self._map, child=self._lidar, producer=self._producer
+        )
+
+    def stored_trajectory(self) -> PoseTrajectory | None:
+        """Return the whole trajectory; None if no pose in the map is known."""
+        is_localised = self._mapper.trajectory.is_localised(self._mapper.keyframes)
+        return self.trajectory(-1, -1) if is_localised else None
+
+    def map_quality(self) -> Quality:
+        """Return the quality of the map: degraded sweeps and keyframes that are not linked."""
+        keyframes = self._mapper.keyframes
+        unlinked = len(keyframes) - len(self._mapper.linked)
+        reasons = [f"degraded_sweeps:{self._degraded_sweeps}"] if self._degraded_sweeps else []
+        reasons += [f"keyframes_not_linked:{unlinked}"] if unlinked else []
+        metrics = {
+            "keyframes": len(keyframes),
+            "loops": keyframes.loop_count,
+            "loops_rejected": keyframes.loops_rejected,
+            "refused_loops": self._mapper.closer.refusals.total(),
+            "cloud_mb": keyframes.point_bytes / 1e6,
+            "path_length_m": self._mapper.path_length_m,
+        }
+        return Quality.from_reasons(reasons, CovarianceKind.FORMAL, metrics)
+
+    def _accumulate(self, tracking: TrackingResult) -> UncertainTransform:
+        """Return the odometry with the drift accumulated over all sweeps."""
+        T_odom_previous = se3.normalise_transform(
+            tracking.T_odom_lidar @ se3.inverse(tracking.increment.matrix)
+        )
+        odometry = UncertainTransform(T_odom_previous, self._odometry_covariance) @ tracking.increment
+        assert odometry.covariance is not None  # both factors have one
+        self._odometry_covariance = odometry.covariance
+        return odometry
+
+    def _pose(
+        self, port: str, parent: str, T: UncertainTransform | None, scan: LidarScan, quality: Quality
+    ) -> Output:
+        return Output.of_pose(
+            port,
+            T,
+            t0_ns=scan.t0_ns,
+            stamp_ns=scan.t1_ns,
+            frame=parent,
+            child=self._lidar,
+            quality=quality,
+            inputs=self._inputs,
+            producer=self._producer,
+        )
+
+    def _require_map(self) -> None:
+        if not len(self._mapper.keyframes):
+            raise ProductNotFoundError(f"{self._producer}: nothing has been mapped yet")

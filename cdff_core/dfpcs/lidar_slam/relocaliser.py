@@ -1,0 +1,77 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Relocalisation in a map that was resumed after a restart."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_core.dfpcs.lidar_slam.checkpoint_schedule import is_power_of_two
+
+if TYPE_CHECKING:
+    from cdff_core.dfpcs.lidar_slam.keyframe_mapper import KeyframeMapper
+
+#: Sweeps after which a position that was relocalised is precise enough.
+_LAST_SWEEP = 16
+
+
+class Relocaliser:
+    """Search of the position after a restart.
+
+    The sweeps since the restart are compared with ``candidates`` keyframes around the last position after
+    1, 2, 4, … sweeps: more sweeps give a more reliable and more precise connection.
+    """
+
+    def __init__(self, candidates: int) -> None:
+        self._candidates = candidates
+        self.clear()
+
+    def clear(self) -> None:
+        """End the search."""
+        self._last_position: tuple[int, NDArray[np.float64]] | None = None
+        self._sweeps = 0
+
+    @property
+    def last_position(self) -> tuple[int, NDArray[np.float64]] | None:
+        """Keyframe and ``T_keyframe_lidar`` before the restart; None without a search."""
+        return self._last_position
+
+    @property
+    def is_uncertain(self) -> bool:
+        """True while only one sweep has been compared with the map: its position is not yet published."""
+        return self._last_position is not None and self._sweeps == 1
+
+    def resume(self, key: int, T_keyframe_lidar: NDArray[np.float64]) -> None:
+        """Start at the last position in a resumed map."""
+        self.clear()
+        self._last_position = (key, T_keyframe_lidar)
+
+    def update(self, mapper: KeyframeMapper) -> bool:
+        """Count a sweep and, if due, compare it with the map; return whether a loop was found."""
+        if self._last_position is None or mapper.current is None:
+            return False
+        self._sweeps += 1
+        if not is_power_of_two(self._sweeps):
+            return False
+        is_linked = mapper.current in mapper.linked
+        candidates = self._nearest_keyframes(mapper, is_linked=is_linked)
+        mapper.update_cloud(describe=False)
+        loops = mapper.closer.relocalise(mapper.keyframes, mapper.current, candidates)
+        if is_linked and self._sweeps >= _LAST_SWEEP:
+            self.clear()
+        if loops:
+            mapper.replace_loops(loops)
+        return bool(loops)
+
+    def _nearest_keyframes(self, mapper: KeyframeMapper, *, is_linked: bool) -> list[int]:
+        """Return the imported keyframes nearest to the position, or to the last one until it is known."""
+        assert self._last_position is not None  # in a search
+        assert mapper.current is not None
+        key, T_keyframe_lidar = self._last_position
+        T_map = mapper.keyframes.poses
+        position_m = (T_map[mapper.current] if is_linked else T_map[key] @ T_keyframe_lidar)[:3, 3]
+        distance = mapper.keyframes.distance_m
+        return sorted(mapper.imported, key=lambda k: (distance(k, position_m), k))[: self._candidates]

@@ -1,0 +1,202 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Lidar odometry: registration of each sweep with the local map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.clock import NS_PER_S
+from cdff_common.errors import RefusedError
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry.covariance import rotate_covariance
+from cdff_common.interfaces.dfn import Dfn
+from cdff_common.types import LidarScan
+from cdff_core.dfns.point_cloud_deskewing.interface import PointCloudDeskewingInputs
+from cdff_core.dfns.scan_to_map_registration.interface import (
+    ScanToMapRegistrationInputs,
+    ScanToMapRegistrationOutputs,
+)
+from cdff_core.dfpcs.lidar_slam.configuration import LidarSlamConfig
+from cdff_core.dfpcs.lidar_slam.motion_predictor import MotionPredictor, Prediction
+
+Float = NDArray[np.float64]
+
+#: Standard deviations of the predicted motion during a sweep: translation, metres, and rotation, radians.
+_SWEEP_SIGMA = np.array([0.03] * 3 + [0.012] * 3)
+#: Ratio of points on the map below which a sweep does not match.
+_LOST_INLIER_RATIO = 0.05
+#: Path length over which a local map constrains poses poorly, since all its sweeps are from one place.
+_INITIAL_PATH_M = 5.0
+#: Covariance of a pose at the start of that path, as a multiple of the later one, in addition to it.
+_INITIAL_NOISE = 60.0
+#: Drift per metre on that path, in covariances of a pose, in addition to the later one.
+_INITIAL_DRIFT = 0.75
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackingResult:
+    """One sweep registered with the local map."""
+
+    T_odom_lidar: Float  # (4, 4), at the end of the sweep
+    #: ``T_previous_current`` since the previous sweep, with the covariance that accumulates as drift
+    increment: UncertainTransform
+    #: (6, 6), covariance of this pose alone, in the lidar's axes. It does not accumulate, since the next
+    #: sweep is registered with the map independently.
+    noise: Float
+    points_m: Float  # (n, 3), deskewed, in the lidar's frame at the end of the sweep
+    registration: ScanToMapRegistrationOutputs | None  # None for the first sweep, and without overlap
+    is_lost: bool  # The sweep does not match the map: the pose is the prediction
+    used_odometry: bool  # The motion was predicted by the odometry port
+
+    def with_noise(self, T: UncertainTransform) -> UncertainTransform:
+        """Return a pose of the lidar with the noise of this sweep."""
+        return T @ UncertainTransform(np.eye(4), self.noise)
+
+
+class ScanTracker:
+    """Lidar odometry; the local map is part of the registration DFN."""
+
+    def __init__(
+        self,
+        config: LidarSlamConfig,
+        deskewing: Dfn[Any, Any, Any],
+        registration: Dfn[Any, Any, Any],
+        predictor: MotionPredictor,
+    ) -> None:
+        self._config, self._deskewing, self._registration = config, deskewing, registration
+        self.predictor = predictor
+        self._T = np.eye(4)
+        self._stamp_ns: int | None = None
+        self._velocity = np.zeros(6)  # of the lidar in its own axes, per second
+        self._unconstrained_sweeps = 0  # successive sweeps with a degenerate direction
+        self._path_length_m = 0.0  # on the local map
+        self._surface: Float | None = None  # of the previous sweep, added to the local map with the next one
+
+    def start_on_map(self, T_odom_lidar: Float, points_m: Float) -> None:
+        """Start at a pose in a known local map, given as points (n, 3) in the odometry frame."""
+        self._T, self._surface = T_odom_lidar.copy(), points_m
+        self._path_length_m = _INITIAL_PATH_M
+
+    def track(self, scan: LidarScan) -> TrackingResult:
+        """Register a sweep; one without points within range is lost."""
+        is_first = self._stamp_ns is None and self._surface is None
+        points_m, fraction = self._select(scan)
+        prediction = self._predict(scan)
+        registration = None if is_first else self._register(points_m, fraction, prediction)
+        is_accepted = registration is not None and registration.inlier_ratio >= _LOST_INLIER_RATIO
+        accepted = registration if is_accepted else None
+        T_previous, T_end_start = self._T, prediction.T_end_start
+        if accepted is not None:
+            self._T, T_end_start = np.array(accepted.transform), accepted.sweep
+        elif not is_first:
+            self._T = T_previous @ prediction.T_previous_current
+        self._T[:3, :3] = se3.normalise_rotation(self._T[:3, :3])
+        increment = se3.inverse(T_previous) @ self._T
+        deskewed_m = self._deskew(points_m, fraction, T_end_start)
+        drift, noise = np.zeros((6, 6)), np.zeros((6, 6))
+        if not is_first:
+            predicted = rotate_covariance(prediction.covariance, T_previous[:3, :3])
+            drift, noise = self._covariances(accepted, predicted, increment)
+        if self._stamp_ns is not None:
+            self._velocity = se3.vector_from_transform(increment) / prediction.interval_s
+        self._stamp_ns, self._surface = scan.t1_ns, se3.transform_points(self._T, deskewed_m)
+        return TrackingResult(
+            T_odom_lidar=self._T.copy(),
+            increment=UncertainTransform(increment, rotate_covariance(drift, T_previous[:3, :3].T)),
+            noise=rotate_covariance(noise, self._T[:3, :3].T),
+            points_m=deskewed_m,
+            registration=registration,
+            is_lost=not is_first and accepted is None,
+            used_odometry=prediction.used_odometry,
+        )
+
+    def _select(self, scan: LidarScan) -> tuple[Float, Float]:
+        """Return the points within range and their times: -1 at the start of the sweep, 0 at its end."""
+        points = np.asarray(scan.points_m, dtype=np.float64)
+        range2 = np.einsum("ij,ij->i", points, points)
+        # NaN fails both comparisons
+        is_near = (range2 > self._config.min_range_m**2) & (range2 < self._config.max_range_m**2)
+        duration_us = (scan.t1_ns - scan.t0_ns) / 1000.0
+        if duration_us <= 0.0:
+            return points[is_near], np.zeros(int(is_near.sum()))
+        fraction = np.asarray(scan.time_offset_us, dtype=np.float64)[is_near] / duration_us - 1.0
+        return points[is_near], np.minimum(fraction, 0.0)
+
+    def _predict(self, scan: LidarScan) -> Prediction:
+        """Predict the motion; the robot may already move during its first sweep."""
+        if self._stamp_ns is None and (velocity := self.predictor.velocity(scan.t1_ns)) is not None:
+            self._velocity = velocity
+        return self.predictor.predict(scan, self._stamp_ns, self._velocity)
+
+    def _register(
+        self, points_m: Float, fraction: Float, prediction: Prediction
+    ) -> ScanToMapRegistrationOutputs | None:
+        """Estimate the pose and the motion during the sweep together; None without overlap."""
+        guess = self._T @ prediction.T_previous_current
+        ratio = prediction.sweep_ratio
+        try:
+            registration: ScanToMapRegistrationOutputs = self._registration.process(
+                ScanToMapRegistrationInputs(
+                    surface=self._surface,
+                    points=points_m,
+                    fraction=fraction,
+                    guess=se3.normalise_transform(guess),
+                    sweep_guess=prediction.T_end_start,
+                    guess_covariance=rotate_covariance(prediction.covariance, self._T[:3, :3]),
+                    sweep_covariance=np.diag(_SWEEP_SIGMA**2),
+                    before=None if ratio is None else self._T,
+                    sweep_fraction=ratio,
+                )
+            )
+        except RefusedError:
+            return None
+        return registration
+
+    def _deskew(self, points_m: Float, fraction: Float, T_end_start: Float) -> Float:
+        """Return the points in the lidar's frame at the end of the sweep."""
+        poses = np.array([se3.normalise_transform(T_end_start), np.eye(4)])
+        stamps_ns = np.clip(np.round((fraction + 1.0) * NS_PER_S), 0, NS_PER_S).astype(np.int64)
+        deskewed: Float = self._deskewing.process(
+            PointCloudDeskewingInputs(
+                points=points_m,
+                stamps_ns=stamps_ns,
+                pose_stamps_ns=np.array([0, NS_PER_S]),  # duration of the sweep as one second
+                poses=poses,
+            )
+        ).points
+        return deskewed
+
+    def _covariances(
+        self, registration: ScanToMapRegistrationOutputs | None, predicted: Float, increment: Float
+    ) -> tuple[Float, Float]:
+        """Return the drift by a sweep and the noise of its pose, both in axes of the odometry frame.
+
+        Constrained directions have the registration's covariance times ``noise.ratio`` plus a floor, and
+        drift by ``noise.drift_ratio`` of it per metre. Degenerate directions add the covariance of the
+        prediction, whose error is the same ratio from sweep to sweep: its standard deviation grows with the
+        path length, not with its root. A new local map has larger covariances until the lidar has moved.
+        """
+        c = self._config
+        if registration is None:
+            degenerate, covariance = np.eye(6), np.zeros((6, 6))
+        else:
+            radius_m = max(registration.radius_m, 1e-6)
+            scale = np.concatenate([np.ones(3), np.full(3, radius_m)])
+            directions = registration.directions[registration.sigma_m > c.gates.degenerate_sigma_m]
+            degenerate = (directions.T @ directions) * scale[None, :] / scale[:, None]
+            floor = np.square([c.noise.floor_m] * 3 + [c.noise.floor_rad] * 3)
+            covariance = c.noise.ratio * registration.covariance + np.diag(floor)
+        constrained = np.eye(6) - degenerate
+        noise = constrained @ covariance @ constrained.T
+        path_m = float(np.linalg.norm(increment[:3, 3]))
+        self._path_length_m += path_m
+        initial = max(0.0, 1.0 - self._path_length_m / _INITIAL_PATH_M)
+        drift_ratio = c.noise.drift_ratio + (_INITIAL_DRIFT if initial > 0.0 else 0.0)
+        unconstrained = (2 * self._unconstrained_sweeps + 1) * (degenerate @ predicted @ degenerate.T)
+        self._unconstrained_sweeps = self._unconstrained_sweeps + 1 if np.any(degenerate) else 0
+        return drift_ratio * path_m * noise + unconstrained, (1.0 + _INITIAL_NOISE * initial**2) * noise

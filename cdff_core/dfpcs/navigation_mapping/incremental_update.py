@@ -1,0 +1,132 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Incremental rating: only cells affected by a change of the elevation map are rated again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.raster import GridGeometry
+from cdff_common.types import ElevationMap, NavigationMap
+
+Mask = NDArray[np.bool_]
+Window = tuple[slice, slice]
+
+#: Layers of the elevation map that determine the rating.
+_RATED_LAYERS = ("mean", "variance", "overhang_m")
+#: Fraction of affected cells above which rating the whole map is cheaper.
+_MAX_PARTIAL = 0.5
+
+
+def update_rating(
+    dem: ElevationMap,
+    previous: tuple[ElevationMap, NavigationMap] | None,
+    reach_m: float,
+    rate: Callable[[ElevationMap], NavigationMap],
+) -> NavigationMap:
+    """Return the rating of a map, copied from the previous one where nothing within reach has changed.
+
+    ``reach_m`` is the distance over which a cell's height affects the rating of others. A previous map with
+    another cell size or frame is not used.
+    """
+    geometry = dem.geometry
+    common = None
+    if previous is not None and previous[0].geometry.shares_cells_with(geometry):
+        common = geometry.intersection(previous[0].geometry)
+    if previous is None or common is None:
+        return rate(dem)
+    cells = int(np.ceil(reach_m / geometry.resolution_m)) + 1
+    affected = _dilated(_changed(dem, previous[0], common), cells)
+    if affected.mean() > _MAX_PARTIAL:
+        return rate(dem)
+    here, there = geometry.slices_of(common), previous[0].geometry.slices_of(common)
+    layers = {}
+    for name in previous[1].layer_names:
+        old = previous[1].layer(name)
+        layers[name] = np.full(geometry.shape, 0 if name == "class" else np.nan, old.dtype)
+        layers[name][here] = old[there]
+    for box in _boxes(affected):
+        around = _grown(box, cells, geometry)
+        window = _window(dem, around)
+        inner = tuple(slice(p.start - a.start, p.stop - a.start) for p, a in zip(box, around, strict=True))
+        rated = rate(window)
+        for name in layers:
+            layers[name][box] = rated.layer(name)[inner]
+    return NavigationMap.from_layers(geometry, layers, t0_ns=dem.t0_ns, t1_ns=dem.t1_ns)
+
+
+def _changed(dem: ElevationMap, previous: ElevationMap, common: GridGeometry) -> Mask:
+    """Return the mask of cells that are new or changed, or at an edge beyond which cells were lost."""
+    geometry = dem.geometry
+    here, there = geometry.slices_of(common), previous.geometry.slices_of(common)
+    changed: Mask = np.isfinite(dem.layer("mean"))
+    same = np.ones(common.shape, dtype=np.bool_)
+    for name in _RATED_LAYERS:
+        a, b = _layer(dem, name)[here], _layer(previous, name)[there]
+        same &= (a == b) | (np.isnan(a) & np.isnan(b))
+    changed[here] = ~same
+    old = previous.geometry
+    for side, moved in (
+        (np.s_[0, :], old.top > geometry.top),
+        (np.s_[-1, :], old.top - old.rows < geometry.top - geometry.rows),
+        (np.s_[:, 0], old.left < geometry.left),
+        (np.s_[:, -1], old.left + old.cols > geometry.left + geometry.cols),
+    ):
+        if moved:
+            changed[side] = True
+    # The border of the previous map counted as observed. Where it is inside the map now, unobserved cells
+    # beyond it count as holes, so that its cells are rated again.
+    rows, cols = here
+    for side, is_inside in (
+        (np.s_[rows.start, cols], rows.start > 0),
+        (np.s_[rows.stop - 1, cols], rows.stop < geometry.rows),
+        (np.s_[rows, cols.start], cols.start > 0),
+        (np.s_[rows, cols.stop - 1], cols.stop < geometry.cols),
+    ):
+        if is_inside:
+            changed[side] = True
+    return changed
+
+
+def _layer(dem: ElevationMap, name: str) -> NDArray[np.float32]:
+    """Return a layer; NaN if the map lacks it (no overhang)."""
+    return dem.layer(name) if name in dem.layer_names else np.full(dem.geometry.shape, np.nan, np.float32)
+
+
+def _dilated(changed: Mask, cells: int) -> Mask:
+    square = cv2.getStructuringElement(cv2.MORPH_RECT, (2 * cells + 1, 2 * cells + 1))
+    return np.asarray(cv2.dilate(changed.astype(np.uint8), square), dtype=np.bool_)
+
+
+def _boxes(affected: Mask) -> Iterator[Window]:
+    """Yield boxes around connected affected cells."""
+    count, _, boxes, _ = cv2.connectedComponentsWithStats(affected.astype(np.uint8), connectivity=8)
+    for left, top, width, height, _ in boxes[1:count]:
+        yield slice(int(top), int(top + height)), slice(int(left), int(left + width))
+
+
+def _grown(box: Window, cells: int, geometry: GridGeometry) -> Window:
+    rows, cols = (
+        slice(max(p.start - cells, 0), min(p.stop + cells, n))
+        for p, n in zip(box, geometry.shape, strict=True)
+    )
+    return rows, cols
+
+
+def _window(dem: ElevationMap, box: Window) -> ElevationMap:
+    rows, cols = box
+    g = dem.geometry
+    inner = GridGeometry.from_cells(
+        g.frame,
+        g.resolution_m,
+        left=g.left + cols.start,
+        top=g.top - rows.start,
+        rows=rows.stop - rows.start,
+        cols=cols.stop - cols.start,
+    )
+    layers = {name: dem.layer(name)[box] for name in _RATED_LAYERS if name in dem.layer_names}
+    return ElevationMap.from_layers(inner, layers, t0_ns=dem.t0_ns, t1_ns=dem.t1_ns)

@@ -1,0 +1,118 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Monitor of the sources: time of the last use, scale of the variances, quality of the pose."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cdff_common.geometry import UncertainTransform
+from cdff_common.interfaces.dfpc import Sample
+from cdff_common.interfaces.product import CovarianceKind, Quality, Status
+from cdff_common.types import TransformWithCovariance
+from cdff_core.dfpcs.position_manager.configuration import PositionManagerConfig
+from cdff_core.dfpcs.position_manager.estimator import FIXES, Measurement, MeasurementResult
+
+#: Sources in order of precedence, with their names in quality reasons and metrics.
+_NAMES = {
+    "visual_odometry": "vo",
+    "lidar_odometry": "lidar",
+    "fix": "fix",
+    "absolute_fix": "absolute_fix",
+    "odometry": "wheels",
+    "imu": "imu",
+}
+_ODOMETRIES = ("visual_odometry", "lidar_odometry")
+#: Frequent sources: while one is used, poses from wheels and IMU are not published.
+_FREQUENT = (*_ODOMETRIES, "fix")
+_ACCURATE = (*_FREQUENT, "absolute_fix")
+#: Factor of the variances of a DEGRADED measurement.
+_DEGRADED_SCALE = 25.0
+
+
+class SourceMonitor:
+    """Times and refusals of each source."""
+
+    def __init__(self, config: PositionManagerConfig) -> None:
+        odometry = config.odometry
+        self._scales = {"visual_odometry": odometry.visual_scale, "lidar_odometry": odometry.lidar_scale}
+        self._scales |= dict.fromkeys(FIXES, config.fixes.scale)
+        self._timeout_ns = odometry.timeout_s * 1e9
+        self._start_ns = 0
+        self._used_ns: dict[str, int] = {}
+        self._failed: set[str] = set()
+        self._refusals: dict[str, int] = {}
+        self._last_degraded_ns: int | None = None
+        #: Number of poses published as DEGRADED.
+        self.degraded_poses = 0
+
+    def start(self, stamp_ns: int) -> None:
+        """Set the start of the timeline."""
+        self._start_ns = stamp_ns
+
+    def mark_failed(self, source: str) -> None:
+        """Record that a source FAILED: its next pose begins a new increment."""
+        self._failed.add(source)
+
+    def measurement(self, sample: Sample, base: str) -> Measurement:
+        """Return the measurement of a pose sample with the scale of its variances."""
+        value: TransformWithCovariance = sample.value
+        scale = self._scales.get(sample.port, 1.0)
+        if sample.quality.status is Status.DEGRADED and sample.port in _ACCURATE:
+            scale *= _DEGRADED_SCALE
+            self._last_degraded_ns = max(self._last_degraded_ns or 0, sample.stamp_ns)
+        return Measurement(
+            sample.stamp_ns,
+            sample.port,
+            value.transform,
+            frame=value.parent_frame,
+            child=base if sample.port == "odometry" else value.child_frame,
+            scale=scale,
+            restart=sample.port in self._failed,
+        )
+
+    def record(self, measurement: Measurement, result: MeasurementResult) -> None:
+        """Record the result of a measurement."""
+        source, stamp_ns = measurement.source, measurement.stamp_ns
+        self._failed.discard(source)
+        if result.used:
+            self._used_ns[source] = max(stamp_ns, self._used_ns.get(source, stamp_ns))
+        elif result.is_refused:
+            self.count_refusal(source)
+
+    def count_refusal(self, source: str) -> None:
+        """Count a measurement that was not used."""
+        self._refusals[source] = self._refusals.get(source, 0) + 1
+
+    def is_published(self, measurement: Measurement, newest_ns: int) -> bool:
+        """True if a pose is published: always for accurate sources, for others while those are silent."""
+        if measurement.source in _ACCURATE:
+            return True
+        is_silent = all(
+            measurement.stamp_ns - self._used_ns.get(s, self._start_ns) > self._timeout_ns for s in _FREQUENT
+        )
+        return is_silent and measurement.stamp_ns == newest_ns
+
+    def quality(self, stamp_ns: int, T: UncertainTransform, reasons: tuple[str, ...]) -> Quality:
+        """Return the quality of the pose at a time."""
+        source = next((s for s in _NAMES if self._is_recent(s, stamp_ns)), None)
+        at_start = source is None and stamp_ns - self._start_ns <= self._timeout_ns
+        name = _NAMES[source] if source else "start" if at_start else "none"
+        last_ns = self._last_degraded_ns
+        input_degraded = last_ns is not None and stamp_ns - last_ns <= self._timeout_ns
+        is_ok = at_start or (source in _ACCURATE and not input_degraded)
+        self.degraded_poses += not is_ok
+        sigma = np.sqrt(np.diagonal(np.asarray(T.covariance)))
+        used_ns = max(self._used_ns.get(s, self._start_ns) for s in _ODOMETRIES)
+        metrics = {
+            "sigma_position_m": float(np.linalg.norm(sigma[:3])),
+            "sigma_rotation_rad": float(np.linalg.norm(sigma[3:])),
+            "visual_age_s": max(stamp_ns - used_ns, 0) * 1e-9,
+            **{f"refused_{_NAMES.get(s, s)}": float(n) for s, n in sorted(self._refusals.items())},
+        }
+        reasons = (f"source:{name}", *reasons, *(("odometry_degraded",) if input_degraded else ()))
+        return Quality(Status.OK if is_ok else Status.DEGRADED, reasons, CovarianceKind.FORMAL, metrics)
+
+    def _is_recent(self, source: str, stamp_ns: int) -> bool:
+        used_ns = self._used_ns.get(source)
+        return used_ns is not None and abs(stamp_ns - used_ns) <= self._timeout_ns

@@ -1,0 +1,37 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Parameters of VisualOdometrySparse."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from cdff_common.interfaces.dfpc import DfpcConfig
+
+
+class VisualOdometrySparseConfig(DfpcConfig):
+    """Parameters of VisualOdometrySparse: its own, and per DFN slot a mapping with that DFN's."""
+
+    keyframe_survival: Annotated[
+        float, Field(gt=0, lt=1, description="fraction of a keyframe's points below which it is replaced")
+    ] = 0.6
+    window: Annotated[
+        int, Field(ge=1, le=8, description="number of keyframes that locate a new keyframe")
+    ] = 1
+    covariance_kind: Annotated[
+        Literal["formal", "calibrated"],
+        Field(
+            description="calibrated only if poses of this camera and configuration were compared with truth"
+        ),
+    ] = "formal"
+
+    @model_validator(mode="after")
+    def _check_covariance_kind(self) -> Self:
+        if self.window > 1 and self.covariance_kind == "calibrated":
+            raise ValueError(
+                f"covariance_kind calibrated: expected formal with a window of {self.window} keyframes, "
+                "whose covariance is too small"
+            )
+        return self

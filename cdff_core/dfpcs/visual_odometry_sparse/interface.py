@@ -1,0 +1,56 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+# GENERATED from dfpc.yaml by cdff generate; do not edit.
+"""Interface of the DFPC VisualOdometrySparse."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterable
+
+from cdff_common.errors import InputError
+from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
+from cdff_common.types import PoseTrajectory
+
+
+class VisualOdometrySparseInterface(Dfpc):
+    """Estimate the motion of a rectified stereo camera from points tracked between its images."""
+
+    name = "visual_odometry_sparse"
+    INPUT_PORTS = ("stereo", "odometry", "imu")
+
+    def step(self, sample: Sample) -> Iterable[Output]:
+        """Pass the sample to the handler of its port; raises InputError on an unknown port."""
+        match sample.port:
+            case "stereo":
+                return self.on_stereo(sample)
+            case "odometry":
+                return self.on_odometry(sample)
+            case "imu":
+                return self.on_imu(sample)
+            case _:
+                raise InputError(
+                    f"{self.name}: no input port {sample.port!r}; it has {', '.join(self.INPUT_PORTS)}"
+                )
+
+    @abstractmethod
+    def on_stereo(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type FramePair. Rectified grey or colour pair with camera matrix and
+        baseline, in order of capture.
+        """
+
+    @abstractmethod
+    def on_odometry(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type TransformWithCovariance. T_odom_base of the wheels: predicts the
+        motion and bridges gaps; not fused into the estimate.
+        """
+
+    @abstractmethod
+    def on_imu(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type IMUSensors. Angular rates: predict the rotation; not fused into the
+        estimate.
+        """
+
+    @abstractmethod
+    def get_trajectory(self) -> PoseTrajectory:
+        """All poses since the start or reset, with covariance."""

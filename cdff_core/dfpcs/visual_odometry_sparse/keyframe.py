@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Keyframes: stereo pairs with triangulated points, and a window of the latest ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from cdff_common.errors import RefusedError
+from cdff_common.geometry.se3 import FloatArray
+from cdff_common.interfaces.dfn import Dfn
+from cdff_core.dfns.features_extraction_2d.interface import FeaturesExtraction2DInputs
+from cdff_core.dfns.rectification_refinement.interface import RectificationRefinementInputs
+from cdff_core.dfns.stereo_matching_2d.interface import StereoMatching2DInputs
+from cdff_core.dfns.stereo_triangulation.interface import StereoTriangulationInputs
+from cdff_core.dfpcs.visual_odometry_sparse import quality
+from cdff_core.dfpcs.visual_odometry_sparse.calibration import DisparityCalibration
+from cdff_core.dfpcs.visual_odometry_sparse.consider_state import ConsiderState
+from cdff_core.dfpcs.visual_odometry_sparse.stereo_view import StereoView
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Keyframe:
+    """Stereo pair whose points are tracked."""
+
+    view: StereoView
+    pose: ConsiderState  # ``T_vo_keyframe``
+    features: FloatArray  # (n, 2), pixels
+    disparities: FloatArray  # (n,)
+    slopes: FloatArray  # (n, 2), derivatives of the disparity by column and row
+    basis: FloatArray  # (n, k), undetermined disparity field at the points
+    points: FloatArray  # (n, 3), metres, in the left camera
+    sharpness: float
+
+
+class KeyframeBuilder:
+    """Makes keyframes (extraction, stereo_matching, refinement, triangulation)."""
+
+    def __init__(self, dfn: Callable[[str], Dfn[Any, Any, Any]], calibration: DisparityCalibration) -> None:
+        self._extraction, self._stereo_matching = dfn("extraction"), dfn("stereo_matching")
+        self._refinement, self._triangulation = dfn("refinement"), dfn("triangulation")
+        self._calibration = calibration
+
+    def build(self, view: StereoView, pose: ConsiderState, sharpness: float) -> tuple[Keyframe, list[str]]:
+        """Return a keyframe and its deficiencies; raises RefusedError if the images do not match."""
+        detected = self._extraction.process(FeaturesExtraction2DInputs(image=view.left)).features
+        matched = self._stereo_matching.process(
+            StereoMatching2DInputs(left=view.left, right=view.right, features=detected)
+        )
+        valid = matched.valid
+        features, disparities = detected[valid], matched.disparities[valid]
+        reasons = quality.stereo_reasons(disparities, len(detected))
+        field = self._refinement.process(
+            RectificationRefinementInputs(
+                features=features,
+                disparities=disparities,
+                camera_matrix=view.camera_matrix,
+                row_offsets=matched.row_offsets[valid],
+            )
+        )
+        self._calibration.update(field.open_covariance)
+        disparities = disparities + field.corrections
+        corrected = disparities + field.basis @ self._calibration.mean_px
+        usable = corrected >= quality.MIN_DISPARITY_PX
+        triangulated = self._triangulation.process(
+            StereoTriangulationInputs(
+                features=features[usable],
+                disparities=corrected[usable],
+                camera_matrix=view.camera_matrix,
+                baseline=view.baseline,
+            )
+        )
+        keyframe = Keyframe(
+            view=view,
+            pose=pose,
+            features=features[usable],
+            disparities=disparities[usable],
+            slopes=matched.slopes[valid][usable],
+            basis=field.basis[usable],
+            points=triangulated.points,
+            sharpness=sharpness,
+        )
+        return keyframe, reasons
+
+
+class KeyframeWindow:
+    """Newest keyframe, and older ones with the motion from each to the next."""
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self.newest: Keyframe | None = None
+        self._older: list[tuple[Keyframe, ConsiderState]] = []
+
+    def restart(self, keyframe: Keyframe | None) -> None:
+        """Replace all keyframes by one, or by none."""
+        self.newest, self._older = keyframe, []
+
+    def advance(self, keyframe: Keyframe, motion: ConsiderState) -> None:
+        """Add a keyframe and the motion to it from the previous newest one."""
+        if self.newest is not None and self._size > 1:
+            self._older = [*self._older, (self.newest, motion)][1 - self._size :]
+        self.newest = keyframe
+
+    def locate(
+        self,
+        motion: ConsiderState,
+        calibration_change: FloatArray,
+        locate: Callable[[Keyframe, FloatArray], ConsiderState | None],
+    ) -> ConsiderState | None:
+        """Return ``T_vo_now`` by all older keyframes that still show enough; None without older ones.
+
+        From the newest to the oldest, the chained motion is fused with the motion that ``locate`` measures
+        directly, given the keyframe and the expected ``T_keyframe_now``; it returns None if it is unusable.
+        """
+        if not self._older:
+            return None
+        self._older = [
+            (
+                replace(old, pose=old.pose.with_calibration_change(calibration_change)),
+                T_old_next.with_calibration_change(calibration_change),
+            )
+            for old, T_old_next in self._older
+        ]
+        estimate = motion
+        for old, T_old_next in reversed(self._older):
+            estimate = T_old_next @ estimate
+            try:
+                measured = locate(old, estimate.matrix)
+            except RefusedError:
+                continue
+            if measured is not None:
+                estimate = estimate.fused(measured)
+        return self._older[0][0].pose @ estimate

@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Camera motion between two images predicted by wheels and gyro; it is no part of the estimate."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from typing import Any
+
+import numpy as np
+
+from cdff_common.errors import FrameNotFoundError, RefusedError
+from cdff_common.geometry import FrameGraph, OdometryBuffer, UncertainTransform, se3
+from cdff_common.geometry.se3 import FloatArray
+from cdff_common.interfaces.dfn import Dfn
+from cdff_core.dfns.gyro_integration.interface import GyroIntegrationInputs
+
+#: Time for which samples are kept, and for which the wheels' motion is extrapolated, nanoseconds.
+_MEMORY_NS, _EXTRAPOLATION_NS = 10_000_000_000, 300_000_000
+
+#: Translation (3,) and rotation (3, 3) of ``T_left1_left2``; None if no sensor measured it.
+Increment = tuple[FloatArray | None, FloatArray | None]
+
+
+class MotionPrior:
+    """Wheel poses and angular rates of the last seconds."""
+
+    def __init__(self, gyro: Dfn[Any, Any, Any]) -> None:
+        self._gyro = gyro
+        self._odometry = OdometryBuffer(_MEMORY_NS, _EXTRAPOLATION_NS)
+        self._rate_stamps_ns: list[int] = []
+        self._rates: list[FloatArray] = []
+        self._T_left_base: FloatArray | None = None
+        self._R_left_imu: FloatArray | None = None
+
+    def set_mounts(
+        self, frames: FrameGraph, robot: str, T_base_left: UncertainTransform | None, stamp_ns: int
+    ) -> None:
+        """Set the mounts of camera and IMU as far as they are known; a source without mount is not used."""
+        base = f"{robot}/base"
+        try:
+            T_base_left = T_base_left or frames.lookup(base, f"{robot}/navcam_left", stamp_ns)
+            self._T_left_base = se3.inverse(T_base_left.matrix)
+            T_base_imu = frames.lookup(base, f"{robot}/imu", stamp_ns).matrix
+            self._R_left_imu = self._T_left_base[:3, :3] @ T_base_imu[:3, :3]
+        except FrameNotFoundError:
+            return
+
+    def add_pose(self, stamp_ns: int, T_odom_base: UncertainTransform) -> None:
+        """Add a pose of the wheels."""
+        self._odometry.insert(stamp_ns, T_odom_base)
+
+    def add_rate(self, stamp_ns: int, rate_rad_s: FloatArray) -> None:
+        """Add an angular rate (3,) about the gyro's axes; one that is not newer than the last is ignored."""
+        stamps = self._rate_stamps_ns
+        if stamps and stamp_ns <= stamps[-1]:
+            return
+        stamps.append(stamp_ns)
+        self._rates.append(rate_rad_s)
+        if stamps[-1] - stamps[0] > 2 * _MEMORY_NS:  # in blocks, since removal from the front moves the rest
+            cut = bisect_left(stamps, stamp_ns - _MEMORY_NS)
+            del stamps[:cut], self._rates[:cut]
+
+    def increment(self, start_ns: int, end_ns: int) -> Increment:
+        """Return the translation by the wheels, and the rotation by the gyro or else by the wheels."""
+        R = self._rotation_by_gyro(start_ns, end_ns)
+        T = self._odometry.motion(start_ns, end_ns)
+        if T is None or self._T_left_base is None:
+            return None, R
+        if R is not None:
+            # The camera's lever arm rotates by the gyro, not by the wheels.
+            T = T.copy()
+            R_base_left = self._T_left_base[:3, :3].T
+            T[:3, :3] = R_base_left @ R @ R_base_left.T
+        T_left_left = self._T_left_base @ T @ se3.inverse(self._T_left_base)
+        return T_left_left[:3, 3], T_left_left[:3, :3] if R is None else R
+
+    def _rotation_by_gyro(self, start_ns: int, end_ns: int) -> FloatArray | None:
+        """Return ``R_left1_left2``; None if the rates leave a gap."""
+        if self._R_left_imu is None or not self._rates:
+            return None
+        first = max(bisect_right(self._rate_stamps_ns, start_ns) - 1, 0)
+        last = bisect_left(self._rate_stamps_ns, end_ns) + 1
+        inputs = GyroIntegrationInputs(
+            stamps_ns=np.array(self._rate_stamps_ns[first:last], np.int64),
+            rates_rad_s=np.array(self._rates[first:last]),
+            bias_rad_s=np.zeros(3),
+            interval_ns=np.array([start_ns, end_ns], np.int64),
+        )
+        try:
+            R = self._gyro.process(inputs).rotation
+        except RefusedError:
+            return None
+        return np.asarray(self._R_left_imu @ R @ self._R_left_imu.T, dtype=np.float64)

@@ -1,0 +1,121 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Acceptance of images, keyframes and motions: refused below a minimum, DEGRADED below a good value."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cdff_common.errors import RefusedError
+from cdff_common.geometry.se3 import FloatArray
+from cdff_core.dfns.image_assessment.interface import ImageAssessmentOutputs
+from cdff_core.dfns.stereo_motion_estimation.interface import StereoMotionEstimationOutputs
+
+#: Contrast of an image: twice the range of noise of 1 DN; less is a black or flat image.
+MIN_CONTRAST_DN = 10.0
+MAX_SATURATION = 0.5
+#: Sharpness by BandEnergy; less is a blur of 2 px or more. Relative to the keyframe: without the finest
+#: octave.
+GOOD_SHARPNESS, GOOD_SHARPNESS_RATIO = 0.25, 0.6
+MIN_STEREO, GOOD_STEREO = 30, 80
+#: Fraction of the detected points with a disparity; two scenes agree by chance in a few per cent.
+MIN_STEREO_FRACTION, GOOD_STEREO_FRACTION = 0.15, 0.3
+#: Fraction of the tracked points with the predicted disparity.
+MIN_PAIRING_FRACTION = 0.4
+MIN_INLIERS, GOOD_INLIERS, GOOD_INLIER_FRACTION = 15, 50, 0.4
+#: Disparity of a usable point: five times its noise; more distant points add nothing to the rotation.
+MIN_DISPARITY_PX = 1.0
+#: Disparity of a near point: with noise of 0.2 px its distance is accurate to 2 %.
+NEAR_DISPARITY_PX = 10.0
+MIN_NEAR, GOOD_NEAR = 4, 12
+#: Residuals of three times the noise model.
+MAX_UNIT_VARIANCE = 9.0
+#: Standard deviation of a translation relative to the distance from the keyframe, and its lower bound.
+GOOD_SIGMA_FRACTION, GOOD_SIGMA_M = 0.1, 0.05
+
+
+def require(value: float, least: float, reason: str) -> None:
+    """Raise RefusedError with ``reason:value<least`` if a count or fraction is too small."""
+    if reasons := _below(value, least, reason):
+        raise RefusedError(f"{reason}: {value:.2g}, expected at least {least:g}", reasons)
+
+
+def check_images(left: ImageAssessmentOutputs, right: ImageAssessmentOutputs) -> None:
+    """Raise RefusedError on unusable images: black, flat, saturated, or one of them frozen."""
+    reasons = []
+    sides = (("left", left), ("right", right))
+    for side, image in sides:
+        reasons += _below(image.contrast, MIN_CONTRAST_DN, f"low_contrast_{side}", digits=0)
+        if image.saturation > MAX_SATURATION:
+            reasons.append(f"saturated_{side}:{image.saturation:.2f}>{MAX_SATURATION:.2f}")
+    frozen = [side for side, image in sides if image.change == 0.0]
+    if len(frozen) == 1:
+        reasons.append(f"frozen_image:{frozen[0]}")
+    if reasons:
+        raise RefusedError("images cannot be used: " + ", ".join(reasons), reasons)
+
+
+def blur_reasons(sharpness: float, reference: float = 0.0) -> list[str]:
+    """Return ``blurred`` without the finest octave, absolutely or relative to the keyframe."""
+    return _below(sharpness, max(GOOD_SHARPNESS, GOOD_SHARPNESS_RATIO * reference), "blurred")
+
+
+def stereo_reasons(disparities: FloatArray, detected: int) -> list[str]:
+    """Return the deficiencies of a keyframe; raises RefusedError if left and right image do not match."""
+    matched, near = len(disparities), int((disparities >= NEAR_DISPARITY_PX).sum())
+    fraction = matched / max(detected, 1)
+    require(matched, MIN_STEREO, "few_stereo_points")
+    require(fraction, MIN_STEREO_FRACTION, "stereo_mismatch")
+    return [
+        *_below(matched, GOOD_STEREO, "few_stereo_points"),
+        *_below(fraction, GOOD_STEREO_FRACTION, "stereo_mismatch"),
+        *_below(near, GOOD_NEAR, "few_near_points"),
+    ]
+
+
+def motion_reasons(metrics: dict[str, float]) -> list[str]:
+    """Return the deficiencies of a motion by its metrics; raises RefusedError if it is unusable."""
+    near, inliers = int(metrics["near_points"]), int(metrics["inliers"])
+    require(inliers, MIN_INLIERS, "few_inliers")
+    require(near, MIN_NEAR, "few_near_points")
+    if metrics["unit_variance"] > MAX_UNIT_VARIANCE:
+        reason = f"residuals:{metrics['unit_variance']:.1f}>{MAX_UNIT_VARIANCE:.1f}"
+        raise RefusedError("the points do not move as one rigid scene", [reason])
+    reasons = [
+        *_below(inliers, GOOD_INLIERS, "few_inliers"),
+        *_below(metrics["inlier_fraction"], GOOD_INLIER_FRACTION, "inlier_fraction"),
+        *_below(near, GOOD_NEAR, "few_near_points"),
+    ]
+    allowed = max(GOOD_SIGMA_M, GOOD_SIGMA_FRACTION * metrics["moved_m"])
+    if metrics["sigma_translation_m"] > allowed:
+        reasons.append(f"uncertain:{metrics['sigma_translation_m']:.3f}>{allowed:.3f}")
+    return reasons
+
+
+def motion_metrics(
+    refined: StereoMotionEstimationOutputs, disparities: FloatArray, counts: dict[str, int]
+) -> dict[str, float]:
+    """Return the metrics of a motion; ``counts`` are features, visible, tracked."""
+    inliers = int(refined.inliers.sum())
+    return {name: float(count) for name, count in counts.items()} | {
+        "inliers": float(inliers),
+        "inlier_fraction": inliers / max(counts["tracked"], 1),
+        "near_points": float((disparities[refined.inliers] >= NEAR_DISPARITY_PX).sum()),
+        "rms_px": float(np.sqrt(np.mean(refined.residuals[refined.inliers] ** 2))),
+        "unit_variance": refined.unit_variance,
+        "conditioning": refined.conditioning,
+        "moved_m": float(np.linalg.norm(refined.motion[:3, 3])),
+        "sigma_translation_m": _largest_sigma(refined.covariance[:3, :3]),
+        "sigma_rotation_rad": _largest_sigma(refined.covariance[3:, 3:]),
+    }
+
+
+def _largest_sigma(covariance: FloatArray) -> float:
+    """Return the square root of the largest eigenvalue."""
+    return float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0)))
+
+
+def _below(value: float, least: float, reason: str, digits: int = 2) -> list[str]:
+    """Return ``reason:value<least`` if a value is too small; counts are written without digits."""
+    digits = 0 if isinstance(value, int) else digits
+    return [f"{reason}:{value:.{digits}f}<{least:.{digits}f}"] if value < least else []

@@ -1,0 +1,56 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Rectified stereo pair as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.geometry.se3 import FloatArray
+from cdff_common.interfaces.dfpc import Sample
+from cdff_common.types import FramePair
+from cdff_core.imaging.frames import check_straight
+from cdff_core.imaging.grey import grey_image
+from cdff_core.imaging.rectified_camera import RectifiedCamera
+
+#: Relative tolerance of camera matrices and baselines of one camera: a thousandth of a pixel and less.
+_SAME_CAMERA = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StereoView:
+    """Grey images of a stereo pair with the camera's calibration."""
+
+    pair: FramePair
+    stamp_ns: int
+    sample_id: str
+    left: NDArray[np.uint8]
+    right: NDArray[np.uint8]
+    camera_matrix: FloatArray
+    baseline: float
+
+    @classmethod
+    def from_sample(cls, sample: Sample) -> StereoView:
+        """Return the view of a sample; raises InputError on distortion or a wrong calibration."""
+        pair: FramePair = sample.value
+        check_straight(pair.left, pair.right)
+        RectifiedCamera.from_matrix(pair.left.camera_matrix, pair.baseline)
+        return cls(
+            pair=pair,
+            stamp_ns=sample.stamp_ns,
+            sample_id=sample.id,
+            left=grey_image(pair.left),
+            right=grey_image(pair.right),
+            camera_matrix=np.array(pair.left.camera_matrix, np.float64),
+            baseline=pair.baseline,
+        )
+
+    def has_same_camera(self, other: StereoView) -> bool:
+        """True if image size, camera matrix and baseline agree."""
+        return self.left.shape == other.left.shape and all(
+            np.allclose(a, b, rtol=_SAME_CAMERA, atol=0.0)
+            for a, b in ((self.camera_matrix, other.camera_matrix), (self.baseline, other.baseline))
+        )

@@ -1,0 +1,32 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Windows, and common part of moving and tiled maps."""
+
+from __future__ import annotations
+
+from math import floor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.raster import GridGeometry
+
+
+def middle_of(geometry: GridGeometry) -> NDArray[np.float64]:
+    """Return the position of a grid's middle, x and y, metres."""
+    b = geometry.bounds
+    return np.array([0.5 * (b.xmin + b.xmax), 0.5 * (b.ymin + b.ymax)])
+
+
+def bounds_of(bounds: NDArray[np.float64]) -> tuple[float, float, float, float]:
+    """Return finite xmin, ymin, xmax, ymax of an array ``(4,)``."""
+    xmin, ymin, xmax, ymax = (float(v) for v in bounds)
+    return xmin, ymin, xmax, ymax
+
+
+def window_around(frame: str, resolution_m: float, xy_m: NDArray[np.float64], size_m: float) -> GridGeometry:
+    """Return the square grid of cells aligned in the frame whose middle is nearest to a position."""
+    cells = max(1, round(size_m / resolution_m))
+    left = floor(xy_m[0] / resolution_m) - cells // 2
+    top = floor(xy_m[1] / resolution_m) + 1 + (cells - 1) // 2
+    return GridGeometry.from_cells(frame, resolution_m, left=left, top=top, rows=cells, cols=cells)

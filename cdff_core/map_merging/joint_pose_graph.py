@@ -1,0 +1,174 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Joint pose graph of all robots, and the anchor of each map that follows from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry.covariance import information_from_covariance
+from cdff_common.interfaces.dfn import Dfn
+from cdff_common.interfaces.map_merging import MergingConfig
+from cdff_common.interfaces.registry import Registry
+from cdff_common.types import PoseGraph
+from cdff_common.types.pose_graph_ext import LOOP_CLOSURE, PRIOR
+from cdff_core.dfns.pose_graph_optimization.interface import (
+    PoseGraphOptimizationInputs,
+    PoseGraphOptimizationOutputs,
+)
+from cdff_core.map_merging.robot_maps import Closure, Float, KeyframeId, RobotMap
+
+#: Ids of a robot's vertices in the joint graph start at its index among the robots times this.
+ROBOT_IDS = 1_000_000
+SITE = "site"
+PRODUCER = "map_merging"
+_LEAST_SIGMA = 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MergedMaps:
+    """Result of the optimisation of the joint graph."""
+
+    graph: PoseGraph  # Keyframes of all robots in the site, without the closures that contradict the rest
+    anchors: Mapping[str, UncertainTransform]  # ``T_site_map`` of each robot
+    #: Largest displacement of a keyframe that the rigid anchor does not express
+    deformation_m: Mapping[str, float]
+    rejected: tuple[Closure, ...]
+
+
+class MapMerger:
+    """Optimisation of the joint graph: measurements of each robot, a survey of each map, closures.
+
+    The order of all robots of the mission determines the ids in the graph.
+    """
+
+    def __init__(self, config: MergingConfig, robots: Sequence[str]) -> None:
+        self._first_id = first_ids(robots)
+        self._optimise: Dfn[Any, PoseGraphOptimizationInputs, PoseGraphOptimizationOutputs] = (
+            Registry.default().make_dfn("pose_graph_optimization", "ChordalGaussNewton")
+        )
+        self._optimise.configure(config.optimise)
+
+    def merge(self, maps: Sequence[RobotMap], closures: Sequence[Closure]) -> MergedMaps:
+        """Optimise; a map without a closure to another one stays at its survey."""
+        ids = {
+            keyframe: self._first_id[m.robot] + row for m in maps for row, keyframe in enumerate(m.keyframes)
+        }
+        linked = [c for c in closures if c.first in ids and c.second in ids]
+        graph = _joint_graph(maps, linked, ids)
+        roots = np.array([self._first_id[m.robot] + m.root for m in maps], dtype=np.int64)
+        solution = self._optimise.process(PoseGraphOptimizationInputs(graph=graph, wanted=roots))
+        is_kept = solution.weights > 0.5
+        solved = dict(
+            zip(solution.graph.vertices.ids.tolist(), solution.graph.vertices.matrices, strict=True)
+        )
+        anchors, deformation_m = {}, {}
+        for m, root, covariance in zip(maps, roots.tolist(), solution.covariances, strict=True):
+            inside = np.array(list(m.keyframes.values()))
+            outside = np.array([solved[ids[keyframe]] for keyframe in m.keyframes])
+            T = fit_rigid_transform(outside, inside)
+            deformation_m[m.robot] = float(np.linalg.norm((T @ inside - outside)[:, :3, 3], axis=1).max())
+            T_map_root = UncertainTransform.exact(m.graph.vertices.matrices[m.root])
+            at_root = UncertainTransform(solved[root], covariance)
+            anchors[m.robot] = UncertainTransform(T, (at_root @ T_map_root.inverse()).covariance)
+        rejected = tuple(
+            c for c, ok in zip(linked, is_kept[len(is_kept) - len(linked) :], strict=True) if not ok
+        )
+        return MergedMaps(_without(solution.graph, is_kept), anchors, deformation_m, rejected)
+
+
+def first_ids(robots: Sequence[str]) -> dict[str, int]:
+    """Return the first id of each robot's vertices in the joint graph."""
+    return {robot: ROBOT_IDS * number for number, robot in enumerate(sorted(robots))}
+
+
+def fit_rigid_transform(outside: Float, inside: Float) -> Float:
+    """Return the ``T`` that best maps poses ``inside`` to ``outside``, both (n, 4, 4).
+
+    Mean rotation first, then mean translation.
+    """
+    R = se3.normalise_rotation((outside[:, :3, :3] @ np.swapaxes(inside[:, :3, :3], 1, 2)).mean(axis=0))
+    translation = (outside[:, :3, 3] - inside[:, :3, 3] @ R.T).mean(axis=0)
+    return se3.transform(R, translation)
+
+
+def closures_in_graph(graph: PoseGraph, robots: Sequence[str]) -> list[Closure]:
+    """Return the closures between the robots of a joint graph."""
+    names = {first: robot for robot, first in first_ids(robots).items()}
+    keyframe = {
+        i: KeyframeId(names[i - i % ROBOT_IDS], t)
+        for i, t in zip(graph.vertices.ids.tolist(), graph.vertices.stamps_ns.tolist(), strict=True)
+        if i - i % ROBOT_IDS in names
+    }
+    e = graph.edges
+    rows = zip(e.ends.tolist(), e.matrices, e.information_matrices, strict=True)
+    return [
+        Closure(keyframe[a], keyframe[b], UncertainTransform(T, np.linalg.inv(information)))
+        for (a, b), T, information in rows
+        if a in keyframe and b in keyframe and keyframe[a].robot != keyframe[b].robot
+    ]
+
+
+def _joint_graph(
+    maps: Sequence[RobotMap], closures: Sequence[Closure], ids: Mapping[KeyframeId, int]
+) -> PoseGraph:
+    """Return the graph of all maps: their vertices and edges, a prior on each root, then the closures."""
+    ends, Ts, information, kinds = [], [], [], []
+    for m in maps:
+        ids_of_map = [ids[keyframe] for keyframe in m.keyframes]
+        of_key = dict(zip(m.graph.vertices.ids.tolist(), ids_of_map, strict=True))
+        e = m.graph.edges
+        ends += [(of_key[a], of_key[b]) for a, b in e.ends.tolist()]
+        Ts += list(e.matrices)
+        information += list(e.information_matrices)
+        kinds += e.kinds.tolist()
+        root = ids_of_map[m.root]
+        T_site_root = m.survey @ UncertainTransform.exact(m.graph.vertices.matrices[m.root])
+        ends.append((root, root))
+        Ts.append(T_site_root.matrix)
+        information.append(_information(T_site_root))
+        kinds.append(PRIOR)
+    for closure in closures:
+        ends.append((ids[closure.first], ids[closure.second]))
+        Ts.append(closure.T.matrix)
+        information.append(_information(closure.T))
+        kinds.append(LOOP_CLOSURE)
+    start = [m.anchor.matrix @ T for m in maps for T in m.keyframes.values()]
+    return PoseGraph.from_arrays(
+        list(ids.values()),
+        [keyframe.stamp_ns for keyframe in ids],
+        np.array([se3.normalise_transform(T) for T in start]),
+        np.array(ends),
+        np.array([se3.normalise_transform(T) for T in Ts]),
+        np.array(information),
+        kinds,
+        frame=SITE,
+        producer=PRODUCER,
+    )
+
+
+def _without(graph: PoseGraph, is_kept: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> PoseGraph:
+    """Return the graph with the given edges only."""
+    v, e = graph.vertices, graph.edges
+    return PoseGraph.from_arrays(
+        v.ids,
+        v.stamps_ns,
+        v.matrices,
+        e.ends[is_kept],
+        e.matrices[is_kept],
+        e.information_matrices[is_kept],
+        e.kinds[is_kept],
+        frame=graph.frame,
+        fixed=v.fixed,
+        producer=PRODUCER,
+    )
+
+
+def _information(T: UncertainTransform) -> Float:
+    covariance = np.zeros((6, 6)) if T.covariance is None else T.covariance
+    return information_from_covariance(covariance, _LEAST_SIGMA)

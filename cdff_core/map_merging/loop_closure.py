@@ -1,0 +1,80 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Loop closures between robots: selection of keyframe pairs and their registration."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from itertools import combinations
+
+import numpy as np
+
+from cdff_common.interfaces.dfpc import Sample
+from cdff_common.interfaces.map_merging import MergingConfig
+from cdff_common.interfaces.product import Status
+from cdff_common.interfaces.registry import Registry
+from cdff_common.types import Pointcloud
+from cdff_core.map_merging.robot_maps import Closure, KeyframeId, RobotMap
+
+Pair = tuple[KeyframeId, KeyframeId]
+
+
+class InterRobotCloser:
+    """Selection of keyframe pairs by the anchors, and registration of their clouds without a guess.
+
+    Since ``point_cloud_matching`` needs no guess, an anchor may be wrong by metres.
+    """
+
+    def __init__(self, config: MergingConfig) -> None:
+        self._config = config
+        self._matching = Registry.default().make_dfpc("point_cloud_matching")
+        self._matching.configure(config.matching)
+        self._compared: dict[Pair, int] = {}
+        self.refusals: Counter[str] = Counter()
+
+    def pairs(self, maps: Sequence[RobotMap], closures: Iterable[Closure]) -> list[Pair]:
+        """Return the pairs to compare, nearest first, at most ``trials``.
+
+        A refused pair is compared again when both maps together have grown by two keyframes.
+        """
+        closures = tuple(closures)
+        linked = {closure.ends for closure in closures}
+        closed = Counter(keyframe for closure in closures for keyframe in closure.ends)
+        pairs: list[tuple[float, Pair]] = []
+        for one, other in combinations(sorted(maps, key=lambda m: m.robot), 2):
+            radius_m = self._config.search_radius_m + _sigma_m(one) + _sigma_m(other)
+            keyframes = len(one.keyframes) + len(other.keyframes)
+            for a, T_one_a in one.keyframes.items():
+                for b, T_other_b in other.keyframes.items():
+                    distance_m = np.linalg.norm(
+                        (one.anchor.matrix @ T_one_a)[:3, 3] - (other.anchor.matrix @ T_other_b)[:3, 3]
+                    )
+                    is_closed = (a, b) in linked or min(closed[a], closed[b]) >= self._config.candidates
+                    if (
+                        distance_m < radius_m
+                        and not is_closed
+                        and self._compared.get((a, b), -2) + 2 <= keyframes
+                    ):
+                        pairs.append((float(distance_m), (a, b)))
+        return [pair for _, pair in sorted(pairs)[: self._config.trials]]
+
+    def compare(self, pair: Pair, first: Pointcloud, second: Pointcloud, keyframes: int) -> Closure | None:
+        """Register the clouds of a pair and return the closure, or None if the result is not OK.
+
+        Each cloud is in the frame of its keyframe; ``keyframes`` is their number in both maps together.
+        """
+        self._compared[pair] = keyframes
+        self._matching.call("forget", {})
+        list(self._matching.step(Sample("target", first.stamp_ns, 0, first)))
+        (output,) = self._matching.step(Sample("source", second.stamp_ns, 0, second))
+        if output.quality.status is not Status.OK:
+            self.refusals[next(iter(output.quality.reasons), "degraded").split(":")[0]] += 1
+            return None
+        return Closure(*pair, output.value.transform)
+
+
+def _sigma_m(robot_map: RobotMap) -> float:
+    """Return the largest standard deviation of the anchor's position."""
+    covariance = robot_map.anchor.covariance
+    return 0.0 if covariance is None else float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))

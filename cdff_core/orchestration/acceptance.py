@@ -1,0 +1,141 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Assessment of stored products against a request, and selection of the best one.
+
+Type, frame, age and coverage are mandatory if requested; resolution is optional: coarser data are
+delivered, and the reply states the difference. DEGRADED products are delivered with their reasons, FAILED
+ones never.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from cdff_common.clock import NS_PER_S
+from cdff_core.orchestration.request import ProductRequest
+
+#: Factor within which a resolution counts as the requested one.
+RESOLUTION_TOLERANCE = 1.001
+#: Coverage above which a region counts as covered.
+_FULL_COVERAGE = 0.9995
+#: Largest lead of a capture over the mission clock, seconds; more means an earlier run of the same log.
+AHEAD_TOLERANCE_S = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class ProductCandidate:
+    """Metadata of a product, or of a window fused from several, that may answer a request."""
+
+    id: str
+    robot: str
+    t1_ns: int  # End of capture, of the newest part if there are several.
+    oldest_t1_ns: int  # End of capture of the oldest part
+    resolution_m: float | None = None
+    coverage: float | None = None  # Fraction of the region that holds data, 0 to 1; None without a region.
+    status: str = "OK"  # OK, DEGRADED or FAILED
+
+    def age_s(self, now_ns: int) -> float:
+        """Return the age of the newest part, seconds; 0 for a capture ahead of the clock."""
+        return max(now_ns - self.t1_ns, 0) / NS_PER_S
+
+    def oldest_age_s(self, now_ns: int) -> float:
+        """Return the age of the oldest part, seconds; 0 for a capture ahead of the clock."""
+        return max(now_ns - self.oldest_t1_ns, 0) / NS_PER_S
+
+
+@dataclass(frozen=True, slots=True)
+class Assessment:
+    """Differences between a candidate and a request, as texts."""
+
+    #: Unmet mandatory requirements; the candidate may be delivered if there is none.
+    violations: tuple[str, ...] = ()
+    #: Unmet optional requirements that a new product may meet; stated in the reply.
+    shortfalls: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()  # Differences that no new product would remove; stated in the reply.
+
+    @property
+    def differences(self) -> list[str]:
+        """All differences."""
+        return [*self.violations, *self.shortfalls, *self.remarks]
+
+    @property
+    def unmet(self) -> str:
+        """Requirements that a better product would meet, as one line."""
+        return "; ".join([*self.violations, *self.shortfalls])
+
+    @property
+    def satisfies(self) -> bool:
+        """True if no better product is worth waiting for."""
+        return not self.violations and not self.shortfalls
+
+    @property
+    def acceptable(self) -> bool:
+        """True if all mandatory requirements are met."""
+        return not self.violations
+
+
+def assess(candidate: ProductCandidate, request: ProductRequest, now_ns: int) -> Assessment:
+    """Compare a candidate with a request at mission time ``now_ns``, or at the requested time."""
+    violations, shortfalls, remarks = [], [], []
+    is_timed = request.t_ns is None or request.product != "pose"
+    if request.t_ns is not None and is_timed:
+        now_ns = request.t_ns
+    if candidate.status == "FAILED":
+        violations.append("status: FAILED")
+    if candidate.status == "DEGRADED":
+        remarks.append("status: DEGRADED, see its quality")
+    age_s = candidate.age_s(now_ns)
+    ahead_s = (candidate.t1_ns - now_ns) / NS_PER_S
+    if is_timed and ahead_s > AHEAD_TOLERANCE_S:
+        violations.append(f"time: captured {ahead_s:.3f} s ahead of the mission clock")
+    if is_timed and age_s > request.max_age_s:
+        violations.append(f"age: {age_s:.3f} s old, asked at most {request.max_age_s:g} s")
+    if request.region is not None and candidate.coverage is not None:
+        if candidate.coverage <= 0.0:
+            violations.append("coverage: nothing in the region")
+        elif candidate.coverage < request.min_coverage:
+            violations.append(f"coverage: {candidate.coverage:.3f}, asked at least {request.min_coverage:g}")
+        elif candidate.coverage < _FULL_COVERAGE and not request.min_coverage:
+            remarks.append(f"coverage: {candidate.coverage:.3f} of the region holds data")
+    requested_m, actual_m = request.resolution_m, candidate.resolution_m
+    if requested_m is not None and actual_m is not None:
+        difference = f"resolution: {actual_m:g} m, asked {requested_m:g} m"
+        if actual_m > requested_m * RESOLUTION_TOLERANCE:
+            shortfalls.append(difference)
+        elif actual_m * RESOLUTION_TOLERANCE < requested_m:
+            remarks.append(f"{difference}: it is no multiple of the finer cells")
+    return Assessment(tuple(violations), tuple(shortfalls), tuple(remarks))
+
+
+def best_candidate(
+    candidates: Iterable[ProductCandidate], request: ProductRequest, now_ns: int
+) -> tuple[ProductCandidate, Assessment] | None:
+    """Return the candidate with the fewest violations, then shortfalls, then by coverage and age."""
+    return min(
+        ((c, assess(c, request, now_ns)) for c in candidates),
+        key=lambda ca: (
+            len(ca[1].violations),
+            len(ca[1].shortfalls),
+            -(ca[0].coverage or 0.0),
+            -ca[0].t1_ns,
+            ca[0].id,
+        ),
+        default=None,
+    )
+
+
+def delivery_summary(
+    candidate: ProductCandidate, assessment: Assessment, now_ns: int, frame: str
+) -> dict[str, object]:
+    """Return the ``delivered`` map of a reply: properties of the product and differences to the request."""
+    return {
+        "robot": candidate.robot,
+        "frame": frame,
+        "resolution_m": candidate.resolution_m,
+        "coverage": candidate.coverage,
+        "age_s": round(candidate.age_s(now_ns), 6),
+        "oldest_age_s": round(candidate.oldest_age_s(now_ns), 6),
+        "status": candidate.status,
+        "differences": assessment.differences,
+    }

@@ -1,0 +1,184 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Reconciliation of the running system with the wanted one: a pure step, repeated until nothing is left to
+do.
+
+Sensor modes are set before the activations that need them; upstream providers are configured, active and warm
+before those that take their products; deactivations follow the reverse order. Failures are retried after a
+back-off. A provider in error is configured again before its activation, and cleaned up if it is not wanted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from cdff_core.orchestration.world import ProviderId, SensorId
+
+#: Back-off of a failed activation or mode change: first wait in seconds, factor, longest wait in seconds.
+BACK_OFF_S = (0.5, 2.0, 10.0)
+
+
+@dataclass(frozen=True, slots=True)
+class SetMode:
+    """Set the mode of a sensor through the instrument control unit."""
+
+    sensor: SensorId
+    mode: str
+
+
+@dataclass(frozen=True, slots=True)
+class Configure:
+    """Configure an unconfigured DFPC or one in error."""
+
+    provider: ProviderId
+
+
+@dataclass(frozen=True, slots=True)
+class Activate:
+    """Activate a DFPC, or change the sources of an active one.
+
+    ``inputs`` holds the planned sources, ``((port, source), …)``; other ports use the profile.
+    """
+
+    provider: ProviderId
+    inputs: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class CleanUp:
+    """Clean up a DFPC in error that is not wanted."""
+
+    provider: ProviderId
+
+
+@dataclass(frozen=True, slots=True)
+class Deactivate:
+    """Deactivate a DFPC."""
+
+    provider: ProviderId
+
+
+Action = SetMode | Configure | Activate | Deactivate | CleanUp
+
+
+@dataclass(slots=True)
+class FailureHistory:
+    """Consecutive failures, their last reason, and the time of the next attempt (monotonic seconds)."""
+
+    failures: int = 0
+    reason: str = ""
+    not_before_s: float = 0.0
+
+    def add(self, reason: str, now_s: float) -> None:
+        """Count a failure and set the time of the next attempt."""
+        first, factor, longest = BACK_OFF_S
+        self.not_before_s = now_s + min(first * factor**self.failures, longest)
+        self.failures += 1
+        self.reason = reason
+
+
+@dataclass(slots=True)
+class ObservedState:
+    """Observed state of the system."""
+
+    alive: set[ProviderId] = field(default_factory=set)  # Providers with a running process
+    active: set[ProviderId] = field(default_factory=set)  # Active providers
+    #: Providers activated by this orchestrator; it deactivates no others.
+    owned: set[ProviderId] = field(default_factory=set)
+    modes: dict[SensorId, str] = field(default_factory=dict)  # Confirmed modes
+    lost: dict[SensorId, str] = field(default_factory=dict)  # Unavailable sensors with the reason
+    #: Last reported states: unconfigured, inactive, active or error
+    states: dict[ProviderId, str] = field(default_factory=dict)
+    #: When the output of an active provider becomes reliable, monotonic seconds; default: at once.
+    warm_at_s: dict[ProviderId, float] = field(default_factory=dict)
+    #: Current source of each port of active providers
+    wired: dict[ProviderId, Mapping[str, str]] = field(default_factory=dict)
+    #: Failures of providers and sensors
+    failures: dict[ProviderId | SensorId, FailureHistory] = field(default_factory=dict)
+
+    def add_failure(self, subject: ProviderId | SensorId, reason: str, now_s: float) -> None:
+        """Count a failure of a provider or sensor."""
+        self.failures.setdefault(subject, FailureHistory()).add(reason, now_s)
+
+    def clear_failures(self, subject: ProviderId | SensorId) -> None:
+        """Clear the failures of a provider or sensor."""
+        self.failures.pop(subject, None)
+
+
+def next_actions(
+    wanted: Sequence[ProviderId],
+    wanted_modes: Mapping[SensorId, str],
+    uses: Mapping[ProviderId, frozenset[SensorId]],
+    upstream: Mapping[ProviderId, frozenset[ProviderId]],
+    observed: ObservedState,
+    now_s: float,
+    chosen_sources: Mapping[ProviderId, Mapping[str, str]] | None = None,
+) -> list[Action]:
+    """Return the actions that are possible now; empty if all is as wanted or has to wait.
+
+    ``wanted`` lists the wanted providers, upstream ones first, and ``wanted_modes`` the modes they need;
+    ``uses`` and ``upstream`` are the sensors and the providers from which each provider takes samples,
+    ``chosen_sources`` the planned source of each of its ports. ``now_s`` is monotonic.
+    """
+
+    def is_due(subject: ProviderId | SensorId) -> bool:
+        history = observed.failures.get(subject)
+        return history is None or history.not_before_s <= now_s
+
+    # No provider waits for a lost sensor: it may work without it.
+    pending = {s for s, m in wanted_modes.items() if observed.modes.get(s) != m and s not in observed.lost}
+    actions: list[Action] = [SetMode(s, wanted_modes[s]) for s in sorted(pending) if is_due(s)]
+    wanted_set = set(wanted)
+    # A failed or missing upstream provider delays no other: the input may be optional.
+    starting = {m for m in wanted_set & observed.alive - observed.active if m not in observed.failures}
+    starting |= {m for m in wanted_set & observed.active if observed.warm_at_s.get(m, now_s) > now_s}
+    visited: set[ProviderId] = set()
+    for provider in wanted:
+        if provider not in observed.alive or not is_due(provider):
+            visited.add(provider)
+            continue
+        inputs = tuple(sorted((chosen_sources or {}).get(provider, {}).items()))
+        # Only for those earlier in the order: a loop of optional inputs must not wait for itself.
+        waits = (uses.get(provider, frozenset()) & pending) or (
+            upstream.get(provider, frozenset()) & starting & visited
+        )
+        visited.add(provider)
+        if provider in observed.active:
+            wired = observed.wired.get(provider, {})
+            if any(wired.get(port, source) != source for port, source in inputs):
+                actions.append(Activate(provider, inputs))
+        elif observed.states.get(provider) in ("unconfigured", "error"):
+            actions.append(Configure(provider))
+        elif not waits:
+            actions.append(Activate(provider, inputs))
+    surplus = (observed.active & observed.alive & observed.owned) - wanted_set
+    for provider in sorted(surplus):
+        in_use = any(provider in upstream.get(m, frozenset()) for m in surplus)
+        if not in_use and is_due(provider):
+            actions.append(Deactivate(provider))
+    in_error = {
+        m for m in (observed.alive & observed.owned) - wanted_set if observed.states.get(m) == "error"
+    }
+    actions.extend(CleanUp(m) for m in sorted(in_error) if is_due(m))
+    return actions
+
+
+def dependency_order(
+    providers: Sequence[ProviderId], upstream: Mapping[ProviderId, frozenset[ProviderId]]
+) -> list[ProviderId]:
+    """Return providers in upstream order; a loop of optional inputs is cut at its first name."""
+    order: list[ProviderId] = []
+    seen: set[ProviderId] = set()
+
+    def visit(provider: ProviderId) -> None:
+        if provider in seen:
+            return
+        seen.add(provider)
+        for source in sorted(upstream.get(provider, frozenset()) & set(providers)):
+            visit(source)
+        order.append(provider)
+
+    for provider in sorted(providers):
+        visit(provider)
+    return order

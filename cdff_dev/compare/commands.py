@@ -1,0 +1,199 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``cdff eval``: comparison of results with reference data, as a table or JSON."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+Results = tuple[Mapping[str, Any], Callable[[Any], str]]
+
+
+def register(nouns: Any) -> None:
+    """Add ``cdff eval`` with its verbs."""
+    parser = nouns.add_parser("eval", help="compare results with ground truth")
+    parser.set_defaults(parser=parser)
+    verbs = parser.add_subparsers(metavar="VERB")
+    for add, compare in (
+        (_add_dem, _dem),
+        (_add_registration, _registration),
+        (_add_trajectory, _trajectory),
+    ):
+        verb = add(verbs)
+        verb.add_argument("--json", action="store_true", help="print JSON")
+        verb.set_defaults(run=partial(_run, compare))
+
+
+def _run(compare: Callable[[argparse.Namespace], Results], args: argparse.Namespace) -> int:
+    from cdff_common.json_form import jsonable
+
+    results, table = compare(args)
+    print(json.dumps(jsonable(results), indent=1) if args.json else table(results))
+    return 0
+
+
+def _add_stream(parser: argparse.ArgumentParser, option: str, log: str) -> None:
+    parser.add_argument(
+        option, metavar="NAME", help=f"stream to read, if {log} is a log with several streams"
+    )
+
+
+def _add_dem(verbs: Any) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "dem",
+        help="compare an elevation map with the true terrain",
+        description="Prints bias, RMSE, NMAD, LE90, completeness, slope error, fraction of true heights in "
+        "the 90 % intervals, and the horizontal and vertical shift between the two. A map is a GeoTIFF "
+        "(bands of the DPM, or one band of heights) or a log, of which the last elevation map is used; both "
+        "maps are in the same frame.",
+    )
+    parser.add_argument("map", metavar="MAP")
+    parser.add_argument("truth", metavar="TRUTH")
+    _add_stream(parser, "--map-stream", "MAP")
+    _add_stream(parser, "--truth-stream", "TRUTH")
+    parser.add_argument(
+        "--remove-shift",
+        action="store_true",
+        help="first move and tilt the whole map to its best fit",
+    )
+    parser.add_argument(
+        "--least-count", type=int, default=1, metavar="N", help="ignore cells with fewer measurements"
+    )
+    return parser
+
+
+def _dem(args: argparse.Namespace) -> Results:
+    from cdff_dev.compare.elevation.compare import compare, table
+    from cdff_dev.compare.elevation.read import read_dem
+
+    dem = read_dem(args.map, args.map_stream)
+    truth = read_dem(args.truth, args.truth_stream, frame=dem.frame)
+    results = compare(dem, truth, remove_shift=args.remove_shift, least_count=args.least_count)
+    return results, table
+
+
+def _add_registration(verbs: Any) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "registration",
+        help="compare estimated poses between clouds with the true ones",
+        description="Prints recall within error limits with its 95 % interval, errors, NEES of the stated "
+        "covariances, and numbers of matches. EST is an outputs.json of `cdff run`, a file with one pose, a "
+        "TUM or KITTI file or log with many, or a folder with one entry per pair: a file, or a folder with "
+        "outputs.json. TRUTH has the same form; entries are paired by name. A pair of TRUTH without a pose "
+        "in EST counts as refused. If the entry in TRUTH is an empty file, no pose is correct: "
+        "any pose in EST counts as a false accept.",
+    )
+    parser.add_argument("estimate", metavar="EST")
+    parser.add_argument("truth", metavar="TRUTH")
+    _add_stream(parser, "--est-stream", "EST")
+    _add_stream(parser, "--truth-stream", "TRUTH")
+    parser.add_argument("--port", metavar="NAME", help="output port of an outputs.json with several poses")
+    parser.add_argument(
+        "--gate",
+        metavar="M,DEG",
+        action="append",
+        help="largest error of a correct pose, metres and degrees (default 0.3,3 and 0.02,0.1); may be "
+        "repeated",
+    )
+    return parser
+
+
+def _registration(args: argparse.Namespace) -> Results:
+    from cdff_common.errors import InputError
+    from cdff_dev.compare.registration import compare, read_pairs, table
+
+    gates = []
+    for text in args.gate or ("0.3,3", "0.02,0.1"):
+        try:
+            metres, degrees = (float(word) for word in text.split(","))
+        except ValueError as error:
+            raise InputError(
+                f"--gate {text}: expected metres and degrees separated by a comma, such as 0.3,3"
+            ) from error
+        gates.append((metres, degrees))
+    estimate = read_pairs(args.estimate, args.est_stream, args.port)
+    results = compare(estimate, read_pairs(args.truth, args.truth_stream, args.port), gates)
+    return results, table
+
+
+def _add_trajectory(verbs: Any) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "trajectory",
+        help="compare an estimated trajectory with a reference",
+        description="Prints absolute and relative errors, drift by path length, and the NEES of the "
+        "covariances. A trajectory is a TUM file, a KITTI pose file (12 numbers per line; 100 ms between "
+        "poses) or a log with poses.",
+    )
+    parser.add_argument("estimate", metavar="EST")
+    parser.add_argument("reference", metavar="REF")
+    _add_stream(parser, "--est-stream", "EST")
+    _add_stream(parser, "--ref-stream", "REF")
+    parser.add_argument(
+        "--align",
+        choices=("se3", "yaw", "sim3", "origin", "none"),
+        default="se3",
+        help="alignment of EST to REF: se3 = rotation and translation (default), yaw = translation and "
+        "heading, sim3 = with scale, origin = first poses coincide, none",
+    )
+    parser.add_argument(
+        "--max-difference-s",
+        type=float,
+        default=0.01,
+        metavar="S",
+        help="largest difference of matched time stamps",
+    )
+    parser.add_argument(
+        "--delta",
+        type=float,
+        default=1.0,
+        metavar="D",
+        help="distance between the two poses of a relative error (default 1)",
+    )
+    parser.add_argument("--delta-unit", choices=("frames", "m"), default="frames", help="unit of --delta")
+    parser.add_argument(
+        "--all-pairs", action="store_true", help="use overlapping pairs too for relative errors"
+    )
+    parser.add_argument(
+        "--segments-m",
+        metavar="LENGTHS",
+        help="segment lengths for the drift, m, such as 100,200; default: 100 to 800 as KITTI if the path is "
+        "longer than 100 m, else 5,10,20,50,100",
+    )
+    parser.add_argument(
+        "--plot", type=Path, metavar="FILE", help="write an SVG with both paths from above and the errors"
+    )
+    return parser
+
+
+def _trajectory(args: argparse.Namespace) -> Results:
+    from cdff_common.errors import InputError
+    from cdff_dev.compare.trajectory.compare import compare
+    from cdff_dev.compare.trajectory.read import read_track
+    from cdff_dev.compare.trajectory.report import table
+
+    try:
+        segments = None if args.segments_m is None else [float(w) for w in args.segments_m.split(",")]
+    except ValueError as error:
+        raise InputError(f"--segments-m {args.segments_m}: expected metres separated by commas") from error
+    comparison = compare(
+        read_track(args.estimate, args.est_stream),
+        read_track(args.reference, args.ref_stream),
+        align=args.align,
+        max_difference_s=args.max_difference_s,
+        delta=args.delta,
+        delta_unit=args.delta_unit,
+        all_pairs=args.all_pairs,
+        segments_m=segments,
+    )
+    if args.plot is not None:
+        from cdff_common.output import check_file, write_file
+        from cdff_dev.compare.trajectory.plot import draw
+
+        check_file(args.plot)
+        write_file(args.plot, draw(comparison).encode())
+    return comparison.results, table

@@ -1,0 +1,48 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Diagrams drawn by matplotlib, as SVG text."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+#: Size of a diagram with the view from above and the errors along the path, inches.
+_SIZE_IN = (10.4, 3.6)
+
+
+def svg_text(figure: Figure) -> str:
+    """Return the SVG element of a figure, with text elements; every run returns the same bytes."""
+    out = io.StringIO()
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "cdff"}):
+        figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
+    return out.getvalue()[out.getvalue().index("<svg") :]
+
+
+def plan_and_errors(
+    plan: Mapping[str, NDArray[np.float64]], axes: tuple[str, str], errors: Mapping[str, NDArray[np.float64]]
+) -> str:
+    """Return an SVG of curves ``(n, 2)`` from above, and of errors ``(n, 2)`` over the path length,
+    metres.
+    """
+    figure = Figure(figsize=_SIZE_IN, layout="constrained")
+    above, along = figure.subplots(1, 2)
+    _curves(above, plan, ("gray", "C3"), (f"{axes[0]}, m", f"{axes[1]}, m"))
+    above.set_aspect("equal", adjustable="datalim")
+    _curves(along, errors, ("C3", "C0"), ("path length, m", "error, m"))
+    return svg_text(figure)
+
+
+def _curves(
+    axes: Axes, curves: Mapping[str, NDArray[np.float64]], colours: tuple[str, str], labels: tuple[str, str]
+) -> None:
+    for (name, curve), colour in zip(curves.items(), colours, strict=False):
+        axes.plot(curve[:, 0], curve[:, 1], color=colour, lw=1.3, label=name)
+    axes.set(xlabel=labels[0], ylabel=labels[1])
+    axes.legend(fontsize=8)

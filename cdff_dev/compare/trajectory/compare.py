@@ -1,0 +1,99 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Comparison of an estimated trajectory with a reference: match by time, align, compute errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from cdff_dev.compare.trajectory import errors
+from cdff_dev.compare.trajectory.alignment import Mode, aligned, associated
+from cdff_dev.compare.trajectory.track import Float, Track
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """Errors of one trajectory against another.
+
+    Attributes
+    ----------
+    estimate, reference : Track
+        Matched row by row; the estimate is aligned.
+    position_errors_m : ndarray, shape (n,)
+    results : dict
+        The output of ``cdff eval trajectory --json``.
+    """
+
+    estimate: Track
+    reference: Track
+    position_errors_m: Float
+    results: dict[str, Any]
+
+
+def compare(
+    estimate: Track,
+    reference: Track,
+    *,
+    align: Mode = "se3",
+    max_difference_s: float = 0.01,
+    delta: float = 1.0,
+    delta_unit: str = "frames",
+    all_pairs: bool = False,
+    segments_m: Sequence[float] | None = None,
+) -> Comparison:
+    """Compare two trajectories.
+
+    Parameters
+    ----------
+    estimate, reference : Track
+    align : str
+        See ``alignment.aligned``. Relative errors and drift depend on it only if it scales.
+    max_difference_s : float
+        Largest difference of matched stamps.
+    delta, delta_unit, all_pairs
+        Pairs of poses for relative errors, along the path of the estimate; see ``errors.pairs_apart``.
+    segments_m : sequence of float, optional
+        Segment lengths for the drift, along the path of the reference; see ``errors.segments_for``.
+
+    Raises
+    ------
+    InputError
+        If no poses match in time, or none are ``delta`` apart.
+    DegenerateGeometryError
+        If the positions do not determine the alignment.
+    """
+    n_estimate, n_reference = len(estimate), len(reference)
+    est, ref = associated(estimate, reference, max_difference_s)
+    est, motion, scale = aligned(est, ref, align)
+    metres, degrees = errors.absolute(est, ref)
+    pairs = errors.pairs_apart(est, delta, delta_unit, all_pairs=all_pairs)
+    step_metres, step_degrees = errors.relative(est, ref, pairs)
+    path_length_m = float(ref.distances_m[-1])
+    lengths = tuple(errors.segments_for(ref) if segments_m is None else segments_m)
+    results = {
+        "estimate": estimate.name,
+        "reference": reference.name,
+        "poses": {"estimate": n_estimate, "reference": n_reference, "compared": len(est)},
+        "path_length_m": path_length_m,
+        "duration_s": float(ref.stamps_ns[-1] - ref.stamps_ns[0]) * 1e-9,
+        "alignment": {"mode": align, "T": motion.tolist(), "scale": scale},
+        "ate": {
+            "translation_m": errors.statistics(metres),
+            "rotation_deg": errors.statistics(degrees),
+            "rmse_percent_of_path": 100.0 * errors.statistics(metres)["rmse"] / path_length_m
+            if path_length_m > 0
+            else None,
+        },
+        "rpe": {
+            "delta": delta,
+            "unit": delta_unit,
+            "all_pairs": all_pairs,
+            "translation_m": errors.statistics(step_metres),
+            "rotation_deg": errors.statistics(step_degrees),
+        },
+        "drift": errors.drift(est, ref, lengths),
+        "nees": errors.consistency(est, ref),
+    }
+    return Comparison(est, ref, metres, results)

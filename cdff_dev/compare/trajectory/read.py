@@ -1,0 +1,110 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Trajectories from TUM files, KITTI pose files and logs, distinguished by content."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+
+from cdff_common.errors import CdffError, InputError
+from cdff_common.formats.file_source import Source, load
+from cdff_common.formats.tum import read_tum
+from cdff_common.geometry import se3
+from cdff_common.types import PoseTrajectory, TransformWithCovariance
+from cdff_dev.compare.trajectory.track import Track
+from cdff_dev.logs import open_log
+from cdff_dev.logs.source import only_stream
+
+#: Assumed time between poses: KITTI pose files contain no times.
+KITTI_PERIOD_NS = 100_000_000
+_POSES = ("PoseTrajectory", "TransformWithCovariance")
+
+
+def read_track(path: str | Path, stream: str | None = None) -> Track:
+    """Read a trajectory.
+
+    Parameters
+    ----------
+    path : str or Path
+        A TUM file (8 numbers a line), a KITTI pose file (12 numbers a line, rows of ``T (3, 4)``), or
+        anything that ``open_log`` opens.
+    stream : str, optional
+        Stream of the log; required if several contain poses. Of a stream of PoseTrajectory the last value is
+        used.
+
+    Raises
+    ------
+    InputError
+        If the file has another format, or the log has no stream of poses, or several and none is selected.
+    """
+    if Path(path).is_file():
+        source = load(path)
+        columns = _columns(source)
+        if columns == 8:
+            stamps_ns, matrices = read_tum(source)
+            return Track(str(path), stamps_ns, matrices)
+        if columns == 12:
+            return _kitti(source)
+        if columns:
+            raise source.error(f"{columns} numbers in the first line, expected 8 (TUM) or 12 (KITTI)")
+    return _from_log(path, stream)
+
+
+def _columns(source: Source) -> int:
+    """Return the number of values in the first line that is no comment; 0 if one is not a number."""
+    try:
+        head = source.data[: 1 << 16].decode("ascii")
+        for line in head.splitlines():
+            words = line.split("#")[0].replace(",", " ").split()
+            if words:
+                [float(word) for word in words]
+                return len(words)
+    except ValueError:  # not text, or not numbers
+        return 0
+    return 0
+
+
+def _kitti(source: Source) -> Track:
+    try:
+        table = np.loadtxt(source.data.decode().splitlines(), ndmin=2)
+        if table.shape[1] != 12 or not np.isfinite(table).all():
+            raise ValueError(f"lines of {table.shape[1]} numbers, or some that are not finite")
+    except ValueError as error:
+        raise source.error(f"{error}; expected 12 numbers a line: the upper rows of a 4x4 pose") from error
+    rows = table.reshape(-1, 3, 4)
+    R = se3.normalise_rotation(rows[:, :, :3])
+    if np.abs(R - rows[:, :, :3]).max() > 1e-2:
+        raise source.error("a 3x3 block differs by more than 0.01 from a rotation")
+    return Track(
+        source.name, np.arange(len(rows), dtype=np.int64) * KITTI_PERIOD_NS, se3.transform(R, rows[:, :, 3])
+    )
+
+
+def _from_log(path: str | Path, stream: str | None) -> Track:
+    try:
+        log = open_log(path)
+    except CdffError as error:
+        raise InputError(f"{path}: no TUM file, no KITTI pose file and no log: {error}") from error
+    with closing(log):
+        chosen = only_stream(log, _POSES, stream, "poses")
+        values = [sample.value for sample in log.samples([chosen])]
+    name = f"{path} {chosen}"
+    if isinstance(values[-1], PoseTrajectory):
+        last: PoseTrajectory = values[-1]
+        return Track(name, last.stamps_ns, last.matrices, last.covariances)
+    return _from_poses(name, values)
+
+
+def _from_poses(name: str, values: list[TransformWithCovariance]) -> Track:
+    """Return one row for each stamp; of poses with the same stamp the last one is used."""
+    latest = {value.stamp_ns: value.transform for value in values}
+    stamps_ns = np.array(sorted(latest), dtype=np.int64)
+    transforms = [latest[int(stamp)] for stamp in stamps_ns]
+    unknown = np.full((6, 6), np.nan)
+    covariances = None
+    if any(T.covariance is not None for T in transforms):
+        covariances = np.array([unknown if T.covariance is None else T.covariance for T in transforms])
+    return Track(name, stamps_ns, np.array([T.matrix for T in transforms]), covariances)

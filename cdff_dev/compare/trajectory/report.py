@@ -1,0 +1,50 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Results of a comparison as lines of text."""
+
+from __future__ import annotations
+
+from typing import Any
+
+_COLUMNS = ("rmse", "mean", "median", "std", "min", "max")
+
+
+def table(results: dict[str, Any]) -> str:
+    """Return the results as text for a terminal."""
+    poses, rpe = results["poses"], results["rpe"]
+    apart = f"{rpe['delta']:g} {rpe['unit']}" + (", all pairs" if rpe["all_pairs"] else "")
+    lines = [
+        f"{poses['compared']} poses compared ({poses['estimate']} estimated, {poses['reference']} of the "
+        f"reference), {results['path_length_m']:.3f} m, {results['duration_s']:.3f} s, aligned: "
+        f"{results['alignment']['mode']}",
+        "",
+        f"{'':24}" + "".join(f"{name:>12}" for name in _COLUMNS),
+        _row("ATE m", results["ate"]["translation_m"]),
+        _row("ATE deg", results["ate"]["rotation_deg"]),
+        _row(f"RPE m ({apart})", rpe["translation_m"]),
+        _row(f"RPE deg ({apart})", rpe["rotation_deg"]),
+    ]
+    if results["drift"]["segments"]:
+        lines += ["", f"{'segment m':>12}{'count':>8}{'drift %':>12}{'deg/m':>12}"]
+        lines += [
+            f"{s['length_m']:12g}{s['count']:8d}{s['translation_percent']:12.4f}{s['rotation_deg_per_m']:12.6f}"
+            for s in results["drift"]["segments"]
+        ]
+        drift = results["drift"]
+        lines.append(
+            f"{'all':>12}{'':8}{drift['translation_percent']:12.4f}{drift['rotation_deg_per_m']:12.6f}"
+        )
+    nees = results["nees"]
+    if nees and nees["count"]:
+        low, high = nees["band_95"]
+        lines += [
+            "",
+            f"NEES of {nees['count']} poses: mean {nees['mean']:.3f}, median {nees['median']:.3f} (expected: "
+            f"6; 95 % interval of the mean for independent errors: {low:.3f} to {high:.3f}); "
+            f"{100 * nees['inside_95']:.1f} % of the poses are inside the 95 % interval of a single pose",
+        ]
+    return "\n".join(lines)
+
+
+def _row(name: str, statistics: dict[str, Any]) -> str:
+    return f"{name:24}" + "".join(f"{statistics[column]:12.6f}" for column in _COLUMNS)

@@ -1,0 +1,65 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Trajectory with stamps and covariances, the input of comparisons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.errors import InputError
+
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """Poses of one object at ascending times.
+
+    Attributes
+    ----------
+    name : str
+        Name in messages.
+    stamps_ns : ndarray of int64, shape (n,)
+    matrices : ndarray, shape (n, 4, 4)
+        ``T_parent_child``, metres.
+    covariances : ndarray, shape (n, 6, 6), or None
+        Order x y z rx ry rz, perturbation in the parent; rows of NaN where unknown.
+    """
+
+    name: str
+    stamps_ns: NDArray[np.int64]
+    matrices: Float
+    covariances: Float | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.stamps_ns) != len(self.matrices) or not len(self.stamps_ns):
+            raise InputError(
+                f"{self.name}: {len(self.matrices)} poses at {len(self.stamps_ns)} times, expected some"
+            )
+        if np.any(np.diff(self.stamps_ns) <= 0):
+            row = int(np.argmax(np.diff(self.stamps_ns) <= 0)) + 1
+            raise InputError(
+                f"{self.name}: pose {row} is not later than the previous one; expected ascending times"
+            )
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    @property
+    def positions_m(self) -> Float:
+        """Positions ``(n, 3)``."""
+        return self.matrices[:, :3, 3]
+
+    @property
+    def distances_m(self) -> Float:
+        """Path length from the first pose to each ``(n,)``."""
+        steps = np.linalg.norm(np.diff(self.positions_m, axis=0), axis=1)
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    def rows(self, index: NDArray[np.int64]) -> Track:
+        """Return the track with the poses of some rows."""
+        covariances = None if self.covariances is None else self.covariances[index]
+        return Track(self.name, self.stamps_ns[index], self.matrices[index], covariances)

@@ -1,3 +1,0 @@
-# SPDX-FileCopyrightText: 2026 the CDFF contributors
-# SPDX-License-Identifier: BSD-3-Clause
-"""Recordings of others, read as logs."""

@@ -1,0 +1,84 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``profile.md``: every field of a mission profile, from the JSON Schema of its model."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cdff_common.interfaces.profile import Profile
+from cdff_dev.generate.python_source import render
+
+
+def page() -> str:
+    """Return the page of the profile's sections, in the order in which a profile states them."""
+    schema = Profile.model_json_schema()
+    sections = [("Profile", schema)]
+    seen = {"Profile"}
+    for _, section in sections:
+        for field in section.get("properties", {}).values():
+            for name in _references(field):
+                if name not in seen and "properties" in schema["$defs"][name]:
+                    seen.add(name)
+                    sections.append((name, schema["$defs"][name]))
+    return render(
+        "profile.md.j2",
+        sections=[
+            (name, section.get("description", "").partition("Attributes\n")[0].strip(), _rows(section))
+            for name, section in sections
+        ],
+    )
+
+
+def _rows(section: dict[str, Any]) -> list[tuple[str, str, str, str]]:
+    """Return name, type, default and description of each field."""
+    required = set(section.get("required", ()))
+    attributes = _attributes(section.get("description", ""))
+    return [
+        (
+            name,
+            _type(field),
+            "required" if name in required else f"`{field.get('default')}`" if "default" in field else "",
+            field.get("description", "") or attributes.get(name, ""),
+        )
+        for name, field in section.get("properties", {}).items()
+    ]
+
+
+def _attributes(docstring: str) -> dict[str, str]:
+    """Return the description of each field in the section ``Attributes`` of a docstring (numpydoc)."""
+    described: dict[str, str] = {}
+    names: list[str] = []
+    for line in docstring.partition("Attributes\n")[2].splitlines()[1:]:
+        if line.startswith(" "):
+            for name in names:
+                described[name] = f"{described.get(name, '')} {line.strip()}".strip()
+        else:
+            names = [name.strip() for name in line.partition(" : ")[0].split(",")]
+    return described
+
+
+def _references(field: Any) -> list[str]:
+    if isinstance(field, dict):
+        own = [field["$ref"].rsplit("/", 1)[-1]] if "$ref" in field else []
+        return own + [name for value in field.values() for name in _references(value)]
+    if isinstance(field, list):
+        return [name for value in field for name in _references(value)]
+    return []
+
+
+def _type(field: dict[str, Any]) -> str:
+    if "$ref" in field:
+        name = field["$ref"].rsplit("/", 1)[-1]
+        return f"[{name}](#{name.lower()})"
+    if "enum" in field:
+        return " or ".join(f"`{value}`" for value in field["enum"])
+    if "const" in field:
+        return f"`{field['const']}`"
+    if "anyOf" in field:
+        return " or ".join(_type(option) for option in field["anyOf"])
+    if field.get("type") == "array":
+        return f"list of {_type(field.get('items', {}))}"
+    if field.get("type") == "object" and isinstance(field.get("additionalProperties"), dict):
+        return f"map of {_type(field['additionalProperties'])}"
+    return str(field.get("type", "any"))

@@ -1,0 +1,181 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""A folder in the layout of the KITTI odometry benchmark, read as a log: rectified grey pairs and, if there,
+truth.
+
+Geiger, A., Lenz, P., Urtasun, R. (2012). Are we ready for autonomous driving? The KITTI vision benchmark
+suite. CVPR. doi:10.1109/CVPR.2012.6248074
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cdff_common.camera import read_stereo
+from cdff_common.errors import CodecError, InputError
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry.se3 import FloatArray
+from cdff_common.interfaces.product import Header
+from cdff_common.types import FramePair, TransformWithCovariance
+from cdff_dev.logs.source import LogSample, StreamInfo, chosen_streams, recorded_header
+
+ROBOT = "kitti"
+PAIR, TRUTH = f"/{ROBOT}/navcam.pair", f"/{ROBOT}/truth.pose"
+#: Left and right image folders: the benchmark's own, and those of extracts.
+_IMAGE_FOLDERS = (("image_0", "image_1"), ("image_l_kitti", "image_r_kitti"))
+#: Calibration of an extract first: a ``calib.txt`` next to it may belong to another camera.
+_CALIBRATIONS = ("calib_kitti.txt", "calib.txt")
+_PERIOD_US = 100_000
+
+
+def is_kitti(folder: Path) -> bool:
+    """Return True if a folder holds left and right images and a calibration."""
+    pairs = any((folder / left).is_dir() and (folder / right).is_dir() for left, right in _IMAGE_FOLDERS)
+    return pairs and any((folder / name).is_file() for name in _CALIBRATIONS)
+
+
+class KittiLog:
+    """A KITTI sequence as a log source; raises InputError if images, calibration or their number do not fit.
+
+    Streams are ``/kitti/navcam.pair`` (FramePair) and, with ``poses.txt``, ``/kitti/truth.pose``: the left
+    camera in the left camera at its first image (``kitti/vo`` to ``kitti/navcam_left``). Stamps are those of
+    ``times.txt``, without it i times 100 ms from 0.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._left, self._right = _images(folder)
+        self.camera_matrix, self.baseline_m = _calibration(folder)
+        n = len(self._left)
+        self._stamps_ns = _stamps(folder, n)
+        self._truth = _truth(folder, n)
+        span = (int(self._stamps_ns[0]), int(self._stamps_ns[-1]))
+        self.streams: dict[str, StreamInfo] = {PAIR: StreamInfo("FramePair", n, *span)}
+        if self._truth is not None:
+            self.streams[TRUTH] = StreamInfo("TransformWithCovariance", n, *span)
+
+    def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
+        """Yield the samples of all or some streams in the order (stamp_ns, stream, seq); images are read one
+        at a time.
+
+        Raises
+        ------
+        InputError
+            If a stream is not in the log.
+        CodecError
+            If an image cannot be read.
+        """
+        names = chosen_streams(self.streams, streams)
+        for i in range(len(self._left)):
+            for name in names:
+                stamp_ns = int(self._stamps_ns[i])
+                value = self._pair(i, stamp_ns) if name == PAIR else self._pose(i, stamp_ns)
+                yield LogSample(
+                    name, self.streams[name].type_name, stamp_ns, i, value, _header(name, i, stamp_ns)
+                )
+
+    def close(self) -> None:
+        """Nothing is held open."""
+
+    def _pair(self, i: int, stamp_ns: int) -> Any:
+        return FramePair.from_images(
+            _read_grey(self._left[i]),
+            _read_grey(self._right[i]),
+            baseline_m=self.baseline_m,
+            camera_matrix=self.camera_matrix,
+            stamp_ns=stamp_ns,
+            sensor=f"{ROBOT}/navcam_left",
+        )
+
+    def _pose(self, i: int, stamp_ns: int) -> Any:
+        assert self._truth is not None  # else there is no such stream
+        return TransformWithCovariance.from_transform(
+            UncertainTransform(self._truth[i]),
+            parent=f"{ROBOT}/vo",
+            child=f"{ROBOT}/navcam_left",
+            stamp_ns=stamp_ns,
+            producer=ROBOT,
+        )
+
+
+def _header(stream: str, seq: int, stamp_ns: int) -> Header:
+    camera = f"{ROBOT}/navcam_left"
+    if stream == PAIR:
+        return recorded_header(stream, seq, stamp_ns, frame=camera, producer=f"{ROBOT}/navcam")
+    return recorded_header(
+        stream, seq, stamp_ns, frame=f"{ROBOT}/vo", child=camera, producer=f"{ROBOT}/truth"
+    )
+
+
+def _images(folder: Path) -> tuple[list[Path], list[Path]]:
+    for left_name, right_name in _IMAGE_FOLDERS:
+        left, right = sorted((folder / left_name).glob("*.png")), sorted((folder / right_name).glob("*.png"))
+        if left and [p.name for p in left] == [p.name for p in right]:
+            return left, right
+        if left or right:
+            raise InputError(
+                f"{folder}: {len(left)} images in {left_name}, {len(right)} in {right_name}, of other names"
+            )
+    known = " or ".join(f"{a} and {b}" for a, b in _IMAGE_FOLDERS)
+    raise InputError(f"{folder}: expected images in {known}; this is no KITTI sequence")
+
+
+def _read_grey(path: Path) -> Any:
+    import cv2
+
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise CodecError(f"{path}: not an image that can be read")
+    return image
+
+
+def _rows(path: Path, columns: int) -> FloatArray:
+    """Return the numbers ``(n, columns)`` of a text file; a label with a colon before them is skipped."""
+    rows = []
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+        words = line.split(":")[-1].split()
+        try:
+            values = [float(word) for word in words]
+        except ValueError as error:
+            raise InputError(f"{path}:{number}: {error}") from error
+        if len(values) == columns:
+            rows.append(values)
+        elif values:
+            raise InputError(f"{path}:{number}: {len(values)} numbers, expected {columns}")
+    if not rows:
+        raise InputError(f"{path}: holds no line of {columns} numbers")
+    return np.array(rows)
+
+
+def _calibration(folder: Path) -> tuple[FloatArray, float]:
+    """Camera matrix ``(3, 3)`` of the left camera and the baseline in metres, from ``P0`` and ``P1``."""
+    path = next((folder / name for name in _CALIBRATIONS if (folder / name).is_file()), None)
+    if path is None:
+        raise InputError(f"{folder}: expected {' or '.join(_CALIBRATIONS)}")
+    calibration = read_stereo(path)
+    if not calibration.is_rectified:
+        raise InputError(f"{path}: expected a rectified pair, the right camera right of the left one")
+    return calibration.left.matrix, calibration.baseline_m
+
+
+def _stamps(folder: Path, n: int) -> np.ndarray:
+    path = folder / "times.txt"
+    if not path.is_file():
+        return np.arange(n, dtype=np.int64) * (_PERIOD_US * 1000)
+    times_s = _rows(path, 1)[:, 0]
+    if len(times_s) < n or np.any(np.diff(times_s[:n]) <= 0):
+        raise InputError(f"{path}: {len(times_s)} times for {n} images, expected as many, rising")
+    return np.round(times_s[:n] * 1e6).astype(np.int64) * 1000
+
+
+def _truth(folder: Path, n: int) -> FloatArray | None:
+    path = folder / "poses.txt"
+    if not path.is_file():
+        return None
+    rows = _rows(path, 12).reshape(-1, 3, 4)
+    if len(rows) < n:
+        raise InputError(f"{path}: {len(rows)} poses for {n} images")
+    return se3.transform(se3.normalise_rotation(rows[:n, :, :3]), rows[:n, :, 3])

@@ -1,0 +1,108 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``cdff replay LOG --requests FILE``: a mission on recorded samples."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from cdff_common.errors import InputError
+from cdff_common.interfaces.profile import Profile
+from cdff_dev.logs.source import LogSource, split_stream
+from cdff_dev.mission_replay.mission import LogClock, MissionReplay, RecordedSample
+from cdff_dev.mission_replay.report import write_answers
+from cdff_dev.mission_replay.script import read_script
+from cdff_dev.play.player import playable
+from cdff_dev.replay.output import ReplayOutput
+from dpm_store import Store, open_store
+
+
+def replay_mission(
+    log: LogSource, profile: Profile, requests: Path, out: Path, store: Path | None = None
+) -> dict[str, Any]:
+    """Run a mission on a log and write its outputs and answers.
+
+    Parameters
+    ----------
+    log : LogSource
+        Sensor streams of the profile's robots; others, and recorded products, are skipped.
+    profile : Profile
+    requests : Path
+        Script of requests (``cdff_dev/mission_replay/script.py``).
+    out : Path
+        Folder for ``outputs.msg``, ``{robot}.{dfpc}.{port}.tum``, ``answers.json``, ``answers/``,
+        ``journal.jsonl`` and ``summary.json``.
+    store : Path, optional
+        Directory of a DPM to store the products into; a temporary one without it.
+
+    Returns
+    -------
+    dict
+        The summary with ``answers``.
+
+    Raises
+    ------
+    InputError
+        If the log contains no stream of the profile's robots, or the script is malformed.
+    StorageError
+        If the store or the folder cannot be used.
+    """
+    streams = _streams(log, profile)
+    start_ns = min(log.streams[s].t0_ns for s in streams)
+    output = ReplayOutput(out, full_names=True)
+    with ExitStack() as stack:
+        stack.callback(output.close)
+        script = read_script(requests, start_ns, profile.robot_ids)
+        journal = out / "journal.jsonl"
+        journal.unlink(missing_ok=True)
+        directory = store or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="cdff-replay-")))
+
+        def opened(clock: LogClock) -> Store:
+            return stack.enter_context(open_store(f"sqlite:///{directory}", clock))
+
+        replay = MissionReplay(profile, start_ns, opened, journal, lambda product: output.write([product]))
+        answers = write_answers(out, replay.run(_samples(log, streams), script), start_ns)
+        stored = sum(replay.store.statistics().products.values())
+    summary = output.write_summary(
+        {
+            "mission": profile.name,
+            "samples": replay.delivered,
+            "gated": replay.gated,
+            "dfpcs": {f"{robot}/{name}": dfpc.totals for (robot, name), dfpc in replay.dfpcs.items()},
+            "stored": stored,
+            "requests": len(answers),
+            "answered": sum(a["answer"] != "error" for a in answers),
+        }
+    )
+    return {**summary, "answers": answers}
+
+
+def _streams(log: LogSource, profile: Profile) -> list[str]:
+    """Return the sensor streams of the profile; raises InputError if there is none, or one of another
+    type.
+    """
+    chosen = []
+    for stream in playable(log):
+        robot, sensor, name = split_stream(stream)
+        sensors = profile.robot(robot).sensors if robot in profile.robot_ids else {}
+        expected = sensors[sensor].streams.get(name) if sensor in sensors else None
+        if expected is None:
+            continue
+        held = log.streams[stream].type_name
+        if expected != held:
+            raise InputError(f"stream {stream} contains {held}, profile {profile.name} expects {expected}")
+        chosen.append(stream)
+    if not chosen:
+        found = ", ".join(sorted(log.streams))
+        raise InputError(f"profile {profile.name} has none of the log's streams: {found}")
+    return chosen
+
+
+def _samples(log: LogSource, streams: list[str]) -> Iterator[RecordedSample]:
+    for item in log.samples(streams):
+        robot, sensor, stream = split_stream(item.stream)
+        yield RecordedSample(robot, sensor, stream, item.to_sample("", robot))

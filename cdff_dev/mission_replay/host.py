@@ -1,0 +1,118 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""A DFPC of a mission replay: the life cycle of the host process without process or thread."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+from cdff_common.bus import keys
+from cdff_common.interfaces.dfpc import Sample
+from cdff_common.interfaces.product import Product, Status
+from cdff_common.interfaces.profile import DfpcEntry, Robot
+from cdff_core.runtime import Runner
+from cdff_dev.mission_replay.local_bus import LocalBus
+from services.dfpc_host.lifecycle import DfpcLifeCycle, DfpcState, serve_life_cycle
+
+_COUNTED = ("samples", "outputs", "degraded", "failed", "late", "out_of_order", "errors")
+
+
+class ReplayedDfpc(DfpcLifeCycle):
+    """A DFPC of one robot, with the endpoints of its process.
+
+    Parameters
+    ----------
+    bus : LocalBus
+    robot : Robot
+    entry : DfpcEntry
+    on_products : callable
+        Called with its products.
+
+    Attributes
+    ----------
+    totals : dict
+        Counters of all its runs together.
+    """
+
+    def __init__(
+        self, bus: LocalBus, robot: Robot, entry: DfpcEntry, on_products: Callable[[Sequence[Product]], None]
+    ) -> None:
+        super().__init__(robot, entry)
+        self._bus, self._on_products = bus, on_products
+        self.totals: dict[str, Any] = {**dict.fromkeys(_COUNTED, 0), "activations": 0}
+        self.configure()
+        serve_life_cycle(bus, self, self.status, self.publish_status)
+        bus.declare_alive(robot.id, entry.name)
+
+    def publish_status(self) -> None:
+        """Publish the status."""
+        self._bus.publish_latched(keys.dfpc_status(self.robot.id, self.entry.name), self.status())
+
+    def take(self, source: str, sample: Sample) -> None:
+        """Step a sample of a source on every port that is wired to it."""
+        if sample.quality.status is Status.FAILED:
+            return
+        for port in [port for port, wiring in self.wired.items() if wiring == source]:
+            runner = self.runner if self.state is DfpcState.ACTIVE else None
+            if runner is not None and runner.push(replace(sample, port=port)):
+                with self.failure_guard():
+                    self.publish(list(runner.drain()))
+
+    def finish(self) -> None:
+        """Output the remaining products at the end of the log."""
+        if self.state is DfpcState.ACTIVE:
+            self.deactivate()
+        self._count(self.runner)
+
+    def configure(self, parameters: Mapping[str, Any] | None = None) -> None:
+        """Create the DFPC again and add the counters of the previous run."""
+        previous = self.runner
+        super().configure(parameters)
+        self._count(previous)
+
+    def activate(self, inputs: Mapping[str, str] | None = None) -> None:
+        """Become active, and count it."""
+        was = self.state
+        super().activate(inputs)
+        self.totals["activations"] += was is not DfpcState.ACTIVE
+
+    def deactivate(self) -> None:
+        """Become inactive; an error in the last step switches to state error."""
+        self.state_after("deactivate")
+        with self.failure_guard():
+            super().deactivate()
+
+    def clean_up(self) -> None:
+        """Release the DFPC and add the counters of its run."""
+        previous = self.runner
+        super().clean_up()
+        self._count(previous)
+
+    def publish(self, products: Sequence[Product]) -> None:
+        """Pass products to the mission."""
+        self._on_products(products)
+
+    @contextmanager
+    def failure_guard(self) -> Iterator[None]:
+        """Switch to state error on any exception, with an alarm."""
+        with super().failure_guard():
+            yield
+        if self.state is DfpcState.ERROR:
+            self.publish_status()
+            alarm = self.event(reason=self.last_error)
+            self._bus.publish_map(keys.event(self.robot.id, "alarm"), alarm)
+
+    def status(self) -> dict[str, Any]:
+        """Return the status with the declared cost of a step: plans must not depend on the machine."""
+        implementation = self.entry.implementation or self.description.implementations[0].name
+        cost = self.description.cost.get(implementation)
+        return {**super().status(), "mean_step_cpu_s": 0.0 if cost is None else cost.cpu_s / cost.samples}
+
+    def _count(self, runner: Runner | None) -> None:
+        """Add the counters of a run that ended."""
+        if runner is not None:
+            for name in _COUNTED:
+                self.totals[name] += getattr(runner.counters, name)

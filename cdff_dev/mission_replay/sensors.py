@@ -1,0 +1,55 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The instrument control unit of a mission replay: the simulated one, in virtual time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from cdff_common.bus import Reply, Request, keys
+from cdff_common.errors import DeniedError, UnavailableError
+from cdff_common.interfaces.profile import Profile
+from cdff_core.orchestration.request import parse_robot
+from cdff_dev.mission_replay.local_bus import LocalBus
+from cdff_dev.mission_replay.virtual import Scheduler
+from cdff_dev.play.gate import SensorGate
+from services.icu.unit import SimulatedIcu
+
+
+class ReplayedIcu:
+    """Answers ``icu/@rpc/{modes|set_mode}`` for every robot of a profile."""
+
+    def __init__(self, bus: LocalBus, profile: Profile, scheduler: Scheduler, gate: SensorGate) -> None:
+        self._bus, self._scheduler, self._gate = bus, scheduler, gate
+        self._unit = SimulatedIcu(profile, self._on_mode, clock=lambda: scheduler.now_s)
+        for robot in profile.robots:
+            if robot.sensors:
+                for name, sensor in self._unit.modes(robot.id)["sensors"].items():
+                    gate.set(robot.id, name, sensor)
+        for scope in (*profile.robot_ids, keys.GROUND):
+            bus.serve(keys.icu_rpc(scope, "modes"), self._modes)
+            bus.serve(keys.icu_rpc(scope, "set_mode"), self._set_mode)
+            bus.declare_alive(scope, "icu")
+
+    def _modes(self, request: Request) -> Reply:
+        return Reply.of(self._unit.modes(parse_robot(request.parameters.get("robot"), request.scope)))
+
+    def _set_mode(self, request: Request) -> Reply:
+        """Set a mode; ``SimulatedIcu.set_mode`` would wait in real time."""
+        p = request.parameters
+        robot = parse_robot(p.get("robot"), request.scope)
+        machine = self._unit.demand(robot, p["sensor"], p["mode"], p.get("holder", ""))
+        while machine.target == p["mode"]:
+            self._scheduler.sleep(max(machine.steps[0][1] - self._scheduler.now_s, 0.001))
+            self._unit.modes(robot)  # confirms modes that have been reached
+        if machine.lost:
+            raise UnavailableError(f"sensor {p['sensor']} is lost: {machine.lost}")
+        if machine.refusal or machine.mode != p["mode"]:
+            raise DeniedError(
+                f"sensor {p['sensor']}: {machine.refusal or 'another mode was demanded meanwhile'}"
+            )
+        return Reply.of({"robot": robot, "confirmed": True, **machine.event()})
+
+    def _on_mode(self, robot: str, event: Mapping[str, object]) -> None:
+        self._gate.set(robot, str(event["sensor"]), event)
+        self._bus.publish_map(keys.event(robot, "sensor_mode"), event)

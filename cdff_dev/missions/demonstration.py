@@ -1,0 +1,129 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The demonstration: a log is played on a running system, and requests are sent and assessed meanwhile."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from cdff_common.bus import Bus
+from cdff_common.clock import NS_PER_S, MissionClock
+from cdff_common.errors import FrameNotFoundError, InputError, UnavailableError
+from cdff_common.resources import resolve
+from cdff_dev.missions.map_sharing import settled
+from cdff_dev.missions.report import Report, elevation_around, processes_under, write_report
+from cdff_dev.missions.requests import Outcome, counts_over_http, run_requests, wait_for_clock
+from cdff_dev.missions.script import Script, load_script
+from cdff_dev.missions.stage import Stage
+from cdff_dev.missions.tracks import Track, estimated_track, read_truth
+from cdff_dev.simulate.commands import progress_line
+from cdff_dev.simulate.scenario import load_scenario
+from cdff_dev.simulate.store import simulated_log
+
+Say = Callable[[str], None]
+
+
+def script_of(name: str) -> Script:
+    """Return the script of a scenario, or of ``kitti``; raises ConfigurationError if it has none."""
+    return load_script(resolve("demo", name))
+
+
+def kitti_log(path: Path) -> Path:
+    """Return the path of a recorded log; raises InputError if it is not a KITTI folder."""
+    if not (path / "image_l_kitti").is_dir() and not (path / "image_0").is_dir():
+        raise InputError(
+            f"--log {path}: expected a KITTI folder with image_l_kitti or image_0 (use `cdff replay` "
+            "for others)"
+        )
+    return path
+
+
+def scenario_log(name: str, say: Say) -> Path:
+    """Return the log of a scenario, simulated unless it is in the cache."""
+    scenario = load_scenario(name)
+    say(f"simulating {name} (kept for the next time)")
+    return simulated_log(scenario, progress=progress_line)
+
+
+def ask_running_system(script: Script, connect: str, http: str, wait_s: float, say: Say) -> bool:
+    """Send the requests once another process publishes the mission clock; return True if all succeeded."""
+    with Bus.open(connect, name="demo", wait_s=wait_s) as bus:
+        say(f"waiting for the mission clock at {connect}")
+        clock, start_ns = wait_for_clock(bus, lambda: None, wait_s)
+        say(f"asking {len(script.requests)} questions over Zenoh, as OG2 would")
+        outcomes = _ask(script, clock, start_ns, connect, http, say)
+        say(_verdict(outcomes))
+        return _all_answered(outcomes)
+
+
+def _ask(
+    script: Script, clock: MissionClock, start_ns: int, connect: str, http: str, say: Say
+) -> list[Outcome]:
+    """Send the requests, print each outcome on arrival, and return all."""
+    return run_requests(script.requests, clock, start_ns, connect, http, lambda outcome: say(str(outcome)))
+
+
+def demonstrate(
+    name: str, script: Script, log: Path, stage: Stage, bus: Bus, report: Path | None, say: Say
+) -> bool:
+    """Play a log on a system that is ready; return True if every answer meets its request."""
+    stage.play(str(log), script.rate)
+    clock, start_ns = wait_for_clock(bus, stage.check_running)
+    started_s = time.monotonic()
+    say(f"playing {log}; asking {len(script.requests)} questions over Zenoh, as OG2 would")
+    outcomes = _ask(script, clock, start_ns, stage.connect, stage.http, say)
+    stage.check_running()
+    stopped_s = time.monotonic() - started_s - (clock.now_ns() - start_ns) / NS_PER_S / script.rate
+    if stopped_s > 1.0:
+        say(f"this machine is too slow for the mission: its clock was stopped for {stopped_s:.0f} s in total")
+    say(f"found over HTTP at {stage.http}: {counts_over_http(stage.http)}")
+    verdict = _verdict(outcomes)
+    say(verdict)
+    remarks, faults = _shared_map(script, stage, log, bus)
+    for line in (*remarks, *faults):
+        say(line)
+    if report is not None:
+        tracks = _tracks(stage, log)
+        page = Report(
+            title=f"Mission {name}",
+            paragraphs=[stage.profile.doc, f"{verdict}.", *remarks],
+            faults=faults,
+            tracks=tracks,
+            ground=elevation_around(bus, tracks),
+            outcomes=outcomes,
+            processes=processes_under(stage.supervisor_pid),
+        )
+        write_report(report, page)
+        say(f"the report is in {report}")
+    return _all_answered(outcomes) and not faults
+
+
+def _verdict(outcomes: Sequence[Outcome]) -> str:
+    return f"{sum(not o.faults for o in outcomes)} of {len(outcomes)} requests were answered as asked"
+
+
+def _all_answered(outcomes: Sequence[Outcome]) -> bool:
+    return bool(outcomes) and not any(o.faults for o in outcomes)
+
+
+def _shared_map(script: Script, stage: Stage, log: Path, bus: Bus) -> tuple[list[str], list[str]]:
+    """Assess the map that two robots share, if the script requires one; return remarks and faults."""
+    if script.sharing is None:
+        return [], []
+    errors = settled(script.sharing, stage.profile, log, bus, stage.http)
+    faults = errors.faults(script.sharing)
+    remarks = [*errors.lines(), *([] if faults else ["ok   the shared map is as asked"])]
+    return remarks, [f"FAIL the shared map: {'; '.join(faults)}"] if faults else []
+
+
+def _tracks(stage: Stage, log: Path) -> list[Track]:
+    """Return the tracks of the robots that have poses in the DPM."""
+    tracks = []
+    for robot, truth in read_truth(log, stage.profile.robot_ids).items():
+        try:
+            tracks.append(estimated_track(stage.profile, robot, stage.http, truth))
+        except (UnavailableError, FrameNotFoundError):
+            continue
+    return tracks

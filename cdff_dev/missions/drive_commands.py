@@ -1,0 +1,84 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Drive commands to simulated rovers over the bus, in place of a locomotion controller."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from cdff_common.bus import Bus, Reply, Request, keys
+from cdff_common.bus.message import pack, unpack
+from cdff_common.errors import InputError
+from cdff_common.geometry.se3 import FloatArray
+from cdff_dev.missions.driven_log import GrowingLog
+
+#: Largest number of corners of a path.
+_MAX_CORNERS = 10_000
+_TIMEOUT_S = 10.0
+
+
+def key(robot: str, verb: str) -> str:
+    """Return the key of ``drive`` (path in the level base frame) or ``follow`` (path of the scenario)."""
+    return f"{keys.PREFIX}/{robot}/simulator/@rpc/{verb}"
+
+
+def serve(bus: Bus, driven: GrowingLog) -> None:
+    """Serve commands for every rover; the reply has the start and end of the motion, mission nanoseconds."""
+    for robot in driven.rovers:
+        bus.serve(key(robot, "drive"), partial(_drive, driven, robot))
+        bus.serve(key(robot, "follow"), partial(_follow, driven, robot))
+        bus.declare_alive(robot, "simulator")
+
+
+@dataclass(frozen=True, slots=True)
+class Locomotion:
+    """Client of a rover's drive commands."""
+
+    bus: Bus
+    robot: str
+
+    def drive(self, path_m: FloatArray) -> tuple[int, int]:
+        """Drive along corners ``(n, 2)``, metres ahead and left of the rover.
+
+        Returns start and end of the motion, mission nanoseconds.
+
+        Raises
+        ------
+        InputError
+            If the path is empty or leaves the terrain.
+        """
+        return self._command("drive", pack({"path_m": np.asarray(path_m, dtype=np.float64).tolist()}))
+
+    def follow(self) -> tuple[int, int]:
+        """Drive the path of the scenario; returns like ``drive``."""
+        return self._command("follow", b"")
+
+    def _command(self, verb: str, payload: bytes) -> tuple[int, int]:
+        body = self.bus.call(key(self.robot, verb), payload=payload, timeout_s=_TIMEOUT_S).body()
+        return int(body["begin_ns"]), int(body["end_ns"])
+
+
+def _drive(driven: GrowingLog, robot: str, request: Request) -> Reply:
+    return _reply(driven.drive(robot, _path_of(request)))
+
+
+def _follow(driven: GrowingLog, robot: str, _: Request) -> Reply:
+    return _reply(driven.follow(robot))
+
+
+def _path_of(request: Request) -> FloatArray:
+    body = unpack(request.payload)
+    path = body.get("path_m") if isinstance(body, dict) else None
+    if not isinstance(path, list) or len(path) > _MAX_CORNERS:
+        raise InputError(f"path_m: expected a list of at most {_MAX_CORNERS} corners [x, y]")
+    try:
+        return np.array(path, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"path_m: {error}; expected corners [x, y] in metres") from error
+
+
+def _reply(times_ns: tuple[int, int]) -> Reply:
+    return Reply.of({"begin_ns": times_ns[0], "end_ns": times_ns[1]})

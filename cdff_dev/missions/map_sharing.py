@@ -1,0 +1,153 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Assessment of a map that two robots share: their relative positions and the elevation, against truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cdff_common.bus import Bus, keys
+from cdff_common.errors import InputError, UnavailableError
+from cdff_common.interfaces.profile import Profile
+from cdff_common.types import ElevationMap
+from cdff_dev.logs import open_log
+from cdff_dev.missions.script import SharedMapLimits
+from cdff_dev.missions.tracks import (
+    CALL_S,
+    RelativePositionErrors,
+    elevation_window,
+    estimated_track,
+    read_truth,
+    relative_errors,
+    settled_assessment,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ElevationErrors:
+    """Errors of an elevation map: cells compared, mean and root mean square, metres; share of the region
+    observed.
+    """
+
+    cells: int
+    bias_m: float
+    rms_m: float
+    coverage: float
+
+    def __str__(self) -> str:
+        return (
+            f"bias {self.bias_m:+.3f} m, RMS {self.rms_m:.3f} m over {self.cells} cells, "
+            f"{self.coverage:.0%} of the region observed"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SharedMapErrors:
+    """Errors of a shared map, before and after the maps of two robots were merged."""
+
+    revisions: Mapping[str, int]
+    closures: int
+    seen: tuple[RelativePositionErrors, RelativePositionErrors]
+    heights: tuple[ElevationErrors, ElevationErrors]
+
+    def lines(self) -> Iterator[str]:
+        """Yield the results as text."""
+        revised = ", ".join(f"{frame} {number - 1}" for frame, number in self.revisions.items())
+        yield f"loop closures between the rovers: {self.closures}; number of re-anchorings: {revised}"
+        for when, seen, heights in zip(("before", "after"), self.seen, self.heights, strict=True):
+            yield f"{when} re-anchoring: relative position {seen}"
+            yield f"{when} re-anchoring: elevation map of both {heights}"
+
+    def faults(self, limits: SharedMapLimits) -> list[str]:
+        """Return the limits that are exceeded."""
+        faults = []
+        if max(self.revisions.values()) < 2:
+            faults.append("no frame was re-anchored")
+        if not self.seen[1].pairs:
+            faults.append(f"the paths of the rovers are nowhere within {limits.within_m:g} m of each other")
+        elif self.seen[1].largest_m > limits.max_error_m:
+            faults.append(
+                f"relative position {self.seen[1].largest_m:.3f} m off, limit {limits.max_error_m:g} m"
+            )
+        return faults
+
+
+def settled(limits: SharedMapLimits, profile: Profile, log: Path, bus: Bus, http_url: str) -> SharedMapErrors:
+    """Assess the map until it has no fault, at most for ``wait_s``: merging continues after the drive.
+
+    Raises
+    ------
+    UnavailableError
+        If nothing was re-anchored, or the DPM has no poses of a robot, within ``wait_s``.
+    """
+    return settled_assessment(
+        lambda: _errors(limits, profile, log, bus, http_url),
+        is_settled=lambda errors: not errors.faults(limits),
+        wait_s=limits.wait_s,
+    )
+
+
+def _errors(limits: SharedMapLimits, profile: Profile, log: Path, bus: Bus, http_url: str) -> SharedMapErrors:
+    """Assess the products of the DPM with the frames before the first re-anchoring and now."""
+    revisions = _revisions(limits, bus)
+    before = min(int(r[1]["frames_revision"]) for r in revisions.values() if len(r) > 1) - 1
+    truths = read_truth(log, limits.robots)
+    with closing(open_log(log)) as reader:
+        terrain = next(iter(reader.samples(["/site/truth.terrain"]))).value
+    seen, heights = [], []
+    for state in (before, None):
+        tracks = [estimated_track(profile, robot, http_url, truths[robot], state) for robot in limits.robots]
+        seen.append(relative_errors(tracks, limits.within_m))
+        revision: dict[str, object] = {} if state is None else {"frames_revision": state}
+        window = elevation_window(bus, limits.region, limits.resolution_m, **revision)
+        heights.append(height_errors(window, terrain))
+    query = {"type": "pose_graph", "robot": keys.GROUND}
+    graph = bus.call(keys.dpm_rpc(keys.GROUND, "get"), query, timeout_s=CALL_S)
+    return SharedMapErrors(
+        {frame: len(entries) for frame, entries in revisions.items()},
+        int(graph.attachment["quality"]["metrics"]["closures"]),
+        (seen[0], seen[1]),
+        (heights[0], heights[1]),
+    )
+
+
+def height_errors(window: ElevationMap, true: ElevationMap) -> ElevationErrors:
+    """Return the errors of observed cells, each against the true cell around its centre."""
+    x, y = window.geometry.centres_m()
+    g = true.geometry
+    row = np.floor((g.ymax_m - y) / g.resolution_m).astype(int)
+    col = np.floor((x - g.xmin_m) / g.resolution_m).astype(int)
+    inside = (row >= 0) & (row < g.rows) & (col >= 0) & (col < g.cols)
+    height = np.full(window.geometry.shape, np.nan)
+    height[inside] = true.layer("mean")[row[inside], col[inside]]
+    observed = np.isfinite(window.layer("mean"))
+    error = (window.layer("mean") - height)[observed & np.isfinite(height)]
+    if not len(error):
+        raise InputError("elevation of both robots: no observed cell is on the true terrain")
+    rms_m = float(np.sqrt(np.mean(error**2)))
+    return ElevationErrors(len(error), float(error.mean()), rms_m, float(observed.mean()))
+
+
+def _revisions(limits: SharedMapLimits, bus: Bus) -> dict[str, list[dict[str, Any]]]:
+    """Return the revisions of each robot's map frame; raises UnavailableError if none was re-anchored."""
+    key, revisions = keys.dpm_rpc(keys.GROUND, "frames"), {}
+    for robot in limits.robots:
+        frame = _map_frame(bus, robot)
+        revisions[frame] = bus.call(key, {"frame": frame}, timeout_s=CALL_S).body()["revisions"]
+    if all(len(entries) < 2 for entries in revisions.values()):
+        raise UnavailableError(f"none of {', '.join(revisions)} was re-anchored within {limits.wait_s:g} s")
+    return revisions
+
+
+def _map_frame(bus: Bus, robot: str) -> str:
+    query = {"type": "pose_graph", "robot": robot, "limit": 1}
+    items = bus.call(keys.dpm_rpc(keys.GROUND, "search"), query, timeout_s=CALL_S).body()["items"]
+    if not items:
+        raise UnavailableError(f"the DPM has no pose graph of {robot}")
+    return str(items[0]["frame"])

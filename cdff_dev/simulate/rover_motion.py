@@ -1,0 +1,132 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Motion of a rover: a path over the terrain, attitude from its wheels, a twice differentiable truth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.spatial.transform import Rotation, RotationSpline
+
+from cdff_common.geometry import se3
+from cdff_common.geometry.se3 import FloatArray
+from cdff_dev.simulate.relief import Relief
+from cdff_dev.simulate.scenario import Chassis, RoverPath
+
+_KNOT_HZ = 20.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """The true motion of ``{robot}/base`` in ``site`` over seconds since the epoch.
+
+    Attributes
+    ----------
+    position : CubicSpline
+        Metres, (3,).
+    attitude : RotationSpline
+    distance : CubicSpline
+        Path length, metres.
+    """
+
+    position: CubicSpline
+    attitude: RotationSpline
+    distance: CubicSpline
+
+    def poses(self, t_s: FloatArray) -> FloatArray:
+        """``T_site_base`` at times ``(n,)``: shape (n, 4, 4)."""
+        return se3.transform(self.attitude(t_s).as_matrix(), self.position(t_s))
+
+    def body_rates(self, t_s: FloatArray) -> FloatArray:
+        """Angular rates ``(n, 3)`` of the base in base axes, rad/s."""
+        return np.asarray(self.attitude(t_s, 1), dtype=np.float64)
+
+    def body_accelerations(self, t_s: FloatArray) -> FloatArray:
+        """Angular accelerations ``(n, 3)`` in base axes, rad/s^2."""
+        return np.asarray(self.attitude(t_s, 2), dtype=np.float64)
+
+    def acceleration(self, t_s: FloatArray) -> FloatArray:
+        """Acceleration ``(n, 3)`` of the base's origin in site axes, m/s^2."""
+        return np.asarray(self.position(t_s, 2), dtype=np.float64)
+
+
+def _distance_travelled(drive: RoverPath, duration_s: float, t_s: FloatArray) -> FloatArray:
+    """Return the distance along the path at times ``t_s``: rest, smooth ramp, cruise, ramp, rest."""
+    stop_s = duration_s - drive.rest_after_s
+
+    def ramp(u: FloatArray) -> FloatArray:
+        c = np.clip(u, 0.0, 1.0)
+        return np.asarray(c**3 * (10.0 - 15.0 * c + 6.0 * c**2))
+
+    fine = np.arange(0.0, duration_s + 2e-3, 1e-3)
+    speed = drive.speed_m_s * (
+        ramp((fine - drive.rest_before_s) / drive.ramp_s)
+        - ramp((fine - stop_s + drive.ramp_s) / drive.ramp_s)
+    )
+    distance_m = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * 1e-3)])
+    return np.asarray(np.interp(t_s, fine, distance_m))
+
+
+def track(drive: RoverPath, distance_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points ``(n, 2)`` and headings ``(n,)``, metres and radians in site, at distances along a drive."""
+    knots = np.array(drive.curvature_1pm)
+    s = np.arange(0.0, max(float(np.max(distance_m)), 0.01) + 0.01, 0.005)
+    curvature = PchipInterpolator(knots[:, 0], knots[:, 1], extrapolate=True)(
+        np.clip(s, knots[0, 0], knots[-1, 0])
+    )
+    heading = (
+        math.radians(drive.heading_deg)
+        + np.concatenate([[0], np.cumsum(0.5 * (curvature[1:] + curvature[:-1]))]) * 0.005
+    )
+    c, n = np.cos(heading), np.sin(heading)
+    x = drive.start_xy_m[0] + np.concatenate([[0], np.cumsum(0.5 * (c[1:] + c[:-1]))]) * 0.005
+    y = drive.start_xy_m[1] + np.concatenate([[0], np.cumsum(0.5 * (n[1:] + n[:-1]))]) * 0.005
+    xy = np.stack([np.interp(distance_m, s, x), np.interp(distance_m, s, y)], axis=1)
+    return xy, np.interp(distance_m, s, heading)
+
+
+def settle(relief: Relief, chassis: Chassis, xy_m: FloatArray, heading_rad: FloatArray) -> FloatArray:
+    """``T_site_base`` ``(n, 4, 4)`` of a rover standing on its four wheels at points ``(n, 2)``.
+
+    The plane is fitted to the four contacts by least squares (a rocker averages, it does not tip); the base
+    lies ``base_height_m`` above it.
+    """
+    half = 0.5 * np.array([[chassis.wheelbase_m, chassis.track_m]])
+    wheels = half * np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
+    c, s = np.cos(heading_rad), np.sin(heading_rad)
+    ahead = np.stack([c, s], 1)
+    left = np.stack([-s, c], 1)
+    at = xy_m[:, None, :] + wheels[None, :, :1] * ahead[:, None, :] + wheels[None, :, 1:] * left[:, None, :]
+    z = relief.height(at.reshape(-1, 2)).reshape(-1, 4)
+    pitch_slope = z @ np.array([1, 1, -1, -1]) / (2.0 * chassis.wheelbase_m)
+    roll_slope = z @ np.array([1, -1, 1, -1]) / (2.0 * chassis.track_m)
+    x_axis = np.concatenate([ahead, pitch_slope[:, None]], 1)
+    y_axis = np.concatenate([left, roll_slope[:, None]], 1)
+    normal = np.cross(x_axis, y_axis)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    x_axis /= np.linalg.norm(x_axis, axis=1, keepdims=True)
+    R = np.stack([x_axis, np.cross(normal, x_axis), normal], axis=2)
+    ground = np.concatenate([xy_m, z.mean(axis=1)[:, None]], 1)
+    return se3.transform(R, ground + chassis.base_height_m * normal)
+
+
+def make_motion(drive: RoverPath, chassis: Chassis, relief: Relief, duration_s: float) -> Motion:
+    """Return the true motion of one rover.
+
+    Knots at 20 Hz are joined by splines, so that rates and accelerations exist and the IMU agrees with the
+    poses.
+    """
+    sigma_cells = chassis.wheel_footprint_m / float(np.min(np.diff(relief.x_m)))
+    wheel_relief = relief.smoothed(sigma_cells)
+    t_s = np.arange(0.0, duration_s + 1.0, 1.0 / _KNOT_HZ)
+    distance = _distance_travelled(drive, duration_s, t_s)
+    xy, heading = track(drive, distance)
+    poses = settle(wheel_relief, chassis, xy, heading)
+    return Motion(
+        CubicSpline(t_s, poses[:, :3, 3]),
+        RotationSpline(t_s, Rotation.from_matrix(poses[:, :3, :3])),
+        CubicSpline(t_s, distance),
+    )

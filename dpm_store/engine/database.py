@@ -1,0 +1,170 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Transactions: readers see a snapshot, writers queue, and errors of the engine become StorageError."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from urllib.parse import unquote
+
+from sqlalchemy import Connection
+from sqlalchemy.exc import DatabaseError
+
+from cdff_common.errors import ConfigurationError, StorageError
+from dpm_store.engine import sqlite
+from dpm_store.engine.dialect import WRITES, Dialect
+from dpm_store.engine.disk_space import DiskSpace
+
+logger = logging.getLogger(__name__)
+
+#: Engines by the scheme of the store's URL, which is SQLAlchemy's name of the engine.
+DIALECTS: dict[str, Dialect] = {"sqlite": sqlite}
+#: Engine of stores in a directory.
+EMBEDDED: Dialect = sqlite
+
+
+def dialect_of(connection: Connection) -> Dialect:
+    """Return the engine of a connection."""
+    return DIALECTS[connection.dialect.name]
+
+
+def parse_url(url: str) -> tuple[Dialect, Path]:
+    """Return the engine and the directory of a ``sqlite:///dir`` URL (a fourth slash makes it absolute).
+
+    Raises
+    ------
+    ConfigurationError
+        If the URL names another engine.
+    """
+    scheme, separator, directory = url.partition(":///")
+    if scheme not in DIALECTS or not separator or not directory:
+        raise ConfigurationError(f"store {url!r}: expected {' or '.join(DIALECTS)}:///directory")
+    return DIALECTS[scheme], Path(unquote(directory))
+
+
+class Database:
+    """The database of a store with its kinds of transaction.
+
+    Attributes
+    ----------
+    dialect : Dialect
+    disk_space : DiskSpace
+        Limits of additions.
+    write_lock : RLock
+        Lock of the thread that writes.
+    """
+
+    def __init__(
+        self, directory: Path, disk_space: DiskSpace | None = None, dialect: Dialect = EMBEDDED
+    ) -> None:
+        self.dialect = dialect
+        self.disk_space = disk_space or DiskSpace(directory)
+        self.engine = dialect.open_engine(directory / dialect.FILE_NAME)
+        self.write_lock = threading.RLock()
+
+    @contextmanager
+    def read(self, connection: Connection | None = None) -> Iterator[Connection]:
+        """Run a transaction that sees one state of the store and never waits for a writer.
+
+        A given connection is used in its open transaction; this holds for the other methods too.
+        """
+        if connection is not None:
+            yield connection
+            return
+        with self._translated_errors(), self.engine.begin() as transaction:
+            yield transaction
+
+    @contextmanager
+    def write(self, connection: Connection | None = None) -> Iterator[Connection]:
+        """Run an exclusive transaction; durable when the block ends without an error.
+
+        Raises
+        ------
+        StorageError
+            If the disk is nearly full, full, or fails: the transaction has no effect.
+        """
+        if connection is not None:
+            yield connection
+            return
+        self.admit(0)
+        with self.write_lock, self.session() as session, session.write() as transaction:
+            yield transaction
+
+    @contextmanager
+    def deletion(self, connection: Connection | None = None) -> Iterator[Connection]:
+        """Run a write transaction that frees space: allowed on a full disk; the log is shortened afterwards."""
+        if connection is not None:
+            yield connection
+            return
+        with self.write_lock, self.session() as session, session.deletion() as transaction:
+            yield transaction
+
+    @contextmanager
+    def session(self) -> Iterator[Session]:
+        """Open one connection for several transactions, so that temporary tables outlive each of them."""
+        with self._translated_errors(), self.engine.connect() as connection:
+            yield Session(self, connection)
+
+    def admit(self, payload_bytes: int) -> None:
+        """Raise StorageError if payloads of this size would leave too little space to delete."""
+        if not self.disk_space.holds(payload_bytes):
+            with self.write_lock:
+                self.dialect.checkpoint(self.engine)
+        self.disk_space.admit(payload_bytes)
+
+    def close(self) -> None:
+        """Close every connection; the last one copies the write-ahead log into the file."""
+        self.engine.dispose()
+
+    @contextmanager
+    def _translated_errors(self) -> Iterator[None]:
+        """Raise errors of the database as StorageError."""
+        try:
+            yield
+        except DatabaseError as error:
+            raise StorageError(f"store: {error.orig}") from error
+        except self.dialect.Error as error:
+            raise StorageError(f"store: {error}") from error
+
+
+class Session:
+    """One connection and its transactions."""
+
+    def __init__(self, database: Database, connection: Connection) -> None:
+        self._database = database
+        self._connection = connection
+
+    @contextmanager
+    def read(self) -> Iterator[Connection]:
+        """Run a transaction like ``Database.read``."""
+        with self._transaction(writes=False) as connection:
+            yield connection
+
+    @contextmanager
+    def write(self) -> Iterator[Connection]:
+        """Run a transaction like ``Database.write``, without its check of the disk space."""
+        with self._database.write_lock, self._transaction(writes=True) as connection:
+            yield connection
+
+    @contextmanager
+    def deletion(self) -> Iterator[Connection]:
+        """Run a transaction like ``Database.deletion``."""
+        database = self._database
+        with database.disk_space.deletion():
+            with self.write() as connection:
+                yield connection
+            if database.disk_space.is_low():
+                try:
+                    database.dialect.checkpoint(database.engine)
+                except StorageError as error:  # the deletion itself is committed
+                    logger.warning("log not shortened", extra={"why": str(error)})
+
+    @contextmanager
+    def _transaction(self, *, writes: bool) -> Iterator[Connection]:
+        connection = self._connection.execution_options(**{WRITES: writes})
+        with connection.begin():
+            yield connection

@@ -1,0 +1,84 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Navigation windows and tiles from many products. Each cell has the class and cost of one map."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.raster.cell_selection import NavigationChoice
+from dpm_store.maps.patches import Patches, PatchSelection
+from dpm_store.maps.pyramid import FEW, tile_parts, tile_query
+from dpm_store.maps.windows import (
+    PatchUsage,
+    Window,
+    WindowQuery,
+    add_patches,
+    build_window,
+    check_used,
+    plan_window,
+)
+
+if TYPE_CHECKING:
+    from cdff_common.raster import GridGeometry
+    from cdff_common.raster.navigation import NavigationMosaic
+    from cdff_common.raster.tiles import Tile
+
+#: Port of derived windows.
+DERIVED_PORT = "navigation_window"
+
+
+class NavigationMaps:
+    """Windows and tiles of navigation maps.
+
+    Parameters
+    ----------
+    patches : Patches
+        Patches of navigation maps.
+    """
+
+    def __init__(self, patches: Patches) -> None:
+        self._patches = patches
+
+    def window(self, query: WindowQuery) -> Window:
+        """Assemble every navigation map of the region; raises like ``windows.plan_window``."""
+        from cdff_common.types import NavigationMap
+
+        plan = plan_window(self._patches, query)
+        mosaic, usage = self._assemble(plan.selection, plan.geometry, query.navigation_choice)
+        check_used(usage, query, "navigation_map")
+        layers = mosaic.layers()
+        return build_window(
+            plan, usage, NavigationMap, layers, layers["class"] > 0, [query.navigation_choice], DERIVED_PORT
+        )
+
+    def tile(self, frame: str, tile: Tile) -> dict[str, NDArray[Any]]:
+        """Return the layers of a tile with the newest class per cell.
+        They are assembled from the maps if these are few, else from the four tiles of the next level, where
+        smaller cells have precedence over larger ones and four cells become one with their worst class.
+        """
+        from cdff_common.raster.resample import largest_of_blocks
+
+        geometry = tile.geometry(frame)
+        few = self._patches.find_few(tile_query(frame, geometry), FEW)
+        selection, children = (few, ()) if few is not None else tile_parts(self._patches, frame, tile)
+        mosaic, _ = self._assemble(selection, geometry, NavigationChoice.NEWEST)
+        for child in children:
+            layers, cells = largest_of_blocks(self.tile(frame, child), child.geometry(frame), 2)
+            mosaic.add(cells, layers)
+        return mosaic.layers()
+
+    def _assemble(
+        self, selection: PatchSelection, geometry: GridGeometry, choice: NavigationChoice
+    ) -> tuple[NavigationMosaic, PatchUsage]:
+        from cdff_common.raster.navigation import NavigationMosaic
+
+        mosaic = NavigationMosaic(geometry, choice)
+        usage = add_patches(
+            self._patches, selection, geometry, lambda patch, T: mosaic.add(patch.geometry, patch.layers, T)
+        )
+        return mosaic, replace(usage, disagreeing=int(np.count_nonzero(mosaic.differing)))

@@ -1,0 +1,189 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Payload files, named by their SHA-256, written completely and synced before a row refers to them.
+
+Order of a write: temporary file, fsync, rename, fsync of the directory, row. A crash in between leaves a file
+without a row, which ``collect`` removes. The row stores a CRC-32 of every chunk, so that any part can be
+checked without reading the rest.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import struct
+import tempfile
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+from cdff_common.errors import InputError, StorageError
+
+CHUNK_BYTES = 1 << 18
+#: Errors of a full disk.
+FULL = (errno.ENOSPC, errno.EDQUOT)
+
+
+def digest(payload: bytes) -> str:
+    """Return the SHA-256 of a payload, hexadecimal."""
+    return hashlib.sha256(payload).hexdigest()
+
+
+def chunk_sums(payload: bytes) -> bytes:
+    """Return the CRC-32 of each chunk of ``CHUNK_BYTES``, little-endian, 4 bytes each."""
+    view = memoryview(payload)
+    sums = [zlib.crc32(view[i : i + CHUNK_BYTES]) for i in range(0, len(payload), CHUNK_BYTES)]
+    return struct.pack(f"<{len(sums)}I", *sums)
+
+
+def chunk_range(offset: int, length: int) -> tuple[int, int]:
+    """Return the first chunk and one past the last that hold bytes ``offset`` to ``offset + length``."""
+    return offset // CHUNK_BYTES, -(-(offset + length) // CHUNK_BYTES)
+
+
+def check_chunks(data: bytes, first_chunk: int, sums: bytes, what: str) -> None:
+    """Compare chunk-aligned ``data`` with the sums written at insertion.
+
+    Raises
+    ------
+    StorageError
+        If a chunk differs.
+    """
+    for i in range(0, len(data), CHUNK_BYTES):
+        chunk = first_chunk + i // CHUNK_BYTES
+        (expected,) = struct.unpack_from("<I", sums, 4 * chunk)
+        if zlib.crc32(memoryview(data)[i : i + CHUNK_BYTES]) != expected:
+            raise StorageError(f"{what}: bytes {chunk * CHUNK_BYTES}… are corrupt on the disk")
+
+
+class BlobFiles:
+    """The payload files below ``directory``, in two levels to keep directories small."""
+
+    def __init__(self, directory: Path) -> None:
+        self._directory = directory
+        directory.mkdir(parents=True, exist_ok=True)
+        for leftover in directory.glob("*.part"):
+            leftover.unlink()
+
+    def path(self, sha256: str) -> Path:
+        """Return the path of the payload with this digest."""
+        if len(sha256) != 64 or not set(sha256) <= set("0123456789abcdef"):
+            raise InputError(f"digest {sha256[:80]!r}: expected 64 hexadecimal digits")
+        return self._directory / sha256[:2] / sha256[2:]
+
+    def write(self, sha256: str, payload: bytes) -> None:
+        """Make the payload durable under its digest; an existing file is replaced if it differs.
+
+        Raises
+        ------
+        StorageError
+            If the disk is full or fails; no file remains.
+        """
+        target = self.path(sha256)
+        try:
+            if _has_content(target, payload) and _make_durable(target):
+                return
+            new_directory = not target.parent.exists()
+            target.parent.mkdir(exist_ok=True)
+            if new_directory:
+                fsync(self._directory)
+            descriptor, temporary = tempfile.mkstemp(suffix=".part", dir=self._directory)
+            try:
+                with os.fdopen(descriptor, "wb") as file:
+                    file.write(payload)
+                    file.flush()
+                    os.fsync(file.fileno())
+                Path(temporary).rename(target)
+            except OSError:
+                Path(temporary).unlink(missing_ok=True)
+                raise
+            fsync(target.parent)
+        except OSError as error:
+            why = "the disk is full; delete products" if error.errno in FULL else "the disk failed"
+            raise StorageError(
+                f"payload of {len(payload)} bytes not stored: {why} ({error.strerror})"
+            ) from error
+
+    def read(self, sha256: str, size: int, sums: bytes, offset: int, length: int, what: str) -> bytes:
+        """Return ``length`` bytes from ``offset`` after comparison with the sums.
+
+        Raises
+        ------
+        StorageError
+            If the file is missing or short, or does not match the sums.
+        """
+        first, last = chunk_range(offset, length)
+        start, stop = first * CHUNK_BYTES, min(last * CHUNK_BYTES, size)
+        try:
+            with self.path(sha256).open("rb") as file:
+                file.seek(start)
+                data = file.read(stop - start)
+        except OSError as error:
+            raise StorageError(f"{what}: payload file not readable ({error.strerror})") from error
+        if len(data) != stop - start:
+            raise StorageError(
+                f"{what}: payload file ends at byte {start + len(data)}, expected {size}; not served"
+            )
+        check_chunks(data, first, sums, what)
+        return (
+            data
+            if (start, stop) == (offset, offset + length)
+            else data[offset - start : offset - start + length]
+        )
+
+    def names(self) -> Iterator[list[str]]:
+        """Yield the SHA-256 digests of the payload files, one list for each directory."""
+        for directory in sorted(self._directory.glob("??")):
+            yield [directory.name + path.name for path in directory.iterdir()]
+
+    def remove(self, sha256: str) -> int:
+        """Delete a file and return the bytes freed.
+
+        Raises
+        ------
+        StorageError
+            If the disk fails.
+        """
+        path = self.path(sha256)
+        try:
+            size = path.stat().st_size
+            path.unlink()
+        except FileNotFoundError:
+            return 0
+        except OSError as error:
+            raise StorageError(f"payload {sha256} not removed ({error.strerror})") from error
+        return size
+
+
+def _has_content(path: Path, payload: bytes) -> bool:
+    """Return whether a file exists and equals the payload."""
+    try:
+        with path.open("rb") as file:
+            if os.fstat(file.fileno()).st_size != len(payload):
+                return False
+            view = memoryview(payload)
+            return all(
+                file.read(CHUNK_BYTES) == view[i : i + CHUNK_BYTES] for i in range(0, len(view), CHUNK_BYTES)
+            )
+    except FileNotFoundError:
+        return False
+
+
+def _make_durable(path: Path) -> bool:
+    """Sync a file whose writer may have been killed before it was durable; return False if it is missing."""
+    try:
+        fsync(path)
+    except FileNotFoundError:  # removed by a collection
+        return False
+    fsync(path.parent)
+    return True
+
+
+def fsync(path: Path) -> None:
+    """Make a file or directory durable."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,128 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Payloads by their content, each stored once: large ones in a file each, the others in packs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from sqlalchemy import Connection, bindparam, select
+
+from cdff_common.errors import StorageError
+from dpm_store.engine import schema
+from dpm_store.engine.database import EMBEDDED, Database, dialect_of
+from dpm_store.engine.dialect import Dialect
+from dpm_store.engine.tallies import add_to_tallies
+from dpm_store.payloads.blobs import BlobFiles
+from dpm_store.payloads.packs import PackFiles, location_range, pack_of
+
+#: Larger payloads have a file each.
+PACKED_BYTES = 1 << 15
+BLOBS, PACKS = "blobs", "packs"
+
+_b = schema.blobs.c
+_SPANS = (
+    select(_b.location, _b.size)
+    .where(_b.location >= bindparam("first"), _b.location < bindparam("end"))
+    .order_by(_b.location)
+)
+
+
+class Content(NamedTuple):
+    """A payload and the sums of its chunks."""
+
+    payload: bytes
+    sums: bytes
+
+
+class Payloads:
+    """The payloads in the directory of a store."""
+
+    def __init__(self, directory: Path, dialect: Dialect = EMBEDDED) -> None:
+        self.files = BlobFiles(directory / BLOBS)
+        self.packs = PackFiles(directory / PACKS)
+        self._reclaimable = set(self.packs.numbers())  # a crash may have left unreferenced ranges
+        digests = dialect.elements("digests")
+        self._locations = select(_b.sha256, _b.location).where(_b.sha256.in_(digests))
+
+    def insert(
+        self, connection: Connection, contents: Mapping[str, Content], products: Mapping[str, int]
+    ) -> None:
+        """Write payloads, durable after ``packs.flush``, and their rows, inside a transaction.
+
+        Parameters
+        ----------
+        connection : Connection
+        contents : mapping of str to Content
+            Contents by digest. A payload that is stored and intact is not written again.
+        products : mapping of str to int
+            Number of new products with each payload, by digest.
+
+        Raises
+        ------
+        StorageError
+            If the disk is full or fails.
+        """
+        dialect = dialect_of(connection)
+        parameters = {"digests": dialect.list_value(list(contents))}
+        stored: dict[str, int | None] = dict(dialect.fetch(connection, self._locations, parameters))
+        packed: dict[str, bytes] = {}
+        for sha256, content in contents.items():
+            if len(content.payload) > PACKED_BYTES:
+                self.files.write(sha256, content.payload)  # again only if a collection removed it
+            elif sha256 not in stored or not self._is_intact(stored[sha256], content):
+                packed[sha256] = content.payload
+                if sha256 in stored:
+                    self.mark_unreferenced(stored[sha256])
+        locations = dict(zip(packed, self.packs.append(list(packed.values())), strict=True)) if packed else {}
+        rows = [
+            {
+                "sha256": sha256,
+                "size": len(payload),
+                "chunk_sums": sums,
+                "location": locations.get(sha256),
+                "live": products[sha256],
+            }
+            for sha256, (payload, sums) in contents.items()
+        ]
+        dialect.upsert_rows(connection, schema.blobs, rows, add=("live",), replace=("location",))
+        new_sizes = [
+            ((sha256 in locations,), len(content.payload))
+            for sha256, content in contents.items()
+            if sha256 not in stored
+        ]
+        add_to_tallies(connection, schema.blob_tallies, new_sizes)
+
+    def read(self, row: Any, offset: int, length: int, what: str) -> bytes:
+        """Return checked bytes of a payload from its row of ``blobs``; raises StorageError if corrupt."""
+        if length == 0:
+            return b""
+        if row.location is None:
+            return self.files.read(row.sha256, row.size, row.chunk_sums, offset, length, what)
+        payload = self.packs.read((row.location, row.size), row.chunk_sums, what)
+        return payload if length == row.size else payload[offset : offset + length]
+
+    def mark_unreferenced(self, location: int | None) -> None:
+        """Record that no row references a location any more."""
+        if location is not None:
+            self._reclaimable.add(pack_of(location))
+
+    def reclaim(self, database: Database) -> None:
+        """Free the unreferenced ranges of packs; packs that are being copied are skipped until the next call."""
+        for number in sorted(self._reclaimable):
+            first, end = location_range(number)
+            with database.deletion() as connection:  # no process appends meanwhile
+                live = database.dialect.fetch(connection, _SPANS, {"first": first, "end": end})
+                if self.packs.reclaim(number, live):
+                    self._reclaimable.discard(number)
+
+    def _is_intact(self, location: int | None, content: Content) -> bool:
+        if location is None:
+            return True
+        span = (location, len(content.payload))
+        try:
+            return self.packs.read(span, content.sums, "payload") == content.payload
+        except StorageError:
+            return False

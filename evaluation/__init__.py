@@ -1,0 +1,11 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Evaluations of accuracy relative to ground truth; ``make evaluate`` runs all of them.
+
+A module of this package with a function ``evaluate(data: Path, progress: Callable[[str], None]) -> dict`` is
+an evaluation. The dictionary is written to ``docs/evaluation/NAME.json``, with commit, hash of the lock file,
+Python version and machine. ``draw(figures) -> bytes`` returns the diagram ``docs/evaluation/NAME.svg``.
+``table(figures) -> str`` returns the tables. They replace the text between the comments ``<!-- written by …
+-->`` and ``<!-- until here -->`` in ``docs/evaluation/NAME.md``, or in the page that the module names in
+``PAGE``. The argument ``figures`` of both functions is the dictionary that ``evaluate`` returned.
+"""

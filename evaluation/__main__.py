@@ -1,0 +1,122 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``python -m evaluation [NAME[:PART] ...]``: run evaluations, write results, diagrams and tables.
+
+``make evaluate`` runs all evaluations.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import pkgutil
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import evaluation
+from cdff_common.cli import run_safely
+from cdff_common.errors import InputError
+from evaluation.record import write
+
+ROOT = Path(__file__).resolve().parents[1]
+#: Pages with the diagrams and tables of the evaluations.
+PAGES = ROOT / "docs" / "evaluation"
+
+
+def evaluations() -> dict[str, ModuleType]:
+    """Return the modules of this package that have a function ``evaluate``, by name."""
+    modules = {
+        info.name: importlib.import_module(f"{evaluation.__name__}.{info.name}")
+        for info in pkgutil.iter_modules(evaluation.__path__)
+        if not info.name.startswith("_")
+    }
+    return {name: module for name, module in modules.items() if hasattr(module, "evaluate")}
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the named evaluations, or all."""
+    parser = argparse.ArgumentParser(prog="evaluate", description=__doc__)
+    parser.add_argument(
+        "names", nargs="*", help="evaluations (NAME), or parts of evaluations (NAME:PART); default: all"
+    )
+    parser.add_argument(
+        "--draw-only", action="store_true", help="update diagrams and tables from the existing JSON files"
+    )
+    parser.add_argument("--data", type=Path, help="folder of the real data sets; CDFF_DATA, ../shared/data")
+    args = parser.parse_args(argv)
+    data = args.data or Path(os.environ.get("CDFF_DATA") or ROOT.parent / "shared" / "data")
+    if not data.is_dir():
+        raise InputError(f"real data {data}: not a folder; name it with --data or CDFF_DATA")
+    known = evaluations()
+    for name, part in map(_split, args.names):
+        if name not in known:
+            raise InputError(f"no evaluation {name!r}; known are {', '.join(known)}")
+        parts = getattr(known[name], "PARTS", ())
+        if part and part not in parts:
+            raise InputError(f"evaluation {name}: no part {part!r}; expected {', '.join(parts) or 'none'}")
+    if args.draw_only:
+        for name, _ in map(_split, args.names or known):
+            path = PAGES / f"{name}.json"
+            if path.is_file():
+                _draw(known[name], name, json.loads(path.read_text(encoding="utf-8"))["figures"])
+        return 0
+    for name, part in map(_split, args.names or known):
+        figures = known[name].evaluate(data, _say, **({"parts": (part,)} if part else {}))
+        path = write(ROOT, name, figures, part)
+        sys.stdout.write(f"{name}: {json.dumps(figures)}\nwrote {path.relative_to(ROOT)}\n")
+        _draw(known[name], name, json.loads(path.read_text(encoding="utf-8"))["figures"])
+    return 0
+
+
+def _split(name: str) -> tuple[str, str]:
+    """Split ``name:part`` into the names of the evaluation and its part."""
+    evaluation, _, part = name.partition(":")
+    return evaluation, part
+
+
+def _draw(module: ModuleType, name: str, figures: dict[str, Any]) -> None:
+    """Write the SVG of ``draw(figures) -> bytes`` and the tables of ``table(figures) -> str``.
+
+    The page is ``docs/evaluation/{name}.md``; a module that adds to the page of another one names it in
+    ``PAGE``.
+    """
+    if hasattr(module, "draw"):
+        (PAGES / f"{name}.svg").write_bytes(module.draw(figures))
+        sys.stdout.write(f"wrote docs/evaluation/{name}.svg\n")
+    if hasattr(module, "table"):
+        page = PAGES / f"{getattr(module, 'PAGE', name)}.md"
+        page.write_text(
+            filled(page.read_text(encoding="utf-8"), name, module.table(figures)), encoding="utf-8"
+        )
+        sys.stdout.write(f"wrote docs/evaluation/{page.name}\n")
+
+
+def filled(page: str, name: str, table: str) -> str:
+    """Return the page with the text between the markers of an evaluation replaced.
+
+    Raises
+    ------
+    InputError
+        If the page has no such markers.
+    """
+    first, last = f"<!-- written by python -m evaluation {name} -->\n", "<!-- until here -->\n"
+    if page.count(first) != 1 or last not in page[page.index(first) :]:
+        raise InputError(
+            f"page of {name}: expected one line {first.strip()} and a line {last.strip()} after it"
+        )
+    start = page.index(first) + len(first)
+    return page[:start] + table.rstrip() + "\n" + page[page.index(last, start) :]
+
+
+def _say(text: str) -> None:
+    if sys.stderr.isatty():
+        sys.stderr.write(f"\r{text:70}")
+        sys.stderr.flush()
+
+
+if __name__ == "__main__":
+    raise SystemExit(run_safely(main))

@@ -1,0 +1,274 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Evaluate absolute localisation on simulated orbital models and on shifted MOLA topography.
+
+The simulated ground is fractal relief with craters. Its orbital model has cells of 1 m, noise of 0.15 m
+(1 sigma, correlated within 1.5 m) and another datum. The initial error of the rover is up to 20 m in x and y
+and 1.5 degrees in yaw (1 sigma). The rover drifts by 2 % every 5 m and observes half of the ground within
+8 m. The factor of the covariance and the gates were chosen with other seeds (from 50 000).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from cdff_common.errors import InputError
+from cdff_common.interfaces.dfpc import DfpcContext, Output, Sample
+from cdff_common.interfaces.registry import Registry
+from cdff_common.raster import GridGeometry
+from cdff_common.types import ElevationMap
+from cdff_core.dfns.raster_matching.interface import RasterMatchingInputs
+from cdff_dev.compare.error_summary import error_summary
+from cdff_dev.compare.registration.rates import interval, nees_band, rate_text
+from evaluation.chart import Panel, chart
+from evaluation.scenes.orbital import ORBITAL_M, Ground, PatchRun
+
+TRIALS, OTHER_TRIALS, FLAT_TRIALS, TRAVERSES, SHIFTS = 500, 500, 60, 40, 100
+#: First seed. The factor of the covariance and the gates were chosen with seeds from 50 000 and 60 000.
+FIRST_SEED = 3000
+#: Drives on the same terrain. Start, turns, drift, measurements and orbital noise differ between them.
+DRIVES_A_SITE = 4
+FIX_PATH_LENGTH_M, TRAVERSE_PATH_LENGTH_M, DATUM_M = 35.0, 125.0, 12.0
+#: A fix with a larger error is false: three orbital cells, beyond all stated covariances.
+FALSE_M = 3.0 * ORBITAL_M
+#: Indices of x, y, z and yaw in the covariance of a pose.
+LEVEL = np.array([0, 1, 2, 5])
+MOLA_CELLS, MOLA_SHIFT_CELLS, MOLA_BLUR_CELLS, MOLA_NOISE_M, MOLA_OFFSET_M = 40, 8.0, 0.7, 20.0, 1000.0
+#: Maximum standard deviation of an accepted shift, cells; on plains the relief is below the noise.
+MOLA_SIGMA_CELLS = 0.2
+#: Cell size of MOLA's grid at the equator, metres. Heights are divided by it, so that cells have size 1 and
+#: slopes do not change.
+MOLA_CELL_M = 14_822.0
+
+
+def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
+    """Return the results on simulated and on measured topography."""
+    report: dict[str, Any] = {
+        "simulated": {
+            "seeds_from": FIRST_SEED,
+            "drives_per_site": DRIVES_A_SITE,
+            "orbital_cell_m": ORBITAL_M,
+            "false_beyond_m": FALSE_M,
+        }
+    }
+    kinds = (
+        ("after 30 m", "right", TRIALS),
+        ("other ground", "other", OTHER_TRIALS),
+        ("flat ground", "flat", FLAT_TRIALS),
+    )
+    for name, kind, trials in kinds:
+        outputs = []
+        for seed in range(FIRST_SEED, FIRST_SEED + trials):
+            progress(f"absolute_localisation: {name}, seed {seed}")
+            outputs += run_drive(seed, FIX_PATH_LENGTH_M, kind)
+        report["simulated"][name] = summarise(outputs)
+    outputs = []
+    for seed in range(FIRST_SEED + TRIALS, FIRST_SEED + TRIALS + TRAVERSES):
+        progress(f"absolute_localisation: traverse, seed {seed}")
+        outputs += run_drive(seed, TRAVERSE_PATH_LENGTH_M, "right")
+    last = {round(f["path_length_m"] / 30.0) for f in outputs}
+    report["simulated"]["traverse"] = {
+        f"segment {k}": summarise([f for f in outputs if round(f["path_length_m"] / 30.0) == k])
+        for k in sorted(last)
+    }
+    report["mola"] = mola(data / "planetary_rasters" / "megt90n000cb.img", progress)
+    return report
+
+
+def run_drive(seed: int, path_length_m: float, kind: str) -> list[dict[str, Any]]:
+    """Return the result of each segment of a drive.
+
+    Parameters
+    ----------
+    seed : int
+    path_length_m : float
+    kind : str
+        ``right``, ``other`` (the orbital model shows other terrain) or ``flat``.
+    """
+    slope_deg = 0.0 if kind == "flat" else 6.0
+    site = seed // DRIVES_A_SITE
+    ground = _ground(site, slope_deg)
+    orbital_ground = _ground(site + 1_000_000, slope_deg) if kind == "other" else ground
+    drive = PatchRun.make(ground, seed, path_length_m)
+    dfpc = Registry.default().make_dfpc("absolute_localisation")
+    dfpc.configure({}, DfpcContext("mana"))
+    list(dfpc.step(Sample("orbital", 0, 0, orbital_ground.orbital(seed, DATUM_M))))
+    results: list[dict[str, Any]] = []
+    index = -1
+    for sample in drive.samples(ground, seed):
+        index += sample.port == "poses"
+        started = time.process_time()
+        for output in dfpc.step(sample):
+            truth = drive.true_poses[index].copy()
+            truth[2, 3] += DATUM_M
+            results.append(score_output(output, truth, time.process_time() - started))
+            results[-1]["path_length_m"] = output.quality.metrics.get("path_length_m", path_length_m)
+    if not results:
+        raise InputError(f"seed {seed}: a path of {path_length_m} m ended before a match")
+    return results
+
+
+@lru_cache(maxsize=2)
+def _ground(seed: int, slope_deg: float) -> Ground:
+    return Ground.make(seed, slope_deg)
+
+
+def score_output(output: Output, truth: np.ndarray, cpu_s: float) -> dict[str, Any]:
+    """Return the errors of an output at the robot, or the reasons of its refusal."""
+    if output.value is None:
+        return {"reasons": [r.split(":")[0] for r in output.quality.reasons], "cpu_s": cpu_s}
+    T = output.value.transform
+    T_error = T.matrix @ np.linalg.inv(truth)
+    e = np.append(T.matrix[:3, 3] - truth[:3, 3], np.arctan2(T_error[1, 0], T_error[0, 0]))
+    P = T.covariance[np.ix_(LEVEL, LEVEL)]
+    return {
+        "cpu_s": cpu_s,
+        "error_m": float(np.hypot(e[0], e[1])),
+        "height_m": abs(float(e[2])),
+        "yaw_deg": abs(float(np.degrees(e[3]))),
+        "nees": float(e @ np.linalg.solve(P, e)),
+        "sigma_m": float(np.sqrt(P[0, 0] + P[1, 1])),
+    }
+
+
+def summarise(outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return rates with their 95 % intervals, error summaries and the NEES."""
+    answered = [f for f in outcomes if "error_m" in f]
+    false = [f for f in answered if f["error_m"] > FALSE_M]
+    reasons: dict[str, int] = {}
+    for f in outcomes:
+        for reason in f.get("reasons", ()):
+            reasons[reason] = reasons.get(reason, 0) + 1
+    results: dict[str, Any] = {
+        "answered": interval(len(answered), len(outcomes)),
+        "false": interval(len(false), len(outcomes)),
+        "reasons_of_refusals": reasons,
+        "cpu_s": error_summary([f["cpu_s"] for f in outcomes]),
+    }
+    if answered:
+        nees = float(np.mean([f["nees"] for f in answered]))
+        low, high = nees_band(len(answered), 4)
+        within = sum(f["error_m"] <= ORBITAL_M for f in answered)
+        results |= {
+            "error_m": error_summary([f["error_m"] for f in answered]),
+            "height_m": error_summary([f["height_m"] for f in answered]),
+            "yaw_deg": error_summary([f["yaw_deg"] for f in answered]),
+            "within_a_cell": interval(within, len(answered)),
+            "mean_sigma_m": round(float(np.mean([f["sigma_m"] for f in answered])), 4),
+            "nees": {"mean": round(nees, 2), "band_95": [round(low, 2), round(high, 2)], "expected": 4},
+        }
+    return results
+
+
+def mola(path: Path, progress: Callable[[str], None]) -> dict[str, Any]:
+    """Match shifted, blurred, noisy and vertically offset parts of MOLA's map with the map."""
+    globe = np.fromfile(path, dtype=">i2").reshape(720, 1440).astype(np.float64)
+    node = Registry.default().make_dfn("raster_matching")
+    node.configure(
+        {
+            "search_m": MOLA_SHIFT_CELLS + 3.0,
+            "search_deg": 0.0,
+            "min_relief": 1e-4,
+            "covariance_inflation": 2.2,
+        }
+    )
+    errors, refused = [], 0
+    for seed in range(SHIFTS):
+        progress(f"absolute_localisation: MOLA, shift {seed}")
+        reference, template, shift = shifted_piece(globe, np.random.default_rng([seed, 11]))
+        outputs = node.process(RasterMatchingInputs(reference=reference, template=template))
+        if np.sqrt(np.trace(outputs.covariances[0][:2, :2])) > MOLA_SIGMA_CELLS:
+            refused += 1
+            continue
+        errors.append(float(np.hypot(*(outputs.transforms[0][:2, 3] - shift))))
+    within = sum(e <= 0.2 for e in errors)
+    return {
+        "shifts": SHIFTS,
+        "cells": MOLA_CELLS,
+        "largest_shift_cells": MOLA_SHIFT_CELLS,
+        "blur_cells": MOLA_BLUR_CELLS,
+        "noise_m": MOLA_NOISE_M,
+        "largest_offset_m": MOLA_OFFSET_M,
+        "refused_above_sigma_cells": [refused, MOLA_SIGMA_CELLS],
+        "error_cells": error_summary(errors),
+        "within_0.2_cells": interval(within, len(errors)),
+    }
+
+
+def shifted_piece(
+    globe: np.ndarray, rng: np.random.Generator
+) -> tuple[ElevationMap, ElevationMap, np.ndarray]:
+    """Return a window of the map, a smaller map shifted by (x, y) cells, and the shift; cell size 1.
+
+    Latitudes are within 60 degrees, because the grid cells are far from square near the poles.
+    """
+    half, margin = MOLA_CELLS // 2, round(MOLA_SHIFT_CELLS) + 12
+    row, col = int(rng.integers(120 + 60, 600 - 60)), int(rng.integers(100, 1340))
+    shift = rng.uniform(-MOLA_SHIFT_CELLS, MOLA_SHIFT_CELLS, 2) / np.sqrt(2.0)
+    n = half + margin
+    window = globe[row - n : row + n, col - n : col + n]
+    edges = (-float(n), -float(n), float(n), float(n))
+    wide = GridGeometry.aligned("site", 1.0, edges)
+    r, c = np.indices((2 * half, 2 * half), dtype=np.float64) + margin
+    blurred = gaussian_filter(window, MOLA_BLUR_CELLS, mode="nearest")
+    piece = map_coordinates(blurred, np.stack([r - shift[1], c + shift[0]]), order=5)
+    piece += rng.normal(0.0, MOLA_NOISE_M, piece.shape) + rng.uniform(-MOLA_OFFSET_M, MOLA_OFFSET_M)
+    small = GridGeometry.aligned("site", 1.0, (-float(half), -float(half), float(half), float(half)))
+    maps = [
+        ElevationMap.from_layers(g, {"mean": (z / MOLA_CELL_M).astype(np.float32)}, t0_ns=0, t1_ns=0)
+        for g, z in ((wide, window), (small, piece))
+    ]
+    return maps[0], maps[1], shift
+
+
+def draw(figures: dict[str, Any]) -> bytes:
+    """Return the diagram: errors along the traverse, and errors of the shifts on MOLA, as SVG."""
+    traverse = figures["simulated"]["traverse"]
+    names = [name for name in traverse if "error_m" in traverse[name]]
+    errors = [tuple(traverse[name]["error_m"][of] for of in ("median", "min", "p95")) for name in names]
+    cells = figures["mola"]["error_cells"]
+    return chart(
+        [
+            Panel("error, m (orbital cell 1 m)", names, {"median, minimum to 95 %": errors}, 1.5),
+            Panel(
+                "error on MOLA, cells",
+                ["100 shifts"],
+                {"median, minimum to maximum": [(cells["median"], cells["min"], cells["max"])]},
+                0.3,
+                (0.0, 0.2),
+            ),
+        ]
+    )
+
+
+def table(figures: dict[str, Any]) -> str:
+    """Return the table: rates of answers and false answers, errors, NEES."""
+    rows = {k: v for k, v in figures["simulated"].items() if isinstance(v, dict) and "answered" in v}
+    rows |= {f"traverse, {k}": v for k, v in figures["simulated"]["traverse"].items()}
+    lines = [
+        "| drive | answered | false (over 3 cells) | error median, 95 %, maximum | NEES (4 expected; 95 % band) |",
+        "|---" * 5 + "|",
+    ]
+    for name, row in rows.items():
+        error, nees = row.get("error_m"), row.get("nees")
+        error_text = f"{error['median']:.2f}, {error['p95']:.2f}, {error['max']:.2f} m" if error else "none"
+        nees_text = (
+            f"{nees['mean']:.2f} ({nees['band_95'][0]:.2f}–{nees['band_95'][1]:.2f})" if nees else "none"
+        )
+        cells = (name, rate_text(row["answered"]), rate_text(row["false"]), error_text, nees_text)
+        lines.append(f"| {' | '.join(cells)} |")
+    cells = figures["mola"]["error_cells"]
+    lines += [
+        "",
+        f"MOLA, {figures['mola']['shifts']} shifts, {figures['mola']['refused_above_sigma_cells'][0]} "
+        f"refused: median {cells['median']:.3f}, 95 % {cells['p95']:.3f}, maximum {cells['max']:.3f} "
+        f"cells; within 0.2 cells {rate_text(figures['mola']['within_0.2_cells'])}.",
+    ]
+    return "\n".join(lines)

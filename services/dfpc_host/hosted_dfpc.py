@@ -1,0 +1,311 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""A DFPC in its host process: subscriptions, step thread, publication, checkpoints and counters."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from cdff_common.bus import Bus, Message, Qos, Subscription, keys
+from cdff_common.clock import monotonic_s
+from cdff_common.codecs import encode
+from cdff_common.codecs.encoding import encoding_string
+from cdff_common.codecs.size_variants import wire_type
+from cdff_common.errors import CdffError, NotActiveError, OverloadedError, RefusedError
+from cdff_common.interfaces.product import Product
+from cdff_common.interfaces.profile import DfpcEntry, Robot
+from cdff_core.runtime import Runner
+from services.dfpc_host.lifecycle import DfpcLifeCycle, DfpcState
+from services.dfpc_host.outbox import Outbox
+from services.dfpc_host.sample_decoding import decode_sample
+from services.dfpc_host.spool import SpooledProduct
+from services.dfpc_host.state_store import ActivityRecord, StateStore, state_file
+from services.dfpc_host.stored_inputs import StoredInput
+
+logger = logging.getLogger(__name__)
+
+
+class HostedDfpc(DfpcLifeCycle):
+    """A DFPC with its thread; steps, operations and store queries never run at the same time."""
+
+    def __init__(self, bus: Bus, outbox: Outbox, robot: Robot, entry: DfpcEntry) -> None:
+        super().__init__(robot, entry)
+        self.step_started_s: float | None = None
+        self._malformed = 0
+        self._refused_inputs = 0
+        self._dropped_before = 0
+        self._bus, self._outbox = bus, outbox
+        file = state_file(robot.id, entry.name)
+        self._state_store = StateStore(file)
+        self._activity = ActivityRecord(file.with_suffix(".active"))
+        self._subscriptions: dict[str, Subscription | StoredInput] = {}
+        self._use = threading.Lock()
+        self._life = threading.RLock()
+        self._queue = threading.Condition()
+        self._times_s: dict[str, float] = {"last_step_s": 0.0, "max_step_s": 0.0, "step_cpu_s": 0.0}
+        self._thread: threading.Thread | None = None
+        self._stopping = threading.Event()
+
+    # -- life cycle
+
+    def configure(self, parameters: Mapping[str, Any] | None = None) -> None:
+        """Create the DFPC with the parameters of the profile and restore its checkpoint."""
+        with self._life, self._use:
+            super().configure(parameters)
+            try:
+                self._state_store.restore(self.dfpc)
+            except (CdffError, OSError) as error:
+                self.last_error = str(error)
+                logger.warning("%s starts without its checkpoint: %s", self.entry.name, error)
+
+    def activate(self, inputs: Mapping[str, str] | None = None) -> None:
+        """Subscribe the inputs and start stepping; an active DFPC only changes its sources."""
+        with self._life:
+            sources = self.sources(inputs or {})
+            if self.state is DfpcState.ERROR:
+                self.configure()
+            target = self.state_after("activate")
+            if self.state is DfpcState.ACTIVE:
+                self._connect(sources)
+                self._record_activity()
+                return
+            self._stopping.clear()
+            self._thread = threading.Thread(target=self._run, name=f"step {self.entry.name}", daemon=True)
+            self._thread.start()
+            self._connect(sources)
+            self.state = target
+            self._record_activity()
+        self._publish_event("activated")
+
+    def reactivate(self) -> None:
+        """Activate a DFPC with ``activation: always`` that was active when its last process ended.
+
+        The orchestrator may be out of contact; for DFPCs that run on request it decides.
+        """
+        sources = self._activity.read()
+        if sources is None or self.entry.activation != "always":
+            return
+        try:
+            self.activate(sources)
+        except CdffError as error:  # the profile has changed
+            self.last_error = str(error)
+            logger.warning("%s is not reactivated: %s", self.entry.name, error)
+
+    def deactivate(self) -> None:
+        """Unsubscribe, step the queued samples and publish the products that are due."""
+        with self._life:
+            self.state_after("deactivate")
+            if self.state is DfpcState.INACTIVE:
+                return
+            self._stop()
+            self._activity.remove()
+            with self._use:
+                super().deactivate()
+                self._state_store.checkpoint(self.dfpc, now=True)
+        self._publish_event("deactivated")
+
+    def clean_up(self) -> None:
+        """Release the configured DFPC and discard its data."""
+        with self._life:
+            self.state_after("clean_up")
+            self._stop()
+            self._activity.remove()
+            with self._use:
+                super().clean_up()
+
+    def close(self) -> None:
+        """Stop without publishing more, and write a checkpoint."""
+        with self._life:
+            self._stop()
+            with self._use:
+                if self.runner is not None:
+                    self._state_store.checkpoint(self.dfpc, now=True)
+
+    def _record_activity(self) -> None:
+        if self.entry.activation == "always":
+            self._activity.write(self.wired)
+
+    # -- queries
+
+    def call(
+        self, operation: str, parameters: Mapping[str, str], timeout_s: float
+    ) -> tuple[Any, dict[str, Any]]:
+        """Run an operation; return the value and its provenance."""
+        if self.state not in (DfpcState.ACTIVE, DfpcState.INACTIVE):
+            raise NotActiveError(
+                f"{self.entry.name} is {self.state}: {self.last_error or 'configure it first'}"
+            )
+        return self._query(operation, timeout_s, lambda: self.dfpc.call(operation, parameters))
+
+    def store_item(self, item: str, timeout_s: float) -> tuple[Any, dict[str, Any]]:
+        """Return the value of an item of the local store and its provenance."""
+        if self.state is DfpcState.UNCONFIGURED:
+            raise NotActiveError(f"{self.entry.name} is {self.state}")
+        return self._query(item, timeout_s, lambda: self.dfpc.store.get(item))
+
+    def _query(self, name: str, timeout_s: float, query: Callable[[], Any]) -> tuple[Any, dict[str, Any]]:
+        """Return the value of a query between two steps, and its provenance."""
+        if not self._use.acquire(timeout=timeout_s):
+            raise OverloadedError(
+                f"{self.entry.name} is busy; {name} waited {timeout_s:g} s", retry_after_s=timeout_s
+            )
+        try:
+            value = query()
+        finally:
+            self._use.release()
+        return value, {} if self.runner is None else self.runner.provenance(name, value)
+
+    def status(self) -> dict[str, Any]:
+        """Return state, counters, run times and last error."""
+        body = super().status()
+        samples = max(int(body.get("samples", 0)), 1)
+        subscriptions = tuple(self._subscriptions.values())
+        waiting = (s.waiting_reason for s in subscriptions if isinstance(s, StoredInput))
+        with self._queue:
+            oldest_ns = None if self.runner is None else self.runner.oldest_ns
+        return {
+            **body,
+            "pending": 0 if self.runner is None else self.runner.pending,
+            "oldest_ns": oldest_ns,
+            "dropped": self._dropped_before + sum(s.dropped for s in subscriptions),
+            "malformed": self._malformed,
+            "refused_inputs": self._refused_inputs,
+            "mean_step_cpu_s": self._times_s["step_cpu_s"] / samples,
+            **self._times_s,
+            "last_error": body["last_error"] or next((reason for reason in waiting if reason), ""),
+        }
+
+    # -- inputs
+
+    def _connect(self, sources: Mapping[str, str]) -> None:
+        """Subscribe each port to its source; a port with an unchanged source keeps its subscription."""
+        types = {p.attribute: p.type_name for p in self.dfpc.description.input_ports}
+        for port, source in sources.items():
+            if self.wired.get(port) != source:
+                self._disconnect(port)
+                self._subscriptions[port] = self._subscribe(port, types[port], source)
+                self.wired[port] = source
+
+    def _subscribe(self, port: str, type_name: str, source: str) -> Subscription | StoredInput:
+        def on_message(message: Message) -> None:
+            self._receive(message, port, type_name)
+
+        if source.startswith("dpm/"):
+            return StoredInput(self._bus, source, f"{self.entry.name}.{port}", on_message)
+        return self._bus.subscribe(keys.source(self.robot.id, source), on_message, depth=self.entry.queue)
+
+    def _disconnect(self, port: str) -> None:
+        subscription = self._subscriptions.pop(port, None)
+        self.wired.pop(port, None)
+        if subscription is not None:
+            subscription.close()
+            self._dropped_before += subscription.dropped
+
+    def _stop(self) -> None:
+        """Close the subscriptions and end the step thread."""
+        for port in tuple(self._subscriptions):
+            self._disconnect(port)
+        self._stopping.set()
+        with self._queue:
+            self._queue.notify_all()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join(timeout=self.entry.step_timeout_s)
+        self._thread = None
+
+    def _receive(self, message: Message, port: str, type_name: str) -> None:
+        """Decode and queue a message in the thread of its subscription.
+
+        The thread waits while the queue is full, so that the ring buffer of the subscription counts drops.
+        """
+        try:
+            sample = decode_sample(message, port, type_name)
+        except RefusedError:  # the producer reported FAILED; the message itself is valid
+            self._refused_inputs += 1
+            return
+        except CdffError as error:
+            self._malformed += 1
+            self.last_error = f"{port}: {error}"
+            logger.warning("%s.%s: malformed input on %s: %s", self.entry.name, port, message.key, error)
+            return
+        assert self.runner is not None
+        with self._queue:
+            while self.runner.pending >= self.entry.queue and not self._stopping.is_set():
+                self._queue.wait(0.1)
+            if not self._stopping.is_set():
+                self.runner.push(sample)
+                self._queue.notify_all()
+
+    # -- step thread
+
+    def _run(self) -> None:
+        assert self.runner is not None
+        runner, stopping = self.runner, self._stopping
+        while not stopping.is_set():
+            with self._queue:
+                self._queue.wait_for(lambda: runner.pending or stopping.is_set(), timeout=1.0)
+            if not runner.pending:
+                continue
+            stopping.wait(self.entry.reorder_s)
+            while not stopping.is_set() and self._step(runner):
+                pass
+
+    def _step(self, runner: Runner) -> bool:
+        """Step one sample; return False if the queue is empty or the DFPC failed."""
+        with self._use:
+            with self._queue:
+                if not runner.pending:
+                    return False
+            started_s, cpu_s = monotonic_s(), time.thread_time()
+            self.step_started_s = started_s
+            failed = True
+            with self.failure_guard():
+                products = runner.step_one()
+                self._state_store.checkpoint_first(self.dfpc)
+                self.publish(products)
+                self._state_store.checkpoint(self.dfpc)
+                failed = False
+            self.step_started_s = None
+            if failed:
+                self._stopping.set()
+                self._publish_event("alarm", reason=self.last_error)
+                return False
+            took_s = monotonic_s() - started_s
+            self._times_s["last_step_s"] = took_s
+            self._times_s["max_step_s"] = max(self._times_s["max_step_s"], took_s)
+            self._times_s["step_cpu_s"] += time.thread_time() - cpu_s
+        with self._queue:
+            self._queue.notify_all()
+        return True
+
+    def publish(self, products: Sequence[Product]) -> None:
+        """Publish products on their keys and queue them for the DPM."""
+        for product in products:
+            type_name = product.type_name if product.value is None else wire_type(product.value)
+            payload = b"" if product.value is None else encode(product.value, "uper")
+            encoding, attachment = encoding_string(type_name, "uper"), product.header.to_attachment()
+            self._bus.publish(
+                keys.product(product.robot, product.dfpc, product.port),
+                payload,
+                encoding=encoding,
+                attachment=attachment,
+                qos=Qos.POSE if product.type_name == "TransformWithCovariance" else Qos.PRODUCT,
+            )
+            if payload and product.product:
+                self._outbox.put(
+                    SpooledProduct(
+                        robot=product.robot,
+                        dfpc=product.dfpc,
+                        port=product.port,
+                        product=product.product,
+                        payload=payload,
+                        encoding=encoding,
+                        attachment=attachment,
+                    )
+                )
+
+    def _publish_event(self, kind: str, **more: Any) -> None:
+        self._bus.publish_map(keys.event(self.robot.id, kind), self.event(**more))

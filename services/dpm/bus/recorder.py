@@ -1,0 +1,204 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Recording of sensor samples as products, by the ``history`` policies of the profile.
+
+A product has the id of its sample, so that provenance leads to it, the sensor as ``dfpc`` and the stream as
+``port``. Inertial samples are recorded as spans that name the ids of their samples.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from cdff_common.bus import Bus, Message, keys
+from cdff_common.codecs import decode, encode
+from cdff_common.codecs.encoding import encoding_string, parse_encoding
+from cdff_common.contract.products import product_of_sample
+from cdff_common.errors import CdffError
+from cdff_common.interfaces.product import Header, product_id
+from cdff_common.interfaces.profile import History, Profile
+from dpm_store import Rule
+from services.dpm.operations.dpm import Dpm
+
+logger = logging.getLogger(__name__)
+
+_SPANNED = "IMUSensors"
+_PRODUCER = "dpm/history/1"
+#: Samples queued while the store waits for its disk; dropped samples are counted.
+_DEPTH = 512
+#: Mission seconds between two applications of the retention rules.
+_RETIRE_EVERY_S = 10.0
+
+
+@dataclass(slots=True)
+class _Stream:
+    """State of a stream under a policy."""
+
+    robot: str
+    policy: History
+    type_name: str
+    sample_count: int = 0
+    last_ns: int | None = None
+    span: list[tuple[Header, Any]] = field(default_factory=list)
+    spans: int = 0
+
+    @property
+    def product(self) -> str:
+        return product_of_sample(self.type_name)
+
+    def accepts(self, stamp_ns: int) -> bool:
+        """Return True if the policy records the next sample."""
+        is_selected = self.sample_count % self.policy.every_n == 0
+        self.sample_count += 1
+        if self.last_ns is not None and 0 <= stamp_ns - self.last_ns < self.policy.every_s * 1e9:
+            return False
+        if is_selected:
+            self.last_ns = stamp_ns
+        return is_selected
+
+
+class Recorder:
+    """Records the streams of the profile's ``history``.
+
+    Attributes
+    ----------
+    counters : mapping of str to int
+        ``kept`` products, samples ``skipped`` by policy, ``refused`` by the store, and ``dropped`` from a
+        full queue, ``retired`` products.
+    """
+
+    def __init__(self, bus: Bus, dpm: Dpm, profile: Profile) -> None:
+        self._dpm = dpm
+        self._lock = threading.Lock()
+        self._counters = {"kept": 0, "skipped": 0, "refused": 0, "retired": 0}
+        self._rules = rules_of_history(profile)
+        self._retired_ns = dpm.clock.now_ns()
+        dpm.events.other_counters["history"] = lambda: self.counters
+        self._streams = {(s.robot, s.policy.sensor, s.policy.stream): s for s in streams_of(profile)}
+        self._subscriptions = [
+            bus.subscribe(keys.sensor(*names), self.record, depth=_DEPTH) for names in self._streams
+        ]
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Counts since the start."""
+        with self._lock:
+            return self._counters | {"dropped": sum(s.dropped for s in self._subscriptions)}
+
+    def record(self, message: Message) -> None:
+        """Record a sample if its policy selects it."""
+        _, _, robot, _, sensor, stream_name = message.key.split("/")
+        stream = self._streams[(robot, sensor, stream_name)]
+        try:
+            header = Header.from_attachment(message.attachment)
+            with self._lock:
+                is_accepted = stream.accepts(header.t1_ns)
+            if not is_accepted:
+                self._count("skipped")
+            elif stream.type_name == _SPANNED:
+                self._extend(stream, header, message)
+            else:
+                self._put(stream, header, message.payload, message.encoding)
+        except CdffError as error:
+            self._count("refused")
+            logger.warning("sample on %s not stored: %s", message.key, error)
+
+    def flush(self) -> None:
+        """Store the open spans."""
+        for stream in self._streams.values():
+            if stream.span:
+                self._close_span(stream)
+
+    def _extend(self, stream: _Stream, header: Header, message: Message) -> None:
+        """Add a sample to the open span, or start the next span with it."""
+        type_name, codec = parse_encoding(message.encoding)
+        value = decode(type_name, message.payload, codec)
+        first = stream.span[0][0].t0_ns if stream.span else header.t0_ns
+        if not 0 <= header.t1_ns - first < stream.policy.span_s * 1e9:
+            self._close_span(stream)
+        stream.span.append((header, value))
+
+    def _close_span(self, stream: _Stream) -> None:
+        from cdff_common.types import ImuSpan
+
+        headers, values = [h for h, _ in stream.span], [v for _, v in stream.span]
+        stream.span = []
+        policy, last = stream.policy, headers[-1]
+        span = ImuSpan.from_samples(values, frame=last.frame)
+        t1_ns = max(h.t1_ns for h in headers)
+        seq = headers[0].seq
+        header = replace(
+            last,
+            id=product_id(stream.robot, policy.sensor, policy.stream, t1_ns, seq, last.config_hash),
+            seq=seq,
+            t0_ns=min(h.t0_ns for h in headers),
+            t1_ns=t1_ns,
+            producer=_PRODUCER,
+            inputs=tuple(h.id for h in headers),
+            sha256=None,
+        )
+        try:
+            self._put(stream, header, encode(span, "uper"), encoding_string("ImuSpan", "uper"))
+        except CdffError as error:
+            self._count("refused")
+            logger.warning(
+                "span of %s/%s of %s not stored: %s", policy.sensor, policy.stream, stream.robot, error
+            )
+
+    def _put(self, stream: _Stream, header: Header, payload: bytes, encoding: str) -> None:
+        policy = stream.policy
+        names = {
+            "robot": stream.robot,
+            "dfpc": policy.sensor,
+            "port": policy.stream,
+            "product": stream.product,
+        }
+        self._dpm.writer.put(names, payload, encoding, header.to_attachment())
+        self._count("kept")
+        self._retire()
+
+    def _retire(self) -> None:
+        """Apply the retention rules at intervals; the inputs of kept products stay."""
+        now_ns = self._dpm.clock.now_ns()
+        with self._lock:
+            if not self._rules or 0 <= now_ns - self._retired_ns < _RETIRE_EVERY_S * 1e9:
+                return
+            self._retired_ns = now_ns
+        self._count("retired", self._dpm.writer.retire(self._rules, apply=True).to_delete)
+
+    def _count(self, what: str, times: int = 1) -> None:
+        with self._lock:
+            self._counters[what] += times
+
+
+def streams_of(profile: Profile) -> Iterable[_Stream]:
+    """Return the streams that the profile records; the first policy of a stream applies."""
+    streams: dict[tuple[str, str, str], _Stream] = {}
+    for policy in profile.history:
+        for robot in profile.robots:
+            sensor = robot.sensors.get(policy.sensor)
+            if policy.robot in (None, robot.id) and sensor is not None and policy.stream in sensor.streams:
+                key = (robot.id, policy.sensor, policy.stream)
+                streams.setdefault(key, _Stream(robot.id, policy, sensor.streams[policy.stream]))
+    return streams.values()
+
+
+def rules_of_history(profile: Profile | None) -> tuple[Rule, ...]:
+    """Return the retention rules of recorded streams."""
+    if profile is None:
+        return ()
+    return tuple(
+        Rule(
+            product=s.product,
+            robot=s.robot,
+            dfpc=s.policy.sensor,
+            port=s.policy.stream,
+            max_age_s=s.policy.keep_s,
+        )
+        for s in streams_of(profile)
+        if s.policy.keep_s is not None
+    )

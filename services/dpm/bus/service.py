@@ -1,0 +1,277 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The DPM on the bus: ``dpm/@rpc/…`` and ``dpm/product/{id}`` under every scope it serves."""
+
+from __future__ import annotations
+
+import functools
+import logging
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
+
+from cdff_common.bus import Bus, Qos, Reply, Request, keys
+from cdff_common.codecs.encoding import encoding_string
+from cdff_common.contract.names import GROUND
+from cdff_common.contract.parameters import Parameters
+from cdff_common.contract.queries import (
+    CloudParameters,
+    DeliveryParameters,
+    EventParameters,
+    FrameParameters,
+    IdParameters,
+    NavigationWindowParameters,
+    PayloadParameters,
+    PoseParameters,
+    ProductProvenanceParameters,
+    ProfileParameters,
+    PutParameters,
+    RevisionParameters,
+    SearchParameters,
+    UpdateParameters,
+    WindowParameters,
+)
+from cdff_common.errors import CdffError, InputError, rpc_code
+from dpm_store import Event, Rule
+from dpm_store.history.actor import Actor, acting
+from dpm_store.history.events import CHANGES
+from services.dpm.bus.bodies_and_robots import bodies, place, purge, robots_known, transact
+from services.dpm.bus.calls import body_map, parse_call
+from services.dpm.bus.history import history
+from services.dpm.bus.retention import retention
+from services.dpm.operations.dpm import OWN_EVENTS, Dpm
+from services.dpm.operations.refusals import RefusalLog
+from services.dpm.operations.retrieval import DeliveredProduct
+from services.dpm.queries.bodies import FrameRevisionBody, parse_batch, parse_revision
+from services.dpm.queries.store_queries import history_view, robot_under
+
+logger = logging.getLogger(__name__)
+
+Handler = Callable[[Dpm, Request], Reply | Iterator[Reply]]
+
+#: Verbs that change the store: with a body, or always.
+_WRITES = frozenset({"put", "put_all", "update", "frames", "bodies", "place", "transact"})
+_WRITES_BARE = frozenset({"delete", "purge", "retention"})
+_WORKERS = {"put": 4, "get": 4, "search": 4}
+#: Largest part of a payload in one reply; larger payloads are fetched in parts.
+MAX_PART_BYTES = 16 << 20
+
+
+def serve(bus: Bus, dpm: Dpm, robots: Sequence[str], rules: Sequence[Rule] = ()) -> None:
+    """Declare every key on the bus, the liveliness tokens last, and publish events from then on."""
+    handlers: dict[str, Handler] = {
+        "search": search,
+        "get": get,
+        "put": put,
+        "put_all": put_all,
+        "update": update,
+        "delete": delete,
+        "pose": pose,
+        "frames": frames,
+        "stat": stat,
+        "changes": changes,
+        "history": history,
+        "provenance": provenance,
+        "profile": profile,
+        "bodies": bodies,
+        "place": place,
+        "robots": robots_known,
+        "transact": transact,
+        "purge": purge,
+        "retention": lambda dpm, request: retention(dpm, rules, request),
+    }
+    scopes = [*robots, GROUND]
+    refusals = RefusalLog(dpm)
+    dpm.events.listen(functools.partial(_publish, bus))
+    for scope in scopes:
+        for verb, handler in handlers.items():
+            answer = functools.partial(_answer_as_scope, dpm, refusals, verb, handler)
+            bus.serve(keys.dpm_rpc(scope, verb), answer, workers=_WORKERS.get(verb, 2))
+        bus.serve(keys.dpm_product(scope, "*"), functools.partial(payload, dpm))
+    for scope in scopes:
+        bus.declare_alive(scope, "dpm")
+
+
+def _answer_as_scope(
+    dpm: Dpm, refusals: RefusalLog, verb: str, handler: Handler, request: Request
+) -> Reply | Iterator[Reply]:
+    """Answer as the actor of the scope: the robot, or an operator under ``ground``; record refused writes.
+
+    Zenoh does not identify the caller: the router's access control decides who may use which keys.
+    """
+    robot = request.scope != GROUND
+    actor = Actor(request.scope, "robot" if robot else "operator", "zenoh")
+    try:
+        with acting(actor):
+            answer = handler(dpm, request)
+            return answer if isinstance(answer, Reply) else _acting_parts(actor, answer)
+    except CdffError as error:
+        if verb in _WRITES_BARE or (verb in _WRITES and request.payload):
+            refusals.enter(actor, f"dpm/@rpc/{verb}", rpc_code(error)[0], str(error))
+        raise
+
+
+def _acting_parts(actor: Actor, parts: Iterable[Reply]) -> Iterator[Reply]:
+    """Yield the parts of an answer, each computed while ``actor`` acts."""
+    remaining = iter(parts)
+    while True:
+        with acting(actor):
+            part = next(remaining, None)
+        if part is None:
+            return
+        yield part
+
+
+def search(dpm: Dpm, request: Request) -> Reply:
+    """Return metadata of products: ``{items, cursor, unplaced_frames, frames_revision}``, and ``distances_m``
+    with ``order=nearest``.
+    """
+    page = dpm.retrieval.search(parse_call(SearchParameters, request))
+    return Reply.of({"items": [record.to_dict() for record in page.items], **page.to_dict()})
+
+
+def get(dpm: Dpm, request: Request) -> Reply:
+    """Return one product.
+
+    With ``id`` it is that product; with ``type=dem``, or ``type=navigation_map`` and ``choice``, a window;
+    with ``type=pointcloud`` and ``points`` all points of a region; else the newest product of a search.
+    """
+    names = ("format", "as", "deliver")
+    form = DeliveryParameters.parse({k: v for k, v in request.parameters.items() if k in names})
+    p = {k: v for k, v in request.parameters.items() if k not in names}
+    if "id" in p:
+        return _reply(dpm.retrieval.product(parse_call(IdParameters, request, p).id, form))
+    if "type" not in p:
+        raise InputError("parameter 'type' is missing")
+    rest = {k: v for k, v in p.items() if k != "type"}
+    match p["type"]:
+        case "dem":
+            return _reply(dpm.retrieval.window(parse_call(WindowParameters, request, rest), form))
+        case "navigation_map" if "choice" in p:
+            window = parse_call(NavigationWindowParameters, request, rest)
+            return _reply(dpm.retrieval.navigation_window(window, form))
+        case "pointcloud" if "points" in p:
+            return _reply(dpm.retrieval.cloud(parse_call(CloudParameters, request, rest), form))
+        case _:
+            return _reply(dpm.retrieval.newest(parse_call(SearchParameters, request, p), form))
+
+
+def profile(dpm: Dpm, request: Request) -> Reply:
+    """Return the elevation along a path: ``{distance_m, x_m, y_m, mean_m, sigma_m, count, …}``, nil where
+    unobserved.
+    """
+    return Reply.of(dpm.retrieval.profile(parse_call(ProfileParameters, request)))
+
+
+def put(dpm: Dpm, request: Request) -> Reply:
+    """Insert a product; the reply ``{id, result}`` is sent after the commit."""
+    p = parse_call(PutParameters, request)
+    robot = _robot_of(request)
+    if robot is None:
+        raise InputError("robot is missing: under scope ground it is required")
+    names = {"robot": robot, "dfpc": p.dfpc, "port": p.port, "product": p.product}
+    insertion, header = dpm.writer.put(names, request.payload, request.encoding, request.attachment)
+    return Reply.of({"id": header.id, "result": str(insertion)})
+
+
+def put_all(dpm: Dpm, request: Request) -> Reply:
+    """Insert several products in one transaction; the reply ``{items: [{id, result}]}`` is sent after the
+    commit.
+    """
+    parse_call(Parameters, request)
+    stored = dpm.writer.put_all(parse_batch(request.body(), _robot_of(request)))
+    return Reply.of({"items": [{"id": header.id, "result": str(insertion)} for insertion, header in stored]})
+
+
+def update(dpm: Dpm, request: Request) -> Reply:
+    """Change the annotation of a product at revision ``if_match``; without a body return its revisions."""
+    p = parse_call(UpdateParameters, request)
+    if not request.payload:
+        dpm.store.get(p.id)
+        revisions = dpm.store.annotations.history(p.id)
+        return Reply.of({"id": p.id, "revisions": [a.to_dict() for a in revisions]})
+    annotation = dpm.writer.update(
+        p.id,
+        body_map(request, "update"),
+        parse_revision(p.if_match),
+        p.author or f"{request.scope}/rpc",
+    )
+    return Reply.of({"id": p.id, **annotation.to_dict()})
+
+
+def delete(dpm: Dpm, request: Request) -> Reply:
+    """Delete a product, with ``if_match`` only if it is at that revision; the reply is ``{id, deleted}``."""
+    p = parse_call(RevisionParameters, request)
+    revision = None if p.if_match is None else parse_revision(p.if_match)
+    return Reply.of({"id": p.id, "deleted": dpm.writer.delete(p.id, revision)})
+
+
+def pose(dpm: Dpm, request: Request) -> Reply:
+    """Return ``T_parent_child`` at ``t``: ``{parent, child, stamp_ns, T, covariance}``."""
+    p = parse_call(PoseParameters, request)
+    robot = _robot_of(request)
+    child = p.child or (f"{robot}/base" if robot else "")
+    if not child:
+        raise InputError("child is missing: name a frame, or a robot whose base is meant")
+    return Reply.of(
+        dpm.frames.pose(p.parent, child, p.t, robot=robot, limit_s=p.limit_s, view=history_view(p))
+    )
+
+
+def frames(dpm: Dpm, request: Request) -> Reply:
+    """Return the frames, or with ``frame=`` its revisions; with a MessagePack body add a revision."""
+    p = parse_call(FrameParameters, request)
+    if request.payload:
+        new = FrameRevisionBody.parse(body_map(request, "frame revision"))
+        return Reply.of(dpm.frames.set_frame(new.frame, new, f"{request.scope}/rpc"))
+    if p.frame is not None:
+        return Reply.of({"revisions": [r.to_dict() for r in dpm.store.frames.revisions(p.frame)]})
+    return Reply.of(
+        {"frames": dpm.frames.current(history_view(p)), "frames_revision": dpm.store.frames.state()}
+    )
+
+
+def changes(dpm: Dpm, request: Request) -> Reply:
+    """Return the changes after event ``since``: ``{items, next, more}``."""
+    p = parse_call(EventParameters, request)
+    return Reply.of(dpm.reports.changes(p.since, p.limit, p.kind or CHANGES))
+
+
+def provenance(dpm: Dpm, request: Request) -> Reply:
+    """Return the inputs of a product (``direction=up``), or its results (``down``)."""
+    p = parse_call(ProductProvenanceParameters, request)
+    return Reply.of(dpm.reports.provenance(p.id, p.direction, p.depth))
+
+
+def stat(dpm: Dpm, request: Request) -> Reply:
+    """Return counts and sizes."""
+    parse_call(Parameters, request)
+    return Reply.of(dpm.reports.status())
+
+
+def payload(dpm: Dpm, request: Request) -> Reply:
+    """Return the stored bytes of a product, ``offset=`` and ``len=`` for a part."""
+    p = parse_call(PayloadParameters, request)
+    product_id = request.key.rsplit("/", 1)[-1]
+    record, data = dpm.retrieval.payload(product_id, p.offset, min(p.len or MAX_PART_BYTES, MAX_PART_BYTES))
+    part = {"kind": "product", "offset": p.offset, "len": len(data), "size": record.size}
+    return Reply(data, encoding_string(record.type_name, record.codec), record.to_dict() | part)
+
+
+def _robot_of(request: Request) -> str | None:
+    """Return the robot of a call: its parameter, else the robot in the key."""
+    robot = robot_under(request.scope, request.parameters)
+    return robot or (None if request.scope == GROUND else request.scope)
+
+
+def _reply(product: DeliveredProduct) -> Reply:
+    if product.reference is None:
+        return Reply(product.body.data, product.body.encoding, product.metadata | {"kind": "product"})
+    reference = {"id": product.reference}
+    return Reply.of(reference, **product.metadata | {"kind": "reference"} | reference)
+
+
+def _publish(bus: Bus, event: Event) -> None:
+    if event.kind not in OWN_EVENTS:
+        return
+    body: dict[str, Any] = {"ordinal": event.ordinal, "stamp_ns": event.stamp_ns, **event.body}
+    bus.publish_map(keys.event(event.scope, event.kind), body, qos=Qos.CONTROL)

@@ -1,0 +1,266 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``cdff dpm search|get|put|rm|stat|retention|verify|backup|restore|export``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from cdff_common.process import data_dir_of
+
+
+def register(nouns: Any) -> None:
+    """Add ``cdff dpm``."""
+    parser = nouns.add_parser("dpm", help="search, fetch and delete products of a running DPM")
+    verbs = parser.add_subparsers(metavar="VERB", required=True)
+    search = verbs.add_parser("search", help="metadata of products, newest first")
+    _add_search_arguments(search)
+    search.add_argument("--quality", help="bounds of quality metrics, such as inliers>=30,rmse_px<0.5")
+    search.add_argument("--order", choices=("newest", "oldest", "nearest"))
+    search.add_argument(
+        "--point", help="with --order nearest: x,y in the frame; default: the region's centre"
+    )
+    search.add_argument(
+        "--frames-revision", type=int, help="state of the frame tree that locates the products"
+    )
+    search.add_argument("--limit", type=int, default=20)
+    search.set_defaults(run=run_search)
+    get = verbs.add_parser("get", help="the payload of a product")
+    get.add_argument("id")
+    get.add_argument("--format", help="uper ber xer msgpack tif ply png tum …; default: as stored")
+    get.add_argument("--out", type=Path, required=True)
+    get.set_defaults(run=run_get)
+    put = verbs.add_parser("put", help="insert a file as a product")
+    put.add_argument(
+        "file", type=Path, help="ply pcd las laz bin tif json tum g2o png, or a payload: uper ber xer msgpack"
+    )
+    put.add_argument("--robot", required=True)
+    put.add_argument("--type", help="pose trajectory pointcloud dem …; default: by the suffix")
+    put.add_argument("--dfpc", default="manual", help="producer; default: manual")
+    put.add_argument("--port", help="default: the type")
+    put.add_argument("--frame", help="frame of a file that states none; default: site")
+    put.add_argument(
+        "-t", "--t", help="time of capture: nanoseconds or RFC 3339; default: that in the file, else now"
+    )
+    put.set_defaults(run=run_put)
+    remove = verbs.add_parser("rm", help="delete a product")
+    remove.add_argument("id")
+    remove.set_defaults(run=run_remove)
+    stat = verbs.add_parser("stat", help="counts and sizes")
+    stat.set_defaults(run=run_stat)
+    verify = verbs.add_parser(
+        "verify", help="check the contents of a store while its DPM is stopped, and list defects"
+    )
+    verify.add_argument("--data-dir", type=Path, help="default: CDFF_DATA_DIR, ~/.local/share/cdff")
+    verify.add_argument("--json", action="store_true")
+    verify.set_defaults(run=run_verify)
+    retention = verbs.add_parser(
+        "retention", help="products to delete by the retention rules, with reasons; --apply deletes them"
+    )
+    how = retention.add_mutually_exclusive_group()
+    how.add_argument("--dry-run", action="store_true", help="only list them (the default)")
+    how.add_argument("--apply", action="store_true", help="delete them")
+    retention.set_defaults(run=run_retention)
+    backup = verbs.add_parser("backup", help="copy a store on this machine, while its DPM runs and writes")
+    backup.add_argument("out", type=Path, help="directory to be created")
+    backup.add_argument("--data-dir", help="default: CDFF_DATA_DIR, ~/.local/share/cdff")
+    backup.add_argument("--json", action="store_true")
+    backup.set_defaults(run=run_backup)
+    restore = verbs.add_parser("restore", help="restore a store from a backup and verify it")
+    restore.add_argument("backup", type=Path)
+    restore.add_argument("--data-dir", help="new or empty; default: CDFF_DATA_DIR, ~/.local/share/cdff")
+    restore.add_argument("--json", action="store_true")
+    restore.set_defaults(run=run_restore)
+    export = verbs.add_parser(
+        "export", help="write the products of a search as files: COG, PLY, LAZ, GeoJSON, TUM, g2o"
+    )
+    _export_arguments(export)
+    for verb in (search, get, put, remove, stat, retention, export):
+        verb.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
+        verb.add_argument("--json", action="store_true")
+
+
+def _add_search_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--type", help="pose trajectory pointcloud dem navigation_map …; several with commas")
+    parser.add_argument("--robot")
+    parser.add_argument("--dfpc")
+    parser.add_argument("--region", help="bbox: box: circle: polygon: path: near:, metres")
+    parser.add_argument("--frame", help="frame of the region, and of one file; default: site")
+    parser.add_argument("--t0", help="captured at or after: nanoseconds or RFC 3339")
+    parser.add_argument("--t1", help="captured at or before")
+    parser.add_argument(
+        "--tag", help="only products with this tag, or with all of several tags separated by commas"
+    )
+    parser.add_argument("--as-of", help="state of the store at this time: nanoseconds or RFC 3339")
+
+
+def _export_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("out", type=Path, help="folder, or one file: tif ply las laz pcd tum geojson g2o")
+    _add_search_arguments(parser)
+    parser.add_argument("--format", help="format of the files in a folder, for types that support it")
+    parser.add_argument(
+        "--resolution-m", type=float, help="cell size of a tif, metres; coarser data are not resampled"
+    )
+    parser.add_argument("--points", type=int, help="largest number of points of one cloud")
+    parser.set_defaults(run=run_export)
+
+
+def run_export(args: argparse.Namespace) -> int:
+    """Write files and list them."""
+    from cdff_common.bus import Bus
+    from services.dpm.cli.export import export
+
+    with Bus.open(args.connect, name="cdff dpm") as bus:
+        files = export(bus, args)
+    if args.json:
+        print(json.dumps({"files": files}))
+        return 0
+    for file in files:
+        print(f"{file['file']}: {file['bytes']} bytes, {file['products']} products")
+    return 0
+
+
+def search_arguments(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the arguments that are search parameters."""
+    from cdff_common.contract.queries import SearchParameters
+
+    arguments = {name: getattr(args, name, None) for name in SearchParameters.model_fields}
+    return {name: value for name, value in arguments.items() if value is not None}
+
+
+def run_search(args: argparse.Namespace) -> int:
+    """Print one line per product."""
+    from cdff_common.client import Client
+    from cdff_common.clock import format_stamp
+    from cdff_common.json_form import jsonable
+
+    with Client(args.connect, name="cdff dpm") as client:
+        items = client.search(**search_arguments(args))
+    if args.json:
+        print(json.dumps(jsonable(items)))
+        return 0
+    for item in items:
+        when = format_stamp(int(item["t1_ns"]))
+        status = item["quality"]["status"]
+        print(
+            f"{item['id']}  {item['product']:15} {item['robot']:10} {when}  {item['frame']}  "
+            f"{item['size']} B  {status}"
+        )
+    if not items:
+        print("no products")
+    return 0
+
+
+def run_get(args: argparse.Namespace) -> int:
+    """Write the payload of a product to a file."""
+    from cdff_common.client import Client
+    from cdff_common.output import check_file, write_file
+
+    check_file(args.out)
+    with Client(args.connect, name="cdff dpm") as client:
+        data = client.get(args.id, args.format).data
+    write_file(args.out, data)
+    line = {"id": args.id, "bytes": len(data), "file": str(args.out)}
+    print(json.dumps(line) if args.json else f"{args.out}: {len(data)} bytes")
+    return 0
+
+
+def run_put(args: argparse.Namespace) -> int:
+    """Insert a file and print its id."""
+    from cdff_common.bus import Bus
+    from services.dpm.cli.put import put
+
+    with Bus.open(args.connect, name="cdff dpm") as bus:
+        result = put(bus, args)
+    print(json.dumps(result) if args.json else f"{result['id']}  {result['result']}")
+    return 0
+
+
+def run_remove(args: argparse.Namespace) -> int:
+    """Delete a product."""
+    return _show(args, "delete", {"id": args.id})
+
+
+def run_stat(args: argparse.Namespace) -> int:
+    """Print counts and sizes of the DPM."""
+    return _show(args, "stat", {})
+
+
+def run_retention(args: argparse.Namespace) -> int:
+    """Print one line per retired product, then the sum."""
+    from cdff_common.bus import Bus, keys
+
+    parameters = {"apply": "true" if args.apply else "false", "all": "true"}
+    with Bus.open(args.connect, name="cdff dpm") as bus:
+        for reply in bus.call_stream(keys.dpm_rpc(keys.GROUND, "retention"), parameters, timeout_s=600.0):
+            body = reply.body()
+            for verdict in body["verdicts"]:
+                decision = "retired" if verdict["retire"] else "kept   "
+                line = f"{decision}  {verdict['id']}  {verdict['product']:15} "
+                line += f"{verdict['robot']:10} {verdict['why']}"
+                print(json.dumps(verdict) if args.json else line)
+    if args.json:
+        print(json.dumps({name: value for name, value in body.items() if name != "verdicts"}))
+        return 0
+    outcome = "deleted" if body["applied"] else "would be deleted"
+    print(
+        f"{body['rules']} rules: {body['retired']} products of {body['bytes']} B {outcome}, "
+        f"{body['kept']} stay"
+    )
+    return 0
+
+
+def _show(args: argparse.Namespace, verb: str, parameters: dict[str, str]) -> int:
+    from cdff_common.bus import Bus, keys
+    from cdff_common.json_form import jsonable
+
+    with Bus.open(args.connect, name="cdff dpm") as bus:
+        body = jsonable(bus.call(keys.dpm_rpc(keys.GROUND, verb), parameters).body())
+    print(json.dumps(body, default=str, indent=None if args.json else 2))
+    return 0
+
+
+def run_verify(args: argparse.Namespace) -> int:
+    """Print one line per problem; exit 1 if there is any."""
+    from dpm_store import open_store
+    from services.dpm.settings import Settings
+
+    with open_store(Settings(data_dir_of(args.data_dir)).store_url) as store:
+        problems, count = store.verify(), store.statistics().count
+    if args.json:
+        defects = [{"where": problem.where, "what": problem.what} for problem in problems]
+        print(json.dumps({"products": count, "problems": defects}))
+    else:
+        print(
+            "\n".join(f"{p.where}: {p.what}" for p in problems)
+            or f"{count} products, all as they were written"
+        )
+    return 1 if problems else 0
+
+
+def run_backup(args: argparse.Namespace) -> int:
+    """Copy a store that may be in use."""
+    from dpm_store.history.backup import backup
+
+    copy = backup(data_dir_of(args.data_dir), args.out)
+    summary = {
+        "products": copy.products,
+        "files": copy.files,
+        "bytes": copy.bytes,
+        "directory": str(args.out),
+    }
+    print(json.dumps(summary) if args.json else f"{args.out}: {copy.products} products, {copy.bytes} B")
+    return 0
+
+
+def run_restore(args: argparse.Namespace) -> int:
+    """Restore a store from a backup and verify it; exit 1 if there is a defect."""
+    from dpm_store.history.backup import backup
+
+    target = data_dir_of(args.data_dir)
+    backup(args.backup, target)
+    args.data_dir = str(target)
+    return run_verify(args)

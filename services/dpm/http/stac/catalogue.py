@@ -1,0 +1,248 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Products as features in collections, one per type, shared by STAC and OGC API Features."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from cdff_common.clock import format_stamp, parse_stamp
+from cdff_common.contract.limits import LATEST_NS, MAX_PAGE
+from cdff_common.contract.products import product_types
+from cdff_common.errors import InputError, ProductNotFoundError
+from dpm_store import ProductRecord, Query
+from dpm_store.search.extents import Extent
+from services.dpm.http.context import Context
+from services.dpm.http.geographic_outlines import ProductOutlines, checked_box
+
+#: Store pages that one page of features may be filtered from.
+_MAX_STEPS = 50
+#: The whole body.
+_EVERYWHERE = (-180.0, -90.0, 180.0, 90.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Collection:
+    """Products of one type.
+
+    Attributes
+    ----------
+    id : str
+        Product type.
+    bounds_deg : tuple or None
+        ``west south east north`` on the body; None if no product has a location.
+    t0_ns, t1_ns : int
+        Start of the first and end of the last capture.
+    """
+
+    id: str
+    bounds_deg: tuple[float, float, float, float] | None
+    t0_ns: int
+    t1_ns: int
+
+    @property
+    def title(self) -> str:
+        """Text for users."""
+        known = product_types().get(self.id)
+        return self.id.replace("_", " ").capitalize() if known is None else known.title
+
+    @property
+    def description(self) -> str:
+        """Text for users."""
+        return f"{self.title} of all robots; each feature is the footprint of one product."
+
+    @property
+    def spatial_deg(self) -> list[float]:
+        """Bounds, of the entire body if no product has a location."""
+        return list(self.bounds_deg or _EVERYWHERE)
+
+    @property
+    def interval(self) -> list[str]:
+        """Start and end as RFC 3339."""
+        return [format_stamp(self.t0_ns), format_stamp(self.t1_ns)]
+
+
+@dataclass(frozen=True, slots=True)
+class OutlinedProduct:
+    """A product with its outline in metres of its frame and in degrees of the body, None if unknown."""
+
+    record: ProductRecord
+    in_frame: BaseGeometry | None
+    in_degrees: BaseGeometry | None
+
+    def touches(self, place: BaseGeometry) -> bool:
+        """Return True if it shares a point with a geometry in degrees."""
+        return self.in_degrees is not None and bool(self.in_degrees.intersects(place))
+
+
+@dataclass(frozen=True, slots=True)
+class FeaturePage:
+    """A page of products, and the cursor of the next."""
+
+    items: tuple[OutlinedProduct, ...]
+    cursor: str | None
+
+
+class Catalogue:
+    """Collections and features of a DPM."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self.places = ProductOutlines(context.dpm.store)
+
+    def collections(self) -> tuple[Collection, ...]:
+        """Return the collections with products, by name."""
+        extents_by_type: dict[str, list[Extent]] = {}
+        for extent in self._context.extents.get(self._context.dpm.store):
+            extents_by_type.setdefault(extent.product, []).append(extent)
+        return tuple(self._collection(name, extents_by_type[name]) for name in sorted(extents_by_type))
+
+    def collection(self, name: str) -> Collection:
+        """Return a collection by name; raises ProductNotFoundError."""
+        return self._collection(name, self.extents(name))
+
+    def extents(self, name: str) -> list[Extent]:
+        """Return the extents of a collection by frame; raises ProductNotFoundError if it does not exist."""
+        extents = [e for e in self._context.extents.get(self._context.dpm.store) if e.product == name]
+        if not extents:
+            raise ProductNotFoundError(f"no collection {name[:64]!r}")
+        return extents
+
+    def get(self, collection: str, product_id: str) -> OutlinedProduct:
+        """Return a product of a collection with its outlines; raises ProductNotFoundError."""
+        record = self._context.dpm.store.get(product_id)
+        if record.product != collection:
+            raise ProductNotFoundError(
+                f"product {product_id} is a {record.product}, not of {collection[:64]!r}"
+            )
+        return self.placed([record])[0]
+
+    def placed(self, records: Sequence[ProductRecord]) -> list[OutlinedProduct]:
+        """Return products with their outlines."""
+        outlines = self.places.outlines_in_frame(records)
+        return [
+            OutlinedProduct(record, outline, self.places.outline_in_degrees(record.header.frame, outline))
+            for record, outline in zip(records, outlines, strict=True)
+        ]
+
+    def find(
+        self, query: Query, *, bbox: Sequence[float] | None = None, intersects: BaseGeometry | None = None
+    ) -> FeaturePage:
+        """Return one page of products.
+
+        Parameters
+        ----------
+        query : Query
+            Query without a region.
+        bbox : sequence of 4 or 6, optional
+            Degrees, west before east except across the antimeridian. Products without an outline on the body
+            are not included.
+        intersects : geometry, optional
+            Degrees, instead of ``bbox``.
+        """
+        geometry = intersects if bbox is None else box_outline(bbox)
+        if geometry is None:
+            page = self._context.dpm.retrieval.find(query)
+            return FeaturePage(tuple(self.placed(page.items)), page.cursor)
+        site_region = self.places.region(geometry.bounds if bbox is None else bbox)
+        if site_region is not None:
+            query = replace(query, frame=site_region[0], region=site_region[1])
+        elif not self.places.several_sites():
+            return FeaturePage((), None)
+        matches: list[OutlinedProduct] = []
+        count = query.limit
+        for _ in range(_MAX_STEPS):  # the region encloses the geometry
+            page = self._context.dpm.retrieval.find(replace(query, limit=count - len(matches)))
+            matches += [p for p in self.placed(page.items) if p.touches(geometry)]
+            query = replace(query, cursor=page.cursor)
+            if page.cursor is None or len(matches) >= count:
+                break
+        return FeaturePage(tuple(matches), query.cursor)
+
+    def find_ids(
+        self,
+        ids: Sequence[str],
+        query: Query,
+        *,
+        bbox: Sequence[float] | None = None,
+        intersects: BaseGeometry | None = None,
+    ) -> FeaturePage:
+        """Return the products of these ids that match the other conditions; unknown ids are omitted."""
+        geometry = intersects if bbox is None else box_outline(bbox)
+        records = []
+        for product_id in dict.fromkeys(ids):
+            try:
+                records.append(self._context.dpm.store.get(product_id))
+            except ProductNotFoundError:
+                continue
+        products = self.placed([record for record in records if _fits(record, query)])
+        return FeaturePage(tuple(p for p in products if geometry is None or p.touches(geometry)), None)
+
+    def _collection(self, name: str, extents: Sequence[Extent]) -> Collection:
+        boxes = [(e.frame, shapely.box(*e.box_m[:2], *e.box_m[3:5])) for e in extents if e.box_m is not None]
+        bounds = bounds_deg(self.places.outline_in_degrees(frame, box) for frame, box in boxes)
+        return Collection(name, bounds, min(e.t0_ns for e in extents), max(e.t1_ns for e in extents))
+
+
+def bounds_deg(
+    outlines: Iterable[BaseGeometry | None],
+) -> tuple[float, float, float, float] | None:
+    """Return the bounds of the outlines that are not None, ``west south east north``; None without any."""
+    known = [outline for outline in outlines if outline is not None]
+    if not known:
+        return None
+    west, south, east, north = map(float, shapely.total_bounds(known))
+    return west, south, east, north
+
+
+def box_outline(bbox: Sequence[float]) -> BaseGeometry:
+    """Return a box in degrees, in two parts if it crosses the antimeridian (west > east)."""
+    west, south, east, north = checked_box(bbox)
+    if west <= east:
+        return shapely.box(west, south, east, north)
+    return shapely.union(shapely.box(west, south, 180.0, north), shapely.box(-180.0, south, east, north))
+
+
+def span_of(datetime: str | None) -> tuple[int | None, int | None]:
+    """Return ``(t0_ns, t1_ns)`` of the ``datetime`` of STAC and OGC: a time, or an interval, open at ``..``."""
+    if datetime is None:
+        return None, None
+    parts = datetime.split("/")
+    if len(parts) > 2 or (len(parts) == 2 and all(part in ("", "..") for part in parts)):
+        raise InputError(
+            f"datetime={datetime[:80]!r}: expected a time, or two of them as t0/t1, one of them may be .."
+        )
+    times = [
+        None if part in ("", "..") and len(parts) == 2 else parse_stamp(part, "datetime") for part in parts
+    ]
+    if any(t is not None and abs(t) > LATEST_NS for t in times):
+        raise InputError(f"datetime={datetime[:80]!r}: expected times before the year 2116")
+    return times[0], times[-1]
+
+
+def numbers_of(text: str | None, name: str = "bbox") -> list[float] | None:
+    """Return comma-separated numbers; raises InputError."""
+    if text is None:
+        return None
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError as error:
+        raise InputError(f"{name}={text[:80]!r}: expected numbers with commas") from error
+
+
+def page_size(limit: int | None) -> int:
+    """Return the features per page; a limit above the largest is reduced (OGC 17-069r4 §7.15.3)."""
+    return 100 if limit is None else min(limit, MAX_PAGE)
+
+
+def _fits(record: ProductRecord, query: Query) -> bool:
+    header = record.header
+    return (
+        (not query.types or record.product in query.types)
+        and (query.t0_ns is None or header.t1_ns >= query.t0_ns)
+        and (query.t1_ns is None or header.t0_ns <= query.t1_ns)
+    )

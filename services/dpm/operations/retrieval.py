@@ -1,0 +1,162 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Retrieval of products: searches, payloads in any form, assembled windows and clouds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cdff_common.codecs import encode
+from cdff_common.codecs.size_variants import wire_type
+from cdff_common.contract.limits import INLINE_BYTES
+from cdff_common.contract.queries import (
+    CloudParameters,
+    DeliveryParameters,
+    NavigationWindowParameters,
+    ProfileParameters,
+    SearchParameters,
+    WindowParameters,
+)
+from cdff_common.errors import ProductNotFoundError, UnavailableError
+from cdff_common.interfaces.product import Status
+from dpm_store import NewProduct, Page, ProductRecord, Query, Store
+from dpm_store.maps.clouds import DERIVED_PORT as CLOUD_PORT
+from dpm_store.maps.elevation import DERIVED_PORT
+from dpm_store.maps.navigation import DERIVED_PORT as NAVIGATION_PORT
+from dpm_store.maps.patches import DERIVED_DFPC
+from dpm_store.maps.profile import elevation_profile
+from dpm_store.maps.windows import Window
+from services.dpm.operations.checks import FrameNames
+from services.dpm.operations.event_publisher import EventPublisher
+from services.dpm.queries.store_queries import cloud_query, search_query, window_query
+from services.dpm.rendering.convert import Converted, convert
+
+#: A product as it is stored.
+AS_STORED = DeliveryParameters.parse({})
+
+
+@dataclass(frozen=True, slots=True)
+class DeliveredProduct:
+    """A product in the requested form, with its metadata.
+
+    ``reference`` is its id if it is delivered by reference; ``body`` is then empty.
+    """
+
+    body: Converted
+    metadata: dict[str, Any]
+    reference: str | None = None
+
+
+class Retrieval:
+    """Operations that return stored and derived products."""
+
+    def __init__(self, store: Store, events: EventPublisher, frame_names: FrameNames) -> None:
+        self._store = store
+        self._events = events
+        self._frame_names = frame_names
+
+    def search(self, parameters: SearchParameters) -> Page:
+        """Return one page of products; raises FrameNotFoundError for an unknown frame of the region."""
+        return self.find(search_query(parameters))
+
+    def find(self, query: Query) -> Page:
+        """Return one page of a store query; raises FrameNotFoundError for an unknown frame of the region."""
+        self._events.count("searches")
+        if query.region is not None:
+            self._frame_names.check_known(query.frame)
+            self._frame_names.check_known(query.region.near_frame or query.frame)
+        return self._store.search(query)
+
+    def product(self, product_id: str, form: DeliveryParameters = AS_STORED) -> DeliveredProduct:
+        """Return a product by id, in a codec, file format or InFuse type."""
+        self._events.count("gets")
+        record = self._store.get(product_id)
+        payload = self._store.payload(product_id)
+        wkt = self.crs_wkt(record.header.frame, form.format)
+        body = convert(
+            record.type_name, record.codec, payload, form.format, form.as_type, record.header, wkt=wkt
+        )
+        return DeliveredProduct(body, record.to_dict())
+
+    def newest(self, parameters: SearchParameters, form: DeliveryParameters = AS_STORED) -> DeliveredProduct:
+        """Return the first product of a search that is not FAILED; raises ProductNotFoundError."""
+        for record in self.search(parameters).items:
+            if record.header.quality.status is not Status.FAILED:
+                return self.product(record.id, form)
+        where = f" in {parameters.region.text}" if parameters.region else ""
+        raise ProductNotFoundError(f"no product of that kind{where}")
+
+    def payload(
+        self, product_id: str, offset: int = 0, length: int | None = None
+    ) -> tuple[ProductRecord, bytes]:
+        """Return the stored bytes from an offset on."""
+        self._events.count("gets")
+        return self._store.get(product_id), self._store.payload(product_id, offset, length)
+
+    def crs_wkt(self, frame: str, format_name: str | None) -> str | None:
+        """Return the CRS of a frame as WKT; None for formats that do not state one."""
+        return self._store.anchors.of(frame).wkt if format_name in ("tif", "geojson") else None
+
+    def window(self, parameters: WindowParameters, form: DeliveryParameters = AS_STORED) -> DeliveredProduct:
+        """Return an elevation window; raises UnavailableError below ``min_coverage``."""
+        window = self.elevation(parameters)
+        return self._delivered(window, window.map, DERIVED_PORT, "dem", form)
+
+    def navigation_window(
+        self, parameters: NavigationWindowParameters, form: DeliveryParameters = AS_STORED
+    ) -> DeliveredProduct:
+        """Return a window of navigation maps; raises UnavailableError below ``min_coverage``."""
+        window = self.navigation(parameters)
+        return self._delivered(window, window.map, NAVIGATION_PORT, "navigation_map", form)
+
+    def cloud(self, parameters: CloudParameters, form: DeliveryParameters = AS_STORED) -> DeliveredProduct:
+        """Return the points of a region from all clouds, in one frame, at most ``points``."""
+        self._events.count("windows")
+        assembled = self._store.clouds.assemble(cloud_query(parameters), parameters.points)
+        return self._delivered(assembled, assembled.cloud, CLOUD_PORT, "pointcloud", form)
+
+    def profile(self, parameters: ProfileParameters) -> dict[str, Any]:
+        """Return the elevation along a path, in JSON form."""
+        self._events.count("windows")
+        path_m = np.array(parameters.path).reshape(-1, 2)
+        query = window_query(parameters, self._store.clock.now_ns())
+        return elevation_profile(self._store.maps, query, path_m, parameters.step_m).to_dict()
+
+    def elevation(self, parameters: WindowParameters) -> Window:
+        """Return an elevation window as a value; raises UnavailableError below ``min_coverage``."""
+        self._events.count("windows")
+        query = window_query(parameters, self._store.clock.now_ns())
+        return _checked_coverage(self._store.maps.elevation_window(query), parameters.min_coverage)
+
+    def navigation(self, parameters: NavigationWindowParameters) -> Window:
+        """Return a window of navigation maps as a value; raises UnavailableError below ``min_coverage``."""
+        self._events.count("windows")
+        query = window_query(parameters, self._store.clock.now_ns())
+        return _checked_coverage(self._store.maps.navigation.window(query), parameters.min_coverage)
+
+    def _delivered(
+        self, derived: Any, value: Any, port: str, product: str, form: DeliveryParameters
+    ) -> DeliveredProduct:
+        """Return a derived product inline; or store it and return its id, depending on ``deliver`` and its
+        size.
+        """
+        payload, type_name, header = encode(value, "uper"), wire_type(value), derived.header
+        wkt = self.crs_wkt(header.frame, form.format)
+        body = convert(type_name, "uper", payload, form.format, form.as_type, header, value=value, wkt=wkt)
+        metadata = header.to_dict() | derived.manifest() | {"robot": derived.robot}
+        if form.deliver == "inline" or (form.deliver == "auto" and len(body.data) <= INLINE_BYTES):
+            return DeliveredProduct(body, metadata)
+        names = {"robot": derived.robot, "dfpc": DERIVED_DFPC, "port": port, "product": product}
+        new = NewProduct(header, payload, **names, type_name=type_name, value=value)
+        self._store.put_all([new])
+        self._events.publish()
+        return DeliveredProduct(Converted(b"", "", ""), metadata, header.id)
+
+
+def _checked_coverage(window: Window, min_coverage: float) -> Window:
+    if window.coverage < min_coverage:
+        raise UnavailableError(f"coverage {window.coverage:.3f} of the region, asked {min_coverage:.3f}")
+    return window

@@ -1,0 +1,175 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Plan of a job: selection, lease, supervision and replacement."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from cdff_common.clock import Clock
+from cdff_core.orchestration.lifecycle import JobState
+from cdff_core.orchestration.planner import NoPlan, Plan
+from cdff_core.orchestration.world import ProviderId
+from services.orchestrator.jobs import Job, JobRegistry
+from services.orchestrator.journal import Journal
+from services.orchestrator.planning import RequestPlanner
+from services.orchestrator.product_finder import ProductMatch
+from services.orchestrator.state import PlanProgress, SystemState
+
+#: Largest number of reasons for abandoned plans in the final reply.
+_MAX_ABANDONED_REASONS = 4
+#: Consecutive failures after which a DFPC is excluded.
+_FAILURES = 3
+
+
+@dataclass(slots=True, eq=False)
+class JobPlan:
+    """The current plan of a job, and the providers excluded after failures.
+
+    Attributes
+    ----------
+    plan : Plan or None
+    impossible : str
+        Reason why no plan exists; empty otherwise.
+    held_fraction : float or None
+        Fraction of the region that the DPM held at the first plan; None without a region.
+    abandoned_plan_reasons : tuple of str
+        Reasons for abandoned plans.
+    """
+
+    job: Job
+    robots: Sequence[str]
+    query_until_s: float
+    state: SystemState
+    planner: RequestPlanner
+    jobs: JobRegistry
+    journal: Journal
+    clock: Clock
+    plan: Plan | None = None
+    impossible: str = ""
+    held_fraction: float | None = None
+    abandoned_plan_reasons: tuple[str, ...] = ()
+    _started_ns: int = field(init=False)
+    _excluded: frozenset[ProviderId] = frozenset()
+    _previous_failures: dict[str, int] = field(default_factory=dict)
+    _alternative_tried: bool = False
+    _alternative_since_ns: int | None = None
+
+    def __post_init__(self) -> None:
+        self._started_ns = self.clock.now_ns()
+
+    @property
+    def progress(self) -> PlanProgress | None:
+        """Progress of the current plan."""
+        return None if self.plan is None else self.state.progress(self.plan)
+
+    def has_made(self, match: ProductMatch) -> bool:
+        """Return True if a match was captured after the start of a planned job."""
+        return self.plan is not None and match.candidate.t1_ns > self._started_ns
+
+    def supersedes(self, match: ProductMatch) -> bool:
+        """Return True if an alternative plan was adopted to replace a DEGRADED match."""
+        since_ns = self._alternative_since_ns
+        degraded = match.candidate.status == "DEGRADED"
+        return degraded and since_ns is not None and match.candidate.t1_ns <= since_ns
+
+    def replace_if_degraded(self, match: ProductMatch) -> None:
+        """Adopt an alternative plan, once, if the product of the current plan is DEGRADED."""
+        if self.plan is None or self._alternative_tried or not self.has_made(match):
+            return
+        if match.candidate.status != "DEGRADED":
+            return
+        self._alternative_tried = True
+        provider = self.plan.provider
+        alternative = self._select(match, self._excluded | {provider})
+        if isinstance(alternative, Plan):
+            self._alternative_since_ns = max(self.clock.now_ns(), match.candidate.t1_ns)
+            self._excluded |= {provider}
+            self.jobs.move(self.job, JobState.PLANNING, f"the product of {provider} is DEGRADED")
+            self._adopt(alternative)
+
+    def abandon_if_failed(self, match: ProductMatch | None) -> None:
+        """Abandon a plan that lost a sensor or whose providers fail."""
+        if self.plan is None:
+            return
+        reasons = self._failure_reasons(self.plan, match)
+        if reasons:
+            self.plan = None
+            self.abandoned_plan_reasons = tuple(
+                dict.fromkeys([*self.abandoned_plan_reasons, *reasons][-_MAX_ABANDONED_REASONS:])
+            )
+            self.jobs.move(self.job, JobState.PLANNING, "; ".join(reasons))
+
+    def make(self, match: ProductMatch | None, reason: str) -> bool:
+        """Select and adopt a plan; return False, with ``impossible`` set, if there is none.
+
+        ``reason`` states why the match is not sufficient.
+        """
+        request = self.job.request
+        if self.job.state is JobState.LOOKING:
+            self.jobs.move(self.job, JobState.PLANNING, reason)
+        selected = self._select(match, self._excluded)
+        if request.t_ns is not None and request.product != "pose" and request.t_ns < self._started_ns:
+            text = f"{reason or 'there is none'}; t={request.t_ns} is past: no product can be made for it"
+            selected = NoPlan((text,))
+        if isinstance(selected, NoPlan):
+            self.impossible = selected.text
+            self.journal.append("decision", job=self.job.id, no_plan=selected.text)
+            return False
+        self._adopt(selected)
+        return True
+
+    def _failure_reasons(self, plan: Plan, match: ProductMatch | None) -> list[str]:
+        """Return why the plan must be replaced, and exclude failing providers; empty if it is kept."""
+        progress = self.state.progress(plan)
+        displaced = self.state.displaced(self.job.id)
+        if displaced:
+            self.journal.append("decision", job=self.job.id, lost_modes=displaced)
+        counts = {m: progress.failures.get(str(m), (0, ""))[0] for m in plan.order}
+        # Failures before the adoption of the plan count only after a new failure.
+        failing = {
+            m for m, n in counts.items() if n >= _FAILURES and n > self._previous_failures.get(str(m), 0)
+        }
+        reasons = [*displaced, *progress.lost, *(progress.failures[str(m)][1] for m in sorted(failing))]
+        self._excluded |= failing
+        for sensor in map(str, plan.modes):
+            count, reason = progress.failures.get(sensor, (0, ""))
+            if count > self._previous_failures.get(sensor, 0) and self.job.state is JobState.PREPARING:
+                reasons.append(reason)
+            self._previous_failures[sensor] = count
+        if progress.problems and not reasons:
+            # The problem may pass: the plan is replaced only if there is an alternative.
+            excluded = self._excluded | progress.problems.keys()
+            if isinstance(self._select(match, excluded), Plan):
+                self._excluded = excluded
+                reasons += progress.problems.values()
+        return list(dict.fromkeys(reasons))
+
+    def _adopt(self, plan: Plan) -> None:
+        """Replace the lease of the job by the needs of a plan."""
+        job = self.job
+        self.state.hold(job.id, plan, job.request.priority)
+        self.journal.append("lease", action="acquire", holder=job.id, providers=[str(m) for m in plan.order])
+        self.plan = plan
+        failures = self.state.progress(plan).failures
+        self._previous_failures = {subject: count for subject, (count, _) in failures.items()}
+        product = job.request.product
+        providers = sorted(str(m) for m in plan.order if product in self.state.products_of(m))
+        stored = (
+            "" if self.held_fraction is None else f"; the DPM held {self.held_fraction:.0%} of the region"
+        )
+        reason = f"{', '.join(providers) or plan.provider} shall provide it{stored}"
+        self.jobs.move(job, JobState.PREPARING, reason, plan=plan.describe())
+
+    def _select(self, match: ProductMatch | None, excluded: frozenset[ProviderId]) -> Plan | NoPlan:
+        """Return the best plan without ``excluded``; a standing request ignores the stored ``match``."""
+        standing = self.job.request.every_s is not None
+        stored = None if standing else match
+        selected, is_covered = self.planner.best(
+            self.job.request, self.robots, stored, excluded, self.query_until_s, self.job.remaining_s()
+        )
+        if self.job.plan is None:  # products found later may be those of the plan
+            coverage = 0.0 if stored is None else stored.candidate.coverage or 0.0
+            self.held_fraction = coverage if is_covered and not standing else None
+        return selected

@@ -1,0 +1,128 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Subscriptions that update the system state: liveliness, heartbeats, sensor modes and insertions."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from cdff_common.bus import Bus, keys
+from cdff_common.bus.message import on_map
+from cdff_common.errors import CdffError
+from cdff_core.orchestration.catalogue import provider_of
+from cdff_core.orchestration.world import ProviderId, SensorId
+from services.orchestrator.state import SystemState
+from services.orchestrator.timing import REAL, Timing
+
+logger = logging.getLogger(__name__)
+
+#: Longest duration of a call, seconds.
+_CALL_S = 3.0
+
+
+class SystemMonitor:
+    """Subscriber of all messages about DFPCs, sensors and the DPM.
+
+    A separate thread makes the calls after a new token (describe, modes), since the thread of the token
+    callback must not block.
+    """
+
+    def __init__(self, bus: Bus, state: SystemState, timing: Timing = REAL) -> None:
+        self._bus = bus
+        self._state = state
+        self._timing = timing
+        self._work = timing.queue()
+        self._tokens: set[ProviderId] = set()
+        self._described: set[ProviderId] = set()
+
+    def start(self) -> None:
+        """Subscribe; existing tokens and latched messages arrive at once."""
+        self._timing.start(self._run, "watcher")
+        self._bus.watch_alive(keys.alive("*", "*"), self._on_alive)
+        self._bus.subscribe(keys.dfpc_status("*", "*"), on_map(self._on_status), depth=256)
+        self._bus.subscribe(keys.event("*", "sensor_mode"), on_map(self._on_mode), depth=256)
+        self._bus.subscribe(keys.event("*", "inserted"), on_map(self._on_inserted), depth=256)
+        self._bus.subscribe(keys.event("*", "alarm"), on_map(self._on_alarm), depth=64)
+
+    def close(self) -> None:
+        """Stop the thread."""
+        self._work.put(None)
+
+    def _run(self) -> None:
+        task: Callable[[], None] | None
+        while (task := self._work.get()) is not None:
+            try:
+                task()
+            except CdffError as error:
+                logger.warning("%s", error)
+
+    def _on_alive(self, key: str, alive: bool) -> None:
+        scope, service = key.split("/")[2], key.rsplit("/", 1)[1]
+        provider = ProviderId(scope, service)
+        if service == "icu" and alive and scope != keys.GROUND:
+            self._work.put(lambda: self._query_modes(scope))
+        elif self._state.has_provider(provider):
+            if alive:
+                self._tokens.add(provider)
+                self._work.put(lambda: self._describe(provider))
+            else:
+                logger.info("%s has disappeared", provider)
+                self._tokens.discard(provider)
+                self._described.discard(provider)
+                self._state.set_alive(provider, alive=False)
+
+    def _describe(self, provider: ProviderId) -> None:
+        """Query description and state of a new DFPC; after a failure the next heartbeat repeats the query."""
+        if provider in self._described:
+            return
+        description = self._bus.call(keys.dfpc_rpc(*provider, "describe"), timeout_s=_CALL_S).body()
+        provider_of(description, alive=True, active=False)
+        self._state.set_description(provider, description)
+        if provider not in self._tokens:
+            return
+        self._described.add(provider)
+        self._state.set_state(provider, str(description.get("state", "")))
+        self._state.set_alive(provider, alive=True)
+        logger.info("%s is available, %s", provider, description.get("state"))
+
+    def _query_modes(self, robot: str) -> None:
+        body = self._bus.call(keys.icu_rpc(robot, "modes"), timeout_s=_CALL_S).body()
+        for name, sensor in body["sensors"].items():
+            self._state.set_mode(SensorId(robot, str(name)), str(sensor["mode"]), _lost(sensor))
+
+    def _on_status(self, key: str, body: dict[str, Any]) -> None:
+        parts = key.split("/")
+        provider = ProviderId(parts[2], parts[4])
+        if provider in self._tokens and provider not in self._described:
+            self._work.put(lambda: self._describe(provider))
+        if provider in self._described and "state" in body:
+            wired, changes = body.get("wired"), body.get("changes")
+            self._state.set_state(
+                provider,
+                str(body["state"]),
+                str(body.get("last_error", "")),
+                wired if isinstance(wired, dict) else None,
+                changes if isinstance(changes, int) else None,
+            )
+            self._state.add_status(provider, body)
+
+    def _on_mode(self, key: str, body: dict[str, Any]) -> None:
+        sensor = SensorId(key.split("/")[2], str(body["sensor"]))
+        self._state.set_mode(sensor, str(body["mode"]), _lost(body))
+
+    def _on_inserted(self, _key: str, body: dict[str, Any]) -> None:
+        self._state.add_insertion(str(body.get("product", "")))
+
+    def _on_alarm(self, key: str, body: dict[str, Any]) -> None:
+        provider = ProviderId(key.split("/")[2], str(body.get("dfpc", "")))
+        if self._state.has_provider(provider) and body.get("state") == "error":
+            self._state.set_state(provider, "error", str(body.get("reason", "")))
+
+
+def _lost(body: Mapping[str, object]) -> str:
+    """Return why a sensor is lost, as reported by the instrument control unit; empty otherwise."""
+    if body.get("state") != "lost":
+        return ""
+    return str(body.get("reason") or "reported by the instrument control unit")

@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Products of each type in the form that is sent to the DPM."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cdff_common.codecs import encode
+from cdff_common.codecs.encoding import encoding_string
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.interfaces.product import Header, product_id
+from cdff_common.raster import GridGeometry
+from cdff_common.types import ElevationMap, NavigationMap, Pointcloud, TransformWithCovariance
+
+S = 1_000_000_000
+
+Parcel = tuple[dict[str, str], bytes, str, bytes]
+
+
+def elevation(
+    x0: float, height: float = 0.0, t1_ns: int = 0, *, cells: int = 20, resolution_m: float = 0.1
+) -> ElevationMap:
+    """Return a flat square patch with its lower left corner at (x0, 0) m."""
+    geometry = GridGeometry("site", resolution_m, x0, cells * resolution_m, cells, cells)
+    one = np.ones(geometry.shape, dtype=np.float32)
+    layers = {
+        "mean": one * height,
+        "variance": one * 0.01,
+        "min": one * (height - 0.1),
+        "max": one * (height + 0.1),
+        "count": one * 2,
+        "age_s": one * 0,
+    }
+    return ElevationMap.from_layers(geometry, layers, t0_ns=t1_ns, t1_ns=t1_ns)
+
+
+def navigation() -> NavigationMap:
+    """Return a navigation map with one half safe and one half hazard."""
+    geometry = GridGeometry("site", 0.1, 0.0, 1.0, 10, 10)
+    classes = np.ones(geometry.shape, dtype=np.uint8)
+    classes[:, 5:] = 3
+    return NavigationMap.from_layers(geometry, {"class": classes}, t0_ns=0, t1_ns=0)
+
+
+def cloud(n: int = 300) -> Pointcloud:
+    """Return normally distributed points."""
+    return Pointcloud.from_points(np.random.default_rng(0).normal(0, 2, (n, 3)), frame="site", stamp_ns=S)
+
+
+def pose(second: int, x: float) -> TransformWithCovariance:
+    """Return the pose of ``mana/base`` at ``(x, 0, 0)`` m in ``site``."""
+    T = UncertainTransform(se3.transform(np.eye(3), [x, 0, 0]), np.eye(6) * 0.01)
+    return TransformWithCovariance.from_transform(T, parent="site", child="mana/base", stamp_ns=second * S)
+
+
+def parcel(
+    value: Any, product: str, seq: int = 0, robot: str = "mana", codec: str = "uper", **fields: Any
+) -> Parcel:
+    """Return names, payload, encoding and attachment of a product as they are sent."""
+    t1_ns = fields.pop("t1_ns", seq * S)
+    header = Header(
+        id=product_id(robot, "test", product, t1_ns, seq, "c"),
+        seq=seq,
+        t0_ns=t1_ns,
+        t1_ns=t1_ns,
+        producer="test",
+        config_hash="c",
+        **({"frame": "site"} | fields),
+    )
+    names = {"robot": robot, "dfpc": "test", "port": product, "product": product}
+    return names, encode(value, codec), encoding_string(type(value).__name__, codec), header.to_attachment()

@@ -1,0 +1,100 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Assessment of candidates, and selection of the best one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from cdff_common.geometry.region import parse_region
+from cdff_core.orchestration.acceptance import ProductCandidate, assess, best_candidate, delivery_summary
+from cdff_core.orchestration.request import ProductRequest
+
+NOW_NS = 1_000_000_000_000
+REQUEST = ProductRequest(
+    "r",
+    "dem",
+    "mana",
+    region=parse_region("circle:0,0,5"),
+    max_age_s=60.0,
+    resolution_m=0.05,
+    min_coverage=0.5,
+)
+GOOD = ProductCandidate("a", "mana", NOW_NS - 10_000_000_000, NOW_NS - 90_000_000_000, 0.05, 0.8)
+
+
+def test_a_candidate_that_meets_every_criterion_is_accepted() -> None:
+    assert assess(GOOD, REQUEST, NOW_NS).satisfies
+
+
+def test_the_age_of_a_map_is_that_of_its_newest_patch_and_the_oldest_is_stated() -> None:
+    summary = delivery_summary(GOOD, assess(GOOD, REQUEST, NOW_NS), NOW_NS, "site")
+    assert (summary["age_s"], summary["oldest_age_s"]) == (10.0, 90.0)
+    assert summary["differences"] == []
+
+
+def test_old_sparse_or_failed_candidates_violate_mandatory_criteria() -> None:
+    for fault, word in (
+        ({"t1_ns": NOW_NS - 61_000_000_000}, "age"),
+        ({"coverage": 0.4}, "coverage"),
+        ({"coverage": 0.0}, "nothing in the region"),
+        ({"status": "FAILED"}, "FAILED"),
+        ({"t1_ns": NOW_NS + 60_000_000_000}, "ahead of the mission clock"),
+    ):
+        assessment = assess(replace(GOOD, **fault), REQUEST, NOW_NS)  # type: ignore[arg-type]
+        assert not assessment.acceptable
+        assert word in assessment.violations[0]
+
+
+def test_coarser_cells_are_delivered_and_reported_as_coarser() -> None:
+    assessment = assess(replace(GOOD, resolution_m=0.1), REQUEST, NOW_NS)
+    assert assessment.acceptable
+    assert not assessment.satisfies
+    assert "0.1 m" in assessment.shortfalls[0]
+
+
+def test_a_degraded_product_may_be_delivered() -> None:
+    assert assess(replace(GOOD, status="DEGRADED"), REQUEST, NOW_NS).satisfies
+
+
+def test_candidates_are_ranked_by_violations_then_coverage_then_age() -> None:
+    stale = replace(GOOD, id="stale", t1_ns=NOW_NS - 100_000_000_000)
+    wide = replace(GOOD, id="wide", coverage=0.9)
+    young = replace(GOOD, id="young", t1_ns=NOW_NS)
+    coarse = replace(GOOD, id="coarse", resolution_m=1.0, coverage=1.0)
+    cases: tuple[tuple[list[ProductCandidate], str], ...] = (
+        ([stale, GOOD, coarse], "a"),
+        ([GOOD, wide, young], "wide"),
+        ([GOOD, young], "young"),
+        ([stale, coarse], "coarse"),
+    )
+    for candidates, expected_id in cases:
+        choice = best_candidate(candidates, REQUEST, NOW_NS)
+        assert choice is not None
+        assert choice[0].id == expected_id
+    assert best_candidate([], REQUEST, NOW_NS) is None
+
+
+def test_a_pose_at_a_given_time_has_no_age_limit() -> None:
+    request = ProductRequest("r", "pose", "mana", t_ns=5_000_000, max_age_s=1.0)
+    assert assess(ProductCandidate("", "mana", 5_000_000, 5_000_000), request, NOW_NS).satisfies
+
+
+def test_finer_cells_that_cannot_be_aggregated_are_reported_but_accepted() -> None:
+    request = replace(REQUEST, resolution_m=0.07)
+    assessment = assess(GOOD, request, NOW_NS)
+    assert assessment.satisfies
+    differences = delivery_summary(GOOD, assessment, NOW_NS, "site")["differences"]
+    assert isinstance(differences, list)
+    assert "0.05 m, asked 0.07 m" in differences[0]
+
+
+def test_partial_coverage_and_degraded_status_are_reported() -> None:
+    request = replace(REQUEST, min_coverage=0.0)
+    assessment = assess(replace(GOOD, status="DEGRADED"), request, NOW_NS)
+    assert assessment.satisfies
+    assert assessment.differences == [
+        "status: DEGRADED, see its quality",
+        "coverage: 0.800 of the region holds data",
+    ]
+    assert assess(replace(GOOD, coverage=1.0), request, NOW_NS).differences == []

@@ -1,0 +1,160 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Errors of trajectories: association, alignment, drift and consistency of covariances."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from cdff_common.errors import DegenerateGeometryError, InputError
+from cdff_common.geometry import se3
+from cdff_dev.compare.trajectory.compare import compare
+from cdff_dev.compare.trajectory.plot import draw
+from cdff_dev.compare.trajectory.report import table
+from cdff_dev.compare.trajectory.track import Track
+
+SECOND_NS = 1_000_000_000
+
+
+def bend(n: int = 200, step_m: float = 1.0) -> np.ndarray:
+    """Return poses along a winding path, ``step_m`` apart."""
+    motions = np.zeros((n - 1, 6))
+    motions[:, 0] = step_m
+    motions[:, 5] = 0.05 * np.cos(0.1 * np.arange(n - 1))
+    motions[:, 4] = 0.01 * np.sin(0.07 * np.arange(n - 1))
+    poses = [np.eye(4)]
+    for T in se3.exp_se3(motions):
+        poses.append(poses[-1] @ T)
+    return np.array(poses)
+
+
+def track(
+    matrices: np.ndarray, covariances: np.ndarray | None = None, late_ns: int = 0, name: str = "track"
+) -> Track:
+    return Track(name, np.arange(len(matrices), dtype=np.int64) * SECOND_NS + late_ns, matrices, covariances)
+
+
+def test_a_rigid_transform_between_trajectories_is_not_an_error() -> None:
+    T = bend()
+    transformed = se3.exp_se3([5.0, -3, 2, 0.3, 0.5, -1.0]) @ T
+    results = compare(track(transformed), track(T)).results
+    assert results["ate"]["translation_m"]["max"] < 1e-9
+    assert results["ate"]["rotation_deg"]["max"] < 1e-6
+    assert results["rpe"]["translation_m"]["max"] < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("mode", "rmse"), [("none", np.sqrt(14.0)), ("origin", 0.0), ("yaw", 0.0), ("se3", 0.0)]
+)
+def test_only_the_requested_alignment_is_estimated(mode: str, rmse: float) -> None:
+    T = bend()
+    transformed = se3.transform(np.eye(3), [1.0, 2.0, 3.0]) @ T
+    comparison = compare(track(transformed), track(T), align=mode).results  # type: ignore[arg-type]
+    assert comparison["ate"]["translation_m"]["rmse"] == pytest.approx(rmse, abs=1e-9)
+
+
+def test_yaw_alignment_keeps_tilt_as_an_error() -> None:
+    T = bend()
+    rotated = se3.exp_se3([0, 0, 0, 0, 0, 0.7]) @ T
+    assert compare(track(rotated), track(T), align="yaw").results["ate"]["translation_m"]["max"] < 1e-9
+    tilted = se3.exp_se3([0, 0, 0, 0.1, 0, 0]) @ T
+    assert compare(track(tilted), track(T), align="yaw").results["ate"]["translation_m"]["rmse"] > 0.1
+
+
+def test_a_scale_error_is_estimated_if_requested() -> None:
+    T = bend()
+    scaled = T.copy()
+    scaled[:, :3, 3] *= 0.5
+    comparison = compare(track(scaled), track(T), align="sim3").results
+    assert comparison["alignment"]["scale"] == pytest.approx(2.0)
+    assert comparison["ate"]["translation_m"]["max"] < 1e-9
+
+
+def test_two_percent_of_extra_length_are_two_percent_of_drift() -> None:
+    T = bend(400)
+    longer = T.copy()
+    longer[:, :3, 3] *= 1.02
+    drift = compare(track(longer), track(T)).results["drift"]
+    assert [s["length_m"] for s in drift["segments"]] == [100.0, 200.0, 300.0]  # the path is 399 m long
+    # A segment ends when its length is first exceeded, and the chord of a bend is shorter than its path.
+    assert 1.0 < drift["translation_percent"] < 2.1
+
+
+def test_short_trajectories_are_evaluated_over_rover_lengths() -> None:
+    drift = compare(track(bend(40)), track(bend(40))).results["drift"]
+    assert [s["length_m"] for s in drift["segments"]] == [5.0, 10.0, 20.0]
+    assert drift["translation_percent"] < 1e-9
+
+
+def test_each_pose_is_matched_once_with_the_nearest_in_time() -> None:
+    T = bend()
+    sparse = Track("sparse", np.arange(0, 200, 2, dtype=np.int64) * SECOND_NS + 4_000_000, T[::2])
+    assert compare(sparse, track(T)).results["poses"] == {"estimate": 100, "reference": 200, "compared": 100}
+    assert compare(track(T), sparse).results["poses"]["compared"] == 100
+    doubled = Track("doubled", np.sort(np.concatenate([sparse.stamps_ns, sparse.stamps_ns + 1000])), T)
+    assert compare(doubled, sparse).results["poses"]["compared"] == 100
+
+
+def test_trajectories_without_common_time_are_refused_with_both_intervals() -> None:
+    with pytest.raises(InputError, match=r"one.*two|two.*one"):
+        compare(track(bend(), name="one"), track(bend(), late_ns=500 * SECOND_NS, name="two"))
+
+
+def test_collinear_positions_leave_the_rotation_undefined() -> None:
+    T = np.tile(np.eye(4), (10, 1, 1))
+    T[:, 0, 3] = np.arange(10)
+    with pytest.raises(DegenerateGeometryError, match="yaw, origin or none"):
+        compare(track(T), track(T))
+
+
+def test_consistent_covariances_have_a_nees_within_its_band() -> None:
+    rng = np.random.default_rng(0)
+    T = bend(2000)
+    sigma = np.array([0.1, 0.2, 0.3, 0.01, 0.02, 0.03])
+    e = rng.normal(size=(len(T), 6)) * sigma
+    noisy = se3.transform(se3.exp_so3(e[:, 3:]) @ T[:, :3, :3], T[:, :3, 3] + e[:, :3])
+    C = np.tile(np.diag(sigma**2), (len(T), 1, 1))
+    nees = compare(track(noisy, C), track(T), align="none").results["nees"]
+    low, high = nees["band_95"]
+    assert low < nees["mean"] < high
+    assert 0.93 < nees["inside_95"] < 0.97
+    overconfident = compare(track(noisy, C / 4), track(T), align="none").results["nees"]
+    assert overconfident["mean"] == pytest.approx(4 * nees["mean"])
+    C[:1000] = np.nan
+    assert compare(track(noisy, C), track(T), align="none").results["nees"]["unknown"] == 1000
+
+
+def test_covariances_rotate_with_the_alignment() -> None:
+    T = bend()
+    turn = se3.exp_se3([0, 0, 0, 0, 0, np.pi / 2])
+    C = np.tile(np.diag([0.01, 1.0, 0.5, 1e-4, 1e-2, 1e-3]), (len(T), 1, 1))
+    comparison = compare(track(turn @ T, C), track(T))
+    np.testing.assert_allclose(
+        np.diag(comparison.estimate.covariances[0]), [1.0, 0.01, 0.5, 1e-2, 1e-4, 1e-3], atol=1e-6
+    )
+
+
+def test_relative_errors_require_poses_at_that_distance() -> None:
+    with pytest.raises(InputError, match="no two of 40 poses"):
+        compare(track(bend(40)), track(bend(40)), delta=100.0, delta_unit="m")
+    with pytest.raises(InputError, match="whole number"):
+        compare(track(bend(40)), track(bend(40)), delta=1.5)
+
+
+def test_times_must_increase() -> None:
+    with pytest.raises(InputError, match="pose 1 is not later"):
+        Track("still", np.zeros(2, np.int64), np.tile(np.eye(4), (2, 1, 1)))
+
+
+def test_table_and_plot_show_the_results() -> None:
+    C = np.tile(np.eye(6), (200, 1, 1))
+    comparison = compare(track(bend(), C), track(bend()))
+    assert "ATE m" in table(comparison.results)
+    assert "NEES of 200 poses" in table(comparison.results)
+    svg = draw(comparison)
+    assert svg.startswith("<svg")
+    assert {"reference", "estimate", "path length, m"} <= set(re.findall(r">([^<>]+)</text>", svg))
+    assert draw(comparison) == svg

@@ -1,0 +1,118 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""KITTI folders are read as logs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from cdff_common.errors import CodecError, InputError
+from cdff_common.geometry import se3
+from cdff_dev.logs import open_log
+from cdff_dev.logs.kitti import PAIR, TRUTH, KittiLog, is_kitti
+
+P0 = "7.0e+02 0 6.0e+02 0 0 7.0e+02 1.8e+02 0 0 0 1 0"
+P1 = "7.0e+02 0 6.0e+02 -3.5e+02 0 7.0e+02 1.8e+02 0 0 0 1 0"
+
+
+def sequence(folder: Path, left: str = "image_0", right: str = "image_1", n: int = 3) -> Path:
+    for k, name in enumerate((left, right)):
+        (folder / name).mkdir(parents=True)
+        for i in range(n):
+            cv2.imwrite(str(folder / name / f"{i:06d}.png"), np.full((6, 8), 10 * i + k, dtype=np.uint8))
+    (folder / "calib.txt").write_text(f"P0: {P0}\nP1: {P1}\n", encoding="utf-8")
+    return folder
+
+
+def test_pairs_carry_images_calibration_and_stamps(tmp_path: Path) -> None:
+    log = KittiLog(sequence(tmp_path / "06"))
+    samples = list(log.samples())
+    assert [s.stream for s in samples] == [PAIR] * 3
+    assert [s.stamp_ns for s in samples] == [0, 100_000_000, 200_000_000]
+    pair = samples[2].value
+    assert (pair.left.image[0, 0], pair.right.image[0, 0]) == (20, 21)
+    assert pair.baseline == pytest.approx(0.5)
+    np.testing.assert_allclose(pair.left.camera_matrix, [[700, 0, 600], [0, 700, 180], [0, 0, 1]])
+    assert samples[1].header is not None
+    assert samples[1].header.frame == "kitti/navcam_left"
+
+
+def test_times_and_ground_truth_are_read_if_present(tmp_path: Path) -> None:
+    folder = sequence(tmp_path / "06")
+    (folder / "times.txt").write_text("0.0\n1.036224e-01\n2.072e-01\n", encoding="utf-8")
+    rows = ["1 0 0 0 0 1 0 0 0 0 1 0", "1 0 0 0.1 0 1 0 0.2 0 0 1 1.2", "1 0 0 0.2 0 1 0 0.4 0 0 1 2.4"]
+    (folder / "poses.txt").write_text("\n".join(rows), encoding="utf-8")
+    log = KittiLog(folder)
+    truth = list(log.samples([TRUTH]))
+    assert [s.stamp_ns for s in truth] == [0, 103_622_000, 207_200_000]
+    np.testing.assert_allclose(
+        truth[1].value.transform.matrix, se3.transform(np.eye(3), [0.1, 0.2, 1.2]), atol=1e-12
+    )
+    assert (truth[1].value.parent_frame, truth[1].value.child_frame) == ("kitti/vo", "kitti/navcam_left")
+
+
+def test_the_calibration_of_an_extract_precedes_that_of_its_parent_folder(tmp_path: Path) -> None:
+    folder = sequence(tmp_path / "x", "image_l_kitti", "image_r_kitti")
+    (folder / "calib_kitti.txt").write_text(f"{P0}\n{P1.replace('-3.5', '-1.4')}\n", encoding="utf-8")
+    assert KittiLog(folder).baseline_m == pytest.approx(0.2)
+
+
+def test_open_log_recognises_the_folder(tmp_path: Path) -> None:
+    folder = sequence(tmp_path / "06")
+    assert is_kitti(folder)
+    assert open_log(folder).streams[PAIR].count == 3
+    assert not is_kitti(tmp_path)
+
+
+def test_inconsistent_folders_are_refused_by_name(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="image_0"):
+        KittiLog(tmp_path)
+    folder = sequence(tmp_path / "06")
+    (folder / "image_1" / "000002.png").unlink()
+    with pytest.raises(InputError, match="3 images in image_0, 2 in image_1"):
+        KittiLog(folder)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("calib.txt", f"P0: {P0}\n", "expected two"),
+        ("calib.txt", f"P0: {P1}\nP1: {P0}\n", "expected a rectified pair"),
+        ("calib.txt", "P0: 1 2 3\n", "size 3"),
+        ("times.txt", "0.0\n0.1\n0.1\n", "rising"),
+        ("poses.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n", "1 poses for 3 images"),
+        ("poses.txt", "1 0 0 zero 0 1 0 0 0 0 1 0\n", "zero"),
+    ],
+)
+def test_malformed_calibration_time_and_pose_files_are_refused(
+    tmp_path: Path, name: str, text: str, message: str
+) -> None:
+    folder = sequence(tmp_path / "06")
+    (folder / name).write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=message):
+        KittiLog(folder)
+
+
+def test_a_corrupt_image_is_reported_when_it_is_read(tmp_path: Path) -> None:
+    folder = sequence(tmp_path / "06")
+    (folder / "image_0" / "000001.png").write_bytes(b"not a png")
+    samples = KittiLog(folder).samples()
+    assert next(samples).seq == 0
+    with pytest.raises(CodecError, match=r"000001\.png"):
+        next(samples)
+
+
+def test_the_recorded_sequence_has_its_length_baseline_and_path_length(
+    real_data: Callable[[str], Path],
+) -> None:
+    log = KittiLog(real_data("kitti_stereo/KITTI_sequence_1"))
+    assert log.streams[PAIR].count == log.streams[TRUTH].count == 51
+    assert log.baseline_m == pytest.approx(0.537, abs=1e-3)
+    poses = np.array([s.value.transform.matrix for s in log.samples([TRUTH])])
+    path_length_m = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).sum()
+    assert path_length_m == pytest.approx(59.9, abs=0.2)

@@ -1,0 +1,71 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The assessment of a shared map measures the error of one robot's position relative to the other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdff_common.errors import UnavailableError
+from cdff_common.raster.geometry import GridGeometry
+from cdff_common.types import ElevationMap
+from cdff_dev.missions import map_sharing
+from cdff_dev.missions.map_sharing import ElevationErrors, SharedMapErrors, height_errors, settled
+from cdff_dev.missions.script import SharedMapLimits
+from cdff_dev.missions.tracks import RelativePositionErrors
+
+SHARING = SharedMapLimits(
+    robots=("mana", "minnie"), within_m=5, max_error_m=0.1, region="bbox:0,0,2,2", resolution_m=0.5
+)
+
+
+def test_robots_without_common_places_are_a_fault() -> None:
+    position_errors = RelativePositionErrors(0, float("nan"), float("nan"))
+    heights = ElevationErrors(1, 0.0, 0.0, 1.0)
+    result = SharedMapErrors({"minnie/slam": 2}, 1, (position_errors, position_errors), (heights, heights))
+    assert result.faults(SHARING) == ["the paths of the rovers are nowhere within 5 m of each other"]
+
+
+def test_an_error_above_the_bound_is_a_fault() -> None:
+    heights = ElevationErrors(1, 0.0, 0.0, 1.0)
+    result = SharedMapErrors(
+        {"minnie/slam": 2},
+        1,
+        (RelativePositionErrors(9, 2.0, 3.0), RelativePositionErrors(9, 0.05, 0.12)),
+        (heights, heights),
+    )
+    assert result.faults(SHARING) == ["relative position 0.120 m off, limit 0.1 m"]
+    assert "0.120" in "\n".join(result.lines())
+
+
+def test_heights_are_compared_with_the_true_cell_around_each_centre() -> None:
+    true = GridGeometry("site", 0.5, 0.0, 2.0, 4, 4)
+    heights = np.arange(16, dtype=np.float32).reshape(4, 4)
+    map_heights = heights[1:3, 1:3] + 0.25
+    map_heights[0, 0] = np.nan
+    layers = {"mean": map_heights}
+    dem = height_errors(
+        ElevationMap.from_layers(GridGeometry("site", 0.5, 0.5, 1.5, 2, 2), layers, t0_ns=0, t1_ns=1000),
+        ElevationMap.from_layers(true, {"mean": heights}, t0_ns=0, t1_ns=1000),
+    )
+    assert (dem.cells, dem.bias_m, dem.rms_m, dem.coverage) == (3, 0.25, 0.25, 0.75)
+
+
+def test_a_map_without_poses_of_a_robot_is_assessed_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    position_errors, heights = RelativePositionErrors(9, 0.01, 0.02), ElevationErrors(1, 0.0, 0.0, 1.0)
+    merged = SharedMapErrors({"minnie/slam": 2}, 1, (position_errors, position_errors), (heights, heights))
+    results: list[Any] = [UnavailableError("the DPM holds no poses of minnie"), merged]
+
+    def errors(*_arguments: object) -> SharedMapErrors:
+        result = results.pop(0)
+        if isinstance(result, Exception):
+            raise result
+        return result
+
+    monkeypatch.setattr(map_sharing, "_errors", errors)
+    unused: Any = None
+    assert settled(SHARING, unused, Path("log"), unused, "") is merged

@@ -1,0 +1,100 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+import hashlib
+import threading
+from pathlib import Path
+
+import pytest
+
+from dpm_store import Insertion, Store
+from dpm_store.history import maintenance
+from dpm_store.payloads import blobs
+from dpm_store.payloads.blobs import BlobFiles
+from dpm_store.payloads.payloads import PACKED_BYTES
+from tests.support.store_products import header, put
+
+SMALL, LARGE = b"s" * 100, b"l" * (PACKED_BYTES + 1)
+
+
+@pytest.mark.req("CDFF-SUP-036")
+def test_the_same_content_is_stored_and_counted_once(store: Store) -> None:
+    for seq in range(6):
+        put(store, header(seq), SMALL if seq % 2 else LARGE, robot="mana" if seq < 4 else "minnie")
+    statistics = store.statistics()
+    assert statistics.count == 6
+    assert statistics.payload_bytes == 3 * (len(SMALL) + len(LARGE))
+    assert (statistics.payloads, statistics.stored_bytes) == (2, len(SMALL) + len(LARGE))
+    assert statistics.product_bytes[("minnie", "dem")] == len(SMALL) + len(LARGE)
+    assert statistics.free_bytes > 0
+    for seq in range(5):
+        store.delete(header(seq).id)
+    assert store.collect() == len(LARGE)  # product 5 still uses the small payload
+    statistics = store.statistics()
+    assert (statistics.count, statistics.payloads, statistics.stored_bytes) == (1, 1, len(SMALL))
+    assert store.payload(header(5).id) == SMALL
+
+
+def test_a_collection_in_steps_removes_exactly_the_unused_payloads(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(maintenance, "_WRITE_PAYLOADS", 3)
+    for seq in range(20):
+        put(store, header(seq), bytes([seq]) * (100 if seq % 2 else PACKED_BYTES + 1))
+    orphan = store.directory / "blobs" / "ab" / ("c" * 62)
+    orphan.parent.mkdir(exist_ok=True)
+    orphan.write_bytes(b"x" * 7)
+    for seq in range(15):
+        store.delete(header(seq).id)
+    assert store.collect() == 7 * 100 + 8 * (PACKED_BYTES + 1) + 7
+    assert store.collect() == 0
+    assert not orphan.exists()
+    for seq in range(15, 20):
+        assert store.payload(header(seq).id) == bytes([seq]) * (100 if seq % 2 else PACKED_BYTES + 1)
+    assert store.verify() == ()
+
+
+def test_a_collection_keeps_concurrent_insertions(store: Store) -> None:
+    done = threading.Event()
+
+    def collect() -> None:
+        while not done.is_set():
+            store.collect()
+
+    collector = threading.Thread(target=collect)
+    collector.start()
+    try:
+        for seq in range(60):  # four contents are inserted and deleted in turn
+            content = bytes([seq % 4]) * (PACKED_BYTES + 1 if seq % 2 else 50)
+            assert put(store, header(seq), content) is Insertion.INSERTED
+            assert store.payload(header(seq).id) == content
+            store.delete(header(seq).id)
+    finally:
+        done.set()
+        collector.join()
+    assert store.verify() == ()
+
+
+def test_wrong_sums_and_index_entries_are_detected(store: Store) -> None:
+    put(store, header(0, box_m=(0, 0, 0, 1, 1, 1)))
+    with store._database.write() as connection:
+        connection.exec_driver_sql("UPDATE tallies SET live = 2")
+        connection.exec_driver_sql("UPDATE product_index SET x0 = 0.5, x1 = 0.6")
+    assert {p.what.split(":")[0] for p in store.verify()} == {"spatial index", "sums"}
+
+
+def test_a_payload_that_is_collected_during_an_insertion_is_written_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files, payload = BlobFiles(tmp_path / "blobs"), b"x" * 40_000
+    digest = hashlib.sha256(payload).hexdigest()
+    files.write(digest, payload)
+    real = blobs._has_content
+
+    def collected_after(path: Path, content: bytes) -> bool:
+        has_content = real(path, content)
+        files.remove(digest)
+        return has_content
+
+    monkeypatch.setattr(blobs, "_has_content", collected_after)
+    files.write(digest, payload)
+    assert files.path(digest).read_bytes() == payload

@@ -1,0 +1,187 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Tiles are equal to the statistics of the points at every level, also after changes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdff_common.clock import ManualClock
+from cdff_common.errors import InputError
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.raster import CellStatistics
+from cdff_common.raster.tiles import (
+    HALF_SIDE_M,
+    LAST_LEVEL,
+    Tile,
+    cell_m,
+    level_of,
+    tile_matrix_set,
+    tiles_over,
+)
+from dpm_store import Store, open_store
+from dpm_store.maps.pyramid import FEW, Change, tiles_of_change
+from tests.support.map_products import S, new_product_of, patch, put_patch
+
+
+def tile_at(z: int, x_m: float, y_m: float) -> Tile:
+    columns, rows = tiles_over(z, (x_m, y_m, x_m, y_m))
+    return Tile(z, columns[0], rows[0])
+
+
+def cells(store: Store, tile: Tile, margin: int = 0) -> CellStatistics:
+    return store.pyramid.statistics("site", tile.z, tile.geometry("site", margin))
+
+
+def assert_equal_to_points(store: Store, tile: Tile, points: np.ndarray, margin: int = 0) -> None:
+    result = cells(store, tile, margin)
+    direct = CellStatistics.from_points(tile.geometry("site", margin), points, stamps_ns=0)
+    for name in ("count", "mean", "m2"):
+        np.testing.assert_allclose(
+            getattr(result, name), getattr(direct, name), rtol=3e-4, atol=2e-5, err_msg=name
+        )
+
+
+def test_the_grid_is_a_tile_matrix_set_of_powers_of_two() -> None:
+    document = tile_matrix_set("site", {"uri": "x"})
+    first, last = document["tileMatrices"][0], document["tileMatrices"][-1]
+    assert (first["matrixWidth"], last["matrixWidth"]) == (1, 1 << LAST_LEVEL)
+    assert first["cellSize"] * 256 == 2 * HALF_SIDE_M
+    assert first["scaleDenominator"] == pytest.approx(first["cellSize"] / 0.00028)
+    for coarse, fine in zip(document["tileMatrices"], document["tileMatrices"][1:], strict=False):
+        assert coarse["cellSize"] == 2 * fine["cellSize"]
+
+
+def test_a_level_is_found_by_the_size_of_its_cells() -> None:
+    assert [level_of(r) for r in (0.0125, 0.05, 0.06, 0.1, 0.4, 1e9)] == [20, 18, 17, 17, 15, 0]
+    assert cell_m(18) == pytest.approx(0.05)
+    assert tile_at(1, 1.0, 1.0) == Tile(1, 1, 0)
+    assert Tile(1, 1, 0).geometry("site").bounds == (0.0, 0.0, HALF_SIDE_M, HALF_SIDE_M)
+    assert {t.geometry("site").bounds for t in Tile(17, 5, 6).children()} == {
+        t.geometry("site").bounds for t in (Tile(18, x, y) for x in (10, 11) for y in (12, 13))
+    }
+
+
+@pytest.mark.parametrize("address", [(-1, 0, 0), (21, 0, 0), (3, 8, 0), (3, 0, -1)])
+def test_tiles_beyond_the_grid_are_refused(address: tuple[int, int, int]) -> None:
+    with pytest.raises(InputError, match="tile"):
+        Tile(*address)
+
+
+@pytest.mark.req("CDFF-SUP-181")
+def test_tiles_of_few_patches_are_assembled_at_every_level(store: Store, rng: np.random.Generator) -> None:
+    points = np.vstack([put_patch(store, rng, (i, 1.0, i + 3.0, 4.0), i + 1)[1] for i in range(4)])
+    for z in (17, 16, 12, 0):
+        assert_equal_to_points(store, tile_at(z, 1.0, 1.0), points)
+    assert not cells(store, tile_at(18, 1.0, 1.0)).observed.any()  # patches of 10 cm have no finer tiles
+    assert not cells(store, tile_at(17, 500.0, 1.0)).observed.any()
+
+
+def put_many_patches(store: Store, rng: np.random.Generator, count: int = FEW + 20) -> np.ndarray:
+    """Insert more patches, of 20 cm, than a tile assembles directly, and return their points."""
+    corners = rng.uniform(-20.0, 60.0, (count, 2))
+    result = [
+        patch(rng, (x, y, x + 6.0, y + 6.0), seq, cell_m=0.2, n=1500) for seq, (x, y) in enumerate(corners, 1)
+    ]
+    store.put_all(
+        [new_product_of(value, "dem", seq, resolution_m=0.2) for seq, (value, _) in enumerate(result, 1)]
+    )
+    return np.vstack([points for _, points in result])
+
+
+@pytest.mark.parametrize("margin", [0, 1])
+def test_many_patches_are_aggregated_from_level_to_level(
+    store: Store, rng: np.random.Generator, margin: int
+) -> None:
+    points = put_many_patches(store, rng)
+    for z in (16, 15, 14, 10, 0):
+        assert_equal_to_points(store, tile_at(z, 10.0, 10.0), points, margin)
+
+
+def test_coarse_patches_count_at_their_own_levels(store: Store, rng: np.random.Generator) -> None:
+    fine = put_many_patches(store, rng)
+    _, coarse = put_patch(store, rng, (-16.0, -16.0, 48.0, 48.0), 500, cell_m=0.8, n=20_000)
+    assert_equal_to_points(store, tile_at(15, 10.0, 10.0), fine)
+    for z in (14, 12, 0):
+        assert_equal_to_points(store, tile_at(z, 10.0, 10.0), np.vstack([fine, coarse]))
+
+
+@pytest.mark.req("CDFF-SUP-181")
+def test_insertions_and_deletions_change_tiles_at_every_level(store: Store, rng: np.random.Generator) -> None:
+    points = put_many_patches(store, rng)
+    tiles = [tile_at(z, 10.0, 10.0) for z in (16, 14, 0)]
+    for tile in tiles:
+        cells(store, tile)
+    new_id, more = put_patch(store, rng, (8.0, 8.0, 12.0, 12.0), 900)
+    for tile in tiles:
+        assert_equal_to_points(store, tile, np.vstack([points, more]))
+    store.delete(new_id)
+    for tile in tiles:
+        assert_equal_to_points(store, tile, points)
+
+
+def test_a_change_invalidates_only_the_tiles_that_it_overlaps(store: Store, rng: np.random.Generator) -> None:
+    changes: list[Change] = []
+    store.pyramid.listen(changes.append)
+    put_patch(store, rng, (1.0, 1.0, 2.0, 2.0), 1)
+    cells(store, tile_at(17, 1.0, 1.0))
+    put_patch(store, rng, (30.0, 1.0, 31.0, 2.0), 2)
+    store.pyramid.sync()
+    near, far = tile_at(17, 30.5, 1.5), tile_at(17, 1.5, 1.5)
+    keys = [("site", t.z, t.x, t.y) for t in (near, far)] + [("other", near.z, near.x, near.y)]
+    assert tiles_of_change(keys, changes[-1]) == keys[:1]
+    above = ("site", near.z, near.x, near.y - 1)
+    assert tiles_of_change([above], Change("site", (30.0, 1.0, 31.0, 25.55))) == []
+    assert tiles_of_change([above], Change("site", (30.0, 1.0, 31.0, 25.55)), margin_cells=1) == [above]
+
+
+@pytest.mark.req("CDFF-SUP-181")
+def test_a_corrected_frame_moves_its_patches_from_tile_to_tile(
+    store: Store, rng: np.random.Generator
+) -> None:
+    def anchor(x_m: float) -> None:
+        store.frames.set("mana/odom", "site", UncertainTransform(se3.transform(np.eye(3), [x_m, 0.0, 0.0])))
+
+    anchor(1.0)
+    put_patch(store, rng, (0.0, 1.0, 2.0, 3.0), 1, frame="mana/odom")
+    old_tile, new_tile = tile_at(17, 2.0, 2.0), tile_at(17, 106.0, 2.0)
+    assert cells(store, old_tile).count.sum() == pytest.approx(3000)
+    assert not cells(store, new_tile).observed.any()
+    anchor(105.0)
+    assert not cells(store, old_tile).observed.any()
+    assert cells(store, new_tile).count.sum() == pytest.approx(3000)
+
+
+def test_tile_files_are_reused_after_closing_and_discarded_after_a_crash(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
+    url = f"sqlite:///{tmp_path}/data"
+    tile = Tile(0, 0, 0)
+    with open_store(url, ManualClock(S)) as store:
+        points = put_many_patches(store, rng)
+        cells(store, tile)
+    files = sorted((tmp_path / "data" / "tiles").rglob("*.tile"))
+    assert files
+    for damaged in files:  # a corrupt tile is detected and computed again
+        data = bytearray(damaged.read_bytes())
+        data[100] ^= 1
+        damaged.write_bytes(data)
+    with open_store(url, ManualClock(S)) as store:
+        assert_equal_to_points(store, tile, points)
+    (tmp_path / "data" / "tiles" / "closed.json").unlink()
+    with open_store(url, ManualClock(S)) as store:
+        assert not list((tmp_path / "data").rglob("*.tile"))
+        assert_equal_to_points(store, tile, points)
+
+
+def test_changes_after_closing_are_applied_to_tile_files(tmp_path: Path, rng: np.random.Generator) -> None:
+    url = f"sqlite:///{tmp_path}/data"
+    with open_store(url, ManualClock(S)) as store:
+        points = put_many_patches(store, rng)
+        cells(store, Tile(0, 0, 0))
+    with open_store(url, ManualClock(S)) as store:
+        _, more = put_patch(store, rng, (8.0, 8.0, 12.0, 12.0), 900)
+        assert_equal_to_points(store, Tile(0, 0, 0), np.vstack([points, more]))

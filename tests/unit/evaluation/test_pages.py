@@ -1,0 +1,30 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Tables in the pages of the DFPCs are generated from the recorded results."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from cdff_common.errors import InputError
+from evaluation.__main__ import PAGES, evaluations, filled
+
+WITH_TABLES = [name for name, module in evaluations().items() if hasattr(module, "table")]
+
+
+@pytest.mark.parametrize("name", WITH_TABLES)
+def test_a_page_has_the_tables_of_its_results(name: str) -> None:
+    figures = json.loads((PAGES / f"{name}.json").read_text(encoding="utf-8"))["figures"]
+    subject = getattr(evaluations()[name], "PAGE", name)
+    page = (PAGES / f"{subject}.md").read_text(encoding="utf-8")
+    command = f"run: python -m evaluation --draw-only {name}"
+    assert filled(page, name, evaluations()[name].table(figures)) == page, command
+
+
+def test_a_page_without_table_markers_is_refused() -> None:
+    page = "# x\n<!-- written by python -m evaluation x -->\nold\n<!-- until here -->\nrest\n"
+    assert filled(page, "x", "new") == page.replace("old", "new")
+    with pytest.raises(InputError, match="page of y"):
+        filled(page, "y", "new")
