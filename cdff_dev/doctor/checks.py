@@ -164,12 +164,19 @@ def store_lock(folder: Path) -> Finding:
     import fcntl
 
     for path in sorted(folder.glob("*.lock")) if folder.is_dir() else ():
-        with path.open("rb") as file:
+        try:
+            file = path.open("rb")
+        except OSError as error:
+            return Finding("store", "warning", f"{path}: {error.strerror}", "make it readable for this user")
+        with file:
             try:
                 fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
             except OSError:
                 return Finding(
-                    "store", "warning", f"{path} is held: a DPM runs on it", "stop it before starting another"
+                    "store",
+                    "warning",
+                    f"{path} is locked by a running DPM",
+                    "stop it before starting another",
                 )
             fcntl.flock(file, fcntl.LOCK_UN)
     return Finding("store", "ok", "no DPM holds the store")

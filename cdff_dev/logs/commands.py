@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Command line of ``cdff log``: look into logs, cut and merge them."""
+"""Command line of ``cdff log``: show, cut and merge logs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LOG_HELP = "a .msg file, a folder or pattern of them, or a KITTI folder"
 
 def register(nouns: Any) -> None:
     """Add the parser of ``cdff log``."""
-    parser = nouns.add_parser("log", help="look into logs, cut and merge them")
+    parser = nouns.add_parser("log", help="show, cut and merge logs")
     parser.set_defaults(parser=parser)
     verbs = parser.add_subparsers(metavar="VERB")
 
@@ -31,33 +31,33 @@ def register(nouns: Any) -> None:
     info.add_argument("--deep", action="store_true", help="also decode every sample")
     info.set_defaults(run=_info)
 
-    cat = verbs.add_parser("cat", help="print samples, one a line, in the order of their stamps")
+    cat = verbs.add_parser("cat", help="print samples, one per line, in the order of their stamps")
     cat.add_argument("log", metavar="LOG", help=_LOG_HELP)
-    _add_choice(cat)
+    _add_selection(cat)
     cat.add_argument("--limit", type=int, metavar="N", help="stop after N samples")
-    cat.add_argument("--json", action="store_true", help="print whole samples as JSON")
+    cat.add_argument("--json", action="store_true", help="print all fields as JSON")
     cat.set_defaults(run=_cat)
 
-    cut = verbs.add_parser("cut", help="copy some streams or a span of time into a new log")
+    cut = verbs.add_parser("cut", help="copy some streams or a time interval into a new log")
     cut.add_argument("log", metavar="LOG", help=_LOG_HELP)
     cut.add_argument("--out", required=True, metavar="LOG", help="NAME.msg, or a folder for chunks")
-    _add_choice(cut)
+    _add_selection(cut)
     cut.set_defaults(run=_cut)
 
-    merge = verbs.add_parser("merge", help="put several logs into one, in the order of their stamps")
+    merge = verbs.add_parser("merge", help="merge several logs into one, in the order of their stamps")
     merge.add_argument("logs", nargs="+", metavar="LOG", help=_LOG_HELP)
     merge.add_argument("--out", required=True, metavar="LOG", help="NAME.msg, or a folder for chunks")
     merge.set_defaults(run=_merge)
 
 
-def _add_choice(parser: argparse.ArgumentParser) -> None:
+def _add_selection(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--stream", action="append", metavar="NAME", help="only this stream; may be repeated")
-    parser.add_argument("--t0", metavar="TIME", help="not before: nanoseconds or RFC 3339")
-    parser.add_argument("--t1", metavar="TIME", help="not after")
+    parser.add_argument("--t0", metavar="TIME", help="earliest stamp: nanoseconds or RFC 3339")
+    parser.add_argument("--t1", metavar="TIME", help="latest stamp")
 
 
-def _chosen(log: LogSource, args: argparse.Namespace) -> Any:
-    """Yield the samples of the streams and time span in the arguments."""
+def _selected_samples(log: LogSource, args: argparse.Namespace) -> Any:
+    """Yield the samples of the streams and the time interval in the arguments."""
     from cdff_common.clock import parse_stamp
 
     t0 = None if args.t0 is None else parse_stamp(args.t0, "--t0")
@@ -92,8 +92,8 @@ def _info(args: argparse.Namespace) -> int:
         for name, s in log.streams.items():
             span_s = (s.t1_ns - s.t0_ns) * 1e-9
             rate = f"{(s.count - 1) / span_s:8.2f} Hz" if span_s > 0 else " " * 11
-            begin = format_stamp(s.t0_ns) if s.count else "empty"
-            print(f"{name:{width}}  {s.type_name:24} {s.count:8d} {rate}  {begin} + {span_s:.3f} s")
+            start = format_stamp(s.t0_ns) if s.count else "empty"
+            print(f"{name:{width}}  {s.type_name:24} {s.count:8d} {rate}  {start} + {span_s:.3f} s")
     return 0
 
 
@@ -102,7 +102,7 @@ def _cat(args: argparse.Namespace) -> int:
     from cdff_dev.logs import open_log
 
     with closing(open_log(args.log)) as log:
-        for i, sample in enumerate(_chosen(log, args)):
+        for i, sample in enumerate(_selected_samples(log, args)):
             if args.limit is not None and i >= args.limit:
                 break
             if args.json:
@@ -113,7 +113,7 @@ def _cat(args: argparse.Namespace) -> int:
 
 
 def _as_json(sample: LogSample) -> dict[str, Any]:
-    """Return an entire sample: NaN as null, infinities as text, bytes in base 64."""
+    """Return a sample for JSON: NaN as null, infinities as text, bytes in base 64."""
     from cdff_common.codecs.dict_form import to_dict_form
 
     line = {
@@ -148,7 +148,7 @@ def _cut(args: argparse.Namespace) -> int:
     with closing(open_log(args.log)) as log:
         _refuse_own_input(log, args.out)
         with LogWriter(args.out) as writer:
-            for sample in _chosen(log, args):
+            for sample in _selected_samples(log, args):
                 writer.write(sample.stream, sample.value, sample.stamp_ns, sample.header)
     return 0
 
@@ -182,10 +182,11 @@ def _refuse_own_input(log: LogSource, out: str) -> None:
     from pathlib import Path
 
     from cdff_common.errors import InputError
+    from cdff_dev.logs.writer import chunk_files
 
     target = Path(out).resolve()
+    replaced = {target, *chunk_files(target.parent, target.stem)}
     for file in getattr(log, "files", []):
         source = Path(file).resolve()
-        chunk = source.parent == target.parent and source.name.startswith(f"{target.stem}_")
-        if chunk or target in (source, source.parent):
+        if source in replaced or source.parent == target:
             raise InputError(f"--out {out}: would replace the log that is read; name another")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Opening of the logs that ``LOG`` may name on the command line."""
+"""Detection of the format of a log, for the argument ``LOG`` of the commands."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from pathlib import Path
 from cdff_common.errors import InputError
 from cdff_dev.logs.reader import LogReader
 from cdff_dev.logs.source import LogSource
+from cdff_dev.logs.writer import chunk_files
 
 
 def open_log(path: str | Path) -> LogSource:
-    """Open a log.
+    """Open a log of any format.
 
     Parameters
     ----------
@@ -25,7 +26,7 @@ def open_log(path: str | Path) -> LogSource:
     Raises
     ------
     InputError
-        If there is no log.
+        If no file matches.
     """
     where = Path(path)
     if where.is_dir():
@@ -39,8 +40,7 @@ def open_log(path: str | Path) -> LogSource:
     elif any(c in str(path) for c in "*?["):
         files = [Path(p) for p in sorted(glob.glob(str(path)))]  # noqa: PTH207
     else:
-        chunks = f"{glob.escape(where.stem)}_{'[0-9]' * 9}.msg"
-        files = sorted(where.parent.glob(chunks)) if where.suffix == ".msg" else []
+        files = chunk_files(where.parent, where.stem) if where.suffix == ".msg" else []
     if not files:
         raise InputError(f"log {path}: no such file, folder of .msg files or pattern that matches any")
     return LogReader(files)

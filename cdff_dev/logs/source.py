@@ -22,15 +22,20 @@ class StreamInfo:
     type_name : str
         ASN.1 type of its samples.
     count : int
-        Number of samples.
+        Number of samples; 0 also for a stream that grows while it is played.
     t0_ns, t1_ns : int
-        Smallest and largest stamp.
+        Smallest and largest stamp; both 0 without samples.
     """
 
     type_name: str
     count: int
     t0_ns: int
     t1_ns: int
+
+    @property
+    def is_empty(self) -> bool:
+        """True if the stream has no samples and does not grow."""
+        return self.count == 0 and self.t0_ns == self.t1_ns
 
 
 @dataclass(frozen=True, slots=True, eq=False)

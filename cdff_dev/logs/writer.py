@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Writer of logs: chunks of whole MessagePack maps, each with ``.meta`` before its samples."""
+"""Writer of logs: each chunk file is a complete MessagePack map with ``.meta`` before its samples."""
 
 from __future__ import annotations
 
+import glob
 from pathlib import Path
 from typing import Any, BinaryIO, Self
 
@@ -14,13 +15,17 @@ from cdff_common.errors import InputError, StorageError
 from cdff_common.interfaces.product import Header
 from cdff_common.output import storage_errors
 
-#: Largest chunk, bytes; a sample that is larger is a chunk by itself.
+#: Largest chunk, bytes; a larger sample is stored in a chunk of its own.
 CHUNK_BYTES = 64_000_000
-_CHUNK_GLOB = "_" + "[0-9]" * 9 + ".msg"
+
+
+def chunk_files(folder: Path, name: str) -> list[Path]:
+    """Return the chunk files of the log ``name`` in a folder: ``{name}_000000000.msg``, …, in order."""
+    return sorted(folder.glob(f"{glob.escape(name)}_{'[0-9]' * 9}.msg"))
 
 
 class _Stream:
-    """Samples of one stream that wait for their chunk."""
+    """Samples of one stream that are not yet written to a chunk."""
 
     def __init__(self, type_name: str) -> None:
         self.type_name = type_name
@@ -41,14 +46,14 @@ class LogWriter:
         ``NAME.msg``: the log is written to this file; if it needs several chunks, to ``NAME_000000000.msg``,
         ``NAME_000000001.msg``, … instead. A name without ``.msg`` is a folder that holds the chunks as
         ``log_000000000.msg``, ….
-        An older log of that name is replaced.
+        An existing log of that name is replaced.
     chunk_bytes : int
-        Largest chunk, which is held in memory.
+        Largest size of a chunk; the samples of a chunk are kept in memory until it is written.
 
     Notes
     -----
-    A chunk appears under its name when it is whole: a process that is killed loses the chunk it was filling,
-    no more.
+    A chunk file is renamed to its final name when it is complete: a process that is killed loses only the
+    samples of its current chunk.
     """
 
     def __init__(self, path: str | Path, *, chunk_bytes: int = CHUNK_BYTES) -> None:
@@ -64,7 +69,7 @@ class LogWriter:
             self._prefix.parent.mkdir(parents=True, exist_ok=True)
             if self._single:
                 self.path.unlink(missing_ok=True)
-            for old in self._prefix.parent.glob(self._prefix.name + _CHUNK_GLOB):
+            for old in chunk_files(self._prefix.parent, self._prefix.name):
                 old.unlink()
         except OSError as error:
             raise StorageError(f"log {self.path}: {error}") from error
@@ -81,7 +86,7 @@ class LogWriter:
         Parameters
         ----------
         stream : str
-            ``/{robot}/{sensor}.{stream}``; one type for each.
+            ``/{robot}/{sensor}.{stream}``; all samples of a stream have the same type.
         value : Any
             A message of ``cdff_common.types``.
         stamp_ns : int
@@ -92,9 +97,10 @@ class LogWriter:
         Raises
         ------
         InputError
-            On a stamp that the log cannot hold, a name that ends in ``.meta``, or another type than before.
+            If the stamp is not a multiple of 1000, the name ends in ``.meta``, or the type differs from
+            that of the previous samples of the stream.
         StorageError
-            If the disk is full.
+            If the chunk cannot be written.
         """
         if self._closed:
             raise InputError(f"log {self.path}: closed")
@@ -117,7 +123,7 @@ class LogWriter:
         self._size += len(packed)
 
     def close(self) -> None:
-        """Write what waits. A log without samples is one file with an empty map."""
+        """Write the last chunk. A log without samples is one file with an empty map."""
         if self._closed:
             return
         self._closed = True

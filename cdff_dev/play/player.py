@@ -61,7 +61,7 @@ class Progress:
 
 
 def playable(log: LogSource, robots: Collection[str] | None = None) -> list[str]:
-    """Return the streams of sensors, without truth and products, of ``robots`` if given.
+    """Return the streams of sensors that have samples, without truth and products, of ``robots`` if given.
 
     Raises
     ------
@@ -70,9 +70,9 @@ def playable(log: LogSource, robots: Collection[str] | None = None) -> list[str]
     """
     dfpcs = set(Registry.default().dfpcs)
     found = {}
-    for stream in log.streams:
+    for stream, info in log.streams.items():
         robot, sensor, _ = split_stream(stream)
-        if sensor != "truth" and sensor not in dfpcs:
+        if sensor != "truth" and sensor not in dfpcs and not info.is_empty:
             found[stream] = robot
     missing = sorted(set(robots or ()) - set(found.values()))
     if missing:

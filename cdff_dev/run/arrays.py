@@ -43,12 +43,16 @@ def read_array(port: Port, text: str) -> Any:
     match = ARRAY_TYPE.match(port.type)
     dtype, dims = match.group("dtype", "shape") if match else (SCALAR_TYPES[port.type], "")
     shape = tuple(s.strip() for s in dims.split(",") if s.strip())
+    values: Any
     if not Path(text).exists() and _NUMBERS.match(text.strip()):
-        values: Any = json.loads(text if text.strip()[0] in "[tf" or not shape else f"[{text}]")
         name = text
+        try:
+            values = json.loads(text if text.strip()[0] in "[tf" or not shape else f"[{text}]")
+        except ValueError as error:
+            raise InputError(f"{port.attribute}={text}: {error}; expected {port.type}") from error
     else:
-        s = load(text)
-        values, name = _content(port, shape, s), s.name
+        source = load(text)
+        values, name = _content(port, shape, source), source.name
     try:
         array = np.asarray(values)
         exact = array.astype(dtype)

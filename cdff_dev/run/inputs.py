@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -105,7 +106,8 @@ def _is_pose_file(text: str) -> bool:
     fmt = detect(s)
     if fmt == "json":
         data = json.loads(s.data)
-        return isinstance(data, dict) and ("T" in data or "T" in (data.get("value") or {}))
+        value = data.get("value") if isinstance(data, dict) else None
+        return isinstance(data, dict) and ("T" in data or (isinstance(value, dict) and "T" in value))
     return fmt in ("pose_txt", "tum")
 
 
@@ -241,9 +243,12 @@ _READERS: dict[str, tuple[tuple[str, ...], Callable[[Source, str, _Setting], Any
 
 def _from_log(type_name: str, path: Path) -> Any:
     """Return the first sample of the type in a log."""
-    log = open_log(path)
-    streams = [name for name, info in log.streams.items() if info.type_name == type_name]
-    if not streams:
-        found = ", ".join(f"{name} {info.type_name}" for name, info in log.streams.items())
-        raise InputError(f"{path}: has the streams {found or 'none'}, expected one of {type_name}")
-    return next(iter(log.samples(streams))).value
+    with closing(open_log(path)) as log:
+        streams = [name for name, info in log.streams.items() if info.type_name == type_name]
+        sample = next(iter(log.samples(streams)), None) if streams else None
+        if sample is None:
+            found = ", ".join(f"{name} {info.type_name}" for name, info in log.streams.items())
+            raise InputError(
+                f"{path}: has the streams {found or 'none'}, expected one of {type_name} with samples"
+            )
+        return sample.value

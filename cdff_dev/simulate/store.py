@@ -1,8 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Simulated logs on disk: made once for a scenario, seed and version of the simulator, then linked where
-asked.
-"""
+"""Cache of simulated logs: one per scenario, seed and simulator version, linked to the requested output."""
 
 from __future__ import annotations
 
@@ -18,16 +16,17 @@ from typing import Any
 from cdff_common.errors import ConflictError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
+from cdff_dev.logs.writer import chunk_files
 from cdff_dev.simulate.scenario import Scenario
 
-#: Written next to the chunks: properties of the rovers for a profile, and the origin of the log.
+#: File next to the chunks: frames and calibration of the rovers for a profile, and the scenario of the log.
 SIDECAR = "scenario.json"
-#: Sources of this package that no sample depends on: editing them keeps the cache.
+#: Sources of this package on which no sample depends: a change of them keeps the cached logs.
 _NOT_IN_SAMPLES = ("__init__.py", "commands.py")
 
 
 def cache_folder() -> Path:
-    """``$XDG_CACHE_HOME/cdff/simulate``, by default below ``~/.cache``."""
+    """Return ``$XDG_CACHE_HOME/cdff/simulate``, by default below ``~/.cache``."""
     root = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     return Path(root) / "cdff" / "simulate"
 
@@ -45,8 +44,8 @@ def code_digest() -> str:
     return digest.hexdigest()[:16]
 
 
-def cache_place(scenario: Scenario) -> Path:
-    """Return the folder of a scenario's log in the cache, whether it exists or not."""
+def cached_log(scenario: Scenario) -> Path:
+    """Return the folder of a scenario's log in the cache; it need not exist."""
     key = hashlib.sha256(f"{scenario.digest}/{code_digest()}".encode()).hexdigest()[:16]
     return cache_folder() / f"{scenario.name}-{key}"
 
@@ -62,8 +61,12 @@ def _edge(parent: str, child: str, T: FloatArray) -> dict[str, Any]:
 
 
 def describe(scenario: Scenario, starts: dict[str, FloatArray]) -> dict[str, Any]:
-    """Frames and calibration in the profile's terms, for the sidecar; ``starts`` holds each
-    ``T_site_odom``.
+    """Return the contents of the sidecar file: frames and calibration in the terms of the profile.
+
+    Parameters
+    ----------
+    starts : dict of str to ndarray, shape (4, 4)
+        ``T_site_odom`` of each robot.
     """
     robots = {}
     cameras = (
@@ -97,7 +100,7 @@ def describe(scenario: Scenario, starts: dict[str, FloatArray]) -> dict[str, Any
 
 
 def make_log(scenario: Scenario, target: Path, workers: int, progress: Any = None) -> None:
-    """Simulate into the folder ``target``, which appears whole or not at all."""
+    """Simulate a scenario into the folder ``target``, which is created only when the log is complete."""
     from cdff_dev.logs import LogWriter
     from cdff_dev.simulate.traverse import levelled, simulate
 
@@ -116,53 +119,51 @@ def make_log(scenario: Scenario, target: Path, workers: int, progress: Any = Non
         if target.exists():
             shutil.rmtree(target)
         part.rename(target)
-        _forget_old(scenario.name, keep=3)
+        _remove_old_logs(scenario.name, keep=3)
     finally:
         shutil.rmtree(part, ignore_errors=True)
 
 
-def _forget_old(name: str, keep: int) -> None:
-    """Remove all but the newest logs of a scenario from the cache: each is some 200 MB, and older versions
-    pile up.
-    """
-    made = [p for p in cache_folder().glob(f"{name}-*") if (p / SIDECAR).is_file()]
-    for old in sorted(made, key=lambda p: p.stat().st_mtime, reverse=True)[keep:]:
+def _remove_old_logs(name: str, keep: int) -> None:
+    """Remove all but the newest logs of a scenario from the cache; a log is about 200 MB."""
+    logs = [p for p in cache_folder().glob(f"{name}-*") if (p / SIDECAR).is_file()]
+    for old in sorted(logs, key=lambda p: p.stat().st_mtime, reverse=True)[keep:]:
         shutil.rmtree(old, ignore_errors=True)
 
 
 def simulated_log(scenario: Scenario, workers: int = 2, progress: Any = None, fresh: bool = False) -> Path:
     """Return the folder of a scenario's log in the cache; generate it if it is missing or ``fresh``."""
-    target = cache_place(scenario)
+    target = cached_log(scenario)
     if fresh or not (target / SIDECAR).is_file():
         make_log(scenario, target, workers, progress)
     return target
 
 
-def _places(log: Path, out: Path) -> dict[Path, Path]:
+def _target_files(log: Path, out: Path) -> dict[Path, Path]:
     """Return the target of each file of a cached log: in a folder, or ``NAME_000000000.msg`` next to
     ``NAME.msg``.
     """
     if out.suffix != ".msg":
         return {path: out / path.name for path in sorted(log.iterdir())}
     chunks = sorted(log.glob("*.msg"))
-    places = {path: out.with_name(f"{out.stem}_{i:09d}.msg") for i, path in enumerate(chunks)}
-    return {**places, log / SIDECAR: out.with_name(f"{out.stem}.{SIDECAR}")}
+    targets = {path: out.with_name(f"{out.stem}_{i:09d}.msg") for i, path in enumerate(chunks)}
+    return {**targets, log / SIDECAR: out.with_name(f"{out.stem}.{SIDECAR}")}
 
 
 def check_free(out: Path, force: bool) -> None:
-    """Refuse a place where something lies.
+    """Refuse an output that would replace existing files.
 
     Raises
     ------
     ConflictError
-        If ``out`` exists and ``force`` is not given, or it is no log.
+        If ``out`` exists and ``force`` is not set, or it is not a log.
     """
-    taken = list(out.parent.glob(f"{out.stem}_*.msg")) if out.suffix == ".msg" else list(out.glob("*"))
-    if (taken or out.exists()) and not force:
+    existing = chunk_files(out.parent, out.stem) if out.suffix == ".msg" else list(out.glob("*"))
+    if (existing or out.exists()) and not force:
         raise ConflictError(f"{out} exists; name another --out or add --force to replace it")
-    strange = [p for p in taken if p.suffix != ".msg" and not p.name.endswith(SIDECAR)]
-    if strange or out.is_file():
-        raise ConflictError(f"{out} holds {strange[0].name if strange else 'no log'}; it is left alone")
+    foreign = [p for p in existing if p.suffix != ".msg" and not p.name.endswith(SIDECAR)]
+    if foreign or out.is_file():
+        raise ConflictError(f"{out} holds {foreign[0].name if foreign else 'no log'}; it is not replaced")
 
 
 def deliver(log: Path, out: Path, force: bool = False) -> None:
@@ -176,17 +177,17 @@ def deliver(log: Path, out: Path, force: bool = False) -> None:
     Raises
     ------
     ConflictError
-        If ``check_free`` raises it.
+        See ``check_free``.
     """
     check_free(out, force)
-    places = _places(log, out)
-    next(iter(places.values())).parent.mkdir(parents=True, exist_ok=True)
-    old = out.parent.glob(f"{out.stem}_*.msg") if out.suffix == ".msg" else out.glob("*.msg")
-    for path in list(old):
+    targets = _target_files(log, out)
+    next(iter(targets.values())).parent.mkdir(parents=True, exist_ok=True)
+    old = chunk_files(out.parent, out.stem) if out.suffix == ".msg" else list(out.glob("*.msg"))
+    for path in old:
         path.unlink()
-    for source, place in places.items():
-        place.unlink(missing_ok=True)
+    for source, target in targets.items():
+        target.unlink(missing_ok=True)
         try:
-            os.link(source, place)
+            os.link(source, target)
         except OSError:
-            shutil.copy2(source, place)
+            shutil.copy2(source, target)

@@ -131,7 +131,7 @@ def true_heights(
     """
     t, heights = truth.geometry, truth.layer("mean").astype(np.float64)
     dx, dy = (0.0, 0.0) if shift_m is None else (float(v) for v in shift_m)
-    cells_per_cell = round(geometry.resolution_m / t.resolution_m)
+    cells_per_cell = max(1, round(geometry.resolution_m / t.resolution_m))  # true cells along one of the map
     if cells_per_cell > 1 and dx == dy == 0.0:
         return _mean_over_cells(geometry, truth)
     # Averaged true heights are interpolated below, so that the result changes smoothly with the shift.

@@ -92,6 +92,8 @@ def _from_log(path: str | Path, stream: str | None) -> Track:
         chosen = only_stream(log, _POSES, stream, "poses")
         values = [sample.value for sample in log.samples([chosen])]
     name = f"{path} {chosen}"
+    if not values:
+        raise InputError(f"{name}: the stream has no samples")
     if isinstance(values[-1], PoseTrajectory):
         last: PoseTrajectory = values[-1]
         return Track(name, last.stamps_ns, last.matrices, last.covariances)

@@ -61,6 +61,13 @@ def test_a_store_locked_by_a_process_is_reported(tmp_path: Path) -> None:
     assert checks.store_lock(tmp_path).state == "ok"
 
 
+def test_a_store_lock_that_cannot_be_opened_is_reported(tmp_path: Path) -> None:
+    (tmp_path / "store.lock").mkdir()
+    finding = checks.store_lock(tmp_path)
+    assert finding.state == "warning"
+    assert "Is a directory" in finding.detail
+
+
 def test_a_port_in_use_and_a_listening_router_are_detected() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]

@@ -98,3 +98,9 @@ def test_a_log_is_not_overwritten_while_it_is_read(log: Path) -> None:
         _run("cut", str(log), "--out", str(log))
     with open_log(log) as same:
         assert same.streams["/mana/imu.sample"].count == 5
+
+
+def test_a_log_is_cut_into_a_name_that_starts_its_own_name(log: Path, tmp_path: Path) -> None:
+    full = log.rename(tmp_path / "run_full.msg")
+    assert _run("cut", str(full), "--out", str(tmp_path / "run.msg")) == 0
+    assert (tmp_path / "run.msg").read_bytes() == full.read_bytes()

@@ -233,3 +233,10 @@ def test_real_infuse_logs_are_read_with_their_quirks(real_data) -> None:  # type
         assert frames[0].image[0, :5].tolist() == [235, 236, 234, 229, 227]
         assert frames[0].stamp_ns == 1532433037769027000
         assert any("nanoseconds in the place of microseconds" in text for text in log.quirks.counts)
+
+
+def test_a_name_with_wildcards_replaces_only_its_own_chunks(tmp_path: Path) -> None:
+    _write(tmp_path / "other.msg", 20, chunk_bytes=50_000)
+    others = sorted(tmp_path.iterdir())
+    _write(tmp_path / "*.msg", 1)
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "*.msg", *others]

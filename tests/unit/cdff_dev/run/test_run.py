@@ -9,11 +9,12 @@ import json
 from pathlib import Path
 from typing import Any
 
+import msgpack
 import numpy as np
 import pytest
 
 from cdff_common.cli import run_safely
-from cdff_common.errors import ConfigurationError, InputError
+from cdff_common.errors import CdffError, ConfigurationError, InputError
 from cdff_common.formats.cloud import CloudArrays
 from cdff_common.formats.geotiff import read_map
 from cdff_common.formats.image import read_image, write_png
@@ -206,6 +207,27 @@ def test_array_ports_accept_files_of_many_formats_and_plain_numbers(tmp_path: Pa
         read_array(Port(name="points", type="float64[n,2]"), str(tmp_path / "a.csv"))
     (tmp_path / "a.png").write_bytes(write_png(np.zeros((4, 5, 3), np.uint8)))
     assert read_array(Port(name="image", type="uint8[r,c]"), str(tmp_path / "a.png")).shape == (4, 5)
+
+
+@pytest.mark.parametrize("text", ["1,,2", "1.2.3", "-"])
+def test_malformed_numbers_are_refused_with_their_port(text: str) -> None:
+    with pytest.raises(InputError, match="size="):
+        read_array(Port(name="size", type="int64[2]"), text)
+
+
+def test_a_log_whose_only_stream_has_no_samples_is_refused(tmp_path: Path) -> None:
+    log = {"/mana/lidar.cloud.meta": {"type": "Pointcloud", "timestamps": []}, "/mana/lidar.cloud": []}
+    (tmp_path / "empty.msg").write_bytes(msgpack.packb(log))
+    with pytest.raises(InputError, match="expected one of Pointcloud with samples"):
+        read_inputs([Port(name="cloud", type="Pointcloud")], {"cloud": str(tmp_path / "empty.msg")})
+
+
+def test_a_json_file_with_a_number_is_not_a_pose(tmp_path: Path) -> None:
+    (tmp_path / "number.json").write_text('{"value": 3.0}')
+    with pytest.raises(CdffError):
+        read_inputs(
+            [Port(name="guess", type="TransformWithCovariance")], {"guess": str(tmp_path / "number.json")}
+        )
 
 
 def test_the_pose_of_a_single_sensor_is_used(tmp_path: Path, rng: np.random.Generator) -> None:

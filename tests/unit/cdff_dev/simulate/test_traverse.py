@@ -91,6 +91,17 @@ def test_a_log_is_generated_once_and_linked_on_request(
         deliver(result, tmp_path / "mine", force=True)
 
 
+def test_a_replaced_log_leaves_logs_whose_names_start_with_its_name(
+    scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    (tmp_path / "run_first.msg").write_bytes(b"\x80")
+    log = simulated_log(scenario, 0)
+    deliver(log, tmp_path / "run.msg")
+    deliver(log, tmp_path / "run.msg", force=True)
+    assert (tmp_path / "run_first.msg").read_bytes() == b"\x80"
+
+
 def test_lidar_points_are_on_the_terrain_seen_from_the_pose_at_their_time(
     samples: list[tuple[Entry, Any]], scenario: Scenario, world: World
 ) -> None:

@@ -96,6 +96,14 @@ def test_larger_cells_are_compared_with_the_mean_of_the_reference() -> None:
     assert compare(dem, TRUE)["rmse_m"] < 1e-6
 
 
+@pytest.mark.parametrize("true_cell_m", [0.15, 0.2, 0.5])
+def test_smaller_cells_are_compared_with_the_interpolated_reference(true_cell_m: float) -> None:
+    coarse_truth = elevation_map(GridGeometry.aligned("site", true_cell_m, (-12.0, -12.0, 12.0, 12.0)))
+    results = compare(elevation_map(GRID), coarse_truth)
+    assert results["rmse_m"] < 0.01
+    np.testing.assert_allclose(results["shift_m"], 0.0, atol=5e-3)
+
+
 def test_maps_in_different_frames_or_without_overlap_are_refused() -> None:
     with pytest.raises(InputError, match="expected one frame"):
         compare(elevation_map(GridGeometry.aligned("mana/odom", 0.1, (0, 0, 1, 1))), TRUE)

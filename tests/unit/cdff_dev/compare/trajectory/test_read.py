@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import msgpack
 import numpy as np
 import pytest
 
@@ -68,6 +69,13 @@ def test_a_file_without_a_trajectory_is_refused(tmp_path: Path, text: str, messa
     (tmp_path / "x").write_text(text)
     with pytest.raises(CdffError, match=message):
         read_track(tmp_path / "x")
+
+
+def test_a_stream_without_samples_is_refused(tmp_path: Path) -> None:
+    log = {"/mana/pom.pose.meta": {"type": "TransformWithCovariance", "timestamps": []}, "/mana/pom.pose": []}
+    (tmp_path / "empty.msg").write_bytes(msgpack.packb(log))
+    with pytest.raises(CdffError, match=r"/mana/pom\.pose: the stream has no samples"):
+        read_track(tmp_path / "empty.msg")
 
 
 def test_the_command_prints_a_table_json_and_draws(
