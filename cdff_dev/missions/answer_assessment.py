@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Assessment of an answer from its own values: type, frame, region, freshness, resolution and coverage."""
+"""Assessment of an answer to a request: type, frame, region, freshness, resolution and coverage."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cdff_common.contract.products import product_type
 from cdff_common.geometry.region import Region
 from cdff_common.interfaces.product import Header
 from cdff_common.raster.geometry import GridGeometry
-from cdff_common.raster.region import coverage as covered
+from cdff_common.raster.region import coverage as coverage_of_region
 from cdff_common.raster.region import mask
 from cdff_common.types import (
     ElevationMap,
@@ -25,58 +25,58 @@ from cdff_common.types import (
 )
 from cdff_dev.missions.script import TimedRequest
 
-#: Points may lie this far outside a region, metres: the rover moves while the answer is computed.
+#: Largest distance of a point from the requested region, metres: the rover moves while the answer is computed.
 REGION_SLACK_M = 0.5
 
 
-def faults(
-    ask: TimedRequest, value: Any, header: Header, now_ns: int, region: Region | None
+def assess_answer(
+    request: TimedRequest, value: Any, header: Header, now_ns: int, region: Region | None
 ) -> Iterator[str]:
-    """Yield the differences between an answer and its request.
+    """Yield the faults of an answer: its differences from the request.
 
     Parameters
     ----------
     value
-        A type of ``cdff_common.types``; a GeoTIFF is converted to an ElevationMap first.
+        Decoded answer, a type of ``cdff_common.types``; an ElevationMap if it was delivered as GeoTIFF.
     now_ns : int
         Mission time at which the answer arrived.
     region : Region or None
-        Region of the request, with ``near:`` resolved.
+        Region of the request; ``near:`` is already replaced by a circle around a position.
     """
-    expected = ask.as_ or product_type(ask.type).type_name
-    if ask.format == "tif":
+    expected = request.as_ or product_type(request.type).type_name
+    if request.format == "tif":
         expected = ElevationMap.__name__
     if type(value).__name__ != expected:
         yield f"type {type(value).__name__}, expected {expected}"
         return
-    if header.frame != ask.frame:
-        yield f"frame {header.frame}, expected {ask.frame}"
+    if header.frame != request.frame:
+        yield f"frame {header.frame}, expected {request.frame}"
     age_s = (now_ns - header.t1_ns) * 1e-9
-    if age_s > ask.max_age_s:
-        yield f"{age_s:.1f} s old, expected at most {ask.max_age_s:g} s"
+    if age_s > request.max_age_s:
+        yield f"{age_s:.1f} s old, expected at most {request.max_age_s:g} s"
     if isinstance(value, (TransformWithCovariance, RigidBodyState)):
-        yield from _pose_faults(ask, value)
+        yield from _pose_faults(request, value)
     elif isinstance(value, PoseTrajectory):
-        if (value.parent_frame, value.child_frame) != (ask.frame, f"{ask.robot}/base"):
-            pose = f"{value.child_frame} in {value.parent_frame}"
-            yield f"a trajectory of {pose}, expected {ask.robot}/base in {ask.frame}"
+        if (value.parent_frame, value.child_frame) != (request.frame, f"{request.robot}/base"):
+            frames = f"{value.child_frame} in {value.parent_frame}"
+            yield f"a trajectory of {frames}, expected {request.robot}/base in {request.frame}"
         if len(value.stamps_ns) < 2:
             yield f"{len(value.stamps_ns)} poses, expected a trajectory"
     elif isinstance(value, Pointcloud):
-        if value.frame != ask.frame:
-            yield f"points in {value.frame}, expected {ask.frame}"
+        if value.frame != request.frame:
+            yield f"points in {value.frame}, expected {request.frame}"
         yield from _cloud_faults(value, region)
     else:
-        yield from _grid_faults(ask, *_grid_of(value), region)
+        yield from _grid_faults(request, *_grid_of(value), region)
 
 
-def _pose_faults(ask: TimedRequest, value: TransformWithCovariance | RigidBodyState) -> Iterator[str]:
+def _pose_faults(request: TimedRequest, value: TransformWithCovariance | RigidBodyState) -> Iterator[str]:
     if isinstance(value, RigidBodyState):
         parent, child, position = value.target_frame, value.source_frame, np.asarray(value.pos)
     else:
         parent, child, position = value.parent_frame, value.child_frame, value.transform.matrix[:3, 3]
-    if (parent, child) != (ask.frame, f"{ask.robot}/base"):
-        yield f"pose of {child} in {parent}, expected {ask.robot}/base in {ask.frame}"
+    if (parent, child) != (request.frame, f"{request.robot}/base"):
+        yield f"pose of {child} in {parent}, expected {request.robot}/base in {request.frame}"
     if not np.all(np.isfinite(position)):
         yield f"position {position} is not finite"
 
@@ -108,17 +108,17 @@ def _grid_of(value: Any) -> tuple[GridGeometry, np.ndarray[Any, np.dtype[np.bool
 
 
 def _grid_faults(
-    ask: TimedRequest, geometry: GridGeometry, observed: Any, region: Region | None
+    request: TimedRequest, geometry: GridGeometry, observed: Any, region: Region | None
 ) -> Iterator[str]:
-    if geometry.frame != ask.frame:
-        yield f"a grid in {geometry.frame}, expected {ask.frame}"
-    if ask.resolution_m is not None and abs(geometry.resolution_m / ask.resolution_m - 1) > 1e-6:
-        yield f"cells of {geometry.resolution_m:g} m, expected {ask.resolution_m:g} m"
+    if geometry.frame != request.frame:
+        yield f"a grid in {geometry.frame}, expected {request.frame}"
+    if request.resolution_m is not None and abs(geometry.resolution_m / request.resolution_m - 1) > 1e-6:
+        yield f"cells of {geometry.resolution_m:g} m, expected {request.resolution_m:g} m"
     if not observed.any():
         yield "no cell is observed"
     if region is not None:
-        coverage = covered(region, geometry, observed)
-        if coverage < (ask.min_coverage or 0.0):
-            yield f"coverage {coverage:.2f}, expected at least {ask.min_coverage:.2f}"
+        coverage = coverage_of_region(region, geometry, observed)
+        if coverage < (request.min_coverage or 0.0):
+            yield f"coverage {coverage:.2f}, expected at least {request.min_coverage:.2f}"
         if (observed & ~mask(region, geometry)).any():
             yield "cells outside the region have data"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The autonomy framework of a mission: requests poses and maps of the orchestrator, commands its rover."""
+"""The autonomy framework of a simulated rover: it requests poses and maps and commands the rover."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ from cdff_dev.missions.script import Follow, GoTo, GuidanceParameters, Meet, Ret
 
 #: Deadline of a request, s.
 _DEADLINE_S = 40.0
-#: Attempts to find a path before giving up.
+#: Number of attempts to plan a path, after which the task fails.
 _MAX_PATH_ATTEMPTS = 4
-#: Longest wait near a goal that has not settled, mission seconds.
+#: Longest wait near a goal that may still move, mission seconds.
 _MAX_SETTLING_S = 600.0
 
 
@@ -52,20 +52,18 @@ def closing_event(event: threading.Event) -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True)
 class RequestRecord:
-    """One request of the autonomy framework: mission time, subject, duration in seconds, and summary of the
-    answer.
-    """
+    """A request of the autonomy framework: mission time, requested product, duration, summary of the answer."""
 
     at_s: float
     robot: str
-    what: str
-    took_s: float
+    product: str
+    duration_s: float
     answer: str
 
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """A completed task: mission time and goal in site."""
+    """A completed task: mission time, and goal in site (None if the task has none)."""
 
     robot: str
     task: Task
@@ -79,10 +77,23 @@ class Autonomy:
 
     Parameters
     ----------
+    start_ns : int
+        Mission time at the start of the mission.
     stop : threading.Event
-        Stops the thread after the present leg.
+        Ends the thread after the current leg.
+    print_line : callable
+        Prints a line of progress.
     done : mapping of str to threading.Event
         Event of each robot, set when its tasks have ended or failed.
+
+    Attributes
+    ----------
+    requests : list of RequestRecord
+        Requests sent so far.
+    arrivals : list of Arrival
+        Tasks completed so far.
+    legs : int
+        Number of legs driven so far.
     """
 
     robot: str
@@ -90,12 +101,12 @@ class Autonomy:
     guidance: GuidanceParameters
     profile: Profile
     clock: MissionClock
-    begin_ns: int
+    start_ns: int
     connect: str
     stop: threading.Event
-    say: Callable[[str], None]
+    print_line: Callable[[str], None]
     done: Mapping[str, threading.Event]
-    asked: list[RequestRecord] = field(default_factory=list)
+    requests: list[RequestRecord] = field(default_factory=list)
     arrivals: list[Arrival] = field(default_factory=list)
     legs: int = 0
     _rover: Locomotion = field(init=False)
@@ -114,7 +125,7 @@ class Autonomy:
                 goal_m = self._execute(task, home_m)
                 goal = None if goal_m is None else (float(goal_m[0]), float(goal_m[1]))
                 self.arrivals.append(Arrival(self.robot, task, self.clock.now_ns(), goal))
-                self.say(f"{self.robot}: {task.do} done at {self._now_s():.0f} s, {self.legs} legs")
+                self.print_line(f"{self.robot}: {task.do} done at {self._now_s():.0f} s, {self.legs} legs")
 
     def _execute(self, task: Task, home_m: FloatArray) -> FloatArray | None:
         """Execute a task and return its goal; None if it has none."""
@@ -131,26 +142,35 @@ class Autonomy:
                 return self._drive_to(lambda: home_m, 0.0)
             case Meet():
                 return self._drive_to(
-                    lambda: self._position(task.robot), task.distance_m, lambda: self._settled(task.robot)
+                    lambda: self._position(task.robot), task.distance_m, lambda: self._is_settled(task.robot)
                 )
 
     def _drive_to(
-        self, goal: Callable[[], FloatArray], distance_m: float, settled: Callable[[], bool] = lambda: True
+        self, goal: Callable[[], FloatArray], distance_m: float, is_final: Callable[[], bool] = lambda: True
     ) -> FloatArray:
-        """Drive legs until the goal is near and has settled; return it.
+        """Drive to a goal that may move, and return its final position.
 
-        The goal is evaluated for each leg.
+        Parameters
+        ----------
+        goal : callable
+            Returns the current position of the goal; it is called before each leg.
+        distance_m : float
+            Distance from the goal at which the drive ends.
+        is_final : callable
+            Returns True if the goal does not move any more.
         """
         guidance = Guidance(self.guidance.leg_m)
-        failed_plans, left_m, near_since_ns = 0, float("nan"), self.clock.now_ns()
+        failed_plans, remaining_m, near_since_ns = 0, float("nan"), self.clock.now_ns()
         while self.legs < self.guidance.max_legs and not self.stop.is_set():
-            at_m, heading = self._pose()
-            is_settled = settled()  # before the goal is read, so that a later move of the goal is noticed
+            position_m, heading_rad = self._pose()
+            goal_is_final = (
+                is_final()
+            )  # evaluated before the goal is read: a goal that is final cannot move after
             goal_m = goal()
-            to_m = goal_m - at_m
-            left_m = float(np.linalg.norm(to_m)) - distance_m
-            if left_m <= self.guidance.goal_radius_m:
-                if is_settled:
+            offset_m = goal_m - position_m
+            remaining_m = float(np.linalg.norm(offset_m)) - distance_m
+            if remaining_m <= self.guidance.goal_radius_m:
+                if goal_is_final:
                     return goal_m
                 if self.clock.now_ns() > near_since_ns + _MAX_SETTLING_S * NS_PER_S:
                     raise DeadlineError(
@@ -159,9 +179,9 @@ class Autonomy:
                 self._wait(self.clock.now_ns() + NS_PER_S)
                 continue
             near_since_ns = self.clock.now_ns()
-            aim_m = at_m + to_m * left_m / np.linalg.norm(to_m)
+            aim_m = position_m + offset_m * remaining_m / np.linalg.norm(offset_m)
             try:
-                path = guidance.leg(self._navigation_map(), at_m, aim_m)
+                path = guidance.leg(self._navigation_map(), position_m, aim_m)
             except RefusedError:
                 failed_plans += 1
                 if failed_plans >= _MAX_PATH_ATTEMPTS:
@@ -169,15 +189,17 @@ class Autonomy:
                 self._wait(self.clock.now_ns() + 2 * NS_PER_S)
                 continue
             failed_plans = 0
-            c, s = np.cos(heading), np.sin(heading)
-            self._wait(self._rover.drive((path - at_m) @ np.array([[c, -s], [s, c]]))[1])
+            c, s = np.cos(heading_rad), np.sin(heading_rad)
+            self._wait(self._rover.drive((path - position_m) @ np.array([[c, -s], [s, c]]))[1])
             self.legs += 1
-        raise DeadlineError(f"{self.robot}: not at the goal after {self.legs} legs; {left_m:.1f} m remain")
+        raise DeadlineError(
+            f"{self.robot}: not at the goal after {self.legs} legs; {remaining_m:.1f} m remain"
+        )
 
-    def _settled(self, robot: str) -> bool:
-        """Return whether a robot's tasks have ended and its position is known.
+    def _is_settled(self, robot: str) -> bool:
+        """Return True if a robot has ended its tasks and its position is known to ``goal_radius_m`` (1 sigma).
 
-        Before maps are merged, the position can be wrong by metres.
+        Before the maps of the robots are merged, the position can be wrong by metres.
         """
         covariance = self._client.pose(robot).covariance
         is_known = (
@@ -194,7 +216,7 @@ class Autonomy:
         return T_site_base[:2, 3], float(np.arctan2(T_site_base[1, 0], T_site_base[0, 0]))
 
     def _position(self, robot: str | None = None) -> FloatArray:
-        """Return the position of a rover in site; waits for its first pose."""
+        """Return the position of a rover in site from the DPM; waits for its first pose."""
         deadline_s = time.monotonic() + _DEADLINE_S
         while True:
             try:
@@ -206,32 +228,32 @@ class Autonomy:
 
     def _navigation_map(self) -> NavigationMap:
         """Return the navigation map around the rover."""
-        g, start_s = self.guidance, time.monotonic()
+        parameters, start_s = self.guidance, time.monotonic()
         options: dict[str, Any] = {
             "frame": "site",
-            "region": f"near:{self.robot}/base,{g.around_m:g}",
-            "resolution_m": g.resolution_m,
-            "max_age_s": g.max_age_s,
+            "region": f"near:{self.robot}/base,{parameters.around_m:g}",
+            "resolution_m": parameters.resolution_m,
+            "max_age_s": parameters.max_age_s,
             "deadline_s": _DEADLINE_S,
         }
-        if g.ground == "navigation_map":
+        if parameters.ground == "navigation_map":
             answer = self._client.request("navigation_map", robot=self.robot, **options)
             navigation_map: NavigationMap = answer.value
         else:
             answer = self._client.request("dem", robot="any", **options)
             navigation_map = self._assess_terrain(answer.value)
         geometry = navigation_map.geometry
-        free = float(np.isin(navigation_map.layer("class"), (1, 2)).mean())
+        free_fraction = float(np.isin(navigation_map.layer("class"), (1, 2)).mean())
         age_s = answer.delivered.get("age_s", float("nan"))
         self._record_request(
-            g.ground,
+            parameters.ground,
             start_s,
-            f"{geometry.rows} x {geometry.cols} cells, {free:.0%} free, {age_s:.1f} s old",
+            f"{geometry.rows} x {geometry.cols} cells, {free_fraction:.0%} free, {age_s:.1f} s old",
         )
         return navigation_map
 
     def _assess_terrain(self, dem: ElevationMap) -> NavigationMap:
-        """Return the navigation map of an elevation map with the limits of the rover."""
+        """Return the navigation map of an elevation map, computed with the limits of the rover."""
         limits = self.profile.robot(self.robot).limits
         traversability = Registry.default().make_dfn("Traversability")
         traversability.configure({name: limits[name] for name in LIMITS if name in limits})
@@ -244,7 +266,9 @@ class Autonomy:
             pass
 
     def _now_s(self) -> float:
-        return (self.clock.now_ns() - self.begin_ns) / NS_PER_S
+        return (self.clock.now_ns() - self.start_ns) / NS_PER_S
 
-    def _record_request(self, what: str, start_s: float, answer: str) -> None:
-        self.asked.append(RequestRecord(self._now_s(), self.robot, what, time.monotonic() - start_s, answer))
+    def _record_request(self, product: str, start_s: float, answer: str) -> None:
+        self.requests.append(
+            RequestRecord(self._now_s(), self.robot, product, time.monotonic() - start_s, answer)
+        )

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff mission`` and ``cdff drive``."""
+"""Command line of ``cdff mission`` and ``cdff drive``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def system_arguments() -> argparse.ArgumentParser:
-    """Return the parser of the options of every command that starts a system."""
+    """Return a parser with the options that all commands that start a system have in common."""
     system = argparse.ArgumentParser(add_help=False)
     system.add_argument("--http", default="127.0.0.1:8080", metavar="HOST:PORT")
     system.add_argument("--connect", default="tcp/127.0.0.1:7447", help="endpoint of the router")
@@ -49,7 +49,7 @@ def register(nouns: Any) -> None:
     parser.set_defaults(run=_mission, parser=parser)
 
     parser = nouns.add_parser(
-        "drive", help="simulate rovers that execute drive commands, with the mission clock"
+        "drive", help="simulate rovers that execute drive commands, and publish the mission clock"
     )
     parser.add_argument("scenario", help="a shipped scenario's name or a scenario file (.yaml)")
     parser.add_argument("--seed", type=int, help="replaces the scenario's seed")
@@ -69,13 +69,13 @@ def register(nouns: Any) -> None:
     parser.set_defaults(run=_drive, parser=parser)
 
 
-def say(text: str) -> None:
-    """Print a line at once."""
+def print_line(text: str) -> None:
+    """Print a line without buffering."""
     print(text, flush=True)
 
 
 def check_outputs(args: argparse.Namespace) -> None:
-    """Check that the report and the products can be written, before long work."""
+    """Raise an error if the report or the products cannot be written, before the system is started."""
     from cdff_common.errors import ConfigurationError
     from cdff_common.output import check_file, make_folder
 
@@ -87,9 +87,9 @@ def check_outputs(args: argparse.Namespace) -> None:
 
 @contextmanager
 def running_system(
-    args: argparse.Namespace, profile_path: Path, say: Callable[[str], None]
+    args: argparse.Namespace, profile_path: Path, print_line: Callable[[str], None]
 ) -> Iterator[tuple[Stage, Bus]]:
-    """Start the services of a profile, wait until they are ready, and end them with the block."""
+    """Start the services of a profile and wait until they are ready; the end of the block ends them."""
     from cdff_common.bus import Bus
     from cdff_common.interfaces.profile import load_profile
     from cdff_dev.missions.stage import Stage
@@ -102,15 +102,17 @@ def running_system(
         Stage(profile, profile_path, args.connect, args.http, args.data_dir) as stage,
         Bus.open(args.connect, name="mission", wait_s=20.0) as bus,
     ):
-        say(f"starting {len(stage.expected)} services of profile {profile.name}; logs in {stage.log_dir}")
-        stage.wait_ready(bus, lambda ready, total: say(f"  {ready} of {total} ready"))
+        print_line(
+            f"starting {len(stage.expected)} services of profile {profile.name}; logs in {stage.log_dir}"
+        )
+        stage.wait_ready(bus, lambda ready, total: print_line(f"  {ready} of {total} ready"))
         yield stage, bus
 
 
-def keep_logs(stage: Stage, say: Callable[[str], None]) -> None:
+def keep_logs(stage: Stage, print_line: Callable[[str], None]) -> None:
     """Keep the data folder of a run that failed."""
     stage.keep = True
-    say(f"the logs of every process are kept in {stage.log_dir}")
+    print_line(f"the logs of every process are kept in {stage.log_dir}")
 
 
 def _mission(args: argparse.Namespace) -> int:
@@ -136,16 +138,16 @@ def _mission(args: argparse.Namespace) -> int:
     profile_path = deploy_folder() / "profiles" / f"{mission.profile}.yaml"
     check_fits(mission, load_profile(profile_path), scenario)
 
-    def say_unless_json(text: str) -> None:
+    def print_unless_json(text: str) -> None:
         if not args.json:
-            say(text)
+            print_line(text)
 
-    with running_system(args, profile_path, say_unless_json) as (stage, bus):
-        result = run(path.stem, mission, scenario, stage, bus, speed, say_unless_json)
+    with running_system(args, profile_path, print_unless_json) as (stage, bus):
+        result = run(path.stem, mission, scenario, stage, bus, speed, print_unless_json)
         if result.faults:
-            keep_logs(stage, say_unless_json)
+            keep_logs(stage, print_unless_json)
     for line in (*result.score.lines(), *result.remarks, *(f"FAIL {fault}" for fault in result.faults)):
-        say_unless_json(line)
+        print_unless_json(line)
     if args.json:
         summary = {
             "mission": path.stem,
@@ -157,7 +159,7 @@ def _mission(args: argparse.Namespace) -> int:
         print(json.dumps(summary, allow_nan=False))
     if args.report is not None:
         write_report(args.report, result.report)
-        say_unless_json(f"the report is in {args.report}")
+        print_unless_json(f"the report is in {args.report}")
     return int(bool(result.faults))
 
 
@@ -175,21 +177,23 @@ def _drive(args: argparse.Namespace) -> int:
     def simulate(stop: threading.Event) -> None:
         world = make_world(load_scenario(args.scenario, args.seed))
         with ExitStack() as stack:
-            truth = None if args.truth is None else stack.enter_context(LogWriter(make_folder(args.truth)))
-            driven = GrowingLog(world, truth)
+            truth_log = (
+                None if args.truth is None else stack.enter_context(LogWriter(make_folder(args.truth)))
+            )
+            log = GrowingLog(world, truth_log)
             bus = stack.enter_context(Bus.open(args.connect, name="simulator"))
-            drive_commands.serve(bus, driven)
+            drive_commands.serve(bus, log)
             player = Player(
                 bus,
-                driven,
+                log,
                 args.speed,
                 patience_s=args.patience,
-                ready_ns=driven.ready_ns,
-                ahead_bytes=driven.ahead_bytes,
+                ready_ns=log.ready_ns,
+                ahead_bytes=log.ahead_bytes,
             )
             try:
                 player.run(stop)
             finally:
-                driven.close()
+                log.close()
 
     return run_service("simulator", simulate)

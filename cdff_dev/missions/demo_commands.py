@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff demo``."""
+"""Command line of ``cdff demo``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from cdff_dev.missions.commands import check_outputs, keep_logs, running_system, say, system_arguments
+from cdff_dev.missions.commands import check_outputs, keep_logs, print_line, running_system, system_arguments
 
 
 def register(nouns: Any) -> None:
@@ -19,7 +19,7 @@ def register(nouns: Any) -> None:
     parser.add_argument(
         "--once",
         action="store_true",
-        help="end after the last request; exit 0 only if every answer meets its request",
+        help="end after the last request; exit 0 only if every answer satisfies its request",
     )
     source = parser.add_mutually_exclusive_group()
     source.add_argument(
@@ -42,7 +42,7 @@ def register(nouns: Any) -> None:
 
 
 def _demo(args: argparse.Namespace) -> int:
-    """Run the demonstration; return 0 if every answer meets its request, else 1; 130 after an interrupt."""
+    """Run the demonstration; return 0 if every answer satisfies its request, else 1."""
     from cdff_common.resources import deploy_folder
     from cdff_dev.missions import demonstration
 
@@ -50,18 +50,23 @@ def _demo(args: argparse.Namespace) -> int:
     script = demonstration.script_of(name)
     if args.attach:
         return int(
-            not demonstration.ask_running_system(script, args.connect, args.http, args.wait_s, say=say)
+            not demonstration.ask_running_system(
+                script, args.connect, args.http, args.wait_s, print_line=print_line
+            )
         )
     check_outputs(args)
-    log = demonstration.kitti_log(args.log) if args.log else demonstration.scenario_log(name, say)
-    with running_system(args, deploy_folder() / "profiles" / f"{script.profile}.yaml", say) as (stage, bus):
-        succeeded = demonstration.demonstrate(name, script, log, stage, bus, args.report, say)
+    log = demonstration.kitti_log(args.log) if args.log else demonstration.scenario_log(name, print_line)
+    with running_system(args, deploy_folder() / "profiles" / f"{script.profile}.yaml", print_line) as (
+        stage,
+        bus,
+    ):
+        succeeded = demonstration.demonstrate(name, script, log, stage, bus, args.report, print_line)
         if not succeeded:
-            keep_logs(stage, say)
+            keep_logs(stage, print_line)
         if not args.once:
-            say(f"browse http://{args.http} - Ctrl-C ends everything")
+            print_line(f"browse http://{args.http} - Ctrl-C ends everything")
             try:
                 threading.Event().wait()
             except KeyboardInterrupt:
-                say("ending")
+                print_line("ending")
     return int(not succeeded)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The demonstration: a log is played on a running system, and requests are sent and assessed meanwhile."""
+"""The demonstration: it plays a log on a running system, sends requests and assesses the answers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cdff_common.bus import Bus
 from cdff_common.clock import NS_PER_S, MissionClock
 from cdff_common.errors import FrameNotFoundError, InputError, UnavailableError
 from cdff_common.resources import resolve
-from cdff_dev.missions.map_sharing import settled
+from cdff_dev.missions.map_sharing import assess_shared_map
 from cdff_dev.missions.report import Report, elevation_around, processes_under, write_report
 from cdff_dev.missions.requests import Outcome, counts_over_http, run_requests, wait_for_clock
 from cdff_dev.missions.script import Script, load_script
@@ -22,7 +22,7 @@ from cdff_dev.simulate.commands import progress_line
 from cdff_dev.simulate.scenario import load_scenario
 from cdff_dev.simulate.store import simulated_log
 
-Say = Callable[[str], None]
+PrintLine = Callable[[str], None]
 
 
 def script_of(name: str) -> Script:
@@ -31,7 +31,7 @@ def script_of(name: str) -> Script:
 
 
 def kitti_log(path: Path) -> Path:
-    """Return the path of a recorded log; raises InputError if it is not a KITTI folder."""
+    """Return ``path`` if it is a KITTI folder; raises InputError otherwise."""
     if not (path / "image_l_kitti").is_dir() and not (path / "image_0").is_dir():
         raise InputError(
             f"--log {path}: expected a KITTI folder with image_l_kitti or image_0 (use `cdff replay` "
@@ -40,55 +40,62 @@ def kitti_log(path: Path) -> Path:
     return path
 
 
-def scenario_log(name: str, say: Say) -> Path:
-    """Return the log of a scenario, simulated unless it is in the cache."""
+def scenario_log(name: str, print_line: PrintLine) -> Path:
+    """Return the log of a scenario from the cache; simulate it if it is not there."""
     scenario = load_scenario(name)
-    say(f"simulating {name} (kept for the next time)")
+    print_line(f"simulating {name} (the log is cached)")
     return simulated_log(scenario, progress=progress_line)
 
 
-def ask_running_system(script: Script, connect: str, http: str, wait_s: float, say: Say) -> bool:
-    """Send the requests once another process publishes the mission clock; return True if all succeeded."""
+def ask_running_system(script: Script, connect: str, http: str, wait_s: float, print_line: PrintLine) -> bool:
+    """Send the requests to a system started elsewhere; return True if every answer satisfies its request.
+
+    The mission clock must be published within ``wait_s``.
+    """
     with Bus.open(connect, name="demo", wait_s=wait_s) as bus:
-        say(f"waiting for the mission clock at {connect}")
+        print_line(f"waiting for the mission clock at {connect}")
         clock, start_ns = wait_for_clock(bus, lambda: None, wait_s)
-        say(f"asking {len(script.requests)} questions over Zenoh, as OG2 would")
-        outcomes = _ask(script, clock, start_ns, connect, http, say)
-        say(_verdict(outcomes))
+        print_line(f"sending {len(script.requests)} requests over Zenoh, in the role of OG2")
+        outcomes = _send_requests(script, clock, start_ns, connect, http, print_line)
+        print_line(_answered_line(outcomes))
         return _all_answered(outcomes)
 
 
-def _ask(
-    script: Script, clock: MissionClock, start_ns: int, connect: str, http: str, say: Say
+def _send_requests(
+    script: Script, clock: MissionClock, start_ns: int, connect: str, http: str, print_line: PrintLine
 ) -> list[Outcome]:
     """Send the requests, print each outcome on arrival, and return all."""
-    return run_requests(script.requests, clock, start_ns, connect, http, lambda outcome: say(str(outcome)))
+    return run_requests(
+        script.requests, clock, start_ns, connect, http, lambda outcome: print_line(str(outcome))
+    )
 
 
 def demonstrate(
-    name: str, script: Script, log: Path, stage: Stage, bus: Bus, report: Path | None, say: Say
+    name: str, script: Script, log: Path, stage: Stage, bus: Bus, report: Path | None, print_line: PrintLine
 ) -> bool:
-    """Play a log on a system that is ready; return True if every answer meets its request."""
+    """Play a log on a system that is ready; return True if every answer satisfies its request."""
     stage.play(str(log), script.rate)
     clock, start_ns = wait_for_clock(bus, stage.check_running)
-    started_s = time.monotonic()
-    say(f"playing {log}; asking {len(script.requests)} questions over Zenoh, as OG2 would")
-    outcomes = _ask(script, clock, start_ns, stage.connect, stage.http, say)
+    start_s = time.monotonic()
+    print_line(f"playing {log}; sending {len(script.requests)} requests over Zenoh, in the role of OG2")
+    outcomes = _send_requests(script, clock, start_ns, stage.connect, stage.http, print_line)
     stage.check_running()
-    stopped_s = time.monotonic() - started_s - (clock.now_ns() - start_ns) / NS_PER_S / script.rate
-    if stopped_s > 1.0:
-        say(f"this machine is too slow for the mission: its clock was stopped for {stopped_s:.0f} s in total")
-    say(f"found over HTTP at {stage.http}: {counts_over_http(stage.http)}")
-    verdict = _verdict(outcomes)
-    say(verdict)
-    remarks, faults = _shared_map(script, stage, log, bus)
+    clock_stopped_s = time.monotonic() - start_s - (clock.now_ns() - start_ns) / NS_PER_S / script.rate
+    if clock_stopped_s > 1.0:
+        print_line(
+            f"this machine is too slow for the mission: its clock was stopped for {clock_stopped_s:.0f} s in total"
+        )
+    print_line(f"products available over HTTP at {stage.http}: {counts_over_http(stage.http)}")
+    answered_line = _answered_line(outcomes)
+    print_line(answered_line)
+    remarks, faults = _shared_map_results(script, stage, log, bus)
     for line in (*remarks, *faults):
-        say(line)
+        print_line(line)
     if report is not None:
         tracks = _tracks(stage, log)
         page = Report(
             title=f"Mission {name}",
-            paragraphs=[stage.profile.doc, f"{verdict}.", *remarks],
+            paragraphs=[stage.profile.doc, f"{answered_line}.", *remarks],
             faults=faults,
             tracks=tracks,
             ground=elevation_around(bus, tracks),
@@ -96,11 +103,11 @@ def demonstrate(
             processes=processes_under(stage.supervisor_pid),
         )
         write_report(report, page)
-        say(f"the report is in {report}")
+        print_line(f"the report is in {report}")
     return _all_answered(outcomes) and not faults
 
 
-def _verdict(outcomes: Sequence[Outcome]) -> str:
+def _answered_line(outcomes: Sequence[Outcome]) -> str:
     return f"{sum(not o.faults for o in outcomes)} of {len(outcomes)} requests were answered as asked"
 
 
@@ -108,13 +115,13 @@ def _all_answered(outcomes: Sequence[Outcome]) -> bool:
     return bool(outcomes) and not any(o.faults for o in outcomes)
 
 
-def _shared_map(script: Script, stage: Stage, log: Path, bus: Bus) -> tuple[list[str], list[str]]:
+def _shared_map_results(script: Script, stage: Stage, log: Path, bus: Bus) -> tuple[list[str], list[str]]:
     """Assess the map that two robots share, if the script requires one; return remarks and faults."""
     if script.sharing is None:
         return [], []
-    errors = settled(script.sharing, stage.profile, log, bus, stage.http)
+    errors = assess_shared_map(script.sharing, stage.profile, log, bus, stage.http)
     faults = errors.faults(script.sharing)
-    remarks = [*errors.lines(), *([] if faults else ["ok   the shared map is as asked"])]
+    remarks = [*errors.lines(), *([] if faults else ["ok   the shared map is within its limits"])]
     return remarks, [f"FAIL the shared map: {'; '.join(faults)}"] if faults else []
 
 

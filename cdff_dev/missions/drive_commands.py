@@ -15,7 +15,7 @@ from cdff_common.errors import InputError
 from cdff_common.geometry.se3 import FloatArray
 from cdff_dev.missions.driven_log import GrowingLog
 
-#: Largest number of corners of a path.
+#: Largest number of corners of a commanded path.
 _MAX_CORNERS = 10_000
 _TIMEOUT_S = 10.0
 
@@ -25,17 +25,17 @@ def key(robot: str, verb: str) -> str:
     return f"{keys.PREFIX}/{robot}/simulator/@rpc/{verb}"
 
 
-def serve(bus: Bus, driven: GrowingLog) -> None:
-    """Serve commands for every rover; the reply has the start and end of the motion, mission nanoseconds."""
-    for robot in driven.rovers:
-        bus.serve(key(robot, "drive"), partial(_drive, driven, robot))
-        bus.serve(key(robot, "follow"), partial(_follow, driven, robot))
+def serve(bus: Bus, log: GrowingLog) -> None:
+    """Serve drive commands for every rover; a reply has the start and end of the motion, mission nanoseconds."""
+    for robot in log.rovers:
+        bus.serve(key(robot, "drive"), partial(_drive, log, robot))
+        bus.serve(key(robot, "follow"), partial(_follow, log, robot))
         bus.declare_alive(robot, "simulator")
 
 
 @dataclass(frozen=True, slots=True)
 class Locomotion:
-    """Client of a rover's drive commands."""
+    """Client of the drive commands of one rover."""
 
     bus: Bus
     robot: str
@@ -61,15 +61,15 @@ class Locomotion:
         return int(body["begin_ns"]), int(body["end_ns"])
 
 
-def _drive(driven: GrowingLog, robot: str, request: Request) -> Reply:
-    return _reply(driven.drive(robot, _path_of(request)))
+def _drive(log: GrowingLog, robot: str, request: Request) -> Reply:
+    return _reply(log.drive(robot, _parse_path(request)))
 
 
-def _follow(driven: GrowingLog, robot: str, _: Request) -> Reply:
-    return _reply(driven.follow(robot))
+def _follow(log: GrowingLog, robot: str, _: Request) -> Reply:
+    return _reply(log.follow(robot))
 
 
-def _path_of(request: Request) -> FloatArray:
+def _parse_path(request: Request) -> FloatArray:
     body = unpack(request.payload)
     path = body.get("path_m") if isinstance(body, dict) else None
     if not isinstance(path, list) or len(path) > _MAX_CORNERS:

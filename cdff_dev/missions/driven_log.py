@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Simulated rovers as a log that is computed while it is played and that accepts drive commands."""
+"""A log of simulated rovers that is computed while it is played, and whose rovers accept drive commands."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cdff_dev.logs.source import StreamInfo
 from cdff_dev.missions.rover import Rover
 from cdff_dev.simulate.world import World, cast_scene
 
-#: Types of a rover's streams.
+#: Type of each stream of a rover.
 STREAMS = {
     "imu.sample": "IMUSensors",
     "wheels.odometry": "TransformWithCovariance",
@@ -30,12 +30,14 @@ _MAX_DURATION_S = 86_400
 
 
 class GrowingLog:
-    """The rovers of a world as a ``LogSource`` without end; the truth is only passed to a writer.
+    """The rovers of a world as a ``LogSource`` without end.
+
+    True poses are not among its samples.
 
     Parameters
     ----------
     truth : LogWriter or None
-        Destination of the true poses.
+        Log to which the true poses are written.
     """
 
     def __init__(self, world: World, truth: LogWriter | None) -> None:
@@ -53,7 +55,7 @@ class GrowingLog:
         self._computed_ticks = self._delivered_ticks = 0
         self._lock = threading.Lock()
         self._closed = threading.Event()
-        #: Bytes of the samples of two ticks: no more are computed ahead.
+        #: Size of the samples of two ticks, bytes: the player reads no further ahead.
         self.ahead_bytes = 2 * len(self.rovers) * scenario.lidar.rings * scenario.lidar.columns * _POINT_BYTES
 
     @property
@@ -67,12 +69,12 @@ class GrowingLog:
         }
 
     def ready_ns(self) -> int:
-        """Return the mission time before which every sample has been delivered."""
+        """Return the mission time up to which all samples have been delivered."""
         return self._epoch_ns + self._delivered_ticks * self._tick_ns
 
     def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
         """Yield the samples of each tick until the log is closed."""
-        wanted = set(self.streams if streams is None else streams)
+        selected = set(self.streams if streams is None else streams)
         while not self._closed.is_set():
             with self._lock:
                 samples = [
@@ -83,22 +85,22 @@ class GrowingLog:
             for sample in samples:
                 if self._truth is not None and sample.stream.endswith("/truth.pose"):
                     self._truth.write(sample.stream, sample.value, sample.stamp_ns, sample.header)
-            yield from (sample for sample in samples if sample.stream in wanted)
+            yield from (sample for sample in samples if sample.stream in selected)
             self._delivered_ticks += 1
 
     def drive(self, robot: str, path_m: FloatArray) -> tuple[int, int]:
-        """Drive a path as ``Rover.drive``; return start and end of the motion, mission nanoseconds."""
+        """Drive a path, see ``Rover.drive``; return start and end of the motion, mission nanoseconds."""
         with self._lock:
-            return self._times(self.rovers[robot].drive(path_m, self._computed_ticks))
+            return self._times_ns(self.rovers[robot].drive(path_m, self._computed_ticks))
 
     def follow(self, robot: str) -> tuple[int, int]:
         """Drive the path of the scenario; return start and end of the motion."""
         with self._lock:
-            return self._times(self.rovers[robot].follow(self._computed_ticks))
+            return self._times_ns(self.rovers[robot].follow(self._computed_ticks))
 
     def close(self) -> None:
         """End ``samples``."""
         self._closed.set()
 
-    def _times(self, ticks: tuple[int, int]) -> tuple[int, int]:
+    def _times_ns(self, ticks: tuple[int, int]) -> tuple[int, int]:
         return self._epoch_ns + ticks[0] * self._tick_ns, self._epoch_ns + ticks[1] * self._tick_ns

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Assessment of a map that two robots share: their relative positions and the elevation, against truth."""
+"""Assessment of a map that two robots share: relative position and elevation, compared with the truth."""
 
 from __future__ import annotations
 
@@ -21,18 +21,19 @@ from cdff_dev.missions.script import SharedMapLimits
 from cdff_dev.missions.tracks import (
     CALL_S,
     RelativePositionErrors,
+    assess_until_settled,
     elevation_window,
     estimated_track,
     read_truth,
-    relative_errors,
-    settled_assessment,
+    relative_position_errors,
 )
 
 
 @dataclass(frozen=True, slots=True)
 class ElevationErrors:
-    """Errors of an elevation map: cells compared, mean and root mean square, metres; share of the region
-    observed.
+    """Errors of an elevation map: number of compared cells, mean error and root mean square error, metres.
+
+    ``coverage`` is the observed fraction of the region.
     """
 
     cells: int
@@ -49,44 +50,58 @@ class ElevationErrors:
 
 @dataclass(frozen=True, slots=True)
 class SharedMapErrors:
-    """Errors of a shared map, before and after the maps of two robots were merged."""
+    """Errors of a shared map, before and after the maps of two robots were merged.
+
+    Attributes
+    ----------
+    revisions : mapping of str to int
+        Number of revisions of each robot's map frame; the first is the frame before any re-anchoring.
+    closures : int
+        Number of loop closures between the robots.
+    positions, elevations : tuple
+        Errors before the first re-anchoring, and after the last.
+    """
 
     revisions: Mapping[str, int]
     closures: int
-    seen: tuple[RelativePositionErrors, RelativePositionErrors]
-    heights: tuple[ElevationErrors, ElevationErrors]
+    positions: tuple[RelativePositionErrors, RelativePositionErrors]
+    elevations: tuple[ElevationErrors, ElevationErrors]
 
     def lines(self) -> Iterator[str]:
         """Yield the results as text."""
         revised = ", ".join(f"{frame} {number - 1}" for frame, number in self.revisions.items())
         yield f"loop closures between the rovers: {self.closures}; number of re-anchorings: {revised}"
-        for when, seen, heights in zip(("before", "after"), self.seen, self.heights, strict=True):
-            yield f"{when} re-anchoring: relative position {seen}"
-            yield f"{when} re-anchoring: elevation map of both {heights}"
+        for when, position, elevation in zip(
+            ("before", "after"), self.positions, self.elevations, strict=True
+        ):
+            yield f"{when} re-anchoring: relative position {position}"
+            yield f"{when} re-anchoring: elevation map of both {elevation}"
 
     def faults(self, limits: SharedMapLimits) -> list[str]:
         """Return the limits that are exceeded."""
         faults = []
         if max(self.revisions.values()) < 2:
             faults.append("no frame was re-anchored")
-        if not self.seen[1].pairs:
+        if not self.positions[1].pairs:
             faults.append(f"the paths of the rovers are nowhere within {limits.within_m:g} m of each other")
-        elif self.seen[1].largest_m > limits.max_error_m:
+        elif self.positions[1].largest_m > limits.max_error_m:
             faults.append(
-                f"relative position {self.seen[1].largest_m:.3f} m off, limit {limits.max_error_m:g} m"
+                f"relative position {self.positions[1].largest_m:.3f} m off, limit {limits.max_error_m:g} m"
             )
         return faults
 
 
-def settled(limits: SharedMapLimits, profile: Profile, log: Path, bus: Bus, http_url: str) -> SharedMapErrors:
-    """Assess the map until it has no fault, at most for ``wait_s``: merging continues after the drive.
+def assess_shared_map(
+    limits: SharedMapLimits, profile: Profile, log: Path, bus: Bus, http_url: str
+) -> SharedMapErrors:
+    """Assess the map repeatedly until it has no fault, at most for ``wait_s``: merging continues after the drive.
 
     Raises
     ------
     UnavailableError
-        If nothing was re-anchored, or the DPM has no poses of a robot, within ``wait_s``.
+        If within ``wait_s`` no frame was re-anchored, or the DPM received no poses of a robot.
     """
-    return settled_assessment(
+    return assess_until_settled(
         lambda: _errors(limits, profile, log, bus, http_url),
         is_settled=lambda errors: not errors.faults(limits),
         wait_s=limits.wait_s,
@@ -94,42 +109,42 @@ def settled(limits: SharedMapLimits, profile: Profile, log: Path, bus: Bus, http
 
 
 def _errors(limits: SharedMapLimits, profile: Profile, log: Path, bus: Bus, http_url: str) -> SharedMapErrors:
-    """Assess the products of the DPM with the frames before the first re-anchoring and now."""
+    """Assess the products of the DPM with the frames before the first re-anchoring, and with the newest frames."""
     revisions = _revisions(limits, bus)
-    before = min(int(r[1]["frames_revision"]) for r in revisions.values() if len(r) > 1) - 1
+    state_before = min(int(r[1]["frames_revision"]) for r in revisions.values() if len(r) > 1) - 1
     truths = read_truth(log, limits.robots)
     with closing(open_log(log)) as reader:
         terrain = next(iter(reader.samples(["/site/truth.terrain"]))).value
-    seen, heights = [], []
-    for state in (before, None):
+    positions, elevations = [], []
+    for state in (state_before, None):
         tracks = [estimated_track(profile, robot, http_url, truths[robot], state) for robot in limits.robots]
-        seen.append(relative_errors(tracks, limits.within_m))
+        positions.append(relative_position_errors(tracks, limits.within_m))
         revision: dict[str, object] = {} if state is None else {"frames_revision": state}
         window = elevation_window(bus, limits.region, limits.resolution_m, **revision)
-        heights.append(height_errors(window, terrain))
+        elevations.append(elevation_errors(window, terrain))
     query = {"type": "pose_graph", "robot": keys.GROUND}
     graph = bus.call(keys.dpm_rpc(keys.GROUND, "get"), query, timeout_s=CALL_S)
     return SharedMapErrors(
         {frame: len(entries) for frame, entries in revisions.items()},
         int(graph.attachment["quality"]["metrics"]["closures"]),
-        (seen[0], seen[1]),
-        (heights[0], heights[1]),
+        (positions[0], positions[1]),
+        (elevations[0], elevations[1]),
     )
 
 
-def height_errors(window: ElevationMap, true: ElevationMap) -> ElevationErrors:
-    """Return the errors of observed cells, each against the true cell around its centre."""
+def elevation_errors(window: ElevationMap, true: ElevationMap) -> ElevationErrors:
+    """Compare the height of each observed cell with that of the true cell that contains its centre."""
     x, y = window.geometry.centres_m()
     g = true.geometry
     row = np.floor((g.ymax_m - y) / g.resolution_m).astype(int)
     col = np.floor((x - g.xmin_m) / g.resolution_m).astype(int)
     inside = (row >= 0) & (row < g.rows) & (col >= 0) & (col < g.cols)
-    height = np.full(window.geometry.shape, np.nan)
-    height[inside] = true.layer("mean")[row[inside], col[inside]]
+    true_height = np.full(window.geometry.shape, np.nan)
+    true_height[inside] = true.layer("mean")[row[inside], col[inside]]
     observed = np.isfinite(window.layer("mean"))
-    error = (window.layer("mean") - height)[observed & np.isfinite(height)]
+    error = (window.layer("mean") - true_height)[observed & np.isfinite(true_height)]
     if not len(error):
-        raise InputError("elevation of both robots: no observed cell is on the true terrain")
+        raise InputError("elevation of both robots: no observed cell is within the true terrain")
     rms_m = float(np.sqrt(np.mean(error**2)))
     return ElevationErrors(len(error), float(error.mean()), rms_m, float(observed.mean()))
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A mission: start of the system and the simulated rovers, driving, requests, assessment, end."""
+"""Run of a mission on a running system: simulated rovers, driving, requests, score and report."""
 
 from __future__ import annotations
 
@@ -17,39 +17,39 @@ from cdff_common.clock import NS_PER_S, MissionClock
 from cdff_common.errors import CdffError, ProductNotFoundError
 from cdff_common.types import ElevationMap
 from cdff_dev.missions.autonomy import Arrival, Autonomy
-from cdff_dev.missions.orbital_map import seen_from_orbit, store
+from cdff_dev.missions.orbital_map import simulate_orbital_model, store_orbital_model
 from cdff_dev.missions.report import Report, elevation_around, processes_under
 from cdff_dev.missions.requests import Outcome, run_requests, wait_for_clock
-from cdff_dev.missions.score import Score, located, reached
+from cdff_dev.missions.score import Score, goal_results, position_errors
 from cdff_dev.missions.script import Mission
 from cdff_dev.missions.stage import Stage
-from cdff_dev.missions.terrain import driven, mapped
+from cdff_dev.missions.terrain import assess_crossed_terrain, compare_elevation
 from cdff_dev.missions.tracks import (
     RelativePositionErrors,
     Track,
     Truth,
+    assess_until_settled,
     elevation_window,
     estimated_track,
     path_lengths_m,
-    placed_in_site,
     read_truth,
-    relative_errors,
-    settled_assessment,
+    relative_position_errors,
+    transform_to_site,
 )
 from cdff_dev.simulate.scenario import Scenario
 from cdff_dev.simulate.world import cast_scene, make_world
 
 logger = logging.getLogger(__name__)
 
-#: Longest wait for the clock, which starts after the world has been simulated, seconds.
+#: Longest wait for the mission clock, which starts when the terrain has been simulated, seconds.
 _WORLD_TIMEOUT_S = 300.0
-#: Elevation is compared around poses along the path: their spacing, the radius and the cell size, metres.
+#: Comparison of elevation around poses of the path: spacing of the poses, radius, cell size, metres.
 _MAP_EVERY_M, _MAP_AROUND_M, _MAP_CELL_M = 60.0, 10.0, 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Result:
-    """Score of a mission, its unmet limits, and its report."""
+    """Score, faults, remarks and report of a mission."""
 
     score: Score
     faults: list[str]
@@ -64,39 +64,39 @@ def run(
     stage: Stage,
     bus: Bus,
     speed: float,
-    say: Callable[[str], None],
+    print_line: Callable[[str], None],
 ) -> Result:
-    """Run a mission on a system that is ready; raises CdffError if the system ends."""
+    """Run a mission on a system that is ready; raises CdffError if a process of the system ends."""
     profile = stage.profile
     if mission.orbital is not None:
-        say(f"simulating the orbital elevation model of scenario {mission.scenario}")
-        first = next(iter(mission.robots))
-        T_site_odom = profile.robot(first).frame_graph().lookup("site", f"{first}/odom", 0).matrix
-        orbital = seen_from_orbit(make_world(scenario), first, T_site_odom, mission.orbital)
-        store(bus, orbital, mission.orbital.robot)
+        print_line(f"simulating the orbital elevation model of scenario {mission.scenario}")
+        robot = next(iter(mission.robots))
+        T_site_odom = profile.robot(robot).frame_graph().lookup("site", f"{robot}/odom", 0).matrix
+        orbital = simulate_orbital_model(make_world(scenario), robot, T_site_odom, mission.orbital)
+        store_orbital_model(bus, orbital, mission.orbital.robot)
     truth_log = stage.log_dir.parent / "truth"
     stage.drive(mission.scenario, scenario.seed, speed, truth_log)
-    say(f"simulating the terrain of scenario {mission.scenario}")
+    print_line(f"simulating the terrain of scenario {mission.scenario}")
     clock, start_ns = wait_for_clock(bus, stage.check_running, _WORLD_TIMEOUT_S)
-    started_s = time.monotonic()
-    rovers, unfinished, outcomes = _drive_all(mission, clock, start_ns, stage, say)
-    mission_s, took_s = (clock.now_ns() - start_ns) / NS_PER_S, time.monotonic() - started_s
-    say(f"{mission_s:.0f} s of mission in {took_s:.0f} s; comparing with the ground truth")
+    start_s = time.monotonic()
+    rovers, unfinished, outcomes = _drive_all(mission, clock, start_ns, stage, print_line)
+    mission_s, run_s = (clock.now_ns() - start_ns) / NS_PER_S, time.monotonic() - start_s
+    print_line(f"{mission_s:.0f} s of mission time in {run_s:.0f} s; comparing with the ground truth")
     stage.check_running()
     processes = processes_under(stage.supervisor_pid)
     stage.end_drive()
-    truths = placed_in_site(read_truth(truth_log, list(mission.robots)), profile)
+    truths = transform_to_site(read_truth(truth_log, list(mission.robots)), profile)
     remarks, faults = _relative_position(mission, stage, truths)
     arrivals = [arrival for rover in rovers for arrival in rover.arrivals]
     tracks = [estimated_track(profile, robot, stage.http, truth) for robot, truth in truths.items()]
     score = _score(mission, scenario, truths, tracks, arrivals, unfinished, stage, bus)
-    unanswered = [f"{o.ask.title}: {'; '.join(o.faults)}" for o in outcomes if o.faults]
+    unanswered = [f"{o.request.title}: {'; '.join(o.faults)}" for o in outcomes if o.faults]
     faults = [*score.faults(mission.limits), *unanswered, *faults]
-    verdict = [] if faults else ["All criteria of the mission are met."]
-    duration = f"{mission_s:.0f} s of mission time, run in {took_s:.0f} s."
+    success = [] if faults else ["All limits of the mission are met."]
+    duration = f"{mission_s:.0f} s of mission time, run in {run_s:.0f} s."
     report = Report(
         title=f"Mission {name}",
-        paragraphs=[mission.doc, profile.doc, duration, *verdict, *score.lines(), *remarks],
+        paragraphs=[mission.doc, profile.doc, duration, *success, *score.lines(), *remarks],
         faults=faults,
         tracks=tracks,
         ground=elevation_around(bus, tracks),
@@ -104,7 +104,7 @@ def run(
         processes=processes,
         start_ns=start_ns,
         arrivals=arrivals,
-        guidance_requests=[record for rover in rovers for record in rover.asked],
+        guidance_requests=[record for rover in rovers for record in rover.requests],
     )
     return Result(score, faults, remarks, report)
 
@@ -114,14 +114,26 @@ def _drive_all(
     clock: MissionClock,
     start_ns: int,
     stage: Stage,
-    say: Callable[[str], None],
+    print_line: Callable[[str], None],
 ) -> tuple[list[Autonomy], list[str], list[Outcome]]:
-    """Run the tasks of every rover and send the requests of the mission meanwhile."""
+    """Run the tasks of every rover and send the requests of the mission, in threads.
+
+    Return the rovers, the errors of rovers and requests that did not end, and the outcomes of the requests.
+    """
     stop, unfinished = threading.Event(), list[str]()
     done = {robot: threading.Event() for robot in mission.robots}
     rovers = [
         Autonomy(
-            robot, tasks, mission.guidance, stage.profile, clock, start_ns, stage.connect, stop, say, done
+            robot,
+            tasks,
+            mission.guidance,
+            stage.profile,
+            clock,
+            start_ns,
+            stage.connect,
+            stop,
+            print_line,
+            done,
         )
         for robot, tasks in mission.robots.items()
     ]
@@ -132,15 +144,15 @@ def _drive_all(
         except CdffError as error:
             unfinished.append(f"{rover.robot}: {error}")
         except Exception as error:  # a bug must be reported, not end the thread silently
-            logger.exception("%s", rover.robot)
+            logger.exception("tasks of %s", rover.robot)
             unfinished.append(f"{rover.robot}: {type(error).__name__}: {error}")
         else:
             return
-        say(unfinished[-1])
+        print_line(unfinished[-1])
 
     outcomes: list[Outcome] = []
 
-    def ask() -> None:
+    def send_requests() -> None:
         outcomes.extend(
             run_requests(mission.requests, clock, start_ns, stage.connect, stage.http, lambda _outcome: None)
         )
@@ -149,7 +161,7 @@ def _drive_all(
         threading.Thread(target=drive, args=(r,), name=f"drive {r.robot}", daemon=True) for r in rovers
     ]
     if mission.requests:
-        threads.append(threading.Thread(target=ask, name="ask", daemon=True))
+        threads.append(threading.Thread(target=send_requests, name="requests", daemon=True))
     for thread in threads:
         thread.start()
     try:
@@ -176,12 +188,12 @@ def _relative_position(
 
     def errors_now() -> RelativePositionErrors:
         tracks = [estimated_track(stage.profile, robot, stage.http, truths[robot]) for robot in limit.robots]
-        return relative_errors(tracks, limit.within_m)
+        return relative_position_errors(tracks, limit.within_m)
 
     def is_within(errors: RelativePositionErrors) -> bool:
         return errors.pairs > 0 and errors.largest_m <= limit.max_error_m
 
-    errors = settled_assessment(errors_now, is_within, limit.wait_s)
+    errors = assess_until_settled(errors_now, is_within, limit.wait_s)
     line = f"error of the position of {limit.robots[1]} relative to {limit.robots[0]}: {errors}"
     return ([line], []) if is_within(errors) else ([], [f"{line}, expected at most {limit.max_error_m:g} m"])
 
@@ -202,8 +214,10 @@ def _score(
     for robot, truth in truths.items():
         T_world_base = np.linalg.inv(truth.T_site_world) @ truth.poses
         limits = stage.profile.robot(robot).limits
-        crossed_terrain.append(driven(robot, T_world_base, scene, scenario.chassis.base_height_m, limits))
-    # An orbital model is not a map of the rover: with one, only the rover's own map is requested.
+        crossed_terrain.append(
+            assess_crossed_terrain(robot, T_world_base, scene, scenario.chassis.base_height_m, limits)
+        )
+    # With an orbital model in the DPM, only the maps of the rover itself are requested and compared.
     windows = [
         window
         for robot, truth in truths.items()
@@ -212,16 +226,16 @@ def _score(
     maps = [window for window in windows if window is not None]
     T_site_world = next(iter(truths.values())).T_site_world
     return Score(
-        tuple(located(track) for track in tracks),
-        tuple(reached(arrivals, truths)),
+        tuple(position_errors(track) for track in tracks),
+        tuple(goal_results(arrivals, truths)),
         tuple(crossed_terrain),
-        replace(mapped(maps, T_site_world, scene), blank=len(windows) - len(maps)),
+        replace(compare_elevation(maps, T_site_world, scene), blank=len(windows) - len(maps)),
         tuple(unfinished),
     )
 
 
 def _windows(bus: Bus, truth: Truth, robot: str) -> list[ElevationMap | None]:
-    """Return the elevation of ``robot`` in the DPM around poses along a path, None if it is unknown."""
+    """Return the elevation maps of ``robot`` in the DPM around poses of a path; None where there is none."""
     s = path_lengths_m(truth.positions_m[:, :2])
     windows: list[ElevationMap | None] = []
     for row in np.searchsorted(s, np.arange(0.0, s[-1], _MAP_EVERY_M)):

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Orbital elevation model in the DPM before a mission: the simulated terrain, blurred and with noise.
+"""Simulation of the orbital elevation model of a mission: the true terrain, blurred and with noise.
 
-The name of its producer, ``simulated_survey``, states that it is derived from the true terrain.
+The producer of the product is named ``simulated_survey``, since the model is derived from the true terrain.
 """
 
 from __future__ import annotations
@@ -24,20 +24,22 @@ from cdff_dev.simulate.traverse import levelled
 from cdff_dev.simulate.world import World
 
 PRODUCER = "simulated_survey"
-#: Sample points per edge of a cell, which are averaged; standard deviation of the blur, cells.
+#: Number of averaged sample points along each edge of a cell; standard deviation of the blur, cells.
 _POINTS, _BLUR_CELLS = 4, 0.5
-#: Separate stream of random numbers, so that those of the sensors do not change.
+#: Stream of random numbers, different from those of the sensors (``simulate.world.STREAMS``).
 _STREAM = 11
 _TIMEOUT_S = 60.0
 
 
-def seen_from_orbit(world: World, robot: str, T_site_odom: FloatArray, model: OrbitalModel) -> ElevationMap:
-    """Return the elevation around the origin of the world in the profile's site; without rocks.
+def simulate_orbital_model(
+    world: World, robot: str, T_site_odom: FloatArray, model: OrbitalModel
+) -> ElevationMap:
+    """Return the elevation around the origin of the world, in the site frame of the profile, without rocks.
 
     Parameters
     ----------
     T_site_odom : Float, shape (4, 4)
-        From the profile; odom is the level base frame at the start.
+        Pose of the odometry frame of ``robot`` in the profile; odom is the level base frame at the start.
     """
     T_world_odom = levelled(world.motions[robot].poses(np.zeros(1))[0])
     T_site_world = T_site_odom @ se3.inverse(T_world_odom)
@@ -55,9 +57,9 @@ def seen_from_orbit(world: World, robot: str, T_site_odom: FloatArray, model: Or
     )
     gx, gy = fine.centres_m()
     points = np.column_stack([gx.ravel(), gy.ravel(), np.zeros(gx.size)])
-    at = se3.transform_points(se3.inverse(T_site_world), points)
+    points_world = se3.transform_points(se3.inverse(T_site_world), points)
     z = (
-        world.relief.height(at[:, :2]).reshape(rows, _POINTS, cols, _POINTS).mean(axis=(1, 3))
+        world.relief.height(points_world[:, :2]).reshape(rows, _POINTS, cols, _POINTS).mean(axis=(1, 3))
         + T_site_world[2, 3]
     )
     noise = gaussian_filter(
@@ -71,7 +73,7 @@ def seen_from_orbit(world: World, robot: str, T_site_odom: FloatArray, model: Or
     return ElevationMap.from_layers(geometry, layers, t0_ns=0, t1_ns=0)
 
 
-def store(bus: Bus, model: ElevationMap, robot: str) -> None:
+def store_orbital_model(bus: Bus, model: ElevationMap, robot: str) -> None:
     """Insert the model into the DPM as product ``dem`` of ``robot``."""
     header = Header(
         id=product_id(robot, PRODUCER, "dem", 0, 0, ""),

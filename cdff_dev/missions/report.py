@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The report page of a mission or demonstration, a single file."""
+"""The report of a mission or demonstration: one HTML page without external files."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from cdff_dev.missions.requests import Outcome
 from cdff_dev.missions.tracks import Track, elevation_window
 
 _COLOURS = ("#1f77b4", "#d95f02", "#1b9e77", "#7570b3")
-#: Number of covariance ellipses along a path, and their size in standard deviations.
+#: Number of covariance ellipses along a path, and their semi-axes in standard deviations.
 _ELLIPSES, _SIGMAS = 12, 3.0
 #: Largest number of cells along a side of the map; margin around the paths, metres.
 _CELLS, _MARGIN_M = 400, 12.0
-#: Size of a plot of errors, and its largest number of points.
+#: Width and height of an error plot, SVG units, and its largest number of points.
 _WIDTH, _HEIGHT, _POINTS = 1000.0, 220.0, 600
 _STYLE = (
     "body{font:15px sans-serif;max-width:60em;margin:2em auto;padding:0 1em}"
@@ -39,7 +39,7 @@ _STYLE = (
 
 @dataclass(frozen=True, slots=True)
 class Process:
-    """Resources of a service: CPU seconds, present memory."""
+    """Resources used by a service: CPU time so far, current memory."""
 
     name: str
     cpu_s: float
@@ -48,7 +48,7 @@ class Process:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Report:
-    """Contents of a report page: paragraphs, faults, and the data of the sections."""
+    """Contents of a report page; sections without data are omitted."""
 
     title: str
     paragraphs: Sequence[str]
@@ -69,7 +69,7 @@ def processes_under(pid: int) -> list[Process]:
         try:
             line, times = child.cmdline(), child.cpu_times()
             memory_mb = child.memory_info().rss / 1e6
-        except psutil.Error:  # the process has ended meanwhile
+        except psutil.Error:  # the process has ended since it was listed
             continue
         name = line[line.index("--process" if "--process" in line else "-m") + 1]
         services.append(Process(name.removeprefix("services."), times.user + times.system, memory_mb))
@@ -77,7 +77,7 @@ def processes_under(pid: int) -> list[Process]:
 
 
 def elevation_around(bus: Bus, tracks: Sequence[Track]) -> ElevationMap | None:
-    """Return the elevation around all tracks, from the patches of all robots; None if nothing is mapped."""
+    """Return the elevation map around all tracks from the maps of all robots in the DPM; None if there is none."""
     if not tracks:
         return None
     low, high = _extent(tracks)
@@ -90,7 +90,7 @@ def elevation_around(bus: Bus, tracks: Sequence[Track]) -> ElevationMap | None:
 
 
 def write_report(path: Path, report: Report) -> None:
-    """Write the page as a self-contained file."""
+    """Write the page; raises StorageError if the file cannot be written."""
     with storage_errors(path):
         path.write_text("\n".join(_page(report)) + "\n", encoding="utf-8")
 
@@ -103,72 +103,77 @@ def _page(report: Report) -> Iterator[str]:
     if report.tracks:
         yield "<h2>Map and paths</h2>"
         yield from _drawing(report.tracks, report.ground)
-        yield f"<p>Thin lines: ground truth. Ellipses: {_SIGMAS:g} stated sigmas. Shading: elevation.</p>"
+        yield f"<p>Thin lines: ground truth. Ellipses: {_SIGMAS:g} stated standard deviations. Shading: elevation.</p>"
         for track in report.tracks:
             yield f"<p>{html.escape(str(track))}</p>"
             yield from _error_plot(track)
     if report.arrivals:
-        yield from _section("Tasks", ("robot", "task", "completed at"), _tasks(report))
+        yield from _section("Tasks", ("robot", "task", "completed at"), _task_rows(report))
     if report.guidance_requests:
-        heads = ("robot", "request", "number", "median duration", "longest", "last answer")
-        yield from _section("Requests of the guidance", heads, _guidance(report.guidance_requests))
+        columns = ("robot", "request", "number", "median duration", "longest", "last answer")
+        rows = _guidance_rows(report.guidance_requests)
+        yield from _section("Requests of the guidance", columns, rows)
     if report.outcomes:
         columns = ("sent at", "request", "answer", "duration")
         failed = {row for row, outcome in enumerate(report.outcomes) if outcome.faults}
-        yield from _section("Requests and answers", columns, map(_answer, report.outcomes), failed)
+        yield from _section("Requests and answers", columns, map(_outcome_row, report.outcomes), failed)
     resources = ((p.name, f"{p.cpu_s:.1f} s", f"{p.memory_mb:.0f} MB") for p in report.processes)
     yield from _section("Resources", ("process", "CPU", "memory"), resources)
 
 
 def _section(
-    title: str, heads: Sequence[str], rows: Iterable[Sequence[str]], failed: Collection[int] = ()
+    title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], failed: Collection[int] = ()
 ) -> Iterator[str]:
-    """Yield a heading and a table; the rows ``failed`` are marked."""
-    yield f"<h2>{title}</h2><table><tr>" + "".join(f"<th>{head}" for head in heads) + "</tr>"
+    """Yield a heading and a table; ``failed`` are the indices of rows that are marked as failed."""
+    yield f"<h2>{title}</h2><table><tr>" + "".join(f"<th>{column}" for column in columns) + "</tr>"
     for i, row in enumerate(rows):
         mark = " class=fail" if i in failed else ""
         yield f"<tr{mark}>" + "".join(f"<td>{html.escape(cell)}" for cell in row) + "</tr>"
     yield "</table>"
 
 
-def _answer(outcome: Outcome) -> Sequence[str]:
+def _outcome_row(outcome: Outcome) -> Sequence[str]:
     text = "; ".join(outcome.faults) or outcome.summary
-    return f"{outcome.ask.at_s:g} s", outcome.ask.title, text, f"{outcome.took_s:.1f} s"
+    return f"{outcome.request.at_s:g} s", outcome.request.title, text, f"{outcome.duration_s:.1f} s"
 
 
-def _tasks(report: Report) -> Iterator[Sequence[str]]:
-    for a in report.arrivals:
-        goal = "" if a.goal_m is None else " ({:g}, {:g})".format(*(round(v, 1) + 0.0 for v in a.goal_m))
-        yield a.robot, f"{a.task.do}{goal}", f"{1e-9 * (a.t_ns - report.start_ns):.0f} s"
+def _task_rows(report: Report) -> Iterator[Sequence[str]]:
+    for arrival in report.arrivals:
+        goal = ""
+        if arrival.goal_m is not None:  # + 0.0: no minus sign before zero
+            goal = " ({:g}, {:g})".format(*(round(v, 1) + 0.0 for v in arrival.goal_m))
+        time_s = 1e-9 * (arrival.t_ns - report.start_ns)
+        yield arrival.robot, f"{arrival.task.do}{goal}", f"{time_s:.0f} s"
 
 
-def _guidance(requests: Sequence[RequestRecord]) -> Iterator[Sequence[str]]:
-    """Yield the requests of the guidance by kind, each with its last answer."""
-    for robot, what in sorted({(r.robot, r.what) for r in requests}):
-        same = [r for r in requests if (r.robot, r.what) == (robot, what)]
-        took_s = np.array([r.took_s for r in same])
-        last = f"{same[-1].answer} at {same[-1].at_s:.0f} s"
-        yield robot, what, str(len(same)), f"{np.median(took_s):.2f} s", f"{took_s.max():.2f} s", last
+def _guidance_rows(requests: Sequence[RequestRecord]) -> Iterator[Sequence[str]]:
+    """Yield a row for each robot and product, with the number of requests, durations and the last answer."""
+    for robot, product in sorted({(r.robot, r.product) for r in requests}):
+        group = [r for r in requests if (r.robot, r.product) == (robot, product)]
+        duration_s = np.array([r.duration_s for r in group])
+        durations = f"{np.median(duration_s):.2f} s", f"{duration_s.max():.2f} s"
+        last_answer = f"{group[-1].answer} at {group[-1].at_s:.0f} s"
+        yield robot, product, str(len(group)), *durations, last_answer
 
 
 def _extent(tracks: Sequence[Track]) -> tuple[FloatArray, FloatArray]:
-    """Return the smallest and the largest (x, y) of all tracks, extended by a margin, metres."""
+    """Return the smallest and the largest (x, y) of all tracks, metres, with a margin."""
     points = np.concatenate([track.positions_m[:, :2] for track in tracks])
     return points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
 
 
 def _drawing(tracks: Sequence[Track], ground: ElevationMap | None) -> Iterator[str]:
-    """Draw the tracks over the shaded terrain; y points up, one unit is a metre."""
+    """Yield an SVG of the tracks over the shaded terrain: y points up, one unit is a metre."""
     low, high = _extent(tracks)
     width, height = high - low
     yield f'<svg viewBox="{low[0]:.2f} {-high[1]:.2f} {width:.2f} {height:.2f}">'
     if ground is not None:
         g = ground.geometry
-        picture = base64.b64encode(hillshade_png(ground)).decode()
+        shading_png = base64.b64encode(hillshade_png(ground)).decode()
         yield (
             f'<image x="{g.xmin_m:.2f}" y="{-g.ymax_m:.2f}" width="{g.xmax_m - g.xmin_m:.2f}" '
             f'height="{g.ymax_m - g.ymin_m:.2f}" preserveAspectRatio="none" '
-            f'href="data:image/png;base64,{picture}"/>'
+            f'href="data:image/png;base64,{shading_png}"/>'
         )
     for track, colour in zip(tracks, _COLOURS * len(tracks), strict=False):
         for points, stroke, size in (
@@ -193,9 +198,9 @@ def _drawing(tracks: Sequence[Track], ground: ElevationMap | None) -> Iterator[s
 
 
 def _error_plot(track: Track) -> Iterator[str]:
-    """Plot the position error over time and three stated standard deviations of the worst direction.
+    """Yield an SVG of the position error over time, with three stated standard deviations of the worst direction.
 
-    Yields nothing without ground truth.
+    Without ground truth nothing is yielded.
     """
     inside, error = track.errors_m()
     if not inside.any():

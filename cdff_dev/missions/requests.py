@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scripted requests: sent at their mission times, answers assessed and looked up over HTTP."""
+"""Scripted requests: they are sent at their mission times; answers are assessed and looked up over HTTP."""
 
 from __future__ import annotations
 
@@ -18,33 +18,36 @@ from cdff_common.codecs.warm import warm_wire
 from cdff_common.errors import CdffError, UnavailableError
 from cdff_common.formats.geotiff import read_map
 from cdff_common.geometry.region import Region, parse_region
-from cdff_dev.missions.answer_assessment import faults
+from cdff_dev.missions.answer_assessment import assess_answer
 from cdff_dev.missions.script import TimedRequest
 from cdff_dev.missions.tracks import http_json
 
-#: Longest wait for the first tick of the clock, seconds: the player encodes ahead before it starts.
+#: Longest wait for the first tick of the clock, seconds: the player encodes samples before it starts the clock.
 CLOCK_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """One request and its outcome; no faults means that it was answered as requested."""
+    """Outcome of a request; it has no faults if the answer satisfies the request."""
 
-    ask: TimedRequest
+    request: TimedRequest
     faults: tuple[str, ...]
-    took_s: float
+    duration_s: float
     summary: str = ""
 
     def __str__(self) -> str:
         mark = "FAIL" if self.faults else "ok  "
         text = "; ".join(self.faults) or self.summary
-        return f"{mark} {self.took_s:5.1f} s  {self.ask.title}: {text}"
+        return f"{mark} {self.duration_s:5.1f} s  {self.request.title}: {text}"
 
 
 def wait_for_clock(
     bus: Bus, check: Callable[[], None], timeout_s: float = CLOCK_S
 ) -> tuple[MissionClock, int]:
-    """Wait for the mission clock; return it and its first time."""
+    """Wait for the first tick of the mission clock; return the clock and its time.
+
+    ``check`` is called while waiting and may raise an error. Raises UnavailableError after ``timeout_s``.
+    """
     clock, ticked = MissionClock(), threading.Event()
 
     def on_tick(message: Message) -> None:
@@ -69,22 +72,22 @@ def run_requests(
     http: str,
     on_outcome: Callable[[Outcome], None],
 ) -> list[Outcome]:
-    """Send every request at its time, each in its own thread, and return the outcomes in the given order."""
-    warm_wire()  # the age of an answer is measured on arrival: loading a codec must not add to it
+    """Send every request at its mission time, each in its own thread; return the outcomes in the given order."""
+    warm_wire()  # loading a codec must not delay an answer, whose age is measured on arrival
     outcomes: list[Outcome | None] = [None] * len(requests)
 
-    def ask_one(index: int, ask: TimedRequest) -> None:
-        while clock.now_ns() < start_ns + int(ask.at_s * NS_PER_S):
+    def send_at_its_time(index: int, request: TimedRequest) -> None:
+        while clock.now_ns() < start_ns + int(request.at_s * NS_PER_S):
             time.sleep(0.02)
         try:
-            outcome = _send(ask, clock, connect, http)
+            outcome = _send(request, clock, connect, http)
         except Exception as error:  # noqa: BLE001  # a bug must count as a failed request
-            outcome = Outcome(ask, (f"{type(error).__name__}: {error}",), 0.0)
+            outcome = Outcome(request, (f"{type(error).__name__}: {error}",), 0.0)
         outcomes[index] = outcome
         on_outcome(outcome)
 
     threads = [
-        threading.Thread(target=ask_one, args=item, name=f"ask {item[1].type}", daemon=True)
+        threading.Thread(target=send_at_its_time, args=item, name=f"request {item[1].type}", daemon=True)
         for item in enumerate(requests)
     ]
     for thread in threads:
@@ -94,35 +97,39 @@ def run_requests(
     return [o for o in outcomes if o is not None]
 
 
-def _send(ask: TimedRequest, clock: MissionClock, connect: str, http: str) -> Outcome:
-    started_s = time.monotonic()
+def _send(request: TimedRequest, clock: MissionClock, connect: str, http: str) -> Outcome:
+    start_s = time.monotonic()
     try:
         with Client(connect) as client:
-            answer = client.request(ask.type, **ask.parameters)
-            now_ns, took_s = clock.now_ns(), time.monotonic() - started_s
+            answer = client.request(request.type, **request.parameters)
+            now_ns, duration_s = clock.now_ns(), time.monotonic() - start_s
             value = read_map(answer.data) if answer.value is None else answer.value
-            answer_faults = list(faults(ask, value, answer.header, now_ns, _region(ask, answer, client)))
+            region = _region(request, answer, client)
+            faults = list(assess_answer(request, value, answer.header, now_ns, region))
     except CdffError as error:
-        return Outcome(ask, (f"{type(error).__name__}: {error}",), time.monotonic() - started_s)
-    if not any(_is_found(http, id_) for id_ in (answer.header.id, *answer.header.inputs[:20])):
-        answer_faults.append(f"neither product {answer.header.id} nor its inputs is available over HTTP")
-    return Outcome(ask, tuple(answer_faults), took_s, _summary(answer, value))
+        return Outcome(request, (f"{type(error).__name__}: {error}",), time.monotonic() - start_s)
+    if not any(_is_available(http, id_) for id_ in (answer.header.id, *answer.header.inputs[:20])):
+        faults.append(f"neither product {answer.header.id} nor its inputs is available over HTTP")
+    return Outcome(request, tuple(faults), duration_s, _summary(answer, value))
 
 
-def _region(ask: TimedRequest, answer: Answer, client: Client) -> Region | None:
-    """Return the requested region; ``near`` is resolved at the end of capture, as in the orchestrator."""
-    if ask.region is None:
+def _region(request: TimedRequest, answer: Answer, client: Client) -> Region | None:
+    """Return the requested region.
+
+    ``near:`` is replaced by a circle around the position at the end of capture, as in the orchestrator.
+    """
+    if request.region is None:
         return None
-    region = parse_region(ask.region)
+    region = parse_region(request.region)
     if region.near_frame is None:
         return region
     robot = region.near_frame.split("/")[0]
-    pose = client.pose(robot, parent=ask.frame, child=region.near_frame, t_ns=answer.header.t1_ns)
+    pose = client.pose(robot, parent=request.frame, child=region.near_frame, t_ns=answer.header.t1_ns)
     x, y, _ = pose.matrix[:3, 3]
     return region.resolved(float(x), float(y))
 
 
-def _is_found(http: str, product_id: str) -> bool:
+def _is_available(http: str, product_id: str) -> bool:
     try:
         return bool(http_json(http, f"products/{product_id}", timeout_s=5.0).get("id") == product_id)
     except (OSError, ValueError):
@@ -130,13 +137,15 @@ def _is_found(http: str, product_id: str) -> bool:
 
 
 def counts_over_http(http: str) -> str:
-    """Return the number of products of each kind of each robot, from the HTTP server."""
+    """Return a text with the number of products of each robot by kind, from the HTTP server."""
     try:
-        robots = http_json(http, "status", timeout_s=10.0)["by_robot"]
+        counts_of = http_json(http, "status", timeout_s=10.0)["by_robot"]
     except (OSError, ValueError, KeyError) as error:
         return f"nothing ({error})"
-    counts = {robot: ", ".join(f"{n} {kind}" for kind, n in kinds.items()) for robot, kinds in robots.items()}
-    return "; ".join(f"{robot}: {text}" for robot, text in counts.items())
+    return "; ".join(
+        f"{robot}: " + ", ".join(f"{count} {kind}" for kind, count in counts.items())
+        for robot, counts in counts_of.items()
+    )
 
 
 def _summary(answer: Answer, value: Any) -> str:

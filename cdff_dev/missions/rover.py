@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A simulated rover that accepts drive commands: its motion and sensor samples, one leg at a time."""
+"""A simulated rover that accepts drive commands: its motion and its sensor samples, leg by leg."""
 
 from __future__ import annotations
 
@@ -20,7 +20,12 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.product import CovarianceKind, Header, Quality, product_id
 from cdff_common.types import IMUSensors, LidarScan, Time, TransformWithCovariance
 from cdff_dev.logs import LogSample
-from cdff_dev.missions.motion import MAX_CORNER_RAD, along, sharpest_turn_rad, standing
+from cdff_dev.missions.motion import (
+    MAX_CORNER_RAD,
+    motion_along_path,
+    motion_at_rest,
+    sharpest_turn_rad,
+)
 from cdff_dev.simulate.lidar import scan
 from cdff_dev.simulate.proprioception import imu_readings, wheel_odometry
 from cdff_dev.simulate.relief import Relief
@@ -28,7 +33,7 @@ from cdff_dev.simulate.rover_motion import Motion
 from cdff_dev.simulate.world import World, generator
 
 PRODUCER = "simulator"
-#: Errors of an IMU that persist over all legs.
+#: Parameters of IMU errors that continue over all legs.
 _PERSISTENT = (
     "acc_bias_sigma_m_s2",
     "gyro_bias_sigma_rad_s",
@@ -36,12 +41,12 @@ _PERSISTENT = (
     "gyro_walk_rad_s2_sqrt_hz",
 )
 #: Largest distance of the start of a path from the rover, and smallest extent of a path, metres.
-_START_TOLERANCE_M = 0.01
+_PATH_TOLERANCE_M = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Leg:
-    """A motion between two ticks with the readings of wheels and IMU, one row per sample."""
+    """The motion of a rover between two ticks, and the readings of its IMU and wheels, one row per sample."""
 
     motion: Motion
     first_tick: int
@@ -53,18 +58,18 @@ class Leg:
 
 
 class Rover:
-    """Sensor samples of one rover for each tick; it is at rest without a commanded path.
+    """A simulated rover, which produces its sensor samples tick by tick; without a commanded path it is at rest.
 
-    A tick is the period of the lidar. Legs begin and end on ticks, at rest. Errors of the
-    rover (biases of its IMU) persist; errors that depend on the terrain (slip, gain of skid steering) are
-    drawn for each leg.
+    A tick is one period of the lidar. Legs start and end at rest, on ticks. Errors of the rover (biases of its
+    IMU) continue over all legs; errors that depend on the terrain (slip, gain of skid steering) are drawn for
+    each leg.
 
     Parameters
     ----------
     scene : open3d.t.geometry.RaycastingScene
-        Scene of the world.
+        Terrain and rocks of the world.
     wheel_relief : Relief
-        Ground under the wheels.
+        Terrain smoothed over the footprint of a wheel.
 
     Notes
     -----
@@ -76,39 +81,41 @@ class Rover:
         self._scene, self._wheel_relief = scene, wheel_relief
         self._index = sorted(self._scenario.robots).index(robot)
         self.tick_s = 1.0 / self._scenario.lidar.rate_hz
-        self._per_tick = {
-            name: _whole(rate * self.tick_s, f"{name}.rate_hz {rate:g} at lidar.rate_hz {1 / self.tick_s:g}")
+        self._samples_per_tick = {
+            name: _whole_number(
+                rate * self.tick_s, f"{name}.rate_hz {rate:g} at lidar.rate_hz {1 / self.tick_s:g}"
+            )
             for name, rate in (
                 ("imu", self._scenario.imu.rate_hz),
                 ("wheels", self._scenario.wheels.rate_hz),
                 ("truth", self._scenario.truth_rate_hz),
             )
         }
-        bias = generator(self._scenario, "imu", self._index)
-        self._acc_bias = self._scenario.imu.acc_bias_sigma_m_s2 * bias.standard_normal(3)
-        self._gyro_bias = self._scenario.imu.gyro_bias_sigma_rad_s * bias.standard_normal(3)
+        rng = generator(self._scenario, "imu", self._index)
+        self._acc_bias = self._scenario.imu.acc_bias_sigma_m_s2 * rng.standard_normal(3)
+        self._gyro_bias = self._scenario.imu.gyro_bias_sigma_rad_s * rng.standard_normal(3)
         self._T_odom_base, self._odom_covariance = np.eye(4), np.zeros((6, 6))
         self._legs = 0
         self._counts: Counter[str] = Counter()
         self._leg = self._rest(world.motions[robot].poses(np.zeros(1))[0], 0)
 
     def drive(self, path_m: FloatArray, tick: int) -> tuple[int, int]:
-        """Follow a path from a tick; returns first and last tick.
+        """Drive a path from a tick on; return first and last tick of the motion.
 
         Parameters
         ----------
         path_m : ndarray, shape (n, 2)
-            Corners in the present level base frame (x forward, y left), metres, the first at (0, 0).
+            Corners in the current level base frame (x forward, y left), metres, the first at (0, 0).
 
         Raises
         ------
         ConflictError
-            If an earlier path is still being driven.
+            If the rover is still driving a previous path.
         InputError
             If the path has fewer than two corners, does not start at the rover, turns too sharply,
             or leaves the terrain.
         """
-        self._check_free(tick)
+        self._check_at_rest(tick)
         corners = np.asarray(path_m, dtype=np.float64)
         if (
             corners.ndim != 2
@@ -118,8 +125,8 @@ class Rover:
         ):
             raise InputError(f"path of shape {corners.shape}: expected at least two finite corners (n, 2)")
         if (
-            np.linalg.norm(corners[0]) > _START_TOLERANCE_M
-            or np.ptp(corners, axis=0).max() < _START_TOLERANCE_M
+            np.linalg.norm(corners[0]) > _PATH_TOLERANCE_M
+            or np.ptp(corners, axis=0).max() < _PATH_TOLERANCE_M
         ):
             ends = f"from {corners[0].round(2).tolist()} to {corners[-1].round(2).tolist()}"
             raise InputError(
@@ -129,10 +136,10 @@ class Rover:
         if sharpest_rad > MAX_CORNER_RAD:
             excess = f"turns by {math.degrees(sharpest_rad):.0f} deg at a corner, expected at most"
             raise InputError(f"path {excess} {math.degrees(MAX_CORNER_RAD):.0f}; split it into two paths")
-        T = self.pose()
-        heading = float(np.arctan2(T[1, 0], T[0, 0]))
+        T_site_base = self.pose()
+        heading = float(np.arctan2(T_site_base[1, 0], T_site_base[0, 0]))
         c, s = math.cos(heading), math.sin(heading)
-        ground_xy = T[:2, 3] - self._scenario.chassis.base_height_m * T[:2, 2]
+        ground_xy = T_site_base[:2, 3] - self._scenario.chassis.base_height_m * T_site_base[:2, 2]
         path = ground_xy + corners @ np.array([[c, s], [-s, c]])
         half_m = self._scenario.terrain.fine_half_width_m
         if np.abs(path).max() > half_m:
@@ -140,14 +147,14 @@ class Rover:
                 f"path to {path[-1].round(1).tolist()}: the terrain ends {half_m:g} m from its centre"
             )
         drive = self._scenario.robots[self.robot]
-        motion, end_s = along(
+        motion, end_s = motion_along_path(
             path, heading, drive.speed_m_s, drive.ramp_s, self._scenario.chassis, self._wheel_relief
         )
         return self._start_leg(motion, tick, math.ceil(end_s / self.tick_s))
 
     def follow(self, tick: int) -> tuple[int, int]:
-        """Drive the scenario path from a tick; raises ConflictError unless the rover is at its start."""
-        self._check_free(tick)
+        """Drive the path of the scenario from a tick on; raises ConflictError if the rover has left its start."""
+        self._check_at_rest(tick)
         motion = self._world.motions[self.robot]
         if np.linalg.norm(motion.poses(np.zeros(1))[0] - self.pose()) > 1e-6:
             raise ConflictError(f"{self.robot} has left the start of the path of its scenario")
@@ -156,26 +163,30 @@ class Rover:
     def pose(self) -> FloatArray:
         """Return the true ``T_site_base``, shape (4, 4), at the end of the current leg."""
         ticks = self._leg.last_tick - self._leg.first_tick
-        last: FloatArray = self._leg.motion.poses(np.array([ticks * self.tick_s]))[0]
-        return last
+        end_pose: FloatArray = self._leg.motion.poses(np.array([ticks * self.tick_s]))[0]
+        return end_pose
 
     def samples(self, tick: int) -> Iterator[LogSample]:
-        """Yield the sensor samples and true poses from a tick to the next; ticks must be consecutive."""
+        """Yield the sensor samples and true poses of one tick; calls must be for consecutive ticks."""
         if tick >= self._leg.last_tick:
             self._leg = self._rest(self.pose(), tick)
         leg, ticks = self._leg, tick - self._leg.first_tick
-        for i in range(ticks * self._per_tick["imu"], (ticks + 1) * self._per_tick["imu"]):
+        for i in range(ticks * self._samples_per_tick["imu"], (ticks + 1) * self._samples_per_tick["imu"]):
             stamp_ns = self._stamp_ns(leg, "imu", i)
             value = IMUSensors(Time.from_ns(stamp_ns), leg.acc_m_s2[i], leg.gyro_rad_s[i], np.zeros(3))
             yield self._sample("imu.sample", value, stamp_ns, stamp_ns, f"{self.robot}/imu")
-        for i in range(ticks * self._per_tick["wheels"], (ticks + 1) * self._per_tick["wheels"]):
+        for i in range(
+            ticks * self._samples_per_tick["wheels"], (ticks + 1) * self._samples_per_tick["wheels"]
+        ):
             stamp_ns = self._stamp_ns(leg, "wheels", i)
             T = UncertainTransform(leg.T_odom_base[i], leg.odometry_covariances[i])
             yield self._pose_sample("wheels.odometry", T, f"{self.robot}/odom", stamp_ns)
-        steps = np.arange(ticks * self._per_tick["truth"], (ticks + 1) * self._per_tick["truth"])
+        steps = np.arange(
+            ticks * self._samples_per_tick["truth"], (ticks + 1) * self._samples_per_tick["truth"]
+        )
         for k, T in zip(steps, leg.motion.poses(steps / self._scenario.truth_rate_hz), strict=True):
-            at = UncertainTransform.exact(T)
-            yield self._pose_sample("truth.pose", at, "site", self._stamp_ns(leg, "truth", int(k)))
+            pose = UncertainTransform.exact(T)
+            yield self._pose_sample("truth.pose", pose, "site", self._stamp_ns(leg, "truth", int(k)))
         yield self._lidar_sample(leg, tick)
 
     def _lidar_sample(self, leg: Leg, tick: int) -> LogSample:
@@ -199,11 +210,11 @@ class Rover:
         )
         return self._sample("lidar.scan", value, t0_ns, t1_ns, frame)
 
-    def _check_free(self, tick: int) -> None:
+    def _check_at_rest(self, tick: int) -> None:
         if tick < self._leg.last_tick:
-            left_s = (self._leg.last_tick - tick) * self.tick_s
+            remaining_s = (self._leg.last_tick - tick) * self.tick_s
             raise ConflictError(
-                f"{self.robot} drives for another {left_s:.1f} s; command the next path after that"
+                f"{self.robot} drives for another {remaining_s:.1f} s; command the next path after that"
             )
 
     def _start_leg(self, motion: Motion, tick: int, ticks: int) -> tuple[int, int]:
@@ -211,25 +222,25 @@ class Rover:
         return self._leg.first_tick, self._leg.last_tick
 
     def _rest(self, T_site_base: FloatArray, tick: int) -> Leg:
-        return self._leg_with_readings(standing(T_site_base, 2.0 * self.tick_s), tick, tick + 1)
+        return self._leg_with_readings(motion_at_rest(T_site_base, 2.0 * self.tick_s), tick, tick + 1)
 
     def _leg_with_readings(self, motion: Motion, first_tick: int, last_tick: int) -> Leg:
-        """Return a leg with the readings of wheels and IMU; their errors continue from the previous leg."""
+        """Return a leg with its readings; IMU biases and odometry continue from the previous leg."""
         self._legs += 1
         imu, wheels = self._scenario.imu, self._scenario.wheels
         rng = generator(self._scenario, "imu", self._index, self._legs)
-        t_s = np.arange((last_tick - first_tick) * self._per_tick["imu"]) / imu.rate_hz
-        noisy = imu.model_copy(update=dict.fromkeys(_PERSISTENT, 0.0))
-        readings = imu_readings(noisy, motion, t_s, self._scenario.gravity_m_s2, rng)
+        t_s = np.arange((last_tick - first_tick) * self._samples_per_tick["imu"]) / imu.rate_hz
+        white_noise_only = imu.model_copy(update=dict.fromkeys(_PERSISTENT, 0.0))
+        readings = imu_readings(white_noise_only, motion, t_s, self._scenario.gravity_m_s2, rng)
         root_dt = math.sqrt(1.0 / imu.rate_hz)
-        acc = self._acc_bias + np.cumsum(
+        acc_bias = self._acc_bias + np.cumsum(
             imu.acc_walk_m_s3_sqrt_hz * root_dt * rng.standard_normal((len(t_s), 3)), 0
         )
-        gyro = self._gyro_bias + np.cumsum(
+        gyro_bias = self._gyro_bias + np.cumsum(
             imu.gyro_walk_rad_s2_sqrt_hz * root_dt * rng.standard_normal((len(t_s), 3)), 0
         )
-        self._acc_bias, self._gyro_bias = acc[-1], gyro[-1]
-        t_s = np.arange((last_tick - first_tick) * self._per_tick["wheels"] + 1) / wheels.rate_hz
+        self._acc_bias, self._gyro_bias = acc_bias[-1], gyro_bias[-1]
+        t_s = np.arange((last_tick - first_tick) * self._samples_per_tick["wheels"] + 1) / wheels.rate_hz
         odometry = wheel_odometry(
             wheels, motion, t_s, generator(self._scenario, "wheels", self._index, self._legs)
         )
@@ -238,16 +249,17 @@ class Rover:
             motion,
             first_tick,
             last_tick,
-            readings.acc_m_s2 + acc,
-            readings.gyro_rad_s + gyro,
+            readings.acc_m_s2 + acc_bias,
+            readings.gyro_rad_s + gyro_bias,
             poses[:-1],
             covariances[:-1],
         )
 
     def _continue_odometry(self, poses: FloatArray, covariances: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Append a leg's odometry to that of the previous legs.
+        """Return the odometry of a leg in the odometry frame of the rover, and its covariances.
 
-        The variance of the tilt, which is not measured, is added only once.
+        The variance of the tilt, which is not measured, is the same for one leg and for many: the parts of
+        previous legs are not added up.
         """
         tilt = np.zeros((6, 6))
         tilt[3, 3] = tilt[4, 4] = self._scenario.wheels.reported_tilt_sigma_rad**2
@@ -260,7 +272,7 @@ class Rover:
         return T_odom_start @ poses, np.array(composed) + tilt * (self._legs > 1)
 
     def _stamp_ns(self, leg: Leg, sensor: str, row: int) -> int:
-        us = round((leg.first_tick * self.tick_s + row * self.tick_s / self._per_tick[sensor]) * 1e6)
+        us = round((leg.first_tick * self.tick_s + row * self.tick_s / self._samples_per_tick[sensor]) * 1e6)
         return self._scenario.epoch_ns + us * 1000
 
     def _pose_sample(self, stream: str, T: UncertainTransform, parent: str, stamp_ns: int) -> LogSample:
@@ -291,7 +303,7 @@ class Rover:
         return LogSample(f"/{self.robot}/{stream}", type(value).__name__, t1_ns, seq, value, header)
 
 
-def _whole(ratio: float, what: str) -> int:
+def _whole_number(ratio: float, name: str) -> int:
     if abs(ratio - round(ratio)) > 1e-9 or round(ratio) < 1:
-        raise InputError(f"{what}: expected a whole number of samples in each period of the lidar")
+        raise InputError(f"{name}: expected a whole number of samples in each period of the lidar")
     return round(ratio)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Score of a mission against the truth: positions of the rovers, goals reached, terrain crossed."""
+"""Score of a mission: errors of positions, goals and maps, and crossed terrain, from the ground truth."""
 
 from __future__ import annotations
 
@@ -17,13 +17,17 @@ from cdff_dev.missions.script import Meet, MissionLimits
 from cdff_dev.missions.terrain import MapErrors, TerrainCrossed
 from cdff_dev.missions.tracks import Track, Truth
 
-#: Three standard deviations of one number, for a squared distance in three dimensions (99.73 %).
+#: Bound of the squared Mahalanobis distance in three dimensions with the probability of three standard
+#: deviations in one dimension (99.73 %).
 _THREE_SIGMA_3D = 14.156
 
 
 @dataclass(frozen=True, slots=True)
 class PositionErrors:
-    """Accuracy of a robot's positions: errors in metres, fraction of poses within three stated sigmas."""
+    """Errors of the positions of a robot, metres, and the fraction of poses within three stated sigmas.
+
+    ``last_m`` is the error of the last pose.
+    """
 
     robot: str
     path_length_m: float
@@ -33,21 +37,21 @@ class PositionErrors:
     within_three_sigma: float
 
     @property
-    def share(self) -> float:
+    def error_ratio(self) -> float:
         """Largest error as a fraction of the path length."""
         return self.largest_m / max(self.path_length_m, 1e-9)
 
     def __str__(self) -> str:
         return (
             f"{self.robot}: {self.path_length_m:.0f} m driven; position error RMS {self.rms_m:.3f} m, "
-            f"largest {self.largest_m:.3f} m ({self.share:.3%} of the path), {self.last_m:.3f} m at the "
+            f"largest {self.largest_m:.3f} m ({self.error_ratio:.3%} of the path), {self.last_m:.3f} m at the "
             f"end; {self.within_three_sigma:.1%} of the poses within three sigmas"
         )
 
 
 @dataclass(frozen=True, slots=True)
 class GoalResult:
-    """A goal that a robot reported as reached, with the true distance from it, metres."""
+    """A goal that a robot reported as reached; ``off_m`` is its true distance from the goal, metres."""
 
     robot: str
     goal: str
@@ -57,8 +61,8 @@ class GoalResult:
         return f"{self.robot}: {self.goal}, truly {self.off_m:.2f} m off"
 
 
-def located(track: Track) -> PositionErrors:
-    """Score the positions of a robot; raises UnavailableError if the truth covers none of them."""
+def position_errors(track: Track) -> PositionErrors:
+    """Return the errors of the poses within the time of the truth; raises UnavailableError if there is none."""
     inside, error = track.errors_m()
     truth = track.truth
     if not inside.any():
@@ -67,28 +71,28 @@ def located(track: Track) -> PositionErrors:
             f"{track.stamps_ns.max()} ns, expected some between {truth.stamps_ns[0]} and "
             f"{truth.stamps_ns[-1]} ns, the time of the truth"
         )
-    size = np.linalg.norm(error, axis=1)
-    floor = 1e-12 * np.eye(3)
-    d2 = np.einsum("ni,nij,nj->n", error, np.linalg.inv(track.covariances[inside] + floor), error)
+    error_m = np.linalg.norm(error, axis=1)
+    covariances = track.covariances[inside] + 1e-12 * np.eye(3)  # zero if unknown
+    mahalanobis2 = np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariances), error)
     return PositionErrors(
         track.robot,
         truth.path_length_m,
-        rms_m=float(np.sqrt(np.mean(size**2))),
-        largest_m=float(size.max()),
-        last_m=float(size[-1]),
-        within_three_sigma=float(np.mean(d2 <= _THREE_SIGMA_3D)),
+        rms_m=float(np.sqrt(np.mean(error_m**2))),
+        largest_m=float(error_m.max()),
+        last_m=float(error_m[-1]),
+        within_three_sigma=float(np.mean(mahalanobis2 <= _THREE_SIGMA_3D)),
     )
 
 
-def reached(arrivals: Sequence[Arrival], truths: Mapping[str, Truth]) -> Iterator[GoalResult]:
-    """Score every task that had a goal."""
+def goal_results(arrivals: Sequence[Arrival], truths: Mapping[str, Truth]) -> Iterator[GoalResult]:
+    """Yield the result of every completed task that has a goal."""
     for arrival in arrivals:
         if arrival.goal_m is None:
             continue
-        at = truths[arrival.robot].at_m(arrival.t_ns)[:2]
+        position_m = truths[arrival.robot].position_at_m(arrival.t_ns)[:2]
         if isinstance(arrival.task, Meet):
-            other = truths[arrival.task.robot].at_m(arrival.t_ns)[:2]
-            off_m = abs(float(np.linalg.norm(at - other)) - arrival.task.distance_m)
+            other_m = truths[arrival.task.robot].position_at_m(arrival.t_ns)[:2]
+            off_m = abs(float(np.linalg.norm(position_m - other_m)) - arrival.task.distance_m)
             yield GoalResult(arrival.robot, f"{arrival.task.distance_m:g} m from {arrival.task.robot}", off_m)
         else:
             name = (
@@ -96,12 +100,14 @@ def reached(arrivals: Sequence[Arrival], truths: Mapping[str, Truth]) -> Iterato
                 if arrival.task.do == "return"
                 else f"({arrival.goal_m[0]:g}, {arrival.goal_m[1]:g})"
             )
-            yield GoalResult(arrival.robot, name, float(np.linalg.norm(at - np.array(arrival.goal_m))))
+            yield GoalResult(
+                arrival.robot, name, float(np.linalg.norm(position_m - np.array(arrival.goal_m)))
+            )
 
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """Results of a mission."""
+    """Results of a mission: errors of positions, goals, crossed terrain, errors of maps, unfinished tasks."""
 
     located: tuple[PositionErrors, ...]
     reached: tuple[GoalResult, ...]
@@ -113,9 +119,9 @@ class Score:
         """Return the unmet limits of the mission."""
         faults = list(self.unfinished)
         for errors in self.located:
-            if limits.position_error_ratio is not None and errors.share > limits.position_error_ratio:
+            if limits.position_error_ratio is not None and errors.error_ratio > limits.position_error_ratio:
                 faults.append(
-                    f"{errors.robot}: position error {errors.share:.3%} of the path length, expected at most "
+                    f"{errors.robot}: position error {errors.error_ratio:.3%} of the path length, expected at most "
                     f"{limits.position_error_ratio:.3%}"
                 )
             if errors.within_three_sigma < limits.three_sigma_fraction:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Missions and demonstrations: the strict models of ``deploy/missions/*.yaml`` and ``deploy/demo/*.yaml``."""
+"""Models of the files of missions (``deploy/missions/*.yaml``) and demonstrations (``deploy/demo/*.yaml``)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cdff_common.interfaces.yaml_file import read_mapping
 from cdff_dev.simulate.scenario import NotNegative, Positive, Scenario
 
 Fraction = Annotated[float, Field(ge=0, le=1)]
-#: Mission seconds per second.
+#: Mission seconds per second of real time.
 Speed = Annotated[float, Field(gt=0, le=100)]
 
 
@@ -46,8 +46,8 @@ class TimedRequest(StrictModel):
     def title(self) -> str:
         """Description in one line."""
         cells = f"{self.resolution_m:g} m" if self.resolution_m else None
-        form = f"as {self.as_ or self.format}" if self.as_ or self.format else None
-        parts = (f"{self.type} of {self.robot} in {self.frame}", self.region, cells, form)
+        encoding = f"as {self.as_ or self.format}" if self.as_ or self.format else None
+        parts = (f"{self.type} of {self.robot} in {self.frame}", self.region, cells, encoding)
         return ", ".join(part for part in parts if part)
 
 
@@ -91,8 +91,8 @@ Task = Annotated[Follow | Straight | GoTo | Meet | Return, Field(discriminator="
 class GuidanceParameters(StrictModel):
     """Parameters of the guidance.
 
-    ``ground`` is the requested product: the robot's own ``navigation_map``, or the ``dem`` of all robots,
-    whose navigation map is then computed with the limits of the robot in the profile.
+    ``ground`` is the requested product: the ``navigation_map`` of the robot itself, or the ``dem`` of all
+    robots, from which a navigation map is computed with the limits of the robot in the profile.
     """
 
     ground: Literal["navigation_map", "dem"] = "navigation_map"
@@ -120,12 +120,13 @@ class MissionLimits(StrictModel):
     three_sigma_fraction : float
         Smallest fraction of the positions within three stated standard deviations of the truth.
     elevation_rms_m : float
-        Largest root mean square error of the elevation along the path, which must exist at every compared
-        pose.
+        Largest root mean square error of the elevation along the path. An elevation map must exist at every
+        compared pose.
     slope_excess_deg, step_excess_m : float
-        Largest excess over the profile's limits on a guided path: terrain is rated safe at three sigmas.
+        Largest excess over the limits of the profile on a guided path. The limits alone would be too strict:
+        the maps on which the path is planned have errors.
     guided : bool
-        Compare the terrain along the path with the limits: set if guidance selects the path.
+        True if guidance selects the path; the terrain along it is then compared with the limits.
     """
 
     position_error_ratio: Positive | None = 0.01
@@ -151,14 +152,14 @@ class RelativePositionLimit(StrictModel):
 
 
 class SharedMapLimits(RelativePositionLimit):
-    """Limits of a map that two robots share; region and resolution of their common elevation map."""
+    """Limits of a map that two robots share, and region and resolution of the compared elevation map."""
 
     region: str
     resolution_m: Positive
 
 
 class OrbitalModel(StrictModel):
-    """An orbital elevation model in the DPM before the drive: the simulated terrain, blurred and with noise.
+    """An orbital elevation model, stored in the DPM before the drive: true terrain, blurred and with noise.
 
     It is the product ``dem`` of ``robot``; ``noise_m`` is the standard deviation of its heights.
     """
@@ -194,7 +195,7 @@ class Mission(StrictModel):
 
 
 class Script(StrictModel):
-    """Requests while a log is played; contents of a file of a demonstration."""
+    """Contents of the file of a demonstration: the requests that are sent while a log is played."""
 
     profile: str
     rate: Speed = 1.0
@@ -204,7 +205,7 @@ class Script(StrictModel):
 
 def check_fits(mission: Mission, profile: Profile, scenario: Scenario) -> None:
     """Raise ConfigurationError if a robot of the mission is not in its profile or scenario."""
-    requested = {ask.robot for ask in mission.requests} | set(
+    requested = {request.robot for request in mission.requests} | set(
         mission.relative_position.robots if mission.relative_position else ()
     )
     for robot in sorted(set(mission.robots) | requested - {"any"}):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The processes of a demonstration: the system and the player, started, watched and ended together."""
+"""The processes of a mission or demonstration: the system and the player, started and ended together."""
 
 from __future__ import annotations
 
@@ -30,26 +30,26 @@ READY_S = 90.0
 END_S = 3.5
 #: Longest time for simulated rovers to end and to write the true poses, seconds.
 DRIVE_END_S = 30.0
-#: The mission clock stops while a DFPC is further behind, mission seconds.
+#: The mission clock is stopped while the lag of a DFPC exceeds this, mission seconds.
 PATIENCE_S = 2.0
 
 
-def check_free(host: str, port: int, what: str) -> None:
+def check_port_is_free(host: str, port: int, name: str) -> None:
     """Raise ConfigurationError if a port is in use."""
     with socket.socket() as probe:
         probe.settimeout(0.3)
         if probe.connect_ex((host, port)) == 0:
             raise ConfigurationError(
-                f"{what} {host}:{port} is in use: is another system running? End it or choose another port"
+                f"{name} {host}:{port} is in use: is another system running? End it or choose another port"
             )
 
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Delay Ctrl-C and SIGTERM until the end of the block, so that a started process is always recorded.
+    """Delay Ctrl-C and SIGTERM until the end of the block, so that every started process is recorded.
 
-    Handlers delay them, not a signal mask, which the process would inherit. Only the main thread is
-    interrupted.
+    The signals are delayed by handlers: a signal mask would be inherited by the started process. In other
+    threads than the main thread, which are not interrupted by signals, the block is run unchanged.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -70,16 +70,17 @@ def uninterrupted() -> Iterator[None]:
 
 @dataclass(slots=True)
 class Stage:
-    """The running system of a profile, with a player; a context manager that ends every process.
+    """The processes of a running system and its player; as a context manager it starts and ends them.
 
     Parameters
     ----------
     connect, http : str
-        Endpoint of the router, as ``tcp/127.0.0.1:7447``, and ``host:port`` of the HTTP server.
+        Endpoint of the router, such as ``tcp/127.0.0.1:7447``, and ``host:port`` of the HTTP server.
     data_dir : Path or None
-        None for a new folder, which is removed at the end unless an error occurs or ``keep`` is set.
+        Data folder of the system. None: a new folder, which is removed at the end, unless an error occurs or
+        ``keep`` is set.
     keep : bool
-        Keep the new data folder.
+        Do not remove the new data folder.
     scopes : tuple of str
         Robots, and ``ground``, whose services are started; empty for all.
     uplink : str
@@ -98,8 +99,8 @@ class Stage:
     _processes: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
 
     def __enter__(self) -> Self:
-        check_free(*split_address(self.connect, "router"), "the router's endpoint")
-        check_free(*split_address(self.http, "http"), "the HTTP address")
+        check_port_is_free(*split_address(self.connect, "router"), "the router's endpoint")
+        check_port_is_free(*split_address(self.http, "http"), "the HTTP address")
         if self.data_dir is None:
             self._scratch = self.data_dir = Path(tempfile.mkdtemp(prefix="cdff-demo-"))
         self._spawn(
@@ -136,15 +137,18 @@ class Stage:
     def expected(self) -> set[str]:
         """Liveliness tokens of a system that is ready."""
         merging = () if self.profile.merging is None else ("map_merging",)
-        chosen = self.scopes or (keys.GROUND, *self.profile.robot_ids)
-        robots = [robot for robot in self.profile.robots if robot.id in chosen]
-        shared = ("dpm", "orchestrator", "icu", *merging) if keys.GROUND in chosen else ()
-        services = {keys.alive(keys.GROUND, service) for service in shared}
+        scopes = self.scopes or (keys.GROUND, *self.profile.robot_ids)
+        robots = [robot for robot in self.profile.robots if robot.id in scopes]
+        shared = ("dpm", "orchestrator", "icu", *merging) if keys.GROUND in scopes else ()
+        ground_tokens = {keys.alive(keys.GROUND, service) for service in shared}
         router = keys.alive(keys.GROUND if shared else robots[0].id, "router")
-        return {router} | services | {keys.alive(r.id, d.name) for r in robots for d in r.dfpcs}
+        return {router} | ground_tokens | {keys.alive(r.id, d.name) for r in robots for d in r.dfpcs}
 
     def wait_ready(self, bus: Bus, on_progress: Callable[[int, int], None] = lambda *_: None) -> None:
-        """Wait until every service is alive; raises UnavailableError with the missing ones."""
+        """Wait until every service is alive; raises UnavailableError that names the missing ones.
+
+        ``on_progress`` is called with the number of services that are alive and their total number.
+        """
         deadline_s = time.monotonic() + READY_S
         reported = -1
         while True:
@@ -163,16 +167,19 @@ class Stage:
             time.sleep(0.2)
 
     def play(self, log: str, rate: float, via: Mapping[str, str] | None = None) -> None:
-        """Start the player; ``via`` names the routers of robots that have their own."""
+        """Start the player; ``via`` maps a robot with a router of its own to the endpoint of that router."""
         routers = [f"{robot}={endpoint}" for robot, endpoint in (via or {}).items()]
         self._spawn("play", log, speed=rate, patience=PATIENCE_S, via=routers or None)
 
     def drive(self, scenario: str, seed: int, rate: float, truth: Path) -> None:
-        """Start simulated rovers that execute drive commands, instead of a player; true poses go to a log."""
+        """Start simulated rovers that execute drive commands, instead of a player.
+
+        The true poses are written to the log ``truth``.
+        """
         self._spawn("drive", scenario, seed=seed, speed=rate, patience=PATIENCE_S, truth=truth)
 
     def end_drive(self) -> None:
-        """End the simulated rovers, so that their true poses are complete; the system continues."""
+        """End the simulated rovers, which completes the log of true poses; the system continues to run."""
         process = self._processes.pop("drive")
         process.send_signal(signal.SIGTERM)
         try:
@@ -188,8 +195,8 @@ class Stage:
                 lines = (
                     (self.log_dir / f"{name}.log").read_text(encoding="utf-8", errors="replace").splitlines()
                 )
-                last = lines[-1] if lines else "no output"
-                raise UnavailableError(f"`cdff {name}` ended with code {process.returncode}: {last}")
+                last_line = lines[-1] if lines else "no output"
+                raise UnavailableError(f"`cdff {name}` ended with code {process.returncode}: {last_line}")
 
     def end(self) -> None:
         """Send SIGTERM to the player and the system, and SIGKILL to processes that do not end."""
@@ -206,7 +213,7 @@ class Stage:
         self._processes.clear()
 
     def _spawn(self, noun: str, *operands: str, **options: object) -> None:
-        """Start ``cdff NOUN``; options that are None are omitted, a sequence gives several values."""
+        """Start ``cdff NOUN``; an option that is None is omitted, a sequence is passed as several values."""
         command = [noun, *operands]
         for name, value in options.items():
             if value is not None:

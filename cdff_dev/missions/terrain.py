@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Comparison with the true terrain: slopes and steps along the paths, and errors of the maps."""
+"""Comparison with the true terrain: slopes and steps along the paths, and errors of elevation maps."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_common.types import ElevationMap
 from cdff_dev.missions.tracks import path_lengths_m
 
-#: Spacing of the assessed places along the path, and of the points under the rover, metres.
+#: Spacing of the assessed positions along the path, and of the points under the rover, metres.
 _EVERY_M, _CELL_M = 0.2, 0.05
-#: Height of the origin of rays above the rover, metres, and rays along each edge of a map's cell.
+#: Height of the origins of the rays above the wheels, metres; number of rays along each edge of a map cell.
 _ABOVE_M, _RAYS = 3.0, 3
 
 
 @dataclass(frozen=True, slots=True)
 class TerrainCrossed:
-    """True terrain under a robot's path.
+    """True terrain along the path of a robot.
 
     Attributes
     ----------
     places : int
-        Assessed places, every 0.2 m.
+        Number of assessed positions, one every 0.2 m.
     steepest_deg : float
         Largest tilt of the rover on its wheels.
     highest_m : float
-        Highest surface under the rover above the plane of its wheels.
+        Largest height of the surface under the rover above the plane of its wheels.
     too_steep, too_high : int
-        Places beyond the limits of the profile.
+        Numbers of positions at which the limits of the profile are exceeded.
     max_slope_deg, max_step_m : float
         These limits.
     """
@@ -50,8 +50,8 @@ class TerrainCrossed:
 
     def __str__(self) -> str:
         return (
-            f"{self.robot}: drove over {self.places} places; steepest {self.steepest_deg:.1f} deg "
-            f"({self.too_steep} beyond the limit), highest under it {self.highest_m:.2f} m "
+            f"{self.robot}: {self.places} positions of the path assessed; steepest {self.steepest_deg:.1f} deg "
+            f"({self.too_steep} beyond the limit), highest obstacle under the rover {self.highest_m:.2f} m "
             f"({self.too_high} beyond)"
         )
 
@@ -69,10 +69,9 @@ class TerrainCrossed:
 
 @dataclass(frozen=True, slots=True)
 class MapErrors:
-    """Errors of a map against the true heights: cells compared, mean, root mean square and NMAD of
-    errors, metres.
+    """Errors of elevation maps: number of compared cells; mean, root mean square and NMAD of the errors, metres.
 
-    ``blank`` is the number of assessed places without a map.
+    ``blank`` is the number of positions without a map.
     """
 
     cells: int
@@ -95,20 +94,20 @@ class MapErrors:
         return faults
 
 
-def drop(scene: Any, points_m: FloatArray) -> FloatArray:
-    """Return the heights ``(n,)`` of the true surface, metres, below points ``(n, 3)`` in the world; NaN
-    if there is none.
-    """
+def surface_heights_m(scene: Any, points_m: FloatArray) -> FloatArray:
+    """Return the heights ``(n,)`` of the true surface below points ``(n, 3)`` in the world; NaN if there is none."""
     import open3d as o3d
 
     rays = np.zeros((len(points_m), 6), dtype=np.float32)
     rays[:, :3] = points_m
     rays[:, 5] = -1.0
-    fall = scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=1)["t_hit"].numpy().astype(np.float64)
-    return np.where(np.isfinite(fall), points_m[:, 2] - fall, np.nan)
+    distance_m = (
+        scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=1)["t_hit"].numpy().astype(np.float64)
+    )
+    return np.where(np.isfinite(distance_m), points_m[:, 2] - distance_m, np.nan)
 
 
-def driven(
+def assess_crossed_terrain(
     robot: str, T_world_base: FloatArray, scene: Any, base_height_m: float, limits: Mapping[str, float]
 ) -> TerrainCrossed:
     """Assess the terrain under a robot along its true path, shape (n, 4, 4)."""
@@ -117,26 +116,26 @@ def driven(
     x = np.arange(-0.5 * limits["length_m"], 0.5 * limits["length_m"] + 1e-9, _CELL_M)
     y = np.arange(-0.5 * limits["width_m"], 0.5 * limits["width_m"] + 1e-9, _CELL_M)
     under = np.stack([*np.meshgrid(x, y), np.full((len(y), len(x)), -base_height_m)], axis=-1).reshape(-1, 3)
-    steep = np.degrees(np.arccos(np.clip(T_world_base[rows, 2, 2], -1.0, 1.0)))
+    tilt_deg = np.degrees(np.arccos(np.clip(T_world_base[rows, 2, 2], -1.0, 1.0)))
     highest = np.empty(len(rows))
     for i, T in enumerate(T_world_base[rows]):
-        at = se3.transform_points(T, under)
-        surface = drop(scene, at + np.array([0.0, 0.0, _ABOVE_M]))
-        highest[i] = np.nanmax(surface - at[:, 2]) * T[2, 2]
+        points = se3.transform_points(T, under)
+        surface_m = surface_heights_m(scene, points + np.array([0.0, 0.0, _ABOVE_M]))
+        highest[i] = np.nanmax(surface_m - points[:, 2]) * T[2, 2]
     return TerrainCrossed(
         robot,
         len(rows),
-        float(steep.max()),
+        float(tilt_deg.max()),
         float(highest.max()),
-        int(np.sum(steep > limits["max_slope_deg"])),
+        int(np.sum(tilt_deg > limits["max_slope_deg"])),
         int(np.sum(highest > limits["max_step_m"])),
         limits["max_slope_deg"],
         limits["max_step_m"],
     )
 
 
-def mapped(maps: list[ElevationMap], T_site_world: FloatArray, scene: Any) -> MapErrors:
-    """Compare each observed cell with the mean of the true surface in it."""
+def compare_elevation(maps: list[ElevationMap], T_site_world: FloatArray, scene: Any) -> MapErrors:
+    """Compare each observed cell of maps in the site frame with the mean of the true surface in the cell."""
     errors = [np.zeros(0)]
     for elevation in maps:
         x, y = elevation.geometry.centres_m()
@@ -145,13 +144,13 @@ def mapped(maps: list[ElevationMap], T_site_world: FloatArray, scene: Any) -> Ma
             continue
         offsets = (np.arange(_RAYS) - (_RAYS - 1) / 2) * elevation.geometry.resolution_m / _RAYS
         heights = elevation.layer("mean")[observed].astype(np.float64)
-        true = np.zeros(len(heights))
+        true_sum = np.zeros(len(heights))
         for dx in offsets:
             for dy in offsets:
-                at = np.stack([x[observed] + dx, y[observed] + dy, heights + 50.0], axis=1)
-                world = se3.transform_points(se3.inverse(T_site_world), at)
-                true += drop(scene, world) + T_site_world[2, 3]
-        errors.append(heights - true / _RAYS**2)
+                above = np.stack([x[observed] + dx, y[observed] + dy, heights + 50.0], axis=1)
+                above_world = se3.transform_points(se3.inverse(T_site_world), above)
+                true_sum += surface_heights_m(scene, above_world) + T_site_world[2, 3]
+        errors.append(heights - true_sum / _RAYS**2)
     error = np.concatenate(errors)
     error = error[np.isfinite(error)]
     if not len(error):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tracks of robots in the DPM, and their ground truth."""
+"""Estimated trajectories of robots in the DPM, and their ground truth."""
 
 from __future__ import annotations
 
@@ -36,7 +36,16 @@ _PAGE = 10_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """True poses of a frame of a robot: stamps (n,), ``T_site_frame`` (n, 4, 4), and ``T_site_world``."""
+    """True poses of a frame of a robot.
+
+    Attributes
+    ----------
+    stamps_ns : ndarray of int64, shape (n,)
+    poses : ndarray, shape (n, 4, 4)
+        ``T_site_frame``.
+    T_site_world : ndarray, shape (4, 4)
+        Pose of the frame of the simulation in the site of the profile.
+    """
 
     stamps_ns: NDArray[np.int64]
     poses: FloatArray
@@ -52,21 +61,19 @@ class Truth:
         """Path length, metres."""
         return path_length_m(self.positions_m)
 
-    def at_m(self, t_ns: int) -> FloatArray:
+    def position_at_m(self, t_ns: int) -> FloatArray:
         """Return the position (3,) at the stamp nearest to a time."""
         nearest: FloatArray = self.positions_m[np.argmin(np.abs(self.stamps_ns - t_ns))]
         return nearest
 
-    def between(self, t_ns: NDArray[np.int64]) -> FloatArray:
-        """Return positions (n, 3) at times, interpolated linearly."""
+    def interpolated_positions_m(self, t_ns: NDArray[np.int64]) -> FloatArray:
+        """Return positions (n, 3) at times (n,), interpolated linearly."""
         return np.stack([np.interp(t_ns, self.stamps_ns, axis) for axis in self.positions_m.T], axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """Estimated poses of a robot's base, or of its lidar, in the site, and the truth of the same frame.
-
-    Both are empty where unknown.
+    """Estimated poses of the base or the lidar of a robot in site, and the true poses of the same frame.
 
     Attributes
     ----------
@@ -74,6 +81,8 @@ class Track:
     poses : ndarray, shape (n, 4, 4)
     covariances : ndarray, shape (n, 3, 3)
         Covariances of the positions; zero if unknown.
+    truth : Truth
+        Without poses if the truth is unknown.
     """
 
     robot: str
@@ -87,34 +96,32 @@ class Track:
         """Positions (n, 3)."""
         return self.poses[:, :3, 3]
 
-    def matched(self) -> tuple[FloatArray, FloatArray]:
+    def matched_poses(self) -> tuple[FloatArray, FloatArray]:
         """Return estimated and true poses (k, 4, 4) at their common stamps."""
         _, rows, true = np.intersect1d(self.stamps_ns, self.truth.stamps_ns, return_indices=True)
         return self.poses[rows], self.truth.poses[true]
 
     def errors_m(self) -> tuple[NDArray[np.bool_], FloatArray]:
-        """Return the rows (n,) within the time of the truth, and their position errors (k, 3)."""
+        """Return a mask (n,) of the poses within the time of the truth, and their position errors (k, 3), metres."""
         if not len(self.truth.stamps_ns):
             return np.zeros(len(self.stamps_ns), dtype=bool), np.zeros((0, 3))
-        first, last = self.truth.stamps_ns[[0, -1]]
-        inside = (self.stamps_ns >= first) & (self.stamps_ns <= last)
-        return inside, self.positions_m[inside] - self.truth.between(self.stamps_ns[inside])
+        start_ns, end_ns = self.truth.stamps_ns[[0, -1]]
+        inside = (self.stamps_ns >= start_ns) & (self.stamps_ns <= end_ns)
+        return inside, self.positions_m[inside] - self.truth.interpolated_positions_m(self.stamps_ns[inside])
 
     def __str__(self) -> str:
         text = f"{self.robot}: {len(self.stamps_ns)} poses, {path_length_m(self.positions_m):.1f} m"
-        estimated, true = self.matched()
+        estimated, true = self.matched_poses()
         if not len(true):
-            return f"{text}; the log has no truth"
-        off_m = np.linalg.norm(estimated[:, :3, 3] - true[:, :3, 3], axis=1)
-        rms_m = float(np.sqrt(np.mean(off_m**2)))
-        return (
-            f"{text}; off the truth: RMS {rms_m:.3f} m, last {off_m[-1]:.3f} m, largest {off_m.max():.3f} m"
-        )
+            return f"{text}; the log has no ground truth"
+        error_m = np.linalg.norm(estimated[:, :3, 3] - true[:, :3, 3], axis=1)
+        rms_m = float(np.sqrt(np.mean(error_m**2)))
+        return f"{text}; position error: RMS {rms_m:.3f} m, last {error_m[-1]:.3f} m, largest {error_m.max():.3f} m"
 
 
 @dataclass(frozen=True, slots=True)
 class RelativePositionErrors:
-    """Errors of the position of one robot relative to the other, over pairs of their poses, metres."""
+    """Errors of the position of one robot relative to the other, metres; ``pairs`` is the number of pose pairs."""
 
     pairs: int
     rms_m: float
@@ -125,18 +132,18 @@ class RelativePositionErrors:
 
 
 def path_lengths_m(positions_m: FloatArray) -> FloatArray:
-    """Return the path length (n,) from the first of the positions (n, d) to each."""
+    """Return the path length (n,) from the first of the positions (n, d) to each of them."""
     steps_m = np.linalg.norm(np.diff(positions_m, axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps_m)])
 
 
 def path_length_m(positions_m: FloatArray) -> float:
-    """Return the length of a path (n, d)."""
+    """Return the length of a path through positions (n, d)."""
     return float(np.linalg.norm(np.diff(positions_m, axis=0), axis=1).sum())
 
 
 def read_truth(log: Path, robots: Sequence[str]) -> dict[str, Truth]:
-    """Return the true poses of the base of each robot; empty if the log has none."""
+    """Return the true poses of the base of each robot from a log; without poses if the log has none."""
     truths = {}
     with closing(open_log(log)) as reader:
         for robot in robots:
@@ -147,14 +154,15 @@ def read_truth(log: Path, robots: Sequence[str]) -> dict[str, Truth]:
     return truths
 
 
-def placed_in_site(truths: dict[str, Truth], profile: Profile) -> dict[str, Truth]:
-    """Return truths in the profile's site, located by the first robot with an anchored odometry frame.
+def transform_to_site(truths: dict[str, Truth], profile: Profile) -> dict[str, Truth]:
+    """Return the truths in the site frame of the profile.
 
-    Without such a robot the site is the simulation's own. Raises UnavailableError if a truth is empty.
+    The site is located by the start pose of the first robot whose odometry frame has a pose in the profile.
+    Without such a robot the site is the frame of the simulation. Raises UnavailableError if a truth is empty.
     """
-    unknown = [robot for robot, truth in truths.items() if not len(truth.stamps_ns)]
-    if unknown:
-        raise UnavailableError(f"the log has no true poses of {', '.join(unknown)}")
+    without_truth = [robot for robot, truth in truths.items() if not len(truth.stamps_ns)]
+    if without_truth:
+        raise UnavailableError(f"the log has no true poses of {', '.join(without_truth)}")
     T_site_world = np.eye(4)
     for robot, truth in truths.items():
         try:
@@ -167,17 +175,17 @@ def placed_in_site(truths: dict[str, Truth], profile: Profile) -> dict[str, Trut
 
 
 def estimated_track(profile: Profile, robot: str, http: str, truth: Truth, state: int | None = None) -> Track:
-    """Return the track of a robot's base, or else its lidar, from the DPM.
+    """Return the poses of the base of a robot from the DPM, or of its lidar if there are none of the base.
 
     Parameters
     ----------
     state : int, optional
-        Revision of the frames to use, by default the newest.
+        Revision of the frame tree in which the poses are expressed; by default the newest.
 
     Raises
     ------
     UnavailableError, FrameNotFoundError
-        If the DPM has no poses of either, or the robot has no lidar.
+        If the DPM has poses of neither frame, or the robot has no lidar.
     """
     items = pose_series(http, robot, f"{robot}/base", state)
     if not items:
@@ -197,7 +205,7 @@ def estimated_track(profile: Profile, robot: str, http: str, truth: Truth, state
 
 
 def pose_series(http: str, robot: str, child: str, state: int | None = None) -> list[dict[str, Any]]:
-    """Return all poses of a frame of a robot in the site, from the DPM over HTTP."""
+    """Return all poses of a frame of a robot in site, from the DPM over HTTP, in several pages if necessary."""
     query: dict[str, Any] = {"robot": robot, "frame": "site", "child": child, "limit": _PAGE}
     query |= {} if state is None else {"frames_revision": state}
     items: list[dict[str, Any]] = []
@@ -213,18 +221,19 @@ def pose_series(http: str, robot: str, child: str, state: int | None = None) -> 
 
 
 def http_json(http: str, path: str, timeout_s: float) -> dict[str, Any]:
-    """Return an answer of the DPM's HTTP server; raises OSError or ValueError without one."""
+    """Return the JSON answer of the HTTP server; raises OSError or ValueError if there is none."""
     with urllib.request.urlopen(f"http://{http}/api/v1/{path}", timeout=timeout_s) as response:
         body: dict[str, Any] = json.load(response)
         return body
 
 
-def relative_errors(tracks: Sequence[Track], within_m: float) -> RelativePositionErrors:
-    """Return the errors of all relative positions of two robots whose true distance is within a limit.
+def relative_position_errors(tracks: Sequence[Track], within_m: float) -> RelativePositionErrors:
+    """Return the errors of the relative positions of two robots.
 
-    Poses at all times are paired, at the stamps that estimate and truth of a robot have in common.
+    Every pose of the first robot is paired with every pose of the second, at any time, if their true distance
+    is at most ``within_m``. Poses are used at the stamps at which the truth is known.
     """
-    (estimated, true), (other_estimated, other_true) = (track.matched() for track in tracks)
+    (estimated, true), (other_estimated, other_true) = (track.matched_poses() for track in tracks)
     errors = [np.zeros(0)]
     for T_estimated, T_true in zip(estimated, true, strict=True):
         estimated_m = se3.transform_points(se3.inverse(T_estimated), other_estimated[:, :3, 3])
@@ -237,10 +246,10 @@ def relative_errors(tracks: Sequence[Track], within_m: float) -> RelativePositio
     return RelativePositionErrors(len(error_m), float(np.sqrt(np.mean(error_m**2))), float(error_m.max()))
 
 
-def settled_assessment(
+def assess_until_settled(
     assess: Callable[[], ResultT], is_settled: Callable[[ResultT], bool], wait_s: float
 ) -> ResultT:
-    """Repeat an assessment until it is settled, at most for ``wait_s``: maps are merged after the drive too.
+    """Repeat an assessment until ``is_settled`` or for ``wait_s``, and return the last: merging takes time.
 
     Raises
     ------
@@ -261,7 +270,7 @@ def settled_assessment(
 
 
 def elevation_window(bus: Bus, region: str, resolution_m: float, **options: object) -> ElevationMap:
-    """Return the elevation of a region of the site from the DPM; raises ProductNotFoundError without any."""
+    """Return the elevation map of a region of the site from the DPM; raises ProductNotFoundError without data."""
     query = {"type": "dem", "frame": "site", "region": region, "resolution_m": resolution_m, "format": "tif"}
     reply = bus.call(keys.dpm_rpc(keys.GROUND, "get"), {**query, **options}, timeout_s=CALL_S)
     window = read_map(reply.payload)

@@ -73,7 +73,7 @@ def test_a_rover_drives_out_and_back_on_its_own_maps_and_is_scored(tmp_path: Pat
     assert abs(score["mapped"]["bias_m"]) < 0.05
     assert score["driven"][0]["places"] > 100
     page = report.read_text(encoding="utf-8")
-    assert "All criteria of the mission are met." in page
+    assert "All limits of the mission are met." in page
     assert "<polyline" in page
     assert "navigation_map" in page
 

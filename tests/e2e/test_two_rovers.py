@@ -22,7 +22,7 @@ from cdff_common.errors import UnavailableError
 from cdff_common.interfaces.product import Header
 from cdff_common.interfaces.profile import Profile, load_profile
 from cdff_common.resources import deploy_folder
-from cdff_dev.missions.map_sharing import settled
+from cdff_dev.missions.map_sharing import assess_shared_map
 from cdff_dev.missions.requests import wait_for_clock
 from cdff_dev.missions.script import load_script
 from cdff_dev.missions.stage import Stage
@@ -207,4 +207,4 @@ def test_two_rovers_share_one_map_despite_killed_processes_and_lost_contact(
         dfpc_status(system.mana_bus, d)["outbox_dropped"] == 0
         for d in ("lidar_slam", "digital_elevation_mapping")
     )
-    assert settled(SHARING, profile, log, bus, ground.http).faults(SHARING) == []
+    assert assess_shared_map(SHARING, profile, log, bus, ground.http).faults(SHARING) == []

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A small version of the shipped scenario ``outing``: 24 m of ground and a lidar with few points."""
+"""A small version of the shipped scenario ``outing``: 24 m of terrain and a lidar with few points."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cdff_dev.simulate.world import World, cast_scene, make_world
 
 
 def tiny_scenario() -> Scenario:
-    """Return the scenario ``outing`` on 24 m of ground, with 16 rings of 128 points, for 4 s."""
+    """Return the scenario ``outing`` on 24 m of terrain, with 16 rings of 128 points, for 4 s."""
     full = load_scenario("outing").model_dump()
     full["duration_s"] = 4.0
     full["terrain"] |= {"fine_half_width_m": 12.0, "far_half_width_m": 30.0}
@@ -34,7 +34,7 @@ def world() -> World:
 
 @pytest.fixture(scope="session")
 def scene(world: World) -> Any:
-    """Scene for ray casting."""
+    """Terrain and rocks of the tiny scenario, for ray casting."""
     return cast_scene(world.relief, world.rocks)
 
 

@@ -15,7 +15,7 @@ from cdff_common.geometry.region import Region, parse_region
 from cdff_common.interfaces.product import Header
 from cdff_common.raster.geometry import GridGeometry
 from cdff_common.types import ElevationMap, NavigationMap, Pointcloud, PoseTrajectory, TransformWithCovariance
-from cdff_dev.missions.answer_assessment import faults
+from cdff_dev.missions.answer_assessment import assess_answer
 from cdff_dev.missions.script import TimedRequest
 
 S = 1_000_000_000
@@ -56,7 +56,7 @@ def faults_of(
     request: TimedRequest, delivered: DecodedAnswer, region: Region | None = None, now_s: int = 11
 ) -> str:
     header = Header("", 0, delivered.t1_ns, delivered.t1_ns, delivered.frame, "test")
-    return "; ".join(faults(request, delivered.value, header, now_s * S, region))
+    return "; ".join(assess_answer(request, delivered.value, header, now_s * S, region))
 
 
 def test_answers_that_satisfy_the_request_have_no_faults() -> None:
@@ -64,7 +64,7 @@ def test_answers_that_satisfy_the_request_have_no_faults() -> None:
     assert faults_of(timed_request("dem", resolution_m=0.5, min_coverage=0.9), dem(), REGION) == ""
 
 
-def test_too_old_an_answer_is_detected() -> None:
+def test_an_answer_older_than_requested_is_detected() -> None:
     assert "3.0 s old" in faults_of(timed_request("pose"), pose(), now_s=13)
 
 
@@ -87,7 +87,7 @@ def test_insufficient_coverage_and_data_outside_are_detected() -> None:
     assert "no cell is observed" in faults_of(timed_request("dem"), dem(observed=0.0), REGION)
 
 
-def test_a_navigation_map_without_known_cells_is_detected() -> None:
+def test_a_navigation_map_without_observed_cells_is_detected() -> None:
     geometry = GridGeometry("site", 0.5, 0.0, 2.0, 4, 4)
     value = NavigationMap.from_layers(geometry, {"class": np.zeros((4, 4), np.uint8)}, t0_ns=0, t1_ns=10 * S)
     assert "no cell is observed" in faults_of(

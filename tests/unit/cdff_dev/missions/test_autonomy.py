@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The simulated autonomy avoids another robot only at its known parking position."""
+"""The autonomy meets another robot only when the final position of that robot is known."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from cdff_dev.missions.script import load_mission
 
 
 @pytest.mark.parametrize(
-    ("sigma_m", "ended", "settled"),
+    ("sigma_m", "tasks_ended", "is_settled"),
     [(0.15, True, True), (0.15, False, False), (1.5, True, False), (None, True, False)],
 )
-def test_a_robot_is_avoided_only_at_its_known_parking_position(
-    sigma_m: float | None, ended: bool, settled: bool
+def test_a_robot_is_met_only_after_its_tasks_ended_and_with_a_known_position(
+    sigma_m: float | None, tasks_ended: bool, is_settled: bool
 ) -> None:
     mission, done = load_mission(deploy_folder() / "missions" / "rendezvous.yaml"), threading.Event()
     profile = load_profile(deploy_folder() / "profiles" / "two_rovers.yaml")
@@ -43,6 +43,6 @@ def test_a_robot_is_avoided_only_at_its_known_parking_position(
     covariance = None if sigma_m is None else np.diag([0.01, sigma_m**2, 9.0, 1.0, 1.0, 1.0])
     client: Any = SimpleNamespace(pose=lambda _robot: UncertainTransform(np.eye(4), covariance))
     rover._client = client
-    if ended:
+    if tasks_ended:
         done.set()
-    assert rover._settled("minnie") is settled
+    assert rover._is_settled("minnie") is is_settled

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Simulated rovers as a log that is simulated while it is played."""
+"""A log of simulated rovers is computed while it is played."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ from cdff_dev.simulate.world import World
 TICK_NS = 500_000_000
 
 
-def test_the_log_has_sensor_streams_and_no_end(world: World, growing_log: GrowingLog) -> None:
+def test_the_log_has_all_sensor_streams_and_an_end_after_more_than_an_hour(
+    world: World, growing_log: GrowingLog
+) -> None:
     assert sorted(growing_log.streams) == ["/mana/imu.sample", "/mana/lidar.scan", "/mana/wheels.odometry"]
     assert playable(growing_log) == list(growing_log.streams)
     info = growing_log.streams["/mana/lidar.scan"]
@@ -43,8 +45,8 @@ def test_ground_truth_is_passed_to_the_writer_only(world: World, tmp_path: Path)
 
 
 def test_samples_are_ordered_in_time_and_limited_to_the_requested_streams(growing_log: GrowingLog) -> None:
-    all_of_them = [(s.stamp_ns, s.stream) for s, _ in zip(growing_log.samples(), range(64), strict=False)]
-    assert all_of_them == sorted(all_of_them)
+    order = [(s.stamp_ns, s.stream) for s, _ in zip(growing_log.samples(), range(64), strict=False)]
+    assert order == sorted(order)
     scans = [s.stream for s, _ in zip(growing_log.samples(["/mana/lidar.scan"]), range(3), strict=False)]
     assert scans == ["/mana/lidar.scan"] * 3
 
@@ -78,8 +80,8 @@ def test_a_closed_log_produces_no_more_samples(growing_log: GrowingLog) -> None:
     assert len(list(source)) == 15
 
 
-def test_cameras_are_refused(world: World) -> None:
-    with_cameras = load_scenario("rover_traverse")
-    world = World(with_cameras, world.relief, world.rocks, world.motions, None)
+def test_a_scenario_with_cameras_is_refused(world: World) -> None:
+    scenario = load_scenario("rover_traverse")
+    world_with_cameras = World(scenario, world.relief, world.rocks, world.motions, None)
     with pytest.raises(InputError, match=r"rover_traverse.*remove navcam"):
-        GrowingLog(world, None)
+        GrowingLog(world_with_cameras, None)

@@ -24,7 +24,7 @@ START_XY = np.array([0.05, 0.03])
 
 
 def ground(*areas: tuple[float, float, float, float, int], fill: int = SAFE) -> NavigationMap:
-    """Return a map of 12 m with areas (xmin, xmax, ymin, ymax, class); caution cells have a higher cost."""
+    """Return a map of 12 m with areas ``(xmin, xmax, ymin, ymax, class)``; the other cells have class ``fill``."""
     n = round(2 * HALF_M / CELL_M)
     geometry = GridGeometry("site", CELL_M, -HALF_M, HALF_M, n, n)
     x, y = geometry.centres_m()
@@ -105,12 +105,10 @@ def test_a_goal_on_a_hazard_is_approached() -> None:
 
 def test_a_leg_is_shortened_along_the_same_path() -> None:
     navigation_map, goal = ground((2.0, 2.6, -4.0, 3.0, HAZARD)), np.array([5.1, 0.1])
-    full_leg, start = (
-        Guidance(50.0).leg(navigation_map, START_XY, goal),
-        Guidance(2.5).leg(navigation_map, START_XY, goal),
-    )
-    assert length_m(start) == pytest.approx(2.5)
-    assert start[:-1] == pytest.approx(full_leg[: len(start) - 1])
+    full_leg = Guidance(50.0).leg(navigation_map, START_XY, goal)
+    short_leg = Guidance(2.5).leg(navigation_map, START_XY, goal)
+    assert length_m(short_leg) == pytest.approx(2.5)
+    assert short_leg[:-1] == pytest.approx(full_leg[: len(short_leg) - 1])
 
 
 @pytest.mark.req("CDFF-DEV-072")
@@ -121,7 +119,7 @@ def test_an_enclosed_start_is_refused() -> None:
         (-1.0, -0.6, -1.0, 1.0, HAZARD),
         (0.6, 1.0, -1.0, 1.0, UNKNOWN),
     ]
-    with pytest.raises(RefusedError, match="no path on") as refused:
+    with pytest.raises(RefusedError, match="no further path") as refused:
         Guidance(5.0).leg(ground(*moat), np.array([0.5, 0.05]), np.array([5.0, 0.0]))
     assert refused.value.reasons == ("no_path",)
 
@@ -132,7 +130,7 @@ def test_a_start_without_free_ground_nearby_is_refused() -> None:
     assert refused.value.reasons == ("no_path",)
 
 
-def test_a_start_on_forbidden_ground_leaves_to_the_nearest_free_cell() -> None:
+def test_from_forbidden_ground_the_path_leads_to_the_nearest_free_cell_first() -> None:
     navigation_map = ground((-0.6, 0.6, -0.6, 0.6, UNKNOWN))
     path = Guidance(50.0).leg(navigation_map, START_XY, np.array([5.1, 0.1]))
     assert path[0] == pytest.approx(START_XY)
@@ -141,10 +139,10 @@ def test_a_start_on_forbidden_ground_leaves_to_the_nearest_free_cell() -> None:
 
 
 def test_a_leg_ends_at_a_reversal_so_that_the_rover_turns_in_place() -> None:
-    back = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.5], [0.5, 1.0], [0.0, 3.0]])
-    assert sharpest_turn_rad(back) > MAX_CORNER_RAD
-    assert _up_to_sharp_turn(back).tolist() == back[:3].tolist()
-    gentle = back[[0, 1, 2, 4]]
+    reversing = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.5], [0.5, 1.0], [0.0, 3.0]])
+    assert sharpest_turn_rad(reversing) > MAX_CORNER_RAD
+    assert _up_to_sharp_turn(reversing).tolist() == reversing[:3].tolist()
+    gentle = reversing[[0, 1, 2, 4]]
     assert sharpest_turn_rad(gentle) < MAX_CORNER_RAD
     assert _up_to_sharp_turn(gentle).tolist() == gentle.tolist()
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The assessment of a shared map measures the error of one robot's position relative to the other."""
+"""The assessment of a shared map measures the errors of the relative position and of the elevation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,12 @@ from cdff_common.errors import UnavailableError
 from cdff_common.raster.geometry import GridGeometry
 from cdff_common.types import ElevationMap
 from cdff_dev.missions import map_sharing
-from cdff_dev.missions.map_sharing import ElevationErrors, SharedMapErrors, height_errors, settled
+from cdff_dev.missions.map_sharing import (
+    ElevationErrors,
+    SharedMapErrors,
+    assess_shared_map,
+    elevation_errors,
+)
 from cdff_dev.missions.script import SharedMapLimits
 from cdff_dev.missions.tracks import RelativePositionErrors
 
@@ -23,14 +28,14 @@ SHARING = SharedMapLimits(
 )
 
 
-def test_robots_without_common_places_are_a_fault() -> None:
+def test_robots_whose_paths_are_nowhere_close_are_a_fault() -> None:
     position_errors = RelativePositionErrors(0, float("nan"), float("nan"))
     heights = ElevationErrors(1, 0.0, 0.0, 1.0)
     result = SharedMapErrors({"minnie/slam": 2}, 1, (position_errors, position_errors), (heights, heights))
     assert result.faults(SHARING) == ["the paths of the rovers are nowhere within 5 m of each other"]
 
 
-def test_an_error_above_the_bound_is_a_fault() -> None:
+def test_a_relative_position_error_above_its_limit_is_a_fault() -> None:
     heights = ElevationErrors(1, 0.0, 0.0, 1.0)
     result = SharedMapErrors(
         {"minnie/slam": 2},
@@ -48,14 +53,16 @@ def test_heights_are_compared_with_the_true_cell_around_each_centre() -> None:
     map_heights = heights[1:3, 1:3] + 0.25
     map_heights[0, 0] = np.nan
     layers = {"mean": map_heights}
-    dem = height_errors(
+    errors = elevation_errors(
         ElevationMap.from_layers(GridGeometry("site", 0.5, 0.5, 1.5, 2, 2), layers, t0_ns=0, t1_ns=1000),
         ElevationMap.from_layers(true, {"mean": heights}, t0_ns=0, t1_ns=1000),
     )
-    assert (dem.cells, dem.bias_m, dem.rms_m, dem.coverage) == (3, 0.25, 0.25, 0.75)
+    assert (errors.cells, errors.bias_m, errors.rms_m, errors.coverage) == (3, 0.25, 0.25, 0.75)
 
 
-def test_a_map_without_poses_of_a_robot_is_assessed_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_assessment_is_repeated_while_the_dpm_has_no_poses_of_a_robot(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     position_errors, heights = RelativePositionErrors(9, 0.01, 0.02), ElevationErrors(1, 0.0, 0.0, 1.0)
     merged = SharedMapErrors({"minnie/slam": 2}, 1, (position_errors, position_errors), (heights, heights))
     results: list[Any] = [UnavailableError("the DPM holds no poses of minnie"), merged]
@@ -68,4 +75,4 @@ def test_a_map_without_poses_of_a_robot_is_assessed_again(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(map_sharing, "_errors", errors)
     unused: Any = None
-    assert settled(SHARING, unused, Path("log"), unused, "") is merged
+    assert assess_shared_map(SHARING, unused, Path("log"), unused, "") is merged

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Motion along a commanded path: from rest to rest, on the path, below the speed limit, on the terrain."""
+"""Motion along a commanded path: it starts and ends at rest, stays on the path and keeps the speed limit."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cdff_dev.missions.motion import along, standing
+from cdff_dev.missions.motion import motion_along_path, motion_at_rest
 from cdff_dev.simulate.relief import Relief
 from cdff_dev.simulate.rover_motion import Motion, settle
 from cdff_dev.simulate.scenario import Chassis
@@ -26,7 +26,7 @@ PATHS = {
     "a right angle": [[0, 0], [4, 0], [4, 4]],
     "a short end": [[0, 0], [5, 0], [5, 0.5]],
     "a zigzag": [[0, 0], [2, 1], [4, -1], [6, 1], [8, -1]],
-    "a corner twice": [[0, 0], [2, 0], [2, 0], [4, 1]],
+    "a repeated corner": [[0, 0], [2, 0], [2, 0], [4, 1]],
 }
 
 
@@ -39,21 +39,21 @@ def motion_along(
     chassis: Chassis, smoothed_relief: Relief, path: Float, heading_rad: float
 ) -> tuple[Motion, Float]:
     """Return the motion along a path, and times from its start to its end."""
-    motion, end_s = along(path, heading_rad, SPEED_M_S, RAMP_S, chassis, smoothed_relief)
+    motion, end_s = motion_along_path(path, heading_rad, SPEED_M_S, RAMP_S, chassis, smoothed_relief)
     return motion, np.arange(0.0, end_s, 0.01)
 
 
 def wheel_centres(chassis: Chassis, motion: Motion, t_s: Float) -> Float:
-    """Return the centre between the wheels, (n, 2)."""
+    """Return the positions (n, 2) of the centre between the wheels, on the ground."""
     T = motion.poses(t_s)
     return T[:, :2, 3] - chassis.base_height_m * T[:, :2, 2]
 
 
 def distances_from_path(points: Float, path: Float) -> Float:
-    """Return the distances (n,) of points from a path of straight legs."""
+    """Return the distances (n,) of points (n, 2) from a path of straight legs."""
     legs = [(a, b - a) for a, b in pairwise(path) if np.linalg.norm(b - a) > 0]
     nearest = [a + np.clip((points - a) @ d / (d @ d), 0.0, 1.0)[:, None] * d for a, d in legs]
-    return np.min([np.linalg.norm(points - at, axis=1) for at in nearest], axis=0)
+    return np.min([np.linalg.norm(points - on_leg, axis=1) for on_leg in nearest], axis=0)
 
 
 @pytest.mark.parametrize("name", PATHS)
@@ -74,10 +74,10 @@ def test_the_motion_stays_on_the_given_path_through_each_corner(
 ) -> None:
     path = np.array(PATHS[name], dtype=np.float64)
     motion, t_s = motion_along(chassis, smoothed_relief, path, 0.0)
-    at = wheel_centres(chassis, motion, t_s)
-    assert distances_from_path(at, path).max() < 0.07
+    positions = wheel_centres(chassis, motion, t_s)
+    assert distances_from_path(positions, path).max() < 0.07
     for corner in path:
-        assert np.linalg.norm(at - corner, axis=1).min() < 0.10
+        assert np.linalg.norm(positions - corner, axis=1).min() < 0.10
 
 
 def test_a_gentle_corner_is_cut_by_less_than_five_centimetres(
@@ -125,17 +125,17 @@ def test_the_wheels_stay_on_the_ground(chassis: Chassis, smoothed_relief: Relief
         chassis, smoothed_relief, np.array(PATHS["a right angle"], dtype=np.float64), 0.0
     )
     T = motion.poses(t_s)
-    on = settle(
+    T_on_ground = settle(
         smoothed_relief, chassis, wheel_centres(chassis, motion, t_s), np.arctan2(T[:, 1, 0], T[:, 0, 0])
     )
-    assert T[:, 2, 3] == pytest.approx(on[:, 2, 3], abs=5e-3)
-    assert T[:, :3, 2] == pytest.approx(on[:, :3, 2], abs=0.02)
+    assert T[:, 2, 3] == pytest.approx(T_on_ground[:, 2, 3], abs=5e-3)
+    assert T[:, :3, 2] == pytest.approx(T_on_ground[:, :3, 2], abs=0.02)
     assert np.ptp(T[:, 2, 3]) > 0.02
 
 
 def test_a_rover_at_rest_does_not_move(world: World) -> None:
     T = world.motions["mana"].poses(np.zeros(1))[0]
-    motion, t_s = standing(T, 2.0), np.linspace(0.0, 2.0, 9)
+    motion, t_s = motion_at_rest(T, 2.0), np.linspace(0.0, 2.0, 9)
     assert motion.poses(t_s) == pytest.approx(np.tile(T, (9, 1, 1)), abs=1e-12)
     assert np.abs(motion.acceleration(t_s)).max() == pytest.approx(0.0, abs=1e-9)
     assert np.abs(motion.body_rates(t_s)).max() == pytest.approx(0.0, abs=1e-9)

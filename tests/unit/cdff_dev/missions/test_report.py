@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The report page has results, tasks, requests and resources, and escapes all texts."""
+"""The report page shows results, tasks, requests and resources, and escapes all texts."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ GO = GoTo(do="go_to", xy_m=(4.0, 1.0))
 
 
 class Page(HTMLParser):
-    """Texts and tags of a page, and the tags that are not closed."""
+    """Parsed page: its texts, its tags, and the tags that are still open."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
         self.texts: list[str] = []
-        self.seen: list[str] = []
+        self.tags: list[str] = []
         self.open: list[str] = []
         self.feed(text)
         self.close()
 
     def handle_starttag(self, tag: str, attrs: object) -> None:
-        self.seen.append(tag)
+        self.tags.append(tag)
         if tag in ("table", "svg", "h2"):
             self.open.append(tag)
 
@@ -97,10 +97,10 @@ def page(tmp_path: Path, content: Report) -> Page:
 def test_the_page_holds_map_paths_tasks_requests_and_resources(tmp_path: Path) -> None:
     content = page(tmp_path, report())
     assert not content.open
-    assert content.seen.count("svg") == 2
-    assert {"polyline", "ellipse", "image"} <= set(content.seen)
+    assert content.tags.count("svg") == 2
+    assert {"polyline", "ellipse", "image"} <= set(content.tags)
     for text in (
-        "5 poses, 4.0 m; off the truth: RMS 0.100 m",
+        "5 poses, 4.0 m; position error: RMS 0.100 m",
         "go_to (4, 1)",
         "4 s",
         "navigation_map",
@@ -116,7 +116,7 @@ def test_the_page_holds_map_paths_tasks_requests_and_resources(tmp_path: Path) -
 
 def test_texts_are_escaped(tmp_path: Path) -> None:
     content = page(tmp_path, report(("mana: <script>alert(1)</script>",), ("too <late>",)))
-    assert not {"script", "back", "b", "profile", "late"} & set(content.seen)
+    assert not {"script", "back", "b", "profile", "late"} & set(content.tags)
     for text in (
         "out & <back>",
         "Rock & roll <b>.",
@@ -135,4 +135,4 @@ def test_faults_are_on_the_page(tmp_path: Path) -> None:
 
 
 def test_without_tracks_there_is_no_map(tmp_path: Path) -> None:
-    assert "svg" not in page(tmp_path, replace(report(), tracks=[])).seen
+    assert "svg" not in page(tmp_path, replace(report(), tracks=[])).tags

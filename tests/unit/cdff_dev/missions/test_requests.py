@@ -9,15 +9,15 @@ from cdff_dev.missions import requests
 from cdff_dev.missions.script import TimedRequest
 
 
-def test_a_request_that_raises_counts_as_not_answered(
+def test_a_request_that_raises_an_error_has_an_outcome_with_that_fault(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def broken(ask: TimedRequest, *_: object) -> requests.Outcome:
-        if ask.type == "dem":
+    def send_with_a_bug(request: TimedRequest, *_: object) -> requests.Outcome:
+        if request.type == "dem":
             raise TypeError("a bug")
-        return requests.Outcome(ask, (), 0.0)
+        return requests.Outcome(request, (), 0.0)
 
-    monkeypatch.setattr(requests, "_send", broken)
+    monkeypatch.setattr(requests, "_send", send_with_a_bug)
     fields = {"at_s": 0, "robot": "mana", "max_age_s": 1, "deadline_ms": 1000}
     script = [TimedRequest(type=t, **fields) for t in ("pose", "dem")]
     reported: list[requests.Outcome] = []

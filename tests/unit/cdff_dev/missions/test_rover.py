@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tests of the simulated rover: its samples, its errors over several paths, and the commands it refuses."""
+"""A simulated rover produces consistent samples over several paths and refuses infeasible commands."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def rover(growing_log: GrowingLog) -> Rover:
 
 
 def samples_of_ticks(rover: Rover, first: int, last: int) -> dict[str, list[LogSample]]:
-    """Return the samples of ticks ``first`` to ``last - 1`` by stream."""
-    result = sorted(
+    """Return the samples of the ticks from ``first`` up to ``last - 1``, by stream."""
+    samples = sorted(
         (s for tick in range(first, last) for s in rover.samples(tick)), key=lambda s: (s.stream, s.seq)
     )
     return {
-        name.removeprefix("/mana/"): list(group) for name, group in groupby(result, key=lambda s: s.stream)
+        name.removeprefix("/mana/"): list(group) for name, group in groupby(samples, key=lambda s: s.stream)
     }
 
 
@@ -75,8 +75,8 @@ def test_an_imu_at_rest_measures_gravity_and_a_constant_bias(world: World, rover
     assert biases[1] == pytest.approx(biases[0], abs=2e-3)
     assert np.linalg.norm(rates[0]) > 5e-5
     assert rates[1] == pytest.approx(rates[0], abs=2e-4)
-    spread = np.std([s.value.acc for s in before], axis=0)
-    assert spread == pytest.approx(world.scenario.imu.acc_noise_m_s2_sqrt_hz * np.sqrt(20.0), rel=0.4)
+    noise = np.std([s.value.acc for s in before], axis=0)
+    assert noise == pytest.approx(world.scenario.imu.acc_noise_m_s2_sqrt_hz * np.sqrt(20.0), rel=0.4)
 
 
 @pytest.mark.req("CDFF-DEV-070")
@@ -93,10 +93,12 @@ def test_wheel_odometry_continues_over_legs_with_growing_covariance(rover: Rover
     variance_m2 = np.array([np.trace(s.value.transform.covariance[:2, :2]) for s in samples])
     assert np.diff(variance_m2).min() > -1e-6 * variance_m2[-1]
     assert variance_m2[-1] > variance_m2[len(variance_m2) // 2] > variance_m2[0]
-    turn = np.array([s.value.transform.covariance[5, 5] for s in samples])
-    assert turn[-1] > turn[0]
-    tilts = {round(float(s.value.transform.covariance[3, 3]), 3) for s in samples[len(samples) // 2 :]}
-    assert max(tilts) < 2.0 * 0.15**2  # added once and not for each leg
+    yaw_variance = np.array([s.value.transform.covariance[5, 5] for s in samples])
+    assert yaw_variance[-1] > yaw_variance[0]
+    tilt_variances = {
+        round(float(s.value.transform.covariance[3, 3]), 3) for s in samples[len(samples) // 2 :]
+    }
+    assert max(tilt_variances) < 2.0 * 0.15**2  # added once and not for each leg
 
 
 @pytest.mark.req("CDFF-DEV-070")
@@ -108,17 +110,15 @@ def test_the_ground_truth_follows_the_path(world: World, rover: Rover) -> None:
     assert true[0] == pytest.approx(start, abs=1e-6)
     c, s = start[:2, 0] / np.linalg.norm(start[:2, 0])
     height_m = world.scenario.chassis.base_height_m
-    at = true[:, :2, 3] - height_m * true[:, :2, 2] - (start[:2, 3] - height_m * start[:2, 2])
-    path_xy = at @ np.array([[c, -s], [s, c]])
+    from_start = true[:, :2, 3] - height_m * true[:, :2, 2] - (start[:2, 3] - height_m * start[:2, 2])
+    path_xy = from_start @ np.array([[c, -s], [s, c]])
     assert path_xy[-1] == pytest.approx([3.0, 1.0], abs=5e-3)
     assert np.linalg.norm(path_xy - [2.0, 0.0], axis=1).min() < 0.09
     assert path_xy[-5:] == pytest.approx(np.tile(path_xy[-1], (5, 1)), abs=1e-6)
     assert rover.pose() == pytest.approx(true[-1], abs=1e-6)
 
 
-def test_a_scan_at_rest_has_the_intersections_of_rays_and_terrain(
-    world: World, scene: Any, rover: Rover
-) -> None:
+def test_points_of_a_scan_at_rest_are_on_the_terrain(world: World, scene: Any, rover: Rover) -> None:
     import open3d as o3d
 
     model = world.scenario.lidar

@@ -34,11 +34,11 @@ def test_a_rover_whose_tasks_end_in_an_error_is_a_fault(
     stage: Any = SimpleNamespace(
         profile=profile, connect="tcp/127.0.0.1:1", http="127.0.0.1:1", check_running=lambda: None
     )
-    received: list[str] = []
-    _, unfinished, _ = mission_run._drive_all(mission, MissionClock(), 0, stage, received.append)
+    printed: list[str] = []
+    _, unfinished, _ = mission_run._drive_all(mission, MissionClock(), 0, stage, printed.append)
     (fault,) = unfinished
     assert reason in fault
-    assert received == [fault]
+    assert printed == [fault]
 
 
 def test_an_unanswered_request_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:

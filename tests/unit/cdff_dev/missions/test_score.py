@@ -11,7 +11,7 @@ import pytest
 
 from cdff_common.errors import UnavailableError
 from cdff_dev.missions.autonomy import Arrival
-from cdff_dev.missions.score import Score, located, reached
+from cdff_dev.missions.score import Score, goal_results, position_errors
 from cdff_dev.missions.script import Follow, GoTo, Meet, MissionLimits, Return
 from cdff_dev.missions.terrain import MapErrors, TerrainCrossed
 from cdff_dev.missions.tracks import Track, Truth
@@ -27,11 +27,11 @@ def truth(y_m: float = 0.0) -> Truth:
     return Truth(np.arange(11) * S, poses, np.eye(4))
 
 
-def track_with_errors(offsets_m: list[float], sigma_m: float = 0.1, begin_ns: int = S // 2) -> Track:
-    """Return estimated poses with these offsets to the left, at times halfway between the true poses."""
+def track_with_errors(offsets_m: list[float], sigma_m: float = 0.1, start_ns: int = S // 2) -> Track:
+    """Return estimated poses with these offsets to the left, one per second; by default between the true poses."""
     n = len(offsets_m)
     poses = np.tile(np.eye(4), (n, 1, 1))
-    stamps_ns = begin_ns + np.arange(n) * S
+    stamps_ns = start_ns + np.arange(n) * S
     poses[:, 0, 3], poses[:, 1, 3] = stamps_ns / S, offsets_m
     covariances = np.tile(sigma_m**2 * np.eye(3), (n, 1, 1))
     return Track("mana", stamps_ns, poses, covariances, truth())
@@ -39,30 +39,30 @@ def track_with_errors(offsets_m: list[float], sigma_m: float = 0.1, begin_ns: in
 
 @pytest.mark.req("CDFF-DEV-074")
 def test_position_errors_are_computed_from_ground_truth() -> None:
-    errors = located(track_with_errors([0.0, 0.3, 0.0, 0.1]))
+    errors = position_errors(track_with_errors([0.0, 0.3, 0.0, 0.1]))
     assert (errors.robot, errors.path_length_m) == ("mana", pytest.approx(10.0))
     assert errors.rms_m == pytest.approx(np.sqrt(0.10 / 4))
     assert (errors.largest_m, errors.last_m) == (pytest.approx(0.3), pytest.approx(0.1))
-    assert errors.share == pytest.approx(0.03)
+    assert errors.error_ratio == pytest.approx(0.03)
     assert "3.000% of the path" in str(errors)
 
 
-@pytest.mark.parametrize(("offset_m", "share"), [(0.37, 1.0), (0.38, 0.75)])
-def test_the_three_sigma_bound_is_that_of_three_dimensions(offset_m: float, share: float) -> None:
-    assert located(track_with_errors([0.0, 0.0, offset_m, 0.0])).within_three_sigma == share
+@pytest.mark.parametrize(("offset_m", "fraction"), [(0.37, 1.0), (0.38, 0.75)])
+def test_the_three_sigma_bound_is_that_of_three_dimensions(offset_m: float, fraction: float) -> None:
+    assert position_errors(track_with_errors([0.0, 0.0, offset_m, 0.0])).within_three_sigma == fraction
 
 
 def test_poses_outside_the_ground_truth_interval_are_not_scored() -> None:
-    assert located(track_with_errors([50.0, *[0.1] * 10, 50.0], begin_ns=-S // 2)).largest_m == pytest.approx(
-        0.1
-    )
+    assert position_errors(
+        track_with_errors([50.0, *[0.1] * 10, 50.0], start_ns=-S // 2)
+    ).largest_m == pytest.approx(0.1)
 
 
-def test_a_robot_without_ground_truth_in_its_interval_is_a_fault_with_both_intervals() -> None:
+def test_poses_without_ground_truth_at_their_time_are_an_error_with_both_intervals() -> None:
     with pytest.raises(
         UnavailableError, match="2 poses of mana from 20000000000 to 21000000000 ns, expected some"
     ):
-        located(track_with_errors([0.1, 0.1], begin_ns=20 * S))
+        position_errors(track_with_errors([0.1, 0.1], start_ns=20 * S))
 
 
 @pytest.mark.req("CDFF-DEV-074")
@@ -73,9 +73,9 @@ def test_a_goal_is_scored_by_the_true_position() -> None:
         Arrival("mana", Return(do="return"), 10 * S, (0.0, 0.0)),
         Arrival("mana", Meet(do="meet", robot="minnie", distance_m=3.0), 4 * S, (4.0, 5.0)),
     ]
-    arrivals_with_errors = list(reached(arrivals, {"mana": truth(), "minnie": truth(5.0)}))
-    assert [r.off_m for r in arrivals_with_errors] == pytest.approx([2.0, 10.0, 2.0])
-    assert [r.goal for r in arrivals_with_errors] == ["(10, 0)", "where it began", "3 m from minnie"]
+    results = list(goal_results(arrivals, {"mana": truth(), "minnie": truth(5.0)}))
+    assert [r.off_m for r in results] == pytest.approx([2.0, 10.0, 2.0])
+    assert [r.goal for r in results] == ["(10, 0)", "where it began", "3 m from minnie"]
 
 
 MAP_ERRORS = MapErrors(100, 0.01, 0.02, 0.02)
@@ -88,11 +88,11 @@ def score(
     elevation: MapErrors = MAP_ERRORS,
 ) -> Score:
     arrivals = [Arrival("mana", GO, 9 * S, (10.0, 0.0))]
-    over = TerrainCrossed("mana", 50, steepest_deg, highest_m, 0, 0, 20.0, 0.2)
+    terrain = TerrainCrossed("mana", 50, steepest_deg, highest_m, 0, 0, 20.0, 0.2)
     return Score(
-        (located(track_with_errors([0.0, 0.2])),),
-        tuple(reached(arrivals, {"mana": truth()})),
-        (over,),
+        (position_errors(track_with_errors([0.0, 0.2])),),
+        tuple(goal_results(arrivals, {"mana": truth()})),
+        (terrain,),
         elevation,
         unfinished,
     )
@@ -146,7 +146,7 @@ def test_each_fault_is_reported(result: Score, limits: MissionLimits, reason: st
     assert reason in fault
 
 
-def test_satisfied_checks_are_no_fault_and_an_unguided_path_is_not_scored() -> None:
+def test_satisfied_limits_are_no_fault_and_terrain_of_an_unguided_path_has_no_limits() -> None:
     assert (
         score(steepest_deg=24.9, highest_m=0.29).faults(
             MissionLimits(position_error_ratio=0.021, goal_m=1.01)
@@ -160,7 +160,7 @@ def test_satisfied_checks_are_no_fault_and_an_unguided_path_is_not_scored() -> N
 
 
 def test_optimistic_position_covariances_are_a_fault() -> None:
-    optimistic = located(track_with_errors([0.0, 0.3, 0.3, 0.0], sigma_m=0.05))
+    optimistic = position_errors(track_with_errors([0.0, 0.3, 0.3, 0.0], sigma_m=0.05))
     score = Score((optimistic,), (), (), MAP_ERRORS, ())
     (fault,) = score.faults(MissionLimits(position_error_ratio=None))
     assert fault == "mana: 50.0% of the poses within three sigmas, expected at least 95.0%"

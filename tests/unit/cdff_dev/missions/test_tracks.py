@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tracks: all pages of poses are read; the ground truth is transformed to the site; errors are computed."""
+"""Tracks: poses are read in pages; the ground truth is transformed to the site; errors are computed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,13 @@ from cdff_common.resources import deploy_folder
 from cdff_common.types import TransformWithCovariance
 from cdff_dev.logs import LogWriter
 from cdff_dev.missions import tracks
-from cdff_dev.missions.tracks import Track, Truth, placed_in_site, read_truth, relative_errors
+from cdff_dev.missions.tracks import (
+    Track,
+    Truth,
+    read_truth,
+    relative_position_errors,
+    transform_to_site,
+)
 
 S = 1_000_000_000
 STAMPS = [1000 * i for i in range(1, 26)]
@@ -76,24 +82,24 @@ def track(y_m: float, T_moved: FloatArray | None = None, off_m: float = 0.0) -> 
 
 def test_a_common_displacement_of_both_robots_is_not_an_error() -> None:
     T_displaced = se3.exp_se3([3.0, 1.0, 0.5, 0.1, 0.2, 1.0])
-    errors = relative_errors([track(0, T_displaced), track(2, T_displaced)], 5.0)
+    errors = relative_position_errors([track(0, T_displaced), track(2, T_displaced)], 5.0)
     assert errors.largest_m == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_displacement_of_one_robot_is_the_error_at_all_common_places() -> None:
+def test_a_displacement_of_one_robot_is_the_error_of_all_pairs_that_are_close() -> None:
     shift = se3.transform(np.eye(3), [0.3, 0.0, 0.4])
-    errors = relative_errors([track(0), track(2, shift)], 5.0)
+    errors = relative_position_errors([track(0), track(2, shift)], 5.0)
     assert errors.rms_m == pytest.approx(0.5)
     assert errors.pairs == sum(abs(i - j) <= np.sqrt(21) for i in range(8) for j in range(8))
 
 
 def test_a_track_states_its_errors_relative_to_the_truth() -> None:
-    assert "8 poses, 7.0 m; off the truth: RMS 0.300 m, last 0.300 m" in str(track(0.0, off_m=0.3))
+    assert "8 poses, 7.0 m; position error: RMS 0.300 m, last 0.300 m" in str(track(0.0, off_m=0.3))
 
 
 def test_a_track_without_ground_truth_is_reported_as_such() -> None:
-    unknown = Truth(np.zeros(0, dtype=np.int64), np.zeros((0, 4, 4)))
-    assert "no truth" in str(replace(track(0.0), truth=unknown))
+    no_truth = Truth(np.zeros(0, dtype=np.int64), np.zeros((0, 4, 4)))
+    assert "no ground truth" in str(replace(track(0.0), truth=no_truth))
 
 
 def test_the_ground_truth_is_transformed_to_the_site_of_the_profile(tmp_path: Path) -> None:
@@ -106,10 +112,12 @@ def test_the_ground_truth_is_transformed_to_the_site_of_the_profile(tmp_path: Pa
                 UncertainTransform(T), parent="site", child="mana/base", stamp_ns=i * S
             )
             log.write("/mana/truth.pose", value, i * S)
-    result = placed_in_site(read_truth(tmp_path / "truth", ["mana"]), profile)["mana"]
+    result = transform_to_site(read_truth(tmp_path / "truth", ["mana"]), profile)["mana"]
     assert result.path_length_m == pytest.approx(4.0)
-    assert result.at_m(S + 1) == pytest.approx(result.poses[1, :3, 3])
-    assert result.between(np.array([S // 2])) == pytest.approx(result.poses[:2, :3, 3].mean(0)[None])
+    assert result.position_at_m(S + 1) == pytest.approx(result.poses[1, :3, 3])
+    assert result.interpolated_positions_m(np.array([S // 2])) == pytest.approx(
+        result.poses[:2, :3, 3].mean(0)[None]
+    )
     start = result.T_site_world @ np.array([5.0, 7.0, 1.0, 1.0])
     assert result.poses[0, :3, 3] == pytest.approx(start[:3])
 
@@ -127,14 +135,14 @@ def test_an_assessment_is_repeated_until_it_is_possible_and_settled(
             raise result
         return result
 
-    assert tracks.settled_assessment(assess, lambda n: n == 1, wait_s=60.0) == 1
+    assert tracks.assess_until_settled(assess, lambda n: n == 1, wait_s=60.0) == 1
 
 
 def test_the_last_assessment_is_the_result() -> None:
-    assert tracks.settled_assessment(lambda: 9, lambda n: n == 1, wait_s=-1.0) == 9
+    assert tracks.assess_until_settled(lambda: 9, lambda n: n == 1, wait_s=-1.0) == 9
 
     def impossible() -> int:
         raise UnavailableError("the DPM holds no poses of mana")
 
     with pytest.raises(UnavailableError, match="no poses of mana"):
-        tracks.settled_assessment(impossible, lambda n: n == 1, wait_s=-1.0)
+        tracks.assess_until_settled(impossible, lambda n: n == 1, wait_s=-1.0)
