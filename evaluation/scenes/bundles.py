@@ -116,7 +116,7 @@ def ring(
 
 def cost(problem: BundleProblem) -> float:
     """Return the cost: half the sum of squared residuals, pixels²."""
-    return System.of(problem, 0, NO_LOSS, 1.0).residuals(System.first(problem))[3]
+    return System.of(problem, 0, NO_LOSS, 1.0).residuals(System.initial_estimate(problem))[3]
 
 
 def solve_with_ceres(

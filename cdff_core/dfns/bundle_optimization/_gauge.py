@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Gauge of a bundle: the motions of the whole problem that its observations do not constrain.
 
-Observations leave the position and rotation of the whole problem unconstrained and, for single images, its
-scale. Fixed cameras, fixed points and the prior reduce this freedom: one fixed camera leaves the scale, one
-fixed point scale and rotation, two fixed points the rotation about their line. The minimisation is free;
-afterwards all movable parts are moved together along the unconstrained motions, so that the first camera
-keeps its pose and the camera farthest from it its distance. Covariances are relative to this gauge.
+Observations do not constrain the position and rotation of the whole problem nor, for single images, its
+scale. Fixed cameras, fixed points and the prior reduce the number of unconstrained motions: with one fixed
+camera the scale remains, with one fixed point scale and rotation, with two fixed points the rotation about
+the line through them. The minimisation ignores the gauge. Afterwards all cameras and points that are not
+fixed are moved together by an unconstrained motion, so that the first camera keeps its initial pose and the
+camera farthest from it its initial distance. Covariances are relative to this gauge.
 """
 
 from __future__ import annotations
@@ -20,16 +21,17 @@ from cdff_common.geometry import se3
 from cdff_core.dfns.bundle_optimization._kernels import POSE
 from cdff_core.dfns.bundle_optimization._motions import (
     ROUNDING,
+    exp_similarity,
     null_motions,
     position_derivatives,
     rotation_of,
-    similarity,
-    transformed,
+    transform_offsets,
 )
 from cdff_core.dfns.bundle_optimization._system import Estimate, System
 
-_MOST_STEPS, _LEAST_STEP = 30, 1e-14
-#: Fixable quantities: rotation of the first camera, logarithm of the largest distance, position.
+_MAX_STEPS, _CONVERGED_STEP = 30, 1e-14
+#: Quantities that the gauge can fix: rotation of the first camera, logarithm of its distance from the distant
+#: camera, position of the first camera.
 _ROTATION, _SCALE, _POSITION = slice(0, 3), slice(3, 4), slice(4, 7)
 
 
@@ -39,14 +41,18 @@ class Gauge:
 
     Attributes
     ----------
-    camera, distant : int or None
-        Rows of the camera that keeps the unconstrained part of its pose, and of the one that keeps its
-        distance.
+    camera : int or None
+        Row of the first camera, which keeps the unconstrained components of its pose; None without
+        unconstrained motions.
+    distant : int or None
+        Row of the camera that keeps its distance from the first; None if the scale is constrained.
     free : ndarray, shape (k, 7)
-        Unconstrained motions x y z rx ry rz and logarithm of the scale, about ``centre``.
+        Basis of the unconstrained motions about ``centre``.
     fixed_combinations : ndarray, shape (k, 7)
-        Fixed combinations of the first camera's rotation, the logarithm of the distance, the camera's
-        position.
+        Linear combinations of the first camera's rotation, the logarithm of the distance and the first
+        camera's position that the gauge fixes, one for each unconstrained motion.
+    centre : ndarray, shape (3,)
+        Initial position of the first camera.
     """
 
     camera: int | None
@@ -56,114 +62,117 @@ class Gauge:
     centre: FloatArray
 
     @classmethod
-    def of(cls, system: System, first: Estimate) -> Gauge:
-        """Return the gauge of a problem."""
-        part = np.union1d(system.cam, system.prior.cameras)
-        moving = part[system.pose_column[part] >= 0]
-        fixed = np.setdiff1d(part, moving)
-        camera = int(fixed[0] if len(fixed) else part[0])
-        centre = first.c[camera].copy()
-        others = moving[moving != camera]
-        distances = np.linalg.norm(first.c[others] - centre, axis=1)
+    def of(cls, system: System, initial: Estimate) -> Gauge:
+        """Return the gauge of a problem at its initial estimate."""
+        constrained_cameras = np.union1d(system.cam, system.prior.cameras)
+        adjusted = constrained_cameras[system.pose_column[constrained_cameras] >= 0]
+        fixed = np.setdiff1d(constrained_cameras, adjusted)
+        camera = int(fixed[0] if len(fixed) else constrained_cameras[0])
+        centre = initial.c[camera].copy()
+        others = adjusted[adjusted != camera]
+        distances = np.linalg.norm(initial.c[others] - centre, axis=1)
         distant = int(others[np.argmax(distances)]) if len(others) and distances.max() > 0.0 else None
-        free = _free(system, first, fixed, centre)
-        changes, left, fixed_combinations = (
-            _changes(np.zeros(3), distant is not None),
-            free.T,
-            np.zeros((0, 7)),
-        )
-        for what in (_ROTATION, _SCALE, _POSITION):
-            U, values, V = np.linalg.svd(changes[what] @ left)
-            rank = int((values > ROUNDING * np.abs(left).max(initial=1.0)).sum())
+        unconstrained = _unconstrained_motions(system, initial, fixed, centre)
+        derivatives = _quantity_derivatives(np.zeros(3), has_distance=distant is not None)
+        remaining_motions, fixed_combinations = unconstrained.T, np.zeros((0, 7))
+        for quantity in (_ROTATION, _SCALE, _POSITION):
+            U, values, V = np.linalg.svd(derivatives[quantity] @ remaining_motions)
+            rank = int((values > ROUNDING * np.abs(remaining_motions).max(initial=1.0)).sum())
             rows = np.zeros((rank, 7))
-            rows[:, what] = U[:, :rank].T
-            fixed_combinations, left = np.concatenate([fixed_combinations, rows]), left @ V[rank:].T
-        sized = bool(fixed_combinations[:, _SCALE].any())
+            rows[:, quantity] = U[:, :rank].T
+            fixed_combinations = np.concatenate([fixed_combinations, rows])
+            remaining_motions = remaining_motions @ V[rank:].T
+        fixes_scale = bool(fixed_combinations[:, _SCALE].any())
         return cls(
-            camera if len(fixed_combinations) else None,
-            distant if sized else None,
-            free,
-            fixed_combinations,
-            centre,
+            camera=camera if len(fixed_combinations) else None,
+            distant=distant if fixes_scale else None,
+            free=unconstrained,
+            fixed_combinations=fixed_combinations,
+            centre=centre,
         )
 
     @property
     def fixes_pose(self) -> bool:
-        """Return whether the first camera keeps its whole pose."""
+        """Return whether the gauge fixes all six components of the first camera's pose."""
         return int((self.fixed_combinations[:, _SCALE] == 0.0).sum()) == POSE
 
-    def restored(self, system: System, first: Estimate, found: Estimate) -> Estimate:
-        """Return the estimate with all parts that are not fixed moved together into the gauge."""
+    def restore(self, system: System, initial: Estimate, estimate: Estimate) -> Estimate:
+        """Return the estimate after the motion that restores the initial values of the fixed quantities."""
         if self.camera is None:
-            return found
+            return estimate
         rows = [self.camera, self.camera if self.distant is None else self.distant]
-        (R0, c0), (R, c) = ((e.R[rows[0]], e.c[rows]) for e in (first, found))
-        whole = np.eye(4)
-        for _ in range(_MOST_STEPS):
-            at = self._moved(whole, c)
-            gaps = [float(np.linalg.norm(np.diff(x, axis=0))) for x in (c0, at)]
-            size = np.log(gaps[1] / gaps[0]) if min(gaps) > 0.0 else 0.0
-            off = np.concatenate([se3.log_so3(rotation_of(whole) @ R.T @ R0), [size], at[0] - c0[0]])
-            changes = _changes(at[0] - self.centre, self.distant is not None)
-            motion = (
-                -self.free.T
-                @ np.linalg.lstsq(
-                    self.fixed_combinations @ changes @ self.free.T, self.fixed_combinations @ off
-                )[0]
-            )
-            whole = similarity(motion) @ whole
-            if np.abs(motion).max() < _LEAST_STEP:
+        (R0, c0), (R, c) = ((e.R[rows[0]], e.c[rows]) for e in (initial, estimate))
+        similarity = np.eye(4)
+        for _ in range(_MAX_STEPS):
+            positions = self._transform(similarity, c)
+            distances = [float(np.linalg.norm(np.diff(x, axis=0))) for x in (c0, positions)]
+            log_ratio = np.log(distances[1] / distances[0]) if min(distances) > 0.0 else 0.0
+            rotation = se3.log_so3(rotation_of(similarity) @ R.T @ R0)
+            deviation = np.concatenate([rotation, [log_ratio], positions[0] - c0[0]])
+            derivatives = _quantity_derivatives(positions[0] - self.centre, self.distant is not None)
+            J = self.fixed_combinations @ derivatives @ self.free.T
+            motion = -self.free.T @ np.linalg.lstsq(J, self.fixed_combinations @ deviation)[0]
+            similarity = exp_similarity(motion) @ similarity
+            if np.abs(motion).max() < _CONVERGED_STEP:
                 break
-        loose, points = system.pose_column >= 0, system.held == 0
-        rotations, positions, X = found.R.copy(), found.c.copy(), found.X.copy()
-        rotations[loose] = rotations[loose] @ rotation_of(whole).T
-        positions[loose], X[points] = self._moved(whole, positions[loose]), self._moved(whole, X[points])
-        return replace(found, R=rotations, c=positions, X=X)
+        is_adjusted, is_point_adjusted = system.pose_column >= 0, system.point_fixed == 0
+        R_all, c_all, X = estimate.R.copy(), estimate.c.copy(), estimate.X.copy()
+        R_all[is_adjusted] = R_all[is_adjusted] @ rotation_of(similarity).T
+        c_all[is_adjusted] = self._transform(similarity, c_all[is_adjusted])
+        X[is_point_adjusted] = self._transform(similarity, X[is_point_adjusted])
+        return replace(estimate, R=R_all, c=c_all, X=X)
 
-    def fixed_directions(self, system: System, estimate: Estimate) -> FloatArray:
-        """Return the directions ``(k, size)`` along which covariances relative to the gauge are 0."""
+    def zero_variance_directions(self, system: System, estimate: Estimate) -> FloatArray:
+        """Return the directions ``(k, size)`` of steps in which the variance relative to the gauge is 0."""
         rows = np.zeros((len(self.fixed_combinations), system.size))
         if self.camera is None:
             return rows
-        own = int(system.pose_column[self.camera])
-        if own >= 0:
-            rows[:, own + 3 : own + 6] = self.fixed_combinations[:, _ROTATION]
-            rows[:, own : own + 3] = self.fixed_combinations[:, _POSITION]
+        camera_column = int(system.pose_column[self.camera])
+        if camera_column >= 0:
+            rows[:, camera_column + 3 : camera_column + 6] = self.fixed_combinations[:, _ROTATION]
+            rows[:, camera_column : camera_column + 3] = self.fixed_combinations[:, _POSITION]
         if self.distant is not None:
             offset = estimate.c[self.distant] - estimate.c[self.camera]
             along = self.fixed_combinations[:, _SCALE] * offset / (offset @ offset)
-            far = int(system.pose_column[self.distant])
-            rows[:, far : far + 3] += along
-            if own >= 0:
-                rows[:, own : own + 3] -= along
+            distant_column = int(system.pose_column[self.distant])
+            rows[:, distant_column : distant_column + 3] += along
+            if camera_column >= 0:
+                rows[:, camera_column : camera_column + 3] -= along
         return rows
 
-    def _moved(self, whole: FloatArray, positions: FloatArray) -> FloatArray:
-        return self.centre + transformed(whole, positions - self.centre)
+    def _transform(self, similarity: FloatArray, positions: FloatArray) -> FloatArray:
+        return self.centre + transform_offsets(similarity, positions - self.centre)
 
 
-def _changes(offset: FloatArray, sized: bool) -> FloatArray:
-    """Return the derivative ``(7, 7)`` of fixable quantities by motions, for a first camera at an offset."""
-    changes = np.zeros((7, 7))
-    changes[_ROTATION, 3:6] = np.eye(3)
-    changes[_SCALE, 6] = float(sized)
-    changes[_POSITION] = position_derivatives(offset[None])[0]
-    return changes
+def _quantity_derivatives(offset: FloatArray, has_distance: bool) -> FloatArray:
+    """Return the derivative ``(7, 7)`` of rotation, log distance and position by a motion.
+
+    ``offset`` is that of the first camera from the centre.
+    """
+    derivatives = np.zeros((7, 7))
+    derivatives[_ROTATION, 3:6] = np.eye(3)
+    derivatives[_SCALE, 6] = float(has_distance)
+    derivatives[_POSITION] = position_derivatives(offset[None])[0]
+    return derivatives
 
 
-def _free(system: System, first: Estimate, fixed: IntArray, centre: FloatArray) -> FloatArray:
-    """Return the motions ``(k, 7)`` not constrained by fixed cameras and points, prior or baselines."""
-    places = (
-        np.concatenate([first.c[fixed], first.X[(system.held != 0) & (np.diff(system.start) > 0)]]) - centre
-    )
-    unit = float(np.linalg.norm(np.concatenate([places, first.c - centre]), axis=1).max()) or 1.0
-    rows = [position_derivatives(places / unit).reshape(-1, 7)]
+def _unconstrained_motions(
+    system: System, initial: Estimate, fixed: IntArray, centre: FloatArray
+) -> FloatArray:
+    """Return a basis ``(k, 7)`` of the unconstrained motions.
+
+    Constraints are fixed cameras and points, the prior and the baselines of rectified pairs.
+    """
+    is_fixed_point = (system.point_fixed != 0) & (np.diff(system.start) > 0)
+    fixed_positions = np.concatenate([initial.c[fixed], initial.X[is_fixed_point]]) - centre
+    unit = float(np.linalg.norm(np.concatenate([fixed_positions, initial.c - centre]), axis=1).max()) or 1.0
+    constraints = [position_derivatives(fixed_positions / unit).reshape(-1, 7)]
     if len(fixed):
-        rows.append(np.eye(7)[3:6])
+        constraints.append(np.eye(7)[3:6])
     if not np.isnan(system.pixels[:, 2]).all():
-        rows.append(np.eye(7)[6:])
+        constraints.append(np.eye(7)[6:])
     if len(system.prior.cameras):
-        rows.append(system.prior.holds(first.R, first.c, centre, unit))
-    free = null_motions(np.concatenate(rows))
+        constraints.append(system.prior.constraint_rows(initial.R, initial.c, centre, unit))
+    free = null_motions(np.concatenate(constraints))
     free[:, :3] *= unit
     return free

@@ -1,6 +1,21 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled loops over observations: residuals, normal equations, Schur complement, back substitution."""
+"""Compiled loops over observations: residuals, normal equations, Schur complement, back substitution.
+
+Arguments of the loops, for m observations ordered by point, n cameras and p points:
+
+- ``cam, pt``: row of the camera and of the point of each observation, ``(m,)``;
+- ``pixels``: column, row and right-image column of each observation, ``(m, 3)``; NaN for a single image;
+- ``lens``: row of the lens of each camera, ``(n,)``;
+- ``R, c``: rotations from frame to camera ``(n, 3, 3)`` and positions of the cameras ``(n, 3)``;
+- ``V, X``: rows of ``BundleLenses.values`` and positions of the points ``(p, 3)``;
+- ``start``: first observation of each point, and the total number, ``(p + 1,)``;
+- ``columns (n, WIDTH, 2)``, ``count (n,)``: columns of the Jacobian that are adjusted for each camera: its
+  first ``count`` entries are pairs of a column of J and its column in H, ascending;
+- ``H, g``: normal matrix (lower triangle) and gradient of cameras and lenses;
+- ``Hp, gp``: the same of each point, ``(p, 3, 3)`` and ``(p, 3)``;
+- ``W``: coupling of the adjusted columns of each observation with its point, ``(m, WIDTH, 3)``.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +25,8 @@ from numba import njit
 from cdff_common.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from cdff_common.geometry.small_vectors import cross, rotated
 
-#: Columns of an observation: six of the pose (x y z rx ry rz in the frame), eight of the lens (f cx cy k1 k2
-#: k3 p1 p2). The order of the lens columns is not that of ``BundleLenses.values``.
+#: Columns of the Jacobian of an observation: six of the pose (x y z rx ry rz in the frame), eight of the lens
+#: (f cx cy k1 k2 k3 p1 p2). The order of the lens columns is not that of ``BundleLenses.values``.
 POSE, LENS = 6, 8
 WIDTH = POSE + LENS
 NO_LOSS, HUBER, CAUCHY = 0, 1, 2
@@ -19,7 +34,7 @@ NO_LOSS, HUBER, CAUCHY = 0, 1, 2
 
 @njit(cache=True, inline="always", error_model="numpy")
 def _project(R: FloatArray, c: FloatArray, v: FloatArray, X: FloatArray) -> tuple[float, ...]:
-    """Return depth, coordinates on the plane z = 1, squared norm, radial factor, distorted coordinates.
+    """Return depth z, coordinates a, b on the plane z = 1, a^2 + b^2, radial factor, distorted a, b.
 
     R: rotation from frame to camera; c: position of the camera; v: row of ``BundleLenses.values`` (fx fy cx
     cy k1 k2 p1 p2 k3 baseline); X: the point.
@@ -44,7 +59,7 @@ def _predict_pixels(R: FloatArray, c: FloatArray, v: FloatArray, X: FloatArray, 
 
 @njit(cache=True, inline="always", error_model="numpy")
 def _loss(kind: int, scale: float, s: float) -> tuple[float, float]:
-    """Return rho(s) and its derivative for the squared residual s."""
+    """Return the robust cost rho(s) and its derivative, the weight, for the squared residual s."""
     t = scale * scale
     if kind == HUBER and s > t:
         root = np.sqrt(s)
@@ -67,7 +82,9 @@ def residuals(
     kind: int,
     scale: float,
 ) -> tuple[FloatArray, FloatArray, float, float, int]:
-    """Return residuals ``(m, 3)``, weights, robust and plain cost, and number of points behind."""
+    """Return residuals ``(m, 3)``, weights ``(m,)``, robust cost, cost without robust loss, and the number of
+    observations of points behind their camera.
+    """
     m = len(cam)
     r, weights, out = np.zeros((m, 3)), np.ones(m), np.zeros(3)
     robust, plain, behind = 0.0, 0.0, 0
@@ -89,11 +106,15 @@ def residuals(
 def _derivatives(
     R: FloatArray, c: FloatArray, v: FloatArray, X: FloatArray, stereo: bool, J: FloatArray, A: FloatArray
 ) -> None:
-    """Compute derivatives of the prediction: J ``(3, WIDTH)`` by pose and lens, A ``(3, 3)`` by the point."""
+    """Write the derivatives of the prediction by pose and lens to J, by the point to A ``(3, 3)``.
+
+    J has the shape (3, WIDTH); its rows are column, row and right-image column.
+    """
     d0, d1, d2 = X[0] - c[0], X[1] - c[1], X[2] - c[2]
     z, a, b, r2, s, u, w = _project(R, c, v, X)
     iz = 1.0 / z
-    ds = v[4] + r2 * (2.0 * v[5] + 3.0 * r2 * v[8])  # by r2
+    ds = v[4] + r2 * (2.0 * v[5] + 3.0 * r2 * v[8])  # derivative of s by r2
+    # Derivatives of the distorted coordinates u, w by a, b; that of u by b equals that of w by a.
     uu = s + 2.0 * a * a * ds + 2.0 * v[6] * b + 6.0 * v[7] * a
     uw = 2.0 * a * b * ds + 2.0 * v[6] * a + 2.0 * v[7] * b
     ww = s + 2.0 * b * b * ds + 6.0 * v[6] * b + 2.0 * v[7] * a
@@ -122,7 +143,7 @@ def _derivatives(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def linearised(
+def linearise(
     cam: IntArray,
     pt: IntArray,
     pixels: FloatArray,
@@ -135,15 +156,12 @@ def linearised(
     count: IntArray,
     r: FloatArray,
     weights: FloatArray,
-    held: ByteArray,
+    point_fixed: ByteArray,
     size: int,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return the normal equations: H ``(size, size)`` (lower half) and g of cameras and lenses, blocks and
-    gradient of the points.
+    """Return the normal equations H, g, Hp, gp and W for given residuals and weights.
 
-    ``columns (n, WIDTH)`` holds the adjusted columns of each camera's observations, the first ``count`` of
-    them, as pairs: ``columns[i, :, 0]`` in J, ``columns[i, :, 1]`` in H, ascending. W ``(m, WIDTH, 3)``
-    couples the columns of each observation with its point.
+    ``size`` is the number of adjusted columns of cameras and lenses; the entries of fixed points are 0.
     """
     m = len(cam)
     H, g = np.zeros((size, size)), np.zeros(size)
@@ -163,11 +181,11 @@ def linearised(
                 wj = w * jq
                 for s in range(q + 1):
                     H[hq, columns[i, s, 1]] += wj * J[row, columns[i, s, 0]]
-                if not held[p]:
+                if not point_fixed[p]:
                     W[k, q, 0] += wj * A[row, 0]
                     W[k, q, 1] += wj * A[row, 1]
                     W[k, q, 2] += wj * A[row, 2]
-            if not held[p]:
+            if not point_fixed[p]:
                 for a in range(3):
                     gp[p, a] += A[row, a] * e
                     for b in range(3):
@@ -176,8 +194,8 @@ def linearised(
 
 
 @njit(cache=True, inline="always", error_model="numpy")
-def inverted(M: FloatArray, out: FloatArray) -> bool:
-    """Compute the inverse of a symmetric positive definite 3x3 matrix; return False if it is singular."""
+def invert_3x3(M: FloatArray, out: FloatArray) -> bool:
+    """Write the inverse of a symmetric positive definite matrix to ``out``; return False if singular."""
     a, b, c, d, e, f = M[0, 0], M[0, 1], M[0, 2], M[1, 1], M[1, 2], M[2, 2]
     x, y, z = d * f - e * e, c * e - b * f, b * e - c * d
     determinant = a * x + b * y + c * z
@@ -192,7 +210,7 @@ def inverted(M: FloatArray, out: FloatArray) -> bool:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def reduced(
+def eliminate_points(
     start: IntArray,
     cam: IntArray,
     columns: IntArray,
@@ -204,13 +222,13 @@ def reduced(
     W: FloatArray,
     damping: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
-    """Return the Schur complement of the points: S (lower half), its right side, the inverses of the points'
-    blocks and which blocks are regular.
+    """Return the Schur complement S of the points (lower triangle), its right-hand side, the inverses of Hp,
+    and which points have a regular block.
 
-    ``damping`` is the factor by which each diagonal element is increased.
+    The diagonal of H and Hp is multiplied by ``1 + damping``.
     """
     S, b, inverses = H.copy(), g.copy(), np.zeros_like(Hp)
-    fine = np.zeros(len(Hp), np.bool_)
+    is_regular = np.zeros(len(Hp), np.bool_)
     for i in range(len(S)):
         S[i, i] += damping * min(max(S[i, i], 1e-6), 1e32)
     M, Y = np.zeros((3, 3)), np.zeros((WIDTH, 3))
@@ -219,8 +237,8 @@ def reduced(
         for i in range(3):
             M[i, i] += damping * min(max(M[i, i], 1e-6), 1e32)
         inv = inverses[p]
-        fine[p] = inverted(M, inv)
-        if not fine[p]:
+        is_regular[p] = invert_3x3(M, inv)
+        if not is_regular[p]:
             continue
         for k in range(start[p], start[p + 1]):
             i = cam[k]
@@ -228,7 +246,7 @@ def reduced(
                 for a in range(3):
                     Y[q, a] = W[k, q, 0] * inv[0, a] + W[k, q, 1] * inv[1, a] + W[k, q, 2] * inv[2, a]
                 b[columns[i, q, 1]] -= Y[q, 0] * gp[p, 0] + Y[q, 1] * gp[p, 1] + Y[q, 2] * gp[p, 2]
-            for l in range(start[p], k + 1):  # noqa: E741  the other observation of the point
+            for l in range(start[p], k + 1):  # noqa: E741  another observation of the same point
                 j = cam[l]
                 for q in range(count[i]):
                     hq = columns[i, q, 1]
@@ -242,7 +260,7 @@ def reduced(
                             S[hs, hq] -= value
                         else:
                             S[hq, hq] -= value if l == k else 2.0 * value
-    return S, b, inverses, fine
+    return S, b, inverses, is_regular
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -256,7 +274,7 @@ def point_steps(
     inverses: FloatArray,
     step: FloatArray,
 ) -> FloatArray:
-    """Return the steps ``(p, 3)`` of the points for a given step of cameras and lenses."""
+    """Return the steps ``(p, 3)`` of the points that belong to a step of cameras and lenses."""
     out = np.zeros_like(gp)
     for p in range(len(gp)):
         b0, b1, b2 = -gp[p, 0], -gp[p, 1], -gp[p, 2]
@@ -281,19 +299,22 @@ def point_covariances(
     count: IntArray,
     W: FloatArray,
     inverses: FloatArray,
-    fine: BoolArray,
+    is_regular: BoolArray,
     C: FloatArray,
 ) -> FloatArray:
-    """Return covariances ``(p, 3, 3)`` of points from that of cameras and lenses C; NaN where undefined."""
+    """Return the covariances ``(p, 3, 3)`` of the points, NaN if undefined.
+
+    C is the covariance of cameras and lenses.
+    """
     out = np.full((len(inverses), 3, 3), np.nan)
     Z, M = np.zeros((3, 3)), np.zeros((3, 3))
     for p in range(len(inverses)):
-        if not fine[p]:
+        if not is_regular[p]:
             continue
         Z[:] = 0.0
         for k in range(start[p], start[p + 1]):
             i = cam[k]
-            for l in range(start[p], start[p + 1]):  # noqa: E741  the other observation of the point
+            for l in range(start[p], start[p + 1]):  # noqa: E741  another observation of the same point
                 j = cam[l]
                 for q in range(count[i]):
                     t0, t1, t2 = 0.0, 0.0, 0.0

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Marginalisation of dropped cameras and of the points they observed to a prior on the remaining cameras.
+"""Marginalisation of dropped cameras, and of the points they observed, to a prior on the remaining cameras.
 
 Sibley, Matthies, Sukhatme (2010), Sliding window filter, doi:10.1002/rob.20360; Triggs et al. (2000) §6.1 for
 the Schur complement.
@@ -22,45 +22,58 @@ from cdff_core.dfns.bundle_optimization._prior import scales
 from cdff_core.dfns.bundle_optimization._system import System
 
 
-def marginalised(problem: BundleProblem, dropped: IntArray, loss: int, scale: float) -> BundleProblem:
-    """Return the problem without the dropped cameras and their points; their observations become a prior.
+def marginalise(problem: BundleProblem, dropped: IntArray, loss: int, scale: float) -> BundleProblem:
+    """Return the problem without the dropped cameras and the points they observed.
 
-    The linearisation point is the problem's estimate; lenses are treated as known. Raises InputError if a
-    camera does not exist or none remains.
+    All observations of these points and the previous prior are absorbed by the new prior. It is linearised at
+    the poses of the problem; lenses are treated as known. Raises InputError if ``dropped`` is empty, contains
+    a camera that does not exist, or contains all cameras.
     """
     missing = np.setdiff1d(dropped, problem.cameras.ids)
-    gone = np.isin(problem.cameras.ids, dropped)
-    if missing.size or gone.all() or not gone.any():
+    is_dropped = np.isin(problem.cameras.ids, dropped)
+    if missing.size or is_dropped.all() or not is_dropped.any():
         raise InputError(
             f"dropped {dropped.tolist()}: expected ids of cameras of the problem, and at least one "
             "remaining camera"
         )
-    seen = problem.observations
-    lost = np.zeros(len(problem.points.ids), bool)
-    lost[seen.points[gone[seen.cameras]]] = True
-    theirs = lost[seen.points]
-    part = replace(problem, observations=_only(seen, theirs))
-    system = System.of(part, 0, loss, scale)
-    at = System.first(part)
-    r, weights, *_ = system.residuals(at)
-    S, b, _, _ = system.reduced(system.normal(at, r, weights), 0.0)
+    observations = problem.observations
+    is_point_dropped = np.zeros(len(problem.points.ids), bool)
+    is_point_dropped[observations.points[is_dropped[observations.cameras]]] = True
+    is_absorbed = is_point_dropped[observations.points]
+    absorbed = replace(problem, observations=_select(observations, is_absorbed))
+    system = System.of(absorbed, 0, loss, scale)
+    estimate = System.initial_estimate(absorbed)
+    r, weights, *_ = system.residuals(estimate)
+    S, b, _, _ = system.eliminate_points(system.normal(estimate, r, weights), 0.0)
     S = np.tril(S) + np.tril(S, -1).T
-    away, stay = (system.pose_column[rows & (system.pose_column >= 0)] for rows in (gone, ~gone))
-    out, keep = ((c[:, None] + np.arange(POSE)).reshape(-1) for c in (away, stay))
-    gain = np.linalg.pinv(S[np.ix_(out, out)], rcond=1e-13, hermitian=True) if len(out) else np.zeros((0, 0))
-    H = S[np.ix_(keep, keep)] - S[np.ix_(keep, out)] @ gain @ S[np.ix_(out, keep)]
-    gradient = b[keep] - S[np.ix_(keep, out)] @ gain @ b[out]
-    stays = ~gone & (system.pose_column >= 0)
-    H, gradient = _without_motions(H, gradient, Gauge.of(system, at), at.c[stays])
+    is_prior_camera = ~is_dropped & (system.pose_column >= 0)
+    out = _pose_columns(system, is_dropped & (system.pose_column >= 0))
+    keep = _pose_columns(system, is_prior_camera)
+    dropped_inverse = (
+        np.linalg.pinv(S[np.ix_(out, out)], rcond=1e-13, hermitian=True) if len(out) else np.zeros((0, 0))
+    )
+    H = S[np.ix_(keep, keep)] - S[np.ix_(keep, out)] @ dropped_inverse @ S[np.ix_(out, keep)]
+    gradient = b[keep] - S[np.ix_(keep, out)] @ dropped_inverse @ b[out]
+    H, gradient = _remove_gauge_information(
+        H, gradient, Gauge.of(system, estimate), estimate.c[is_prior_camera]
+    )
     cameras = problem.cameras
-    prior = BundlePrior(cameras.ids[stays], cameras.poses[stays], H.reshape(-1), gradient)
-    return _without(problem, gone, lost, theirs, prior)
+    prior = BundlePrior(cameras.ids[is_prior_camera], cameras.poses[is_prior_camera], H.reshape(-1), gradient)
+    return _remove(problem, is_dropped, is_point_dropped, is_absorbed, prior)
 
 
-def _without_motions(
+def _pose_columns(system: System, is_selected: BoolArray) -> IntArray:
+    """Return the columns of the poses of the selected cameras, six for each."""
+    return np.asarray((system.pose_column[is_selected, None] + np.arange(POSE)).reshape(-1))
+
+
+def _remove_gauge_information(
     H: FloatArray, gradient: FloatArray, gauge: Gauge, c: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Remove information about unconstrained motions of the whole problem, which is rounding noise."""
+    """Return H and gradient without information about unconstrained motions, which is rounding noise.
+
+    c ``(k, 3)`` are the positions of the cameras of H ``(6k, 6k)``.
+    """
     if not len(c):
         return H, gradient
     scale = scales(H)
@@ -70,26 +83,38 @@ def _without_motions(
     return 0.5 * (H + H.T), P.T @ gradient
 
 
-def _only(seen: BundleObservations, mask: BoolArray) -> BundleObservations:
-    return BundleObservations(seen.cameras[mask], seen.points[mask], seen.pixels[mask])
+def _select(observations: BundleObservations, mask: BoolArray) -> BundleObservations:
+    """Return the observations selected by a mask."""
+    return BundleObservations(
+        observations.cameras[mask], observations.points[mask], observations.pixels[mask]
+    )
 
 
-def _without(
+def _remove(
     problem: BundleProblem,
-    gone: BoolArray,
-    lost: BoolArray,
-    theirs: BoolArray,
+    is_dropped: BoolArray,
+    is_point_dropped: BoolArray,
+    is_absorbed: BoolArray,
     prior: BundlePrior,
 ) -> BundleProblem:
-    c, p, seen = problem.cameras, problem.points, _only(problem.observations, ~theirs)
-    camera_row, point_row = np.cumsum(~gone) - 1, np.cumsum(~lost) - 1
+    """Return the problem with a new prior, without dropped cameras and points and absorbed observations."""
+    c, p, observations = problem.cameras, problem.points, _select(problem.observations, ~is_absorbed)
+    camera_row, point_row = np.cumsum(~is_dropped) - 1, np.cumsum(~is_point_dropped) - 1
     return BundleProblem(
         problem.metadata,
-        BundleCameras(c.ids[~gone], c.stamps[~gone], c.poses[~gone], c.lenses[~gone], c.fixed[~gone]),
+        BundleCameras(
+            c.ids[~is_dropped],
+            c.stamps[~is_dropped],
+            c.poses[~is_dropped],
+            c.lenses[~is_dropped],
+            c.fixed[~is_dropped],
+        ),
         problem.lenses,
-        BundlePoints(p.ids[~lost], p.positions[~lost], p.fixed[~lost]),
+        BundlePoints(p.ids[~is_point_dropped], p.positions[~is_point_dropped], p.fixed[~is_point_dropped]),
         BundleObservations(
-            camera_row[seen.cameras].astype(np.uint32), point_row[seen.points].astype(np.uint32), seen.pixels
+            camera_row[observations.cameras].astype(np.uint32),
+            point_row[observations.points].astype(np.uint32),
+            observations.pixels,
         ),
         prior,
     )

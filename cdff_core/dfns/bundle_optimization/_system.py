@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bundle as arrays ordered by point, its columns, and its normal equations at an estimate."""
+"""Bundle adjustment problem as arrays ordered by point, and its residuals and normal equations."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,17 +14,35 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.types import BundleProblem
 from cdff_common.types.bundle_ext import FOCAL, K1, K2, K3, PRINCIPAL_POINT, TANGENTIAL
-from cdff_core.dfns.bundle_optimization._kernels import LENS, POSE, WIDTH, linearised, reduced, residuals
+from cdff_core.dfns.bundle_optimization._kernels import (
+    LENS,
+    POSE,
+    WIDTH,
+    eliminate_points,
+    linearise,
+    residuals,
+)
 from cdff_core.dfns.bundle_optimization._prior import Prior
 
-#: Flags of the eight columns of a lens (f cx cy k1 k2 k3 p1 p2), and their indices in the values of a lens.
+#: For each of the eight columns of a lens (f cx cy k1 k2 k3 p1 p2): the flag that adjusts it, and its index
+#: in ``BundleLenses.values``.
 _FLAGS = np.array([FOCAL, PRINCIPAL_POINT, PRINCIPAL_POINT, K1, K2, K3, TANGENTIAL, TANGENTIAL])
 _VALUE_INDEX = np.array([0, 2, 3, 4, 5, 8, 6, 7])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """Rotations to camera ``(n, 3, 3)``, positions ``(n, 3)``, lenses ``(l, 10)``, points ``(p, 3)``."""
+    """Values of all variables.
+
+    Attributes
+    ----------
+    R, c : ndarray, shape (n, 3, 3), (n, 3)
+        Rotations from frame to camera, positions of the cameras.
+    lenses : ndarray, shape (l, 10)
+        Rows of ``BundleLenses.values``.
+    X : ndarray, shape (p, 3)
+        Positions of the points.
+    """
 
     R: FloatArray
     c: FloatArray
@@ -32,13 +50,36 @@ class Estimate:
     X: FloatArray
 
     def matrices(self) -> FloatArray:
-        """``T_frame_camera (n, 4, 4)``."""
+        """Return ``T_frame_camera (n, 4, 4)``."""
         return se3.transform(np.swapaxes(self.R, 1, 2), self.c)
 
 
+class Residuals(NamedTuple):
+    """Residuals and costs of an estimate.
+
+    Attributes
+    ----------
+    residuals, weights : ndarray, shape (m, 3), (m,)
+        Predicted minus observed coordinates in pixels and weights of the robust loss.
+    minimised_cost, plain_cost : float
+        Half the sum of squared residuals with robust loss and prior, and without both.
+    behind : int
+        Number of observations of points behind their camera.
+    """
+
+    residuals: FloatArray
+    weights: FloatArray
+    minimised_cost: float
+    plain_cost: float
+    behind: int
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Normal:
-    """Normal equations of cameras and lenses, of points, and their coupling."""
+class NormalEquations:
+    """Normal equations of cameras and lenses (H, g), of points (Hp, gp), and their coupling (W).
+
+    See ``_kernels`` for the shapes.
+    """
 
     H: FloatArray
     g: FloatArray
@@ -49,18 +90,22 @@ class Normal:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class System:
-    """Constant data of an adjustment.
+    """Constant data of an adjustment; see ``_kernels`` for the arrays not listed here.
 
     Attributes
     ----------
     order : ndarray, shape (m,)
-        Rows of the problem's observations, by point.
-    start : ndarray, shape (p + 1,)
-        First observation of each point.
-    columns : ndarray, shape (n, WIDTH, 2)
-        Columns of each camera's observations, in J and in H; the first ``count`` are used.
+        Row in the problem of each observation; observations are ordered by point.
     pose_column, lens_columns : ndarray, shape (n,), (l, 8)
-        First column in H of a pose, columns of a lens; -1 where fixed.
+        Column in H of the first of six pose components, and of each lens parameter; -1 if fixed.
+    size : int
+        Number of columns of H: adjusted components of poses and lenses.
+    point_fixed : ndarray, shape (p,)
+        Not 0 for points that are not adjusted.
+    loss, scale : int and float
+        Robust loss of ``_kernels`` and its scale in pixels.
+    prior_columns : ndarray, shape (6k,)
+        Columns in H of the cameras of the prior.
     """
 
     order: IntArray
@@ -74,70 +119,77 @@ class System:
     pose_column: IntArray
     lens_columns: IntArray
     size: int
-    held: ByteArray
+    point_fixed: ByteArray
     loss: int
     scale: float
     prior_columns: IntArray
     prior: Prior
 
     @classmethod
-    def of(cls, problem: BundleProblem, free: int | None, loss: int, scale: float) -> System:
-        """Return the system of a problem; ``free`` overrides the flags of the lenses. Raises InputError."""
-        cameras, points, seen = problem.cameras, problem.points, problem.observations
-        finite = np.isfinite(seen.pixels[:, :2]).all() and np.isfinite(points.positions).all()
-        prior_residuals = len(seen.cameras) or len(problem.prior.cameras)
-        if not prior_residuals or not finite or not (problem.lenses.values[:, :2] > 0.0).all():
+    def of(cls, problem: BundleProblem, lens_flags: int | None, loss: int, scale: float) -> System:
+        """Return the system of a problem.
+
+        ``lens_flags`` replaces the flags of adjusted parameters of all lenses. Raises InputError if the
+        problem has neither observations nor a prior, or invalid numbers.
+        """
+        cameras, points, observations = problem.cameras, problem.points, problem.observations
+        finite = np.isfinite(observations.pixels[:, :2]).all() and np.isfinite(points.positions).all()
+        has_residuals = len(observations.cameras) or len(problem.prior.cameras)
+        if not has_residuals or not finite or not (problem.lenses.values[:, :2] > 0.0).all():
             raise InputError(
                 "problem: expected observations or a prior, finite pixels and points, focal lengths above 0"
             )
-        order = np.argsort(seen.points, kind="stable")
+        order = np.argsort(observations.points, kind="stable")
         flags = (
-            np.full(len(problem.lenses.values), free)
-            if free is not None
+            np.full(len(problem.lenses.values), lens_flags)
+            if lens_flags is not None
             else problem.lenses.free.astype(np.int64)
         )
         n = len(cameras.ids)
         pose_column = np.full(n, -1, np.int64)
-        moving = np.flatnonzero(cameras.fixed == 0)
-        pose_column[moving] = POSE * np.arange(len(moving))
-        open_ = (flags[:, None] & _FLAGS) != 0
-        used = np.zeros(len(flags), bool)
-        used[cameras.lenses[np.unique(seen.cameras)]] = True
-        open_ &= used[:, None]
+        adjusted_cameras = np.flatnonzero(cameras.fixed == 0)
+        pose_column[adjusted_cameras] = POSE * np.arange(len(adjusted_cameras))
+        is_adjusted = (flags[:, None] & _FLAGS) != 0
+        is_used = np.zeros(len(flags), bool)
+        is_used[cameras.lenses[np.unique(observations.cameras)]] = True
+        is_adjusted &= is_used[:, None]
         lens_columns = np.full((len(flags), LENS), -1, np.int64)
-        lens_columns[open_] = POSE * len(moving) + np.arange(int(open_.sum()))
-        size = POSE * len(moving) + int(open_.sum())
+        lens_columns[is_adjusted] = POSE * len(adjusted_cameras) + np.arange(int(is_adjusted.sum()))
+        size = POSE * len(adjusted_cameras) + int(is_adjusted.sum())
         columns, count = np.zeros((n, WIDTH, 2), np.int64), np.zeros(n, np.int64)
         for i in range(n):
-            own = [(j, pose_column[i] + j) for j in range(POSE)] if pose_column[i] >= 0 else []
-            own += [(POSE + j, col) for j, col in enumerate(lens_columns[cameras.lenses[i]]) if col >= 0]
-            columns[i, : len(own)], count[i] = np.array(own, np.int64).reshape(-1, 2), len(own)
+            column_pairs = [(j, pose_column[i] + j) for j in range(POSE)] if pose_column[i] >= 0 else []
+            column_pairs += [
+                (POSE + j, col) for j, col in enumerate(lens_columns[cameras.lenses[i]]) if col >= 0
+            ]
+            count[i] = len(column_pairs)
+            columns[i, : count[i]] = np.array(column_pairs, np.int64).reshape(-1, 2)
         prior = Prior.of(problem)
         if (pose_column[prior.cameras] < 0).any():
             raise InputError("problem: a camera of the prior is fixed")
         prior_columns = (pose_column[prior.cameras, None] + np.arange(POSE)).reshape(-1)
-        pt = seen.points[order].astype(np.int64)
+        pt = observations.points[order].astype(np.int64)
         return cls(
-            order,
-            np.r_[0, np.cumsum(np.bincount(pt, minlength=len(points.ids)))].astype(np.int64),
-            seen.cameras[order].astype(np.int64),
-            pt,
-            np.ascontiguousarray(seen.pixels[order]),
-            cameras.lenses.astype(np.int64),
-            columns,
-            count,
-            pose_column,
-            lens_columns,
-            size,
-            np.array(points.fixed),
-            loss,
-            scale,
-            prior_columns,
-            prior,
+            order=order,
+            start=np.r_[0, np.cumsum(np.bincount(pt, minlength=len(points.ids)))].astype(np.int64),
+            cam=observations.cameras[order].astype(np.int64),
+            pt=pt,
+            pixels=np.ascontiguousarray(observations.pixels[order]),
+            lens=cameras.lenses.astype(np.int64),
+            columns=columns,
+            count=count,
+            pose_column=pose_column,
+            lens_columns=lens_columns,
+            size=size,
+            point_fixed=np.array(points.fixed),
+            loss=loss,
+            scale=scale,
+            prior_columns=prior_columns,
+            prior=prior,
         )
 
     @staticmethod
-    def first(problem: BundleProblem) -> Estimate:
+    def initial_estimate(problem: BundleProblem) -> Estimate:
         """Return the initial estimate of a problem."""
         T = problem.cameras.matrices
         return Estimate(
@@ -150,20 +202,19 @@ class System:
     def _arrays(self, e: Estimate) -> Any:
         return self.cam, self.pt, self.pixels, self.lens, e.R, e.c, e.lenses, e.X
 
-    def residuals(self, e: Estimate) -> tuple[FloatArray, FloatArray, float, float, int]:
-        """Return residuals, weights, robust cost and plain cost, and the number of points behind their
-        camera.
-
-        The robust cost includes the prior, the plain one does not.
-        """
-        r, weights, robust, plain, behind = residuals(*self._arrays(e), self.loss, self.scale)  # type: ignore[call-arg]
+    def residuals(self, e: Estimate) -> Residuals:
+        """Return the residuals and costs of an estimate."""
+        r, weights, robust, plain, behind = residuals(  # type: ignore[call-arg]
+            *self._arrays(e), self.loss, self.scale
+        )
         prior_residuals, _ = self.prior.residuals(e.R, e.c)
-        return r, weights, robust + 0.5 * float(prior_residuals @ prior_residuals), plain, behind
+        prior_cost = 0.5 * float(prior_residuals @ prior_residuals)
+        return Residuals(r, weights, robust + prior_cost, plain, behind)
 
-    def normal(self, e: Estimate, r: FloatArray, weights: FloatArray) -> Normal:
-        """Return the normal equations with the prior."""
-        H, g, Hp, gp, W = linearised(  # type: ignore[call-arg]
-            *self._arrays(e), self.columns, self.count, r, weights, self.held, self.size
+    def normal(self, e: Estimate, r: FloatArray, weights: FloatArray) -> NormalEquations:
+        """Return the normal equations at an estimate, including the prior."""
+        H, g, Hp, gp, W = linearise(  # type: ignore[call-arg]
+            *self._arrays(e), self.columns, self.count, r, weights, self.point_fixed, self.size
         )
         if len(self.prior_columns):
             prior_residuals, prior_derivatives = self.prior.residuals(e.R, e.c)
@@ -171,22 +222,25 @@ class System:
             H[np.ix_(self.prior_columns, self.prior_columns)] += np.tril(
                 prior_derivatives.T @ prior_derivatives
             )
-        return Normal(H, g, Hp, gp, W)
+        return NormalEquations(H, g, Hp, gp, W)
 
-    def reduced(self, normal: Normal, damping: float) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
-        """Return the Schur complement of the points."""
-        n = normal
-        return reduced(self.start, self.cam, self.columns, self.count, n.H, n.g, n.Hp, n.gp, n.W, damping)
+    def eliminate_points(
+        self, n: NormalEquations, damping: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+        """Return the Schur complement of the points, see ``_kernels.eliminate_points``."""
+        return eliminate_points(
+            self.start, self.cam, self.columns, self.count, n.H, n.g, n.Hp, n.gp, n.W, damping
+        )
 
-    def moved(self, e: Estimate, step: FloatArray, point_step: FloatArray) -> Estimate:
-        """Return the estimate after a step."""
-        free = self.pose_column >= 0
-        d = step[self.pose_column[free, None] + np.arange(POSE)]
+    def apply_step(self, e: Estimate, step: FloatArray, point_step: FloatArray) -> Estimate:
+        """Return the estimate after steps ``(size,)`` of cameras and lenses and ``(p, 3)`` of points."""
+        is_adjusted = self.pose_column >= 0
+        pose_step = step[self.pose_column[is_adjusted, None] + np.arange(POSE)]
         R, c, lenses = e.R.copy(), e.c.copy(), e.lenses.copy()
-        c[free] += d[:, :3]
-        R[free] = R[free] @ np.swapaxes(se3.exp_so3(d[:, 3:]), 1, 2)
-        ratio = lenses[:, 1] / lenses[:, 0]
+        c[is_adjusted] += pose_step[:, :3]
+        R[is_adjusted] = R[is_adjusted] @ np.swapaxes(se3.exp_so3(pose_step[:, 3:]), 1, 2)
+        aspect_ratio = lenses[:, 1] / lenses[:, 0]  # fy / fx, which is constant
         for row, j in zip(*np.nonzero(self.lens_columns >= 0), strict=True):
             lenses[row, _VALUE_INDEX[j]] += step[self.lens_columns[row, j]]
-        lenses[:, 1] = ratio * lenses[:, 0]
+        lenses[:, 1] = aspect_ratio * lenses[:, 0]
         return replace(e, R=R, c=c, lenses=lenses, X=e.X + point_step)

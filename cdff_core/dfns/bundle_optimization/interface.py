@@ -54,12 +54,12 @@ class BundleOptimizationOutputs:
     weights : ndarray of float64, shape (m)
         Final weight of each observation under the robust loss.
     gauge : ndarray of int64, shape (g)
-        Ids of the cameras that define the gauge: the unconstrained part of the pose of the first camera,
-        and the distance of the second camera from the first, do not change; empty if fixed cameras, fixed
-        points and the prior constrain everything.
+        Ids of the cameras that define the gauge: the unconstrained components of the pose of the first
+        camera, and the distance of the second camera from the first, keep their initial values; empty if
+        fixed cameras, fixed points and the prior constrain all motions.
     remaining : BundleProblem, optional
-        The problem without the dropped cameras and the points they observed, which are replaced by a prior;
-        absent if no camera was dropped.
+        The problem without the dropped cameras and the points they observed, with a prior that replaces
+        their observations; absent if no cameras are to be dropped.
     """
 
     problem: BundleProblem

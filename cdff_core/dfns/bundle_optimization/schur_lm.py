@@ -18,15 +18,16 @@ from cdff_common.types.bundle_ext import FOCAL, K1, K2, K3, PRINCIPAL_POINT, TAN
 from cdff_common.types.columns import pack_poses
 from cdff_core.dfns.bundle_optimization._gauge import Gauge
 from cdff_core.dfns.bundle_optimization._kernels import CAUCHY, HUBER, NO_LOSS, POSE, point_covariances
-from cdff_core.dfns.bundle_optimization._marginal import marginalised
-from cdff_core.dfns.bundle_optimization._solve import Solution, minimised
+from cdff_core.dfns.bundle_optimization._marginal import marginalise
+from cdff_core.dfns.bundle_optimization._solve import Solution, minimise
 from cdff_core.dfns.bundle_optimization._system import Estimate, System
 from cdff_core.dfns.bundle_optimization.interface import Inputs, Interface, Outputs
 
 _LOSSES = {"none": NO_LOSS, "huber": HUBER, "cauchy": CAUCHY}
-#: Relative pivot below which a direction of the scaled system is unconstrained.
-_ROUNDING = 1e-12
-_FREE = {
+#: Pivot of the scaled system below which a direction is unconstrained.
+_MIN_PIVOT = 1e-12
+#: Adjusted lens parameters for each value of the parameter ``lenses``; None: those of the problem.
+_LENS_FLAGS = {
     "given": None,
     "fixed": 0,
     "focal": FOCAL,
@@ -59,11 +60,11 @@ class SchurLmConfig(DfnConfig):
 class SchurLm(Interface[SchurLmConfig]):
     """Levenberg-Marquardt with the points eliminated; robust losses by reweighting [1]_.
 
-    Where the points are far fewer than the cameras, the poses are eliminated instead. The reduced system is
-    dense: its cost grows with the cube of the smaller side, up to some hundreds of cameras or a thousand
-    points. The right column of a rectified pair is a third residual. Covariances are ``s2`` times the inverse
-    of the normal matrix with the gauge fixed, s2 the weighted sum of squared residuals over the degrees of
-    freedom.
+    If the points are far fewer than the cameras, the poses are eliminated instead. The reduced system is
+    dense, and the time to solve it grows with the cube of its size: it suits up to some hundreds of cameras,
+    or a thousand points. The right column of a rectified pair is a third residual. Covariances are the
+    inverse of the normal matrix with the gauge fixed, times the variance of unit weight: the weighted sum of
+    squared residuals over the degrees of freedom.
 
     References
     ----------
@@ -74,134 +75,155 @@ class SchurLm(Interface[SchurLmConfig]):
         """Compile the kernels."""
         T = np.tile(np.eye(4), (2, 1, 1))
         T[1, 0, 3] = 1.0
-        seen = (np.tile([0, 1], 4), np.repeat(np.arange(4), 2))
+        observations = (np.tile([0, 1], 4), np.repeat(np.arange(4), 2))
         X = np.array([[0.0, 0, 5], [1, 0, 6], [0, 1, 7], [1, 1, 8]])
-        tiny = BundleProblem.from_arrays(
-            T, [1.0, 1, 0, 0], X, seen, np.zeros((8, 2)), frame="frame", fixed=[1, 0]
+        problem = BundleProblem.from_arrays(
+            T, [1.0, 1, 0, 0], X, observations, np.zeros((8, 2)), frame="frame", fixed=[1, 0]
         )
-        system = System.of(tiny, None, NO_LOSS, 1.0)
-        at = System.first(tiny)
-        minimised(system, at, 1, 1e-3)
-        self._covariances(system, at, Gauge.of(system, at), 1.0)
+        system = System.of(problem, None, NO_LOSS, 1.0)
+        estimate = System.initial_estimate(problem)
+        minimise(system, estimate, 1, 1e-3)
+        self._covariances(system, estimate, Gauge.of(system, estimate), 1.0)
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the adjusted problem; raises InputError if the problem is invalid."""
-        c, problem = self.config, inputs.problem
-        loss = _LOSSES[c.loss]
-        system, first = System.of(problem, _FREE[c.lenses], loss, c.loss_scale_px), System.first(problem)
-        gauge = Gauge.of(system, first)
-        solution = minimised(system, first, c.max_iterations, c.tolerance)
-        estimate = gauge.restored(system, first, solution.estimate)
-        variance, freedom = self._unit_variance(system, solution, gauge)
+        cfg, problem = self.config, inputs.problem
+        loss = _LOSSES[cfg.loss]
+        system = System.of(problem, _LENS_FLAGS[cfg.lenses], loss, cfg.loss_scale_px)
+        initial = System.initial_estimate(problem)
+        gauge = Gauge.of(system, initial)
+        solution = minimise(system, initial, cfg.max_iterations, cfg.tolerance)
+        estimate = gauge.restore(system, initial, solution.estimate)
+        variance, degrees_of_freedom = self._unit_variance(system, solution, gauge)
         pose_covariances, point_covariances = self._covariances(system, estimate, gauge, variance)
-        known = c.covariances == "none" or bool(np.isfinite(pose_covariances).all())
-        self._report(solution, variance, freedom, len(system.cam), len(gauge.free), known)
-        result = _with(problem, estimate)
-        back = np.empty_like(system.order)
-        back[system.order] = np.arange(len(back))
+        has_covariances = cfg.covariances == "none" or bool(np.isfinite(pose_covariances).all())
+        self._report(
+            solution,
+            variance=variance,
+            degrees_of_freedom=degrees_of_freedom,
+            observations=len(system.cam),
+            gauge_directions=len(gauge.free),
+            has_covariances=has_covariances,
+        )
+        result = _updated(problem, estimate)
+        system_row = np.empty_like(system.order)
+        system_row[system.order] = np.arange(len(system_row))
         remaining = None
         if inputs.dropped is not None:
-            remaining = marginalised(result, np.asarray(inputs.dropped, np.int64), loss, c.loss_scale_px)
-        held = [row for row in (gauge.camera, gauge.distant) if row is not None]
+            remaining = marginalise(result, np.asarray(inputs.dropped, np.int64), loss, cfg.loss_scale_px)
+        gauge_rows = [row for row in (gauge.camera, gauge.distant) if row is not None]
         return Outputs(
             problem=result,
             pose_covariances=pose_covariances,
             point_covariances=point_covariances,
-            residuals=solution.residuals[back],
-            weights=solution.weights[back],
-            gauge=problem.cameras.ids[held],
+            residuals=solution.residuals[system_row],
+            weights=solution.weights[system_row],
+            gauge=problem.cameras.ids[gauge_rows],
             remaining=remaining,
         )
 
     @staticmethod
     def _unit_variance(system: System, solution: Solution, gauge: Gauge) -> tuple[float, int]:
-        """Return the variance of unit weight (NaN where undefined) and the degrees of freedom."""
-        per = 2 + (~np.isnan(system.pixels[:, 2])).astype(int)
-        moving = system.size + 3 * int(((system.held == 0) & (np.diff(system.start) > 0)).sum())
-        count = round(float((per * solution.weights).sum())) + len(system.prior.offset)
-        freedom = count - moving + len(gauge.free)
-        square = float((solution.weights * (solution.residuals**2).sum(axis=1)).sum())
-        square += float((system.prior.residuals(solution.estimate.R, solution.estimate.c)[0] ** 2).sum())
-        return (square / freedom if freedom > 0 else float("nan")), freedom
+        """Return the variance of unit weight (NaN if undefined) and the degrees of freedom.
+
+        An observation counts with its weight, so that rejected outliers add no degrees of freedom.
+        """
+        residuals_per_observation = 2 + (~np.isnan(system.pixels[:, 2])).astype(int)
+        unknowns = system.size + 3 * int(((system.point_fixed == 0) & (np.diff(system.start) > 0)).sum())
+        count = round(float((residuals_per_observation * solution.weights).sum())) + len(system.prior.offset)
+        degrees_of_freedom = count - unknowns + len(gauge.free)
+        squared_sum = float((solution.weights * (solution.residuals**2).sum(axis=1)).sum())
+        squared_sum += float((system.prior.residuals(solution.estimate.R, solution.estimate.c)[0] ** 2).sum())
+        variance = squared_sum / degrees_of_freedom if degrees_of_freedom > 0 else float("nan")
+        return variance, degrees_of_freedom
 
     def _covariances(
-        self, system: System, at: Estimate, gauge: Gauge, variance: float
+        self, system: System, estimate: Estimate, gauge: Gauge, variance: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Return covariances of poses ``(n, 6, 6)`` and points ``(p, 3, 3)``; NaN where undefined."""
-        n, p = len(at.c), len(at.X)
+        """Return the covariances of poses ``(n, 6, 6)`` and points ``(p, 3, 3)``; NaN if undefined."""
+        n, p = len(estimate.c), len(estimate.X)
         poses, points = np.full((n, POSE, POSE), np.nan), np.full((p, 3, 3), np.nan)
         if self.config.covariances == "none" or not np.isfinite(variance):
             return poses, points
-        r, weights, cost, *_ = system.residuals(at)
+        r, weights, cost, *_ = system.residuals(estimate)
         if not np.isfinite(cost):
             return poses, points
-        normal = system.normal(at, r, weights)
-        S, _, inverses, fine = system.reduced(normal, 0.0)
-        C = _inverse(np.tril(S) + np.tril(S, -1).T, gauge.fixed_directions(system, at))
+        normal = system.normal(estimate, r, weights)
+        S, _, inverses, is_regular = system.eliminate_points(normal, 0.0)
+        S = np.tril(S) + np.tril(S, -1).T
+        C = _constrained_inverse(S, gauge.zero_variance_directions(system, estimate))
         if C is None:
             return poses, points
         for row, column in enumerate(system.pose_column):
-            own = slice(column, column + POSE)
-            held = column < 0 or (row == gauge.camera and gauge.fixes_pose)
-            poses[row] = 0.0 if held else variance * C[own, own]
+            pose_columns = slice(column, column + POSE)
+            is_fixed = column < 0 or (row == gauge.camera and gauge.fixes_pose)
+            poses[row] = 0.0 if is_fixed else variance * C[pose_columns, pose_columns]
         if self.config.covariances == "all":
             points = variance * point_covariances(
-                system.start, system.cam, system.columns, system.count, normal.W, inverses, fine, C
+                system.start, system.cam, system.columns, system.count, normal.W, inverses, is_regular, C
             )
-            points[system.held != 0] = 0.0
+            points[system.point_fixed != 0] = 0.0
         return poses, points
 
     def _report(
-        self, s: Solution, variance: float, freedom: int, observations: int, free: int, known: bool
+        self,
+        solution: Solution,
+        *,
+        variance: float,
+        degrees_of_freedom: int,
+        observations: int,
+        gauge_directions: int,
+        has_covariances: bool,
     ) -> None:
+        """Set the metrics, and the reasons of a degraded result."""
         self.metrics = {
-            "cost_initial": s.cost_initial,
-            "cost_final": s.cost_final,
-            "rmse_px": float(np.sqrt(2.0 * s.cost_final / max(observations, 1))),
-            "robust_cost_initial": s.robust_initial,
-            "robust_cost_final": s.robust_final,
+            "cost_initial": solution.cost_initial,
+            "cost_final": solution.cost_final,
+            "rmse_px": float(np.sqrt(2.0 * solution.cost_final / max(observations, 1))),
+            "robust_cost_initial": solution.robust_initial,
+            "robust_cost_final": solution.robust_final,
             "unit_variance": variance,
-            "iterations": float(s.iterations),
+            "iterations": float(solution.iterations),
             "observations": float(observations),
-            "outliers": float((s.weights < 0.25).sum()),
-            "gauge_directions": float(free),
+            "outliers": float((solution.weights < 0.25).sum()),
+            "gauge_directions": float(gauge_directions),
         }
         reasons = {
-            "not_converged": not s.converged,
-            "underdetermined": freedom <= 0,
-            f"behind_camera:{s.behind}": s.behind > 0,
-            "degenerate:directions_free": freedom > 0 and not known,
+            "not_converged": not solution.converged,
+            "underdetermined": degrees_of_freedom <= 0,
+            f"behind_camera:{solution.behind}": solution.behind > 0,
+            "degenerate:directions_free": degrees_of_freedom > 0 and not has_covariances,
         }
         self.reasons = tuple(name for name, applies in reasons.items() if applies)
 
 
-def _inverse(S: FloatArray, held: FloatArray) -> FloatArray | None:
-    """Return the inverse of the reduced system with ``held`` fixed; None if further directions are
-    unconstrained.
+def _constrained_inverse(S: FloatArray, fixed: FloatArray) -> FloatArray | None:
+    """Return the inverse of S under the constraint that steps along the rows of ``fixed`` are 0.
 
-    With ``N`` an orthonormal basis of ``held``: ``M1 = S + NN'``, then ``M1^-1 - M1^-1 N (N'M1^-1 N)^-1
-    N'M1^-1``.
+    Returns None if further directions are unconstrained. With ``N`` an orthonormal basis of these rows and
+    ``M = S + N N'``, the inverse is ``M^-1 - M^-1 N (N' M^-1 N)^-1 N' M^-1``.
     """
     if not len(S):
         return np.zeros((0, 0))
     scale = 1.0 / np.sqrt(np.maximum(np.diag(S), 1e-300))
-    N = np.linalg.qr((held * scale).T)[0]  # in scaled columns
+    N = np.linalg.qr((fixed * scale).T)[0]  # in the scaled columns of S
     factor, failed = dpotrf(S * np.outer(scale, scale) + N @ N.T, lower=True, overwrite_a=True)
-    if failed or np.diag(factor).min() ** 2 < _ROUNDING:
+    if failed or np.diag(factor).min() ** 2 < _MIN_PIVOT:
         return None
     inverse, _ = dpotri(factor, lower=True, overwrite_c=True)
     inverse = np.tril(inverse) + np.tril(inverse, -1).T
-    along = inverse @ N
-    C = (inverse - along @ np.linalg.solve(N.T @ along, along.T)) * np.outer(scale, scale)
+    inverse_N = inverse @ N
+    C = (inverse - inverse_N @ np.linalg.solve(N.T @ inverse_N, inverse_N.T)) * np.outer(scale, scale)
     return np.asarray(0.5 * (C + C.T))
 
 
-def _with(problem: BundleProblem, at: Estimate) -> BundleProblem:
+def _updated(problem: BundleProblem, estimate: Estimate) -> BundleProblem:
+    """Return the problem with the values of an estimate."""
     c, p = problem.cameras, problem.points
-    poses = pack_poses(at.matrices(), "BundleOptimization camera") if len(c.ids) else c.poses
+    poses = pack_poses(estimate.matrices(), "BundleOptimization camera") if len(c.ids) else c.poses
     return replace(
         problem,
         cameras=BundleCameras(c.ids, c.stamps, poses, c.lenses, c.fixed),
-        lenses=BundleLenses(at.lenses, problem.lenses.free),
-        points=BundlePoints(p.ids, at.X, p.fixed),
+        lenses=BundleLenses(estimate.lenses, problem.lenses.free),
+        points=BundlePoints(p.ids, estimate.X, p.fixed),
     )

@@ -56,7 +56,7 @@ def test_the_gradient_with_respect_to_cameras_lenses_and_points_is_correct(loss:
     values[:, 4:9] = [-0.05, 0.01, 0.001, -0.002, 0.003]
     problem = replace(problem, lenses=replace(problem.lenses, values=values))
     system = System.of(problem, ALL | 16, loss, 3.0)
-    state = System.first(problem)
+    state = System.initial_estimate(problem)
     r, weights, *_ = system.residuals(state)
     normal = system.normal(state, r, weights)
     rng = np.random.default_rng(1)
@@ -64,7 +64,7 @@ def test_the_gradient_with_respect_to_cameras_lenses_and_points_is_correct(loss:
         d, dp = rng.normal(size=system.size), rng.normal(size=state.X.shape)
         d[system.lens_columns[0, 3:]] *= 0.1
         h = 1e-6
-        costs = [system.residuals(system.moved(state, s * h * d, s * h * dp))[2] for s in (1.0, -1.0)]
+        costs = [system.residuals(system.apply_step(state, s * h * d, s * h * dp))[2] for s in (1.0, -1.0)]
         slope = float(normal.g @ d + (normal.gp * dp).sum())
         assert (costs[0] - costs[1]) / (2.0 * h) == pytest.approx(slope, rel=1e-5)
 
@@ -81,7 +81,7 @@ def test_the_cost_equals_that_of_gtsam(free: int) -> None:
     assert dfn.metrics["rmse_px"] == pytest.approx(np.sqrt(2.0 * cost(peer) / 480), rel=1e-4)
 
 
-def motion(cameras: int = 60, free: int = FOCAL | K1 | K2) -> BundleProblem:
+def long_camera_motion(cameras: int = 60, free: int = FOCAL | K1 | K2) -> BundleProblem:
     """Return a problem of many images of few points, some of them fixed; one point has no observations."""
     problem, *_ = ring(cameras, 12, cameras, 0.5, 0, free)
     o, X = problem.observations, np.vstack([problem.points.positions, [[0.0, 0.0, 9.0]]])
@@ -101,12 +101,12 @@ def motion(cameras: int = 60, free: int = FOCAL | K1 | K2) -> BundleProblem:
 
 @pytest.mark.parametrize("free", [0, FOCAL | K1 | K2])
 def test_eliminating_poses_or_points_gives_the_same_step(free: int) -> None:
-    problem = motion(free=free)
-    system, state = System.of(problem, None, HUBER, 1.0), System.first(problem)
-    assert _poses_first.is_smaller(system)
+    problem = long_camera_motion(free=free)
+    system, state = System.of(problem, None, HUBER, 1.0), System.initial_estimate(problem)
+    assert _poses_first.is_cheaper(system)
     r, weights, *_ = system.residuals(state)
     normal = system.normal(state, r, weights)
-    steps = [by(system, normal, 1e-3) for by in (_poses_first.stepped, _solve._points_first)]
+    steps = [by(system, normal, 1e-3) for by in (_poses_first.compute_step, _solve._points_first_step)]
     assert steps[0][0] == pytest.approx(steps[1][0], rel=1e-6, abs=1e-9)
     assert steps[0][1] == pytest.approx(steps[1][1], rel=1e-6, abs=1e-9)
     assert not steps[0][1][[0, -1]].any()
@@ -115,7 +115,7 @@ def test_eliminating_poses_or_points_gives_the_same_step(free: int) -> None:
 def test_a_long_camera_motion_reaches_the_cost_of_gtsam() -> None:
     pytest.importorskip("gtsam", reason="peers are installed by make evaluate")
     problem, *_ = ring(60, 12, 60, 0.5, 0)
-    assert _poses_first.is_smaller(System.of(problem, None, NO_LOSS, 1.0))
+    assert _poses_first.is_cheaper(System.of(problem, None, NO_LOSS, 1.0))
     solution, _ = solve(problem, tolerance=1e-9)
     assert cost(solution.problem) == pytest.approx(cost(solve_with_gtsam(problem, 1e-9)[0]), rel=1e-6)
 
@@ -161,7 +161,7 @@ def with_fixed(problem: BundleProblem, cameras: int, points: int) -> BundleProbl
 
 
 #: Gauge directions for single images and for rectified pairs, by numbers of fixed cameras and fixed points.
-FREE = {
+GAUGE_DIRECTIONS = {
     (0, 0): (7, 6),
     (0, 1): (4, 3),
     (0, 2): (1, 1),
@@ -175,7 +175,7 @@ FREE = {
 
 @pytest.mark.req("CDFF-CORE-092")
 @pytest.mark.parametrize("stereo", [False, True], ids=["mono", "stereo"])
-@pytest.mark.parametrize(("cameras", "points"), FREE)
+@pytest.mark.parametrize(("cameras", "points"), GAUGE_DIRECTIONS)
 def test_fixed_variables_are_unchanged_and_only_the_remaining_gauge_is_fixed(
     cameras: int, points: int, stereo: bool
 ) -> None:
@@ -185,7 +185,7 @@ def test_fixed_variables_are_unchanged_and_only_the_remaining_gauge_is_fixed(
     assert np.array_equal(solution.problem.points.positions[:points], X[:points])
     assert np.abs(T_solved[:cameras] - T[:cameras]).max(initial=0.0) < 1e-12
     assert cost(solution.problem) == pytest.approx(dfn.metrics["cost_final"], rel=1e-9)
-    assert dfn.metrics["gauge_directions"] == FREE[cameras, points][int(stereo)]
+    assert dfn.metrics["gauge_directions"] == GAUGE_DIRECTIONS[cameras, points][int(stereo)]
     assert dfn.reasons == ()
     assert np.linalg.eigvalsh(solution.pose_covariances).min() > -1e-12
     assert not solution.pose_covariances[:cameras].any()
@@ -362,7 +362,7 @@ def test_steps_far_from_the_prior_are_rejected() -> None:
     full, _ = solve(ring(10, 120, 5, 0.5, 1)[0])
     remaining = solve(full.problem, dropped=[7, 8, 9], max_iterations=0)[0].remaining
     assert remaining is not None
-    system, state = System.of(remaining, 0, NO_LOSS, 1.0), System.first(remaining)
+    system, state = System.of(remaining, 0, NO_LOSS, 1.0), System.initial_estimate(remaining)
     c = state.c.copy()
     c[0] = 1e12
     assert system.residuals(replace(state, c=c))[2] == np.inf
@@ -388,17 +388,18 @@ def test_a_prior_without_fixed_gauge_is_invariant_to_similarity_transforms() -> 
     original, transformed = (
         System.of(problem, 0, NO_LOSS, 1.0) for problem in (remaining, transformed_problem)
     )
-    state = System.first(transformed_problem)
+    state = System.initial_estimate(transformed_problem)
     assert transformed.residuals(state)[2] == pytest.approx(
-        original.residuals(System.first(remaining))[2], rel=1e-9
+        original.residuals(System.initial_estimate(remaining))[2], rel=1e-9
     )
     rng, h = np.random.default_rng(1), 1e-6
-    state = transformed.moved(state, 1e-4 * rng.normal(size=transformed.size), np.zeros_like(state.X))
+    state = transformed.apply_step(state, 1e-4 * rng.normal(size=transformed.size), np.zeros_like(state.X))
     normal = transformed.normal(state, *transformed.residuals(state)[:2])
     for _ in range(3):
         d, dp = rng.normal(size=transformed.size), rng.normal(size=state.X.shape)
         costs = [
-            transformed.residuals(transformed.moved(state, s * h * d, s * h * dp))[2] for s in (1.0, -1.0)
+            transformed.residuals(transformed.apply_step(state, s * h * d, s * h * dp))[2]
+            for s in (1.0, -1.0)
         ]
         slope = float(normal.g @ d + (normal.gp * dp).sum())
         assert (costs[0] - costs[1]) / (2.0 * h) == pytest.approx(slope, rel=1e-3)
