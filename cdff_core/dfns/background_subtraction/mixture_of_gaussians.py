@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Background model of one mixture of Gaussians per pixel.
+"""Background model with a mixture of Gaussians for each pixel.
 
 References
 ----------
@@ -20,18 +20,20 @@ from cdff_common.types import FrameModeT
 from cdff_core.dfns.background_subtraction.interface import Inputs, Interface, Outputs
 from cdff_core.imaging.frames import with_image
 
-#: Largest speck that is removed: noise changes single pixels and their neighbours.
-_SPECK = np.ones((3, 3), np.uint8)
+#: Kernel of the morphological opening, which removes foreground regions narrower than 3 px: they are noise.
+_OPENING_KERNEL = np.ones((3, 3), np.uint8)
 
 
 class MixtureOfGaussiansConfig(DfnConfig):
     """Parameters of MixtureOfGaussians."""
 
-    history: int = Field(100, ge=1, le=100_000, description="Images after which the background has adapted")
+    history: int = Field(
+        100, ge=1, le=100_000, description="Number of images over which the background model adapts"
+    )
 
 
 class MixtureOfGaussians(Interface[MixtureOfGaussiansConfig]):
-    """OpenCV's MOG2 [1]_ with a morphological opening that removes specks. The first image is background."""
+    """OpenCV's MOG2 [1]_ with a morphological opening against noise; the first image is all background."""
 
     def setup(self) -> None:
         """Reset the background model."""
@@ -51,10 +53,10 @@ class MixtureOfGaussians(Interface[MixtureOfGaussiansConfig]):
             raise InputError(
                 f"image {image.dtype} {image.shape}: expected uint8 {self._shape or 'of any size'}"
             )
-        first, self._shape = self._shape is None, image.shape
+        is_first_image, self._shape = self._shape is None, image.shape
         mask = np.asarray(self._model.apply(image))
-        if first:
+        if is_first_image:
             mask = np.zeros_like(mask)
         else:
-            mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, _SPECK)
+            mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, _OPENING_KERNEL)
         return Outputs(mask=with_image(inputs.image, mask, mode=FrameModeT.MODE_GRAY))

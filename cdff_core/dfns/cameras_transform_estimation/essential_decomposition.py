@@ -16,7 +16,7 @@ from cdff_core.imaging.magsac import InlierConfig, pairs, refuse_few_inliers
 from cdff_core.imaging.relative_pose import angles, checked_cameras, decomposed, depths, fit_in_front, rays
 from cdff_core.imaging.two_view import tangents
 
-#: Residual of the best pure rotation, in standard deviations, below which translation is unobservable.
+#: Median residual of the best pure rotation, in standard deviations, below which translation is unobservable.
 _MIN_PARALLAX_SIGMAS = 3.0
 
 
@@ -27,10 +27,9 @@ class EssentialDecompositionConfig(InlierConfig):
 
 
 class EssentialDecomposition(Interface[EssentialDecompositionConfig]):
-    """Rotation and direction of translation [1]_, refined by minimising the Sampson distance over all
-    inliers.
+    """Rotation and direction of translation [1]_, refined by minimising the Sampson distance of the inliers.
 
-    Of the four decompositions the one with the points in front of both cameras is used.
+    Of the four decompositions, that with most points in front of both cameras is used.
 
     References
     ----------
@@ -38,21 +37,24 @@ class EssentialDecomposition(Interface[EssentialDecompositionConfig]):
     """
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the relative pose; raises RefusedError, or DegenerateGeometryError for a pure rotation."""
-        c = self.config
-        source, sink = pairs(inputs.source, inputs.sink, c.min_inliers)
+        """Return the relative pose.
+
+        Raises RefusedError if too few pairs are inliers, DegenerateGeometryError for a pure rotation.
+        """
+        cfg = self.config
+        source, sink = pairs(inputs.source, inputs.sink, cfg.min_inliers)
         E = np.asarray(inputs.essential_matrix, np.float64)
         K = checked_cameras(inputs.source_camera, inputs.sink_camera)
-        a, b = rays(source, K[0]), rays(sink, K[1])
-        R, t, _ = decomposed(E, a, b)
-        fit, R, t = fit_in_front(R, t, K, source, sink, c.gate_sigmas, c.threshold_px)
-        self._refuse_rotation(
-            a[fit.inliers], b[fit.inliers], fit.sigma_px / float(np.sqrt(K[1][0, 0] * K[1][1, 1]))
-        )
-        first, second = depths(R, t, a, b)
-        inliers = fit.inliers & (first > 0.0) & (second > 0.0)
-        refuse_few_inliers(inliers, c.min_inliers)
-        parallax = float(np.median(angles(a[inliers] @ R.T, b[inliers])))
+        source_rays, sink_rays = rays(source, K[0]), rays(sink, K[1])
+        R, t, _ = decomposed(E, source_rays, sink_rays)
+        fit, R, t = fit_in_front(R, t, K, source, sink, cfg.gate_sigmas, cfg.threshold_px)
+        sigma_rad = fit.sigma_px / float(np.sqrt(K[1][0, 0] * K[1][1, 1]))
+        self._refuse_rotation(source_rays[fit.inliers], sink_rays[fit.inliers], sigma_rad)
+        source_depths, sink_depths = depths(R, t, source_rays, sink_rays)
+        inliers = fit.inliers & (source_depths > 0.0) & (sink_depths > 0.0)
+        refuse_few_inliers(inliers, cfg.min_inliers)
+        parallax = float(np.median(angles(source_rays[inliers] @ R.T, sink_rays[inliers])))
+        # Derivative of the pose perturbation by the five parameters: rotation, direction of translation.
         J = np.zeros((6, 5))
         J[:3, 3:], J[3:, :3] = tangents(t), np.eye(3)
         T_sink_source = se3.transform(R, t)
@@ -64,15 +66,19 @@ class EssentialDecomposition(Interface[EssentialDecompositionConfig]):
             parallax_deg=float(np.degrees(parallax)),
         )
 
-    def _refuse_rotation(self, a: FloatArray, b: FloatArray, sigma_rad: float) -> None:
+    def _refuse_rotation(self, source_rays: FloatArray, sink_rays: FloatArray, sigma_rad: float) -> None:
         """Raise DegenerateGeometryError if the best pure rotation (Kabsch 1976) explains the pairs."""
-        if len(a) < 3:
+        if len(source_rays) < 3:
             return
-        unit = [rays_ / np.linalg.norm(rays_, axis=1, keepdims=True) for rays_ in (a, b)]
-        U, _, Vt = np.linalg.svd(unit[1].T @ unit[0])
+        unit_rays = [
+            vectors / np.linalg.norm(vectors, axis=1, keepdims=True) for vectors in (source_rays, sink_rays)
+        ]
+        U, _, Vt = np.linalg.svd(unit_rays[1].T @ unit_rays[0])
         rotation = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-        residual_rad = float(np.median(angles(unit[0] @ rotation.T, unit[1])))
+        residual_rad = float(np.median(angles(unit_rays[0] @ rotation.T, unit_rays[1])))
         if residual_rad < _MIN_PARALLAX_SIGMAS * sigma_rad:
             residual_deg, sigma_deg = np.degrees(residual_rad), np.degrees(sigma_rad)
-            text = f"a pure rotation has a residual of {residual_deg:.4f} deg, noise {sigma_deg:.4f} deg"
-            raise DegenerateGeometryError(text, ["translation"])
+            raise DegenerateGeometryError(
+                f"a pure rotation has a residual of {residual_deg:.4f} deg, noise {sigma_deg:.4f} deg",
+                ["translation"],
+            )

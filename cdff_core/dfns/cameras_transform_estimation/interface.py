@@ -37,11 +37,11 @@ class CamerasTransformEstimationInputs:
     source : ndarray of float64, shape (n,2)
         Points of the first image, pixels, without distortion.
     sink : ndarray of float64, shape (n,2)
-        Matching points of the second image.
+        Matching points of the second image, pixels, without distortion.
     source_camera : ndarray of float64, shape (3,3)
-        Matrix of the first camera, pixels.
+        Camera matrix of the first camera, pixels.
     sink_camera : ndarray of float64, shape (3,3), optional
-        Matrix of the second camera; default: that of the first camera.
+        Camera matrix of the second camera; default: that of the first camera.
     """
 
     essential_matrix: NDArray[np.float64]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Conversions of OpenCV, via RGB if there is no direct one."""
+"""Colour conversions by OpenCV, via RGB if it has no direct conversion."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cdff_core.imaging.frames import with_image
 
 Mode = Literal["GRAY", "RGB", "RGBA", "BGR", "BGRA", "HSV", "HLS"]
 _CHANNELS = {"GRAY": 1, "RGB": 3, "RGBA": 4, "BGR": 3, "BGRA": 4, "HSV": 3, "HLS": 3}
-#: Modes with 8 bit conversions only.
+#: Modes that OpenCV converts in 8 bit only.
 _EIGHT_BIT = ("HSV", "HLS")
 
 
@@ -28,7 +28,7 @@ class OpenCvConfig(DfnConfig):
     mode: Mode = Field(
         "GRAY",
         description=(
-            "Mode of the output; hue is in steps of 2 degrees, alpha is opaque where the input has none"
+            "Mode of the output; hue is in steps of 2 degrees, alpha is opaque if the input has no alpha"
         ),
     )
 
@@ -45,8 +45,8 @@ class OpenCv(Interface[OpenCvConfig]):
             raise InputError(
                 f"image of {channels} channels in mode {source}: expected one of {', '.join(_CHANNELS)}"
             )
-        deep = image.dtype == np.uint16 and not {source, target} & set(_EIGHT_BIT)
-        if image.dtype != np.uint8 and not deep:
+        is_convertible_16_bit = image.dtype == np.uint16 and not {source, target} & set(_EIGHT_BIT)
+        if image.dtype != np.uint8 and not is_convertible_16_bit:
             raise InputError(
                 f"{source} of {image.dtype} to {target}: expected uint8, or uint16 without HSV and HLS"
             )
@@ -56,7 +56,7 @@ class OpenCv(Interface[OpenCvConfig]):
 
 
 def _steps(source: str, target: str) -> list[str]:
-    """Return the names of OpenCV's conversions from one mode to another."""
+    """Return the names of the OpenCV conversions to apply in order, such as ``["HSV2RGB", "RGB2GRAY"]``."""
     if source == target:
         return []
     for path in ([f"{source}2{target}"], [f"{source}2RGB", f"RGB2{target}"]):

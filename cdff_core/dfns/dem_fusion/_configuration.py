@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Parameters that the elevation maps share."""
+"""Parameters common to both elevation maps."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class WindowConfig(DfnConfig):
     resolution_m: float | None = Field(
         None,
         gt=0,
-        description="Edge of a cell; an integer multiple of that of the patches, which is the default",
+        description="Edge of a cell, an integer multiple of that of the patches; default: that of the patches",
     )
     clear_margin_m: float = Field(
-        0.1, ge=0, description="Distance that rays must pass below a cell to clear it"
+        0.1, ge=0, description="Distance below the height of a cell at which rays must pass to clear it"
     )

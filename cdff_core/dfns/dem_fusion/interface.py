@@ -29,14 +29,14 @@ class DemFusionInputs:
     patch : ElevationMap, optional
         Statistics of measurements that no earlier patch contains; without it nothing is added.
     centre : ndarray of float64, shape (2), optional
-        X and y of the window's centre, metres; default: the previous centre, or the middle of the first
-        patch.
+        X and y of the window's centre, metres; default: the middle of the patch; without a patch the
+        previous centre, and a RollingWindow does not move.
     rays : ndarray of float64, shape (n,6), optional
-        Rays from the sensor to the points of the patch: x y z of both ends, metres; cells are cleared if
-        two rays passed below their heights.
+        Rays from the sensor to the points of the patch: x y z of both ends, metres; a cell is cleared if
+        two rays pass below its height.
     bounds : ndarray of float64, shape (4), optional
-        Xmin ymin xmax ymax of the returned map instead of the window, metres; infinite values select the
-        whole map.
+        Xmin ymin xmax ymax of the returned map instead of the window, metres; values that are not finite
+        select the whole map.
     """
 
     patch: ElevationMap | None = None
@@ -55,8 +55,9 @@ class DemFusionOutputs:
     Attributes
     ----------
     map : ElevationMap
-        Window around the centre, in cells of the configured size or the size of the patches; if bounds
-        contain more than max_cells cells, cells are 2^n times as large.
+        Map of the bounds, or of the window around the centre, in cells of the configured size or of that of
+        the patches; TiledMap returns cells 2^n times as large if the bounds contain more than max_cells
+        cells.
     cleared : int
         Number of cleared cells.
     forgotten : int
@@ -70,7 +71,7 @@ class DemFusionOutputs:
 
 class DemFusionInterface(Dfn[ConfigT, DemFusionInputs, DemFusionOutputs]):
     """Fuse elevation patches into a map. The statistics of each cell are those of all its
-    measurements, as if these had been rasterised together. Cells that later rays passed through are
+    measurements, as if these had been rasterised together. Cells through which later rays pass are
     cleared.
     """
 

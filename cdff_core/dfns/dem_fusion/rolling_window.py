@@ -18,8 +18,8 @@ from cdff_core.elevation.patch_fusion import bounds_of, middle_of, window_around
 class RollingWindow(Interface[WindowConfig]):
     """Pool each patch into a window of bounded size; cells outside the window are removed.
 
-    The pooled variance includes the disagreement between patches: two that lie 0.3 m apart make a cell of
-    sigma 0.15 m, however small their variances.
+    The pooled variance includes the disagreement between patches: two whose heights differ by 0.3 m give a
+    cell with a standard deviation of 0.15 m, even if their own variances are 0.
     """
 
     def setup(self) -> None:
@@ -34,26 +34,20 @@ class RollingWindow(Interface[WindowConfig]):
         Raises
         ------
         InputError
-            If the cells of the patch do not fit those of the window, or there is neither a patch nor a
-            window.
+            If the cells of the patch are not aligned with those of the window, or no call had a patch yet.
         """
         patch, cleared = inputs.patch, 0
         if patch is not None:
-            new = MapCells.of_map(patch, self.config.resolution_m)
-            xy = (
-                middle_of(patch.geometry)
-                if inputs.centre is None
-                else np.asarray(inputs.centre, dtype=np.float64)
-            )
-            resolution_m = new.geometry.resolution_m
-            cells = self._move(
-                window_around(patch.frame, resolution_m, xy, self.config.size_m), patch.t0_ns, patch.t1_ns
-            )
+            patch_cells = MapCells.of_map(patch, self.config.resolution_m)
+            centre_m = middle_of(patch.geometry) if inputs.centre is None else np.asarray(inputs.centre)
+            resolution_m = patch_cells.geometry.resolution_m
+            geometry = window_around(patch.frame, resolution_m, centre_m, self.config.size_m)
+            cells = self._move(geometry, patch.t0_ns, patch.t1_ns)
             if inputs.rays is not None:
                 cleared = visibility.clear_seen_through(
                     cells, inputs.rays, patch.t0_ns, self.config.clear_margin_m
                 )
-            cells.add(new)
+            cells.add(patch_cells)
         if self._cells is None:
             raise InputError("no patch yet: there is no map to return")
         cells = self._cells
@@ -63,12 +57,12 @@ class RollingWindow(Interface[WindowConfig]):
         return Outputs(map=cells.to_map(*self._span_ns), cleared=cleared, forgotten=0)
 
     def _move(self, geometry: GridGeometry, t0_ns: int, t1_ns: int) -> MapCells:
-        """Return the window moved to ``geometry``, empty for another frame or cell size."""
-        old = self._cells
-        if old is not None and old.geometry.shares_cells_with(geometry):
+        """Move the window to ``geometry``, or start an empty one for another frame or cell size; return it."""
+        previous = self._cells
+        if previous is not None and previous.geometry.shares_cells_with(geometry):
             self._span_ns = (min(self._span_ns[0], t0_ns), max(self._span_ns[1], t1_ns))
-            if old.geometry != geometry:
-                self._cells = old.window(geometry)
-            return self._cells or old
+            if previous.geometry != geometry:
+                self._cells = previous.window(geometry)
+            return self._cells or previous
         self._cells, self._span_ns = MapCells.empty(geometry), (t0_ns, t1_ns)
         return self._cells

@@ -30,7 +30,9 @@ class TiledMapConfig(WindowConfig):
         2000, ge=1, description="Maximum number of tiles; the least recently used are evicted"
     )
     max_cells: int = Field(
-        1 << 22, ge=1 << 14, description="Maximum number of cells for given bounds; above it cells double"
+        1 << 22,
+        ge=1 << 14,
+        description="Maximum number of cells for given bounds; the cell size is doubled until it is met",
     )
 
 
@@ -38,20 +40,20 @@ class TiledMap(Interface[TiledMapConfig]):
     """Pool each patch into tiles of 128 x 128 cells; memory grows with the observed area.
 
     Above ``max_tiles`` tiles the least recently used ones are evicted and counted in ``forgotten``. A map for
-    given bounds has at most ``max_cells`` cells: above, cells are pooled into ones 2^n times as large.
+    given bounds has at most ``max_cells`` cells; if it needs more, cells 2^n times as large are returned.
     """
 
     def setup(self) -> None:
         """Start with an empty map."""
         visibility.compile_now(1.0)
         self._tiles: OrderedDict[tuple[int, int], MapCells] = OrderedDict()
-        self._like: GridGeometry | None = None
+        self._last_geometry: GridGeometry | None = None
         self._span_ns = (0, 0)
         self._centre = np.zeros(2)
 
     @property
     def nbytes(self) -> int:
-        """Memory of all tiles, bytes."""
+        """Return the memory of all tiles, bytes."""
         return sum(tile.nbytes for tile in self._tiles.values())
 
     def process(self, inputs: Inputs) -> Outputs:
@@ -60,54 +62,64 @@ class TiledMap(Interface[TiledMapConfig]):
         Raises
         ------
         InputError
-            If the cells of the patch do not fit those of the map, or there is neither a patch nor a map.
+            If the cells of the patch are not aligned with those of the map, or no call had a patch yet.
         """
         patch, cleared, forgotten = inputs.patch, 0, 0
         if patch is not None:
-            new = MapCells.of_map(patch, self.config.resolution_m)
-            self._begin(new.geometry, patch.t0_ns, patch.t1_ns)
+            patch_cells = MapCells.of_map(patch, self.config.resolution_m)
+            self._start_or_extend(patch_cells.geometry, patch.t0_ns, patch.t1_ns)
             if inputs.centre is None:
                 self._centre = middle_of(patch.geometry)
             if inputs.rays is not None:
-                below_rays = product(*_reached_by(_reach(new.geometry, inputs.rays)))
-                for tile in (self._tiles[key] for key in below_rays if key in self._tiles):
+                for tile in self._tiles_below(inputs.rays):
                     cleared += visibility.clear_seen_through(
                         tile, inputs.rays, patch.t0_ns, self.config.clear_margin_m
                     )
-            for key in product(*_reached_by(new.geometry)):
-                forgotten += self._add(key, new)
+            for key in product(*_tiles_of(patch_cells.geometry)):
+                forgotten += self._add(key, patch_cells)
         if inputs.centre is not None:
             self._centre = np.asarray(inputs.centre, dtype=np.float64)
-        wanted = MapCells.empty(self._wanted(inputs.bounds))
-        factor = round(wanted.geometry.resolution_m / self._grid.resolution_m)
-        rows, cols = _reached_by(wanted.geometry, factor)
+        output = MapCells.empty(self._output_grid(inputs.bounds))
+        factor = round(output.geometry.resolution_m / self._grid.resolution_m)
+        rows, cols = _tiles_of(output.geometry, factor)
         for (i, j), tile in self._tiles.items():
             if i in rows and j in cols:
-                wanted.add(tile.coarsened(factor))
-        return Outputs(map=wanted.to_map(*self._span_ns), cleared=cleared, forgotten=forgotten)
+                output.add(tile.coarsened(factor))
+        return Outputs(map=output.to_map(*self._span_ns), cleared=cleared, forgotten=forgotten)
 
     @property
     def _grid(self) -> GridGeometry:
-        """Return a grid of the map's cells; raises InputError before the first patch."""
-        if self._like is None:
+        """Return a grid with the cells of the map; raises InputError before the first patch."""
+        if self._last_geometry is None:
             raise InputError("no patch yet: there is no map to return")
-        return self._like
+        return self._last_geometry
 
-    def _begin(self, geometry: GridGeometry, t0_ns: int, t1_ns: int) -> None:
-        if self._like is None or not self._like.shares_cells_with(geometry):
+    def _start_or_extend(self, geometry: GridGeometry, t0_ns: int, t1_ns: int) -> None:
+        """Extend the time span of the map by a patch; start an empty map for another frame or cell size."""
+        if self._last_geometry is None or not self._last_geometry.shares_cells_with(geometry):
             self._tiles.clear()
-            self._like, self._span_ns = geometry, (t0_ns, t1_ns)
+            self._last_geometry, self._span_ns = geometry, (t0_ns, t1_ns)
         self._span_ns = (min(self._span_ns[0], t0_ns), max(self._span_ns[1], t1_ns))
 
-    def _add(self, key: tuple[int, int], new: MapCells) -> int:
-        """Pool cells into their tile and return the number of evicted tiles."""
-        tile = self._geometry(key)
-        part = new.geometry.intersection(tile)
-        if part is None or not new.statistics.count[new.geometry.slices_of(part)].any():
+    def _tiles_below(self, rays: FloatArray) -> list[MapCells]:
+        """Return the tiles that the box around all rays intersects; rays that are not finite are ignored."""
+        finite = rays[np.isfinite(rays).all(axis=1)]
+        if not len(finite):
+            return []
+        x, y = finite[:, [0, 3]], finite[:, [1, 4]]
+        grid, box = self._grid, (x.min(), y.min(), x.max(), y.max())
+        below = product(*_tiles_of(GridGeometry.aligned(grid.frame, grid.resolution_m, box)))
+        return [self._tiles[key] for key in below if key in self._tiles]
+
+    def _add(self, key: tuple[int, int], patch_cells: MapCells) -> int:
+        """Pool the cells of a patch into one tile; return the number of evicted tiles."""
+        tile_geometry = self._geometry(key)
+        overlap = patch_cells.geometry.intersection(tile_geometry)
+        if overlap is None or not patch_cells.statistics.count[patch_cells.geometry.slices_of(overlap)].any():
             return 0
         if key not in self._tiles:
-            self._tiles[key] = MapCells.empty(tile)
-        self._tiles[key].add(new)
+            self._tiles[key] = MapCells.empty(tile_geometry)
+        self._tiles[key].add(patch_cells)
         self._tiles.move_to_end(key)
         if len(self._tiles) <= self.config.max_tiles:
             return 0
@@ -115,35 +127,35 @@ class TiledMap(Interface[TiledMapConfig]):
         return 1
 
     def _geometry(self, key: tuple[int, int]) -> GridGeometry:
-        like, (i, j) = self._grid, key
+        grid, (i, j) = self._grid, key
         return GridGeometry.from_cells(
-            like.frame, like.resolution_m, left=j * TILE, top=(i + 1) * TILE, rows=TILE, cols=TILE
+            grid.frame, grid.resolution_m, left=j * TILE, top=(i + 1) * TILE, rows=TILE, cols=TILE
         )
 
-    def _wanted(self, bounds: FloatArray | None) -> GridGeometry:
+    def _output_grid(self, bounds: FloatArray | None) -> GridGeometry:
         """Return the grid of the window, or a grid of at most ``max_cells`` cells over the bounds."""
-        like = self._grid
+        grid = self._grid
         if bounds is None:
-            return window_around(like.frame, like.resolution_m, self._centre, self.config.size_m)
+            return window_around(grid.frame, grid.resolution_m, self._centre, self.config.size_m)
         x0, y0, x1, y1 = bounds_of(bounds) if np.all(np.isfinite(bounds)) else self._extent_m()
-        cell_m = like.resolution_m
+        cell_m = grid.resolution_m
         while ((x1 - x0) / cell_m + 2.0) * ((y1 - y0) / cell_m + 2.0) > self.config.max_cells:
             cell_m *= 2.0
-        return GridGeometry.aligned(like.frame, cell_m, (x0, y0, x1, y1))
+        return GridGeometry.aligned(grid.frame, cell_m, (x0, y0, x1, y1))
 
     def _extent_m(self) -> tuple[float, float, float, float]:
-        """Return the bounds of all tiles."""
-        each = np.array([tile.geometry.bounds for tile in self._tiles.values()])
-        return bounds_of(np.concatenate([each[:, :2].min(axis=0), each[:, 2:].max(axis=0)]))
+        """Return the bounds of all tiles, or of the last patch if no cell has been observed."""
+        if not self._tiles:
+            return self._grid.bounds
+        tile_bounds = np.array([tile.geometry.bounds for tile in self._tiles.values()])
+        return bounds_of(np.concatenate([tile_bounds[:, :2].min(axis=0), tile_bounds[:, 2:].max(axis=0)]))
 
 
-def _reached_by(g: GridGeometry, factor: int = 1) -> tuple[range, range]:
-    """Return rows and columns of tiles that a grid of cells ``factor`` times the map's intersects."""
-    bottom, top, left, right = (factor * k for k in (g.top - g.rows, g.top, g.left, g.left + g.cols))
+def _tiles_of(grid: GridGeometry, factor: int = 1) -> tuple[range, range]:
+    """Return the rows and columns of the tiles that a grid intersects.
+
+    The cells of the grid are ``factor`` times as large as those of the map.
+    """
+    bottom, top = factor * (grid.top - grid.rows), factor * grid.top
+    left, right = factor * grid.left, factor * (grid.left + grid.cols)
     return range(bottom // TILE, (top - 1) // TILE + 1), range(left // TILE, (right - 1) // TILE + 1)
-
-
-def _reach(like: GridGeometry, rays: np.ndarray) -> GridGeometry:
-    """Return the grid below all rays."""
-    x, y = rays[:, [0, 3]], rays[:, [1, 4]]
-    return GridGeometry.aligned(like.frame, like.resolution_m, (x.min(), y.min(), x.max(), y.max()))

@@ -13,51 +13,51 @@ from cdff_core.dfns.background_subtraction.interface import BackgroundSubtractio
 from cdff_core.dfns.background_subtraction.mixture_of_gaussians import MixtureOfGaussians
 
 
-def node() -> MixtureOfGaussians:
+def make_node() -> MixtureOfGaussians:
     result = MixtureOfGaussians()
     result.configure({"history": 100})
     return result
 
 
-def mask(subtraction: MixtureOfGaussians, image: np.ndarray) -> np.ndarray:
+def foreground_mask(subtraction: MixtureOfGaussians, image: np.ndarray) -> np.ndarray:
     frame = Frame.from_image(image, stamp_ns=0)
     return np.asarray(subtraction.process(BackgroundSubtractionInputs(image=frame)).mask.image)
 
 
 def test_only_a_moving_square_is_detected_in_noise() -> None:
-    rng, subtraction = np.random.default_rng(0), node()
+    rng, subtraction = np.random.default_rng(0), make_node()
     scene = rng.uniform(60, 120, (90, 120))
     masks = []
     for i in range(-80, 20):
         image = scene + rng.normal(0, 3, scene.shape)
         if i >= 0:
             image[30:50, 4 * i : 4 * i + 20] = 220
-        masks.append(mask(subtraction, np.clip(image, 0, 255).astype(np.uint8)))
+        masks.append(foreground_mask(subtraction, np.clip(image, 0, 255).astype(np.uint8)))
     assert not masks[0].any()
-    last = masks[-1] == 255
-    square = np.zeros_like(last)
+    last_mask = masks[-1] == 255
+    square = np.zeros_like(last_mask)
     square[30:50, 76:96] = True
-    assert (last & square).sum() / square.sum() > 0.95
-    assert (last & ~square).mean() < 0.005
+    assert (last_mask & square).sum() / square.sum() > 0.95
+    assert (last_mask & ~square).mean() < 0.005
 
 
 def test_static_objects_become_background() -> None:
-    subtraction = node()
+    subtraction = make_node()
     empty = np.full((40, 40), 80, np.uint8)
     for _ in range(30):
-        mask(subtraction, empty)
+        foreground_mask(subtraction, empty)
     with_object = empty.copy()
     with_object[10:20, 10:20] = 200
-    assert mask(subtraction, with_object)[12:18, 12:18].all()
+    assert foreground_mask(subtraction, with_object)[12:18, 12:18].all()
     for _ in range(150):
-        last = mask(subtraction, with_object)
-    assert not last.any()
+        last_mask = foreground_mask(subtraction, with_object)
+    assert not last_mask.any()
 
 
 def test_images_of_another_size_or_depth_are_refused() -> None:
-    subtraction = node()
-    mask(subtraction, np.zeros((10, 10), np.uint8))
+    subtraction = make_node()
+    foreground_mask(subtraction, np.zeros((10, 10), np.uint8))
     with pytest.raises(InputError, match="expected uint8"):
-        mask(subtraction, np.zeros((10, 12), np.uint8))
+        foreground_mask(subtraction, np.zeros((10, 12), np.uint8))
     with pytest.raises(InputError, match="uint16"):
-        mask(node(), np.zeros((10, 10), np.uint16))
+        foreground_mask(make_node(), np.zeros((10, 10), np.uint16))
