@@ -32,7 +32,7 @@ class CellStatisticsRasterConfig(DfnConfig):
         None,
         gt=0,
         description=(
-            "Height of empty space above which points are an overhang; absent: overhangs are not separated"
+            "Smallest vertical gap between the ground and an overhang; absent: overhangs are not separated"
         ),
     )
 
@@ -40,12 +40,13 @@ class CellStatisticsRasterConfig(DfnConfig):
 class CellStatisticsRaster(Interface[CellStatisticsRasterConfig]):
     """Count, mean, variance, minimum, maximum and age of the heights in each cell; empty cells are NaN.
 
-    ``variance`` is the variance of the heights in the cell (divided by their number) plus the mean of their
-    own variances, if given. This is the variance of their mixture and pools exactly.
+    ``variance`` is the population variance of the heights in the cell plus the mean of their own variances,
+    if given. It is the variance of a mixture, so that pooling two cells gives the variance of all their
+    points.
 
-    With ``overhang_gap_m`` the heights of a cell above the lowest gap of that size are excluded, and the
-    lowest of them is in the layer ``overhang_m`` if there are at least two. In a cell where only the
-    overhang was observed it is treated as ground.
+    With ``overhang_gap_m``, heights above the lowest gap of that size are excluded from the statistics of a
+    cell. If there are at least two, the lowest of them is stored in the layer ``overhang_m``. If only the
+    overhang was observed in a cell, it is treated as ground.
     """
 
     def setup(self) -> None:
@@ -53,6 +54,7 @@ class CellStatisticsRaster(Interface[CellStatisticsRasterConfig]):
         grid = GridGeometry.aligned("map", self.config.resolution_m, (0.0, 0.0, 0.0, 0.0))
         statistics = CellStatistics.from_points(grid, np.zeros((1, 3)), stamps_ns=0)
         AuxiliaryLayers.empty(grid).to_layers(statistics, 0)
+        # Arrays of messages are read-only, which is another type for the compiler.
         for writeable in (True, False):
             points = np.zeros((1, 3))
             points.setflags(write=writeable)
@@ -82,79 +84,85 @@ class CellStatisticsRaster(Interface[CellStatisticsRasterConfig]):
             or inputs.intensity is not None
             or self.config.overhang_gap_m is not None
         ):
-            cell = _cells(grid, points)
+            cell = _cell_indices(grid, points)
             auxiliary = AuxiliaryLayers.empty(grid)
             if self.config.overhang_gap_m is not None:
-                is_overhang = overhanging(cell, points[:, 2], self.config.overhang_gap_m)
-                # A single point is noise: neither ground nor overhang.
-                real = (
+                is_overhang = find_overhangs(cell, points[:, 2], self.config.overhang_gap_m)
+                # A single point above the gap is noise: neither ground nor overhang.
+                is_mapped_overhang = (
                     is_overhang & (np.bincount(cell[is_overhang], minlength=grid.rows * grid.cols) > 1)[cell]
                 )
-                auxiliary.minimum_at(OVERHANG_M, cell[real], points[real, 2])
+                auxiliary.minimum_at(OVERHANG_M, cell[is_mapped_overhang], points[is_mapped_overhang, 2])
                 ground, cell = np.where(is_overhang[:, None], np.nan, points), np.where(is_overhang, -1, cell)
         statistics = CellStatistics.from_points(
             grid,
             ground,
             stamps_ns=stamps,
-            height_variance_m2=_sum(inputs.height_variance, inputs.noise_variance),
+            height_variance_m2=_sum_variances(inputs.height_variance, inputs.noise_variance),
         )
         if auxiliary is not None:
-            _fill(auxiliary, cell, stamps, inputs)
+            _fill_auxiliary_layers(auxiliary, cell, stamps, inputs)
         layers = statistics.to_layers(t1_ns)
         if auxiliary is not None:
             layers |= auxiliary.to_layers(statistics, t1_ns)
         return Outputs(map=ElevationMap.from_layers(grid, layers, t0_ns=t0_ns, t1_ns=t1_ns))
 
 
-def _cells(grid: GridGeometry, points: FloatArray) -> IntArray:
-    """Return the flat index of each point's cell, -1 if it is not finite."""
+def _cell_indices(grid: GridGeometry, points: FloatArray) -> IntArray:
+    """Return the flat index of the cell of each point; -1 for points that are not finite."""
     finite = np.isfinite(points).all(axis=1)
     row, col, inside = grid.cells_of(*np.where(finite, points[:, :2].T, 0.0))
     return np.where(finite & inside, row * grid.cols + col, -1).astype(np.int64)
 
 
-def overhanging(cell: IntArray, z_m: FloatArray, gap_m: float) -> BoolArray:
-    """Return which points ``(n,)`` lie above the lowest gap of ``gap_m`` in their cell; -1 is ignored."""
+def find_overhangs(cell: IntArray, z_m: FloatArray, gap_m: float) -> BoolArray:
+    """Return which points ``(n,)`` lie above the lowest gap of ``gap_m`` in their cell.
+
+    Points of cell -1 are ignored.
+    """
     cells = int(cell.max(initial=0)) + 1
-    low, high = np.full(cells, np.inf), np.full(cells, -np.inf)
-    use = cell >= 0
-    np.minimum.at(low, cell[use], z_m[use])
-    np.maximum.at(high, cell[use], z_m[use])
-    tall = np.flatnonzero(use & ((high - low)[cell] >= gap_m))
+    lowest_m, highest_m = np.full(cells, np.inf), np.full(cells, -np.inf)
+    has_cell = cell >= 0
+    np.minimum.at(lowest_m, cell[has_cell], z_m[has_cell])
+    np.maximum.at(highest_m, cell[has_cell], z_m[has_cell])
+    candidates = np.flatnonzero(has_cell & ((highest_m - lowest_m)[cell] >= gap_m))
     is_overhang = np.zeros(len(cell), dtype=np.bool_)
-    order = tall[np.lexsort((z_m[tall], cell[tall]))]
-    c, z = cell[order], z_m[order]
-    starts_cell = np.r_[True, c[1:] != c[:-1]] if len(c) else np.zeros(0, dtype=np.bool_)
-    jump = np.r_[False, (z[1:] - z[:-1] >= gap_m) & ~starts_cell[1:]] if len(c) else starts_cell
-    jumps = np.cumsum(jump)
-    is_overhang[order] = (
-        jumps > jumps[np.maximum.accumulate(np.where(starts_cell, np.arange(len(c)), 0))] if len(c) else False
-    )
+    if not len(candidates):
+        return is_overhang
+    order = candidates[np.lexsort((z_m[candidates], cell[candidates]))]
+    sorted_cell, sorted_z_m = cell[order], z_m[order]
+    starts_cell = np.r_[True, sorted_cell[1:] != sorted_cell[:-1]]
+    follows_gap = np.r_[False, (np.diff(sorted_z_m) >= gap_m) & ~starts_cell[1:]]
+    gaps = np.cumsum(follows_gap)
+    cell_start = np.maximum.accumulate(np.where(starts_cell, np.arange(len(order)), 0))
+    is_overhang[order] = gaps > gaps[cell_start]
     return is_overhang
 
 
-def _sum(first: FloatArray | None, second: FloatArray | None) -> FloatArray | None:
-    """Return the sum of the variances that are given."""
+def _sum_variances(first: FloatArray | None, second: FloatArray | None) -> FloatArray | None:
+    """Return the sum of two variances of each point; an absent one is 0, None if both are absent."""
     if first is None or second is None:
         return first if second is None else second
     return np.asarray(first + second)
 
 
-def _fill(
+def _fill_auxiliary_layers(
     auxiliary: AuxiliaryLayers,
     cell: IntArray,
     stamps: IntArray,
     inputs: Inputs,
 ) -> None:
     """Fill the auxiliary layers from the optional inputs."""
-    use, grid, sums = cell >= 0, auxiliary.geometry, auxiliary.sums
-    shape, at, size = grid.shape, cell[use], grid.rows * grid.cols
+    has_cell, grid, sums = cell >= 0, auxiliary.geometry, auxiliary.sums
+    shape, observed_cell, cell_count = grid.shape, cell[has_cell], grid.rows * grid.cols
     if inputs.height_variance is not None:
-        variance = np.asarray(inputs.height_variance)[use]
-        sums[..., POSE_VARIANCE_SUM] = np.bincount(at, variance, size).reshape(shape)
+        variance = np.asarray(inputs.height_variance)[has_cell]
+        sums[..., POSE_VARIANCE_SUM] = np.bincount(observed_cell, variance, cell_count).reshape(shape)
     if inputs.intensity is not None:
         intensity = np.asarray(inputs.intensity, dtype=np.float64)
-        known = use & np.isfinite(intensity)
-        sums[..., INTENSITY_SUM] = np.bincount(cell[known], intensity[known], size).reshape(shape)
-        sums[..., INTENSITY_COUNT] = np.bincount(cell[known], minlength=size).reshape(shape)
-    auxiliary.minimum_at(FIRST_US, at, np.broadcast_to(stamps * 1e-3, cell.shape)[use])
+        has_intensity = has_cell & np.isfinite(intensity)
+        sums[..., INTENSITY_SUM] = np.bincount(
+            cell[has_intensity], intensity[has_intensity], cell_count
+        ).reshape(shape)
+        sums[..., INTENSITY_COUNT] = np.bincount(cell[has_intensity], minlength=cell_count).reshape(shape)
+    auxiliary.minimum_at(FIRST_US, observed_cell, np.broadcast_to(stamps * 1e-3, cell.shape)[has_cell])

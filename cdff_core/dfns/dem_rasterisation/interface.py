@@ -68,9 +68,10 @@ class DemRasterisationOutputs:
     Attributes
     ----------
     map : ElevationMap
-        Smallest grid that holds all points; layers mean, variance, min, max, count, age_s, NaN if
-        unobserved; auxiliary layers for optional inputs: pose_variance (mean of heightVariance), intensity
-        (mean), first_age_s (age of the oldest measurement), overhang_m (lowest height of an overhang).
+        Smallest aligned grid that contains all points; layers mean, variance, min, max, count, age_s, NaN
+        if unobserved; auxiliary layers if noiseVariance, intensity or overhang_gap_m is given:
+        pose_variance (mean of heightVariance), intensity (mean), first_age_s (age of the oldest
+        measurement), overhang_m (lowest height of an overhang).
     """
 
     map: ElevationMap

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled planes through the cells around points."""
+"""Compiled least-squares planes through the map cells around points."""
 
 from __future__ import annotations
 
@@ -18,28 +18,32 @@ def tangent_planes(
     xmin_m: float,
     ymax_m: float,
     radius: int,
-    above: FloatArray,
+    height_above_m: FloatArray,
     gradient: FloatArray,
-    spread: FloatArray,
+    plane_variance_m2: FloatArray,
 ) -> None:
-    """Compute the height of each point over the least-squares plane of the surrounding cells, its gradient
-    and scatter.
+    """Fit a plane to the cells around each point; compute its gradient, variance and the height above it.
 
     Parameters
     ----------
     points : ndarray, shape (n, 3)
+        In the frame of the map, metres.
     heights : ndarray of float32, shape (rows, cols)
-        NaN where unobserved.
+        Mean height of each cell, metres; NaN if unobserved.
+    resolution_m, xmin_m, ymax_m : float
+        Edge of a cell and outer corner of the cell (0, 0).
     radius : int
-        Cells to each side of the point's own.
-    above, gradient, spread : ndarray, shapes (n,), (n, 2), (n,)
-        Outputs: metres; slopes along x and y; variance of the cells about the plane over their number, square
-        metres. NaN where the cells do not span a plane.
+        Half width of the fitted square: cells on each side of the cell that contains the point.
+    height_above_m, gradient, plane_variance_m2 : ndarray, shapes (n,), (n, 2), (n,)
+        Outputs: height of the point above the plane; slopes of the plane along x and y; variance of the plane
+        height, which is that of the cell heights about the plane over the number of cells. The height is NaN,
+        and the others are not written, if fewer than half of the cells are observed or they do not span a
+        plane.
     """
     rows, cols = heights.shape
-    least = ((2 * radius + 1) ** 2) // 2
+    min_cells = ((2 * radius + 1) ** 2) // 2
     for i in range(len(points)):
-        above[i] = np.nan
+        height_above_m[i] = np.nan
         u, v = (points[i, 0] - xmin_m) / resolution_m, (ymax_m - points[i, 1]) / resolution_m
         col, row = int(np.floor(u)), int(np.floor(v))
         if row < radius or col < radius or row + radius >= rows or col + radius >= cols:
@@ -62,7 +66,7 @@ def tangent_planes(
                 sxz += x * z
                 syz += y * z
                 szz += z * z
-        if n < least:
+        if n < min_cells:
             continue
         mx, my, mz = sx / n, sy / n, sz / n
         a, b, d = sxx / n - mx * mx, sxy / n - mx * my, syy / n - my * my
@@ -71,6 +75,6 @@ def tangent_planes(
         if determinant < 1e-3 * (a + d) * (a + d):
             continue
         gx, gy = (d * p - b * q) / determinant, (a * q - b * p) / determinant
-        above[i] = -(mz - gx * mx - gy * my)
+        height_above_m[i] = -(mz - gx * mx - gy * my)
         gradient[i, 0], gradient[i, 1] = gx, gy
-        spread[i] = max(szz / n - mz * mz - gx * p - gy * q, 0.0) / n
+        plane_variance_m2[i] = max(szz / n - mz * mz - gx * p - gy * q, 0.0) / n

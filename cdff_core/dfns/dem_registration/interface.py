@@ -62,7 +62,7 @@ class DemRegistrationOutputs:
     correction : ndarray of float64, shape (4,4)
         Transform to apply to the points in the frame of the map; the identity if nothing was corrected.
     covariance : ndarray of float64, shape (6,6)
-        Covariance of the corrected pose relative to the map; that of the input if nothing was corrected.
+        Covariance of the corrected pose relative to the map; the input covariance if nothing was corrected.
     matched : int
         Number of points used by the fit; 0 if nothing was corrected.
     """

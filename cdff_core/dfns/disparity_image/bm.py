@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Block matching: fast, for terrain with texture.
+"""Block matching: fast, for textured terrain.
 
 References
 ----------
@@ -19,21 +19,24 @@ from cdff_core.dfns.disparity_image._checked import CheckedMatcher, MatcherConfi
 class BmConfig(MatcherConfig):
     """Parameters of Bm."""
 
-    block_px: int = Field(9, ge=5, le=255, description="Edge of the matched block; odd")
+    block_px: int = Field(9, ge=5, le=255, description="Edge of the matched block, an odd number")
     texture: int = Field(
         10, ge=0, le=100_000, description="Minimum sum of the horizontal gradients of a block"
     )
 
 
 class Bm(CheckedMatcher[BmConfig]):
-    """Sum of absolute differences of horizontal gradients over a block ([1]_); sub-pixel by a parabola."""
+    """Block matching by the sum of absolute differences of horizontal gradients [1]_.
 
-    def _matcher_of_opencv(self) -> cv2.StereoMatcher:
-        c = self.config
-        matcher = cv2.StereoBM.create(c.num_disparities, c.block_px)
-        matcher.setMinDisparity(c.min_disparity_px)
-        matcher.setUniquenessRatio(c.uniqueness_percent)
-        matcher.setTextureThreshold(c.texture)
+    Sub-pixel disparities follow from a parabola through the costs.
+    """
+
+    def _create_matcher(self) -> cv2.StereoMatcher:
+        cfg = self.config
+        matcher = cv2.StereoBM.create(cfg.num_disparities, cfg.block_px)
+        matcher.setMinDisparity(cfg.min_disparity_px)
+        matcher.setUniquenessRatio(cfg.uniqueness_percent)
+        matcher.setTextureThreshold(cfg.texture)
         matcher.setDisp12MaxDiff(-1)
         matcher.setSpeckleWindowSize(0)
         return matcher

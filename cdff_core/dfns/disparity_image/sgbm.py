@@ -5,8 +5,7 @@
 References
 ----------
 .. [1] Hirschmüller, H. (2008). Stereo processing by semiglobal matching and mutual information. IEEE TPAMI
-   30(2).
-   doi:10.1109/TPAMI.2007.1166
+   30(2). doi:10.1109/TPAMI.2007.1166
 """
 
 from __future__ import annotations
@@ -24,25 +23,28 @@ _MODES = {3: cv2.STEREO_SGBM_MODE_SGBM_3WAY, 5: cv2.STEREO_SGBM_MODE_SGBM, 8: cv
 class SgbmConfig(MatcherConfig):
     """Parameters of Sgbm."""
 
-    block_px: int = Field(3, ge=1, le=15, description="Edge of the matched block; odd")
+    block_px: int = Field(3, ge=1, le=15, description="Edge of the matched block, an odd number")
     paths: Literal[3, 5, 8] = Field(5, description="Number of directions in which costs are aggregated")
 
 
 class Sgbm(CheckedMatcher[SgbmConfig]):
-    """Block costs aggregated along several directions; sub-pixel by a parabola through the costs."""
+    """Semi-global matching with block costs aggregated along several directions.
 
-    def _matcher_of_opencv(self) -> cv2.StereoMatcher:
-        c = self.config
+    Sub-pixel disparities follow from a parabola through the costs.
+    """
+
+    def _create_matcher(self) -> cv2.StereoMatcher:
+        cfg = self.config
         return cv2.StereoSGBM.create(
-            minDisparity=c.min_disparity_px,
-            numDisparities=c.num_disparities,
-            blockSize=c.block_px,
-            P1=8 * c.block_px**2,
-            P2=32 * c.block_px**2,
+            minDisparity=cfg.min_disparity_px,
+            numDisparities=cfg.num_disparities,
+            blockSize=cfg.block_px,
+            P1=8 * cfg.block_px**2,
+            P2=32 * cfg.block_px**2,
             disp12MaxDiff=-1,
             preFilterCap=31,
-            uniquenessRatio=c.uniqueness_percent,
+            uniquenessRatio=cfg.uniqueness_percent,
             speckleWindowSize=0,
             speckleRange=0,
-            mode=_MODES[c.paths],
+            mode=_MODES[cfg.paths],
         )

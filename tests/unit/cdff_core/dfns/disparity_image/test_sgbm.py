@@ -66,13 +66,12 @@ def test_gaps_are_filled_with_the_background_unless_too_wide_or_at_the_edge(
 ) -> None:
     left = texture(rng)
     right = shifted(left, 4.0)
-    right[40:80, 100:140] = shifted(left, 14.0)[
-        40:80, 100:140
-    ]  # a box in front of the wall hides ten columns of it
-    empty, filled = (match(left, right, fill_px=n) for n in (0, 16))
-    gaps = np.isnan(empty) & np.isfinite(filled)
-    has_disparity = np.isfinite(empty)
-    np.testing.assert_array_equal(filled[has_disparity], empty[has_disparity])
+    # A box in front of the wall hides ten columns of it.
+    right[40:80, 100:140] = shifted(left, 14.0)[40:80, 100:140]
+    unfilled, filled = (match(left, right, fill_px=n) for n in (0, 16))
+    gaps = np.isnan(unfilled) & np.isfinite(filled)
+    has_disparity = np.isfinite(unfilled)
+    np.testing.assert_array_equal(filled[has_disparity], unfilled[has_disparity])
     gaps_at_box = gaps[45:75, 90:160]
     assert gaps_at_box.sum() > 5 * 30
     assert np.median(filled[45:75, 90:160][gaps_at_box]) == pytest.approx(4.0, abs=0.2)
@@ -171,20 +170,18 @@ def test_middlebury_pairs_have_fewer_errors_than_with_plain_sgbm(
 
 
 @pytest.mark.parametrize("paths", [3, 5, 8])
-def test_sloping_ground_is_not_biased_towards_objects_above(paths: int) -> None:
-    """Disparity grows by 0.15 px per row, as on ground. A single pass of 5 paths, all from above, would be
-    0.1 px too low.
-    """
+def test_disparities_of_sloping_ground_are_not_biased_towards_the_rows_above(paths: int) -> None:
+    # The disparity grows by 0.15 px per row. A single pass of 5 paths, all from above, is 0.1 px too low.
     rng = np.random.default_rng(4)
-    wide = cv2.GaussianBlur(rng.uniform(0, 255, (240, 480)).astype(np.float32), (0, 0), 1.2)
-    wide = np.clip(128 + 1.2 * (wide - wide.mean()), 0, 255)
+    textured = cv2.GaussianBlur(rng.uniform(0, 255, (240, 480)).astype(np.float32), (0, 0), 1.2)
+    textured = np.clip(128 + 1.2 * (textured - textured.mean()), 0, 255)
     disparity = 10.0 + 0.15 * np.arange(240.0)[:, None] * np.ones((1, 320))
     col, row = np.meshgrid(np.arange(320.0) + 80.0, np.arange(240.0))
-    left = cv2.remap(wide, col.astype(np.float32), row.astype(np.float32), cv2.INTER_CUBIC)
-    right = cv2.remap(wide, (col + disparity).astype(np.float32), row.astype(np.float32), cv2.INTER_CUBIC)
+    left = cv2.remap(textured, col.astype(np.float32), row.astype(np.float32), cv2.INTER_CUBIC)
+    right = cv2.remap(textured, (col + disparity).astype(np.float32), row.astype(np.float32), cv2.INTER_CUBIC)
     noise = rng.normal(0.0, 1.5, (2, 240, 320))
     left, right = (np.clip(i + n, 0, 255).astype(np.uint8) for i, n in zip((left, right), noise, strict=True))
-    matches = match(left, right, num_disparities=64, paths=paths)
-    error = (matches - disparity)[20:-20, 60:-20]
+    matched = match(left, right, num_disparities=64, paths=paths)
+    error = (matched - disparity)[20:-20, 60:-20]
     assert np.isfinite(error).mean() > 0.9
     assert abs(np.nanmedian(error)) < 0.06

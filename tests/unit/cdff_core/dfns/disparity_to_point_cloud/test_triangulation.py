@@ -19,7 +19,7 @@ K = np.array([[400.0, 0, 32], [0, 400, 24], [0, 0, 1]])
 BASELINE_M = 0.25
 
 
-def image(disparity: np.ndarray, camera_matrix: np.ndarray | None = K) -> Frame:
+def disparity_image(disparity: np.ndarray, camera_matrix: np.ndarray | None = K) -> Frame:
     return Frame.from_image(
         disparity.astype(np.float32), stamp_ns=0, mode="UNDEF", camera_matrix=camera_matrix
     )
@@ -31,18 +31,18 @@ def triangulate(
     node = Triangulation()
     node.configure({"max_depth_sigma_m": 100.0, **config})
     return node.process(
-        DisparityToPointCloudInputs(disparity=image(disparity), baseline_m=baseline_m, left=left)
+        DisparityToPointCloudInputs(disparity=disparity_image(disparity), baseline_m=baseline_m, left=left)
     )
 
 
 def test_points_project_back_to_their_pixels_and_disparities(rng: np.random.Generator) -> None:
     disparity = rng.uniform(5, 40, (48, 64))
-    p = triangulate(disparity).points
-    u, v = 400 * p[:, 0] / p[:, 2] + 32, 400 * p[:, 1] / p[:, 2] + 24
+    points = triangulate(disparity).points
+    u, v = 400 * points[:, 0] / points[:, 2] + 32, 400 * points[:, 1] / points[:, 2] + 24
     rows, cols = np.rint(v).astype(int), np.rint(u).astype(int)
-    assert len(p) == disparity.size
+    assert len(points) == disparity.size
     np.testing.assert_allclose(u, cols, atol=1e-9)
-    np.testing.assert_allclose(400 * BASELINE_M / p[:, 2], disparity[rows, cols], rtol=1e-6)
+    np.testing.assert_allclose(400 * BASELINE_M / points[:, 2], disparity[rows, cols], rtol=1e-6)
 
 
 def test_pixels_without_disparity_or_at_infinity_give_no_point() -> None:
@@ -85,7 +85,7 @@ def test_inputs_without_camera_baseline_or_size_are_refused() -> None:
     node.configure()
     flat = np.full((4, 4), 10.0)
     with pytest.raises(InputError, match="camera matrix"):
-        node.process(DisparityToPointCloudInputs(disparity=image(flat, None), baseline_m=0.2))
+        node.process(DisparityToPointCloudInputs(disparity=disparity_image(flat, None), baseline_m=0.2))
     with pytest.raises(InputError, match="baseline"):
         triangulate(flat, baseline_m=0.0)
     with pytest.raises(InputError, match="size"):
