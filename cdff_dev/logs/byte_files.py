@@ -78,7 +78,7 @@ def mapped_file(path: Path) -> Iterator[MappedFile]:
         yield walk
     finally:
         del walk.data
-        # The traceback of an error may still hold a view of the data: close() then raises BufferError, and the
+        # The traceback of an error may still refer to the data: close() then raises BufferError, and the
         # file is closed when the error is freed.
         with contextlib.suppress(BufferError):
             mapped.close()

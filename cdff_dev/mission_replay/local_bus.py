@@ -81,7 +81,10 @@ class LocalBus:
         attachment: bytes = b"",
         **_: Any,
     ) -> Iterator[Reply]:
-        """Yield the replies of a call; raises the errors of its handler, and NoAnswerError if there is none."""
+        """Yield the replies of a call.
+
+        Raises the errors of its handler, and NoAnswerError if there is none.
+        """
         handler = self._handlers.get(key) or self._matching(key.split("/"))
         if handler is None:
             raise NoAnswerError(f"{key}: no service answers")

@@ -25,7 +25,8 @@ from cdff_common.types import (
 )
 from cdff_dev.missions.script import TimedRequest
 
-#: Largest distance of a point from the requested region, metres: the rover moves while the answer is computed.
+#: Largest distance of a point from the requested region, metres: the rover moves while the answer is
+#: computed.
 REGION_SLACK_M = 0.5
 
 

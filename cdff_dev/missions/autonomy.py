@@ -52,7 +52,7 @@ def closing_event(event: threading.Event) -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True)
 class RequestRecord:
-    """A request of the autonomy framework: mission time, requested product, duration, summary of the answer."""
+    """A request of the autonomy framework: mission time, product, duration and summary of the answer."""
 
     at_s: float
     robot: str
@@ -197,9 +197,10 @@ class Autonomy:
         )
 
     def _is_settled(self, robot: str) -> bool:
-        """Return True if a robot has ended its tasks and its position is known to ``goal_radius_m`` (1 sigma).
+        """Return True if a robot has ended its tasks, and its position is known to ``goal_radius_m``.
 
-        Before the maps of the robots are merged, the position can be wrong by metres.
+        The standard deviation of the position must not exceed the radius. Before the maps of the robots are
+        merged, the position can be wrong by metres.
         """
         covariance = self._client.pose(robot).covariance
         is_known = (

@@ -83,7 +83,8 @@ def demonstrate(
     clock_stopped_s = time.monotonic() - start_s - (clock.now_ns() - start_ns) / NS_PER_S / script.rate
     if clock_stopped_s > 1.0:
         print_line(
-            f"this machine is too slow for the mission: its clock was stopped for {clock_stopped_s:.0f} s in total"
+            f"this machine is too slow for the mission: the mission clock was stopped for "
+            f"{clock_stopped_s:.0f} s in total"
         )
     print_line(f"products available over HTTP at {stage.http}: {counts_over_http(stage.http)}")
     answered_line = _answered_line(outcomes)

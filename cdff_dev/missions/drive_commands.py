@@ -26,7 +26,10 @@ def key(robot: str, verb: str) -> str:
 
 
 def serve(bus: Bus, log: GrowingLog) -> None:
-    """Serve drive commands for every rover; a reply has the start and end of the motion, mission nanoseconds."""
+    """Serve drive commands for every rover.
+
+    A reply has the start and end of the motion, mission nanoseconds.
+    """
     for robot in log.rovers:
         bus.serve(key(robot, "drive"), partial(_drive, log, robot))
         bus.serve(key(robot, "follow"), partial(_follow, log, robot))

@@ -91,7 +91,10 @@ class Guidance:
 
 
 def _nearest_free(ground: NavigationMap, position_m: FloatArray, within_m: float) -> FloatArray:
-    """Return the centre of the nearest free cell; raises RefusedError if its distance exceeds ``within_m``."""
+    """Return the centre of the nearest free cell.
+
+    Raises RefusedError if its distance exceeds ``within_m``.
+    """
     x, y = ground.geometry.centres_m()
     distance_m = np.where(
         np.isin(ground.layer("class"), _FREE), np.hypot(x - position_m[0], y - position_m[1]), np.inf

@@ -94,7 +94,9 @@ class SharedMapErrors:
 def assess_shared_map(
     limits: SharedMapLimits, profile: Profile, log: Path, bus: Bus, http_url: str
 ) -> SharedMapErrors:
-    """Assess the map repeatedly until it has no fault, at most for ``wait_s``: merging continues after the drive.
+    """Assess the map repeatedly, until it has no fault or ``wait_s`` has passed.
+
+    Merging of the maps continues after the drive.
 
     Raises
     ------
@@ -109,7 +111,7 @@ def assess_shared_map(
 
 
 def _errors(limits: SharedMapLimits, profile: Profile, log: Path, bus: Bus, http_url: str) -> SharedMapErrors:
-    """Assess the products of the DPM with the frames before the first re-anchoring, and with the newest frames."""
+    """Assess the products of the DPM with the frames before the first re-anchoring and with the newest."""
     revisions = _revisions(limits, bus)
     state_before = min(int(r[1]["frames_revision"]) for r in revisions.values() if len(r) > 1) - 1
     truths = read_truth(log, limits.robots)

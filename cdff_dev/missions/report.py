@@ -77,7 +77,10 @@ def processes_under(pid: int) -> list[Process]:
 
 
 def elevation_around(bus: Bus, tracks: Sequence[Track]) -> ElevationMap | None:
-    """Return the elevation map around all tracks from the maps of all robots in the DPM; None if there is none."""
+    """Return the elevation map around all tracks from the maps of all robots in the DPM.
+
+    Return None if nothing is mapped.
+    """
     if not tracks:
         return None
     low, high = _extent(tracks)
@@ -103,7 +106,8 @@ def _page(report: Report) -> Iterator[str]:
     if report.tracks:
         yield "<h2>Map and paths</h2>"
         yield from _drawing(report.tracks, report.ground)
-        yield f"<p>Thin lines: ground truth. Ellipses: {_SIGMAS:g} stated standard deviations. Shading: elevation.</p>"
+        ellipses = f"Ellipses: {_SIGMAS:g} stated standard deviations."
+        yield f"<p>Thin lines: ground truth. {ellipses} Shading: elevation.</p>"
         for track in report.tracks:
             yield f"<p>{html.escape(str(track))}</p>"
             yield from _error_plot(track)
@@ -193,12 +197,13 @@ def _drawing(tracks: Sequence[Track], ground: ElevationMap | None) -> Iterator[s
                 f'transform="translate({x:.3f} {-y:.3f}) rotate({angle:.1f})"/>'
             )
         x, y = track.positions_m[0, :2]
-        yield f'<text x="{x:.2f}" y="{-y:.2f}" font-size="{width / 40:.2f}" fill="{colour}">{track.robot}</text>'
+        place = f'x="{x:.2f}" y="{-y:.2f}" font-size="{width / 40:.2f}"'
+        yield f'<text {place} fill="{colour}">{track.robot}</text>'
     yield "</svg>"
 
 
 def _error_plot(track: Track) -> Iterator[str]:
-    """Yield an SVG of the position error over time, with three stated standard deviations of the worst direction.
+    """Yield an SVG of the position error over time, with its three-sigma bound in the worst direction.
 
     Without ground truth nothing is yielded.
     """

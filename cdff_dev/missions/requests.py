@@ -22,7 +22,8 @@ from cdff_dev.missions.answer_assessment import assess_answer
 from cdff_dev.missions.script import TimedRequest
 from cdff_dev.missions.tracks import http_json
 
-#: Longest wait for the first tick of the clock, seconds: the player encodes samples before it starts the clock.
+#: Longest wait for the first tick of the clock, seconds: the player encodes samples before it starts the
+#: clock.
 CLOCK_S = 60.0
 
 
@@ -72,7 +73,10 @@ def run_requests(
     http: str,
     on_outcome: Callable[[Outcome], None],
 ) -> list[Outcome]:
-    """Send every request at its mission time, each in its own thread; return the outcomes in the given order."""
+    """Send every request at its mission time, each in its own thread.
+
+    Return the outcomes in the given order.
+    """
     warm_wire()  # loading a codec must not delay an answer, whose age is measured on arrival
     outcomes: list[Outcome | None] = [None] * len(requests)
 

@@ -58,11 +58,13 @@ class Leg:
 
 
 class Rover:
-    """A simulated rover, which produces its sensor samples tick by tick; without a commanded path it is at rest.
+    """A simulated rover, which produces its sensor samples tick by tick.
 
-    A tick is one period of the lidar. Legs start and end at rest, on ticks. Errors of the rover (biases of its
-    IMU) continue over all legs; errors that depend on the terrain (slip, gain of skid steering) are drawn for
-    each leg.
+    Without a commanded path it is at rest.
+
+    A tick is one period of the lidar. Legs start and end at rest, on ticks. Errors of the rover (biases of
+    its IMU) continue over all legs; errors that depend on the terrain (slip, gain of skid steering) are
+    drawn for each leg.
 
     Parameters
     ----------
@@ -153,7 +155,10 @@ class Rover:
         return self._start_leg(motion, tick, math.ceil(end_s / self.tick_s))
 
     def follow(self, tick: int) -> tuple[int, int]:
-        """Drive the path of the scenario from a tick on; raises ConflictError if the rover has left its start."""
+        """Drive the path of the scenario from a tick on.
+
+        Raises ConflictError if the rover has left its start.
+        """
         self._check_at_rest(tick)
         motion = self._world.motions[self.robot]
         if np.linalg.norm(motion.poses(np.zeros(1))[0] - self.pose()) > 1e-6:

@@ -44,8 +44,8 @@ class PositionErrors:
     def __str__(self) -> str:
         return (
             f"{self.robot}: {self.path_length_m:.0f} m driven; position error RMS {self.rms_m:.3f} m, "
-            f"largest {self.largest_m:.3f} m ({self.error_ratio:.3%} of the path), {self.last_m:.3f} m at the "
-            f"end; {self.within_three_sigma:.1%} of the poses within three sigmas"
+            f"largest {self.largest_m:.3f} m ({self.error_ratio:.3%} of the path), {self.last_m:.3f} m at "
+            f"the end; {self.within_three_sigma:.1%} of the poses within three sigmas"
         )
 
 
@@ -62,7 +62,10 @@ class GoalResult:
 
 
 def position_errors(track: Track) -> PositionErrors:
-    """Return the errors of the poses within the time of the truth; raises UnavailableError if there is none."""
+    """Return the errors of the poses within the time of the truth.
+
+    Raises UnavailableError if there is none.
+    """
     inside, error = track.errors_m()
     truth = track.truth
     if not inside.any():
@@ -121,8 +124,8 @@ class Score:
         for errors in self.located:
             if limits.position_error_ratio is not None and errors.error_ratio > limits.position_error_ratio:
                 faults.append(
-                    f"{errors.robot}: position error {errors.error_ratio:.3%} of the path length, expected at most "
-                    f"{limits.position_error_ratio:.3%}"
+                    f"{errors.robot}: position error {errors.error_ratio:.3%} of the path length, expected "
+                    f"at most {limits.position_error_ratio:.3%}"
                 )
             if errors.within_three_sigma < limits.three_sigma_fraction:
                 within = f"{errors.within_three_sigma:.1%} of the poses within three sigmas"

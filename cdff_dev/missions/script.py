@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Models of the files of missions (``deploy/missions/*.yaml``) and demonstrations (``deploy/demo/*.yaml``)."""
+"""Models of the files of missions (``deploy/missions/``) and demonstrations (``deploy/demo/``)."""
 
 from __future__ import annotations
 

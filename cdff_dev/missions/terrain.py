@@ -50,8 +50,9 @@ class TerrainCrossed:
 
     def __str__(self) -> str:
         return (
-            f"{self.robot}: {self.places} positions of the path assessed; steepest {self.steepest_deg:.1f} deg "
-            f"({self.too_steep} beyond the limit), highest obstacle under the rover {self.highest_m:.2f} m "
+            f"{self.robot}: {self.places} positions of the path assessed; steepest "
+            f"{self.steepest_deg:.1f} deg ({self.too_steep} beyond the limit), highest obstacle under the "
+            f"rover {self.highest_m:.2f} m "
             f"({self.too_high} beyond)"
         )
 
@@ -69,7 +70,7 @@ class TerrainCrossed:
 
 @dataclass(frozen=True, slots=True)
 class MapErrors:
-    """Errors of elevation maps: number of compared cells; mean, root mean square and NMAD of the errors, metres.
+    """Errors of elevation maps: number of compared cells; mean, RMS and NMAD of their errors, metres.
 
     ``blank`` is the number of positions without a map.
     """
@@ -95,7 +96,10 @@ class MapErrors:
 
 
 def surface_heights_m(scene: Any, points_m: FloatArray) -> FloatArray:
-    """Return the heights ``(n,)`` of the true surface below points ``(n, 3)`` in the world; NaN if there is none."""
+    """Return the heights ``(n,)`` of the true surface below points ``(n, 3)`` in the world.
+
+    The height is NaN where there is no surface.
+    """
     import open3d as o3d
 
     rays = np.zeros((len(points_m), 6), dtype=np.float32)

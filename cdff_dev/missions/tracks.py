@@ -102,7 +102,7 @@ class Track:
         return self.poses[rows], self.truth.poses[true]
 
     def errors_m(self) -> tuple[NDArray[np.bool_], FloatArray]:
-        """Return a mask (n,) of the poses within the time of the truth, and their position errors (k, 3), metres."""
+        """Return a mask (n,) of the poses within the time of the truth, and their errors (k, 3), metres."""
         if not len(self.truth.stamps_ns):
             return np.zeros(len(self.stamps_ns), dtype=bool), np.zeros((0, 3))
         start_ns, end_ns = self.truth.stamps_ns[[0, -1]]
@@ -116,12 +116,18 @@ class Track:
             return f"{text}; the log has no ground truth"
         error_m = np.linalg.norm(estimated[:, :3, 3] - true[:, :3, 3], axis=1)
         rms_m = float(np.sqrt(np.mean(error_m**2)))
-        return f"{text}; position error: RMS {rms_m:.3f} m, last {error_m[-1]:.3f} m, largest {error_m.max():.3f} m"
+        return (
+            f"{text}; position error: RMS {rms_m:.3f} m, last {error_m[-1]:.3f} m, "
+            f"largest {error_m.max():.3f} m"
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class RelativePositionErrors:
-    """Errors of the position of one robot relative to the other, metres; ``pairs`` is the number of pose pairs."""
+    """Errors of the position of one robot relative to the other, metres.
+
+    ``pairs`` is the number of pose pairs.
+    """
 
     pairs: int
     rms_m: float
@@ -205,7 +211,7 @@ def estimated_track(profile: Profile, robot: str, http: str, truth: Truth, state
 
 
 def pose_series(http: str, robot: str, child: str, state: int | None = None) -> list[dict[str, Any]]:
-    """Return all poses of a frame of a robot in site, from the DPM over HTTP, in several pages if necessary."""
+    """Return all poses of a frame of a robot in site, from the DPM over HTTP, page by page."""
     query: dict[str, Any] = {"robot": robot, "frame": "site", "child": child, "limit": _PAGE}
     query |= {} if state is None else {"frames_revision": state}
     items: list[dict[str, Any]] = []
@@ -270,7 +276,10 @@ def assess_until_settled(
 
 
 def elevation_window(bus: Bus, region: str, resolution_m: float, **options: object) -> ElevationMap:
-    """Return the elevation map of a region of the site from the DPM; raises ProductNotFoundError without data."""
+    """Return the elevation map of a region of the site from the DPM.
+
+    Raises ProductNotFoundError without data.
+    """
     query = {"type": "dem", "frame": "site", "region": region, "resolution_m": resolution_m, "format": "tif"}
     reply = bus.call(keys.dpm_rpc(keys.GROUND, "get"), {**query, **options}, timeout_s=CALL_S)
     window = read_map(reply.payload)

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Simulated missions: procedural terrain, ray-cast cameras and lidar, IMU, slipping wheels, ground truth."""
+"""Simulation of rovers: terrain, ray-cast cameras and lidar, IMU, slipping wheels, ground truth."""

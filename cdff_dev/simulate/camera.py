@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The stereo camera: one ray a pixel, texture lookups, optics and sensor noise."""
+"""The simulated stereo camera: one ray per pixel, texture lookups, optics and sensor noise."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from scipy.ndimage import gaussian_filter
 
 from cdff_common.geometry.se3 import FloatArray
 from cdff_dev.simulate.scenario import Navcam
-from cdff_dev.simulate.surface import Float32Array, Look, sample
+from cdff_dev.simulate.surface import Appearance, Float32Array, sample
 
 
 class StereoCamera:
-    """Renders pairs of one scenario's navcam; holds the rays of the camera frame.
+    """Renders the stereo pairs of the navcam of a scenario.
 
     Parameters
     ----------
     scene : open3d.t.geometry.RaycastingScene
         Geometry 0 is the ground, 1 the rocks.
     ground_vertices : int
-        Number of vertices of geometry 0: where the rocks' radiances start.
+        Number of vertices of geometry 0, which is the index of the first rock vertex in
+        ``Appearance.vertex_radiance``.
     triangles : tuple of NDArray[np.uint32]
         Vertex indices of the triangles of ground and rocks, (m, 3) each.
     """
@@ -32,13 +33,13 @@ class StereoCamera:
         self,
         model: Navcam,
         scene: Any,
-        look: Look,
+        appearance: Appearance,
         ground_vertices: int,
         triangles: tuple[NDArray[np.uint32], ...],
     ) -> None:
         self._model = model
         self._scene = scene
-        self._look = look
+        self._appearance = appearance
         self._rock_start = ground_vertices
         self._triangles = triangles
         K = model.camera_matrix
@@ -48,14 +49,14 @@ class StereoCamera:
         )
         self._rays = rays.reshape(-1, 3)
         self._ray_length = np.linalg.norm(self._rays, axis=1).astype(np.float32)
-        corner = (K[0, 2] ** 2 + K[1, 2] ** 2) / K[0, 0] ** 2
-        off_axis = ((self._rays[:, :2] ** 2).sum(1) / corner).reshape(model.rows, model.columns)
+        corner_off_axis = (K[0, 2] ** 2 + K[1, 2] ** 2) / K[0, 0] ** 2
+        off_axis = ((self._rays[:, :2] ** 2).sum(1) / corner_off_axis).reshape(model.rows, model.columns)
         self._vignette = (1.0 - model.vignetting * off_axis).astype(np.float32)
 
     def pair(
         self, T_site_base: FloatArray, rng: np.random.Generator
     ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-        """Left and right image ``(rows, columns)`` of a rover standing at ``T_site_base``."""
+        """Return left and right image ``(rows, columns)`` of a rover at the pose ``T_site_base``."""
         m = self._model
         exposure = 1.0 + m.exposure_sigma * rng.standard_normal()
         balance = 1.0 + m.balance_sigma * rng.standard_normal(2)
@@ -64,69 +65,74 @@ class StereoCamera:
         return left, right
 
     def depth(self, T_site_camera: FloatArray) -> Float32Array:
-        """Depth along the optical axis ``(rows, columns)``, metres; inf at the sky."""
+        """Return the depth along the optical axis ``(rows, columns)``, metres; infinite for the sky."""
         hit: Float32Array = self._cast(T_site_camera)[0]["t_hit"].numpy()
         return hit.reshape(self._model.rows, self._model.columns)
 
     def radiance(self, T_site_camera: FloatArray) -> Float32Array:
-        """Relative radiance ``(rows, columns)`` without optics or noise; the sunlit plain is about 0.7."""
-        answer, directions, origin = self._cast(T_site_camera)
-        t = answer["t_hit"].numpy()
-        geometry = answer["geometry_ids"].numpy()
-        out = np.full(t.shape, np.float32(self._look.sky))
-        seen = np.flatnonzero(np.isfinite(t))
-        at = origin + t[seen, None] * directions[seen]
-        range_m = t[seen] * self._ray_length[seen]
-        normals = answer["primitive_normals"].numpy()[seen]
-        cosine = np.abs(np.einsum("ij,ij->i", normals, directions[seen])) / self._ray_length[seen]
-        footprint = t[seen] / np.float32(self._model.focal_px) / np.sqrt(np.maximum(cosine, np.float32(0.06)))
-        light = self._light(answer, seen, geometry[seen], at, footprint)
-        haze = np.exp(-range_m / np.float32(self._look.haze_distance_m))
-        out[seen] = light * haze + np.float32(self._look.sky) * (1 - haze)
-        return np.asarray(out.reshape(self._model.rows, self._model.columns), dtype=np.float32)
+        """Return the relative radiance ``(rows, columns)`` without optics and noise.
+
+        Sunlit plain: about 0.7.
+        """
+        hits, directions, origin = self._cast(T_site_camera)
+        t = hits["t_hit"].numpy()
+        geometry = hits["geometry_ids"].numpy()
+        radiance = np.full(t.shape, np.float32(self._appearance.sky))
+        hit = np.flatnonzero(np.isfinite(t))  # pixels that show the ground or a rock
+        at = origin + t[hit, None] * directions[hit]
+        range_m = t[hit] * self._ray_length[hit]
+        normals = hits["primitive_normals"].numpy()[hit]
+        cosine = np.abs(np.einsum("ij,ij->i", normals, directions[hit])) / self._ray_length[hit]
+        footprint = t[hit] / np.float32(self._model.focal_px) / np.sqrt(np.maximum(cosine, np.float32(0.06)))
+        light = self._light(hits, hit, geometry[hit], at, footprint)
+        haze = np.exp(-range_m / np.float32(self._appearance.haze_distance_m))
+        radiance[hit] = light * haze + np.float32(self._appearance.sky) * (1 - haze)
+        return np.asarray(radiance.reshape(self._model.rows, self._model.columns), dtype=np.float32)
 
     def _cast(self, T_site_camera: FloatArray) -> tuple[Any, Float32Array, Float32Array]:
         import open3d as o3d
 
         rays = np.empty((len(self._rays), 6), dtype=np.float32)
         rays[:, :3] = T_site_camera[:3, 3]
-        # Sums instead of a matrix product: BLAS would start its threads in each worker.
+        # Sums instead of a matrix product, for which BLAS would start threads in each worker process.
         x, y = self._rays[:, 0], self._rays[:, 1]
         for axis, (rx, ry, rz) in enumerate(T_site_camera[:3, :3]):
             rays[:, 3 + axis] = rx * x + ry * y + rz
-        answer = self._scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=1)
-        return answer, rays[:, 3:], T_site_camera[:3, 3].astype(np.float32)
+        hits = self._scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=1)
+        return hits, rays[:, 3:], T_site_camera[:3, 3].astype(np.float32)
 
     def _light(
         self,
-        answer: Any,
-        seen: NDArray[np.intp],
+        hits: Any,
+        hit: NDArray[np.intp],
         geometry: NDArray[np.uint32],
         at: Float32Array,
         footprint: Float32Array,
     ) -> Float32Array:
-        look = self._look
-        half = -look.ground.origin_m
-        baked = (geometry == 0) & (np.abs(at[:, :2]).max(axis=1) < half)
-        light = np.empty(len(seen), dtype=np.float32)
-        light[baked] = sample(look.ground, at[baked, 0].copy(), at[baked, 1].copy(), footprint[baked])
-        rest = np.flatnonzero(~baked)
-        uv = answer["primitive_uvs"].numpy()[seen[rest]]
-        primitive = answer["primitive_ids"].numpy()[seen[rest]]
-        on_rock = geometry[rest] == 1
-        corners = np.empty((len(rest), 3), dtype=np.int64)
+        """Return the radiance of the visible points ``at``, which pixels ``hit`` show, without haze."""
+        appearance = self._appearance
+        half_width_m = -appearance.ground.origin_m
+        baked = (geometry == 0) & (np.abs(at[:, :2]).max(axis=1) < half_width_m)
+        light = np.empty(len(hit), dtype=np.float32)
+        light[baked] = sample(appearance.ground, at[baked, 0].copy(), at[baked, 1].copy(), footprint[baked])
+        on_mesh = np.flatnonzero(~baked)  # points whose radiance is interpolated between mesh vertices
+        uv = hits["primitive_uvs"].numpy()[hit[on_mesh]]
+        primitive = hits["primitive_ids"].numpy()[hit[on_mesh]]
+        on_rock = geometry[on_mesh] == 1
+        corners = np.empty((len(on_mesh), 3), dtype=np.int64)
         corners[~on_rock] = self._triangles[0][primitive[~on_rock]]
         if len(self._triangles) > 1:
             corners[on_rock] = self._triangles[1][primitive[on_rock]].astype(np.int64) + self._rock_start
-        value = look.vertex_radiance[corners]
-        light[rest] = value[:, 0] * (1 - uv.sum(axis=1)) + value[:, 1] * uv[:, 0] + value[:, 2] * uv[:, 1]
+        value = appearance.vertex_radiance[corners]
+        light[on_mesh] = value[:, 0] * (1 - uv.sum(axis=1)) + value[:, 1] * uv[:, 0] + value[:, 2] * uv[:, 1]
         # The detail texture is projected vertically; adding height to x and y avoids streaks on steep rock
         # faces.
         x = at[:, 0] + np.float32(0.71) * at[:, 2]
         y = at[:, 1] + np.float32(0.59) * at[:, 2]
-        return np.asarray(light * look.detail_factor(x, y, footprint), dtype=np.float32)
+        return np.asarray(light * appearance.detail_factor(x, y, footprint), dtype=np.float32)
 
     def _expose(self, radiance: Float32Array, exposure: float, rng: np.random.Generator) -> NDArray[np.uint8]:
+        """Return the image of a radiance: blur, vignetting, noise and quantisation."""
         m = self._model
         blurred = gaussian_filter(radiance, m.psf_sigma_px, mode="nearest", truncate=3.0)
         signal = blurred * self._vignette * np.float32(m.gain_dn * exposure)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff simulate``: a scenario to a log."""
+"""Command line of ``cdff simulate``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 
 def register(nouns: Any) -> None:
     """Add ``cdff simulate`` to the command line."""
-    parser = nouns.add_parser("simulate", help="make the log of a simulated mission")
+    parser = nouns.add_parser("simulate", help="simulate a scenario to a log")
     parser.add_argument(
         "scenario", help="a shipped scenario's name (rover_traverse) or a scenario file (.yaml)"
     )
@@ -27,7 +27,10 @@ def register(nouns: Any) -> None:
     parser.add_argument("--seed", type=int, help="replaces the scenario's seed")
     parser.add_argument("--force", action="store_true", help="replace LOG and do not use the cache")
     parser.add_argument(
-        "--workers", type=int, default=2, help="processes that cast rays (the log does not depend on it)"
+        "--workers",
+        type=int,
+        default=2,
+        help="number of processes that cast rays (the log does not depend on it)",
     )
     parser.add_argument("--json", action="store_true", help="print a summary as JSON")
     parser.set_defaults(run=_run, parser=parser)
@@ -47,15 +50,15 @@ def _run(args: argparse.Namespace) -> int:
 
     scenario = load_scenario(args.scenario, args.seed)
     check_free(args.out, args.force)
-    make_folder(args.out.parent)  # an error now instead of after minutes
+    make_folder(args.out.parent)  # an error is reported now, not after minutes of simulation
     with storage_errors(cache_folder()):
         log = simulated_log(scenario, max(args.workers, 0), progress_line, fresh=args.force)
     with storage_errors(args.out):
         deliver(log, args.out, args.force)
     robots = list(scenario.robots)
     if args.json:
-        made = {"log": str(args.out), "scenario": scenario.name, "seed": scenario.seed, "robots": robots}
-        print(json.dumps({**made, "duration_s": scenario.duration_s, "scenario_digest": scenario.digest}))
+        summary = {"log": str(args.out), "scenario": scenario.name, "seed": scenario.seed, "robots": robots}
+        print(json.dumps({**summary, "duration_s": scenario.duration_s, "scenario_digest": scenario.digest}))
     else:
         print(
             f"{args.out}: {scenario.name}, seed {scenario.seed}, {scenario.duration_s:g} s of "

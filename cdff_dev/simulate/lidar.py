@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The spinning lidar: every column is cast from where the rover is at that very moment."""
+"""The simulated spinning lidar: each column is cast from the pose of the rover at the time of the column."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from cdff_dev.simulate.surface import Float32Array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan:
-    """One revolution as a real lidar gives it: not corrected for the motion during it.
+    """One revolution, not corrected for the motion of the lidar during it.
 
     Attributes
     ----------
     points_m : NDArray[np.float32], shape (n, 3)
-        Each in the lidar's frame at the point's own time.
+        Each point in the lidar frame at the time of the point.
     time_offset_us : NDArray[np.uint32], shape (n,)
-        Since the start of the scan.
+        Time since the start of the scan.
     intensity : NDArray[np.uint16], shape (n,)
         Reflectance times cosine of incidence, 0 to 1000.
     ring : NDArray[np.uint16], shape (n,)
-        Counts elevations from the lowest.
+        Index of the beam, from the lowest elevation.
     """
 
     points_m: Float32Array
@@ -39,7 +39,7 @@ class Scan:
 
 
 def directions(model: Lidar) -> NDArray[np.float64]:
-    """Unit vectors ``(columns, rings, 3)`` of the beams in the lidar's frame, from behind over the right."""
+    """Return unit vectors ``(columns, rings, 3)`` of the beams in the lidar frame; azimuth from -pi to pi."""
     azimuth = -math.pi + 2.0 * math.pi * np.arange(model.columns) / model.columns
     elevation = np.radians(np.linspace(model.elevation_min_deg, model.elevation_max_deg, model.rings))
     a, e = np.meshgrid(azimuth, elevation, indexing="ij")
@@ -47,12 +47,12 @@ def directions(model: Lidar) -> NDArray[np.float64]:
 
 
 def scan(model: Lidar, scene: Any, motion: Motion, t0_s: float, rng: np.random.Generator) -> Scan:
-    """Cast one revolution that begins at ``t0_s``.
+    """Return one revolution that starts at ``t0_s``.
 
     Parameters
     ----------
     scene : open3d.t.geometry.RaycastingScene
-        Of the world, in site.
+        Terrain (geometry 0) and rocks (geometry 1) in site.
     """
     import open3d as o3d
 
@@ -62,15 +62,15 @@ def scan(model: Lidar, scene: Any, motion: Motion, t0_s: float, rng: np.random.G
     rays = np.empty((model.columns, model.rings, 6), dtype=np.float32)
     rays[..., :3] = T_site_lidar[:, None, :3, 3]
     rays[..., 3:] = np.einsum("cij,crj->cri", T_site_lidar[:, :3, :3], beams)
-    answer = scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=1)
-    range_m = answer["t_hit"].numpy().astype(np.float64)
-    cosine = np.abs(np.einsum("cri,cri->cr", answer["primitive_normals"].numpy(), rays[..., 3:]))
+    hits = scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=1)
+    range_m = hits["t_hit"].numpy().astype(np.float64)
+    cosine = np.abs(np.einsum("cri,cri->cr", hits["primitive_normals"].numpy(), rays[..., 3:]))
     noise = model.range_sigma_m * rng.standard_normal(range_m.shape)
-    lost = rng.random(range_m.shape) < model.dropout
+    dropped = rng.random(range_m.shape) < model.dropout
     speckle = 1.0 + 0.08 * rng.standard_normal(range_m.shape)
-    seen = np.isfinite(range_m) & (range_m > model.range_min_m) & (range_m < model.range_max_m) & ~lost
-    column, ring = np.nonzero(seen)
-    points = (beams[seen] * (range_m + noise)[seen][:, None]).astype(np.float32)
-    tone = np.where(answer["geometry_ids"].numpy() == 1, 0.75, 0.6)
-    intensity = np.clip(1000.0 * tone * cosine * speckle, 0, 1000)[seen]
+    detected = np.isfinite(range_m) & (range_m > model.range_min_m) & (range_m < model.range_max_m) & ~dropped
+    column, ring = np.nonzero(detected)
+    points = (beams[detected] * (range_m + noise)[detected][:, None]).astype(np.float32)
+    reflectance = np.where(hits["geometry_ids"].numpy() == 1, 0.75, 0.6)
+    intensity = np.clip(1000.0 * reflectance * cosine * speckle, 0, 1000)[detected]
     return Scan(points, offset_us[column], intensity.astype(np.uint16), ring.astype(np.uint16))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Proprioception of a rover: IMU at its own mount, and dead reckoning of wheels that slip."""
+"""Simulated proprioception of a rover: IMU readings, and odometry of slipping wheels."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cdff_dev.simulate.scenario import Imu, Wheels
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuTrack:
-    """Readings ``(n, 3)`` in the IMU's axes: specific force in m/s^2 and angular rate in rad/s."""
+    """Readings ``(n, 3)`` in IMU axes: specific force in m/s^2 and angular rate in rad/s."""
 
     acc_m_s2: FloatArray
     gyro_rad_s: FloatArray
@@ -27,18 +27,19 @@ class ImuTrack:
 def imu_readings(
     model: Imu, motion: Motion, t_s: FloatArray, gravity_m_s2: float, rng: np.random.Generator
 ) -> ImuTrack:
-    """Readings at times ``(n,)``, evenly spaced at the model's rate.
+    """Return the readings at times ``(n,)``, which must be spaced at the rate of the model.
 
-    Specific force ``R^T (a_imu - g)`` with the lever arm's tangential and centripetal parts; white noise of
-    density sigma has a standard deviation of ``sigma sqrt(rate)`` per sample (IEEE Std 952).
+    The specific force is ``R^T (a_imu - g)``, with the tangential and centripetal accelerations of the lever
+    arm. White noise of density sigma has a standard deviation of ``sigma sqrt(rate)`` per sample (IEEE Std
+    952).
     """
     T_base_imu = model.mount.matrix()
     R_base_imu, lever = T_base_imu[:3, :3], T_base_imu[:3, 3]
     R_site_base = motion.poses(t_s)[:, :3, :3]
     rate, rate_dot = motion.body_rates(t_s), motion.body_accelerations(t_s)
-    swing = np.cross(rate_dot, lever) + np.cross(rate, np.cross(rate, lever))
+    lever_acceleration = np.cross(rate_dot, lever) + np.cross(rate, np.cross(rate, lever))
     up = np.array([0.0, 0.0, gravity_m_s2])
-    force_base = np.einsum("nji,nj->ni", R_site_base, motion.acceleration(t_s) + up) + swing
+    force_base = np.einsum("nji,nj->ni", R_site_base, motion.acceleration(t_s) + up) + lever_acceleration
     n, root_hz, dt = len(t_s), math.sqrt(model.rate_hz), 1.0 / model.rate_hz
 
     def errors(bias_sigma: float, noise: float, walk: float) -> FloatArray:
@@ -57,53 +58,52 @@ def imu_readings(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WheelTrack:
-    """Cumulative ``T_odom_base`` ``(n, 4, 4)`` of a planar dead reckoning and its reported covariance ``(n,
-    6, 6)``.
-    """
+    """Planar dead reckoning: poses ``T_odom_base`` ``(n, 4, 4)`` and reported covariances ``(n, 6, 6)``."""
 
     poses: FloatArray
     covariances: FloatArray
 
 
 def wheel_odometry(model: Wheels, motion: Motion, t_s: FloatArray, rng: np.random.Generator) -> WheelTrack:
-    """Dead reckoning at times ``(n,)``.
+    """Return the odometry at times ``(n,)``.
 
-    The wheels turn further than the rover moves by the slip, which grows uphill and wanders (an
-    Ornstein-Uhlenbeck process); sideways slip on cross slopes is not seen at all; the skid-steered heading
-    has a gain error and noise. The odometry is planar: it starts as identity without tilt, which its
-        covariance accounts for.
+    Slip, the relative difference between wheel rotation and motion, grows uphill and varies as an
+    Ornstein-Uhlenbeck process. Sideways slip on cross slopes is not measured. The yaw of skid steering has a
+    gain error and noise. The odometry is planar: it starts at the identity and has no tilt, for which the
+    covariance accounts.
     """
     poses = motion.poses(t_s)
     n = len(t_s)
-    body = se3.inverse(poses[:-1]) @ poses[1:]
-    forward = body[:, 0, 3]
-    yaw = np.arctan2(body[:, 1, 0], body[:, 0, 0])
-    uphill = poses[:-1, 2, 0]
-    cross = poses[:-1, 2, 1]
-    slip = model.slip_mean + model.slip_per_slope * np.maximum(uphill, -0.05) + _wander(model, t_s, rng)
+    steps = se3.inverse(poses[:-1]) @ poses[1:]
+    forward = steps[:, 0, 3]
+    yaw = np.arctan2(steps[:, 1, 0], steps[:, 0, 0])
+    uphill = poses[:-1, 2, 0]  # sine of the slope along the x axis of the base
+    cross_slope = poses[:-1, 2, 1]
+    slip = model.slip_mean + model.slip_per_slope * np.maximum(uphill, -0.05) + _slip_noise(model, t_s, rng)
     slip = np.clip(slip, -0.05, 0.6)
-    moved = np.abs(forward)
+    distance = np.abs(forward)
     dx = forward / (1.0 - slip)
-    # The rover slides down the cross slope; a straight wheel reads none of it, so the reading lacks the
-    # slide.
-    dy = body[:, 1, 3] + model.side_slip_per_slope * cross * moved
+    # The rover slides down the cross slope; the wheels do not measure this motion, so it is removed.
+    dy = steps[:, 1, 3] + model.side_slip_per_slope * cross_slope * distance
     gain = 1.0 + model.yaw_gain_sigma * rng.standard_normal()
-    dyaw = gain * yaw + model.yaw_noise_rad_sqrt_m * np.sqrt(moved) * rng.standard_normal(n - 1)
+    dyaw = gain * yaw + model.yaw_noise_rad_sqrt_m * np.sqrt(distance) * rng.standard_normal(n - 1)
     return _accumulate(model, dx, dy, dyaw)
 
 
-def _wander(model: Wheels, t_s: FloatArray, rng: np.random.Generator) -> FloatArray:
-    keep = np.exp(-np.diff(t_s) / model.slip_correlation_s)
-    kicks = rng.standard_normal(len(keep))
-    out = np.empty(len(keep))
-    state = 0.0
-    for i, (k, kick) in enumerate(zip(keep, kicks, strict=True)):
-        state = k * state + model.slip_sigma * math.sqrt(1.0 - k * k) * kick
-        out[i] = state
-    return out
+def _slip_noise(model: Wheels, t_s: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Return an Ornstein-Uhlenbeck process ``(n - 1,)`` over the intervals between times ``(n,)``."""
+    correlation = np.exp(-np.diff(t_s) / model.slip_correlation_s)
+    normals = rng.standard_normal(len(correlation))
+    process = np.empty(len(correlation))
+    value = 0.0
+    for i, (c, normal) in enumerate(zip(correlation, normals, strict=True)):
+        value = c * value + model.slip_sigma * math.sqrt(1.0 - c * c) * normal
+        process[i] = value
+    return process
 
 
 def _accumulate(model: Wheels, dx: FloatArray, dy: FloatArray, dyaw: FloatArray) -> WheelTrack:
+    """Compose increments ``(n - 1,)`` in base axes to poses with covariances."""
     n = len(dx) + 1
     poses = np.tile(np.eye(4), (n, 1, 1))
     covariances = np.zeros((n, 6, 6))
@@ -112,8 +112,8 @@ def _accumulate(model: Wheels, dx: FloatArray, dy: FloatArray, dyaw: FloatArray)
         step = se3.transform(se3.exp_so3([0, 0, dyaw[i - 1]]), [dx[i - 1], dy[i - 1], 0.0])
         poses[i] = poses[i - 1] @ step
         length = abs(float(dx[i - 1]))
-        # The scale error is one draw for the whole path, so its variance grows with the square of the path
-        # length: each increment is given the difference of the squares.
+        # The scale error is the same for the whole path, so that its variance grows with the square of the
+        # path length: the variance of an increment is proportional to the difference of the squares.
         square = (distance_m + length) ** 2 - distance_m**2
         distance_m += length
         increment = np.diag(
@@ -127,7 +127,7 @@ def _accumulate(model: Wheels, dx: FloatArray, dy: FloatArray, dyaw: FloatArray)
             ]
         )
         covariances[i] = compose_covariance(poses[i - 1], covariances[i - 1], step, increment)
-    # Tilt is never measured: the same variance at every time but the first, where the frame is defined.
+    # Tilt is not measured: its variance is constant, and zero at the first pose, which defines the frame.
     covariances[1:, 3, 3] += model.reported_tilt_sigma_rad**2
     covariances[1:, 4, 4] += model.reported_tilt_sigma_rad**2
     return WheelTrack(poses, covariances)

@@ -1,8 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The shape of the ground: fractal relief by spectral synthesis, craters, a grid that is fine where rovers
-drive.
-"""
+"""Shape of the simulated terrain: fractal relief and craters, on a grid that is fine where rovers drive."""
 
 from __future__ import annotations
 
@@ -25,14 +23,14 @@ def fractal_tile(
     hurst: float,
     rms_slope: float,
 ) -> FloatArray:
-    """Periodic height tile ``(cells, cells)``, metres, with a power spectrum ``k^-(2H+2)`` inside a band.
+    """Return a periodic height tile ``(cells, cells)``, metres, with power spectrum ``k^-(2H+2)`` in a band.
 
     Parameters
     ----------
     band_m : tuple of float
-        Shortest and longest wavelength.
+        Shortest and longest wavelength, metres.
     rms_slope : float
-        Root mean square of the gradient's magnitude, 1.
+        Root mean square of the magnitude of the gradient, dimensionless.
 
     References
     ----------
@@ -55,7 +53,7 @@ def fractal_tile(
 def power_law_sizes(
     rng: np.random.Generator, count: int, low: float, high: float, slope: float
 ) -> FloatArray:
-    """Sizes ``(count,)`` with a cumulative number ``N(>d) ~ d^-slope`` between two bounds, largest first."""
+    """Return sizes ``(count,)`` with cumulative number ``N(>d) ~ d^-slope`` within bounds, largest first."""
     u = rng.random(count)
     sizes = (low**-slope - u * (low**-slope - high**-slope)) ** (-1.0 / slope)
     return np.asarray(np.sort(sizes)[::-1], dtype=np.float64)
@@ -64,8 +62,8 @@ def power_law_sizes(
 def crater_profile(r: FloatArray, diameter_m: float, depth_m: float, rim_m: float) -> FloatArray:
     """Return the height of a fresh simple crater at distance ``r`` from its centre, metres.
 
-    A parabola that reaches ``-depth_m`` below the plain and the rim at the radius; outside, ejecta fall with
-    ``(r/R)^-3`` (Pike 1977; McGetchin et al. 1973), cut smoothly to zero at three radii.
+    The bowl is a parabola from ``-depth_m`` at the centre to ``rim_m`` at the radius R. Outside, the height
+    of the ejecta decreases with ``(r/R)^-3`` (Pike 1977; McGetchin et al. 1973), smoothly to zero at 3 R.
     """
     x = r / (0.5 * diameter_m)
     bowl = (depth_m + rim_m) * x**2 - depth_m
@@ -75,8 +73,9 @@ def crater_profile(r: FloatArray, diameter_m: float, depth_m: float, rim_m: floa
 
 
 def graded_axis(fine_half_m: float, step_m: float, far_half_m: float, growth: float) -> FloatArray:
-    """Node coordinates, metres: even inside ``±fine_half_m``, outside steps grow to 5 m until
-    ``±far_half_m``.
+    """Return node coordinates, metres: steps of ``step_m`` inside ``±fine_half_m``, which grow outside.
+
+    Outside, each step is ``growth`` times the previous one, at most 5 m, up to at least ``±far_half_m``.
     """
     cells = round(fine_half_m / step_m)
     inner = np.arange(-cells, cells + 1) * step_m
@@ -90,7 +89,7 @@ def graded_axis(fine_half_m: float, step_m: float, far_half_m: float, growth: fl
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Relief:
-    """Heights on a graded grid.
+    """Heights of the terrain on a grid with variable spacing.
 
     Attributes
     ----------
@@ -105,7 +104,7 @@ class Relief:
     z_m: FloatArray
 
     def height(self, xy_m: FloatArray) -> FloatArray:
-        """Heights ``(n,)`` at points ``(n, 2)``, bilinear, metres."""
+        """Return heights ``(n,)``, metres, at points ``(n, 2)``, interpolated bilinearly."""
         i = np.clip(np.searchsorted(self.x_m, xy_m[:, 0], side="right") - 1, 0, len(self.x_m) - 2)
         j = np.clip(np.searchsorted(self.y_m, xy_m[:, 1], side="right") - 1, 0, len(self.y_m) - 2)
         u = (xy_m[:, 0] - self.x_m[i]) / (self.x_m[i + 1] - self.x_m[i])
@@ -116,12 +115,13 @@ class Relief:
         return np.asarray(lower * (1 - v) + upper * v, dtype=np.float64)
 
     def smoothed(self, sigma_cells: float) -> Relief:
-        """Return a copy with heights averaged over a Gaussian of this many cells, as under a wheel."""
+        """Return a copy with heights filtered by a Gaussian, as averaged under a wheel."""
         return Relief(self.x_m, self.y_m, gaussian_filter(self.z_m, sigma_cells, mode="nearest"))
 
     def mesh(self) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices ``(rows*columns, 3)`` float32 and triangles ``(m, 3)`` uint32, counter-clockwise seen from
-        above.
+        """Return vertices ``(rows*columns, 3)``, float32, and triangles ``(m, 3)``, uint32.
+
+        The vertices of a triangle are counter-clockwise, seen from above.
         """
         rows, columns = self.z_m.shape
         x, y = np.meshgrid(self.x_m, self.y_m)
@@ -132,16 +132,14 @@ class Relief:
         return vertices, np.ascontiguousarray(triangles)
 
 
-def relief_share(plains: Sequence[Plain], x_m: FloatArray, y_m: FloatArray) -> FloatArray:
-    """Return the remaining fraction of the fractal relief at nodes ``(columns,)`` by ``(rows,)``: shape
-    (rows, columns).
-    """
-    share = np.ones((len(y_m), len(x_m)))
+def relief_fraction(plains: Sequence[Plain], x_m: FloatArray, y_m: FloatArray) -> FloatArray:
+    """Return the factor ``(rows, columns)`` of the fractal relief at nodes ``(columns,)``, ``(rows,)``."""
+    fraction = np.ones((len(y_m), len(x_m)))
     for plain in plains:
         r = np.hypot(x_m[None, :] - plain.centre_xy_m[0], y_m[:, None] - plain.centre_xy_m[1])
         u = np.clip((r - plain.radius_m) / plain.margin_m, 0.0, 1.0)
-        share *= plain.relief + (1.0 - plain.relief) * u**2 * (3.0 - 2.0 * u)
-    return share
+        fraction *= plain.relief + (1.0 - plain.relief) * u**2 * (3.0 - 2.0 * u)
+    return fraction
 
 
 def _add_craters(
@@ -152,11 +150,12 @@ def _add_craters(
     y: FloatArray,
     z: FloatArray,
 ) -> None:
+    """Add craters to the heights ``z`` in place; none is added close to a plain."""
     sizes = power_law_sizes(rng, model.count, model.diameter_min_m, model.diameter_max_m, model.slope)
     for diameter in sizes:
         cx, cy = rng.uniform(-model.half_width_m, model.half_width_m, 2)
         depth = diameter * rng.uniform(*model.depth_ratio)
-        # Large craters stay off the middle: a rover's start must not lie in a bowl it cannot leave.
+        # No large crater at the origin: a rover must not start in a bowl that it cannot leave.
         if diameter > 8.0 and math.hypot(cx, cy) < 0.5 * diameter + 9.0:
             continue
         if any(math.dist(p.centre_xy_m, (cx, cy)) < p.radius_m + 1.5 * diameter for p in plains):
@@ -171,12 +170,12 @@ def _add_craters(
 
 
 def make_relief(model: TerrainModel, rng: np.random.Generator) -> Relief:
-    """Synthesise the ground of a scenario; the same generator state gives the same ground."""
+    """Synthesise the terrain of a scenario; the same generator state gives the same terrain."""
     axis = graded_axis(model.fine_half_width_m, model.resolution_m, model.far_half_width_m, model.growth)
     plains = model.plains or ()
     z = _fractal(model.spectrum, model, axis, rng)
     if plains:
-        z *= relief_share(plains, axis, axis)
+        z *= relief_fraction(plains, axis, axis)
     _add_craters(rng, model.craters, plains, axis, axis, z)
     return Relief(axis, axis.copy(), z)
 
@@ -184,6 +183,7 @@ def make_relief(model: TerrainModel, rng: np.random.Generator) -> Relief:
 def _fractal(
     spectrum: Spectrum, model: TerrainModel, axis: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
+    """Return the fractal heights ``(n, n)`` at the nodes ``axis`` in both directions, metres."""
     coarse_cells, fine_cells = 512, 1024
     coarse_m = 2.4 * model.far_half_width_m / coarse_cells
     fine_m = model.resolution_m
@@ -206,7 +206,8 @@ def _fractal(
     )
     at = np.stack(np.meshgrid(axis, axis, indexing="ij"))
     z = map_coordinates(long_tile, at / coarse_m, order=3, mode="grid-wrap")
-    # Beyond the fine part the cells are too large for the short waves, which would alias: they fade out.
+    # Outside the fine part the cells are too large for the short waves, which would alias: their amplitude
+    # decreases to zero.
     step = np.gradient(axis)
     weight = np.clip((4.0 * fine_m - step) / (3.0 * fine_m), 0.0, 1.0)
     near = weight > 0

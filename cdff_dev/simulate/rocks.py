@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rocks: convex, faceted meshes half sunk in the ground, sizes by a power law, none where a wheel passes."""
+"""Simulated rocks: convex faceted meshes, partly in the ground, with power-law sizes, none on the paths."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class RockMesh:
         In site, metres.
     triangles : NDArray[np.uint32], shape (m, 3)
     albedo : NDArray[np.float32], shape (n,)
-        Of each vertex, relative to the ground's mean.
+        Albedo of each vertex, relative to the mean of the ground.
     """
 
     vertices: np.ndarray
@@ -34,8 +34,9 @@ class RockMesh:
 
 
 def icosphere(levels: int) -> tuple[FloatArray, np.ndarray]:
-    """Unit directions ``(n, 3)`` and triangles ``(m, 3)`` of an icosahedron whose faces are split ``levels``
-    times.
+    """Return the vertices ``(n, 3)`` on the unit sphere and the triangles ``(m, 3)`` of an icosphere.
+
+    The faces of an icosahedron are split into four, ``levels`` times.
     """
     g = (1 + 5**0.5) / 2
     v = np.array(
@@ -90,7 +91,8 @@ def icosphere(levels: int) -> tuple[FloatArray, np.ndarray]:
 
 
 def _one_rock(rng: np.random.Generator, directions: FloatArray, diameter_m: float) -> FloatArray:
-    # A ball cut by random planes: angular, as impact ejecta are.
+    """Return the vertices ``(n, 3)`` of a rock around the origin, metres, in the given directions."""
+    # A sphere cut by random planes has facets and edges like impact ejecta.
     normals = rng.standard_normal((14, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     offsets = rng.uniform(0.62, 0.95, 14)
@@ -98,8 +100,8 @@ def _one_rock(rng: np.random.Generator, directions: FloatArray, diameter_m: floa
     radius = np.min(np.where(along > 1e-3, offsets / np.maximum(along, 1e-3), 1.0), axis=1).clip(max=1.0)
     radius *= 1.0 + 0.03 * rng.standard_normal(len(directions))
     axes = np.array([1.0, rng.uniform(0.65, 1.0), rng.uniform(0.45, 0.85)])
-    turned: FloatArray = (directions * radius[:, None] * axes) @ exp_so3(rng.normal(0, [0.25, 0.25, 2.0])).T
-    return turned * 0.5 * diameter_m
+    rotated: FloatArray = (directions * radius[:, None] * axes) @ exp_so3(rng.normal(0, [0.25, 0.25, 2.0])).T
+    return rotated * 0.5 * diameter_m
 
 
 def make_rocks(
@@ -109,37 +111,37 @@ def make_rocks(
     rng: np.random.Generator,
     plains: Sequence[Plain] = (),
 ) -> RockMesh:
-    """Scatter rocks on the ground, none on plains.
+    """Return rocks at random positions on the terrain, none on plains.
 
     Parameters
     ----------
     tracks_xy_m : NDArray[np.float64], shape (n, 2)
-        Points along the rovers' paths; a rock's edge stays ``track_clearance_m`` away from them.
+        Points along the paths of the rovers; rocks keep ``track_clearance_m`` from them.
     """
     tiny, small, large = icosphere(1), icosphere(2), icosphere(3)
     tree = cKDTree(tracks_xy_m)
     vertices: list[np.ndarray] = []
     triangles: list[np.ndarray] = []
     albedo: list[np.ndarray] = []
-    total = 0
+    vertex_count = 0
     for diameter in power_law_sizes(
         rng, model.count, model.diameter_min_m, model.diameter_max_m, model.slope
     ):
         xy = rng.uniform(-model.half_width_m, model.half_width_m, 2)
         directions, faces = large if diameter > 0.3 else small if diameter > 0.12 else tiny
         points = _one_rock(rng, directions, float(diameter))
-        tone = float(np.clip(rng.normal(0.92, 0.16), 0.5, 1.35))
+        mean_albedo = float(np.clip(rng.normal(0.92, 0.16), 0.5, 1.35))
         spots = rng.normal(0, 0.05, len(points))
         if tree.query(xy)[0] < model.track_clearance_m + 0.5 * diameter:
             continue
         if any(np.hypot(*(xy - plain.centre_xy_m)) < plain.radius_m for plain in plains):
             continue
-        sink = rng.uniform(-0.05, 0.2) * diameter
-        points += np.array([xy[0], xy[1], relief.height(xy[None])[0] + 0.15 * diameter - sink])
+        sink_m = rng.uniform(-0.05, 0.2) * diameter
+        points += np.array([xy[0], xy[1], relief.height(xy[None])[0] + 0.15 * diameter - sink_m])
         vertices.append(points.astype(np.float32))
-        triangles.append(faces + np.uint32(total))
-        albedo.append((tone + spots).astype(np.float32))
-        total += len(points)
+        triangles.append(faces + np.uint32(vertex_count))
+        albedo.append((mean_albedo + spots).astype(np.float32))
+        vertex_count += len(points)
     if not vertices:
         return RockMesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint32), np.zeros(0, np.float32))
     return RockMesh(np.concatenate(vertices), np.concatenate(triangles), np.concatenate(albedo))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Motion of a rover: a path over the terrain, attitude from its wheels, a twice differentiable truth."""
+"""True motion of a rover: a path over the terrain, with the attitude that its wheels give it."""
 
 from __future__ import annotations
 
@@ -16,17 +16,18 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_dev.simulate.relief import Relief
 from cdff_dev.simulate.scenario import Chassis, RoverPath
 
+#: Rate of the spline knots.
 _KNOT_HZ = 20.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """The true motion of ``{robot}/base`` in ``site`` over seconds since the epoch.
+    """The true motion of ``{robot}/base`` in ``site``, twice differentiable, over seconds since the epoch.
 
     Attributes
     ----------
     position : CubicSpline
-        Metres, (3,).
+        Position (3,), metres.
     attitude : RotationSpline
     distance : CubicSpline
         Path length, metres.
@@ -37,24 +38,24 @@ class Motion:
     distance: CubicSpline
 
     def poses(self, t_s: FloatArray) -> FloatArray:
-        """``T_site_base`` at times ``(n,)``: shape (n, 4, 4)."""
+        """Return ``T_site_base`` ``(n, 4, 4)`` at times ``(n,)``."""
         return se3.transform(self.attitude(t_s).as_matrix(), self.position(t_s))
 
     def body_rates(self, t_s: FloatArray) -> FloatArray:
-        """Angular rates ``(n, 3)`` of the base in base axes, rad/s."""
+        """Return angular rates ``(n, 3)`` of the base in base axes, rad/s."""
         return np.asarray(self.attitude(t_s, 1), dtype=np.float64)
 
     def body_accelerations(self, t_s: FloatArray) -> FloatArray:
-        """Angular accelerations ``(n, 3)`` in base axes, rad/s^2."""
+        """Return angular accelerations ``(n, 3)`` of the base in base axes, rad/s^2."""
         return np.asarray(self.attitude(t_s, 2), dtype=np.float64)
 
     def acceleration(self, t_s: FloatArray) -> FloatArray:
-        """Acceleration ``(n, 3)`` of the base's origin in site axes, m/s^2."""
+        """Return accelerations ``(n, 3)`` of the origin of the base in site axes, m/s^2."""
         return np.asarray(self.position(t_s, 2), dtype=np.float64)
 
 
 def _distance_travelled(drive: RoverPath, duration_s: float, t_s: FloatArray) -> FloatArray:
-    """Return the distance along the path at times ``t_s``: rest, smooth ramp, cruise, ramp, rest."""
+    """Return the path length at times ``t_s``; speed rises and falls smoothly between two rests."""
     stop_s = duration_s - drive.rest_after_s
 
     def ramp(u: FloatArray) -> FloatArray:
@@ -71,7 +72,7 @@ def _distance_travelled(drive: RoverPath, duration_s: float, t_s: FloatArray) ->
 
 
 def track(drive: RoverPath, distance_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Points ``(n, 2)`` and headings ``(n,)``, metres and radians in site, at distances along a drive."""
+    """Return points ``(n, 2)`` and headings ``(n,)`` in site, metres and radians, at distances on a path."""
     knots = np.array(drive.curvature_1pm)
     s = np.arange(0.0, max(float(np.max(distance_m)), 0.01) + 0.01, 0.005)
     curvature = PchipInterpolator(knots[:, 0], knots[:, 1], extrapolate=True)(
@@ -89,18 +90,20 @@ def track(drive: RoverPath, distance_m: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def settle(relief: Relief, chassis: Chassis, xy_m: FloatArray, heading_rad: FloatArray) -> FloatArray:
-    """``T_site_base`` ``(n, 4, 4)`` of a rover standing on its four wheels at points ``(n, 2)``.
+    """Return ``T_site_base`` ``(n, 4, 4)`` of a rover with its wheels on the ground at points ``(n, 2)``.
 
-    The plane is fitted to the four contacts by least squares (a rocker averages, it does not tip); the base
-    lies ``base_height_m`` above it.
+    The attitude is that of the least-squares plane through the four contact points, which corresponds to a
+    rocker suspension. The base is ``base_height_m`` above the plane.
     """
     half = 0.5 * np.array([[chassis.wheelbase_m, chassis.track_m]])
     wheels = half * np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
     c, s = np.cos(heading_rad), np.sin(heading_rad)
     ahead = np.stack([c, s], 1)
     left = np.stack([-s, c], 1)
-    at = xy_m[:, None, :] + wheels[None, :, :1] * ahead[:, None, :] + wheels[None, :, 1:] * left[:, None, :]
-    z = relief.height(at.reshape(-1, 2)).reshape(-1, 4)
+    contacts = (
+        xy_m[:, None, :] + wheels[None, :, :1] * ahead[:, None, :] + wheels[None, :, 1:] * left[:, None, :]
+    )
+    z = relief.height(contacts.reshape(-1, 2)).reshape(-1, 4)
     pitch_slope = z @ np.array([1, 1, -1, -1]) / (2.0 * chassis.wheelbase_m)
     roll_slope = z @ np.array([1, -1, 1, -1]) / (2.0 * chassis.track_m)
     x_axis = np.concatenate([ahead, pitch_slope[:, None]], 1)
@@ -116,8 +119,8 @@ def settle(relief: Relief, chassis: Chassis, xy_m: FloatArray, heading_rad: Floa
 def make_motion(drive: RoverPath, chassis: Chassis, relief: Relief, duration_s: float) -> Motion:
     """Return the true motion of one rover.
 
-    Knots at 20 Hz are joined by splines, so that rates and accelerations exist and the IMU agrees with the
-    poses.
+    Poses at 20 Hz are interpolated by splines, so that rates and accelerations exist and IMU readings are
+    consistent with the poses.
     """
     sigma_cells = chassis.wheel_footprint_m / float(np.min(np.diff(relief.x_m)))
     wheel_relief = relief.smoothed(sigma_cells)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A simulated mission's description: one strict model of ``deploy/simulation/*.yaml``."""
+"""Model of the scenario files ``deploy/simulation/*.yaml``: terrain, rovers and sensors of a simulation."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfn import StrictModel, validated
 from cdff_common.resources import deploy_folder, resolve
 
-#: Where the shipped scenarios lie.
+#: Folder of the shipped scenarios.
 SCENARIO_FOLDER = deploy_folder() / "simulation"
 
 Positive = Annotated[float, Field(gt=0)]
@@ -30,7 +30,7 @@ Vector3 = tuple[float, float, float]
 
 
 class Spectrum(StrictModel):
-    """Fractal relief: power spectrum ``k^-(2 hurst + 2)`` between two wavelengths, scaled to a slope."""
+    """Fractal relief: power spectrum ``k^-(2 hurst + 2)`` between two wavelengths, with given slopes."""
 
     hurst: Annotated[float, Field(gt=0, lt=1)]
     longest_m: Positive
@@ -41,7 +41,7 @@ class Spectrum(StrictModel):
 
 
 class Craters(StrictModel):
-    """Simple craters: parabolic bowl, rim, ejecta falling with the cube of distance."""
+    """Simple craters: parabolic bowl, rim, and ejecta that decrease with the cube of the distance."""
 
     count: Annotated[int, Field(ge=0, le=2000)]
     diameter_min_m: Positive
@@ -53,7 +53,7 @@ class Craters(StrictModel):
 
 
 class Rocks(StrictModel):
-    """Rocks as convex meshes, half sunk, none on the rovers' tracks."""
+    """Rocks: convex meshes, partly in the ground, none on the paths of the rovers."""
 
     count: Annotated[int, Field(ge=0, le=50_000)]
     diameter_min_m: Positive
@@ -64,12 +64,14 @@ class Rocks(StrictModel):
 
 
 class Plain(StrictModel):
-    """A round part of the ground with little relief: no craters, no rocks."""
+    """A circular area with reduced relief, without craters and rocks."""
 
     centre_xy_m: tuple[float, float]
     radius_m: Positive
-    margin_m: Annotated[float, Field(gt=0, description="ring outside it in which the relief grows to full")]
-    relief: Annotated[float, Field(ge=0, le=1, description="share of the fractal relief that is left inside")]
+    margin_m: Annotated[
+        float, Field(gt=0, description="width of the ring in which the relief grows to its full height")
+    ]
+    relief: Annotated[float, Field(ge=0, le=1, description="factor of the fractal relief inside the radius")]
 
 
 class Surface(StrictModel):
@@ -87,7 +89,7 @@ class Surface(StrictModel):
 
 
 class TerrainModel(StrictModel):
-    """The ground both rovers drive on."""
+    """The terrain: a fine grid in the centre, coarser cells further out."""
 
     fine_half_width_m: Positive
     resolution_m: Positive
@@ -101,24 +103,27 @@ class TerrainModel(StrictModel):
 
 
 class Mount(StrictModel):
-    """Pose of a sensor: ``T_base_sensor`` of a body-like sensor frame (x forward, y left, z up)."""
+    """Pose ``T_base_sensor`` of a sensor.
+
+    An unrotated sensor frame has the axes of the base (x forward, z up).
+    """
 
     xyz_m: Vector3
     rpy_deg: Vector3 = (0.0, 0.0, 0.0)
 
     def matrix(self) -> FloatArray:
-        """``T_base_mount``, shape (4, 4); roll, pitch, yaw about fixed x, y, z."""
+        """Return ``T_base_sensor``, shape (4, 4); roll, pitch and yaw are about the fixed axes x, y and z."""
         roll, pitch, yaw = (math.radians(a) for a in self.rpy_deg)
         R = se3.exp_so3([0, 0, yaw]) @ se3.exp_so3([0, pitch, 0]) @ se3.exp_so3([roll, 0, 0])
         return se3.transform(R, self.xyz_m)
 
 
-#: Columns: the optical axes (x right, y down, z forward) in a body-like frame.
+#: Columns: the axes of a camera frame (x right, y down, z forward) in a frame with x forward and z up.
 _BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
 class Navcam(StrictModel):
-    """A rectified stereo pair; the mount is that of the left camera."""
+    """A rectified stereo camera; ``mount`` is the pose of the left camera."""
 
     mount: Mount
     rows: Annotated[int, Field(ge=16, le=4096)]
@@ -142,25 +147,25 @@ class Navcam(StrictModel):
 
     @property
     def T_base_left(self) -> FloatArray:
-        """Extrinsics of the left camera, shape (4, 4)."""
+        """Pose of the left camera in the base, shape (4, 4)."""
         return self.mount.matrix() @ se3.transform(_BODY_OPTICAL, [0, 0, 0])
 
     @property
     def T_base_right(self) -> FloatArray:
-        """Extrinsics of the right camera, shape (4, 4)."""
+        """Pose of the right camera in the base, shape (4, 4)."""
         return self.T_base_left @ se3.transform(np.eye(3), [self.baseline_m, 0, 0])
 
 
 class Lidar(StrictModel):
-    """A spinning lidar: rings by elevation, columns by time."""
+    """A spinning lidar: one ring per elevation, one column per azimuth."""
 
     mount: Mount
     rings: Annotated[int, Field(ge=1, le=256)]
     columns: Annotated[int, Field(ge=8, le=8192)]
     elevation_min_deg: float
     elevation_max_deg: float
-    rate_hz: Annotated[float, Field(gt=0, description="of the revolutions that are kept")]
-    revolution_s: Positive | None = Field(None, description="time of one revolution; absent: 1 / rate_hz")
+    rate_hz: Annotated[float, Field(gt=0, description="rate of the recorded revolutions")]
+    revolution_s: Positive | None = Field(None, description="duration of one revolution; default 1 / rate_hz")
     range_min_m: Positive
     range_max_m: Positive
     range_sigma_m: NotNegative
@@ -168,12 +173,12 @@ class Lidar(StrictModel):
 
     @property
     def sweep_s(self) -> float:
-        """Seconds from the first to the end of the last column."""
+        """Duration of a scan, from the start of the first to the end of the last column, seconds."""
         return self.revolution_s or 1.0 / self.rate_hz
 
 
 class Imu(StrictModel):
-    """Rate gyro and accelerometer: white noise, constant bias per run, slow random walk."""
+    """Gyroscope and accelerometer: white noise, a constant bias per run, and a random walk of the bias."""
 
     mount: Mount
     rate_hz: Positive
@@ -186,11 +191,11 @@ class Imu(StrictModel):
 
 
 class Wheels(StrictModel):
-    """Planar dead reckoning of a slipping rover, and the covariance its driver reports."""
+    """Odometry of slipping wheels, and the covariance that it reports."""
 
     rate_hz: Positive
     slip_mean: Annotated[float, Field(ge=0, lt=0.9)]
-    slip_per_slope: Annotated[float, Field(ge=0, description="added slip per unit of uphill sine")]
+    slip_per_slope: Annotated[float, Field(ge=0, description="additional slip per sine of the uphill slope")]
     slip_sigma: NotNegative
     slip_correlation_s: Positive
     side_slip_per_slope: NotNegative
@@ -207,7 +212,7 @@ class Wheels(StrictModel):
 
 
 class Chassis(StrictModel):
-    """Wheel contact geometry; the base frame lies ``base_height_m`` above the plane of the contacts."""
+    """Geometry of the wheels; the base frame is ``base_height_m`` above the plane of the wheel contacts."""
 
     wheelbase_m: Positive
     track_m: Positive
@@ -242,13 +247,13 @@ class Scenario(StrictModel):
     imu: Imu
     wheels: Wheels
     truth_rate_hz: Positive
-    truth_map_m: Positive | None = Field(None, description="cell of the true map; absent: 0.05 m")
+    truth_map_m: Positive | None = Field(None, description="cell size of the true map; default 0.05 m")
     robots: Annotated[dict[str, RoverPath], Field(min_length=1)]
 
     @model_validator(mode="after")
-    def _cameras_see_a_surface(self) -> Scenario:
+    def _check_surface_for_cameras(self) -> Scenario:
         if self.navcam is not None and self.terrain.surface is None:
-            raise ValueError("terrain.surface is missing: navcam needs to know how the ground looks")
+            raise ValueError("terrain.surface is missing: navcam needs the appearance of the terrain")
         return self
 
     @property
@@ -258,15 +263,15 @@ class Scenario(StrictModel):
 
     @cached_property
     def digest(self) -> str:
-        """First 16 hex digits of the SHA-256 of everything in the scenario."""
+        """First 16 hexadecimal digits of the SHA-256 of all fields of the scenario."""
         text = json.dumps(self.model_dump(mode="json", exclude_none=True), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def load_scenario(name: str, seed: int | None = None) -> Scenario:
-    """Read a shipped scenario by name, or a scenario file by path; ``seed`` replaces the file's.
+    """Read a shipped scenario by name, or a scenario file by path; ``seed`` replaces the seed of the file.
 
-    A file with ``extends: NAME`` contains only the differences from that shipped scenario.
+    A file with ``extends: NAME`` contains only the differences from the shipped scenario NAME.
 
     Raises
     ------
@@ -280,8 +285,9 @@ def load_scenario(name: str, seed: int | None = None) -> Scenario:
 
 
 def _read(name: str) -> dict[str, Any]:
-    """Return a scenario file merged over those that it extends; the robots are the file's own where it has
-    any.
+    """Return the content of a scenario file, merged with that of the files that it extends.
+
+    The robots of the file replace those of the extended files.
     """
     path = resolve("simulation", name)
     try:
@@ -290,22 +296,22 @@ def _read(name: str) -> dict[str, Any]:
         raise ConfigurationError(f"{path}: {error}") from error
     if not isinstance(data, dict):
         raise ConfigurationError(f"{path}: expected a mapping, got {type(data).__name__}")
-    base = data.pop("extends", None)
-    if base is None:
+    base_name = data.pop("extends", None)
+    if base_name is None:
         return data
-    if not isinstance(base, str) or base == path.stem:
-        raise ConfigurationError(f"{path}: extends: {base!r}: expected the name of another scenario")
-    below = _read(base)
+    if not isinstance(base_name, str) or base_name == path.stem:
+        raise ConfigurationError(f"{path}: extends: {base_name!r}: expected the name of another scenario")
+    base = _read(base_name)
     if "robots" in data:
-        below.pop("robots", None)
-    return _laid_over(below, data)
+        base.pop("robots", None)
+    return _merge(base, data)
 
 
-def _laid_over(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-    """Return the lower mapping with the values of the upper one, recursively."""
-    return below | {
-        key: _laid_over(below[key], value)
-        if isinstance(value, dict) and isinstance(below.get(key), dict)
+def _merge(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """Return ``base`` with the values of ``changes``; nested mappings are merged recursively."""
+    return base | {
+        key: _merge(base[key], value)
+        if isinstance(value, dict) and isinstance(base.get(key), dict)
         else value
-        for key, value in above.items()
+        for key, value in changes.items()
     }

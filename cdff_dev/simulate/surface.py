@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Appearance of the terrain: albedo, sun and cast shadows in one map, and two fine tiles that repeat.
+"""Appearance of the simulated terrain: a texture with albedo, sun and shadows, and a periodic detail texture.
 
-An image then costs one ray cast and three texture lookups a pixel. Textures carry their mipmaps, so that
-distant ground does not flicker; ``sample`` is the trilinear lookup.
+A pixel of an image then needs one ray and three texture lookups. Textures have mipmaps, which avoid aliasing
+on distant terrain; ``sample`` is the trilinear lookup.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from cdff_dev.simulate.scenario import Surface, TerrainModel
 
 Float32Array = NDArray[np.float32]
 
-#: Periods of the two fine tiles, texels; their ratio is far from a simple fraction, so the pattern does not
-#: repeat.
+#: Period of the detail texture, texels. It is used twice, the second time scaled and rotated, so that no
+#: pattern repeats visibly.
 _TILE_TEXELS = 1024
 _SECOND_TILE_SCALE = 0.731
-_SECOND_TILE_TURN_RAD = 0.65
-#: Root mean square slope of the grains that the fine tile shades.
+_SECOND_TILE_ROTATION_RAD = 0.65
+#: Root mean square slope of the grains in the detail texture.
 _GRAIN_SLOPE = 0.16
 
 
@@ -39,15 +39,15 @@ class Texture:
     Attributes
     ----------
     texels : NDArray[np.float32], shape (n,)
-        All levels after one another, each row-major, finest first.
+        Texels of all levels, finest level first, each level row by row.
     sizes : NDArray[np.int64], shape (levels,)
-        Edge of each level, texels.
+        Edge length of each level, texels.
     texel_m : float
         Size of a texel of the finest level.
     origin_m : float
-        x and y of the outer corner of texel (0, 0); y grows with the row.
+        x and y of the outer corner of texel (0, 0); y increases with the row.
     wraps : bool
-        Whether it repeats.
+        True if the texture is periodic.
     """
 
     texels: Float32Array
@@ -58,7 +58,10 @@ class Texture:
 
     @classmethod
     def from_image(cls, image: Float32Array, texel_m: float, origin_m: float, wraps: bool) -> Texture:
-        """Build the mipmaps of an image ``(n, n)`` by 2x2 means."""
+        """Return the texture of an image ``(n, n)``.
+
+        Each mipmap level is the 2x2 mean of the previous one.
+        """
         levels = [np.asarray(image, dtype=np.float32)]
         while levels[-1].shape[0] % 2 == 0 and levels[-1].shape[0] > 8:
             n = levels[-1].shape[0] // 2
@@ -102,10 +105,8 @@ def _trilinear(texels, sizes, offsets, texel_m, origin_m, wraps, x, y, footprint
 
 
 def sample(texture: Texture, x_m: Float32Array, y_m: Float32Array, footprint_m: Float32Array) -> Float32Array:
-    """Values ``(n,)`` at points, blended over the mipmap levels that fit a pixel's footprint on the
-    ground.
-    """
-    out = np.empty(x_m.size, dtype=np.float32)
+    """Return the values ``(n,)`` at points, interpolated between the mipmap levels of the pixel footprint."""
+    values = np.empty(x_m.size, dtype=np.float32)
     offsets = np.concatenate([[0], np.cumsum(texture.sizes**2)])
     _trilinear(
         texture.texels,
@@ -117,25 +118,27 @@ def sample(texture: Texture, x_m: Float32Array, y_m: Float32Array, footprint_m: 
         x_m,
         y_m,
         footprint_m,
-        out,
+        values,
     )
-    return out
+    return values
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Look:
-    """Everything that decides how bright a visible point is.
+class Appearance:
+    """Radiance of the terrain and its rocks, sky and haze.
 
     Attributes
     ----------
     ground : Texture
-        Radiance of the fine part of the ground: albedo, sun, cast shadow.
+        Radiance of the fine part of the ground: albedo, sun and shadows.
     detail : Texture
-        Periodic factor with mean 1: grains, pebbles, their shading.
+        Periodic factor with mean 1: grains and pebbles with their shading.
     vertex_radiance : NDArray[np.float32], shape (n,)
-        Values at the vertices of the ground mesh, then of the rock mesh.
+        Radiance at the vertices of the ground mesh, followed by those of the rock mesh.
     sky : float
+        Radiance of the sky.
     haze_distance_m : float
+        Distance at which the contrast has decreased to 1/e.
     """
 
     ground: Texture
@@ -145,8 +148,11 @@ class Look:
     haze_distance_m: float
 
     def detail_factor(self, x_m: Float32Array, y_m: Float32Array, footprint_m: Float32Array) -> Float32Array:
-        """Return the product of two scaled and rotated copies of the fine tile at points."""
-        c, s = np.float32(math.cos(_SECOND_TILE_TURN_RAD)), np.float32(math.sin(_SECOND_TILE_TURN_RAD))
+        """Return the factor ``(n,)`` at points: the product of two copies of the detail texture."""
+        c, s = (
+            np.float32(math.cos(_SECOND_TILE_ROTATION_RAD)),
+            np.float32(math.sin(_SECOND_TILE_ROTATION_RAD)),
+        )
         k = np.float32(_SECOND_TILE_SCALE)
         first = sample(self.detail, x_m, y_m, footprint_m)
         second = sample(self.detail, (c * x_m + s * y_m) * k, (c * y_m - s * x_m) * k, footprint_m * k)
@@ -154,13 +160,13 @@ class Look:
 
 
 def sun_direction(surface: Surface) -> NDArray[np.float64]:
-    """Unit vector ``(3,)`` towards the sun in site; azimuth counts from x towards y."""
+    """Return the unit vector ``(3,)`` towards the sun in site; the azimuth is measured from x towards y."""
     e, a = math.radians(surface.sun_elevation_deg), math.radians(surface.sun_azimuth_deg)
     return np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
 
 
 def vertex_normals(vertices: Float32Array, triangles: NDArray[np.uint32]) -> Float32Array:
-    """Area-weighted unit normals ``(n, 3)`` of a mesh's vertices."""
+    """Return area-weighted unit normals ``(n, 3)`` of the vertices of a mesh."""
     p = vertices[triangles]
     face = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
     normal = np.stack(
@@ -172,42 +178,43 @@ def vertex_normals(vertices: Float32Array, triangles: NDArray[np.uint32]) -> Flo
     )
 
 
-def make_look(
+def make_appearance(
     model: TerrainModel, relief: Relief, rocks: RockMesh, scene: Any, rng: np.random.Generator
-) -> Look:
-    """Bake the look of a terrain.
+) -> Appearance:
+    """Return the appearance of a terrain with rocks under the sun of the scenario.
 
     Parameters
     ----------
     scene : open3d.t.geometry.RaycastingScene
-        Holds ground and rocks; asked for shadows.
+        Ground and rocks, for the shadows.
     """
     surface = model.surface
     assert surface is not None  # the scenario has a camera, so it has a surface
     sun = sun_direction(surface)
     ground = _bake_ground(model, relief, scene, sun, rng)
-    detail = _detail_tile(surface, sun, rng)
+    detail = _detail_texture(surface, sun, rng)
     vertices, triangles = relief.mesh()
     normals = vertex_normals(vertices, triangles)
-    plain = np.ones(len(vertices), dtype=np.float32)
-    far = plain * _lit(
-        normals @ sun.astype(np.float32), _visible(scene, vertices + 0.02 * normals, sun), surface.ambient
+    ground_radiance = _lit(
+        normals @ sun.astype(np.float32), _sunlit(scene, vertices + 0.02 * normals, sun), surface.ambient
     )
     rock_normals = vertex_normals(rocks.vertices, rocks.triangles)
-    rock = rocks.albedo * _lit(
+    rock_radiance = rocks.albedo * _lit(
         rock_normals @ sun.astype(np.float32),
-        _visible(scene, rocks.vertices + 0.01 * rock_normals, sun),
+        _sunlit(scene, rocks.vertices + 0.01 * rock_normals, sun),
         surface.ambient,
     )
-    return Look(ground, detail, np.concatenate([far, rock]).astype(np.float32), 1.02, surface.haze_distance_m)
+    vertex_radiance = np.concatenate([ground_radiance, rock_radiance]).astype(np.float32)
+    return Appearance(ground, detail, vertex_radiance, 1.02, surface.haze_distance_m)
 
 
-def _lit(cosine: Float32Array, visible: Float32Array, ambient: float) -> Float32Array:
-    return np.asarray(ambient + (1.0 - ambient) * np.clip(cosine, 0.0, None) * visible, dtype=np.float32)
+def _lit(cosine: Float32Array, sunlit: Float32Array, ambient: float) -> Float32Array:
+    """Return the Lambertian radiance of a surface of albedo 1; ``sunlit`` is 0 in shadow, else 1."""
+    return np.asarray(ambient + (1.0 - ambient) * np.clip(cosine, 0.0, None) * sunlit, dtype=np.float32)
 
 
-def _visible(scene: Any, points: Float32Array, sun: NDArray[np.float64]) -> Float32Array:
-    """1 where the sun is seen from points ``(n, 3)``, else 0."""
+def _sunlit(scene: Any, points: Float32Array, sun: NDArray[np.float64]) -> Float32Array:
+    """Return 1 for points ``(n, 3)`` in sunlight, 0 for those in shadow."""
     import open3d as o3d
 
     if len(points) == 0:
@@ -221,8 +228,9 @@ def _visible(scene: Any, points: Float32Array, sun: NDArray[np.float64]) -> Floa
 def _bake_ground(
     model: TerrainModel, relief: Relief, scene: Any, sun: NDArray[np.float64], rng: np.random.Generator
 ) -> Texture:
+    """Return the texture of the fine part of the ground: albedo, sun and shadows."""
     surface = model.surface
-    assert surface is not None, "only scenarios with a surface have a look"
+    assert surface is not None  # checked by the caller
     half = model.fine_half_width_m
     n = int(2 ** round(math.log2(2 * half / surface.texel_m)))
     texel = 2 * half / n
@@ -232,40 +240,41 @@ def _bake_ground(
     gy, gx = np.gradient(z, texel)
     cosine = (sun[2] - gx * sun[0] - gy * sun[1]) / np.sqrt(1 + gx**2 + gy**2)
     points = np.stack([x.ravel(), y.ravel(), z.ravel() + 0.01], axis=1).astype(np.float32)
-    visible = gaussian_filter(_visible(scene, points, sun).reshape(n, n), 0.8, mode="nearest")
+    sunlit = gaussian_filter(_sunlit(scene, points, sun).reshape(n, n), 0.8, mode="nearest")
     patches = fractal_tile(rng, n, texel, (4 * texel, 0.6 * half), 0.25, 1.0)
     patches /= max(float(np.std(patches)), 1e-12)
     albedo = np.clip(1.0 + surface.albedo_contrast * patches, 0.35, 1.8)
     return Texture.from_image(
-        (albedo * _lit(cosine.astype(np.float32), visible, surface.ambient)).astype(np.float32),
+        (albedo * _lit(cosine.astype(np.float32), sunlit, surface.ambient)).astype(np.float32),
         texel,
         -half,
         wraps=False,
     )
 
 
-def _detail_tile(surface: Surface, sun: NDArray[np.float64], rng: np.random.Generator) -> Texture:
+def _detail_texture(surface: Surface, sun: NDArray[np.float64], rng: np.random.Generator) -> Texture:
+    """Return the periodic texture of grains and pebbles."""
     n, texel = _TILE_TEXELS, surface.detail_texel_m
     grain = fractal_tile(rng, n, texel, (2.5 * texel, 0.5), 0.1, 1.0)
     grain /= np.std(grain)
     height = fractal_tile(rng, n, texel, (3 * texel, 0.4), 0.5, _GRAIN_SLOPE)
-    tone = np.zeros((n, n))
+    pebble_albedo = np.zeros((n, n))
     for _ in range(rng.poisson(surface.pebbles_per_m2 * (n * texel) ** 2)):
         radius = min(0.006 * rng.pareto(2.2) + 0.006, 0.035)
         ci, cj = rng.integers(0, n, 2)
         reach = math.ceil(1.2 * radius / texel)
         span = np.arange(-reach, reach + 1)
-        squash, turn = rng.uniform(0.6, 1.0), rng.uniform(0, math.pi)
+        aspect, angle = rng.uniform(0.6, 1.0), rng.uniform(0, math.pi)
         jj, ii = np.meshgrid(span * texel, span * texel)
-        a = jj * math.cos(turn) + ii * math.sin(turn)
-        b = (ii * math.cos(turn) - jj * math.sin(turn)) / squash
+        a = jj * math.cos(angle) + ii * math.sin(angle)
+        b = (ii * math.cos(angle) - jj * math.sin(angle)) / aspect
         dome = np.clip(1.0 - (a**2 + b**2) / radius**2, 0.0, None)
         rows, columns = (ci + span) % n, (cj + span) % n
         height[np.ix_(rows, columns)] += 0.7 * radius * np.sqrt(dome)
-        tone[np.ix_(rows, columns)] += (dome > 0) * rng.normal(0.0, 0.16)
+        pebble_albedo[np.ix_(rows, columns)] += (dome > 0) * rng.normal(0.0, 0.16)
     gy = (np.roll(height, -1, 0) - np.roll(height, 1, 0)) / (2 * texel)
     gx = (np.roll(height, -1, 1) - np.roll(height, 1, 1)) / (2 * texel)
     shade = (sun[2] - gx * sun[0] - gy * sun[1]) / np.sqrt(1 + gx**2 + gy**2) / sun[2]
-    image = (1.0 + surface.detail_contrast * grain + tone) * (0.25 + 0.75 * np.clip(shade, 0.0, 2.2))
+    image = (1.0 + surface.detail_contrast * grain + pebble_albedo) * (0.25 + 0.75 * np.clip(shade, 0.0, 2.2))
     image = np.clip(image, 0.15, 2.5)
     return Texture.from_image((image / image.mean()).astype(np.float32), texel, 0.0, wraps=True)

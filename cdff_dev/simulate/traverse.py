@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""From a scenario to the samples of all sensors of all rovers, in the order of a log."""
+"""Simulation of a scenario: the samples of all sensors of all rovers, in the order of a log."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.product import CovarianceKind, Header, Quality, product_id
 from cdff_common.raster.geometry import GridGeometry
 from cdff_common.types import ElevationMap, FramePair, IMUSensors, LidarScan, Time, TransformWithCovariance
+from cdff_dev.logs.source import split_stream
 from cdff_dev.simulate.camera import StereoCamera
 from cdff_dev.simulate.lidar import scan
 from cdff_dev.simulate.proprioception import imu_readings, wheel_odometry
@@ -34,12 +35,12 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entry:
-    """One sample of the log that is to be: a value, or what a worker needs to make it.
+    """One sample of the log: its value, or the rendering task that produces it.
 
     Attributes
     ----------
     render : tuple of (str, str, int) or None
-        Kind (``navcam`` or ``lidar``), robot and index, where ray casting makes the value.
+        Sensor (``navcam`` or ``lidar``), robot and index, if the value is produced by ray casting.
     """
 
     stream: str
@@ -50,15 +51,14 @@ class Entry:
 
 
 def sample_times_us(rate_hz: float, duration_s: float) -> np.ndarray:
-    """Microseconds ``(n,)`` int64 since the epoch at which a sensor of this rate samples, the end
-    included.
-    """
+    """Return sample times ``(n,)`` from 0 to ``duration_s``, microseconds since the epoch."""
     return np.round(np.arange(int(duration_s * rate_hz + 1e-6) + 1) / rate_hz * 1e6).astype(np.int64)
 
 
 def levelled(T: FloatArray) -> FloatArray:
-    """``T_site_odom``, shape (4, 4), of the ``T_site_base`` at the epoch: its place and heading without its
-    tilt.
+    """Return a pose ``(4, 4)`` with the position and heading of ``T`` and without its tilt.
+
+    For ``T_site_base`` at the epoch it is ``T_site_odom``.
     """
     heading = np.arctan2(T[1, 0], T[0, 0])
     return se3.transform(se3.exp_so3([0.0, 0.0, heading]), T[:3, 3])
@@ -70,13 +70,15 @@ class _Renderer:
     def __init__(self, world: World) -> None:
         self._world = world
         self._scene = cast_scene(world.relief, world.rocks)
-        if world.scenario.navcam is not None and world.look is not None:
+        if world.scenario.navcam is not None and world.appearance is not None:
             vertices, triangles = world.relief.mesh()
             meshes = (triangles, world.rocks.triangles) if len(world.rocks.triangles) else (triangles,)
-            self._camera = StereoCamera(world.scenario.navcam, self._scene, world.look, len(vertices), meshes)
+            self._camera = StereoCamera(
+                world.scenario.navcam, self._scene, world.appearance, len(vertices), meshes
+            )
 
-    def render(self, job: tuple[str, str, int]) -> Any:
-        kind, robot, index = job
+    def render(self, task: tuple[str, str, int]) -> Any:
+        kind, robot, index = task
         scenario = self._world.scenario
         motion = self._world.motions[robot]
         rng = generator(scenario, kind, sorted(scenario.robots).index(robot), index)
@@ -87,28 +89,27 @@ class _Renderer:
         return scan(scenario.lidar, self._scene, motion, t0_s, rng)
 
 
-#: A worker process's own renderer, by the file its world came in.
-_HELD: dict[str, _Renderer] = {}
+#: Renderers of a worker process, by the file of their world.
+_RENDERERS: dict[str, _Renderer] = {}
 
 
 def _warm_up() -> None:
-    """Load what a worker needs while the world is still being made."""
-    import open3d  # noqa: F401  # loading it is the purpose
+    """Import Open3D in a worker process while the parent process makes the world."""
+    import open3d  # noqa: F401
 
 
-def _work(world_file: str, job: tuple[str, str, int]) -> Any:
-    if world_file not in _HELD:
+def _render_in_worker(world_file: str, task: tuple[str, str, int]) -> Any:
+    if world_file not in _RENDERERS:
         with Path(world_file).open("rb") as file:
-            _HELD[world_file] = _Renderer(pickle.load(file))  # written by our parent process
-    return _HELD[world_file].render(job)
+            _RENDERERS[world_file] = _Renderer(pickle.load(file))  # written by the parent process
+    return _RENDERERS[world_file].render(task)
 
 
 def _header(
     scenario: Scenario, stream: str, seq: int, t0_ns: int, t1_ns: int, frame: str, child: str | None = None
 ) -> Header:
-    robot, _, rest = stream[1:].partition("/")
-    sensor, _, port = rest.partition(".")
-    known = child is not None
+    robot, sensor, port = split_stream(stream)
+    kind = CovarianceKind.NONE if child is None else CovarianceKind.FORMAL
     return Header(
         id=product_id(robot, sensor, port, t1_ns, seq, scenario.digest),
         seq=seq,
@@ -118,9 +119,7 @@ def _header(
         child=child,
         producer=PRODUCER,
         config_hash=scenario.digest,
-        quality=Quality(
-            reasons=("simulated",), covariance_kind=CovarianceKind.FORMAL if known else CovarianceKind.NONE
-        ),
+        quality=Quality(reasons=("simulated",), covariance_kind=kind),
     )
 
 
@@ -133,8 +132,8 @@ def _pose(
     return pose
 
 
-def _felt(world: World, robot: str) -> Iterator[Entry]:
-    """IMU, wheels and truth of one rover."""
+def proprioceptive_entries(world: World, robot: str) -> Iterator[Entry]:
+    """Yield the samples of IMU and wheels, and the true poses, of one rover."""
     scenario, motion = world.scenario, world.motions[robot]
     index = sorted(scenario.robots).index(robot)
     epoch_ns = scenario.epoch_ns
@@ -162,9 +161,11 @@ def _felt(world: World, robot: str) -> Iterator[Entry]:
     )
 
     t_us = sample_times_us(scenario.truth_rate_hz, scenario.duration_s)
-    truth = motion.poses(t_us * 1e-6)
-    zero = np.zeros((len(truth), 6, 6))
-    yield from _poses(scenario, f"/{robot}/truth.pose", t_us, truth, zero, "site", f"{robot}/base")
+    true_poses = motion.poses(t_us * 1e-6)
+    no_covariance = np.zeros((len(true_poses), 6, 6))
+    yield from _poses(
+        scenario, f"/{robot}/truth.pose", t_us, true_poses, no_covariance, "site", f"{robot}/base"
+    )
 
 
 def _poses(
@@ -186,18 +187,18 @@ def _poses(
         )
 
 
-def _seen(scenario: Scenario, robot: str) -> Iterator[Entry]:
-    """Stereo pairs and lidar scans of one rover, not yet rendered."""
+def _rendered_entries(scenario: Scenario, robot: str) -> Iterator[Entry]:
+    """Yield the stereo pairs and lidar scans of one rover, without values."""
     if scenario.navcam is not None:
         stream, frame = f"/{robot}/navcam.pair", f"{robot}/navcam_left"
         for i, us in enumerate(sample_times_us(scenario.navcam.rate_hz, scenario.duration_s)):
             at = scenario.epoch_ns + int(us) * 1000
             yield Entry(stream, at, _header(scenario, stream, i, at, at, frame), render=("navcam", robot, i))
     stream = f"/{robot}/lidar.scan"
-    period_us = round(scenario.lidar.sweep_s * 1e6)
+    sweep_us = round(scenario.lidar.sweep_s * 1e6)
     for i, us in enumerate(sample_times_us(scenario.lidar.rate_hz, scenario.duration_s)[:-1]):
         t0_ns = scenario.epoch_ns + int(us) * 1000
-        t1_ns = t0_ns + period_us * 1000
+        t1_ns = t0_ns + sweep_us * 1000
         yield Entry(
             stream,
             t1_ns,
@@ -221,26 +222,26 @@ def _true_map(world: World) -> Entry:
     )
 
 
-def _value(scenario: Scenario, entry: Entry, made: Any) -> Any:
-    """Return the typed sample of a worker's result."""
+def _value(scenario: Scenario, entry: Entry, rendered: Any) -> Any:
+    """Return the value of an entry; ``rendered`` is the result of its rendering task, if it has one."""
     if entry.render is None:
         return entry.value
     if entry.render[0] == "navcam" and scenario.navcam is not None:
         return FramePair.from_images(
-            *made,
+            *rendered,
             baseline_m=scenario.navcam.baseline_m,
             camera_matrix=scenario.navcam.camera_matrix,
             stamp_ns=entry.stamp_ns,
             sensor=entry.header.frame,
         )
     return LidarScan.from_arrays(
-        made.points_m,
-        made.time_offset_us,
+        rendered.points_m,
+        rendered.time_offset_us,
         frame=entry.header.frame,
         t0_ns=entry.header.t0_ns,
         t1_ns=entry.header.t1_ns,
-        intensity=made.intensity,
-        ring=made.ring,
+        intensity=rendered.intensity,
+        ring=rendered.ring,
         sensor=entry.header.frame,
     )
 
@@ -253,16 +254,16 @@ def simulate(
     Parameters
     ----------
     workers : int
-        Processes that cast rays; 0 casts in this one. The samples do not depend on it.
+        Number of processes that cast rays; 0: this process casts them. The samples do not depend on it.
     progress : callable, optional
         Called with the number of finished ray-cast samples and their total.
     world : World, optional
-        Made from the scenario where not given.
+        World of the scenario; by default it is made.
     """
     if workers == 0:
         world = world or make_world(scenario)
-        entries, jobs = _plan(world)
-        yield from _joined(scenario, entries, map(_Renderer(world).render, jobs), len(jobs), progress)
+        entries, tasks = _plan(world)
+        yield from _with_values(scenario, entries, map(_Renderer(world).render, tasks), len(tasks), progress)
         return
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, mp_context=context) as pool, tempfile.TemporaryDirectory() as scratch:
@@ -271,29 +272,30 @@ def simulate(
         world = world or make_world(scenario)
         world_file = Path(scratch) / "world.pickle"
         world_file.write_bytes(pickle.dumps(world))
-        entries, jobs = _plan(world)
-        made = pool.map(partial(_work, str(world_file)), jobs, chunksize=4)
-        yield from _joined(scenario, entries, made, len(jobs), progress)
+        entries, tasks = _plan(world)
+        rendered = pool.map(partial(_render_in_worker, str(world_file)), tasks, chunksize=4)
+        yield from _with_values(scenario, entries, rendered, len(tasks), progress)
 
 
 def _plan(world: World) -> tuple[list[Entry], list[tuple[str, str, int]]]:
-    """Return all samples in the order of a log, and their rendering tasks in that order."""
+    """Return all entries in the order of a log, and their rendering tasks in the same order."""
     scenario = world.scenario
     entries = [_true_map(world)]
     for robot in scenario.robots:
-        entries += _felt(world, robot)
-        entries += _seen(scenario, robot)
+        entries += proprioceptive_entries(world, robot)
+        entries += _rendered_entries(scenario, robot)
     last_ns = scenario.epoch_ns + round(scenario.duration_s * NS_PER_S)
     entries = sorted((e for e in entries if e.stamp_ns <= last_ns), key=lambda e: (e.stamp_ns, e.stream))
     return entries, [e.render for e in entries if e.render is not None]
 
 
-def _joined(
-    scenario: Scenario, entries: list[Entry], made: Iterator[Any], total: int, progress: Progress | None
+def _with_values(
+    scenario: Scenario, entries: list[Entry], rendered: Iterator[Any], total: int, progress: Progress | None
 ) -> Iterator[tuple[Entry, Any]]:
+    """Yield the entries with their values; ``rendered`` are the results of the ``total`` rendering tasks."""
     done = 0
     for entry in entries:
-        value = _value(scenario, entry, next(made) if entry.render is not None else None)
+        value = _value(scenario, entry, next(rendered) if entry.render is not None else None)
         if entry.render is not None:
             done += 1
             if progress is not None:

@@ -21,7 +21,7 @@ from cdff_core.runtime import Runner
 from cdff_dev.logs import LogSample, open_log
 from cdff_dev.simulate.scenario import Scenario, load_scenario
 from cdff_dev.simulate.store import SIDECAR, describe, simulated_log
-from cdff_dev.simulate.traverse import _felt, levelled
+from cdff_dev.simulate.traverse import levelled, proprioceptive_entries
 from cdff_dev.simulate.world import World, make_world
 
 ROBOTS = ("mana", "minnie")
@@ -77,7 +77,7 @@ def test_wheels_and_imu_alone_have_an_error_below_four_percent_within_their_cova
     scenario: Scenario, world: World, robot: str
 ) -> None:
     ports = {f"/{robot}/wheels.odometry": "odometry", f"/{robot}/imu.sample": "imu"}
-    entries = list(_felt(world, robot))
+    entries = list(proprioceptive_entries(world, robot))
     samples = [
         Sample(ports[e.stream], e.stamp_ns, e.header.seq, e.value) for e in entries if e.stream in ports
     ]

@@ -24,7 +24,10 @@ START_XY = np.array([0.05, 0.03])
 
 
 def ground(*areas: tuple[float, float, float, float, int], fill: int = SAFE) -> NavigationMap:
-    """Return a map of 12 m with areas ``(xmin, xmax, ymin, ymax, class)``; the other cells have class ``fill``."""
+    """Return a map of 12 m with areas ``(xmin, xmax, ymin, ymax, class)``.
+
+    The other cells have class ``fill``.
+    """
     n = round(2 * HALF_M / CELL_M)
     geometry = GridGeometry("site", CELL_M, -HALF_M, HALF_M, n, n)
     x, y = geometry.centres_m()

@@ -28,7 +28,10 @@ def truth(y_m: float = 0.0) -> Truth:
 
 
 def track_with_errors(offsets_m: list[float], sigma_m: float = 0.1, start_ns: int = S // 2) -> Track:
-    """Return estimated poses with these offsets to the left, one per second; by default between the true poses."""
+    """Return estimated poses with these offsets to the left, one per second.
+
+    By default between the true poses.
+    """
     n = len(offsets_m)
     poses = np.tile(np.eye(4), (n, 1, 1))
     stamps_ns = start_ns + np.arange(n) * S

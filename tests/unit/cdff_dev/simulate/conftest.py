@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A small and short version of the shipped scenario, simulated in seconds."""
+"""A small and short version of the shipped scenario ``rover_traverse``, simulated in seconds."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cdff_dev.simulate.world import World, make_world
 
 
 def tiny_scenario(seed: int = 3) -> Scenario:
-    """One second of the shipped mission with small images, few beams, coarse ground and one short rest."""
+    """Return one second of the shipped scenario, with small images, few beams and coarse terrain."""
     full = load_scenario("rover_traverse", seed).model_dump()
     full["duration_s"] = 1.0
     full["navcam"] |= {"rows": 96, "columns": 128, "focal_px": 96.0}

@@ -85,12 +85,12 @@ def test_imu_readings_without_errors_integrate_to_the_truth(rough: Motion, rng: 
     T = rough.poses(t_s) @ T_base_imu
     R, p, v = T[0, :3, :3], T[0, :3, 3].copy(), np.zeros(3)
     for k in range(len(t_s) - 1):
-        turn = se3.exp_so3(0.01 * 0.5 * (readings.gyro_rad_s[k] + readings.gyro_rad_s[k + 1]))
-        middle = R @ se3.exp_so3(0.005 * readings.gyro_rad_s[k])
-        a = middle @ (0.5 * (readings.acc_m_s2[k] + readings.acc_m_s2[k + 1])) - [0, 0, 3.71]
+        rotation = se3.exp_so3(0.01 * 0.5 * (readings.gyro_rad_s[k] + readings.gyro_rad_s[k + 1]))
+        R_middle = R @ se3.exp_so3(0.005 * readings.gyro_rad_s[k])
+        a = R_middle @ (0.5 * (readings.acc_m_s2[k] + readings.acc_m_s2[k + 1])) - [0, 0, 3.71]
         p = p + 0.01 * v + 0.5e-4 * a
         v = v + 0.01 * a
-        R = R @ turn
+        R = R @ rotation
     assert se3.rotation_angle(R.T @ T[-1, :3, :3]) < 1e-3
     assert np.linalg.norm(p - T[-1, :3, 3]) < 0.05
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scenario files: found by name, with unknown keys refused."""
+"""Scenario files are read by name, and wrong files are refused."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cdff_common.geometry import se3
 from cdff_dev.simulate.scenario import SCENARIO_FOLDER, Scenario, load_scenario
 
 
-def test_every_shipped_scenario_loads_and_is_marked_frozen() -> None:
+def test_every_shipped_scenario_is_valid_and_marked_frozen() -> None:
     files = sorted(SCENARIO_FOLDER.glob("*.yaml"))
     assert files
     for path in files:
@@ -36,7 +36,7 @@ def test_an_unknown_key_is_refused_by_name(tmp_path: Path) -> None:
         load_scenario(str(tmp_path / "odd.yaml"))
 
 
-def test_a_derived_scenario_contains_only_differences() -> None:
+def test_a_scenario_that_extends_another_changes_only_its_own_values() -> None:
     base, sand = load_scenario("rover_traverse"), load_scenario("visual_sand")
     assert sand.terrain.surface.albedo_contrast == 0.06
     assert sand.terrain.surface.sun_elevation_deg == base.terrain.surface.sun_elevation_deg

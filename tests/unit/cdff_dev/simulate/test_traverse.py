@@ -26,7 +26,7 @@ def samples(scenario: Scenario, world: World) -> list[tuple[Entry, Any]]:
     return list(simulate(scenario, workers=0, world=world))
 
 
-def of(samples: list[tuple[Entry, Any]], stream: str) -> list[tuple[Entry, Any]]:
+def samples_of(samples: list[tuple[Entry, Any]], stream: str) -> list[tuple[Entry, Any]]:
     return [(e, v) for e, v in samples if e.stream == stream]
 
 
@@ -73,22 +73,22 @@ def test_a_log_is_generated_once_and_linked_on_request(
     scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    result = simulated_log(scenario, 0)
-    received: list[int] = []
-    assert simulated_log(scenario, 0, lambda done, total: received.append(done)) == result
-    assert received == []
-    deliver(result, tmp_path / "out")
+    cached = simulated_log(scenario, 0)
+    rendered: list[int] = []
+    assert simulated_log(scenario, 0, lambda done, total: rendered.append(done)) == cached
+    assert rendered == []
+    deliver(cached, tmp_path / "out")
     log = open_log(tmp_path / "out")
     assert log.streams["/mana/navcam.pair"].count == 4
     log.close()
     assert (tmp_path / "out" / SIDECAR).is_file()
     with pytest.raises(ConflictError, match="--force"):
-        deliver(result, tmp_path / "out")
-    deliver(result, tmp_path / "out", force=True)
+        deliver(cached, tmp_path / "out")
+    deliver(cached, tmp_path / "out", force=True)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("years of work", encoding="utf-8")
     with pytest.raises(ConflictError, match=r"thesis\.txt"):
-        deliver(result, tmp_path / "mine", force=True)
+        deliver(cached, tmp_path / "mine", force=True)
 
 
 def test_a_replaced_log_leaves_logs_whose_names_start_with_its_name(
@@ -102,14 +102,14 @@ def test_a_replaced_log_leaves_logs_whose_names_start_with_its_name(
     assert (tmp_path / "run_first.msg").read_bytes() == b"\x80"
 
 
-def test_lidar_points_are_on_the_terrain_seen_from_the_pose_at_their_time(
+def test_lidar_points_are_on_the_terrain_with_the_pose_at_their_own_time(
     samples: list[tuple[Entry, Any]], scenario: Scenario, world: World
 ) -> None:
     import open3d as o3d
 
     scene = cast_scene(world.relief, world.rocks)
     for robot in scenario.robots:
-        for entry, scan in of(samples, f"/{robot}/lidar.scan"):
+        for entry, scan in samples_of(samples, f"/{robot}/lidar.scan"):
             assert (scan.t0_ns, scan.t1_ns) == (entry.header.t0_ns, entry.stamp_ns)
             t_s = (scan.t0_ns - scenario.epoch_ns) * 1e-9 + scan.time_offset_us * 1e-6
             T = world.motions[robot].poses(t_s) @ scenario.lidar.mount.matrix()
@@ -128,9 +128,9 @@ def test_image_disparity_agrees_with_the_true_depth(
     vertices, triangles = world.relief.mesh()
     scene = cast_scene(world.relief, world.rocks)
     camera = StereoCamera(
-        scenario.navcam, scene, world.look, len(vertices), (triangles, world.rocks.triangles)
+        scenario.navcam, scene, world.appearance, len(vertices), (triangles, world.rocks.triangles)
     )
-    entry, pair = of(samples, "/mana/navcam.pair")[0]
+    entry, pair = samples_of(samples, "/mana/navcam.pair")[0]
     t_s = np.array([(entry.stamp_ns - scenario.epoch_ns) * 1e-9])
     depth = camera.depth(world.motions["mana"].poses(t_s)[0] @ scenario.navcam.T_base_left)
     assert pair.baseline == pytest.approx(scenario.navcam.baseline_m)
@@ -148,7 +148,7 @@ def test_image_disparity_agrees_with_the_true_depth(
 
 
 def test_images_have_texture_and_no_saturation(samples: list[tuple[Entry, Any]]) -> None:
-    for _, pair in of(samples, "/minnie/navcam.pair"):
+    for _, pair in samples_of(samples, "/minnie/navcam.pair"):
         ground = pair.left.image[48:]
         assert 60 < ground.mean() < 190
         assert ground.std() > 6
@@ -156,7 +156,7 @@ def test_images_have_texture_and_no_saturation(samples: list[tuple[Entry, Any]])
 
 
 def test_the_reference_map_is_the_terrain_with_rocks(samples: list[tuple[Entry, Any]], world: World) -> None:
-    ((_, terrain),) = of(samples, "/site/truth.terrain")
+    ((_, terrain),) = samples_of(samples, "/site/truth.terrain")
     grid = terrain.geometry
     assert (grid.frame, grid.resolution_m) == ("site", 0.05)
     rows, columns = np.mgrid[5 : grid.rows : 37, 5 : grid.cols : 37]
