@@ -77,7 +77,7 @@ np.savez(sys.argv[2], cpu=(time.process_time() - started) / max(steps, 1))
 """
 
 
-def by_cdff(
+def solve_with_cdff(
     problem: BundleProblem, covariances: str
 ) -> tuple[BundleOptimizationOutputs, tuple[str, ...], dict[str, float], float]:
     """Return outputs, reasons and metrics of the DFN, and CPU seconds."""
@@ -92,18 +92,18 @@ def adjustment(rounds: int, python: str | None) -> dict[str, Any]:
     """Return final costs, and CPU seconds of the adjustment and of the covariances of all poses."""
     problem = ring()[0]
     fixed = replace(problem.cameras, fixed=np.array([1, 1] + [0] * 38, np.uint8))
-    anchored = replace(problem, cameras=fixed)
+    with_two_fixed = replace(problem, cameras=fixed)
     times: dict[str, list[float]] = {}
     costs: dict[str, float] = {}
     for _ in range(rounds):
-        outputs, _, _, cpu_s = by_cdff(problem, "none")
+        outputs, _, _, cpu_s = solve_with_cdff(problem, "none")
         costs["cdff"] = cost(outputs.problem)
         times.setdefault("cdff", []).append(cpu_s)
         adjusted, cpu_s = solve_with_gtsam(problem, TOLERANCE)
         costs["gtsam"] = cost(adjusted)
         times.setdefault("gtsam", []).append(cpu_s)
-        without_s = by_cdff(anchored, "none")[3]
-        outputs, _, metrics, with_s = by_cdff(anchored, "poses")
+        without_s = solve_with_cdff(with_two_fixed, "none")[3]
+        outputs, _, metrics, with_s = solve_with_cdff(with_two_fixed, "poses")
         times.setdefault("cdff, covariances", []).append(with_s - without_s)
         C, cpu_s = gtsam_covariances(outputs.problem)
         times.setdefault("gtsam, covariances", []).append(cpu_s)
@@ -112,8 +112,8 @@ def adjustment(rounds: int, python: str | None) -> dict[str, Any]:
             costs["ceres"] = cost(adjusted)
             times.setdefault("ceres", []).append(cpu_s)
             times.setdefault("ceres, covariances", []).append(covariance_s)
-    own = outputs.pose_covariances[2:] / metrics["unit_variance"]
-    difference = np.abs(own - C[2:]).max(axis=(1, 2)) / np.abs(C[2:]).max(axis=(1, 2))
+    covariances = outputs.pose_covariances[2:] / metrics["unit_variance"]
+    difference = np.abs(covariances - C[2:]).max(axis=(1, 2)) / np.abs(C[2:]).max(axis=(1, 2))
     return {
         "cost": {name: round(value, 6) for name, value in costs.items()},
         "cpu_s": {name: round(min(values), 3) for name, values in times.items()},
@@ -140,20 +140,20 @@ def python_factors_s(python: str) -> float:
 def no_gauge() -> dict[str, Any]:
     """Return the answers for a small ring without fixed cameras, and for two rings without common points."""
     connected = ring(8, 60, 6)[0]
-    o = connected.observations
-    same_part = (o.cameras < 4) == (o.points < 30)
-    rows = {name: getattr(o, name)[same_part] for name in ("cameras", "points", "pixels")}
+    observations = connected.observations
+    is_within_part = (observations.cameras < 4) == (observations.points < 30)
+    columns = {name: getattr(observations, name)[is_within_part] for name in ("cameras", "points", "pixels")}
     two_parts = BundleProblem.from_arrays(
         connected.cameras.matrices,
         connected.lenses.values,
         connected.points.positions,
-        (rows["cameras"], rows["points"]),
-        rows["pixels"],
+        (columns["cameras"], columns["points"]),
+        columns["pixels"],
         frame="site",
     )
     report: dict[str, Any] = {}
     for name, problem in (("one part", connected), ("two parts", two_parts)):
-        outputs, reasons, metrics, _ = by_cdff(problem, "all")
+        outputs, reasons, metrics, _ = solve_with_cdff(problem, "all")
         report[name] = {
             "cdff": {
                 "gauge": outputs.gauge.tolist(),

@@ -39,7 +39,7 @@ BATCH = 8
 
 
 def echo() -> None:
-    """Run the other process: answer pings with one byte, and queries with the requested number of bytes."""
+    """Answer pings with one byte, and queries with the requested number of bytes, until stdin is closed."""
     raw, bus = open_client(None, 10.0), Bus.open(name="echo", wait_s=10.0)
     payloads = {size: os.urandom(size) for size in SIZES.values()}
 
@@ -47,22 +47,22 @@ def echo() -> None:
         sample.payload.to_bytes()
         raw.put("bench/raw/pong", b"1", priority=zenoh.Priority.DATA_HIGH, express=True)
 
-    def on_ours(_message: Message) -> None:
+    def on_message(_message: Message) -> None:
         bus.publish("bench/ours/pong", b"1", qos=Qos.POSE)
 
     def on_raw_query(query: zenoh.Query) -> None:
         with query:
             query.reply("bench/raw/get", payloads[int(str(query.parameters).partition("=")[2])])
 
-    def on_our_query(request: Request) -> Reply:
+    def on_request(request: Request) -> Reply:
         return Reply(payloads[int(request.parameters["n"])])
 
     declarations = [
         raw.declare_subscriber("bench/raw/ping", on_raw),
         raw.declare_queryable("bench/raw/get", on_raw_query),
     ]
-    bus.subscribe("bench/ours/ping", on_ours)
-    bus.serve("bench/ours/get", on_our_query)
+    bus.subscribe("bench/ours/ping", on_message)
+    bus.serve("bench/ours/get", on_request)
     print("ready", flush=True)
     sys.stdin.read()
     for declaration in declarations:
@@ -93,7 +93,7 @@ class Pinger:
         self.raw.put("bench/raw/ping", payload, congestion_control=zenoh.CongestionControl.BLOCK)
         assert self._pong.wait(10)
 
-    def our_publish(self, payload: bytes) -> None:
+    def bus_publish(self, payload: bytes) -> None:
         """Make a round trip over the bus of CDFF."""
         self._pong.clear()
         self.bus.publish("bench/ours/ping", payload)
@@ -105,7 +105,7 @@ class Pinger:
             assert reply.ok is not None
             assert len(reply.ok.payload.to_bytes()) == len(payload)
 
-    def our_request(self, payload: bytes) -> None:
+    def bus_request(self, payload: bytes) -> None:
         """Send a request over the bus of CDFF."""
         assert len(self.bus.call("bench/ours/get", {"n": len(payload)}, timeout_s=10.0).payload) == len(
             payload
@@ -120,28 +120,28 @@ class Pinger:
 
 
 def measure(
-    first: Callable[[bytes], None], second: Callable[[bytes], None], payload: bytes, rounds: int
+    raw_call: Callable[[bytes], None], bus_call: Callable[[bytes], None], payload: bytes, rounds: int
 ) -> dict[str, float]:
     """Alternate batches of both; return medians in microseconds, their ratio, and CPU time per call."""
     times: tuple[list[float], list[float]] = ([], [])
     cpu = [0.0, 0.0]
-    for call in (first, second):
+    for call in (raw_call, bus_call):
         for _ in range(3):
             call(payload)
     for batch in range(max(rounds // BATCH, 2)):
-        for which in (0, 1) if batch % 2 else (1, 0):
-            call = (first, second)[which]
+        for index in (0, 1) if batch % 2 else (1, 0):
+            call = (raw_call, bus_call)[index]
             cpu_s = time.process_time()
             for _ in range(BATCH):
                 start = time.perf_counter()
                 call(payload)
-                times[which].append((time.perf_counter() - start) * 1e6)
-            cpu[which] += time.process_time() - cpu_s
-    raw, ours = (statistics.median(t) for t in times)
+                times[index].append((time.perf_counter() - start) * 1e6)
+            cpu[index] += time.process_time() - cpu_s
+    raw_us, bus_us = (statistics.median(t) for t in times)
     return {
-        "raw_us": round(raw, 1),
-        "ours_us": round(ours, 1),
-        "ratio": round(ours / raw, 3),
+        "raw_us": round(raw_us, 1),
+        "ours_us": round(bus_us, 1),
+        "ratio": round(bus_us / raw_us, 3),
         "raw_cpu_us": round(cpu[0] / len(times[0]) * 1e6, 1),
         "ours_cpu_us": round(cpu[1] / len(times[1]) * 1e6, 1),
         "round_trips": len(times[0]),
@@ -149,6 +149,7 @@ def measure(
 
 
 def free_endpoint() -> str:
+    """Return an endpoint on which no process listens now."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
@@ -161,26 +162,26 @@ def run(shm_mb: int, scale: float) -> dict[str, dict[str, dict[str, float]]]:
         [sys.executable, "-m", "services.router", "--listen", os.environ["CDFF_CONNECT"]],
         stderr=subprocess.DEVNULL,
     )
-    other = subprocess.Popen(
+    echo_process = subprocess.Popen(
         [sys.executable, __file__, "--echo"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
     try:
-        assert other.stdout is not None
-        assert other.stdout.readline() == "ready\n"
+        assert echo_process.stdout is not None
+        assert echo_process.stdout.readline() == "ready\n"
         pinger = Pinger()
-        time.sleep(0.5)  # until the declarations have passed the router
+        time.sleep(0.5)  # the declarations must reach the router
         results: dict[str, dict[str, dict[str, float]]] = {"publish": {}, "request": {}}
         for name, size in SIZES.items():
             payload = os.urandom(size)
             rounds = max(int(ROUNDS[name] * scale), 16)
-            results["publish"][name] = measure(pinger.raw_publish, pinger.our_publish, payload, rounds)
-            results["request"][name] = measure(pinger.raw_request, pinger.our_request, payload, rounds)
+            results["publish"][name] = measure(pinger.raw_publish, pinger.bus_publish, payload, rounds)
+            results["request"][name] = measure(pinger.raw_request, pinger.bus_request, payload, rounds)
         pinger.close()
         return results
     finally:
-        assert other.stdin is not None
-        other.stdin.close()
-        other.wait(10)
+        assert echo_process.stdin is not None
+        echo_process.stdin.close()
+        echo_process.wait(10)
         router.terminate()
         router.wait(10)
 

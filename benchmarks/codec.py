@@ -76,7 +76,7 @@ def least_ms(call: Callable[[], Any], trials: int) -> float:
 
 _FIRST_USE = """
 import time
-begin = time.process_time()
+start = time.process_time()
 import numpy as np
 from cdff_common import types
 from cdff_common.codecs import decode, encode
@@ -84,7 +84,7 @@ imported = time.process_time()
 cloud = types.Pointcloud.from_points(np.zeros((1000, 3)), frame="a", stamp_ns=0)
 for codec in ("uper", "msgpack"):
     decode("Pointcloud", encode(cloud, codec), codec)
-print(imported - begin, time.process_time() - imported)
+print(imported - start, time.process_time() - imported)
 """
 
 
@@ -105,8 +105,9 @@ def first_use() -> dict[str, float]:
 
 
 def main() -> None:
+    """Measure and print JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, help="write JSON here instead of printing it")
+    parser.add_argument("--out", type=Path, help="write JSON here too")
     parser.add_argument("--trials", type=int, default=5)
     args = parser.parse_args()
     results: dict[str, Any] = {}

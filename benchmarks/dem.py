@@ -24,7 +24,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from _report import write_report
+from _report import median_cpu_s, write_report
 from numpy.typing import NDArray
 from scipy.stats import binned_statistic_dd
 
@@ -53,17 +53,6 @@ SWEEP_POINTS = 57_600
 MS = 1_000_000
 
 
-def cpu_s(call: Callable[[], object], rounds: int) -> float:
-    """Return the median CPU seconds of a call, after a warm-up call."""
-    call()
-    times = []
-    for _ in range(rounds):
-        started = time.process_time()
-        call()
-        times.append(time.process_time() - started)
-    return statistics.median(times)
-
-
 def make_node(name: str, **config: Any) -> Any:
     """Return a configured DFN."""
     node = Registry.default().make_dfn(name)
@@ -90,12 +79,13 @@ def scipy_statistics(points: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     """Compute the same statistics by SciPy's ``binned_statistic_dd``."""
     x0, y0, x1, y1 = GRID.bounds
     edges = [np.linspace(y0, y1, GRID.rows + 1), np.linspace(x0, x1, GRID.cols + 1)]
-    where, z = points[:, [1, 0]], points[:, 2]
-    first = binned_statistic_dd(where, z, "count", bins=edges)  # the other calls reuse its cells
-    rest = [
-        binned_statistic_dd(where, z, n, binned_statistic_result=first) for n in ("mean", "std", "min", "max")
+    yx, z = points[:, [1, 0]], points[:, 2]
+    count = binned_statistic_dd(yx, z, "count", bins=edges)
+    others = [
+        binned_statistic_dd(yx, z, name, binned_statistic_result=count)  # reuses the cells of the points
+        for name in ("mean", "std", "min", "max")
     ]
-    return [first.statistic, *(r.statistic for r in rest)]
+    return [count.statistic, *(result.statistic for result in others)]
 
 
 def rasterising(rounds: int) -> dict[str, Any]:
@@ -116,13 +106,15 @@ def rasterising(rounds: int) -> dict[str, Any]:
     return {
         "points": POINTS,
         "cells": GRID.rows * GRID.cols,
-        "kernel_cpu_s": cpu_s(lambda: CellStatistics.from_points(GRID, points, stamps_ns=0), rounds),
-        "dfn_cpu_s": cpu_s(lambda: raster.process(inputs), rounds),
-        "fusion_cpu_s": cpu_s(lambda: fusion.process(DemFusionInputs(patch=patch, centre=centre)), rounds),
-        "full_update_cpu_s": cpu_s(update, rounds),
-        "numpy_bincount_cpu_s": cpu_s(lambda: numpy_statistics(points), rounds),
-        "scipy_binned_statistic_dd_cpu_s": cpu_s(lambda: scipy_statistics(points), 1),
-        "fusion_by_atlaas_rules_in_numpy_cpu_s": cpu_s(lambda: atlaas.merge(patch, centre), rounds),
+        "kernel_cpu_s": median_cpu_s(lambda: CellStatistics.from_points(GRID, points, stamps_ns=0), rounds),
+        "dfn_cpu_s": median_cpu_s(lambda: raster.process(inputs), rounds),
+        "fusion_cpu_s": median_cpu_s(
+            lambda: fusion.process(DemFusionInputs(patch=patch, centre=centre)), rounds
+        ),
+        "full_update_cpu_s": median_cpu_s(update, rounds),
+        "numpy_bincount_cpu_s": median_cpu_s(lambda: numpy_statistics(points), rounds),
+        "scipy_binned_statistic_dd_cpu_s": median_cpu_s(lambda: scipy_statistics(points), 1),
+        "fusion_by_atlaas_rules_in_numpy_cpu_s": median_cpu_s(lambda: atlaas.merge(patch, centre), rounds),
         "largest_difference_of_means_m": float(np.max(np.abs(kernel.mean.ravel() - plain[1])[observed])),
     }
 
@@ -139,11 +131,11 @@ def deskewing(rounds: int) -> dict[str, Any]:
         pose_covariances=np.tile(np.eye(6) * 1e-4, (11, 1, 1)),
     )
     node = make_node("point_cloud_deskewing")
-    return {"points": n, "poses": len(stamps), "cpu_s": cpu_s(lambda: node.process(inputs), rounds)}
+    return {"points": n, "poses": len(stamps), "cpu_s": median_cpu_s(lambda: node.process(inputs), rounds)}
 
 
 def stereo_pair() -> tuple[str, NDArray[np.uint8], NDArray[np.uint8]]:
-    """Return a description with left and right image."""
+    """Return a description of the pair, and its left and right image."""
     root = Path(os.environ.get("CDFF_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data")
     names = [root / "kitti_stereo/KITTI_sequence_1" / f"image_{side}_kitti" / "000000.png" for side in "lr"]
     if all(name.exists() for name in names):
@@ -155,17 +147,19 @@ def stereo_pair() -> tuple[str, NDArray[np.uint8], NDArray[np.uint8]]:
 
 def matching(rounds: int) -> dict[str, Any]:
     """Measure the disparity of a KITTI-sized pair, and one pass of OpenCV's SGBM for comparison."""
-    what, left, right = stereo_pair()
+    description, left, right = stereo_pair()
     K = np.array([[707.0912, 0, 601.8873], [0, 707.0912, 183.1104], [0, 0, 1]])
     inputs = DisparityImageInputs(
         left=Frame.from_image(left, stamp_ns=0, camera_matrix=K), right=Frame.from_image(right, stamp_ns=0)
     )
     plain = cv2.StereoSGBM.create(0, 128, 5, 200, 800, 1, 31, 10)
-    report: dict[str, Any] = {"pair": what, "shape": list(left.shape)}
+    report: dict[str, Any] = {"pair": description, "shape": list(left.shape)}
     for count in (128, 64):
         node = make_node("disparity_image", num_disparities=count)
-        report[f"dfn_{count}_disparities_cpu_s"] = cpu_s(lambda node=node: node.process(inputs), rounds)
-    report["opencv_sgbm_128_cpu_s"] = cpu_s(lambda: plain.compute(left, right), rounds)
+        report[f"dfn_{count}_disparities_cpu_s"] = median_cpu_s(
+            lambda node=node: node.process(inputs), rounds
+        )
+    report["opencv_sgbm_128_cpu_s"] = median_cpu_s(lambda: plain.compute(left, right), rounds)
     return report
 
 
@@ -201,7 +195,7 @@ def sweeps(rounds: int) -> dict[str, Any]:
 
 def stereo_mapping(rounds: int) -> dict[str, Any]:
     """Measure the whole DFPC on KITTI-sized pairs, 20 cm cells, one patch per pair."""
-    what, left, right = stereo_pair()
+    description, left, right = stereo_pair()
     K = np.array([[707.0912, 0, 601.8873], [0, 707.0912, 183.1104], [0, 0, 1]])
     T = UncertainTransform.exact(se3.transform([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0, 0, 1.65]))
     node = Registry.default().make_dfpc("digital_elevation_mapping")
@@ -228,14 +222,14 @@ def stereo_mapping(rounds: int) -> dict[str, Any]:
         node.step(Sample("poses", t_ns, i, pose))
         node.step(Sample("stereo", t_ns, i, pair))
         times.append(time.process_time() - started)
-    return {"pair": what, "cpu_s_per_pair": statistics.median(times[1:])}
+    return {"pair": description, "cpu_s_per_pair": statistics.median(times[1:])}
 
 
 def navigation(rounds: int) -> dict[str, Any]:
-    """Measure rating of a million cells, and the whole DFPC per patch of 24 m in a map of 30 m."""
+    """Measure classification of a million cells, and the whole DFPC per patch of 24 m in a map of 30 m."""
     rng = np.random.default_rng(SEED)
 
-    def rough(size_m: float, resolution_m: float) -> ElevationMap:
+    def rough_ground(size_m: float, resolution_m: float) -> ElevationMap:
         g = GridGeometry.aligned("site", resolution_m, (0.0, 0.0, size_m, size_m))
         points = np.column_stack(
             [*(c.ravel() for c in g.centres_m()), rng.normal(0.0, 0.01, g.rows * g.cols)]
@@ -243,14 +237,16 @@ def navigation(rounds: int) -> dict[str, Any]:
         layers = CellStatistics.from_points(g, points, stamps_ns=0).to_layers(0)
         return ElevationMap.from_layers(g, layers, t0_ns=0, t1_ns=0)
 
-    node, big, patch = make_node("traversability"), rough(50.0, 0.05), rough(24.0, 0.05)
+    node, large_map, patch = make_node("traversability"), rough_ground(50.0, 0.05), rough_ground(24.0, 0.05)
     dfpc = Registry.default().make_dfpc("navigation_mapping")
     dfpc.configure()
     return {
         "cells": 1_000_000,
-        "traversability_cpu_s": cpu_s(lambda: node.process(TraversabilityInputs(dem=big)), rounds),
+        "traversability_cpu_s": median_cpu_s(
+            lambda: node.process(TraversabilityInputs(dem=large_map)), rounds
+        ),
         "patch_cells": patch.geometry.rows * patch.geometry.cols,
-        "cpu_s_per_patch": cpu_s(lambda: list(dfpc.step(Sample("dem", 0, 0, patch))), rounds),
+        "cpu_s_per_patch": median_cpu_s(lambda: list(dfpc.step(Sample("dem", 0, 0, patch))), rounds),
     }
 
 
@@ -258,9 +254,9 @@ def with_memory(benchmark: Callable[[int], dict[str, Any]], rounds: int) -> dict
     """Return the report of a part, with the peak memory growth of this process (VmHWM, reset before)."""
     cv2.setNumThreads(1)
     Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
-    before_mb = peak_mb()
+    initial_mb = peak_mb()
     report = benchmark(rounds)
-    return {**report, "peak_growth_mb": round(peak_mb() - before_mb)}
+    return {**report, "peak_growth_mb": round(peak_mb() - initial_mb)}
 
 
 def peak_mb() -> float:
@@ -282,9 +278,9 @@ def main() -> None:
         "cpus": os.cpu_count(),
         "rounds": args.rounds,
     }
-    with ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1) as alone:
+    with ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1) as executor:
         for part in (rasterising, deskewing, matching, sweeps, stereo_mapping, navigation):
-            report[part.__name__] = alone.submit(with_memory, part, args.rounds).result()
+            report[part.__name__] = executor.submit(with_memory, part, args.rounds).result()
     write_report(report, args.out)
 
 

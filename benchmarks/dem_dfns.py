@@ -66,40 +66,40 @@ def node(name: str, implementation: str, **config: Any) -> Any:
 def calls() -> dict[str, tuple[Callable[[], object], str]]:
     """Return for each DFN the call to measure and a description of its input."""
     rng = np.random.default_rng(SEED)
-    patch, known = dem(50.0, 0.05, 2_000_000), dem(40.0, 0.05, 2_000_000)
+    patch, map_around = dem(50.0, 0.05, 2_000_000), dem(40.0, 0.05, 2_000_000)
     xy = rng.uniform(10.0, 30.0, (20_000, 2))
     capture = np.column_stack([xy, relief(xy) + rng.normal(0.0, 0.01, len(xy))]) + np.array(
         [0.02, 0.01, 0.03]
     )
-    fit = DemRegistrationInputs(
+    registration_inputs = DemRegistrationInputs(
         points=capture,
         noise_variance=np.full(len(capture), 1e-4),
-        map=known,
+        map=map_around,
         centre=np.array([20.0, 20.0, 1.0]),
         covariance=np.diag([0.05, 0.05, 0.05, 0.02, 0.02, 0.02]) ** 2,
     )
     # Number of points and area are those of the largest sample of the ISPRS test; a tenth of the points are
     # on boxes of 6 m height.
     xy = rng.uniform(0.0, 1.0, (38_010, 2)) * np.array([126.0, 303.0])
-    objects = GroundSegmentationInputs(
+    segmentation_inputs = GroundSegmentationInputs(
         points=np.column_stack([xy, relief(xy) + 6.0 * (np.sum(xy % 30.0 < 9.0, axis=1) > 1)])
     )
     results: dict[str, tuple[Callable[[], object], str]] = {}
     ground = node("ground_segmentation", "SimpleMorphologicalFilter")
     results["GroundSegmentation/SimpleMorphologicalFilter"] = (
-        lambda: ground.process(objects),
+        lambda: ground.process(segmentation_inputs),
         "38010 points over 126 m x 303 m, 1.25 m cells, 4 phases",
     )
     planes = node("dem_registration", "TangentPlanes")
     results["DemRegistration/TangentPlanes"] = (
-        lambda: planes.process(fit),
+        lambda: planes.process(registration_inputs),
         "20000 points on a map of 40 m in 5 cm cells",
     )
-    for implementation, into in (("RollingWindow", "into a window"), ("TiledMap", "into tiles, a window")):
+    for implementation, target in (("RollingWindow", "into a window"), ("TiledMap", "into tiles, a window")):
         fusion = node("dem_fusion", implementation, size_m=50.0)
         results[f"DemFusion/{implementation}"] = (
             lambda fusion=fusion: fusion.process(DemFusionInputs(patch=patch, centre=np.array([25.0, 25.0]))),
-            f"1000 x 1000 cells {into} of 1000 x 1000",
+            f"1000 x 1000 cells {target} of 1000 x 1000",
         )
     return results
 
@@ -124,9 +124,8 @@ def sweeps(implementation: str, rounds: int) -> dict[str, Any]:
         T = UncertainTransform(se3.transform(np.eye(3), [0.03 * i, 0.0, 0.0]), np.eye(6) * 1e-4)
         pose = TransformWithCovariance.from_transform(T, parent="site", child="mana/base", stamp_ns=t_ns)
         scan = LidarScan.from_arrays(points, offset_us, frame="mana/lidar", t0_ns=t_ns - 100 * MS, t1_ns=t_ns)
-        if (
-            i == count // 2
-        ):  # tracing allocations takes time: memory is measured in the first half, time in the second
+        # Tracing of allocations takes time: memory is measured in the first half, time in the second half.
+        if i == count // 2:
             memory_mb = tracemalloc.get_traced_memory()[1] / 1e6
             tracemalloc.stop()
         started = time.process_time()

@@ -60,15 +60,17 @@ TYPES = (
     "track",
     "mesh",
 )
-#: Fraction of the area and of the time; with one type of ten each shape selects a thousandth of the products.
+#: Fractions of area and time; together with one type of ten, each selects a thousandth of the products.
 SHAPES = {
     "area_0.1_time_0.1": (0.1, 0.1),
     "area_0.01_time_all": (0.01, 1.0),
     "area_all_time_0.01": (1.0, 0.01),
 }
+#: Nanoseconds in a second.
 S = 1_000_000_000
 PRAGMAS = ("journal_mode=WAL", "synchronous=FULL", "cache_size=-32768", "wal_autocheckpoint=4000")
 Figures = dict[str, Any]
+#: Parameters of a search: x0, y0, x1, y1, first and last second, index of the type.
 Window = tuple[float, float, float, float, int, int, int]
 
 
@@ -80,14 +82,15 @@ def boxes(count: int) -> Iterator[tuple[float, ...]]:
         yield (x, y, 0.0, x + size, y + size, 1.0)
 
 
-def windows(products: int, count: int, area: float, span: float) -> list[Window]:
-    """Return searches: x0, y0, x1, y1, first and last second, index of the type."""
+def search_windows(products: int, count: int, area: float, span: float) -> list[Window]:
+    """Return the parameters of searches that select a fraction of the area and of the time."""
     rng, side, length = random.Random(2), SIDE_M * area**0.5, span * products
     results = []
     for _ in range(count):
         x, y = rng.uniform(0, SIDE_M - side), rng.uniform(0, SIDE_M - side)
-        first = int(rng.uniform(0, products - length))
-        results.append((x, y, x + side, y + side, first, int(first + length), rng.randrange(len(TYPES))))
+        first_s = int(rng.uniform(0, products - length))
+        type_index = rng.randrange(len(TYPES))
+        results.append((x, y, x + side, y + side, first_s, int(first_s + length), type_index))
     return results
 
 
@@ -102,8 +105,8 @@ def timed(calls: Sequence[Callable[[], object]]) -> Figures:
     return {"p50_ms": float(np.median(spans)), "p99_ms": float(np.percentile(spans, 99)), "cpu_ms": cpu_ms}
 
 
-class Rate:
-    """The cost of calls that each store a batch: products per second, CPU time and bytes written."""
+class InsertionCost:
+    """Cost of calls that each store a batch: products per second, CPU time and bytes written."""
 
     def __init__(self) -> None:
         self._calls: list[tuple[int, float, float, int]] = []
@@ -169,12 +172,12 @@ def in_batches(count: int) -> Iterator[list[tuple[float, ...]]]:
 
 def fill(store: Store, count: int) -> Figures:
     """Insert products in batches."""
-    filler, first, rate = os.urandom(PAYLOAD_BYTES - 8), 0, Rate()
+    filler, first, cost = os.urandom(PAYLOAD_BYTES - 8), 0, InsertionCost()
     for batch in in_batches(count):
         new = products_of(first, batch, filler)
-        rate.add(len(batch), lambda: store.put_all(new))  # noqa: B023  # called at once
+        cost.add(len(batch), lambda: store.put_all(new))  # noqa: B023  # called at once
         first += len(batch)
-    return rate.figures
+    return cost.figures
 
 
 def searches(store: Store, products: int, count: int) -> Figures:
@@ -187,8 +190,8 @@ def searches(store: Store, products: int, count: int) -> Figures:
 
     figures = {}
     for name, (area, span) in SHAPES.items():
-        timed([search(w) for w in windows(products, 20, area, span)])  # warm-up
-        calls = [search(w) for w in windows(products, count, area, span)]
+        timed([search(w) for w in search_windows(products, 20, area, span)])  # warm-up
+        calls = [search(w) for w in search_windows(products, count, area, span)]
         figures[name] = timed(calls) | {"again": timed(calls)}
     return figures
 
@@ -198,8 +201,8 @@ def measure_store(directory: Path, products: int, search_count: int) -> Figures:
     url = f"sqlite:///{directory}"
     with open_store(url, ManualClock(S)) as store:
         figures: Figures = {"bulk": fill(store, products)}
-        rng, filler = list(boxes(200)), os.urandom(PAYLOAD_BYTES - 8)
-        singles = products_of(products + 1000, rng, filler)
+        filler = os.urandom(PAYLOAD_BYTES - 8)
+        singles = products_of(products + 1000, list(boxes(200)), filler)
         figures["insert"] = timed([lambda p=p: store.put_all((p,)) for p in singles])  # type: ignore[misc]
         T = [UncertainTransform(se3.transform(np.eye(3), (float(i), 0.0, 0.0))) for i in range(20)]
         figures["re_anchor"] = timed([lambda t=t: store.frames.set("mana/map", "site", t) for t in T])  # type: ignore[misc]
@@ -242,11 +245,11 @@ def raw(directory: Path, products: int, search_count: int) -> Figures:
             db.executemany("INSERT INTO box VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", sides)
             db.execute("COMMIT")
 
-        first, rate = 0, Rate()
+        first, cost = 0, InsertionCost()
         for batch in in_batches(products):
-            rate.add(len(batch), lambda: insert(first, batch))  # noqa: B023  # called at once
+            cost.add(len(batch), lambda: insert(first, batch))  # noqa: B023  # called at once
             first += len(batch)
-        figures: Figures = {"bulk": rate.figures}
+        figures: Figures = {"bulk": cost.figures}
         singles = list(enumerate(boxes(200), products + 1000))
         figures["insert"] = timed([lambda i=i, b=b: insert(i, [b]) for i, b in singles])  # type: ignore[misc]
         statement = (
@@ -260,7 +263,7 @@ def raw(directory: Path, products: int, search_count: int) -> Figures:
             return lambda: db.execute(statement, values).fetchall()
 
         figures["search"] = {
-            name: timed([search(w) for w in windows(products, search_count, *shape)])
+            name: timed([search(w) for w in search_windows(products, search_count, *shape)])
             for name, shape in SHAPES.items()
         }
     return figures
@@ -299,11 +302,11 @@ def access(directory: Path, products: int, search_count: int) -> Figures:
             def over_zenoh(parameters: dict[str, str]) -> None:
                 bus.call(keys.dpm_rpc(keys.GROUND, "search"), parameters)
 
-            for name, ask in (("zenoh", over_zenoh), ("http", over_http)):
+            for name, search in (("zenoh", over_zenoh), ("http", over_http)):
                 figures[name] = {}
                 for shape, (area, span) in SHAPES.items():
-                    queries = [_parameters(w) for w in windows(products, search_count, area, span)]
-                    calls = [lambda q=q, ask=ask: ask(q) for q in queries]  # type: ignore[misc]
+                    queries = [_parameters(w) for w in search_windows(products, search_count, area, span)]
+                    calls = [lambda q=q, search=search: search(q) for q in queries]  # type: ignore[misc]
                     timed(calls[:20])
                     figures[name][shape] = timed(calls)
             memory = psutil.Process(processes[1].pid).memory_full_info()
@@ -375,8 +378,8 @@ def main() -> None:
                 if name == "raw":
                     shutil.rmtree(directory)
         if args.access:
-            served = access(Path(base) / f"store-{counts[-1]}", counts[-1], args.searches)
-            results["service"] = show("service", served)
+            access_figures = access(Path(base) / f"store-{counts[-1]}", counts[-1], args.searches)
+            results["service"] = show("service", access_figures)
         about = {
             "products": args.products,
             "payload_bytes": PAYLOAD_BYTES,

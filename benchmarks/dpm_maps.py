@@ -37,6 +37,7 @@ from dpm_store import NewProduct, open_store
 from dpm_store.maps.windows import WindowQuery
 from services.dpm.rendering.tiles import TileRequest, Tiles
 
+#: Nanoseconds in a second.
 S = 1_000_000_000
 CELL_M = 0.05
 SIDE_CELLS = 1000
@@ -113,19 +114,24 @@ def window(url: str, trials: int) -> dict[str, Any]:
 
     def cold() -> None:
         with open_store(url) as store:
-            store.search()  # connections are made
+            store.search()  # opens the connections
             spans.append(timed(lambda: store.maps.elevation_window(query), 1))
 
     spans: list[dict[str, float]] = []
-    for _ in range(trials + 1):  # the first call compiles kernels
+    for _ in range(trials + 1):  # the first call compiles the kernels
         cold()
     del spans[0]
     with open_store(url) as store:
         store.maps.elevation_window(query)
         warm = timed(lambda: store.maps.elevation_window(query), trials)
-        window = store.maps.elevation_window(query)
-    middle = {name: round(statistics.median(s[name] for s in spans), 3) for name in spans[0]}
-    return {"patches": len(window.patches), "coverage": window.coverage, "cold": middle, "warm": warm}
+        elevation = store.maps.elevation_window(query)
+    cold_medians = {name: round(statistics.median(s[name] for s in spans), 3) for name in spans[0]}
+    return {
+        "patches": len(elevation.patches),
+        "coverage": elevation.coverage,
+        "cold": cold_medians,
+        "warm": warm,
+    }
 
 
 def tiles(url: str) -> dict[str, Any]:
@@ -137,37 +143,47 @@ def tiles(url: str) -> dict[str, Any]:
     level = level_of(CELL_M)
     side = (1.0, 1.0, SIDE_CELLS * CELL_M - 1.0, SIDE_CELLS * CELL_M - 1.0)
     columns, rows = tiles_over(level, side)
-    here = [Tile(level, x, y) for x in columns for y in rows]
+    patch_tiles = [Tile(level, x, y) for x in columns for y in rows]
     for _ in range(2):  # the first run compiles kernels
         with open_store(url) as store:
             store.search()
             rendered = Tiles(store)
-            first = [timed(partial(rendered.get, TileRequest("site", "hillshade", tile)), 1) for tile in here]
-            other = [timed(partial(rendered.get, TileRequest("site", "slope", tile)), 1) for tile in here]
-            warm = [timed(partial(rendered.get, TileRequest("site", "slope", tile)), 20) for tile in here]
-            above = [
+            first = [
+                timed(partial(rendered.get, TileRequest("site", "hillshade", tile)), 1)
+                for tile in patch_tiles
+            ]
+            uncached = [
+                timed(partial(rendered.get, TileRequest("site", "slope", tile)), 1) for tile in patch_tiles
+            ]
+            warm = [
+                timed(partial(rendered.get, TileRequest("site", "slope", tile)), 20) for tile in patch_tiles
+            ]
+            overview_tiles = [
                 Tile(z, *(r[0] for r in tiles_over(z, side))) for z in (level - 1, level - 3, level - 8, 0)
             ]
             overview = [
-                timed(partial(rendered.get, TileRequest("site", "hillshade", tile)), 1) for tile in above
+                timed(partial(rendered.get, TileRequest("site", "hillshade", tile)), 1)
+                for tile in overview_tiles
             ]
-            again = [timed(partial(rendered.get, TileRequest("site", "slope", tile)), 1) for tile in above]
+            overview_uncached = [
+                timed(partial(rendered.get, TileRequest("site", "slope", tile)), 1) for tile in overview_tiles
+            ]
 
-    def middle(spans: list[dict[str, float]]) -> dict[str, float]:
+    def medians(spans: list[dict[str, float]]) -> dict[str, float]:
         return {name: round(statistics.median(s[name] for s in spans), 3) for name in ("p50_ms", "cpu_ms")}
 
     return {
-        "tiles": len(here),
-        "first": middle(first),
-        "cold": middle(other),
-        "warm": middle(warm),
-        "overview_first": middle(overview),
-        "overview_cold": middle(again),
+        "tiles": len(patch_tiles),
+        "first": medians(first),
+        "cold": medians(uncached),
+        "warm": medians(warm),
+        "overview_first": medians(overview),
+        "overview_cold": medians(overview_uncached),
     }
 
 
-def filled(url: str, patches: int, side: int, auxiliary: bool) -> None:
-    """Make a store with the patches."""
+def fill_store(url: str, patches: int, side: int, auxiliary: bool) -> None:
+    """Insert the patches into a new store."""
     rng = np.random.default_rng(1)
     with open_store(url, ManualClock(S)) as store:
         store.put_all([patch(rng, side, seq, auxiliary) for seq in range(patches)])
@@ -184,7 +200,7 @@ def main() -> int:
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         url = f"sqlite:///{folder}/data"
-        filled(url, args.patches, args.side, args.auxiliary)
+        fill_store(url, args.patches, args.side, args.auxiliary)
         figures = {
             "machine": {"cpu_count": os.cpu_count(), "python": platform.python_version()},
             "patches": {

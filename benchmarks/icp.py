@@ -13,15 +13,13 @@ from __future__ import annotations
 import argparse
 import os
 import platform
-import statistics
-import time
-import tracemalloc
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _report import write_report
+from _report import measure, write_report
 from numpy.typing import NDArray
 
 from cdff_common.geometry import covariance, se3
@@ -65,17 +63,17 @@ def on_devon(data: Path, trials: int) -> dict[str, Any]:
                 e = covariance.pose_error(T_true, T)
                 row["nees"].append(float(e @ np.linalg.solve(details["covariance"], e)))
     for row in rows.values():
-        result, nees = row.pop("error_m"), row.pop("nees")
+        errors_m, nees = row.pop("error_m"), row.pop("nees")
         row |= (
-            {"median_error_m": float(np.median(result)), "max_error_m": float(np.max(result))}
-            if result
+            {"median_error_m": float(np.median(errors_m)), "max_error_m": float(np.max(errors_m))}
+            if errors_m
             else {}
         )
         row |= {"mean_nees": float(np.mean(nees))} if nees else {}
     return {"trials": trials, "methods": rows}
 
 
-def of_dfns(data: Path, rounds: int) -> dict[str, Any]:
+def dfn_costs(data: Path, rounds: int) -> dict[str, Any]:
     """Return CPU seconds and memory of each DFN on the first pair."""
     from cdff_core.dfns.normals_estimation.interface import NormalsEstimationInputs
     from cdff_core.dfns.point_cloud_assembly.interface import PointCloudAssemblyInputs
@@ -92,9 +90,9 @@ def of_dfns(data: Path, rounds: int) -> dict[str, Any]:
         return dfn
 
     _, scene, model, T = next(pairs(data))
-    thin, normals = node("point_cloud_downsampling"), node("normals_estimation")
-    s, m = (thin.process(PointCloudDownsamplingInputs(points=cloud)).points for cloud in (scene, model))
-    ns, nm = (normals.process(NormalsEstimationInputs(points=cloud)).normals for cloud in (s, m))
+    downsample, estimate_normals = node("point_cloud_downsampling"), node("normals_estimation")
+    s, m = (downsample.process(PointCloudDownsamplingInputs(points=cloud)).points for cloud in (scene, model))
+    ns, nm = (estimate_normals.process(NormalsEstimationInputs(points=cloud)).normals for cloud in (s, m))
     calls: dict[str, tuple[Any, Any, str]] = {
         "PointCloudFiltering/RangeFilter": (
             node("point_cloud_filtering", "RangeFilter"),
@@ -107,7 +105,7 @@ def of_dfns(data: Path, rounds: int) -> dict[str, Any]:
             f"{len(s)} points",
         ),
         "PointCloudDownsampling/VoxelGrid": (
-            thin,
+            downsample,
             PointCloudDownsamplingInputs(points=scene),
             f"{len(scene)} points to {len(s)}",
         ),
@@ -124,7 +122,11 @@ def of_dfns(data: Path, rounds: int) -> dict[str, Any]:
             VoxelizationInputs(points=scene),
             f"{len(scene)} points",
         ),
-        "NormalsEstimation/PrincipalAxis": (normals, NormalsEstimationInputs(points=s), f"{len(s)} points"),
+        "NormalsEstimation/PrincipalAxis": (
+            estimate_normals,
+            NormalsEstimationInputs(points=s),
+            f"{len(s)} points",
+        ),
         "PointCloudTransformation/CartesianSystemTransform": (
             node("point_cloud_transformation"),
             PointCloudTransformationInputs(points=scene, transform=T),
@@ -147,17 +149,7 @@ def of_dfns(data: Path, rounds: int) -> dict[str, Any]:
         )
     report = {}
     for name, (dfn, inputs, size) in calls.items():
-        dfn.process(inputs)
-        times = []
-        for _ in range(rounds):
-            started = time.process_time()
-            dfn.process(inputs)
-            times.append(time.process_time() - started)
-        tracemalloc.start()
-        dfn.process(inputs)
-        memory_mb = tracemalloc.get_traced_memory()[1] / 1e6
-        tracemalloc.stop()
-        report[name] = {"input": size, "cpu_s": statistics.median(times), "memory_mb": memory_mb}
+        report[name] = {"input": size} | measure(partial(dfn.process, inputs), rounds)
     return report
 
 
@@ -166,8 +158,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    beside = Path(__file__).resolve().parents[2] / "shared" / "data"
-    parser.add_argument("--data", type=Path, default=Path(os.environ.get("CDFF_DATA") or beside))
+    default_data = Path(__file__).resolve().parents[2] / "shared" / "data"
+    parser.add_argument("--data", type=Path, default=Path(os.environ.get("CDFF_DATA") or default_data))
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--terrain-pairs", type=int, default=12)
     parser.add_argument("--peer-python", default=peer_python("kiss_icp"), help="interpreter with kiss-icp")
@@ -181,7 +173,7 @@ def main() -> None:
         "load_1min": os.getloadavg()[0],
         "voxel_m_of_peers": VOXEL_M,
         "pairs": compare_on_pairs(args.data, args.rounds),
-        "dfns": of_dfns(args.data, args.rounds),
+        "dfns": dfn_costs(args.data, args.rounds),
     }
     if args.terrain_pairs:
         report["simulated_scans"] = compare_on_scans(args.terrain_pairs, args.peer_python)

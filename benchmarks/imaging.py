@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import platform
-import statistics
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from _report import write_report
+from _report import median_cpu_s, write_report
 
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.registry import Registry
@@ -53,17 +52,6 @@ def frame(image: np.ndarray, mode: str = "GRAY", x_m: float = 0.0) -> Frame:
     )
 
 
-def median_cpu_s(call: Callable[[], Any], rounds: int) -> float:
-    """Return the median CPU time of a call, after a warm-up call."""
-    call()
-    times = []
-    for _ in range(rounds):
-        started = time.process_time()
-        call()
-        times.append(time.process_time() - started)
-    return statistics.median(times)
-
-
 def main() -> None:
     """Measure and print JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -73,11 +61,11 @@ def main() -> None:
     cv2.setNumThreads(1)
     rng = np.random.default_rng(SEED)
     grey = cv2.GaussianBlur(rng.integers(0, 256, (ROWS, COLS), dtype=np.uint8), (0, 0), 2.0)
-    image, colours = frame(grey), frame(np.dstack([grey] * 3), "RGB")
-    pair = FramePair(baseline=0.27, left=image, right=frame(grey, x_m=0.27))
+    grey_frame, colour_frame = frame(grey), frame(np.dstack([grey] * 3), "RGB")
+    pair = FramePair(baseline=0.27, left=grey_frame, right=frame(grey, x_m=0.27))
     maps = cv2.initUndistortRectifyMap(K, np.array(D), None, K, (COLS, ROWS), cv2.CV_16SC2)
 
-    def half() -> Any:
+    def half_size() -> Any:
         return cv2.resize(grey, (960, 600), interpolation=cv2.INTER_AREA)
 
     cases: list[tuple[str, str | None, dict[str, Any], Any, Callable[[], Any] | None]] = [
@@ -85,24 +73,24 @@ def main() -> None:
             "image_undistortion",
             None,
             {},
-            ImageUndistortionInputs(image=image),
+            ImageUndistortionInputs(image=grey_frame),
             lambda: cv2.remap(grey, *maps, 1),
         ),
         ("stereo_rectification", None, {}, StereoRectificationInputs(pair=pair), None),
-        ("image_degradation", None, {}, ImageDegradationInputs(image=image), half),
+        ("image_degradation", None, {}, ImageDegradationInputs(image=grey_frame), half_size),
         ("stereo_degradation", None, {}, StereoDegradationInputs(pair=pair), None),
         (
             "color_conversion",
             None,
             {},
-            ColorConversionInputs(image=colours),
-            lambda: cv2.cvtColor(colours.image, 7),
+            ColorConversionInputs(image=colour_frame),
+            lambda: cv2.cvtColor(colour_frame.image, 7),
         ),
-        ("background_subtraction", None, {}, BackgroundSubtractionInputs(image=image), None),
+        ("background_subtraction", None, {}, BackgroundSubtractionInputs(image=grey_frame), None),
     ]
     registry = Registry.default()
     cases += [
-        ("image_filtering", name, {}, ImageFilteringInputs(image=image), None)
+        ("image_filtering", name, {}, ImageFilteringInputs(image=grey_frame), None)
         for name in registry.dfn("image_filtering").implementations
     ]
     report: dict[str, Any] = {

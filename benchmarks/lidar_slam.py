@@ -3,8 +3,7 @@
 """Compare lidar_slam with kiss-icp on the same simulated sweeps of 64 x 1800: time and memory.
 
 OMP_NUM_THREADS=1 python benchmarks/lidar_slam.py [--sweeps N] [--seed N] [--rings N] [--columns N]
-[--tracking JSON]
-    [--peer-python PYTHON] [--out FILE]
+    [--tracking JSON] [--peer-python PYTHON] [--out FILE]
 
 The sweeps of deploy/simulation/lidar_traverse.yaml are simulated first and stored in memory. Both programs
 run on one thread; the first ten sweeps are a warm-up. The times of lidar_slam include loop closures; kiss-icp
@@ -54,9 +53,10 @@ def sweeps(seed: int, count: int, rings: int, columns: int) -> tuple[list[LidarS
     return result, Track("truth", stamps, np.array([truth[int(t)] for t in stamps])), mount
 
 
-def ours(mount: np.ndarray, tracking: dict[str, Any]) -> tuple[Step, Callable[[], dict[str, float]]]:
-    """Return a function that processes a sweep, and one that returns the map size; ``tracking`` are
-    parameters.
+def lidar_slam(mount: np.ndarray, tracking: dict[str, Any]) -> tuple[Step, Callable[[], dict[str, float]]]:
+    """Return a function that processes a sweep, and one that returns the size of the map.
+
+    ``tracking`` contains parameters of the registration.
     """
     frames = FrameGraph()
     frames.set_static("mana/base", "mana/lidar", UncertainTransform.exact(mount))
@@ -73,7 +73,7 @@ def ours(mount: np.ndarray, tracking: dict[str, Any]) -> tuple[Step, Callable[[]
     return step, memory
 
 
-def measured(name: str, step: Step, scans: list[LidarScan], truth: Track) -> dict[str, Any]:
+def measure_sweeps(name: str, step: Step, scans: list[LidarScan], truth: Track) -> dict[str, Any]:
     """Process all sweeps; return times and errors."""
     cpu_s, wall_s, poses = [], [], []
     for scan in scans:
@@ -81,10 +81,12 @@ def measured(name: str, step: Step, scans: list[LidarScan], truth: Track) -> dic
         poses.append(step(scan))
         cpu_s.append(time.process_time() - started_cpu_s)
         wall_s.append(time.perf_counter() - started_s)
-    return row(name, np.array(poses), np.array(cpu_s), np.array(wall_s), truth)
+    return summary(name, np.array(poses), np.array(cpu_s), np.array(wall_s), truth)
 
 
-def row(name: str, poses: np.ndarray, cpu_s: np.ndarray, wall_s: np.ndarray, truth: Track) -> dict[str, Any]:
+def summary(
+    name: str, poses: np.ndarray, cpu_s: np.ndarray, wall_s: np.ndarray, truth: Track
+) -> dict[str, Any]:
     """Return times per sweep and drift of one program."""
     results = compare(Track(name, truth.stamps_ns, poses), truth, segments_m=(20.0,)).results
     cpu, wall = cpu_s[WARM_UP:], wall_s[WARM_UP:]
@@ -107,6 +109,7 @@ def ms(seconds: float) -> float:
 
 
 def main() -> None:
+    """Measure and print JSON."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -128,14 +131,14 @@ def main() -> None:
         "sweeps": len(scans),
         "points_a_sweep": int(np.mean([len(s.points_m) for s in scans])),
     }
-    step, memory = ours(mount, args.tracking)
-    report["cdff lidar_slam"] = measured("cdff", step, scans, truth) | memory()
+    step, memory = lidar_slam(mount, args.tracking)
+    report["cdff lidar_slam"] = measure_sweeps("cdff", step, scans, truth) | memory()
     python = args.peer_python
     if python:
         with SweepFile() as sweep_file:
             for scan in scans:
                 sweep_file.append(scan)
-            report["kiss-icp"] = row("kiss-icp", *sweep_file.kiss_icp(python, (0.5, 60.0)), truth)
+            report["kiss-icp"] = summary("kiss-icp", *sweep_file.kiss_icp(python, (0.5, 60.0)), truth)
     else:
         report["kiss-icp"] = "skipped: --peer-python names no interpreter with kiss-icp"
     write_report(report, args.out)

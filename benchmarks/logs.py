@@ -40,10 +40,10 @@ def file_system(folder: Path) -> str:
     return max(mounts, key=lambda p: len(p.mountpoint)).fstype if mounts else "unknown"
 
 
-def timed(work: Callable[[], Any], byte_count: int) -> dict[str, float]:
-    """Return CPU and wall time of ``work`` on ``byte_count`` bytes, and MB/s."""
+def timed(call: Callable[[], Any], byte_count: int) -> dict[str, float]:
+    """Return CPU and wall time of a call that processes ``byte_count`` bytes, and MB/s."""
     cpu_s, wall_s = time.process_time(), time.perf_counter()
-    work()
+    call()
     cpu_s, wall_s = time.process_time() - cpu_s, time.perf_counter() - wall_s
     return {
         "cpu_s": round(cpu_s, 4),
@@ -62,12 +62,12 @@ def anonymous_mb() -> float:
 def main() -> None:
     """Write, index and read a log of stereo pairs; print JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, help="write JSON here instead of printing it")
+    parser.add_argument("--out", type=Path, help="write JSON here too")
     parser.add_argument("--folder", type=Path, help="where to put the log")
     parser.add_argument("--megabytes", type=int, default=1000)
     args = parser.parse_args()
-    memory = Path("/dev/shm")
-    folder = args.folder or (memory if memory.is_dir() else Path(tempfile.gettempdir()))
+    shared_memory = Path("/dev/shm")
+    folder = args.folder or (shared_memory if shared_memory.is_dir() else Path(tempfile.gettempdir()))
     rng = np.random.default_rng(0)
     images = [rng.integers(0, 256, (ROWS, COLS), dtype=np.uint8) for _ in range(4)]
     pairs = max(1, round(args.megabytes * 1e6 / (2 * ROWS * COLS)))
@@ -98,16 +98,16 @@ def main() -> None:
 
         rows["index"] = timed(index, byte_count)
         assert log is not None
-        before_mb, most_mb = anonymous_mb(), 0.0
+        initial_mb, peak_mb = anonymous_mb(), 0.0
 
         def read() -> None:
-            nonlocal most_mb
+            nonlocal peak_mb
             assert log is not None
             count = 0
             for sample in log.samples():
                 count += sample.value.left.image.size > 0
                 if count % 64 == 0:
-                    most_mb = max(most_mb, anonymous_mb())
+                    peak_mb = max(peak_mb, anonymous_mb())
             assert count == pairs
 
         rows["read"] = timed(read, byte_count)
@@ -120,8 +120,8 @@ def main() -> None:
             "python": platform.python_version(),
             "load_average": os.getloadavg()[0],
             **rows,
-            "memory_before_reading_mb": round(before_mb),
-            "most_memory_while_reading_mb": round(max(most_mb, anonymous_mb())),
+            "memory_before_reading_mb": round(initial_mb),
+            "most_memory_while_reading_mb": round(max(peak_mb, anonymous_mb())),
             "peak_rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10,
         }
     write_report(report, args.out)

@@ -29,11 +29,11 @@ POINTS, RANGE_M, PLACES, SENSOR_M = 20_000, 18.0, 200, 1.6
 
 def observed_points(ground: Terrain, rng: np.random.Generator) -> np.ndarray:
     """Return points (20 000, 3) around a random place, in the frame of a level robot at this place."""
-    here = rng.uniform(RANGE_M + 1.0, ground.size_m - RANGE_M - 1.0, 2)
+    place_xy = rng.uniform(RANGE_M + 1.0, ground.size_m - RANGE_M - 1.0, 2)
     r, a = RANGE_M * np.sqrt(rng.random(POINTS)), rng.uniform(-np.pi, np.pi, POINTS)
-    about = np.column_stack([r * np.cos(a), r * np.sin(a)])
-    z = ground.height(about + here) - ground.height(here[None])[0] - SENSOR_M
-    return np.column_stack([about, z])
+    xy = np.column_stack([r * np.cos(a), r * np.sin(a)])
+    z = ground.height(xy + place_xy) - ground.height(place_xy[None])[0] - SENSOR_M
+    return np.column_stack([xy, z])
 
 
 def main() -> None:

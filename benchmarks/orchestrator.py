@@ -175,8 +175,8 @@ def spans_ms(call: Callable[[], object], count: int) -> dict[str, float]:
     return {"p50_ms": statistics.median(spans), "p99_ms": float(np.percentile(spans, 99))}
 
 
-def served(bus: Bus, product: str, value: Any, count: int) -> dict[str, Any]:
-    """Return the latency of the same bytes by the three methods."""
+def latencies(bus: Bus, product: str, value: Any, count: int) -> dict[str, Any]:
+    """Return the latency of the same bytes for each of the three methods."""
     identifier = store(bus, product, value)
     parameters = {"type": product, "max_age_s": 3600, "deliver": "inline"}
     key = keys.orchestrator_rpc("mana", "request")
@@ -220,14 +220,14 @@ def chain_world(count: int = 100) -> World:
     """Return a chain of DFPCs; each gets its input from the previous one."""
     base = layered_world(1, 1)
     providers = dict(base.providers)
-    before = next(iter(providers))
+    previous = next(iter(providers))
     for i in range(1, count):
         provider = ProviderId("mana", f"c{i}")
-        source = InputSource("product", "mana", before.dfpc, "out")
+        source = InputSource("product", "mana", previous.dfpc, "out")
         providers[provider] = Provider(
             provider, {"out": "dem" if i == count - 1 else None}, (Input("x", (source,)),)
         )
-        before = provider
+        previous = provider
     first = ProviderId("mana", "d0_0")
     providers[first] = Provider(first, {"out": None}, providers[first].inputs)
     return World(providers, base.sensors)
@@ -248,7 +248,7 @@ def planning(count: int) -> dict[str, Any]:
     return figures
 
 
-def at_once(endpoint: str, requests: int, clients: int) -> dict[str, Any]:
+def simultaneous_requests(endpoint: str, requests: int, clients: int) -> dict[str, Any]:
     """Send many requests simultaneously; return how each ended, and the times including repetitions."""
     buses = [Bus.open(endpoint, name=f"client {i}", wait_s=30) for i in range(clients)]
     ended: Counter[str] = Counter()
@@ -256,7 +256,7 @@ def at_once(endpoint: str, requests: int, clients: int) -> dict[str, Any]:
     overloaded_replies = [0]
     lock, key = threading.Lock(), keys.orchestrator_rpc("mana", "request")
 
-    def ask(i: int) -> None:
+    def send_request(i: int) -> None:
         bus, start, outcome = buses[i % clients], time.perf_counter(), ""
         deadline_ms = int(DEADLINE_S * 1000)
         parameters = {"type": "pose", "max_age_s": 3600, "deadline_ms": deadline_ms, "request": f"r{i}"}
@@ -279,7 +279,7 @@ def at_once(endpoint: str, requests: int, clients: int) -> dict[str, Any]:
     start, cpu_s = time.perf_counter(), time.process_time()
     try:
         with ThreadPoolExecutor(requests) as pool:
-            list(pool.map(ask, range(requests)))
+            list(pool.map(send_request, range(requests)))
     finally:
         for bus in buses:
             bus.close()
@@ -315,9 +315,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, system(Path(folder)) as endpoint:
         with Bus.open(endpoint, name="benchmark", wait_s=30) as bus:
             figures["served"] = {
-                name: served(bus, name, value, args.calls) for name, value in values().items()
+                name: latencies(bus, name, value, args.calls) for name, value in values().items()
             }
-        figures["at_once"] = at_once(endpoint, args.requests, args.clients)
+        figures["at_once"] = simultaneous_requests(endpoint, args.requests, args.clients)
     write_report(figures, args.out)
 
 

@@ -18,14 +18,12 @@ from __future__ import annotations
 import argparse
 import os
 import platform
-import statistics
-import time
-import tracemalloc
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _report import write_report
+from _report import measure, write_report
 
 from cdff_common.geometry.voxels import voxel_for, voxel_means
 from cdff_common.interfaces.registry import Registry
@@ -57,7 +55,7 @@ np.savez(sys.argv[2], T=T, cpu=cpu)
 """
 
 
-def of_solvers(trials: int, python: str | None) -> dict[str, Any]:
+def solver_results(trials: int, python: str | None) -> dict[str, Any]:
     """Return the numbers of correct and wrong answers of both solvers, and their median CPU seconds."""
     report: dict[str, Any] = {}
     for ratio in WRONG_RATIOS:
@@ -100,7 +98,7 @@ def node(name: str, implementation: str | None = None, **config: Any) -> Any:
     return dfn
 
 
-def of_dfns(data: Path, rounds: int) -> dict[str, Any]:
+def dfn_costs(data: Path, rounds: int) -> dict[str, Any]:
     """Return CPU seconds and memory of each DFN, with the input sizes stated in their descriptions."""
     source, *_ = small_gicp_pair(data)
     voxel_m = voxel_for(source, 8000)
@@ -142,21 +140,9 @@ def of_dfns(data: Path, rounds: int) -> dict[str, Any]:
             GlobalRegistration3DInputs(source=pairs[0], target=pairs[1]),
         ),
     }
-    report = {}
+    report: dict[str, Any] = {}
     for name, (dfn, inputs) in calls.items():
-        dfn.process(inputs)
-        times = []
-        for _ in range(rounds):
-            started = time.process_time()
-            dfn.process(inputs)
-            times.append(time.process_time() - started)
-        tracemalloc.start()
-        dfn.process(inputs)
-        report[name] = {
-            "cpu_s": statistics.median(times),
-            "memory_mb": tracemalloc.get_traced_memory()[1] / 1e6,
-        }
-        tracemalloc.stop()
+        report[name] = measure(partial(dfn.process, inputs), rounds)
     report["sizes"] = {"points": len(points), "keypoints": len(keypoints)}
     return report
 
@@ -166,8 +152,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    beside = Path(__file__).resolve().parents[2] / "shared" / "data"
-    parser.add_argument("--data", type=Path, default=Path(os.environ.get("CDFF_DATA") or beside))
+    default_data = Path(__file__).resolve().parents[2] / "shared" / "data"
+    parser.add_argument("--data", type=Path, default=Path(os.environ.get("CDFF_DATA") or default_data))
     parser.add_argument("--trials", type=int, default=5, help="trials per row")
     parser.add_argument("--solver-trials", type=int, default=500)
     parser.add_argument("--rounds", type=int, default=5)
@@ -181,8 +167,8 @@ def main() -> None:
         "python": platform.python_version(),
         "threads": os.environ.get("OMP_NUM_THREADS", "all"),
         "load_1min": os.getloadavg()[0],
-        "solver": of_solvers(args.solver_trials, args.peer_python),
-        "dfns": of_dfns(args.data, args.rounds),
+        "solver": solver_results(args.solver_trials, args.peer_python),
+        "dfns": dfn_costs(args.data, args.rounds),
     }
     if args.trials:
         report["simulated_terrain"] = run_terrain(args.trials)

@@ -50,14 +50,14 @@ ROBUST_GRAPHS = ("smallGrid3D", "sphere2500")
 FIXED_SIGMA = 1e-6
 
 
-def by_cdff(
-    graph: PoseGraph, wanted: np.ndarray | None = None, **config: Any
+def solve_with_cdff(
+    graph: PoseGraph, covariance_ids: np.ndarray | None = None, **config: Any
 ) -> tuple[PoseGraphOptimizationOutputs, float]:
-    """Return the outputs of the DFN, and CPU seconds."""
+    """Return the outputs of the DFN, and CPU seconds; covariances of the poses ``covariance_ids``."""
     node = Registry.default().make_dfn("pose_graph_optimization")
     node.configure(config)
     start_s = time.process_time()
-    outputs = node.process(PoseGraphOptimizationInputs(graph=graph, wanted=wanted))
+    outputs = node.process(PoseGraphOptimizationInputs(graph=graph, wanted=covariance_ids))
     return outputs, time.process_time() - start_s
 
 
@@ -75,6 +75,7 @@ def gtsam_factors(graph: PoseGraph) -> gtsam.NonlinearFactorGraph:
 
 
 def gtsam_values(poses: np.ndarray) -> gtsam.Values:
+    """Return poses as GTSAM's values; keys are rows."""
     values = gtsam.Values()
     for row, T in enumerate(poses):
         values.insert(row, gtsam.Pose3(T))
@@ -97,6 +98,7 @@ def _poses(values: gtsam.Values, count: int) -> np.ndarray:
 
 
 def chi2(graph: PoseGraph, poses: np.ndarray) -> float:
+    """Return the objective of poses: the sum of the squared normalised errors of all edges."""
     problem = problem_of(graph)
     rigid = se3.transform(se3.normalise_rotation(poses[:, :3, :3]), poses[:, :3, 3])
     return float(problem.squared(problem.errors(rigid)).sum())
@@ -104,13 +106,13 @@ def chi2(graph: PoseGraph, poses: np.ndarray) -> float:
 
 def covariances(graph: PoseGraph, trials: int) -> dict[str, Any]:
     """Return CPU seconds of one marginal covariance at the optimum, and the largest relative difference."""
-    optimum = by_cdff(graph)[0].graph
+    optimum = solve_with_cdff(graph)[0].graph
     last = len(optimum.vertices.ids) - 1
     factors, values = gtsam_factors(optimum), gtsam_values(optimum.vertices.matrices)
     times: dict[str, list[float]] = {"cdff": [], "gtsam": []}
     for _ in range(trials):
-        without_s = by_cdff(optimum, initialise="given")[1]
-        outputs, with_s = by_cdff(optimum, optimum.vertices.ids[[last]], initialise="given")
+        without_s = solve_with_cdff(optimum, initialise="given")[1]
+        outputs, with_s = solve_with_cdff(optimum, optimum.vertices.ids[[last]], initialise="given")
         times["cdff"].append(with_s - without_s)
         start_s = time.process_time()
         peer = gtsam.Marginals(factors, values).marginalCovariance(last)
@@ -131,7 +133,7 @@ def robust(graph: PoseGraph, seeds: int) -> dict[str, Any]:
     }
     for seed in range(seeds):
         mixed, count = wrong_loops(graph, seed)
-        outputs, cpu_s = by_cdff(mixed, robust="gnc")
+        outputs, cpu_s = solve_with_cdff(mixed, robust="gnc")
         weights = {"cdff": (outputs.weights, cpu_s), "gtsam": gtsam_gnc(mixed)}
         for method, (weight, cpu_s) in weights.items():
             row = counts[method]
@@ -157,7 +159,8 @@ def gtsam_gnc(graph: PoseGraph) -> tuple[np.ndarray, float]:
     return np.asarray(optimizer.getWeights())[1:], time.process_time() - start_s
 
 
-def compared(path: Path, trials: int, seeds: int) -> dict[str, Any]:
+def compare_solvers(path: Path, trials: int, seeds: int) -> dict[str, Any]:
+    """Return the results of all solvers on one graph."""
     graph = read_pose_graph(path, frame="map")
     is_spatial = len(problem_of(graph).rows) == 6
     runs: dict[str, Any] = {"cdff": lambda: _solved(graph)}
@@ -176,7 +179,7 @@ def compared(path: Path, trials: int, seeds: int) -> dict[str, Any]:
             entry = report.setdefault(name, {"chi2": round(chi2(graph, poses), 4), "cpu_s": cpu_s})
             entry["cpu_s"] = round(min(entry["cpu_s"], cpu_s), 4)
     tracemalloc.start()
-    by_cdff(graph)
+    solve_with_cdff(graph)
     report["cdff"]["memory_mb"] = round(tracemalloc.get_traced_memory()[1] / 1e6, 1)
     tracemalloc.stop()
     if is_spatial:
@@ -187,11 +190,12 @@ def compared(path: Path, trials: int, seeds: int) -> dict[str, Any]:
 
 
 def _solved(graph: PoseGraph) -> tuple[np.ndarray, float]:
-    outputs, cpu_s = by_cdff(graph)
+    outputs, cpu_s = solve_with_cdff(graph)
     return outputs.graph.vertices.matrices, cpu_s
 
 
 def main() -> None:
+    """Measure and print JSON."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -203,7 +207,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
     report = {
-        name: compared(args.data / "posegraphs" / f"{name}.g2o", args.trials, args.seeds) for name in GRAPHS
+        name: compare_solvers(args.data / "posegraphs" / f"{name}.g2o", args.trials, args.seeds)
+        for name in GRAPHS
     }
     write_report({"benchmark": "pose_graph", "machine": platform.machine(), **report}, args.out)
 

@@ -34,9 +34,9 @@ from cdff_core.dfns.pose_weighting.interface import PoseWeightingInputs
 MS = 1_000_000
 
 
-def samples(seconds: int, begin_s: int = 0, imu_ms: int = 10) -> list[Sample]:
+def samples(seconds: int, start_s: int = 0, imu_ms: int = 10) -> list[Sample]:
     """Return exact samples of a curve at 0.4 m/s: IMU 100 Hz, wheels 10 Hz, visual odometry 4 Hz."""
-    start_ns = begin_s * 1000 * MS
+    start_ns = start_s * 1000 * MS
 
     def pose(port: str, stamp_ns: int, child: str) -> Sample:
         T = se3.exp_se3(stamp_ns * 1e-9 * np.array([0.4, 0, 0, 0, 0, 0.1]))
@@ -52,13 +52,15 @@ def samples(seconds: int, begin_s: int = 0, imu_ms: int = 10) -> list[Sample]:
         value = IMUSensors(Time.from_ns(stamp_ns), np.array([0, 0, 3.71]), np.array([0, 0, 0.1]), np.zeros(3))
         return Sample("imu", stamp_ns, 0, value)
 
-    out = [imu(start_ns + k * imu_ms * MS) for k in range(1000 // imu_ms * seconds)]
-    out += [pose("odometry", start_ns + k * 100 * MS, "mana/base") for k in range(10 * seconds)]
-    out += [pose("visual_odometry", start_ns + k * 250 * MS, "mana/navcam_left") for k in range(4 * seconds)]
-    return sorted(out, key=lambda s: (s.stamp_ns, s.port))
+    results = [imu(start_ns + k * imu_ms * MS) for k in range(1000 // imu_ms * seconds)]
+    results += [pose("odometry", start_ns + k * 100 * MS, "mana/base") for k in range(10 * seconds)]
+    results += [
+        pose("visual_odometry", start_ns + k * 250 * MS, "mana/navcam_left") for k in range(4 * seconds)
+    ]
+    return sorted(results, key=lambda s: (s.stamp_ns, s.port))
 
 
-def configured() -> Any:
+def make_position_manager() -> Any:
     """Return a configured position manager; all sensors are mounted at the origin of the base."""
     frames = FrameGraph()
     for parent, child in (
@@ -74,7 +76,7 @@ def configured() -> Any:
 
 def compound_cpu_s(seconds: int) -> float:
     """Return CPU seconds per second of input."""
-    dfpc, inputs = configured(), samples(seconds)
+    dfpc, inputs = make_position_manager(), samples(seconds)
     started = time.process_time()
     for sample in inputs:
         list(dfpc.step(sample))
@@ -86,7 +88,7 @@ def answer_ms(seconds: int, late_ns: int = 0) -> dict[str, float]:
 
     Visual odometry arrives ``late_ns`` late; measurements received in between are then processed again.
     """
-    dfpc = configured()
+    dfpc = make_position_manager()
     times_ms: dict[str, list[float]] = {}
     for sample in sorted(
         samples(seconds), key=lambda s: s.stamp_ns + late_ns * (s.port == "visual_odometry")
@@ -105,7 +107,7 @@ def answer_ms(seconds: int, late_ns: int = 0) -> dict[str, float]:
 
 def memory_and_cost(seconds: int) -> dict[str, dict[str, float]]:
     """Return memory and CPU time every 15 minutes of a long run."""
-    dfpc, results = configured(), {}
+    dfpc, results = make_position_manager(), {}
     for minute in range(seconds // 60):
         inputs = samples(60, minute * 60, imu_ms=50)
         started = time.process_time()
@@ -141,7 +143,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     parser.add_argument("--seconds", type=int, default=60)
     parser.add_argument(
-        "--memory", type=int, default=0, metavar="S", help="also run for this long and report the memory"
+        "--memory", type=int, default=0, metavar="S", help="also run for this time and report the memory"
     )
     args = parser.parse_args()
     step = OdometryIncrementInputs(

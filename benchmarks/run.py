@@ -19,17 +19,17 @@ OUT = HERE.parent / "build" / "benchmarks"
 
 def main() -> int:
     """Run the named benchmarks, or all; return 1 if one failed."""
-    known = {p.stem: p for p in sorted(HERE.glob("[!_]*.py")) if p != Path(__file__).resolve()}
-    names = sys.argv[1:] or list(known)
-    unknown = [n for n in names if n not in known]
+    benchmarks = {p.stem: p for p in sorted(HERE.glob("[!_]*.py")) if p != Path(__file__).resolve()}
+    names = sys.argv[1:] or list(benchmarks)
+    unknown = [n for n in names if n not in benchmarks]
     if unknown:
-        print(f"no benchmark {unknown[0]!r}; known are {', '.join(known)}", file=sys.stderr)
+        print(f"no benchmark {unknown[0]!r}; known are {', '.join(benchmarks)}", file=sys.stderr)
         return 2
     OUT.mkdir(parents=True, exist_ok=True)
     failed = []
     for name in names:
         print(f"==== {name}", flush=True)
-        command = [sys.executable, str(known[name]), "--out", str(OUT / f"{name}.json")]
+        command = [sys.executable, str(benchmarks[name]), "--out", str(OUT / f"{name}.json")]
         if subprocess.run(command, cwd=HERE.parent, check=False).returncode:
             failed.append(name)
     if failed:

@@ -48,7 +48,7 @@ def node(name: str, implementation: str | None = None, **config: Any) -> Any:
     return dfn
 
 
-def of_dfns(left: np.ndarray, rounds: int) -> dict[str, Any]:
+def dfn_costs(left: np.ndarray, rounds: int) -> dict[str, Any]:
     """Return the cost of each DFN with the input size of its description."""
     calls: dict[str, Callable[[], Any]] = {}
     for name in ("AdaptiveFast", "Sift", "Orb"):
@@ -123,7 +123,7 @@ def of_dfns(left: np.ndarray, rounds: int) -> dict[str, Any]:
     return {name: measure(call, rounds) for name, call in calls.items()}
 
 
-def of_matching(left: np.ndarray, right: np.ndarray, rounds: int) -> dict[str, Any]:
+def matching_costs(left: np.ndarray, right: np.ndarray, rounds: int) -> dict[str, Any]:
     """Return the cost of each implementation of feature_matching on a stereo pair."""
     report = {}
     for name in feature_matching.VARIANTS:
@@ -133,7 +133,7 @@ def of_matching(left: np.ndarray, right: np.ndarray, rounds: int) -> dict[str, A
     return report
 
 
-def of_compounds(rounds: int) -> dict[str, Any]:
+def dfpc_costs(rounds: int) -> dict[str, Any]:
     """Return the cost of the DFPCs triangulation and bundle_adjustment."""
     tracks, problem = scene(2, (4.0, 30.0), 100_000)[0], ring()[0]
     report = {}
@@ -156,8 +156,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    beside = Path(__file__).resolve().parents[2] / "shared" / "data"
-    parser.add_argument("--data", type=Path, default=Path(os.environ.get("CDFF_DATA") or beside))
+    default_data = Path(__file__).resolve().parents[2] / "shared" / "data"
+    parser.add_argument("--data", type=Path, default=Path(os.environ.get("CDFF_DATA") or default_data))
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--peer-python", help="interpreter of an environment with pycolmap")
     parser.add_argument("--out", type=Path)
@@ -171,9 +171,9 @@ def main() -> None:
         "python": platform.python_version(),
         "threads": os.environ.get("OMP_NUM_THREADS", "all"),
         "load_1min": os.getloadavg()[0],
-        "dfns": of_dfns(left, args.rounds),
-        "feature_matching": of_matching(left, right, args.rounds),
-        "compounds": of_compounds(args.rounds),
+        "dfns": dfn_costs(left, args.rounds),
+        "feature_matching": matching_costs(left, right, args.rounds),
+        "compounds": dfpc_costs(args.rounds),
         "gtsam_bundle_adjustment_cpu_s": solve_with_gtsam(ring()[0], 1e-7)[1],
     }
     if args.peer_python:

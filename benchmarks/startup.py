@@ -31,20 +31,20 @@ ROOT = Path(__file__).resolve().parent.parent
 
 def one_run(profile_path: Path) -> dict[str, float]:
     """Start the system, measure it, and end it."""
-    begin_s = time.monotonic()
+    start_s = time.monotonic()
     stage = Stage(
         load_profile(profile_path), profile_path, f"tcp/127.0.0.1:{free_port()}", f"127.0.0.1:{free_port()}"
     )
     with stage, Bus.open(stage.connect, name="bench", wait_s=20) as bus:
         stage.wait_ready(bus)
-        ready_s = time.monotonic() - begin_s
-        family = psutil.Process(stage.supervisor_pid).children(recursive=True)
-        cpu_s = sum(sum(p.cpu_times()[:2]) for p in family)
-        pss_mb = sum(p.memory_full_info().pss for p in family) / 1e6
-        end_s = time.monotonic()
+        ready_s = time.monotonic() - start_s
+        processes = psutil.Process(stage.supervisor_pid).children(recursive=True)
+        cpu_s = sum(sum(p.cpu_times()[:2]) for p in processes)
+        pss_mb = sum(p.memory_full_info().pss for p in processes) / 1e6
+        stop_s = time.monotonic()
         stage.end()
-        end_s = time.monotonic() - end_s
-    return {"processes": len(family), "ready_s": ready_s, "cpu_s": cpu_s, "pss_mb": pss_mb, "end_s": end_s}
+        end_s = time.monotonic() - stop_s
+    return {"processes": len(processes), "ready_s": ready_s, "cpu_s": cpu_s, "pss_mb": pss_mb, "end_s": end_s}
 
 
 def main() -> None:

@@ -121,11 +121,11 @@ def main() -> int:
         for name, pipeline in pipelines.items():
             if name == "peer" and seed >= args.rounds:
                 continue
-            cpu0, wall0 = time.process_time(), time.perf_counter()
+            start_cpu_s, start_wall_s = time.process_time(), time.perf_counter()
             poses[name].append(pipeline(pairs, seed))
             if seed < args.rounds:
-                cpu[name].append(1e3 * (time.process_time() - cpu0) / len(pairs))
-                wall[name].append(1e3 * (time.perf_counter() - wall0) / len(pairs))
+                cpu[name].append(1e3 * (time.process_time() - start_cpu_s) / len(pairs))
+                wall[name].append(1e3 * (time.perf_counter() - start_wall_s) / len(pairs))
     report: dict[str, Any] = {
         "benchmark": "visual_odometry",
         "python": platform.python_version(),

@@ -51,24 +51,24 @@ def main(argv: list[str] | None = None) -> int:
     data = args.data or Path(os.environ.get("CDFF_DATA") or ROOT.parent / "shared" / "data")
     if not data.is_dir():
         raise InputError(f"real data {data}: not a folder; name it with --data or CDFF_DATA")
-    known = evaluations()
+    available = evaluations()
     for name, part in map(_split, args.names):
-        if name not in known:
-            raise InputError(f"no evaluation {name!r}; known are {', '.join(known)}")
-        parts = getattr(known[name], "PARTS", ())
+        if name not in available:
+            raise InputError(f"no evaluation {name!r}; known are {', '.join(available)}")
+        parts = getattr(available[name], "PARTS", ())
         if part and part not in parts:
             raise InputError(f"evaluation {name}: no part {part!r}; expected {', '.join(parts) or 'none'}")
     if args.draw_only:
-        for name, _ in map(_split, args.names or known):
+        for name, _ in map(_split, args.names or available):
             path = PAGES / f"{name}.json"
             if path.is_file():
-                _draw(known[name], name, json.loads(path.read_text(encoding="utf-8"))["figures"])
+                _draw(available[name], name, json.loads(path.read_text(encoding="utf-8"))["figures"])
         return 0
-    for name, part in map(_split, args.names or known):
-        figures = known[name].evaluate(data, _say, **({"parts": (part,)} if part else {}))
+    for name, part in map(_split, args.names or available):
+        figures = available[name].evaluate(data, _show_progress, **({"parts": (part,)} if part else {}))
         path = write(ROOT, name, figures, part)
         sys.stdout.write(f"{name}: {json.dumps(figures)}\nwrote {path.relative_to(ROOT)}\n")
-        _draw(known[name], name, json.loads(path.read_text(encoding="utf-8"))["figures"])
+        _draw(available[name], name, json.loads(path.read_text(encoding="utf-8"))["figures"])
     return 0
 
 
@@ -103,16 +103,18 @@ def filled(page: str, name: str, table: str) -> str:
     InputError
         If the page has no such markers.
     """
-    first, last = f"<!-- written by python -m evaluation {name} -->\n", "<!-- until here -->\n"
-    if page.count(first) != 1 or last not in page[page.index(first) :]:
+    start_marker, end_marker = f"<!-- written by python -m evaluation {name} -->\n", "<!-- until here -->\n"
+    if page.count(start_marker) != 1 or end_marker not in page[page.index(start_marker) :]:
         raise InputError(
-            f"page of {name}: expected one line {first.strip()} and a line {last.strip()} after it"
+            f"page of {name}: expected one line {start_marker.strip()} and a line {end_marker.strip()} "
+            "after it"
         )
-    start = page.index(first) + len(first)
-    return page[:start] + table.rstrip() + "\n" + page[page.index(last, start) :]
+    start = page.index(start_marker) + len(start_marker)
+    return page[:start] + table.rstrip() + "\n" + page[page.index(end_marker, start) :]
 
 
-def _say(text: str) -> None:
+def _show_progress(text: str) -> None:
+    """Replace the progress line on a terminal."""
     if sys.stderr.isatty():
         sys.stderr.write(f"\r{text:70}")
         sys.stderr.flush()

@@ -33,10 +33,10 @@ from evaluation.scenes.orbital import ORBITAL_M, Ground, PatchRun
 TRIALS, OTHER_TRIALS, FLAT_TRIALS, TRAVERSES, SHIFTS = 500, 500, 60, 40, 100
 #: First seed. The factor of the covariance and the gates were chosen with seeds from 50 000 and 60 000.
 FIRST_SEED = 3000
-#: Drives on the same terrain. Start, turns, drift, measurements and orbital noise differ between them.
-DRIVES_A_SITE = 4
+#: Drives on the same terrain; they differ in start, path, drift, measurements and orbital noise.
+DRIVES_PER_SITE = 4
 FIX_PATH_LENGTH_M, TRAVERSE_PATH_LENGTH_M, DATUM_M = 35.0, 125.0, 12.0
-#: A fix with a larger error is false: three orbital cells, beyond all stated covariances.
+#: A fix with a larger error is false. Three orbital cells are more than all stated covariances allow.
 FALSE_M = 3.0 * ORBITAL_M
 #: Indices of x, y, z and yaw in the covariance of a pose.
 LEVEL = np.array([0, 1, 2, 5])
@@ -53,7 +53,7 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     report: dict[str, Any] = {
         "simulated": {
             "seeds_from": FIRST_SEED,
-            "drives_per_site": DRIVES_A_SITE,
+            "drives_per_site": DRIVES_PER_SITE,
             "orbital_cell_m": ORBITAL_M,
             "false_beyond_m": FALSE_M,
         }
@@ -73,10 +73,12 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     for seed in range(FIRST_SEED + TRIALS, FIRST_SEED + TRIALS + TRAVERSES):
         progress(f"absolute_localisation: traverse, seed {seed}")
         outputs += run_drive(seed, TRAVERSE_PATH_LENGTH_M, "right")
-    last = {round(f["path_length_m"] / 30.0) for f in outputs}
+    segments = {round(outcome["path_length_m"] / 30.0) for outcome in outputs}
     report["simulated"]["traverse"] = {
-        f"segment {k}": summarise([f for f in outputs if round(f["path_length_m"] / 30.0) == k])
-        for k in sorted(last)
+        f"segment {k}": summarise(
+            [outcome for outcome in outputs if round(outcome["path_length_m"] / 30.0) == k]
+        )
+        for k in sorted(segments)
     }
     report["mola"] = mola(data / "planetary_rasters" / "megt90n000cb.img", progress)
     return report
@@ -90,10 +92,11 @@ def run_drive(seed: int, path_length_m: float, kind: str) -> list[dict[str, Any]
     seed : int
     path_length_m : float
     kind : str
-        ``right``, ``other`` (the orbital model shows other terrain) or ``flat``.
+        ``right`` (the orbital model shows the terrain of the drive), ``other`` (it shows other terrain) or
+        ``flat`` (terrain without relief).
     """
     slope_deg = 0.0 if kind == "flat" else 6.0
-    site = seed // DRIVES_A_SITE
+    site = seed // DRIVES_PER_SITE
     ground = _ground(site, slope_deg)
     orbital_ground = _ground(site + 1_000_000, slope_deg) if kind == "other" else ground
     drive = PatchRun.make(ground, seed, path_length_m)
@@ -104,11 +107,11 @@ def run_drive(seed: int, path_length_m: float, kind: str) -> list[dict[str, Any]
     index = -1
     for sample in drive.samples(ground, seed):
         index += sample.port == "poses"
-        started = time.process_time()
+        start_s = time.process_time()
         for output in dfpc.step(sample):
             truth = drive.true_poses[index].copy()
             truth[2, 3] += DATUM_M
-            results.append(score_output(output, truth, time.process_time() - started))
+            results.append(score_output(output, truth, time.process_time() - start_s))
             results[-1]["path_length_m"] = output.quality.metrics.get("path_length_m", path_length_m)
     if not results:
         raise InputError(f"seed {seed}: a path of {path_length_m} m ended before a match")
@@ -140,35 +143,35 @@ def score_output(output: Output, truth: np.ndarray, cpu_s: float) -> dict[str, A
 
 def summarise(outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Return rates with their 95 % intervals, error summaries and the NEES."""
-    answered = [f for f in outcomes if "error_m" in f]
-    false = [f for f in answered if f["error_m"] > FALSE_M]
+    answered = [outcome for outcome in outcomes if "error_m" in outcome]
+    false_fixes = [outcome for outcome in answered if outcome["error_m"] > FALSE_M]
     reasons: dict[str, int] = {}
-    for f in outcomes:
-        for reason in f.get("reasons", ()):
+    for outcome in outcomes:
+        for reason in outcome.get("reasons", ()):
             reasons[reason] = reasons.get(reason, 0) + 1
     results: dict[str, Any] = {
         "answered": interval(len(answered), len(outcomes)),
-        "false": interval(len(false), len(outcomes)),
+        "false": interval(len(false_fixes), len(outcomes)),
         "reasons_of_refusals": reasons,
-        "cpu_s": error_summary([f["cpu_s"] for f in outcomes]),
+        "cpu_s": error_summary([outcome["cpu_s"] for outcome in outcomes]),
     }
     if answered:
-        nees = float(np.mean([f["nees"] for f in answered]))
+        nees = float(np.mean([outcome["nees"] for outcome in answered]))
         low, high = nees_band(len(answered), 4)
-        within = sum(f["error_m"] <= ORBITAL_M for f in answered)
+        within_a_cell = sum(outcome["error_m"] <= ORBITAL_M for outcome in answered)
         results |= {
-            "error_m": error_summary([f["error_m"] for f in answered]),
-            "height_m": error_summary([f["height_m"] for f in answered]),
-            "yaw_deg": error_summary([f["yaw_deg"] for f in answered]),
-            "within_a_cell": interval(within, len(answered)),
-            "mean_sigma_m": round(float(np.mean([f["sigma_m"] for f in answered])), 4),
+            "error_m": error_summary([outcome["error_m"] for outcome in answered]),
+            "height_m": error_summary([outcome["height_m"] for outcome in answered]),
+            "yaw_deg": error_summary([outcome["yaw_deg"] for outcome in answered]),
+            "within_a_cell": interval(within_a_cell, len(answered)),
+            "mean_sigma_m": round(float(np.mean([outcome["sigma_m"] for outcome in answered])), 4),
             "nees": {"mean": round(nees, 2), "band_95": [round(low, 2), round(high, 2)], "expected": 4},
         }
     return results
 
 
 def mola(path: Path, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Match shifted, blurred, noisy and vertically offset parts of MOLA's map with the map."""
+    """Match pieces of MOLA's map, shifted, blurred, with noise and a height offset, with the map."""
     globe = np.fromfile(path, dtype=">i2").reshape(720, 1440).astype(np.float64)
     node = Registry.default().make_dfn("raster_matching")
     node.configure(
@@ -215,15 +218,15 @@ def shifted_piece(
     n = half + margin
     window = globe[row - n : row + n, col - n : col + n]
     edges = (-float(n), -float(n), float(n), float(n))
-    wide = GridGeometry.aligned("site", 1.0, edges)
+    window_grid = GridGeometry.aligned("site", 1.0, edges)
     r, c = np.indices((2 * half, 2 * half), dtype=np.float64) + margin
     blurred = gaussian_filter(window, MOLA_BLUR_CELLS, mode="nearest")
     piece = map_coordinates(blurred, np.stack([r - shift[1], c + shift[0]]), order=5)
     piece += rng.normal(0.0, MOLA_NOISE_M, piece.shape) + rng.uniform(-MOLA_OFFSET_M, MOLA_OFFSET_M)
-    small = GridGeometry.aligned("site", 1.0, (-float(half), -float(half), float(half), float(half)))
+    piece_grid = GridGeometry.aligned("site", 1.0, (-float(half), -float(half), float(half), float(half)))
     maps = [
         ElevationMap.from_layers(g, {"mean": (z / MOLA_CELL_M).astype(np.float32)}, t0_ns=0, t1_ns=0)
-        for g, z in ((wide, window), (small, piece))
+        for g, z in ((window_grid, window), (piece_grid, piece))
     ]
     return maps[0], maps[1], shift
 
@@ -232,7 +235,7 @@ def draw(figures: dict[str, Any]) -> bytes:
     """Return the diagram: errors along the traverse, and errors of the shifts on MOLA, as SVG."""
     traverse = figures["simulated"]["traverse"]
     names = [name for name in traverse if "error_m" in traverse[name]]
-    errors = [tuple(traverse[name]["error_m"][of] for of in ("median", "min", "p95")) for name in names]
+    errors = [tuple(traverse[name]["error_m"][key] for key in ("median", "min", "p95")) for name in names]
     cells = figures["mola"]["error_cells"]
     return chart(
         [

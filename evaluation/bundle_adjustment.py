@@ -66,12 +66,12 @@ def compare_solvers(problem: BundleProblem) -> dict[str, Any]:
         "cost_initial": cost(problem),
         "cdff": {"cost": cost(solution.problem), "cpu_s": cpu_s, "iterations": metrics["iterations"]},
     }
-    answer, cpu_s = solve_with_gtsam(problem, TOLERANCE)
-    row["gtsam"] = {"cost": cost(answer), "cpu_s": cpu_s}
+    adjusted, cpu_s = solve_with_gtsam(problem, TOLERANCE)
+    row["gtsam"] = {"cost": cost(adjusted), "cpu_s": cpu_s}
     peer = peer_python()
     if peer:
-        answer, cpu_s, _ = solve_with_ceres(peer, problem, TOLERANCE)
-        row["ceres"] = {"cost": cost(answer), "cpu_s": cpu_s}
+        adjusted, cpu_s, _ = solve_with_ceres(peer, problem, TOLERANCE)
+        row["ceres"] = {"cost": cost(adjusted), "cpu_s": cpu_s}
     return row
 
 
@@ -84,23 +84,23 @@ def consistency(trials: int) -> dict[str, Any]:
     for seed in range(trials):
         problem, T_true, X_true = ring(8, 60, 6, 1.0, seed)
         cameras = problem.cameras
-        T = cameras.matrices
-        T[:2] = T_true[:2]
-        o = problem.observations
+        T_initial = cameras.matrices
+        T_initial[:2] = T_true[:2]
+        observations = problem.observations
         fixed_problem = BundleProblem.from_arrays(
-            T,
+            T_initial,
             problem.lenses.values,
             problem.points.positions,
-            (o.cameras, o.points),
-            o.pixels,
+            (observations.cameras, observations.points),
+            observations.pixels,
             frame="site",
-            fixed=[1, 1] + [0] * (len(T) - 2),
+            fixed=[1, 1] + [0] * (len(T_initial) - 2),
         )
         solution, *_ = solve(fixed_problem)
-        for T, T_found, covariance in zip(
+        for T, T_estimated, covariance in zip(
             T_true[2:], solution.problem.cameras.matrices[2:], solution.pose_covariances[2:], strict=True
         ):
-            error = cov.pose_error(T, T_found)
+            error = cov.pose_error(T, T_estimated)
             poses.append(float(error @ np.linalg.solve(covariance, error)) / 6.0)
         e = solution.problem.points.positions - X_true
         points += (np.einsum("ni,nij,nj->n", e, np.linalg.inv(solution.point_covariances), e) / 3.0).tolist()
@@ -154,10 +154,10 @@ def table(figures: dict[str, Any]) -> str:
             if solver in row
         ]
     lines.append("")
-    for what in ("poses", "points"):
-        r = figures["covariances"][what]
+    for quantity in ("poses", "points"):
+        r = figures["covariances"][quantity]
         lines.append(
-            f"Squared error of {what} over stated covariance: {r['mean']} ({r['low']} to {r['high']}) of the "
-            f"expected value, {figures['covariances']['trials']} simulated rings of 8 cameras."
+            f"Squared error of {quantity} over stated covariance: {r['mean']} ({r['low']} to {r['high']}) of "
+            f"the expected value, {figures['covariances']['trials']} simulated rings of 8 cameras."
         )
     return "\n".join(lines)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Draw values with their intervals for several methods."""
+"""Diagrams of values with their intervals, for several methods."""
 
 from __future__ import annotations
 
@@ -57,8 +57,8 @@ def _draw(axes: Axes, panel: Panel) -> None:
         axes.axhspan(*panel.band, color="#dddddd")
     for k, (method, bars) in enumerate(panel.methods.items()):
         offset = 0.14 * (k - 0.5 * (len(panel.methods) - 1))
-        known = [(i + offset, *bar) for i, bar in enumerate(bars) if bar is not None]
-        x, value, low, high = np.array(known).reshape(-1, 4).T
+        marks = [(i + offset, *bar) for i, bar in enumerate(bars) if bar is not None]
+        x, value, low, high = np.array(marks).reshape(-1, 4).T
         axes.vlines(x, low, high, color=_COLOURS[k % len(_COLOURS)])
         axes.plot(x, value, "o", ms=5, color=_COLOURS[k % len(_COLOURS)], label=method)
     labels = [textwrap.fill(category, 16) for category in panel.categories]

@@ -9,8 +9,7 @@ other seeds (``runs/elevation.py``).
 References
 ----------
 .. [1] Höhle, J., Höhle, M. (2009). Accuracy assessment of digital elevation models by means of robust
-statistical
-   methods. ISPRS Journal 64(4). doi:10.1016/j.isprsjprs.2009.02.003 (NMAD, quantiles).
+   statistical methods. ISPRS Journal 64(4). doi:10.1016/j.isprsjprs.2009.02.003 (NMAD, quantiles).
 """
 
 from __future__ import annotations

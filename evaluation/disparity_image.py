@@ -50,8 +50,8 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
         curve = [
             score_disparities(plain(left, right, range_px, ratio), true_px) for ratio in UNIQUENESS_PERCENT
         ]
-        default = curve[UNIQUENESS_PERCENT.index(10)]
-        pair: dict[str, Any] = {"pixels": int(np.isfinite(true_px).sum()), "plain SGBM": default}
+        default_sgbm = curve[UNIQUENESS_PERCENT.index(10)]
+        pair: dict[str, Any] = {"pixels": int(np.isfinite(true_px).sum()), "plain SGBM": default_sgbm}
         for label, (implementation, config) in MATCHERS.items():
             node = Registry.default().make_dfn("disparity_image", implementation)
             node.configure({"num_disparities": SEARCH_PX, **config})

@@ -24,7 +24,7 @@ from cdff_common.types import Frame
 from cdff_dev.compare.error_summary import error_summary
 from cdff_dev.compare.registration.rates import interval, rate_text
 from evaluation.chart import Bar, Panel, chart
-from evaluation.data_sets.image_pairs import ImagePair, bases, marked_dlr, middlebury, truth_of, warped
+from evaluation.data_sets.image_pairs import ImagePair, base_images, marked_dlr, middlebury, truth_of, warped
 from evaluation.peers import colmap
 from evaluation.peers.environments import peer_python
 
@@ -82,7 +82,7 @@ def evaluate(
 
 
 def _select_images(data: Path, trials: int) -> list[tuple[int, tuple[str, Any]]]:
-    images = list(bases(data).items())
+    images = list(base_images(data).items())
     return [(seed, images[seed % len(images)]) for seed in range(trials)]
 
 

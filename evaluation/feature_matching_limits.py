@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Evaluate limits of feature matching: a property of the second image is changed until pairs are refused."""
+"""Evaluate limits of feature matching: pairs whose second image is changed by increasing amounts."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.types import Frame
 from cdff_core.imaging.two_view import transfer
-from evaluation.data_sets.image_pairs import bases
+from evaluation.data_sets.image_pairs import base_images
 from evaluation.feature_matching import CORRECT_PX, make_matcher
 
 #: Page that contains the table of this evaluation.
 PAGE = "feature_matching"
 ROWS, COLS = 240, 320
-#: Kind of change: its unit and its steps.
+#: Change of the second image: unit and amounts.
 CHANGES: dict[str, tuple[str, tuple[float, ...]]] = {
     "out-of-plane tilt": ("°", (30, 40, 50, 60, 70)),
     "in-plane rotation": ("°", (45, 90, 180)),
@@ -37,7 +37,7 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     """Return the numbers of accepted pairs and correct matches, and the refusal reasons, for each change."""
     cv2.setNumThreads(1)
     dfpc = make_matcher("RootSift")
-    images = {name: _window(base) for name, base in bases(data).items()}
+    images = {name: _window(base) for name, base in base_images(data).items()}
     rows = []
     for change, (unit, amounts) in CHANGES.items():
         for amount in amounts:
@@ -88,8 +88,8 @@ def changed_view(
     elif change == "blur, sigma":
         image = cv2.GaussianBlur(image, (0, 0), amount)
     if not np.array_equal(H, np.eye(3)):
-        shrunk = cv2.GaussianBlur(image, (0, 0), 0.4 * amount) if change == "distance, factor" else image
-        image = cv2.warpPerspective(shrunk, H, (COLS, ROWS), flags=cv2.INTER_LINEAR)
+        smoothed = cv2.GaussianBlur(image, (0, 0), 0.4 * amount) if change == "distance, factor" else image
+        image = cv2.warpPerspective(smoothed, H, (COLS, ROWS), flags=cv2.INTER_LINEAR)
     sigma = amount if change == "noise, sigma" else 2.0
     noisy = image + np.random.default_rng(0).normal(0.0, sigma, image.shape)
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8), H

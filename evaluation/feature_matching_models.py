@@ -48,8 +48,8 @@ def two_views(seed: int, pairs: int = 300, wrong: float = 0.3, sigma_px: float =
     depth = rng.uniform(4.0, 20.0, pairs)
     points = np.column_stack([source, np.ones(pairs)]) @ np.linalg.inv(K).T * depth[:, None]
     image = se3.transform_points(T, points) @ K.T
-    exact = source.copy(), image[:, :2] / image[:, 2:]
-    sink = exact[1] + rng.normal(0, sigma_px, (pairs, 2))
+    exact_pixels = source.copy(), image[:, :2] / image[:, 2:]
+    sink = exact_pixels[1] + rng.normal(0, sigma_px, (pairs, 2))
     outliers = rng.random(pairs) < wrong
     sink[outliers] = np.column_stack([rng.uniform(0, 640, pairs), rng.uniform(0, 480, pairs)])[outliers]
     return {
@@ -57,7 +57,7 @@ def two_views(seed: int, pairs: int = 300, wrong: float = 0.3, sigma_px: float =
         "sink": sink,
         "K": K,
         "T": T,
-        "exact": exact,
+        "exact": exact_pixels,
     }
 
 
@@ -140,8 +140,8 @@ def _nees_ratio(error: Float, covariance: Float, rank: int) -> float:
     """Return the NEES divided by its expected value, within the ``rank`` directions of largest variance."""
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    along = vectors[:, -rank:].T @ (error / scale)
-    return float(np.sum(along**2 / values[-rank:]) / rank)
+    components = vectors[:, -rank:].T @ (error / scale)
+    return float(np.sum(components**2 / values[-rank:]) / rank)
 
 
 def _ratio(values: list[float]) -> dict[str, float]:

@@ -10,8 +10,7 @@ of the method publish for all samples [2]_ (one grid, no maximum threshold).
 References
 ----------
 .. [1] Sithole, G., Vosselman, G. (2004). Experimental comparison of filter algorithms for bare-Earth
-extraction from
-   airborne laser scanning point clouds. ISPRS Journal 59. doi:10.1016/j.isprsjprs.2004.05.004
+   extraction from airborne laser scanning point clouds. ISPRS Journal 59. doi:10.1016/j.isprsjprs.2004.05.004
 .. [2] Pingel, T. J., Clarke, K. C., McBride, W. A. (2013). doi:10.1016/j.isprsjprs.2012.12.002
 """
 
@@ -68,23 +67,26 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     return report
 
 
-def read_classified(everything: Path, ground: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def read_classified(all_points: Path, ground_points: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return the points ``(n, 3)`` of a sample, and True ``(n,)`` for points in the file of ground points."""
-    points, truth = (np.asarray(read_pcd(path).points_m, dtype=np.float64) for path in (everything, ground))
+    points, truth = (
+        np.asarray(read_pcd(path).points_m, dtype=np.float64) for path in (all_points, ground_points)
+    )
     rows = {tuple(row) for row in truth.tolist()}
     return points, np.array([tuple(row) in rows for row in points.tolist()], dtype=np.bool_)
 
 
 def ground_errors(estimate: NDArray[np.bool_], truth: NDArray[np.bool_]) -> dict[str, float]:
     """Return number of points, errors of type I and II and total error, percent, and kappa times 100.
+
     Estimated and true classes have the shape ``(n,)``; True is ground.
     """
-    agree = float(np.mean(estimate == truth))
+    agreement = float(np.mean(estimate == truth))
     chance = float(estimate.mean() * truth.mean() + (1 - estimate.mean()) * (1 - truth.mean()))
     return {
         "points": len(truth),
         "type_1": round(100 * float(np.mean(~estimate[truth])), 2),
         "type_2": round(100 * float(np.mean(estimate[~truth])), 2),
-        "total": round(100 * (1 - agree), 2),
-        "kappa": round(100 * (agree - chance) / (1 - chance), 2),
+        "total": round(100 * (1 - agreement), 2),
+        "kappa": round(100 * (agreement - chance) / (1 - chance), 2),
     }

@@ -24,12 +24,13 @@ from evaluation.runs.icp import IMPLEMENTATIONS, localise, make_dfpc
 from evaluation.scenes.terrain import scan_pair
 
 TRAINING_SEEDS = range(1000, 1171)
-_RAW = {"covariance_inflation": 1.0, "rotation_inflation": 1.0, "floor_spacings": 0.0}
+#: Parameters that leave the covariance unscaled.
+_UNSCALED = {"covariance_inflation": 1.0, "rotation_inflation": 1.0, "floor_spacings": 0.0}
 
 
 def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     """Return the factors fitted to the training seeds, and the shipped factors."""
-    dfpcs = {name: make_dfpc(name, assess=_RAW) for name in IMPLEMENTATIONS}
+    dfpcs = {name: make_dfpc(name, assess=_UNSCALED) for name in IMPLEMENTATIONS}
     results: dict[str, list[tuple[FloatArray, FloatArray]]] = {name: [] for name in IMPLEMENTATIONS}
     for seed in TRAINING_SEEDS:
         progress(f"icp_calibration: seed {seed}")

@@ -32,7 +32,7 @@ from evaluation.data_sets.clouds import devon_halves, kitti_pair, small_gicp_pai
 from evaluation.runs.icp import IMPLEMENTATIONS, localise, make_dfpc
 from evaluation.scenes.terrain import scan_pair
 
-#: Two blocks of a hundred seeds that were not used elsewhere. One block would be too small, because the NEES
+#: Two blocks of a hundred seeds, not used in the calibration. One block would be too small, because the NEES
 #: of single trials reaches 35 (6 expected).
 HELD_OUT_SEEDS = (*range(3000, 3100), *range(4000, 4100))
 DEVON_TRIALS = 100
@@ -106,7 +106,10 @@ def draw(figures: dict[str, Any]) -> bytes:
     names = list(rows)
 
     def spread_of(key: str, factor: float) -> dict[str, list[Bar | None]]:
-        bars = [tuple(factor * rows[name][key][of] for of in ("median", "min", "p95")) for name in names]
+        bars = [
+            tuple(factor * rows[name][key][statistic] for statistic in ("median", "min", "p95"))
+            for name in names
+        ]
         return {"median, minimum to 95 %": bars}
 
     nees: dict[str, list[Bar | None]] = {
@@ -161,7 +164,7 @@ def table(figures: dict[str, Any]) -> str:
 
 
 def _devon(dfpc: Any, data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
-    good, wrong, failed, metres, degrees, nees = 0, 0, 0, [], [], []
+    accurate, wrong, failed, metres, degrees, nees = 0, 0, 0, [], [], []
     for seed in range(DEVON_TRIALS):
         progress(f"icp_localisation: Devon Island, seed {seed}")
         model, scene, T = devon_halves(data, seed)
@@ -175,10 +178,10 @@ def _devon(dfpc: Any, data: Path, progress: Callable[[str], None]) -> dict[str, 
         e = pose_error(T, output.value.transform.matrix)
         nees.append(float(e @ np.linalg.solve(output.value.transform.covariance, e)))
         is_accurate = error_m <= LIMIT_M and error_deg <= LIMIT_DEG
-        good, wrong = good + is_accurate, wrong + (not is_accurate)
+        accurate, wrong = accurate + is_accurate, wrong + (not is_accurate)
     return {
         "seeds": [0, DEVON_TRIALS - 1],
-        "within_2_cm_and_0.1_deg": interval(good, DEVON_TRIALS),
+        "within_2_cm_and_0.1_deg": interval(accurate, DEVON_TRIALS),
         "failed": failed,
         "wrong": interval(wrong, DEVON_TRIALS),
         "translation_m": error_summary(metres),

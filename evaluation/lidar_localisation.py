@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Evaluate lidar localisation on simulated ground: from a poor guess, without a guess, and on other ground.
+"""Evaluate lidar localisation on simulated ground: with a wrong guess, without a guess, and off the map.
 
 The map consists of sweeps every 1.5 m along the first 60 m of the frozen scenario ``lidar_traverse``. The
 pose of each sweep has an independent error, as in a SLAM map; the errors of the map are therefore part of
@@ -37,13 +37,18 @@ SCENARIO = "lidar_traverse"
 OTHER_SEED = 7
 TRIALS = 500
 NEES_SEEDS = range(100)
+#: Times of the sweeps of the map, and the standard deviations of their pose errors.
 MAP_TIMES_S = np.arange(2.0, 62.0, 1.5)
 MAP_SIGMA_M, MAP_SIGMA_DEG = 0.01, 0.05
+#: Largest distance of a trial from the path, along x and along y.
 ASIDE_M = 3.0
+#: Error of a guess.
 GUESS_M, GUESS_DEG = 2.0, 20.0
+#: Errors of an accurate answer.
 LIMIT_M, LIMIT_DEG = 0.03, 0.1
 #: An answer with a larger error is wrong, whatever its covariance.
 WRONG_M = 0.3
+#: Number of points of the map in one sample.
 _PIECE = 300_000
 
 
@@ -66,12 +71,12 @@ class SimulatedGround:
 
     def near_path(self, rng: np.random.Generator) -> FloatArray:
         """Return a random ``T_site_base`` near the mapped part of the path, with any heading."""
-        middle = self.on_path(rng.uniform(MAP_TIMES_S[0] + 2.0, MAP_TIMES_S[-1] - 2.0))[:2, 3]
-        xy, heading = middle + rng.uniform(-ASIDE_M, ASIDE_M, 2), rng.uniform(-np.pi, np.pi)
+        xy_on_path = self.on_path(rng.uniform(MAP_TIMES_S[0] + 2.0, MAP_TIMES_S[-1] - 2.0))[:2, 3]
+        xy, heading = xy_on_path + rng.uniform(-ASIDE_M, ASIDE_M, 2), rng.uniform(-np.pi, np.pi)
         return settle(self.relief, self.scenario.chassis, xy[None], np.array([heading]))[0]
 
     @cache  # noqa: B019  one instance for each seed, kept for the run
-    def surveyed(self) -> list[tuple[FloatArray, FloatArray]]:
+    def map_sweeps(self) -> list[tuple[FloatArray, FloatArray]]:
         """Return the true ``T_site_lidar`` and the points of each sweep of the map."""
         rng = np.random.default_rng(0)
         mount = self.scenario.lidar.mount.matrix()
@@ -87,12 +92,12 @@ class SimulatedGround:
         rng = np.random.default_rng([seed, 1])
         sigma = np.repeat([MAP_SIGMA_M, np.radians(MAP_SIGMA_DEG)], 3)
         return [
-            se3.transform_points(T @ se3.exp_se3(sigma * rng.normal(size=6)), p) for T, p in self.surveyed()
+            se3.transform_points(T @ se3.exp_se3(sigma * rng.normal(size=6)), p) for T, p in self.map_sweeps()
         ]
 
 
 class _AtRest:
-    """The motion of a robot that stands still."""
+    """The motion of a robot at rest."""
 
     def __init__(self, T_site_base: FloatArray) -> None:
         self._T = T_site_base
@@ -104,7 +109,7 @@ class _AtRest:
 
 @cache
 def simulated_ground(seed: int | None = None) -> SimulatedGround:
-    """Return the simulated ground of a seed, made once."""
+    """Return the simulated ground of a seed (cached)."""
     return SimulatedGround(seed)
 
 
@@ -112,8 +117,8 @@ def make_localiser(points_m: FloatArray, **config: Any) -> Dfpc:
     """Return the DFPC configured with a map."""
     dfpc = Registry.default().make_dfpc("lidar_localisation")
     dfpc.configure(config)
-    for first in range(0, len(points_m), _PIECE):
-        piece = Pointcloud.from_points(points_m[first : first + _PIECE], frame="site", stamp_ns=0)
+    for start in range(0, len(points_m), _PIECE):
+        piece = Pointcloud.from_points(points_m[start : start + _PIECE], frame="site", stamp_ns=0)
         list(dfpc.step(Sample("map", 0, 0, piece)))
     return dfpc
 
@@ -147,21 +152,21 @@ def evaluate(_data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     """Return the results for each kind of start, and the consistency of the covariance."""
     ground = simulated_ground()
     dfpc = make_localiser(ground.map(0))
-    near, anywhere, elsewhere = [], [], []
+    with_guess, without_guess, off_map = [], [], []
     for seed in range(TRIALS):
         progress(f"lidar localisation: trial {seed} of {TRIALS}")
         T, points, guess = trial(ground, seed)
-        near.append((T, localise(dfpc, points, UncertainTransform(guess))))
-        anywhere.append((T, localise(dfpc, points, None)))
+        with_guess.append((T, localise(dfpc, points, UncertainTransform(guess))))
+        without_guess.append((T, localise(dfpc, points, None)))
         T, points, guess = trial(simulated_ground(OTHER_SEED), seed)
-        elsewhere.append(localise(dfpc, points, UncertainTransform(guess)))
-    accepted = sum(o.quality.status is not Status.FAILED for o in elsewhere)
+        off_map.append(localise(dfpc, points, UncertainTransform(guess)))
+    accepted = sum(o.quality.status is not Status.FAILED for o in off_map)
     return {
         "data": f"{SCENARIO} (simulated)",
         "map": {"sweeps": len(MAP_TIMES_S), "sigma_m": MAP_SIGMA_M, "sigma_deg": MAP_SIGMA_DEG},
         "seeds": [0, TRIALS - 1],
-        "from 2 m and 20 deg off": rates(near),
-        "without a guess": rates(anywhere),
+        "from 2 m and 20 deg off": rates(with_guess),
+        "without a guess": rates(without_guess),
         "other ground": {"trials": TRIALS, "accepted": accepted, "accepted_95": bounds(accepted, TRIALS)},
         "covariance": covariance(ground, NEES_SEEDS, progress),
     }

@@ -25,7 +25,7 @@ from evaluation.lidar_localisation import localise, make_localiser, simulated_gr
 
 TRAINING_SEEDS = range(200, 280)
 _NAMES = ("map_sigma_xy_m", "map_sigma_z_m", "map_sigma_tilt_deg", "map_sigma_yaw_deg")
-_WITHOUT: dict[str, Any] = dict.fromkeys(_NAMES, 0.0)
+_WITHOUT_MAP_ERRORS: dict[str, Any] = dict.fromkeys(_NAMES, 0.0)
 
 
 def evaluate(_data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
@@ -35,20 +35,22 @@ def evaluate(_data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     for seed in TRAINING_SEEDS:
         progress(f"lidar localisation: calibration, seed {seed}")
         T, points, _ = trial(ground, 200_000 + seed)
-        output = localise(make_localiser(ground.map(seed), **_WITHOUT), points, UncertainTransform(T))
+        output = localise(
+            make_localiser(ground.map(seed), **_WITHOUT_MAP_ERRORS), points, UncertainTransform(T)
+        )
         if output.quality.status is not Status.FAILED:
             errors.append(pose_error(T, output.value.transform.matrix))
             stated.append(output.value.transform.covariance)
     e, C = np.stack(errors), np.stack(stated)
     halves = (slice(0, None, 2), slice(1, None, 2))
-    checked = [_mean_nees(e[b], C[b], sigmas(e[a])) for a, b in (halves, halves[::-1])]
+    nees_of_halves = [_mean_nees(e[b], C[b], sigmas(e[a])) for a, b in (halves, halves[::-1])]
     shipped = LidarLocalisationConfig()
     return {
         "seeds": [TRAINING_SEEDS[0], TRAINING_SEEDS[-1]],
         "answered": len(e),
         "rms": dict(zip(_NAMES, np.round(sigmas(e), 5).tolist(), strict=True)),
         "shipped": {name: getattr(shipped, name) for name in _NAMES},
-        "mean_nees_of_one_half_by_the_other": [round(v, 2) for v in checked],
+        "mean_nees_of_one_half_by_the_other": [round(v, 2) for v in nees_of_halves],
         "band_95": [round(v, 2) for v in nees_band(len(e) // 2)],
     }
 

@@ -55,6 +55,7 @@ from evaluation.lidar_slam import drive
 #: Page that contains the table of this evaluation.
 PAGE = "lidar_localisation"
 
+#: Number of sweeps, and distance of the drive from the mapped path.
 SWEEPS, ASIDE_M = 200, 0.5
 CELL_M, CLOUD_VOXEL_M, MAX_POINTS = 0.1, 0.15, 1_000_000
 #: Odometry drift per metre: twist (6,), metres and radians.

@@ -42,6 +42,7 @@ PAGE = "lidar_localisation"
 
 TRIALS = 5
 VOXEL_M, SCAN_VOXEL_M, RANGE_M, REACHES_M = 0.15, 0.3, 25.0, (1.0, 5.0)
+#: Initial guesses.
 STARTS = ("from the true pose", "from 2 m and 20 deg off")
 
 
@@ -60,13 +61,13 @@ odometry = KissICP(config)
 odometry.local_map.add_points(z["map"])
 T, cpu = [], []
 for i, guess in enumerate(z["guesses"]):
-    began = time.process_time()
+    started = time.process_time()
     frame = odometry.preprocessor.preprocess(z[f"sweep{i}"], np.zeros(len(z[f"sweep{i}"])), np.eye(4))
     source, _ = odometry.voxelize(frame)
     T.append(odometry.registration.align_points_to_map(
         points=source, voxel_map=odometry.local_map, initial_guess=guess,
         max_correspondance_distance=float(z["reach_m"]), kernel=float(z["reach_m"]) / 3.0))
-    cpu.append(time.process_time() - began)
+    cpu.append(time.process_time() - started)
 np.savez(sys.argv[2], T=T, cpu=cpu)
 """
 
@@ -152,10 +153,10 @@ def evaluate(_data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
 
 
 def _timed(
-    answer: Callable[[FloatArray, FloatArray], FloatArray | None], guess: FloatArray, sweep: FloatArray
+    localise_from: Callable[[FloatArray, FloatArray], FloatArray | None], guess: FloatArray, sweep: FloatArray
 ) -> tuple[FloatArray | None, float]:
     started = time.process_time()
-    T = answer(guess, sweep)
+    T = localise_from(guess, sweep)
     return T, time.process_time() - started
 
 

@@ -27,22 +27,16 @@ from cdff_core.dfpcs.lidar_slam.loop_closure import LoopCloser
 from cdff_dev.compare.error_summary import error_summary
 from cdff_dev.compare.registration.rates import bounds
 from cdff_dev.simulate.scenario import load_scenario
+from evaluation.data_sets.clouds import kitti_pair
 from evaluation.runs.lidar_slam import SEEDS, Run, drive, errors, times
 from evaluation.runs.lidar_slam_page import draw, table
 
 __all__ = ["draw", "drive", "evaluate", "table"]
 
+#: Number of pairs of distant keyframes that are verified.
 PAIRS = 500
-#: Keyframes farther apart than this are no loop; error limits of a correct registration.
+#: Distance beyond which a pair of keyframes is no loop; error limits of a correct registration.
 NO_LOOP_M, CORRECT_M, CORRECT_DEG = 20.0, 0.3, 3.0
-KITTI_CALIBRATION = np.array(
-    [
-        [4.276802385584e-04, -9.999672484946e-01, -8.084491683471e-03, -1.198459927713e-02],
-        [-7.210626507497e-03, 8.081198471645e-03, -9.999413164504e-01, -5.403984729748e-02],
-        [9.999738645903e-01, 4.859485810390e-04, -7.206933692422e-03, -2.921968648686e-01],
-        [0.0, 0.0, 0.0, 1.0],
-    ]
-)
 
 
 def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
@@ -169,9 +163,7 @@ def loops(run: Run, progress: Callable[[str], None]) -> dict[str, Any]:
 
 def kitti(folder: Path) -> dict[str, Any]:
     """Return the errors of one pair of sweeps with ground truth, and the quality of three sweeps without."""
-    rows = np.loadtxt(folder / "00_poses_cam0.txt").reshape(-1, 3, 4)
-    first, second = (np.vstack([rows[i], [0, 0, 0, 1]]) for i in (94, 95))
-    T = se3.inverse(KITTI_CALIBRATION) @ se3.inverse(first) @ second @ KITTI_CALIBRATION
+    *_, T_94_95 = kitti_pair(folder.parent)
     results = {}
     for name, files in _sequences(folder).items():
         node: LidarSlam = Registry.default().make_dfpc("lidar_slam")  # type: ignore[assignment]
@@ -197,7 +189,7 @@ def kitti(folder: Path) -> dict[str, Any]:
         if last.value is not None:
             results[name]["moved_m"] = round(float(np.linalg.norm(last.value.transform.matrix[:3, 3])), 3)
         if name == "94, 95" and last.value is not None:
-            E = se3.inverse(T) @ last.value.transform.matrix
+            E = se3.inverse(T_94_95) @ last.value.transform.matrix
             results[name]["error_m"] = round(float(np.linalg.norm(E[:3, 3])), 4)
             results[name]["error_deg"] = round(float(np.degrees(se3.rotation_angle(E[:3, :3]))), 4)
     return results
@@ -206,5 +198,5 @@ def kitti(folder: Path) -> dict[str, Any]:
 def _sequences(folder: Path) -> dict[str, list[Path]]:
     files = sorted(folder.glob("*.bin"))
     pair = [f for f in files if f.stem in ("000094", "000095")]
-    rest = [f for f in files if f not in pair]
-    return {"94, 95": pair} | ({", ".join(str(int(f.stem)) for f in rest): rest} if rest else {})
+    others = [f for f in files if f not in pair]
+    return {"94, 95": pair} | ({", ".join(str(int(f.stem)) for f in others): others} if others else {})

@@ -34,7 +34,7 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     """Return the NEES of the last pose of each short drive, and the mean stated standard deviations."""
     values, sigmas_m, sigmas_deg = [], [], []
     for seed in SHORT_SEEDS:
-        run = drive(brief(seed), progress)
+        run = drive(short_scenario(seed), progress)
         track = run.track("odometry")
         T_true = se3.inverse(run.truth[int(track.stamps_ns[0])]) @ run.truth[int(track.stamps_ns[-1])]
         C, e = track.covariances[-1], pose_error(T_true, track.matrices[-1])
@@ -53,7 +53,7 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     }
 
 
-def brief(seed: int) -> Scenario:
+def short_scenario(seed: int) -> Scenario:
     """Return a scenario of the start of the traverse, on smaller terrain with the same feature density."""
     base = load_scenario("lidar_traverse", seed)
     ground: dict[str, Any] = {"fine_half_width_m": SHORT_HALF_WIDTH_M}

@@ -20,7 +20,7 @@ from cdff_dev.compare.trajectory.track import Track
 from cdff_dev.simulate.scenario import load_scenario
 from cdff_dev.simulate.traverse import simulate
 from evaluation.peers.environments import SweepFile, peer_python
-from evaluation.runs.lidar_slam import ROBOT, SEEDS, Run, errors, slam, times
+from evaluation.runs.lidar_slam import ROBOT, SEEDS, Run, errors, make_lidar_slam, times
 from evaluation.runs.lidar_slam_page import peer_table as table
 
 __all__ = ["evaluate", "table"]
@@ -42,7 +42,7 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
 def traverse(seed: int, python: str, progress: Callable[[str], None]) -> dict[str, Any]:
     """Return drift and cost of kiss-icp on one traverse."""
     scenario = load_scenario("lidar_traverse", seed)
-    run, stamps_ns = Run(slam(scenario)), []
+    run, stamps_ns = Run(make_lidar_slam(scenario)), []
     with SweepFile() as sweep_file:
         for entry, value in simulate(scenario, workers=1):
             if entry.stream == f"/{ROBOT}/truth.pose":

@@ -39,6 +39,7 @@ PROFILE = Path(__file__).resolve().parents[1] / "deploy" / "profiles" / "rover_t
 REQUIRED_IOU = 0.9
 LIMITS = ("length_m", "width_m", "max_slope_deg", "max_step_m", "max_roughness_m")
 SEEDS, SIGMAS_M = range(100, 120), (0.0, 0.01, 0.02, 0.03)
+#: Edge of the ground, its cells, and the cells in which it is generated.
 EDGE_M, CELL_M, FINE_M = 40.0, 0.1, 0.025
 UNKNOWN, SAFE, CAUTION, HAZARD = range(4)
 #: Compared sets and their classes.
@@ -46,7 +47,7 @@ KINDS = {"safe": (SAFE,), "passable": (SAFE, CAUTION), "hazard": (HAZARD,)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RatedMaps:
+class ClassifiedMaps:
     """Navigation maps of the same ground from different heights.
 
     Attributes
@@ -56,7 +57,7 @@ class RatedMaps:
     exact : NavigationMap
         From the true heights of the observed cells.
     lenient : NavigationMap
-        As ``exact``, with the step limit raised by the median standard deviation.
+        From the same heights as ``exact``, with the step limit raised by the median standard deviation.
     truth : NavigationMap
         From the true heights of all cells.
     sigma_m : ndarray
@@ -80,8 +81,8 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
         maps = [noisy_maps(seed, sigma_m, limits) for seed in SEEDS]
         report["noise"][f"{100 * sigma_m:g} cm"] = summarise(maps, limits)
     noisy = [report["noise"][f"{100 * sigma_m:g} cm"]["iou_cells"] for sigma_m in SIGMAS_M if sigma_m > 0.0]
-    together = {kind: np.sum([cells[kind] for cells in noisy], axis=0).tolist() for kind in KINDS}
-    report["iou_of_all_noises"] = _ratios(together)
+    pooled = {kind: np.sum([cells[kind] for cells in noisy], axis=0).tolist() for kind in KINDS}
+    report["iou_of_all_noises"] = _ratios(pooled)
     report["rover_traverse (simulated), lidar, true poses"] = _simulated(limits, progress)
     return report
 
@@ -110,34 +111,37 @@ def true_heights(seed: int) -> FloatArray:
     return np.asarray(z.reshape(n // k, k, n // k, k).mean(axis=(1, 3)))
 
 
-def noisy_maps(seed: int, sigma_m: float, limits: dict[str, float]) -> RatedMaps:
+def noisy_maps(seed: int, sigma_m: float, limits: dict[str, float]) -> ClassifiedMaps:
     """Return the maps of true heights with noise, and with holes over 15 % of the ground."""
     truth, rng = true_heights(seed), np.random.default_rng([seed, 22])
     hidden = gaussian_filter(rng.normal(size=truth.shape), 3.0)
     observed = hidden < np.quantile(hidden, 0.85)
     noisy = np.where(observed, truth + rng.normal(0.0, 1.0, truth.shape) * sigma_m, np.nan)
-    return rate_heights(noisy, np.where(observed, sigma_m**2, np.nan), truth, limits)
+    return classify_heights(noisy, np.where(observed, sigma_m**2, np.nan), truth, limits)
 
 
-def rate_heights(
+def classify_heights(
     heights: FloatArray, variance: FloatArray, truth: FloatArray, limits: dict[str, float]
-) -> RatedMaps:
+) -> ClassifiedMaps:
     """Return the maps of estimated heights with variances and of the true heights."""
     observed = np.isfinite(heights)
+    # Without a margin for the standard deviations of the heights.
     exact = {**limits, "sigmas": 0.0}
     sigma = np.where(observed, np.sqrt(np.where(observed, variance, 0.0)), np.inf)
     observed_truth = np.where(observed, truth, np.nan)
-    higher = {**exact, "max_step_m": limits["max_step_m"] + float(np.median(sigma[observed]))}
-    return RatedMaps(
-        rate(heights, limits, variance),
-        rate(observed_truth, exact),
-        rate(observed_truth, higher),
-        rate(truth, exact),
+    raised_limit = {**exact, "max_step_m": limits["max_step_m"] + float(np.median(sigma[observed]))}
+    return ClassifiedMaps(
+        classify(heights, limits, variance),
+        classify(observed_truth, exact),
+        classify(observed_truth, raised_limit),
+        classify(truth, exact),
         sigma,
     )
 
 
-def rate(heights: FloatArray, config: dict[str, float], variance: FloatArray | None = None) -> NavigationMap:
+def classify(
+    heights: FloatArray, config: dict[str, float], variance: FloatArray | None = None
+) -> NavigationMap:
     """Return the navigation map that ``traversability`` computes from heights."""
     rows, cols = heights.shape
     geometry = GridGeometry("site", CELL_M, 0.0, rows * CELL_M, rows, cols)
@@ -150,7 +154,7 @@ def rate(heights: FloatArray, config: dict[str, float], variance: FloatArray | N
     return node.process(TraversabilityInputs(dem=dem)).map
 
 
-def summarise(maps: list[RatedMaps], limits: dict[str, float]) -> dict[str, Any]:
+def summarise(maps: list[ClassifiedMaps], limits: dict[str, float]) -> dict[str, Any]:
     """Return the rate of hazards rated safe, their largest excess over a limit, and the IoU of classes."""
     safe = wrong = 0
     cells = _agreement(maps, "exact")
@@ -175,7 +179,7 @@ def summarise(maps: list[RatedMaps], limits: dict[str, float]) -> dict[str, Any]
     }
 
 
-def _agreement(maps: list[RatedMaps], other: str) -> dict[str, list[int]]:
+def _agreement(maps: list[ClassifiedMaps], other: str) -> dict[str, list[int]]:
     """Return for each kind the number of cells of this kind in both maps, and in at least one map."""
     cells = {kind: [0, 0] for kind in KINDS}
     for m in maps:
@@ -188,7 +192,7 @@ def _agreement(maps: list[RatedMaps], other: str) -> dict[str, list[int]]:
     return cells
 
 
-def _hazards_alone(maps: list[RatedMaps]) -> dict[str, float]:
+def _hazards_alone(maps: list[ClassifiedMaps]) -> dict[str, float]:
     """Return the IoU of exact hazards with those of a limit raised by a sigma, and enlarged by a cell."""
     cells = {"limit_higher_by_a_sigma": [0, 0], "grown_by_a_cell": [0, 0]}
     for m in maps:
@@ -206,7 +210,7 @@ def _hazards_alone(maps: list[RatedMaps]) -> dict[str, float]:
 
 
 def _ratios(cells: dict[str, list[int]]) -> dict[str, float]:
-    return {kind: round(both / max(either, 1), 4) for kind, (both, either) in cells.items()}
+    return {kind: round(intersection / max(union, 1), 4) for kind, (intersection, union) in cells.items()}
 
 
 def _highest_step(truth: NavigationMap, rated_safe: np.ndarray, limits: dict[str, float]) -> float:
@@ -235,23 +239,26 @@ def _simulated(limits: dict[str, float], progress: Callable[[str], None]) -> dic
         samples = (Sample(ports[s.stream], s.stamp_ns, s.seq, s.value) for s in log.samples(list(ports)))
         context = entry.context(entry.dfpc("digital_elevation_mapping"))
         dem = build_map(samples, context, "Lidar", {"resolution_m": 0.05, "fusion": {"size_m": 40.0}})
-        maps.append(_coarse(dem, terrain, limits))
+        maps.append(_compare_with_terrain(dem, terrain, limits))
     return summarise(maps, limits)
 
 
-def _coarse(dem: ElevationMap, terrain: ElevationMap, limits: dict[str, float]) -> RatedMaps:
+def _compare_with_terrain(
+    dem: ElevationMap, terrain: ElevationMap, limits: dict[str, float]
+) -> ClassifiedMaps:
+    """Return the maps of an elevation map and of the terrain, both averaged to cells of ``CELL_M``."""
     layers = {name: dem.layer(name) for name in dem.layer_names}
     coarse = aggregate_to(CellStatistics.from_layers(dem.geometry, layers, dem.t1_ns), CELL_M)
     g = coarse.geometry
     heights = np.where(coarse.observed, coarse.mean, np.nan)
     fine = terrain.geometry
     factor = max(1, round(CELL_M / fine.resolution_m))
-    sub = (np.arange(g.cols * factor) + 0.5) * CELL_M / factor + g.xmin_m
-    down = g.ymax_m - (np.arange(g.rows * factor) + 0.5) * CELL_M / factor
-    x, y = np.meshgrid(sub, down)
+    x_m = (np.arange(g.cols * factor) + 0.5) * CELL_M / factor + g.xmin_m
+    y_m = g.ymax_m - (np.arange(g.rows * factor) + 0.5) * CELL_M / factor
+    x, y = np.meshgrid(x_m, y_m)
     r, c, inside = fine.cells_of(x.ravel(), y.ravel())
-    true = np.where(inside, terrain.layer("mean")[r, c], np.nan).reshape(g.rows, factor, g.cols, factor)
-    return rate_heights(heights, coarse.variance, true.mean(axis=(1, 3)), limits)
+    terrain_m = np.where(inside, terrain.layer("mean")[r, c], np.nan).reshape(g.rows, factor, g.cols, factor)
+    return classify_heights(heights, coarse.variance, terrain_m.mean(axis=(1, 3)), limits)
 
 
 def _crater_window(axis: FloatArray, centre: FloatArray, reach: float) -> tuple[slice, slice, FloatArray]:
@@ -302,10 +309,10 @@ def table(figures: dict[str, Any]) -> str:
         "| intersection over union (**bold**: below 0.9) | safe | passable | hazard |",
         "|---|---|---|---|",
     ]
-    together = {f"noise {' / '.join(noisy)}": list(noisy.values())} | {
+    groups = {f"noise {' / '.join(noisy)}": list(noisy.values())} | {
         name: [row] for name, row in drives.items()
     }
-    for name, group in together.items():
+    for name, group in groups.items():
         for ground, key in (("observed ground", "iou"), ("with holes", "iou_with_holes")):
             cells = (
                 " / ".join(_iou_text(row[key][kind]) for row in group)

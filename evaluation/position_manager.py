@@ -51,13 +51,13 @@ def evaluate(_data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     report: dict[str, Any] = {"data": f"{SCENARIO} (simulated)", "scenario_seed": scenario_seed}
     report["seeds"] = [SEEDS.start, SEEDS.stop - 1]
     for drive in drives:
-        report[drive.robot] = _drive(drive, progress)
+        report[drive.robot] = _evaluate_drive(drive, progress)
         drive.log.close()
     report["measurement level"] = consistency(progress)
     return report
 
 
-def _drive(drive: TraverseRun, progress: Callable[[str], None]) -> dict[str, Any]:
+def _evaluate_drive(drive: TraverseRun, progress: Callable[[str], None]) -> dict[str, Any]:
     """Return the results of one rover."""
     measured = drive.samples(WHEELS_AND_IMU)
     percent: dict[str, list[float]] = {name: [] for name in SOURCES}
@@ -169,9 +169,9 @@ def table(figures: dict[str, Any]) -> str:
     ]
     for method in ("position_manager", "gtsam"):
         for name, f in level[method].items():
-            shares = " | ".join(f"{f['end_error_percent'][key]:.2f} %" for key in ("median", "p95", "max"))
-            fewer = "" if f["drives"] == level["drives"] else f" ({f['drives']} drives)"
-            lines.append(f"| {method}: {name}{fewer} | {shares} | {f['mean_nees']:.2f} |")
+            errors = " | ".join(f"{f['end_error_percent'][key]:.2f} %" for key in ("median", "p95", "max"))
+            drive_count = "" if f["drives"] == level["drives"] else f" ({f['drives']} drives)"
+            lines.append(f"| {method}: {name}{drive_count} | {errors} | {f['mean_nees']:.2f} |")
     return "\n".join(lines)
 
 
@@ -199,7 +199,9 @@ def _visual_error(drive: TraverseRun, vo_poses: list[Product]) -> tuple[float, f
     T_base_left = drive.context.frames.lookup(
         f"{drive.robot}/base", f"{drive.robot}/navcam_left", vo_poses[0].header.t1_ns
     ).matrix
-    first, last = (drive.true_pose(p.header.t1_ns) @ T_base_left for p in (vo_poses[0], vo_poses[-1]))
+    T_site_first, T_site_last = (
+        drive.true_pose(p.header.t1_ns) @ T_base_left for p in (vo_poses[0], vo_poses[-1])
+    )
     start: UncertainTransform = vo_poses[0].value.transform
     estimate: UncertainTransform = vo_poses[-1].value.transform
-    return normalised_error(start.matrix @ se3.inverse(first) @ last, estimate)
+    return normalised_error(start.matrix @ se3.inverse(T_site_first) @ T_site_last, estimate)

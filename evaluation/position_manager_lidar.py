@@ -22,7 +22,7 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfpc import DfpcContext, Sample
 from cdff_dev.compare.error_summary import error_summary
 from cdff_dev.simulate.traverse import levelled, simulate
-from evaluation.lidar_slam_covariance import brief
+from evaluation.lidar_slam_covariance import short_scenario
 from evaluation.runs.lidar_slam import ROBOT
 from evaluation.runs.traverse import normalised_error, run
 
@@ -48,18 +48,18 @@ def evaluate(_data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
             results[name].append((100.0 * error_m / path_lengths_m[-1], squared))
     n = len(HELD_OUT)
     return {
-        "data": "begin of lidar_traverse (simulated), ground of its own for each seed",
+        "data": "start of lidar_traverse (simulated), different terrain for each seed",
         "drives": n,
         "seeds": [HELD_OUT.start, HELD_OUT.stop - 1],
         "path_length_m": round(float(np.median(path_lengths_m)), 2),
         "band": [round(float(chi2.ppf(q, 6 * n)) / n, 3) for q in (0.025, 0.975)],
-        "sets": {name: _figures(trials) for name, trials in results.items()},
+        "sets": {name: _summary(trials) for name, trials in results.items()},
     }
 
 
 def simulated_inputs(seed: int) -> tuple[DfpcContext, dict[int, FloatArray], dict[str, list[Sample]]]:
     """Return the frames of one drive, the true poses ``T_site_base`` by stamp, and the samples by port."""
-    scenario = brief(seed)
+    scenario = short_scenario(seed)
     truth: dict[int, FloatArray] = {}
     samples: dict[str, list[Sample]] = {port: [] for port in PORTS.values()}
     for entry, value in simulate(scenario, workers=0):
@@ -88,7 +88,7 @@ def _path_length_m(truth: dict[int, FloatArray]) -> float:
     return float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum())
 
 
-def _figures(trials: Sequence[tuple[float, float]]) -> dict[str, Any]:
+def _summary(trials: Sequence[tuple[float, float]]) -> dict[str, Any]:
     percent, squared = zip(*trials, strict=True)
     return {
         "end_error_percent": error_summary(percent),
@@ -107,6 +107,6 @@ def table(figures: dict[str, Any]) -> str:
         "|---|---|---|---|---|",
     ]
     for name, f in figures["sets"].items():
-        shares = " | ".join(f"{f['end_error_percent'][key]:.2f} %" for key in ("median", "p95", "max"))
-        lines.append(f"| {name} | {shares} | {f['mean_nees']:.2f} |")
+        errors = " | ".join(f"{f['end_error_percent'][key]:.2f} %" for key in ("median", "p95", "max"))
+        lines.append(f"| {name} | {errors} | {f['mean_nees']:.2f} |")
     return "\n".join(lines)

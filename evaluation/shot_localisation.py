@@ -110,9 +110,9 @@ def evaluate_measured(data: Path, progress: Callable[[str], None]) -> dict[str, 
         entry: dict[str, Any] = {"status": str(output.quality.status), "cpu_s": round(cpu_s, 2)}
         if output.value is not None:
             T = output.value.transform.matrix
-            shift = se3.transform_points(T, centre) - se3.transform_points(T_pcl, centre)
+            difference_m = se3.transform_points(T, centre) - se3.transform_points(T_pcl, centre)
             entry |= {
-                "centre_from_pcl_m": round(float(np.linalg.norm(shift)), 4),
+                "centre_from_pcl_m": round(float(np.linalg.norm(difference_m)), 4),
                 "rotation_from_pcl_deg": round(pose_errors(T, T_pcl)[1], 2),
                 "rms_m": round(float(output.quality.metrics["rms_m"]), 5),
             }

@@ -54,7 +54,7 @@ def evaluate(data: Path, progress: Callable[[str], None], points: int = POINTS) 
 
 
 def scene(views: int, depths: tuple[float, float], points: int, seed: int = 0) -> tuple[BundleProblem, Float]:
-    """Return a problem of cameras side by side with noisy observations, and the true points."""
+    """Return a problem of adjacent cameras with noisy observations, and the true points."""
     rng = np.random.default_rng(seed)
     z = rng.uniform(*depths, points)
     X = np.column_stack([rng.uniform(-0.4, 0.4, points) * z, rng.uniform(-0.3, 0.3, points) * z, z])
@@ -67,9 +67,9 @@ def scene(views: int, depths: tuple[float, float], points: int, seed: int = 0) -
     for pose in T:
         p = se3.transform_points(se3.inverse(pose), X)
         pixels.append(p[:, :2] / p[:, 2:] * [fx, fy] + [cx, cy] + rng.normal(0, SIGMA_PX, (points, 2)))
-    seen = (np.tile(np.arange(views), points), np.repeat(np.arange(points), views))
+    indices = (np.tile(np.arange(views), points), np.repeat(np.arange(points), views))
     return BundleProblem.from_arrays(
-        T, CAMERA, np.zeros((points, 3)), seen, np.stack(pixels, axis=1).reshape(-1, 2), frame="site"
+        T, CAMERA, np.zeros((points, 3)), indices, np.stack(pixels, axis=1).reshape(-1, 2), frame="site"
     ), X
 
 
@@ -84,20 +84,28 @@ def sparse(views: int, depths: tuple[float, float], points: int) -> dict[str, An
         outputs = dfn.process(NViewTriangulationInputs(tracks=problem))
         times.append(time.process_time() - started)
     peer, peer_s = _gtsam(problem, views)
-    both = outputs.valid & np.isfinite(peer).all(axis=1)
+    answered_by_both = outputs.valid & np.isfinite(peer).all(axis=1)
     error = outputs.points - truth
-    nees = np.einsum("ni,nij,nj->n", error[both], np.linalg.inv(outputs.covariances[both]), error[both]) / 3.0
+    nees = (
+        np.einsum(
+            "ni,nij,nj->n",
+            error[answered_by_both],
+            np.linalg.inv(outputs.covariances[answered_by_both]),
+            error[answered_by_both],
+        )
+        / 3.0
+    )
     half = 1.96 * float(nees.std()) / len(nees) ** 0.5
     rmse = {
-        "cdff": float(np.sqrt(np.mean(error[both] ** 2) * 3.0)),
-        "gtsam": float(np.sqrt(np.mean((peer - truth)[both] ** 2) * 3.0)),
+        "cdff": float(np.sqrt(np.mean(error[answered_by_both] ** 2) * 3.0)),
+        "gtsam": float(np.sqrt(np.mean((peer - truth)[answered_by_both] ** 2) * 3.0)),
     }
     return {
         "points": points,
         "answered": {"cdff": int(outputs.valid.sum()), "gtsam": int(np.isfinite(peer).all(axis=1).sum())},
         "rmse_m": rmse,
         "rmse_ratio": rmse["cdff"] / rmse["gtsam"],
-        "median_error_m": float(np.median(np.linalg.norm(error[both], axis=1))),
+        "median_error_m": float(np.median(np.linalg.norm(error[answered_by_both], axis=1))),
         "nees_ratio": {
             "mean": float(nees.mean()),
             "low": float(nees.mean()) - half,
@@ -133,7 +141,7 @@ def dense(data: Path, name: str) -> dict[str, Any]:
     folder = data / "middlebury" / name
     scale = SCALES[name]
     truth = grey(folder / "disp2.png").astype(np.float64) / scale
-    K = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    K = np.eye(3)
     left, right = (Frame.from_image(grey(folder / f"im{i}.png"), stamp_ns=0, camera_matrix=K) for i in (2, 6))
     matcher = Registry.default().make_dfn("disparity_image")
     matcher.configure({"num_disparities": SEARCH_PX})

@@ -36,13 +36,13 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
         progress(f"visual odometry: Minnie, {columns} x {rows}")
         results[f"{columns} x {rows}"] = pose_of_second_pair(stereo_pairs)
     steps = [output.value.transform.matrix[:3, 3] for output in results.values()]
-    best, sigma_best_m, sigma_worst_m = most_precise_direction_of(recorded)
+    direction, smallest_sigma_m, largest_sigma_m = most_precise_direction_of(recorded)
     return {
         "data": FOLDER,
         "recorded_step_mm": _mm(np.linalg.norm(recorded.matrix[:3, 3])),
         "recorded_sigma_mm": {
-            "most_precise_direction": _mm(sigma_best_m),
-            "least_precise_direction": _mm(sigma_worst_m),
+            "most_precise_direction": _mm(smallest_sigma_m),
+            "least_precise_direction": _mm(largest_sigma_m),
         },
         "recorded_sigma_mrad": round(1e3 * float(np.sqrt(np.trace(recorded.covariance[3:, 3:]) / 3)), 2),
         "bounds_95": {
@@ -50,7 +50,7 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
             "rotation": round(float(chi2.ppf(0.95, 3)), 2),
         },
         "largest_difference_of_resolutions_mm": _mm(max(np.linalg.norm(a - b) for a in steps for b in steps)),
-        "resolutions": {size: _row(output, recorded, best) for size, output in results.items()},
+        "resolutions": {size: _row(output, recorded, direction) for size, output in results.items()},
     }
 
 
@@ -87,7 +87,7 @@ def most_precise_direction_of(recorded: UncertainTransform) -> tuple[FloatArray,
     return directions[:, 0], float(np.sqrt(variances[0])), float(np.sqrt(variances[-1]))
 
 
-def _row(output: Output, recorded: UncertainTransform, best: FloatArray) -> dict[str, Any]:
+def _row(output: Output, recorded: UncertainTransform, direction: FloatArray) -> dict[str, Any]:
     T = output.value.transform
     error = cov.pose_error(recorded.matrix, T.matrix)
     pose_nees, rotation_nees = squared_errors(recorded, T.matrix)
@@ -96,7 +96,7 @@ def _row(output: Output, recorded: UncertainTransform, best: FloatArray) -> dict
         "step_mm": _mm(np.linalg.norm(T.matrix[:3, 3])),
         "sigma_mm": _mm(np.sqrt(np.linalg.eigvalsh(T.covariance[:3, :3])[-1])),
         "error_mm": _mm(np.linalg.norm(error[:3])),
-        "error_in_most_precise_direction_mm": _mm(abs(best @ error[:3])),
+        "error_in_most_precise_direction_mm": _mm(abs(direction @ error[:3])),
         "error_mrad": [round(1e3 * float(v), 2) for v in error[3:]],
         "nees_of_pose": round(pose_nees, 3),
         "nees_of_rotation": round(rotation_nees, 3),

@@ -22,6 +22,7 @@ from evaluation.runs.visual_traverses import SCENARIOS
 #: Page that contains the table of this evaluation.
 PAGE = "visual_odometry_sparse"
 
+#: Every third pair is used.
 EVERY = 3
 #: Streams other than the images, and their ports.
 PRIORS: dict[str, dict[str, str]] = {
@@ -63,8 +64,10 @@ def track_drive(drive: TraverseRun, streams: dict[str, str], parameters: dict[st
     samples = images + (drive.samples(streams) if streams else [])
     result = run("visual_odometry_sparse", drive.context, samples, parameters=parameters)
     T_base_left = drive.context.frames.lookup(f"{drive.robot}/base", f"{drive.robot}/navcam_left", 0).matrix
-    first, last = (drive.true_pose(p.header.t1_ns) @ T_base_left for p in (result[0], result[-1]))
-    shares = [
+    T_site_first, T_site_last = (
+        drive.true_pose(p.header.t1_ns) @ T_base_left for p in (result[0], result[-1])
+    )
+    tracked_fractions = [
         p.header.quality.metrics["tracked"] / max(p.header.quality.metrics["visible"], 1.0)
         for p in result
         if "tracked" in p.header.quality.metrics
@@ -73,25 +76,25 @@ def track_drive(drive: TraverseRun, streams: dict[str, str], parameters: dict[st
         "pairs": len(images),
         "failed": len(images) - len(result),
         "degraded": sum(bool(p.header.quality.reasons) for p in result),
-        "shares": shares,
+        "tracked_fractions": tracked_fractions,
         "end_percent": 100.0
-        * normalised_error(se3.inverse(first) @ last, result[-1].value.transform)[0]
+        * normalised_error(se3.inverse(T_site_first) @ T_site_last, result[-1].value.transform)[0]
         / drive.path_length_m,
-        "whole": result[-1].header.t1_ns == images[-1].stamp_ns,
+        "is_complete": result[-1].header.t1_ns == images[-1].stamp_ns,
     }
 
 
 def _summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the results over all drives; end errors only of drives that were tracked to the last pair."""
-    shares = [share for row in rows for share in row["shares"]]
+    tracked_fractions = [fraction for row in rows for fraction in row["tracked_fractions"]]
     return {
         "drives": len(rows),
         "pairs": sum(row["pairs"] for row in rows),
         "failed": sum(row["failed"] for row in rows),
         "degraded": sum(row["degraded"] for row in rows),
-        "points_found": round(float(np.median(shares)), 3),
-        "completed_drives": sum(row["whole"] for row in rows),
-        "end_error_percent": error_summary([row["end_percent"] for row in rows if row["whole"]]),
+        "points_found": round(float(np.median(tracked_fractions)), 3),
+        "completed_drives": sum(row["is_complete"] for row in rows),
+        "end_error_percent": error_summary([row["end_percent"] for row in rows if row["is_complete"]]),
     }
 
 

@@ -47,17 +47,17 @@ def draw(figures: dict[str, Any]) -> bytes:
 def table(figures: dict[str, Any]) -> str:
     """Return the tables of the page: real drive, simulated drives, gallery."""
     real, simulated = figures["real"], figures["simulated"]
-    end, rest = real["end_error_percent"], real["end_error_aligned_percent"]
-    part, start = real["measured_end_error_percent"], real["unmeasured_start_percent"]
+    end, aligned_end = real["end_error_percent"], real["end_error_aligned_percent"]
+    measured_end, start = real["measured_end_error_percent"], real["unmeasured_start_percent"]
     lines = [
         f"**Real**: {real['data']}, {real['path_m']} m, {end['count']} seeds: end error "
         f"{end['median']:.2f} % in the median, {end['max']:.2f} % at most; after removal of a constant "
-        f"rotation to the reference {rest['median']:.2f} %.",
+        f"rotation to the reference {aligned_end['median']:.2f} %.",
         "",
         f"The first {real['measured_from']} steps of the reference are interpolated. Over the remaining "
-        f"{real['measured_m']} m, where the reference is measured, the end error is {part['median']:.2f} % "
-        f"in the median, {part['max']:.2f} % at most. With exact motion after the interpolated start, "
-        f"the end error would be {start['median']:.2f} %.",
+        f"{real['measured_m']} m, where the reference is measured, the end error is "
+        f"{measured_end['median']:.2f} % in the median, {measured_end['max']:.2f} % at most. With exact motion after the "
+        f"interpolated start, the end error would be {start['median']:.2f} %.",
         "",
         "| segments | " + " | ".join(real["segments_percent"]) + " |",
         "|---" * (1 + len(real["segments_percent"])) + "|",

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Read measured pairs of point clouds with their true transforms."""
+"""Measured pairs of point clouds with their true transforms."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from cdff_common.formats.pose import read_pose
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 
+#: Source points, target points and ``T_target_source``.
 Pair = tuple[FloatArray, FloatArray, FloatArray]
 
 #: ``T_camera_lidar`` of KITTI sequence 00 (left camera, velodyne), from its calibration.
@@ -43,10 +44,10 @@ def kitti_pair(data: Path) -> Pair:
     """Return scans 95 and 94 of sequence 00, and T_94_95."""
     folder = data / "kitti_velodyne"
     poses = np.loadtxt(folder / "00_poses_cam0.txt").reshape(-1, 3, 4)
-    first, second = (np.vstack([poses[i], [0, 0, 0, 1]]) for i in (94, 95))
-    T = se3.inverse(T_CAMERA_LIDAR) @ se3.inverse(first) @ second @ T_CAMERA_LIDAR
+    T_camera0_94, T_camera0_95 = (np.vstack([poses[i], [0, 0, 0, 1]]) for i in (94, 95))
+    T_94_95 = se3.inverse(T_CAMERA_LIDAR) @ se3.inverse(T_camera0_94) @ T_camera0_95 @ T_CAMERA_LIDAR
     target, source = (read_kitti_bin(folder / f"{i:06d}.bin").points_m for i in (94, 95))
-    return source, target, T
+    return source, target, T_94_95
 
 
 def small_gicp_pair(data: Path) -> Pair:
@@ -71,6 +72,7 @@ def devon_island(data: Path) -> Pair:
 
 def devon_halves(data: Path, seed: int = 0) -> Pair:
     """Return one half of the points of the road, the other half of the points of its copy, and T_copy_road.
+
     No point of the road has its own copy in the second cloud.
     """
     road, copy, T = devon_island(data)

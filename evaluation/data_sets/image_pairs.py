@@ -78,7 +78,7 @@ def truth_of(pair: ImagePair, data: Path, sources: Float) -> Float:
     return sources - np.column_stack([np.where(d > 0.0, d, np.nan), 0.0 * d])
 
 
-def bases(data: Path) -> dict[str, Image]:
+def base_images(data: Path) -> dict[str, Image]:
     """Return the measured images that ``warped`` uses, by name."""
     kitti = sorted((data / "kitti_stereo").rglob("*.png"))
     return {

@@ -1,8 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Visual odometry on a KITTI folder: error metrics, a minimal OpenCV pipeline, the noise floor of the
-reference.
-"""
+"""Visual odometry on a KITTI folder: error metrics, a minimal OpenCV pipeline, errors of the reference."""
 
 from __future__ import annotations
 
@@ -53,9 +51,9 @@ def run_opencv(pairs: Sequence[FramePair], seed: int = 0) -> FloatArray:
     cv2.setRNGSeed(seed)
     sgbm = cv2.StereoSGBM_create(0, 128, 5, 200, 800, 1, 63, 10, 100, 2)
     K, baseline_m, poses = np.array(pairs[0].camera_matrix), pairs[0].baseline, [np.eye(4)]
-    for first, second in pairwise(pairs):
-        previous_image, image = np.array(first.left.image), np.array(second.left.image)
-        disparity = sgbm.compute(previous_image, np.array(first.right.image)) / 16.0
+    for previous_pair, pair in pairwise(pairs):
+        previous_image, image = np.array(previous_pair.left.image), np.array(pair.left.image)
+        disparity = sgbm.compute(previous_image, np.array(previous_pair.right.image)) / 16.0
         corners = cv2.goodFeaturesToTrack(previous_image, 1500, 0.01, 8)
         tracked, status, _ = cv2.calcOpticalFlowPyrLK(
             previous_image, image, corners, None, winSize=(21, 21), maxLevel=4
@@ -121,12 +119,12 @@ def segment_errors(poses: FloatArray, truth: FloatArray, length_m: float) -> Flo
 
     The result has shape (m, 3); each row is in the frame of the first camera of its segment.
     """
-    along, errors = path_lengths_m(truth), []
+    lengths_m, errors = path_lengths_m(truth), []
     for i in range(len(truth)):
-        j = int(np.searchsorted(along, along[i] + length_m))
+        j = int(np.searchsorted(lengths_m, lengths_m[i] + length_m))
         if j < len(truth):
             estimated, true = se3.inverse(poses[i]) @ poses[j], se3.inverse(truth[i]) @ truth[j]
-            errors.append((estimated - true)[:3, 3] / (along[j] - along[i]))
+            errors.append((estimated - true)[:3, 3] / (lengths_m[j] - lengths_m[i]))
     return np.array(errors).reshape(-1, 3)
 
 
@@ -186,10 +184,10 @@ def kitti(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     }
 
 
-def _other_methods(pairs: list[FramePair], first: FloatArray) -> dict[str, tuple[int, FloatArray]]:
+def _other_methods(pairs: list[FramePair], default_poses: FloatArray) -> dict[str, tuple[int, FloatArray]]:
     """Return the results of other odometry methods on the same images: name -> frame stride, poses."""
     rows = pairs[0].left.image.shape[0] // 2
-    upper = [
+    upper_halves = [
         FramePair.from_images(
             np.array(p.left.image)[:rows],
             np.array(p.right.image)[:rows],
@@ -200,7 +198,7 @@ def _other_methods(pairs: list[FramePair], first: FloatArray) -> dict[str, tuple
         for p in pairs
     ]
     return {
-        "default": (1, first),
+        "default": (1, default_poses),
         "without calibration refinement": (1, run_dfpc(pairs, refinement={"sigma_offset_px": 0.001})),
         "new keyframe below 30 % of points": (1, run_dfpc(pairs, keyframe_survival=0.3)),
         "window of two keyframes": (1, run_dfpc(pairs, window=2)),
@@ -208,7 +206,7 @@ def _other_methods(pairs: list[FramePair], first: FloatArray) -> dict[str, tuple
         "window of five keyframes": (1, run_dfpc(pairs, window=5)),
         "FAST corners, OpenCV's tracker": (1, _open_cv_tracker(pairs)),
         "every second frame": (2, run_dfpc(pairs[::2])),
-        "upper half of the images": (1, run_dfpc(upper)),
+        "upper half of the images": (1, run_dfpc(upper_halves)),
         "OpenCV, minimal": (1, run_opencv(pairs)),
     }
 
@@ -227,9 +225,9 @@ def _floor(other_methods: dict[str, tuple[int, FloatArray]], truth: FloatArray) 
 
     It is an estimate of the error of the reference.
     """
-    full = [poses for stride, poses in other_methods.values() if stride == 1]
+    full_rate = [poses for stride, poses in other_methods.values() if stride == 1]
     floor = {}
     for length in SEGMENTS_M:
-        shared = np.mean([segment_errors(poses, truth, length) for poses in full], axis=0)
-        floor[f"{length:g} m"] = round(float(100.0 * np.linalg.norm(shared, axis=1).mean()), 3)
+        common_errors = np.mean([segment_errors(poses, truth, length) for poses in full_rate], axis=0)
+        floor[f"{length:g} m"] = round(float(100.0 * np.linalg.norm(common_errors, axis=1).mean()), 3)
     return floor

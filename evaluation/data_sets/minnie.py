@@ -48,7 +48,7 @@ def read_record(path: Path) -> Record:
         _pose(blocks.get(name, ""), f"{path.name}: pose_{name}")
         for name in ("fixedFrame_robotFrame", "robotFrame_sensorFrame")
     )
-    matrix = _matched(
+    matrix = _match(
         r"\.cameraMatrix:\s+([-+.\de]+(?:\s+[-+.\de]+){4})", text, f"{path.name}: cameraMatrix"
     ).split()
     # The file omits the zeros below the diagonal.
@@ -79,56 +79,64 @@ def recorded_step(folder: Path) -> UncertainTransform:
 
     The errors of the two rover poses are treated as independent; the mount and its error are common to both.
     """
-    first, second = (read_record(folder / f"MinnieRectLeft{ending}.meta") for ending in _ENDINGS)
-    moved, mount, unmount = first.robot.inverse() @ second.robot, first.mount, first.mount.inverse()
-    T = unmount.matrix @ moved.matrix @ mount.matrix
+    first_record, second_record = (
+        read_record(folder / f"MinnieRectLeft{ending}.meta") for ending in _ENDINGS
+    )
+    rover_step = first_record.robot.inverse() @ second_record.robot
+    mount, inverse_mount = first_record.mount, first_record.mount.inverse()
+    T = inverse_mount.matrix @ rover_step.matrix @ mount.matrix
     # Jacobians of the camera motion by the errors of the rover motion and of the mount, which occurs twice.
-    J_unmount, J_rest = cov.compose_jacobians(unmount.matrix, moved.matrix @ mount.matrix)
-    J_moved, J_mount = cov.compose_jacobians(moved.matrix, mount.matrix)
-    of_moved = J_rest @ J_moved
-    of_mount = J_unmount @ cov.inverse_jacobian(mount.matrix) + J_rest @ J_mount
-    covariance = of_moved @ moved.covariance @ of_moved.T + of_mount @ mount.covariance @ of_mount.T
+    J_inverse_mount, J_product = cov.compose_jacobians(inverse_mount.matrix, rover_step.matrix @ mount.matrix)
+    J_step, J_mount = cov.compose_jacobians(rover_step.matrix, mount.matrix)
+    J_of_step = J_product @ J_step
+    J_of_mount = J_inverse_mount @ cov.inverse_jacobian(mount.matrix) + J_product @ J_mount
+    covariance = J_of_step @ rover_step.covariance @ J_of_step.T
+    covariance = covariance + J_of_mount @ mount.covariance @ J_of_mount.T
     return UncertainTransform(T, 0.5 * (covariance + covariance.T))
 
 
-def _matched(pattern: str, text: str, what: str) -> str:
+def _match(pattern: str, text: str, entry: str) -> str:
     match = re.search(pattern, text)
     if match is None:
-        raise InputError(f"{what}: not there; expected a .meta file of the original CDFF")
+        raise InputError(f"{entry}: missing; expected a .meta file of the original CDFF")
     return match[1]
 
 
-def _pose(text: str, what: str) -> UncertainTransform:
-    rows = [_matched(rf"\.arr\[{i}\]: (.*)", text, f"{what} covariance").split() for i in range(6)]
+def _pose(text: str, entry: str) -> UncertainTransform:
+    rows = [_match(rf"\.arr\[{i}\]: (.*)", text, f"{entry} covariance").split() for i in range(6)]
     t, q = (
-        split_numbers(_matched(rf"\.{name}: (\S+)", text, f"{what} {name}"), count, f"{what} {name}")
+        split_numbers(_match(rf"\.{name}: (\S+)", text, f"{entry} {name}"), count, f"{entry} {name}")
         for name, count in (("translation", 3), ("orientation", 4))
     )
     T = se3.transform_from_quaternion_xyzw(t, q / np.linalg.norm(q))
     return UncertainTransform(T, np.array(rows, np.float64))
 
 
-def split_numbers(text: str, count: int, what: str) -> FloatArray:
+def split_numbers(text: str, count: int, entry: str) -> FloatArray:
     """Split numbers of six digits that were written without separators: ``0.295922-1.54.12``.
 
     Raises
     ------
     InputError
-        If the text can be split into this many numbers in the format of C++ (``%g``) in no way or in several.
+        If the text can be split into this many numbers in the format of C++ (``%g``) in no or several ways.
     """
 
-    def readings(rest: str, left: int) -> list[list[str]]:
-        if left == 0:
-            return [[]] if not rest else []
-        heads = [rest[:k] for k in range(1, len(rest) + 1)]
-        fit = [
+    def splits(remaining_text: str, remaining_count: int) -> list[list[str]]:
+        if remaining_count == 0:
+            return [[]] if not remaining_text else []
+        heads = [remaining_text[:k] for k in range(1, len(remaining_text) + 1)]
+        numbers = [
             head
             for head in heads
             if re.fullmatch(r"-?\d+(\.\d+)?(e-?\d+)?", head) and f"{float(head):g}" == head
         ]
-        return [[head, *others] for head in fit for others in readings(rest[len(head) :], left - 1)]
+        return [
+            [head, *others]
+            for head in numbers
+            for others in splits(remaining_text[len(head) :], remaining_count - 1)
+        ]
 
-    result = readings(text, count)
-    if len(result) != 1:
-        raise InputError(f"{what}: {text!r} reads as {count} numbers in {len(result)} ways, expected one")
-    return np.array(result[0], np.float64)
+    results = splits(text, count)
+    if len(results) != 1:
+        raise InputError(f"{entry}: {text!r} reads as {count} numbers in {len(results)} ways, expected one")
+    return np.array(results[0], np.float64)

@@ -48,11 +48,11 @@ class AtlaasMap:
         x, y = shared.centres_m()
         b["distance"] = (x - sensor_xy_m[0]) ** 2 + (y - sensor_xy_m[1]) ** 2
         in_scan, in_map = b["count"] > 0, a["count"] > 0
-        flips = (a["variance"] > VERTICAL_M2) != (b["variance"] > VERTICAL_M2)
-        steps = (a["variance"] <= VERTICAL_M2) & (np.abs(a["mean"] - b["mean"]) > STEP_M)
-        nearer = (b["count"] > 2) & (a["distance"] - b["distance"] >= NEARER_M2)
+        kinds_differ = (a["variance"] > VERTICAL_M2) != (b["variance"] > VERTICAL_M2)
+        differs_by_a_step = (a["variance"] <= VERTICAL_M2) & (np.abs(a["mean"] - b["mean"]) > STEP_M)
+        is_nearer = (b["count"] > 2) & (a["distance"] - b["distance"] >= NEARER_M2)
         usable = in_scan & ~(in_map & (b["distance"] - a["distance"] > NEARER_M2))
-        replaced = usable & (~in_map | nearer | flips | steps)
+        replaced = usable & (~in_map | is_nearer | kinds_differ | differs_by_a_step)
         averaged = usable & ~replaced
         n = a["count"] + b["count"]
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -63,7 +63,7 @@ class AtlaasMap:
             "max": np.fmax(a["max"], b["max"]),
             "distance": np.fmin(a["distance"], b["distance"]),
         }
-        for name, layer in a.items():  # views of the grid
+        for name, layer in a.items():  # the layers are views of the map
             layer[replaced], layer[averaged] = b[name][replaced], fused[name][averaged]
 
     def to_map(self, stamp_ns: int) -> ElevationMap:

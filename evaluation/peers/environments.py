@@ -67,7 +67,7 @@ config.data.min_range, config.data.max_range = min_range_m, max_range_m
 config.mapping.voxel_size = max_range_m / 100.0
 config.registration.max_num_threads = 1
 odometry = KissICP(config)
-preprocess, last, poses, cpu, wall = odometry.preprocessor.preprocess, None, [], [], []
+preprocess, last_end, poses, cpu, wall = odometry.preprocessor.preprocess, None, [], [], []
 def scaled_motion(T, ratio):
     M, A = np.eye(4), 0.5 * (T[:3, :3] - T[:3, :3].T)
     sine = np.sqrt(0.5 * np.sum(A * A))
@@ -75,17 +75,18 @@ def scaled_motion(T, ratio):
     M[:3, :3] += np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K
     M[:3, 3] = ratio * T[:3, 3]
     return M
-for n, (begin, end) in enumerate(np.load(folder + "/spans.npy")):
+for n, (sweep_start, sweep_end) in enumerate(np.load(folder + "/spans.npy")):
     z = np.load(f"{folder}/{n}.npz")
     points, fraction = z["points"].astype(np.float64), z["fraction"].astype(np.float64)
     started, clock = time.process_time(), time.perf_counter()
-    motion = scaled_motion(odometry.last_delta, 1.0 if last is None else (end - begin) / (end - last))
+    ratio = 1.0 if last_end is None else (sweep_end - sweep_start) / (sweep_end - last_end)
+    motion = scaled_motion(odometry.last_delta, ratio)
     odometry.preprocessor.preprocess = lambda frame, stamps, _: preprocess(frame, stamps, motion)
     odometry.register_frame(points, fraction)
     cpu.append(time.process_time() - started)
     wall.append(time.perf_counter() - clock)
     poses.append(odometry.last_pose.copy())
-    last = end
+    last_end = sweep_end
 np.savez(folder + "/results.npz", poses=poses, cpu=cpu, wall=wall)
 """
 
@@ -106,7 +107,7 @@ def kiss_matcher(
     """Return T_target_source (None if not ``valid``) and CPU seconds of each pair, with voxels of 0.3 m and
     otherwise default parameters.
     """
-    return _registered(python, _MATCHER.replace("VOXEL", str(PEER_VOXEL_M)), pairs)
+    return _register_pairs(python, _MATCHER.replace("VOXEL", str(PEER_VOXEL_M)), pairs)
 
 
 def kiss_icp(
@@ -115,7 +116,7 @@ def kiss_icp(
     """Return T_target_source and CPU seconds of each pair, processed as two frames of KISS-ICP's odometry
     without deskewing.
     """
-    return _registered(python, _ICP, pairs)
+    return _register_pairs(python, _ICP, pairs)
 
 
 class SweepFile:
@@ -150,7 +151,7 @@ class SweepFile:
         return z["poses"], z["cpu"], z["wall"]
 
 
-def _registered(
+def _register_pairs(
     python: str, code: str, pairs: Sequence[tuple[FloatArray, FloatArray]]
 ) -> list[tuple[FloatArray | None, float]]:
     with tempfile.TemporaryDirectory() as folder:

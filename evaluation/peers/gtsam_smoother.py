@@ -39,7 +39,7 @@ def smooth(drive: SimulatedRun, ports: tuple[str, ...]) -> tuple[int, UncertainT
     origin = drive.context.frames.lookup("site", "mana/odom", 0).matrix
     T = origin @ se3.transform(level.rotation, np.zeros(3))
     edges = _edges(drive, ports)
-    times = sorted({t for first, second, *_ in edges for t in (first, second)})
+    times = sorted({t for start_ns, end_ns, *_ in edges for t in (start_ns, end_ns)})
     keys = {t: k for k, t in enumerate(times)}
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     velocity, bias = np.zeros(3), gtsam.imuBias.ConstantBias(np.zeros(3), level.gyro_bias_rad_s)
@@ -64,15 +64,17 @@ def smooth(drive: SimulatedRun, ports: tuple[str, ...]) -> tuple[int, UncertainT
         first_reading = int(np.searchsorted(stamps, previous_ns, "right")) - 1
         end_reading = int(np.searchsorted(stamps, current_ns, "left"))
         nodes = np.concatenate([[previous_ns], stamps[first_reading:end_reading][1:], [current_ns]])
-        for i, (begin_ns, end_ns) in enumerate(itertools.pairwise(nodes), start=first_reading):
-            if end_ns > begin_ns:
-                preintegrated.integrateMeasurement(forces[i], rates[i], float(end_ns - begin_ns) * 1e-9)
+        for i, (start_ns, end_ns) in enumerate(itertools.pairwise(nodes), start=first_reading):
+            if end_ns > start_ns:
+                preintegrated.integrateMeasurement(forces[i], rates[i], float(end_ns - start_ns) * 1e-9)
         graph.add(
             gtsam.CombinedImuFactor(_X(k - 1), _V(k - 1), _X(k), _V(k), _B(k - 1), _B(k), preintegrated)
         )
-        for first, _, step, covariance in by_end[current_ns]:
-            noise = gtsam.noiseModel.Gaussian.Covariance(swap_rotation_translation(_right(step, covariance)))
-            graph.add(gtsam.BetweenFactorPose3(_X(keys[first]), _X(k), gtsam.Pose3(step), noise))
+        for start_ns, _, step, covariance in by_end[current_ns]:
+            noise = gtsam.noiseModel.Gaussian.Covariance(
+                swap_rotation_translation(_with_right_error(step, covariance))
+            )
+            graph.add(gtsam.BetweenFactorPose3(_X(keys[start_ns]), _X(k), gtsam.Pose3(step), noise))
         state = preintegrated.predict(state, bias)
         values.insert(_X(k), state.pose())
         values.insert(_V(k), state.velocity())
@@ -94,7 +96,7 @@ def _edges(drive: SimulatedRun, ports: tuple[str, ...]) -> list[tuple[int, int, 
     """Return the odometry increments: start and end stamp, ``T_base1_base2``, covariance (left error)."""
     wheel = _dfn("odometry_increment", "DistanceModel", {})
     visual = _dfn("odometry_increment", "CovarianceDifference", {"floor_m": 5e-5, "floor_rad": 1e-5})
-    out = []
+    increments = []
     for port in (p for p in ports if p.endswith("odometry")):
         samples = drive.samples[port]
         mount = np.eye(4)
@@ -113,8 +115,8 @@ def _edges(drive: SimulatedRun, ports: tuple[str, ...]) -> list[tuple[int, int, 
                 )
             )
             covariance = scale * step.covariance + (np.diag([1e-6] * 6) if port == "odometry" else 0.0)
-            out.append((a.stamp_ns, b.stamp_ns, step.increment, covariance))
-    return out
+            increments.append((a.stamp_ns, b.stamp_ns, step.increment, covariance))
+    return increments
 
 
 def _params(drive: SimulatedRun, gravity: float) -> gtsam.PreintegrationCombinedParams:
@@ -128,8 +130,8 @@ def _params(drive: SimulatedRun, gravity: float) -> gtsam.PreintegrationCombined
     return params
 
 
-def _right(step: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Convert an error on the left, as in CDFF, to one on the right, as in GTSAM."""
+def _with_right_error(step: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return the covariance of the error on the right, as in GTSAM, for an error on the left, as in CDFF."""
     R = np.kron(np.eye(2), step[:3, :3])
     return np.asarray(R.T @ covariance @ R)
 

@@ -27,8 +27,10 @@ from cdff_dev.simulate.scenario import RoverPath, Scenario, load_scenario
 from cdff_dev.simulate.traverse import levelled, sample_times_us
 
 SCENARIO, ROBOT = "rover_traverse", "mana"
+#: Time of the start of a drive.
 EPOCH_NS = 1_785_585_600_000_000_000
-REST_S, END_S = 2.0, 1.0
+#: Time at rest before and after the drive.
+REST_BEFORE_S, REST_AFTER_S = 2.0, 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,10 +120,10 @@ def simulate_drive(seed: int, path_length_m: float = 60.0, ground: int = 0) -> S
     """Return a drive on a winding path of about the path length; anchor and mounts are exact."""
     rng = np.random.default_rng([77, seed])
     scenario, relief = _ground(ground)
-    speed = 0.4
-    duration_s = round(path_length_m / speed + REST_S + END_S + 1.5, 1)
-    drive = _wander(rng, path_length_m, speed)
-    motion = make_motion(drive, scenario.chassis, relief, duration_s)
+    speed_m_s = 0.4
+    duration_s = round(path_length_m / speed_m_s + REST_BEFORE_S + REST_AFTER_S + 1.5, 1)
+    path = _winding_path(rng, path_length_m, speed_m_s)
+    motion = make_motion(path, scenario.chassis, relief, duration_s)
     return simulate_measurements(scenario, motion, duration_s, rng, seed)
 
 
@@ -129,7 +131,7 @@ def simulate_measurements(
     scenario: Scenario, motion: Motion, duration_s: float, rng: np.random.Generator, seed: int
 ) -> SimulatedRun:
     """Return the simulated samples of all ports for a motion; the scenario must have a navcam."""
-    T0 = motion.poses(np.zeros(1))[0]
+    T_site_base0 = motion.poses(np.zeros(1))[0]
     frames, mounts = (
         FrameGraph(),
         {
@@ -138,7 +140,7 @@ def simulate_measurements(
             "navcam_left": scenario.navcam.T_base_left,  # type: ignore[union-attr]
         },
     )
-    frames.set_static("site", f"{ROBOT}/odom", UncertainTransform.exact(levelled(T0)))
+    frames.set_static("site", f"{ROBOT}/odom", UncertainTransform.exact(levelled(T_site_base0)))
     for name, T in mounts.items():
         frames.set_static(f"{ROBOT}/base", f"{ROBOT}/{name}", UncertainTransform.exact(T))
     samples = {
@@ -151,8 +153,8 @@ def simulate_measurements(
     return SimulatedRun(seed, DfpcContext(ROBOT, frames), motion, duration_s, samples)
 
 
-def _wander(rng: np.random.Generator, path_length_m: float, speed: float) -> RoverPath:
-    """Return a path of random bends; a constant mean curvature lets it stay on the terrain."""
+def _winding_path(rng: np.random.Generator, path_length_m: float, speed_m_s: float) -> RoverPath:
+    """Return a path of random bends; its constant mean curvature keeps it on the terrain."""
     knots = np.arange(0.0, path_length_m + 6.0, 3.0)
     bends = 0.18 * rng.standard_normal(len(knots)) + rng.choice([-1.0, 1.0]) * 0.05
     return RoverPath(
@@ -161,19 +163,15 @@ def _wander(rng: np.random.Generator, path_length_m: float, speed: float) -> Rov
         curvature_1pm=tuple(
             (float(s), float(np.clip(b, -0.4, 0.4))) for s, b in zip(knots, bends, strict=True)
         ),
-        speed_m_s=speed,
-        rest_before_s=REST_S,
-        rest_after_s=END_S,
+        speed_m_s=speed_m_s,
+        rest_before_s=REST_BEFORE_S,
+        rest_after_s=REST_AFTER_S,
         ramp_s=1.2,
     )
 
 
-def _stamps(rate_hz: float, duration_s: float) -> np.ndarray:
-    return sample_times_us(rate_hz, duration_s)
-
-
 def _imu(scenario: Scenario, motion: Motion, duration_s: float, rng: np.random.Generator) -> list[Sample]:
-    t_us = _stamps(scenario.imu.rate_hz, duration_s)
+    t_us = sample_times_us(scenario.imu.rate_hz, duration_s)
     track = imu_readings(scenario.imu, motion, t_us * 1e-6, scenario.gravity_m_s2, rng)
     samples = []
     for k, t in enumerate(t_us):
@@ -184,7 +182,7 @@ def _imu(scenario: Scenario, motion: Motion, duration_s: float, rng: np.random.G
 
 
 def _wheels(scenario: Scenario, motion: Motion, duration_s: float, rng: np.random.Generator) -> list[Sample]:
-    t_us = _stamps(scenario.wheels.rate_hz, duration_s)
+    t_us = sample_times_us(scenario.wheels.rate_hz, duration_s)
     track = wheel_odometry(scenario.wheels, motion, t_us * 1e-6, rng)
     return [
         _pose("odometry", k, int(us), T, C, f"{ROBOT}/odom", f"{ROBOT}/base")
@@ -196,14 +194,14 @@ def _odometry(
     model: Odometry, motion: Motion, mount: FloatArray, duration_s: float, rng: np.random.Generator
 ) -> list[Sample]:
     """Return the odometry: accumulated noisy increments of the true motion, with the stated covariance."""
-    t_us = _stamps(model.rate_hz, duration_s)
-    true = motion.poses(t_us * 1e-6) @ mount
+    t_us = sample_times_us(model.rate_hz, duration_s)
+    true_poses = motion.poses(t_us * 1e-6) @ mount
     sigma = np.array([*model.sigma_m, *model.sigma_rad])
     step_covariance = np.diag(model.stated * sigma**2)
     T, C = np.eye(4), np.zeros((6, 6))
     samples = [_pose(model.port, 0, int(t_us[0]), T, C, model.parent, model.child)]
     for k in range(1, len(t_us)):
-        step = se3.inverse(true[k - 1]) @ true[k]
+        step = se3.inverse(true_poses[k - 1]) @ true_poses[k]
         noise = sigma * rng.standard_normal(6)
         T_measured = se3.transform(se3.exp_so3(noise[3:]) @ step[:3, :3], step[:3, 3] + noise[:3])
         C = compose_covariance(T, C, T_measured, step_covariance)
@@ -217,7 +215,7 @@ def _fixes(motion: Motion, duration_s: float, rng: np.random.Generator, shared: 
     all.
     """
     sigma = np.array([0.10, 0.10, 0.15, 0.02, 0.02, 0.02])
-    t_us = _stamps(0.2, duration_s)[1:]
+    t_us = sample_times_us(0.2, duration_s)[1:]
     common = np.sqrt(shared) * sigma * rng.standard_normal(6)
     samples = []
     for k, (us, T) in enumerate(zip(t_us, motion.poses(t_us * 1e-6), strict=True)):

@@ -67,9 +67,9 @@ def evaluate_drive(drive: LidarRun) -> dict[str, Scores]:
     sweeps = [s for s in drive.sweeps if s.value.t0_ns >= start_ns]
     estimated, levelled = drive.estimated_poses(), drive.estimated_poses(levelled=True)
     results = {
-        "true poses": _map(drive, drive.true_poses(), sweeps),
-        "estimated poses": _map(drive, estimated, sweeps),
-        "estimated poses, attitude fixes": _map(drive, levelled, sweeps),
+        "true poses": _elevation_map(drive, drive.true_poses(), sweeps),
+        "estimated poses": _elevation_map(drive, estimated, sweeps),
+        "estimated poses, attitude fixes": _elevation_map(drive, levelled, sweeps),
     }
     scores = {name: _scores(dem, drive.truth) for name, dem in results.items()}
     scores["estimated poses, map aligned"] = _scores(
@@ -79,9 +79,9 @@ def evaluate_drive(drive: LidarRun) -> dict[str, Scores]:
     return scores
 
 
-def _map(drive: LidarRun, poses: list[Sample], sweeps: list[Sample]) -> ElevationMap:
+def _elevation_map(drive: LidarRun, poses: list[Sample], sweeps: list[Sample]) -> ElevationMap:
     config = {**CONFIG, "range_sigma_m": drive.range_sigma_m}
-    return build_map(_in_time([*poses, *sweeps]), drive.drive.context, "Lidar", config)
+    return build_map(_in_time_order([*poses, *sweeps]), drive.drive.context, "Lidar", config)
 
 
 def _atlaas(drive: LidarRun, poses: list[Sample], sweeps: list[Sample]) -> ElevationMap:
@@ -104,7 +104,7 @@ def _atlaas(drive: LidarRun, poses: list[Sample], sweeps: list[Sample]) -> Eleva
             if output.port == "map" and output.value is not None:
                 atlaas_map.merge(output.value, drive.drive.truth(output.t1_ns)[:2, 3])
 
-    for sample in _in_time([*(_without_covariance(p) for p in poses), *sweeps]):
+    for sample in _in_time_order([*(_without_covariance(p) for p in poses), *sweeps]):
         merge_maps(node.step(sample))
     merge_maps(node.finish())
     return atlaas_map.to_map(EPOCH_NS)
@@ -121,7 +121,7 @@ def _without_covariance(pose: Sample) -> Sample:
     return Sample(pose.port, pose.stamp_ns, pose.seq, value)
 
 
-def _in_time(samples: list[Sample]) -> list[Sample]:
+def _in_time_order(samples: list[Sample]) -> list[Sample]:
     return sorted(samples, key=lambda s: (s.stamp_ns, s.port))
 
 
@@ -138,7 +138,7 @@ def _rms(values: list[float]) -> float:
 
 def _summary(rows: list[Scores], true_pose_rows: list[Scores]) -> dict[str, Any]:
     """Return the statistics over all drives; the RMSE ratio is relative to maps with true poses."""
-    inside = np.array([s["within_90_percent"] for s in rows])
+    within_90 = np.array([s["within_90_percent"] for s in rows])
     rmse_ratio = _rms([s["rmse_m"] for s in rows]) / _rms([s["rmse_m"] for s in true_pose_rows])
     return {
         "bias_m": error_summary([abs(s["bias_m"]) for s in rows], 5),
@@ -148,9 +148,9 @@ def _summary(rows: list[Scores], true_pose_rows: list[Scores]) -> dict[str, Any]
         "rmse_ratio": round(rmse_ratio, 3),
         "cells": error_summary([s["cells"] for s in rows], 0),
         "within_90_percent": {
-            "mean": round(float(inside.mean()), 4),
-            "min": round(float(inside.min()), 4),
-            "max": round(float(inside.max()), 4),
-            "standard_error": round(float(inside.std(ddof=1) / np.sqrt(len(inside))), 4),
+            "mean": round(float(within_90.mean()), 4),
+            "min": round(float(within_90.min()), 4),
+            "max": round(float(within_90.max()), 4),
+            "standard_error": round(float(within_90.std(ddof=1) / np.sqrt(len(within_90))), 4),
         },
     }

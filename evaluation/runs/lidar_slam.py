@@ -30,7 +30,7 @@ ROBOT = "mana"
 SEEDS = (20260901, 20260911)
 SEGMENTS_M = (10.0, 20.0, 50.0, 100.0, 200.0, 400.0)
 #: Drives up to this duration are simulated in this process, seconds.
-BRIEF_S = 20.0
+SINGLE_PROCESS_S = 20.0
 
 
 @dataclass(slots=True)
@@ -76,7 +76,7 @@ class Run:
         return Track("truth", track.stamps_ns, np.array([self.truth[int(t)] for t in track.stamps_ns]))
 
 
-def slam(scenario: Scenario, config: dict[str, Any] | None = None) -> LidarSlam:
+def make_lidar_slam(scenario: Scenario, config: dict[str, Any] | None = None) -> LidarSlam:
     """Return the DFPC with the mount of the lidar; default parameters unless ``config`` is given."""
     frames = FrameGraph()
     mount = UncertainTransform.exact(scenario.lidar.mount.matrix())
@@ -98,10 +98,10 @@ def drive(
 
     ``on_sweep`` is called after each sweep.
     """
-    run = Run(slam(scenario, slam_config))
+    run = Run(make_lidar_slam(scenario, slam_config))
     runner = Runner(run.node)
     ports = {f"/{ROBOT}/lidar.scan": "scan"} | ({f"/{ROBOT}/wheels.odometry": "odometry"} if wheels else {})
-    for entry, value in simulate(scenario, workers=int(scenario.duration_s > BRIEF_S)):
+    for entry, value in simulate(scenario, workers=int(scenario.duration_s > SINGLE_PROCESS_S)):
         if entry.stream == f"/{ROBOT}/wheels.odometry":
             run.wheels[entry.stamp_ns] = value.transform.matrix @ scenario.lidar.mount.matrix()
         if entry.stream == f"/{ROBOT}/truth.pose":

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Make the diagram and the tables of the page of lidar_slam from its results."""
+"""Diagram and tables of the page of lidar_slam."""
 
 from __future__ import annotations
 
@@ -22,8 +22,11 @@ def draw(figures: dict[str, Any]) -> bytes:
     """Return the diagram: true and estimated path of the first traverse, and the errors along it, as SVG."""
     first_traverse = next(v for k, v in figures["simulated"].items() if k.startswith("lidar_traverse, seed"))
     final = first_traverse["trajectory at the end"]["along"]
-    names = {"truth": "", "trajectory at the end": "estimated_"}
-    plan = {name: np.column_stack([final[f"{of}x_m"], final[f"{of}y_m"]]) for name, of in names.items()}
+    prefixes = {"truth": "", "trajectory at the end": "estimated_"}
+    plan = {
+        name: np.column_stack([final[f"{prefix}x_m"], final[f"{prefix}y_m"]])
+        for name, prefix in prefixes.items()
+    }
     curves = {"trajectory at the end": final, "odometry": first_traverse["odometry"]["along"]}
     errors = {name: np.column_stack([c["path_length_m"], c["error_m"]]) for name, c in curves.items()}
     return plan_and_errors(plan, ("x", "y"), errors).encode()
@@ -34,7 +37,9 @@ def table(figures: dict[str, Any]) -> str:
     rows = {k: v for k, v in figures["simulated"].items() if k.startswith("lidar_traverse, seed")}
     lines = list(_HEAD)
     for name, row in rows.items():
-        lines += [_errors(f"{name}, {row['path_length_m']:.0f} m", of, row[of]) for of in _OUTPUTS]
+        lines += [
+            _errors(f"{name}, {row['path_length_m']:.0f} m", output, row[output]) for output in _OUTPUTS
+        ]
     lines += ["", *(_traverse(name, row) for name, row in rows.items()), ""]
     lines += [*_loops(figures["simulated"]["loops"]), *_real(figures["real"]["kitti_velodyne"])]
     return "\n".join(lines) + "\n"
@@ -51,13 +56,13 @@ def peer_table(figures: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _errors(drive: str, what: str, row: dict[str, Any]) -> str:
+def _errors(drive: str, output: str, row: dict[str, Any]) -> str:
     drift = " / ".join(
         f"{row['drift_percent'][length]:.3f}" for length in _lengths(row["drift_percent"], 50, 100, 400)
     )
     nees = f"{row['nees']['mean']:.1f}" if row["nees"]["count"] else "–"
     ate_m, ate_percent = row["ate_rmse_m"], row["ate_percent_of_path"]
-    return f"| {drive} | {what} | {drift} % | {100.0 * ate_m:.1f} cm | {ate_percent:.4f} % | {nees} |"
+    return f"| {drive} | {output} | {drift} % | {100.0 * ate_m:.1f} cm | {ate_percent:.4f} % | {nees} |"
 
 
 def _lengths(drift: dict[Any, float], *lengths_m: int) -> list[Any]:
@@ -81,9 +86,9 @@ def _traverse(name: str, row: dict[str, Any]) -> str:
     )
 
 
-def _rate(rate: dict[str, Any], of: str = "degenerate") -> str:
+def _rate(rate: dict[str, Any]) -> str:
     low, high = rate["interval_95"]
-    return f"{rate[of]} of {rate['trials']} ({100.0 * low:.1f} to {100.0 * high:.1f} %)"
+    return f"{rate['degenerate']} of {rate['trials']} ({100.0 * low:.1f} to {100.0 * high:.1f} %)"
 
 
 def _loops(row: dict[str, Any]) -> list[str]:

@@ -45,12 +45,12 @@ def _blurred(pair: Pair, _: Pair) -> Pair:
     return left, right
 
 
-def _right_frozen(pair: Pair, before: Pair) -> Pair:
-    return pair[0], before[1]
+def _right_frozen(pair: Pair, previous: Pair) -> Pair:
+    return pair[0], previous[1]
 
 
-def _both_frozen(_: Pair, before: Pair) -> Pair:
-    return before
+def _both_frozen(_: Pair, previous: Pair) -> Pair:
+    return previous
 
 
 def _swapped(pair: Pair, _: Pair) -> Pair:
@@ -81,17 +81,19 @@ def gallery(progress: Callable[[str], None], folder: Path = PAGE_FOLDER) -> dict
     """Write ``visual_odometry_failures.jpg`` (the degraded left images, in order) and return the answers."""
     drive = traverse_runs(SCENARIO, None)[1][0]
     samples = drive.samples({"navcam.pair": "stereo"})
-    first = next(i for i in range(1, len(samples)) if _moved(samples[i - 1].value, samples[i].value))
-    samples = samples[first : first + _PAIRS]
+    first_moving = next(
+        i for i in range(1, len(samples)) if _has_moved(samples[i - 1].value, samples[i].value)
+    )
+    samples = samples[first_moving : first_moving + _PAIRS]
     T_base_left = drive.context.frames.lookup(f"{drive.robot}/base", f"{drive.robot}/navcam_left", 0).matrix
     truth = [drive.true_pose(s.stamp_ns) @ T_base_left for s in samples]
-    rows, pictures = [], []
+    rows, images = [], []
     for name, degrade in CASES.items():
         progress(f"visual odometry: {name}")
         pairs: list[FramePair] = [s.value for s in samples]
         pairs[_DEGRADED_INDEX] = _degraded(pairs[_DEGRADED_INDEX], pairs[_DEGRADED_INDEX - 1], degrade)
         rows.append({"case": name, **_run_case(pairs, samples, truth)})
-        pictures.append(np.array(pairs[_DEGRADED_INDEX].left.image))
+        images.append(np.array(pairs[_DEGRADED_INDEX].left.image))
     for name, gap in (("1 pair dropped", 1), ("3 pairs dropped", 3)):
         retained = [i for i in range(_PAIRS) if not _DEGRADED_INDEX - gap <= i < _DEGRADED_INDEX]
         retained_samples = [samples[i] for i in retained]
@@ -102,22 +104,26 @@ def gallery(progress: Callable[[str], None], folder: Path = PAGE_FOLDER) -> dict
             retained.index(_DEGRADED_INDEX),
         )
         rows.append({"case": name, **results})
-        pictures.append(np.array(samples[_DEGRADED_INDEX].value.left.image))
-    cv2.imwrite(
-        str(folder / "visual_odometry_failures.jpg"), _sheet(pictures), [cv2.IMWRITE_JPEG_QUALITY, 80]
-    )
-    return {"data": f"{SCENARIO}, {drive.robot}, pairs {first} to {first + _PAIRS - 1}", "cases": rows}
+        images.append(np.array(samples[_DEGRADED_INDEX].value.left.image))
+    cv2.imwrite(str(folder / "visual_odometry_failures.jpg"), _sheet(images), [cv2.IMWRITE_JPEG_QUALITY, 80])
+    return {
+        "data": f"{SCENARIO}, {drive.robot}, pairs {first_moving} to {first_moving + _PAIRS - 1}",
+        "cases": rows,
+    }
 
 
-def _moved(first: FramePair, second: FramePair) -> bool:
+def _has_moved(first: FramePair, second: FramePair) -> bool:
+    """Return whether two pairs differ by more than noise."""
     a, b = (np.asarray(p.left.image, np.float32) for p in (first, second))
     return float(np.abs(a - b).mean()) > 5.0
 
 
-def _degraded(pair: FramePair, before: FramePair, degrade: Callable[[Pair, Pair], Pair]) -> FramePair:
-    current_images, last = ((np.array(p.left.image), np.array(p.right.image)) for p in (pair, before))
+def _degraded(pair: FramePair, previous: FramePair, degrade: Callable[[Pair, Pair], Pair]) -> FramePair:
+    current_images, previous_images = (
+        (np.array(p.left.image), np.array(p.right.image)) for p in (pair, previous)
+    )
     return FramePair.from_images(
-        *degrade(current_images, last),
+        *degrade(current_images, previous_images),
         baseline_m=pair.baseline,
         camera_matrix=np.array(pair.left.camera_matrix),
         stamp_ns=pair.stamp_ns,
@@ -152,9 +158,9 @@ def _run_case(
     return row
 
 
-def _sheet(pictures: Sequence[Image], columns: int = 5) -> Image:
-    """Return the pictures, scaled to a third, as one image of several rows."""
-    small = [cv2.resize(p, None, fx=1 / 3, fy=1 / 3, interpolation=cv2.INTER_AREA) for p in pictures]
+def _sheet(images: Sequence[Image], columns: int = 5) -> Image:
+    """Return the images, scaled to a third, as one image of several rows."""
+    small = [cv2.resize(p, None, fx=1 / 3, fy=1 / 3, interpolation=cv2.INTER_AREA) for p in images]
     small = [cv2.copyMakeBorder(p, 2, 2, 2, 2, cv2.BORDER_CONSTANT, value=255) for p in small]
     blank = np.full_like(small[0], 255)
     small += [blank] * (-len(small) % columns)

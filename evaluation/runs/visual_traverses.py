@@ -46,22 +46,22 @@ def score_drive(drive: TraverseRun) -> dict[str, float]:
     odometry is started there.
     """
     images = drive.samples({"navcam.pair": "stereo"})
-    result = visual_odometry(drive, 0)
-    middle = next(i for i, p in enumerate(result) if p.header.t1_ns >= images[len(images) // 2].stamp_ns)
-    later = run(
+    products = visual_odometry(drive, 0)
+    middle = next(i for i, p in enumerate(products) if p.header.t1_ns >= images[len(images) // 2].stamp_ns)
+    second_half = run(
         "visual_odometry_sparse",
         drive.context,
-        [s for s in images if s.stamp_ns >= result[middle].header.t1_ns],
+        [s for s in images if s.stamp_ns >= products[middle].header.t1_ns],
     )
-    error_m, nees = path_error(drive, result)
+    error_m, nees = path_error(drive, products)
     return {
         "path_length_m": drive.path_length_m,
         "end_percent": 100.0 * error_m / drive.path_length_m,
         "nees": nees,
-        "first_half_nees": path_error(drive, result[: middle + 1])[1],
-        "second_half_nees": path_error(drive, later)[1],
-        "failed": float(len(images) - len(result)),
-        "degraded": float(sum(bool(p.header.quality.reasons) for p in result)),
+        "first_half_nees": path_error(drive, products[: middle + 1])[1],
+        "second_half_nees": path_error(drive, second_half)[1],
+        "failed": float(len(images) - len(products)),
+        "degraded": float(sum(bool(p.header.quality.reasons) for p in products)),
         "pairs": float(len(images)),
     }
 

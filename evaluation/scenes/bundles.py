@@ -34,9 +34,9 @@ for i, v in enumerate(z["lenses"]):
 cam, pt, px = z["cam"], z["pt"], z["px"]
 number = np.zeros(len(cam), int)
 for i, P in enumerate(z["poses"]):
-    mine = np.flatnonzero(cam == i)
-    number[mine] = np.arange(len(mine))
-    image = pycolmap.Image(name=str(i), keypoints=px[mine], camera_id=int(z["lens"][i]) + 1, image_id=i + 1)
+    rows = np.flatnonzero(cam == i)
+    number[rows] = np.arange(len(rows))
+    image = pycolmap.Image(name=str(i), keypoints=px[rows], camera_id=int(z["lens"][i]) + 1, image_id=i + 1)
     rec.add_image_with_trivial_frame(image, pycolmap.Rigid3d(P))
 order = np.argsort(pt, kind="stable")
 starts = np.searchsorted(pt[order], np.arange(len(z["points"]) + 1))
@@ -79,8 +79,9 @@ def ring(
     seed: int = 0,
     free: int = 0,
 ) -> tuple[BundleProblem, Float, Float]:
-    """Return a ring of cameras around points, with errors of 0.1 m and 0.6 degrees; the true poses and
-    points.
+    """Return a ring of cameras around points, with errors of 0.1 m and 0.6 degrees, and the true values.
+
+    The true values are the poses (cameras, 4, 4) and points (points, 3).
     """
     rng = np.random.default_rng(seed)
     X = rng.uniform([-10, -10, -3], [10, 10, 3], (points, 3))
@@ -148,7 +149,7 @@ def solve_with_ceres(
     )
     T = np.tile(np.eye(4), (len(result["poses"]), 1, 1))
     T[:, :3] = result["poses"]
-    adjusted = _with(problem, se3.inverse(T), result["lenses"], result["points"])
+    adjusted = _with_values(problem, se3.inverse(T), result["lenses"], result["points"])
     return adjusted, float(result["cpu"]), float(result["covariance_cpu"])
 
 
@@ -172,7 +173,7 @@ def solve_with_gtsam(problem: BundleProblem, tolerance: float) -> tuple[BundlePr
     for i, lens in enumerate(problem.lenses.values):
         k = result.atCal3Bundler(_key("k", i))
         lenses.append([k.fx(), lens[2], lens[3], k.k1(), k.k2()])
-    return _with(problem, poses, np.array(lenses), points), cpu
+    return _with_values(problem, poses, np.array(lenses), points), cpu
 
 
 def gtsam_covariances(problem: BundleProblem) -> tuple[Float, float]:
@@ -202,9 +203,9 @@ def gtsam_graph(problem: BundleProblem, *, is_fixed: bool = True) -> Any:
         graph.add(gtsam.GeneralSFMFactor2Cal3Bundler(uv, noise, _key("x", i), _key("p", p), _key("k", lens)))
     if not problem.lenses.free.any():
         # GTSAM's factor requires the lens as a variable; a tight prior fixes it.
-        tight = gtsam.noiseModel.Isotropic.Sigma(3, 1e-8)
+        tight_noise = gtsam.noiseModel.Isotropic.Sigma(3, 1e-8)
         for i, lens in enumerate(problem.lenses.values):
-            graph.add(gtsam.PriorFactorCal3Bundler(_key("k", i), _calibration(lens), tight))
+            graph.add(gtsam.PriorFactorCal3Bundler(_key("k", i), _calibration(lens), tight_noise))
     if is_fixed:
         # Without fixed cameras a weak prior on the first camera fixes the gauge without changing the cost.
         fixed = np.flatnonzero(cameras.fixed)
@@ -243,7 +244,7 @@ def _key(kind: str, row: int) -> Any:
     return gtsam.symbol(kind, row)
 
 
-def _with(problem: BundleProblem, matrices: Float, lenses: Float, points: Float) -> BundleProblem:
+def _with_values(problem: BundleProblem, matrices: Float, lenses: Float, points: Float) -> BundleProblem:
     c, p = problem.cameras, problem.points
     values = problem.lenses.values.copy()
     values[:, 0] = values[:, 1] = lenses[:, 0]

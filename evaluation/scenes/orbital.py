@@ -18,9 +18,11 @@ from cdff_common.raster import GridGeometry
 from cdff_common.types import ElevationMap, TransformWithCovariance
 from cdff_dev.simulate.relief import crater_profile, fractal_tile, power_law_sizes
 
+#: Edge of the terrain, and cell sizes of the terrain and of the orbital model.
 EDGE_M, FINE_M, ORBITAL_M = 192.0, 0.2, 1.0
 #: Standard deviation and correlation length of the errors of orbital heights, metres.
 ORBITAL_NOISE_M, ORBITAL_CORRELATED_M = 0.15, 1.5
+#: Noise of the rover's heights, its range of view, and the path length between patches.
 ROVER_NOISE_M, VIEW_M, PATCH_M = 0.02, 8.0, 5.0
 #: Standard deviation of the drift: position per path length, and rotation per metre.
 DRIFT, DRIFT_RAD_PER_M = 0.02, np.radians(0.05)
@@ -89,55 +91,57 @@ class PatchRun:
         heading = rng.uniform(-np.pi, np.pi) + np.cumsum(rng.normal(0.0, 0.15, steps + 1))
         xy = np.cumsum(PATCH_M * np.column_stack([np.cos(heading), np.sin(heading)]), axis=0)
         xy += rng.uniform(-25.0, 25.0, 2) - xy.mean(axis=0)
-        true = np.stack([_upright(h, *p, z) for h, p, z in zip(heading, xy, ground.at(xy), strict=True)])
+        true_poses = np.stack(
+            [_upright(h, *p, z) for h, p, z in zip(heading, xy, ground.at(xy), strict=True)]
+        )
         T_error = _upright(np.radians(rng.normal(0.0, PRIOR_DEG)), 0.0, 0.0, rng.normal(0.0, 1.0))
         T_error[:2, 3] = rng.uniform(-PRIOR_M, PRIOR_M, 2) + xy[0] - T_error[:2, :2] @ xy[0]
-        believed = [T_error @ true[0]]
-        for before, after in itertools.pairwise(true):
+        estimated = [T_error @ true_poses[0]]
+        for T_previous, T in itertools.pairwise(true_poses):
             slip = _upright(
                 rng.normal(0.0, DRIFT_RAD_PER_M * PATCH_M),
                 *rng.normal(0.0, DRIFT * PATCH_M, 2),
                 rng.normal(0.0, 0.01),
             )
-            believed.append(believed[-1] @ se3.inverse(before) @ after @ slip)
-        return cls(true, np.stack(believed))
+            estimated.append(estimated[-1] @ se3.inverse(T_previous) @ T @ slip)
+        return cls(true_poses, np.stack(estimated))
 
     def samples(self, ground: Ground, seed: int, robot: str = "mana") -> Iterator[Sample]:
         """Yield each estimated pose, then its patch: half of the terrain within ``VIEW_M``, with noise."""
         rng = np.random.default_rng([seed, 10])
         variances = [PRIOR_M**2 / 3.0, PRIOR_M**2 / 3.0, 1.0, 1e-5, 1e-5, np.radians(PRIOR_DEG) ** 2]
-        for i, (true, believed) in enumerate(zip(self.true_poses, self.estimated_poses, strict=True)):
+        for i, (T_true, T_estimated) in enumerate(zip(self.true_poses, self.estimated_poses, strict=True)):
             stamp_ns = (i + 1) * 10_000_000_000
             yield Sample(
                 "poses",
                 stamp_ns,
                 i,
                 TransformWithCovariance.from_transform(
-                    UncertainTransform(believed, np.diag(variances)),
+                    UncertainTransform(T_estimated, np.diag(variances)),
                     parent="site",
                     child=f"{robot}/base",
                     stamp_ns=stamp_ns,
                 ),
             )
-            yield Sample("dem", stamp_ns, i, patch(ground, true, believed, stamp_ns, rng))
+            yield Sample("dem", stamp_ns, i, patch(ground, T_true, T_estimated, stamp_ns, rng))
 
 
 def patch(
-    ground: Ground, true: FloatArray, believed: FloatArray, t_ns: int, rng: np.random.Generator
+    ground: Ground, T_true: FloatArray, T_estimated: FloatArray, t_ns: int, rng: np.random.Generator
 ) -> ElevationMap:
-    """Return the patch observed at pose ``true`` (T_site_base) in 9 s, located at the estimated pose."""
-    x, y = believed[:2, 3]
+    """Return the patch observed at the true ``T_site_base`` during 9 s, located at the estimated pose."""
+    x, y = T_estimated[:2, 3]
     geometry = GridGeometry.aligned("site", FINE_M, (x - VIEW_M, y - VIEW_M, x + VIEW_M, y + VIEW_M))
     gx, gy = geometry.centres_m()
-    offsets = np.column_stack([gx.ravel(), gy.ravel()]) - believed[:2, 3]
+    offsets = np.column_stack([gx.ravel(), gy.ravel()]) - T_estimated[:2, 3]
     # Rocks and folds hide half of the ground.
     hidden = gaussian_filter(rng.normal(size=geometry.shape), 2.0) > 0.0
     observed = (np.hypot(*offsets.T) <= VIEW_M).reshape(geometry.shape) & ~hidden
-    xy = offsets @ believed[:2, :2] @ true[:2, :2].T + true[:2, 3]
+    xy = offsets @ T_estimated[:2, :2] @ T_true[:2, :2].T + T_true[:2, 3]
     z = (
         ground.at(xy).reshape(geometry.shape)
-        - true[2, 3]
-        + believed[2, 3]
+        - T_true[2, 3]
+        + T_estimated[2, 3]
         + rng.normal(0.0, ROVER_NOISE_M, observed.shape)
     )
     layers = {

@@ -114,9 +114,11 @@ def window_pair(
         Source (relative to its centre), target, and T_target_source.
     """
     rng = np.random.default_rng([seed, round(100 * overlap), other_terrain])
-    shift = WINDOW_M * (1.0 - overlap) if overlap > 0.0 else 1.2 * WINDOW_M
+    distance_m = WINDOW_M * (1.0 - overlap) if overlap > 0.0 else 1.2 * WINDOW_M
     a = terrain(seed).window(rng, 1.0, 5.0)
-    b = terrain(seed + 1 if other_terrain else seed).window(rng, 1.0 + shift, 25.0 if other_terrain else 5.0)
+    b = terrain(seed + 1 if other_terrain else seed).window(
+        rng, 1.0 + distance_m, 25.0 if other_terrain else 5.0
+    )
     centre = a.mean(axis=0)
     R = se3.exp_so3(np.radians(rng.normal(0, 5.0, 3))) @ se3.exp_so3(
         np.array([0, 0, rng.uniform(-np.pi, np.pi)])
@@ -143,12 +145,12 @@ def scan_pair(seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     xy = rng.uniform(55.0, 65.0, 2)
     heading, tilt = rng.uniform(-np.pi, np.pi), np.radians(rng.normal(0, 2.0, 2))
     R = se3.exp_so3(np.array([0, 0, heading])) @ se3.exp_so3(np.array([*tilt, 0.0]))
-    first = se3.transform(R, [*xy, ground.height(xy[None])[0] + SENSOR_M])
+    T_terrain_scene = se3.transform(R, [*xy, ground.height(xy[None])[0] + SENSOR_M])
     axis = rng.normal(size=3)
     rotation_rad = np.radians(rng.uniform(0.5, 4.0)) * axis / np.linalg.norm(axis)
     distance_m, bearing = rng.uniform(0.3, 1.1), rng.uniform(-np.pi, np.pi)
-    step = se3.transform(
+    T_scene_model = se3.transform(
         se3.exp_so3(rotation_rad),
         [distance_m * np.cos(bearing), distance_m * np.sin(bearing), rng.normal(0, 0.02)],
     )
-    return ground.scan(rng, first), ground.scan(rng, first @ step), step
+    return ground.scan(rng, T_terrain_scene), ground.scan(rng, T_terrain_scene @ T_scene_model), T_scene_model

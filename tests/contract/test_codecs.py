@@ -25,7 +25,9 @@ def test_random_messages_survive_a_round_trip(name: str, codec: str, rng: np.ran
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_our_uper_and_asn1tools_uper_are_interchangeable(name: str, rng: np.random.Generator) -> None:
+def test_uper_messages_are_interchangeable_with_those_of_asn1tools(
+    name: str, rng: np.random.Generator
+) -> None:
     for _ in range(3):
         value = random_message(name, rng)
         assert reference.decode(name, uper.encode(value, name), "uper") == value
@@ -33,14 +35,16 @@ def test_our_uper_and_asn1tools_uper_are_interchangeable(name: str, rng: np.rand
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_the_plain_form_holds_only_plain_data(name: str, rng: np.random.Generator) -> None:
-    def check(obj: object) -> None:
+def test_the_dict_form_contains_builtin_types_only_and_survives_a_round_trip(
+    name: str, rng: np.random.Generator
+) -> None:
+    def check_builtin_types(obj: object) -> None:
         assert type(obj) in (dict, list, str, bytes, int, float, bool)
         for item in obj.values() if isinstance(obj, dict) else obj if isinstance(obj, list) else ():
-            check(item)
+            check_builtin_types(item)
 
     value = random_message(name, rng)
-    check(to_dict_form(value))
+    check_builtin_types(to_dict_form(value))
     assert from_dict_form(name, to_dict_form(value)) == value
 
 
@@ -76,7 +80,7 @@ def test_random_bytes_are_decoded_or_refused(name: str, codec: str, data: bytes)
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_encoded_sizes_equal_those_of_the_reference_encoder(name: str, rng: np.random.Generator) -> None:
+def test_encoded_sizes_lie_within_the_computed_bounds(name: str, rng: np.random.Generator) -> None:
     min_bytes, max_bytes = sizes.uper_bytes(name)
     for _ in range(3):
         assert min_bytes <= len(encode(random_message(name, rng), "uper", name)) <= max_bytes

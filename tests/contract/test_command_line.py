@@ -47,5 +47,5 @@ check demo dfn dfpc doctor dpm generate log new orchestrator replay request run 
 
 
 @pytest.mark.parametrize("noun", NOUNS.split())
-def test_every_command_of_the_contract_exists(noun: str) -> None:
+def test_every_command_of_the_public_interface_exists(noun: str) -> None:
     assert cli.main([noun, "--help"]) == 0

@@ -75,6 +75,7 @@ def test_configuration_of_a_dfn_is_frozen_and_described_with_bounds(name: str, i
 
 
 def fitting_array(port: Port) -> np.ndarray[Any, Any]:
+    """Return an array of ones that fits the type of a port; free sizes are 2."""
     match = ARRAY_TYPE.match(port.type)
     assert match is not None
     shape = [int(size) if size.isdigit() else 2 for size in match["shape"].split(",")]
@@ -82,7 +83,7 @@ def fitting_array(port: Port) -> np.ndarray[Any, Any]:
 
 
 @pytest.mark.parametrize("name", sorted(REGISTRY.dfns))
-def test_an_array_of_another_shape_and_none_are_refused_with_the_name_of_the_port(name: str) -> None:
+def test_a_wrong_shape_or_none_at_an_array_port_is_refused_with_the_name_of_the_port(name: str) -> None:
     ports = REGISTRY.dfn(name).input_ports
     inputs = REGISTRY.dfns[name].load("interface", "Inputs")
     arrays = {p.attribute: fitting_array(p) for p in ports if ARRAY_TYPE.match(p.type)}
@@ -125,7 +126,7 @@ def test_dfpc_stores_the_items_that_its_description_lists(name: str) -> None:
 
 
 @pytest.mark.req("CDFF-CORE-041")
-def test_the_description_of_the_papers_fig_3_loads_and_the_shipped_dfn_extends_it() -> None:
+def test_the_description_in_figure_3_of_the_paper_loads_and_that_of_laser_filter_extends_it() -> None:
     fig3 = read_dfn_description(ROOT / "tests" / "data" / "fig3_laser_filter.yaml")
     shipped = REGISTRY.dfn("LaserFilter")
     for field in fig3.model_fields_set:

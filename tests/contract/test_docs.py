@@ -22,16 +22,16 @@ def test_every_link_inside_the_tree_has_a_target(page: Path) -> None:
 
 def test_every_page_is_linked_from_the_index() -> None:
     docs = ROOT / "docs"
-    seen: set[Path] = set()
+    linked_pages: set[Path] = set()
     queue = [docs / "index.md"]
     while queue:
         page = queue.pop()
-        if page in seen or page.suffix != ".md" or not page.is_file():
+        if page in linked_pages or page.suffix != ".md" or not page.is_file():
             continue
-        seen.add(page)
+        linked_pages.add(page)
         links = _LINK.findall(page.read_text(encoding="utf-8"))
         queue += [(page.parent / link.split("#")[0]).resolve() for link in links if "://" not in link]
-    assert sorted(p.relative_to(docs).as_posix() for p in docs.rglob("*.md") if p not in seen) == []
+    assert sorted(p.relative_to(docs).as_posix() for p in docs.rglob("*.md") if p not in linked_pages) == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())

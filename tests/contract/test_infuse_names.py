@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Every InFuse name of a DFN or implementation resolves as the table of the page states."""
+"""Every InFuse name of a DFN or implementation resolves as the table of ``infuse-names.md`` states."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ ROWS = [
     for line in PAGE.read_text(encoding="utf-8").splitlines()
     if line.startswith("| `")
 ]
-#: InFuse DFN and its folder here.
+#: Name of each InFuse DFN, and folder of its counterpart in this project or None.
 TYPES = [(row[0].strip("`"), row[1].split("`")[1] if "`" in row[1] else None) for row in ROWS]
-#: InFuse DFN and implementation, folder here, class here or "".
+#: InFuse DFN, InFuse implementation, folder in this project, class in this project or "".
 IMPLEMENTATIONS = [
     (row[0].strip("`"), name, *target.partition("/")[::2])
     for row in ROWS
     for name, target in re.findall(r"`(\w+)`: `([\w/]+)`", row[2])
 ]
-#: The fourth column lists the missing names before a colon and the reason after it.
+#: InFuse implementations without counterpart; the fourth column lists names, a colon, and the reason.
 ABSENT = [
     name
     for row in ROWS
@@ -63,8 +63,8 @@ def test_every_implementation_of_infuse_has_its_counterpart(
     in_its_own_dfn = dict(TYPES)[dfn] == folder
     node = registry.make_dfn(dfn, name) if in_its_own_dfn else registry.make_dfn(name)
     node.configure()
-    result = (registry.dfn(dfn) if in_its_own_dfn else registry.dfn(name)).folder
-    assert (result, type(node).__name__ if implementation else "") == (folder, implementation)
+    resolved_folder = (registry.dfn(dfn) if in_its_own_dfn else registry.dfn(name)).folder
+    assert (resolved_folder, type(node).__name__ if implementation else "") == (folder, implementation)
 
 
 @pytest.mark.parametrize("name", ABSENT)
@@ -72,8 +72,8 @@ def test_names_listed_as_missing_are_missing(name: str) -> None:
     registry = Registry.default()
     names = {
         n
-        for result in registry.dfns.values()
-        for n in (*result.description.implementations, result.description.name)
+        for package in registry.dfns.values()
+        for n in (*package.description.implementations, package.description.name)
     }
     assert name not in names
     with pytest.raises(ConfigurationError):

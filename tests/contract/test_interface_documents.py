@@ -18,6 +18,7 @@ ICU = (DOCS / "icu-interface.md").read_text(encoding="utf-8")
 
 
 def edges(text: str) -> set[tuple[str, str]]:
+    """Return the edges (from, to) of a Mermaid state diagram."""
     return set(re.findall(r"^ +(\w+) --> (\w+)", text, re.MULTILINE))
 
 
@@ -36,4 +37,4 @@ def test_every_error_code_is_documented() -> None:
 
 
 def test_the_diagram_of_sensor_modes_matches_the_transition_table() -> None:
-    assert edges(ICU) == {(state, to) for (state, _), to in MODE_TRANSITIONS.items()}
+    assert edges(ICU) == {(state, next_state) for (state, _), next_state in MODE_TRANSITIONS.items()}

@@ -15,7 +15,7 @@ from cdff_common.codecs import decode, encode
 from cdff_common.errors import CodecError
 from cdff_common.types import schema_table
 
-#: Without the ASN.1 CHOICE types, which are only sent as a field of another type.
+#: Message classes, without the ASN.1 CHOICE types, which are sent only as a field of another type.
 MESSAGES = [
     c for n in types.__all__ if getattr(c := getattr(types, n), "ASN1_NAME", "") in schema_table.MESSAGES
 ]
@@ -47,7 +47,7 @@ def test_the_default_value_survives_encoding_and_decoding(message: Any, codec: s
 @pytest.mark.parametrize(
     "message", [m for m in MESSAGES if m.__name__ in ("Pointcloud", "Frame", "TransformWithCovariance")]
 )
-def test_malformed_bytes_are_refused_by_name(message: Any, codec: str) -> None:
+def test_truncated_bytes_are_refused_with_the_name_of_the_type(message: Any, codec: str) -> None:
     data = encode(message(), codec)
     with pytest.raises(CodecError, match=message.ASN1_NAME):
         decode(message.ASN1_NAME, data[: len(data) // 2], codec)

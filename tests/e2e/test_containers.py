@@ -38,7 +38,7 @@ def compose_command() -> list[str]:
     return ["docker-compose"]
 
 
-class Composed:
+class ComposeProject:
     """The system in containers, with the ports of its router and its HTTP server on loopback."""
 
     def __init__(self) -> None:
@@ -80,22 +80,22 @@ class Composed:
 
 
 @pytest.fixture(scope="module")
-def composed() -> Iterator[Composed]:
-    compose = Composed()
+def composed() -> Iterator[ComposeProject]:
+    compose = ComposeProject()
     compose("build")
     compose("up", "-d")
     yield compose
     compose("down", "-v")
 
 
-def wait_until(condition: Callable[[], object], timeout_s: float, what: str) -> None:
+def wait_until(condition: Callable[[], object], timeout_s: float, description: str) -> None:
     deadline_s = time.monotonic() + timeout_s
     while not condition():
-        assert time.monotonic() < deadline_s, f"{what}: not within {timeout_s:g} s"
+        assert time.monotonic() < deadline_s, f"{description}: not within {timeout_s:g} s"
         time.sleep(0.5)
 
 
-def test_the_operator_container_receives_every_answer(composed: Composed) -> None:
+def test_the_operator_container_receives_every_answer(composed: ComposeProject) -> None:
     wait_until(
         lambda: composed.inspect("operator", "{{.State.Status}}") == "exited", 1200, "the operator ends"
     )
@@ -104,7 +104,7 @@ def test_the_operator_container_receives_every_answer(composed: Composed) -> Non
     assert "8 of 8 requests were answered as asked" in logs
 
 
-def test_every_service_with_a_health_check_is_healthy(composed: Composed) -> None:
+def test_every_service_with_a_health_check_is_healthy(composed: ComposeProject) -> None:
     services = [s for s in composed("config", "--services").split() if s not in {"player", "operator"}]
     for service in services:
         wait_until(
@@ -112,14 +112,14 @@ def test_every_service_with_a_health_check_is_healthy(composed: Composed) -> Non
         )
 
 
-def test_http_and_product_requests_work_from_outside(composed: Composed) -> None:
+def test_http_and_product_requests_work_from_outside(composed: ComposeProject) -> None:
     assert {robot["id"] for robot in composed.get("/api/v1/robots")["items"]} >= {"mana", "minnie"}  # type: ignore[index,call-overload]
     with Client(composed.endpoint) as client:
         assert client.request("pose", robot="mana").header.child == "mana/base"
         assert client.request("dem", robot="mana", resolution_m=0.2).value.geometry.frame == "site"
 
 
-def test_ports_are_published_on_loopback_only(composed: Composed) -> None:
+def test_ports_are_published_on_loopback_only(composed: ComposeProject) -> None:
     for service in ("router", "dpm"):
         bindings = json.loads(composed.inspect(service, "{{json .NetworkSettings.Ports}}"))
         assert {b["HostIp"] for published in bindings.values() if published for b in published} == {
@@ -127,7 +127,7 @@ def test_ports_are_published_on_loopback_only(composed: Composed) -> None:
         }
 
 
-def test_a_killed_service_is_restarted_and_products_survive(composed: Composed) -> None:
+def test_a_killed_service_is_restarted_and_products_survive(composed: ComposeProject) -> None:
     count_before = composed.get("/api/v1/status")["products"]  # type: ignore[index,call-overload]
     pid = composed.inspect("dpm", "{{.State.Pid}}")
     os.kill(int(pid), 9)
@@ -143,7 +143,7 @@ def test_a_killed_service_is_restarted_and_products_survive(composed: Composed) 
 
 
 @pytest.mark.parametrize("service", ["router", "dpm", "orchestrator", "icu"])
-def test_light_images_contain_no_algorithm_libraries(composed: Composed, service: str) -> None:
+def test_light_images_contain_no_algorithm_libraries(composed: ComposeProject, service: str) -> None:
     code = "import importlib.util as u; print(any(u.find_spec(m) for m in ('open3d', 'cv2', 'cdff_dev')))"
     command = ["docker", "exec", composed.container(service), "python", "-c", code]
     result = subprocess.run(command, capture_output=True, text=True, check=True)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff demo`` as a user runs it."""
+"""``cdff demo`` in a process of its own."""
 
 from __future__ import annotations
 

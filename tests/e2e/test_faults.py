@@ -27,30 +27,30 @@ PARAMETERS = {"robot": "mana", "region": "near:mana/base,3", "max_age_s": MAX_AG
 
 
 class PendingRequest(threading.Thread):
-    """A request that waits in a thread for its answer or error, with its duration ``took_s``."""
+    """A request that waits in a thread for its answer or error, with its duration ``duration_s``."""
 
     def __init__(self, endpoint: str, product: str, **parameters: Any) -> None:
         super().__init__(daemon=True)
         self._endpoint, self._product, self._parameters = endpoint, product, parameters
-        self.patches: Any = None
-        self.took_s = 0.0
+        self.outcome: Any = None
+        self.duration_s = 0.0
         self.start()
 
     def run(self) -> None:
-        begin_s = time.monotonic()
+        start_s = time.monotonic()
         try:
             with Client(self._endpoint) as client:
-                self.patches = client.request(self._product, deadline_s=DEADLINE_S, **self._parameters)
+                self.outcome = client.request(self._product, deadline_s=DEADLINE_S, **self._parameters)
         except CdffError as error:
-            self.patches = error
-        self.took_s = time.monotonic() - begin_s
+            self.outcome = error
+        self.duration_s = time.monotonic() - start_s
 
-    def finished(self) -> Any:
+    def wait_for_outcome(self) -> Any:
         """Return the answer or the typed error; fail if neither has arrived at the deadline."""
         self.join(DEADLINE_S + 3.0)
         assert not self.is_alive(), "no final answer at the deadline"
-        assert self.took_s <= DEADLINE_S + 0.5, f"the final answer came after {self.took_s:.1f} s"
-        return self.patches
+        assert self.duration_s <= DEADLINE_S + 0.5, f"the final answer arrived after {self.duration_s:.1f} s"
+        return self.outcome
 
 
 def kill_and_await_restart(stage: Stage, bus: Bus, process: str, token: str) -> None:
@@ -62,7 +62,7 @@ def kill_and_await_restart(stage: Stage, bus: Bus, process: str, token: str) -> 
     def has_restarted() -> bool:
         try:
             return process_of(stage, process).pid != killed_process.pid and token in bus.alive(token)
-        except AssertionError:  # not started again yet
+        except AssertionError:  # the supervisor has not restarted it yet
             return False
 
     while not has_restarted():
@@ -90,12 +90,12 @@ def test_a_killed_service_restarts_and_the_waiting_request_gets_its_final_reply(
         stage.wait_ready(bus)
         request = waiting_request(bus, endpoint)
         kill_and_await_restart(stage, bus, process, keys.alive(scope, service))
-        patches = request.finished()
-        if isinstance(patches, CdffError):
-            assert isinstance(patches, UnavailableError), repr(patches)
-            assert str(patches)
+        outcome = request.wait_for_outcome()
+        if isinstance(outcome, CdffError):
+            assert isinstance(outcome, UnavailableError), repr(outcome)
+            assert str(outcome)
         else:
-            assert patches.value.geometry.frame == "site"
+            assert outcome.value.geometry.frame == "site"
         stage.wait_ready(bus)
         with Client(endpoint) as client:
             assert client.request("pose", robot="mana", deadline_s=DEADLINE_S).header.child == "mana/base"
@@ -122,5 +122,5 @@ def waiting_request(bus: Bus, endpoint: str) -> PendingRequest:
                 if any(job["state"] in {"preparing", "waiting"} for job in client.jobs(limit=3)):
                     return request
                 time.sleep(0.02)
-        request.finished()
+        request.wait_for_outcome()
     raise AssertionError("five requests in a row were answered at once")

@@ -68,8 +68,8 @@ def test_the_pose_of_the_mast_head_follows_from_its_joints(stage: Stage, endpoin
             expected = T_base_head(pan, tilt)
 
             def has_expected_pose(expected: NDArray[np.float64] = expected) -> bool:
-                result = pose_of(client, "mana/base", "mana/head")
-                return result is not None and bool(np.allclose(result, expected, atol=1e-6))
+                T = pose_of(client, "mana/base", "mana/head")
+                return T is not None and bool(np.allclose(T, expected, atol=1e-6))
 
             wait_until(has_expected_pose, 20.0, f"the head at {pan}, {tilt}")
             head = call_operation(endpoint, "get_pose", "parent=site", "child=mana/head")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A mission as a user runs it: a rover leaves its base, drives by its own maps, and returns."""
+"""``cdff mission``: a rover leaves its base, drives with guidance on its own maps, and returns."""
 
 from __future__ import annotations
 

@@ -29,8 +29,8 @@ def command_lines() -> list[str]:
 
 def snippet() -> str:
     """Return the tutorial's Python block."""
-    (result,) = re.findall(r"^```python\n(.*?)^```", TUTORIAL.read_text(encoding="utf-8"), re.M | re.S)
-    return str(result)
+    (block,) = re.findall(r"^```python\n(.*?)^```", TUTORIAL.read_text(encoding="utf-8"), re.M | re.S)
+    return str(block)
 
 
 @pytest.mark.parametrize("line", command_lines())

@@ -37,7 +37,7 @@ pytestmark = [pytest.mark.e2e, pytest.mark.slow, pytest.mark.timeout(400)]
 PROFILE = deploy_folder() / "profiles" / "two_rovers.yaml"
 SHARING = load_script(deploy_folder() / "demo" / "two_rovers.yaml").sharing
 assert SHARING is not None
-#: Mission time: mana loses contact, its mapping is killed, contact is restored, the drive is over.
+#: Mission times at which mana loses contact, its mapping is killed, contact is restored, the drive ends.
 CUT_S, MAPPING_KILLED_S, RESTORED_S, END_S = 12.0, 18.0, 28.0, 47.0
 
 
@@ -70,31 +70,33 @@ def system(profile: Profile, tmp_path: Path) -> Iterator[System]:
         link = stack.enter_context(Relay(("127.0.0.1", port)))
         uplink = f"tcp/127.0.0.1:{link.port}"
         stages = []
-        for endpoint, scopes, up in (
+        for endpoint, scopes, stage_uplink in (
             (ground_endpoint, ("ground", "minnie"), ""),
             (mana_endpoint, ("mana",), uplink),
         ):
             http = f"127.0.0.1:{free_port()}"
-            stage = Stage(profile, PROFILE, endpoint, http, tmp_path / scopes[0], scopes=scopes, uplink=up)
+            stage = Stage(
+                profile, PROFILE, endpoint, http, tmp_path / scopes[0], scopes=scopes, uplink=stage_uplink
+            )
             stages.append(stack.enter_context(stage))
         buses = [
-            stack.enter_context(Bus.open(end, name="test", wait_s=20))
-            for end in (ground_endpoint, mana_endpoint)
+            stack.enter_context(Bus.open(endpoint, name="test", wait_s=20))
+            for endpoint in (ground_endpoint, mana_endpoint)
         ]
         for stage in stages:
             stage.wait_ready(buses[0])
         yield System(*stages, link, *buses)
 
 
-def wait_until(condition: Callable[[], bool], what: str, deadline_s: float = 180.0) -> None:
-    end_s = time.monotonic() + deadline_s
+def wait_until(condition: Callable[[], bool], description: str, timeout_s: float = 180.0) -> None:
+    end_s = time.monotonic() + timeout_s
     while not condition():
-        assert time.monotonic() < end_s, f"not within {deadline_s:g} s: {what}"
+        assert time.monotonic() < end_s, f"not within {timeout_s:g} s: {description}"
         time.sleep(0.05)
 
 
-def wait_for_mission_time(clock: MissionClock, begin_ns: int, seconds: float) -> None:
-    wait_until(lambda: clock.now_ns() >= begin_ns + seconds * NS_PER_S, f"mission time {seconds:g} s")
+def wait_for_mission_time(clock: MissionClock, start_ns: int, seconds: float) -> None:
+    wait_until(lambda: clock.now_ns() >= start_ns + seconds * NS_PER_S, f"mission time {seconds:g} s")
 
 
 def is_active(bus: Bus, robot: str, dfpc: str) -> bool:
@@ -105,17 +107,17 @@ def is_active(bus: Bus, robot: str, dfpc: str) -> bool:
 
 
 def is_active_or_player_held(bus: Bus, robot: str, dfpc: str, now_ns: int) -> bool:
-    """Return True if a DFPC is active; otherwise publish a backlog for it, so that the player pauses.
+    """Return whether a DFPC is active; publish a backlog while it is not, so that the player pauses.
 
     Without the pause, a process on a busy machine may take as long to start as the whole drive.
     """
-    active = is_active(bus, robot, dfpc)
-    status = {"state": "inactive" if active else "active", "oldest_ns": now_ns}
+    has_started = is_active(bus, robot, dfpc)
+    status = {"state": "inactive" if has_started else "active", "oldest_ns": now_ns}
     bus.publish(keys.dfpc_status(robot, f"{dfpc}_awaited"), pack(status))
-    return active
+    return has_started
 
 
-def revisions(bus: Bus, frame: str) -> int:
+def revision_count(bus: Bus, frame: str) -> int:
     parameters = {"frame": frame}
     return len(bus.call(keys.dpm_rpc(keys.GROUND, "frames"), parameters, timeout_s=60).body()["revisions"])
 
@@ -162,7 +164,7 @@ def test_two_rovers_share_one_map_despite_killed_processes_and_lost_contact(
     ground.play(str(log), 1.0, via={"mana": system.mana.connect})
     clock, start_ns = wait_for_clock(bus, ground.check_running)
     wait_for_mission_time(clock, start_ns, 3.0)
-    process_of(system.mana, "mana_slam").send_signal(signal.SIGKILL)  # before its first keyframe is complete
+    process_of(system.mana, "mana_slam").send_signal(signal.SIGKILL)  # before the first keyframe
     wait_for_mission_time(clock, start_ns, 6.0)
     process_of(ground, "minnie_slam").send_signal(signal.SIGKILL)  # the rover keeps driving
     wait_for_mission_time(clock, start_ns, 8.0)
@@ -180,16 +182,15 @@ def test_two_rovers_share_one_map_despite_killed_processes_and_lost_contact(
     wait_for_mission_time(clock, start_ns, CUT_S)
     system.link.cut()
     wait_for_mission_time(clock, start_ns, MAPPING_KILLED_S)
-    process_of(system.mana, "mana_mapping").send_signal(
-        signal.SIGKILL
-    )  # only its supervisor can notice and restart it
+    # Without contact, only the supervisor of mana can restart its mapping.
+    process_of(system.mana, "mana_mapping").send_signal(signal.SIGKILL)
     wait_for_mission_time(clock, start_ns, RESTORED_S)
     no_contact_ns = [start_ns + round(t * NS_PER_S) for t in (CUT_S + 1.0, RESTORED_S)]
-    made_without_contact = {
+    ids_without_contact = {
         id_ for id_, stamp_ns in products.stamps_ns.items() if no_contact_ns[0] <= stamp_ns < no_contact_ns[1]
     }
-    assert len(made_without_contact) > 20  # mana keeps mapping
-    assert not stored_ids(bus, "mana") & made_without_contact
+    assert len(ids_without_contact) > 20  # mana keeps mapping
+    assert not stored_ids(bus, "mana") & ids_without_contact
     assert dfpc_status(system.mana_bus, "lidar_slam")["outbox_pending"] > 20
     wait_until(
         partial(is_active, system.mana_bus, "mana", "digital_elevation_mapping"),
@@ -197,7 +198,7 @@ def test_two_rovers_share_one_map_despite_killed_processes_and_lost_contact(
     )
     system.link.restore()
 
-    wait_until(lambda: revisions(bus, "minnie/slam") > 1, "minnie's map is re-anchored")
+    wait_until(lambda: revision_count(bus, "minnie/slam") > 1, "minnie's map is re-anchored")
     process_of(ground, "map_merging").send_signal(signal.SIGKILL)  # the merged map is kept
     wait_for_mission_time(clock, start_ns, END_S)
     wait_until(

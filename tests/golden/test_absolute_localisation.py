@@ -17,7 +17,10 @@ from evaluation.scenes.orbital import Ground, PatchRun
 
 pytestmark = pytest.mark.golden
 
+#: Offset of the heights of the orbital model.
 DATUM_M = 40.0
+#: End position of the recorded run, m; library versions may move it by centimetres.
+REFERENCE_END_M = (15.415, -25.421, 39.734)
 
 
 @pytest.mark.req("CDFF-CORE-088")
@@ -38,19 +41,23 @@ def test_a_traverse_is_repeatable_and_reproduces_the_recorded_result(tmp_path: P
         "dem": "/mana/digital_elevation_mapping.map",
         "poses": "/mana/position_manager.pose",
     }
-    maps = [word for port, stream in wiring.items() for word in ("--map", f"{port}={stream}")]
+    map_arguments = [
+        argument for port, stream in wiring.items() for argument in ("--map", f"{port}={stream}")
+    ]
     for out in ("a", "b"):
-        command = ["replay", str(tmp_path / "traverse.msg"), "--dfpc", "absolute_localisation", *maps]
+        command = [
+            "replay",
+            str(tmp_path / "traverse.msg"),
+            "--dfpc",
+            "absolute_localisation",
+            *map_arguments,
+        ]
         assert main([*command, "--out", str(tmp_path / out)]) == 0
     assert (tmp_path / "a" / "outputs.msg").read_bytes() == (tmp_path / "b" / "outputs.msg").read_bytes()
     summary = json.loads((tmp_path / "a" / "summary.json").read_text(encoding="utf-8"))
     assert (summary["outputs"], summary["failed"], summary["dropped"]) == (1, 0, 0)
     with closing(open_log(tmp_path / "a" / "outputs.msg")) as log:
         pose = next(iter(log.samples())).value
-    true = drive.true_poses[pose.stamp_ns // 10_000_000_000 - 1]
-    assert np.hypot(*(pose.transform.matrix - true)[:2, 3]) < 1.0
+    T_true = drive.true_poses[pose.stamp_ns // 10_000_000_000 - 1]
+    assert np.hypot(*(pose.transform.matrix - T_true)[:2, 3]) < 1.0
     np.testing.assert_allclose(pose.transform.matrix[:3, 3], REFERENCE_END_M, atol=0.05)
-
-
-#: End position of the recorded run, m; library versions may move it by centimetres.
-REFERENCE_END_M = (15.415, -25.421, 39.734)

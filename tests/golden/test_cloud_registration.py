@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Golden replays of the three cloud registrations: measured clouds in a log give the recorded poses."""
+"""Replays of the three cloud registration DFPCs on measured clouds give the recorded poses."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ GOLDEN = {
         (-0.159261, 0.212425, -0.042161, -0.006546, 0.109367, 0.059550, 0.992194),
     ),
 }
-#: Versions of libraries may move a pose by a fraction of the clouds' noise.
+#: Library versions may change a pose by a fraction of the noise of the clouds.
 TOLERANCE_M, TOLERANCE_DEG = 0.002, 0.05
 
 
@@ -49,8 +49,8 @@ TOLERANCE_M, TOLERANCE_DEG = 0.002, 0.05
 def test_two_replays_give_the_recorded_pose_and_equal_bytes(
     dfpc: str, real_data: Callable[[str], Path], tmp_path: Path
 ) -> None:
-    ports, pose, read, recorded = GOLDEN[dfpc]
-    source, target, _ = read(real_data("kitti_velodyne").parent)
+    ports, output_port, read_clouds, recorded = GOLDEN[dfpc]
+    source, target, _ = read_clouds(real_data("kitti_velodyne").parent)
     log = tmp_path / "clouds.msg"
     with LogWriter(log) as writer:
         for i, (port, points) in enumerate(zip(ports, (source, target), strict=True), 1):
@@ -65,11 +65,11 @@ def test_two_replays_give_the_recorded_pose_and_equal_bytes(
     assert first == second
     with closing(open_log(tmp_path / "a" / "outputs.msg")) as outputs:
         (sample,) = list(outputs.samples())
-    assert sample.stream == f"/mana/{dfpc}.{pose}"
+    assert sample.stream == f"/mana/{dfpc}.{output_port}"
     T = sample.value.transform
     T_recorded = se3.transform_from_quaternion_xyzw(recorded[:3], recorded[3:])
     error_m, error_deg = pose_errors(T.matrix, T_recorded)
-    pose_now = [*T.matrix[:3, 3], *se3.quaternion_xyzw_from_matrix(T.matrix[:3, :3])]
-    assert error_m <= TOLERANCE_M, f"moved by {error_m} m, pose is now {pose_now}"
-    assert error_deg <= TOLERANCE_DEG, f"rotated by {error_deg} degrees, pose is now {pose_now}"
+    estimate = [*T.matrix[:3, 3], *se3.quaternion_xyzw_from_matrix(T.matrix[:3, :3])]
+    assert error_m <= TOLERANCE_M, f"moved by {error_m} m, pose is now {estimate}"
+    assert error_deg <= TOLERANCE_DEG, f"rotated by {error_deg} degrees, pose is now {estimate}"
     assert np.all(np.linalg.eigvalsh(T.covariance) > 0.0)

@@ -23,11 +23,12 @@ REFERENCE = (3, 11367, 9.2597e-3, 6.9587e-5, 9.1452e-5)
 
 
 def ground_m(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return the true heights."""
     return 0.3 * np.sin(0.7 * x) * np.cos(0.5 * y)
 
 
-def pose_at(t_ns: int) -> np.ndarray:
-    """Return the pose: 0.5 m/s along x, 1 m above the mean ground, with a small roll and a slow yaw."""
+def T_site_base(t_ns: int) -> np.ndarray:
+    """Return the true pose: 0.5 m/s along x, 1 m above the mean ground, with a small roll and a slow yaw."""
     t_s = t_ns * 1e-9
     return se3.transform(
         se3.exp_so3(np.array([0.03 * np.sin(t_s), 0.0, 0.05 * t_s])), np.array([0.5 * t_s, 0.0, 1.0])
@@ -37,11 +38,11 @@ def pose_at(t_ns: int) -> np.ndarray:
 def sweep(rng: np.random.Generator, t1_ns: int) -> LidarScan:
     """Return 6000 ground points within 8 m, each in the base frame at its own time, with 1 cm of noise."""
     offset_us = np.sort(rng.integers(0, 400_000, 6000)).astype(np.uint32)
-    xy = rng.uniform(-8.0, 8.0, (6000, 2)) + pose_at(t1_ns)[:2, 3]
+    xy = rng.uniform(-8.0, 8.0, (6000, 2)) + T_site_base(t1_ns)[:2, 3]
     points = np.column_stack([xy, ground_m(*xy.T) + rng.normal(0.0, 0.01, 6000)])
     t0_ns = t1_ns - 400 * MS
-    inverse = [se3.inverse(pose_at(t0_ns + int(us) * 1000)) for us in offset_us]
-    points_base = np.array([T[:3, :3] @ p + T[:3, 3] for T, p in zip(inverse, points, strict=True)])
+    T_base_site = [se3.inverse(T_site_base(t0_ns + int(us) * 1000)) for us in offset_us]
+    points_base = np.array([T[:3, :3] @ p + T[:3, 3] for T, p in zip(T_base_site, points, strict=True)])
     return LidarScan.from_arrays(
         points_base.astype(np.float32), offset_us, frame="mana/base", t0_ns=t0_ns, t1_ns=t1_ns
     )
@@ -54,7 +55,10 @@ def test_sweeps_give_repeatable_maps_with_the_recorded_heights(tmp_path: Path) -
     with LogWriter(tmp_path / "drive.msg") as log:
         for t_ns in range(0, 6001 * MS, 50 * MS):
             pose = TransformWithCovariance.from_transform(
-                UncertainTransform(pose_at(t_ns), covariance), parent="site", child="mana/base", stamp_ns=t_ns
+                UncertainTransform(T_site_base(t_ns), covariance),
+                parent="site",
+                child="mana/base",
+                stamp_ns=t_ns,
             )
             log.write("/mana/position_manager.pose", pose, t_ns)
             if t_ns and t_ns % (500 * MS) == 0:
@@ -66,10 +70,10 @@ def test_sweeps_give_repeatable_maps_with_the_recorded_heights(tmp_path: Path) -
     assert (tmp_path / "a" / "outputs.msg").read_bytes() == (tmp_path / "b" / "outputs.msg").read_bytes()
     with closing(open_log(tmp_path / "a" / "outputs.msg")) as log:
         maps = [s.value for s in log.samples(["/mana/digital_elevation_mapping.map"])]
-    last = maps[-1]
-    observed = np.isfinite(last.layer("mean"))
-    layer_means = [float(np.nanmean(last.layer(name))) for name in ("mean", "variance", "error_variance")]
-    x, y = last.geometry.centres_m()
-    assert np.sqrt(np.mean((last.layer("mean") - ground_m(x, y))[observed] ** 2)) < 0.015
+    last_map = maps[-1]
+    observed = np.isfinite(last_map.layer("mean"))
+    layer_means = [float(np.nanmean(last_map.layer(name))) for name in ("mean", "variance", "error_variance")]
+    x, y = last_map.geometry.centres_m()
+    assert np.sqrt(np.mean((last_map.layer("mean") - ground_m(x, y))[observed] ** 2)) < 0.015
     assert (len(maps), int(observed.sum())) == REFERENCE[:2]
     np.testing.assert_allclose(layer_means, REFERENCE[2:], rtol=1e-3)

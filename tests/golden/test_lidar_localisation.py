@@ -24,27 +24,27 @@ SWEEPS, PERIOD_NS = 8, 500_000_000
 #: End position of the recorded run, m; library versions may move it by millimetres.
 REFERENCE_END_M = (1.399, 2.801, -0.384)
 
-
 HILLS = Hills(3)
 
 
 def true_pose(i: int) -> np.ndarray:
+    """Return ``T_site_lidar`` of a sweep."""
     return HILLS.pose(-7.0 + 1.2 * i, 0.4 * i, 0.06 * i)
 
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a log of a map in two pieces and of sweeps with drifting odometry.
+    """Log with a map in two pieces, sweeps, and drifting odometry.
 
-    It contains no initial pose, so the DFPC must search for the first one.
+    It contains no initial pose, so that the DFPC must search the map for the first pose.
     """
     path = tmp_path_factory.mktemp("log") / "drive.msg"
     rng = np.random.default_rng(0)
-    ground = HILLS.map(rng, 0.3)
+    map_points = HILLS.map(rng, 0.3)
     drift = se3.exp_se3([0.03, 0.01, 0.0, 0.0, 0.0, 0.005])
     T_odom_lidar = np.eye(4)
     with LogWriter(path) as log:
-        for i, piece in enumerate(np.array_split(ground, 2)):
+        for i, piece in enumerate(np.array_split(map_points, 2)):
             log.write(
                 "/rover/lidar_slam.map",
                 Pointcloud.from_points(piece, frame="site", stamp_ns=1000 * i),
@@ -73,9 +73,9 @@ def replay(log: Path, out: Path) -> dict[str, object]:
 
 
 def test_a_drive_on_a_map_is_repeatable_and_reproduces_the_recorded_result(log: Path, tmp_path: Path) -> None:
-    first, _ = (replay(log, tmp_path / name) for name in ("a", "b"))
-    assert first["failed"] == first["dropped"] == 0
-    assert first["degraded"] == 1  # the first pose, found by the search
+    summary, _ = (replay(log, tmp_path / name) for name in ("a", "b"))
+    assert summary["failed"] == summary["dropped"] == 0
+    assert summary["degraded"] == 1  # the first pose, found by the search
     for name in ("outputs.msg", "pose.tum"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
     with closing(open_log(tmp_path / "a" / "outputs.msg")) as outputs:

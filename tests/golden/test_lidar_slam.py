@@ -20,6 +20,7 @@ pytestmark = pytest.mark.golden
 
 GROUND = hills(1)
 RADIUS_M, PERIOD_NS = 8.0, 500_000_000
+#: Path length at each sweep.
 DISTANCES_M = np.concatenate([[0.0, 0.0, 0.0, 0.05, 0.2], np.arange(0.5, 12.0, 0.5)])
 #: End position of the recorded run, m; library versions may move it by millimetres.
 REFERENCE_END_M = (7.764, 6.639, 2.224)
@@ -27,15 +28,16 @@ REFERENCE_END_M = (7.764, 6.639, 2.224)
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Log a drive from rest along a quarter of a circle over hills."""
+    """Log of a drive from rest along a quarter of a circle over hills."""
     path = tmp_path_factory.mktemp("log") / "drive.msg"
     rng = np.random.default_rng(0)
     poses = circle(GROUND, RADIUS_M, DISTANCES_M)
     with LogWriter(path) as log:
         for i, T in enumerate(poses):
-            previous, stamp_ns = poses[max(i - 1, 0)], (i + 1) * PERIOD_NS
-            start = previous @ se3.exp_se3(0.8 * se3.log_se3(se3.inverse(previous) @ T))
-            log.write("/mana/lidar.scan", scan(GROUND, start, T, stamp_ns, rng), stamp_ns)
+            T_previous, stamp_ns = poses[max(i - 1, 0)], (i + 1) * PERIOD_NS
+            # A sweep takes the last fifth of the time between two sweeps.
+            T_start = T_previous @ se3.exp_se3(0.8 * se3.log_se3(se3.inverse(T_previous) @ T))
+            log.write("/mana/lidar.scan", scan(GROUND, T_start, T, stamp_ns, rng), stamp_ns)
     return path
 
 
@@ -56,6 +58,6 @@ def test_a_replay_is_repeatable_and_reproduces_the_recorded_result(log: Path, tm
         "graph": 1,
         "cloud": 1,
     }
-    first, last = (circle(GROUND, RADIUS_M, DISTANCES_M)[i] for i in (0, -1))
-    np.testing.assert_allclose(poses[-1][:3, 3], (se3.inverse(first) @ last)[:3, 3], atol=0.06)
+    T_first, T_last = (circle(GROUND, RADIUS_M, DISTANCES_M)[i] for i in (0, -1))
+    np.testing.assert_allclose(poses[-1][:3, 3], (se3.inverse(T_first) @ T_last)[:3, 3], atol=0.06)
     np.testing.assert_allclose(poses[-1][:3, 3], REFERENCE_END_M, atol=0.005)

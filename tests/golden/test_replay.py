@@ -18,7 +18,7 @@ from cdff_dev.logs import open_log
 
 pytestmark = pytest.mark.golden
 
-SUMMARY = {
+SUMMARY_KEYS = {
     "samples",
     "outputs",
     "dropped",
@@ -31,8 +31,8 @@ SUMMARY = {
 }
 
 
-def replay(log: Path, out: Path, *more: str) -> dict[str, object]:
-    assert main(["replay", str(log), "--dfpc", "visual_odometry_sparse", "--out", str(out), *more]) == 0
+def replay(log: Path, out: Path, *options: str) -> dict[str, object]:
+    assert main(["replay", str(log), "--dfpc", "visual_odometry_sparse", "--out", str(out), *options]) == 0
     summary: dict[str, object] = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     return summary
 
@@ -41,7 +41,7 @@ def replay(log: Path, out: Path, *more: str) -> dict[str, object]:
 def test_a_replay_of_a_recorded_drive_is_repeatable(real_data: Callable[[str], Path], tmp_path: Path) -> None:
     log = real_data("kitti_stereo/KITTI_sequence_1")
     first, second = (replay(log, tmp_path / name) for name in ("a", "b"))
-    assert set(first) >= SUMMARY
+    assert set(first) >= SUMMARY_KEYS
     assert first["samples"] == 51
     for name in ("outputs.msg", "pose.tum"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
@@ -67,7 +67,7 @@ def test_another_seed_changes_the_configuration_hash(
     real_data: Callable[[str], Path], tmp_path: Path
 ) -> None:
     log = real_data("kitti_stereo/KITTI_sequence_1")
-    hashes = {replay(log, tmp_path / s, "--seed", s)["config_hash"] for s in ("1", "2")}
+    hashes = {replay(log, tmp_path / seed, "--seed", seed)["config_hash"] for seed in ("1", "2")}
     assert len(hashes) == 2
 
 

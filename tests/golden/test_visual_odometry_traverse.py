@@ -37,9 +37,8 @@ def test_a_part_of_the_rocky_traverse_has_an_end_error_below_one_percent(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     scenario = tmp_path / "visual_rocks_slice.yaml"
     scenario.write_text(SLICE, encoding="utf-8")
-    simulated_log(
-        load_scenario(str(scenario)), workers=0
-    )  # without workers: for a dozen pairs, starting processes would take longer
+    # Without workers, because for a dozen pairs their start would take longer than the simulation.
+    simulated_log(load_scenario(str(scenario)), workers=0)
     (drive,) = traverse_runs(str(scenario))[1]
     row = score_drive(drive)
     drive.log.close()

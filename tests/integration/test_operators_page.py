@@ -27,7 +27,7 @@ from services.dpm.http.context import Context
 from services.dpm.http.server import HttpServer
 from services.dpm.operations.dpm import Dpm
 from services.dpm.settings import Settings
-from tests.support.dpm_products import S, cloud, elevation, parcel, pose
+from tests.support.dpm_products import S, cloud, elevation, pose, put_arguments
 
 pytestmark = pytest.mark.integration
 
@@ -147,11 +147,13 @@ def dpm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Dpm]:
     with open_store(f"sqlite:///{tmp_path_factory.mktemp('page')}", ManualClock(100 * S)) as store:
         result = Dpm(store)
         store.anchors.anchor("site", Anchor(body("mars"), 77.45, 18.44))
-        _, patch = result.writer.put(*parcel(elevation(0.0), "dem", 1, resolution_m=0.1))
-        result.writer.put(*parcel(elevation(50.0), "dem", 2, resolution_m=0.1))
-        result.writer.put(*parcel(cloud(), "pointcloud", 3, inputs=(patch.id,)))
+        _, patch = result.writer.put(*put_arguments(elevation(0.0), "dem", 1, resolution_m=0.1))
+        result.writer.put(*put_arguments(elevation(50.0), "dem", 2, resolution_m=0.1))
+        result.writer.put(*put_arguments(cloud(), "pointcloud", 3, inputs=(patch.id,)))
         for second in range(3):
-            result.writer.put(*parcel(pose(second, float(second)), "pose", second + 4, child="mana/base"))
+            result.writer.put(
+                *put_arguments(pose(second, float(second)), "pose", second + 4, child="mana/base")
+            )
         store.annotations.update(patch.id, {"tags": ["crater"], "notes": "rim"}, if_match=0, author="anna")
         yield result
 
@@ -281,7 +283,7 @@ def test_retention_is_explained_without_deleting(page: Browser, dpm: Dpm) -> Non
 def test_a_new_product_appears_without_reloading(page: Browser, dpm: Dpm) -> None:
     page.value("look(1, 1, 17)")
     page.eventually(f"(async () => Math.abs(await {DRAWN_FRACTION} - 400 / 65536) < 1e-3)()")
-    dpm.writer.put(*parcel(elevation(9.0), "dem", 20, resolution_m=0.1))
+    dpm.writer.put(*put_arguments(elevation(9.0), "dem", 20, resolution_m=0.1))
     page.eventually("document.querySelectorAll('.card').length === 4")
     page.eventually(f"(async () => Math.abs(await {DRAWN_FRACTION} - 800 / 65536) < 1e-3)()")
 

@@ -17,7 +17,8 @@ SHAPE = (240, 320)
 CAMERA = np.array([[260.0, 0.0, 159.5], [0.0, 260.0, 119.5], [0.0, 0.0, 1.0]])
 BASELINE_M = 0.2
 TEXEL_M = 0.01
-#: Floor, side walls and end: normal axis, coordinate along it in metres, and the two texture axes.
+#: Floor, two side walls and end wall: axis of the normal, coordinate along it in metres, and the two axes
+#: of the texture.
 PLANES = ((1, 1.0, 0, 2), (0, -2.5, 1, 2), (0, 2.5, 1, 2), (2, 12.0, 0, 1))
 
 
@@ -45,7 +46,7 @@ def render(
     rays = rays.reshape(-1, 3) @ T_world_camera[:3, :3].T
     origin, nearest = T_world_camera[:3, 3], np.full(len(rays), np.inf)
     image = np.full(len(rays), 128.0, np.float32)
-    for index, (axis, value, first, second) in enumerate(PLANES):
+    for index, (axis, value, texture_axis_x, texture_axis_y) in enumerate(PLANES):
         with np.errstate(divide="ignore"):
             distance = (value - origin[axis]) / rays[:, axis]
         hit = (distance > 0.05) & (distance < nearest)
@@ -56,20 +57,20 @@ def render(
             at_level = hit & (levels == level)
             grey = texture_of(index, int(level))
             n, size = len(grey), TEXEL_M * 2.0**level
-            x = (origin[first] + distance[at_level] * rays[at_level, first]) / size
-            y = (origin[second] + distance[at_level] * rays[at_level, second]) / size
+            x = (origin[texture_axis_x] + distance[at_level] * rays[at_level, texture_axis_x]) / size
+            y = (origin[texture_axis_y] + distance[at_level] * rays[at_level, texture_axis_y]) / size
             x0, y0 = np.floor(x).astype(int), np.floor(y).astype(int)
             a, b = x - x0, y - y0
             x0, y0, x1, y1 = x0 % n, y0 % n, (x0 + 1) % n, (y0 + 1) % n
             top, bottom = (1 - a) * grey[y0, x0] + a * grey[y0, x1], (1 - a) * grey[y1, x0] + a * grey[y1, x1]
             image[at_level] = (1 - b) * top + b * bottom
-    small = cv2.resize(image.reshape(2 * rows, 2 * columns), (columns, rows), interpolation=cv2.INTER_AREA)
-    return np.asarray(np.clip(np.rint(small + rng.normal(0.0, noise_dn, SHAPE)), 0, 255), dtype=np.uint8)
+    image_px = cv2.resize(image.reshape(2 * rows, 2 * columns), (columns, rows), interpolation=cv2.INTER_AREA)
+    return np.asarray(np.clip(np.rint(image_px + rng.normal(0.0, noise_dn, SHAPE)), 0, 255), dtype=np.uint8)
 
 
 @cache
 def texture_of(plane: int, level: int) -> NDArray[np.float32]:
-    """Return the texture of a plane, downsampled by 2 ``level`` times (cached)."""
+    """Return the texture of a plane, halved in size ``level`` times."""
     side = 1024 >> level
     return np.asarray(
         cv2.resize(texture(plane), (side, side), interpolation=cv2.INTER_AREA), dtype=np.float32

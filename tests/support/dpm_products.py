@@ -15,24 +15,26 @@ from cdff_common.interfaces.product import Header, product_id
 from cdff_common.raster import GridGeometry
 from cdff_common.types import ElevationMap, NavigationMap, Pointcloud, TransformWithCovariance
 
+#: Nanoseconds in a second.
 S = 1_000_000_000
 
-Parcel = tuple[dict[str, str], bytes, str, bytes]
+#: Arguments of ``StoreWriter.put``: names, payload, encoding, attachment.
+PutArguments = tuple[dict[str, str], bytes, str, bytes]
 
 
 def elevation(
-    x0: float, height: float = 0.0, t1_ns: int = 0, *, cells: int = 20, resolution_m: float = 0.1
+    x0: float, height_m: float = 0.0, t1_ns: int = 0, *, cells: int = 20, resolution_m: float = 0.1
 ) -> ElevationMap:
     """Return a flat square patch with its lower left corner at (x0, 0) m."""
     geometry = GridGeometry("site", resolution_m, x0, cells * resolution_m, cells, cells)
-    one = np.ones(geometry.shape, dtype=np.float32)
+    ones = np.ones(geometry.shape, dtype=np.float32)
     layers = {
-        "mean": one * height,
-        "variance": one * 0.01,
-        "min": one * (height - 0.1),
-        "max": one * (height + 0.1),
-        "count": one * 2,
-        "age_s": one * 0,
+        "mean": ones * height_m,
+        "variance": ones * 0.01,
+        "min": ones * (height_m - 0.1),
+        "max": ones * (height_m + 0.1),
+        "count": ones * 2,
+        "age_s": ones * 0,
     }
     return ElevationMap.from_layers(geometry, layers, t0_ns=t1_ns, t1_ns=t1_ns)
 
@@ -46,7 +48,7 @@ def navigation() -> NavigationMap:
 
 
 def cloud(n: int = 300) -> Pointcloud:
-    """Return normally distributed points."""
+    """Return a cloud of normally distributed points with a standard deviation of 2 m."""
     return Pointcloud.from_points(np.random.default_rng(0).normal(0, 2, (n, 3)), frame="site", stamp_ns=S)
 
 
@@ -56,9 +58,9 @@ def pose(second: int, x: float) -> TransformWithCovariance:
     return TransformWithCovariance.from_transform(T, parent="site", child="mana/base", stamp_ns=second * S)
 
 
-def parcel(
+def put_arguments(
     value: Any, product: str, seq: int = 0, robot: str = "mana", codec: str = "uper", **fields: Any
-) -> Parcel:
+) -> PutArguments:
     """Return names, payload, encoding and attachment of a product as they are sent."""
     t1_ns = fields.pop("t1_ns", seq * S)
     header = Header(

@@ -15,9 +15,11 @@ from cdff_common.types import LidarScan
 Float = NDArray[np.float64]
 Ground = Callable[[Float, Float], Float]
 
-#: Radii of the rings of a sweep, horizontally, m.
+#: Horizontal radii of the rings of a sweep, m.
 RINGS_M = np.geomspace(1.2, 22.0, 40)
+#: Azimuth steps of a sweep.
 COLUMNS = 240
+#: Height of the lidar above the ground.
 HEIGHT_M = 1.2
 
 
@@ -45,12 +47,12 @@ def flat_ground(x: Float, y: Float) -> Float:
 
 def pose_on_ground(ground: Ground, x: float, y: float, yaw: float) -> Float:
     """Return ``T_site_lidar`` of a lidar at a point, ``HEIGHT_M`` above the ground, z along its normal."""
-    step = 0.5
-    slope_x = float(ground(np.array(x + step), np.array(y)) - ground(np.array(x - step), np.array(y))) / (
-        2 * step
+    step_m = 0.5
+    slope_x = float(ground(np.array(x + step_m), np.array(y)) - ground(np.array(x - step_m), np.array(y))) / (
+        2 * step_m
     )
-    slope_y = float(ground(np.array(x), np.array(y + step)) - ground(np.array(x), np.array(y - step))) / (
-        2 * step
+    slope_y = float(ground(np.array(x), np.array(y + step_m)) - ground(np.array(x), np.array(y - step_m))) / (
+        2 * step_m
     )
     normal = np.array([-slope_x, -slope_y, 1.0]) / np.linalg.norm([slope_x, slope_y, 1.0])
     forward = np.array([np.cos(yaw), np.sin(yaw), slope_x * np.cos(yaw) + slope_y * np.sin(yaw)])
@@ -62,31 +64,32 @@ def pose_on_ground(ground: Ground, x: float, y: float, yaw: float) -> Float:
 
 def sweep_points(
     ground: Ground,
-    T_begin: Float,
+    T_start: Float,
     T_end: Float,
     rng: np.random.Generator,
     noise_m: float = 0.003,
     rings_m: Float = RINGS_M,
 ) -> tuple[Float, Float]:
     """Return points ``(n, 3)``, each in the lidar frame at its own time, and their times ``(n,)`` from -1
-    (begin) to 0 (end).
+    (start) to 0 (end).
 
-    The points lie on rings on the ground around the lidar. Random azimuths let no two sweeps share a point.
+    The points lie on rings on the ground around the lidar. The azimuths are random, so that no two sweeps
+    share a point.
     """
     fraction = np.repeat(np.arange(COLUMNS) / COLUMNS - 1.0, len(rings_m))
     azimuth = fraction * 2 * np.pi + rng.uniform(0, 2 * np.pi)
     range_m = np.tile(rings_m, COLUMNS) * rng.uniform(0.99, 1.01, len(fraction))
-    t = T_end[:3, 3] + fraction[:, None] * (T_end[:3, 3] - T_begin[:3, 3])
-    phi = se3.log_so3(T_begin[:3, :3].T @ T_end[:3, :3])
+    t = T_end[:3, 3] + fraction[:, None] * (T_end[:3, 3] - T_start[:3, 3])
+    phi = se3.log_so3(T_start[:3, :3].T @ T_end[:3, :3])
     R = T_end[:3, :3] @ se3.exp_so3(fraction[:, None] * phi)
     x, y = t[:, 0] + range_m * np.cos(azimuth), t[:, 1] + range_m * np.sin(azimuth)
     site = np.column_stack([x, y, ground(x, y)]) + rng.normal(0, noise_m, (len(x), 3))
     return np.einsum("nji,nj->ni", R, site - t), fraction
 
 
-def scan(ground: Ground, T_begin: Float, T_end: Float, t1_ns: int, rng: np.random.Generator) -> LidarScan:
+def scan(ground: Ground, T_start: Float, T_end: Float, t1_ns: int, rng: np.random.Generator) -> LidarScan:
     """Return a sweep of 0.1 s as a message of robot ``mana``."""
-    points, fraction = sweep_points(ground, T_begin, T_end, rng)
+    points, fraction = sweep_points(ground, T_start, T_end, rng)
     offset_us = np.round((fraction + 1.0) * 100_000).astype(np.uint32)
     frame = "mana/lidar"
     return LidarScan.from_arrays(points, offset_us, frame=frame, t0_ns=t1_ns - 100_000_000, t1_ns=t1_ns)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Elevation patches and clouds to insert into a store, with the points of the patches."""
+"""Elevation patches of a known terrain and point clouds, to insert into a store."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ from cdff_common.raster import CellStatistics, GridGeometry
 from cdff_common.types import ElevationMap, Pointcloud
 from dpm_store import NewProduct, Store
 
+#: Nanoseconds in a second.
 S = 1_000_000_000
 
 
 def new_product_of(value: Any, product: str, seq: int, robot: str = "mana", **fields: Any) -> NewProduct:
-    """Return a product with a value captured at ``seq`` seconds."""
-    t_ns = fields.pop("t1_ns", seq * S)
+    """Return a product to insert, captured at ``seq`` seconds unless ``t1_ns`` is given."""
+    t1_ns = fields.pop("t1_ns", seq * S)
     header = Header(
-        id=product_id(robot, "test", product, t_ns, seq, "c"),
+        id=product_id(robot, "test", product, t1_ns, seq, "c"),
         seq=seq,
-        t0_ns=t_ns,
-        t1_ns=t_ns,
+        t0_ns=t1_ns,
+        t1_ns=t1_ns,
         frame=value.frame,
         producer="test",
         config_hash="c",
@@ -39,9 +40,9 @@ def new_product_of(value: Any, product: str, seq: int, robot: str = "mana", **fi
 
 def put_value(store: Store, value: Any, product: str, seq: int, robot: str = "mana", **fields: Any) -> str:
     """Insert a value captured at ``seq`` seconds; return its id."""
-    parcel = new_product_of(value, product, seq, robot, **fields)
-    store.put_all([parcel])
-    return parcel.header.id
+    new_product = new_product_of(value, product, seq, robot, **fields)
+    store.put_all([new_product])
+    return new_product.header.id
 
 
 def ground(x: Any, y: Any) -> Any:
@@ -59,7 +60,7 @@ def patch(
     frame: str = "site",
     offset_m: float = 0.0,
 ) -> tuple[ElevationMap, np.ndarray]:
-    """Return a patch of the terrain, raised by ``offset_m``, and its points."""
+    """Return a patch of the terrain, raised by ``offset_m``, and the points that it was made from."""
     x, y = rng.uniform(bounds[0], bounds[2], n), rng.uniform(bounds[1], bounds[3], n)
     points = np.column_stack([x, y, ground(x, y) + offset_m + rng.normal(0.0, 0.01, n)])
     geometry = GridGeometry.aligned(frame, cell_m, bounds)
@@ -75,7 +76,7 @@ def put_patch(
     robot: str = "mana",
     **fields: Any,
 ) -> tuple[str, np.ndarray]:
-    """Insert a patch; return its id and points."""
+    """Insert a patch; return its id and the points that it was made from."""
     value, points = patch(rng, bounds, seq, **fields)
     return put_value(store, value, "dem", seq, robot, resolution_m=value.geometry.resolution_m), points
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Random messages of every type of the codecs' table, so that a new type needs no new test."""
+"""Random messages of every message type, so that a new type needs no new test."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ from cdff_common.types.schema import (
 from cdff_common.types.schema_table import MESSAGES
 from cdff_common.types.validation import class_of
 
+#: Names of all message types.
 ALL = sorted(MESSAGES)
 #: REALs at the limits of the encodings.
 REALS = [
@@ -220,7 +221,7 @@ def _descriptors(n: int, rng: np.random.Generator) -> Any:
 
 #: Functions that return the columns of types in which all columns have the same length.
 _COLUMNS: dict[str, tuple[Column, ...]] = {
-    "ImuSpanData": [_increasing, _reals(3), _reals(3), _reals(3)],
+    "ImuSpanData": (_increasing, _reals(3), _reals(3), _reals(3)),
     "PoseGraphVertices": (_increasing, _increasing, _reals(7), _octets),
     "PoseGraphEdges": (lambda n, rng: rng.integers(-9, 9, (n, 2)), _reals(7), _reals(36), _octets),
     "LandmarkMapData": (_increasing, _reals(3), _reals(9), _empty(0, np.uint32), _descriptors),

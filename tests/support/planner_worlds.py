@@ -1,15 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Small worlds for the planner: sensors and DFPCs, made by hand or at random from a seed."""
+"""Small worlds for the planner: sensors and DFPCs, given one by one or random from a seed."""
 
 from __future__ import annotations
 
 import random
 
-from cdff_core.orchestration.planner import (
-    NoPlan,
-    Plan,
-)
+from cdff_core.orchestration.planner import NoPlan, Plan
 from cdff_core.orchestration.world import (
     Input,
     InputSource,
@@ -20,6 +17,7 @@ from cdff_core.orchestration.world import (
     World,
 )
 
+#: Modes of the random sensors in which they send samples.
 STREAMING = ["m0", "m1", "m2"]
 
 
@@ -48,12 +46,13 @@ def world(*parts: Provider | SensorState) -> World:
 
 
 def names(result: Plan | NoPlan) -> list[str]:
+    """Return the DFPCs of a plan in the order of their activation."""
     assert isinstance(result, Plan), result
-    return [m.dfpc for m in result.order]
+    return [provider.dfpc for provider in result.order]
 
 
 def random_sensor(r: random.Random, name: str) -> SensorState:
-    """Return a sensor with random modes: held by jobs, refused, not reachable, or with the sensor lost."""
+    """Return a sensor whose modes may be held by jobs, refused or unreachable, and that may be lost."""
     held_mode = r.choice([None, None, None, "m0", "m1", "off"])
     firm_modes = retained_modes = None
     if held_mode is not None and r.random() < 0.6:
@@ -76,6 +75,7 @@ def random_sensor(r: random.Random, name: str) -> SensorState:
 
 
 def random_world(seed: int) -> World:
+    """Return one or two sensors and two to five providers with random wiring, state and resource limits."""
     r = random.Random(seed)
     sensors = [random_sensor(r, f"s{i}") for i in range(r.randint(1, 2))]
     count = r.randint(2, 5)
@@ -109,7 +109,7 @@ def random_world(seed: int) -> World:
                 wired=wired,
             )
         )
-    reserved = frozenset(m.id for m in providers if m.active or r.random() < 0.1)
+    reserved = frozenset(p.id for p in providers if p.active or r.random() < 0.1)
     free_mb = {"mana": float(r.randint(0, 12))} if r.random() < 0.4 else {}
     free_cpu = {"mana": r.randint(0, 16) / 8} if r.random() < 0.4 else {}
-    return World({m.id: m for m in providers}, {s.id: s for s in sensors}, free_mb, free_cpu, reserved)
+    return World({p.id: p for p in providers}, {s.id: s for s in sensors}, free_mb, free_cpu, reserved)

@@ -10,6 +10,7 @@ import threading
 from types import TracebackType
 from typing import Self
 
+#: Period at which the thread checks whether it must stop passing data, or end.
 _STEP_S = 0.1
 _CHUNK = 1 << 16
 
@@ -51,7 +52,7 @@ class Relay:
         self._silent.set()
 
     def restore(self) -> None:
-        """Pass data again; close the connections that were open before."""
+        """Pass data again; close the connections that were open during the interruption."""
         self._silent.clear()
 
     def _run(self) -> None:

@@ -13,8 +13,8 @@ from cdff_core.map_merging.robot_maps import Closure, RobotMap
 
 ROBOTS = ("mana", "minnie")
 
+#: Pose of each keyframe relative to the previous one.
 STEP = se3.exp_se3([5.0, 0.3, 0.1, 0.01, 0.02, 0.2])
-
 CLOSURE_COVARIANCE = np.diag([0.005**2] * 3 + [0.0005**2] * 3)
 
 #: True poses of the map frames in the site frame.
@@ -45,6 +45,7 @@ def robot_map(robot: str, survey_error: FloatArray, sigma_m: float, keyframes: i
 
 
 def maps() -> list[RobotMap]:
+    """Return the map of mana, surveyed without error, and that of minnie with an error of 1.3 m."""
     return [
         robot_map("mana", np.eye(4), 0.01),
         robot_map("minnie", se3.exp_se3([1.0, -0.8, 0.2, 0.0, 0.0, 0.08]), 1.5),
@@ -52,13 +53,15 @@ def maps() -> list[RobotMap]:
 
 
 def closure(a: int, b: int, error: FloatArray | None = None) -> Closure:
-    of_mana, of_minnie = (list(m.keyframes.items())[i] for m, i in zip(maps(), (a, b), strict=True))
-    T = se3.inverse(T_SITE_SLAM["mana"] @ of_mana[1]) @ T_SITE_SLAM["minnie"] @ of_minnie[1]
+    """Return the loop closure between keyframe ``a`` of mana and ``b`` of minnie, counted from 0."""
+    mana, minnie = (list(m.keyframes.items())[i] for m, i in zip(maps(), (a, b), strict=True))
+    T = se3.inverse(T_SITE_SLAM["mana"] @ mana[1]) @ T_SITE_SLAM["minnie"] @ minnie[1]
     return Closure(
-        of_mana[0], of_minnie[0], UncertainTransform(T if error is None else error @ T, CLOSURE_COVARIANCE)
+        mana[0], minnie[0], UncertainTransform(T if error is None else error @ T, CLOSURE_COVARIANCE)
     )
 
 
 def error_m(anchors: dict[str, UncertainTransform]) -> float:
+    """Return the error of the translation between the two map frames."""
     relative = se3.inverse(anchors["mana"].matrix) @ anchors["minnie"].matrix
     return float(np.linalg.norm((relative - se3.inverse(T_SITE_SLAM["mana"]) @ T_SITE_SLAM["minnie"])[:3, 3]))

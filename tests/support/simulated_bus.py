@@ -62,7 +62,7 @@ class VirtualClock:
 
 @dataclass
 class Process:
-    """The simulated process of a DFPC."""
+    """The simulated process of a DFPC; the counters have the names of its status."""
 
     robot: Robot
     entry: DfpcEntry
@@ -104,7 +104,10 @@ class Product:
 
 
 class Mission:
-    """All components around the orchestrator; ``connect`` returns the bus of an orchestrator process."""
+    """All components that the orchestrator communicates with: DFPCs, ICU, DPM.
+
+    ``connect`` returns the bus of an orchestrator process; the buses of earlier processes receive nothing.
+    """
 
     def __init__(self, scheduler: Scheduler, profile: Profile, seed: int, failure_rate: float = 0.03) -> None:
         self.random, self.failure_rate = random.Random(seed), failure_rate
@@ -126,9 +129,6 @@ class Mission:
         self.buses = [SimulatedBus(self, timing)]
         return self.buses[0]
 
-    # -- DFPCs
-    # --------------------------------------------------------------------------------------------------------
-
     def _live(self, process: Process) -> None:
         """Start the process, then produce and publish its status periodically while it is active."""
         self.scheduler.sleep(self.random.uniform(0.1, 3.0))
@@ -140,17 +140,20 @@ class Mission:
                 self.publish_status(process)
 
     def start(self, process: Process) -> None:
+        """Start a process, inactive and with counters at zero."""
         process.alive, process.state, process.is_hung = True, "inactive", False
         process.samples = process.outputs = process.failed = 0
         process.by_port = {}
-        self.token(keys.alive(*process.id), here=True)
+        self.token(keys.alive(*process.id), present=True)
         self.publish_status(process)
 
     def stop(self, process: Process) -> None:
+        """End a process and withdraw its token."""
         process.alive, process.state, process.wired = False, "unconfigured", {}
-        self.token(keys.alive(*process.id), here=False)
+        self.token(keys.alive(*process.id), present=False)
 
-    def streams(self, robot: str, source: str) -> bool:
+    def is_streaming(self, robot: str, source: str) -> bool:
+        """Return whether a source of the wiring, a sensor stream or a product, sends samples."""
         kind, owner, _ = source.split("/")
         if kind == "product":
             provider = self.processes[ProviderId(robot, owner)]
@@ -160,8 +163,8 @@ class Mission:
 
     def _produce(self, process: Process) -> None:
         has_input = {
-            port: not process.receives_nothing and self.streams(process.robot.id, s)
-            for port, s in process.wired.items()
+            port: not process.receives_nothing and self.is_streaming(process.robot.id, source)
+            for port, source in process.wired.items()
         }
         for port, has_samples in has_input.items():
             process.by_port[port] = process.by_port.get(port, 0) + 5 * has_samples
@@ -250,6 +253,7 @@ class Mission:
             self.publish_status(process)
 
     def switch(self, process: Process, verb: str, body: Mapping[str, Any]) -> Reply:
+        """Change the state of a DFPC as its compound host does."""
         next_state = DFPC_TRANSITIONS.get((process.state, verb))
         if next_state is None:
             raise NotActiveError(f"{process.id} is {process.state}: {verb} is not allowed")
@@ -265,32 +269,28 @@ class Mission:
         self.publish_status(process)
         return Reply.of({"state": next_state})
 
-    # -- publishing
-    # ------------------------------------------------------------------------------------------------------
-
     def publish(self, key: str, body: Mapping[str, Any]) -> None:
         for bus in self.buses:
             bus.deliver(key, body)
 
-    def token(self, key: str, *, here: bool) -> None:
-        (self.tokens.add if here else self.tokens.discard)(key)
+    def token(self, key: str, *, present: bool) -> None:
+        """Declare or withdraw a liveliness token."""
+        (self.tokens.add if present else self.tokens.discard)(key)
         for bus in self.buses:
-            bus.on_token(key, here)
+            bus.on_token(key, present)
 
     def _on_mode(self, robot: str, event: Mapping[str, object]) -> None:
         self.publish(keys.event(robot, "sensor_mode"), event)
 
     def add_history(self, entries: list[dict[str, Any]]) -> Reply:
-        """Add journal records to the history; assert that none is missing."""
+        """Store records of the journal in the history of the DPM; assert that none is missing."""
         for entry in entries:
-            assert entry["number"] <= self.history + 1, f"record {self.history + 1} was left out"
+            assert entry["number"] <= self.history + 1, f"record {self.history + 1} is missing"
             self.history = max(self.history, entry["number"])
         return Reply.of({"last": self.history})
 
-    # -- the DPM
-    # ------------------------------------------------------------------------------------------------------
-
     def dpm(self, verb: str, p: Mapping[str, Any]) -> Reply:
+        """Reply to a call of the DPM with parameters ``p``; a call without id and verb gets a fused map."""
         if verb == "pose":
             known_frames = {"site"} | {f"{r}/{f}" for r in self.profile.robot_ids for f in ("base", "odom")}
             unknown = {str(p["parent"]), str(p["child"])} - known_frames
@@ -306,8 +306,8 @@ class Mission:
             result.sort(key=lambda x: -x.header.t1_ns)
             return Reply.of({"items": [x.item() for x in result[: int(p.get("limit", 10))]]})
         if "id" in p:
-            everything = (x for products in self.products.values() for x in products)
-            product = next((x for x in everything if x.header.id == p["id"]), None)
+            stored = (x for products in self.products.values() for x in products)
+            product = next((x for x in stored if x.header.id == p["id"]), None)
             if product is None:
                 raise ProductNotFoundError(f"no product {p['id']}")
             return product.reply()
@@ -336,7 +336,7 @@ class SimulatedBus:
 
     def subscribe(self, keyexpr: str, callback: Callable[[Message], None], **_: Any) -> None:
         self._subscriptions.append((keyexpr.split("/"), callback))
-        if keyexpr.endswith("/status"):  # latched
+        if keyexpr.endswith("/status"):  # a late subscriber receives the last status
             for process in self._mission.processes.values():
                 if process.alive:
                     self._mission.publish_status(process)
@@ -347,9 +347,9 @@ class SimulatedBus:
             if len(pattern) == len(parts) and all(a in ("*", b) for a, b in zip(pattern, parts, strict=True)):
                 callback(Message(key, pack(dict(body)), "", b""))
 
-    def on_token(self, key: str, here: bool) -> None:
+    def on_token(self, key: str, present: bool) -> None:
         if self._watcher is not None:
-            self._watcher(key, here)
+            self._watcher(key, present)
 
     def watch_alive(self, keyexpr: str, callback: Callable[[str, bool], None]) -> None:
         self._watcher = callback
@@ -360,7 +360,7 @@ class SimulatedBus:
         return {k for k in self._mission.tokens if k.endswith("/orchestrator")} & {keyexpr}
 
     def declare_alive(self, scope: str, service: str) -> None:
-        self._mission.token(keys.alive(scope, service), here=True)
+        self._mission.token(keys.alive(scope, service), present=True)
 
     def publish_map(self, key: str, body: Mapping[str, Any], **_: Any) -> None:
         self._mission.publish(key, body)
@@ -374,13 +374,13 @@ class SimulatedBus:
         timeout_s: float = 5.0,
         **_: Any,
     ) -> Reply:
-        """Reply as the component would, after a delay; hang until the timeout if it does not answer."""
+        """Return the reply of the called component after a delay, or wait for the timeout if it hangs."""
         m, p = self._mission, {k: str(v) for k, v in (parameters or {}).items()}
         parts, verb = key.split("/"), key.rsplit("/", 1)[1]
         scheduler, until_s = m.scheduler, m.scheduler.now_s + timeout_s
         scheduler.sleep(min(m.random.choice([0.002, 0.005, 0.02, 0.2]), timeout_s))
         if scheduler.now_s >= until_s:
-            raise DeadlineError("too late")
+            raise DeadlineError("no answer before the deadline")
         if parts[3] == "dpm":
             if not m.dpm_up:
                 raise NoAnswerError("no service answers")
@@ -411,7 +411,7 @@ class SimulatedBus:
         return m.switch(process, verb, request.body() if payload else {})
 
     def _set_mode(self, robot: str, p: Mapping[str, str], until_s: float) -> dict[str, Any]:
-        """Do the same as ``SimulatedIcu.set_mode``, but wait in virtual time."""
+        """Set a mode like ``SimulatedIcu.set_mode``, but wait in virtual time."""
         icu, scheduler = self._mission.icu, self._mission.scheduler
         machine = icu.demand(robot, p["sensor"], p["mode"], "orchestrator")
         while machine.target == p["mode"] and scheduler.now_s < until_s:
@@ -422,7 +422,7 @@ class SimulatedBus:
         if machine.refusal:
             raise DeniedError(machine.refusal)
         if machine.mode != p["mode"]:
-            raise DeadlineError("not reached")
+            raise DeadlineError("mode not reached before the deadline")
         return {"confirmed": True}
 
     def query(self, key: str, parameters: Mapping[str, str]) -> Iterator[Reply]:

@@ -25,6 +25,6 @@ def header(seq: int, **fields: Any) -> Header:
     return Header(id=product_id("mana", "test", "map", t1_ns, seq, "c"), seq=seq, t1_ns=t1_ns, **defaults)
 
 
-def put(store: Store, a_header: Header, payload: bytes = b"payload", **other: Any) -> Insertion:
+def put(store: Store, product_header: Header, payload: bytes = b"payload", **other: Any) -> Insertion:
     """Insert a product, of ``mana`` by default."""
-    return store.put_all([NewProduct(a_header, payload, **{**NAMES, **other})])[0]
+    return store.put_all([NewProduct(product_header, payload, **{**NAMES, **other})])[0]

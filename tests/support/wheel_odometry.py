@@ -24,6 +24,7 @@ class Driver:
     def __init__(self, bus: Bus) -> None:
         self.bus = bus
         self.on = threading.Event()
+        #: Child frame of the next sample instead of the base.
         self.next_child = ""
         self.modes: list[str] = []
         self.events: list[str] = []
@@ -47,6 +48,7 @@ class Driver:
                 self.next_child = ""
 
     def send(self, child: str) -> None:
+        """Publish one sample."""
         self._seq += 1
         stamp_ns = wall_ns()
         matrix = se3.transform(se3.exp_so3([0, 0, 0.5]), [self._seq * 0.01, 0, 0])

@@ -29,7 +29,7 @@ def test_a_service_without_scope_is_refused() -> None:
         health.missing_services(bus, ["dpm"])
 
 
-def test_without_a_router_it_is_not_healthy(
+def test_the_health_check_fails_without_a_router(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("CDFF_CONNECT", "tcp/127.0.0.1:1")

@@ -23,7 +23,9 @@ class Node:
         type(self).configured += 1
 
 
-def test_a_missing_library_leaves_only_its_dfn_cold(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_dfn_with_a_missing_library_is_reported_and_the_others_are_compiled(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     registry = Registry()
     for name in ("First", "Heavy", "Last"):
         registry.dfns[name.lower()] = DiscoveredPackage(
@@ -48,9 +50,9 @@ def test_each_dfpc_of_a_profile_is_compiled_once() -> None:
     assert len({task.name for task in tasks}) == len(tasks)
 
 
-def test_set_up_compiles_a_profile_and_continues_without_it() -> None:
+def test_set_up_compiles_a_profile_and_continues_after_a_failure() -> None:
     lines = SETUP.read_text(encoding="utf-8").splitlines()
-    (line,) = [i for i, text in enumerate(lines) if "-m services.warm" in text]
-    assert "--profile rover_traverse ||" in lines[line]
-    assert "echo" in lines[line - 1]
-    assert "echo" in lines[line + 1]
+    (index,) = [i for i, text in enumerate(lines) if "-m services.warm" in text]
+    assert "--profile rover_traverse ||" in lines[index]
+    assert "echo" in lines[index - 1]
+    assert "echo" in lines[index + 1]

@@ -52,7 +52,7 @@ def test_json_show_is_the_description_with_its_configuration(
 
 
 @pytest.mark.req("CDFF-CORE-030")
-def test_an_unknown_name_is_an_error_that_lists_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_name_is_refused_with_the_available_names(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["dfn", "show", "nonsense"]) == 1
     err = capsys.readouterr().err
     assert "no DFN 'nonsense'; expected one of" in err
@@ -80,7 +80,7 @@ def test_a_dfpc_is_started_as_a_process_with_wiring_and_router(monkeypatch: pyte
 
 
 class ClientDouble:
-    """Client double whose DFPCs return the parameters of the call."""
+    """Client double that records the arguments of each call and returns ``value``."""
 
     calls: list[tuple[object, ...]] = []
     value: Any = None
@@ -92,8 +92,8 @@ class ClientDouble:
 
     def __exit__(self, *_: object) -> None: ...
 
-    def call(self, *client: object, timeout_s: float) -> tuple[Any, dict[str, Any]]:
-        self.calls.append((*client, timeout_s))
+    def call(self, *arguments: object, timeout_s: float) -> tuple[Any, dict[str, Any]]:
+        self.calls.append((*arguments, timeout_s))
         return self.value, {"frame": "site", "t1_ns": 7_000, "quality": {"covariance_kind": "formal"}}
 
 
@@ -135,9 +135,9 @@ def test_a_product_value_is_written_to_the_named_file(
     tmp_path: Path,
 ) -> None:
     stamps, poses = np.array([1_000, 2_000]), np.tile(np.eye(4), (2, 1, 1))
-    path = PoseTrajectory.from_arrays(stamps, poses, None, parent="site", child="mana/base")
-    monkeypatch.setattr(ClientDouble, "value", path)
-    line = [
+    route = PoseTrajectory.from_arrays(stamps, poses, None, parent="site", child="mana/base")
+    monkeypatch.setattr(ClientDouble, "value", route)
+    command = [
         "call",
         "mana",
         "navigation_mapping",
@@ -147,10 +147,10 @@ def test_a_product_value_is_written_to_the_named_file(
         "to_x_m=1",
         "to_y_m=2",
     ]
-    assert cli.main([*line, "--out", str(tmp_path / "way.tum"), "--json"]) == 0
-    assert len((tmp_path / "way.tum").read_text().splitlines()) == 2
+    assert cli.main([*command, "--out", str(tmp_path / "route.tum"), "--json"]) == 0
+    assert len((tmp_path / "route.tum").read_text().splitlines()) == 2
     assert json.loads(capsys.readouterr().out)["type"] == "PoseTrajectory"
-    assert cli.main([*line, "--json"]) == 0
+    assert cli.main([*command, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document | {"extent_m": None} == {
         "type": "PoseTrajectory",
@@ -160,8 +160,8 @@ def test_a_product_value_is_written_to_the_named_file(
         "out": ["tum", "npz", "geojson", "uper"],
     }
     for ending in ("uper", "npz", "geojson"):
-        assert cli.main([*line, "--out", str(tmp_path / f"way.{ending}")]) == 0
-        assert (tmp_path / f"way.{ending}").stat().st_size > 0
+        assert cli.main([*command, "--out", str(tmp_path / f"route.{ending}")]) == 0
+        assert (tmp_path / f"route.{ending}").stat().st_size > 0
 
 
 def test_plain_values_are_printed_unchanged(
@@ -180,21 +180,21 @@ def test_without_an_operation_the_available_ones_are_listed(capsys: pytest.Captu
 
 
 @pytest.mark.parametrize(
-    ("line", "reason"),
+    ("arguments", "reason"),
     [
         (["get_rout"], "no operation 'get_rout'; it has get_map"),
         (["get_route", "x"], "'x': expected KEY=VALUE"),
         (["get_route", "to_x_m=1", "to_x_m=2"], "to_x_m is given twice"),
         (
-            ["get_route", "--out", "way.ply"],
+            ["get_route", "--out", "route.ply"],
             "'.ply' is no format of a PoseTrajectory, expected one of .tum",
         ),
-        (["get_route", "--out", "no/way.tum"], "there is no folder no"),
+        (["get_route", "--out", "no/route.tum"], "there is no folder no"),
     ],
 )
 def test_an_invalid_call_is_refused_before_it_is_sent(
-    line: list[str], reason: str, client: type[ClientDouble], capsys: pytest.CaptureFixture[str]
+    arguments: list[str], reason: str, client: type[ClientDouble], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert cli.main(["call", "mana", "navigation_mapping", *line]) == 1
+    assert cli.main(["call", "mana", "navigation_mapping", *arguments]) == 1
     assert reason in capsys.readouterr().err
     assert client.calls == []

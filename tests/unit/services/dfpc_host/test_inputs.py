@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Messages on input keys are decoded to samples of ports."""
+"""Decoding of messages on input keys to samples of ports."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_a_port_accepts_its_type_and_the_larger_size_variant(count: int, type_na
     assert (sample.stamp_ns, sample.seq) == (1000, 3)
 
 
-def test_another_type_is_refused_by_name() -> None:
+def test_a_message_of_another_type_is_refused_with_both_type_names() -> None:
     message, _ = _message(1, "CorrespondenceMap2D")
     with pytest.raises(CodecError, match="carries CorrespondenceMap2D, port matches takes Pointcloud"):
         decode_sample(message, "matches", "Pointcloud")

@@ -22,26 +22,26 @@ class LastTimeDfpc(Dfpc):
     name = "last_time"
 
     def __init__(self) -> None:
-        self.now: Time | None = None
+        self.last_time: Time | None = None
 
     def setup(self) -> None:
-        self.now = None
+        self.last_time = None
 
     def reset(self) -> None:
         self.setup()
 
     def step(self, sample: Any) -> Any:
-        self.now = sample
+        self.last_time = sample
         self.state_revision += 1
         return ()
 
     def state(self) -> Time | None:
-        return self.now
+        return self.last_time
 
     def resume(self, state: Any) -> None:
         if not isinstance(state, Time):
             raise InputError(f"state {type(state).__name__}, expected Time")
-        self.now = state
+        self.last_time = state
 
 
 @pytest.fixture
@@ -63,8 +63,8 @@ def test_the_state_is_restored_in_the_next_process(path: Path) -> None:
     node_with_saved_state(path)
     node = LastTimeDfpc()
     StateStore(path).restore(node)
-    assert node.now is not None
-    assert node.now.ns == 5_000
+    assert node.last_time is not None
+    assert node.last_time.ns == 5_000
 
 
 def test_an_unchanged_state_is_not_written(path: Path) -> None:
@@ -75,7 +75,7 @@ def test_an_unchanged_state_is_not_written(path: Path) -> None:
     assert not path.exists()
 
 
-def test_a_state_is_saved_first_at_once_then_periodically_and_at_the_end(path: Path) -> None:
+def test_the_first_state_is_saved_at_once_and_later_ones_periodically_and_at_the_end(path: Path) -> None:
     node = LastTimeDfpc()
     store = StateStore(path, period_s=3600.0)
     store.restore(node)
@@ -83,29 +83,29 @@ def test_a_state_is_saved_first_at_once_then_periodically_and_at_the_end(path: P
     assert not path.exists()  # the state did not change yet
     node.step(Time.from_ns(1_000))
     store.checkpoint_first(node)
-    first = path.read_bytes()
+    first_saved = path.read_bytes()
     node.step(Time.from_ns(2_000))
     store.checkpoint_first(node)
     store.checkpoint(node)
-    assert path.read_bytes() == first
+    assert path.read_bytes() == first_saved
     store.checkpoint(node, now=True)
-    assert path.read_bytes() != first
+    assert path.read_bytes() != first_saved
 
 
-def test_a_new_state_is_saved_more_often(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_interval_between_saves_grows_after_a_start(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     now_s = 100.0
     monkeypatch.setattr("services.dfpc_host.state_store.monotonic_s", lambda: now_s)
     node, store, saved_s = LastTimeDfpc(), StateStore(path), list[float]()
     store.restore(node)
     for tick in range(400):
         now_s = 100.0 + 0.1 * tick
-        before = path.read_bytes() if path.exists() else b""
+        previously_saved = path.read_bytes() if path.exists() else b""
         node.step(Time.from_ns(1_000 * (tick + 1)))
         store.checkpoint(node)
-        if path.read_bytes() != before:
+        if path.read_bytes() != previously_saved:
             saved_s.append(round(now_s - 100.0, 1))
-    gaps_s = [round(b - a, 1) for a, b in itertools.pairwise(saved_s)]
-    np.testing.assert_allclose(gaps_s, [0.5, 1.0, 2.0, 4.0, 8.0, 10.0, 10.0], atol=0.11)
+    intervals_s = [round(b - a, 1) for a, b in itertools.pairwise(saved_s)]
+    np.testing.assert_allclose(intervals_s, [0.5, 1.0, 2.0, 4.0, 8.0, 10.0, 10.0], atol=0.11)
 
 
 @pytest.mark.req("CDFF-SUP-194")
@@ -125,7 +125,7 @@ def test_a_cleared_state_is_removed_from_disk(path: Path) -> None:
     node = node_with_saved_state(path)
     store = StateStore(path, period_s=0.0)
     store.restore(node)
-    node.now = None
+    node.last_time = None
     node.state_revision += 1
     store.checkpoint(node)
     assert not path.exists()
@@ -136,24 +136,24 @@ def disk_full(*_: Any, **__: Any) -> None:
 
 
 @pytest.mark.parametrize("cleared", [False, True])
-def test_a_failed_write_is_reported_and_repeated(
+def test_a_failed_write_or_removal_is_reported_and_repeated(
     path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, cleared: bool
 ) -> None:
     node = node_with_saved_state(path)
     store = StateStore(path, period_s=0.0)
     store.restore(node)
     node.step(None if cleared else Time.from_ns(6_000))
-    before = path.read_bytes()
+    previously_saved = path.read_bytes()
     with monkeypatch.context() as patch:
         patch.setattr(Path, "unlink" if cleared else "open", disk_full)
         store.checkpoint(node, now=True)
     assert "No space left on device" in caplog.text
-    assert path.read_bytes() == before
+    assert path.read_bytes() == previously_saved
     store.checkpoint(node)
-    assert not path.exists() if cleared else path.read_bytes() != before
+    assert not path.exists() if cleared else path.read_bytes() != previously_saved
 
 
-def test_an_undeletable_activation_marker_is_reported(
+def test_an_activation_record_that_cannot_be_deleted_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(Path, "unlink", disk_full)
@@ -170,7 +170,7 @@ def test_a_corrupt_file_is_renamed_and_reported(path: Path, damage: Any) -> None
     node = LastTimeDfpc()
     with pytest.raises(CodecError, match="SHA-256"):
         StateStore(path).restore(node)
-    assert node.now is None
+    assert node.last_time is None
     assert not path.exists()
     assert path.with_suffix(".broken").exists()
 
@@ -183,13 +183,13 @@ def test_a_corrupt_file_that_cannot_be_renamed_is_not_partly_restored(
 
     class PartlyRestored(LastTimeDfpc):
         def resume(self, state: Any) -> None:
-            self.now = state
-            raise InputError("the rest is missing")
+            self.last_time = state
+            raise InputError("a field is missing")
 
     node = PartlyRestored()
     with pytest.raises(OSError, match="No space left"):
         StateStore(path).restore(node)
-    assert node.now is None
+    assert node.last_time is None
 
 
 def test_a_state_refused_by_the_dfpc_is_renamed(path: Path) -> None:
@@ -197,9 +197,9 @@ def test_a_state_refused_by_the_dfpc_is_renamed(path: Path) -> None:
 
     class Refusing(LastTimeDfpc):
         def resume(self, state: Any) -> None:
-            raise InputError("another DFPC's")
+            raise InputError("of another DFPC")
 
-    with pytest.raises(CdffError, match="another DFPC's"):
+    with pytest.raises(CdffError, match="of another DFPC"):
         StateStore(path).restore(Refusing())
     assert path.with_suffix(".broken").exists()
 
@@ -209,8 +209,8 @@ def test_an_interrupted_save_keeps_the_previous_state(path: Path) -> None:
     path.with_name(f"{path.name}.part").write_bytes(b"half of")
     node = LastTimeDfpc()
     StateStore(path).restore(node)
-    assert node.now is not None
-    assert node.now.ns == 7_000
+    assert node.last_time is not None
+    assert node.last_time.ns == 7_000
 
 
 def test_the_file_is_in_the_data_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""An input port with products of the DPM: a failed read is repeated."""
+"""An input port that reads products from the DPM repeats a failed read."""
 
 from __future__ import annotations
 
@@ -62,22 +62,24 @@ def test_a_failed_read_of_an_update_is_repeated(
     failure: Reply | DeadlineError, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("services.dfpc_host.stored_inputs._RETRY_S", 0.02)
-    dpm, read = Dpm(reply(1)), []
-    stored = StoredInput(dpm, "dpm/orbiter/dem", "located.orbital", lambda m: read.append(m.payload))  # type: ignore[arg-type]
-    wait_until(lambda: read)
+    dpm, payloads = Dpm(reply(1)), []
+    bus: Any = dpm
+    stored = StoredInput(bus, "dpm/orbiter/dem", "located.orbital", lambda m: payloads.append(m.payload))
+    wait_until(lambda: payloads)
     dpm.answers = [failure, reply(2)]
     dpm.notify(Message("key", pack({"product": "dem", "robot": "orbiter"}), "", b""))
-    wait_until(lambda: len(read) == 2)
+    wait_until(lambda: len(payloads) == 2)
     stored.close()
-    assert read == [b"1", b"2"]
+    assert payloads == [b"1", b"2"]
     assert stored.waiting_reason == ""
 
 
 def test_the_reason_of_a_failed_read_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("services.dfpc_host.stored_inputs._RETRY_S", 0.02)
-    dpm, read = Dpm(reply(1)), []
-    stored = StoredInput(dpm, "dpm/orbiter/dem", "located.orbital", lambda m: read.append(m.payload))  # type: ignore[arg-type]
-    wait_until(lambda: read)
+    dpm, payloads = Dpm(reply(1)), []
+    bus: Any = dpm
+    stored = StoredInput(bus, "dpm/orbiter/dem", "located.orbital", lambda m: payloads.append(m.payload))
+    wait_until(lambda: payloads)
     dpm.answers = [DeadlineError("no answer within 10 s")]
     dpm.notify(Message("key", pack({"product": "dem", "robot": "orbiter"}), "", b""))
     wait_until(lambda: "no answer" in stored.waiting_reason)

@@ -32,7 +32,7 @@ def test_invalid_wiring_is_refused_with_the_alternatives(
         standalone_entry(robot, dfpc, inputs)
 
 
-def test_a_given_source_replaces_that_of_the_profile() -> None:
+def test_a_source_on_the_command_line_replaces_that_of_the_profile() -> None:
     _, entry = standalone_entry(
         "rover", "position_manager", {"odometry": "sensor/wheels/odometry", "imu": "sensor/imu/sample"}
     )

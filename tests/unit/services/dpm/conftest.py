@@ -17,7 +17,7 @@ from services.dpm.http.app import create_app
 from services.dpm.http.context import Context
 from services.dpm.operations.dpm import Dpm
 from services.dpm.settings import Settings
-from tests.support.dpm_products import S, cloud, elevation, navigation, parcel, pose
+from tests.support.dpm_products import S, cloud, elevation, navigation, pose, put_arguments
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
@@ -31,7 +31,7 @@ def clock() -> ManualClock:
 
 
 @pytest.fixture(scope="session")
-def empty(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def empty_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Directory of an empty store that tests copy, because a migration takes longer than most tests."""
     directory = tmp_path_factory.mktemp("empty")
     open_store(f"sqlite:///{directory}").close()
@@ -39,9 +39,9 @@ def empty(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def dpm(tmp_path: Path, clock: ManualClock, empty: Path) -> Iterator[Dpm]:
+def dpm(tmp_path: Path, clock: ManualClock, empty_store: Path) -> Iterator[Dpm]:
     """A DPM with an empty store."""
-    shutil.copytree(empty, tmp_path, dirs_exist_ok=True)
+    shutil.copytree(empty_store, tmp_path, dirs_exist_ok=True)
     with open_store(f"sqlite:///{tmp_path}", clock) as store:
         yield Dpm(store, max_payload_bytes=1 << 20)
 
@@ -56,10 +56,10 @@ def http(dpm: Dpm, tmp_path: Path) -> TestClient:
 
 
 @pytest.fixture
-def filled(dpm: Dpm) -> Callable[[str], str]:
-    """Insert one product of each kind and return a function that gives the id of a kind."""
+def inserted_id(dpm: Dpm) -> Callable[[str], str]:
+    """Insert a DEM, navigation map, cloud and pose; return a function from a product type to the id."""
     ids = {}
-    for seq, (kind, value, fields) in enumerate(
+    for seq, (product, value, fields) in enumerate(
         [
             ("dem", elevation(0.0), {"resolution_m": 0.1}),
             ("navigation_map", navigation(), {"resolution_m": 0.1}),
@@ -67,6 +67,6 @@ def filled(dpm: Dpm) -> Callable[[str], str]:
             ("pose", pose(3, 1.0), {"child": "mana/base"}),
         ]
     ):
-        _, header = dpm.writer.put(*parcel(value, kind, seq, **fields))
-        ids[kind] = header.id
+        _, header = dpm.writer.put(*put_arguments(value, product, seq, **fields))
+        ids[product] = header.id
     return ids.__getitem__

@@ -13,7 +13,7 @@ from dpm_store import Event, StaleRevisionError
 from services.dpm.bus import service
 from services.dpm.operations.dpm import OWN_EVENTS, Dpm
 
-Filled = Callable[[str], str]
+InsertedId = Callable[[str], str]
 
 
 def bus_request(verb: str, body: Any = None, **parameters: str) -> Request:
@@ -23,23 +23,28 @@ def bus_request(verb: str, body: Any = None, **parameters: str) -> Request:
 
 
 @pytest.mark.req("CDFF-SUP-030")
-def test_an_update_requires_its_base_revision(http: TestClient, filled: Filled) -> None:
-    url = f"/api/v1/products/{filled('dem')}"
+def test_an_update_requires_its_base_revision(http: TestClient, inserted_id: InsertedId) -> None:
+    url = f"/api/v1/products/{inserted_id('dem')}"
     read = http.get(url)
     assert (read.headers["etag"], read.json()["annotation"]["tags"]) == ('"r0"', [])
     assert http.patch(url, json={"tags": ["crater"]}).status_code == 428
     changed = http.patch(url, json={"tags": ["crater"], "notes": "odd"}, headers={"If-Match": '"r0"'})
     assert (changed.status_code, changed.headers["etag"]) == (200, '"r1"')
-    late = http.patch(url, json={"notes": "other"}, headers={"If-Match": '"r0"'})
-    assert late.status_code == 412
-    assert late.headers["content-type"].startswith("application/problem+json")
-    assert "revision 1" in late.json()["detail"]
-    any_ = http.patch(
+    outdated = http.patch(url, json={"notes": "other"}, headers={"If-Match": '"r0"'})
+    assert outdated.status_code == 412
+    assert outdated.headers["content-type"].startswith("application/problem+json")
+    assert "revision 1" in outdated.json()["detail"]
+    unconditional = http.patch(
         url, json={"pinned": True, "quality": {"status": "DEGRADED"}}, headers={"If-Match": "*"}
     )
-    assert any_.json()["revision"] == 2
-    now = http.get(url).json()["annotation"]
-    assert (now["tags"], now["notes"], now["pinned"], now["quality"]["status"]) == (
+    assert unconditional.json()["revision"] == 2
+    annotation = http.get(url).json()["annotation"]
+    assert (
+        annotation["tags"],
+        annotation["notes"],
+        annotation["pinned"],
+        annotation["quality"]["status"],
+    ) == (
         ["crater"],
         "odd",
         True,
@@ -49,14 +54,18 @@ def test_an_update_requires_its_base_revision(http: TestClient, filled: Filled) 
     assert http.delete(url).status_code == 409
 
 
-def test_a_product_of_a_newer_revision_is_not_deleted(http: TestClient, filled: Filled) -> None:
-    url = f"/api/v1/products/{filled('dem')}"
-    read = http.get(url).headers["etag"]
-    changed = http.patch(url, json={"notes": "keep this"}, headers={"If-Match": read}).headers["etag"]
-    assert http.delete(url, headers={"If-Match": read}).status_code == 412
+def test_a_deletion_based_on_an_outdated_revision_is_refused(
+    http: TestClient, inserted_id: InsertedId
+) -> None:
+    url = f"/api/v1/products/{inserted_id('dem')}"
+    first_etag = http.get(url).headers["etag"]
+    second_etag = http.patch(url, json={"notes": "keep this"}, headers={"If-Match": first_etag}).headers[
+        "etag"
+    ]
+    assert http.delete(url, headers={"If-Match": first_etag}).status_code == 412
     assert http.delete(url, headers={"If-Match": "yesterday's"}).status_code == 422
     assert http.get(url).json()["annotation"]["notes"] == "keep this"
-    assert http.delete(url, headers={"If-Match": changed}).json()["deleted"]
+    assert http.delete(url, headers={"If-Match": second_etag}).json()["deleted"]
 
 
 @pytest.mark.parametrize(
@@ -70,9 +79,9 @@ def test_a_product_of_a_newer_revision_is_not_deleted(http: TestClient, filled: 
     ],
 )
 def test_an_invalid_annotation_is_refused(
-    http: TestClient, filled: Filled, body: dict[str, Any], match: str
+    http: TestClient, inserted_id: InsertedId, body: dict[str, Any], match: str
 ) -> None:
-    url = f"/api/v1/products/{filled('dem')}"
+    url = f"/api/v1/products/{inserted_id('dem')}"
     answer = http.patch(url, json=body, headers={"If-Match": match})
     assert answer.status_code == 422, answer.text
     assert http.get(url).headers["etag"] == '"r0"'
@@ -84,8 +93,8 @@ def test_an_unknown_product_cannot_be_annotated(http: TestClient) -> None:
     assert http.get("/api/v1/products/none/revisions").status_code == 404
 
 
-def test_an_update_over_the_bus_is_announced(dpm: Dpm, filled: Filled) -> None:
-    product_id = filled("dem")
+def test_an_update_over_the_bus_is_published_as_an_event(dpm: Dpm, inserted_id: InsertedId) -> None:
+    product_id = inserted_id("dem")
     received: list[Event] = []
     dpm.events.listen(received.append)
     reply = service.update(

@@ -19,6 +19,7 @@ from fastapi.testclient import TestClient
 
 from cdff_common.bus import Request
 from cdff_common.clock import ManualClock
+from cdff_common.codecs import encode
 from cdff_common.errors import CdffError, InputError, rpc_code
 from cdff_common.interfaces.product import Header
 from cdff_common.types import Pointcloud
@@ -30,12 +31,13 @@ from services.dpm.operations.checks import MAX_SKEW_S
 from services.dpm.operations.dpm import Dpm
 from services.dpm.settings import Settings
 
-from .conftest import S, cloud, elevation, navigation, parcel
+from .conftest import S, cloud, elevation, navigation, put_arguments
 
 Change = Callable[[dict[str, Any]], dict[str, Any]]
 NAN = math.nan
 BOX = [-9.0, -9.0, -9.0, 9.0, 9.0, 9.0]
-LATE_NS = (100 + int(MAX_SKEW_S) + 1) * S
+BEYOND_SKEW_NS = (100 + int(MAX_SKEW_S) + 1) * S
+#: Change of a valid header that makes it invalid, by description.
 HEADERS: dict[str, Change] = {
     "no id": lambda h: {k: v for k, v in h.items() if k != "id"},
     "an id that is a path": lambda h: h | {"id": "../../etc/passwd"},
@@ -47,18 +49,18 @@ HEADERS: dict[str, Change] = {
     "a box with exchanged corners": lambda h: h | {"box_m": BOX[::-1]},
     "a box elsewhere than the content": lambda h: h | {"box_m": [500.0, 500.0, 500.0, 501.0, 501.0, 501.0]},
     "a box that contains a part of the content": lambda h: h | {"box_m": [*BOX[:5], 0.0]},
-    "a box of five": lambda h: h | {"box_m": BOX[:5]},
+    "a box of five numbers": lambda h: h | {"box_m": BOX[:5]},
     "a box that is text": lambda h: h | {"box_m": "abcdef"},
     "a self-crossing footprint": lambda h: (
         h | {"box_m": BOX, "footprint_m": [[0, 0], [4, 4], [4, 0], [0, 4]]}
     ),
-    "a footprint out of the box": lambda h: h | {"box_m": BOX, "footprint_m": [[0, 0], [40, 0], [0, 40]]},
+    "a footprint outside the box": lambda h: h | {"box_m": BOX, "footprint_m": [[0, 0], [40, 0], [0, 40]]},
     "a NaN in the footprint": lambda h: h | {"box_m": BOX, "footprint_m": [[0, 0], [4, NAN], [0, 4]]},
     "an unknown frame": lambda h: h | {"frame": "elsewhere"},
     "a frame of an unknown robot": lambda h: h | {"frame": "ghost/odom"},
     "a frame that is a path": lambda h: h | {"frame": "../site"},
     "a frame that is a list": lambda h: h | {"frame": ["site"]},
-    "a time in the future": lambda h: h | {"t1_ns": LATE_NS},
+    "a time in the future": lambda h: h | {"t1_ns": BEYOND_SKEW_NS},
     "a time beyond all columns": lambda h: h | {"t1_ns": 2**63 // 1000 * 1000},
     "a time before the mission": lambda h: h | {"t0_ns": -S},
     "an unknown field": lambda h: h | {"boxm": BOX},
@@ -73,10 +75,10 @@ HEADERS: dict[str, Change] = {
     "inputs that are a number": lambda h: h | {"inputs": 3},
     "a too long producer": lambda h: h | {"producer": "x" * 10_000},
     "a producer with control characters": lambda h: h | {"producer": "a\r\nSet-Cookie: b"},
-    "no cell size": lambda h: h | {"resolution_m": 0.0},
+    "a cell size of zero": lambda h: h | {"resolution_m": 0.0},
     "a NaN cell size": lambda h: h | {"resolution_m": NAN},
     "a quality that is a list": lambda h: h | {"quality": [1]},
-    "a quality of another kind": lambda h: h | {"quality": {"status": "SUPERB"}},
+    "an unknown status": lambda h: h | {"quality": {"status": "SUPERB"}},
     "too many metrics": lambda h: (
         h | {"quality": h["quality"] | {"metrics": {f"m{i}": 1.0 for i in range(300)}}}
     ),
@@ -86,14 +88,12 @@ HEADERS: dict[str, Change] = {
 }
 
 
-def announce_points(points: int) -> bytes:
-    """Return a truncated UPER cloud whose header announces ``points`` points."""
-    from cdff_common.codecs import encode
-
+def cloud_declaring(points: int) -> bytes:
+    """Return a truncated UPER cloud whose header declares ``points`` points."""
     return encode(cloud(3), "uper")[:40] + struct.pack(">I", points)
 
 
-NAMES, PAYLOAD, ENCODING, ATTACHMENT = parcel(cloud(), "pointcloud")
+NAMES, PAYLOAD, ENCODING, ATTACHMENT = put_arguments(cloud(), "pointcloud")
 PAYLOADS: dict[str, tuple[dict[str, str], bytes, str]] = {
     "a cloud put as a map": (NAMES | {"product": "dem"}, PAYLOAD, ENCODING),
     "a cloud encoded as a pose": (NAMES, PAYLOAD, ENCODING.replace("Pointcloud", "TransformWithCovariance")),
@@ -102,12 +102,12 @@ PAYLOADS: dict[str, tuple[dict[str, str], bytes, str]] = {
     "no encoding": (NAMES, PAYLOAD, ""),
     "a too long encoding": (NAMES, PAYLOAD, ENCODING + "x" * 5000),
     "an unknown product": (NAMES | {"product": "cake"}, PAYLOAD, ENCODING),
-    "nothing": (NAMES, b"", ENCODING),
-    "half of it": (NAMES, PAYLOAD[: len(PAYLOAD) // 2], ENCODING),
+    "an empty payload": (NAMES, b"", ENCODING),
+    "half of the payload": (NAMES, PAYLOAD[: len(PAYLOAD) // 2], ENCODING),
     "noise": (NAMES, b"\xff" * 4096, ENCODING),
-    "a claim of 4 294 967 295 points": (NAMES, announce_points(2**32 - 1), ENCODING),
-    "a zip": (NAMES, b"PK\x03\x04" + b"\0" * 2000, ENCODING),
-    "too much": (NAMES, b"\0" * (1 << 20) + b"1", ENCODING),
+    "4 294 967 295 declared points": (NAMES, cloud_declaring(2**32 - 1), ENCODING),
+    "a zip archive": (NAMES, b"PK\x03\x04" + b"\0" * 2000, ENCODING),
+    "more bytes than the limit": (NAMES, b"\0" * (1 << 20) + b"1", ENCODING),
     "a port that is a path": (NAMES | {"port": "../x"}, PAYLOAD, ENCODING),
     "a too long dfpc": (NAMES | {"dfpc": "x" * 65}, PAYLOAD, ENCODING),
 }
@@ -131,32 +131,32 @@ def http(dpm: Dpm) -> TestClient:
 
 @contextlib.contextmanager
 def unchanged_store(dpm: Dpm) -> Iterator[None]:
-    """Check that nothing is stored, and that no memory is allocated for claimed sizes."""
+    """Check that nothing is stored, and that no memory is allocated for declared sizes."""
     process = psutil.Process()
 
     def state() -> tuple[Any, ...]:
-        received = [e.kind for e in dpm.store.events.since() if e.kind != "refused"]
+        event_kinds = [e.kind for e in dpm.store.events.since() if e.kind != "refused"]
         blobs = sorted(p.name for p in (dpm.store.directory / "blobs").rglob("*") if p.is_file())
-        return dpm.store.statistics().count, received, blobs, dpm.store.frame_names()
+        return dpm.store.statistics().count, event_kinds, blobs, dpm.store.frame_names()
 
-    before, resident = state(), process.memory_info().rss
+    state_before, resident_bytes = state(), process.memory_info().rss
     yield
-    assert state() == before
-    assert process.memory_info().rss - resident < MAX_ALLOCATION_BYTES
+    assert state() == state_before
+    assert process.memory_info().rss - resident_bytes < MAX_ALLOCATION_BYTES
 
 
 def over_http(
     http: TestClient, names: dict[str, str], payload: bytes, encoding: str, header: dict[str, Any]
 ) -> None:
-    headers = {"Content-Type": encoding, "CDFF-Header": json.dumps(as_careless_json(header))}
+    headers = {"Content-Type": encoding, "CDFF-Header": json.dumps(json_fields(header))}
     answer = http.post("/api/v1/products", params=names, content=payload, headers=headers)
     assert 400 <= answer.status_code < 500, answer.text
     assert answer.headers["content-type"] == "application/problem+json"
     assert answer.json()["detail"]
 
 
-def as_careless_json(header: dict[str, Any]) -> dict[str, Any]:
-    """Return a header with times as texts. NaN is kept, as by ``json.dumps`` of a careless caller."""
+def json_fields(header: dict[str, Any]) -> dict[str, Any]:
+    """Return a header with times as decimal strings; NaN and infinity stay, although they are no JSON."""
     return {k: str(v) if k.endswith("_ns") and isinstance(v, int) else v for k, v in header.items()}
 
 
@@ -170,9 +170,9 @@ def over_zenoh(dpm: Dpm, names: dict[str, str], payload: bytes, encoding: str, a
 
 
 @pytest.mark.req("CDFF-SUP-162")
-@pytest.mark.parametrize("what", HEADERS)
-def test_a_bad_header_is_refused(http: TestClient, dpm: Dpm, what: str) -> None:
-    header = HEADERS[what](Header.from_attachment(ATTACHMENT).to_dict())
+@pytest.mark.parametrize("case", HEADERS)
+def test_a_bad_header_is_refused(http: TestClient, dpm: Dpm, case: str) -> None:
+    header = HEADERS[case](Header.from_attachment(ATTACHMENT).to_dict())
     with unchanged_store(dpm):
         over_http(http, NAMES, PAYLOAD, ENCODING, header)
         try:
@@ -183,27 +183,27 @@ def test_a_bad_header_is_refused(http: TestClient, dpm: Dpm, what: str) -> None:
 
 
 @pytest.mark.req("CDFF-SUP-162")
-@pytest.mark.parametrize("what", PAYLOADS)
-def test_a_bad_payload_is_refused(http: TestClient, dpm: Dpm, what: str) -> None:
-    names, payload, encoding = PAYLOADS[what]
+@pytest.mark.parametrize("case", PAYLOADS)
+def test_a_bad_payload_is_refused(http: TestClient, dpm: Dpm, case: str) -> None:
+    names, payload, encoding = PAYLOADS[case]
     with unchanged_store(dpm):
         over_http(http, names, payload, encoding, Header.from_attachment(ATTACHMENT).to_dict())
         over_zenoh(dpm, names, payload, encoding, ATTACHMENT)
 
 
-NO_HEADERS = {
+INVALID_ATTACHMENTS = {
     "empty": b"",
     "reserved": b"\xc1",
-    "claims 4 G items": b"\xdd\xff\xff\xff\xff",
+    "declares 4 G items": b"\xdd\xff\xff\xff\xff",
     "nested": b"\x91" * 5000,
     "a list": msgpack.packb([1, 2]),
     "no fields": msgpack.packb({"v": 1}),
     "2 MB": b"\0" * (2 << 20),
 }
-NO_BATCHES = {
+INVALID_BATCHES = {
     "empty": b"",
     "nested": b"\x91" * 5000,
-    "claims 4 G products": b"\xdd\xff\xff\xff\xff",
+    "declares 4 G products": b"\xdd\xff\xff\xff\xff",
     "reserved": b"\xc1",
     "a map": msgpack.packb({}),
     "half a product": msgpack.packb([{"robot": "mana"}]),
@@ -211,13 +211,13 @@ NO_BATCHES = {
 }
 
 
-@pytest.mark.parametrize("attachment", NO_HEADERS.values(), ids=NO_HEADERS.keys())
+@pytest.mark.parametrize("attachment", INVALID_ATTACHMENTS.values(), ids=INVALID_ATTACHMENTS.keys())
 def test_an_attachment_without_header_is_refused(dpm: Dpm, attachment: bytes) -> None:
     with unchanged_store(dpm):
         over_zenoh(dpm, NAMES, PAYLOAD, ENCODING, attachment)
 
 
-@pytest.mark.parametrize("body", NO_BATCHES.values(), ids=NO_BATCHES.keys())
+@pytest.mark.parametrize("body", INVALID_BATCHES.values(), ids=INVALID_BATCHES.keys())
 def test_a_bad_batch_is_refused(http: TestClient, dpm: Dpm, body: bytes) -> None:
     with unchanged_store(dpm):
         answer = http.post("/api/v1/products/batch", content=body)
@@ -229,18 +229,18 @@ def test_a_bad_batch_is_refused(http: TestClient, dpm: Dpm, body: bytes) -> None
 
 def test_one_invalid_product_rejects_the_whole_batch(http: TestClient, dpm: Dpm) -> None:
     def item(value: Any, product: str, seq: int, **fields: Any) -> dict[str, Any]:
-        names, payload, encoding, attachment = parcel(value, product, seq, **fields)
+        names, payload, encoding, attachment = put_arguments(value, product, seq, **fields)
         return {**names, "payload": payload, "encoding": encoding, "attachment": attachment}
 
-    good, late = item(elevation(0.0), "dem", 1), item(elevation(0.0), "dem", 2, t1_ns=LATE_NS)
+    valid, in_future = item(elevation(0.0), "dem", 1), item(elevation(0.0), "dem", 2, t1_ns=BEYOND_SKEW_NS)
     with unchanged_store(dpm):
-        answer = http.post("/api/v1/products/batch", content=msgpack.packb([good, late]))
+        answer = http.post("/api/v1/products/batch", content=msgpack.packb([valid, in_future]))
         assert answer.status_code == 422
         assert "mission clock" in answer.json()["detail"]
 
 
 def test_a_capture_may_end_slightly_in_the_future(dpm: Dpm) -> None:
-    _, header = dpm.writer.put(*parcel(cloud(), "pointcloud", 1, t1_ns=(100 + int(MAX_SKEW_S)) * S))
+    _, header = dpm.writer.put(*put_arguments(cloud(), "pointcloud", 1, t1_ns=(100 + int(MAX_SKEW_S)) * S))
     assert dpm.store.get(header.id).header.t1_ns == (100 + int(MAX_SKEW_S)) * S
 
 
@@ -282,7 +282,7 @@ FRAMES: dict[str, dict[str, Any]] = {
     "a matrix of text": {"parent": "site", "T": [["a"] * 4] * 4},
     "no rotation": {"parent": "site", "T": [[2, 0, 0, 0], [0, 2, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]]},
     "a NaN": {"parent": "site", "T": [[1, 0, 0, NAN], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
-    "a place beyond the solar system": {
+    "a position beyond the solar system": {
         "parent": "site",
         "T": [[1, 0, 0, 1e300], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
     },
@@ -309,9 +309,9 @@ FRAMES: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("what", FRAMES)
-def test_a_bad_frame_is_refused(http: TestClient, dpm: Dpm, what: str) -> None:
-    body = FRAMES[what]
+@pytest.mark.parametrize("case", FRAMES)
+def test_a_bad_frame_is_refused(http: TestClient, dpm: Dpm, case: str) -> None:
+    body = FRAMES[case]
     with unchanged_store(dpm):
         text = json.dumps(body)
         answer = http.post(
@@ -326,11 +326,11 @@ def test_a_bad_frame_is_refused(http: TestClient, dpm: Dpm, what: str) -> None:
     assert dpm.store.frames.current() == ()
 
 
-def test_deep_json_is_refused(http: TestClient, dpm: Dpm) -> None:
+def test_deeply_nested_json_is_refused(http: TestClient, dpm: Dpm) -> None:
     with unchanged_store(dpm):
         for path in ("/api/v1/frames/a/revisions", "/stac/search", "/api/v1/requests"):
-            deep = "[" * 100_000 + "]" * 100_000
-            answer = http.post(path, content=deep, headers={"Content-Type": "application/json"})
+            nested = "[" * 100_000 + "]" * 100_000
+            answer = http.post(path, content=nested, headers={"Content-Type": "application/json"})
             assert answer.status_code in (400, 422), answer.text
 
 
@@ -363,20 +363,20 @@ def test_an_invalid_region_of_a_search_is_refused(http: TestClient, dpm: Dpm, pa
 
 def test_a_box_may_be_larger_than_the_content_or_smaller_by_rounding(dpm: Dpm) -> None:
     x0, *others = cloud().extent_m()
-    dpm.writer.put(*parcel(cloud(), "pointcloud", 1, box_m=(x0 + 5e-4, *others)))
-    dpm.writer.put(*parcel(cloud(), "pointcloud", 2, box_m=tuple(BOX)))
+    dpm.writer.put(*put_arguments(cloud(), "pointcloud", 1, box_m=(x0 + 5e-4, *others)))
+    dpm.writer.put(*put_arguments(cloud(), "pointcloud", 2, box_m=tuple(BOX)))
     with pytest.raises(
         InputError, match=r"box_m=\[.*\] m does not contain the content, which lies in \[.*\] m"
     ):
-        dpm.writer.put(*parcel(cloud(), "pointcloud", 3, box_m=(x0 + 2e-3, *others)))
+        dpm.writer.put(*put_arguments(cloud(), "pointcloud", 3, box_m=(x0 + 2e-3, *others)))
 
 
 def test_a_2d_map_may_have_a_box_with_heights(dpm: Dpm) -> None:
-    dpm.writer.put(*parcel(navigation(), "navigation_map", 1, box_m=(0.0, 0.0, 3.0, 1.0, 1.0, 4.0)))
+    dpm.writer.put(*put_arguments(navigation(), "navigation_map", 1, box_m=(0.0, 0.0, 3.0, 1.0, 1.0, 4.0)))
 
 
 def test_a_cloud_without_a_finite_point_is_refused_and_an_empty_one_is_not(dpm: Dpm) -> None:
-    lost, none = (Pointcloud.from_points(np.full((n, 3), NAN), frame="site", stamp_ns=S) for n in (4, 0))
+    all_nan, empty = (Pointcloud.from_points(np.full((n, 3), NAN), frame="site", stamp_ns=S) for n in (4, 0))
     with pytest.raises(InputError, match="none of 4 points is finite"):
-        dpm.writer.put(*parcel(lost, "pointcloud", 11))
-    dpm.writer.put(*parcel(none, "pointcloud", 12))
+        dpm.writer.put(*put_arguments(all_nan, "pointcloud", 11))
+    dpm.writer.put(*put_arguments(empty, "pointcloud", 12))

@@ -12,16 +12,16 @@ from cdff_common.errors import CodecError, InputError
 from services.dpm.bus import service
 from services.dpm.operations.dpm import Dpm
 
-from .conftest import cloud, elevation, parcel
+from .conftest import cloud, elevation, put_arguments
 
 
-def transmitted(*parcels: Any) -> list[dict[str, Any]]:
-    """Return a batch in its transmitted form."""
-    return [{**names, "payload": p, "encoding": e, "attachment": a} for names, p, e, a in parcels]
+def transmitted(*products: Any) -> list[dict[str, Any]]:
+    """Return a batch in the form in which it is sent."""
+    return [{**names, "payload": p, "encoding": e, "attachment": a} for names, p, e, a in products]
 
 
 def batch() -> list[dict[str, Any]]:
-    return transmitted(parcel(cloud(), "pointcloud", 0), parcel(elevation(0.0), "dem", 1))
+    return transmitted(put_arguments(cloud(), "pointcloud", 0), put_arguments(elevation(0.0), "dem", 1))
 
 
 @pytest.mark.req("CDFF-SUP-030")
@@ -59,9 +59,9 @@ def test_a_malformed_batch_needs_little_memory_and_gives_a_short_message(dpm: Dp
 
 
 def test_a_batch_with_one_unreadable_product_is_not_stored(dpm: Dpm) -> None:
-    damaged = batch()
-    damaged[1]["payload"] = b"\xff" * 40
-    request = Request("cdff/@v1/ground/dpm/@rpc/put_all", {}, msgpack.packb(damaged), "", b"")
+    corrupt = batch()
+    corrupt[1]["payload"] = b"\xff" * 40
+    request = Request("cdff/@v1/ground/dpm/@rpc/put_all", {}, msgpack.packb(corrupt), "", b"")
     with pytest.raises(CodecError):
         service.put_all(dpm, request)
     assert dpm.store.statistics().count == 0

@@ -11,10 +11,11 @@ from dpm_store.payloads.payloads import PACKED_BYTES
 from services.dpm.cli.commands import register
 from services.dpm.operations.dpm import Dpm
 
-from .conftest import cloud, parcel
+from .conftest import cloud, put_arguments
 
 
 def run(*arguments: str) -> int:
+    """Run ``cdff dpm`` with arguments; return the exit code."""
     parser = argparse.ArgumentParser()
     register(parser.add_subparsers())
     args = parser.parse_args(["dpm", *arguments])
@@ -25,7 +26,7 @@ def run(*arguments: str) -> int:
 def test_verify_distinguishes_an_intact_store_from_a_corrupt_one(
     dpm: Dpm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    _, header = dpm.writer.put(*parcel(cloud(5000), "pointcloud"))
+    _, header = dpm.writer.put(*put_arguments(cloud(5000), "pointcloud"))
     record = dpm.store.get(header.id)
     assert record.size > PACKED_BYTES
     dpm.store.close()
@@ -72,7 +73,7 @@ def test_json_search_has_stamps_as_decimal_strings(
     ]
 
 
-def test_an_unwritable_payload_file_is_one_line_and_exit_1(
+def test_a_payload_file_that_cannot_be_written_is_reported_in_one_line_with_exit_code_1(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("cdff_common.client.Client", ClientDouble)
@@ -84,9 +85,9 @@ def test_an_unwritable_payload_file_is_one_line_and_exit_1(
 def test_a_backup_of_an_open_store_is_restored(
     dpm: Dpm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    dpm.writer.put(*parcel(cloud(5000), "pointcloud"))
-    copy, new = tmp_path / "copy", tmp_path / "new"
-    assert run("backup", str(copy), "--data-dir", str(tmp_path), "--json") == 0
+    dpm.writer.put(*put_arguments(cloud(5000), "pointcloud"))
+    backup, restored = tmp_path / "copy", tmp_path / "new"
+    assert run("backup", str(backup), "--data-dir", str(tmp_path), "--json") == 0
     assert json.loads(capsys.readouterr().out)["products"] == 1
-    assert run("restore", str(copy), "--data-dir", str(new), "--json") == 0
+    assert run("restore", str(backup), "--data-dir", str(restored), "--json") == 0
     assert json.loads(capsys.readouterr().out) == {"products": 1, "problems": []}

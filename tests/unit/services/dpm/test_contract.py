@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""All operations of the OpenAPI document with generated requests: no 5xx, only documented answers.
+"""All operations of the OpenAPI document with generated requests: every answer is documented, none is 5xx.
 
 The fast tests send few requests per operation, the slow ones many.
 """
@@ -24,7 +24,7 @@ from services.dpm.http.context import Context
 from services.dpm.operations.dpm import Dpm
 from services.dpm.settings import Settings
 
-from .conftest import S, cloud, elevation, navigation, parcel, pose
+from .conftest import S, cloud, elevation, navigation, pose, put_arguments
 
 schemathesis = pytest.importorskip("schemathesis", reason="schemathesis is not installed")
 conformance = pytest.importorskip("schemathesis.specs.openapi.checks")
@@ -37,7 +37,7 @@ CHECKS = [
     conformance.response_schema_conformance,
 ]
 HEADERS = {"Host": "localhost"}
-#: The stream of events is endless and is tested separately.
+#: The endless stream of events, which has its own tests.
 ENDLESS = "/api/v1/events"
 OPERATIONS = [
     (verb.upper(), path) for path, verbs in openapi()["paths"].items() for verb in verbs if path != ENDLESS
@@ -45,7 +45,7 @@ OPERATIONS = [
 
 
 class Orchestrator:
-    """A bus with the answers of an orchestrator."""
+    """Bus double that answers like an orchestrator."""
 
     def call(self, key: str, parameters: dict[str, str], **_: Any) -> Reply:
         """Return an empty list of jobs, or a reference."""
@@ -63,11 +63,11 @@ def application(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     with open_store(f"sqlite:///{directory}", ManualClock(100 * S)) as store:
         dpm = Dpm(store, max_payload_bytes=1 << 20)
         store.anchors.anchor("site", Anchor(body("mars"), 77.45, 18.44))
-        dpm.writer.put(*parcel(elevation(0.0), "dem", 0, resolution_m=0.1))
-        dpm.writer.put(*parcel(navigation(), "navigation_map", 1, resolution_m=0.1))
-        dpm.writer.put(*parcel(cloud(), "pointcloud", 2))
+        dpm.writer.put(*put_arguments(elevation(0.0), "dem", 0, resolution_m=0.1))
+        dpm.writer.put(*put_arguments(navigation(), "navigation_map", 1, resolution_m=0.1))
+        dpm.writer.put(*put_arguments(cloud(), "pointcloud", 2))
         for second in range(3):
-            dpm.writer.put(*parcel(pose(second, float(second)), "pose", second + 3, child="mana/base"))
+            dpm.writer.put(*put_arguments(pose(second, float(second)), "pose", second + 3, child="mana/base"))
         yield create_app(Context(dpm, Settings(directory, max_body_bytes=1 << 20), bus=Orchestrator()))  # type: ignore[arg-type]
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Server-sent events over a real socket: in order, resumed without gaps, kept alive, with slow readers."""
+"""Server-sent events over a real socket: order, resumption without gaps, keep-alive, slow readers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from services.dpm.http.server import HttpServer
 from services.dpm.operations.dpm import Dpm
 from services.dpm.settings import Settings
 
-from .conftest import cloud, parcel
+from .conftest import cloud, put_arguments
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def port(dpm: Dpm, tmp_path: Path) -> Iterator[int]:
 
 
 class Reader:
-    """Reads a stream of events."""
+    """A client of the event stream; ``last`` is the id of the last event that it has received."""
 
     def __init__(self, port: int, last: int | None = None) -> None:
         self.connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
@@ -67,7 +67,7 @@ def test_events_are_streamed_in_order(dpm: Dpm, port: int) -> None:
     received = [reader.event() for _ in range(3)]
     assert [body["number"] for _, _, body in received] == [0, 1, 2]
     assert {kind for _, kind, _ in received} == {"alarm"}
-    _, header = dpm.writer.put(*parcel(cloud(), "pointcloud"))
+    _, header = dpm.writer.put(*put_arguments(cloud(), "pointcloud"))
     _, kind, body = reader.event()
     assert (kind, body["id"]) == ("inserted", header.id)
     reader.close()
@@ -99,22 +99,22 @@ def test_an_idle_stream_sends_keep_alive_messages(
 
 
 @pytest.mark.req("CDFF-SUP-164")
-def test_a_slow_reader_blocks_no_others_and_uses_bounded_memory(dpm: Dpm, port: int) -> None:
+def test_a_slow_reader_does_not_block_others_and_uses_bounded_memory(dpm: Dpm, port: int) -> None:
     slow = socket.create_connection(("127.0.0.1", port), timeout=20)
     slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     slow.sendall(b"GET /api/v1/events HTTP/1.1\r\nHost: localhost\r\nLast-Event-ID: 0\r\n\r\n")
     process = psutil.Process()
     for _ in range(150):
         dpm.writer.record("mana", "alarm", {"text": "x" * 60_000})
-    resident = process.memory_info().rss
+    resident_bytes = process.memory_info().rss
     for _ in range(500):
         dpm.writer.record("mana", "alarm", {"text": "x" * 60_000})
     dpm.writer.record("mana", "alarm", {"number": 1})
     quick = Reader(port, dpm.store.events.last_ordinal() - 1)
     assert quick.event()[2]["number"] == 1
     assert (
-        process.memory_info().rss - resident < 16 << 20
-    )  # 30 MB of events are not delivered to the slow reader
+        process.memory_info().rss - resident_bytes < 16 << 20
+    )  # the 30 MB of events that the slow reader did not receive are not kept in memory
     slow.close()
     quick.close()
     wait_until_removed(dpm)
@@ -139,16 +139,16 @@ def test_a_server_that_stops_ends_its_streams(
 
 def wait_until_removed(dpm: Dpm) -> None:
     """Wait until the DPM has no listener."""
-    deadline = time.monotonic() + 20.0
+    deadline_s = time.monotonic() + 20.0
     while dpm.events._listeners:
-        assert time.monotonic() < deadline
+        assert time.monotonic() < deadline_s
         time.sleep(0.02)
 
 
 @pytest.mark.parametrize("last", ["-1", "abc", "²", "9" * 40])
-def test_an_invalid_anchor_is_refused(port: int, last: str) -> None:
+def test_an_invalid_last_event_id_is_refused(port: int, last: str) -> None:
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
-    connection.request("GET", "/api/v1/events", headers={"Last-Event-ID": last.encode("latin-1")})  # type: ignore[dict-item]  # bytes are passed on
+    connection.request("GET", "/api/v1/events", headers={"Last-Event-ID": last.encode("latin-1")})  # type: ignore[dict-item]  # bytes
     answer = connection.getresponse()
     assert (answer.status, answer.getheader("Content-Type")) == (422, "application/problem+json")
     connection.close()

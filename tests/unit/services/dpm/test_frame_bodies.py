@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bodies of frame revisions on the bus."""
+"""Message bodies of frame revisions on the bus."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ EDGE: dict[str, Any] = {"frame": "mana/odom", "parent": "site", "T": np.eye(4).t
 
 
 @pytest.mark.parametrize("stamp_ns", [0, 5, 1_763_843_285_123_456_789, LATEST_NS])
-def test_validity_on_the_bus_is_in_single_nanoseconds(stamp_ns: int) -> None:
+def test_the_start_of_validity_is_exact_to_the_nanosecond(stamp_ns: int) -> None:
     assert FrameRevisionBody.parse({**EDGE, "valid_from_ns": stamp_ns}).valid_from_ns == stamp_ns
 
 
 @pytest.mark.parametrize(
     "change", [{"valid_from_ns": LATEST_NS + 1}, {"expected_revision": -1}, {"revision": 3}, {"T": [[1.0]]}]
 )
-def test_other_bodies_are_refused_by_the_name_of_the_field(change: dict[str, Any]) -> None:
+def test_an_invalid_body_is_refused_with_the_name_of_the_field(change: dict[str, Any]) -> None:
     with pytest.raises(InputError, match=next(iter(change))):
         FrameRevisionBody.parse({**EDGE, **change})

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Requests over HTTP: how their parameters reach the orchestrator."""
+"""Product requests over HTTP are passed to the orchestrator with all parameters."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from services.dpm.http.context import Context
 from services.dpm.operations.dpm import Dpm
 from services.dpm.settings import Settings
 
-ASKED = {"type": "dem", "robot": "mana", "region": "circle:0,0,10", "max_age_s": "60"}
+PARAMETERS = {"type": "dem", "robot": "mana", "region": "circle:0,0,10", "max_age_s": "60"}
 URL = "/api/v1/requests"
 
 
 class Orchestrator:
-    """A bus that records the parameters of requests."""
+    """Bus double whose orchestrator records the parameters of requests."""
 
     def __init__(self) -> None:
-        self.asked: list[dict[str, str]] = []
+        self.received: list[dict[str, str]] = []
 
     def call(self, _key: str, parameters: dict[str, str], **_: Any) -> SimpleNamespace:
-        self.asked.append(parameters)
+        self.received.append(parameters)
         return SimpleNamespace(attachment={"kind": "reference", "t1_ns": 5})
 
 
@@ -38,26 +38,28 @@ def orchestrator() -> Orchestrator:
 
 
 @pytest.fixture
-def asking(dpm: Dpm, tmp_path: Path, orchestrator: Orchestrator) -> TestClient:
+def http_with_bus(dpm: Dpm, tmp_path: Path, orchestrator: Orchestrator) -> TestClient:
     context = Context(dpm, Settings(tmp_path), cast(Bus, orchestrator))
     return TestClient(create_app(context), base_url="http://127.0.0.1:8080", raise_server_exceptions=False)
 
 
-def test_query_and_json_body_are_equivalent(asking: TestClient, orchestrator: Orchestrator) -> None:
+def test_query_and_json_body_are_equivalent(http_with_bus: TestClient, orchestrator: Orchestrator) -> None:
     answers = [
-        asking.post(URL, params=ASKED),
-        asking.post(URL, json={**ASKED, "max_age_s": 60}),
-        asking.post(URL, params={"type": "dem"}, json={k: v for k, v in ASKED.items() if k != "type"}),
+        http_with_bus.post(URL, params=PARAMETERS),
+        http_with_bus.post(URL, json={**PARAMETERS, "max_age_s": 60}),
+        http_with_bus.post(
+            URL, params={"type": "dem"}, json={k: v for k, v in PARAMETERS.items() if k != "type"}
+        ),
     ]
     assert [a.status_code for a in answers] == [200, 200, 200]
     assert answers[0].json() == {"kind": "reference", "t1_ns": "5"}
-    assert orchestrator.asked == [{**ASKED, "deliver": "reference"}] * 3
+    assert orchestrator.received == [{**PARAMETERS, "deliver": "reference"}] * 3
 
 
 @pytest.mark.parametrize(
-    ("sent", "said"),
+    ("arguments", "reason"),
     [
-        ({"params": ASKED, "json": {"robot": "mana"}}, "repeated"),
+        ({"params": PARAMETERS, "json": {"robot": "mana"}}, "repeated"),
         (
             {"json": {"type": "dem", "region": {"circle": 1}}},
             "region: a JSON dict, expected a text or a number",
@@ -68,10 +70,10 @@ def test_query_and_json_body_are_equivalent(asking: TestClient, orchestrator: Or
         ({}, "no parameters: give them in the query"),
     ],
 )
-def test_an_empty_request_body_is_refused_with_the_reason(
-    asking: TestClient, orchestrator: Orchestrator, sent: dict[str, Any], said: str
+def test_invalid_parameters_are_refused_with_the_reason(
+    http_with_bus: TestClient, orchestrator: Orchestrator, arguments: dict[str, Any], reason: str
 ) -> None:
-    answer = asking.post(URL, **sent)
+    answer = http_with_bus.post(URL, **arguments)
     assert answer.status_code == 422
-    assert said in answer.text
-    assert orchestrator.asked == []
+    assert reason in answer.text
+    assert orchestrator.received == []

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Layers of the map by name, and questions that are refused the same way on all native routes."""
+"""Map layers by name: windows, profiles, tiles, and the codes of refusals."""
 
 from __future__ import annotations
 
@@ -18,19 +18,24 @@ from cdff_common.types import NavigationMap
 from services.dpm.http.routes.layers import LAYERS
 from services.dpm.operations.dpm import Dpm
 
-from .conftest import S, TestClient, elevation, navigation, parcel
+from .conftest import S, TestClient, elevation, navigation, put_arguments
 from .test_tiles import pixels, put_hills
 
 MAPS = "/api/v1/maps"
 REGION = {"region": "bbox:-5,0,5,8"}
 
 
-def test_layers_list_their_content_with_links(http: TestClient, filled: Callable[[str], str]) -> None:
+def test_layers_list_their_content_with_links(http: TestClient, inserted_id: Callable[[str], str]) -> None:
     items = {item["layer"]: item for item in http.get(MAPS).json()["items"]}
     assert set(items) == set(LAYERS)
-    (held,) = items["slope"]["frames"]
-    assert (held["frame"], held["resolution_m"], held["newest_ns"], held["count"]) == ("site", 0.1, "0", 1)
-    assert held["box_m"] == pytest.approx([0, 0, 0, 2, 2, 0])
+    (stored,) = items["slope"]["frames"]
+    assert (stored["frame"], stored["resolution_m"], stored["newest_ns"], stored["count"]) == (
+        "site",
+        0.1,
+        "0",
+        1,
+    )
+    assert stored["box_m"] == pytest.approx([0, 0, 0, 2, 2, 0])
     for name, item in items.items():
         assert http.get(f"{MAPS}/{name}").json() == item
         for kind in ("self", "products", "window"):
@@ -45,15 +50,19 @@ def test_layers_list_their_content_with_links(http: TestClient, filled: Callable
 @pytest.mark.parametrize("layer", RENDERINGS)
 def test_a_window_of_a_layer_is_an_image_or_values(http: TestClient, dpm: Dpm, layer: str) -> None:
     put_hills(dpm)
-    picture = http.get(f"{MAPS}/{layer}/window", params=REGION)
-    assert (picture.status_code, picture.headers["content-type"]) == (200, "image/png")
-    assert picture.headers["cdff-coverage"] == "1.0000"
-    assert pixels(picture.content).shape == (80, 100, 4)
+    image = http.get(f"{MAPS}/{layer}/window", params=REGION)
+    assert (image.status_code, image.headers["content-type"]) == (200, "image/png")
+    assert image.headers["cdff-coverage"] == "1.0000"
+    assert pixels(image.content).shape == (80, 100, 4)
     raster = http.get(f"{MAPS}/{layer}/window", params=REGION | {"format": "tif"})
     bands, (resolution_m, xmin_m, ymax_m), _ = read_bands(load(raster.content))
     assert (resolution_m, xmin_m, ymax_m) == pytest.approx((0.1, -5.0, 8.0))
-    whole = np.load(io.BytesIO(http.get(f"{MAPS}/dem/window", params=REGION | {"format": "npz"}).content))
-    mean, variance = (np.pad(whole[name], 1, constant_values=np.nan) for name in ("mean", "variance"))
+    elevation_window = np.load(
+        io.BytesIO(http.get(f"{MAPS}/dem/window", params=REGION | {"format": "npz"}).content)
+    )
+    mean, variance = (
+        np.pad(elevation_window[name], 1, constant_values=np.nan) for name in ("mean", "variance")
+    )
     np.testing.assert_array_equal(bands[layer], RENDERINGS[layer].value(mean, variance, 0.1))
     assert np.isfinite(bands[layer][1:-1, 1:-1]).all()
 
@@ -66,14 +75,14 @@ def test_an_unknown_layer_is_refused_with_the_known_ones(http: TestClient, path:
 
 
 @pytest.mark.parametrize("path", ["navigation_map/profile?path=0,0,1,1", "slope/profile?path=0,0,1,1"])
-def test_an_unknown_view_of_a_layer_is_not_found(http: TestClient, path: str) -> None:
+def test_a_profile_of_a_layer_without_heights_is_not_found(http: TestClient, path: str) -> None:
     assert http.get(f"{MAPS}/{path}").json()["code"] == "NOT_FOUND"
 
 
-@pytest.mark.parametrize("asked", ["low=3&high=2", "format=jpg", "low=nan", "choice=any"])
-def test_a_window_that_cannot_be_drawn_is_refused(http: TestClient, dpm: Dpm, asked: str) -> None:
-    dpm.writer.put(*parcel(elevation(0.0), "dem", 1))
-    assert http.get(f"{MAPS}/slope/window?{asked}").status_code == 422
+@pytest.mark.parametrize("query", ["low=3&high=2", "format=jpg", "low=nan", "choice=any"])
+def test_a_window_that_cannot_be_drawn_is_refused(http: TestClient, dpm: Dpm, query: str) -> None:
+    dpm.writer.put(*put_arguments(elevation(0.0), "dem", 1))
+    assert http.get(f"{MAPS}/slope/window?{query}").status_code == 422
 
 
 @pytest.mark.parametrize(
@@ -91,25 +100,25 @@ def test_a_window_that_cannot_be_drawn_is_refused(http: TestClient, dpm: Dpm, as
 )
 def test_every_refusal_has_a_code(
     http: TestClient,
-    filled: Callable[[str], str],
+    inserted_id: Callable[[str], str],
     method: str,
     path: str,
     headers: dict[str, str],
     status: int,
     code: str,
 ) -> None:
-    url = path.format(dem=f"/api/v1/products/{filled('dem')}")
+    url = path.format(dem=f"/api/v1/products/{inserted_id('dem')}")
     answer = http.request(method, url, headers=headers, json={"notes": "x"} if method == "PATCH" else None)
     assert (answer.status_code, answer.json()["code"]) == (status, code)
 
 
 @pytest.mark.req("CDFF-SUP-184")
-def test_navigation_maps_are_windows_and_tiles_by_the_selected_rule(http: TestClient, dpm: Dpm) -> None:
-    dpm.writer.put(*parcel(navigation(), "navigation_map", 1, resolution_m=0.1))
+def test_navigation_maps_are_fused_by_the_selected_rule(http: TestClient, dpm: Dpm) -> None:
+    dpm.writer.put(*put_arguments(navigation(), "navigation_map", 1, resolution_m=0.1))
     safe = NavigationMap.from_layers(
         navigation().geometry, {"class": np.ones((10, 10), np.uint8)}, t0_ns=2 * S, t1_ns=2 * S
     )
-    dpm.writer.put(*parcel(safe, "navigation_map", 2, resolution_m=0.1))
+    dpm.writer.put(*put_arguments(safe, "navigation_map", 2, resolution_m=0.1))
     for choice, hazards in (("newest", 0), ("oldest", 50), ("worst", 50)):
         answer = http.get(f"{MAPS}/navigation_map/window?region=bbox:0,0,1,1&format=npz&choice={choice}")
         assert answer.status_code == 200, answer.text
@@ -123,22 +132,22 @@ def test_navigation_maps_are_windows_and_tiles_by_the_selected_rule(http: TestCl
 
 
 @pytest.mark.req("CDFF-SUP-184")
-def test_a_tile_of_navigation_maps_is_redrawn_after_an_insertion(http: TestClient, dpm: Dpm) -> None:
-    dpm.writer.put(*parcel(navigation(), "navigation_map", 1, resolution_m=0.1))
+def test_a_tile_of_navigation_maps_is_rendered_again_after_an_insertion(http: TestClient, dpm: Dpm) -> None:
+    dpm.writer.put(*put_arguments(navigation(), "navigation_map", 1, resolution_m=0.1))
     columns, rows = tiles_over(17, (0.5, 0.5, 0.5, 0.5))
     tile = f"/tiles/navigation_map/17/{columns[0]}/{rows[0]}"
     values = np.frombuffer(http.get(f"{tile}.bin").content, "<f4")
     assert (np.isfinite(values).sum(), (values == 3).sum()) == (100, 50)
-    before = http.get(f"{tile}.png")
-    shown = pixels(before.content).reshape(-1, 4)
-    assert {tuple(c) for c in np.unique(shown[shown[:, 3] > 0], axis=0)} == {
+    first_image = http.get(f"{tile}.png")
+    rgba = pixels(first_image.content).reshape(-1, 4)
+    assert {tuple(c) for c in np.unique(rgba[rgba[:, 3] > 0], axis=0)} == {
         tuple(CLASS_COLORS[c]) for c in (1, 3)
     }
     assert http.get(f"{tile}.png?low=0").status_code == 422
-    dpm.writer.put(*parcel(elevation(0.0), "dem", 3, resolution_m=0.1))
-    assert http.get(f"{tile}.png").headers["ETag"] == before.headers["ETag"]
+    dpm.writer.put(*put_arguments(elevation(0.0), "dem", 3, resolution_m=0.1))
+    assert http.get(f"{tile}.png").headers["ETag"] == first_image.headers["ETag"]
     safe = NavigationMap.from_layers(
         navigation().geometry, {"class": np.ones((10, 10), np.uint8)}, t0_ns=4 * S, t1_ns=4 * S
     )
-    dpm.writer.put(*parcel(safe, "navigation_map", 4, resolution_m=0.1))
-    assert http.get(f"{tile}.png").headers["ETag"] != before.headers["ETag"]
+    dpm.writer.put(*put_arguments(safe, "navigation_map", 4, resolution_m=0.1))
+    assert http.get(f"{tile}.png").headers["ETag"] != first_image.headers["ETag"]

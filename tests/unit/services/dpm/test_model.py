@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bodies, places, states of the frame tree, transactions and purges, over HTTP."""
+"""Bodies, places, revisions of the frame tree, transactions and purges, over HTTP."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from services.dpm.__main__ import anchor
 from services.dpm.operations.dpm import Dpm
 from services.dpm.queries.bodies import FrameEdge
 
-from .conftest import S, TestClient, elevation, parcel, pose
+from .conftest import S, TestClient, elevation, pose, put_arguments
 
 SITE = {"body": "mars", "lon_deg": 77.5, "lat_deg": 18.4}
 
 
-def ids(answer: Any) -> list[str]:
+def item_ids(answer: Any) -> list[str]:
     assert answer.status_code == 200, answer.text
     return [item["id"] for item in answer.json()["items"]]
 
@@ -37,14 +37,14 @@ def test_a_site_is_anchored_and_corrected_and_its_earlier_location_can_be_querie
     http.put(
         "/api/v1/places/site", json=SITE | {"lon_deg": 77.6, "azimuth_deg": 10.0, "expected_revision": 1}
     )
-    now = http.get("/api/v1/places/site").json()
-    assert now["anchor"]["lon_deg"] == pytest.approx(77.6)
-    assert now["body"]["crs"] == "IAU_2015:49900"
-    before = http.get("/api/v1/places/site", params={"frames_revision": first["frames_revision"]}).json()
-    assert before["anchor"]["lon_deg"] == pytest.approx(77.5)
-    assert before["frames_revision"] == first["frames_revision"]
-    again = http.put("/api/v1/places/site", json=SITE | {"expected_revision": 1})
-    assert again.status_code == 409
+    current = http.get("/api/v1/places/site").json()
+    assert current["anchor"]["lon_deg"] == pytest.approx(77.6)
+    assert current["body"]["crs"] == "IAU_2015:49900"
+    earlier = http.get("/api/v1/places/site", params={"frames_revision": first["frames_revision"]}).json()
+    assert earlier["anchor"]["lon_deg"] == pytest.approx(77.5)
+    assert earlier["frames_revision"] == first["frames_revision"]
+    outdated = http.put("/api/v1/places/site", json=SITE | {"expected_revision": 1})
+    assert outdated.status_code == 409
 
 
 @pytest.mark.parametrize(
@@ -75,50 +75,52 @@ def test_a_body_is_defined_and_listed(http: TestClient) -> None:
 
 
 @pytest.mark.req("CDFF-SUP-081", "CDFF-SUP-082")
-def test_an_answer_before_a_re_anchoring_can_be_repeated_by_its_revision(
-    http: TestClient, dpm: Dpm, filled: Callable[[str], str]
+def test_a_search_before_a_re_anchoring_can_be_repeated_with_its_frames_revision(
+    http: TestClient, dpm: Dpm, inserted_id: Callable[[str], str]
 ) -> None:
     dpm.frames.set_frame("mana/odom", FrameEdge(parent="site", T=np.eye(4).tolist()), "test")
     in_odom = Pointcloud.from_points(
         np.random.default_rng(1).normal(0, 2, (9, 3)), frame="mana/odom", stamp_ns=S
     )
-    dpm.writer.put(*parcel(in_odom, "pointcloud", 50, frame="mana/odom"))
-    asked = {"type": "pointcloud", "region": "circle:0,0,3"}
-    before = http.get("/api/v1/products", params=asked).json()
+    dpm.writer.put(*put_arguments(in_odom, "pointcloud", 50, frame="mana/odom"))
+    search = {"type": "pointcloud", "region": "circle:0,0,3"}
+    before = http.get("/api/v1/products", params=search).json()
     assert len(before["items"]) == 2
     moved = FrameEdge(parent="site", T=se3.transform(np.eye(3), [500, 0, 0]).tolist())
     dpm.frames.set_frame("mana/odom", moved, "test")
-    assert len(ids(http.get("/api/v1/products", params=asked))) == 1
-    again = http.get("/api/v1/products", params=asked | {"frames_revision": before["frames_revision"]}).json()
-    assert [i["id"] for i in again["items"]] == [i["id"] for i in before["items"]]
+    assert len(item_ids(http.get("/api/v1/products", params=search))) == 1
+    repeated = http.get(
+        "/api/v1/products", params=search | {"frames_revision": before["frames_revision"]}
+    ).json()
+    assert [i["id"] for i in repeated["items"]] == [i["id"] for i in before["items"]]
     kinds = [e.kind for e in dpm.store.events.since()]
     assert kinds.count("reanchored") == 2
 
 
 @pytest.mark.req("CDFF-SUP-082")
-def test_nearest_products_are_first_over_all_pages(http: TestClient, dpm: Dpm) -> None:
+def test_products_are_ordered_by_distance_over_all_pages(http: TestClient, dpm: Dpm) -> None:
     for i, x0 in enumerate((10.0, 0.0, 30.0, 20.0)):
-        dpm.writer.put(*parcel(elevation(x0), "dem", i, resolution_m=0.1))
-    asked = {"type": "dem", "order": "nearest", "point": "21,1", "limit": "2"}
-    first = http.get("/api/v1/products", params=asked).json()
-    assert [item["box_m"][0] for item in first["items"]] == [20.0, 30.0]
-    assert first["distances_m"] == pytest.approx([0.0, 9.0])
-    rest = http.get(first["links"]["next"]).json()
-    assert [item["box_m"][0] for item in rest["items"]] == [10.0, 0.0]
-    assert rest["cursor"] is None
+        dpm.writer.put(*put_arguments(elevation(x0), "dem", i, resolution_m=0.1))
+    search = {"type": "dem", "order": "nearest", "point": "21,1", "limit": "2"}
+    first_page = http.get("/api/v1/products", params=search).json()
+    assert [item["box_m"][0] for item in first_page["items"]] == [20.0, 30.0]
+    assert first_page["distances_m"] == pytest.approx([0.0, 9.0])
+    second_page = http.get(first_page["links"]["next"]).json()
+    assert [item["box_m"][0] for item in second_page["items"]] == [10.0, 0.0]
+    assert second_page["cursor"] is None
 
 
 def test_products_are_found_by_quality_and_along_a_path(http: TestClient, dpm: Dpm) -> None:
     for i, inliers in enumerate((10.0, 40.0)):
-        names, payload, encoding, attachment = parcel(elevation(20.0 * i), "dem", i, resolution_m=0.1)
+        names, payload, encoding, attachment = put_arguments(elevation(20.0 * i), "dem", i, resolution_m=0.1)
         header = msgpack.unpackb(attachment)
         header["quality"] |= {"metrics": {"inliers": inliers}, "covariance_kind": "formal"}
         dpm.writer.put(names, payload, encoding, msgpack.packb(header))
     good = http.get("/api/v1/products", params={"quality": "inliers>=30", "covariance_kind": "formal"}).json()
     assert [item["box_m"][0] for item in good["items"]] == [20.0]
-    along = {"region": "path:1,0,3,19,3,19,-5"}
-    assert http.get("/api/v1/products", params=along).json()["items"][0]["box_m"][0] == 20.0
-    assert len(ids(http.get("/api/v1/products", params=along))) == 2
+    path = {"region": "path:1,0,3,19,3,19,-5"}
+    assert http.get("/api/v1/products", params=path).json()["items"][0]["box_m"][0] == 20.0
+    assert len(item_ids(http.get("/api/v1/products", params=path))) == 2
 
 
 @pytest.mark.parametrize(
@@ -144,17 +146,17 @@ def test_a_malformed_search_is_refused(http: TestClient, wrong: dict[str, str]) 
 
 @pytest.mark.req("CDFF-SUP-083")
 def test_a_transaction_of_many_changes_is_atomic(
-    http: TestClient, dpm: Dpm, filled: Callable[[str], str]
+    http: TestClient, dpm: Dpm, inserted_id: Callable[[str], str]
 ) -> None:
-    names, payload, encoding, attachment = parcel(elevation(5.0), "dem", 70, resolution_m=0.1)
+    names, payload, encoding, attachment = put_arguments(elevation(5.0), "dem", 70, resolution_m=0.1)
     new = {"do": "insert", **names, "encoding": encoding, "attachment": attachment, "payload": payload}
     new_id = msgpack.unpackb(attachment)["id"]
     changes: list[dict[str, Any]] = [
         new,
-        {"do": "supersede", "id": filled("dem"), "by": new_id, "if_match": 0},
+        {"do": "supersede", "id": inserted_id("dem"), "by": new_id, "if_match": 0},
         {"do": "pin", "id": new_id},
         {"do": "update", "id": new_id, "changes": {"tags": ["merged"]}},
-        {"do": "delete", "id": filled("navigation_map")},
+        {"do": "delete", "id": inserted_id("navigation_map")},
         {
             "do": "reanchor",
             "frame": "mana/odom",
@@ -166,18 +168,18 @@ def test_a_transaction_of_many_changes_is_atomic(
     packed = {"content-type": "application/msgpack"}
     answer = http.post("/api/v1/transactions", content=msgpack.packb(changes), headers=packed)
     assert answer.status_code == 200, answer.text
-    received = answer.json()["items"]
-    assert received[0] == {"result": "inserted"}
-    assert received[1]["superseded_by"] == new_id
-    assert received[4] == {"deleted": True}
-    assert received[5]["revision"] == 1
-    before = dpm.store.events.last_ordinal()
+    results = answer.json()["items"]
+    assert results[0] == {"result": "inserted"}
+    assert results[1]["superseded_by"] == new_id
+    assert results[4] == {"deleted": True}
+    assert results[5]["revision"] == 1
+    last_event = dpm.store.events.last_ordinal()
     refused = http.post(
         "/api/v1/transactions", json=[{"do": "unpin", "id": new_id}, {"do": "delete", "id": "f" * 36}]
     )
     assert refused.status_code == 404
     assert dpm.store.annotations.get(new_id).pinned
-    assert all(e.kind == "refused" for e in dpm.store.events.since(before))
+    assert all(e.kind == "refused" for e in dpm.store.events.since(last_event))
 
 
 @pytest.mark.parametrize(
@@ -202,8 +204,8 @@ def test_a_malformed_transaction_is_refused(http: TestClient, body: bytes) -> No
     assert answer.status_code == 422, answer.text
 
 
-def test_only_a_deleted_product_can_be_purged(http: TestClient, filled: Callable[[str], str]) -> None:
-    url = f"/api/v1/products/{filled('pointcloud')}"
+def test_only_a_deleted_product_can_be_purged(http: TestClient, inserted_id: Callable[[str], str]) -> None:
+    url = f"/api/v1/products/{inserted_id('pointcloud')}"
     assert http.delete(f"{url}/payload").status_code == 409
     http.delete(url)
     assert http.delete(f"{url}/payload").json()["bytes"] > 0
@@ -211,23 +213,23 @@ def test_only_a_deleted_product_can_be_purged(http: TestClient, filled: Callable
 
 
 @pytest.mark.req("CDFF-SUP-085")
-def test_poses_can_be_queried_in_an_earlier_state_and_within_an_age_limit(
+def test_poses_can_be_queried_in_an_earlier_state_and_up_to_a_time_difference(
     http: TestClient, dpm: Dpm, clock: ManualClock
 ) -> None:
-    dpm.writer.put(*parcel(pose(1, 1.0), "pose", 1, child="mana/base"))
-    then_ns = clock.now_ns()
-    clock.set_ns(then_ns + S)
-    dpm.writer.put(*parcel(pose(3, 5.0), "pose", 3, child="mana/base"))
-    asked = {"robot": "mana", "t": str(2 * S)}
-    (result,) = http.get("/api/v1/poses", params=asked).json()["items"]
+    dpm.writer.put(*put_arguments(pose(1, 1.0), "pose", 1, child="mana/base"))
+    earlier_ns = clock.now_ns()
+    clock.set_ns(earlier_ns + S)
+    dpm.writer.put(*put_arguments(pose(3, 5.0), "pose", 3, child="mana/base"))
+    query = {"robot": "mana", "t": str(2 * S)}
+    (result,) = http.get("/api/v1/poses", params=query).json()["items"]
     assert result["T"][0][3] == pytest.approx(3.0)
     assert result["limit_s"] == 0.2
-    early = http.get("/api/v1/poses", params=asked | {"as_of": str(then_ns)})
-    assert early.status_code == 404 or 400 <= early.status_code < 500
-    assert "outside" in early.json()["detail"]
-    wide = http.get("/api/v1/poses", params=asked | {"as_of": str(then_ns), "limit_s": "2"}).json()
-    assert wide["items"][0]["T"][0][3] == 1.0
-    series = http.get("/api/v1/poses", params={"robot": "mana", "as_of": str(then_ns)}).json()
+    outside_limit = http.get("/api/v1/poses", params=query | {"as_of": str(earlier_ns)})
+    assert outside_limit.status_code == 404
+    assert "outside" in outside_limit.json()["detail"]
+    within_limit = http.get("/api/v1/poses", params=query | {"as_of": str(earlier_ns), "limit_s": "2"}).json()
+    assert within_limit["items"][0]["T"][0][3] == 1.0
+    series = http.get("/api/v1/poses", params={"robot": "mana", "as_of": str(earlier_ns)}).json()
     assert len(series["items"]) == 1
 
 
@@ -252,7 +254,7 @@ def test_a_profile_anchors_its_sites_and_describes_its_robots(dpm: Dpm, tmp_path
     assert dpm.store.anchors.of("mana/odom").lonlat([[0, 0]])[0, :2] == pytest.approx([10.1, -80.0])
     T = dpm.store.poses.at(0, "site", "crater")
     assert isinstance(T, UncertainTransform)
-    apart_m = np.deg2rad(0.1) * 1737400 * np.cos(np.deg2rad(80))
-    assert np.linalg.norm(T.matrix[:3, 3]) == pytest.approx(apart_m, rel=1e-3)
+    distance_m = np.deg2rad(0.1) * 1737400 * np.cos(np.deg2rad(80))
+    assert np.linalg.norm(T.matrix[:3, 3]) == pytest.approx(distance_m, rel=1e-3)
     assert [r.revision for r in dpm.store.frames.current()] == [1, 1, 1]
     assert dpm.store.robots.all()[0].doc == "first"

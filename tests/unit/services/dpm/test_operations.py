@@ -11,13 +11,13 @@ from cdff_common.types import Pointcloud
 from dpm_store import Event, Insertion, Query
 from services.dpm.operations.dpm import Dpm
 
-from .conftest import S, cloud, elevation, parcel, pose
+from .conftest import S, cloud, elevation, pose, put_arguments
 
 
-def test_an_insertion_is_announced_after_it_is_durable(dpm: Dpm) -> None:
+def test_an_insertion_is_published_once(dpm: Dpm) -> None:
     received: list[Event] = []
     dpm.events.listen(received.append)
-    names, payload, encoding, attachment = parcel(cloud(), "pointcloud")
+    names, payload, encoding, attachment = put_arguments(cloud(), "pointcloud")
     assert dpm.writer.put(names, payload, encoding, attachment)[0] is Insertion.INSERTED
     assert dpm.writer.put(names, payload, encoding, attachment)[0] is Insertion.ALREADY
     assert [(e.kind, e.body["product"]) for e in received] == [("inserted", "pointcloud")]
@@ -25,10 +25,10 @@ def test_an_insertion_is_announced_after_it_is_durable(dpm: Dpm) -> None:
 
 
 def test_a_missing_box_is_computed_from_the_value(dpm: Dpm) -> None:
-    _, header = dpm.writer.put(*parcel(cloud(), "pointcloud"))
+    _, header = dpm.writer.put(*put_arguments(cloud(), "pointcloud"))
     points = cloud().points_m
-    stored = dpm.store.get(header.id).header.box_m
-    assert stored == pytest.approx([*points.min(axis=0), *points.max(axis=0)], abs=1e-6)
+    box_m = dpm.store.get(header.id).header.box_m
+    assert box_m == pytest.approx([*points.min(axis=0), *points.max(axis=0)], abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -49,7 +49,7 @@ def test_a_missing_box_is_computed_from_the_value(dpm: Dpm) -> None:
 def test_unreadable_products_are_refused_and_not_stored(
     dpm: Dpm, change: dict, error: type, match: str
 ) -> None:
-    names, payload, encoding, attachment = parcel(cloud(), "pointcloud")
+    names, payload, encoding, attachment = put_arguments(cloud(), "pointcloud")
     names |= {k: v for k, v in change.items() if k in names}
     with pytest.raises(error, match=match):
         dpm.writer.put(
@@ -64,12 +64,12 @@ def test_unreadable_products_are_refused_and_not_stored(
 
 def test_a_pose_that_contradicts_its_header_is_refused(dpm: Dpm) -> None:
     with pytest.raises(CodecError, match="its header"):
-        dpm.writer.put(*parcel(pose(0, 1.0), "pose", child="minnie/base"))
+        dpm.writer.put(*put_arguments(pose(0, 1.0), "pose", child="minnie/base"))
 
 
 def test_a_failed_result_is_stored_without_value_and_is_not_the_newest(dpm: Dpm) -> None:
-    _, good = dpm.writer.put(*parcel(cloud(), "pointcloud", 0))
-    names, _, encoding, attachment = parcel(
+    _, good = dpm.writer.put(*put_arguments(cloud(), "pointcloud", 0))
+    names, _, encoding, attachment = put_arguments(
         cloud(), "pointcloud", 1, quality=Quality(Status.FAILED, ("black",))
     )
     _, failed = dpm.writer.put(names, b"", encoding, attachment)
@@ -80,10 +80,9 @@ def test_a_failed_result_is_stored_without_value_and_is_not_the_newest(dpm: Dpm)
 
 
 def test_a_window_fuses_patches_and_names_them(dpm: Dpm) -> None:
-    dpm.writer.put(*parcel(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
-    dpm.writer.put(*parcel(elevation(1.0, 2.0), "dem", 2, robot="minnie", resolution_m=0.1))
-    asked = WindowParameters.parse({"region": "bbox:0,0,4,2"})
-    answer = dpm.retrieval.window(asked)
+    dpm.writer.put(*put_arguments(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
+    dpm.writer.put(*put_arguments(elevation(1.0, 2.0), "dem", 2, robot="minnie", resolution_m=0.1))
+    answer = dpm.retrieval.window(WindowParameters.parse({"region": "bbox:0,0,4,2"}))
     value = decode("ElevationMap", answer.body.data, "uper")
     mean = value.layer("mean")
     assert mean.shape == (20, 40)
@@ -91,28 +90,28 @@ def test_a_window_fuses_patches_and_names_them(dpm: Dpm) -> None:
     assert mean[5, 15] == pytest.approx(1.5)
     assert mean[5, 25] == pytest.approx(2.0)
     assert np.isnan(mean[5, 35])
-    # Two sets of two heights each, 1 m apart: the disagreement is in the variance.
+    # Two patches with two points per cell, 1 m apart in height: the variance includes the difference.
     assert value.layer("variance")[5, 15] == pytest.approx(0.01 + 0.25)
-    m = answer.metadata
-    assert m["coverage"] == pytest.approx(0.75)
-    assert m["robots"] == ("mana", "minnie")
-    assert (m["oldest_ns"], m["newest_ns"], len(m["patches"])) == (1 * S, 2 * S, 2)
-    assert tuple(m["inputs"]) == m["patches"]
+    metadata = answer.metadata
+    assert metadata["coverage"] == pytest.approx(0.75)
+    assert metadata["robots"] == ("mana", "minnie")
+    assert (metadata["oldest_ns"], metadata["newest_ns"], len(metadata["patches"])) == (1 * S, 2 * S, 2)
+    assert tuple(metadata["inputs"]) == metadata["patches"]
 
 
 def test_a_window_is_coarser_on_request_and_never_finer_than_its_patches(dpm: Dpm) -> None:
-    dpm.writer.put(*parcel(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
-    for asked, delivered in (("0.2", 0.2), ("0.05", 0.1), ("0.25", 0.2)):
-        request = WindowParameters.parse({"region": "bbox:0,0,2,2", "resolution_m": asked})
+    dpm.writer.put(*put_arguments(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
+    for requested, delivered in (("0.2", 0.2), ("0.05", 0.1), ("0.25", 0.2)):
+        request = WindowParameters.parse({"region": "bbox:0,0,2,2", "resolution_m": requested})
         assert dpm.retrieval.window(request).metadata["resolution_m"] == pytest.approx(delivered)
 
 
 def test_a_window_by_reference_is_stored_and_not_used_as_a_patch(dpm: Dpm) -> None:
-    dpm.writer.put(*parcel(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
+    dpm.writer.put(*put_arguments(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
     request = WindowParameters.parse({"region": "bbox:0,0,2,2"})
     first = dpm.retrieval.window(request, DeliveryParameters(deliver="reference"))
-    again = dpm.retrieval.window(request, DeliveryParameters(deliver="reference"))
-    assert first.reference == again.reference is not None
+    repeated = dpm.retrieval.window(request, DeliveryParameters(deliver="reference"))
+    assert first.reference == repeated.reference is not None
     stored = decode("ElevationMap", dpm.retrieval.product(str(first.reference)).body.data, "uper")
     assert stored.layer("count").max() == 2
     assert len(dpm.retrieval.window(request).metadata["patches"]) == 1
@@ -133,20 +132,20 @@ def test_a_window_by_reference_is_stored_and_not_used_as_a_patch(dpm: Dpm) -> No
 def test_a_window_that_cannot_satisfy_the_request_is_an_error(
     dpm: Dpm, parameters: dict[str, str], error: type
 ) -> None:
-    dpm.writer.put(*parcel(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
+    dpm.writer.put(*put_arguments(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
     with pytest.raises(error):
         dpm.retrieval.window(WindowParameters.parse(parameters))
 
 
 def test_a_pose_is_returned_at_a_time_or_the_newest(dpm: Dpm) -> None:
     for second in (0, 2):
-        dpm.writer.put(*parcel(pose(second, float(second)), "pose", second, child="mana/base"))
+        dpm.writer.put(*put_arguments(pose(second, float(second)), "pose", second, child="mana/base"))
     assert dpm.frames.pose("site", "mana/base", 1 * S)["T"][0][3] == pytest.approx(1.0)
     newest = dpm.frames.pose("site", "mana/base", None)
     assert (newest["stamp_ns"], newest["T"][0][3]) == (2 * S, 2.0)
 
 
-def test_events_of_other_services_are_stored_and_announced(dpm: Dpm) -> None:
+def test_events_of_other_services_are_stored_and_published(dpm: Dpm) -> None:
     received: list[Event] = []
     dpm.events.listen(received.append)
     dpm.writer.record("mana", "activated", {"dfpc": "x"})
@@ -160,7 +159,7 @@ def test_events_of_other_services_are_stored_and_announced(dpm: Dpm) -> None:
 )
 def test_times_out_of_range_are_refused(dpm: Dpm, fields: dict[str, int]) -> None:
     with pytest.raises(InputError, match=r"out of range|mission clock|expected 0"):
-        dpm.writer.put(*parcel(cloud(), "pointcloud", 1, **fields))
+        dpm.writer.put(*put_arguments(cloud(), "pointcloud", 1, **fields))
 
 
 def test_a_self_intersecting_polygon_is_refused() -> None:

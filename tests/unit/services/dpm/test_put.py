@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff dpm put``, with the DPM behind the call itself instead of behind a bus."""
+"""``cdff dpm put`` with a bus double that calls the DPM directly."""
 
 import argparse
 import io
@@ -31,7 +31,7 @@ Put = Callable[..., dict[str, Any]]
 
 @pytest.fixture
 def run(dpm: Dpm) -> Put:
-    """Runs ``cdff dpm put`` with the words given."""
+    """Return a function that runs ``cdff dpm put`` with the given arguments."""
 
     def call(
         key: str, parameters: dict[str, str], *, payload: bytes, encoding: str, attachment: bytes, **_: Any
@@ -40,15 +40,15 @@ def run(dpm: Dpm) -> Put:
 
     bus: Any = SimpleNamespace(call=call, mission_clock=dpm.clock)
 
-    def words(*given: str) -> dict[str, Any]:
+    def run_put(*arguments: str) -> dict[str, Any]:
         parser = argparse.ArgumentParser()
         register(parser.add_subparsers())
-        return put(bus, parser.parse_args(["dpm", "put", *given, "--robot", "mana"]))
+        return put(bus, parser.parse_args(["dpm", "put", *arguments, "--robot", "mana"]))
 
-    return words
+    return run_put
 
 
-def path_of() -> PoseTrajectory:
+def trajectory() -> PoseTrajectory:
     stamps_ns = np.array([2, 3, 4]) * S
     return PoseTrajectory.from_arrays(stamps_ns, [np.eye(4)] * 3, None, parent="site", child="mana/base")
 
@@ -61,7 +61,7 @@ def path_of() -> PoseTrajectory:
         (elevation(1.0, 3.0), "tif", "dem"),
         (navigation(), "tif", "navigation_map"),
         (pose(3, 1.0), "json", "pose"),
-        (path_of(), "tum", "trajectory"),
+        (trajectory(), "tum", "trajectory"),
     ],
 )
 def test_exported_files_can_be_inserted_again(
@@ -69,9 +69,9 @@ def test_exported_files_can_be_inserted_again(
 ) -> None:
     file = tmp_path / f"value.{suffix}"
     file.write_bytes(to_file(value, suffix))
-    completed = run(str(file), "--type", product)
-    assert completed["result"] == "inserted"
-    record = dpm.store.get(completed["id"])
+    result = run(str(file), "--type", product)
+    assert result["result"] == "inserted"
+    record = dpm.store.get(result["id"])
     assert (record.product, record.header.frame, record.type_name) == (product, "site", type(value).__name__)
     assert record.header.box_m == pytest.approx(value.extent_m(), abs=1e-3)
 
@@ -79,8 +79,8 @@ def test_exported_files_can_be_inserted_again(
 def test_a_payload_is_inserted_unchanged_and_only_once(run: Put, dpm: Dpm, tmp_path: Path) -> None:
     file = tmp_path / "value.uper"
     file.write_bytes(encode(pose(3, 1.0), "uper"))
-    first, again = run(str(file), "--type", "pose"), run(str(file), "--type", "pose")
-    assert (first["result"], again["result"], first["id"]) == ("inserted", "already", again["id"])
+    first, repeated = run(str(file), "--type", "pose"), run(str(file), "--type", "pose")
+    assert (first["result"], repeated["result"], first["id"]) == ("inserted", "already", repeated["id"])
     assert dpm.store.payload(first["id"]) == file.read_bytes()
     assert dpm.store.get(first["id"]).header.t1_ns == 3 * S
 
@@ -97,25 +97,27 @@ def test_an_image_is_returned_as_jpeg(run: Put, dpm: Dpm, tmp_path: Path) -> Non
         assert (image.format, image.size, image.getpixel((0, 0))) == ("JPEG", (6, 8), 200)
 
 
-def test_a_file_without_time_gets_the_given_time_or_now(run: Put, dpm: Dpm, tmp_path: Path) -> None:
+def test_a_file_without_a_time_gets_the_given_or_the_mission_time(run: Put, dpm: Dpm, tmp_path: Path) -> None:
     file = tmp_path / "cloud.ply"
     file.write_bytes(to_file(cloud(), "ply"))
-    said = dpm.store.get(run(str(file), "--t", str(7 * S), "--frame", "mana/lidar")["id"]).header
-    assert (said.t1_ns, said.frame) == (7 * S, "mana/lidar")
+    header = dpm.store.get(run(str(file), "--t", str(7 * S), "--frame", "mana/lidar")["id"]).header
+    assert (header.t1_ns, header.frame) == (7 * S, "mana/lidar")
     assert dpm.store.get(run(str(file))["id"]).header.t1_ns == dpm.clock.now_ns()
 
 
-def test_an_unsuitable_file_is_refused_with_the_alternatives(run: Put, dpm: Dpm, tmp_path: Path) -> None:
+def test_a_missing_or_unsuitable_file_is_refused_with_the_alternatives(
+    run: Put, dpm: Dpm, tmp_path: Path
+) -> None:
     file = tmp_path / "cloud.ply"
     with pytest.raises((InputError, StorageError), match=r"cloud\.ply"):
         run(str(file))
     file.write_bytes(b"no cloud")
-    for words, message in (
+    for options, message in (
         ([], "ply"),
         (["--type", "dem"], "tif"),
         (["--type", "nonsense"], "pointcloud"),
         (["--type", "track"], "track"),
     ):
         with pytest.raises(InputError, match=message):
-            run(str(file), *words)
+            run(str(file), *options)
     assert not dpm.store.search(Query()).items

@@ -1,8 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Parameters of an address: repeated and unknown ones are refused on every route, ``f=json`` is
-understood.
-"""
+"""Query parameters of every route: repeated and unknown ones are refused, ``f=json`` is accepted."""
 
 from __future__ import annotations
 
@@ -13,7 +11,7 @@ from collections.abc import Callable
 import pytest
 from fastapi.testclient import TestClient
 
-Filled = Callable[[str], str]
+InsertedId = Callable[[str], str]
 
 
 @pytest.mark.parametrize(
@@ -31,7 +29,9 @@ Filled = Callable[[str], str]
         ("/ogc?f=json&f=json", 400),
     ],
 )
-def test_a_repeated_parameter_is_refused(http: TestClient, filled: Filled, path: str, status: int) -> None:
+def test_a_repeated_parameter_is_refused(
+    http: TestClient, inserted_id: InsertedId, path: str, status: int
+) -> None:
     answer = http.get(path)
     assert (answer.status_code, answer.json()["code"]) == (status, "INVALID_ARGUMENT")
     assert "repeated" in answer.json()["detail"]
@@ -49,13 +49,17 @@ def test_a_repeated_parameter_is_refused(http: TestClient, filled: Filled, path:
         ("/ogc/collections/dem/items?nonsense=1", 400),
     ],
 )
-def test_an_unknown_parameter_is_refused(http: TestClient, filled: Filled, path: str, status: int) -> None:
+def test_an_unknown_parameter_is_refused(
+    http: TestClient, inserted_id: InsertedId, path: str, status: int
+) -> None:
     answer = http.get(path)
     assert (answer.status_code, answer.json()["code"]) == (status, "INVALID_ARGUMENT")
 
 
-def test_a_deletion_with_an_unknown_parameter_deletes_nothing(http: TestClient, filled: Filled) -> None:
-    url = f"/api/v1/products/{filled('dem')}"
+def test_a_deletion_with_an_unknown_parameter_deletes_nothing(
+    http: TestClient, inserted_id: InsertedId
+) -> None:
+    url = f"/api/v1/products/{inserted_id('dem')}"
     assert http.delete(f"{url}?a=1&a=1").status_code == 422
     assert http.delete(f"{url}?dry_run=true").status_code == 422
     assert http.get(url).status_code == 200
@@ -66,11 +70,11 @@ def test_a_deletion_with_an_unknown_parameter_deletes_nothing(http: TestClient, 
 )
 @pytest.mark.parametrize("interface", ["/ogc", "/stac"])
 def test_json_is_the_only_accepted_media_type(
-    http: TestClient, filled: Filled, interface: str, path: str
+    http: TestClient, inserted_id: InsertedId, interface: str, path: str
 ) -> None:
-    plain, named = http.get(f"{interface}{path}"), http.get(f"{interface}{path}?f=json")
-    assert (plain.status_code, named.status_code) == (200, 200)
-    assert named.json().keys() == plain.json().keys()
+    default, with_format = http.get(f"{interface}{path}"), http.get(f"{interface}{path}?f=json")
+    assert (default.status_code, with_format.status_code) == (200, 200)
+    assert with_format.json().keys() == default.json().keys()
     refused = http.get(f"{interface}{path}?f=html")
     assert refused.status_code == 400
     assert "json" in refused.json()["detail"]
@@ -85,6 +89,5 @@ with ThreadPoolExecutor(4) as threads:
     documents = list(threads.map(lambda _: app.openapi(), range(4)))
 assert all("Problem" in document["components"]["schemas"] for document in documents)
 """
-    subprocess.run(
-        [sys.executable, "-c", script], check=True
-    )  # what FastAPI keeps of the routes is the process's
+    # In a process of its own, because FastAPI caches the document for the whole process.
+    subprocess.run([sys.executable, "-c", script], check=True)

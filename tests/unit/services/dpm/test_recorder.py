@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Recording of sensor samples by the policies of the profile."""
+"""Recording of sensor samples in the DPM by the history policies of the profile."""
 
 from __future__ import annotations
 
@@ -21,15 +21,16 @@ from dpm_store import Query
 from services.dpm.bus.recorder import Recorder, rules_of_history
 from services.dpm.operations.dpm import Dpm
 
-S = 1_000_000_000
+from .conftest import S, cloud, put_arguments
+
 SENSORS = {
     "lidar": {"kind": "lidar", "frame": "mana/lidar", "streams": {"scan": "LidarScan"}},
     "imu": {"kind": "imu", "frame": "mana/imu", "streams": {"sample": "IMUSensors"}},
 }
 
 
-class NoBus:
-    """A bus that records subscriptions."""
+class SubscriptionBus:
+    """Bus double that records subscriptions."""
 
     def __init__(self) -> None:
         self.keys: list[str] = []
@@ -47,7 +48,7 @@ def recorder(dpm: Dpm, *policies: History) -> Recorder:
             "history": [p.model_dump() for p in policies],
         }
     )
-    return Recorder(NoBus(), dpm, profile)  # type: ignore[arg-type]  # subscribes only
+    return Recorder(SubscriptionBus(), dpm, profile)  # type: ignore[arg-type]  # subscribes only
 
 
 def message(value: Any, sensor: str, stream: str, seq: int, t1_ns: int) -> Message:
@@ -90,7 +91,7 @@ def test_every_nth_sample_is_stored_and_searchable_like_a_product(dpm: Dpm) -> N
     assert dpm.reports.status()["history"]["kept"] == 3
 
 
-def test_samples_are_stored_no_denser_than_the_policy_states(dpm: Dpm) -> None:
+def test_samples_are_stored_at_least_the_stated_interval_apart(dpm: Dpm) -> None:
     recording = recorder(dpm, History(sensor="lidar", stream="scan", every_s=2.0))
     for seq in range(10):
         recording.record(scan(seq, seq * 0.5))
@@ -98,7 +99,7 @@ def test_samples_are_stored_no_denser_than_the_policy_states(dpm: Dpm) -> None:
 
 
 @pytest.mark.req("CDFF-SUP-084")
-def test_inertial_samples_are_stored_as_spans_that_name_them(dpm: Dpm) -> None:
+def test_inertial_samples_are_stored_as_spans_that_list_their_ids(dpm: Dpm) -> None:
     recording = recorder(dpm, History(sensor="imu", stream="sample", span_s=1.0))
     for seq in range(25):
         recording.record(inertial(seq, seq * 0.1))
@@ -121,20 +122,23 @@ def test_expired_samples_are_deleted_unless_a_product_was_derived_from_them(dpm:
     clock = dpm.clock
     assert isinstance(clock, ManualClock)
     recording = recorder(dpm, History(sensor="lidar", stream="scan", keep_s=60.0))
-    first = clock.now_ns() // S
+    start_s = clock.now_ns() // S
     for seq in range(3):
-        recording.record(scan(seq, first))
-    clock.set_ns((first + 100) * S)
-    recording.record(scan(9, first + 100))
-    assert [r.header.seq for r in dpm.retrieval.find(Query(types=("scan",))).items] == [9]
-    assert recording.counters["retired"] == 3
+        recording.record(scan(seq, start_s))
+    source = dpm.retrieval.find(Query(types=("scan",))).items[0]
+    dpm.writer.put(*put_arguments(cloud(), "pointcloud", start_s, inputs=(source.id,)))
+    clock.set_ns((start_s + 100) * S)
+    recording.record(scan(9, start_s + 100))
+    stored = dpm.retrieval.find(Query(types=("scan",))).items
+    assert [r.header.seq for r in stored] == [9, source.header.seq]
+    assert recording.counters["retired"] == 2
 
 
 def test_an_unreadable_sample_is_counted_and_not_stored(dpm: Dpm) -> None:
     recording = recorder(dpm, History(sensor="lidar", stream="scan"))
-    good = scan(1, 1.0)
-    recording.record(Message(good.key, good.payload[:40], good.encoding, good.attachment))
-    recording.record(Message(good.key, good.payload, good.encoding, b"nothing"))
+    valid = scan(1, 1.0)
+    recording.record(Message(valid.key, valid.payload[:40], valid.encoding, valid.attachment))
+    recording.record(Message(valid.key, valid.payload, valid.encoding, b"nothing"))
     assert recording.counters["refused"] == 2
     assert dpm.retrieval.find(Query(types=("scan",))).items == ()
 
@@ -146,7 +150,7 @@ def test_a_policy_of_an_unknown_stream_is_refused() -> None:
         )
 
 
-def test_the_policy_is_converted_to_retention_rules() -> None:
+def test_a_policy_with_a_limited_age_is_converted_to_a_retention_rule() -> None:
     profile = Profile.model_validate(
         {
             "name": "test",

@@ -12,12 +12,12 @@ from dpm_store import Event, Rule
 from services.dpm.bus.retention import retention, rules_of
 from services.dpm.operations.dpm import Dpm
 
-from .conftest import cloud, elevation, parcel
+from .conftest import cloud, elevation, put_arguments
 
 RULES = (Rule(product="pointcloud", max_age_s=50),)
 
 
-def asked(**parameters: str) -> Request:
+def retention_request(**parameters: str) -> Request:
     return Request("cdff/@v1/ground/dpm/@rpc/retention", parameters, b"", "", b"")
 
 
@@ -27,40 +27,42 @@ def final(replies: Reply | Iterator[Reply]) -> Any:
 
 
 @pytest.mark.req("CDFF-SUP-036")
-def test_retention_first_explains_and_deletes_on_command(dpm: Dpm) -> None:
-    _, old = dpm.writer.put(*parcel(cloud(), "pointcloud", 10))
-    dpm.writer.put(*parcel(cloud(), "pointcloud", 90))
-    dpm.writer.put(*parcel(elevation(0.0), "dem", 1))
+def test_retention_explains_by_default_and_deletes_on_request(dpm: Dpm) -> None:
+    _, expired = dpm.writer.put(*put_arguments(cloud(), "pointcloud", 10))
+    dpm.writer.put(*put_arguments(cloud(), "pointcloud", 90))
+    dpm.writer.put(*put_arguments(elevation(0.0), "dem", 1))
     events: list[Event] = []
     dpm.events.listen(events.append)
-    plan = final(retention(dpm, RULES, asked()))
+    plan = final(retention(dpm, RULES, retention_request()))
     assert (plan["applied"], plan["retired"], plan["rules"]) == (False, 1, 1)
-    (verdict,) = plan["verdicts"]
-    assert (verdict["id"], verdict["retire"]) == (old.id, True)
-    assert "90 s old" in verdict["why"]
+    (decision,) = plan["verdicts"]
+    assert (decision["id"], decision["retire"]) == (expired.id, True)
+    assert "90 s old" in decision["why"]
     assert dpm.store.statistics().count == 3
-    done = final(retention(dpm, RULES, asked(apply="true")))
-    assert (done["applied"], done["bytes"]) == (True, plan["bytes"])
+    result = final(retention(dpm, RULES, retention_request(apply="true")))
+    assert (result["applied"], result["bytes"]) == (True, plan["bytes"])
     assert dpm.store.statistics().count == 2
     assert [event.kind for event in events] == ["deleted"]
 
 
-def test_every_decision_is_listed_in_pages_before_the_sums(dpm: Dpm, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_decision_is_listed_in_pages_before_the_totals(
+    dpm: Dpm, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("services.dpm.bus.retention.MAX_DECISIONS", 2)
     for seq in range(5):
-        dpm.writer.put(*parcel(cloud(), "pointcloud", seq))
-    *parts, sums = retention(dpm, RULES, asked(all="true"))
-    assert [(len(part.body()["verdicts"]), part.final) for part in parts] == [
+        dpm.writer.put(*put_arguments(cloud(), "pointcloud", seq))
+    *pages, totals = retention(dpm, RULES, retention_request(all="true"))
+    assert [(len(page.body()["verdicts"]), page.final) for page in pages] == [
         (2, False),
         (2, False),
         (1, False),
     ]
-    assert (sums.body()["retired"], sums.body()["verdicts"], sums.final) == (5, [], True)
+    assert (totals.body()["retired"], totals.body()["verdicts"], totals.final) == (5, [], True)
 
 
-def test_values_other_than_true_and_false_are_refused(dpm: Dpm) -> None:
+def test_a_value_other_than_true_and_false_is_refused(dpm: Dpm) -> None:
     with pytest.raises(InputError, match="apply"):
-        retention(dpm, RULES, asked(apply="yes"))
+        retention(dpm, RULES, retention_request(apply="yes"))
 
 
 def test_the_rules_are_those_of_the_profile() -> None:

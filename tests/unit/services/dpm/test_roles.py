@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Access of every role to every route, and refusals in the history."""
+"""Access of every role to every HTTP route, and refusals in the history."""
 
 import hashlib
 import json
@@ -23,10 +23,12 @@ from services.dpm.operations import refusals
 from services.dpm.operations.dpm import Dpm
 from services.dpm.settings import Settings
 
-from .conftest import cloud, elevation, parcel
+from .conftest import cloud, elevation, put_arguments
 
 RULES = rules_of(module.router for module in MODULES)
+#: Routes that need no key.
 OPEN = {"/healthz", "/readyz", "/", "/docs", "/static/{name}"}
+#: Routes with an endless answer.
 STREAMS = {"/api/v1/events"}
 READ = sorted(
     {
@@ -49,7 +51,7 @@ def guarded(dpm: Dpm, tmp_path: Path) -> TestClient:
     """A server off loopback with one key of each role."""
     keys = tmp_path / "keys"
     lines = [
-        f"{hashlib.sha256(f'key of {role}'.encode()).hexdigest()} {role} {NAMES[role]}  # one"
+        f"{hashlib.sha256(f'key of {role}'.encode()).hexdigest()} {role} {NAMES[role]}  # comment"
         for role in ROLES
     ]
     keys.write_text("# keys\n\n" + "\n".join(lines))
@@ -61,6 +63,7 @@ def guarded(dpm: Dpm, tmp_path: Path) -> TestClient:
 
 
 def concrete(path: str) -> str:
+    """Return a route's path with a value for each path parameter."""
     return re.sub(r"\{\w+(:path)?\}", "x", path)
 
 
@@ -90,7 +93,7 @@ def test_reading_requires_a_key_of_any_role(guarded: TestClient, path: str) -> N
         assert path in OPEN or answer.headers["www-authenticate"] == "Bearer"
 
 
-def test_a_route_without_roles_is_forbidden(guarded: TestClient, dpm: Dpm, tmp_path: Path) -> None:
+def test_a_writing_route_without_roles_is_forbidden(guarded: TestClient, dpm: Dpm, tmp_path: Path) -> None:
     from fastapi import APIRouter
 
     from services.dpm.http.middleware.guard import Guard
@@ -110,20 +113,21 @@ def test_a_reading_post_is_not_a_write() -> None:
     assert all(rule.changes for rule in RULES if rule is not search)
 
 
-def test_the_document_names_the_roles(guarded: TestClient) -> None:
+def test_the_openapi_document_names_the_roles_of_writing_routes(guarded: TestClient) -> None:
     document = guarded.get("/openapi.json", headers=key_of("reader")).json()
     for path, verbs in document["paths"].items():
         for verb, operation in verbs.items():
             assert verb.upper() in SAFE or operation["x-cdff-roles"], path
 
 
-def test_only_known_roles_can_be_named() -> None:
+def test_an_unknown_role_of_a_route_is_refused() -> None:
     with pytest.raises(ValueError, match="king"):
         allowed("king")
 
 
 def insertion(robot: str) -> dict:
-    names, payload, encoding, attachment = parcel(cloud(), "pointcloud", robot=robot)
+    """Return the arguments of the POST request with which robot mana inserts a product of a robot."""
+    names, payload, encoding, attachment = put_arguments(cloud(), "pointcloud", robot=robot)
     header = jsonable(Header.from_attachment(attachment).to_dict())
     return {
         "params": names,
@@ -142,8 +146,8 @@ def test_a_robot_writes_its_own_products_only(guarded: TestClient, dpm: Dpm) -> 
     mixed = [
         {**key, **dict(zip(names, (encoding, attachment, payload), strict=True))}
         for key, payload, encoding, attachment in (
-            parcel(elevation(0.0), "dem", 1, robot="mana"),
-            parcel(elevation(0.0), "dem", 1, robot="minnie"),
+            put_arguments(elevation(0.0), "dem", 1, robot="mana"),
+            put_arguments(elevation(0.0), "dem", 1, robot="minnie"),
         )
     ]
     answer = guarded.post("/api/v1/products/batch", content=msgpack.packb(mixed), headers=key_of("robot"))
@@ -153,18 +157,18 @@ def test_a_robot_writes_its_own_products_only(guarded: TestClient, dpm: Dpm) -> 
 
 @pytest.mark.req("CDFF-SUP-163")
 def test_the_history_names_writers_and_refused_clients(guarded: TestClient, dpm: Dpm) -> None:
-    result = guarded.post("/api/v1/products", **insertion("mana")).json()["id"]
-    url = f"/api/v1/products/{result}"
+    stored_id = guarded.post("/api/v1/products", **insertion("mana")).json()["id"]
+    url = f"/api/v1/products/{stored_id}"
     guarded.patch(url, json={"tags": ["a"]}, headers=key_of("operator") | {"If-Match": "*"})
     guarded.delete(url, headers=key_of("reader"))
     guarded.delete(url, headers={"Authorization": "Bearer nonsense"})
     guarded.post("/api/v1/products", **insertion("minnie"))
     guarded.delete(url, headers=key_of("admin"))
-    received = [
+    records = [
         (e.kind, e.body["by"], e.body["status"] if e.kind == "refused" else None)
         for e in dpm.store.events.since()
     ]
-    assert received == [
+    assert records == [
         ("inserted", "http/robot/mana", None),
         ("updated", "http/operator/olaf", None),
         ("refused", "http/reader/anna", 403),
@@ -177,15 +181,15 @@ def test_the_history_names_writers_and_refused_clients(guarded: TestClient, dpm:
     )
 
 
-def test_refusals_are_limited_in_history_and_log(
+def test_repeated_refusals_are_counted_instead_of_recorded(
     guarded: TestClient, dpm: Dpm, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    now = [1000.0]
-    monkeypatch.setattr(refusals, "monotonic_s", lambda: now[0])
+    now_s = [1000.0]
+    monkeypatch.setattr(refusals, "monotonic_s", lambda: now_s[0])
     with caplog.at_level(logging.WARNING, "services.dpm.operations.refusals"):
         for _ in range(50):
             guarded.delete("/api/v1/products/x", headers={"Authorization": "Bearer secret-of-mine"})
-        now[0] += 61.0
+        now_s[0] += 61.0
         guarded.delete("/api/v1/products/x", headers={"Authorization": "Bearer secret-of-mine"})
     first, last = (e.body for e in dpm.store.events.since(kind="refused"))
     assert (first["left_out"], last["left_out"]) == (0, 49)
@@ -199,9 +203,9 @@ def test_keys_are_stored_as_hashes_and_malformed_lines_are_refused_without_being
     path = tmp_path / "keys"
     digest = hashlib.sha256(b"k").hexdigest()
     path.write_text(f"{digest.upper()} robot mana\n")
-    result = Keys(path).actor("bearer k ")
-    assert result is not None
-    assert (result.name, result.role) == ("mana", "robot")
+    actor = Keys(path).actor("bearer k ")
+    assert actor is not None
+    assert (actor.name, actor.role) == ("mana", "robot")
     malformed = (
         f"{digest} robot",
         f"{digest} robot Mana!",
@@ -211,9 +215,9 @@ def test_keys_are_stored_as_hashes_and_malformed_lines_are_refused_without_being
     )
     for line in malformed:
         path.write_text(line)
-        with pytest.raises(ConfigurationError, match="keys:1") as received:
+        with pytest.raises(ConfigurationError, match="keys:1") as refusal:
             Keys(path)
-        assert digest[:10] not in str(received.value)
-        assert "plainkey" not in str(received.value)
+        assert digest[:10] not in str(refusal.value)
+        assert "plainkey" not in str(refusal.value)
     with pytest.raises(ConfigurationError):
         Keys(tmp_path / "absent")

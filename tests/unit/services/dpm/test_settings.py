@@ -8,7 +8,7 @@ from cdff_common.errors import ConfigurationError
 from services.dpm.settings import parse_settings
 
 
-def test_arguments_precede_the_environment(tmp_path: Path) -> None:
+def test_an_argument_replaces_the_environment_variable(tmp_path: Path) -> None:
     environment = {"CDFF_DATA_DIR": "/somewhere", "CDFF_HTTP": "127.0.0.1:9"}
     settings = parse_settings(["--data-dir", str(tmp_path)], environment)
     assert (settings.data_dir, settings.host, settings.port) == (tmp_path, "127.0.0.1", 9)
@@ -23,6 +23,6 @@ def test_other_addresses_than_loopback_require_a_key_file(address: str, tmp_path
 
 
 @pytest.mark.parametrize("address", ["8080", "localhost", ":8080", "localhost:x", "localhost:70000"])
-def test_an_address_is_host_and_port(address: str) -> None:
+def test_an_address_without_host_or_valid_port_is_refused(address: str) -> None:
     with pytest.raises(ConfigurationError, match="host:port"):
         parse_settings(["--http", address], {})

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Every parameter of a search or window reaches the store."""
+"""Conversion of request parameters to store queries: every parameter has an effect."""
 
 from __future__ import annotations
 
@@ -50,11 +50,12 @@ SEARCH = {
 
 @pytest.mark.parametrize("name", [*SEARCH, "point"])
 def test_each_search_parameter_changes_the_query(name: str) -> None:
-    given = {"region": "circle:9,9,1", "order": "nearest"} if name == "point" else {}
-    value = {"point": "1,2", "order": "nearest"}.get(name, SEARCH.get(name))
-    given |= {"region": "circle:9,9,1"} if name == "order" else {}
-    plain, changed = SearchParameters.parse(given), SearchParameters.parse({**given, name: value})
-    assert search_query(changed) != search_query(plain)
+    # A point needs an order by distance, and that order a region or a point.
+    required = {"order": {"region": "circle:9,9,1"}, "point": {"region": "circle:9,9,1", "order": "nearest"}}
+    others = required.get(name, {})
+    value = "1,2" if name == "point" else SEARCH[name]
+    with_parameter = SearchParameters.parse({**others, name: value})
+    assert search_query(with_parameter) != search_query(SearchParameters.parse(others))
 
 
 def test_every_search_parameter_is_covered() -> None:
@@ -70,7 +71,7 @@ def test_each_window_parameter_changes_the_query(
     assert changed != window_query(model.parse({}), NOW_NS)
 
 
-def test_choices_belong_to_their_kind_of_map() -> None:
+def test_fusion_rules_apply_to_their_type_of_map_only() -> None:
     elevation = window_query(WindowParameters.parse({"disagreement": "newest"}), NOW_NS)
     newest = window_query(ProfileParameters.parse({"path": "0,0,1,1", "choice": "newest"}), NOW_NS)
     worst = window_query(NavigationWindowParameters.parse({"choice": "worst"}), NOW_NS)
@@ -79,12 +80,12 @@ def test_choices_belong_to_their_kind_of_map() -> None:
     assert (worst.choice, elevation.navigation_choice) == (plain.choice, plain.navigation_choice)
 
 
-def test_the_age_limit_counts_back_from_the_mission_time() -> None:
-    both = WindowParameters.parse({"max_age_s": 1, "newest_after": NOW_NS})
+def test_the_age_limit_is_relative_to_the_mission_time() -> None:
+    with_both_limits = WindowParameters.parse({"max_age_s": 1, "newest_after": NOW_NS})
     assert window_query(WindowParameters.parse({"max_age_s": 1}), NOW_NS).newest_after_ns == NOW_NS - 10**9
-    assert window_query(both, NOW_NS).newest_after_ns == NOW_NS
+    assert window_query(with_both_limits, NOW_NS).newest_after_ns == NOW_NS
 
 
-def test_a_cloud_of_any_robot_is_not_restricted_to_one() -> None:
+def test_a_cloud_of_any_robot_is_not_restricted_to_one_robot() -> None:
     query = cloud_query(CloudParameters.parse({"robot": "any", "t0": 1000, "points": 5}))
     assert (query.robot, query.t0_ns, query.limit) == (None, 1000, 100)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The simulated Instrument Control Unit: modes are confirmed, refused, redirected."""
+"""The simulated Instrument Control Unit: modes are confirmed, refused or superseded."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from cdff_common.interfaces.profile import Profile, Robot, Sensor, SensorMode
 from services.icu.unit import Faults, SimulatedIcu
 
 
-def unit(
+def simulated_icu(
     switch_s: float,
-    told: list[tuple[str, Mapping[str, object]]],
+    events: list[tuple[str, Mapping[str, object]]],
     faults: Faults | None = None,
     clock: Callable[[], float] = monotonic_s,
 ) -> SimulatedIcu:
@@ -35,14 +35,14 @@ def unit(
         refuses=("fast",),
     )
     profile = Profile(name="p", robots=(Robot(id="mana", sensors={"lidar": lidar}),))
-    return SimulatedIcu(profile, lambda *event: told.append(event), faults, clock)
+    return SimulatedIcu(profile, lambda *event: events.append(event), faults, clock)
 
 
 @pytest.mark.req("CDFF-SUP-022")
 def test_a_mode_call_is_answered_and_reported_once_the_mode_is_reached() -> None:
     received: list[tuple[str, Mapping[str, object]]] = []
-    icu = unit(0.02, received)
-    answer = icu.set_mode("mana", "lidar", "nominal", "me")
+    icu = simulated_icu(0.02, received)
+    answer = icu.set_mode("mana", "lidar", "nominal", "client")
     event = {
         "sensor": "lidar",
         "mode": "nominal",
@@ -57,55 +57,55 @@ def test_a_mode_call_is_answered_and_reported_once_the_mode_is_reached() -> None
     }
     assert answer == {"robot": "mana", "confirmed": True, **event}
     assert received == [("mana", event)]
-    assert icu.modes("mana")["sensors"]["lidar"]["holder"] == "me"
-    icu.set_mode("mana", "lidar", "nominal", "me")
-    assert len(received) == 1, "the mode it is in is no change"
+    assert icu.modes("mana")["sensors"]["lidar"]["holder"] == "client"
+    icu.set_mode("mana", "lidar", "nominal", "client")
+    assert len(received) == 1, "a demand for the present mode is not an event"
 
 
 def test_a_refused_or_unknown_mode_changes_nothing() -> None:
     received: list[tuple[str, Mapping[str, object]]] = []
-    icu = unit(0.0, received)
+    icu = simulated_icu(0.0, received)
     with pytest.raises(DeniedError):
-        icu.set_mode("mana", "lidar", "fast", "me")
+        icu.set_mode("mana", "lidar", "fast", "client")
     for robot, sensor, mode in (("mana", "lidar", "x"), ("mana", "sonar", "off"), ("minnie", "lidar", "off")):
         with pytest.raises(ProductNotFoundError):
-            icu.set_mode(robot, sensor, mode, "me")
+            icu.set_mode(robot, sensor, mode, "client")
     with pytest.raises(ProductNotFoundError):
         icu.modes("minnie")
     assert received == []
     assert icu.modes("mana")["sensors"]["lidar"]["mode"] == "off"
 
 
-def test_a_call_superseded_by_another_demand_is_refused() -> None:
-    icu = unit(30.0, [])
+def test_a_waiting_call_superseded_by_another_demand_is_refused() -> None:
+    icu = simulated_icu(30.0, [])
     raised: list[BaseException] = []
-    waiting = threading.Thread(target=lambda: raised.append(_raised(icu, "nominal")))
+    waiting = threading.Thread(target=lambda: raised.append(error_of_mode_call(icu, "nominal")))
     waiting.start()
     while icu.modes("mana")["sensors"]["lidar"]["target"] != "nominal":
         assert waiting.is_alive()
-    second = threading.Thread(target=lambda: raised.append(_raised(icu, "off")))
-    second.start()
+    superseding = threading.Thread(target=lambda: raised.append(error_of_mode_call(icu, "off")))
+    superseding.start()
     waiting.join(5)
     assert isinstance(raised[0], ConflictError)
     icu.close()
-    second.join(5)
+    superseding.join(5)
     assert isinstance(raised[1], UnavailableError)
 
 
 @pytest.mark.req("CDFF-SUP-143")
-def test_delays_and_refusals_are_seeded_and_marked_as_simulated() -> None:
+def test_delays_and_refusals_depend_on_the_seed_and_are_marked_as_simulated() -> None:
     def session(seed: int) -> list[object]:
         now_s = [0.0]
-        icu = unit(1.0, [], Faults(seed=seed, spread=0.3, refuses=0.3), lambda: now_s[0])
+        icu = simulated_icu(1.0, [], Faults(seed=seed, spread=0.3, refuses=0.3), lambda: now_s[0])
         assert icu.modes("mana")["simulated"] is True
-        took: list[object] = []
+        outcomes: list[object] = []
         for i in range(40):
-            machine = icu.demand("mana", "lidar", "nominal" if i % 2 else "off", "me")
-            took.append(round(machine.steps[-1][1] - now_s[0], 6) if machine.steps else 0.0)
+            machine = icu.demand("mana", "lidar", "nominal" if i % 2 else "off", "client")
+            outcomes.append(round(machine.steps[-1][1] - now_s[0], 6) if machine.steps else 0.0)
             now_s[0] += 10.0
             icu.modes("mana")
-            took.append(machine.refusal)
-        return took
+            outcomes.append(machine.refusal)
+        return outcomes
 
     first = session(1)
     assert first == session(1)
@@ -116,9 +116,9 @@ def test_delays_and_refusals_are_seeded_and_marked_as_simulated() -> None:
 
 def test_a_lost_sensor_is_reported_ends_the_wait_and_recovers_in_its_initial_mode() -> None:
     received: list[tuple[str, Mapping[str, object]]] = []
-    icu = unit(30.0, received)
+    icu = simulated_icu(30.0, received)
     raised: list[BaseException] = []
-    waiting = threading.Thread(target=lambda: raised.append(_raised(icu, "nominal")))
+    waiting = threading.Thread(target=lambda: raised.append(error_of_mode_call(icu, "nominal")))
     waiting.start()
     while icu.modes("mana")["sensors"]["lidar"]["target"] != "nominal":
         assert waiting.is_alive()
@@ -139,9 +139,9 @@ def test_invalid_faults_are_refused(text: str) -> None:
         Faults.of_text(text)
 
 
-def _raised(icu: SimulatedIcu, mode: str) -> BaseException:
+def error_of_mode_call(icu: SimulatedIcu, mode: str) -> BaseException:
     try:
-        icu.set_mode("mana", "lidar", mode, "me")
+        icu.set_mode("mana", "lidar", mode, "client")
     except (ConflictError, UnavailableError) as error:
         return error
-    raise AssertionError("it was confirmed")
+    raise AssertionError("the mode was confirmed")

@@ -18,11 +18,11 @@ from cdff_core.map_merging.joint_pose_graph import MapMerger, MergedMaps
 from services.dpm.bus.service import serve
 from services.dpm.operations.dpm import Dpm
 from services.map_merging.archive import MapArchive
-from tests.support.dpm_products import parcel
+from tests.support.dpm_products import put_arguments
 from tests.support.robot_maps import ROBOTS, closure, maps
-from tests.unit.services.dpm.conftest import clock, dpm, empty
+from tests.unit.services.dpm.conftest import clock, dpm, empty_store
 
-__all__ = ["clock", "dpm", "empty"]
+__all__ = ["clock", "dpm", "empty_store"]
 
 
 class LocalBus:
@@ -39,21 +39,21 @@ class LocalBus:
     def publish_map(self, *_: object, **__: object) -> None: ...
 
     def call(
-        self, key: str, asked: Mapping[str, object] | None = None, payload: bytes = b"", **_: object
+        self, key: str, parameters: Mapping[str, object] | None = None, payload: bytes = b"", **_: object
     ) -> Reply:
         return self._served[key](
-            Request(key, {k: str(v) for k, v in (asked or {}).items()}, payload, "", b"")
+            Request(key, {k: str(v) for k, v in (parameters or {}).items()}, payload, "", b"")
         )
 
 
 @pytest.fixture
 def archive(dpm: Dpm) -> MapArchive:
-    """Archive on a DPM with both maps, each frame as in the profile."""
+    """Archive on a DPM that holds both maps; the pose of each map frame is that of the profile."""
     bus: Any = LocalBus()
     serve(bus, dpm, ROBOTS)
     for m in maps():
         dpm.store.frames.set(m.graph.frame, "site", m.survey, producer="profile/test")
-        dpm.writer.put(*parcel(m.graph, "pose_graph", robot=m.robot, frame=m.graph.frame))
+        dpm.writer.put(*put_arguments(m.graph, "pose_graph", robot=m.robot, frame=m.graph.frame))
     return MapArchive(bus, MergingConfig())
 
 
@@ -63,27 +63,27 @@ def merge(archive: MapArchive) -> tuple[MergedMaps, list[Any]]:
     return MapMerger(MergingConfig(), ROBOTS).merge(maps_read, [closure(2, 3)]), maps_read  # type: ignore[arg-type]
 
 
-def test_a_written_anchor_is_read_back_and_the_survey_stays(archive: MapArchive) -> None:
+def test_a_written_anchor_is_read_back_and_the_survey_is_unchanged(archive: MapArchive) -> None:
     result, maps_read = merge(archive)
     archive.write(result, maps_read, ["minnie"], {"closures": 1.0})
     for m, T in zip(maps(), (maps()[0].anchor, result.anchors["minnie"]), strict=True):
-        again = archive.robot_map(m.robot)
-        assert again is not None
-        np.testing.assert_allclose(again.survey.matrix, m.survey.matrix, atol=1e-9)
-        np.testing.assert_allclose(again.anchor.matrix, T.matrix, atol=1e-9)
+        read_back = archive.robot_map(m.robot)
+        assert read_back is not None
+        np.testing.assert_allclose(read_back.survey.matrix, m.survey.matrix, atol=1e-9)
+        np.testing.assert_allclose(read_back.anchor.matrix, T.matrix, atol=1e-9)
 
 
-def test_a_frame_set_over_http_is_a_new_survey(archive: MapArchive, dpm: Dpm) -> None:
+def test_a_frame_pose_set_over_http_is_a_new_survey(archive: MapArchive, dpm: Dpm) -> None:
     result, maps_read = merge(archive)
     archive.write(result, maps_read, ["minnie"], {})
-    by_hand = UncertainTransform(se3.exp_se3([7.0, 1.0, 0.0, 0.0, 0.0, 1.0]), np.eye(6))
-    dpm.store.frames.set("minnie/slam", "site", by_hand, producer="http")
-    again = archive.robot_map("minnie")
-    assert again is not None
-    np.testing.assert_allclose(again.survey.matrix, by_hand.matrix, atol=1e-9)
+    T_site_map = UncertainTransform(se3.exp_se3([7.0, 1.0, 0.0, 0.0, 0.0, 1.0]), np.eye(6))
+    dpm.store.frames.set("minnie/slam", "site", T_site_map, producer="http")
+    read_back = archive.robot_map("minnie")
+    assert read_back is not None
+    np.testing.assert_allclose(read_back.survey.matrix, T_site_map.matrix, atol=1e-9)
 
 
-def test_nothing_is_written_after_a_conflicting_revision(archive: MapArchive, dpm: Dpm) -> None:
+def test_a_revision_by_another_client_prevents_the_write(archive: MapArchive, dpm: Dpm) -> None:
     result, maps_read = merge(archive)
     dpm.store.frames.set("minnie/slam", "site", maps_read[1].anchor, producer="http")
     with pytest.raises(ConflictError):
@@ -91,7 +91,7 @@ def test_nothing_is_written_after_a_conflicting_revision(archive: MapArchive, dp
     assert archive.merged_graph() is None
 
 
-def test_the_same_graph_with_other_figures_is_another_product(archive: MapArchive) -> None:
+def test_the_same_graph_with_other_metrics_is_another_product(archive: MapArchive) -> None:
     result, maps_read = merge(archive)
     ids = [archive.write(result, maps_read, [], {"rejected": n}) for n in (1.0, 0.0, 0.0)]
     assert ids[0] != ids[1] == ids[2]

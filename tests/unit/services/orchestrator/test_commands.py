@@ -16,24 +16,24 @@ from services.orchestrator.commands import format_of
 STAMP_NS = 1_700_000_000_123_456_000
 
 
-class Answered:
+class ClientDouble:
     """Client double whose orchestrator has one job and one pose."""
 
     data = b"payload"
 
     def __init__(self, *_: object, **__: object) -> None: ...
 
-    def __enter__(self) -> Answered:
+    def __enter__(self) -> ClientDouble:
         return self
 
     def __exit__(self, *_: object) -> None: ...
 
-    def request(self, *_: object, **__: object) -> Answered:
+    def request(self, *_: object, **__: object) -> ClientDouble:
         return self
 
-    def standing(self, *_: object, **wishes: object) -> Iterator[Answered]:
-        assert wishes["every_s"] == 2.0
-        assert wishes["t_ns"] == STAMP_NS
+    def standing(self, *_: object, **parameters: object) -> Iterator[ClientDouble]:
+        assert parameters["every_s"] == 2.0
+        assert parameters["t_ns"] == STAMP_NS
         while True:
             yield self
 
@@ -45,8 +45,8 @@ class Answered:
 
 
 @pytest.fixture
-def run_dfpc(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cdff_common.client.Client", Answered)
+def client_double(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cdff_common.client.Client", ClientDouble)
 
 
 @pytest.mark.parametrize(
@@ -72,45 +72,45 @@ def test_an_unsupported_file_suffix_is_refused(product: str, name: str) -> None:
 
 
 def test_json_output_has_stamps_as_decimal_strings(
-    run_dfpc: None, capsys: pytest.CaptureFixture[str]
+    client_double: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.main(["request", "pose", "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert (said["header"]["t1_ns"], said["delivered"]["newest_ns"]) == (str(STAMP_NS), str(STAMP_NS))
+    document = json.loads(capsys.readouterr().out)
+    assert (document["header"]["t1_ns"], document["delivered"]["newest_ns"]) == (str(STAMP_NS), str(STAMP_NS))
     assert cli.main(["orchestrator", "jobs", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["jobs"][0]["since_ns"] == str(STAMP_NS)
 
 
-def test_a_file_that_cannot_be_written_is_one_line_and_exit_1(
-    run_dfpc: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_a_file_that_cannot_be_written_is_reported_in_one_line_with_exit_code_1(
+    client_double: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.main(["request", "pose", "--out", str(tmp_path / "none" / "x.tum")]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert "there is no folder" in line
 
 
-def test_the_format_option_applies_to_any_file_name(run_dfpc: None, tmp_path: Path) -> None:
+def test_the_format_option_applies_to_any_file_name(client_double: None, tmp_path: Path) -> None:
     path = tmp_path / "pose.dat"
     assert cli.main(["request", "pose", "--format", "uper", "--out", str(path), "--json"]) == 0
-    assert path.read_bytes() == Answered.data
+    assert path.read_bytes() == ClientDouble.data
 
 
 def test_a_standing_request_writes_a_line_for_each_answer(
-    run_dfpc: None, capsys: pytest.CaptureFixture[str]
+    client_double: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    asked = ["request", "pose", "--every-s", "2", "--count", "3", "--t", str(STAMP_NS), "--json"]
-    assert cli.main(asked) == 0
+    command = ["request", "pose", "--every-s", "2", "--count", "3", "--t", str(STAMP_NS), "--json"]
+    assert cli.main(command) == 0
     assert len(capsys.readouterr().out.splitlines()) == 3
 
 
 @pytest.mark.parametrize(
-    "asked", [["--count", "3"], ["--every-s", "1", "--count", "0"], ["--t", "yesterday"]]
+    "options", [["--count", "3"], ["--every-s", "1", "--count", "0"], ["--t", "yesterday"]]
 )
 def test_inconsistent_options_are_refused(
-    run_dfpc: None, asked: list[str], capsys: pytest.CaptureFixture[str]
+    client_double: None, options: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert cli.main(["request", "pose", *asked]) == 1
-    assert asked[-2] in capsys.readouterr().err
+    assert cli.main(["request", "pose", *options]) == 1
+    assert options[-2] in capsys.readouterr().err
 
 
 def test_a_malformed_region_is_reported_without_a_router(

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A day of virtual time with random requests and faults: the orchestrator's own service keeps its invariants.
+"""Invariants of the orchestrator during a day of virtual time with random requests and faults.
 
-The whole service runs (flow, finder, sharing, delivery, control, watcher, journal, history) on a simulated
-bus; only the other side of the bus is simulated. DFPCs crash, hang, raise, refuse, degrade and go deaf;
-sensors are refused and lost; the DPM and the ICU go away; the orchestrator is killed and restarted. A seed
-replays its day, thread for thread.
+The whole service runs (flow, finder, sharing, delivery, control, watcher, journal, history); the components
+on the other side of the bus are simulated. DFPCs crash, hang, fail, produce nothing, receive nothing or give
+degraded products; sensor modes are refused and sensors lost; the DPM and the ICU are interrupted; the
+orchestrator is killed and restarted. The same seed gives the same sequence of steps in all threads.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import os
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -27,87 +28,86 @@ from cdff_core.orchestration.lifecycle import FINAL_STATES
 from cdff_dev.mission_replay.virtual import Scheduler, VirtualTiming
 from services.orchestrator.service import Orchestrator
 from tests.support import orchestrator_mission
-from tests.support.simulated_bus import Mission, SimulatedBus
+from tests.support.simulated_bus import Mission, Process, SimulatedBus
 
 HOUR_S, DAY_S = 3600.0, 86_400.0
 CAPACITY = 12
-#: Clocks agree to this: a wait that ends at the deadline ends in it.
+#: Tolerance of the deadline, because a wait may end exactly at it.
 EPSILON_S = 1e-4
 
 
 @dataclass
-class Asked:
-    """A request of the day and what became of it."""
+class SentRequest:
+    """A request, the orchestrator process that received it, and its outcome."""
 
     name: str
     process: object
-    until_s: float
-    finals: int = 0
-    how: str = ""
+    deadline_s: float
+    final_replies: int = 0
+    #: Kind of the final reply, or name of the error.
+    outcome: str = ""
 
 
 class Day:
-    """A mission, an orchestrator, clients and faults; after each step of any thread the invariants are
-    checked.
-    """
+    """A mission, an orchestrator, clients and faults; checks the invariants after each step of a thread."""
 
     def __init__(self, seed: int, folder: Path) -> None:
         self.scheduler = Scheduler()
         self.mission = Mission(self.scheduler, orchestrator_mission.profile(), seed)
         self.random = self.mission.random
         self.journal = folder / f"journal{seed}.jsonl"
-        self.asked: dict[str, Asked] = {}
+        self.open_requests: dict[str, SentRequest] = {}
         self.ended: Counter[str] = Counter()
         self.log: list[str] = []
-        self.count = self.events = self.restarts = 0
-        self.most: Counter[str] = Counter()
-        self.over = False
-        self.lead()
+        self.request_count = self.steps = self.restarts = 0
+        #: Largest size of each collection of the service.
+        self.max_sizes: Counter[str] = Counter()
+        self.is_over = False
+        self.start_orchestrator()
 
-    def lead(self) -> None:
-        """Start an orchestrator, as its supervisor does."""
+    def start_orchestrator(self) -> None:
+        """Start an orchestrator process with the journal of the previous one."""
         self.timing = VirtualTiming(self.scheduler)
         self.bus: SimulatedBus = self.mission.connect(self.timing)
         self.orchestrator = Orchestrator(self.bus, self.mission.profile, self.journal, CAPACITY, self.timing)  # type: ignore[arg-type]
         self.timing.start(self.orchestrator.start, "start")
 
     def run(self, until_s: float) -> None:
-        for every_s, event in (
-            (40.0, self.arrive),
+        """Run requests and faults, each at random intervals with the given mean."""
+        for mean_s, event in (
+            (40.0, self.send_requests),
             (900.0, self.crash),
             (1200.0, self.hang),
-            (1200.0, self.raise_),
-            (1500.0, self.refuse),
+            (1200.0, self.fail),
+            (1500.0, self.interrupt_output),
             (1500.0, self.degrade),
-            (2400.0, self.go_deaf),
+            (2400.0, self.interrupt_input),
             (2400.0, self.lose_sensor),
-            (3000.0, self.dpm_away),
-            (5000.0, self.icu_away),
-            (9000.0, self.kill),
+            (3000.0, self.interrupt_dpm),
+            (5000.0, self.interrupt_icu),
+            (9000.0, self.kill_orchestrator),
         ):
-            self.scheduler.start(lambda e=every_s, f=event: self.every(e, f, until_s), event.__name__)  # type: ignore[misc]
-        while not self.over or self.asked:
-            self.over = self.scheduler.now_s >= until_s
+            self.scheduler.start(partial(self.repeat, mean_s, event, until_s), event.__name__)
+        while not self.is_over or self.open_requests:
+            self.is_over = self.scheduler.now_s >= until_s
             assert self.scheduler.step()
-            self.events += 1
+            self.steps += 1
             self.check()
 
-    def every(self, mean_s: float, event: Callable[[], None], until_s: float) -> None:
+    def repeat(self, mean_s: float, event: Callable[[], None], until_s: float) -> None:
         while self.scheduler.now_s < until_s:
             self.scheduler.sleep(self.random.expovariate(1.0 / mean_s))
             if self.scheduler.now_s < until_s:
                 event()
 
-    # -- clients
-    # -----------------------------------------------------------------------------------------------------
-
-    def arrive(self) -> None:
-        wish = self.wish()
+    def send_requests(self) -> None:
+        """Send one or two equal requests, rarely more than the capacity."""
+        parameters = self.random_parameters()
         for _ in range(20 if self.random.random() < 0.02 else self.random.choice([1, 1, 1, 2])):
-            self.count += 1
-            self.ask(f"r{self.count}", wish)
+            self.request_count += 1
+            self.send(f"r{self.request_count}", parameters)
 
-    def wish(self) -> dict[str, str]:
+    def random_parameters(self) -> dict[str, str]:
         r = self.random
         product = r.choice(["pose", "pose", "dem", "dem", "navigation_map"])
         p = {"type": product, "robot": r.choice(["mana", "mana", "minnie", "any"])}
@@ -128,67 +128,65 @@ class Day:
             p["explain"] = "true"
         return p
 
-    def ask(self, name: str, wish: dict[str, str]) -> None:
-        asked = Asked(name, self.timing, self.scheduler.now_s + int(wish["deadline_ms"]) / 1000)
-        self.asked[name] = asked
+    def send(self, name: str, parameters: dict[str, str]) -> None:
+        deadline_s = self.scheduler.now_s + int(parameters["deadline_ms"]) / 1000
+        sent = self.open_requests[name] = SentRequest(name, self.timing, deadline_s)
         bus = self.bus
-        self.timing.start(lambda: self.client(bus, asked, {**wish, "request": name}), name)
+        self.timing.start(lambda: self.receive_replies(bus, sent, {**parameters, "request": name}), name)
         if self.random.random() < 0.08:
             after_s = self.random.uniform(0.1, 20.0)
-            self.timing.start(lambda: self.meddle(bus, asked, "cancel", after_s), f"cancel {name}")
-        if "every_s" in wish and self.random.random() < 0.5:
-            self.timing.start(lambda: self.meddle(bus, asked, "renew", 10.0), f"renew {name}")
+            self.timing.start(lambda: self.cancel_or_renew(bus, sent, "cancel", after_s), f"cancel {name}")
+        if "every_s" in parameters and self.random.random() < 0.5:
+            self.timing.start(lambda: self.cancel_or_renew(bus, sent, "renew", 10.0), f"renew {name}")
 
-    def client(self, bus: SimulatedBus, asked: Asked, wish: dict[str, str]) -> None:
+    def receive_replies(self, bus: SimulatedBus, sent: SentRequest, parameters: dict[str, str]) -> None:
         try:
-            for reply in bus.query(keys.orchestrator_rpc("ground", "request"), wish):
+            for reply in bus.query(keys.orchestrator_rpc("ground", "request"), parameters):
                 if reply.final:
-                    asked.finals += 1
-                    asked.how = str(reply.attachment.get("kind"))
+                    sent.final_replies += 1
+                    sent.outcome = str(reply.attachment.get("kind"))
         except CdffError as error:
-            asked.finals += 1
-            asked.how = type(error).__name__
-        self.end(asked)
+            sent.final_replies += 1
+            sent.outcome = type(error).__name__
+        self.finish(sent)
 
-    def meddle(self, bus: SimulatedBus, asked: Asked, verb: str, after_s: float) -> None:
-        """Cancel a request, or renew its lease, while it is open."""
+    def cancel_or_renew(self, bus: SimulatedBus, sent: SentRequest, verb: str, after_s: float) -> None:
+        """Cancel a request, or extend its deadline, if it is open after a time."""
         self.scheduler.sleep(after_s)
         key = keys.orchestrator_rpc("ground", verb)
-        if asked.name in self.asked and key in bus.handlers:
-            more = {"deadline_ms": "20000"} if verb == "renew" else {}
+        if sent.name in self.open_requests and key in bus.handlers:
+            extension = {"deadline_ms": "20000"} if verb == "renew" else {}
             try:
-                bus.handlers[key](Request(key, {"job": asked.name, "robot": "any", **more}, b"", "", b""))
-                asked.until_s = max(asked.until_s, self.scheduler.now_s + 20.0) if more else asked.until_s
+                bus.handlers[key](Request(key, {"job": sent.name, "robot": "any", **extension}, b"", "", b""))
+                if extension:
+                    sent.deadline_s = max(sent.deadline_s, self.scheduler.now_s + 20.0)
             except CdffError:
-                pass  # it has not been taken, or has ended
+                pass  # the job is not registered yet, or has ended
 
-    def end(self, asked: Asked) -> None:
-        del self.asked[asked.name]
-        self.ended[asked.name] += 1
-        assert self.ended[asked.name] == 1, f"{asked.name} ended twice"
-        late = asked.how != NoAnswerError.__name__ and self.scheduler.now_s > asked.until_s + EPSILON_S
-        assert asked.finals == 1, f"{asked.name} got {asked.finals} final answers"
-        assert not late, (
-            f"{asked.name} answered {self.scheduler.now_s - asked.until_s:.3f} s late: {asked.how}"
-        )
-        self.log.append(f"{self.scheduler.now_s:.6f} {asked.name} {asked.how}")
+    def finish(self, sent: SentRequest) -> None:
+        """Check that a request has one final reply before its deadline, and add it to the log."""
+        del self.open_requests[sent.name]
+        self.ended[sent.name] += 1
+        assert self.ended[sent.name] == 1, f"{sent.name} ended twice"
+        assert sent.final_replies == 1, f"{sent.name} has {sent.final_replies} final replies"
+        late_s = self.scheduler.now_s - sent.deadline_s
+        is_late = sent.outcome != NoAnswerError.__name__ and late_s > EPSILON_S
+        assert not is_late, f"{sent.name}: final reply {late_s:.3f} s after the deadline: {sent.outcome}"
+        self.log.append(f"{self.scheduler.now_s:.6f} {sent.name} {sent.outcome}")
 
-    # -- faults
-    # ------------------------------------------------------------------------------------------------------
-
-    def process(self):  # type: ignore[no-untyped-def]
+    def random_process(self) -> Process:
         return self.mission.processes[self.random.choice(sorted(self.mission.processes))]
 
     def crash(self) -> None:
-        process = self.process()
+        process = self.random_process()
         if process.alive:
             self.mission.stop(process)
             self.scheduler.sleep(self.random.uniform(1.0, 20.0))
             self.mission.start(process)
 
     def hang(self) -> None:
-        """Until its watchdog ends it and its supervisor starts it again."""
-        process = self.process()
+        """Hang a process until its watchdog ends it and its supervisor restarts it."""
+        process = self.random_process()
         if process.alive:
             process.is_hung = True
             self.scheduler.sleep(10.0)
@@ -196,21 +194,21 @@ class Day:
             self.scheduler.sleep(2.0)
             self.mission.start(process)
 
-    def raise_(self) -> None:
-        self.mission.fail(self.process())
+    def fail(self) -> None:
+        self.mission.fail(self.random_process())
 
-    def refuse(self) -> None:
-        self.for_a_while("produces_nothing")
+    def interrupt_output(self) -> None:
+        self.set_temporarily("produces_nothing")
 
     def degrade(self) -> None:
-        self.for_a_while("degraded")
+        self.set_temporarily("degraded")
 
-    def go_deaf(self) -> None:
-        self.for_a_while("receives_nothing")
+    def interrupt_input(self) -> None:
+        self.set_temporarily("receives_nothing")
 
-    def for_a_while(self, fault: str) -> None:
-        process = self.process()
-        assert not getattr(process, fault), f"{fault} of {process.id}: two faults of one kind at a time"
+    def set_temporarily(self, fault: str) -> None:
+        process = self.random_process()
+        assert not getattr(process, fault), f"{fault} of {process.id} is already set"
         setattr(process, fault, True)
         self.scheduler.sleep(self.random.uniform(10.0, 120.0))
         setattr(process, fault, False)
@@ -224,105 +222,111 @@ class Day:
         self.scheduler.sleep(self.random.uniform(5.0, 60.0))
         self.mission.icu.recover(robot, sensor)
 
-    def dpm_away(self) -> None:
+    def interrupt_dpm(self) -> None:
         self.mission.dpm_up = False
         self.scheduler.sleep(self.random.uniform(1.0, 15.0))
         self.mission.dpm_up = True
 
-    def icu_away(self) -> None:
+    def interrupt_icu(self) -> None:
         self.mission.icu_up = False
         for robot in self.mission.profile.robot_ids:
-            self.mission.token(keys.alive(robot, "icu"), here=False)
+            self.mission.token(keys.alive(robot, "icu"), present=False)
         self.scheduler.sleep(self.random.uniform(1.0, 15.0))
         self.mission.icu_up = True
         for robot in self.mission.profile.robot_ids:
-            self.mission.token(keys.alive(robot, "icu"), here=True)
+            self.mission.token(keys.alive(robot, "icu"), present=True)
 
-    def kill(self) -> None:
-        """Kill the orchestrator; its clients lose the connection, and a new one starts with its
-        journal.
-        """
+    def kill_orchestrator(self) -> None:
+        """Kill the orchestrator: its clients lose the connection, and a new process continues its journal."""
         self.restarts += 1
-        old = self.timing
-        self.scheduler.kill(old)
+        killed = self.timing
+        self.scheduler.kill(killed)
         self.mission.buses.clear()
         for scope in (*self.mission.profile.robot_ids, keys.GROUND):
-            self.mission.token(keys.alive(scope, "orchestrator"), here=False)
-        for asked in [a for a in self.asked.values() if a.process is old]:
-            asked.finals, asked.how = asked.finals + 1, NoAnswerError.__name__
-            self.end(asked)
+            self.mission.token(keys.alive(scope, "orchestrator"), present=False)
+        for sent in [s for s in self.open_requests.values() if s.process is killed]:
+            sent.final_replies, sent.outcome = sent.final_replies + 1, NoAnswerError.__name__
+            self.finish(sent)
         self.scheduler.sleep(self.random.uniform(0.5, 3.0))
-        self.lead()
-
-    # -- invariants
-    # --------------------------------------------------------------------------------------------------
+        self.start_orchestrator()
 
     def check(self) -> None:
-        where = f"event {self.events} at {self.scheduler.now_s:.3f} s"
-        state, book = self.orchestrator._state, self.orchestrator._jobs
-        o, leases = state._observed, state._leases
-        open_jobs = {j.id for j in book._jobs.values() if j.state not in FINAL_STATES}
-        holders = {h for m in leases.wanted for h in leases.holders(m)}
-        assert holders <= open_jobs | {ALWAYS}, (
-            f"{where}: {holders - open_jobs} hold something and have ended"
-        )
-        # memory
+        where = f"step {self.steps} at {self.scheduler.now_s:.3f} s"
+        state, registry = self.orchestrator._state, self.orchestrator._jobs
+        observed, leases = state._observed, state._leases
+        open_jobs = {j.id for j in registry._jobs.values() if j.state not in FINAL_STATES}
+        holders = {h for provider in leases.wanted for h in leases.holders(provider)}
+        assert holders <= open_jobs | {ALWAYS}, f"{where}: {holders - open_jobs} have leases and have ended"
         flow = self.orchestrator._flow
         sizes = {
             "open": len(open_jobs),
-            "jobs": len(book._jobs),
-            "looks": len(flow._shared),
-            "attempts": len(o.failures),
+            "jobs": len(registry._jobs),
+            "shared queries": len(flow._shared),
+            "failures": len(observed.failures),
             "tasks": len(self.scheduler.tasks),
             "cached": len(flow.finder.dpm._values),
         }
-        self.most |= Counter(sizes)
+        self.max_sizes |= Counter(sizes)
         if self.scheduler.is_waiting("control", self.timing) and self.scheduler.is_waiting(
             "watcher", self.timing
         ):
             self.check_control(where)
 
     def check_control(self, where: str) -> None:
-        """Check that running and wanted providers agree, except those with an action in progress."""
+        """Check that active and wanted providers agree, except those with an action in progress.
+
+        Call it only while control and watcher wait, because they act on the differences.
+        """
         state, busy = self.orchestrator._state, self.orchestrator._reconciler._busy
-        o, leases, now_s = state._observed, state._leases, self.scheduler.now_s
+        observed, leases, now_s = state._observed, state._leases, self.scheduler.now_s
         world = state.world(optimistic=True)
         upstream = upstream_providers(
-            world, {m: leases.chosen_sources(m) for m in leases.wanted if leases.chosen_sources(m)}
+            world, {p: leases.chosen_sources(p) for p in leases.wanted if leases.chosen_sources(p)}
         )
         uses, wanted = sensors_used(world), leases.wanted
 
-        def seen_to(what: object) -> bool:
-            return what in busy or what in o.failures
+        def is_in_progress(item: object) -> bool:
+            return item in busy or item in observed.failures
 
         modes = leases.wanted_modes()
         for sensor, mode in modes.items():
-            settled = o.modes.get(sensor) == mode or sensor in o.lost
-            assert settled or seen_to(sensor), (
-                f"{where}: {sensor} is not brought into mode {mode}, which is held"
+            is_settled = observed.modes.get(sensor) == mode or sensor in observed.lost
+            assert is_settled or is_in_progress(sensor), (
+                f"{where}: {sensor} is not switched to mode {mode}, which has a lease"
             )
-            for job in (h for h in leases._demands.get(sensor, {}) if sensor not in leases.displaced(h)):
+            for job in (j for j in leases._demands.get(sensor, {}) if sensor not in leases.displaced(j)):
                 accepted = leases._demands[sensor][job].accepts
                 assert mode in accepted, f"{where}: {sensor} is in {mode}, {job} needs {accepted}"
-        for provider in (o.active & o.owned & o.alive) - wanted:
-            lingers = any(provider in upstream[m] for m in (o.active & o.owned) - wanted)
-            assert seen_to(provider) or lingers, f"{where}: {provider} runs without a request"
-        pending = {s for s, mode in modes.items() if o.modes.get(s) != mode and s not in o.lost}
-        for provider in (wanted & o.alive) - o.active:
-            cold = {m for m in upstream[provider] if m in wanted and o.warm_at_s.get(m, now_s) > now_s}
-            waits = uses[provider] & pending or upstream[provider] & (wanted & o.alive) - o.active or cold
-            assert seen_to(provider) or waits, f"{where}: {provider} is not started"
+        for provider in (observed.active & observed.owned & observed.alive) - wanted:
+            is_source_of_lingering = any(
+                provider in upstream[consumer] for consumer in (observed.active & observed.owned) - wanted
+            )
+            assert is_in_progress(provider) or is_source_of_lingering, (
+                f"{where}: {provider} runs without a request"
+            )
+        pending = {s for s, mode in modes.items() if observed.modes.get(s) != mode and s not in observed.lost}
+        for provider in (wanted & observed.alive) - observed.active:
+            warming_up = {
+                p for p in upstream[provider] if p in wanted and observed.warm_at_s.get(p, now_s) > now_s
+            }
+            is_waiting = (
+                uses[provider] & pending
+                or upstream[provider] & (wanted & observed.alive) - observed.active
+                or warming_up
+            )
+            assert is_in_progress(provider) or is_waiting, f"{where}: {provider} is not started"
 
 
 @pytest.fixture(autouse=True)
-def simulated(monkeypatch: pytest.MonkeyPatch) -> None:
+def _simulated_registry_without_fsync(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         Registry, "default", classmethod(lambda cls: orchestrator_mission.SimulatedRegistry())
     )
     monkeypatch.setattr(os, "fsync", lambda _: None)
 
 
-def endings(day: Day) -> Counter[str]:
+def outcomes(day: Day) -> Counter[str]:
+    """Return how many requests have each outcome."""
     return Counter(line.rsplit(" ", 1)[1] for line in day.log)
 
 
@@ -336,21 +340,21 @@ def test_the_service_keeps_its_invariants_over_requests_and_faults(
 ) -> None:
     day = Day(seed, tmp_path)
     day.run(hours * HOUR_S)
-    assert not day.asked
+    assert not day.open_requests
     assert all(n == 1 for n in day.ended.values())
-    assert len(day.ended) == day.count > 80 * hours
-    how = endings(day)
-    assert how["product"] > day.count / 4, how
-    assert {"product", "UnavailableError"} <= set(how)
+    assert len(day.ended) == day.request_count > 80 * hours
+    counts = outcomes(day)
+    assert counts["product"] > day.request_count / 4, counts
+    assert {"product", "UnavailableError"} <= set(counts)
     numbers = [int(r["n"]) for r in day.orchestrator._journal.records() if "n" in r]
     assert numbers[-1] - day.mission.history <= 200, (
-        "the DPM's history has followed the journal, each record once"
+        "records of the journal are missing in the history of the DPM"
     )
-    assert day.most["open"] <= 2 * CAPACITY, "those that made room end at once"
-    assert day.most["jobs"] <= CAPACITY + 200
-    assert day.most["looks"] <= CAPACITY
-    assert day.most["cached"] <= 16
-    assert day.most["attempts"] <= 16
+    assert day.max_sizes["open"] <= 2 * CAPACITY, "evicted jobs did not end at once"
+    assert day.max_sizes["jobs"] <= CAPACITY + 200
+    assert day.max_sizes["shared queries"] <= CAPACITY
+    assert day.max_sizes["cached"] <= 16
+    assert day.max_sizes["failures"] <= 16
 
 
 def test_a_seed_reproduces_its_day(tmp_path: Path) -> None:
@@ -360,5 +364,5 @@ def test_a_seed_reproduces_its_day(tmp_path: Path) -> None:
         days.append(Day(7, tmp_path / str(i)))
         days[-1].run(HOUR_S / 6)
     assert days[0].log == days[1].log
-    assert days[0].events == days[1].events
+    assert days[0].steps == days[1].steps
     assert days[0].log

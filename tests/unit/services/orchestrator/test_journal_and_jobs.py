@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The journal on disk and the book of jobs."""
+"""The journal on disk and the job registry."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ def test_appended_records_are_read_in_order_also_by_the_next_process(tmp_path: P
     journal.append("start", open_jobs=0)
     journal.append("mode", sensor="mana/lidar", ok=True)
     journal.close()
-    again = Journal(path)
-    again.append("start", open_jobs=1)
-    assert [(r["kind"], r.get("open_jobs")) for r in again.records()] == [
+    reopened = Journal(path)
+    reopened.append("start", open_jobs=1)
+    assert [(r["kind"], r.get("open_jobs")) for r in reopened.records()] == [
         ("start", 0),
         ("mode", None),
         ("start", 1),
     ]
-    again.close()
+    reopened.close()
     with pytest.raises(StorageError):
-        again.append("start")
+        reopened.append("start")
 
 
 def test_a_truncated_last_line_is_removed_and_invalid_lines_are_skipped(tmp_path: Path) -> None:
@@ -54,46 +54,44 @@ def test_a_compacted_journal_continues_from_its_summary_and_the_old_one_is_kept(
     journal = Journal(path)
     for i in range(5):
         journal.append("job", job=str(i), state="done")
-    before = journal.size
+    size_before = journal.size
     journal.compact([{"kind": "mode", "sensor": "mana/lidar", "ok": True}])
     journal.append("start")
     assert [r["kind"] for r in journal.records()] == ["mode", "start"]
-    assert journal.size < before
+    assert journal.size < size_before
     assert len((tmp_path / "journal.1.jsonl").read_text().splitlines()) == 5
     journal.close()
 
 
-def test_concurrent_appends_share_a_sync_and_are_acknowledged_after_it(
+def test_concurrent_appends_share_an_fsync_and_return_after_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "journal.jsonl"
-    journal, synced, real = Journal(path), [], os.fsync
+    journal, synced_sizes, original_fsync = Journal(path), [], os.fsync
     deadline_s = time.monotonic() + 20
 
     def fsync_once_all_have_written(fd: int) -> None:
         while path.read_bytes().count(b"\n") < 9 and time.monotonic() < deadline_s:
             time.sleep(0.001)
-        real(fd)
-        synced.append(path.stat().st_size)
+        original_fsync(fd)
+        synced_sizes.append(path.stat().st_size)
 
     monkeypatch.setattr(os, "fsync", fsync_once_all_have_written)
 
     def append(index: int) -> int:
         journal.append("job", job=str(index))
-        return max(synced)
+        return max(synced_sizes)
 
     with ThreadPoolExecutor(9) as pool:
-        covered = list(pool.map(append, range(9)))
+        durable_sizes = list(pool.map(append, range(9)))
     assert sorted(r["job"] for r in journal.records()) == [str(i) for i in range(9)]
-    assert (
-        len(synced) <= 2
-    )  # the first one's, which may have started before the others wrote, and a second one
-    assert max(covered) == journal.size
+    assert len(synced_sizes) <= 2  # one that may have started before all have written, and a second one
+    assert max(durable_sizes) == journal.size
     journal.close()
 
 
-@pytest.mark.parametrize("content", [b"", b"torn", b"\n"])
-def test_an_empty_or_all_truncated_journal_starts_again(tmp_path: Path, content: bytes) -> None:
+@pytest.mark.parametrize("content", [b"", b"truncated", b"\n"])
+def test_a_journal_without_a_complete_record_is_empty(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "journal.jsonl"
     path.write_bytes(content)
     journal = Journal(path)
@@ -113,76 +111,76 @@ def request(name: str, robot: str = "mana") -> ProductRequest:
 
 
 def test_excess_jobs_are_refused_with_a_time_to_retry(journal: Journal) -> None:
-    book = JobRegistry(journal, capacity=2)
-    first = book.open(request("a"))
-    book.open(request("b"))
-    with pytest.raises(OverloadedError) as caught:
-        book.open(request("c"))
-    assert caught.value.retry_after_s > 0
-    book.move(first, JobState.FAILED, "because")
-    book.open(request("c"))
+    registry = JobRegistry(journal, capacity=2)
+    first = registry.open(request("a"))
+    registry.open(request("b"))
+    with pytest.raises(OverloadedError) as refusal:
+        registry.open(request("c"))
+    assert refusal.value.retry_after_s > 0
+    registry.move(first, JobState.FAILED, "because")
+    registry.open(request("c"))
 
 
 @pytest.mark.req("CDFF-SUP-072")
 def test_the_last_job_of_lowest_priority_is_evicted_for_a_higher_one(journal: Journal) -> None:
-    woken: list[bool] = []
-    book = JobRegistry(journal, capacity=3, wake=lambda: woken.append(True))
-    jobs = [book.open(replace(request(name), priority=p)) for name, p in (("a", 5), ("b", 2), ("c", 2))]
-    high = book.open(replace(request("high"), priority=9))
-    assert woken == [True]
-    with pytest.raises(OverloadedError, match="higher priority") as caught:
+    wake_calls: list[bool] = []
+    registry = JobRegistry(journal, capacity=3, wake=lambda: wake_calls.append(True))
+    jobs = [registry.open(replace(request(name), priority=p)) for name, p in (("a", 5), ("b", 2), ("c", 2))]
+    high = registry.open(replace(request("high"), priority=9))
+    assert wake_calls == [True]
+    with pytest.raises(OverloadedError, match="higher priority") as refusal:
         jobs[2].check_cancelled()
-    assert caught.value.retry_after_s > 0
+    assert refusal.value.retry_after_s > 0
     for job in (*jobs[:2], high):
         job.check_cancelled()
-    book.open(replace(request("next"), priority=3))
+    registry.open(replace(request("next"), priority=3))
     with pytest.raises(OverloadedError):
         jobs[1].check_cancelled()
     with pytest.raises(OverloadedError):
-        book.open(replace(request("low"), priority=3))
+        registry.open(replace(request("low"), priority=3))
 
 
 def test_a_job_in_delivery_is_not_evicted(journal: Journal) -> None:
-    book = JobRegistry(journal, capacity=1)
-    job = book.open(replace(request("a"), priority=0))
-    book.move(job, JobState.LOOKING)
-    book.move(job, JobState.DELIVERING)
+    registry = JobRegistry(journal, capacity=1)
+    job = registry.open(replace(request("a"), priority=0))
+    registry.move(job, JobState.LOOKING)
+    registry.move(job, JobState.DELIVERING)
     with pytest.raises(OverloadedError):
-        book.open(replace(request("b"), priority=9))
+        registry.open(replace(request("b"), priority=9))
 
 
 def test_a_request_name_can_be_reused_after_its_job(journal: Journal) -> None:
-    book = JobRegistry(journal, capacity=9)
-    job = book.open(request("a"))
+    registry = JobRegistry(journal, capacity=9)
+    job = registry.open(request("a"))
     with pytest.raises(InputError, match="a"):
-        book.open(request("a"))
-    book.move(job, JobState.CANCELLED)
-    assert book.get("a") is job
-    assert book.get(book.open(request("a")).id).state is JobState.RECEIVED
+        registry.open(request("a"))
+    registry.move(job, JobState.CANCELLED)
+    assert registry.get("a") is job
+    assert registry.get(registry.open(request("a")).id).state is JobState.RECEIVED
     with pytest.raises(ProductNotFoundError):
-        book.get("z")
+        registry.get("z")
     with pytest.raises(ConflictError):
-        book.move(job, JobState.LOOKING)
+        registry.move(job, JobState.LOOKING)
 
 
 def test_only_an_open_standing_request_can_be_renewed(journal: Journal) -> None:
-    book = JobRegistry(journal, capacity=9)
-    standing = book.open(replace(request("s"), every_s=0.0, deadline_s=1.0))
-    assert book.renew("s", 100.0).remaining_s() > 90
-    book.open(request("once"))
+    registry = JobRegistry(journal, capacity=9)
+    standing = registry.open(replace(request("s"), every_s=0.0, deadline_s=1.0))
+    assert registry.renew("s", 100.0).remaining_s() > 90
+    registry.open(request("once"))
     with pytest.raises(InputError, match="standing"):
-        book.renew("once", 5.0)
-    book.move(standing, JobState.CANCELLED)
+        registry.renew("once", 5.0)
+    registry.move(standing, JobState.CANCELLED)
     for name in ("s", "never"):
         with pytest.raises(ProductNotFoundError):
-            book.renew(name, 5.0)
+            registry.renew(name, 5.0)
 
 
 def test_old_jobs_are_removed_and_lists_start_with_the_newest(journal: Journal) -> None:
-    book = JobRegistry(journal, capacity=1, ended_limit=6)
+    registry = JobRegistry(journal, capacity=1, ended_limit=6)
     for i in range(12):
-        book.move(book.open(request(f"r{i}", "mana" if i % 2 else "minnie")), JobState.FAILED)
-    listed = book.listed({"mana"}, 500)
+        registry.move(registry.open(request(f"r{i}", "mana" if i % 2 else "minnie")), JobState.FAILED)
+    listed = registry.listed({"mana"}, 500)
     assert listed[0]["request"]["request"] == "r11"
     assert {j["request"]["robot"] for j in listed} == {"mana"}
-    assert len(book.listed({"mana", "minnie"}, 500)) == 7
+    assert len(registry.listed({"mana", "minnie"}, 500)) == 7

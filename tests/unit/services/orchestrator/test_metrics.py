@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Counters from the journal, and their form in ``/metrics``."""
+"""Counters of the orchestrator from its journal, and their form in ``/metrics``."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ def test_requests_actions_and_answer_times_are_counted_from_the_journal(tmp_path
     metrics = Metrics()
     journal = Journal(tmp_path / "j.jsonl")
     journal.listen(metrics.on_record)
-    for job, end in (("1", "done"), ("2", "failed"), ("3", "waiting")):
+    for job, last_state in (("1", "done"), ("2", "failed"), ("3", "waiting")):
         journal.append("job", job=job, state="received", request={"type": "dem"})
-        journal.append("job", job=job, state=end)
+        journal.append("job", job=job, state=last_state)
     journal.append("activation", dfpc="mana/dem", action="activate", ok=True)
     journal.append("mode", sensor="mana/lidar", ok=False)
     journal.close()
-    stat = metrics.to_dict()
-    assert stat["open"] == 1
-    assert stat["requests"] == [
+    counters = metrics.to_dict()
+    assert counters["open"] == 1
+    assert counters["requests"] == [
         {"type": "dem", "state": "done", "count": 1},
         {"type": "dem", "state": "failed", "count": 1},
     ]
-    assert {(a["verb"], a["ok"]): a["count"] for a in stat["actions"]} == {
+    assert {(a["verb"], a["ok"]): a["count"] for a in counters["actions"]} == {
         ("activate", True): 1,
         ("set_mode", False): 1,
     }
-    lines = orchestrator_lines(stat)
+    lines = orchestrator_lines(counters)
     assert 'cdff_orchestrator_requests_total{type="dem",state="done"} 1' in lines
     assert 'cdff_orchestrator_actions_total{verb="set_mode",ok="false"} 1' in lines
     assert 'cdff_orchestrator_answer_seconds_bucket{le="+Inf"} 2' in lines

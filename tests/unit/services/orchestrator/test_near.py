@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Regions around a robot that moves on while they are looked at; the DPM is a script."""
+"""A product inserted while the position of a robot is queried is not used for a region around that robot."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ S = 1_000_000_000
 
 
 class DpmClient:
-    """Holds nothing at the first search; a product of a second ago from the next search on."""
+    """DPM double that finds nothing in the first search, and a product of one second ago in later ones."""
 
     def __init__(self) -> None:
         self.searches: list[dict[str, Any]] = []
@@ -35,7 +35,7 @@ class DpmClient:
     def pose(
         self, robot: str, parent: str, child: str, t_ns: int | None, until_s: float
     ) -> UncertainTransform:
-        assert t_ns is None, "nothing is there whose time could be asked for"
+        assert t_ns is None, "the first search finds no product whose time could be used"
         return UncertainTransform.exact(se3.transform(np.eye(3), [4.0, 0.0, 0.0]))
 
     def value(self, product_id: str, robot: str, until_s: float) -> object:
@@ -46,16 +46,16 @@ class DpmClient:
 
 
 @pytest.mark.parametrize("product", ["pointcloud", "dem", "navigation_map"])
-def test_changes_during_a_position_query_wait_for_the_next_one(product: str) -> None:
+def test_a_product_inserted_during_the_position_query_is_not_used(product: str) -> None:
     clock = ManualClock()
     clock.set_ns(10 * S)
-    finder = ProductFinder(DpmClient(), clock, load_profile(PROFILE))  # type: ignore[arg-type]  # a script
-    asked = {
+    finder = ProductFinder(DpmClient(), clock, load_profile(PROFILE))  # type: ignore[arg-type]  # double
+    parameters = {
         "type": product,
         "robot": "mana",
         "region": "near:mana/base,6",
         "request": "00000000-0000-4000-8000-000000000001",
     }
-    result, why = finder.find(parse_request(asked, "mana"), ["mana"], 1e9)
+    result, reason = finder.find(parse_request(parameters, "mana"), ["mana"], 1e9)
     assert result is None
-    assert "holds no" in why
+    assert "holds no" in reason

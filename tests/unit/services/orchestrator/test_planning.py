@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Plans of a request while the system changes during the query of the coverage."""
+"""Planning of a request while the state of the system changes."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ MAPPING = ProviderId("mana", "digital_elevation_mapping")
 
 
 class Finder:
-    """A finder that holds nothing; the process of MAPPING ends during the query of the coverage."""
+    """Finder double without products; the process of ``MAPPING`` ends during the query of the coverage."""
 
     def __init__(self, state: SystemState) -> None:
         self.state = state
 
     def find(self, *_: object) -> tuple[None, str]:
-        return None, "nothing there"
+        return None, "no product"
 
     def coverage(self, *_: object) -> None:
         self.state.set_alive(MAPPING, alive=False)
@@ -35,7 +35,7 @@ def test_a_plan_uses_the_state_after_the_query_of_the_coverage() -> None:
     for robot in state.profile.robots:
         for entry in robot.dfpcs:
             state.set_alive(ProviderId(robot.id, entry.name), alive=True)
-    planner = RequestPlanner(state, Finder(state), ManualClock(0))  # type: ignore[arg-type]  # a script
+    planner = RequestPlanner(state, Finder(state), ManualClock(0))  # type: ignore[arg-type]  # double
     request = parse_request({"type": "dem", "robot": "mana", "region": "circle:0,0,5"}, "mana")
     explanation = planner.explain(request).body()
     assert explanation["plan"]["waits_for"] == [str(MAPPING)]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Replies of a job when time passes between its steps, with scripted DPM and manual clock."""
+"""Replies to a request when time passes between its steps; search results are scripted."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ S = 1_000_000_000
 
 
 def pose(t1_ns: int) -> ProductMatch:
-    """A stored pose of mana's base."""
+    """Return a stored pose of mana's base."""
     T = UncertainTransform(np.eye(4), np.eye(6))
     value = TransformWithCovariance.from_transform(T, parent="site", child="mana/base", stamp_ns=t1_ns)
     name = product_id("mana", "position_manager", "pose", t1_ns, 0, "")
@@ -49,27 +49,25 @@ def pose(t1_ns: int) -> ProductMatch:
     )
 
 
-class Script:
-    """A finder that gives one thing after the other, the last one again and again; time passes after each
-    look.
-    """
+class ScriptedFinder:
+    """Finder double that gives results in order and repeats the last; time passes after each search."""
 
-    def __init__(self, clock: ManualClock, passes_ns: int, *looks: ProductMatch | Exception | None) -> None:
-        self.clock, self.passes_ns, self.looks, self.times = clock, passes_ns, looks, 0
+    def __init__(self, clock: ManualClock, passes_ns: int, *results: ProductMatch | Exception | None) -> None:
+        self.clock, self.passes_ns, self.results, self.search_count = clock, passes_ns, results, 0
         self.frames = {"world"}
 
     def find(self, request: ProductRequest, robots: Sequence[str], until_s: float) -> Result:
-        look = self.looks[min(self.times, len(self.looks) - 1)]
-        self.times += 1
-        if isinstance(look, DeadlineError):  # as a call that lasts as long as it may
+        result = self.results[min(self.search_count, len(self.results) - 1)]
+        self.search_count += 1
+        if isinstance(result, DeadlineError):  # a call that lasts until its deadline
             threading.Event().wait(until_s - monotonic_s())
-        if isinstance(look, Exception):
-            raise look
-        if look is None:
-            return None, "nothing there"
-        assessment: Assessment = assess(look.candidate, request, self.clock.now_ns())
+        if isinstance(result, Exception):
+            raise result
+        if result is None:
+            return None, "no product"
+        assessment: Assessment = assess(result.candidate, request, self.clock.now_ns())
         self.clock.set_ns(self.clock.now_ns() + self.passes_ns)
-        return (look, assessment), "; ".join(assessment.violations)
+        return (result, assessment), "; ".join(assessment.violations)
 
     def coverage(self, *arguments: object) -> None:
         return None
@@ -85,20 +83,22 @@ def journal(tmp_path: Path) -> Iterator[Journal]:
     journal.close()
 
 
-def answer(journal: Journal, script: Script, **asked: str) -> list[Reply]:
+def answer(journal: Journal, finder: ScriptedFinder, **parameters: str) -> list[Reply]:
     state = SystemState(load_profile(PROFILE))
-    book = JobRegistry(journal, 4, wake=state.notify)
-    planning = RequestPlanner(state, script, script.clock)  # type: ignore[arg-type]
-    flow = RequestFlow(state, script, planning, ReplyBuilder(None, script.clock), book, journal, script.clock)  # type: ignore[arg-type]
-    request = parse_request({"type": "pose", "deadline_ms": "1500", **asked}, "mana")
+    registry = JobRegistry(journal, 4, wake=state.notify)
+    planning = RequestPlanner(state, finder, finder.clock)  # type: ignore[arg-type]
+    flow = RequestFlow(
+        state, finder, planning, ReplyBuilder(None, finder.clock), registry, journal, finder.clock
+    )  # type: ignore[arg-type]
+    request = parse_request({"type": "pose", "deadline_ms": "1500", **parameters}, "mana")
     return list(flow.run(request))
 
 
 def test_a_product_too_old_at_delivery_is_replaced_by_the_next(journal: Journal) -> None:
     clock = ManualClock(100 * S)
-    script = Script(clock, S, pose(99 * S), pose(102 * S))
-    (reply,) = answer(journal, script, max_age_s="1.5", deadline_ms="4000")
-    assert script.times == 2
+    finder = ScriptedFinder(clock, S, pose(99 * S), pose(102 * S))
+    (reply,) = answer(journal, finder, max_age_s="1.5", deadline_ms="4000")
+    assert finder.search_count == 2
     assert reply.attachment["t1_ns"] == 102 * S
     assert reply.attachment["delivered"]["age_s"] <= 1.5
     states = [r["state"] for r in journal.records() if r["kind"] == "job"]
@@ -106,47 +106,47 @@ def test_a_product_too_old_at_delivery_is_replaced_by_the_next(journal: Journal)
     assert states[-2:] == ["delivering", "done"]
 
 
-def test_repeatedly_outdated_products_end_with_deadline(journal: Journal) -> None:
+def test_a_request_with_only_outdated_products_ends_at_its_deadline(journal: Journal) -> None:
     clock = ManualClock(100 * S)
     with pytest.raises(DeadlineError, match="age"):
-        answer(journal, Script(clock, S, pose(99 * S)), max_age_s="1.5")
+        answer(journal, ScriptedFinder(clock, S, pose(99 * S)), max_age_s="1.5")
 
 
-def test_the_own_deadline_is_not_reported_as_a_dpm_failure(journal: Journal) -> None:
-    script = Script(ManualClock(S), 0, None, DeadlineError("no time left to ask the DPM"))
-    with pytest.raises(DeadlineError) as late:
-        answer(journal, script, max_age_s="0.1", request="mine")
-    assert "the DPM:" not in str(late.value)
-    assert late.value.request == "mine"
+def test_the_deadline_of_the_request_is_not_reported_as_a_dpm_failure(journal: Journal) -> None:
+    finder = ScriptedFinder(ManualClock(S), 0, None, DeadlineError("no time left to ask the DPM"))
+    with pytest.raises(DeadlineError) as error:
+        answer(journal, finder, max_age_s="0.1", request="mine")
+    assert "the DPM:" not in str(error.value)
+    assert error.value.request == "mine"
 
 
 def test_an_unresponsive_dpm_is_reported(journal: Journal) -> None:
-    with pytest.raises(UnavailableError, match="the DPM: away") as down:
-        answer(journal, Script(ManualClock(S), 0, UnavailableError("away")))
-    assert not isinstance(down.value, DeadlineError)
+    with pytest.raises(UnavailableError, match="the DPM: away") as error:
+        answer(journal, ScriptedFinder(ManualClock(S), 0, UnavailableError("away")))
+    assert not isinstance(error.value, DeadlineError)
 
 
-def test_known_frames_are_accepted_and_others_not_found(
+def test_existing_frames_are_accepted_and_others_are_not_found(
     journal: Journal,
 ) -> None:
     with pytest.raises(FrameNotFoundError, match="nosuch"):
-        answer(journal, Script(ManualClock(S), 0, None), frame="nosuch")
-    for known in ("world", "mana/odom", "mana/lidar"):
+        answer(journal, ScriptedFinder(ManualClock(S), 0, None), frame="nosuch")
+    for frame in ("world", "mana/odom", "mana/lidar"):
         with pytest.raises(DeadlineError):
-            answer(journal, Script(ManualClock(S), 0, None), frame=known, deadline_ms="150")
+            answer(journal, ScriptedFinder(ManualClock(S), 0, None), frame=frame, deadline_ms="150")
 
 
-def test_an_uncovered_region_with_required_coverage_is_unavailable(journal: Journal) -> None:
-    asked = {"type": "dem", "region": "circle:0,0,5", "deadline_ms": "150"}
-    with pytest.raises(UnavailableError) as refused:
-        answer(journal, Script(ManualClock(S), 0, None), min_coverage="0.5", **asked)
-    assert not isinstance(refused.value, DeadlineError)
-    with pytest.raises(UnavailableError) as empty:
-        answer(journal, Script(ManualClock(S), 0, None), **asked)
-    assert not isinstance(empty.value, DeadlineError)
+def test_a_region_without_data_is_unavailable(journal: Journal) -> None:
+    parameters = {"type": "dem", "region": "circle:0,0,5", "deadline_ms": "150"}
+    with pytest.raises(UnavailableError) as with_coverage:
+        answer(journal, ScriptedFinder(ManualClock(S), 0, None), min_coverage="0.5", **parameters)
+    assert not isinstance(with_coverage.value, DeadlineError)
+    with pytest.raises(UnavailableError) as without_coverage:
+        answer(journal, ScriptedFinder(ManualClock(S), 0, None), **parameters)
+    assert not isinstance(without_coverage.value, DeadlineError)
 
 
 def test_progress_is_sent_to_clients_that_ask_for_it(journal: Journal) -> None:
-    script = Script(ManualClock(100 * S), 0, pose(99 * S))
-    assert [r.attachment["kind"] for r in answer(journal, script)] == ["product"]
-    assert [r.attachment["kind"] for r in answer(journal, script, progress="true")] == ["progress", "product"]
+    finder = ScriptedFinder(ManualClock(100 * S), 0, pose(99 * S))
+    assert [r.attachment["kind"] for r in answer(journal, finder)] == ["product"]
+    assert [r.attachment["kind"] for r in answer(journal, finder, progress="true")] == ["progress", "product"]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which processes run where."""
+"""Processes that the supervisor starts on each machine."""
 
 from __future__ import annotations
 
@@ -18,8 +18,10 @@ GROUND = ["router", "dpm", "orchestrator", "icu", "map_merging"]
 ROVERS = ["mana_slam", "mana_mapping", "minnie_slam", "minnie_mapping"]
 
 
-def planned(**where: Any) -> list[ProcessSpec]:
-    return plan(load_profile(PROFILE), PROFILE, connect="tcp/a:1", http="b:2", data_dir=Path("data"), **where)
+def planned(**options: Any) -> list[ProcessSpec]:
+    return plan(
+        load_profile(PROFILE), PROFILE, connect="tcp/a:1", http="b:2", data_dir=Path("data"), **options
+    )
 
 
 def test_a_whole_profile_runs_on_one_machine_by_default() -> None:
