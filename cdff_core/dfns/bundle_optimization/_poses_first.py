@@ -73,8 +73,8 @@ def _blocks(
     pose_rows, point_rows = pose_row[system.cam[has_adjusted_camera]], system.pt[has_adjusted_camera]
     np.add.at(point_coupling, (pose_rows, point_rows), n.W[has_adjusted_camera, :POSE])
     lens_coupling = n.H[pose_unknowns:, :pose_unknowns].T.reshape(len(adjusted), POSE, lens_unknowns)
-    point_coupling = np.swapaxes(point_coupling, 1, 2).reshape(-1, POSE, 3 * point_count)
-    C = np.concatenate([lens_coupling, point_coupling], axis=2)
+    point_columns = np.swapaxes(point_coupling, 1, 2).reshape(-1, POSE, 3 * point_count)
+    C = np.concatenate([lens_coupling, point_columns], axis=2)
     D = np.zeros((lens_unknowns + 3 * point_count,) * 2)
     lens_block = n.H[pose_unknowns:, pose_unknowns:]
     D[:lens_unknowns, :lens_unknowns] = np.tril(lens_block) + np.tril(lens_block, -1).T
@@ -85,6 +85,6 @@ def _blocks(
     np.add.at(lens_point_coupling, (lens_rows, system.pt[k]), n.W[k, q])
     D[:lens_unknowns, lens_unknowns:] = lens_point_coupling.reshape(lens_unknowns, 3 * point_count)
     D[lens_unknowns:, :lens_unknowns] = D[:lens_unknowns, lens_unknowns:].T
-    point_columns = lens_unknowns + 3 * np.arange(point_count)[:, None] + np.arange(3)
-    D[point_columns[:, :, None], point_columns[:, None, :]] = n.Hp
+    rows = lens_unknowns + 3 * np.arange(point_count)[:, None] + np.arange(3)
+    D[rows[:, :, None], rows[:, None, :]] = n.Hp
     return B, C, D

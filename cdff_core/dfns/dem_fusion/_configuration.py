@@ -16,7 +16,7 @@ class WindowConfig(DfnConfig):
     resolution_m: float | None = Field(
         None,
         gt=0,
-        description="Edge of a cell, an integer multiple of that of the patches; default: that of the patches",
+        description="Edge of a cell, a multiple of that of the patches; default: that of the patches",
     )
     clear_margin_m: float = Field(
         0.1, ge=0, description="Distance below the height of a cell at which rays must pass to clear it"

@@ -50,7 +50,7 @@ class MatcherConfig(DfnConfig):
         0,
         ge=0,
         le=1024,
-        description="Widest gap in a row that is filled with the smaller disparity of its two sides; 0 disables it",
+        description="Widest gap in a row that is filled with the smaller disparity of its sides; 0: none",
     )
 
 

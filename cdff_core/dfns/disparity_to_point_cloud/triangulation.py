@@ -35,7 +35,7 @@ class Triangulation(Interface[TriangulationConfig]):
     """Triangulation by ``z = f B / d``, with the first-order error ``sigma_z = z^2 / (f B) sigma_d`` [1]_."""
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the points; raises InputError if the camera matrix is missing or an image has a wrong size."""
+        """Return the points; raises InputError if the camera matrix is missing or the sizes differ."""
         cfg = self.config
         disparity, K = inputs.disparity.image, inputs.disparity.camera_matrix
         baseline_m = inputs.baseline_m

@@ -34,11 +34,11 @@ class EssentialMatrixComputationInputs:
     source : ndarray of float64, shape (n,2)
         Points of the first image, column and row, pixels, without distortion.
     sink : ndarray of float64, shape (n,2)
-        Matching points of the second image, including outliers.
+        Matching points of the second image, pixels, without distortion; some pairs are outliers.
     source_camera : ndarray of float64, shape (3,3)
-        Matrix of the first camera, pixels.
+        Camera matrix of the first camera, pixels.
     sink_camera : ndarray of float64, shape (3,3), optional
-        Matrix of the second camera; default: that of the first camera.
+        Camera matrix of the second camera; default: that of the first camera.
     """
 
     source: NDArray[np.float64]
@@ -68,7 +68,7 @@ class EssentialMatrixComputationOutputs:
     sigma_px : float
         Standard deviation of an inlier's residual in one direction, pixels.
     log_false_alarms : float
-        Log10 of the expected number of models as good as this among random pairs.
+        Log10 of the expected number of models that random pairs support as well as this one.
     """
 
     essential_matrix: NDArray[np.float64]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""MAGSAC++ over samples of five pairs, then least squares over all inliers."""
+"""MAGSAC++ on samples of five pairs, then least squares over all inliers."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ from cdff_core.imaging.relative_pose import checked_cameras, decomposed, fit_in_
 
 
 class Magsac(Interface[MagsacConfig]):
-    """MAGSAC++ (Barath et al. 2020) of OpenCV, with the five parameters refined by Sampson distance."""
+    """OpenCV's MAGSAC++ (Barath et al. 2020); the five parameters are refined by the Sampson distance."""
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the essential matrix; raises RefusedError if the pairs do not support a model."""
-        c = self.config
-        source, sink = pairs(inputs.source, inputs.sink, c.min_inliers)
+        """Return the essential matrix; raises RefusedError if too few pairs agree on one."""
+        cfg = self.config
+        source, sink = pairs(inputs.source, inputs.sink, cfg.min_inliers)
         K = checked_cameras(inputs.source_camera, inputs.sink_camera)
-        E = checked_matrix(
-            cv2.findEssentialMat(source, sink, K[0], K[1], None, None, parameters(c))[0], len(source)
-        )
+        initial, _ = cv2.findEssentialMat(source, sink, K[0], K[1], None, None, parameters(cfg))
+        E = checked_matrix(initial, len(source))
         R, t, _ = decomposed(E, rays(source, K[0]), rays(sink, K[1]))
-        fit, *_ = fit_in_front(R, t, K, source, sink, c.gate_sigmas, c.threshold_px)
-        return Outputs(essential_matrix=fit.matrix, **outputs_of(fit, c, sink, 5))
+        fit, *_ = fit_in_front(R, t, K, source, sink, cfg.gate_sigmas, cfg.threshold_px)
+        return Outputs(essential_matrix=fit.matrix, **outputs_of(fit, cfg, sink, 5))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Common part of the descriptors: sizes and angles for detectors that compute none."""
+"""Common part of the descriptors: default sizes and angles, and the order of the outputs."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ class PointsConfig(DfnConfig):
     """Parameters of all descriptors."""
 
     upright: bool = Field(
-        False, description="Describe points without their orientation, for cameras that do not roll"
+        False, description="Ignore the direction of the points, for cameras that do not roll"
     )
 
 
 def arrays_of(
     inputs: Inputs, size_px: float, upright: bool
 ) -> tuple[ByteArray, FloatArray, FloatArray, FloatArray]:
-    """Return image, points ``(n, 2)``, sizes and angles ``(n,)``."""
+    """Return image, points ``(n, 2)``, sizes and angles ``(n,)``; absent ones get default values."""
     image, points = np.ascontiguousarray(inputs.image), np.array(inputs.features, np.float64)
     n = len(points)
     sizes = np.full(n, size_px) if inputs.sizes is None else np.array(inputs.sizes, np.float64)
@@ -41,10 +41,15 @@ def arrays_of(
     return image, points, sizes, angles
 
 
-def outputs_of(described: Sequence[Any], rows: NDArray[Any] | None, n: int, width: int) -> Outputs:
-    """Return the descriptors in the order of the points; ``class_id`` is the index of the point."""
-    descriptors, valid = np.zeros((n, width), np.uint8), np.zeros(n, bool)
+def outputs_of(
+    described_keypoints: Sequence[Any], rows: NDArray[Any] | None, point_count: int, descriptor_bytes: int
+) -> Outputs:
+    """Return one descriptor per point, 0 and invalid for points that OpenCV dropped.
+
+    ``rows`` holds the descriptors of ``described_keypoints``, whose ``class_id`` is the index of the point.
+    """
+    descriptors, valid = np.zeros((point_count, descriptor_bytes), np.uint8), np.zeros(point_count, bool)
     if rows is not None and len(rows):
-        index = np.array([p.class_id for p in described], np.int64)
+        index = np.array([p.class_id for p in described_keypoints], np.int64)
         descriptors[index], valid[index] = rows, True
     return Outputs(descriptors=descriptors, valid=valid)

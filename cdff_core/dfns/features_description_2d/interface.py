@@ -62,8 +62,8 @@ class FeaturesDescription2DOutputs:
 
 
 class FeaturesDescription2DInterface(Dfn[ConfigT, FeaturesDescription2DInputs, FeaturesDescription2DOutputs]):
-    """Compute a descriptor of the image around each point that is similar for the same point in
-    another image.
+    """Compute a descriptor of the image around each point; descriptors of the same point in two images
+    are similar.
     """
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""ORB descriptor: 256 comparisons of grey values in the rotated patch."""
+"""ORB descriptor: 256 comparisons of grey values in a patch rotated to the direction of the point."""
 
 from __future__ import annotations
 
@@ -26,5 +26,5 @@ class Orb(Interface[PointsConfig]):
         if not len(points):
             return outputs_of((), None, 0, 32)
         descriptor = cv2.ORB.create(len(points), ORB_SCALE, ORB_LEVELS, patchSize=int(ORB_PATCH_PX))
-        described, rows = descriptor.compute(image, orb_keypoints(points, sizes, angles))
-        return outputs_of(described, rows, len(points), 32)
+        described_keypoints, rows = descriptor.compute(image, orb_keypoints(points, sizes, angles))
+        return outputs_of(described_keypoints, rows, len(points), 32)

@@ -11,7 +11,7 @@ from cdff_core.dfns.features_description_2d._points import PointsConfig, arrays_
 from cdff_core.dfns.features_description_2d.interface import Inputs, Interface, Outputs
 from cdff_core.imaging.keypoints import sift_keypoints
 
-#: Diameter of points given without a size.
+#: Diameter of points without a size, such as corners.
 _CORNER_SIZE_PX = 6.0
 
 
@@ -29,5 +29,5 @@ class Sift(Interface[PointsConfig]):
         image, points, sizes, angles = arrays_of(inputs, _CORNER_SIZE_PX, self.config.upright)
         if not len(points):
             return outputs_of((), None, 0, 128)
-        described, rows = cv2.SIFT.create().compute(image, sift_keypoints(points, sizes, angles))
-        return outputs_of(described, np.asarray(rows).astype(np.uint8), len(points), 128)
+        described_keypoints, rows = cv2.SIFT.create().compute(image, sift_keypoints(points, sizes, angles))
+        return outputs_of(described_keypoints, np.asarray(rows).astype(np.uint8), len(points), 128)

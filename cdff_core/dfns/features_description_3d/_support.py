@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Common part of the descriptors: checked inputs and the radius of the support."""
+"""Common part of the descriptors: checks of the inputs, and the radius of the support (neighbourhood)."""
 
 from __future__ import annotations
 
@@ -19,9 +19,13 @@ class SupportConfig(DfnConfig):
     """Parameters of all descriptors."""
 
     radius_m: float | None = Field(
-        None, gt=0, description="Radius of the support; absent: from radius_spacings"
+        None,
+        gt=0,
+        description="Radius of the support; absent: radius_spacings times the median point spacing",
     )
-    radius_spacings: float = Field(12.0, ge=2, le=200, description="Radius of the support in point spacings")
+    radius_spacings: float = Field(
+        12.0, ge=2, le=200, description="Radius of the support in median point spacings"
+    )
     least_neighbours: int = Field(10, ge=5, le=10_000, description="Minimum number of points of a support")
 
 

@@ -58,7 +58,7 @@ class FeaturesDescription3DOutputs:
 
 
 class FeaturesDescription3DInterface(Dfn[ConfigT, FeaturesDescription3DInputs, FeaturesDescription3DOutputs]):
-    """Describe the surface around each keypoint by a histogram that does not depend on the pose of the
+    """Compute a histogram of the surface around each keypoint that is independent of the pose of the
     cloud.
     """
 

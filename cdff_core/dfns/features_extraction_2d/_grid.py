@@ -11,28 +11,28 @@ from pydantic import Field
 from cdff_common.arrays import Float32Array, FloatArray
 from cdff_common.interfaces.dfn import DfnConfig
 
-#: Maximum number of points of a cell, whose size follows from the desired number of points.
+#: Maximum number of points in a cell. The size of a cell follows from it and the desired number of points.
 _FEATURES_PER_CELL = 8
 #: Width of the image border that is excluded: patches of descriptors and trackers must lie in the image.
 _BORDER_PX = 12
 
 
 class GridConfig(DfnConfig):
-    """Parameters of the grid."""
+    """Parameters of the grid of cells."""
 
     features: int = Field(800, ge=10, le=20_000, description="Desired number of points over the whole image")
 
 
-def strongest_of_each_cell(
-    response: Float32Array, least: float, config: GridConfig
+def select_strongest_per_cell(
+    response: Float32Array, threshold: float, config: GridConfig
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the local maxima of a response, at most 8 in a cell.
+    """Return the local maxima of a response, in each cell at most the 8 strongest.
 
     Parameters
     ----------
     response : Float32Array, shape (rows, cols)
-    least : float
-        Largest response that is not a feature.
+    threshold : float
+        Features have a response above this.
     config : GridConfig
 
     Returns
@@ -42,20 +42,19 @@ def strongest_of_each_cell(
     scores : FloatArray, shape (n,)
     """
     rows, columns = response.shape
-    spacing = np.sqrt(rows * columns / config.features)
-    side = 2 * max(1, int(spacing / 4.0)) + 1  # features are at least half the mean spacing apart
-    b = _BORDER_PX
-    peak = (response == cv2.dilate(response, np.ones((side, side), np.uint8))) & (response > least)
-    peak[:b], peak[rows - b :], peak[:, :b], peak[:, columns - b :] = False, False, False, False
-    y, x = np.nonzero(peak)
+    mean_spacing_px = np.sqrt(rows * columns / config.features)
+    # Maxima are more than a quarter of the mean spacing apart.
+    window_px = 2 * max(1, int(mean_spacing_px / 4.0)) + 1
+    local_maximum = cv2.dilate(response, np.ones((window_px, window_px), np.uint8))
+    inner = np.zeros(response.shape, bool)
+    inner[_BORDER_PX : rows - _BORDER_PX, _BORDER_PX : columns - _BORDER_PX] = True
+    y, x = np.nonzero(inner & (response == local_maximum) & (response > threshold))
     scores = response[y, x].astype(np.float64)
-    cell = spacing * np.sqrt(_FEATURES_PER_CELL)
-    index = (y // cell).astype(np.int64) * (int(columns // cell) + 1) + (x // cell).astype(np.int64)
-    order = np.lexsort((x, y, -scores, index))
-    ordered = index[order]
-    begins = (
-        np.flatnonzero(np.r_[True, ordered[1:] != ordered[:-1]]) if len(ordered) else np.zeros(0, np.int64)
-    )
-    rank = np.arange(len(ordered)) - np.repeat(begins, np.diff(np.r_[begins, len(ordered)]))
-    kept = order[rank < _FEATURES_PER_CELL]
-    return np.column_stack([x[kept], y[kept]]).astype(np.float64), scores[kept]
+    cell_px = mean_spacing_px * np.sqrt(_FEATURES_PER_CELL)
+    cell = (y // cell_px).astype(np.int64) * (int(columns // cell_px) + 1) + (x // cell_px).astype(np.int64)
+    order = np.lexsort((x, y, -scores, cell))
+    # Rank of each feature within its cell, from the position at which the cell starts in the order.
+    _, cell_start, cell_size = np.unique(cell[order], return_index=True, return_counts=True)
+    rank = np.arange(len(order)) - np.repeat(cell_start, cell_size)
+    selected = order[rank < _FEATURES_PER_CELL]
+    return np.column_stack([x[selected], y[selected]]).astype(np.float64), scores[selected]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""FAST corners, the strongest of each cell of a grid."""
+"""FAST corners, the strongest in each cell of a grid."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from pydantic import Field
 
-from cdff_core.dfns.features_extraction_2d._grid import GridConfig, strongest_of_each_cell
+from cdff_core.dfns.features_extraction_2d._grid import GridConfig, select_strongest_per_cell
 from cdff_core.dfns.features_extraction_2d.interface import Inputs, Interface, Outputs
 from cdff_core.imaging.grey import checked_image
 
@@ -17,12 +17,12 @@ class GridFastConfig(GridConfig):
     """Parameters of GridFast."""
 
     threshold_dn: int = Field(
-        10, ge=1, le=200, description="Minimum difference to the circle around a corner"
+        10, ge=1, le=200, description="Minimum grey level difference to the circle around a corner"
     )
 
 
 class GridFast(Interface[GridFastConfig]):
-    """Segment test of Rosten and Drummond on a circle of 16 pixels [1]_: comparisons instead of gradients.
+    """Segment test on a circle of 16 pixels [1]_, which compares grey levels instead of computing gradients.
 
     References
     ----------
@@ -39,5 +39,5 @@ class GridFast(Interface[GridFastConfig]):
             response[rows, columns] = np.fromiter(
                 (corner.response for corner in corners), np.float32, len(corners)
             )
-        features, scores = strongest_of_each_cell(response, 0.0, self.config)
+        features, scores = select_strongest_per_cell(response, 0.0, self.config)
         return Outputs(features=features, scores=scores)

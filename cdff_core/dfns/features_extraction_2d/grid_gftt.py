@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Good features to track, the strongest of each cell of a grid."""
+"""Good features to track, the strongest in each cell of a grid."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 from pydantic import Field
 
-from cdff_core.dfns.features_extraction_2d._grid import GridConfig, strongest_of_each_cell
+from cdff_core.dfns.features_extraction_2d._grid import GridConfig, select_strongest_per_cell
 from cdff_core.dfns.features_extraction_2d.interface import Inputs, Interface, Outputs
 from cdff_core.imaging.grey import checked_image
 
-#: From OpenCV's normalised response (gradients times 2 / 255) to (DN/px)^2.
+#: Factor from OpenCV's normalised response, of gradients times 2 / 255, to (DN/px)^2.
 _TO_DN2 = 255.0**2 / 4.0
 
 
@@ -43,8 +43,8 @@ class GridGftt(Interface[GridGfttConfig]):
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the features; raises InputError on an image that is too small."""
-        c = self.config
-        response = cv2.cornerMinEigenVal(checked_image(inputs.image), c.block_px, ksize=3)
+        cfg = self.config
+        response = cv2.cornerMinEigenVal(checked_image(inputs.image), cfg.block_px, ksize=3)
         scaled = np.asarray(response, dtype=np.float32) * np.float32(_TO_DN2)
-        features, scores = strongest_of_each_cell(scaled, c.min_eigenvalue_dn2, c)
+        features, scores = select_strongest_per_cell(scaled, cfg.min_eigenvalue_dn2, cfg)
         return Outputs(features=features, scores=scores)

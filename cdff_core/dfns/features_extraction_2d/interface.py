@@ -39,7 +39,7 @@ class FeaturesExtraction2DOutputs:
     Attributes
     ----------
     features : ndarray of float64, shape (n,2)
-        Column and row of each point, pixels, the best of each cell first.
+        Column and row of each point, pixels; GridGftt and GridFast order them by cell, the best first.
     scores : ndarray of float64, shape (n)
         Higher is better: GridGftt smaller eigenvalue of the mean gradient matrix (DN/px)^2, GridFast and
         AdaptiveFast corner score DN, Sift contrast, Orb Harris response.
@@ -56,7 +56,7 @@ class FeaturesExtraction2DOutputs:
 
 
 class FeaturesExtraction2DInterface(Dfn[ConfigT, FeaturesExtraction2DInputs, FeaturesExtraction2DOutputs]):
-    """Find points with good localisation in both directions, distributed over the whole image."""
+    """Find points that can be localised in both image directions, distributed over the whole image."""
 
 
 #: Short names for the implementations.

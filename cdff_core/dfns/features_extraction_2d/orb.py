@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""ORB detector: FAST corners on a pyramid with the orientation of their patch."""
+"""ORB detector: FAST corners of an image pyramid with the orientation of their patch."""
 
 from __future__ import annotations
 
@@ -17,12 +17,15 @@ class OrbConfig(DfnConfig):
     """Parameters of Orb."""
 
     features: int = Field(4000, ge=10, le=50_000, description="Desired number of points over the whole image")
-    threshold_dn: int = Field(7, ge=1, le=200, description="Minimum difference to the circle around a corner")
+    threshold_dn: int = Field(
+        7, ge=1, le=200, description="Minimum grey level difference to the circle around a corner"
+    )
 
 
 class Orb(Interface[OrbConfig]):
-    """Oriented FAST [1]_: corners of eight levels of ratio 1.2, the best by Harris response, with centroid
-    orientation.
+    """Oriented FAST [1]_: corners of a pyramid of eight levels with a scale factor of 1.2.
+
+    The best corners by Harris response are kept; their orientation is that of the intensity centroid.
 
     References
     ----------
@@ -32,9 +35,9 @@ class Orb(Interface[OrbConfig]):
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the features; raises InputError on an image that is too small."""
-        c = self.config
+        cfg = self.config
         detector = cv2.ORB.create(
-            c.features, ORB_SCALE, ORB_LEVELS, patchSize=int(ORB_PATCH_PX), fastThreshold=c.threshold_dn
+            cfg.features, ORB_SCALE, ORB_LEVELS, patchSize=int(ORB_PATCH_PX), fastThreshold=cfg.threshold_dn
         )
         points, scores, sizes, angles = arrays_of(detector.detect(checked_image(inputs.image)))
         return Outputs(features=points, scores=scores, sizes=sizes, angles=angles)

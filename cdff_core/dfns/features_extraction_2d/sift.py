@@ -18,7 +18,7 @@ class SiftConfig(DfnConfig):
 
     features: int = Field(8000, ge=10, le=50_000, description="Desired number of points over the whole image")
     contrast_threshold: float = Field(
-        0.01, gt=0, le=1, description="Minimum contrast of a blob, fraction of white"
+        0.01, gt=0, le=1, description="Minimum contrast of a blob, as a fraction of the white level"
     )
 
 
@@ -33,7 +33,7 @@ class Sift(Interface[SiftConfig]):
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the features; raises InputError on an image that is too small."""
-        c = self.config
-        detector = cv2.SIFT.create(c.features, contrastThreshold=c.contrast_threshold)
+        cfg = self.config
+        detector = cv2.SIFT.create(cfg.features, contrastThreshold=cfg.contrast_threshold)
         points, scores, sizes, angles = arrays_of(detector.detect(checked_image(inputs.image)))
         return Outputs(features=points, scores=scores, sizes=sizes, angles=angles)

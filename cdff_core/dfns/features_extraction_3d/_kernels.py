@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled loops of the detectors by salience."""
+"""Compiled loops of the keypoint detectors that compare the salience of points.
+
+The neighbours of point i are ``index[start[i]:start[i + 1]]``.
+"""
 
 from __future__ import annotations
 
@@ -11,21 +14,24 @@ from cdff_common.arrays import BoolArray, FloatArray, IntArray
 
 
 @njit(cache=True)
-def scatters(
+def weighted_scatters(
     points: FloatArray, start: IntArray, index: IntArray
 ) -> FloatArray:  # pragma: no cover - compiled
-    """Return the scatter about each point (n, 3, 3), weighted by the neighbours' inverse counts."""
+    """Return the scatter (n, 3, 3) of the neighbours about each point.
+
+    The weight of a neighbour is the inverse of its own number of neighbours.
+    """
     out = np.zeros((len(points), 3, 3))
     for i in range(len(points)):
         total = 0.0
         for j in index[start[i] : start[i + 1]]:
             if j == i:
                 continue
-            w = 1.0 / (start[j + 1] - start[j])
-            total += w
+            weight = 1.0 / (start[j + 1] - start[j])
+            total += weight
             for a in range(3):
                 for b in range(a + 1):
-                    out[i, a, b] += w * (points[j, a] - points[i, a]) * (points[j, b] - points[i, b])
+                    out[i, a, b] += weight * (points[j, a] - points[i, a]) * (points[j, b] - points[i, b])
         for a in range(3):
             for b in range(a + 1):
                 if total > 0.0:
@@ -35,13 +41,16 @@ def scatters(
 
 
 @njit(cache=True)
-def greatest_around(
-    salience: FloatArray, which: IntArray, start: IntArray, index: IntArray
+def are_local_maxima(
+    salience: FloatArray, candidates: IntArray, start: IntArray, index: IntArray
 ) -> BoolArray:  # pragma: no cover - compiled
-    """Return which of ``which`` are the most salient of their neighbours; the first of equal ones."""
-    out = np.ones(len(which), np.bool_)
-    for k in range(len(which)):
-        i = which[k]
+    """Return which candidates (k,) are the most salient of their neighbours, of equal ones the first.
+
+    ``start`` and ``index`` are the neighbours of the candidates.
+    """
+    out = np.ones(len(candidates), np.bool_)
+    for k in range(len(candidates)):
+        i = candidates[k]
         for j in index[start[k] : start[k + 1]]:
             if salience[j] > salience[i] or (salience[j] == salience[i] and j < i):
                 out[k] = False

@@ -38,7 +38,7 @@ class FeaturesMatching2DInputs:
     source_features : ndarray of float64, shape (n,2), optional
         Points of the first image, pixels; for a search along epipolar lines.
     sink_features : ndarray of float64, shape (m,2), optional
-        Points of the second image.
+        Points of the second image, pixels.
     fundamental_matrix : ndarray of float64, shape (3,3), optional
         Sink' F source = 0 for corresponding points.
     """
@@ -73,7 +73,7 @@ class FeaturesMatching2DOutputs:
 
 
 class FeaturesMatching2DInterface(Dfn[ConfigT, FeaturesMatching2DInputs, FeaturesMatching2DOutputs]):
-    """Match the points of two images with the nearest descriptors, optionally only along their
+    """Match the points of two images by their nearest descriptors, optionally only along their
     epipolar lines.
     """
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Nearest neighbours in descriptor space with mutual and ratio test."""
+"""Exhaustive nearest neighbours with mutual test and ratio test."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from cdff_common.arrays import Float32Array, IntArray
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.features_matching_3d.interface import Inputs, Interface, Outputs
 
+#: Rows of the source that are compared with all targets at a time, to limit memory.
 _BLOCK_ROWS = 1024
 
 
@@ -37,42 +38,47 @@ class MutualRatio(Interface[MutualRatioConfig]):
         cfg = self.config
         source, target = (np.ascontiguousarray(d, np.float32) for d in (inputs.source, inputs.target))
         if not (len(source) and len(target)):
-            nothing = np.zeros(0, np.float32)
-            return Outputs(matches=np.zeros((0, 2), np.int64), distances=nothing, ratios=nothing)
-        nearest, first, second, back = _nearest(source, target)
+            empty = np.zeros(0, np.float32)
+            return Outputs(matches=np.zeros((0, 2), np.int64), distances=empty, ratios=empty)
+        nearest_target, nearest_distance, second_distance, nearest_source = _find_nearest(source, target)
         rows = np.arange(len(source))
         with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.where(second > 0.0, first / second, 1.0)
-        keep = ratio <= cfg.max_ratio
+            ratio = np.where(second_distance > 0.0, nearest_distance / second_distance, 1.0)
+        is_match = ratio <= cfg.max_ratio
         if cfg.mutual:
-            keep &= back[nearest] == rows
-        chosen = np.flatnonzero(keep)
-        chosen = chosen[np.argsort(ratio[chosen], kind="stable")[: cfg.max_matches]]
+            is_match &= nearest_source[nearest_target] == rows
+        selected = np.flatnonzero(is_match)
+        selected = selected[np.argsort(ratio[selected], kind="stable")[: cfg.max_matches]]
         return Outputs(
-            matches=np.stack([chosen, nearest[chosen]], axis=1), distances=first[chosen], ratios=ratio[chosen]
+            matches=np.stack([selected, nearest_target[selected]], axis=1),
+            distances=nearest_distance[selected],
+            ratios=ratio[selected],
         )
 
 
-def _nearest(
+def _find_nearest(
     source: Float32Array, target: Float32Array
 ) -> tuple[IntArray, Float32Array, Float32Array, IntArray]:
-    """Return nearest target and two smallest distances per source, nearest source per target."""
-    nearest, back = np.empty(len(source), np.int64), np.zeros(len(target), np.int64)
-    first, second = np.empty(len(source), np.float32), np.full(len(source), np.inf, np.float32)
-    back_d2 = np.full(len(target), np.inf, np.float32)
+    """Return the nearest target of each source, the distances of the two nearest, and the nearest source of
+    each target.
+    """
+    nearest_target, nearest_source = np.empty(len(source), np.int64), np.zeros(len(target), np.int64)
+    nearest_distance, second_distance = np.empty(len(source), np.float32), np.empty(len(source), np.float32)
+    source_d2 = np.full(len(target), np.inf, np.float32)
     target_norm2 = np.einsum("ij,ij->i", target, target)
-    for low in range(0, len(source), _BLOCK_ROWS):
-        block = source[low : low + _BLOCK_ROWS]
+    for start in range(0, len(source), _BLOCK_ROWS):
+        block = source[start : start + _BLOCK_ROWS]
         d2 = np.maximum(
             np.einsum("ij,ij->i", block, block)[:, None] + target_norm2 - 2.0 * (block @ target.T), 0.0
         )
-        column = np.argmin(d2, axis=0)
-        at_column = d2[column, np.arange(len(target))]
-        better = at_column < back_d2
-        back[better], back_d2[better] = column[better] + low, at_column[better]
-        row = np.argmin(d2, axis=1)
-        here = slice(low, low + len(block))
-        nearest[here], first[here] = row, np.sqrt(d2[np.arange(len(block)), row])
-        d2[np.arange(len(block)), row] = np.inf
-        second[here] = np.sqrt(d2.min(axis=1))
-    return nearest, first, second, back
+        source_row = np.argmin(d2, axis=0)
+        column_d2 = d2[source_row, np.arange(len(target))]
+        is_nearer = column_d2 < source_d2
+        nearest_source[is_nearer], source_d2[is_nearer] = source_row[is_nearer] + start, column_d2[is_nearer]
+        target_row = np.argmin(d2, axis=1)
+        block_rows = slice(start, start + len(block))
+        nearest_target[block_rows] = target_row
+        nearest_distance[block_rows] = np.sqrt(d2[np.arange(len(block)), target_row])
+        d2[np.arange(len(block)), target_row] = np.inf
+        second_distance[block_rows] = np.sqrt(d2.min(axis=1))
+    return nearest_target, nearest_distance, second_distance, nearest_source

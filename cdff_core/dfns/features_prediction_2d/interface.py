@@ -36,14 +36,14 @@ class FeaturesPrediction2DInputs:
     pose : ndarray of float64, shape (4,4)
         T_current_reference, the predicted motion of the camera.
     camera_matrix : ndarray of float64, shape (3,3)
-        Rectified left camera, pixels.
+        Camera matrix of the rectified left camera, pixels.
     baseline : float
         Distance between the cameras, metres.
     image : ndarray of uint8, shape (r,c)
         Image in which the points are predicted; only its size is used.
     slopes : ndarray of float64, shape (n,2), optional
-        Derivatives of the disparity by column and row in the reference; without them surfaces are assumed
-        to face the camera.
+        Derivatives of the disparity by column and row in the reference image; default: 0, surfaces parallel
+        to the image.
     """
 
     points: NDArray[np.float64]
@@ -68,7 +68,8 @@ class FeaturesPrediction2DOutputs:
     disparities : ndarray of float64, shape (n)
         Predicted disparity, pixels.
     warps : ndarray of float64, shape (n,3,3)
-        Homographies from offsets around each point of the reference to offsets around the predicted one.
+        Homographies from offsets around each point in the reference image to offsets around the predicted
+        one, pixels.
     slopes : ndarray of float64, shape (n,2)
         Derivatives of the disparity by column and row in the predicted image.
     visible : ndarray of bool, shape (n)
@@ -83,8 +84,8 @@ class FeaturesPrediction2DOutputs:
 
 
 class FeaturesPrediction2DInterface(Dfn[ConfigT, FeaturesPrediction2DInputs, FeaturesPrediction2DOutputs]):
-    """Predict the positions of known points in the left and right image at a predicted pose, and the
-    warps of their patches.
+    """Predict the positions of known points in both images of a rectified pair at a predicted pose,
+    and the warps of their patches.
     """
 
 

@@ -34,7 +34,7 @@ class FeaturesTracking2DInputs:
     reference : ndarray of uint8, shape (r,c)
         Grey image that contains the points.
     image : ndarray of uint8, shape (r,c)
-        Grey image into which the points are tracked.
+        Grey image in which the points are tracked.
     features : ndarray of float64, shape (n,2)
         Points of the reference, column and row, pixels.
     guess : ndarray of float64, shape (n,2), optional
@@ -73,8 +73,8 @@ class FeaturesTracking2DOutputs:
 
 
 class FeaturesTracking2DInterface(Dfn[ConfigT, FeaturesTracking2DInputs, FeaturesTracking2DOutputs]):
-    """Track points of one image into another of the same camera with sub-pixel accuracy, verified by
-    tracking them back.
+    """Track points of one image in another image of the same camera with sub-pixel accuracy, and
+    verify them by tracking them back.
     """
 
 

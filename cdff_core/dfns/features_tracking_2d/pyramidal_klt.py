@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""OpenCV's Lucas-Kanade tracker, forward and backward."""
+"""OpenCV's pyramidal Lucas-Kanade tracker, forward and backward."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from cdff_core.imaging.pyramid import smoothed
 
 
 class PyramidalKlt(Interface[WarpedKltConfig]):
-    """Pyramidal Lucas-Kanade tracker of Bouguet [1]_ in OpenCV; warps are only used in the correlation.
+    """OpenCV's pyramidal Lucas-Kanade tracker [1]_; warps are used only for the final correlation.
 
     References
     ----------
@@ -32,8 +32,8 @@ class PyramidalKlt(Interface[WarpedKltConfig]):
     def process(self, inputs: Inputs) -> Outputs:
         """Return the tracked points; raises InputError on images that are too small."""
         points, guess, warps = arrays_of(inputs)
-        matches, forward = self._flow(inputs.reference, inputs.image, points, guess)
-        back, backward = self._flow(inputs.image, inputs.reference, matches, points)
+        matches, found_forward = self._flow(inputs.reference, inputs.image, points, guess)
+        tracked_back, found_backward = self._flow(inputs.image, inputs.reference, matches, points)
         _, scores = align_patches(
             smoothed(inputs.reference),
             smoothed(inputs.image),
@@ -44,25 +44,26 @@ class PyramidalKlt(Interface[WarpedKltConfig]):
             1,
             np.inf,
         )
-        valid = forward & backward & (scores >= MIN_CORRELATION)
-        valid &= np.hypot(*(back - points).T) <= MAX_RETURN_ERROR_PX
+        valid = found_forward & found_backward & (scores >= MIN_CORRELATION)
+        valid &= np.hypot(*(tracked_back - points).T) <= MAX_RETURN_ERROR_PX
         return Outputs(matches=matches, valid=valid, scores=scores)
 
     def _flow(
         self, first: ByteArray, second: ByteArray, points: FloatArray, guess: FloatArray
     ) -> tuple[FloatArray, BoolArray]:
+        """Return positions ``(n, 2)`` in the second image and whether each point was tracked."""
         if len(points) == 0:
             return points, np.zeros(0, bool)
-        c = self.config
-        side = 2 * HALF_WINDOW_PX + 1
-        found, status, _ = cv2.calcOpticalFlowPyrLK(
+        cfg = self.config
+        window_px = 2 * HALF_WINDOW_PX + 1
+        positions, status, _ = cv2.calcOpticalFlowPyrLK(
             np.ascontiguousarray(first),
             np.ascontiguousarray(second),
             np.ascontiguousarray(points[:, None], np.float32),
             np.ascontiguousarray(guess[:, None], np.float32),
-            winSize=(side, side),
-            maxLevel=c.levels - 1,
+            winSize=(window_px, window_px),
+            maxLevel=cfg.levels - 1,
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-            criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, c.iterations, TOLERANCE_PX),
+            criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, cfg.iterations, TOLERANCE_PX),
         )
-        return found[:, 0].astype(np.float64), status[:, 0].astype(bool)
+        return positions[:, 0].astype(np.float64), status[:, 0].astype(bool)

@@ -13,11 +13,12 @@ from cdff_core.dfns.features_tracking_2d.interface import Inputs, Interface, Out
 from cdff_core.imaging.patch_alignment import align_patches
 from cdff_core.imaging.pyramid import pyramid
 
-#: Half width of a patch without its centre pixel.
+#: A patch is 2 * 7 + 1 pixels wide.
 HALF_WINDOW_PX = 7
 #: Step size that ends the iteration.
 TOLERANCE_PX = 0.01
-#: Minimum correlation of the patches of a track, and largest distance after tracking forward and back.
+#: Minimum normalised cross-correlation of both patches, and largest distance of a point tracked forward and
+#: back from its start.
 MIN_CORRELATION, MAX_RETURN_ERROR_PX = 0.85, 0.5
 
 
@@ -25,13 +26,16 @@ class WarpedKltConfig(DfnConfig):
     """Parameters of WarpedKlt."""
 
     levels: int = Field(
-        3, ge=1, le=8, description="Levels of the image pyramid; each doubles the search range"
+        3,
+        ge=1,
+        le=8,
+        description="Number of levels of the image pyramid; each additional one doubles the search range",
     )
-    iterations: int = Field(12, ge=1, le=100, description="Gauss-Newton steps per level")
+    iterations: int = Field(12, ge=1, le=100, description="Maximum number of Gauss-Newton steps per level")
 
 
 def arrays_of(inputs: Inputs) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return points, guess and warps; a patch without a warp is not changed."""
+    """Return points ``(n, 2)``, guess ``(n, 2)`` and warps ``(n, 3, 3)``; absent ones get default values."""
     points = np.array(inputs.features, np.float64)
     guess = points if inputs.guess is None else np.array(inputs.guess, np.float64)
     warps = (
@@ -45,9 +49,9 @@ def arrays_of(inputs: Inputs) -> tuple[FloatArray, FloatArray, FloatArray]:
 class WarpedKlt(Interface[WarpedKltConfig]):
     """Inverse-compositional Lucas-Kanade [1]_ over a pyramid [2]_, forward and backward [3]_.
 
-    The patch is resampled with the expected warp, so that a point approached by a quarter of its distance, or
-    on ground at a grazing angle, is tracked without bias. Gain and offset of the patch are removed, so that
-    exposure may change.
+    Patches are resampled with the expected warp, so that points approached by a quarter of their distance, or
+    on ground seen at a grazing angle, are tracked without bias. Gain and offset of a patch are removed, so
+    that changes of exposure have no effect.
 
     References
     ----------
@@ -64,25 +68,25 @@ class WarpedKlt(Interface[WarpedKltConfig]):
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the tracked points; raises InputError on images that are too small."""
-        c = self.config
+        cfg = self.config
         points, guess, warps = arrays_of(inputs)
-        reference, image = pyramid(inputs.reference, c.levels), pyramid(inputs.image, c.levels)
-        matches, scores = self._descend(reference, image, points, guess, warps)
-        back, returned = align_patches(
+        reference, image = pyramid(inputs.reference, cfg.levels), pyramid(inputs.image, cfg.levels)
+        matches, scores = self._track_coarse_to_fine(reference, image, points, guess, warps)
+        tracked_back, backward_scores = align_patches(
             image[0],
             reference[0],
             matches,
             points,
             np.linalg.inv(warps),
             HALF_WINDOW_PX,
-            c.iterations,
+            cfg.iterations,
             TOLERANCE_PX,
         )
-        valid = (scores >= MIN_CORRELATION) & (returned >= MIN_CORRELATION)
-        valid &= np.hypot(*(back - points).T) <= MAX_RETURN_ERROR_PX
+        valid = (scores >= MIN_CORRELATION) & (backward_scores >= MIN_CORRELATION)
+        valid &= np.hypot(*(tracked_back - points).T) <= MAX_RETURN_ERROR_PX
         return Outputs(matches=matches, valid=valid, scores=scores)
 
-    def _descend(
+    def _track_coarse_to_fine(
         self,
         reference: list[Float32Array],
         image: list[Float32Array],
@@ -90,22 +94,25 @@ class WarpedKlt(Interface[WarpedKltConfig]):
         guess: FloatArray,
         warps: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
-        """Track from coarse to fine; a level on which a point is not found does not change its guess."""
-        c = self.config
-        found, scores = guess, np.full(len(points), -1.0)
+        """Return positions ``(n, 2)`` and scores ``(n,)``.
+
+        A level on which the score of a point is at most 0.5 does not change its guess for the next one.
+        """
+        cfg = self.config
+        positions, scores = guess, np.full(len(points), -1.0)
         for level in range(len(image) - 1, -1, -1):
-            size = 2.0**level
-            coarse = warps.copy()
-            coarse[:, 2, :2] *= size  # per pixel of this level
-            finer, scores = align_patches(
+            scale = 2.0**level
+            level_warps = warps.copy()
+            level_warps[:, 2, :2] *= scale  # these elements are per pixel, of this level
+            refined, scores = align_patches(
                 reference[level],
                 image[level],
-                points / size,
-                found / size,
-                coarse,
+                points / scale,
+                positions / scale,
+                level_warps,
                 HALF_WINDOW_PX,
-                c.iterations,
+                cfg.iterations,
                 TOLERANCE_PX * (1.0 if level == 0 else 5.0),
             )
-            found = np.where((scores > 0.5)[:, None] | (level == 0), finer * size, found)
-        return found, scores
+            positions = np.where((scores > 0.5)[:, None] | (level == 0), refined * scale, positions)
+        return positions, scores

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Linear interpolation of the translation and geodesic interpolation of the rotation."""
+"""Linear interpolation of the position and geodesic interpolation of the rotation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cdff_core.dfns.frame_interpolation.interface import Inputs, Interface, Outp
 
 
 class GeodesicConfig(DfnConfig):
-    """Parameters of Geodesic: motion that deviates from the geodesic."""
+    """Parameters of Geodesic: deviation of the motion from the interpolation."""
 
     acceleration_m_s2: float = Field(
         0.1, ge=0, le=100, description="Standard deviation of the acceleration between the poses"
@@ -25,24 +25,35 @@ class GeodesicConfig(DfnConfig):
 
 
 class Geodesic(Interface[GeodesicConfig]):
-    """Interpolation; its error is the mean of both plus half of ``a (t - t0)(t1 - t)`` of the motion."""
+    """Interpolation between two poses with the covariance of the interpolated pose.
+
+    The covariance is that of the weighted mean of both errors plus that of the motion in between: a constant
+    acceleration a causes the deviation ``a (t - t0) (t1 - t) / 2``. Without a cross-covariance, the weighted
+    mean of both covariances is used, an upper bound for any correlation.
+    """
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the interpolated pose; raises ExtrapolationError for a time outside the interval."""
         start, end = (int(t) for t in inputs.interval_ns)
         time = inputs.time_ns
         if not start <= time <= end:
-            raise ExtrapolationError(f"time {time}: expected within {start}..{end}; this is interpolation")
-        s = 0.0 if end == start else (time - start) / (end - start)
-        T = se3.interpolate_transform(inputs.first, inputs.second, s)
+            raise ExtrapolationError(f"time {time}: expected within {start}..{end}")
+        fraction = 0.0 if end == start else (time - start) / (end - start)
+        pose = se3.interpolate_transform(inputs.first, inputs.second, fraction)
         covariance = np.full((6, 6), np.nan)
-        C1, C2, X = inputs.first_covariance, inputs.second_covariance, inputs.cross_covariance
-        if C1 is not None and C2 is not None:
-            if X is None:
-                covariance = (1.0 - s) * C1 + s * C2
+        start_covariance, end_covariance = inputs.first_covariance, inputs.second_covariance
+        cross = inputs.cross_covariance
+        if start_covariance is not None and end_covariance is not None:
+            if cross is None:
+                covariance = (1.0 - fraction) * start_covariance + fraction * end_covariance
             else:
-                covariance = (1.0 - s) ** 2 * C1 + s**2 * C2 + s * (1.0 - s) * (X + X.T)
-            bend_s2 = 0.5 * s * (1.0 - s) * ((end - start) * 1e-9) ** 2
-            bend = [self.config.acceleration_m_s2] * 3 + [self.config.angular_acceleration_rad_s2] * 3
-            covariance = covariance + np.diag(np.square(np.multiply(bend, bend_s2)))
-        return Outputs(pose=T, covariance=covariance, fraction=s)
+                covariance = (
+                    (1.0 - fraction) ** 2 * start_covariance
+                    + fraction**2 * end_covariance
+                    + fraction * (1.0 - fraction) * (cross + cross.T)
+                )
+            deviation_s2 = 0.5 * fraction * (1.0 - fraction) * ((end - start) * 1e-9) ** 2
+            c = self.config
+            accelerations = np.repeat([c.acceleration_m_s2, c.angular_acceleration_rad_s2], 3)
+            covariance = covariance + np.diag((accelerations * deviation_s2) ** 2)
+        return Outputs(pose=pose, covariance=covariance, fraction=fraction)

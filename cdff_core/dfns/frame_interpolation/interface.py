@@ -41,11 +41,12 @@ class FrameInterpolationInputs:
     time_ns : int
         Time within the interval, nanoseconds.
     first_covariance : ndarray of float64, shape (6,6), optional
-        Covariance of first, [x y z rx ry rz], perturbation in a.
+        Covariance of first, [x y z rx ry rz], error in frame a.
     second_covariance : ndarray of float64, shape (6,6), optional
-        Covariance of second, [x y z rx ry rz], perturbation in a.
+        Covariance of second, [x y z rx ry rz], error in frame a.
     cross_covariance : ndarray of float64, shape (6,6), optional
-        Cross-covariance of the errors of second (rows) and first; without it full correlation is assumed.
+        Cross-covariance of the errors of second (rows) and first; without it an upper bound for any
+        correlation is used.
     """
 
     first: NDArray[np.float64]
@@ -69,7 +70,7 @@ class FrameInterpolationOutputs:
     pose : ndarray of float64, shape (4,4)
         T_a_b at the time.
     covariance : ndarray of float64, shape (6,6)
-        Covariance of the pose; NaN if one of the covariances is unknown.
+        Covariance of the pose; NaN if one of the input covariances is absent.
     fraction : float
         0 at the start, 1 at the end.
     """

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pruning of pairs to a consistent clique, then robust estimation by graduated non-convexity."""
+"""Selection of consistent pairs by the maximum clique, then robust estimation by graduated non-convexity."""
 
 from __future__ import annotations
 
@@ -15,14 +15,16 @@ from cdff_common.geometry import se3
 from cdff_common.geometry.points import checked_points
 from cdff_common.geometry.robust import graduated_fit, rigid_fit
 from cdff_common.interfaces.dfn import DfnConfig
-from cdff_core.dfns.global_registration_3d._clique import consistency, maximum_clique
+from cdff_core.dfns.global_registration_3d._clique import consistency_graph, maximum_clique
 from cdff_core.dfns.global_registration_3d.interface import Inputs, Interface, Outputs
 
-_REFITS = 10
-_APART_NOISES = 2.0
-#: Minimum second largest standard deviation of the agreeing points; below it they are collinear.
-_LEAST_SPREAD_NOISES = 2.0
-#: Maximum number of vertices coloured, for a bounded time; then the best clique so far is used.
+_MAX_REFITS = 10
+#: Minimum distance between two pairs that are compared, in units of the noise.
+_MIN_DISTANCE_NOISES = 2.0
+#: Minimum of the second largest standard deviation of the inliers, in units of the noise; below it they are
+#: collinear.
+_MIN_SPREAD_NOISES = 2.0
+#: Maximum number of vertices coloured by the clique search; beyond it the best clique found is used.
 _MAX_WORK = 1_000_000
 
 
@@ -34,38 +36,39 @@ class CliqueGncConfig(DfnConfig):
 
 
 class CliqueGnc(Interface[CliqueGncConfig]):
-    """Maximum clique of pairs with consistent distances, which a rigid motion preserves, then truncated least
-    squares.
+    """Maximum clique of pairs with equal distances in both clouds, then truncated least squares.
 
     Notes
     -----
     Enqvist, Josephson, Kahl (2009), doi:10.1109/ICCV.2009.5459319, prune by cliques; Yang, Shi, Carlone
     (2021), doi:10.1109/TRO.2020.3033695 (TEASER++), by the maximum clique. Truncated least squares over the
-    members is solved by graduated non-convexity: Yang et al. (2020), doi:10.1109/LRA.2020.2965893, and the
-    result
+    clique is solved by graduated non-convexity: Yang et al. (2020), doi:10.1109/LRA.2020.2965893. The result
     is refitted to all pairs within the noise. The method is deterministic.
     """
 
     def setup(self) -> None:
-        """Compile the search."""
+        """Compile the clique search."""
         corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-        self._clique(corners, corners, 0.1)
+        self._maximum_clique(corners, corners, 0.1)
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return T_target_source, inliers; raises InputError, RefusedError, DegenerateGeometryError."""
+        """Return the transform and its inliers.
+
+        Raises RefusedError if too few pairs are consistent, DegenerateGeometryError if these are collinear.
+        """
         cfg = self.config
         source = checked_points(inputs.source, "source", 0)
         target = checked_points(inputs.target, "target", 0)
         noise_m = cfg.noise_m if inputs.noise_m is None else inputs.noise_m
-        clique, edge_ratio = self._clique(source, target, noise_m)
+        clique, edge_ratio = self._maximum_clique(source, target, noise_m)
         self._refuse_few(len(clique), len(source), noise_m)
         T, _ = graduated_fit(source[clique], target[clique], noise_m)
-        T, inliers = _refitted(T, source, target, noise_m)
+        T, inliers = _refit(T, source, target, noise_m)
         self._refuse_few(int(inliers.sum()), len(source), noise_m)
-        spread_m = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(source[inliers].T)), 0.0))
-        if spread_m[1] < _LEAST_SPREAD_NOISES * noise_m:
+        sigmas_m = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(source[inliers].T)), 0.0))
+        if sigmas_m[1] < _MIN_SPREAD_NOISES * noise_m:
             raise DegenerateGeometryError(
-                f"the pairs that agree lie within {spread_m[1]:.3g} m of a line: the rotation "
+                f"the consistent pairs lie within {sigmas_m[1]:.3g} m of a line: the rotation "
                 "about it is unobservable",
                 ["collinear"],
             )
@@ -76,39 +79,43 @@ class CliqueGnc(Interface[CliqueGncConfig]):
             expected_by_chance=float(_expected_cliques(len(source), len(clique), edge_ratio)),
         )
 
-    def _refuse_few(self, count: int, of: int, noise_m: float) -> None:
+    def _refuse_few(self, count: int, total: int, noise_m: float) -> None:
         least = self.config.least_inliers
         if count < least:
-            text = f"{count} of {of} pairs agree within {noise_m:.3g} m, expected {least}"
+            text = f"{count} of {total} pairs agree within {noise_m:.3g} m, expected at least {least}"
             raise RefusedError(text, [f"too_few_consistent:{count}<{least}"])
 
-    def _clique(self, source: FloatArray, target: FloatArray, noise_m: float) -> tuple[IntArray, float]:
-        """Return the rows of the clique and the ratio of the edges of the graph to all possible ones."""
+    def _maximum_clique(
+        self, source: FloatArray, target: FloatArray, noise_m: float
+    ) -> tuple[IntArray, float]:
+        """Return the rows of the maximum clique, and the ratio of the edges of the graph to all possible
+        ones.
+        """
         n = len(source)
         if n < 2:
             return np.zeros(0, np.int64), 0.0
         # Both ends of a distance have an error of up to the noise.
-        bits, degree = consistency(source, target, 2.0 * noise_m, _APART_NOISES * noise_m)
+        bits, degree = consistency_graph(source, target, 2.0 * noise_m, _MIN_DISTANCE_NOISES * noise_m)
         clique, _ = maximum_clique(bits, degree, _MAX_WORK)
         return clique, float(degree.sum()) / (n * (n - 1.0))
 
 
-def _refitted(
+def _refit(
     T: FloatArray, source: FloatArray, target: FloatArray, noise_m: float
 ) -> tuple[FloatArray, BoolArray]:
-    """Fit to all pairs within the noise until they no longer change."""
+    """Refit the transform to all pairs within the noise until they are constant; return both."""
     inliers = np.zeros(len(source), np.bool_)
-    for _ in range(_REFITS):
-        now = np.sum((se3.transform_points(T, source) - target) ** 2, axis=1) <= noise_m**2
-        if np.array_equal(now, inliers) or np.count_nonzero(now) < 3:
+    for _ in range(_MAX_REFITS):
+        is_inlier = np.sum((se3.transform_points(T, source) - target) ** 2, axis=1) <= noise_m**2
+        if np.array_equal(is_inlier, inliers) or np.count_nonzero(is_inlier) < 3:
             break
-        inliers = now
-        T = rigid_fit(source[now], target[now], np.ones(np.count_nonzero(now)))
+        inliers = is_inlier
+        T = rigid_fit(source[is_inlier], target[is_inlier], np.ones(np.count_nonzero(is_inlier)))
     return T, inliers
 
 
 def _expected_cliques(n: int, size: int, edge_ratio: float) -> float:
-    """Return ``C(n, size) ratio^(size (size - 1) / 2)``: expected number of cliques in a random graph."""
+    """Return the expected number of cliques in a random graph, ``C(n, size) ratio^(size (size - 1) / 2)``."""
     if edge_ratio <= 0.0 or size < 2:
         return float(n)
     log = math.lgamma(n + 1) - math.lgamma(size + 1) - math.lgamma(n - size + 1)

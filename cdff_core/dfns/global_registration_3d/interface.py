@@ -64,8 +64,8 @@ class GlobalRegistration3DOutputs:
 
 
 class GlobalRegistration3DInterface(Dfn[ConfigT, GlobalRegistration3DInputs, GlobalRegistration3DOutputs]):
-    """Estimate the rigid transform that the largest set of consistent point pairs supports, without a
-    guess; most pairs may be wrong.
+    """Estimate the rigid transform supported by the largest set of consistent point pairs, without an
+    initial guess; most pairs may be outliers.
     """
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Levelling by the mean specific force, which points up at rest."""
+"""Levelling by the mean specific force, which points upwards at rest."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cdff_common.errors import DegenerateGeometryError, RefusedError
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.gravity_levelling.interface import Inputs, Interface, Outputs
 
-_LEAST_FORCE_M_S2 = 0.05
+_MIN_FORCE_M_S2 = 0.05
 #: Number of readings below which their standard deviation does not distinguish rest from motion.
 _MIN_SAMPLES = 10
 
@@ -21,10 +21,16 @@ class MeanSpecificForceConfig(DfnConfig):
     """Parameters of MeanSpecificForce."""
 
     rest_rate_rad_s: float = Field(
-        0.01, gt=0, le=1, description="Largest standard deviation and mean of the rates at rest"
+        0.01,
+        gt=0,
+        le=1,
+        description="Upper bound at rest of the standard deviation and of the mean of each rate",
     )
     rest_force_m_s2: float = Field(
-        0.06, gt=0, le=10, description="Largest standard deviation of the specific force at rest"
+        0.06,
+        gt=0,
+        le=10,
+        description="Upper bound at rest of the standard deviation of each component of the specific force",
     )
     acc_bias_sigma_m_s2: float = Field(
         0.01, ge=0, le=1, description="Standard deviation of the accelerometer bias"
@@ -35,39 +41,41 @@ class MeanSpecificForceConfig(DfnConfig):
 
 
 class MeanSpecificForce(Interface[MeanSpecificForceConfig]):
-    """Direction of the mean force; a moving body is levelled with a larger standard deviation."""
+    """Levelling by the direction of the mean force, with a larger standard deviation for a moving body."""
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return roll and pitch of the body.
+        """Return the rotation to the level frame, and the gyroscope bias at rest.
 
         Raises
         ------
         RefusedError
-            On too few readings.
+            If there are fewer than 10 readings.
         DegenerateGeometryError
             If the mean force is nearly zero or along the body's x axis.
         """
-        force, rates, c = inputs.specific_force, inputs.rates_rad_s, self.config
+        force, rates, cfg = inputs.specific_force, inputs.rates_rad_s, self.config
         if len(force) < _MIN_SAMPLES:
             raise RefusedError(
-                f"{len(force)} readings, expected {_MIN_SAMPLES}", reasons=[f"few_samples:{len(force)}"]
+                f"{len(force)} readings, expected at least {_MIN_SAMPLES}",
+                reasons=[f"few_samples:{len(force)}"],
             )
         mean = force.mean(axis=0)
         magnitude = float(np.linalg.norm(mean))
-        if magnitude < _LEAST_FORCE_M_S2:
+        if magnitude < _MIN_FORCE_M_S2:
             raise DegenerateGeometryError(
-                f"mean force {magnitude:.3g} m/s^2 shows no gravity", ["roll", "pitch"]
+                f"mean force {magnitude:.3g} m/s^2: expected gravity, at least {_MIN_FORCE_M_S2} m/s^2",
+                ["roll", "pitch"],
             )
         at_rest = bool(
-            np.all(force.std(axis=0) < c.rest_force_m_s2)
-            and np.all(rates.std(axis=0) < c.rest_rate_rad_s)
-            and np.all(np.abs(rates.mean(axis=0)) < c.rest_rate_rad_s)
+            np.all(force.std(axis=0) < cfg.rest_force_m_s2)
+            and np.all(rates.std(axis=0) < cfg.rest_rate_rad_s)
+            and np.all(np.abs(rates.mean(axis=0)) < cfg.rest_rate_rad_s)
         )
-        R = _level(mean / magnitude)
-        sigma = c.moving_sigma_rad
+        R = _level_rotation(mean / magnitude)
+        sigma = cfg.moving_sigma_rad
         if at_rest:
-            spread = float(np.mean(force.var(axis=0))) / len(force)
-            sigma = float(np.sqrt(c.acc_bias_sigma_m_s2**2 + spread)) / magnitude
+            mean_variance = float(np.mean(force.var(axis=0))) / len(force)
+            sigma = float(np.sqrt(cfg.acc_bias_sigma_m_s2**2 + mean_variance)) / magnitude
         bias = rates.mean(axis=0) if at_rest else np.zeros(3)
         return Outputs(
             rotation=R,
@@ -77,11 +85,14 @@ class MeanSpecificForce(Interface[MeanSpecificForceConfig]):
         )
 
 
-def _level(up: FloatArray) -> FloatArray:
-    """Return ``R_level_body`` with third row ``up``, the first in the plane of up and the body's x axis."""
-    ahead = np.array([1.0, 0.0, 0.0]) - up[0] * up
-    length = float(np.linalg.norm(ahead))
-    if length < 1e-3:
+def _level_rotation(up: FloatArray) -> FloatArray:
+    """Return ``R_level_body``; x of the level frame is the horizontal projection of the body's x axis.
+
+    ``up`` is the unit vector against gravity in the axes of the body.
+    """
+    x_level = np.array([1.0, 0.0, 0.0]) - up[0] * up
+    x_length = float(np.linalg.norm(x_level))
+    if x_length < 1e-3:
         raise DegenerateGeometryError("gravity lies along the body's x axis", ["heading"])
-    ahead /= length
-    return np.stack([ahead, np.cross(up, ahead), up])
+    x_level /= x_length
+    return np.stack([x_level, np.cross(up, x_level), up])

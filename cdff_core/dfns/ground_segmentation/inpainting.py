@@ -11,54 +11,60 @@ from scipy.sparse.linalg import LinearOperator, cg
 
 from cdff_common.arrays import BoolArray, FloatArray
 
-#: Residual of the linear system, relative to the level of the known heights about their mean.
+#: Residual of the linear system relative to its right side, the known heights above their mean.
 _TOLERANCE = 1e-5
 
 
-def inpainted(heights_m: FloatArray) -> FloatArray:
-    """Fill the unknown cells with the solution of Laplace's equation between the known ones.
+def inpaint(heights_m: FloatArray) -> FloatArray:
+    """Return the heights with unknown cells filled by the solution of Laplace's equation.
 
     Parameters
     ----------
     heights_m : ndarray of float64, shape (rows, cols)
-        NaN where unknown; at least one is known. The grid's border is free (no slope across it).
+        NaN if unknown; at least one is known. The slope across the border of the grid is 0.
 
     Returns
     -------
     ndarray of float64, shape (rows, cols)
-        A copy in which every unknown cell is the mean of its neighbours.
+        Each unknown cell is the mean of its neighbours.
     """
-    hole = np.isnan(heights_m)
-    if not hole.any():
+    is_unknown = np.isnan(heights_m)
+    if not is_unknown.any():
         return heights_m.copy()
-    nearest = distance_transform_edt(hole, return_distances=False, return_indices=True)
+    nearest = distance_transform_edt(is_unknown, return_distances=False, return_indices=True)
     filled = heights_m[tuple(nearest)]
-    level = float(np.mean(heights_m[~hole]))
-    matrix, right = _laplace(hole, filled - level)
+    mean_m = float(np.mean(heights_m[~is_unknown]))
+    matrix, right_side = _laplace_system(is_unknown, filled - mean_m)
     diagonal = matrix.diagonal()
-    scaled = LinearOperator(matrix.shape, matvec=lambda v: v / diagonal, dtype=np.float64)
-    solved, _ = cg(matrix, right, x0=filled[hole] - level, rtol=_TOLERANCE, maxiter=2000, M=scaled)
-    filled[hole] = solved + level
+    preconditioner = LinearOperator(matrix.shape, matvec=lambda v: v / diagonal, dtype=np.float64)
+    solved, _ = cg(
+        matrix, right_side, x0=filled[is_unknown] - mean_m, rtol=_TOLERANCE, maxiter=2000, M=preconditioner
+    )
+    filled[is_unknown] = solved + mean_m
     return np.asarray(filled)
 
 
-def _laplace(hole: BoolArray, known_m: FloatArray) -> tuple[csr_matrix, FloatArray]:
-    """Return matrix and right side of "sum of neighbours = their number times height" of unknown cells."""
-    rows, cols = hole.shape
-    number = np.full(hole.shape, -1, dtype=np.int64)
-    number[hole] = np.arange(np.count_nonzero(hole))
-    r, c = np.nonzero(hole)
-    size = len(r)
-    degree, right = np.zeros(size), np.zeros(size)
-    first, second = [], []
+def _laplace_system(is_unknown: BoolArray, heights_m: FloatArray) -> tuple[csr_matrix, FloatArray]:
+    """Return matrix and right side of the Laplace equation of the unknown cells.
+
+    For each of them, its number of neighbours times its height minus the heights of its unknown neighbours
+    equals the sum of the heights of its known neighbours.
+    """
+    rows, cols = is_unknown.shape
+    unknown_index = np.full(is_unknown.shape, -1, dtype=np.int64)
+    unknown_index[is_unknown] = np.arange(np.count_nonzero(is_unknown))
+    r, c = np.nonzero(is_unknown)
+    count = len(r)
+    degree, right_side = np.zeros(count), np.zeros(count)
+    matrix_rows, matrix_columns = [], []
     for dr, dc in ((1, 0), (-1, 0), (0, 1), (0, -1)):
         inside = np.flatnonzero((r + dr >= 0) & (r + dr < rows) & (c + dc >= 0) & (c + dc < cols))
-        at = r[inside] + dr, c[inside] + dc
+        neighbours = r[inside] + dr, c[inside] + dc
         degree[inside] += 1.0
-        unknown = hole[at]
-        first.append(inside[unknown])
-        second.append(number[at][unknown])
-        right[inside[~unknown]] += known_m[at][~unknown]
-    i, j = (np.concatenate([*part, np.arange(size)]) for part in (first, second))
-    values = np.concatenate([np.full(len(i) - size, -1.0), degree])
-    return csr_matrix((values, (i, j)), shape=(size, size)), right
+        is_unknown_neighbour = is_unknown[neighbours]
+        matrix_rows.append(inside[is_unknown_neighbour])
+        matrix_columns.append(unknown_index[neighbours][is_unknown_neighbour])
+        right_side[inside[~is_unknown_neighbour]] += heights_m[neighbours][~is_unknown_neighbour]
+    row, column = (np.concatenate([*indices, np.arange(count)]) for indices in (matrix_rows, matrix_columns))
+    values = np.concatenate([np.full(len(row) - count, -1.0), degree])
+    return csr_matrix((values, (row, column)), shape=(count, count)), right_side

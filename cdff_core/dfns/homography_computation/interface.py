@@ -25,7 +25,7 @@ class HomographyComputationInputs:
     source : ndarray of float64, shape (n,2)
         Points of the first image, column and row, pixels, without distortion.
     sink : ndarray of float64, shape (n,2)
-        Matching points of the second image, including outliers.
+        Matching points of the second image, pixels, without distortion; some pairs are outliers.
     """
 
     source: NDArray[np.float64]
@@ -53,7 +53,7 @@ class HomographyComputationOutputs:
     sigma_px : float
         Standard deviation of an inlier's residual in one direction, pixels.
     log_false_alarms : float
-        Log10 of the expected number of models as good as this among random pairs.
+        Log10 of the expected number of models that random pairs support as well as this one.
     """
 
     homography: NDArray[np.float64]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""MAGSAC++ over samples of four pairs, then least squares over all inliers."""
+"""MAGSAC++ on samples of four pairs, then least squares over all inliers."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from cdff_core.imaging.two_view import fit_homography
 
 
 class Magsac(Interface[MagsacConfig]):
-    """MAGSAC++ (Barath et al. 2020) of OpenCV, with the eight parameters refined by the transfer error."""
+    """OpenCV's MAGSAC++ (Barath et al. 2020); the eight parameters are refined by the transfer error."""
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the homography; raises RefusedError if the pairs do not support a model."""
-        c = self.config
-        source, sink = pairs(inputs.source, inputs.sink, c.min_inliers)
-        H = checked_matrix(cv2.findHomography(source, sink, parameters(c))[0], len(source))
-        fit = fit_homography(H, source, sink, c.gate_sigmas, c.threshold_px)
-        return Outputs(homography=fit.matrix, **outputs_of(fit, c, sink, 4, is_line=False))
+        """Return the homography; raises RefusedError if too few pairs agree on one."""
+        cfg = self.config
+        source, sink = pairs(inputs.source, inputs.sink, cfg.min_inliers)
+        H = checked_matrix(cv2.findHomography(source, sink, parameters(cfg))[0], len(source))
+        fit = fit_homography(H, source, sink, cfg.gate_sigmas, cfg.threshold_px)
+        return Outputs(homography=fit.matrix, **outputs_of(fit, cfg, sink, 4, is_line=False))

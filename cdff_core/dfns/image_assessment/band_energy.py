@@ -19,15 +19,17 @@ from cdff_core.imaging.grey import checked_image
 class BandEnergyConfig(DfnConfig):
     """Parameters of BandEnergy."""
 
-    step: int = Field(2, ge=1, le=32, description="Step between the pixels used for percentiles, px")
+    step: int = Field(
+        2, ge=1, le=32, description="Step between the pixels used for contrast and saturation, px"
+    )
 
 
 class BandEnergy(Interface[BandEnergyConfig]):
-    """Ratio of band energies as sharpness: natural images have about equal energy in every octave [1]_.
+    """Sharpness as a ratio of band energies: natural images have about equal energy in every octave [1]_.
 
-    Sharpness is the standard deviation of the finest octave of a Laplacian pyramid [2]_ over that of the
-    third, which is independent of contrast and exposure: 0.5 to 2 for sharp images, about 0.3 for a blur of 2
-    pixels, 0.1 for 5.
+    Sharpness is the standard deviation of the finest octave of a Laplacian pyramid [2]_ divided by that of
+    the third, and thus independent of contrast and exposure. Sharp images have 0.5 to 2, images blurred with
+    a standard deviation of 2 pixels about 0.3, of 5 pixels 0.1.
 
     References
     ----------
@@ -54,6 +56,9 @@ class BandEnergy(Interface[BandEnergyConfig]):
 
 
 def _sharpness(image: ByteArray) -> float:
+    """Return the ratio of the standard deviations of first and third octave; 0 without structure in the
+    third.
+    """
     levels = [image.astype(np.float32)]
     for _ in range(3):
         levels.append(np.asarray(cv2.pyrDown(levels[-1]), dtype=np.float32))

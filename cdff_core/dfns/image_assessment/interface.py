@@ -44,11 +44,12 @@ class ImageAssessmentOutputs:
     contrast : float
         Difference between the 98th and 2nd percentile of the grey levels, DN.
     sharpness : float
-        Ratio of the energy of the finest octave to that of the third, 0 for a blurred image.
+        Ratio of the standard deviation of the finest octave to that of the third: 0.5 to 2 for a sharp
+        image, close to 0 for a blurred one.
     saturation : float
         Fraction of the pixels at 255.
     change : float
-        Mean absolute difference to the previous image, DN; NaN without one.
+        Mean absolute difference from the previous image, DN; NaN without one.
     """
 
     contrast: float
@@ -58,8 +59,8 @@ class ImageAssessmentOutputs:
 
 
 class ImageAssessmentInterface(Dfn[ConfigT, ImageAssessmentInputs, ImageAssessmentOutputs]):
-    """Assess whether an image is usable, by its contrast, its sharpness and its difference to the
-    previous image.
+    """Measure contrast, sharpness and saturation of an image and its difference from the previous
+    image, to decide whether it is usable.
     """
 
 

@@ -12,5 +12,5 @@ class AreaAverage(Interface[BlockConfig]):
     """Mean of each block, which avoids aliasing and reduces noise."""
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the smaller image; raises InputError if it is smaller than one block."""
+        """Return the reduced image; raises InputError if the input is smaller than one block."""
         return Outputs(image=shrunk(inputs.image, self.config))

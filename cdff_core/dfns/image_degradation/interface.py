@@ -31,8 +31,8 @@ class ImageDegradationOutputs:
     Attributes
     ----------
     image : Frame
-        Mean of each block of columns_per_pixel x rows_per_pixel, without incomplete blocks at the right and
-        lower edge; the camera matrix is adapted.
+        Mean of each block of columns_per_pixel x rows_per_pixel, incomplete blocks at the right and lower
+        edge are removed; the camera matrix is adapted.
     """
 
     image: Frame

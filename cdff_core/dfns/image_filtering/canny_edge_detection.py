@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Edges one pixel wide.
+"""Detection of edges as lines one pixel wide.
 
 References
 ----------
@@ -23,20 +23,24 @@ from cdff_core.imaging.grey import grey_image
 
 
 class CannyEdgeDetectionConfig(DfnConfig):
-    """Smoothing and thresholds."""
+    """Parameters of CannyEdgeDetection."""
 
     sigma_px: float = Field(
         1.0, ge=0, le=50, description="Standard deviation of the smoothing; 0 disables it"
     )
-    low_grey: float = Field(50.0, ge=0, le=2000, description="Gradient down to which an edge is followed")
-    high_grey: float = Field(100.0, ge=0, le=2000, description="Gradient from which an edge starts")
+    low_grey: float = Field(
+        50.0, ge=0, le=2000, description="Length of the Sobel gradient down to which an edge is continued"
+    )
+    high_grey: float = Field(
+        100.0, ge=0, le=2000, description="Length of the Sobel gradient at which an edge can start"
+    )
 
 
 class CannyEdgeDetection(Interface[CannyEdgeDetectionConfig]):
-    """Canny's edges [1]_ with the Sobel gradient's Euclidean length."""
+    """Canny edge detection [1]_ with the Euclidean length of the Sobel gradient."""
 
     def setup(self) -> None:
-        """Refuse thresholds in the wrong order."""
+        """Raise ConfigurationError if the low threshold is above the high one."""
         c = self.config
         if c.low_grey > c.high_grey:
             raise ConfigurationError(

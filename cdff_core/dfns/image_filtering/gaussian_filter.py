@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Gaussian smoothing."""
+"""Gaussian smoothing of images, and of depth or disparity images with gaps."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ class GaussianFilterConfig(DfnConfig):
 
 
 class GaussianFilter(Interface[GaussianFilterConfig]):
-    """Weighted mean of the neighbours; edges are reflected.
+    """Gaussian-weighted mean of the neighbours; the image is reflected at its borders.
 
     For a depth or disparity image (float32, NaN where not measured) the mean is over the measured neighbours
-    (normalised convolution [1]_): gaps remain gaps and do not affect their neighbours.
+    only (normalised convolution [1]_). Gaps are not filled and do not affect their neighbours.
 
     References
     ----------
@@ -40,16 +40,18 @@ class GaussianFilter(Interface[GaussianFilterConfig]):
         """Return the smoothed image; raises InputError unless it is 8 bit or float32 with one channel."""
         image = inputs.image.image
         if image.ndim == 2 and image.dtype == np.float32:
-            return Outputs(image=with_image(inputs.image, self._of_measured(image)))
+            return Outputs(image=with_image(inputs.image, self._blur_measured(image)))
         if image.dtype != np.uint8 or (image.ndim == 3 and image.shape[2] != 3):
             raise InputError(f"image {image.dtype} {image.shape}: expected 8 bit, grey or three colours")
-        return Outputs(image=with_image(inputs.image, self._blurred(image)))
+        return Outputs(image=with_image(inputs.image, self._blur(image)))
 
-    def _blurred(self, image: NDArray[Any]) -> NDArray[Any]:
+    def _blur(self, image: NDArray[Any]) -> NDArray[Any]:
+        """Return the image convolved with the Gaussian."""
         return np.asarray(cv2.GaussianBlur(np.ascontiguousarray(image), (0, 0), self.config.sigma_px))
 
-    def _of_measured(self, image: Float32Array) -> Float32Array:
-        known = np.isfinite(image)
-        weight = self._blurred(known.astype(np.float32))
-        total = self._blurred(np.where(known, image, np.float32(0.0)))
-        return np.asarray(np.divide(total, weight, out=np.full_like(image, np.nan), where=known))
+    def _blur_measured(self, image: Float32Array) -> Float32Array:
+        """Return the normalised convolution of an image with NaN gaps."""
+        is_measured = np.isfinite(image)
+        weight = self._blur(is_measured.astype(np.float32))
+        weighted_sum = self._blur(np.where(is_measured, image, np.float32(0.0)))
+        return np.asarray(np.divide(weighted_sum, weight, out=np.full_like(image, np.nan), where=is_measured))

@@ -18,7 +18,8 @@ class ImageFilteringInputs:
     Attributes
     ----------
     image : Frame
-        Grey or RGB or BGR image, 8 bit; GaussianFilter also depth or disparity, float32, NaN if unknown.
+        Grey, RGB or BGR image, 8 bit; for GaussianFilter also a depth or disparity image, float32, NaN if
+        unknown.
     """
 
     image: Frame
@@ -31,8 +32,8 @@ class ImageFilteringOutputs:
     Attributes
     ----------
     image : Frame
-        Same size, stamp and camera; same channels for the filters, one channel for the edges: 0 or 255
-        (Canny), float32 grey levels per pixel (derivative).
+        Same size, stamp and camera; same channels (GaussianFilter) or one channel: 0 or 255
+        (CannyEdgeDetection), float32 grey levels per pixel (DerivativeEdgeDetection).
     """
 
     image: Frame

@@ -39,7 +39,9 @@ class ImageUndistortionOutputs:
 
 
 class ImageUndistortionInterface(Dfn[ConfigT, ImageUndistortionInputs, ImageUndistortionOutputs]):
-    """Resample an image to that of a camera with the same orientation and without distortion."""
+    """Resample an image to the image of a pinhole camera with the same orientation and without
+    distortion.
+    """
 
 
 #: Short names for the implementations.

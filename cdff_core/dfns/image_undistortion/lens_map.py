@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Undistortion by a map from pixels of the ideal image to pixels of the input."""
+"""Undistortion by a map from the pixels of the undistorted image to those of the input."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class LensMap(Interface[LensMapConfig]):
     """Undistortion with a map that is computed once per calibration."""
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the image of the ideal camera; raises InputError if the image has no camera."""
+        """Return the undistorted image; raises InputError if the image has no camera."""
         ideal = undistorted(CameraModel.of_frame(inputs.image), self.config.keep)
         image = ideal.apply(inputs.image.image, self.config.interpolation)
         return Outputs(image=with_image(inputs.image, image, camera=ideal.camera))

@@ -71,8 +71,8 @@ class KalmanCorrectionOutputs:
 
 
 class KalmanCorrectionInterface(Dfn[ConfigT, KalmanCorrectionInputs, KalmanCorrectionOutputs]):
-    """Correct the errors of a state by a measurement that depends on them linearly, or refuse a
-    measurement that contradicts the state.
+    """Correct a state by a measurement that depends linearly on its errors; a measurement that
+    contradicts the state is refused.
     """
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Kalman correction with a covariance that stays symmetric and positive despite rounding."""
+"""Kalman correction whose covariance remains symmetric and positive semi-definite despite rounding."""
 
 from __future__ import annotations
 
@@ -17,19 +17,22 @@ class JosephFormConfig(DfnConfig):
     """Parameters of JosephForm."""
 
     gate_probability: float = Field(
-        0.9999, gt=0.5, lt=1, description="Probability that a correct measurement passes"
+        0.9999, gt=0.5, lt=1, description="Probability that a correct measurement passes the gate"
     )
 
 
 class JosephForm(Interface[JosephFormConfig]):
-    """``P = (I - K H) P (I - K H)^T + K R K^T``: Bucy and Joseph (1968); the gate is on the innovation."""
+    """Kalman correction in the form of Bucy and Joseph (1968), with a chi-squared gate on the innovation.
+
+    The covariance is ``(I - K H) P (I - K H)^T + K N K^T`` with gain K, Jacobian H and measurement noise N.
+    """
 
     def setup(self) -> None:
-        """Reset the limits of the gate, which are computed per number of measurements on demand."""
+        """Clear the limits of the gate, which are computed on demand for each number of measurements."""
         self._limits: dict[int, float] = {}
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the correction; raises RefusedError on a contradicting measurement."""
+        """Return the correction; raises RefusedError if the measurement contradicts the state."""
         r, H, N, P = inputs.residual, inputs.jacobian, inputs.noise, inputs.covariance
         m = len(r)
         PH = P @ H.T
@@ -45,7 +48,7 @@ class JosephForm(Interface[JosephFormConfig]):
                 [f"innovation:{innovation:.3g}>{limit:.3g}"],
             )
         K = solved[:, 1:].T
-        # (I - K H) P (I - K H)^T + K N K^T, multiplied out: K S K^T is formed once.
+        # The terms of the class docstring multiplied out, with S = H P H^T + N.
         KP = K @ PH.T
         covariance = P - KP - KP.T + K @ S @ K.T
         return Outputs(

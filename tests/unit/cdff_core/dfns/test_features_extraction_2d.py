@@ -17,7 +17,7 @@ from cdff_core.dfns.features_extraction_2d.orb import Orb
 from cdff_core.dfns.features_extraction_2d.sift import Sift
 from tests.support.corridor import texture
 
-BOTH = pytest.mark.parametrize("implementation", [GridGftt, GridFast])
+GRID_DETECTORS = pytest.mark.parametrize("implementation", [GridGftt, GridFast])
 
 
 def make_node(implementation: type[FeaturesExtraction2DInterface]) -> FeaturesExtraction2DInterface:
@@ -26,7 +26,7 @@ def make_node(implementation: type[FeaturesExtraction2DInterface]) -> FeaturesEx
     return dfn
 
 
-@BOTH
+@GRID_DETECTORS
 def test_features_cover_the_image_at_the_minimum_distance(implementation: type) -> None:
     image = np.clip(texture(5, 256), 0, 255).astype(np.uint8)
     features = make_node(implementation).process(FeaturesExtraction2DInputs(image=image)).features
@@ -39,7 +39,7 @@ def test_features_cover_the_image_at_the_minimum_distance(implementation: type) 
     assert features.max() < 256 - 12
 
 
-@BOTH
+@GRID_DETECTORS
 def test_a_corner_is_located_exactly_and_a_flat_image_has_none(implementation: type) -> None:
     image = np.full((100, 100), 50, np.uint8)
     assert len(make_node(implementation).process(FeaturesExtraction2DInputs(image=image)).features) == 0
@@ -49,7 +49,7 @@ def test_a_corner_is_located_exactly_and_a_flat_image_has_none(implementation: t
     assert np.linalg.norm(features - [60, 40], axis=1).min() < 3.0
 
 
-@BOTH
+@GRID_DETECTORS
 def test_a_colour_image_is_refused(implementation: type) -> None:
     with pytest.raises(InputError, match="uint8"):
         make_node(implementation).process(FeaturesExtraction2DInputs(image=np.zeros((64, 64, 3), np.uint8)))

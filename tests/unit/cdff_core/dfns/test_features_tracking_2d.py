@@ -14,7 +14,7 @@ from cdff_core.dfns.features_tracking_2d.pyramidal_klt import PyramidalKlt
 from cdff_core.dfns.features_tracking_2d.warped_klt import WarpedKlt
 from tests.support.corridor import texture
 
-BOTH = pytest.mark.parametrize("implementation", [WarpedKlt, PyramidalKlt])
+TRACKERS = pytest.mark.parametrize("implementation", [WarpedKlt, PyramidalKlt])
 POINTS = np.stack(np.meshgrid(np.arange(60.0, 200.0, 20.0), np.arange(60.0, 200.0, 20.0)), axis=-1).reshape(
     -1, 2
 )
@@ -27,7 +27,7 @@ def make_node(implementation: type[FeaturesTracking2DInterface]) -> FeaturesTrac
     return dfn
 
 
-@BOTH
+@TRACKERS
 def test_points_are_tracked_beyond_the_patch_size_without_a_guess(implementation: type) -> None:
     moved = np.roll(IMAGE, (6, 11), axis=(0, 1))
     out = make_node(implementation).process(
@@ -37,7 +37,7 @@ def test_points_are_tracked_beyond_the_patch_size_without_a_guess(implementation
     assert np.percentile(np.abs(out.matches[out.valid] - POINTS[out.valid] - [11, 6]), 95) < 0.1
 
 
-@BOTH
+@TRACKERS
 def test_points_of_another_scene_are_not_tracked(implementation: type) -> None:
     other = np.clip(texture(7, 256), 0, 255).astype(np.uint8)
     out = make_node(implementation).process(
@@ -46,7 +46,7 @@ def test_points_of_another_scene_are_not_tracked(implementation: type) -> None:
     assert out.valid.mean() < 0.05
 
 
-@BOTH
+@TRACKERS
 def test_halved_brightness_does_not_change_the_result(implementation: type) -> None:
     out = make_node(implementation).process(
         FeaturesTracking2DInputs(reference=IMAGE, image=(IMAGE // 2 + 20).astype(np.uint8), features=POINTS)
@@ -56,7 +56,7 @@ def test_halved_brightness_does_not_change_the_result(implementation: type) -> N
     np.testing.assert_allclose(out.matches[out.valid], POINTS[out.valid], atol=0.1)
 
 
-@BOTH
+@TRACKERS
 def test_no_points_give_no_matches_and_wrong_shapes_are_refused(implementation: type) -> None:
     dfn = make_node(implementation)
     assert (

@@ -12,7 +12,7 @@ import pytest
 from cdff_common.errors import DegenerateGeometryError, InputError, RefusedError
 from cdff_common.geometry import se3
 from cdff_common.geometry.robust import graduated_fit
-from cdff_core.dfns.global_registration_3d._clique import consistency, core_numbers, maximum_clique
+from cdff_core.dfns.global_registration_3d._clique import consistency_graph, core_numbers, maximum_clique
 from cdff_core.dfns.global_registration_3d.clique_gnc import CliqueGnc
 from cdff_core.dfns.global_registration_3d.interface import (
     GlobalRegistration3DInputs,
@@ -136,5 +136,5 @@ def test_core_numbers_of_a_triangle_with_a_tail() -> None:
 
 def test_pairs_of_points_too_close_together_are_not_counted_as_consistent() -> None:
     points = np.array([[0.0, 0, 0], [0.01, 0, 0], [1.0, 0, 0]])
-    _, degree = consistency(points, points, 0.02, 0.05)
+    _, degree = consistency_graph(points, points, 0.02, 0.05)
     assert degree.tolist() == [1, 1, 2]

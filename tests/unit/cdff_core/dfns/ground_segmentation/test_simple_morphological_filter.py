@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cdff_common.errors import InputError
-from cdff_core.dfns.ground_segmentation.inpainting import inpainted
+from cdff_core.dfns.ground_segmentation.inpainting import inpaint
 from cdff_core.dfns.ground_segmentation.interface import GroundSegmentationInputs, GroundSegmentationOutputs
 from cdff_core.dfns.ground_segmentation.simple_morphological_filter import SimpleMorphologicalFilter
 from evaluation.ground_segmentation import ground_errors, read_classified
@@ -89,7 +89,7 @@ def test_unknown_cells_are_the_mean_of_their_neighbours() -> None:
     plane = 100.0 + 0.3 * x - 0.2 * y
     holes = plane.copy()
     holes[4:9, 5:12] = np.nan
-    np.testing.assert_allclose(inpainted(holes), plane, atol=1e-3)
+    np.testing.assert_allclose(inpaint(holes), plane, atol=1e-3)
 
 
 def test_a_single_point_and_a_line_of_points_are_classified_as_ground() -> None:

@@ -16,7 +16,7 @@ MS = 1_000_000
 
 
 def integrate(
-    stamps_ns: np.ndarray, rates_rad_s: np.ndarray, begin_ns: int, end_ns: int, bias: object = (0, 0, 0)
+    stamps_ns: np.ndarray, rates_rad_s: np.ndarray, start_ns: int, end_ns: int, bias: object = (0, 0, 0)
 ) -> GyroIntegrationOutputs:
     node = MidpointRates()
     node.configure({"noise_rad_s_sqrt_hz": 0.001, "bias_sigma_rad_s": 0.0002, "max_gap_s": 0.1})
@@ -25,22 +25,22 @@ def integrate(
             stamps_ns=stamps_ns,
             rates_rad_s=rates_rad_s,
             bias_rad_s=np.asarray(bias, dtype=float),
-            interval_ns=np.array([begin_ns, end_ns]),
+            interval_ns=np.array([start_ns, end_ns]),
         )
     )
 
 
-def steady(rate: list[float], n: int = 101) -> tuple[np.ndarray, np.ndarray]:
+def constant_rates(rate: list[float], n: int = 101) -> tuple[np.ndarray, np.ndarray]:
     return np.arange(n, dtype=np.int64) * 10 * MS, np.tile(np.array(rate), (n, 1))
 
 
 def test_a_constant_rate_gives_rate_times_time() -> None:
-    out = integrate(*steady([0.3, -0.2, 0.5]), 100 * MS, 900 * MS)
+    out = integrate(*constant_rates([0.3, -0.2, 0.5]), 100 * MS, 900 * MS)
     np.testing.assert_allclose(out.rotation, se3.exp_so3(0.8 * np.array([0.3, -0.2, 0.5])), atol=1e-12)
 
 
 def test_the_bias_is_subtracted() -> None:
-    out = integrate(*steady([0.01, 0.02, 0.03]), 0, 1000 * MS, bias=[0.01, 0.02, 0.03])
+    out = integrate(*constant_rates([0.01, 0.02, 0.03]), 0, 1000 * MS, bias=[0.01, 0.02, 0.03])
     np.testing.assert_allclose(out.rotation, np.eye(3), atol=1e-12)
 
 
@@ -67,20 +67,20 @@ def test_a_coning_motion_is_integrated_to_second_order() -> None:
 
 
 def test_the_covariance_grows_with_time() -> None:
-    short = integrate(*steady([0, 0, 0.1]), 0, 100 * MS).covariance
-    long = integrate(*steady([0, 0, 0.1]), 0, 1000 * MS).covariance
+    short = integrate(*constant_rates([0, 0, 0.1]), 0, 100 * MS).covariance
+    long = integrate(*constant_rates([0, 0, 0.1]), 0, 1000 * MS).covariance
     assert np.all(np.diag(long) > 9 * np.diag(short))
 
 
-@pytest.mark.parametrize(("begin", "end"), [(-500, 100), (800, 1400), (2000, 2100)])
-def test_an_interval_without_readings_is_refused(begin: int, end: int) -> None:
+@pytest.mark.parametrize(("start", "end"), [(-500, 100), (800, 1400), (2000, 2100)])
+def test_an_interval_without_readings_is_refused(start: int, end: int) -> None:
     with pytest.raises(RefusedError) as refused:
-        integrate(*steady([0, 0, 0]), begin * MS, end * MS)
+        integrate(*constant_rates([0, 0, 0]), start * MS, end * MS)
     assert refused.value.reasons == ("gyro_gap",)
 
 
 def test_a_gap_in_the_readings_is_refused() -> None:
-    stamps, rates = steady([0, 0, 0])
+    stamps, rates = constant_rates([0, 0, 0])
     keep = (stamps < 300 * MS) | (stamps > 500 * MS)
     with pytest.raises(RefusedError):
         integrate(stamps[keep], rates[keep], 0, 1000 * MS)
@@ -92,6 +92,6 @@ def test_no_readings_are_refused() -> None:
 
 
 def test_non_increasing_stamps_are_refused() -> None:
-    stamps, rates = steady([0, 0, 0])
-    with pytest.raises(InputError, match="rising"):
+    stamps, rates = constant_rates([0, 0, 0])
+    with pytest.raises(InputError, match="ascending"):
         integrate(stamps[::-1].copy(), rates, 0, 100 * MS)
