@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Addresses and ports of systems on this machine."""
+"""Network addresses and TCP ports."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cdff_common.errors import ConfigurationError
 
 
 def free_port() -> int:
-    """Return a TCP port of loopback on which no process listens now."""
+    """Return a TCP port of the loopback interface that is currently free."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
@@ -18,8 +18,11 @@ def free_port() -> int:
 
 
 def split_address(address: str, what: str = "address") -> tuple[str, int]:
-    """Return host and port of ``host:port`` or ``tcp/host:port``; raises ConfigurationError."""
+    """Return host and port of ``host:port`` or ``tcp/host:port``.
+
+    Raises ConfigurationError on other forms; ``what`` names the address in the message.
+    """
     host, _, port = address.rpartition("/")[2].rpartition(":")
     if not host or not port.isdigit() or int(port) > 65535:
-        raise ConfigurationError(f"{what} {address!r}: expected host:port, as in 127.0.0.1:8080")
+        raise ConfigurationError(f"{what} {address!r}: expected host:port, such as 127.0.0.1:8080")
     return host.strip("[]"), int(port)

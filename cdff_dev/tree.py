@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The source tree: folders of descriptions, generated files and tests."""
+"""Source tree: folders of descriptions, generated files and tests."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DescriptionT = TypeVar("DescriptionT", DfnDescription, DfpcDescription)
 
 @dataclass(frozen=True, slots=True)
 class Tree:
-    """A checkout.
+    """A checkout of the repository.
 
     Attributes
     ----------
@@ -34,37 +34,38 @@ class Tree:
 
     @classmethod
     def here(cls) -> Tree:
-        """Return the checkout that contains this code; raises ConfigurationError if it runs from a wheel."""
+        """Return the checkout that contains this code; raises ConfigurationError if there is none."""
         root = Path(__file__).resolve().parents[1]
         if not (root / "pyproject.toml").is_file():
             raise ConfigurationError(
-                f"{root}: no pyproject.toml; generating needs a checkout, installed with pip -e"
+                f"{root}: no pyproject.toml; files are generated only in a checkout, installed with pip -e"
             )
         return cls(root)
 
     def folder(self, kind: str, name: str) -> Path:
-        """Folder of a DFN or DFPC; ``kind`` is ``dfn`` or ``dfpc``."""
+        """Return the folder of a DFN or DFPC; ``kind`` is ``dfn`` or ``dfpc``."""
         return self.root / "cdff_core" / f"{kind}s" / name
 
     def test_folder(self, kind: str, name: str) -> Path:
-        """Folder of the unit tests of a DFN or DFPC."""
+        """Return the folder of the unit tests of a DFN or DFPC."""
         return self.root / "tests" / "unit" / "cdff_core" / f"{kind}s" / name
 
     def dfns(self) -> Iterator[DfnDescription]:
-        """Yield every DFN description of the tree, by folder name; raises ConfigurationError."""
+        """Yield every DFN description, in order of folders; raises ConfigurationError on an invalid one."""
         for path in self._descriptions("dfn"):
-            yield _in_its_folder(read_dfn_description(path), path)
+            yield _check_folder(read_dfn_description(path), path)
 
     def dfpcs(self) -> Iterator[DfpcDescription]:
-        """Yield every DFPC description of the tree, by folder name; raises ConfigurationError."""
+        """Yield every DFPC description, in order of folders; raises ConfigurationError on an invalid one."""
         for path in self._descriptions("dfpc"):
-            yield _in_its_folder(read_dfpc_description(path), path)
+            yield _check_folder(read_dfpc_description(path), path)
 
     def _descriptions(self, kind: str) -> list[Path]:
         return sorted((self.root / "cdff_core" / f"{kind}s").glob(f"*/{kind}.yaml"))
 
 
-def _in_its_folder(description: DescriptionT, path: Path) -> DescriptionT:
+def _check_folder(description: DescriptionT, path: Path) -> DescriptionT:
+    """Return the description if its folder has its name; raises ConfigurationError otherwise."""
     if description.folder != path.parent.name:
         raise ConfigurationError(
             f"{path}: the name {description.name} belongs in folder {description.folder}"

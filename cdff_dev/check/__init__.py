@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks of descriptions against code, and of requirements against tests: ``cdff check``."""
+"""``cdff check``: comparison of descriptions with the code, and of requirements with the tests."""

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Requirements (``docs/requirements/*.yaml``) and the tests that name them (``@pytest.mark.req("CDFF-…")``).
 
-Which test names which requirement is read from the source, so that the page made of it is the same on every
-machine; whether those tests passed is in ``build/traceability.json``, which every test run writes.
+The requirements that a test names are read from its source, so that the generated page is the same on every
+machine. The outcome of the tests is in ``build/traceability.json``, which every test run writes.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ RequirementId = Annotated[str, Field(pattern=r"^CDFF-(CORE|SUP|DEV)-\d{3}$")]
 
 
 class Requirement(StrictModel):
-    """One clause: ``verification`` is T test, A analysis, I inspection or R review."""
+    """A requirement; ``verification`` is by test (T), analysis (A), inspection (I) or review (R)."""
 
     id: RequirementId
     text: Annotated[str, Field(pattern=r"\bshall\b")]
@@ -38,28 +38,29 @@ class _File(StrictModel):
 
 
 def read_requirements(root: Path) -> list[Requirement]:
-    """Return all requirements of the checkout; raises ConfigurationError on a wrong file and on an id given
-    twice.
+    """Return all requirements of the checkout.
+
+    Raises ConfigurationError if a file is invalid, or an id is given twice.
     """
-    found: dict[str, Requirement] = {}
+    by_id: dict[str, Requirement] = {}
     for path in sorted((root / "docs" / "requirements").glob("*.yaml")):
         for requirement in validated(
             _File, yaml.safe_load(path.read_text(encoding="utf-8")), str(path)
         ).requirements:
-            if requirement.id in found:
+            if requirement.id in by_id:
                 raise ConfigurationError(f"{path}: the id {requirement.id} is given twice")
-            found[requirement.id] = requirement
-    return list(found.values())
+            by_id[requirement.id] = requirement
+    return list(by_id.values())
 
 
 def named_by_tests(root: Path) -> dict[str, list[str]]:
-    """Id -> tests that name it, as ``tests/unit/…/test_x.py::test_y``, sorted."""
-    found: dict[str, list[str]] = {}
+    """Return the tests, such as ``tests/unit/…/test_x.py::test_y``, that name each requirement, by its id."""
+    tests_of: dict[str, list[str]] = {}
     for path in sorted((root / "tests").rglob("test_*.py")):
         name = path.relative_to(root).as_posix()
         for test, requirement in _named(ast.parse(path.read_text(encoding="utf-8"))):
-            found.setdefault(requirement, []).append(f"{name}::{test}")
-    return {requirement: sorted(set(tests)) for requirement, tests in found.items()}
+            tests_of.setdefault(requirement, []).append(f"{name}::{test}")
+    return {requirement: sorted(set(tests)) for requirement, tests in tests_of.items()}
 
 
 def faults(root: Path, *, verified: bool = False) -> list[str]:
@@ -70,26 +71,28 @@ def faults(root: Path, *, verified: bool = False) -> list[str]:
     root : Path
         The checkout.
     verified : bool
-        Also demand that the last test run passed a test of every built requirement.
+        If True, a built requirement of which no test passed in the last test run is a fault.
     """
     requirements = {r.id: r for r in read_requirements(root)}
     tests = named_by_tests(root)
-    wrong = [
+    found_faults = [
         f"{tests[i][0]}: names the requirement {i}, which docs/requirements does not hold"
         for i in sorted(set(tests) - set(requirements))
     ]
-    due = [r for r in requirements.values() if r.status == "built" and r.verification == "T"]
-    wrong += [
-        f"{r.id}: built, to be verified by test, but no test names it" for r in due if r.id not in tests
+    to_be_tested = [r for r in requirements.values() if r.status == "built" and r.verification == "T"]
+    found_faults += [
+        f"{r.id}: built, to be verified by test, but no test names it"
+        for r in to_be_tested
+        if r.id not in tests
     ]
     if verified:
         passed = _passed(root)
-        wrong += [
+        found_faults += [
             f"{r.id}: no test of it passed in the last run (build/traceability.json)"
-            for r in due
+            for r in to_be_tested
             if r.id in tests and r.id not in passed
         ]
-    return wrong
+    return found_faults
 
 
 def _passed(root: Path) -> set[str]:
@@ -102,13 +105,11 @@ def _passed(root: Path) -> set[str]:
 
 
 def _named(tree: ast.Module) -> Iterator[tuple[str, str]]:
-    """``(test, requirement)`` of one module: from decorators of functions and classes and from
-    ``pytestmark``.
-    """
-    common = [i for node in tree.body if _is_pytestmark(node) for i in _ids(node)]
+    """Yield ``(test, requirement)`` of a module, from decorators of its functions and from ``pytestmark``."""
+    of_module = [i for node in tree.body if _is_pytestmark(node) for i in _ids(node)]
     for node in tree.body:
         if isinstance(node, ast.FunctionDef) and node.name.startswith("test_"):
-            for i in common + [i for d in node.decorator_list for i in _ids(d)]:
+            for i in of_module + [i for d in node.decorator_list for i in _ids(d)]:
                 yield node.name, i
 
 

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Comparison of results with reference data: trajectories, registrations and elevation maps."""
+"""``cdff eval``: comparison of trajectories, registrations and elevation maps with reference data."""

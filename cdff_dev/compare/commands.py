@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff eval``: comparison of results with reference data, as a table or JSON."""
+"""Command line of ``cdff eval``."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+#: Results of a comparison, and the function that formats them as a table.
 Results = tuple[Mapping[str, Any], Callable[[Any], str]]
 
 
@@ -19,12 +20,12 @@ def register(nouns: Any) -> None:
     parser = nouns.add_parser("eval", help="compare results with ground truth")
     parser.set_defaults(parser=parser)
     verbs = parser.add_subparsers(metavar="VERB")
-    for add, compare in (
+    for add_parser, compare in (
         (_add_dem, _dem),
         (_add_registration, _registration),
         (_add_trajectory, _trajectory),
     ):
-        verb = add(verbs)
+        verb = add_parser(verbs)
         verb.add_argument("--json", action="store_true", help="print JSON")
         verb.set_defaults(run=partial(_run, compare))
 
@@ -59,7 +60,7 @@ def _add_dem(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--remove-shift",
         action="store_true",
-        help="first move and tilt the whole map to its best fit",
+        help="first translate and tilt the whole map to its best fit",
     )
     parser.add_argument(
         "--least-count", type=int, default=1, metavar="N", help="ignore cells with fewer measurements"

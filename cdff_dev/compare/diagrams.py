@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Diagrams drawn by matplotlib, as SVG text."""
+"""Diagrams as SVG text, drawn by matplotlib."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SIZE_IN = (10.4, 3.6)
 
 
 def svg_text(figure: Figure) -> str:
-    """Return the SVG element of a figure, with text elements; every run returns the same bytes."""
+    """Return the SVG element of a figure; texts are text elements, and equal figures give equal bytes."""
     out = io.StringIO()
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "cdff"}):
         figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
@@ -28,8 +28,16 @@ def svg_text(figure: Figure) -> str:
 def plan_and_errors(
     plan: Mapping[str, NDArray[np.float64]], axes: tuple[str, str], errors: Mapping[str, NDArray[np.float64]]
 ) -> str:
-    """Return an SVG of curves ``(n, 2)`` from above, and of errors ``(n, 2)`` over the path length,
-    metres.
+    """Return an SVG of curves seen from above, and of errors over the path length.
+
+    Parameters
+    ----------
+    plan : mapping of str to ndarray, shape (n, 2)
+        Curves by name, metres.
+    axes : tuple of str
+        Names of the two axes of the curves.
+    errors : mapping of str to ndarray, shape (n, 2)
+        Path lengths and errors by name, metres.
     """
     figure = Figure(figsize=_SIZE_IN, layout="constrained")
     above, along = figure.subplots(1, 2)

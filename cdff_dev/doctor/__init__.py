@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Check of this machine: ``cdff doctor``."""
+"""``cdff doctor``: checks of this machine."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The checks of ``cdff doctor``: each examines one thing, changes nothing, and advises if it is at fault."""
+"""Checks of ``cdff doctor``: each checks one property of the machine, without changes, and gives advice."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from typing import Literal
 from cdff_common.clock import wall_ns
 from cdff_dev.ports import split_address
 
-#: What the wheels of Open3D link to but do not carry: library -> Debian package.
+#: System libraries that the wheel of Open3D needs but does not contain, and their Debian packages.
 SYSTEM_LIBRARIES = {
     "libusb-1.0.so.0": "libusb-1.0-0",
     "libEGL.so.1": "libegl1",
@@ -28,7 +28,7 @@ SYSTEM_LIBRARIES = {
     "libX11.so.6": "libx11-6",
     "libgomp.so.1": "libgomp1",
 }
-#: Modules whose native parts must load, and whether the base needs them.
+#: Modules with native code, and whether the base installation needs them.
 MODULES = {
     "zenoh": True,
     "numpy": True,
@@ -50,7 +50,7 @@ MODULES = {
     "pyproj": False,
 }
 MIN_FREE_BYTES = 1 << 30
-#: Before the first commit of this project no clock can be right.
+#: Start of the project: a clock that shows an earlier time is wrong.
 EARLIEST_NS = 1_735_689_600 * 1_000_000_000
 
 State = Literal["ok", "warning", "error"]
@@ -67,7 +67,7 @@ class Finding:
 
 
 def examine(connect: str, http: str, data_dir: Path) -> Iterator[Finding]:
-    """Run every check, in the order in which one needs the other.
+    """Run all checks; those on which others depend are first.
 
     Parameters
     ----------
@@ -85,10 +85,10 @@ def examine(connect: str, http: str, data_dir: Path) -> Iterator[Finding]:
     yield clock()
 
 
-def python_version(found: tuple[int, int] = sys.version_info[:2]) -> Finding:
-    """Return whether this is Python 3.11 to 3.13."""
-    text = f"Python {found[0]}.{found[1]} at {sys.executable}"
-    if (3, 11) <= found <= (3, 13):
+def python_version(installed: tuple[int, int] = sys.version_info[:2]) -> Finding:
+    """Check that the Python version is 3.11 to 3.13."""
+    text = f"Python {installed[0]}.{installed[1]} at {sys.executable}"
+    if (3, 11) <= installed <= (3, 13):
         return Finding("python", "ok", text)
     return Finding(
         "python", "error", text, "install Python 3.11 to 3.13 and run make setup with PYTHON naming it"
@@ -96,16 +96,17 @@ def python_version(found: tuple[int, int] = sys.version_info[:2]) -> Finding:
 
 
 def distributions() -> Iterator[Finding]:
-    """Return the versions that ``pyproject.toml`` requires, without extras."""
+    """Check the installed versions of the packages that ``pyproject.toml`` requires, without extras."""
     from packaging.requirements import Requirement
 
-    found = _version("cdff")
-    yield _installed("cdff", found, is_right=found is not None)
-    for requirement in map(Requirement, (found and requires("cdff")) or ()):
+    installed = _version("cdff")
+    yield _version_finding("cdff", installed, is_right=installed is not None)
+    for requirement in map(Requirement, (installed and requires("cdff")) or ()):
         if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
-            found = _version(requirement.name)
-            is_right = found is not None and requirement.specifier.contains(found, prereleases=True)
-            yield _installed(requirement.name, found, is_right, f", expected {requirement.specifier}")
+            installed = _version(requirement.name)
+            is_right = installed is not None and requirement.specifier.contains(installed, prereleases=True)
+            expected = f", expected {requirement.specifier}"
+            yield _version_finding(requirement.name, installed, is_right, expected)
 
 
 def _version(name: str) -> str | None:
@@ -115,52 +116,64 @@ def _version(name: str) -> str | None:
         return None
 
 
-def _installed(name: str, found: str | None, is_right: bool, expected: str = "") -> Finding:
-    text = f"{name} {found or 'is not installed'}"
+def _version_finding(name: str, installed: str | None, is_right: bool, expected: str = "") -> Finding:
+    text = f"{name} {installed or 'is not installed'}"
     return (
         Finding(name, "ok", text) if is_right else Finding(name, "error", text + expected, "run make setup")
     )
 
 
 def system_libraries(load: Callable[[str], object] = ctypes.CDLL) -> Iterator[Finding]:
-    """Check the system libraries that Open3D needs."""
+    """Check that the system libraries that Open3D needs can be loaded."""
     for library, package in SYSTEM_LIBRARIES.items():
         advice = f"apt-get install {package}"
-        yield _tried(library, f"load {library}", partial(load, library), "error", advice)
+        yield _attempt_finding(library, f"load {library}", partial(load, library), "error", advice)
 
 
 def modules(load: Callable[[str], object] = importlib.import_module) -> Iterator[Finding]:
     """Check that libraries with native parts can be imported."""
-    for name, needed in MODULES.items():
-        advice = "run make setup; a role without it works on"
-        yield _tried(name, f"import {name}", partial(load, name), "error" if needed else "warning", advice)
+    for name, is_required in MODULES.items():
+        advice = "run make setup; services that do not use it work without it"
+        yield _attempt_finding(
+            name, f"import {name}", partial(load, name), "error" if is_required else "warning", advice
+        )
 
 
-def _tried(
-    check: str, what: str, attempt: Callable[[], object], state: State, advice: str, ok: str = ""
+def _attempt_finding(
+    check: str, subject: str, attempt: Callable[[], object], state: State, advice: str, success: str = ""
 ) -> Finding:
-    """Return whether an attempt succeeds; ``ok`` follows ``what`` then."""
+    """Return the finding of an attempt: ``state`` with ``advice`` if it fails, otherwise ``ok``.
+
+    The detail is ``subject``, followed by the error or by ``success``.
+    """
     try:
         attempt()
     except (ImportError, OSError) as error:
-        return Finding(check, state, f"{what}: {getattr(error, 'strerror', None) or error}", advice)
-    return Finding(check, "ok", f"{what}{ok}")
+        return Finding(check, state, f"{subject}: {getattr(error, 'strerror', None) or error}", advice)
+    return Finding(check, "ok", f"{subject}{success}")
 
 
 def data_folder(folder: Path) -> Finding:
     """Check that the data folder is writable and the disk has space."""
     nearest = next(p for p in (folder, *folder.parents) if p.exists())
     if not os.access(nearest, os.W_OK):
-        return Finding("data", "error", f"{folder} cannot be written", "name another with CDFF_DATA_DIR")
+        return Finding(
+            "data", "error", f"{folder} cannot be written", "set another folder with CDFF_DATA_DIR"
+        )
     free = shutil.disk_usage(nearest).free
     text = f"{folder}, {free / 1e9:.1f} GB free"
     if free < MIN_FREE_BYTES:
-        return Finding("data", "warning", text, "make room: the store keeps every product")
+        return Finding(
+            "data",
+            "warning",
+            text,
+            "free some space: the store keeps products until a retention rule deletes them",
+        )
     return Finding("data", "ok", text)
 
 
 def store_lock(folder: Path) -> Finding:
-    """Report a DPM process that has the store open; it is no fault, but a second one would be refused."""
+    """Check whether a DPM process uses the store, in which case a second DPM would be refused."""
     import fcntl
 
     for path in sorted(folder.glob("*.lock")) if folder.is_dir() else ():
@@ -179,32 +192,39 @@ def store_lock(folder: Path) -> Finding:
                     "stop it before starting another",
                 )
             fcntl.flock(file, fcntl.LOCK_UN)
-    return Finding("store", "ok", "no DPM holds the store")
+    return Finding("store", "ok", "no DPM uses the store")
 
 
 def http_port(address: str) -> Finding:
-    """Check that the HTTP port is free or answered by a DPM."""
+    """Check that the HTTP port is free."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         bind = partial(probe.bind, split_address(address))
-        return _tried("http", address, bind, "warning", "a DPM serves there, or use --http", " is free")
+        return _attempt_finding(
+            "http",
+            address,
+            bind,
+            "warning",
+            "a running DPM may use it; otherwise choose another with --http",
+            " is free",
+        )
 
 
 def router(connect: str) -> Finding:
     """Check that a process listens at the endpoint of the router."""
-    address, advice = split_address(connect), "start it: cdff service router, or cdff up"
+    address, advice = split_address(connect), "start the router: cdff service router, or cdff up"
 
-    def knock() -> None:
+    def connect_once() -> None:
         socket.create_connection(address, timeout=1.0).close()
 
-    return _tried("router", connect, knock, "warning", advice, " answers")
+    return _attempt_finding("router", connect, connect_once, "warning", advice, " accepts connections")
 
 
 def clock(now_ns: int | None = None) -> Finding:
-    """Check that the wall clock shows a possible time."""
+    """Check that the time of the wall clock is not before the start of the project."""
     now = wall_ns() if now_ns is None else now_ns
     if now < EARLIEST_NS:
         return Finding(
-            "clock", "error", f"the wall clock shows {now} ns", "set it: stamps and freshness depend on it"
+            "clock", "error", f"the wall clock shows {now} ns", "set the clock: stamps and ages depend on it"
         )
-    return Finding("clock", "ok", "the wall clock shows a possible time")
+    return Finding("clock", "ok", "the wall clock shows a plausible time")

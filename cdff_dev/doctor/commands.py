@@ -19,16 +19,20 @@ def register(nouns: Any) -> None:
         "doctor", help="check that this machine can run the system, and advise on problems"
     )
     parser.add_argument(
-        "--connect", default=None, help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447"
+        "--connect",
+        default=None,
+        help="endpoint of the router (default: CDFF_CONNECT, or tcp/127.0.0.1:7447)",
     )
-    parser.add_argument("--http", default="127.0.0.1:8080", help="host:port of the DPM's HTTP server")
-    parser.add_argument("--data-dir", default=None, help="data folder; CDFF_DATA_DIR, ~/.local/share/cdff")
-    parser.add_argument("--json", action="store_true", help="the findings as a JSON list")
+    parser.add_argument("--http", default="127.0.0.1:8080", help="host:port of the HTTP server of the DPM")
+    parser.add_argument(
+        "--data-dir", default=None, help="data folder (default: CDFF_DATA_DIR, or ~/.local/share/cdff)"
+    )
+    parser.add_argument("--json", action="store_true", help="print the findings as a JSON list")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print every finding; exit 1 if one is an error."""
+    """Print every finding; return 1 if one is an error."""
     from cdff_common.process import data_dir_of
     from cdff_dev.doctor.checks import examine
 

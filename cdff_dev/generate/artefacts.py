@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Generated files: compared with the existing ones, shown as a diff, written.
+"""Generated files: comparison with the existing files, differences, writing.
 
-A generated file is always overwritten and never edited; skeletons (implementation, test) are written once.
+A generated file is overwritten and must not be edited; a skeleton (implementation, test) is written once.
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ class Artefact:
     Attributes
     ----------
     path : Path
-        Absolute.
+        Absolute path.
     text : str
+        Content.
     once : bool
-        Written only if the file does not exist.
+        If True, the file is written only if it does not exist.
     """
 
     path: Path
@@ -34,7 +35,7 @@ class Artefact:
 
     @property
     def is_due(self) -> bool:
-        """True if writing the file would change the tree."""
+        """True if the file does not exist or has another content, and is to be written."""
         if not self.path.is_file():
             return True
         return not self.once and self.path.read_text(encoding="utf-8") != self.text
@@ -59,5 +60,5 @@ class Artefact:
 
 
 def due(artefacts: Iterable[Artefact]) -> list[Artefact]:
-    """Return those that differ from the tree, sorted by path."""
+    """Return the artefacts that are to be written, sorted by path."""
     return sorted((a for a in artefacts if a.is_due), key=lambda a: a.path)

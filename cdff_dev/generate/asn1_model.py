@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Model of the ASN.1 modules for the type generator: nodes with Python names, in order of dependency."""
+"""Model of the ASN.1 modules for the generator of types: nodes with Python names, in order of dependency."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def snake_case(asn1_name: str) -> str:
 
 @dataclass(slots=True)
 class TypeModel:
-    """Type with a class: its node, its file, and its comments there."""
+    """An ASN.1 type that has a Python class: its schema node, its file, and the comments of the file."""
 
     name: str
     class_name: str
@@ -62,21 +62,21 @@ class TypeModel:
     field_comments: dict[str, str]
     #: Names of the ASN.1 types of the fields, for defaults (``Quaterniond``, ``Covariance``).
     field_types: dict[str, str] = field(default_factory=dict)
-    #: ``msgVersion`` of this family, 0 if it declares none.
+    #: Value of ``msgVersion`` of the module; 0 if the module declares none.
     version: int = 0
-    #: Size variant with larger bounds, which are those of the class.
+    #: Size variant with larger bounds; the class has the larger bounds.
     large: TypeModel | None = None
-    #: True for such a size variant; it has no class of its own.
+    #: True for a size variant with larger bounds, which has no class of its own.
     is_large_variant: bool = False
 
     @property
     def class_node(self) -> Message | Enumeration | Choice:
-        """Node of the class: that of the large variant if there is one."""
+        """Node of the class: the node of the large variant if there is one."""
         return self.node if self.large is None else self.large.node
 
 
 class ModelReader:
-    """Reader of all modules; ``types`` holds one model per class, each after those it refers to."""
+    """Reader of ASN.1 files; ``types`` has the models by name, each after those to which it refers."""
 
     def __init__(self, files: list[Path]) -> None:
         self._types: dict[str, tuple[dict[str, Any], str, str]] = {}
@@ -100,7 +100,7 @@ class ModelReader:
             self._model(name)
         for name in self._types:
             if base := self._base(name):
-                self._pair(self.types[base], self.types[name])
+                self._link_variants(self.types[base], self.types[name])
 
     def _base(self, name: str) -> str:
         """Return the name of the type of which ``name`` is the large variant, or an empty string."""
@@ -108,8 +108,8 @@ class ModelReader:
         return base if base != name and base in self._types else ""
 
     @staticmethod
-    def _pair(base: TypeModel, large: TypeModel) -> None:
-        """Link size variants; raises ValueError if they differ in more than size."""
+    def _link_variants(base: TypeModel, large: TypeModel) -> None:
+        """Link a type and its large variant; raises ValueError if their fields differ."""
         names = [[f.name for f in fields_of(m.node)] for m in (base, large)]
         if type(base.node) is not type(large.node) or names[0] != names[1]:
             raise ValueError(f"{large.name}: expected the fields of {base.name}")
@@ -120,11 +120,11 @@ class ModelReader:
         above: list[str] = []
         current: dict[str, str] = {}
         for line in text.splitlines():
-            found = _TYPE_LINE.match(line)
+            declaration = _TYPE_LINE.match(line)
             comment = _COMMENT.search(line)
-            if found:
+            if declaration:
                 current = {}
-                self._comments[found[1]] = (" ".join(above), current)
+                self._comments[declaration[1]] = (" ".join(above), current)
             elif comment and (member := _FIELD_LINE.match(line)):
                 current[member[1]] = comment[1]
             above = [*above, comment[1]] if comment and line.startswith("--") else []
@@ -169,7 +169,7 @@ class ModelReader:
         return Enumeration(class_name(name), tuple(members))
 
     def _node(self, declaration: dict[str, Any], owner: str) -> Node:
-        """Return the node of a declaration; references to lists and numbers are resolved."""
+        """Return the node of a declaration; references to other types are resolved."""
         kind = declaration["type"]
         if kind in self._types:
             return self._reference(kind)

@@ -20,25 +20,25 @@ def register(nouns: Any) -> None:
     """Add the parser of ``cdff generate``."""
     parser = nouns.add_parser(
         "generate",
-        help="write the files made from descriptions: types, interfaces, skeletons, reference pages",
-        description="Generated files are overwritten; implementations and tests are written once, where "
-        "missing.",
+        help="generate files from descriptions: types, interfaces, skeletons, reference pages",
+        description="Generated files are overwritten. Implementations and tests are written only if they "
+        "do not exist.",
     )
     parser.add_argument(
-        "group", nargs="*", help="types interfaces skeletons profile reference traceability; none: all"
+        "group",
+        nargs="*",
+        help="types, interfaces, skeletons, profile, reference or traceability (default: all)",
     )
+    parser.add_argument("--check", action="store_true", help="write nothing; exit 1 if a file would change")
+    parser.add_argument("--dry-run", action="store_true", help="write nothing; show the differences")
     parser.add_argument(
-        "--check", action="store_true", help="change nothing; exit 1 if something would change"
-    )
-    parser.add_argument("--dry-run", action="store_true", help="change nothing; show the differences")
-    parser.add_argument(
-        "--root", type=Path, default=None, help="the checkout (default: where this command lies)"
+        "--root", type=Path, default=None, help="the checkout (default: that of this command)"
     )
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Generate, or compare with the existing files."""
+    """Write the files that differ, or only compare them."""
     from cdff_dev.generate.plan import chosen_groups
     from cdff_dev.generate.skeletons import stale_skeletons
     from cdff_dev.tree import Tree
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     stale = stale_skeletons(tree) if "skeletons" in groups else []
     for path in stale:
         print(
-            f"stale: {path.relative_to(tree.root)}: no description names it; rename or delete it",
+            f"stale: {path.relative_to(tree.root)}: it is in no description; rename or delete it",
             file=sys.stderr,
         )
     if args.check and (due or stale):
@@ -61,16 +61,17 @@ def run(args: argparse.Namespace) -> int:
 
 
 def write_groups(tree: Tree, groups: list[str], *, dry_run: bool = False, check: bool = False) -> int:
-    """Write the files of each group that differ, or only list them, and return their number.
+    """Write the files of each group that differ, or only list them; return their number.
 
-    A group is planned after the files of the previous ones are written: reference pages import the skeletons.
+    The artefacts of a group are computed after those of the previous groups are written, since reference
+    pages import the skeletons.
     """
     from cdff_dev.generate.artefacts import due
     from cdff_dev.generate.plan import plan
 
-    count = unwritten = 0
+    count = unwritten_skeletons = 0
     for group in groups:
-        if group == "reference" and unwritten:
+        if group == "reference" and unwritten_skeletons:
             print("reference: not compared, since its pages import the files above", file=sys.stderr)
             continue
         for artefact in due(plan(tree, [group])):
@@ -82,6 +83,6 @@ def write_groups(tree: Tree, groups: list[str], *, dry_run: bool = False, check:
             else:
                 artefact.write()
                 print(f"wrote {artefact.path.relative_to(tree.root)}")
-            unwritten += artefact.once and (dry_run or check)
+            unwritten_skeletons += artefact.once and (dry_run or check)
         importlib.invalidate_caches()
     return count

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``interface.py`` of every DFN and DFPC: the base class of the implementations, from the description."""
+"""``interface.py`` of each DFN and DFPC, with the base class of the implementations, from its description."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ def interfaces(tree: Tree) -> list[Artefact]:
 
 
 def dfn_interface(tree: Tree, description: DfnDescription) -> Artefact:
-    """Return the module with the dataclasses of the inputs and outputs, and the abstract class."""
+    """Return the module of a DFN: dataclasses of inputs and outputs, base class of implementations."""
     ports = [*description.input_ports, *description.output_ports]
-    checked = [p for p in description.input_ports if p.values != "any" or ARRAY_TYPE.match(p.type)]
+    checked_ports = [p for p in description.input_ports if p.values != "any" or ARRAY_TYPE.match(p.type)]
     restricted = {k: [p for p in description.input_ports if p.values == k] for k in ("finite", "positive")}
     path = tree.folder("dfn", description.folder) / "interface.py"
     text = render(
@@ -29,16 +29,16 @@ def dfn_interface(tree: Tree, description: DfnDescription) -> Artefact:
         arrays=any(ARRAY_TYPE.match(p.type) for p in ports),
         shapes={p.attribute: p.type for p in description.input_ports if ARRAY_TYPE.match(p.type)},
         values={kind: [p.attribute for p in group] for kind, group in restricted.items() if group},
-        optional=[p.attribute for p in checked if p.optional],
+        optional=[p.attribute for p in checked_ports if p.optional],
     )
     return Artefact(path, formatted(text, path))
 
 
 def dfpc_interface(tree: Tree, description: DfpcDescription) -> Artefact:
-    """Return the module of the abstract class with one ``on_<port>`` per input port and one method per
-    operation.
-    """
+    """Return the module of a DFPC: a base class with a method for each input port and each operation."""
     path = tree.folder("dfpc", description.folder) / "interface.py"
-    returned = {o.output_type for o in description.operations} - OPERATION_TYPES.keys()
-    text = render("dfpc_interface.py.j2", dfpc=description, types=sorted(class_name(t) for t in returned))
+    returned_types = {o.output_type for o in description.operations} - OPERATION_TYPES.keys()
+    text = render(
+        "dfpc_interface.py.j2", dfpc=description, types=sorted(class_name(t) for t in returned_types)
+    )
     return Artefact(path, formatted(text, path))

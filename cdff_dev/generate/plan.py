@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Artefacts of ``cdff generate``, by group."""
+"""Groups of artefacts of ``cdff generate``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cdff_common.errors import ConfigurationError
 from cdff_dev.generate.artefacts import Artefact
 from cdff_dev.tree import Tree
 
-#: Group -> the function that returns its artefacts, in the order of their dependencies; imported on use.
+#: Function that returns the artefacts of each group, imported on use; groups in order of dependency.
 GROUPS = {
     "types": "types:modules",
     "interfaces": "interfaces:interfaces",
@@ -23,17 +23,20 @@ GROUPS = {
 
 
 def chosen_groups(groups: Iterable[str]) -> list[str]:
-    """Return the named groups in order, all if none is named; raises ConfigurationError on an unknown one."""
-    chosen = list(groups) or list(GROUPS)
-    unknown = [g for g in chosen if g not in GROUPS]
+    """Return the named groups in order, by default all; raises ConfigurationError if one is unknown."""
+    names = list(groups) or list(GROUPS)
+    unknown = [g for g in names if g not in GROUPS]
     if unknown:
         raise ConfigurationError(f"no group {unknown[0]!r} to generate; known are {', '.join(GROUPS)}")
-    return [group for group in GROUPS if group in chosen]
+    return [group for group in GROUPS if group in names]
 
 
 def plan(tree: Tree, groups: Iterable[str] = ()) -> list[Artefact]:
-    """Return all artefacts of the named groups; raises ConfigurationError on an unknown group."""
-    made: list[Artefact] = []
+    """Return the artefacts of the named groups, by default all.
+
+    Raises ConfigurationError if one is unknown.
+    """
+    artefacts: list[Artefact] = []
     for group in chosen_groups(groups):
-        made += resolve_name(f"{__package__}.{GROUPS[group]}")(tree)
-    return made
+        artefacts += resolve_name(f"{__package__}.{GROUPS[group]}")(tree)
+    return artefacts

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""JSON Schema of the mission profile, for editors that complete and check ``deploy/profiles/*.yaml``."""
+"""JSON Schema of the mission profile, with which editors complete and check ``deploy/profiles/*.yaml``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cdff_dev.tree import Tree
 
 
 def schemas(tree: Tree) -> list[Artefact]:
-    """``deploy/profiles/profile.schema.json``."""
+    """Return the artefact ``deploy/profiles/profile.schema.json``."""
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | Profile.model_json_schema()
     path = tree.root / "deploy" / "profiles" / "profile.schema.json"
     return [Artefact(path, json.dumps(schema, indent=2, ensure_ascii=False) + "\n")]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Python source from templates, sorted and formatted by ruff as the rest of the tree."""
+"""Python source from templates, formatted by ruff."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from cdff_common.interfaces.array_ports import ARRAY_TYPE
 from cdff_common.interfaces.description import Port, snake_case
 
 _LINE_LENGTH = 110
-#: Types of operations that are no type of a message -> their annotation.
+#: Annotations of the types of operations that are not message types.
 OPERATION_TYPES = {"void": "None", "float": "float", "int": "int", "string": "str", "bool": "bool"}
 
 
 def render(template: str, **values: Any) -> str:
-    """Render one of ``templates/*.j2``."""
+    """Return the text of one of ``templates/*.j2``."""
     return _environment().get_template(template).render(**values)
 
 
@@ -33,22 +33,24 @@ def formatted(source: str, path: Path) -> str:
     Raises
     ------
     ConfigurationError
-        If the source is not valid Python: the description contains text that an identifier or docstring
-        cannot hold.
+        If the source is not valid Python, because the description contains text that is not possible in an
+        identifier or docstring.
     """
     ruff = find_ruff_bin()
     config = Path(__file__).resolve().parents[2] / "pyproject.toml"
     for arguments in (["check", "--select", "I,F401", "--fix-only", "--quiet"], ["format", "--quiet"]):
-        done = subprocess.run(
+        completed = subprocess.run(
             [ruff, *arguments, "--config", str(config), "--stdin-filename", str(path), "-"],
             input=source,
             capture_output=True,
             text=True,
             check=False,
         )
-        if done.returncode:
-            raise ConfigurationError(f"{path}: the generated text is no Python: {done.stderr.strip()}")
-        source = done.stdout
+        if completed.returncode:
+            raise ConfigurationError(
+                f"{path}: the generated text is not valid Python: {completed.stderr.strip()}"
+            )
+        source = completed.stdout
     return source
 
 
@@ -78,13 +80,13 @@ def sentence(text: str) -> str:
     if not line:
         return ""
     # A path, a key or an identifier at the start is not capitalised.
-    first = line.split()[0]
-    begin = line[0] if any(c in first for c in "/_*`=") else line[0].upper()
-    return begin + line[1:] + ("" if line.endswith((".", "?", "!")) else ".")
+    first_word = line.split()[0]
+    initial = line[0] if any(c in first_word for c in "/_*`=") else line[0].upper()
+    return initial + line[1:] + ("" if line.endswith((".", "?", "!")) else ".")
 
 
 def docstring(text: str, indent: int) -> str:
-    """Return ``text`` as a docstring indented by ``indent`` spaces, except its first line."""
+    """Return ``text`` as a docstring; its lines, except the first, are indented by ``indent`` spaces."""
     margin = " " * indent
     lines = textwrap.wrap(sentence(text), width=_LINE_LENGTH - indent - 10)
     return (

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Skeletons of implementation and test of a new DFN or DFPC, written once.
+"""Skeletons of the implementation and the test of a new DFN or DFPC, which are written once.
 
-A skeleton passes lint and its own test; its ``process`` raises RefusedError until it is written.
+A skeleton passes lint and its test. It refuses every input until the implementation is written.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from cdff_dev.tree import Tree
 
 
 def skeletons(tree: Tree) -> list[Artefact]:
-    """Return the skeletons of every description in the tree without its implementation."""
-    made: list[Artefact] = []
+    """Return the skeletons of all implementations in descriptions that do not exist."""
+    artefacts: list[Artefact] = []
     for dfn in tree.dfns():
-        made += dfn_skeleton(tree, dfn)
+        artefacts += dfn_skeleton(tree, dfn)
     for dfpc in tree.dfpcs():
-        made += dfpc_skeleton(tree, dfpc)
-    return made
+        artefacts += dfpc_skeleton(tree, dfpc)
+    return artefacts
 
 
 def stale_skeletons(tree: Tree) -> list[Path]:
-    """Return modules, tests and folders of implementations that no description names (any more)."""
+    """Return modules, tests and folders of implementations that are in no description."""
     return sorted({*_stale(tree, "dfn"), *_stale(tree, "dfpc")})
 
 
@@ -40,13 +40,13 @@ def _stale(tree: Tree, kind: str) -> Iterator[Path]:
             yield folder
             continue
         description = described[folder.name]
-        named = description.implementations if kind == "dfn" else (description.name,)
+        described_classes = description.implementations if kind == "dfn" else (description.name,)
         for path in folder.glob("[a-z]*.py"):
             classes = _implementations(path) if path != interface else []
-            # A module may hold base classes too; a skeleton is named after its class, or is the compound.
+            # A module may also contain base classes; a skeleton has the name of its class.
             if kind == "dfn":
                 classes = [name for name in classes if snake_case(name) == path.stem]
-            if classes and not set(classes) & set(named):
+            if classes and not set(classes) & set(described_classes):
                 yield path
                 test = tree.test_folder(kind, folder.name) / f"test_{path.name}"
                 yield from [test] if test.is_file() else []
@@ -63,7 +63,7 @@ def _implementations(path: Path) -> list[str]:
 
 
 def dfn_skeleton(tree: Tree, description: DfnDescription) -> list[Artefact]:
-    """Return package marker, one module per missing implementation, and its test."""
+    """Return ``__init__.py`` and, for each missing implementation, its module and test."""
     modules = {
         (module := snake_case(implementation)): {"implementation": implementation, "module": module}
         for implementation in description.implementations
@@ -72,7 +72,7 @@ def dfn_skeleton(tree: Tree, description: DfnDescription) -> list[Artefact]:
 
 
 def dfpc_skeleton(tree: Tree, description: DfpcDescription) -> list[Artefact]:
-    """Return package marker, ``compound.py`` if it is missing, and its test."""
+    """Return ``__init__.py`` and, if it is missing, ``compound.py`` with its test."""
     return _skeleton(tree, "dfpc", description, {"compound": {}}, "dfpc_compound.py.j2")
 
 
@@ -83,15 +83,18 @@ def _skeleton(
     modules: Mapping[str, Mapping[str, str]],
     template: str,
 ) -> list[Artefact]:
-    """Return the package marker and each missing module with its test; ``modules`` has their names."""
+    """Return ``__init__.py`` and each missing module with its test.
+
+    ``modules`` maps the name of a module to the values for its template.
+    """
     folder, tests = tree.folder(kind, description.folder), tree.test_folder(kind, description.folder)
-    marker = render("package.py.j2", name=description.name, kind=kind.upper())
-    made = [Artefact(folder / "__init__.py", marker, once=True)]
+    init_text = render("package.py.j2", name=description.name, kind=kind.upper())
+    artefacts = [Artefact(folder / "__init__.py", init_text, once=True)]
     for module, names in modules.items():
         path = folder / f"{module}.py"
         if path.exists():
             continue
         for target, source in ((path, template), (tests / f"test_{module}.py", f"{kind}_test.py.j2")):
             text = render(source, **{kind: description}, **names)
-            made.append(Artefact(target, formatted(text, target), once=True))
-    return made
+            artefacts.append(Artefact(target, formatted(text, target), once=True))
+    return artefacts

@@ -14,7 +14,7 @@ _METHODS = {"T": "test", "A": "analysis", "I": "inspection", "R": "review"}
 
 
 def pages(tree: Tree) -> list[Artefact]:
-    """Return the page, or nothing if the tree has no requirements."""
+    """Return the page; no page if the tree has no requirements."""
     requirements = read_requirements(tree.root)
     if not requirements:
         return []

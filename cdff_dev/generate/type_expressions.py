@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Python source for a field: annotation, default and documentation."""
+"""Python expressions for the fields of types: annotation, default and documented type."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def annotation(node: Node) -> str:
 
 
 def default(node: Node, name: str, type_name: str, version: int) -> str:
-    """Return the source of a field's default: neutral, identity for rotations, NaN for covariances."""
+    """Return the source of the default: identity for rotations, NaN for covariances, else ``neutral``."""
     value = neutral(node)
     if isinstance(node, Integer):
         value = {"usecPerSec": "1000000", "msgVersion": str(version)}.get(name, value)
@@ -49,8 +49,8 @@ def default(node: Node, name: str, type_name: str, version: int) -> str:
         value = f"np.full({tuple(low for low, _ in node.dims)}, np.nan)"
     if isinstance(node, Struct | Choice):
         return f"field(default_factory={node.class_name})"
-    mutable = "(" in value.removeprefix("()")
-    return f"field(default_factory=lambda: {value})" if mutable else value
+    is_mutable = "(" in value.removeprefix("()")
+    return f"field(default_factory=lambda: {value})" if is_mutable else value
 
 
 def neutral(node: Node) -> str:

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Generator of the Python types and of their schema table from the ASN.1 modules.
+"""Generation of the Python types and of their schema table from the ASN.1 modules.
 
-Each ``cdff_common/asn1/<family>.asn`` produces ``cdff_common/types/<family>.py``. Behaviour is hand-written
-in ``cdff_common/types/<family>_ext.py``: a class ``<Type>Ext`` there becomes the base of the generated
-``<Type>``. Bounds and sizes are stated only in ``cdff_common/types/schema_table.py``.
+``cdff_common/types/<family>.py`` is generated from ``cdff_common/asn1/<family>.asn``. Hand-written methods
+are in ``cdff_common/types/<family>_ext.py``: a class ``<Type>Ext`` there is the base of the generated
+``<Type>``. Bounds and sizes are only in ``cdff_common/types/schema_table.py``.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from cdff_dev.generate.python_source import formatted
 from cdff_dev.generate.type_expressions import annotation, default, documented_type, member, sentence
 from cdff_dev.tree import Tree
 
-#: Properties that repeat a field of the metadata: name, documentation, field; a ``Time`` becomes nanoseconds.
+#: Properties that return a field of the metadata: name, documentation, field. A ``Time`` becomes nanoseconds.
 _METADATA_PROPERTIES = (
     ("frame", "Frame of the coordinates.", "frame_id"),
     ("parent_frame", "Frame in which the child's poses are expressed.", "parent_frame_id"),
@@ -43,10 +43,13 @@ _METADATA_PROPERTIES = (
     ("t0_ns", "Start of capture, nanoseconds.", "start_time"),
     ("t1_ns", "End of capture, nanoseconds.", "end_time"),
 )
-#: Fields that are the time of a message.
+#: Names of the fields that are the time of a message.
 _STAMPS = ("timestamp", "time_stamp", "ref_time", "end_time")
-_NODES = "Alias, Array, Boolean, Choice, Enumeration, Field, Integer, ListOf, Message, OctetString, Real, Struct, Text"
-#: Imports of a family, of which the unused ones are removed.
+_NODES = (
+    "Alias, Array, Boolean, Choice, Enumeration, Field, Integer, ListOf, Message, OctetString, Real, Struct, "
+    "Text"
+)
+#: Imports of the module of a family; the formatter removes unused ones.
 _IMPORTS = (
     "from __future__ import annotations",
     "from dataclasses import dataclass, field",
@@ -56,7 +59,7 @@ _IMPORTS = (
     "from numpy.typing import NDArray",
     "from cdff_common.types.message import ChoiceMessage, Message",
 )
-#: Source folder of the package, and its path in the repository.
+#: Folder of the installed package, and its path in the repository.
 _SOURCE = Path(cdff_common.__file__).parent
 _PACKAGE = Path("cdff_common")
 _LICENCE = "# SPDX-FileCopyrightText: 2026 the CDFF contributors\n# SPDX-License-Identifier: BSD-3-Clause\n"
@@ -72,21 +75,19 @@ def modules(tree: Tree) -> list[Artefact]:
 
 
 def render() -> dict[Path, str]:
-    """Return path in the repository and unformatted content of every file generated from the ASN.1
-    modules.
-    """
+    """Return the unformatted content of every file generated from the ASN.1 modules, by path."""
     models = ModelReader(asn1_files()).types
     families = sorted({m.module for m in models.values() if not m.is_large_variant})
-    out: dict[Path, str] = {}
+    sources: dict[Path, str] = {}
     for family in families:
-        out[_PACKAGE / "types" / f"{family}.py"] = _family_source(family, models)
-    out[_PACKAGE / "types" / "__init__.py"] = _package_source(families, models)
-    out[_PACKAGE / "types" / "schema_table.py"] = _table_source(models)
-    return out
+        sources[_PACKAGE / "types" / f"{family}.py"] = _family_source(family, models)
+    sources[_PACKAGE / "types" / "__init__.py"] = _package_source(families, models)
+    sources[_PACKAGE / "types" / "schema_table.py"] = _table_source(models)
+    return sources
 
 
 def _extensions(family: str) -> dict[str, set[str]]:
-    """Return the hand-written ``…Ext`` classes of a family with the names of their methods."""
+    """Return the names of the methods of each hand-written class ``…Ext`` of a family."""
     path = _SOURCE / "types" / f"{family}_ext.py"
     body = ast.parse(path.read_text(encoding="utf-8")).body if path.exists() else []
     return {
@@ -112,10 +113,12 @@ def _attributes(model: TypeModel) -> list[_Attribute]:
     if isinstance(node, Choice):
         kinds = ", ".join(f"``{f.attribute}``" for f in node.alternatives)
         union = " | ".join(annotation(f.node) for f in node.alternatives)
-        first = node.alternatives[0]
+        default_field = node.alternatives[0]
         return [
-            _Attribute("kind", "str", f'"{first.attribute}"', "str", f"Name of the alternative: {kinds}"),
-            _Attribute("value", union, default(first.node, first.name, "", 0), union),
+            _Attribute(
+                "kind", "str", f'"{default_field.attribute}"', "str", f"Name of the alternative: {kinds}"
+            ),
+            _Attribute("value", union, default(default_field.node, default_field.name, "", 0), union),
         ]
     return [
         _Attribute(
@@ -135,8 +138,10 @@ def _class_source(model: TypeModel, extensions: dict[str, set[str]]) -> list[str
         summary = sentence(model.comment or f"``{model.name}``")
         lines = [f"class {node.class_name}(IntEnum):", f'    """{summary}"""', ""]
         return lines + [f"    {member(name)} = {value}" for name, value in node.members]
-    own = f"{node.class_name}Ext"
-    base = "ChoiceMessage" if isinstance(node, Choice) else own if own in extensions else "Message"
+    extension = f"{node.class_name}Ext"
+    base = (
+        "ChoiceMessage" if isinstance(node, Choice) else extension if extension in extensions else "Message"
+    )
     attributes = _attributes(model)
     summary = model.comment or f"Type ``{model.name}`` of the ASN.1 modules."
     text = textwrap.wrap(f'"""{sentence(summary)}', 102)
@@ -161,11 +166,11 @@ def _class_source(model: TypeModel, extensions: dict[str, set[str]]) -> list[str
 
 def _properties(fields: tuple[Field, ...]) -> Iterator[tuple[str, str, str, str]]:
     """Yield name, type, documentation and attribute path of the properties of a message."""
-    first = fields[0]
-    if first.attribute == "metadata" and isinstance(first.node, Struct):
-        known = {f.attribute for f in first.node.fields}
+    metadata = fields[0]
+    if metadata.attribute == "metadata" and isinstance(metadata.node, Struct):
+        metadata_fields = {f.attribute for f in metadata.node.fields}
         for name, documentation, attribute in _METADATA_PROPERTIES:
-            if attribute in known:
+            if attribute in metadata_fields:
                 is_time = name.endswith("_ns")
                 path = f"metadata.{attribute}{'.ns' if is_time else ''}"
                 yield name, "int" if is_time else "str", documentation, path
@@ -174,7 +179,7 @@ def _properties(fields: tuple[Field, ...]) -> Iterator[tuple[str, str, str, str]
 
 
 def _stamp(fields: tuple[Field, ...]) -> str:
-    """Return the attribute path of a message's time, in its own fields or its metadata; empty if none."""
+    """Return the attribute path of the time of a message, which may be in its metadata; empty if none."""
     for f in fields:
         if f.attribute in _STAMPS and annotation(f.node) == "Time":
             return f.attribute
@@ -188,10 +193,12 @@ def _family_source(family: str, models: dict[str, TypeModel]) -> str:
     classes = [m for m in models.values() if not m.is_large_variant]
     extensions = _extensions(family)
     bodies = ["\n".join(_class_source(m, extensions)) for m in classes if m.module == family]
-    homes = {m.class_name: m.module for m in classes if m.module != family}
-    homes |= dict.fromkeys(extensions, f"{family}_ext")
+    module_of = {m.class_name: m.module for m in classes if m.module != family}
+    module_of |= dict.fromkeys(extensions, f"{family}_ext")
     words = sorted(set(re.findall(r"\w+", " ".join(bodies))))
-    imports = [f"from cdff_common.types.{homes[word]} import {word}" for word in words if word in homes]
+    imports = [
+        f"from cdff_common.types.{module_of[word]} import {word}" for word in words if word in module_of
+    ]
     head = [_mark(f"cdff_common/asn1/{family}.asn"), f'"""Types of ``asn1/{family}.asn``."""', "", *_IMPORTS]
     return "\n\n\n".join(["\n".join(head + imports), *bodies]) + "\n"
 
@@ -209,16 +216,16 @@ def _package_source(families: list[str], models: dict[str, TypeModel]) -> str:
     lines += [f"from cdff_common.types.{f} import {', '.join(names[f])}" for f in families]
     lines += ["from cdff_common.types.extents import Box", "from cdff_common.types.message import Message"]
     lines += ["", "__all__ = ["]
-    every = sorted([n for f in families for n in names[f]] + ["Box", "Message"])
-    return "\n".join([*lines, *(f'    "{n}",' for n in every), "]"]) + "\n"
+    public_names = sorted([n for f in families for n in names[f]] + ["Box", "Message"])
+    return "\n".join([*lines, *(f'    "{n}",' for n in public_names), "]"]) + "\n"
 
 
 def _table_source(models: dict[str, TypeModel]) -> str:
-    """Return the source of the schema table: one variable per type, each after those it refers to."""
+    """Return the source of the schema table: a variable for each type, after those to which it refers."""
     variable = {_table_key(m.node): f"_{i}" for i, m in enumerate(models.values())}
 
     def source(value: Any) -> str:
-        """Return the source of a node, or of a part of one; another named type is its variable."""
+        """Return the source of a node or of a part of it; a named type is replaced by its variable."""
         if isinstance(value, Struct | Enumeration | Choice | Alias):
             return variable[_table_key(value)]
         return constructor(value) if is_dataclass(value) else parts(value)
@@ -265,5 +272,5 @@ def _table_source(models: dict[str, TypeModel]) -> str:
 
 
 def _table_key(node: Node | Alias) -> tuple[str, str]:
-    """Return the key of a node: size variants share the class name, an enumeration has no other."""
+    """Return the key of a node: the ASN.1 name; for enumerations and choices, the class name."""
     return (node.name, "") if isinstance(node, Struct | Alias) else ("", getattr(node, "class_name", ""))

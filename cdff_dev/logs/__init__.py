@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Logs: write and read recorded samples, one sample after the other in a fixed order."""
+"""Logs of recorded samples: writing, and reading in a defined order."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["LogReader", "LogSample", "LogSource", "LogWriter", "StreamInfo", "open_log"]
 
-#: Where each name lies; imported on use, since the command line imports this package to list its commands.
+#: Module of each public name. Modules are imported on use: the command line imports this package at every
+#: start.
 _MODULES = {
     "LogReader": "reader",
     "LogSample": "source",
@@ -27,7 +28,7 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Import one of the public names when it is first asked for."""
+    """Import the module of a public name on its first use."""
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Octets of the files of a log, without keeping them in memory: a log may be larger than that."""
+"""Access to the bytes of log files, which may be larger than the memory."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ from numpy.typing import NDArray
 
 from cdff_common.errors import StorageError
 
-#: Files that are open at a time: samples come in the order of time, and so from few files at a time.
-_MOST_OPEN = 16
-#: Pages of a file that is read in order are released after this many bytes.
+#: Largest number of open files. Samples are read in order of time, and therefore from few files at a time.
+_MAX_OPEN = 16
+#: Number of bytes after which the pages of a file that is read sequentially are released.
 _RELEASE_BYTES = 64 << 20
 
 
 class LogFiles:
-    """Parts of several files, read one by one."""
+    """Reader of parts of several files, which are opened as needed."""
 
     def __init__(self, files: list[Path]) -> None:
         self._files = files
         self._open: OrderedDict[int, BinaryIO] = OrderedDict()
 
-    def read(self, file: int, begin: int, end: int) -> bytes:
-        """Return the octets ``begin`` to ``end`` of a file; raises StorageError if the file is shorter."""
+    def read(self, file: int, start: int, end: int) -> bytes:
+        """Return the bytes ``start`` to ``end`` of a file; raises StorageError if the file is shorter."""
         handle = self._open.pop(file, None)
         try:
             if handle is None:
                 handle = self._files[file].open("rb", buffering=0)
             self._open[file] = handle
-            if len(self._open) > _MOST_OPEN:
+            if len(self._open) > _MAX_OPEN:
                 self._open.popitem(last=False)[1].close()
-            data = os.pread(handle.fileno(), end - begin, begin)
+            data = os.pread(handle.fileno(), end - start, start)
         except OSError as error:
             raise StorageError(f"log {self._files[file]}: {error}") from error
-        if len(data) != end - begin:
+        if len(data) != end - start:
             raise StorageError(f"log {self._files[file]}: it became shorter while it was read")
         return data
 
@@ -53,31 +53,31 @@ class LogFiles:
 
 
 class MappedFile:
-    """A file in memory while it is read from start to end."""
+    """A memory-mapped file that is read sequentially; ``data`` are its bytes."""
 
     def __init__(self, mapped: mmap.mmap) -> None:
         self._mapped = mapped
         self._released = 0
         self.data: NDArray[np.uint8] = np.frombuffer(mapped, dtype=np.uint8)
 
-    def passed(self, at: int) -> None:
-        """Release the pages before ``at``."""
-        if at - self._released >= _RELEASE_BYTES:
-            end = at - at % mmap.PAGESIZE
+    def release_before(self, offset: int) -> None:
+        """Release the memory of the pages before an offset."""
+        if offset - self._released >= _RELEASE_BYTES:
+            end = offset - offset % mmap.PAGESIZE
             self._mapped.madvise(mmap.MADV_DONTNEED, self._released, end - self._released)
             self._released = end
 
 
 @contextlib.contextmanager
 def mapped_file(path: Path) -> Iterator[MappedFile]:
-    """Map a file of at least one byte."""
+    """Map a file that is not empty into memory."""
     with path.open("rb") as handle:
         mapped = mmap.mmap(handle.fileno(), 0, access=mmap.ACCESS_READ)
-    walk = MappedFile(mapped)
+    file = MappedFile(mapped)
     try:
-        yield walk
+        yield file
     finally:
-        del walk.data
+        del file.data
         # The traceback of an error may still refer to the data: close() then raises BufferError, and the
         # file is closed when the error is freed.
         with contextlib.suppress(BufferError):

@@ -1,7 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A folder in the layout of the KITTI odometry benchmark, read as a log: rectified grey pairs and, if there,
-truth.
+"""KITTI odometry folders as logs: rectified grey pairs and, if available, true poses.
 
 Geiger, A., Lenz, P., Urtasun, R. (2012). Are we ready for autonomous driving? The KITTI vision benchmark
 suite. CVPR. doi:10.1109/CVPR.2012.6248074
@@ -27,23 +26,25 @@ ROBOT = "kitti"
 PAIR, TRUTH = f"/{ROBOT}/navcam.pair", f"/{ROBOT}/truth.pose"
 #: Left and right image folders: the benchmark's own, and those of extracts.
 _IMAGE_FOLDERS = (("image_0", "image_1"), ("image_l_kitti", "image_r_kitti"))
-#: Calibration of an extract first: a ``calib.txt`` next to it may belong to another camera.
+#: Calibration files, in order of precedence: next to that of an extract, ``calib.txt`` may belong to another
+#: camera.
 _CALIBRATIONS = ("calib_kitti.txt", "calib.txt")
+#: Period of the images without ``times.txt``.
 _PERIOD_US = 100_000
 
 
 def is_kitti(folder: Path) -> bool:
-    """Return True if a folder holds left and right images and a calibration."""
+    """Return True if a folder contains folders of left and right images and a calibration."""
     pairs = any((folder / left).is_dir() and (folder / right).is_dir() for left, right in _IMAGE_FOLDERS)
     return pairs and any((folder / name).is_file() for name in _CALIBRATIONS)
 
 
 class KittiLog:
-    """A KITTI sequence as a log source; raises InputError if images, calibration or their number do not fit.
+    """A KITTI sequence as a ``LogSource``; raises InputError if its files are inconsistent.
 
-    Streams are ``/kitti/navcam.pair`` (FramePair) and, with ``poses.txt``, ``/kitti/truth.pose``: the left
-    camera in the left camera at its first image (``kitti/vo`` to ``kitti/navcam_left``). Stamps are those of
-    ``times.txt``, without it i times 100 ms from 0.
+    Streams are ``/kitti/navcam.pair`` (FramePair) and, if ``poses.txt`` exists, ``/kitti/truth.pose``: the
+    pose of the left camera (``kitti/navcam_left``) in its first pose (``kitti/vo``). Stamps are those of
+    ``times.txt``; without it they are multiples of 100 ms from 0.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -58,8 +59,9 @@ class KittiLog:
             self.streams[TRUTH] = StreamInfo("TransformWithCovariance", n, *span)
 
     def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
-        """Yield the samples of all or some streams in the order (stamp_ns, stream, seq); images are read one
-        at a time.
+        """Yield the samples of all or some streams in the order (stamp_ns, stream, seq).
+
+        An image is read when its sample is yielded.
 
         Raises
         ------
@@ -78,7 +80,7 @@ class KittiLog:
                 )
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Do nothing: no file is kept open."""
 
     def _pair(self, i: int, stamp_ns: int) -> Any:
         return FramePair.from_images(
@@ -91,7 +93,7 @@ class KittiLog:
         )
 
     def _pose(self, i: int, stamp_ns: int) -> Any:
-        assert self._truth is not None  # else there is no such stream
+        assert self._truth is not None  # the stream exists only with true poses
         return TransformWithCovariance.from_transform(
             UncertainTransform(self._truth[i]),
             parent=f"{ROBOT}/vo",
@@ -117,10 +119,11 @@ def _images(folder: Path) -> tuple[list[Path], list[Path]]:
             return left, right
         if left or right:
             raise InputError(
-                f"{folder}: {len(left)} images in {left_name}, {len(right)} in {right_name}, of other names"
+                f"{folder}: {len(left)} images in {left_name}, {len(right)} in {right_name}: expected images "
+                "with equal names"
             )
     known = " or ".join(f"{a} and {b}" for a, b in _IMAGE_FOLDERS)
-    raise InputError(f"{folder}: expected images in {known}; this is no KITTI sequence")
+    raise InputError(f"{folder}: expected a KITTI sequence with images in {known}")
 
 
 def _read_grey(path: Path) -> Any:
@@ -133,7 +136,7 @@ def _read_grey(path: Path) -> Any:
 
 
 def _rows(path: Path, columns: int) -> FloatArray:
-    """Return the numbers ``(n, columns)`` of a text file; a label with a colon before them is skipped."""
+    """Return the numbers ``(n, columns)`` of a text file, without a label before a colon in a line."""
     rows = []
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
         words = line.split(":")[-1].split()
@@ -146,18 +149,20 @@ def _rows(path: Path, columns: int) -> FloatArray:
         elif values:
             raise InputError(f"{path}:{number}: {len(values)} numbers, expected {columns}")
     if not rows:
-        raise InputError(f"{path}: holds no line of {columns} numbers")
+        raise InputError(f"{path}: expected lines of {columns} numbers")
     return np.array(rows)
 
 
 def _calibration(folder: Path) -> tuple[FloatArray, float]:
-    """Camera matrix ``(3, 3)`` of the left camera and the baseline in metres, from ``P0`` and ``P1``."""
+    """Return the camera matrix ``(3, 3)`` of the left camera, and the baseline, metres."""
     path = next((folder / name for name in _CALIBRATIONS if (folder / name).is_file()), None)
     if path is None:
         raise InputError(f"{folder}: expected {' or '.join(_CALIBRATIONS)}")
     calibration = read_stereo(path)
     if not calibration.is_rectified:
-        raise InputError(f"{path}: expected a rectified pair, the right camera right of the left one")
+        raise InputError(
+            f"{path}: expected a rectified pair with the right camera to the right of the left camera"
+        )
     return calibration.left.matrix, calibration.baseline_m
 
 
@@ -167,7 +172,7 @@ def _stamps(folder: Path, n: int) -> np.ndarray:
         return np.arange(n, dtype=np.int64) * (_PERIOD_US * 1000)
     times_s = _rows(path, 1)[:, 0]
     if len(times_s) < n or np.any(np.diff(times_s[:n]) <= 0):
-        raise InputError(f"{path}: {len(times_s)} times for {n} images, expected as many, rising")
+        raise InputError(f"{path}: {len(times_s)} times for {n} images, expected one per image, ascending")
     return np.round(times_s[:n] * 1e6).astype(np.int64) * 1000
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reader of logs in MessagePack: those of ``LogWriter`` and of InFuse's robots, with their deviations."""
+"""Reader of logs in MessagePack: those of ``LogWriter``, and those of the InFuse robots with their quirks."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from cdff_dev.logs import quirks as quirk
 from cdff_dev.logs.byte_files import LogFiles, MappedFile, mapped_file
 from cdff_dev.logs.source import LogSample, StreamInfo, chosen_streams
 
-#: Samples that are skipped in one go.
+#: Number of samples that are skipped by one call of the compiled function.
 _STRIDE = 64
 
 
 @dataclass(slots=True)
 class _Part:
-    """Samples of one stream in one file."""
+    """Index of the samples of one stream in one file: byte offsets, stamps and headers."""
 
     file: int
     starts: NDArray[np.int64]
@@ -42,18 +42,18 @@ class _Part:
 class LogReader:
     """A log of one or several files.
 
-    Opening indexes the files: about 50 bytes of memory a sample. No sample is read before it is asked for,
-    and none is kept: memory does not grow with the log.
+    Opening a log indexes its files, which needs about 50 bytes of memory per sample. A sample is read when it
+    is yielded and is not kept.
 
     Parameters
     ----------
     files : list of Path
-        In the order of writing.
+        Files of the log, in the order in which they were written.
 
     Attributes
     ----------
     quirks : Quirks
-        Deviations that were read all the same, and how often.
+        Accepted deviations from the format, and their numbers.
     """
 
     def __init__(self, files: list[Path]) -> None:
@@ -88,9 +88,10 @@ class LogReader:
         InputError
             If a stream is not in the log.
         CodecError
-            If a sample is not of its stream's type.
+            If a sample does not have the type of its stream.
         """
         names = chosen_streams(self.streams, streams)
+        # One row per sample: stamp, rank of the stream, seq, index of the part, index in the part.
         rows = []
         for rank, name in enumerate(names):
             seq = 0
@@ -112,8 +113,8 @@ class LogReader:
         data = self._files.read(part.file, int(part.starts[at]), int(part.ends[at]))
         type_name = self._types[name]
         try:
-            plain = quirk.with_microseconds(unpack_message(data, type_name), name, self.quirks)
-            value = from_dict_form(type_name, plain, lambda text: self.quirks.tell(f"{name}: {text}"))
+            dict_form = quirk.with_microseconds(unpack_message(data, type_name), name, self.quirks)
+            value = from_dict_form(type_name, dict_form, lambda text: self.quirks.record(f"{name}: {text}"))
             header = (
                 Header.from_dict(part.headers[at]) if part.headers and part.headers[at] is not None else None
             )
@@ -133,63 +134,64 @@ class LogReader:
         )
 
     def _index(self, file: int, path: Path) -> None:
-        """Note where the samples of a file lie."""
+        """Index the samples of a file."""
         size = path.stat().st_size
         if size == 0:
-            self.quirks.tell(f"{path.name}: empty file")
+            self.quirks.record(f"{path.name}: empty file")
             return
-        with mapped_file(path) as walk:
-            metas, found = _walk(walk, path, self.quirks)
-        for name, (starts, ends) in found.items():
-            self._add(path, file, name, metas.get(name), starts, ends)
-        for name in metas.keys() - found.keys():
-            self.quirks.tell(f"{path.name}: {name}.meta without {name}")
+        with mapped_file(path) as mapped:
+            metas, extents = _read_index(mapped, path, self.quirks)
+        for name, (starts, ends) in extents.items():
+            self._add_part(path, file, name, metas.get(name), starts, ends)
+        for name in metas.keys() - extents.keys():
+            self.quirks.record(f"{path.name}: {name}.meta without {name}")
 
-    def _add(
+    def _add_part(
         self, path: Path, file: int, name: str, meta: Any, starts: NDArray[np.int64], ends: NDArray[np.int64]
     ) -> None:
         if not isinstance(meta, dict) or not isinstance(meta.get("type"), str):
             raise CodecError(
-                f"{path}: {name} has no {name}.meta with type and timestamps; this is no InFuse log"
+                f"{path}: {name} has no {name}.meta with type and timestamps; expected an InFuse log"
             )
         times = meta.get("timestamps")
         if not isinstance(times, list) or not all(type(t) is int for t in times):
-            raise CodecError(f"{path}: {name}.meta: timestamps are no list of integers")
+            raise CodecError(f"{path}: {name}.meta: expected timestamps as a list of integers")
         n = len(starts)
         if len(times) != n:
-            self.quirks.tell(
-                f"{path.name}: {name} has {n} samples and {len(times)} timestamps; the rest is left out"
+            self.quirks.record(
+                f"{path.name}: {name} has {n} samples and {len(times)} timestamps; the remainder is ignored"
             )
             n = min(n, len(times))
         type_name = base_type(message_node(meta["type"]).name)
         if self._types.setdefault(name, type_name) != type_name:
             raise CodecError(f"{path}: {name} is a {type_name}, expected {self._types[name]} as before")
         if meta["type"] != type_name:
-            self.quirks.tell(f"{name}.meta: type {meta['type']} read as {type_name}")
+            self.quirks.record(f"{name}.meta: type {meta['type']} read as {type_name}")
         try:
             stamps = np.array([quirk.stamp_ns(t, name, self.quirks) for t in times[:n]], dtype=np.int64)
         except OverflowError as error:
             raise CodecError(f"{path}: {name}.meta: timestamps are not within 64 bits") from error
         headers = meta.get("headers", [])
         if headers and (not isinstance(headers, list) or len(headers) < n):
-            raise CodecError(f"{path}: {name}.meta: headers are no list of {n}")
+            raise CodecError(f"{path}: {name}.meta: expected a list of {n} headers")
         self._parts.setdefault(name, []).append(_Part(file, starts[:n], ends[:n], stamps, headers))
 
 
-_Samples = dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]]
+#: Start and end offsets of the samples of each stream.
+_Extents = dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]]
 
 
-def _walk(walk: MappedFile, path: Path, quirks: quirk.Quirks) -> tuple[dict[str, Any], _Samples]:
-    """Metas, and begin and end of the samples of each stream, of a file's map."""
-    buffer = walk.data
+def _read_index(file: MappedFile, path: Path, quirks: quirk.Quirks) -> tuple[dict[str, Any], _Extents]:
+    """Return the ``.meta`` entry of each stream of a file, and the extents of its samples."""
+    buffer = file.data
     metas: dict[str, Any] = {}
-    found: _Samples = {}
+    extents: _Extents = {}
     pairs, at = _container(buffer, 0, path, "map")
     for _ in range(pairs):
         after = skip(buffer, at)
         if after < 0:
-            quirks.tell(f"{path.name}: truncated; what followed is lost")
-            return metas, found
+            quirks.record(f"{path.name}: truncated; the remainder is lost")
+            return metas, extents
         key = unpack(buffer[at:after].tobytes())
         at = int(after)
         if not isinstance(key, str):
@@ -197,55 +199,54 @@ def _walk(walk: MappedFile, path: Path, quirks: quirk.Quirks) -> tuple[dict[str,
         if key.endswith(".meta"):
             after = skip(buffer, at)
             if after < 0:
-                quirks.tell(f"{path.name}: truncated in {key}; what followed is lost")
-                return metas, found
+                quirks.record(f"{path.name}: truncated in {key}; the remainder is lost")
+                return metas, extents
             metas[key.removesuffix(".meta")] = unpack(buffer[at:after].tobytes())
             at = int(after)
             continue
         count, at = _container(buffer, at, path, "array")
         if count > buffer.size - at:
-            quirks.tell(f"{path.name}: truncated in {key}; what followed is lost")
+            quirks.record(f"{path.name}: truncated in {key}; the remainder is lost")
             count = buffer.size - at
         ends = np.zeros(count, dtype=np.int64)
-        whole = _skip_samples(walk, at, ends)
-        found[key] = (
-            np.concatenate([[at], ends[: max(whole - 1, 0)]]).astype(np.int64)[:whole],
-            ends[:whole],
+        complete = _skip_samples(file, at, ends)
+        extents[key] = (
+            np.concatenate([[at], ends[: max(complete - 1, 0)]]).astype(np.int64)[:complete],
+            ends[:complete],
         )
-        if whole < count:
-            quirks.tell(
-                f"{path.name}: truncated in {key}: {whole} of {count} samples are whole; what followed is "
-                "lost"
+        if complete < count:
+            quirks.record(
+                f"{path.name}: truncated in {key}: {complete} of {count} samples are complete; the "
+                "remainder is lost"
             )
-            return metas, found
+            return metas, extents
         at = int(ends[-1]) if count else at
-    return metas, found
+    return metas, extents
 
 
-def _skip_samples(walk: MappedFile, at: int, ends: NDArray[np.int64]) -> int:
-    """Store the end of each of ``ends.size`` samples, releasing those already read; return the count of
-    complete ones.
+def _skip_samples(file: MappedFile, at: int, ends: NDArray[np.int64]) -> int:
+    """Store the end offsets of the samples from ``at`` on in ``ends``.
+
+    Return the number of complete samples.
     """
     done = 0
     while done < ends.size:
         part = ends[done : done + _STRIDE]
-        whole = int(skip_many(walk.data, at, part))
-        done += whole
-        if whole < part.size:
+        complete = int(skip_many(file.data, at, part))
+        done += complete
+        if complete < part.size:
             break
         at = int(part[-1])
-        walk.passed(at)
+        file.release_before(at)
     return done
 
 
 def _container(buffer: NDArray[np.uint8], at: int, path: Path, kind: str) -> tuple[int, int]:
-    """Return the number of elements of the map or array at ``at``, and the offset of the first one."""
+    """Return the number of elements of the map or array at ``at``, and the offset of its first element."""
     unpacker = msgpack.Unpacker()
     unpacker.feed(buffer[at : at + 5].tobytes())
     try:
         count = unpacker.read_map_header() if kind == "map" else unpacker.read_array_header()
     except (ValueError, msgpack.UnpackException) as error:
-        raise CodecError(
-            f"{path}: octet {at}: expected a MessagePack {kind}; this is no InFuse log"
-        ) from error
+        raise CodecError(f"{path}: byte {at}: expected a MessagePack {kind} of an InFuse log") from error
     return int(count), at + int(unpacker.tell())

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The interface of a log of any format: streams, and samples in one fixed order."""
+"""Interface of logs of any format: streams, and samples in a defined order."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from cdff_common.interfaces.product import Header, Quality, product_id
 
 @dataclass(frozen=True, slots=True)
 class StreamInfo:
-    """One stream of a log.
+    """Type, number of samples and time interval of a stream.
 
     Attributes
     ----------
     type_name : str
-        ASN.1 type of its samples.
+        ASN.1 type of the samples.
     count : int
         Number of samples; 0 also for a stream that grows while it is played.
     t0_ns, t1_ns : int
@@ -40,7 +40,7 @@ class StreamInfo:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LogSample:
-    """One sample.
+    """One sample of a log.
 
     Attributes
     ----------
@@ -48,13 +48,13 @@ class LogSample:
         ``/{robot}/{sensor}.{stream}`` or ``/{robot}/{dfpc}.{port}``.
     type_name : str
     stamp_ns : int
-        Time under which it was logged, a multiple of 1000.
+        Stamp in the log, a multiple of 1000.
     seq : int
-        Number within its stream, from 0, in the order in which it was written.
+        Number of the sample in its stream, from 0, in the order of writing.
     value : Any
         A message of ``cdff_common.types``.
     header : Header or None
-        Of a product.
+        Header, if one was recorded.
     """
 
     stream: str
@@ -65,7 +65,7 @@ class LogSample:
     header: Header | None = None
 
     def to_sample(self, port: str, robot: str) -> Sample:
-        """Return the sample of a DFPC's port; a sample logged without a header gets an id of ``robot``."""
+        """Return the sample for a port of a DFPC; without a header it gets an id that names ``robot``."""
         header = self.header
         sensor, _, stream = self.stream.rsplit("/", 1)[-1].partition(".")
         return Sample(
@@ -81,7 +81,10 @@ class LogSample:
 
 
 def split_stream(stream: str) -> tuple[str, str, str]:
-    """``/mana/navcam.pair`` is ``("mana", "navcam", "pair")``; raises InputError on another form."""
+    """Return robot, sensor and stream of a name such as ``/mana/navcam.pair``.
+
+    Raises InputError on other forms.
+    """
     robot, _, rest = stream.removeprefix("/").partition("/")
     sensor, _, port = rest.partition(".")
     if not (stream.startswith("/") and robot and sensor and port) or "/" in rest:
@@ -90,7 +93,7 @@ def split_stream(stream: str) -> tuple[str, str, str]:
 
 
 def chosen_streams(known: Collection[str], streams: Collection[str] | None) -> list[str]:
-    """Return the named streams of a log, or all, in order; raises InputError on an unknown one."""
+    """Return ``streams``, or all known streams, in order; raises InputError if one is unknown."""
     names = sorted(known if streams is None else set(streams))
     if unknown := [name for name in names if name not in known]:
         raise InputError(f"stream {unknown[0]!r}: expected one of {', '.join(known)}")
@@ -100,7 +103,10 @@ def chosen_streams(known: Collection[str], streams: Collection[str] | None) -> l
 def recorded_header(
     stream: str, seq: int, stamp_ns: int, *, frame: str = "", child: str | None = None, producer: str = ""
 ) -> Header:
-    """Return the header of a sample that was recorded without one, by default of the sensor of its stream."""
+    """Return a header for a sample that was recorded without one.
+
+    By default its frame is that of the sensor.
+    """
     robot, sensor, port = split_stream(stream)
     return Header(
         id=product_id(robot, sensor, port, stamp_ns, seq, ""),
@@ -113,15 +119,18 @@ def recorded_header(
     )
 
 
-def only_stream(log: LogSource, type_names: Collection[str], stream: str | None, what: str) -> str:
-    """Return the only stream of some types, or the named one; raises InputError naming ``what``."""
+def only_stream(log: LogSource, type_names: Collection[str], stream: str | None, content: str) -> str:
+    """Return the only stream with one of the types, or ``stream`` if given.
+
+    Raises InputError if there is no such stream, or several; ``content`` names the data in the message.
+    """
     known = [name for name, info in log.streams.items() if info.type_name in type_names]
     if stream in known:
         return stream
     if stream is None and len(known) == 1:
         return known[0]
-    fault = f"{len(known)} streams of {what}" if stream is None else f"no {what} in stream {stream!r}"
-    raise InputError(f"{fault}; name one of: {', '.join(known) or 'none is there'}")
+    fault = f"{len(known)} streams of {content}" if stream is None else f"no {content} in stream {stream!r}"
+    raise InputError(f"{fault}; name one of: {', '.join(known) or 'none exists'}")
 
 
 class LogSource(Protocol):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff replay LOG --requests FILE``: a mission on recorded samples."""
+"""``cdff replay LOG --requests FILE``: replay of a mission on a recorded log."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from dpm_store import Store, open_store
 def replay_mission(
     log: LogSource, profile: Profile, requests: Path, out: Path, store: Path | None = None
 ) -> dict[str, Any]:
-    """Run a mission on a log and write its outputs and answers.
+    """Replay a mission on a log; write its outputs and the answers to its requests.
 
     Parameters
     ----------
     log : LogSource
-        Sensor streams of the profile's robots; others, and recorded products, are skipped.
+        The sensor streams of the profile are replayed; other streams and recorded products are skipped.
     profile : Profile
     requests : Path
         Script of requests (``cdff_dev/mission_replay/script.py``).
@@ -37,7 +37,7 @@ def replay_mission(
         Folder for ``outputs.msg``, ``{robot}.{dfpc}.{port}.tum``, ``answers.json``, ``answers/``,
         ``journal.jsonl`` and ``summary.json``.
     store : Path, optional
-        Directory of a DPM to store the products into; a temporary one without it.
+        Directory of the DPM that stores the products; by default a temporary one.
 
     Returns
     -------
@@ -61,10 +61,12 @@ def replay_mission(
         journal.unlink(missing_ok=True)
         directory = store or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="cdff-replay-")))
 
-        def opened(clock: LogClock) -> Store:
+        def open_dpm_store(clock: LogClock) -> Store:
             return stack.enter_context(open_store(f"sqlite:///{directory}", clock))
 
-        replay = MissionReplay(profile, start_ns, opened, journal, lambda product: output.write([product]))
+        replay = MissionReplay(
+            profile, start_ns, open_dpm_store, journal, lambda product: output.write([product])
+        )
         answers = write_answers(out, replay.run(_samples(log, streams), script), start_ns)
         stored = sum(replay.store.statistics().products.values())
     summary = output.write_summary(
@@ -82,24 +84,27 @@ def replay_mission(
 
 
 def _streams(log: LogSource, profile: Profile) -> list[str]:
-    """Return the sensor streams of the profile; raises InputError if there is none, or one of another
-    type.
+    """Return the streams of the log that are sensor streams of the profile.
+
+    Raises InputError if there is none, or the type of one differs.
     """
-    chosen = []
+    selected = []
     for stream in playable(log):
         robot, sensor, name = split_stream(stream)
         sensors = profile.robot(robot).sensors if robot in profile.robot_ids else {}
         expected = sensors[sensor].streams.get(name) if sensor in sensors else None
         if expected is None:
             continue
-        held = log.streams[stream].type_name
-        if expected != held:
-            raise InputError(f"stream {stream} contains {held}, profile {profile.name} expects {expected}")
-        chosen.append(stream)
-    if not chosen:
+        recorded = log.streams[stream].type_name
+        if expected != recorded:
+            raise InputError(
+                f"stream {stream} contains {recorded}, profile {profile.name} expects {expected}"
+            )
+        selected.append(stream)
+    if not selected:
         found = ", ".join(sorted(log.streams))
         raise InputError(f"profile {profile.name} has none of the log's streams: {found}")
-    return chosen
+    return selected
 
 
 def _samples(log: LogSource, streams: list[str]) -> Iterator[RecordedSample]:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A DFPC of a mission replay: the life cycle of the host process without process or thread."""
+"""A DFPC of a mission replay: the life cycle of a DFPC host, without a process or thread of its own."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _COUNTED = ("samples", "outputs", "degraded", "failed", "late", "out_of_order", 
 
 
 class ReplayedDfpc(DfpcLifeCycle):
-    """A DFPC of one robot, with the endpoints of its process.
+    """A DFPC of one robot, with the services of its host.
 
     Parameters
     ----------
@@ -29,12 +29,12 @@ class ReplayedDfpc(DfpcLifeCycle):
     robot : Robot
     entry : DfpcEntry
     on_products : callable
-        Called with its products.
+        Called with the products of each step.
 
     Attributes
     ----------
     totals : dict
-        Counters of all its runs together.
+        Sums of the counters over all its runs.
     """
 
     def __init__(
@@ -48,11 +48,11 @@ class ReplayedDfpc(DfpcLifeCycle):
         bus.declare_alive(robot.id, entry.name)
 
     def publish_status(self) -> None:
-        """Publish the status."""
+        """Publish the status of the DFPC."""
         self._bus.publish_latched(keys.dfpc_status(self.robot.id, self.entry.name), self.status())
 
     def take(self, source: str, sample: Sample) -> None:
-        """Step a sample of a source on every port that is wired to it."""
+        """Pass a sample of a source to every port that is wired to it."""
         if sample.quality.status is Status.FAILED:
             return
         for port in [port for port, wiring in self.wired.items() if wiring == source]:
@@ -62,7 +62,7 @@ class ReplayedDfpc(DfpcLifeCycle):
                     self.publish(list(runner.drain()))
 
     def finish(self) -> None:
-        """Output the remaining products at the end of the log."""
+        """Deactivate at the end of the log, which outputs the remaining products."""
         if self.state is DfpcState.ACTIVE:
             self.deactivate()
         self._count(self.runner)
@@ -74,13 +74,13 @@ class ReplayedDfpc(DfpcLifeCycle):
         self._count(previous)
 
     def activate(self, inputs: Mapping[str, str] | None = None) -> None:
-        """Become active, and count it."""
-        was = self.state
+        """Become active, and count the activation."""
+        previous_state = self.state
         super().activate(inputs)
-        self.totals["activations"] += was is not DfpcState.ACTIVE
+        self.totals["activations"] += previous_state is not DfpcState.ACTIVE
 
     def deactivate(self) -> None:
-        """Become inactive; an error in the last step switches to state error."""
+        """Become inactive; an error in the last step leads to the state error."""
         self.state_after("deactivate")
         with self.failure_guard():
             super().deactivate()
@@ -92,12 +92,12 @@ class ReplayedDfpc(DfpcLifeCycle):
         self._count(previous)
 
     def publish(self, products: Sequence[Product]) -> None:
-        """Pass products to the mission."""
+        """Pass products to ``on_products``."""
         self._on_products(products)
 
     @contextmanager
     def failure_guard(self) -> Iterator[None]:
-        """Switch to state error on any exception, with an alarm."""
+        """Change to the state error if the block raises an exception, and publish an alarm."""
         with super().failure_guard():
             yield
         if self.state is DfpcState.ERROR:
@@ -106,7 +106,7 @@ class ReplayedDfpc(DfpcLifeCycle):
             self._bus.publish_map(keys.event(self.robot.id, "alarm"), alarm)
 
     def status(self) -> dict[str, Any]:
-        """Return the status with the declared cost of a step: plans must not depend on the machine."""
+        """Return the status; the cost of a step is that of the description, so that plans are repeatable."""
         implementation = self.entry.implementation or self.description.implementations[0].name
         cost = self.description.cost.get(implementation)
         return {**super().status(), "mean_step_cpu_s": 0.0 if cost is None else cost.cpu_s / cost.samples}

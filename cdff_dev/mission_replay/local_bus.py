@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The bus of a mission replay: the methods of ``cdff_common.bus.Bus`` inside one process, in virtual time.
+"""The bus of a mission replay: the methods of ``cdff_common.bus.Bus`` within one process, in virtual time.
 
-Calls and messages are carried out at once, in the calling task, in the order of their declarations.
+A call or message runs its handlers immediately, in the calling task, in the order of their declaration.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Handler = Callable[[Request], Any]
 
 
 class LocalBus:
-    """Keys to handlers and subscribers.
+    """A bus that passes calls and messages to handlers and subscribers of the same process.
 
     Parameters
     ----------
@@ -35,9 +35,6 @@ class LocalBus:
         self._latched: dict[str, Message] = {}
         self._tokens: dict[str, None] = {}
 
-    # -- publishing
-    # -----------------------------------------------------------------------------------------------
-
     def publish(
         self, key: str, payload: bytes, *, encoding: str = "", attachment: bytes = b"", **_: Any
     ) -> None:
@@ -52,23 +49,20 @@ class LocalBus:
         self.publish(key, pack(dict(body)), encoding="application/msgpack")
 
     def publish_latched(self, key: str, body: Mapping[str, Any], **_: Any) -> None:
-        """Publish a map that later subscribers get too."""
+        """Publish a map that later subscribers receive too."""
         self._latched[key] = Message(key, pack(dict(body)), "application/msgpack", b"")
         self.publish_map(key, body)
 
     def subscribe(self, keyexpr: str, callback: Callable[[Message], None], **_: Any) -> None:
-        """Call back for every message of matching keys, at once for the latched ones."""
+        """Call ``callback`` for every message with a matching key, immediately for latched messages."""
         pattern = keyexpr.split("/")
         self._subscribers.append((pattern, callback))
         for key, message in list(self._latched.items()):
             if _matches(pattern, key.split("/")):
                 callback(message)
 
-    # -- calls
-    # ----------------------------------------------------------------------------------------------------
-
     def serve(self, key: str, handler: Handler, **_: Any) -> None:
-        """Answer calls of a key; of a key expression those of all keys that match it."""
+        """Answer calls of a key, or of all keys that match a key expression."""
         self._handlers[key] = handler
 
     def call_stream(
@@ -91,8 +85,8 @@ class LocalBus:
         request = Request(
             key, {n: str(v) for n, v in (parameters or {}).items()}, payload, encoding, attachment
         )
-        answered = handler(request)
-        yield from [answered] if isinstance(answered, Reply) else answered
+        replies = handler(request)
+        yield from [replies] if isinstance(replies, Reply) else replies
 
     def call(self, key: str, parameters: Mapping[str, object] | None = None, **more: Any) -> Reply:
         """Return the final reply of a call."""
@@ -103,9 +97,6 @@ class LocalBus:
             (h for k, h in self._handlers.items() if "*" in k and _matches(k.split("/"), parts)), None
         )
 
-    # -- liveliness
-    # -----------------------------------------------------------------------------------------------
-
     def declare_alive(self, scope: str, service: str) -> None:
         """Declare that a service of a scope is alive."""
         key = keys.alive(scope, service)
@@ -115,11 +106,11 @@ class LocalBus:
                 callback(key, True)
 
     def alive(self, keyexpr: str, **_: Any) -> set[str]:
-        """Tokens that match."""
+        """Return the liveliness tokens that match."""
         return {key for key in self._tokens if _matches(keyexpr.split("/"), key.split("/"))}
 
     def watch_alive(self, keyexpr: str, callback: Callable[[str, bool], None]) -> None:
-        """Call back for every token, at once for the existing ones."""
+        """Call ``callback`` for every matching token, immediately for existing tokens."""
         self._watchers.append((keyexpr.split("/"), callback))
         for key in list(self._tokens):
             if _matches(keyexpr.split("/"), key.split("/")):

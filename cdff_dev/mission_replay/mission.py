@@ -1,10 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A mission on a log: recorded samples and scripted requests at their times, with the orchestrator's own
-service.
+"""Replay of a mission: recorded samples and scripted requests at their times, with the services of a system.
 
 Orchestrator, DPM, instrument control unit and DFPCs are those of a running system; bus and time are
-simulated. Time is the log's and computing takes none, so that two replays give the same result.
+simulated. Time is that of the log and computation takes none, so that two replays give the same result.
 """
 
 from __future__ import annotations
@@ -37,7 +36,8 @@ from services.dpm.bus.service import serve
 from services.dpm.operations.dpm import Dpm
 from services.orchestrator.service import Orchestrator
 
-_BEAT_S = 1.0
+#: Period of the status of the DFPCs, virtual seconds; capacity of the orchestrator, jobs.
+_STATUS_PERIOD_S = 1.0
 _CAPACITY = 64
 
 
@@ -53,18 +53,18 @@ class RecordedSample:
 
 @dataclass(slots=True)
 class ScriptedAnswer:
-    """A request of the script and its final answer.
+    """A request of the script and its answer.
 
     Attributes
     ----------
     request : ScriptedRequest
     after_s : float
-        From the request to the answer, mission time.
+        Mission time from the request to the final answer.
     reply : Reply or None
     error : CdffError or None
-        The error, if there is no reply.
+        Error of the request, if there is no reply.
     progress : list of str
-        States and reasons before the final answer.
+        States, with their reasons, before the final answer.
     """
 
     request: ScriptedRequest
@@ -75,18 +75,18 @@ class ScriptedAnswer:
 
 
 class LogClock:
-    """The mission clock: the log's first stamp plus virtual time."""
+    """The mission clock: the first stamp of the log plus the virtual time."""
 
     def __init__(self, start_ns: int, scheduler: Scheduler) -> None:
         self._start_ns, self._scheduler = start_ns, scheduler
 
     def now_ns(self) -> int:
-        """Mission time, a multiple of 1000 ns."""
+        """Return the mission time, a multiple of 1000 ns."""
         return self._start_ns + round(self._scheduler.now_s * 1e6) * 1000
 
 
 class MissionReplay:
-    """A mission on a log.
+    """The system of a profile, with samples from a log and requests from a script.
 
     Parameters
     ----------
@@ -94,18 +94,18 @@ class MissionReplay:
     start_ns : int
         Stamp of the first sample.
     open_store : callable
-        Opens the DPM's store, given the mission clock.
+        Returns the open store of the DPM, given the mission clock.
     journal : Path
-        File for the orchestrator's journal.
+        File of the journal of the orchestrator.
     on_product : callable
         Called with every product of the DFPCs, in order.
 
     Attributes
     ----------
     dfpcs : dict of (str, str) to ReplayedDfpc
-        By robot and name.
+        DFPCs by robot and name.
     delivered, gated : int
-        Samples that sensors delivered, and that their modes held back.
+        Numbers of samples that were delivered, and that were withheld because of the mode of their sensor.
     """
 
     def __init__(
@@ -121,16 +121,16 @@ class MissionReplay:
         clock = LogClock(start_ns, self._scheduler)
         self.bus = LocalBus(clock)
         self._gate, self._on_product = SensorGate(), on_product
-        self._waiting: deque[Product] = deque()
+        self._undistributed: deque[Product] = deque()
         self.delivered = self.gated = 0
         self.store = open_store(clock)
         anchor(self.store, profile)
         self.dpm = Dpm(self.store)
-        bus = cast(Bus, self.bus)  # it has every method that they call
+        bus = cast(Bus, self.bus)  # LocalBus has every method that the services call
         serve(bus, self.dpm, profile.robot_ids, rules_of(profile))
         ReplayedIcu(self.bus, profile, self._scheduler, self._gate)
         self.dfpcs = {
-            (robot.id, entry.name): ReplayedDfpc(self.bus, robot, entry, self._waiting.extend)
+            (robot.id, entry.name): ReplayedDfpc(self.bus, robot, entry, self._undistributed.extend)
             for robot in profile.robots
             for entry in robot.dfpcs
         }
@@ -140,22 +140,22 @@ class MissionReplay:
     def run(
         self, samples: Iterable[RecordedSample], script: Sequence[ScriptedRequest]
     ) -> list[ScriptedAnswer]:
-        """Play the samples and send the requests; returns once every request has its final answer."""
+        """Play the samples and send the requests; return when every request has its final answer."""
         answers = [ScriptedAnswer(scripted) for scripted in script]
         pending = {"the log", *(a.request.request.id for a in answers)}
 
-        def task(name: str, run: Callable[[], None]) -> None:
-            def run_to_its_end() -> None:
+        def start(name: str, run: Callable[[], None]) -> None:
+            def run_and_record_end() -> None:
                 run()
                 pending.discard(name)
 
-            self._scheduler.start(run_to_its_end, name)
+            self._scheduler.start(run_and_record_end, name)
 
         self._scheduler.start(self._orchestrator.start, "orchestrator")
-        self._scheduler.start(self._beat, "heartbeat")
-        task("the log", lambda: self._play(samples))
-        for answered in answers:
-            task(answered.request.request.id, lambda a=answered: self._ask(a))  # type: ignore[misc]
+        self._scheduler.start(self._publish_status, "status")
+        start("the log", lambda: self._play(samples))
+        for answer in answers:
+            start(answer.request.request.id, lambda a=answer: self._send(a))  # type: ignore[misc]
         while pending:
             self._scheduler.step()
         closing = self._scheduler.start(self._orchestrator.close, "close")
@@ -165,9 +165,6 @@ class MissionReplay:
             dfpc.finish()
             self._distribute()
         return answers
-
-    # -- tasks
-    # ------------------------------------------------------------------------------------------------------
 
     def _play(self, samples: Iterable[RecordedSample]) -> None:
         for recorded in samples:
@@ -179,37 +176,34 @@ class MissionReplay:
             self.delivered += 1
             self._deliver(recorded.robot, f"sensor/{recorded.sensor}/{recorded.stream}", sample)
 
-    def _ask(self, answered: ScriptedAnswer) -> None:
-        scripted = answered.request
+    def _send(self, answer: ScriptedAnswer) -> None:
+        scripted = answer.request
         self._wait_until(scripted.at_ns)
         start_s = self._scheduler.now_s
         try:
             key = keys.orchestrator_rpc(keys.GROUND, "request")
             for reply in self.bus.call_stream(key, {**scripted.parameters, "progress": "true"}):
                 if reply.final:
-                    answered.reply = reply
+                    answer.reply = reply
                 else:
                     body = reply.body()
-                    answered.progress.append(
+                    answer.progress.append(
                         f"{body['state']}: {body['reason']}" if body["reason"] else str(body["state"])
                     )
         except CdffError as error:
-            answered.error = error
-        answered.after_s = self._scheduler.now_s - start_s
+            answer.error = error
+        answer.after_s = self._scheduler.now_s - start_s
 
-    def _beat(self) -> None:
+    def _publish_status(self) -> None:
         while True:
             for dfpc in self.dfpcs.values():
                 dfpc.publish_status()
-            self._scheduler.sleep(_BEAT_S)
+            self._scheduler.sleep(_STATUS_PERIOD_S)
 
     def _wait_until(self, stamp_ns: int) -> None:
         wait_s = (stamp_ns - self._start_ns) / NS_PER_S - self._scheduler.now_s
         if wait_s > 0:
             self._scheduler.sleep(wait_s)
-
-    # -- samples and products
-    # -----------------------------------------------------------------------------------------
 
     def _deliver(self, robot: str, source: str, sample: Sample) -> None:
         for (owner, _), dfpc in self.dfpcs.items():
@@ -218,26 +212,24 @@ class MissionReplay:
                 self._distribute()
 
     def _distribute(self) -> None:
-        """Store products and pass them to the DFPCs that are wired to them, in the order of their
-        production.
-        """
-        while self._waiting:
-            product = self._waiting.popleft()
+        """Store new products and pass them to the DFPCs that are wired to them, in order of production."""
+        while self._undistributed:
+            product = self._undistributed.popleft()
             self._on_product(product)
             if product.value is None:
                 continue
             if product.product:
                 self._store(product)
-            h = product.header
+            header = product.header
             sample = Sample(
                 port="",
-                stamp_ns=h.t1_ns,
-                seq=h.seq,
+                stamp_ns=header.t1_ns,
+                seq=header.seq,
                 value=product.value,
-                id=h.id,
-                frame=h.frame,
-                child=h.child or "",
-                quality=h.quality,
+                id=header.id,
+                frame=header.frame,
+                child=header.child or "",
+                quality=header.quality,
             )
             for (owner, _), dfpc in self.dfpcs.items():
                 if owner == product.robot:

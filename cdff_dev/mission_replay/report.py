@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The answers of a mission replay: ``answers.json`` and the delivered payloads."""
+"""Files of the answers of a mission replay: ``answers.json`` and the delivered payloads."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from cdff_common.output import make_folder, write_file
 from cdff_dev.mission_replay.mission import ScriptedAnswer
 
 #: Suffix of the files of a format, if it differs from the name of the format.
-_ENDINGS = {"xer": "xml"}
+_SUFFIXES = {"xer": "xml"}
 
 
 def write_answers(folder: Path, answers: Sequence[ScriptedAnswer], start_ns: int) -> list[dict[str, Any]]:
-    """Write ``answers.json`` and ``answers/{request}.{format}``; return the content of the former.
+    """Write ``answers.json`` and ``answers/{request}.{format}``; return the content of ``answers.json``.
 
     Raises
     ------
@@ -27,31 +27,33 @@ def write_answers(folder: Path, answers: Sequence[ScriptedAnswer], start_ns: int
         If the folder cannot be written.
     """
     make_folder(folder / "answers")
-    described = [_described(folder, answered, start_ns) for answered in answers]
+    described = [_write_answer(folder, answer, start_ns) for answer in answers]
     write_file(folder / "answers.json", (json.dumps(described, indent=2, sort_keys=True) + "\n").encode())
     return described
 
 
-def _described(folder: Path, answered: ScriptedAnswer, start_ns: int) -> dict[str, Any]:
-    scripted = answered.request
+def _write_answer(folder: Path, answer: ScriptedAnswer, start_ns: int) -> dict[str, Any]:
+    """Write the payload of an answer, if it has one; return its entry of ``answers.json``."""
+    scripted = answer.request
     request = scripted.request
     body: dict[str, Any] = {
         "request": request.id,
         "at_s": (scripted.at_ns - start_ns) * 1e-9,
-        "after_s": round(answered.after_s, 6),
+        "after_s": round(answer.after_s, 6),
         "asked": request.describe(),
-        "progress": answered.progress,
+        "progress": answer.progress,
     }
-    if answered.error is not None or answered.reply is None:
-        code, retriable = rpc_code(answered.error) if answered.error is not None else ("INTERNAL", False)
-        detail = str(answered.error or "no answer")
-        return jsonable({**body, "answer": "error", "code": code, "retriable": retriable, "detail": detail})  # type: ignore[no-any-return]
+    if answer.error is not None or answer.reply is None:
+        code, retriable = rpc_code(answer.error) if answer.error is not None else ("INTERNAL", False)
+        detail = str(answer.error or "no answer")
+        body |= {"answer": "error", "code": code, "retriable": retriable, "detail": detail}
+        return jsonable(body)  # type: ignore[no-any-return]
     attachment = {
-        k: v for k, v in answered.reply.attachment.items() if k not in ("job", "request", "asked", "final")
+        k: v for k, v in answer.reply.attachment.items() if k not in ("job", "request", "asked", "final")
     }
     body |= {"answer": attachment.pop("kind"), "delivered": attachment.pop("delivered"), "header": attachment}
     if body["answer"] == "product":
-        name = f"answers/{request.id}.{_ENDINGS.get(request.format, request.format)}"
-        write_file(folder / name, answered.reply.payload)
+        name = f"answers/{request.id}.{_SUFFIXES.get(request.format, request.format)}"
+        write_file(folder / name, answer.reply.payload)
         body["file"] = name
     return jsonable(body)  # type: ignore[no-any-return]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The script of a replayed mission: requests and their times."""
+"""The script of a mission replay: requests and their mission times."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _HELP = (
 
 @dataclass(frozen=True, slots=True)
 class ScriptedRequest:
-    """A request, its parameters as they are sent, and its mission time."""
+    """A request with its mission time; ``parameters`` are sent to the orchestrator."""
 
     at_ns: int
     request: ProductRequest
@@ -35,17 +35,17 @@ def read_script(path: Path, start_ns: int, robots: Collection[str]) -> list[Scri
     Parameters
     ----------
     path : Path
-        ``requests`` is a list; each entry has ``at_s``, seconds after the log's first sample, and the
-        parameters of a request like those from an autonomy framework. A missing ``request`` is generated.
+        ``requests`` is a list; each entry has ``at_s``, seconds after the first sample of the log, and the
+        parameters of a request to the orchestrator. A missing id (``request``) is generated.
     start_ns : int
-        Stamp of the log's first sample.
+        Stamp of the first sample of the log.
     robots : collection of str
-        Those of the mission.
+        Robots of the mission.
 
     Returns
     -------
     list of ScriptedRequest
-        In the order of their times; of equal ones in the file's.
+        In order of time; requests with equal times in the order of the file.
 
     Raises
     ------
@@ -63,10 +63,12 @@ def read_script(path: Path, start_ns: int, robots: Collection[str]) -> list[Scri
             raise InputError(
                 f"{path}: request {number}: robot={scripted.request.robot!r}, expected any or {known}"
             )
-    names = [s.request.id for s in script]
-    repeated = {name for name in names if names.count(name) > 1}
+    ids = [s.request.id for s in script]
+    repeated = {id_ for id_ in ids if ids.count(id_) > 1}
     if repeated:
-        raise InputError(f"{path}: request {sorted(repeated)[0]!r} is named twice; give each its own name")
+        raise InputError(
+            f"{path}: request {sorted(repeated)[0]!r} occurs twice; give each request its own id"
+        )
     return sorted(script, key=lambda s: s.at_ns)
 
 
@@ -84,7 +86,7 @@ def _entry(path: Path, number: int, entry: Any, start_ns: int) -> ScriptedReques
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
     if request.every_s is not None or request.explain:
-        raise InputError(f"{where}: a script's requests are answered once; leave every_s and explain out")
+        raise InputError(f"{where}: a scripted request is answered once; remove every_s and explain")
     return ScriptedRequest(start_ns + round(at_s * NS_PER_S), request, parameters)
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The instrument control unit of a mission replay: the simulated one, in virtual time."""
+"""The instrument control unit (ICU) of a mission replay: ``SimulatedIcu`` in virtual time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from services.icu.unit import SimulatedIcu
 
 
 class ReplayedIcu:
-    """Answers ``icu/@rpc/{modes|set_mode}`` for every robot of a profile."""
+    """ICU of all robots of a profile: it answers ``icu/@rpc/{modes|set_mode}`` and sets the sensor gate."""
 
     def __init__(self, bus: LocalBus, profile: Profile, scheduler: Scheduler, gate: SensorGate) -> None:
         self._bus, self._scheduler, self._gate = bus, scheduler, gate
@@ -35,13 +35,13 @@ class ReplayedIcu:
         return Reply.of(self._unit.modes(parse_robot(request.parameters.get("robot"), request.scope)))
 
     def _set_mode(self, request: Request) -> Reply:
-        """Set a mode; ``SimulatedIcu.set_mode`` would wait in real time."""
+        """Set a mode and wait in virtual time until it is reached, unlike ``SimulatedIcu.set_mode``."""
         p = request.parameters
         robot = parse_robot(p.get("robot"), request.scope)
         machine = self._unit.demand(robot, p["sensor"], p["mode"], p.get("holder", ""))
         while machine.target == p["mode"]:
             self._scheduler.sleep(max(machine.steps[0][1] - self._scheduler.now_s, 0.001))
-            self._unit.modes(robot)  # confirms modes that have been reached
+            self._unit.modes(robot)  # updates the states to the current virtual time
         if machine.lost:
             raise UnavailableError(f"sensor {p['sensor']} is lost: {machine.lost}")
         if machine.refusal or machine.mode != p["mode"]:

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Virtual time for code that waits: real threads of which one runs at a time, in a fixed order.
+"""Virtual time for code that waits: threads of which only one runs at a time, in a fixed order.
 
-Each thread is a task. A waiting task states its condition and its timeout and yields; the scheduler runs the
-first task whose wait is over, and moves the clock only when there is none.
+Each thread is a task. A waiting task has a condition and a timeout. The scheduler runs the first task whose
+condition holds; only if there is none, it advances the clock to the next timeout.
 """
 
 from __future__ import annotations
@@ -18,11 +18,23 @@ from services.orchestrator.timing import Timing
 
 
 class Task:
-    """A thread of the simulation."""
+    """A thread of the simulation.
+
+    Attributes
+    ----------
+    process : object
+        Simulated process to which the task belongs.
+    resume : Semaphore
+        Released by the scheduler to let the thread run.
+    ready : callable
+        Condition for which the task waits.
+    until_s : float
+        Virtual time at which the wait ends even if the condition does not hold.
+    """
 
     def __init__(self, name: str, process: object) -> None:
         self.name, self.process = name, process
-        self.go = threading.Semaphore(0)
+        self.resume = threading.Semaphore(0)
         self.ready: Callable[[], bool] = lambda: True
         self.until_s = math.inf
         self.done = False
@@ -30,66 +42,66 @@ class Task:
 
 
 class Scheduler:
-    """Runs tasks one at a time and owns the clock."""
+    """Runs tasks one at a time; ``now_s`` is the virtual time."""
 
     def __init__(self) -> None:
         self.now_s = 0.0
         self.tasks: list[Task] = []
         self.current: Task | None = None
-        self._back = threading.Semaphore(0)
+        self._yielded = threading.Semaphore(0)
 
     def start(self, target: Callable[[], None], name: str, process: object = None) -> Task:
-        """Add a task; it runs when its turn comes."""
+        """Add a task; it runs in a later ``step``."""
         task = Task(name, process)
 
         def run() -> None:
-            task.go.acquire()
+            task.resume.acquire()
             try:
                 target()
             except BaseException as error:  # noqa: BLE001 - raised again by ``step``
                 task.error = error
             task.done = True
-            self._back.release()
+            self._yielded.release()
 
         threading.Thread(target=run, name=name, daemon=True).start()
         self.tasks.append(task)
         return task
 
     def block(self, ready: Callable[[], bool], timeout_s: float | None) -> bool:
-        """Wait, as the task that runs, until ``ready`` or so much later; returns whether it is ready."""
+        """Let the current task wait until ``ready()`` or a timeout; return ``ready()``."""
         if ready():
             return True
         task = self.current
-        assert task is not None, "only tasks wait"
-        # At least a microsecond: a wait rounded to zero must not stop the clock.
+        assert task is not None, "only a task can wait"
+        # At least a microsecond: repeated waits of zero would stop the clock.
         task.ready, task.until_s = ready, math.inf if timeout_s is None else self.now_s + max(timeout_s, 1e-6)
-        self._back.release()
-        task.go.acquire()
+        self._yielded.release()
+        task.resume.acquire()
         return ready()
 
     def sleep(self, seconds: float) -> None:
-        """Let time pass."""
+        """Let the current task wait for virtual seconds."""
         self.block(lambda: False, seconds)
 
     def kill(self, process: object) -> None:
-        """Never let the tasks of a process run again, as when it is killed."""
+        """Remove the tasks of a process, as if it were killed."""
         self.tasks = [t for t in self.tasks if t.process is not process]
 
     def step(self) -> bool:
-        """Let one task run until it waits or ends; False if none ever will."""
+        """Let one task run until it waits or ends; return False if no task can run any more."""
         chosen = next((t for t in self.tasks if t.ready()), None)
         if chosen is None:
             chosen = min(self.tasks, key=lambda t: t.until_s, default=None)
             if chosen is None or chosen.until_s == math.inf:
                 return False
             self.now_s = max(self.now_s, chosen.until_s)
-        # To the end of the queue: no task starves.
+        # The task moves to the end of the queue, so that every task gets its turn.
         self.tasks.remove(chosen)
         self.tasks.append(chosen)
         chosen.ready, chosen.until_s = (lambda: False), math.inf
         self.current = chosen
-        chosen.go.release()
-        self._back.acquire()
+        chosen.resume.release()
+        self._yielded.acquire()
         self.current = None
         if chosen.done:
             self.tasks = [t for t in self.tasks if t is not chosen]
@@ -98,7 +110,7 @@ class Scheduler:
         return True
 
     def is_waiting(self, name: str, process: object) -> bool:
-        """Return True if every task of that name waits for a condition that does not hold."""
+        """Return True if all tasks of this name and process wait for conditions that do not hold."""
         return all(not t.ready() for t in self.tasks if t.name == name and t.process is process)
 
 
@@ -107,9 +119,9 @@ class _Lock:
         self._scheduler, self._held = scheduler, False
 
     def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
-        free = self._scheduler.block(lambda: not self._held, None if timeout < 0 else timeout)
-        self._held = self._held or free
-        return free
+        is_acquired = self._scheduler.block(lambda: not self._held, None if timeout < 0 else timeout)
+        self._held = self._held or is_acquired
+        return is_acquired
 
     def release(self) -> None:
         self._held = False
@@ -122,7 +134,7 @@ class _Lock:
 
 
 class _Condition:
-    """Between two waits only one task runs, so that it needs no lock."""
+    """A condition without a lock: between two waits only one task runs."""
 
     def __init__(self, scheduler: Scheduler) -> None:
         self._scheduler = scheduler
@@ -192,13 +204,13 @@ class _Pool:
 
 
 class VirtualTiming(Timing):
-    """Time and waiting of one process of the simulation."""
+    """Clock and waiting objects of one process of the simulation, in virtual time."""
 
     def __init__(self, scheduler: Scheduler) -> None:
         self.scheduler = scheduler
 
     def now_s(self) -> float:
-        """Virtual seconds."""
+        """Return the virtual time, seconds."""
         return self.scheduler.now_s
 
     def event(self) -> threading.Event:
@@ -206,19 +218,19 @@ class VirtualTiming(Timing):
         return _Event(self.scheduler)  # type: ignore[return-value]
 
     def condition(self) -> threading.Condition:
-        """Return a condition in virtual time."""
+        """Return a condition variable in virtual time."""
         return _Condition(self.scheduler)  # type: ignore[return-value]
 
     def lock(self) -> threading.Lock:
-        """Return a lock whose acquisition can have a timeout."""
+        """Return a lock in virtual time."""
         return _Lock(self.scheduler)  # type: ignore[return-value]
 
     def queue(self) -> Any:
-        """Return a queue between tasks."""
+        """Return a queue whose ``get`` waits in virtual time."""
         return _Queue(self.scheduler)
 
     def start(self, target: Callable[[], None], name: str) -> threading.Thread:
-        """Run ``target`` as a task of this process."""
+        """Start ``target`` as a task of this process."""
         return _Thread(self.scheduler, self.scheduler.start(target, name, self))  # type: ignore[return-value]
 
     def pool(self, workers: int, name: str) -> Any:

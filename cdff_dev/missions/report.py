@@ -114,9 +114,9 @@ def _page(report: Report) -> Iterator[str]:
     if report.arrivals:
         yield from _section("Tasks", ("robot", "task", "completed at"), _task_rows(report))
     if report.guidance_requests:
-        columns = ("robot", "request", "number", "median duration", "longest", "last answer")
+        guidance_columns = ("robot", "request", "number", "median duration", "longest", "last answer")
         rows = _guidance_rows(report.guidance_requests)
-        yield from _section("Requests of the guidance", columns, rows)
+        yield from _section("Requests of the guidance", guidance_columns, rows)
     if report.outcomes:
         columns = ("sent at", "request", "answer", "duration")
         failed = {row for row, outcome in enumerate(report.outcomes) if outcome.faults}

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scaffolds of new DFNs and DFPCs: ``cdff new``."""
+"""``cdff new``: the files of a new DFN or DFPC."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A new DFN or DFPC: description, interface, skeleton and test, all passing lint and their own tests."""
+"""Files of a new DFN or DFPC: description, interface, skeleton and test, which passes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}\Z")
 
 
 def scaffold(tree: Tree, kind: str, name: str) -> list[Path]:
-    """Write a new DFN or DFPC and return the files made.
+    """Write the files of a new DFN or DFPC and return their paths, the description first.
 
     Parameters
     ----------
@@ -26,17 +26,17 @@ def scaffold(tree: Tree, kind: str, name: str) -> list[Path]:
     kind : str
         ``dfn`` or ``dfpc``.
     name : str
-        ``LaserFilter`` or ``laser_filter``; the folder is the one, the class the other.
+        Name of the class (``LaserFilter``) or of the folder (``laser_filter``).
 
     Raises
     ------
     InputError
-        If the name is no identifier.
+        If the name is not an identifier.
     ConflictError
-        If a DFN or DFPC of that name exists: names are unique over both.
+        If a DFN or DFPC of this name exists: names are unique over both.
     """
     if not _NAME.match(name):
-        raise InputError(f"name {name!r}: expected an identifier as LaserFilter or laser_filter")
+        raise InputError(f"name {name!r}: expected an identifier such as LaserFilter or laser_filter")
     title = name if name[0].isupper() else "".join(part.capitalize() for part in name.split("_"))
     folder = snake_case(title)
     for other in ("dfn", "dfpc"):
@@ -47,13 +47,13 @@ def scaffold(tree: Tree, kind: str, name: str) -> list[Path]:
     path = tree.folder(kind, folder) / f"{kind}.yaml"
     description = Artefact(path, render(f"new_{kind}.yaml.j2", name=title, folder=folder), once=True)
     description.write()
-    made = [description]
+    artefacts = [description]
     if kind == "dfn":
         dfn = read_dfn_description(path)
-        made += [interfaces.dfn_interface(tree, dfn), *skeletons.dfn_skeleton(tree, dfn)]
+        artefacts += [interfaces.dfn_interface(tree, dfn), *skeletons.dfn_skeleton(tree, dfn)]
     else:
         dfpc = read_dfpc_description(path)
-        made += [interfaces.dfpc_interface(tree, dfpc), *skeletons.dfpc_skeleton(tree, dfpc)]
-    for artefact in made[1:]:
+        artefacts += [interfaces.dfpc_interface(tree, dfpc), *skeletons.dfpc_skeleton(tree, dfpc)]
+    for artefact in artefacts[1:]:
         artefact.write()
-    return [artefact.path for artefact in made]
+    return [artefact.path for artefact in artefacts]

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The player: a log's samples on the bus at their time, and the mission clock that they set."""
+"""The player: it publishes the samples of a log at their times, and the mission clock."""

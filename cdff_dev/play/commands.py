@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff play``: a log onto the bus, in the foreground."""
+"""Command line of ``cdff play``."""
 
 from __future__ import annotations
 
@@ -11,22 +11,29 @@ from typing import Any
 
 def register(nouns: Any) -> None:
     """Add ``cdff play`` to the command line."""
-    parser = nouns.add_parser("play", help="play a log's sensors onto the bus, with the mission clock")
+    parser = nouns.add_parser(
+        "play", help="publish the sensor samples of a log on the bus, with the mission clock"
+    )
     parser.add_argument("log", metavar="LOG", help="a log file, folder or pattern, or a KITTI folder")
     parser.add_argument(
         "--speed", type=float, default=1.0, metavar="X", help="mission seconds per second (default 1)"
     )
     parser.add_argument(
-        "--patience", type=float, metavar="S", help="hold the clock while a DFPC is S mission seconds behind"
+        "--patience",
+        type=float,
+        metavar="S",
+        help="hold the clock while a DFPC is more than S mission seconds behind",
+    )
+    parser.add_argument("--robots", nargs="+", metavar="ID", help="robots to play (default: all in the log)")
+    parser.add_argument(
+        "--wait-for",
+        nargs="+",
+        default=[],
+        metavar="KEYEXPR",
+        help="start when these liveliness tokens exist",
     )
     parser.add_argument(
-        "--robots", nargs="+", metavar="ID", help="only these robots (default: all in the log)"
-    )
-    parser.add_argument(
-        "--wait-for", nargs="+", default=[], metavar="KEYEXPR", help="start when these tokens are alive"
-    )
-    parser.add_argument(
-        "--wait-s", type=float, default=60.0, metavar="S", help="how long to wait for them (default 60)"
+        "--wait-s", type=float, default=60.0, metavar="S", help="longest wait for them (default 60)"
     )
     parser.add_argument(
         "--exit-at-end", action="store_true", help="end with the log instead of keeping the clock running"
@@ -37,7 +44,7 @@ def register(nouns: Any) -> None:
         nargs="+",
         default=[],
         metavar="ID=ENDPOINT",
-        help="routers of robots that have one of their own, where their sensors deliver",
+        help="robots with a router of their own, on which their samples are published",
     )
     parser.set_defaults(run=_run, parser=parser)
 
@@ -51,13 +58,16 @@ def _run(args: argparse.Namespace) -> int:
     from cdff_dev.logs import open_log
     from cdff_dev.play.player import Player, wait_for
 
-    elsewhere = key_values(args.via, "--via", "ID=ENDPOINT, as mana=tcp/127.0.0.1:7448")
+    endpoint_of = key_values(args.via, "--via", "ID=ENDPOINT, such as mana=tcp/127.0.0.1:7448")
 
     def body(stop: threading.Event) -> None:
-        with ExitStack() as opened:
-            log = opened.enter_context(closing(open_log(args.log)))
-            bus = opened.enter_context(Bus.open(args.connect, name="player"))
-            via = {r: opened.enter_context(Bus.open(e, name=f"player of {r}")) for r, e in elsewhere.items()}
+        with ExitStack() as stack:
+            log = stack.enter_context(closing(open_log(args.log)))
+            bus = stack.enter_context(Bus.open(args.connect, name="player"))
+            via = {
+                robot: stack.enter_context(Bus.open(endpoint, name=f"player of {robot}"))
+                for robot, endpoint in endpoint_of.items()
+            }
             wait_for(bus, args.wait_for, args.wait_s, stop)
             if not stop.is_set():
                 player = Player(bus, log, args.speed, args.robots, args.patience, via=via)

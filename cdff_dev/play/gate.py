@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Gate of recorded sensors: they obey the Instrument Control Unit like real ones."""
+"""Gate of recorded sensors: it passes samples by the modes that the instrument control unit sets."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from typing import Any
 
 from cdff_common.errors import InputError
 
-#: A sample may be early by this fraction of a period: stamps are rounded and jitter.
+#: Tolerance of a period, as a fraction of it: stamps are rounded and have jitter.
 _EARLY_FRACTION = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class SensorState:
-    """Mode of a sensor: ``on``, and ``rate_hz`` if the mode limits it."""
+    """State of a sensor: whether it is on, and the rate limit of its mode, if any."""
 
     on: bool = True
     rate_hz: float | None = None
 
 
 class SensorGate:
-    """Passes or holds back samples; a sensor without a mode is on. Thread-safe."""
+    """Passes or withholds samples by the mode of their sensor; a sensor without a mode is on. Thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -32,8 +32,9 @@ class SensorGate:
         self._passed_ns: dict[tuple[str, str, str], int] = {}
 
     def set(self, robot: str, sensor: str, body: Mapping[str, Any]) -> None:
-        """Take a mode, ``on`` and ``rate_hz`` as ``event/sensor_mode`` has them; raises InputError on another
-        body.
+        """Set the mode of a sensor from the body of ``event/sensor_mode``.
+
+        Raises InputError if it is malformed.
         """
         on, rate_hz = body.get("on"), body.get("rate_hz")
         if not isinstance(on, bool) or not (rate_hz is None or isinstance(rate_hz, int | float)):
@@ -44,13 +45,13 @@ class SensorGate:
             self._states[robot, sensor] = SensorState(on, None if rate_hz is None else float(rate_hz))
 
     def is_on(self, robot: str, sensor: str) -> bool:
-        """Return True if a sensor delivers samples now."""
+        """Return True if a sensor currently delivers samples."""
         with self._lock:
             state = self._states.get((robot, sensor), SensorState())
         return state.on and state.rate_hz != 0.0
 
     def passes(self, robot: str, sensor: str, stream: str, stamp_ns: int) -> bool:
-        """Return True, and store the stamp, if the sample of ``stamp_ns`` is delivered."""
+        """Return True if a sample passes; its stamp is then the reference of the rate limit."""
         key = (robot, sensor, stream)
         with self._lock:
             state = self._states.get((robot, sensor), SensorState())

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The mission clock of a player: it runs at a speed, and stands still while it is held."""
+"""The mission clock of a player: it runs at a constant speed and can be held."""
 
 from __future__ import annotations
 
@@ -8,76 +8,76 @@ import threading
 
 from cdff_common.clock import NS_PER_S, monotonic_s
 
-#: A sample is waited for in steps of at most this, seconds, so that a clock that is held meanwhile is seen.
+#: Longest step of a wait, seconds: in each step it is checked whether the clock is held.
 _STEP_S = 0.05
 
 
 class Pace:
-    """Mission time against the monotonic clock.
+    """Mission time as a function of the monotonic clock.
 
     Parameters
     ----------
-    begin_ns : int
-        Mission time at ``start``.
+    start_ns : int
+        Mission time when the clock is started.
     speed : float
-        Seconds of mission time per second, while it is not held.
+        Seconds of mission time per second, while the clock is not held.
     """
 
-    def __init__(self, begin_ns: int, speed: float) -> None:
+    def __init__(self, start_ns: int, speed: float) -> None:
         self.speed = speed
         self._lock = threading.Lock()
-        self._anchor_ns, self._anchor_s = begin_ns, monotonic_s()
+        self._anchor_ns, self._anchor_s = start_ns, monotonic_s()
         self._rate = 0.0
-        self._stood_s = 0.0
+        self._held_s = 0.0
 
     @property
     def rate(self) -> float:
-        """Seconds of mission time per second, now."""
+        """Current rate: seconds of mission time per second, 0 while the clock is held."""
         return self._rate
 
     @property
     def held_s(self) -> float:
-        """Time held since ``start``, seconds."""
+        """Total time for which the clock has been held since ``start``, seconds."""
         with self._lock:
-            return self._stood_s + (monotonic_s() - self._anchor_s if self._rate == 0.0 else 0.0)
+            return self._held_s + (monotonic_s() - self._anchor_s if self._rate == 0.0 else 0.0)
 
     def start(self) -> None:
-        """Run from here on."""
+        """Start the clock."""
         with self._lock:
             self._anchor_s, self._rate = monotonic_s(), self.speed
 
     def hold(self) -> None:
-        """Stand still."""
-        self._turn(0.0)
+        """Stop the clock until ``resume``."""
+        self._set_rate(0.0)
 
     def resume(self) -> None:
-        """Run on."""
-        self._turn(self.speed)
+        """Let a held clock run again."""
+        self._set_rate(self.speed)
 
     def now_ns(self) -> int:
-        """Mission time, a multiple of 1000 ns."""
+        """Return the mission time, a multiple of 1000 ns."""
         with self._lock:
             return self._at(monotonic_s())
 
     def late_s(self, stamp_ns: int) -> float:
-        """Return the monotonic seconds since a mission time; negative before it."""
+        """Return the seconds of real time since a mission time, negative before it."""
         return (self.now_ns() - stamp_ns) / NS_PER_S / self.speed
 
     def wait_until(self, stamp_ns: int, stop: threading.Event) -> bool:
-        """Return True once it is ``stamp_ns``, False if ``stop`` is set before."""
+        """Wait until mission time ``stamp_ns``; return False if ``stop`` is set."""
         while (late_s := self.late_s(stamp_ns)) < 0.0:
             if stop.wait(min(-late_s, _STEP_S)):
                 return False
         return not stop.is_set()
 
-    def _turn(self, rate: float) -> None:
+    def _set_rate(self, rate: float) -> None:
         with self._lock:
             if rate == self._rate:
                 return
             now_s = monotonic_s()
             now_ns = self._at(now_s)
             if self._rate == 0.0:
-                self._stood_s += now_s - self._anchor_s
+                self._held_s += now_s - self._anchor_s
             self._anchor_ns, self._anchor_s, self._rate = now_ns, now_s, rate
 
     def _at(self, now_s: float) -> int:

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Player of a log: runs the mission clock, publishes each sample at its time, reports progress.
+"""Player of a log: it runs the mission clock, publishes each sample at its time, and reports its progress.
 
-With ``patience_s`` the clock is held while a DFPC lags by more, so that a slow machine shows the same mission
-and only takes longer; without it the player waits for no DFPC, like a sensor.
+With ``patience_s`` the clock is held while the lag of a DFPC exceeds this value, so that the mission is the
+same on a slow machine and only takes longer. Without it samples are published in time, as by a sensor.
 """
 
 from __future__ import annotations
@@ -28,10 +28,9 @@ logger = logging.getLogger(__name__)
 
 CLOCK_PERIOD_S = 0.05
 PROGRESS_PERIOD_S = 1.0
-#: Mission time that is encoded before the clock starts, and how long that may take.
+#: Mission time for which samples are encoded before the clock starts, ns, and longest wait for that, seconds.
 AHEAD_NS, AHEAD_TIMEOUT_S = 3 * NS_PER_S, 30.0
-#: A sample that would go out later than this, seconds of the monotonic clock, is dropped: a sensor does not
-#: wait.
+#: Largest delay of a sample, seconds of real time; a later one is dropped.
 LATE_LIMIT_S = 1.0
 
 
@@ -42,11 +41,11 @@ class Progress:
     Attributes
     ----------
     published, gated, dropped : int
-        Samples sent; held back by the mode of their sensor; dropped as too late.
+        Numbers of samples that were sent, withheld by the mode of their sensor, and dropped as too late.
     lag_s, worst_lag_s : float
-        Delay of the newest sample, and the largest delay.
+        Delay of the newest sample and largest delay, seconds.
     held_s : float
-        Time for which the clock was held.
+        Total time for which the clock was held, seconds.
     """
 
     now_ns: int = 0
@@ -66,7 +65,7 @@ def playable(log: LogSource, robots: Collection[str] | None = None) -> list[str]
     Raises
     ------
     InputError
-        If a robot is not in the log, or nothing is left.
+        If a robot is not in the log, or no stream remains.
     """
     dfpcs = set(Registry.default().dfpcs)
     found = {}
@@ -86,8 +85,9 @@ def playable(log: LogSource, robots: Collection[str] | None = None) -> list[str]
 
 
 def wait_for(bus: Bus, keyexprs: Collection[str], timeout_s: float, stop: threading.Event) -> None:
-    """Return once every key expression matches a liveliness token; raises UnavailableError after
-    ``timeout_s``.
+    """Wait until every key expression matches a liveliness token, or ``stop`` is set.
+
+    Raises UnavailableError after ``timeout_s``.
     """
     deadline_s = monotonic_s() + timeout_s
     missing = list(keyexprs)
@@ -100,22 +100,24 @@ def wait_for(bus: Bus, keyexprs: Collection[str], timeout_s: float, stop: thread
 
 
 class Player:
-    """Plays the sensor streams of a log onto a bus.
+    """Publishes the sensor streams of a log on a bus.
 
     Parameters
     ----------
     speed : float
         Seconds of mission time per second.
     robots : collection of str, optional
-        Default: all.
+        Robots to play, by default all.
     patience_s : float, optional
-        Hold the clock while a DFPC is behind by more than this, seconds of mission time; None holds it never.
+        Largest lag of a DFPC, mission seconds, above which the clock is held; None: it is never held.
     ready_ns : callable, optional
-        Of a log that is made while it is played: the mission time up to which it is, where the clock is held.
+        For a log that is computed while it is played: returns the mission time up to which it is complete,
+        at which the clock is held.
     ahead_bytes : int
-        How much is read and encoded ahead.
+        Size of the samples that are read and encoded ahead.
     via : mapping of str to Bus, optional
-        Robots that have a router of their own, where their sensors deliver: they do so out of contact too.
+        Buses of robots with a router of their own, on which their samples are published: their sensors
+        deliver without contact to the main router, too.
     """
 
     def __init__(
@@ -144,17 +146,17 @@ class Player:
             raise InputError(f"via {unknown[0]!r}: the robots that are played are {', '.join(self._robots)}")
         self.gate = SensorGate()
         infos = [log.streams[s] for s in self._streams]
-        self.begin_ns = min(i.t0_ns for i in infos)
-        self.progress = Progress(now_ns=self.begin_ns, t_end_ns=max(i.t1_ns for i in infos))
-        self._pace = Pace(self.begin_ns, speed)
+        self.start_ns = min(i.t0_ns for i in infos)
+        self.progress = Progress(now_ns=self.start_ns, t_end_ns=max(i.t1_ns for i in infos))
+        self._pace = Pace(self.start_ns, speed)
         self._backlog = Backlog()
 
     def now_ns(self) -> int:
-        """Mission time."""
+        """Return the mission time."""
         return self._pace.now_ns()
 
     def run(self, stop: threading.Event, stay: bool = True) -> Progress:
-        """Play until the end and, if ``stay``, keep the clock running until ``stop`` is set."""
+        """Play the log to its end; if ``stay``, keep the clock running until ``stop`` is set."""
         self._follow_modes(stop)
         if self._patience_s is not None:
             for bus in (self._bus, *self._via.values()):
@@ -162,8 +164,8 @@ class Player:
         prefetch = Prefetch(self._log.samples(self._streams), self.gate.is_on, self._ahead_bytes)
         prefetch.wait_filled(AHEAD_NS, AHEAD_TIMEOUT_S)
         self._pace.start()
-        ticking = threading.Thread(target=self._tick, args=(stop,), name="clock", daemon=True)
-        ticking.start()
+        clock_thread = threading.Thread(target=self._tick, args=(stop,), name="clock", daemon=True)
+        clock_thread.start()
         try:
             self._play(iter(prefetch), stop)
             self.progress.ended = not stop.is_set()
@@ -173,7 +175,7 @@ class Player:
         finally:
             stop.set()
             prefetch.close()
-            ticking.join(2.0)
+            clock_thread.join(2.0)
         return self.progress
 
     def _play(self, items: Iterator[Item], stop: threading.Event) -> None:
@@ -194,7 +196,7 @@ class Player:
             self.progress.worst_lag_s = max(self.progress.worst_lag_s, self.progress.lag_s)
 
     def _tick(self, stop: threading.Event) -> None:
-        """Publish the mission clock, and every second the progress."""
+        """Publish the mission clock, and the progress every second."""
         reported_s = monotonic_s()
         while True:
             self._hold_or_resume()
@@ -209,17 +211,20 @@ class Player:
                 return
 
     def _hold_or_resume(self) -> None:
-        """Hold the clock at the end of a growing log, and for a lagging DFPC until half of its lag is
-        gone.
+        """Hold the clock at the end of a growing log, and while a DFPC lags.
+
+        It is resumed when the lag is at most half of ``patience_s``.
         """
         now_ns = self.now_ns()
-        behind_s = 0.0 if self._patience_s is None else self._backlog.lag_s(now_ns)
-        if self._is_unmade(now_ns) or (self._patience_s is not None and behind_s > self._patience_s):
+        lag_s = 0.0 if self._patience_s is None else self._backlog.lag_s(now_ns)
+        if self._is_at_end_of_growing_log(now_ns) or (
+            self._patience_s is not None and lag_s > self._patience_s
+        ):
             self._pace.hold()
-        elif self._patience_s is None or behind_s <= self._patience_s / 2:
+        elif self._patience_s is None or lag_s <= self._patience_s / 2:
             self._pace.resume()
 
-    def _is_unmade(self, now_ns: int) -> bool:
+    def _is_at_end_of_growing_log(self, now_ns: int) -> bool:
         """Return True if the clock would pass the end of a growing log before the next tick."""
         if self._ready_ns is None:
             return False
@@ -232,26 +237,31 @@ class Player:
             logger.warning("%s: %s", message.key, error)
 
     def _follow_modes(self, stop: threading.Event) -> None:
-        """Follow the ICU of each robot: its events, and all its modes now and whenever it comes back."""
-        returned = threading.Event()
+        """Follow the sensor modes of each robot, by events.
+
+        Read all modes now and whenever its ICU starts.
+        """
+        icu_started = threading.Event()
 
         def on_icu(_: str, is_alive: bool) -> None:
             if is_alive:
-                returned.set()
+                icu_started.set()
 
         for robot in self._robots:
             self._bus.subscribe(keys.event(robot, "sensor_mode"), self._on_mode)
             self._bus.watch_alive(keys.alive(robot, "icu"), on_icu)
-        self._ask_modes()
-        threading.Thread(target=self._ask_again, args=(returned, stop), name="modes", daemon=True).start()
+        self._read_modes()
+        threading.Thread(
+            target=self._read_modes_again, args=(icu_started, stop), name="modes", daemon=True
+        ).start()
 
-    def _ask_again(self, returned: threading.Event, stop: threading.Event) -> None:
+    def _read_modes_again(self, icu_started: threading.Event, stop: threading.Event) -> None:
         while not stop.is_set():
-            if returned.wait(0.5):
-                returned.clear()
-                self._ask_modes()
+            if icu_started.wait(0.5):
+                icu_started.clear()
+                self._read_modes()
 
-    def _ask_modes(self) -> None:
+    def _read_modes(self) -> None:
         for robot in self._robots:
             try:
                 sensors = self._bus.call(keys.icu_rpc(robot, "modes"), timeout_s=2.0).body()["sensors"]
@@ -259,7 +269,7 @@ class Player:
                     self.gate.set(robot, sensor, body)
             except UnavailableError:
                 logger.info(
-                    "no instrument control unit answers for %s: its sensors keep their modes (at first: on)",
+                    "no instrument control unit answers for %s: its sensors keep their modes (initially: on)",
                     robot,
                 )
             except (CdffError, KeyError, TypeError, AttributeError) as error:

@@ -1,8 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reads and encodes samples ahead of their time, into a buffer of bounded size: pacing does not wait for
-them.
-"""
+"""Reading and encoding of samples ahead of their time, in a thread, into a buffer of limited size."""
 
 from __future__ import annotations
 
@@ -20,12 +18,12 @@ from cdff_dev.logs.source import LogSample, recorded_header, split_stream
 
 @dataclass(slots=True, eq=False)
 class Item:
-    """A sample to be published: key, time, and its bytes once they are encoded.
+    """A sample to be published.
 
     Attributes
     ----------
     payload : bytes or None
-        None until it is encoded: samples of a sensor that is off are not, unless it comes on in time.
+        Encoded value; None until it is encoded. A sample is encoded ahead only if its sensor is on.
     """
 
     robot: str
@@ -53,7 +51,7 @@ class Item:
 
 
 def item_of(sample: LogSample) -> Item:
-    """Return the sample with its key and attachment; a sample without a header gets one."""
+    """Return the item of a sample; a sample without a header gets one."""
     robot, sensor, port = split_stream(sample.stream)
     header = sample.header or recorded_header(sample.stream, sample.seq, sample.stamp_ns)
     key = keys.sensor(robot, sensor, port)
@@ -63,26 +61,26 @@ def item_of(sample: LogSample) -> Item:
 
 
 class Prefetch:
-    """A thread that fills a buffer from a log, and the iterator over it.
+    """An iterator over the items of a log, which a thread reads ahead into a buffer.
 
     Parameters
     ----------
     samples : iterable of LogSample
-        In the order of play.
-    wanted : callable
-        ``wanted(robot, sensor)``: whether to encode ahead.
+        Samples in the order in which they are played.
+    is_needed : callable
+        ``is_needed(robot, sensor)`` returns True if samples of the sensor are encoded ahead.
     capacity_bytes : int
-        The buffer waits above it; one sample always fits.
+        Size of the buffer; no sample is added while it is exceeded.
     """
 
     def __init__(
         self,
         samples: Iterable[LogSample],
-        wanted: Callable[[str, str], bool],
+        is_needed: Callable[[str, str], bool],
         capacity_bytes: int = 48_000_000,
     ) -> None:
         self._samples = samples
-        self._wanted = wanted
+        self._is_needed = is_needed
         self._capacity = capacity_bytes
         self._buffer: deque[tuple[Item, int]] = deque()
         self._bytes = 0
@@ -94,19 +92,20 @@ class Prefetch:
         self._thread.start()
 
     def wait_filled(self, ahead_ns: int, timeout_s: float) -> None:
-        """Return once the buffer is full, holds ``ahead_ns`` of mission time, or holds the rest of the
-        log.
+        """Wait until the buffer is full, spans ``ahead_ns`` of mission time, or contains the rest of the log.
+
+        Returns after ``timeout_s`` at the latest.
         """
 
-        def filled() -> bool:
-            span = self._buffer[-1][0].stamp_ns - self._buffer[0][0].stamp_ns if self._buffer else 0
-            return self._ended or self._bytes >= self._capacity or span >= ahead_ns
+        def is_filled() -> bool:
+            span_ns = self._buffer[-1][0].stamp_ns - self._buffer[0][0].stamp_ns if self._buffer else 0
+            return self._ended or self._bytes >= self._capacity or span_ns >= ahead_ns
 
         with self._changed:
-            self._changed.wait_for(filled, timeout_s)
+            self._changed.wait_for(is_filled, timeout_s)
 
     def __iter__(self) -> Iterator[Item]:
-        """Items in order; raises what reading the log raised, in its place."""
+        """Yield the items in order; an error of reading the log is raised after the items before it."""
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._buffer or self._ended)
@@ -130,7 +129,8 @@ class Prefetch:
         try:
             for sample in self._samples:
                 item = item_of(sample)
-                size = len(item.encoded()) if self._wanted(item.robot, item.sensor) else _size_guess(item)
+                is_needed = self._is_needed(item.robot, item.sensor)
+                size = len(item.encoded()) if is_needed else _approximate_size(item)
                 with self._changed:
                     self._changed.wait_for(lambda: self._closed or self._bytes < self._capacity)
                     if self._closed:
@@ -138,7 +138,7 @@ class Prefetch:
                     self._buffer.append((item, size))
                     self._bytes += size
                     self._changed.notify_all()
-        except Exception as error:  # noqa: BLE001  # handed to the thread that plays, which raises it
+        except Exception as error:  # noqa: BLE001  # raised by __iter__ in the thread that plays
             self._error = error
         finally:
             with self._changed:
@@ -146,6 +146,6 @@ class Prefetch:
                 self._changed.notify_all()
 
 
-def _size_guess(item: Item) -> int:
-    """Return the memory of a value that is not encoded; only images and scans matter."""
+def _approximate_size(item: Item) -> int:
+    """Return the approximate size of a value that is not encoded, bytes; images and scans are large."""
     return 1_000_000 if item.type_name in ("FramePair", "Frame", "LidarScan", "Pointcloud") else 1_000

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Replays a log through a DFPC without any middleware, repeatably, byte for byte."""
+"""Replay of a log through a DFPC without middleware; two replays give identical outputs."""

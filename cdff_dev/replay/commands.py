@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff replay LOG --dfpc NAME``, and ``cdff replay LOG --requests FILE`` for a whole mission."""
+"""Command line of ``cdff replay``: ``--dfpc NAME`` for one DFPC, ``--requests FILE`` for a mission."""
 
 from __future__ import annotations
 
@@ -21,35 +21,43 @@ def register(nouns: Any) -> None:
         "replay", help="replay a log through a DFPC or a mission, without middleware, repeatably"
     )
     parser.add_argument("log", help="a log file, a folder, a _*.msg pattern, or a KITTI folder")
-    what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("--dfpc", help="one DFPC, fed with everything that it takes")
-    what.add_argument(
-        "--requests", metavar="FILE", help="a mission: YAML of requests that switch the profile's DFPCs on"
+    mode = parser.add_mutually_exclusive_group(required=True)
+    mode.add_argument("--dfpc", help="replay one DFPC, with all streams of the log that fit its ports")
+    mode.add_argument(
+        "--requests",
+        metavar="FILE",
+        help="replay a mission: a YAML file of requests, for which the DFPCs of the profile are activated",
     )
     parser.add_argument(
-        "--store", metavar="DIR", help="with --requests: keep the products in this DPM's directory"
+        "--store", metavar="DIR", help="with --requests: store the products in the DPM of this directory"
     )
-    parser.add_argument("--implementation")
-    parser.add_argument("--config", help="YAML file with the DFPC's parameters")
-    parser.add_argument("--profile", help="take frames, limits, wiring and parameters from this profile")
-    parser.add_argument("--robot", help="robot of the log; default: the only one")
-    parser.add_argument("--map", action="append", default=[], metavar="PORT=STREAM")
-    parser.add_argument("--speed", default="max", help="a factor, or max (the default)")
-    parser.add_argument("--seed", type=int, default=None)
-    parser.add_argument("--out", metavar="DIR", help="write outputs.msg, summary.json and <port>.tum there")
+    parser.add_argument("--implementation", help="implementation of the DFPC")
+    parser.add_argument("--config", help="YAML file with parameters of the DFPC")
+    parser.add_argument("--profile", help="profile with the frames, limits, wiring and parameters")
+    parser.add_argument("--robot", help="robot of the log (default: the only one)")
+    parser.add_argument(
+        "--map",
+        action="append",
+        default=[],
+        metavar="PORT=STREAM",
+        help="wire a stream of the log to a port of the DFPC; may be repeated",
+    )
+    parser.add_argument("--speed", default="max", help="mission seconds per second, or max (the default)")
+    parser.add_argument("--seed", type=int, default=None, help="seed of the random numbers of the DFPC")
+    parser.add_argument("--out", metavar="DIR", help="folder for outputs.msg, summary.json and <port>.tum")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Replay; 0 when it ran, 3 when every output was FAILED."""
+    """Replay; return 0, or raise RefusedError (exit code 3) if every output of the DFPC is FAILED."""
     from contextlib import closing
 
     from cdff_common.errors import InputError
     from cdff_dev.logs import open_log
 
     if args.dfpc and args.store:
-        raise InputError("--store is for --requests: one DFPC's outputs go to --out alone")
+        raise InputError("--store needs --requests; the outputs of one DFPC are written to --out only")
     with closing(open_log(args.log)) as log:
         return _replay(args, log) if args.dfpc else _mission(args, log)
 
@@ -59,10 +67,16 @@ def _mission(args: argparse.Namespace, log: LogSource) -> int:
     from cdff_common.interfaces.profile import load_profile
     from cdff_dev.mission_replay.command import replay_mission
 
-    needed = [f"--{name}" for name in ("profile", "out") if getattr(args, name) is None]
-    alone = [f"--{n}" for n in ("implementation", "config", "robot", "seed") if getattr(args, n) is not None]
-    if needed or alone or args.map or args.speed != "max":
-        wrong = f"{needed[0]} is missing" if needed else f"{[*alone, '--map or --speed'][0]} is for --dfpc"
+    missing = [f"--{name}" for name in ("profile", "out") if getattr(args, name) is None]
+    of_one_dfpc = [
+        f"--{n}" for n in ("implementation", "config", "robot", "seed") if getattr(args, n) is not None
+    ]
+    if missing or of_one_dfpc or args.map or args.speed != "max":
+        wrong = (
+            f"{missing[0]} is missing"
+            if missing
+            else f"{[*of_one_dfpc, '--map or --speed'][0]} is for --dfpc"
+        )
         raise InputError(f"--requests: {wrong}; a mission takes --profile FILE --out DIR [--store DIR]")
     store = Path(args.store) if args.store else None
     summary = replay_mission(log, load_profile(args.profile), Path(args.requests), Path(args.out), store)
@@ -70,12 +84,13 @@ def _mission(args: argparse.Namespace, log: LogSource) -> int:
         print(json.dumps(summary, sort_keys=True))
     else:
         for answer in summary["answers"]:
-            asked = answer["asked"]
-            how = answer.get("detail") or ", ".join(answer["delivered"]["differences"]) or "as asked"
-            print(f"{answer['at_s']:8.1f} s  {asked['type']} of {asked['robot']}: {answer['answer']} ({how})")
+            request = answer["asked"]
+            remark = answer.get("detail") or ", ".join(answer["delivered"]["differences"]) or "as asked"
+            line = f"{request['type']} of {request['robot']}: {answer['answer']} ({remark})"
+            print(f"{answer['at_s']:8.1f} s  {line}")
         print(
-            f"{summary['mission']}: {summary['samples']} samples, {summary['gated']} held back by their "
-            f"sensors' modes, {summary['stored']} products stored, {summary['answered']} of "
+            f"{summary['mission']}: {summary['samples']} samples, {summary['gated']} withheld by the "
+            f"modes of their sensors, {summary['stored']} products stored, {summary['answered']} of "
             f"{summary['requests']} requests answered, {summary['cpu_s']:.2f} s CPU"
         )
     return 0
@@ -102,9 +117,9 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
     context, entry, implementation = DfpcContext(robot), None, args.implementation
     parameters: dict[str, Any] = {}
     if args.profile:
-        described = load_profile(args.profile).robot(robot)
-        entry = described.dfpc(dfpc.name)
-        context, parameters = described.context(entry), dict(entry.parameters)
+        profile_robot = load_profile(args.profile).robot(robot)
+        entry = profile_robot.dfpc(dfpc.name)
+        context, parameters = profile_robot.context(entry), dict(entry.parameters)
         implementation = implementation or entry.implementation
     if args.seed is not None:
         context = dataclasses.replace(context, seed=args.seed)
@@ -113,11 +128,11 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
     dfpc.configure(parameters, context, implementation)
     wired = wire(dfpc.description, streams, robot, mapping, entry)
     total = sum(log.streams[s].count for s in wired.values())
-    seen = itertools.count(1)
+    sample_number = itertools.count(1)
 
     def progress(_sample: Sample) -> None:
         if sys.stderr.isatty():
-            print(f"\r{next(seen)}/{total} samples", end="", file=sys.stderr)
+            print(f"\r{next(sample_number)}/{total} samples", end="", file=sys.stderr)
 
     summary = replay(
         dfpc, paced(samples_of(log, wired, robot), speed), Path(args.out) if args.out else None, progress

@@ -17,7 +17,10 @@ from cdff_dev.replay.output import ReplayOutput
 
 
 def samples_of(log: LogSource, wired: Mapping[str, str], robot: str) -> Iterator[Sample]:
-    """Yield the log's samples as samples of ports, in the order (stamp_ns, port, seq)."""
+    """Yield the samples of a log as samples of ports, in the order (stamp_ns, port, seq).
+
+    ``wired`` maps a port to its stream.
+    """
     port_of = {stream: port for port, stream in wired.items()}
     samples = (item.to_sample(port_of[item.stream], robot) for item in log.samples(list(wired.values())))
     for _, batch in groupby(samples, lambda sample: sample.stamp_ns):
@@ -25,7 +28,7 @@ def samples_of(log: LogSource, wired: Mapping[str, str], robot: str) -> Iterator
 
 
 def paced(samples: Iterable[Sample], speed: float | None) -> Iterator[Sample]:
-    """Yield samples at ``speed`` times their own pace; None is as fast as they are taken."""
+    """Yield samples at their times, ``speed`` times faster; None yields them without waiting."""
     start_s = time.monotonic()
     first_ns: int | None = None
     for sample in samples:

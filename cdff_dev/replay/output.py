@@ -22,7 +22,7 @@ from cdff_dev.logs import LogWriter
 
 
 class ReplayOutput:
-    """Writes ``outputs.msg``, one ``.tum`` file for each pose output, and ``summary.json``.
+    """Writer of ``outputs.msg``, of one ``.tum`` file for each pose output, and of ``summary.json``.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class ReplayOutput:
     def __init__(self, folder: Path | None, *, full_names: bool = False) -> None:
         self._folder, self._full_names = folder, full_names
         self._tracks: dict[str, list[tuple[int, se3.FloatArray]]] = defaultdict(list)
-        self._wall_s, self._cpu_s = time.monotonic(), time.process_time()
+        self._start_s, self._cpu_start_s = time.monotonic(), time.process_time()
         self._writer: LogWriter | None = None
         if folder is not None:
             make_folder(folder)
@@ -63,11 +63,14 @@ class ReplayOutput:
             self._writer.close()
 
     def write_summary(self, counts: dict[str, Any]) -> dict[str, Any]:
-        """Return the counts with times and memory; write them, and the trajectories ``T_first_current``."""
+        """Return the counts with times and memory; write them, and the trajectories.
+
+        A trajectory contains ``T_first_current``: the first pose is the identity.
+        """
         summary = {
             **counts,
-            "wall_s": time.monotonic() - self._wall_s,
-            "cpu_s": time.process_time() - self._cpu_s,
+            "wall_s": time.monotonic() - self._start_s,
+            "cpu_s": time.process_time() - self._cpu_start_s,
             "peak_rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         }
         if self._folder is not None:

@@ -12,15 +12,19 @@ from cdff_common.interfaces.profile import DfpcEntry
 
 
 def stream_of_wiring(robot: str, wiring: str) -> str:
-    """``sensor/navcam/pair`` of ``mana`` is the stream ``/mana/navcam.pair``; of alternatives the first is
-    taken.
+    """Return the stream of a wiring: ``/mana/navcam.pair`` for ``sensor/navcam/pair`` of ``mana``.
+
+    Of several alternatives the first is used.
     """
     _, owner, item = wiring.split("|")[0].split("/")
     return f"/{robot}/{owner}.{item}"
 
 
 def robot_of(streams: Mapping[str, str], robot: str | None) -> str:
-    """Return the robot to replay: the one named, else the only one in the log; raises InputError."""
+    """Return the robot to replay: ``robot`` if given, otherwise the only robot of the log.
+
+    Raises InputError if the log has several robots.
+    """
     robots = sorted({name.split("/")[1] for name in streams if name.count("/") >= 2})
     if robot is not None:
         return robot
@@ -31,8 +35,8 @@ def robot_of(streams: Mapping[str, str], robot: str | None) -> str:
     raise InputError(f"the log holds robots {', '.join(robots)}: name one with --robot")
 
 
-def _stored(wiring: str) -> bool:
-    """Return True if a port is wired to the DPM, which is not in a log."""
+def _is_stored(wiring: str) -> bool:
+    """Return True if a port is wired to products of the DPM, which are not in a log."""
     return wiring.startswith("dpm/")
 
 
@@ -43,40 +47,52 @@ def wire(
     mapping: Mapping[str, str],
     entry: DfpcEntry | None = None,
 ) -> dict[str, str]:
-    """Return port to stream.
+    """Return the stream of each port.
 
-    In this order: ``mapping``; the inputs of the profile's ``entry``; the stream named like the port;
-    the only stream of the port's type, where the port is the only one of that type. Ground truth is never
-    wired by itself.
+    The stream is, in this order: that of ``mapping``; the input of ``entry``; the stream with the type and
+    name of the port; the only stream of this type, if no other port has the type. Ground truth is wired only
+    by ``mapping``.
 
     Parameters
     ----------
     streams : mapping of str to str
-        Stream name to type, as the log has them.
+        Types of the streams of the log by name.
+    entry : DfpcEntry, optional
+        The DFPC in a profile.
 
     Raises
     ------
     InputError
-        If a named stream is not in the log, has another type, or a port that is not optional stays unwired.
+        If a given stream is not in the log or has another type, or a required port has no stream.
     """
     ports = {p.attribute: p for p in description.input_ports}
     unknown = set(mapping) - set(ports)
     if unknown:
         raise InputError(f"--map {sorted(unknown)[0]}=…: {description.folder} has ports {', '.join(ports)}")
-    own = {n: t for n, t in streams.items() if n.startswith(f"/{robot}/") or n.count("/") < 2}
-    own = {n: t for n, t in own.items() if "/truth." not in n}
+    candidates = {
+        name: type_name
+        for name, type_name in streams.items()
+        if (name.startswith(f"/{robot}/") or name.count("/") < 2) and "/truth." not in name
+    }
     wired: dict[str, str] = {}
     for name, port in ports.items():
         stream = mapping.get(name)
-        if stream is None and entry is not None and name in entry.inputs and not _stored(entry.inputs[name]):
+        if (
+            stream is None
+            and entry is not None
+            and name in entry.inputs
+            and not _is_stored(entry.inputs[name])
+        ):
             stream = stream_of_wiring(robot, entry.inputs[name])
             if stream not in streams:
                 continue
         elif stream is None:
-            same_type = [n for n, t in own.items() if t == port.type_name]
+            same_type = [n for n, t in candidates.items() if t == port.type_name]
             by_name = [n for n in same_type if n.rsplit(".", 1)[-1] == name]
-            alone = len(same_type) == 1 and sum(p.type_name == port.type_name for p in ports.values()) == 1
-            stream = by_name[0] if len(by_name) == 1 else same_type[0] if alone else None
+            is_unique = (
+                len(same_type) == 1 and sum(p.type_name == port.type_name for p in ports.values()) == 1
+            )
+            stream = by_name[0] if len(by_name) == 1 else same_type[0] if is_unique else None
         if stream is None:
             continue
         if stream not in streams:
@@ -88,10 +104,10 @@ def wire(
         wired[name] = stream
     missing = [n for n, p in ports.items() if not p.optional and n not in wired]
     if missing or not wired:
-        what = ", ".join(f"{n} ({ports[n].type_name})" for n in missing) or "any port"
-        held = ", ".join(f"{n} ({t})" for n, t in sorted(streams.items()))
+        unwired = ", ".join(f"{n} ({ports[n].type_name})" for n in missing) or "any port"
+        available = ", ".join(f"{n} ({t})" for n, t in sorted(streams.items()))
         raise InputError(
-            f"{description.folder}: nothing in the log feeds {what}; use --map PORT=STREAM. The log has "
-            f"{held}"
+            f"{description.folder}: no stream of the log fits {unwired}; use --map PORT=STREAM. The log "
+            f"has {available}"
         )
     return wired

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files as bare arrays, for ports such as ``float64[n,3]``."""
+"""Reading of files for array ports, such as ``float64[n,3]``, and for scalar ports."""
 
 from __future__ import annotations
 
@@ -24,19 +24,21 @@ from cdff_common.interfaces.array_ports import ARRAY_TYPE, SCALAR_TYPES
 from cdff_common.interfaces.description import Port
 from cdff_dev.run.clouds import CLOUD_FORMATS, read_cloud
 
+#: Text that is a list of numbers or a truth value, not a file name.
 _NUMBERS = re.compile(r"[\[\]\s0-9eE+.,-]+\Z|true\Z|false\Z")
 
 
 def read_array(port: Port, text: str) -> Any:
-    """Read an array or scalar port from a file, or from the numbers in ``text`` if no such file exists.
+    """Return the value of an array or scalar port from a file, or from the numbers in ``text``.
 
-    Point clouds give their points, normals to ports named after normals; pictures their pixels, grey where
-    the port has two dimensions; poses their matrix; npz the array named like the port, or the only one.
+    Of a point cloud the points are read, or the normals or intensities if the name of the port contains these
+    words; of an image the pixels, converted to grey if the port has two dimensions; of a pose the matrix; of
+    an npz file the array with the name of the port, or the only array.
 
     Raises
     ------
     InputError
-        If the content is no array of the port's shape; the message states port and file.
+        If the content does not have the type and shape of the port; the message names port and file.
     """
     if port.type == "str":
         return text
@@ -55,17 +57,20 @@ def read_array(port: Port, text: str) -> Any:
         values, name = _content(port, shape, source), source.name
     try:
         array = np.asarray(values)
-        exact = array.astype(dtype)
+        converted = array.astype(dtype)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{port.attribute}={name}: {error}; expected {port.type}") from error
-    sizes = [int(s) if s.isdigit() else None for s in shape]
-    fits = exact.ndim == len(sizes) and all(n in (None, m) for n, m in zip(sizes, exact.shape, strict=True))
+    sizes = [int(s) if s.isdigit() else None for s in shape]  # None: any size
+    fits = converted.ndim == len(sizes) and all(
+        n in (None, m) for n, m in zip(sizes, converted.shape, strict=True)
+    )
     if not fits:
-        raise InputError(f"{port.attribute}={name}: shape {exact.shape}, expected {port.type}")
-    return np.ascontiguousarray(exact) if sizes else exact.item()
+        raise InputError(f"{port.attribute}={name}: shape {converted.shape}, expected {port.type}")
+    return np.ascontiguousarray(converted) if sizes else converted.item()
 
 
 def _content(port: Port, shape: tuple[str, ...], s: Source) -> Any:
+    """Return the array in a file that corresponds to a port with a shape such as ``("n", "3")``."""
     fmt = detect(s)
     if fmt in CLOUD_FORMATS and not (fmt == "npz" and shape[-1:] != ("3",)):
         cloud = read_cloud(s, fmt)
@@ -97,12 +102,12 @@ def _content(port: Port, shape: tuple[str, ...], s: Source) -> Any:
 
 
 def grey(image: NDArray[Any]) -> NDArray[Any]:
-    """Return the luma of a colour picture (ITU-R BT.601); grey pictures are unchanged."""
+    """Return the luma of a colour image (ITU-R BT.601), or a grey image unchanged."""
     if image.ndim == 2:
         return image
     luma = image[:, :, :3].astype(np.float64) @ np.array([0.299, 0.587, 0.114])
-    grey: NDArray[Any] = np.rint(luma).astype(image.dtype)
-    return grey
+    rounded: NDArray[Any] = np.rint(luma).astype(image.dtype)
+    return rounded
 
 
 def _from_npz(port: Port, s: Source) -> NDArray[Any]:
@@ -117,7 +122,7 @@ def _from_npz(port: Port, s: Source) -> NDArray[Any]:
 
 
 def _from_text(s: Source) -> NDArray[np.float64]:
-    """Return rows of numbers separated by commas or blanks; a first row of names is skipped."""
+    """Return rows of numbers that are separated by commas or blanks; a first row of names is skipped."""
     lines = [line.split("#")[0] for line in s.data.decode("utf-8", "replace").splitlines()]
     rows = [line.replace(",", " ").split() for line in lines if line.strip()]
     try:
@@ -127,4 +132,4 @@ def _from_text(s: Source) -> NDArray[np.float64]:
     try:
         return np.array(rows, dtype=np.float64)
     except ValueError as error:
-        raise InputError(f"{s.name}: {error}; expected rows of as many numbers") from error
+        raise InputError(f"{s.name}: {error}; expected rows with equal numbers of values") from error

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Images with the camera model of a calibration file."""
+"""Images and stereo pairs with the camera models of a calibration file."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from cdff_core.imaging.frames import with_image
 
 
 def with_camera(frame: Frame, calibration: str, name: str = "") -> Frame:
-    """Return the image with a camera of a calibration file, by default the first one.
+    """Return an image with a camera of a calibration file, by default the first camera.
 
     Raises
     ------
     InputError
-        If the file is no calibration, has no such camera, or is for another size of image.
+        If the file is not a calibration, has no such camera, or is for another image size.
     """
     camera = read_camera(Path(calibration), name)
-    return _taken_by(camera, frame, calibration)
+    return _with_camera_model(camera, frame, calibration)
 
 
 def stereo_pair(
@@ -37,26 +37,26 @@ def stereo_pair(
     frame: str,
     stamp_ns: int,
 ) -> FramePair:
-    """Two images as a pair of two cameras of a calibration file, by default the file's first and second.
+    """Return two images as a stereo pair of two cameras of a calibration file, by default the first two.
 
-    With the calibration of a rectified pair the poses of the cameras are left empty. Otherwise each image
-    has its own lens and its pose in the left camera's frame, as StereoRectification needs.
+    If the calibration is that of a rectified pair, the poses of the cameras are not set. Otherwise each image
+    has its camera model and its pose in the frame of the left camera, for StereoRectification.
 
     Parameters
     ----------
     left, right : ndarray
-        Grey, of one size.
+        Grey images of equal size.
     calibration : str
         Path of the file.
     names : tuple of str
         Names of the left and the right camera in the file.
     frame : str
-        Of the left camera.
+        Frame of the left camera.
 
     Raises
     ------
     InputError
-        Like ``with_camera``, or if the file has no relative pose of the cameras.
+        See ``with_camera``; also if the file has no relative pose of the cameras.
     """
     stereo = read_stereo(Path(calibration), *names)
     pair = FramePair.from_images(
@@ -74,13 +74,13 @@ def stereo_pair(
         return pair
     return FramePair(
         baseline=stereo.baseline_m,
-        left=_taken_by(stereo.left, pair.left, calibration),
-        right=_taken_by(stereo.right, _placed(pair.right, stereo, frame), calibration),
+        left=_with_camera_model(stereo.left, pair.left, calibration),
+        right=_with_camera_model(stereo.right, _with_pose(pair.right, stereo, frame), calibration),
     )
 
 
 def camera_document(frame: Frame) -> dict[str, Any] | None:
-    """Return the text from which ``with_camera`` reads the camera of an image; None if it has none."""
+    """Return the camera of an image as a calibration document for ``with_camera``; None without camera."""
     model = frame.intrinsic.camera_model
     if model not in (FrameCameraModelT.CAM_PINHOLE, FrameCameraModelT.CAM_FISHEYE):
         return None
@@ -94,23 +94,23 @@ def camera_document(frame: Frame) -> dict[str, Any] | None:
     }
 
 
-def _placed(right: Frame, stereo: StereoCalibration, left_frame: str) -> Frame:
-    """The right image where the calibration has its camera."""
+def _with_pose(right: Frame, stereo: StereoCalibration, left_frame: str) -> Frame:
+    """Return the right image with the pose of its camera in the frame of the left camera."""
     T_left_right = UncertainTransform.exact(se3.inverse(stereo.T_right_left))
     name = right.frame if right.frame != left_frame else f"{left_frame}_right"
     return with_image(right, right.image, place=(name, T_left_right))
 
 
-def _taken_by(camera: CameraModel, frame: Frame, calibration: str) -> Frame:
+def _with_camera_model(camera: CameraModel, frame: Frame, calibration: str) -> Frame:
     _check_size(camera, frame, calibration)
     return with_image(frame, frame.image, camera=camera)
 
 
 def _check_size(camera: CameraModel, frame: Frame, calibration: str) -> None:
-    """Refuse an image of another size than the calibration states."""
+    """Raise InputError if an image does not have the size for which the camera is calibrated."""
     rows, cols = frame.image.shape[:2]
     if camera.rows and camera.cols and (camera.rows, camera.cols) != (rows, cols):
         raise InputError(
             f"{calibration}: for {camera.cols} x {camera.rows} pixels, the image has {cols} x {rows}: "
-            "expected the size that was calibrated"
+            "expected an image of the calibrated size"
         )

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Point clouds of any format."""
+"""Reading of point clouds in any supported format."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cdff_common.formats.ply import read_ply
 
 
 def read_cloud(s: Source, fmt: str) -> CloudArrays:
-    """Read a cloud that ``detect`` has found to be in ``fmt``, one of ``CLOUD_FORMATS``."""
+    """Read a cloud in a format of ``CLOUD_FORMATS``, which ``detect`` has returned."""
     return _READERS[fmt](s)
 
 

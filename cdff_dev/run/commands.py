@@ -15,22 +15,24 @@ def register(nouns: Any) -> None:
     """Add ``cdff run``."""
     parser = nouns.add_parser(
         "run",
-        help="one DFN or DFPC, once, on files",
+        help="run one DFN or DFPC once, on files",
         description="Run a DFN or DFPC once on files and write its outputs. The types of the ports "
         "decide how files are read; formats are recognised by content. 'cdff dfn|dfpc show NAME' lists "
         "ports and parameters.",
         epilog="exit codes: 0 for OK and DEGRADED, 3 for FAILED (outputs.json is written, without a value)",
     )
-    parser.add_argument("name", help="folder, class name or alias, as icp_localisation or Registration3D")
+    parser.add_argument(
+        "name", help="folder, class name or alias, such as icp_localisation or Registration3D"
+    )
     parser.add_argument(
         "inputs",
         nargs="*",
         metavar="PORT=FILE",
-        help="an input; IMAGE,CAMERA for a picture with its camera, LEFT,RIGHT,CAMERA for a stereo "
-        "pair, CAMERA being a calibration file of OpenCV, Kalibr or KITTI; a number for a numeric "
+        help="an input; IMAGE,CAMERA for an image with its camera, LEFT,RIGHT,CAMERA for a stereo "
+        "pair, where CAMERA is a calibration file of OpenCV, Kalibr or KITTI; a number for a numeric "
         "port",
     )
-    parser.add_argument("--implementation", help="default: the first in the description")
+    parser.add_argument("--implementation", help="implementation (default: the first in the description)")
     parser.add_argument("--config", metavar="FILE", help="YAML or JSON mapping of parameters")
     parser.add_argument(
         "--set",
@@ -39,15 +41,17 @@ def register(nouns: Any) -> None:
         default=[],
         metavar="KEY=VALUE",
         dest="settings",
-        help="a parameter, over --config; dots reach into a DFN's: register_fine.tukey=2.5",
+        help="a parameter, which precedes --config; dots address nested keys: register_fine.tukey=2.5",
     )
-    parser.add_argument("--out", required=True, metavar="DIR", help="where outputs.json and the outputs go")
+    parser.add_argument(
+        "--out", required=True, metavar="DIR", help="folder for outputs.json and the output files"
+    )
     parser.add_argument("--json", action="store_true", help="print outputs.json")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read, run, write; return 0, or 3 where the algorithm refused."""
+    """Read the inputs, run, and write the outputs; return 0, or 3 if the algorithm refused."""
     from cdff_common.cli import key_values
     from cdff_dev.run.execution import execute
     from cdff_dev.run.outputs import write_outputs

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run one DFN or DFPC once."""
+"""Run of one DFN or DFPC on input files."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from cdff_dev.run.inputs import ROBOT, read_inputs
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Emitted:
-    """Value of an output port; None if it was refused."""
+class PortValue:
+    """A value of an output port; None if the DFPC refused it."""
 
     value: Any
     covariance_kind: CovarianceKind = CovarianceKind.NONE
@@ -29,7 +29,7 @@ class Emitted:
 
 @dataclass(slots=True)
 class Result:
-    """Result of a run.
+    """Outputs, quality and duration of a run.
 
     Attributes
     ----------
@@ -37,17 +37,17 @@ class Result:
         Folder of the DFN or DFPC.
     ports : tuple of Port
         Output ports.
-    outputs : dict of str to list of Emitted
-        By port attribute, in the order in which they came.
+    outputs : dict of str to list of PortValue
+        Values by port, in the order of output.
     quality : Quality
-        Worst status over all outputs, their reasons, the metrics of the last.
+        Worst status and all reasons of the outputs, metrics of the last output.
     wall_s, cpu_s : float
         Duration of the computation, without reading, writing and compiling.
     """
 
     name: str
     ports: tuple[Port, ...] | tuple[OutputPort, ...]
-    outputs: dict[str, list[Emitted]] = field(default_factory=dict)
+    outputs: dict[str, list[PortValue]] = field(default_factory=dict)
     quality: Quality = field(default_factory=Quality)
     wall_s: float = 0.0
     cpu_s: float = 0.0
@@ -56,14 +56,14 @@ class Result:
 def execute(
     name: str, files: Mapping[str, str], config: Mapping[str, Any], implementation: str | None = None
 ) -> Result:
-    """Configure, read the inputs, compute.
+    """Configure a DFN or DFPC, read its inputs, and compute.
 
     Raises
     ------
     ConfigurationError
         If a name, implementation or parameter is unknown.
     InputError
-        If an input is unusable. A refusal by the algorithm is a FAILED result, not an error.
+        If an input cannot be used. If the algorithm refuses, no error is raised: the result is FAILED.
     """
     registry = Registry.default()
     kind, folder = registry.resolve(name)
@@ -88,7 +88,9 @@ def _run_dfn(
         outputs = node.process(inputs)
     if result.quality.status is Status.FAILED:
         return result
-    result.outputs = {p.attribute: [Emitted(getattr(outputs, p.attribute))] for p in description.output_ports}
+    result.outputs = {
+        p.attribute: [PortValue(getattr(outputs, p.attribute))] for p in description.output_ports
+    }
     status = Status.DEGRADED if node.reasons else Status.OK
     result.quality = Quality(status, node.reasons, metrics=dict(node.metrics))
     return result
@@ -102,26 +104,26 @@ def _run_dfpc(
     values = read_inputs(dfpc.description.input_ports, files)
     stamp_ns = max((int(getattr(v, "stamp_ns", 0)) for v in values.values()), default=0)
     result = Result(folder, dfpc.description.output_ports)
-    emitted: list[Output] = []
+    outputs: list[Output] = []
     with _measured(result):
         for port in sorted(values):
             frame, child = _frames(values[port])
             sample = Sample(port, stamp_ns, 0, values[port], id="", frame=frame, child=child)
-            emitted += dfpc.step(sample)
-        emitted += dfpc.finish()
-        if not emitted:
+            outputs += dfpc.step(sample)
+        outputs += dfpc.finish()
+        if not outputs:
             raise RefusedError(f"{folder}: no output", ("no_output",))
     if result.quality.status is Status.FAILED:
         return result
-    for output in emitted:
-        kept = Emitted(output.value, output.quality.covariance_kind)
-        result.outputs.setdefault(output.port, []).append(kept)
-    result.quality = _joined([output.quality for output in emitted])
+    for output in outputs:
+        value = PortValue(output.value, output.quality.covariance_kind)
+        result.outputs.setdefault(output.port, []).append(value)
+    result.quality = _merged_quality([output.quality for output in outputs])
     return result
 
 
 def _frames(value: Any) -> tuple[str, str]:
-    """Frame and child as a sample's header would say them."""
+    """Return the frame and the child frame of a value; empty where it has none."""
     parent = getattr(value, "parent_frame", None)
     if parent is not None:
         return str(parent), str(value.child_frame)
@@ -131,7 +133,7 @@ def _frames(value: Any) -> tuple[str, str]:
         return "", ""
 
 
-def _joined(qualities: list[Quality]) -> Quality:
+def _merged_quality(qualities: list[Quality]) -> Quality:
     reasons = tuple(dict.fromkeys(reason for q in qualities for reason in q.reasons))
     last = qualities[-1]
     return Quality(worst(*(q.status for q in qualities)), reasons, last.covariance_kind, last.metrics)
@@ -139,7 +141,7 @@ def _joined(qualities: list[Quality]) -> Quality:
 
 @contextmanager
 def _measured(result: Result) -> Iterator[None]:
-    """Put the time spent inside, and a refusal, into the result."""
+    """Store the duration of the block in the result; a RefusedError in it makes the result FAILED."""
     start_s, cpu_start_s = time.perf_counter(), time.process_time()
     try:
         yield

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files as values of the types of ports."""
+"""Reading of input files as values of the types of ports."""
 
 from __future__ import annotations
 
@@ -42,54 +42,57 @@ from cdff_dev.run.clouds import CLOUD_FORMATS, read_cloud
 
 ROBOT = "robot"
 _MAP_FRAME, _BODY_FRAME = "site", f"{ROBOT}/base"
-#: Size constraint of the ASN.1 type.
-_MOST_POINTS = 400_000
-_SENSED = ("Pointcloud", "LidarScan", "Frame", "FramePair")
-_POSES = ("TransformWithCovariance", "RigidBodyState", "Pose")
+#: Largest number of points of the ASN.1 type Pointcloud.
+_MAX_POINTS = 400_000
+#: Types of sensor data, and types of poses.
+_SENSOR_TYPES = ("Pointcloud", "LidarScan", "Frame", "FramePair")
+_POSE_TYPES = ("TransformWithCovariance", "RigidBodyState", "Pose")
 
 
 @dataclass(frozen=True, slots=True)
-class _Setting:
-    """Properties that files do not contain: the frame of a port's data, and the common stamp."""
+class _Metadata:
+    """Properties that files do not contain: frame and stamp of the data of a port."""
 
     frame: str
     stamp_ns: int
 
 
 def read_inputs(ports: Sequence[Port], files: Mapping[str, str]) -> dict[str, Any]:
-    """Read each port's file according to its type.
+    """Return the value of each port, read from its file according to its type.
 
-    Files have no frames: with one sensor input they are in the child frame of the pose input, or in ``site``
-    without one; with several each is in a frame named like its port. All stamps are those of the pose inputs,
-    else 0.
+    Files do not contain frames. If there is one sensor input, its frame is the child frame of the pose input,
+    or ``site`` without a pose input. If there are several sensor inputs, the frame of each has the name of
+    its port. All stamps are the latest stamp of the pose inputs, or 0.
 
     Raises
     ------
     InputError
-        If a port is unknown or missing, or a file that does not fit the port's type.
+        If a port is unknown or missing, or a file does not have the type of its port.
     """
-    by_name = {name: p for p in ports for name in (p.name, p.attribute)}
-    unknown = next((name for name in files if name not in by_name), None)
+    port_by_name = {name: p for p in ports for name in (p.name, p.attribute)}
+    unknown = next((name for name in files if name not in port_by_name), None)
     if unknown is not None:
         raise InputError(f"no input port {unknown!r}; there are {', '.join(p.attribute for p in ports)}")
-    given = {by_name[name].attribute: (by_name[name], text) for name, text in files.items()}
+    given = {port_by_name[name].attribute: (port_by_name[name], text) for name, text in files.items()}
     missing = next((p for p in ports if not p.optional and p.attribute not in given), None)
     if missing is not None:
         raise InputError(
             f"input port {missing.attribute} ({missing.type_name}) is missing: give {missing.attribute}=FILE"
         )
-    poses = {a: read_pose(t) for a, (p, t) in given.items() if p.type_name in _POSES and _is_pose_file(t)}
+    poses = {
+        a: read_pose(t) for a, (p, t) in given.items() if p.type_name in _POSE_TYPES and _is_pose_file(t)
+    }
     stamp_ns = max((pose.stamp_ns for pose in poses.values()), default=0)
-    sensed = [a for a, (p, _) in given.items() if p.type_name in _SENSED]
+    sensor_ports = [a for a, (p, _) in given.items() if p.type_name in _SENSOR_TYPES]
     values: dict[str, Any] = {}
     for attribute, (port, text) in given.items():
         if attribute in poses:
-            values[attribute] = _pose_as(port.type_name, poses[attribute], stamp_ns)
+            values[attribute] = _pose_message(port.type_name, poses[attribute], stamp_ns)
         elif not port.is_message:
             values[attribute] = read_array(port, text)
         else:
-            frame = attribute if len(sensed) > 1 else _frame_of_only_sensor(list(poses.values()))
-            values[attribute] = _typed(port, text, _Setting(frame, stamp_ns))
+            frame = attribute if len(sensor_ports) > 1 else _frame_of_only_sensor(list(poses.values()))
+            values[attribute] = _read_message(port, text, _Metadata(frame, stamp_ns))
     return values
 
 
@@ -111,18 +114,18 @@ def _is_pose_file(text: str) -> bool:
     return fmt in ("pose_txt", "tum")
 
 
-def _pose_as(type_name: str, pose: PoseValue, stamp_ns: int) -> Any:
+def _pose_message(type_name: str, pose: PoseValue, stamp_ns: int) -> Any:
     if type_name == "Pose":
         return Pose.from_matrix(pose.T.matrix)
     parent, child = pose.parent or _MAP_FRAME, pose.child or _BODY_FRAME
-    make = RigidBodyState if type_name == "RigidBodyState" else TransformWithCovariance
-    return make.from_transform(pose.T, parent=parent, child=child, stamp_ns=stamp_ns)
+    message_type = RigidBodyState if type_name == "RigidBodyState" else TransformWithCovariance
+    return message_type.from_transform(pose.T, parent=parent, child=child, stamp_ns=stamp_ns)
 
 
-def _typed(port: Port, text: str, setting: _Setting) -> Any:
+def _read_message(port: Port, text: str, metadata: _Metadata) -> Any:
     name = port.type_name
     if name in ("Frame", "FramePair") and "," in text and not Path(text).exists():
-        return _with_calibration(port, text.split(","), setting)
+        return _with_calibration(port, text.split(","), metadata)
     if Path(text).is_dir():
         return _from_log(name, Path(text))
     s = load(text)
@@ -132,51 +135,51 @@ def _typed(port: Port, text: str, setting: _Setting) -> Any:
     if fmt == "msg":
         return _from_log(name, Path(text))
     try:
-        return _from_file(name, s, fmt, setting)
+        return _from_file(name, s, fmt, metadata)
     except InputError as error:
         raise InputError(f"{port.attribute}={error}") from error
 
 
-def _from_file(type_name: str, s: Source, fmt: str, setting: _Setting) -> Any:
+def _from_file(type_name: str, s: Source, fmt: str, metadata: _Metadata) -> Any:
     formats, read = _READERS.get(type_name, ((), None))
     if read is None or fmt not in formats:
         expected = ", ".join((*formats, "json"))
         raise InputError(f"{s.name}: a {fmt} file, expected a {type_name} as {expected} or msg")
-    return read(s, fmt, setting)
+    return read(s, fmt, metadata)
 
 
-def _pointcloud(s: Source, fmt: str, setting: _Setting) -> Any:
+def _pointcloud(s: Source, fmt: str, metadata: _Metadata) -> Any:
     cloud = read_cloud(s, fmt)
-    if len(cloud.points_m) > _MOST_POINTS:
+    if len(cloud.points_m) > _MAX_POINTS:
         raise InputError(
-            f"{s.name}: {len(cloud.points_m)} points, a Pointcloud holds at most {_MOST_POINTS}; thin it "
-            f"first: cdff run point_cloud_downsampling points={s.name} --set "
-            f"max_points={_MOST_POINTS // 2} --out DIR"
+            f"{s.name}: {len(cloud.points_m)} points, a Pointcloud has at most {_MAX_POINTS}; downsample "
+            f"it first: cdff run point_cloud_downsampling points={s.name} --set "
+            f"max_points={_MAX_POINTS // 2} --out DIR"
         )
     intensity = cloud.intensity
     if intensity is not None:
-        # The wire has whole numbers; reflectances in 0 to 1 become thousandths.
-        fractional = bool(len(intensity)) and float(np.nanmax(intensity)) <= 1.0
-        scaled = np.nan_to_num(intensity * (1000.0 if fractional else 1.0))
+        # The ASN.1 type has integers; reflectances from 0 to 1 are stored as thousandths.
+        is_fraction = bool(len(intensity)) and float(np.nanmax(intensity)) <= 1.0
+        scaled = np.nan_to_num(intensity * (1000.0 if is_fraction else 1.0))
         intensity = np.rint(np.clip(scaled, -(2**31), 2**31 - 1)).astype(np.int32)
     return Pointcloud.from_points(
         cloud.points_m,
-        frame=setting.frame,
-        stamp_ns=setting.stamp_ns,
+        frame=metadata.frame,
+        stamp_ns=metadata.stamp_ns,
         intensity=intensity,
         colors=cloud.colors,
     )
 
 
-def _lidar_scan(s: Source, fmt: str, setting: _Setting) -> Any:
+def _lidar_scan(s: Source, fmt: str, metadata: _Metadata) -> Any:
     points = read_cloud(s, fmt).points_m
-    at_once = np.zeros(len(points), np.uint32)
+    time_offset_us = np.zeros(len(points), np.uint32)
     return LidarScan.from_arrays(
-        points, at_once, frame=setting.frame, t0_ns=setting.stamp_ns, t1_ns=setting.stamp_ns
+        points, time_offset_us, frame=metadata.frame, t0_ns=metadata.stamp_ns, t1_ns=metadata.stamp_ns
     )
 
 
-def _frame(s: Source, fmt: str, setting: _Setting) -> Any:
+def _frame(s: Source, fmt: str, metadata: _Metadata) -> Any:
     camera_matrix = None
     if fmt == "tif":
         bands = list(read_bands(s)[0].values())
@@ -190,53 +193,60 @@ def _frame(s: Source, fmt: str, setting: _Setting) -> Any:
         image = read_image(s)
     mode = {3: "RGB", 4: "RGBA"}.get(image.shape[2] if image.ndim == 3 else 1, "GRAY")
     return Frame.from_image(
-        image, stamp_ns=setting.stamp_ns, mode=mode, sensor=setting.frame, camera_matrix=camera_matrix
+        image, stamp_ns=metadata.stamp_ns, mode=mode, sensor=metadata.frame, camera_matrix=camera_matrix
     )
 
 
-def _trajectory(s: Source, _fmt: str, setting: _Setting) -> Any:
+def _trajectory(s: Source, _fmt: str, metadata: _Metadata) -> Any:
     stamps_ns, T = read_tum(s)
-    return PoseTrajectory.from_arrays(stamps_ns, T, None, parent=_MAP_FRAME, child=setting.frame)
+    return PoseTrajectory.from_arrays(stamps_ns, T, None, parent=_MAP_FRAME, child=metadata.frame)
 
 
-def _with_calibration(port: Port, files: list[str], setting: _Setting) -> Any:
-    """``IMAGE,CAMERA[,NAME]`` or, for a pair, ``LEFT,RIGHT,CAMERA[,NAME,NAME]``; CAMERA is a calibration
-    file.
+def _with_calibration(port: Port, files: list[str], metadata: _Metadata) -> Any:
+    """Return an image or a stereo pair with its cameras.
+
+    ``files`` is ``IMAGE,CAMERA[,NAME]`` or, for a pair, ``LEFT,RIGHT,CAMERA[,NAME,NAME]``, where CAMERA is a
+    calibration file and NAME is the name of a camera in it.
     """
     from cdff_dev.run.cameras import stereo_pair, with_camera
 
-    pictures, form = 1, "IMAGE,CAMERA[,NAME]"
+    images, form = 1, "IMAGE,CAMERA[,NAME]"
     if port.type_name == "FramePair":
-        pictures, form = 2, "LEFT,RIGHT,CAMERA[,NAME,NAME]"
-    if len(files) not in (pictures + 1, 2 * pictures + 1):
+        images, form = 2, "LEFT,RIGHT,CAMERA[,NAME,NAME]"
+    if len(files) not in (images + 1, 2 * images + 1):
         raise InputError(f"{port.attribute}={','.join(files)}: expected {form}")
-    calibration, names = files[pictures], files[pictures + 1 :]
+    calibration, names = files[images], files[images + 1 :]
     try:
-        if pictures == 1:
+        if images == 1:
             s = load(files[0])
-            return with_camera(_from_file("Frame", s, detect(s), setting), calibration, *names)
+            return with_camera(_from_file("Frame", s, detect(s), metadata), calibration, *names)
         left, right = (grey(read_image(f)) for f in files[:2])
         left_name, right_name = names or ("", "")
         return stereo_pair(
-            left, right, calibration, (left_name, right_name), frame=setting.frame, stamp_ns=setting.stamp_ns
+            left,
+            right,
+            calibration,
+            (left_name, right_name),
+            frame=metadata.frame,
+            stamp_ns=metadata.stamp_ns,
         )
     except InputError as error:
         raise InputError(f"{port.attribute}={error}") from error
 
 
-_PICTURES = ("png", "pgm", "ppm", "tif", "npz")
-#: Type of a port -> formats of its files besides json and msg, and their reader.
-_READERS: dict[str, tuple[tuple[str, ...], Callable[[Source, str, _Setting], Any]]] = {
+_IMAGE_FORMATS = ("png", "pgm", "ppm", "tif", "npz")
+#: For each type of port, the formats of its files in addition to json and msg, and their reader.
+_READERS: dict[str, tuple[tuple[str, ...], Callable[[Source, str, _Metadata], Any]]] = {
     "Pointcloud": (CLOUD_FORMATS, _pointcloud),
     "LidarScan": (CLOUD_FORMATS, _lidar_scan),
-    "Frame": (_PICTURES, _frame),
-    "ElevationMap": (("tif",), lambda s, _, setting: read_map(s, "ElevationMap", frame=setting.frame)),
-    "NavigationMap": (("tif",), lambda s, _, setting: read_map(s, "NavigationMap", frame=setting.frame)),
+    "Frame": (_IMAGE_FORMATS, _frame),
+    "ElevationMap": (("tif",), lambda s, _, metadata: read_map(s, "ElevationMap", frame=metadata.frame)),
+    "NavigationMap": (("tif",), lambda s, _, metadata: read_map(s, "NavigationMap", frame=metadata.frame)),
     "PoseTrajectory": (("tum",), _trajectory),
-    "PoseGraph": (("g2o",), lambda s, _, setting: read_pose_graph(s, frame=setting.frame)),
+    "PoseGraph": (("g2o",), lambda s, _, metadata: read_pose_graph(s, frame=metadata.frame)),
     "BundleProblem": (
         ("bal", "libmv"),
-        lambda s, fmt, setting: (read_bal if fmt == "bal" else read_libmv)(s, frame=setting.frame),
+        lambda s, fmt, metadata: (read_bal if fmt == "bal" else read_libmv)(s, frame=metadata.frame),
     ),
 }
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Outputs as files, and ``outputs.json``."""
+"""Writing of the outputs of a run as files, with ``outputs.json``."""
 
 from __future__ import annotations
 
@@ -26,17 +26,18 @@ from cdff_common.json_form import jsonable
 from cdff_common.output import storage_errors
 from cdff_common.types import Frame
 from cdff_dev.run.cameras import camera_document
-from cdff_dev.run.execution import Emitted, Result
+from cdff_dev.run.execution import PortValue, Result
 
+#: Largest number of elements of an array that is stored in ``outputs.json``.
 _INLINE_ELEMENTS = 64
 
 
 def write_outputs(result: Result, folder: Path) -> dict[str, Any]:
-    """Write each output and ``outputs.json`` into ``folder``, and return the content of the latter.
+    """Write each output and ``outputs.json`` to ``folder``; return the content of ``outputs.json``.
 
-    A port that gave several values has the last in ``<port>.<ext>``, the earlier ones in
-    ``<port>.<index>.<ext>``. For a pose graph or a bundle problem, which
-    are written as files only, ``value`` holds the metrics of the run. If the run FAILED, no value is written.
+    If a port has several values, the last is in ``<port>.<ext>`` and the previous ones are in
+    ``<port>.<index>.<ext>``. A pose graph or a bundle problem is written to a file only; its ``value``
+    contains the metrics of the run. If the run has FAILED, no value is written.
 
     Raises
     ------
@@ -50,9 +51,9 @@ def write_outputs(result: Result, folder: Path) -> dict[str, Any]:
         for port in result.ports:
             entry: dict[str, Any] = {"type": port.type_name}
             values = [e for e in result.outputs.get(port.attribute, []) if e.value is not None]
-            for index, emitted in enumerate([] if failed else values):
+            for index, output in enumerate([] if failed else values):
                 stem = port.attribute if index == len(values) - 1 else f"{port.attribute}.{index}"
-                entry |= _write(port, emitted, folder, stem)
+                entry |= _write(port, output, folder, stem)
                 if port.type_name in ("PoseGraph", "BundleProblem"):
                     entry["value"] = dict(result.quality.metrics)
             if len(values) > 1 and not failed:
@@ -65,18 +66,18 @@ def write_outputs(result: Result, folder: Path) -> dict[str, Any]:
             "cpu_s": round(result.cpu_s, 6),
         }
         plain: dict[str, Any] = jsonable(report)
-        _put_json(folder, "outputs.json", plain)
+        _write_json(folder, "outputs.json", plain)
     return plain
 
 
-def _write(port: Port, emitted: Emitted, folder: Path, stem: str) -> dict[str, Any]:
-    """Write one value; return its ``file`` and, where it is small, its ``value``."""
+def _write(port: Port, output: PortValue, folder: Path, stem: str) -> dict[str, Any]:
+    """Write one value; return its ``file`` and, if it is small, its ``value``."""
     if not port.is_message:
-        return _write_array(port, np.asarray(emitted.value), folder, stem)
-    value = emitted.value
+        return _write_array(port, np.asarray(output.value), folder, stem)
+    value = output.value
     name = type(value).__name__
     if name == "TransformWithCovariance":
-        return _write_pose(pose_value(value, str(emitted.covariance_kind)), folder, stem)
+        return _write_pose(pose_value(value, str(output.covariance_kind)), folder, stem)
     if name in FORMATS:
         fmt = FORMATS[name][0]
         if name == "Frame" and value.image.dtype.kind == "f":
@@ -84,8 +85,8 @@ def _write(port: Port, emitted: Emitted, folder: Path, stem: str) -> dict[str, A
         if name == "BundleProblem" and len(value.lenses.values) == 1 < len(value.cameras.ids):
             fmt = "libmv"
         camera = _write_camera(value, folder, stem) if name == "Frame" else {}
-        return _put(folder, f"{stem}.{fmt}", to_file(value, fmt)) | camera
-    return _put_json(folder, f"{stem}.json", jsonable(to_dict_form(value)))
+        return _write_bytes(folder, f"{stem}.{fmt}", to_file(value, fmt)) | camera
+    return _write_json(folder, f"{stem}.json", jsonable(to_dict_form(value)))
 
 
 def _write_array(port: Port, array: NDArray[Any], folder: Path, stem: str) -> dict[str, Any]:
@@ -94,33 +95,34 @@ def _write_array(port: Port, array: NDArray[Any], folder: Path, stem: str) -> di
     if array.size <= _INLINE_ELEMENTS and "n" not in port.type.partition("[")[2]:
         return {"value": array.tolist()}
     if array.ndim == 2 and array.shape[1] == 3 and "points" in port.attribute:
-        return _put(folder, f"{stem}.ply", write_ply(CloudArrays.of(array)))
+        return _write_bytes(folder, f"{stem}.ply", write_ply(CloudArrays.of(array)))
     if array.ndim == 2 and "[r,c" in port.type:
         if array.dtype in (np.uint8, np.uint16):
-            return _put(folder, f"{stem}.png", write_png(array))
-        return _put(folder, f"{stem}.tif", write_bands({port.attribute: array}))
-    return _put(folder, f"{stem}.npz", write_npz({port.attribute: array}))
+            return _write_bytes(folder, f"{stem}.png", write_png(array))
+        return _write_bytes(folder, f"{stem}.tif", write_bands({port.attribute: array}))
+    return _write_bytes(folder, f"{stem}.npz", write_npz({port.attribute: array}))
 
 
 def _write_camera(image: Frame, folder: Path, stem: str) -> dict[str, Any]:
-    """Return the camera of an image, which picture files do not contain, as the calibration file of
-    ``PORT=IMAGE,CAMERA``.
+    """Write the camera of an image as a calibration file for ``PORT=IMAGE,CAMERA``; return its name.
+
+    Image files do not contain the camera. Nothing is written for an image without a camera.
     """
     document = camera_document(image)
     if document is None:
         return {}
-    return {"camera": _put_json(folder, f"{stem}.camera.json", document)["file"]}
+    return {"camera": _write_json(folder, f"{stem}.camera.json", document)["file"]}
 
 
 def _write_pose(pose: PoseValue, folder: Path, stem: str) -> dict[str, Any]:
     value = pose.to_json()
-    return {**_put_json(folder, f"{stem}.json", value), "value": value}
+    return {**_write_json(folder, f"{stem}.json", value), "value": value}
 
 
-def _put(folder: Path, name: str, data: bytes) -> dict[str, Any]:
+def _write_bytes(folder: Path, name: str, data: bytes) -> dict[str, Any]:
     (folder / name).write_bytes(data)
     return {"file": name}
 
 
-def _put_json(folder: Path, name: str, value: Any) -> dict[str, Any]:
-    return _put(folder, name, (json.dumps(value, indent=1) + "\n").encode())
+def _write_json(folder: Path, name: str, value: Any) -> dict[str, Any]:
+    return _write_bytes(folder, name, (json.dumps(value, indent=1) + "\n").encode())

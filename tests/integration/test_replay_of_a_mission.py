@@ -158,4 +158,4 @@ def test_conflicting_options_are_refused(folder: Path, capsys: pytest.CaptureFix
         assert main(["replay", log, "--requests", "r.yaml", *more]) == 1
         assert reason in capsys.readouterr().err
     assert main(["replay", log, "--dfpc", "position_manager", "--store", "dpm"]) == 1
-    assert "--store is for --requests" in capsys.readouterr().err
+    assert "--store needs --requests" in capsys.readouterr().err

@@ -46,8 +46,8 @@ def compare(
         Layer ``mean``, in the same frame. If its cells are smaller, their mean over a cell of the map is
         used; otherwise its heights are interpolated at the centre of the cell.
     remove_shift : bool
-        If True, the whole map is first moved and tilted to its best fit; the correction is reported in both
-        cases.
+        If True, the whole map is first translated and tilted to its best fit. The best fit is reported in
+        both cases.
     least_count : int
         Cells with fewer measurements are ignored.
 
@@ -134,7 +134,8 @@ def true_heights(
     cells_per_cell = max(1, round(geometry.resolution_m / t.resolution_m))  # true cells along one of the map
     if cells_per_cell > 1 and dx == dy == 0.0:
         return _mean_over_cells(geometry, truth)
-    # Averaged true heights are interpolated below, so that the result changes smoothly with the shift.
+    # The true heights are averaged over the size of a cell and interpolated, so that the result is a
+    # continuous function of the shift.
     if cells_per_cell > 1:
         for axis in (0, 1):
             heights = correlate1d(
@@ -142,9 +143,9 @@ def true_heights(
             )
     col = (geometry.x_centres_m() + dx - t.xmin_m) / t.resolution_m - 0.5
     row = (t.ymax_m - geometry.y_centres_m() - dy) / t.resolution_m - 0.5
-    if cells_per_cell % 2 == 0:  # the mean over an even number of cells belongs to the edge between two
+    if cells_per_cell % 2 == 0:  # centre on an edge; correlate1d stores in the next cell
         row, col = row + 0.5, col + 0.5
-    # Centres that coincide need no interpolation, which would enlarge unknown areas.
+    # Coinciding centres are not interpolated, since interpolation would enlarge unknown areas.
     is_aligned = max(np.abs(a - np.rint(a)).max() for a in (row, col)) < 1e-6
     if is_aligned:
         row, col = np.rint(row), np.rint(col)
@@ -155,6 +156,7 @@ def true_heights(
 
 
 def _mean_over_cells(geometry: GridGeometry, truth: ElevationMap) -> Grid:
+    """Return the mean of the true heights in each cell; NaN where there is none."""
     heights = truth.layer("mean").astype(np.float64).ravel()
     x, y = truth.geometry.centres_m()
     row, col, inside = geometry.cells_of(x.ravel(), y.ravel())
@@ -166,7 +168,7 @@ def _mean_over_cells(geometry: GridGeometry, truth: ElevationMap) -> Grid:
 
 
 def table(results: dict[str, Any]) -> str:
-    """Return the results as text, one line each."""
+    """Return the results as text, one line per result."""
     unit = {"m": " m", "deg": " deg"}
     rows = []
     for name, value in results.items():
@@ -195,33 +197,31 @@ def _slope_rmse_deg(mean: Grid, true: Grid, resolution_m: float) -> float:
     return float(np.sqrt(np.mean(difference**2))) if len(difference) else float("nan")
 
 
-def _added_height_m(geometry: GridGeometry, motion: NDArray[np.float64]) -> Grid:
+def _added_height_m(geometry: GridGeometry, correction: NDArray[np.float64]) -> Grid:
     """Return the height that translation and tilt add to each cell ``(rows, cols)``, metres."""
     x, y = geometry.centres_m()
-    return np.asarray(motion[2] + motion[3] * (x - x.mean()) + motion[4] * (y - y.mean()))
+    return np.asarray(correction[2] + correction[3] * (x - x.mean()) + correction[4] * (y - y.mean()))
 
 
 def _shift(geometry: GridGeometry, mean: Grid, truth: ElevationMap) -> NDArray[np.float64]:
-    """Return the correction that fits the map best: east, north, up (metres), rise to the east and to the
-    north (radians).
-    """
-    motion = np.zeros(5)
+    """Return the best-fit correction: east, north, up (metres), rise to the east and north (radians)."""
+    correction = np.zeros(5)
     if min(mean.shape) < 2:
-        return motion
+        return correction
     x, y = geometry.centres_m()
     for _ in range(_MAX_ITERATIONS):
-        true = true_heights(geometry, truth, motion[:2])
+        true = true_heights(geometry, truth, correction[:2])
         down, east = map(np.asarray, np.gradient(true, geometry.resolution_m))
-        error = mean + _added_height_m(geometry, motion) - true
+        error = mean + _added_height_m(geometry, correction) - true
         use = np.isfinite(error) & np.isfinite(east) & np.isfinite(down)
         if np.count_nonzero(use) < 10:
-            return motion
+            return correction
         e: Grid = error[use]
-        usable = np.abs(e - np.median(e)) <= _MAX_ERROR_NMAD * max(_nmad(e), 1e-9)
+        is_inlier = np.abs(e - np.median(e)) <= _MAX_ERROR_NMAD * max(_nmad(e), 1e-9)
         ones = np.ones(len(e))
-        A = np.column_stack([east[use], -down[use], -ones, x.mean() - x[use], y.mean() - y[use]])[usable]
-        step = np.linalg.lstsq(A, e[usable], rcond=None)[0]
-        motion += step
+        A = np.column_stack([east[use], -down[use], -ones, x.mean() - x[use], y.mean() - y[use]])[is_inlier]
+        step = np.linalg.lstsq(A, e[is_inlier], rcond=None)[0]
+        correction += step
         if np.abs(step).max() < 1e-4:
             break
-    return motion
+    return correction

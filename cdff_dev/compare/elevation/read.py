@@ -20,12 +20,12 @@ def read_dem(path: str, stream: str | None = None, frame: str | None = None) -> 
     Parameters
     ----------
     path : str
-        A GeoTIFF, whose single band is heights if another program wrote it, or a log, of which the last map
-        is used.
+        A GeoTIFF with the bands of the DPM or with one band of heights, or a log, of which the last map is
+        used.
     stream : str, optional
         Stream to read, if a log has elevation maps in several.
     frame : str, optional
-        Frame of a GeoTIFF without a frame name.
+        Frame of the map, if the GeoTIFF does not contain the name of a frame.
 
     Raises
     ------
@@ -44,9 +44,9 @@ def read_dem(path: str, stream: str | None = None, frame: str | None = None) -> 
             name = only_stream(log, ("ElevationMap",), stream, "elevation maps")
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
-        last: ElevationMap | None = None
+        last_map: ElevationMap | None = None
         for sample in log.samples([name]):
-            last = sample.value
-    if last is None:
+            last_map = sample.value
+    if last_map is None:
         raise InputError(f"{path}: {name} contains no map")
-    return last
+    return last_map

@@ -26,7 +26,7 @@ def compare(
     Parameters
     ----------
     estimate, truth : mapping of str to Pair
-        By name of the pair. If a pair has no pose in the truth, no pose is correct, and any estimate of it
+        Poses by the name of their pair. A pair without a true pose has no correct pose: any estimate of it
         is a false accept.
     gates : sequence of (float, float)
         Largest errors of a correct pose, metres and degrees.
@@ -84,7 +84,7 @@ def compare(
 def _nees(
     compared: Sequence[str], answers: Mapping[str, Any], true_poses: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the mean NEES (6 expected) with its band, and the mean stated sigma of a translation."""
+    """Return the mean NEES (expected: 6) with its 95 % band, and the mean stated sigma of the translation."""
     with_covariance = [name for name in compared if answers[name].covariance is not None]
     if not with_covariance:
         return {"count": 0}
@@ -118,16 +118,16 @@ def table(results: Mapping[str, Any]) -> str:
     for key, unit in (("error_m", "m"), ("error_deg", "°")):
         summary = results[key]
         if summary["count"]:
-            median, p95, most = (summary[name] for name in ("median", "p95", "max"))
+            median, p95, largest = (summary[name] for name in ("median", "p95", "max"))
             lines.append(
-                f"error: median {median:.4g} {unit}, 95 % {p95:.4g} {unit}, at most {most:.4g} {unit}"
+                f"error: median {median:.4g} {unit}, 95 % {p95:.4g} {unit}, at most {largest:.4g} {unit}"
             )
     nees = results["nees"]
     if nees["count"]:
-        verdict = "inside" if nees["inside"] else "outside"
+        position = "inside" if nees["inside"] else "outside"
         low, high = nees["band"]
         lines.append(
-            f"normalised squared error: mean {nees['mean']:.3g} of {nees['count']}, {verdict} the 95 % band "
+            f"NEES: mean {nees['mean']:.3g} of {nees['count']}, {position} the 95 % band "
             f"{low:g} to {high:g}; mean sigma {nees['mean_sigma_m']:.3g} m"
         )
     if results["counts"]:

@@ -13,7 +13,7 @@ from cdff_common.geometry.se3 import FloatArray
 
 
 def pose_errors(T: FloatArray, T_true: FloatArray) -> tuple[float, float]:
-    """Return the distance of the translations, metres, and angle between the rotations, degrees."""
+    """Return the distance between the translations, metres, and the angle between the rotations, degrees."""
     angle = se3.rotation_angle(T[:3, :3] @ T_true[:3, :3].T)
     return float(np.linalg.norm(T[:3, 3] - T_true[:3, 3])), float(np.degrees(angle))
 
@@ -28,7 +28,7 @@ def bounds(count: int, trials: int, digits: int = 5) -> list[float]:
 
 
 def interval(count: int, trials: int) -> dict[str, float]:
-    """Return a rate with its ``bounds``."""
+    """Return count, trials, rate, and the 95 % interval of the rate (``low``, ``high``)."""
     low, high = bounds(count, trials, 4)
     return {"count": count, "trials": trials, "rate": round(count / trials, 4), "low": low, "high": high}
 
@@ -39,7 +39,10 @@ def rate_text(rate: Mapping[str, float]) -> str:
 
 
 def nees_band(trials: int, freedoms: int = 6) -> tuple[float, float]:
-    """Return the two-sided 95 % band of the mean NEES of independent trials (Bar-Shalom et al. 2001, 5.4.2)."""
+    """Return the two-sided 95 % band of the mean NEES of independent trials.
+
+    Bar-Shalom et al. (2001), doi:10.1002/0471221279, section 5.4.2.
+    """
     from scipy.stats import chi2
 
     low, high = (float(chi2.ppf(p, trials * freedoms)) / trials for p in (0.025, 0.975))

@@ -47,37 +47,37 @@ def read_pairs(path: str | Path, stream: str | None = None, port: str | None = N
     p = Path(path)
     report = p if p.name == _REPORT else p / _REPORT
     if report.is_file():
-        return {"pair": _pair_of_report(report, port)}
+        return {"pair": _read_report(report, port)}
     if p.is_dir() and stream is None:
         entries = sorted(e for e in p.iterdir() if not e.name.startswith("."))
         try:
             return {
-                e.stem if e.is_file() else e.name: _pair_of_entry(e, port)
+                e.stem if e.is_file() else e.name: _read_entry(e, port)
                 for e in entries
                 if e.is_file() or (e / _REPORT).is_file()
             }
         except CdffError:
             if any(e.suffix == ".msg" for e in entries):
-                return _pairs_of_track(p, stream)
+                return _read_track_pairs(p, stream)
             raise
     if p.is_file() and stream is None:
         try:
             return {"pair": Pair(read_pose(p).T)}
         except CdffError:
-            return _pairs_of_track(p, stream)  # more than one pose: the reader of trajectories decides
+            return _read_track_pairs(p, stream)  # the file may contain a trajectory
     if not p.exists():
         raise InputError(f"{path}: there is no such file or folder")
-    return _pairs_of_track(p, stream)
+    return _read_track_pairs(p, stream)
 
 
-def _pair_of_entry(path: Path, port: str | None) -> Pair:
+def _read_entry(path: Path, port: str | None) -> Pair:
     if path.is_dir():
-        return _pair_of_report(path / _REPORT, port)
+        return _read_report(path / _REPORT, port)
     return Pair(None) if path.stat().st_size == 0 else Pair(read_pose(path).T)
 
 
-def _pair_of_report(path: Path, port: str | None) -> Pair:
-    """Return the pose of an ``outputs.json``, with the metrics of its quality."""
+def _read_report(path: Path, port: str | None) -> Pair:
+    """Return the pose of an ``outputs.json`` with the metrics of its quality."""
     try:
         report: Any = json.loads(path.read_text(encoding="utf-8"))
         poses = {n: e for n, e in report["outputs"].items() if e["type"] == "TransformWithCovariance"}
@@ -86,14 +86,14 @@ def _pair_of_report(path: Path, port: str | None) -> Pair:
         }
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: not an output of `cdff run`: {error!r}") from error
-    chosen = port or (next(iter(poses)) if len(poses) == 1 else None)
-    if chosen not in poses:
+    name = port or (next(iter(poses)) if len(poses) == 1 else None)
+    if name not in poses:
         raise InputError(f"{path}: poses are {', '.join(poses) or 'none'}; name one with --port")
-    value = poses[chosen].get("value")
+    value = poses[name].get("value")
     return Pair(None if value is None else PoseValue.from_json(value, str(path)).T, metrics)
 
 
-def _pairs_of_track(path: Path, stream: str | None) -> dict[str, Pair]:
+def _read_track_pairs(path: Path, stream: str | None) -> dict[str, Pair]:
     track = read_track(path, stream)
     covariances = [None] * len(track) if track.covariances is None else list(track.covariances)
     return {

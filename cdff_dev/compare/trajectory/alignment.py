@@ -16,8 +16,8 @@ from cdff_dev.compare.trajectory.track import Float, Track
 Mode = Literal["se3", "yaw", "sim3", "origin", "none"]
 
 
-def associated(estimate: Track, reference: Track, max_difference_s: float) -> tuple[Track, Track]:
-    """Return the poses matched by time: row i of both results belongs together, and no pose is used twice.
+def associate(estimate: Track, reference: Track, max_difference_s: float) -> tuple[Track, Track]:
+    """Return both tracks with their poses matched by time, row by row; no pose is used twice.
 
     Raises
     ------
@@ -29,8 +29,10 @@ def associated(estimate: Track, reference: Track, max_difference_s: float) -> tu
     after = np.clip(np.searchsorted(many.stamps_ns, few.stamps_ns), 1, max(len(many) - 1, 1))
     before = after - 1
     after = np.minimum(after, len(many) - 1)
-    late = np.abs(many.stamps_ns[after] - few.stamps_ns) < np.abs(few.stamps_ns - many.stamps_ns[before])
-    nearest = np.where(late, after, before)
+    after_is_nearer = np.abs(many.stamps_ns[after] - few.stamps_ns) < np.abs(
+        few.stamps_ns - many.stamps_ns[before]
+    )
+    nearest = np.where(after_is_nearer, after, before)
     difference = np.abs(many.stamps_ns[nearest] - few.stamps_ns)
     selected = _unique_matches(nearest, difference) & (difference <= max_difference_s * 1e9)
     rows_few, rows_many = np.flatnonzero(selected), nearest[selected]
@@ -40,23 +42,23 @@ def associated(estimate: Track, reference: Track, max_difference_s: float) -> tu
         )
         raise InputError(
             f"no stamps within {max_difference_s:g} s of one another: {spans}; expected stamps of the "
-            "same clock; or allow a larger difference"
+            "same clock, or a larger allowed difference"
         )
     pair = few.rows(rows_few), many.rows(rows_many)
     return (pair[1], pair[0]) if swapped else pair
 
 
 def _unique_matches(nearest: NDArray[np.int64], difference: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return a mask of the rows with the smallest difference among those with the same nearest row."""
+    """Return a mask of the rows that have the smallest difference of all with the same nearest row."""
     order = np.lexsort((difference, nearest))
-    first = np.ones(len(order), np.bool_)
-    first[1:] = nearest[order][1:] != nearest[order][:-1]
+    is_first_of_group = np.ones(len(order), np.bool_)
+    is_first_of_group[1:] = nearest[order][1:] != nearest[order][:-1]
     selected = np.zeros(len(order), np.bool_)
-    selected[order[first]] = True
+    selected[order[is_first_of_group]] = True
     return selected
 
 
-def aligned(estimate: Track, reference: Track, mode: Mode) -> tuple[Track, Float, float]:
+def apply_alignment(estimate: Track, reference: Track, mode: Mode) -> tuple[Track, Float, float]:
     """Return the estimate aligned to the reference, the transform ``(4, 4)`` and the scale applied.
 
     Parameters

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cdff_dev.compare.trajectory import errors
-from cdff_dev.compare.trajectory.alignment import Mode, aligned, associated
+from cdff_dev.compare.trajectory.alignment import Mode, apply_alignment, associate
 from cdff_dev.compare.trajectory.track import Float, Track
 
 
@@ -49,13 +49,14 @@ def compare(
     ----------
     estimate, reference : Track
     align : str
-        See ``alignment.aligned``. Relative errors and drift depend on it only if it scales.
+        See ``alignment.apply_alignment``. Relative errors and drift depend only on its scale.
     max_difference_s : float
         Largest difference of matched stamps.
     delta, delta_unit, all_pairs
         Pairs of poses for relative errors, along the path of the estimate; see ``errors.pairs_apart``.
     segments_m : sequence of float, optional
-        Segment lengths for the drift, along the path of the reference; see ``errors.segments_for``.
+        Segment lengths for the drift, along the path of the reference; by default
+        ``errors.default_segments_m``.
 
     Raises
     ------
@@ -65,20 +66,20 @@ def compare(
         If the positions do not determine the alignment.
     """
     n_estimate, n_reference = len(estimate), len(reference)
-    est, ref = associated(estimate, reference, max_difference_s)
-    est, motion, scale = aligned(est, ref, align)
+    est, ref = associate(estimate, reference, max_difference_s)
+    est, T_alignment, scale = apply_alignment(est, ref, align)
     metres, degrees = errors.absolute(est, ref)
     pairs = errors.pairs_apart(est, delta, delta_unit, all_pairs=all_pairs)
-    step_metres, step_degrees = errors.relative(est, ref, pairs)
+    relative_metres, relative_degrees = errors.relative(est, ref, pairs)
     path_length_m = float(ref.distances_m[-1])
-    lengths = tuple(errors.segments_for(ref) if segments_m is None else segments_m)
+    lengths = tuple(errors.default_segments_m(ref) if segments_m is None else segments_m)
     results = {
         "estimate": estimate.name,
         "reference": reference.name,
         "poses": {"estimate": n_estimate, "reference": n_reference, "compared": len(est)},
         "path_length_m": path_length_m,
         "duration_s": float(ref.stamps_ns[-1] - ref.stamps_ns[0]) * 1e-9,
-        "alignment": {"mode": align, "T": motion.tolist(), "scale": scale},
+        "alignment": {"mode": align, "T": T_alignment.tolist(), "scale": scale},
         "ate": {
             "translation_m": errors.statistics(metres),
             "rotation_deg": errors.statistics(degrees),
@@ -90,8 +91,8 @@ def compare(
             "delta": delta,
             "unit": delta_unit,
             "all_pairs": all_pairs,
-            "translation_m": errors.statistics(step_metres),
-            "rotation_deg": errors.statistics(step_degrees),
+            "translation_m": errors.statistics(relative_metres),
+            "rotation_deg": errors.statistics(relative_degrees),
         },
         "drift": errors.drift(est, ref, lengths),
         "nees": errors.consistency(est, ref),

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Errors of an estimate whose rows are matched with those of a reference."""
+"""Errors of an estimated track whose rows are matched with those of a reference."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cdff_common.geometry.covariance import pose_error
 from cdff_dev.compare.registration.rates import nees_band
 from cdff_dev.compare.trajectory.track import Float, Track
 
-#: Tolerance of the path length between two poses if all pairs are used, as a fraction of ``delta``.
+#: Tolerance of the distance between two poses if all pairs are used, as a fraction of ``delta``.
 PAIR_TOLERANCE = 0.1
 #: KITTI uses every tenth pose as the start of a segment.
 _SEGMENT_STEP = 10
@@ -25,7 +25,7 @@ _ROVER_SEGMENTS_M = (5.0, 10.0, 20.0, 50.0, 100.0)
 
 
 def statistics(values: Float) -> dict[str, Any]:
-    """Return count, root mean square, mean, median, standard deviation, extremes and sum of squares."""
+    """Return count, RMS, mean, median, standard deviation, minimum, maximum and sum of squares."""
     return {
         "count": len(values),
         "rmse": float(np.sqrt(np.mean(values**2))),
@@ -45,8 +45,9 @@ def absolute(estimate: Track, reference: Track) -> tuple[Float, Float]:
 
 
 def relative(estimate: Track, reference: Track, pairs: NDArray[np.int64]) -> tuple[Float, Float]:
-    """Return errors of the motions between the rows of each pair ``(k, 2)``: metres and degrees, Sturm et al.
-    (2012).
+    """Return the errors of the motion between the rows of each pair ``(k, 2)``, metres and degrees.
+
+    Sturm et al. (2012), doi:10.1109/IROS.2012.6385773.
     """
     first, second = pairs[:, 0], pairs[:, 1]
     true = se3.inverse(reference.matrices[first]) @ reference.matrices[second]
@@ -64,10 +65,10 @@ def pairs_apart(track: Track, delta: float, unit: str, *, all_pairs: bool) -> ND
     Raises
     ------
     InputError
-        If delta is not above 0, not whole for frames, or there are no such pairs.
+        If ``delta`` is not positive, or not a whole number of frames, or there is no such pair.
     """
     if not delta > 0 or (unit == "frames" and delta != int(delta)):
-        raise InputError(f"delta={delta:g} {unit}: expected above 0, and a whole number of frames")
+        raise InputError(f"delta={delta:g} {unit}: expected a value above 0, and a whole number of frames")
     n = len(track)
     if unit == "frames":
         first = np.arange(0, n - int(delta), 1 if all_pairs else int(delta))
@@ -75,11 +76,11 @@ def pairs_apart(track: Track, delta: float, unit: str, *, all_pairs: bool) -> ND
     elif all_pairs:
         pairs = _all_pairs(track.distances_m, delta)
     else:
-        ids = [0]
+        rows = [0]
         distances_m = track.distances_m
-        while (after := int(np.searchsorted(distances_m - distances_m[ids[-1]], delta))) < n:
-            ids.append(after)
-        pairs = np.column_stack([ids[:-1], ids[1:]])
+        while (after := int(np.searchsorted(distances_m - distances_m[rows[-1]], delta))) < n:
+            rows.append(after)
+        pairs = np.column_stack([rows[:-1], rows[1:]])
     if not len(pairs):
         raise InputError(
             f"delta={delta:g} {unit}: no two of {n} poses over {track.distances_m[-1]:.3g} m are so far apart"
@@ -88,7 +89,7 @@ def pairs_apart(track: Track, delta: float, unit: str, *, all_pairs: bool) -> ND
 
 
 def _all_pairs(distances_m: Float, delta_m: float) -> NDArray[np.int64]:
-    """Return each row with the later row whose path length from it is nearest to delta."""
+    """Return pairs of each row with the later row whose distance along the path is nearest to ``delta_m``."""
     n = len(distances_m)
     first = np.arange(n - 1)
     after = np.clip(np.searchsorted(distances_m, distances_m[first] + delta_m), first + 1, n - 1)
@@ -102,17 +103,16 @@ def _all_pairs(distances_m: Float, delta_m: float) -> NDArray[np.int64]:
     return np.column_stack([first[selected], second[selected]])
 
 
-def segments_for(reference: Track) -> tuple[float, ...]:
-    """Return KITTI's lengths if the path is longer than the first of them, else those of a rover."""
+def default_segments_m(reference: Track) -> tuple[float, ...]:
+    """Return the segment lengths of KITTI if the path is longer than 100 m, otherwise shorter ones."""
     return _KITTI_SEGMENTS_M if reference.distances_m[-1] > _KITTI_SEGMENTS_M[0] else _ROVER_SEGMENTS_M
 
 
 def drift(estimate: Track, reference: Track, lengths_m: Sequence[float]) -> dict[str, Any]:
-    """Return the mean translation and rotation error of segments, for each length and over all: the metric of
-    KITTI odometry.
+    """Return the mean errors of segments relative to their length, for each length and over all.
 
-    Geiger et al. (2012), doi:10.1109/CVPR.2012.6248074: segments begin at every tenth pose and end at the
-    first pose at a larger path length of the reference; errors are divided by the length.
+    The metric of KITTI odometry, Geiger et al. (2012), doi:10.1109/CVPR.2012.6248074: a segment starts at
+    every tenth pose and ends at the first pose at which its length is exceeded on the path of the reference.
     """
     distances_m = reference.distances_m
     starts = np.arange(0, len(reference), _SEGMENT_STEP)
@@ -145,30 +145,30 @@ def drift(estimate: Track, reference: Track, lengths_m: Sequence[float]) -> dict
 
 
 def consistency(estimate: Track, reference: Track) -> dict[str, Any] | None:
-    """Compare normalised squared errors with chi-squared; None without covariances.
+    """Compare the NEES of the poses with its chi-squared distribution; None without covariances.
 
     Bar-Shalom et al. (2001), doi:10.1002/0471221279, ch. 5.4. ``band_95`` is the two-sided interval of the
-    mean of ``count`` independent errors. Errors of one trajectory are not independent: a mean outside the
-    band in one run is weaker evidence than over several runs. ``inside_95`` is the fraction of poses inside
-    the interval for a single error.
+    mean of ``count`` independent errors. The errors of one trajectory are correlated, so that the mean of one
+    run can be outside the band although the covariances are consistent. ``inside_95`` is the fraction of
+    poses inside the interval of a single error; ``unknown`` counts poses without a covariance.
     """
     if estimate.covariances is None:
         return None
     errors = np.array([pose_error(t, e) for t, e in zip(reference.matrices, estimate.matrices, strict=True)])
     scale = np.sqrt(np.maximum(np.diagonal(estimate.covariances, axis1=1, axis2=2), 0.0))
-    known = np.asarray(np.all(np.isfinite(scale) & (scale > 0.0), axis=1))
-    if not known.any():
-        return {"count": 0, "unknown": len(known)}
-    # In units of the standard deviations: metres and radians mixed would be badly conditioned.
-    units = scale[known]
-    C = estimate.covariances[known] / (units[:, :, None] * units[:, None, :])
-    x = errors[known] / units
+    has_covariance = np.asarray(np.all(np.isfinite(scale) & (scale > 0.0), axis=1))
+    if not has_covariance.any():
+        return {"count": 0, "unknown": len(has_covariance)}
+    # Errors are divided by their standard deviations: metres and radians together are badly conditioned.
+    units = scale[has_covariance]
+    C = estimate.covariances[has_covariance] / (units[:, :, None] * units[:, None, :])
+    x = errors[has_covariance] / units
     nees = np.einsum("ni,ni->n", x, np.linalg.solve(C + 1e-12 * np.eye(6), x[..., None])[..., 0])
     n = len(nees)
     low, high = nees_band(1)
     return {
         "count": n,
-        "unknown": int((~known).sum()),
+        "unknown": int((~has_covariance).sum()),
         "expected": 6.0,
         "mean": float(nees.mean()),
         "median": float(np.median(nees)),

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trajectories from TUM files, KITTI pose files and logs, distinguished by content."""
+"""Reading of trajectories from TUM files, KITTI pose files and logs, which are distinguished by content."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ def read_track(path: str | Path, stream: str | None = None) -> Track:
     Parameters
     ----------
     path : str or Path
-        A TUM file (8 numbers a line), a KITTI pose file (12 numbers a line, rows of ``T (3, 4)``), or
-        anything that ``open_log`` opens.
+        A TUM file (8 numbers per line), a KITTI pose file (12 numbers per line, rows of ``T (3, 4)``), or
+        a log (see ``open_log``).
     stream : str, optional
-        Stream of the log; required if several contain poses. Of a stream of PoseTrajectory the last value is
-        used.
+        Stream of the log; required if several streams contain poses. The last value of a stream of
+        PoseTrajectory is used.
 
     Raises
     ------
     InputError
-        If the file has another format, or the log has no stream of poses, or several and none is selected.
+        If the file has another format, or the log has no stream of poses, or several and none is given.
     """
     if Path(path).is_file():
         source = load(path)
@@ -54,7 +54,7 @@ def read_track(path: str | Path, stream: str | None = None) -> Track:
 
 
 def _columns(source: Source) -> int:
-    """Return the number of values in the first line that is no comment; 0 if one is not a number."""
+    """Return the number of numbers in the first line that is not a comment; 0 if it has other words."""
     try:
         head = source.data[: 1 << 16].decode("ascii")
         for line in head.splitlines():
@@ -71,9 +71,9 @@ def _kitti(source: Source) -> Track:
     try:
         table = np.loadtxt(source.data.decode().splitlines(), ndmin=2)
         if table.shape[1] != 12 or not np.isfinite(table).all():
-            raise ValueError(f"lines of {table.shape[1]} numbers, or some that are not finite")
+            raise ValueError(f"lines of {table.shape[1]} numbers, or numbers that are not finite")
     except ValueError as error:
-        raise source.error(f"{error}; expected 12 numbers a line: the upper rows of a 4x4 pose") from error
+        raise source.error(f"{error}; expected 12 numbers per line: the upper rows of a 4x4 pose") from error
     rows = table.reshape(-1, 3, 4)
     R = se3.normalise_rotation(rows[:, :, :3])
     if np.abs(R - rows[:, :, :3]).max() > 1e-2:
@@ -87,24 +87,24 @@ def _from_log(path: str | Path, stream: str | None) -> Track:
     try:
         log = open_log(path)
     except CdffError as error:
-        raise InputError(f"{path}: no TUM file, no KITTI pose file and no log: {error}") from error
+        raise InputError(f"{path}: not a TUM file, KITTI pose file or log: {error}") from error
     with closing(log):
-        chosen = only_stream(log, _POSES, stream, "poses")
-        values = [sample.value for sample in log.samples([chosen])]
-    name = f"{path} {chosen}"
+        selected = only_stream(log, _POSES, stream, "poses")
+        values = [sample.value for sample in log.samples([selected])]
+    name = f"{path} {selected}"
     if not values:
         raise InputError(f"{name}: the stream has no samples")
     if isinstance(values[-1], PoseTrajectory):
-        last: PoseTrajectory = values[-1]
-        return Track(name, last.stamps_ns, last.matrices, last.covariances)
+        trajectory: PoseTrajectory = values[-1]
+        return Track(name, trajectory.stamps_ns, trajectory.matrices, trajectory.covariances)
     return _from_poses(name, values)
 
 
 def _from_poses(name: str, values: list[TransformWithCovariance]) -> Track:
-    """Return one row for each stamp; of poses with the same stamp the last one is used."""
-    latest = {value.stamp_ns: value.transform for value in values}
-    stamps_ns = np.array(sorted(latest), dtype=np.int64)
-    transforms = [latest[int(stamp)] for stamp in stamps_ns]
+    """Return a track with one pose per stamp; of several poses with the same stamp the last is used."""
+    transform_at = {value.stamp_ns: value.transform for value in values}
+    stamps_ns = np.array(sorted(transform_at), dtype=np.int64)
+    transforms = [transform_at[int(stamp)] for stamp in stamps_ns]
     unknown = np.full((6, 6), np.nan)
     covariances = None
     if any(T.covariance is not None for T in transforms):

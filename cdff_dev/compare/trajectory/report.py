@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results of a comparison as lines of text."""
+"""Results of a comparison of trajectories as text."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _COLUMNS = ("rmse", "mean", "median", "std", "min", "max")
 def table(results: dict[str, Any]) -> str:
     """Return the results as text for a terminal."""
     poses, rpe = results["poses"], results["rpe"]
-    apart = f"{rpe['delta']:g} {rpe['unit']}" + (", all pairs" if rpe["all_pairs"] else "")
+    distance = f"{rpe['delta']:g} {rpe['unit']}" + (", all pairs" if rpe["all_pairs"] else "")
     lines = [
         f"{poses['compared']} poses compared ({poses['estimate']} estimated, {poses['reference']} of the "
         f"reference), {results['path_length_m']:.3f} m, {results['duration_s']:.3f} s, aligned: "
@@ -21,13 +21,14 @@ def table(results: dict[str, Any]) -> str:
         f"{'':24}" + "".join(f"{name:>12}" for name in _COLUMNS),
         _row("ATE m", results["ate"]["translation_m"]),
         _row("ATE deg", results["ate"]["rotation_deg"]),
-        _row(f"RPE m ({apart})", rpe["translation_m"]),
-        _row(f"RPE deg ({apart})", rpe["rotation_deg"]),
+        _row(f"RPE m ({distance})", rpe["translation_m"]),
+        _row(f"RPE deg ({distance})", rpe["rotation_deg"]),
     ]
     if results["drift"]["segments"]:
         lines += ["", f"{'segment m':>12}{'count':>8}{'drift %':>12}{'deg/m':>12}"]
         lines += [
-            f"{s['length_m']:12g}{s['count']:8d}{s['translation_percent']:12.4f}{s['rotation_deg_per_m']:12.6f}"
+            f"{s['length_m']:12g}{s['count']:8d}"
+            f"{s['translation_percent']:12.4f}{s['rotation_deg_per_m']:12.6f}"
             for s in results["drift"]["segments"]
         ]
         drift = results["drift"]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trajectory with stamps and covariances, the input of comparisons."""
+"""Trajectory with stamps and covariances, for comparisons."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Track:
     Attributes
     ----------
     name : str
-        Name in messages.
+        Name for messages.
     stamps_ns : ndarray of int64, shape (n,)
     matrices : ndarray, shape (n, 4, 4)
         ``T_parent_child``, metres.
@@ -37,7 +37,8 @@ class Track:
     def __post_init__(self) -> None:
         if len(self.stamps_ns) != len(self.matrices) or not len(self.stamps_ns):
             raise InputError(
-                f"{self.name}: {len(self.matrices)} poses at {len(self.stamps_ns)} times, expected some"
+                f"{self.name}: {len(self.matrices)} poses at {len(self.stamps_ns)} times, expected at least "
+                "one pose and equal numbers"
             )
         if np.any(np.diff(self.stamps_ns) <= 0):
             row = int(np.argmax(np.diff(self.stamps_ns) <= 0)) + 1
@@ -55,11 +56,11 @@ class Track:
 
     @property
     def distances_m(self) -> Float:
-        """Path length from the first pose to each ``(n,)``."""
+        """Path length ``(n,)`` from the first pose to each pose, metres."""
         steps = np.linalg.norm(np.diff(self.positions_m, axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
     def rows(self, index: NDArray[np.int64]) -> Track:
-        """Return the track with the poses of some rows."""
+        """Return the track with the poses of the given rows."""
         covariances = None if self.covariances is None else self.covariances[index]
         return Track(self.name, self.stamps_ns[index], self.matrices[index], covariances)

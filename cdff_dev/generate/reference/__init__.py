@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The generated pages of ``docs/reference/``: one module per page or pair of pages."""
+"""Generated pages of ``docs/reference/``: one module for each kind of page."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cdff_dev.tree import Tree
 
 
 def pages(tree: Tree) -> list[Artefact]:
-    """Return every generated reference page of the installed packages."""
+    """Return the generated reference pages of the installed packages."""
     texts = {
         **descriptions.dfns(),
         **descriptions.dfpcs(tree.root / "docs" / "dfpcs"),
@@ -23,9 +23,11 @@ def pages(tree: Tree) -> list[Artefact]:
         "cli.md": command_line.page(),
         "state-machines.md": states.page(),
     }
-    return [Artefact(tree.root / "docs" / "reference" / name, _tidy(text)) for name, text in texts.items()]
+    return [
+        Artefact(tree.root / "docs" / "reference" / name, _normalised(text)) for name, text in texts.items()
+    ]
 
 
-def _tidy(text: str) -> str:
-    """Return the page without repeated blank lines, and with one line end at its end."""
+def _normalised(text: str) -> str:
+    """Return the page without repeated blank lines, and with one newline at its end."""
     return re.sub(r"\n{3,}", "\n\n", text).rstrip() + "\n"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cli.md``: every command, from its parser, independent of the Python version."""
+"""``cli.md``: all commands, from their parsers; the page does not depend on the Python version."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cdff_dev.generate.python_source import render
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Command: its words, its description, and ``(spelling, default, help)`` of its arguments."""
+    """A command: its words, its description, and ``(syntax, default, help)`` of its arguments."""
 
     words: str
     doc: str
@@ -33,12 +33,12 @@ def page() -> str:
 
 @contextmanager
 def _without_settings() -> Iterator[None]:
-    """Hide ``CDFF_*``, from which parsers take defaults of this machine."""
-    hidden = {name: os.environ.pop(name) for name in list(os.environ) if name.startswith("CDFF_")}
+    """Remove the environment variables ``CDFF_*``, which change defaults, while the block runs."""
+    removed = {name: os.environ.pop(name) for name in list(os.environ) if name.startswith("CDFF_")}
     try:
         yield
     finally:
-        os.environ.update(hidden)
+        os.environ.update(removed)
 
 
 def _commands(parser: argparse.ArgumentParser, words: str, doc: str) -> Iterator[Command]:
@@ -63,18 +63,18 @@ def _argument(action: argparse.Action) -> tuple[str, str, str]:
     )
     value = " ".join(value) if isinstance(value, tuple) else value
     if action.option_strings:
-        spelling = ", ".join(action.option_strings) + ("" if action.nargs == 0 else f" {value}")
+        syntax = ", ".join(action.option_strings) + ("" if action.nargs == 0 else f" {value}")
     else:
-        spelling = {"*": f"[{value} …]", "+": f"{value} …", "?": f"[{value}]"}.get(str(action.nargs), value)
+        syntax = {"*": f"[{value} …]", "+": f"{value} …", "?": f"[{value}]"}.get(str(action.nargs), value)
     return (
-        spelling,
+        syntax,
         _default(action),
         " ".join((action.help or "").split()) % vars(action) if action.help else "",
     )
 
 
 def _default(action: argparse.Action) -> str:
-    """Return the default as text; empty if there is none, or for a folder of this machine."""
+    """Return the default as text; empty if there is none, or if it is a folder of this machine."""
     default = action.default
     if default in (None, False, True, [], argparse.SUPPRESS):
         return ""

@@ -12,9 +12,9 @@ from cdff_dev.generate.python_source import render
 
 
 def dfns() -> dict[str, str]:
-    """Return path under ``docs/reference`` and text of the index and of each DFN's page."""
+    """Return the text of the index and of the page of each DFN, by path below ``docs/reference``."""
     registry = Registry.default()
-    descriptions = {name: found.description for name, found in sorted(registry.dfns.items())}
+    descriptions = {name: entry.description for name, entry in sorted(registry.dfns.items())}
     texts = {"dfns.md": render("dfns.md.j2", dfns=descriptions)}
     for name, dfn in descriptions.items():
         rows = {i: parameter_rows(type(registry.make_dfn(name, i)).Config) for i in dfn.implementations}
@@ -23,12 +23,12 @@ def dfns() -> dict[str, str]:
 
 
 def dfpcs(pages: Path) -> dict[str, str]:
-    """Return path under ``docs/reference`` and text of the index and of each DFPC's page.
+    """Return the text of the index and of the page of each DFPC, by path below ``docs/reference``.
 
-    A DFPC with a page in the folder ``pages`` is linked to it.
+    The page has a link to the page of the DFPC in the folder ``pages``, if there is one.
     """
     registry = Registry.default()
-    descriptions = {name: found.description for name, found in sorted(registry.dfpcs.items())}
+    descriptions = {name: entry.description for name, entry in sorted(registry.dfpcs.items())}
     texts = {"dfpcs.md": render("dfpcs.md.j2", dfpcs=descriptions)}
     for name, dfpc in descriptions.items():
         rows = parameter_rows(registry.make_dfpc(name).config_model())

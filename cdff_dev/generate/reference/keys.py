@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``keys.md``: every key expression, from the functions of ``cdff_common.bus.keys``."""
+"""``keys.md``: all key expressions, from the functions of ``cdff_common.bus.keys``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import re
 from cdff_common.bus import keys
 from cdff_dev.generate.python_source import render
 
-#: Arguments that the key functions accept in place of a name, to be written as ``{name}`` on the page.
+#: Argument for a product id, which must be a UUID; it is replaced by ``{product_id}`` on the page.
 _EXAMPLE_ID = "00000000-0000-5000-8000-000000000000"
 
 
@@ -24,7 +24,7 @@ def page() -> str:
     for function in public:
         names = list(inspect.signature(function).parameters)
         if "wiring" in names:
-            continue  # only another spelling of the keys above
+            continue  # the function returns one of the keys above
         rows.append(
             (function.__name__, _pattern(function(*map(_argument, names)), names), inspect.getdoc(function))
         )

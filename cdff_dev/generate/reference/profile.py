@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``profile.md``: every field of a mission profile, from the JSON Schema of its model."""
+"""``profile.md``: all fields of a mission profile, from the JSON Schema of its model."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from cdff_dev.generate.python_source import render
 
 
 def page() -> str:
-    """Return the page of the profile's sections, in the order in which a profile states them."""
+    """Return the page of the sections of a profile, in the order in which they occur in a profile."""
     schema = Profile.model_json_schema()
     sections = [("Profile", schema)]
-    seen = {"Profile"}
+    listed = {"Profile"}
     for _, section in sections:
         for field in section.get("properties", {}).values():
             for name in _references(field):
-                if name not in seen and "properties" in schema["$defs"][name]:
-                    seen.add(name)
+                if name not in listed and "properties" in schema["$defs"][name]:
+                    listed.add(name)
                     sections.append((name, schema["$defs"][name]))
     return render(
         "profile.md.j2",
@@ -47,21 +47,21 @@ def _rows(section: dict[str, Any]) -> list[tuple[str, str, str, str]]:
 
 def _attributes(docstring: str) -> dict[str, str]:
     """Return the description of each field in the section ``Attributes`` of a docstring (numpydoc)."""
-    described: dict[str, str] = {}
+    descriptions: dict[str, str] = {}
     names: list[str] = []
     for line in docstring.partition("Attributes\n")[2].splitlines()[1:]:
         if line.startswith(" "):
             for name in names:
-                described[name] = f"{described.get(name, '')} {line.strip()}".strip()
+                descriptions[name] = f"{descriptions.get(name, '')} {line.strip()}".strip()
         else:
             names = [name.strip() for name in line.partition(" : ")[0].split(",")]
-    return described
+    return descriptions
 
 
 def _references(field: Any) -> list[str]:
     if isinstance(field, dict):
-        own = [field["$ref"].rsplit("/", 1)[-1]] if "$ref" in field else []
-        return own + [name for value in field.values() for name in _references(value)]
+        direct = [field["$ref"].rsplit("/", 1)[-1]] if "$ref" in field else []
+        return direct + [name for value in field.values() for name in _references(value)]
     if isinstance(field, list):
         return [name for value in field for name in _references(value)]
     return []

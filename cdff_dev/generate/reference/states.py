@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``state-machines.md``: diagrams of the tables of ``cdff_core.orchestration``."""
+"""``state-machines.md``: diagrams of the transition tables of ``cdff_core.orchestration``."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from cdff_core.orchestration.modes import MODE_TRANSITIONS
 _HEAD = """<!-- GENERATED from cdff_core.orchestration by cdff generate; do not edit. -->
 # State machines
 
-Transitions of the orchestrator's jobs, the DFPC hosts and the instrument control unit.
-All others are refused.
+Transitions of the jobs of the orchestrator, of DFPCs and of sensors. All other transitions are refused.
 """
 _JOB = """
-## A request's job
+## Job of a request
 
-`lifecycle.JOB_TRANSITIONS`. Each change, with its reason, is in the journal before it is published, and in the
-DPM's history after. From every state that is not final a job may also go to `failed` or `cancelled`.
+`lifecycle.JOB_TRANSITIONS`. Each change is written with its reason to the journal, then published, and then
+stored in the history of the DPM. Every state that is not final also has transitions to `failed` and
+`cancelled`.
 """
 _DFPC = """
-## A DFPC
+## DFPC
 
-`lifecycle.DFPC_TRANSITIONS`. `fail` is not asked for: it happens.
+`lifecycle.DFPC_TRANSITIONS`. `fail` is an event; the other labels are requests.
 """
 _MODE = """
-## A sensor, as the instrument control unit runs it
+## Mode of a sensor in the instrument control unit
 
-`modes.MODE_TRANSITIONS`. `demand` is asked for, the others happen.
+`modes.MODE_TRANSITIONS`. `demand` is a request; the other labels are events.
 """
 
 
 def page() -> str:
-    """Return the page."""
+    """Return the page of all state machines."""
     ends = {JobState.FAILED, JobState.CANCELLED}
     jobs = [(str(a), str(b), "") for a, following in JOB_TRANSITIONS.items() for b in following - ends]
     job = diagram(jobs, JobState.RECEIVED, FINAL_STATES - ends)
@@ -43,16 +43,14 @@ def page() -> str:
     return "\n".join([_HEAD, _JOB, job, _DFPC, dfpc, _MODE, diagram(_labelled(MODE_TRANSITIONS), "steady")])
 
 
-def diagram(edges: Iterable[tuple[str, str, str]], first: str, final: Iterable[str] = ()) -> str:
-    """Return a Mermaid state diagram of ``(from, to, label)`` edges, with the labels of equal edges
-    joined.
-    """
+def diagram(edges: Iterable[tuple[str, str, str]], initial: str, final: Iterable[str] = ()) -> str:
+    """Return a Mermaid state diagram of edges ``(from, to, label)``; labels of equal edges are joined."""
     labels: dict[tuple[str, str], set[str]] = defaultdict(set)
     for start, end, label in edges:
         labels[start, end] |= {label} - {""}
-    lines = ["```mermaid", "stateDiagram-v2", f"    [*] --> {first}"]
-    for (start, end), said in sorted(labels.items()):
-        lines.append(f"    {start} --> {end}" + (f": {', '.join(sorted(said))}" if said else ""))
+    lines = ["```mermaid", "stateDiagram-v2", f"    [*] --> {initial}"]
+    for (start, end), names in sorted(labels.items()):
+        lines.append(f"    {start} --> {end}" + (f": {', '.join(sorted(names))}" if names else ""))
     return "\n".join([*lines, *(f"    {state} --> [*]" for state in sorted(final)), "```", ""])
 
 

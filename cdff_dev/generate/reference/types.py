@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``types.md`` and a page for each type: units, frames and constraints of its ASN.1 module, encoded size."""
+"""``types.md`` and a page for each type: fields with units and constraints, and encoded sizes."""
 
 from __future__ import annotations
 
@@ -26,9 +26,7 @@ _SCALARS = {"Real": "float", "Boolean": "bool"}
 
 
 def pages() -> dict[str, str]:
-    """Return path under ``docs/reference`` and text of the index, grouped by file, and of each type's
-    page.
-    """
+    """Return the text of the index and of the page of each type, by path below ``docs/reference``."""
     models = [m for m in ModelReader(asn1_files()).types.values() if not m.is_large_variant]
     families: dict[str, list[TypeModel]] = {}
     for model in models:
@@ -52,16 +50,17 @@ def _size(model: TypeModel) -> str:
     """Return the smallest and largest size in UPER, in bytes; empty for a type that is not a message."""
     if not isinstance(model.node, Struct | Alias):
         return ""
-    least, most = uper_bytes(model.name)
-    return f"{least:,}" if least == most else f"{least:,} to {most:,}"
+    smallest, largest = uper_bytes(model.name)
+    return f"{smallest:,}" if smallest == largest else f"{smallest:,} to {largest:,}"
 
 
 def _users(model: TypeModel, models: list[TypeModel]) -> list[str]:
     """Return the names of the classes that have a field of this type."""
-    return sorted(m.class_name for m in models if m is not model and model.class_name in _linked(m))
+    return sorted(m.class_name for m in models if m is not model and model.class_name in _field_classes(m))
 
 
-def _linked(model: TypeModel) -> set[str]:
+def _field_classes(model: TypeModel) -> set[str]:
+    """Return the names of the classes of the fields of a type."""
     nodes = [f.node.element if isinstance(f.node, ListOf) else f.node for f in fields_of(model.node)]
     return {node.class_name for node in nodes if isinstance(node, Struct | Enumeration | Choice)}
 

@@ -54,7 +54,7 @@ def test_markers_of_functions_and_of_modules_name_requirements(tree: Path) -> No
     assert requirements.faults(tree) == []
 
 
-def test_an_unknown_id_is_a_fault(tree: Path) -> None:
+def test_an_unknown_requirement_id_is_a_fault(tree: Path) -> None:
     _test(tree, '@pytest.mark.req("CDFF-CORE-010", "CDFF-CORE-999")\ndef test_a(): pass')
     assert requirements.faults(tree) == [
         "tests/unit/test_x.py::test_a: names the requirement CDFF-CORE-999, which "
@@ -74,13 +74,13 @@ def test_verified_without_a_test_run_is_reported(tree: Path) -> None:
         requirements.faults(tree, verified=True)
 
 
-def test_a_repeated_id_is_refused(tree: Path) -> None:
+def test_a_repeated_requirement_id_is_refused(tree: Path) -> None:
     (tree / "docs" / "requirements" / "dev.yaml").write_text(f"requirements: [{BUILT}]\n")
     with pytest.raises(ConfigurationError, match="given twice"):
         read_requirements(tree)
 
 
-def test_requirement_without_a_shall_is_refused(tree: Path) -> None:
+def test_a_requirement_without_shall_is_refused(tree: Path) -> None:
     (tree / "docs" / "requirements" / "core.yaml").write_text(
         f"requirements: [{BUILT.replace('shall', 'should')}]\n"
     )

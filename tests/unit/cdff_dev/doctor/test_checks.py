@@ -26,28 +26,28 @@ def test_too_new_a_python_version_is_an_error_with_advice() -> None:
     assert "3.11 to 3.13" in finding.advice
 
 
-def test_missing_system_library_names_its_package() -> None:
+def test_a_missing_system_library_is_an_error_with_its_package_as_advice() -> None:
     findings = list(checks.system_libraries(lambda name: _raise(OSError(f"{name}: cannot open"))))
     assert {f.advice for f in findings} == {f"apt-get install {p}" for p in checks.SYSTEM_LIBRARIES.values()}
     assert {f.state for f in findings} == {"error"}
 
 
-def test_missing_algorithm_library_is_a_warning_and_a_missing_base_library_an_error() -> None:
+def test_a_missing_optional_module_is_a_warning_and_a_missing_base_module_an_error() -> None:
     states = {f.check: f.state for f in checks.modules(lambda name: _raise(ImportError(name)))}
     assert states["open3d"] == "warning"
     assert states["zenoh"] == "error"
 
 
-def test_an_unexpected_exception_of_a_library_is_reported() -> None:
+def test_an_unexpected_exception_of_a_module_is_not_hidden() -> None:
     with pytest.raises(MemoryError):
         list(checks.modules(lambda name: _raise(MemoryError(name))))
 
 
-def test_required_versions_are_those_installed() -> None:
+def test_the_installed_versions_satisfy_the_requirements() -> None:
     assert {f.state for f in checks.distributions()} == {"ok"}
 
 
-def test_a_missing_folder_is_checked_by_its_nearest_existing_parent(tmp_path: Path) -> None:
+def test_a_missing_data_folder_is_checked_at_its_nearest_parent_and_not_created(tmp_path: Path) -> None:
     assert checks.data_folder(tmp_path / "a" / "b").state in ("ok", "warning")
     assert not (tmp_path / "a").exists()
 
@@ -88,7 +88,7 @@ def test_a_clock_before_the_start_of_the_project_is_an_error() -> None:
     assert checks.clock(checks.EARLIEST_NS).state == "ok"
 
 
-def test_command_prints_json_for_machines(
+def test_the_command_prints_the_findings_as_json(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(checks, "MODULES", {"numpy": True})

@@ -88,7 +88,7 @@ def test_cut_and_merge_restore_the_log(log: Path, tmp_path: Path) -> None:
         assert cut.streams["/mana/imu.sample"].count == 2
 
 
-def test_logs_that_share_a_stream_are_not_merged(log: Path, tmp_path: Path) -> None:
+def test_logs_with_a_common_stream_are_not_merged(log: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"is in .* and in"):
         _run("merge", str(log), str(log), "--out", str(tmp_path / "out.msg"))
 
@@ -96,11 +96,11 @@ def test_logs_that_share_a_stream_are_not_merged(log: Path, tmp_path: Path) -> N
 def test_a_log_is_not_overwritten_while_it_is_read(log: Path) -> None:
     with pytest.raises(InputError, match="would replace the log"):
         _run("cut", str(log), "--out", str(log))
-    with open_log(log) as same:
-        assert same.streams["/mana/imu.sample"].count == 5
+    with open_log(log) as unchanged:
+        assert unchanged.streams["/mana/imu.sample"].count == 5
 
 
-def test_a_log_is_cut_into_a_name_that_starts_its_own_name(log: Path, tmp_path: Path) -> None:
+def test_the_output_may_have_a_name_with_which_the_input_starts(log: Path, tmp_path: Path) -> None:
     full = log.rename(tmp_path / "run_full.msg")
     assert _run("cut", str(full), "--out", str(tmp_path / "run.msg")) == 0
     assert (tmp_path / "run.msg").read_bytes() == full.read_bytes()

@@ -42,7 +42,7 @@ def test_pairs_carry_images_calibration_and_stamps(tmp_path: Path) -> None:
     assert samples[1].header.frame == "kitti/navcam_left"
 
 
-def test_times_and_ground_truth_are_read_if_present(tmp_path: Path) -> None:
+def test_times_and_true_poses_are_read_if_their_files_exist(tmp_path: Path) -> None:
     folder = sequence(tmp_path / "06")
     (folder / "times.txt").write_text("0.0\n1.036224e-01\n2.072e-01\n", encoding="utf-8")
     rows = ["1 0 0 0 0 1 0 0 0 0 1 0", "1 0 0 0.1 0 1 0 0.2 0 0 1 1.2", "1 0 0 0.2 0 1 0 0.4 0 0 1 2.4"]
@@ -62,7 +62,7 @@ def test_the_calibration_of_an_extract_precedes_that_of_its_parent_folder(tmp_pa
     assert KittiLog(folder).baseline_m == pytest.approx(0.2)
 
 
-def test_open_log_recognises_the_folder(tmp_path: Path) -> None:
+def test_open_log_recognises_a_kitti_folder(tmp_path: Path) -> None:
     folder = sequence(tmp_path / "06")
     assert is_kitti(folder)
     assert open_log(folder).streams[PAIR].count == 3
@@ -84,7 +84,7 @@ def test_inconsistent_folders_are_refused_by_name(tmp_path: Path) -> None:
         ("calib.txt", f"P0: {P0}\n", "expected two"),
         ("calib.txt", f"P0: {P1}\nP1: {P0}\n", "expected a rectified pair"),
         ("calib.txt", "P0: 1 2 3\n", "size 3"),
-        ("times.txt", "0.0\n0.1\n0.1\n", "rising"),
+        ("times.txt", "0.0\n0.1\n0.1\n", "ascending"),
         ("poses.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n", "1 poses for 3 images"),
         ("poses.txt", "1 0 0 zero 0 1 0 0 0 0 1 0\n", "zero"),
     ],

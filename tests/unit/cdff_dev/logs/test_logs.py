@@ -34,7 +34,7 @@ def _write(path: Path, n: int = 10, chunk_bytes: int = 64_000_000) -> None:
 
 
 @pytest.mark.req("CDFF-DEV-020")
-def test_a_short_log_is_one_file_of_figure_4(tmp_path: Path) -> None:
+def test_a_short_log_is_one_file_in_the_format_of_figure_4(tmp_path: Path) -> None:
     _write(tmp_path / "run.msg", 2)
     assert [p.name for p in tmp_path.iterdir()] == ["run.msg"]
     log = msgpack.unpackb((tmp_path / "run.msg").read_bytes())
@@ -145,11 +145,11 @@ def test_memory_does_not_grow_with_the_log(tmp_path: Path) -> None:
     assert read_peak < 4_000_000
 
 
-@pytest.mark.parametrize("keep", [0.95, 0.6, 0.3, 0.02])
-def test_a_truncated_log_is_read_up_to_its_last_whole_sample(tmp_path: Path, keep: float) -> None:
+@pytest.mark.parametrize("fraction", [0.95, 0.6, 0.3, 0.02])
+def test_a_truncated_log_is_read_up_to_its_last_whole_sample(tmp_path: Path, fraction: float) -> None:
     _write(tmp_path / "run.msg", 20)
     data = (tmp_path / "run.msg").read_bytes()
-    (tmp_path / "cut.msg").write_bytes(data[: int(keep * len(data))])
+    (tmp_path / "cut.msg").write_bytes(data[: int(fraction * len(data))])
     with open_log(tmp_path / "cut.msg") as log:
         assert any("truncated" in text for text in log.quirks.counts)
         samples = list(log.samples())
@@ -168,7 +168,7 @@ def test_a_truncated_log_is_read_up_to_its_last_whole_sample(tmp_path: Path, kee
     [
         (b"not a log", "MessagePack map"),
         (msgpack.packb({"/a.b": [{}]}), "has no /a.b.meta"),
-        (msgpack.packb({"/a.b.meta": {"type": "Time"}, "/a.b": [{}]}), "timestamps are no list"),
+        (msgpack.packb({"/a.b.meta": {"type": "Time"}, "/a.b": [{}]}), "timestamps as a list of integers"),
         (msgpack.packb({"/a.b.meta": {"type": "Tim", "timestamps": [1]}, "/a.b": [{}]}), "'Tim'"),
         (msgpack.packb({"/a.b.meta": {"type": "Time", "timestamps": [1]}, "/a.b": {}}), "MessagePack array"),
         (msgpack.packb({3: 4}), "key 3"),
@@ -176,7 +176,9 @@ def test_a_truncated_log_is_read_up_to_its_last_whole_sample(tmp_path: Path, kee
         (b"\x82\xa4/a.b\xdd\xff\xff\xff\xff", "has no"),
     ],
 )
-def test_an_invalid_log_is_refused(tmp_path: Path, content: bytes, message: str | None) -> None:
+def test_an_invalid_log_is_refused_and_a_truncated_one_is_empty(
+    tmp_path: Path, content: bytes, message: str | None
+) -> None:
     (tmp_path / "x.msg").write_bytes(content)
     if message is None:
         with open_log(tmp_path / "x.msg") as log:
@@ -222,9 +224,9 @@ def test_real_infuse_logs_are_read_with_their_quirks(real_data) -> None:  # type
             == 100
         )
     with LogReader([folder / "xsens_imu_00.msg"]) as log:
-        first = next(iter(log.samples())).value
-        assert first.acc.tolist() == [-0.45818474888801575, 0.2617998421192169, 9.856483459472656]
-        assert first.timestamp.ns == 1530195436455048000
+        reading = next(iter(log.samples())).value
+        assert reading.acc.tolist() == [-0.45818474888801575, 0.2617998421192169, 9.856483459472656]
+        assert reading.timestamp.ns == 1530195436455048000
         assert any("ref_time read as timestamp" in text for text in log.quirks.counts)
     with LogReader([folder / "frames2.msg"]) as log:
         frames = [s.value for s in log.samples()]

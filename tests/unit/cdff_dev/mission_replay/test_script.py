@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scripts of requests: ordered by time, or refused with the faulty entry."""
+"""Scripts of requests are read in order of time; a malformed script is refused with its entry."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ def read(tmp_path: Path, text: str) -> list[tuple[int, str, str]]:
 
 
 def test_requests_are_ordered_by_time(tmp_path: Path) -> None:
-    text = "requests:\n- {at_s: 5, type: dem, robot: any}\n- {at_s: 0.5, type: pose, robot: mana, request: first}\n"
+    text = (
+        "requests:\n- {at_s: 5, type: dem, robot: any}\n"
+        "- {at_s: 0.5, type: pose, robot: mana, request: first}\n"
+    )
     assert read(tmp_path, text) == [(1_500_000_000, "pose", "first"), (6_000_000_000, "dem", "request-1")]
 
 
@@ -42,7 +45,7 @@ def test_requests_are_ordered_by_time(tmp_path: Path) -> None:
         (
             "requests: [{at_s: 0, type: dem, robot: any, request: a}, "
             "{at_s: 1, type: dem, robot: any, request: a}]",
-            "named twice",
+            "occurs twice",
         ),
     ],
 )

@@ -54,13 +54,13 @@ def test_new_skeletons_pass_their_own_tests_and_lint(tree: Tree) -> None:
     assert "6 passed" in completed.stdout
 
 
-def test_a_new_tree_is_up_to_date(tree: Tree) -> None:
+def test_nothing_is_to_be_generated_after_new_files_are_written(tree: Tree) -> None:
     scaffold(tree, "dfn", "EdgeKeeper")
     scaffold(tree, "dfpc", "EdgeMapping")
     assert due(plan(tree, ["interfaces", "skeletons"])) == []
 
 
-def test_name_may_be_given_as_class_or_as_folder(tree: Tree) -> None:
+def test_a_name_may_be_that_of_the_class_or_of_the_folder(tree: Tree) -> None:
     scaffold(tree, "dfn", "edge_keeper")
     scaffold(tree, "dfn", "RockFinder3D")
     skeleton = (tree.folder("dfn", "edge_keeper") / "edge_keeper.py").read_text()
@@ -70,8 +70,8 @@ def test_name_may_be_given_as_class_or_as_folder(tree: Tree) -> None:
 
 @pytest.mark.parametrize("name", ["X1", "V2Filter", "x1", "v2_filter"])
 def test_folder_and_class_names_agree_if_a_number_follows_a_capital(tree: Tree, name: str) -> None:
-    result = scaffold(tree, "dfn", name)
-    assert [d.folder for d in tree.dfns()] == [result[0].parent.name]
+    paths = scaffold(tree, "dfn", name)
+    assert [d.folder for d in tree.dfns()] == [paths[0].parent.name]
     assert due(plan(tree, ["interfaces", "skeletons"])) == []
 
 

@@ -67,7 +67,8 @@ def kalibr(path: Path, model: str = "radtan") -> None:
         text += (
             f"{name}:\n  camera_model: pinhole\n  distortion_model: {model}\n  distortion_coeffs: {list(D)}\n"
         )
-        text += f"  intrinsics: [{K[0][0]}, {K[1][1]}, {K[0][2]}, {K[1][2]}]\n  resolution: [{SHAPE[1]}, {SHAPE[0]}]\n"
+        text += f"  intrinsics: [{K[0][0]}, {K[1][1]}, {K[0][2]}, {K[1][2]}]\n"
+        text += f"  resolution: [{SHAPE[1]}, {SHAPE[0]}]\n"
     path.write_text(text + "  T_cn_cnm1: [[1, 0, 0, -0.1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n")
 
 
@@ -197,7 +198,7 @@ def test_the_first_pair_of_a_recorded_drive_is_read_with_kitti_calibration(
         "camera_matrix: [80, 0, 64, 0, 80, 48, 0, 0, 1]\nbaseline_m: 0.12\n",
     ],
 )
-def test_the_short_form_denotes_a_rectified_pair(
+def test_a_camera_matrix_with_a_baseline_is_the_calibration_of_a_rectified_pair(
     tmp_path: Path, images: tuple[Path, Path], text: str
 ) -> None:
     (tmp_path / "camera").write_text(text)

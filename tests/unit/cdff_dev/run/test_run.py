@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff run`` reads files and writes files and outputs.json for any DFN and DFPC."""
+"""``cdff run`` reads input files, and writes output files and outputs.json, for any DFN and DFPC."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def test_the_infuse_name_of_an_implementation_selects_it(tmp_path: Path) -> None
     assert (edges[5:-5] > 0).any(axis=0).nonzero()[0].tolist() == [29]
 
 
-def test_points_are_written_as_ply_and_columns_as_npz(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_points_are_written_as_ply_and_other_arrays_as_npz(tmp_path: Path, rng: np.random.Generator) -> None:
     cloud = ply(tmp_path / "cloud", np.vstack([surfaces.terrain(rng, 500), [[100.0, 0.0, 0.0]]]))
     out = tmp_path / "out"
     assert (
@@ -230,7 +230,9 @@ def test_a_json_file_with_a_number_is_not_a_pose(tmp_path: Path) -> None:
         )
 
 
-def test_the_pose_of_a_single_sensor_is_used(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_a_single_sensor_input_has_the_child_frame_and_stamp_of_the_pose(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
     cloud = ply(tmp_path / "cloud", surfaces.terrain(rng, 200))
     (tmp_path / "pose.tum").write_text("12.5 1 2 3 0 0 0 1\n")
     ports = [

@@ -73,7 +73,7 @@ def test_a_scale_error_is_estimated_if_requested() -> None:
     assert comparison["ate"]["translation_m"]["max"] < 1e-9
 
 
-def test_two_percent_of_extra_length_are_two_percent_of_drift() -> None:
+def test_a_scale_error_of_two_percent_is_a_drift_of_two_percent() -> None:
     T = bend(400)
     longer = T.copy()
     longer[:, :3, 3] *= 1.02
@@ -129,9 +129,9 @@ def test_consistent_covariances_have_a_nees_within_its_band() -> None:
 
 def test_covariances_rotate_with_the_alignment() -> None:
     T = bend()
-    turn = se3.exp_se3([0, 0, 0, 0, 0, np.pi / 2])
+    T_rotation = se3.exp_se3([0, 0, 0, 0, 0, np.pi / 2])
     C = np.tile(np.diag([0.01, 1.0, 0.5, 1e-4, 1e-2, 1e-3]), (len(T), 1, 1))
-    comparison = compare(track(turn @ T, C), track(T))
+    comparison = compare(track(T_rotation @ T, C), track(T))
     np.testing.assert_allclose(
         np.diag(comparison.estimate.covariances[0]), [1.0, 0.01, 0.5, 1e-2, 1e-4, 1e-3], atol=1e-6
     )
@@ -144,7 +144,7 @@ def test_relative_errors_require_poses_at_that_distance() -> None:
         compare(track(bend(40)), track(bend(40)), delta=1.5)
 
 
-def test_times_must_increase() -> None:
+def test_a_track_with_equal_stamps_is_refused() -> None:
     with pytest.raises(InputError, match="pose 1 is not later"):
         Track("still", np.zeros(2, np.int64), np.tile(np.eye(4), (2, 1, 1)))
 

@@ -63,7 +63,11 @@ def test_tum_files_kitti_files_and_logs_give_equal_trajectories(
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("1 2 3\n", "3 numbers"), ("nothing here\n", "no TUM file"), (" ".join(["1"] * 12) + "\n", "rotation")],
+    [
+        ("1 2 3\n", "3 numbers"),
+        ("nothing here\n", "not a TUM file"),
+        (" ".join(["1"] * 12) + "\n", "rotation"),
+    ],
 )
 def test_a_file_without_a_trajectory_is_refused(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "x").write_text(text)
@@ -78,7 +82,7 @@ def test_a_stream_without_samples_is_refused(tmp_path: Path) -> None:
         read_track(tmp_path / "empty.msg")
 
 
-def test_the_command_prints_a_table_json_and_draws(
+def test_the_command_prints_a_table_or_json_and_writes_a_plot(
     tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for name, noise in (("est", 0.01), ("ref", 0.0)):
@@ -108,14 +112,14 @@ for case in json.loads(sys.argv[3]):
         moved.align_origin(ref)
     elif case["align"] != "none":
         moved.align(ref, correct_scale=case["align"] == "sim3")
-    found = {}
+    statistics = {}
     for name, relation in relations.items():
         ape, rpe = metrics.APE(relation), metrics.RPE(
             relation, case["delta"], metrics.Unit(case["delta_unit"]), all_pairs=case["all_pairs"])
         for key, metric in (("ate", ape), ("rpe", rpe)):
             metric.process_data((ref, moved))
-            found[key + name] = metric.get_all_statistics()
-    answers.append(found)
+            statistics[key + name] = metric.get_all_statistics()
+    answers.append(statistics)
 print(json.dumps(answers))
 """
 
@@ -126,10 +130,10 @@ def drifting(real_data: Callable[[str], Path], tmp_path: Path) -> tuple[Path, Pa
     rows = np.loadtxt(real_data("kitti_velodyne/00_poses_cam0.txt"))[::10].reshape(-1, 3, 4)
     true = se3.transform(se3.normalise_rotation(rows[:, :, :3]), rows[:, :, 3])
     noise = np.random.default_rng(0).normal(size=(len(true), 6)) * np.repeat([0.05, 0.003], 3)
-    result = [true[0]]
+    estimated = [true[0]]
     for a, b, e in zip(true[:-1], true[1:], noise, strict=False):
-        result.append(result[-1] @ se3.inverse(a) @ b @ se3.exp_se3(e))
-    for name, T in (("ref", true), ("est", np.array(result))):
+        estimated.append(estimated[-1] @ se3.inverse(a) @ b @ se3.exp_se3(e))
+    for name, T in (("ref", true), ("est", np.array(estimated))):
         np.savetxt(tmp_path / name, T[:, :3].reshape(-1, 12), fmt="%.17g")
     return tmp_path / "est", tmp_path / "ref"
 
