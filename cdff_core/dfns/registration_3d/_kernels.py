@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled loops of the registrations: pairs of nearest points, and the sums of their normal equations."""
+"""Compiled loops of the registrations: pairs of nearest points, and their normal equations."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ KERNELS = {"none": 0, "tukey": 1, "huber": 2, "cauchy": 3, "geman_mcclure": 4}
 def pair(
     tree: KdTree, source: FloatArray, T: FloatArray, gate: float, row: IntArray, moved: FloatArray
 ) -> int:  # pragma: no cover
-    """Transform the source and find the nearest point of each within a gate; return the number of pairs.
+    """Transform the source, and pair each point with the nearest one of the target within a gate; return the number
+    of pairs.
 
     Parameters
     ----------
@@ -29,11 +30,12 @@ def pair(
     T : ndarray, shape (4, 4)
         T_target_source.
     gate : float
-        Greatest distance of a pair.
+        Largest distance of a pair, metres.
     row : ndarray of int64, shape (n,)
-        Input: start row in the tree (that of the previous iteration), or -1. Output: the nearest, or -1.
+        Input: row in the tree where the search of each point starts (its pair of the previous iteration), or -1.
+        Output: row of the nearest point, or -1.
     moved : ndarray, shape (n, 3)
-        Out.
+        Output: the transformed source.
     """
     nodes, bounds = scratch()
     count = 0
@@ -58,7 +60,9 @@ def pair(
 def plane_distances(
     points: FloatArray, normals: FloatArray, row: IntArray, moved: FloatArray
 ) -> FloatArray:  # pragma: no cover - compiled
-    """``n . (p - q)`` of the pairs, in their order, metres."""
+    """Return the signed distances ``n . (p - q)`` of the paired points p from the planes at q, in the order of the
+    source, metres.
+    """
     out = np.empty(len(row))
     count = 0
     for i in range(len(row)):
@@ -74,8 +78,10 @@ def plane_distances(
 
 
 @njit(cache=True)
-def middle(row: IntArray, moved: FloatArray) -> tuple[FloatArray, float]:  # pragma: no cover - compiled
-    """Return the mean of the transformed points with a partner, and their RMS distance from it."""
+def centre_and_radius(
+    row: IntArray, moved: FloatArray
+) -> tuple[FloatArray, float]:  # pragma: no cover - compiled
+    """Return the mean of the paired transformed points, and their RMS distance from it."""
     centre = np.zeros(3)
     count, square = 0, 0.0
     for i in range(len(row)):
@@ -93,7 +99,7 @@ def middle(row: IntArray, moved: FloatArray) -> tuple[FloatArray, float]:  # pra
 
 @njit(cache=True, inline="always")
 def weight_of(u: float, kernel: int) -> float:  # pragma: no cover - compiled
-    """Return the weight of a residual in kernel widths (Babin et al. 2019, arXiv:1810.01474)."""
+    """Return the weight of a residual ``u`` in kernel widths (Babin et al. 2019, arXiv:1810.01474)."""
     if kernel == 1:
         return (1.0 - u * u) ** 2 if abs(u) < 1.0 else 0.0
     if kernel == 2:
@@ -116,9 +122,10 @@ def plane_equations(
     width: float,
     kernel: int,
 ) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
-    """Sum the weighted Hessian (6, 6) and gradient (6,) of ``n . (p + t + phi x (p - centre) - q)``.
+    """Return Hessian (6, 6) and gradient (6,) of the weighted squared distances
+    ``n . (p + t + phi x (p - centre) - q)``.
 
-    Order ``[x y z rx ry rz]``, rotations in units of the radius.
+    The unknowns are t and phi times the radius, ``[x y z rx ry rz]``; ``width`` is that of the robust kernel.
     """
     H, g, J = np.zeros((6, 6)), np.zeros(6), np.zeros(6)
     for i in range(len(row)):
@@ -143,7 +150,7 @@ def plane_equations(
             g[a] += wj * residual
             for b in range(a + 1):
                 H[a, b] += wj * J[b]
-    _mirror(H)
+    _fill_upper_triangle(H)
     return H, g
 
 
@@ -157,11 +164,11 @@ def distribution_equations(
     radius: float,
     width: float,
 ) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
-    """Sum the Hessian and gradient of distances to normal distributions, weighted by ``exp(-d^2 / (2
-    width^2))``.
+    """Return Hessian (6, 6) and gradient (6,) of the distances to normal distributions, weighted by
+    ``exp(-d^2 / (2 width^2))``.
 
-    d is the Mahalanobis distance ``sqrt(e^T A e)`` of ``e = p - mean``; A are the inverse covariances (m, 3,
-    3).
+    d is the Mahalanobis distance ``sqrt(e^T A e)`` of ``e = p - mean``, and A are the inverse covariances
+    (m, 3, 3) in ``information``. The unknowns are those of ``plane_equations``.
     """
     H, g, e = np.zeros((6, 6)), np.zeros(6), np.zeros(3)
     J, AJ = np.zeros((3, 6)), np.zeros((3, 6))
@@ -188,12 +195,13 @@ def distribution_equations(
             g[a] += AJ[0, a] * e[0] + AJ[1, a] * e[1] + AJ[2, a] * e[2]
             for b in range(a + 1):
                 H[a, b] += J[0, a] * AJ[0, b] + J[1, a] * AJ[1, b] + J[2, a] * AJ[2, b]
-    _mirror(H)
+    _fill_upper_triangle(H)
     return H, g
 
 
 @njit(cache=True, inline="always")
-def _mirror(H: FloatArray) -> None:  # pragma: no cover - compiled
+def _fill_upper_triangle(H: FloatArray) -> None:  # pragma: no cover - compiled
+    """Copy the lower triangle to the upper one."""
     for a in range(6):
         for b in range(a):
             H[b, a] = H[a, b]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Common part of the registrations: clouds of even density, normals, and the update of a pose."""
+"""Steps that all registrations share: downsampling, normals, initial gate, update of the pose, convergence."""
 
 from __future__ import annotations
 
@@ -17,41 +17,44 @@ from cdff_common.geometry.voxels import voxel_for, voxel_means
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.registration_3d.interface import Inputs
 
-LEAST_PAIRS = 20
+MIN_PAIRS = 20
+#: Number of iterations after which the pairs may repeat.
 _LONGEST_CYCLE = 4
-#: Initial gate in median distances at the guess: most correct pairs are nearer.
-FIRST_MEDIANS = 3.0
+#: Initial gate in median pair distances at the guess; most correct pairs are nearer.
+INITIAL_GATE_MEDIANS = 3.0
 
 
 class RegistrationConfig(DfnConfig):
     """Parameters of all registrations."""
 
     max_distance_m: float | None = Field(
-        None, gt=0, description="Gate on the distance of a pair; absent: from other parameters"
+        None, gt=0, description="Largest distance of a pair (final gate); absent: from other parameters"
     )
     thin_to: int | None = Field(
-        25_000, ge=100, description="Number of points of clouds without normals; null: all"
+        25_000,
+        ge=100,
+        description="Number of points to which clouds without normals are downsampled; null: all",
     )
     tolerance_m: float | None = Field(
         None,
         gt=0,
         description=(
-            "Step below which the iteration has converged, translation plus rotation times the cloud's "
-            "radius; absent: a fraction of the point spacing"
+            "Step below which the iteration has converged, translation plus rotation times the radius of the "
+            "cloud; absent: a fraction of the point spacing"
         ),
     )
 
 
-def prepared(
-    inputs: Inputs, cfg: RegistrationConfig, least_source: int = 0, least_target: int = 0
+def prepare_clouds(
+    inputs: Inputs, cfg: RegistrationConfig, min_source: int = 0, min_target: int = 0
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return source, target and guess; raises InputError on malformed ones.
+    """Return source, target and guess; raises InputError if one is malformed or has too few points.
 
-    Without given normals both clouds are downsampled to even density: rings around the sensor match
-    themselves at the identity.
+    Without given normals both clouds are downsampled to even density: otherwise the dense rings around the two
+    sensors match each other at the identity.
     """
-    source = checked_points(inputs.source, "source", max(LEAST_PAIRS, least_source))
-    target = checked_points(inputs.target, "target", max(LEAST_PAIRS, least_target))
+    source = checked_points(inputs.source, "source", max(MIN_PAIRS, min_source))
+    target = checked_points(inputs.target, "target", max(MIN_PAIRS, min_target))
     T_guess = checked_transform(np.eye(4) if inputs.guess is None else inputs.guess, "guess")
     if inputs.target_normals is None and cfg.thin_to is not None:
         voxel_m = max(voxel_for(source, cfg.thin_to), voxel_for(target, cfg.thin_to))
@@ -61,27 +64,27 @@ def prepared(
 
 
 def tree_normals(tree: KdTree, neighbours: int, given: FloatArray | None) -> FloatArray:
-    """Return unit normals (n, 3) in the order of the tree, given or of planes through neighbours."""
+    """Return unit normals (n, 3) in the order of the tree: the given ones, else of planes through neighbours."""
     if given is None:
         return np.ascontiguousarray(plane_fits(tree, neighbours)[0][tree.order])
     return np.ascontiguousarray(given[tree.order], np.float64)
 
 
-def first_gate_m(tree: KdTree, moved: FloatArray, radii: float) -> float:
-    """Return the larger of the multiples of the median distance at the guess and of the target's radius."""
+def initial_gate_m(tree: KdTree, moved: FloatArray, radii: float) -> float:
+    """Return the larger of a multiple of the median pair distance at the guess and ``radii`` radii of the target."""
     distance_m, _ = nearest(tree, moved)
     offset = tree.points - np.median(tree.points, axis=0)
     radius_m = float(np.sqrt(np.mean(np.einsum("ij,ij->i", offset, offset))))
-    return max(FIRST_MEDIANS * float(np.median(distance_m)), radii * radius_m)
+    return max(INITIAL_GATE_MEDIANS * float(np.median(distance_m)), radii * radius_m)
 
 
-def stepped(
+def apply_step(
     T: FloatArray, H: FloatArray, g: FloatArray, centre: FloatArray, radius: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the transform after one Gauss-Newton step, and the translation and rotation times radius (6,),
-    metres.
+    """Return the transform after one Gauss-Newton step, and the step (6,): translation, and rotation about the
+    centre times the radius, metres.
 
-    The damping avoids singularity along unconstrained directions.
+    The damping avoids singular equations along unconstrained directions.
     """
     x = -np.linalg.solve(H + 1e-6 * max(np.trace(H), 1e-12) * np.eye(6), g)
     R = se3.exp_so3(x[3:] / radius)
@@ -90,20 +93,19 @@ def stepped(
     return T, x
 
 
-def is_at_rest(steps: list[FloatArray], tolerance_m: float) -> bool:
-    """Return whether the last step, or the sum of the last few (a cycle of pairs), is below the tolerance."""
+def has_converged(steps: list[FloatArray], tolerance_m: float) -> bool:
+    """Return whether the last step, or the sum of the last few (pairs that repeat in a cycle), is below the tolerance."""
     for count in range(1, min(_LONGEST_CYCLE, len(steps)) + 1):
-        moved = np.sum(steps[-count:], axis=0)
-        if np.linalg.norm(moved[:3]) + np.linalg.norm(moved[3:]) < tolerance_m:
+        total = np.sum(steps[-count:], axis=0)
+        if np.linalg.norm(total[:3]) + np.linalg.norm(total[3:]) < tolerance_m:
             return True
     return False
 
 
-def too_few(count: int, of: int, gate_m: float) -> DegenerateGeometryError:
-    """Return the error for too few pairs."""
+def too_few_pairs_error(pairs: int, points: int, gate_m: float) -> DegenerateGeometryError:
+    """Return the error for too few pairs of the source's points."""
     return DegenerateGeometryError(
-        f"{count} of {of} points have a neighbour within {gate_m:.3g} m, expected at least "
-        f"{LEAST_PAIRS}; give a "
-        "better guess",
+        f"{pairs} of {points} points have a neighbour within {gate_m:.3g} m, expected at least {MIN_PAIRS}; "
+        "give a better guess",
         ["no_overlap"],
     )

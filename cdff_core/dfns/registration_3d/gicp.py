@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Generalised ICP by small_gicp."""
+"""Generalised ICP with the library small_gicp."""
 
 from __future__ import annotations
 
@@ -10,15 +10,14 @@ from pydantic import Field
 from cdff_common.geometry import se3
 from cdff_common.geometry.kdtree import kd_tree, nearest, spacing
 from cdff_common.geometry.robust import median_sigma
-from cdff_core.dfns.registration_3d import _kernels as k
-from cdff_core.dfns.registration_3d import _surface as s
+from cdff_core.dfns.registration_3d import _kernels, _surface
 from cdff_core.dfns.registration_3d.interface import Inputs, Interface, Outputs
 
 
-class GicpConfig(s.RegistrationConfig):
+class GicpConfig(_surface.RegistrationConfig):
     """Parameters of Gicp."""
 
-    gate_spacings: float = Field(5.0, ge=1, le=50, description="Smallest gate in the target's point spacings")
+    gate_spacings: float = Field(5.0, ge=1, le=50, description="Minimum gate in point spacings of the target")
     max_iterations: int = Field(50, ge=1, le=1000, description="Maximum number of iterations")
     neighbours: int = Field(
         12, ge=5, le=200, description="Number of points of a neighbourhood for covariances"
@@ -26,8 +25,9 @@ class GicpConfig(s.RegistrationConfig):
 
 
 class Gicp(Interface[GicpConfig]):
-    """Distances between local planes of both clouds, weighted by their covariances, Gauss-Newton on one
-    thread.
+    """Minimise the distances between the local planes of both clouds, weighted by their covariances.
+
+    Gauss-Newton iterations on one thread.
 
     Notes
     -----
@@ -40,30 +40,30 @@ class Gicp(Interface[GicpConfig]):
         import small_gicp
 
         cfg = self.config
-        source, target, T_guess = s.prepared(inputs, cfg, cfg.neighbours, cfg.neighbours)
+        source, target, T_guess = _surface.prepare_clouds(inputs, cfg, cfg.neighbours, cfg.neighbours)
         tree = kd_tree(target)
         distance_m, _ = nearest(tree, se3.transform_points(T_guess, source))
-        step_m = spacing(tree)
+        spacing_m = spacing(tree)
         gate_m = cfg.max_distance_m or max(
-            cfg.gate_spacings * step_m, s.FIRST_MEDIANS * float(np.median(distance_m))
+            cfg.gate_spacings * spacing_m, _surface.INITIAL_GATE_MEDIANS * float(np.median(distance_m))
         )
-        tolerance_m = cfg.tolerance_m or 1e-3 * step_m
-        # small_gicp keeps absolute coordinates in its Hessian: rotations far from the origin lose digits, so
-        # both clouds are taken about the target's centre.
+        tolerance_m = cfg.tolerance_m or 1e-3 * spacing_m
+        # The Hessian of small_gicp has absolute coordinates, so that rotations far from the origin lose digits:
+        # both clouds are shifted to the target's centre.
         centre = target.mean(axis=0)
         clouds = [
             small_gicp.PointCloud(target - centre),
             small_gicp.PointCloud(source - _preimage(T_guess, centre)),
         ]
         trees = [small_gicp.KdTree(cloud, 1) for cloud in clouds]
-        for cloud, its_tree in zip(clouds, trees, strict=True):
-            small_gicp.estimate_covariances(cloud, its_tree, cfg.neighbours, 1)
-        start = se3.transform(T_guess[:3, :3], np.zeros(3))
-        found = small_gicp.align(
+        for cloud, cloud_tree in zip(clouds, trees, strict=True):
+            small_gicp.estimate_covariances(cloud, cloud_tree, cfg.neighbours, 1)
+        T_centred = se3.transform(T_guess[:3, :3], np.zeros(3))
+        result = small_gicp.align(
             clouds[0],
             clouds[1],
             trees[0],
-            start,
+            T_centred,
             registration_type="GICP",
             max_correspondence_distance=gate_m,
             num_threads=1,
@@ -72,21 +72,21 @@ class Gicp(Interface[GicpConfig]):
             rotation_epsilon=tolerance_m
             / max(float(np.sqrt(np.mean(np.sum((target - centre) ** 2, axis=1)))), 1e-9),
         )
-        if found.num_inliers < s.LEAST_PAIRS:
-            raise s.too_few(int(found.num_inliers), len(source), gate_m)
-        T = np.array(found.T_target_source)
+        if result.num_inliers < _surface.MIN_PAIRS:
+            raise _surface.too_few_pairs_error(int(result.num_inliers), len(source), gate_m)
+        T = np.array(result.T_target_source)
         T[:3, :3] = se3.normalise_rotation(T[:3, :3])
         T = se3.transform(T[:3, :3], T[:3, 3] + centre - T[:3, :3] @ _preimage(T_guess, centre))
         moved = np.empty_like(source)
         row = np.full(len(source), -1)
-        k.pair(tree, source, T, gate_m, row, moved)
-        normals = s.tree_normals(tree, cfg.neighbours, inputs.target_normals)
-        residual_m = k.plane_distances(tree.points, normals, row, moved)
+        _kernels.pair(tree, source, T, gate_m, row, moved)
+        normals = _surface.tree_normals(tree, cfg.neighbours, inputs.target_normals)
+        residual_m = _kernels.plane_distances(tree.points, normals, row, moved)
         return Outputs(
             transform=T,
             residual_scale_m=median_sigma(residual_m),
-            iterations=int(found.iterations),
-            converged=bool(found.converged),
+            iterations=int(result.iterations),
+            converged=bool(result.converged),
         )
 
 

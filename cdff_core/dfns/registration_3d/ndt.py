@@ -14,20 +14,19 @@ from cdff_common.errors import DegenerateGeometryError
 from cdff_common.geometry import se3
 from cdff_common.geometry.kdtree import kd_tree, spacing
 from cdff_common.geometry.robust import median_sigma
-from cdff_core.dfns.registration_3d import _kernels as k
-from cdff_core.dfns.registration_3d import _surface as s
-from cdff_core.dfns.registration_3d._cells import cells_of
+from cdff_core.dfns.registration_3d import _kernels, _surface
+from cdff_core.dfns.registration_3d._cells import fit_cells
 from cdff_core.dfns.registration_3d.interface import Inputs, Interface, Outputs
 
-#: Edge of the finest cells in the target's point spacings.
+#: Default edge of the finest cells in point spacings of the target.
 _CELL_SPACINGS = 3.0
-#: Minimum number of points of a cell, and minimum ratio of its variances (Magnusson 2009, section 6.1).
-_LEAST_POINTS, _FLATTEST = 5, 1e-3
+#: Minimum number of points of a cell, and minimum ratio of its variances to the largest (Magnusson 2009, section 6.1).
+_MIN_POINTS, _MIN_VARIANCE_RATIO = 5, 1e-3
 #: Final gate in edges of the cells, and factor on the gate per iteration.
 _GATE_CELLS, _ANNEALING = 1.2, 0.7
 
 
-class NdtConfig(s.RegistrationConfig):
+class NdtConfig(_surface.RegistrationConfig):
     """Parameters of Ndt."""
 
     cell_m: float | None = Field(
@@ -44,14 +43,14 @@ class NdtConfig(s.RegistrationConfig):
 
 
 class Ndt(Interface[NdtConfig]):
-    """Gauss-Newton on the Mahalanobis distances of the source's points to the nearest cells of the target.
+    """Minimise the Mahalanobis distances of the source's points from the nearest cells of the target.
 
     Notes
     -----
     Biber and Strasser (2003), doi:10.1109/IROS.2003.1249285; Magnusson (2009), The three-dimensional
-    normal-distributions transform. The score ``exp(-d^2 / 2 width^2)`` is its own robust kernel; its Hessian
-    is the positive semidefinite one of Gauss-Newton. Cells along a single lidar ring are excluded: they would
-    constrain the source across the ring, where nothing was measured. Given normals are not used.
+    normal-distributions transform. The score ``exp(-d^2 / (2 width^2))`` acts as a robust kernel; its Hessian is
+    approximated by the positive semi-definite one of Gauss-Newton. Cells along a single lidar ring are excluded:
+    they would constrain the source across the ring, where nothing was measured. Given normals are not used.
     """
 
     def setup(self) -> None:
@@ -63,12 +62,14 @@ class Ndt(Interface[NdtConfig]):
     def process(self, inputs: Inputs) -> Outputs:
         """Return T_target_source; raises InputError, or DegenerateGeometryError when too few pairs remain."""
         cfg = self.config
-        source, target, T = s.prepared(inputs, cfg)
+        source, target, T = _surface.prepare_clouds(inputs, cfg)
         cell_m = cfg.cell_m or _CELL_SPACINGS * spacing(kd_tree(target))
         iterations = 0
         for edges in cfg.cells:
-            T, scale_m, count, converged = self._at(T, source, target, edges * cell_m, edges == cfg.cells[0])
-            iterations += count
+            T, scale_m, steps, converged = self._register_at_cell_size(
+                T, source, target, edges * cell_m, is_coarsest=edges == cfg.cells[0]
+            )
+            iterations += steps
         return Outputs(
             transform=T,
             residual_scale_m=scale_m,
@@ -76,39 +77,39 @@ class Ndt(Interface[NdtConfig]):
             converged=converged,
         )
 
-    def _at(
-        self, T: FloatArray, source: FloatArray, target: FloatArray, cell_m: float, first: bool
+    def _register_at_cell_size(
+        self, T: FloatArray, source: FloatArray, target: FloatArray, cell_m: float, *, is_coarsest: bool
     ) -> tuple[FloatArray, float, int, bool]:
         """Return transform, residual scale, iterations and convergence for cells of one size."""
         cfg = self.config
-        cells = cells_of(target, cell_m, _LEAST_POINTS, _FLATTEST)
+        cells = fit_cells(target, cell_m, _MIN_POINTS, _MIN_VARIANCE_RATIO)
         if cells is None:
             raise DegenerateGeometryError(
-                f"no cell of {cell_m:.3g} m holds {_LEAST_POINTS} points of a surface: the "
+                f"no cell of {cell_m:.3g} m holds {_MIN_POINTS} points of a surface: the "
                 "target is too sparse",
                 ["too_sparse"],
             )
-        last_gate_m = _GATE_CELLS * cell_m
+        final_gate_m = _GATE_CELLS * cell_m
         tolerance_m = cfg.tolerance_m or cell_m / 2500.0
-        gate_m = last_gate_m
-        if first:
+        gate_m = final_gate_m
+        if is_coarsest:
             moved = se3.transform_points(T, source)
-            gate_m = max(gate_m, s.first_gate_m(cells.tree, moved, 0.0))
+            gate_m = max(gate_m, _surface.initial_gate_m(cells.tree, moved, 0.0))
         gate_m = min(gate_m, cfg.max_distance_m or gate_m)
         row, moved = np.full(len(source), -1), np.empty_like(source)
         steps: list[FloatArray] = []
         converged = False
         while len(steps) < cfg.max_iterations and not converged:
-            count = k.pair(cells.tree, source, T, gate_m, row, moved)
-            if count < s.LEAST_PAIRS:
-                raise s.too_few(count, len(source), gate_m)
-            centre, radius_m = k.middle(row, moved)
-            H, g = k.distribution_equations(
+            count = _kernels.pair(cells.tree, source, T, gate_m, row, moved)
+            if count < _surface.MIN_PAIRS:
+                raise _surface.too_few_pairs_error(count, len(source), gate_m)
+            centre, radius_m = _kernels.centre_and_radius(row, moved)
+            H, g = _kernels.distribution_equations(
                 cells.tree.points, cells.information, row, moved, centre, radius_m, cfg.width
             )
-            T, step = s.stepped(T, H, g, centre, radius_m)
+            T, step = _surface.apply_step(T, H, g, centre, radius_m)
             steps.append(step)
-            converged = gate_m <= last_gate_m and s.is_at_rest(steps, tolerance_m)
-            gate_m = max(last_gate_m, _ANNEALING * gate_m)
-        distances_m = k.plane_distances(cells.tree.points, cells.normals, row, moved)
+            converged = gate_m <= final_gate_m and _surface.has_converged(steps, tolerance_m)
+            gate_m = max(final_gate_m, _ANNEALING * gate_m)
+        distances_m = _kernels.plane_distances(cells.tree.points, cells.normals, row, moved)
         return T, max(median_sigma(distances_m), 1e-9), len(steps), converged

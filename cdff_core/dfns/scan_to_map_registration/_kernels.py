@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled normal equations of a sweep on the planes of a voxel table."""
+"""Compiled registration of a sweep with the planes of a voxel table: normal equations and observability."""
 
 from __future__ import annotations
 
@@ -12,26 +12,31 @@ from numba import njit
 from cdff_common.arrays import FloatArray
 from cdff_common.geometry.small_vectors import cross, rotated
 from cdff_core.dfns.scan_to_map_registration._voxel_table import (
-    FIRST,
+    FIRST_NORMAL,
     MEAN,
     NORMAL,
-    SECOND,
+    SECOND_NORMAL,
     VARIANCE,
     VoxelTable,
     pack,
     row_of,
 )
 
+#: Offsets of a voxel and its 26 neighbours, nearest first.
 _NEIGHBOURS = np.array(
     [[i, j, k] for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1)], dtype=np.int64
 )
 _NEIGHBOURS = _NEIGHBOURS[np.argsort(np.abs(_NEIGHBOURS).sum(axis=1), kind="stable")]
-_FACES = 7
+#: Number of voxels searched for a plane: that of the point and those that share a face with it.
+_SEARCHED_VOXELS = 7
 
 
 @njit(cache=True)
-def deskewed(point, fraction, theta, rho, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Compute a point in the sensor's frame at the end of the sweep: ``Exp(f theta) p + f rho``."""
+def deskew_point(point, fraction, theta, rho, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Write the point ``Exp(f theta) p + f rho`` to ``out``: its position in the sensor frame at the end of the
+    sweep, for its time ``f`` from -1 (start) to 0 (end) and the rotation ``theta`` and translation ``rho`` during
+    the sweep.
+    """
     wx, wy, wz = fraction * theta[0], fraction * theta[1], fraction * theta[2]
     a2 = wx * wx + wy * wy + wz * wz
     s, c = 1.0 - a2 / 6.0, 0.5 - a2 / 24.0
@@ -48,7 +53,9 @@ def deskewed(point, fraction, theta, rho, out):  # type: ignore[no-untyped-def] 
 
 @njit(cache=True)
 def nearest_plane(keys, planes, voxel, x, y, z, reach):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Return the row of the plane with the nearest mean around the point; -1 if there is none."""
+    """Return the row of the plane with the nearest mean among the first ``reach`` voxels around the point; -1 if
+    none of them has a plane.
+    """
     i, j, k = int(np.floor(x / voxel)), int(np.floor(y / voxel)), int(np.floor(z / voxel))
     best, row_best = 1e300, -1
     for d in range(reach):
@@ -64,8 +71,10 @@ def nearest_plane(keys, planes, voxel, x, y, z, reach):  # type: ignore[no-untyp
 
 @njit(cache=True, inline="always")
 def weighted_distance(plane, x, y, z, kernel, noise):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Return the distance of a point from a plane and its weight: Geman and McClure's of the width ``kernel``
-    times ``noise^2 / (noise^2 + variance of the plane)``.
+    """Return the signed distance of a point from a plane, and its weight.
+
+    The weight is that of the Geman-McClure kernel of width ``kernel`` times
+    ``noise^2 / (noise^2 + variance of the plane)``.
     """
     r = plane[NORMAL] * (x - plane[MEAN])
     r += plane[NORMAL + 1] * (y - plane[MEAN + 1])
@@ -89,25 +98,24 @@ def normal_equations(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:  # pragma: no cover - compiled
     """Gauss-Newton system of pose and motion during the sweep.
 
-    The unknowns are translation and rotation of the sensor at the end of the sweep, in axes of the map, and
-    change of
-    the translation and rotation during the sweep, in axes of the sensor: 12. Weights as of
-    ``weighted_distance``.
+    The 12 unknowns are the translation and rotation of the sensor at the end of the sweep, in axes of the map,
+    and the change of the translation and rotation during the sweep, in axes of the sensor. The weights are
+    those of ``weighted_distance``.
 
     Returns
     -------
     tuple of ndarray
-        H (12, 12), b (12,), and: sum of the weights, matched points, weighted squared residuals, weighted
-        squared ranges.
+        Hessian H (12, 12), gradient b (12,), and the sums over the matched points (4,): weights, number of
+        points, weighted squared residuals, weighted squared distances from the sensor.
     """
     H, b, sums = np.zeros((12, 12)), np.zeros(12), np.zeros(4)
     J, q = np.empty(12), np.empty(3)
     for p in range(len(points)):
         f = fraction[p]
-        deskewed(points[p], f, theta, rho, q)
+        deskew_point(points[p], f, theta, rho, q)
         ax, ay, az = rotated(R, q[0], q[1], q[2])
         x, y, z = ax + t[0], ay + t[1], az + t[2]
-        row = nearest_plane(table.keys, table.planes, voxel, x, y, z, _FACES)
+        row = nearest_plane(table.keys, table.planes, voxel, x, y, z, _SEARCHED_VOXELS)
         if row < 0:
             continue
         plane = table.planes[row]
@@ -136,7 +144,7 @@ def normal_equations(
 
 
 @njit(cache=True)
-def shared_information(
+def common_information(
     table: VoxelTable,
     voxel: float,
     points: FloatArray,
@@ -145,22 +153,25 @@ def shared_information(
     kernel: float,
     noise: float,
     radius: float,
-    known: int,
+    min_plane_points: int,
 ) -> tuple[FloatArray, FloatArray, float]:  # pragma: no cover - compiled
-    """Information on translation and rotation times ``radius``, by the normals of both halves of the map.
+    """Return the information on translation and rotation times ``radius``, and the part of it on which the normals
+    of both halves of the map agree.
 
     Parameters
     ----------
     points : ndarray, shape (n, 3)
         In the sensor's frame at the end of the sweep.
-    known : int
+    R, t : ndarray
+        Rotation (3, 3) and translation (3,) of T_map_sensor at the end of the sweep.
+    min_plane_points : int
         Planes through fewer points are skipped.
 
     Returns
     -------
     tuple
-        Mean of both halves' information (6, 6), cross information (6, 6; symmetric part), both per weight,
-        and the sum of the weights that a measurement with the least noise would have 1 of.
+        Mean of the information of both halves (6, 6), symmetric part of their cross information (6, 6), both
+        divided by the sum of the weights, and that sum; a point on an exact plane has weight 1.
     """
     H, X, total = np.zeros((6, 6)), np.zeros((6, 6)), 0.0
     A, B = np.empty(6), np.empty(6)
@@ -168,14 +179,14 @@ def shared_information(
         q = points[p]
         ax, ay, az = rotated(R, q[0], q[1], q[2])
         x, y, z = ax + t[0], ay + t[1], az + t[2]
-        row = nearest_plane(table.keys, table.planes, voxel, x, y, z, _FACES)
-        if row < 0 or table.counts[row, 0] + table.counts[row, 1] < known:
+        row = nearest_plane(table.keys, table.planes, voxel, x, y, z, _SEARCHED_VOXELS)
+        if row < 0 or table.counts[row, 0] + table.counts[row, 1] < min_plane_points:
             continue
-        m = table.planes[row]
-        _, w = weighted_distance(m, x, y, z, kernel, noise)
+        plane = table.planes[row]
+        _, w = weighted_distance(plane, x, y, z, kernel, noise)
         total += w
-        for side, J in ((FIRST, A), (SECOND, B)):
-            nx, ny, nz = m[side], m[side + 1], m[side + 2]
+        for side, J in ((FIRST_NORMAL, A), (SECOND_NORMAL, B)):
+            nx, ny, nz = plane[side], plane[side + 1], plane[side + 2]
             J[0], J[1], J[2] = nx, ny, nz
             jx, jy, jz = cross(ax, ay, az, nx, ny, nz)
             J[3], J[4], J[5] = jx / radius, jy / radius, jz / radius

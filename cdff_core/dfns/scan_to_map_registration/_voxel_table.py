@@ -17,11 +17,15 @@ from cdff_common.geometry.plane_fits import eigen
 
 EMPTY = np.int64(-1)
 _OFFSET = 1 << 20  # cells count from -2^20 to 2^20 along each axis: 21 bits
+#: 2^64 divided by the golden ratio: multiplicative (Fibonacci) hashing.
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
-_LEAST_POINTS = 6
-#: Columns of ``planes``: mean, normal of all, normals of the halves, variance along the normal (below 0: no
-#: plane).
-MEAN, NORMAL, FIRST, SECOND, VARIANCE = 0, 3, 6, 9, 12
+_MIN_PLANE_POINTS = 6
+#: A voxel has a plane if the middle eigenvalue of its points' covariance is at least this fraction of the squared
+#: edge, and the smallest eigenvalue at most this fraction of the middle one.
+_MIN_MIDDLE_VARIANCE, _MAX_THICKNESS_RATIO = 0.0025, 0.2
+#: First columns in ``planes`` of: mean, normal of all points, normals of the first and second half of the points,
+#: variance along the normal (negative: no plane).
+MEAN, NORMAL, FIRST_NORMAL, SECOND_NORMAL, VARIANCE = 0, 3, 6, 9, 12
 
 
 class VoxelTable(NamedTuple):
@@ -32,10 +36,11 @@ class VoxelTable(NamedTuple):
     keys : ndarray of int64, shape (c,)
         Packed cell, or ``EMPTY``; c is a power of two.
     counts : ndarray of int64, shape (c, 3)
-        Points of the halves, and of both at the last fit of the planes.
+        Number of points of each half, and of both at the last fit of the planes.
     sums : ndarray, shape (c, 2, 9)
-        x y z xx xy xz yy yz zz of the halves, from the voxel's centre, metres.
+        Sums of x y z xx xy xz yy yz zz of each half, relative to the voxel's centre, metres.
     planes : ndarray, shape (c, 13)
+        Columns as of ``MEAN`` to ``VARIANCE``.
     used : ndarray of int64, shape (1,)
         Number of voxels in the table.
     """
@@ -60,7 +65,7 @@ def empty_table(capacity: int) -> VoxelTable:
 
 @njit(cache=True, inline="always")
 def pack(i: int, j: int, k: int) -> int:  # pragma: no cover - compiled
-    """Return one integer for a cell."""
+    """Return the key of a cell: its indices packed into one integer."""
     return ((i + _OFFSET) << 42) | ((j + _OFFSET) << 21) | (k + _OFFSET)
 
 
@@ -75,13 +80,13 @@ def row_of(keys: IntArray, key: int) -> int:  # pragma: no cover - compiled
 
 
 @njit(cache=True)
-def thinned(points: FloatArray, voxel: float) -> IntArray:  # pragma: no cover - compiled
+def first_in_voxels(points: FloatArray, voxel: float) -> IntArray:  # pragma: no cover - compiled
     """Return the indices of the first finite point of each voxel, in the order of the points."""
     capacity = 1024
     while capacity < 2 * len(points):
         capacity *= 2
     keys = np.full(capacity, EMPTY)
-    kept = np.empty(len(points), np.int64)
+    first_points = np.empty(len(points), np.int64)
     n = 0
     for p in range(len(points)):
         x, y, z = points[p, 0], points[p, 1], points[p, 2]
@@ -91,18 +96,20 @@ def thinned(points: FloatArray, voxel: float) -> IntArray:  # pragma: no cover -
         row = row_of(keys, key)
         if keys[row] == EMPTY:
             keys[row] = key
-            kept[n] = p
+            first_points[n] = p
             n += 1
-    return kept[:n]
+    return first_points[:n]
 
 
 @njit(cache=True)
 def add(
-    table: VoxelTable, points: FloatArray, voxel: float, full: int
+    table: VoxelTable, points: FloatArray, voxel: float, max_points: int
 ) -> None:  # pragma: no cover - compiled
-    """Add points to the moments of their voxels, except full ones, and fit the changed planes."""
+    """Add points to the moments of their voxels, up to ``max_points`` per voxel, and fit planes again where the
+    number of points has grown by a quarter since the last fit.
+    """
     keys, counts, sums, planes, used = table
-    touched = np.empty(len(points), np.int64)
+    rows_to_fit = np.empty(len(points), np.int64)
     n = 0
     for p in range(len(points)):
         i = int(np.floor(points[p, 0] / voxel))
@@ -114,7 +121,7 @@ def add(
             keys[row] = key
             used[0] += 1
         total = counts[row, 0] + counts[row, 1]
-        if total >= full:
+        if total >= max_points:
             continue
         half = total & 1
         counts[row, half] += 1
@@ -131,39 +138,42 @@ def add(
         s[6] += y * y
         s[7] += y * z
         s[8] += z * z
-        if total + 1 >= _LEAST_POINTS and 4 * (total + 1) >= 5 * counts[row, 2]:
+        if total + 1 >= _MIN_PLANE_POINTS and 4 * (total + 1) >= 5 * counts[row, 2]:
             counts[row, 2] = total + 1
-            touched[n] = row
+            rows_to_fit[n] = row
             n += 1
     m, values, vectors = np.empty((3, 3)), np.empty(3), np.empty((3, 3))
     for t in range(n):
-        row = touched[t]
-        if t + 1 < n and touched[t + 1] == row:
+        row = rows_to_fit[t]
+        if t + 1 < n and rows_to_fit[t + 1] == row:
             continue
-        _fit(counts[row], sums[row], planes[row], keys[row], voxel, m, values, vectors)
+        _fit_planes(counts[row], sums[row], planes[row], keys[row], voxel, m, values, vectors)
 
 
 @njit(cache=True)
-def _fit(counts, sums, plane, key, voxel, m, values, vectors):  # type: ignore[no-untyped-def] # pragma: no cover
-    """Fit planes through all points of a voxel and through each half; lines and clusters have none."""
+def _fit_planes(counts, sums, plane, key, voxel, m, values, vectors):  # type: ignore[no-untyped-def] # pragma: no cover
+    """Fit planes through all points of a voxel and through each half; lines and clusters have none.
+
+    ``m``, ``values`` and ``vectors`` are scratch arrays for the covariance and its eigenvalue decomposition.
+    """
     plane[VARIANCE] = -1.0
     total = float(counts[0] + counts[1])
-    _moments(sums[0] + sums[1], total, m, plane)
+    _mean_and_covariance(sums[0] + sums[1], total, m, plane)
     eigen(m, values, vectors)
-    if values[1] < 0.0025 * voxel * voxel or values[0] > 0.2 * values[1]:
+    if values[1] < _MIN_MIDDLE_VARIANCE * voxel * voxel or values[0] > _MAX_THICKNESS_RATIO * values[1]:
         return
     variance = max(values[0], 0.0)
     for c in range(3):
         plane[NORMAL + c] = vectors[c, 0]
     for half in range(2):
-        _moments(sums[half], float(counts[half]), m, plane)
+        _mean_and_covariance(sums[half], float(counts[half]), m, plane)
         eigen(m, values, vectors)
         dot = 0.0
         for c in range(3):
             dot += vectors[c, 0] * plane[NORMAL + c]
         for c in range(3):
-            plane[FIRST + 3 * half + c] = vectors[c, 0] if dot >= 0.0 else -vectors[c, 0]
-    _moments(sums[0] + sums[1], total, m, plane)
+            plane[FIRST_NORMAL + 3 * half + c] = vectors[c, 0] if dot >= 0.0 else -vectors[c, 0]
+    _mean_and_covariance(sums[0] + sums[1], total, m, plane)
     mask = (1 << 21) - 1
     plane[0] += ((key >> 42) - _OFFSET + 0.5) * voxel
     plane[1] += (((key >> 21) & mask) - _OFFSET + 0.5) * voxel
@@ -172,8 +182,8 @@ def _fit(counts, sums, plane, key, voxel, m, values, vectors):  # type: ignore[n
 
 
 @njit(cache=True)
-def _moments(s, n, m, plane):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Mean into the first columns of ``plane``, lower half of the covariance into ``m``."""
+def _mean_and_covariance(s, n, m, plane):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Write the mean to the first columns of ``plane``, and the lower half of the covariance to ``m``."""
     x, y, z = s[0] / n, s[1] / n, s[2] / n
     plane[0], plane[1], plane[2] = x, y, z
     m[0, 0] = s[3] / n - x * x
@@ -185,10 +195,10 @@ def _moments(s, n, m, plane):  # type: ignore[no-untyped-def] # pragma: no cover
 
 
 @njit(cache=True)
-def moved_over(
-    table: VoxelTable, into: VoxelTable, centre: FloatArray, radius: float, voxel: float
+def copy_near(
+    table: VoxelTable, target: VoxelTable, centre: FloatArray, radius: float, voxel: float
 ) -> None:  # pragma: no cover
-    """Copy the voxels within ``radius`` of ``centre`` to an empty table."""
+    """Copy the voxels within ``radius`` of ``centre`` to the empty table ``target``."""
     mask = (1 << 21) - 1
     for row in range(len(table.keys)):
         key = table.keys[row]
@@ -199,9 +209,9 @@ def moved_over(
         z = ((key & mask) - _OFFSET + 0.5) * voxel - centre[2]
         if x * x + y * y + z * z > radius * radius:
             continue
-        new = row_of(into.keys, key)
-        into.keys[new] = key
-        into.counts[new] = table.counts[row]
-        into.sums[new] = table.sums[row]
-        into.planes[new] = table.planes[row]
-        into.used[0] += 1
+        new_row = row_of(target.keys, key)
+        target.keys[new_row] = key
+        target.counts[new_row] = table.counts[row]
+        target.sums[new_row] = table.sums[row]
+        target.planes[new_row] = table.planes[row]
+        target.used[0] += 1

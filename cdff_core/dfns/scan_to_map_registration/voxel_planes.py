@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Registration of a sweep with planes in voxels."""
+"""Registration of a sweep with a local map of planes in voxels."""
 
 from __future__ import annotations
 
@@ -16,13 +16,17 @@ from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.scan_to_map_registration import _kernels, _voxel_table
 from cdff_core.dfns.scan_to_map_registration.interface import Inputs, Interface, Outputs
 
-_FIRST_CAPACITY = 1 << 15
-_MAX_LOAD = 0.6
-_LEAST_PAIRS = 50
+#: Initial number of rows of the voxel table, and the fraction of used rows above which it is rebuilt.
+_INITIAL_CAPACITY, _MAX_LOAD = 1 << 15, 0.6
+_MIN_MATCHED_POINTS = 50
+#: Damping of the normal equations relative to their mean diagonal.
 _DAMPING = 1e-9
+#: Factor on the width of the robust kernel per iteration.
 _ANNEALING = 0.5
-#: Maximum number of points of a voxel, whose plane changes little with more.
-_FULL_COUNT = 60
+#: Information on the motion during the sweep if its covariance is not given: fixed at its initial value.
+_FIXED_MOTION_INFORMATION = 1e6
+#: Maximum number of points of a voxel: more would hardly change its plane.
+_MAX_VOXEL_POINTS = 60
 #: Number of points per independent measurement.
 _POINTS_PER_MEASUREMENT = 10.0
 
@@ -45,7 +49,7 @@ class VoxelPlanesConfig(DfnConfig):
         12,
         ge=6,
         le=10_000,
-        description="Minimum number of points of a plane that shows unconstrained directions",
+        description="Minimum number of points of a plane that counts for the observability",
     )
     max_constrained_sigma_m: float = Field(
         0.09,
@@ -61,7 +65,7 @@ class VoxelPlanesConfig(DfnConfig):
 
 
 class VoxelPlanes(Interface[VoxelPlanesConfig]):
-    """Point-to-plane registration of a thinned sweep with one plane for each voxel of the map.
+    """Point-to-plane registration of a downsampled sweep with one plane for each voxel of the map.
 
     Gauss-Newton iterations on one thread.
 
@@ -70,16 +74,16 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
     Map and adaptive use of a motion model after Vizzo et al. (2023), "KISS-ICP",
     doi:10.1109/LRA.2023.3236571, with planes in the voxels as in Yuan et al. (2022), "VoxelMap",
     doi:10.1109/LRA.2022.3187250. Pose and motion during the sweep are estimated together (Dellenbach et al.
-    2022, "CT-ICP", doi:10.1109/ICRA46639.2022.9811849), with the guesses as prior information. With a known
-    previous pose, the prior motion during the sweep is its fraction of the motion since then, so that
-    acceleration does not distort the sweep. Rings that coincide with those of the previous sweep do not
-    constrain it, since a voxel without two dimensions of points has no plane.
+    2022, "CT-ICP", doi:10.1109/ICRA46639.2022.9811849), with the guesses as prior information. If the
+    previous pose is given, the prior of the motion during the sweep is a fraction of the motion since that
+    pose, so that acceleration does not distort the sweep. A ring that coincides with one of the previous sweep
+    does not constrain the pose, since a voxel with points along a line has no plane.
     """
 
     def setup(self) -> None:
         """Clear the map; compile the kernels."""
         self._kernels, self._tables = _kernels, _voxel_table
-        self._table = _voxel_table.empty_table(_FIRST_CAPACITY)
+        self._table = _voxel_table.empty_table(_INITIAL_CAPACITY)
         self._compile()
 
     @property
@@ -93,7 +97,15 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         return sum(column.nbytes for column in self._table)
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return pose and motion; raises InputError, or RefusedError (no_overlap)."""
+        """Add the surface to the map, and return pose and motion of the sweep.
+
+        Raises
+        ------
+        InputError
+            If an array is malformed.
+        RefusedError
+            ``no_overlap`` if too few points lie on the map.
+        """
         T = checked_transform(np.eye(4) if inputs.guess is None else inputs.guess, "guess")
         if inputs.surface is not None:
             self._grow(checked_points(inputs.surface, "surface", least=0), T[:3, 3])
@@ -109,21 +121,21 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
             else np.asarray(inputs.fraction, dtype=np.float64)
         )
         if not len(points):
-            return _unmoved(T, sweep)
-        kept = self._tables.thinned(points, self.config.points_voxel_m)
-        return self._registered(points[kept], fraction[kept], T, sweep, inputs)
+            return _outputs_without_points(T, sweep)
+        selected = self._tables.first_in_voxels(points, self.config.points_voxel_m)
+        return self._register(points[selected], fraction[selected], T, sweep, inputs)
 
-    def _registered(
+    def _register(
         self, points: FloatArray, fraction: FloatArray, T: FloatArray, sweep: FloatArray, inputs: Inputs
     ) -> Outputs:
         cfg = self.config
-        T_first, T = T, T.copy()
+        T_guess, T = T, T.copy()
         motion = np.concatenate([-sweep[:3, 3], -se3.log_so3(sweep[:3, :3])])
-        motion_first = motion.copy()
+        motion_guess = motion.copy()
         prior = _information(inputs.guess_covariance)
         prior_sweep = _information(inputs.sweep_covariance)
-        prior_sweep += 1e6 * np.eye(6) * (inputs.sweep_covariance is None)
-        before, share = _previous_motion(inputs)
+        prior_sweep += _FIXED_MOTION_INFORMATION * np.eye(6) * (inputs.sweep_covariance is None)
+        T_previous, sweep_fraction = _previous_pose(inputs)
         kernel, iterations, converged = cfg.first_kernel_m, 0, False
         for _ in range(cfg.max_iterations):
             H, b, sums = self._kernels.normal_equations(
@@ -138,20 +150,22 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
                 kernel,
                 cfg.noise_m,
             )
-            if sums[1] < _LEAST_PAIRS:
+            if sums[1] < _MIN_MATCHED_POINTS:
                 raise RefusedError(f"{sums[1]:.0f} of {len(points)} points lie on the map", ["no_overlap"])
             iterations += 1
             rms_m, radius_m = float(np.sqrt(sums[2] / sums[0])), max(float(np.sqrt(sums[3] / sums[0])), 1e-6)
             variance = max(rms_m, cfg.noise_m) ** 2 * _POINTS_PER_MEASUREMENT
             A, g = H / variance, b / variance
             A[:6, :6] += prior
-            g[:6] += prior @ pose_error(T, T_first)
+            g[:6] += prior @ pose_error(T, T_guess)
             expected, J = (
-                (motion_first, np.zeros((6, 6))) if before is None else _fraction_of_motion(before, T, share)
+                (motion_guess, np.zeros((6, 6)))
+                if T_previous is None
+                else _fraction_of_motion(T_previous, T, sweep_fraction)
             )
-            to_sweep = np.hstack([-J, np.eye(6)])
-            A += to_sweep.T @ prior_sweep @ to_sweep
-            g += to_sweep.T @ prior_sweep @ (motion - expected)
+            J_prior = np.hstack([-J, np.eye(6)])
+            A += J_prior.T @ prior_sweep @ J_prior
+            g += J_prior.T @ prior_sweep @ (motion - expected)
             A += (
                 _DAMPING
                 * np.trace(A)
@@ -172,9 +186,9 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         unconstrained = directions[sigma_m > cfg.max_constrained_sigma_m]
         if len(unconstrained):
             T, covariance = _remapped(
-                T_first, T, unconstrained, radius_m, covariance, inputs.guess_covariance
+                T_guess, T, unconstrained, radius_m, covariance, inputs.guess_covariance
             )
-            motion = motion_first
+            motion = motion_guess
         sweep = se3.transform(se3.exp_so3(-motion[3:]), -motion[:3])
         return Outputs(
             transform=T,
@@ -199,22 +213,22 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         radius_m: float,
         variance: float,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the directions of the information, the agreement of both halves of the map, and the standard
-        deviations.
+        """Return the directions of the information, the agreement of both halves of the map along them, and the
+        standard deviations along them.
 
         One point per voxel is used, since points on the same plane share its noise, and only planes of enough
-        points: normals through a few distant points of a new map are noise with a long lever, which hides the
-        information of the near ground on rotations.
+        points: the normals of planes through a few distant points of a new map are noisy, and their long lever
+        arm would hide the information of the near ground on rotations.
         """
         cfg = self.config
-        kept = self._tables.thinned(points, cfg.voxel_m)
-        points, fraction = points[kept], fraction[kept]
+        selected = self._tables.first_in_voxels(points, cfg.voxel_m)
+        points, fraction = points[selected], fraction[selected]
         R = se3.exp_so3(fraction[:, None] * motion[None, 3:])
-        still = np.einsum("nij,nj->ni", R, points) + fraction[:, None] * motion[:3]
-        H, X, total = self._kernels.shared_information(
+        deskewed = np.einsum("nij,nj->ni", R, points) + fraction[:, None] * motion[:3]
+        H, cross_information, total_weight = self._kernels.common_information(
             self._table,
             cfg.voxel_m,
-            still,
+            deskewed,
             np.ascontiguousarray(T[:3, :3]),
             T[:3, 3].copy(),
             cfg.last_kernel_m,
@@ -223,61 +237,70 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
             cfg.known_count,
         )
         values, vectors = np.linalg.eigh(H)
-        shared = np.einsum("ij,ik,kj->j", vectors, X, vectors)
-        agreement = shared / np.maximum(values, 1e-12)
-        sigma_m = np.sqrt(variance / np.maximum(shared * total, 1e-12))
+        common = np.einsum("ij,ik,kj->j", vectors, cross_information, vectors)
+        agreement = common / np.maximum(values, 1e-12)
+        sigma_m = np.sqrt(variance / np.maximum(common * total_weight, 1e-12))
         return np.ascontiguousarray(vectors.T, np.float64), agreement, sigma_m
 
     def _grow(self, surface: FloatArray, centre: FloatArray) -> None:
-        """Add a downsampled surface; drop distant voxels from a full table, and enlarge it if necessary."""
+        """Add a surface, downsampled, to the map.
+
+        Voxels beyond the radius are removed when the table is full; if it is still full, its capacity is doubled.
+        """
         cfg = self.config
-        points = surface[self._tables.thinned(surface, cfg.surface_voxel_m)]
+        points = surface[self._tables.first_in_voxels(surface, cfg.surface_voxel_m)]
         points = points[np.sum((points - centre) ** 2, axis=1) < cfg.radius_m**2]
         capacity = len(self._table.keys)
-        # Each point may create a voxel: capacity is reserved before the loop.
+        # Each point may create a voxel, and the compiled loop cannot enlarge the table.
         if self._table.used[0] + len(points) > _MAX_LOAD * capacity:
             self._rebuild_table(capacity, centre)
             if self._table.used[0] + len(points) > _MAX_LOAD * capacity:
                 self._rebuild_table(2 * capacity, centre)
-        self._tables.add(self._table, points, cfg.voxel_m, _FULL_COUNT)
+        self._tables.add(self._table, points, cfg.voxel_m, _MAX_VOXEL_POINTS)
 
     def _rebuild_table(self, capacity: int, centre: FloatArray) -> None:
         table = self._tables.empty_table(capacity)
-        self._tables.moved_over(self._table, table, centre, self.config.radius_m, self.config.voxel_m)
+        self._tables.copy_near(self._table, table, centre, self.config.radius_m, self.config.voxel_m)
         self._table = table
 
     def _compile(self) -> None:
         table, one = self._tables.empty_table(16), np.zeros((1, 3))
-        self._tables.thinned(one, 1.0)
+        self._tables.first_in_voxels(one, 1.0)
         self._tables.add(table, one, 1.0, 6)
-        self._tables.moved_over(table, self._tables.empty_table(16), np.zeros(3), 1.0, 1.0)
+        self._tables.copy_near(table, self._tables.empty_table(16), np.zeros(3), 1.0, 1.0)
         eye, zero = np.eye(3), np.zeros(3)
         self._kernels.normal_equations(table, 1.0, one, np.zeros(1), eye, zero, zero, zero, 1.0, 1.0)
-        self._kernels.shared_information(table, 1.0, one, eye, zero, 1.0, 1.0, 1.0, 12)
+        self._kernels.common_information(table, 1.0, one, eye, zero, 1.0, 1.0, 1.0, 12)
 
 
 def _information(covariance: FloatArray | None) -> FloatArray:
     return np.zeros((6, 6)) if covariance is None else np.asarray(np.linalg.inv(covariance), np.float64)
 
 
-def _previous_motion(inputs: Inputs) -> tuple[FloatArray | None, float]:
-    """Return the previous pose, if known, and the fraction of the motion since then in the sweep."""
+def _previous_pose(inputs: Inputs) -> tuple[FloatArray | None, float]:
+    """Return the previous pose, None if not given, and the fraction of the motion since then that happens during
+    the sweep.
+    """
     if inputs.before is None or inputs.sweep_fraction is None:
         return None, 0.0
-    share = inputs.sweep_fraction
-    if not 0.0 <= share <= 1.0:
+    fraction = inputs.sweep_fraction
+    if not 0.0 <= fraction <= 1.0:
         raise InputError(
-            f"sweep_fraction {share:g}: expected 0 to 1, a sweep ends before the next one begins"
+            f"sweep_fraction {fraction:g}: expected 0 to 1, since the previous sweep ends before this one starts"
         )
-    return checked_transform(inputs.before, "before"), share
+    return checked_transform(inputs.before, "before"), fraction
 
 
-def _fraction_of_motion(T_before: FloatArray, T: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
-    """Return a fraction of the motion since a pose, in sensor axes, and its derivative in map axes."""
+def _fraction_of_motion(
+    T_previous: FloatArray, T: FloatArray, fraction: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return a fraction of the motion from the previous pose to ``T`` (6,), in sensor axes, and its derivative
+    (6, 6) with respect to a change of ``T`` in map axes.
+    """
     R = T[:3, :3]
-    J = share * rotation_blocks(R.T)
-    turn = se3.log_so3(T_before[:3, :3].T @ R)
-    return share * np.concatenate([R.T @ (T[:3, 3] - T_before[:3, 3]), turn]), J
+    J = fraction * rotation_blocks(R.T)
+    rotation = se3.log_so3(T_previous[:3, :3].T @ R)
+    return fraction * np.concatenate([R.T @ (T[:3, 3] - T_previous[:3, 3]), rotation]), J
 
 
 def _remapped(
@@ -293,21 +316,21 @@ def _remapped(
     Zhang et al. 2016, doi:10.1109/ICRA.2016.7487211.
     """
     scale = np.concatenate([np.ones(3), np.full(3, radius_m)])
-    keep = np.eye(6) - unconstrained.T @ unconstrained
-    correction = keep @ (scale * pose_error(T, T_guess))
+    constrained = np.eye(6) - unconstrained.T @ unconstrained  # projections on the directions
+    replaced = np.eye(6) - constrained
+    correction = constrained @ (scale * pose_error(T, T_guess))
     R = se3.normalise_rotation(se3.exp_so3(correction[3:] / radius_m) @ T_guess[:3, :3])
     remapped = se3.transform(R, T_guess[:3, 3] + correction[:3])
     prior_covariance = (
         np.zeros((6, 6)) if guess_covariance is None else np.asarray(guess_covariance, dtype=np.float64)
     )
     S = np.diag(scale)
-    replaced = np.eye(6) - keep
-    mixed = keep @ S @ covariance @ S @ keep + replaced @ S @ prior_covariance @ S @ replaced
+    mixed = constrained @ S @ covariance @ S @ constrained + replaced @ S @ prior_covariance @ S @ replaced
     return remapped, np.asarray(np.diag(1.0 / scale) @ mixed @ np.diag(1.0 / scale))
 
 
-def _unmoved(T: FloatArray, sweep: FloatArray) -> Outputs:
-    """Return the outputs for a sweep without points: the guess, with unknown covariance."""
+def _outputs_without_points(T: FloatArray, sweep: FloatArray) -> Outputs:
+    """Return the guess as the pose of a sweep without points, with unknown covariance."""
     return Outputs(
         transform=T,
         sweep=sweep,

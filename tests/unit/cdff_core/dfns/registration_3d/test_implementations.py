@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Every implementation of Registration3D converges, is repeatable, and refuses invalid input by name."""
+"""Every implementation of Registration3D converges, is repeatable, and refuses invalid input."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ def clouds(rng: np.random.Generator) -> tuple[surfaces.Points, surfaces.Points]:
 
 @pytest.mark.parametrize("implementation", IMPLEMENTATIONS)
 def test_terrain_is_registered_from_the_identity(implementation: str, clouds: tuple[Any, Any]) -> None:
-    out = make_node(implementation).process(Registration3DInputs(source=clouds[0], target=clouds[1]))
-    error = se3.log_se3(se3.inverse(T_TRUE) @ out.transform)
-    assert out.converged
+    outputs = make_node(implementation).process(Registration3DInputs(source=clouds[0], target=clouds[1]))
+    error = se3.log_se3(se3.inverse(T_TRUE) @ outputs.transform)
+    assert outputs.converged
     assert np.linalg.norm(error[:3]) < 0.01
     assert np.linalg.norm(error[3:]) < 0.002
-    assert 0.005 < out.residual_scale_m < 0.05
+    assert 0.005 < outputs.residual_scale_m < 0.05
 
 
 @pytest.mark.parametrize("implementation", IMPLEMENTATIONS)
@@ -58,8 +58,8 @@ def test_clouds_far_from_the_origin_are_registered_equally_well(
 ) -> None:
     T_utm_local = se3.transform(np.eye(3), [5e5, 4e6, 100.0])  # coordinates of the size of UTM
     source, target = (se3.transform_points(T_utm_local, cloud) for cloud in clouds)
-    out = make_node(implementation).process(Registration3DInputs(source=source, target=target))
-    T = se3.inverse(T_utm_local) @ out.transform @ T_utm_local
+    outputs = make_node(implementation).process(Registration3DInputs(source=source, target=target))
+    T = se3.inverse(T_utm_local) @ outputs.transform @ T_utm_local
     assert np.linalg.norm(se3.log_se3(se3.inverse(T_TRUE) @ T)[:3]) < 0.02
 
 
@@ -68,10 +68,10 @@ def test_twenty_percent_of_outliers_do_not_affect_point_to_plane(
 ) -> None:
     source, target = clouds
     clutter = rng.uniform([-10, -10, 0.5], [10, 10, 2.0], (len(source) // 5, 3))
-    out = make_node("PointToPlaneIcp").process(
+    outputs = make_node("PointToPlaneIcp").process(
         Registration3DInputs(source=np.vstack([source, clutter]), target=target)
     )
-    assert np.linalg.norm(se3.log_se3(se3.inverse(T_TRUE) @ out.transform)[:3]) < 0.02
+    assert np.linalg.norm(se3.log_se3(se3.inverse(T_TRUE) @ outputs.transform)[:3]) < 0.02
 
 
 @pytest.mark.parametrize("implementation", IMPLEMENTATIONS)
@@ -88,7 +88,7 @@ def test_clouds_without_correspondences_within_the_gate_are_refused(
 
 
 @pytest.mark.parametrize("implementation", IMPLEMENTATIONS)
-def test_malformed_inputs_are_refused_by_name(implementation: str, clouds: tuple[Any, Any]) -> None:
+def test_malformed_inputs_are_refused_with_their_name(implementation: str, clouds: tuple[Any, Any]) -> None:
     source, target = clouds
     node = make_node(implementation)
     with pytest.raises(InputError, match="source"):

@@ -12,7 +12,7 @@ import pytest
 from cdff_common.errors import ConfigurationError, DegenerateGeometryError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.registry import Registry
-from cdff_core.dfns.registration_3d._cells import cells_of
+from cdff_core.dfns.registration_3d._cells import fit_cells
 from cdff_core.dfns.registration_3d.interface import Registration3DInputs
 from tests.support import surfaces
 
@@ -27,7 +27,7 @@ def error_m(implementation: str, source: Any, target: Any, **config: object) -> 
 
 
 @pytest.mark.parametrize("kernel", ["tukey", "huber", "cauchy", "geman_mcclure"])
-def test_every_robust_kernel_tolerates_outliers_that_break_least_squares(
+def test_every_robust_kernel_tolerates_outliers_that_bias_least_squares(
     kernel: str, rng: np.random.Generator
 ) -> None:
     source, target = (surfaces.terrain(rng) for _ in range(2))
@@ -49,7 +49,7 @@ def test_ndt_tolerates_twenty_percent_of_outliers(rng: np.random.Generator) -> N
     assert error_m("Ndt", np.vstack([source, clutter]), surfaces.terrain(rng)) < 0.02
 
 
-def test_a_cell_has_mean_and_covariance_of_its_points_and_a_cell_of_collinear_points_is_dropped(
+def test_a_cell_has_the_mean_and_covariance_of_its_points_and_a_cell_of_collinear_points_is_dropped(
     rng: np.random.Generator,
 ) -> None:
     patch = rng.normal(size=(200, 3)) * [0.1, 0.1, 0.01] + [0.5, 0.5, 0.05]
@@ -57,11 +57,11 @@ def test_a_cell_has_mean_and_covariance_of_its_points_and_a_cell_of_collinear_po
     line = np.c_[np.linspace(10.01, 10.99, 50), np.full(50, 10.5), np.full(50, 0.5)] + rng.normal(
         0, 1e-3, (50, 3)
     )
-    grid = np.vstack([[[0.0, 0.0, 0.0]], patch, line])
-    cells = cells_of(grid, 1.0, 5, 1e-6)
+    points = np.vstack([[[0.0, 0.0, 0.0]], patch, line])
+    cells = fit_cells(points, 1.0, 5, 1e-6)
     assert cells is not None
     assert len(cells.normals) == 1
-    inside = grid[:201]
+    inside = points[:201]
     np.testing.assert_allclose(cells.tree.points[0], inside.mean(axis=0))
     np.testing.assert_allclose(np.linalg.inv(cells.information[0]), np.cov(inside.T, bias=True), atol=1e-9)
 

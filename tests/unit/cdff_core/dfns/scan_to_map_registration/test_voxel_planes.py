@@ -21,7 +21,7 @@ def make_node(**config: float) -> VoxelPlanes:
     return node
 
 
-def node_with_map(ground: Ground, rng: np.random.Generator, **config: float) -> VoxelPlanes:
+def make_node_with_map(ground: Ground, rng: np.random.Generator, **config: float) -> VoxelPlanes:
     """Return a node with a map of the ground from five poses around the origin."""
     node = make_node(**config)
     for x, y in ((0, 0), (0.7, 0.1), (-0.6, 0.3), (0.2, 0.8), (-0.2, -0.7)):
@@ -39,17 +39,17 @@ def ground() -> Ground:
 def test_pose_and_motion_during_the_sweep_are_estimated_jointly(
     ground: Ground, rng: np.random.Generator
 ) -> None:
-    node = node_with_map(ground, rng)
-    T_begin, T_end = pose_on_ground(ground, 0.2, 0.1, 0.0), pose_on_ground(ground, 0.3, 0.1, 0.02)
-    points, fraction = sweep_points(ground, T_begin, T_end, rng)
-    T_end_begin = se3.inverse(T_end) @ T_begin
+    node = make_node_with_map(ground, rng)
+    T_start, T_end = pose_on_ground(ground, 0.2, 0.1, 0.0), pose_on_ground(ground, 0.3, 0.1, 0.02)
+    points, fraction = sweep_points(ground, T_start, T_end, rng)
+    T_end_start = se3.inverse(T_end) @ T_start
     guess_error = se3.exp_se3([0.03, -0.02, 0.01, 0.004, -0.006, 0.008])
     outputs = node.process(
         Inputs(
             points=points,
             fraction=fraction,
             guess=T_end @ se3.exp_se3([0.08, -0.06, 0.03, 0.01, -0.02, 0.03]),
-            sweep_guess=T_end_begin @ guess_error,
+            sweep_guess=T_end_start @ guess_error,
             guess_covariance=PRIOR,
             sweep_covariance=SWEEP_PRIOR,
         )
@@ -57,7 +57,7 @@ def test_pose_and_motion_during_the_sweep_are_estimated_jointly(
     error = se3.log_se3(se3.inverse(T_end) @ outputs.transform)
     assert np.linalg.norm(error[:3]) < 0.025
     assert np.degrees(np.linalg.norm(error[3:])) < 0.15
-    motion_error = se3.log_se3(se3.inverse(T_end_begin) @ outputs.sweep)
+    motion_error = se3.log_se3(se3.inverse(T_end_start) @ outputs.sweep)
     assert np.linalg.norm(motion_error[3:]) < 0.5 * np.linalg.norm(se3.log_se3(guess_error)[3:])
     assert outputs.converged
     assert outputs.inlier_ratio > 0.4
@@ -68,30 +68,32 @@ def test_pose_and_motion_during_the_sweep_are_estimated_jointly(
 def test_deceleration_does_not_distort_the_sweep_if_the_previous_pose_is_known(
     ground: Ground, rng: np.random.Generator
 ) -> None:
-    node = node_with_map(ground, rng)
-    T_before, T_begin, T_end = (pose_on_ground(ground, x, 0.1, 0.0) for x in (0.1, 0.28, 0.3))
-    points, fraction = sweep_points(ground, T_begin, T_end, rng)
-    too_fast = se3.transform(
-        np.eye(3), np.array([-0.1, 0.0, 0.0])
-    )  # the motion of 0.1 s at the previous speed of 1 m/s
+    node = make_node_with_map(ground, rng)
+    T_previous, T_start, T_end = (pose_on_ground(ground, x, 0.1, 0.0) for x in (0.1, 0.28, 0.3))
+    points, fraction = sweep_points(ground, T_start, T_end, rng)
+    # Motion of 0.1 s at the previous speed of 1 m/s.
+    too_fast = se3.transform(np.eye(3), np.array([-0.1, 0.0, 0.0]))
     sweep = {"points": points, "fraction": fraction, "guess": T_end, "sweep_guess": too_fast}
     prior = {"guess_covariance": 4.0 * PRIOR, "sweep_covariance": 0.1 * SWEEP_PRIOR}
     without_previous = node.process(Inputs(**sweep, **prior))
-    with_previous = node.process(Inputs(**sweep, **prior, before=T_before, sweep_fraction=0.1))
-    errors_m = [np.linalg.norm(f.transform[:3, 3] - T_end[:3, 3]) for f in (without_previous, with_previous)]
+    with_previous = node.process(Inputs(**sweep, **prior, before=T_previous, sweep_fraction=0.1))
+    errors_m = [
+        np.linalg.norm(outputs.transform[:3, 3] - T_end[:3, 3])
+        for outputs in (without_previous, with_previous)
+    ]
     assert errors_m[1] < 0.02
     assert errors_m[1] < 0.6 * errors_m[0]
 
 
 def test_a_sweep_longer_than_its_period_is_refused(ground: Ground, rng: np.random.Generator) -> None:
-    node, T = node_with_map(ground, rng), pose_on_ground(ground, 0.1, 0.1, 0.0)
+    node, T = make_node_with_map(ground, rng), pose_on_ground(ground, 0.1, 0.1, 0.0)
     points, fraction = sweep_points(ground, T, T, rng)
     with pytest.raises(InputError, match="sweep_fraction 2"):
         node.process(Inputs(points=points, fraction=fraction, guess=T, before=T, sweep_fraction=2.0))
 
 
 def test_on_flat_ground_the_guess_determines_the_degenerate_directions(rng: np.random.Generator) -> None:
-    node = node_with_map(flat_ground, rng)
+    node = make_node_with_map(flat_ground, rng)
     T = pose_on_ground(flat_ground, 0.4, 0.0, 0.0)
     points, fraction = sweep_points(flat_ground, T, T, rng)
     guess = T @ se3.exp_se3([0.1, 0.05, 0.04, 0.01, -0.01, 0.03])
@@ -106,8 +108,8 @@ def test_on_flat_ground_the_guess_determines_the_degenerate_directions(rng: np.r
     )
     unconstrained = outputs.directions[outputs.sigma_m > 0.045]
     assert len(unconstrained) == 3
-    along = np.abs(unconstrained) @ np.array([1, 1, 0, 0, 0, 1.0])
-    assert np.all(along > 0.9)  # translation in x and y, rotation about z
+    horizontal = np.abs(unconstrained) @ np.array([1, 1, 0, 0, 0, 1.0])
+    assert np.all(horizontal > 0.9)  # translation in x and y, rotation about z
     error = se3.log_se3(se3.inverse(T) @ outputs.transform)
     assert abs(error[2]) < 0.01
     np.testing.assert_allclose(error[:2], [0.1, 0.05], atol=0.02)
@@ -140,7 +142,7 @@ def test_noisy_distant_planes_do_not_outweigh_near_ground_in_rotation(
 
 
 def test_a_sweep_outside_the_map_is_refused(ground: Ground, rng: np.random.Generator) -> None:
-    node = node_with_map(ground, rng)
+    node = make_node_with_map(ground, rng)
     T = pose_on_ground(ground, 200.0, 0.0, 0.0)
     points, fraction = sweep_points(ground, T, T, rng)
     with pytest.raises(RefusedError) as raised:
@@ -148,7 +150,7 @@ def test_a_sweep_outside_the_map_is_refused(ground: Ground, rng: np.random.Gener
     assert raised.value.reasons == ("no_overlap",)
 
 
-def test_distant_points_are_evicted_and_memory_is_bounded_by_the_local_map(
+def test_distant_points_are_evicted_so_that_memory_does_not_grow_with_the_path_length(
     ground: Ground, rng: np.random.Generator
 ) -> None:
     node, map_bytes = make_node(radius_m=15.0), []
@@ -161,8 +163,8 @@ def test_distant_points_are_evicted_and_memory_is_bounded_by_the_local_map(
     assert node.voxels < 0.6 * len(node._table.keys)
 
 
-def test_non_finite_points_are_ignored(ground: Ground, rng: np.random.Generator) -> None:
-    node = node_with_map(ground, rng)
+def test_non_finite_points_are_refused(ground: Ground, rng: np.random.Generator) -> None:
+    node = make_node_with_map(ground, rng)
     T = pose_on_ground(ground, 0.1, 0.1, 0.0)
     points, fraction = sweep_points(ground, T, T, rng)
     points[::7] = np.nan
@@ -170,10 +172,10 @@ def test_non_finite_points_are_ignored(ground: Ground, rng: np.random.Generator)
         node.process(Inputs(points=points, fraction=fraction, guess=T))
 
 
-def test_two_runs_are_equal_bit_for_bit(ground: Ground) -> None:
+def test_two_runs_on_the_same_input_are_equal_bit_for_bit(ground: Ground) -> None:
     def run() -> bytes:
         rng = np.random.default_rng(5)
-        node = node_with_map(ground, rng)
+        node = make_node_with_map(ground, rng)
         T = pose_on_ground(ground, 0.3, 0.0, 0.0)
         points, fraction = sweep_points(ground, T, T, rng)
         return bytes(node.process(Inputs(points=points, fraction=fraction, guess=T)).transform.tobytes())
@@ -181,7 +183,7 @@ def test_two_runs_are_equal_bit_for_bit(ground: Ground) -> None:
     assert run() == run()
 
 
-def test_malformed_input_is_refused_by_name() -> None:
+def test_a_malformed_array_is_refused_with_its_name() -> None:
     node = make_node()
     with pytest.raises(InputError, match="fraction"):
         node.process(Inputs(points=np.ones((5, 3)), fraction=np.zeros(4)))
@@ -193,6 +195,6 @@ def test_malformed_input_is_refused_by_name() -> None:
 
 def test_without_points_the_guess_is_returned(rng: np.random.Generator) -> None:
     T = se3.exp_se3(rng.normal(0, 0.3, 6))
-    out = make_node().process(Inputs(guess=T))
-    np.testing.assert_array_equal(out.transform, T)
-    assert not out.converged
+    outputs = make_node().process(Inputs(guess=T))
+    np.testing.assert_array_equal(outputs.transform, T)
+    assert not outputs.converged
