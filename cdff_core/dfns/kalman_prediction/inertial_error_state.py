@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Strapdown integration and the covariance of its errors."""
+"""Strapdown integration with propagation of the error covariance."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from cdff_core.dfns.kalman_prediction._kernels import strapdown
 from cdff_core.dfns.kalman_prediction.interface import Inputs, Interface, Outputs
 
 Density = Annotated[float, Field(ge=0, le=10)]
+#: Rows of the errors: position, rotation, velocity, gyroscope bias, accelerometer bias.
 P, PHI, V, BG, BA = (slice(k, k + 3) for k in range(0, 15, 3))
 _EYE = np.eye(3)
 
 
 class InertialErrorStateConfig(DfnConfig):
-    """Parameters of InertialErrorState; defaults of a good tactical sensor on a vibrating rover."""
+    """Parameters of InertialErrorState; the defaults are for a tactical-grade sensor on a vibrating rover."""
 
     gyro_noise_rad_s_sqrt_hz: Density = Field(1.6e-4, description="Noise density of a rate")
     gyro_walk_rad_s2_sqrt_hz: Density = Field(6e-6, description="Random walk of the gyroscope bias")
@@ -31,22 +32,24 @@ class InertialErrorStateConfig(DfnConfig):
     )
     acc_walk_m_s3_sqrt_hz: Density = Field(1.6e-4, description="Random walk of the accelerometer bias")
     unseen_acceleration_m_s2_sqrt_hz: Density = Field(
-        0.5, description="Density of the unmeasured acceleration"
+        0.5, description="Noise density of the acceleration without readings"
     )
-    unseen_rate_rad_s_sqrt_hz: Density = Field(0.3, description="Density of the unmeasured angular rate")
-    max_gap_s: float = Field(0.15, gt=0, le=10, description="Longest interpolated time between two samples")
+    unseen_rate_rad_s_sqrt_hz: Density = Field(
+        0.3, description="Noise density of the angular rate without readings"
+    )
+    max_gap_s: float = Field(
+        0.15, gt=0, le=10, description="Longest interval between readings that is interpolated"
+    )
 
 
 class InertialErrorState(Interface[InertialErrorStateConfig]):
-    """Trapezoidal integration in the frame of the start, coning to second order, and first-order error
-    transition.
+    """Integrate readings by the trapezoidal rule, with coning to second order, and errors to first order.
 
     Notes
     -----
-    Rotation errors are in the world frame, ``R_true = Exp(phi) R``, as all covariances of CDFF; Solà (2017),
-    arXiv:1711.02508, ch. 7 derives the transition. The method suits intervals of up to some tenths of a
-    second,
-    since coning of higher order is neglected.
+    Rotation errors are in the world frame, ``R_true = Exp(phi) R``, as for all covariances of CDFF; chapter 7 of
+    Solà (2017), arXiv:1711.02508, derives the transition matrix. Intervals should not exceed some tenths of a
+    second, since coning of higher order is neglected.
     """
 
     def setup(self) -> None:
@@ -54,7 +57,7 @@ class InertialErrorState(Interface[InertialErrorStateConfig]):
         strapdown(np.zeros(1), np.zeros((1, 6)))
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the propagated state; raises InputError on too few states or an end before the start."""
+        """Return the propagated state; raises InputError for fewer than 15 states or an end before the start."""
         start, end = (int(t) for t in inputs.interval_ns)
         if end < start or len(inputs.covariance) < 15:
             raise InputError(
@@ -75,14 +78,14 @@ class InertialErrorState(Interface[InertialErrorStateConfig]):
             rate = c.gyro_noise_rad_s_sqrt_hz
             if inputs.gravity is not None and inputs.specific_force is not None:
                 force = c.acc_noise_m_s2_sqrt_hz
-                p_end, v_end = _propagated(
+                p_end, v_end = _propagate(
                     inputs, inputs.gravity, R_end, dv, dp, readings_in_interval[1][:, :3], T_s
                 )
-                leaning = se3.skew(dv)
-                F[V, PHI], F[P, PHI] = -leaning, -se3.skew(dp)
+                dv_cross = se3.skew(dv)
+                F[V, PHI], F[P, PHI] = -dv_cross, -se3.skew(dp)
                 F[V, BA], F[P, BA] = -rotation_integral, -0.5 * T_s * rotation_integral
-                leaning = leaning @ rotation_integral
-                F[V, BG], F[P, BG] = leaning / 2.0, leaning * (T_s / 6.0)
+                rate_bias_effect = dv_cross @ rotation_integral
+                F[V, BG], F[P, BG] = rate_bias_effect / 2.0, rate_bias_effect * (T_s / 6.0)
         covariance = inputs.covariance.copy()
         covariance[:15] = F @ covariance[:15]
         covariance[:, :15] = covariance[:, :15] @ F.T
@@ -114,11 +117,10 @@ class InertialErrorState(Interface[InertialErrorStateConfig]):
         return Q
 
     def _readings(self, inputs: Inputs, start: int, end: int) -> tuple[FloatArray, FloatArray] | None:
-        """Return times (k,), s from the start, and rates and forces (k, 6) without biases, from start to end.
+        """Return the readings of the interval: times (k,), s from the start, and rates and forces (k, 6) without
+        biases; None if the readings have a gap.
 
-        Returns
-        -------
-        None if the readings have a gap; forces that were not measured are 0 minus their bias.
+        Readings at the start and at the end are interpolated. Without measured forces the forces are invalid.
         """
         stamps, rates, forces = inputs.stamps_ns, inputs.rates_rad_s, inputs.specific_force
         if stamps is None or rates is None or not len(stamps) or end == start:
@@ -137,14 +139,14 @@ class InertialErrorState(Interface[InertialErrorStateConfig]):
         t_s, readings_in_interval = np.empty(last - first + 2), np.empty((last - first + 2, 6))
         t_s[0], t_s[1:-1], t_s[-1] = 0.0, (stamps[first:last] - start) * 1e-9, (end - start) * 1e-9
         readings_in_interval[0], readings_in_interval[-1] = (
-            _between(stamps, readings, first, start),
-            _between(stamps, readings, last, end),
+            _interpolate(stamps, readings, first, start),
+            _interpolate(stamps, readings, last, end),
         )
         readings_in_interval[1:-1] = readings[first:last]
         return t_s, readings_in_interval - inputs.biases
 
 
-def _propagated(
+def _propagate(
     inputs: Inputs,
     gravity: float,
     R_end: FloatArray,
@@ -153,19 +155,22 @@ def _propagated(
     rates: FloatArray,
     T_s: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return position and velocity of the body at the end; forces are measured at the lever arm."""
+    """Return position and velocity of the body at the end; the forces are measured at the lever arm.
+
+    ``dv`` and ``dp`` are the integrals of the specific force in the world, ``rates`` the angular rates (k, 3).
+    """
     R, p, v = inputs.pose[:3, :3], inputs.pose[:3, 3], inputs.velocity
-    fall = np.array([0.0, 0.0, -gravity * T_s])
+    dv_gravity = np.array([0.0, 0.0, -gravity * T_s])
     if inputs.lever_m is None or not inputs.lever_m.any():
-        return p + v * T_s + dp + 0.5 * T_s * fall, v + dv + fall
+        return p + v * T_s + dp + 0.5 * T_s * dv_gravity, v + dv + dv_gravity
     arm = se3.skew(inputs.lever_m)
-    v_begin = v - R @ (arm @ rates[0])
-    v_end = v_begin + dv + fall + R_end @ (arm @ rates[-1])
-    return p + (R - R_end) @ inputs.lever_m + v_begin * T_s + dp + 0.5 * T_s * fall, v_end
+    v_sensor = v - R @ (arm @ rates[0])
+    v_end = v_sensor + dv + dv_gravity + R_end @ (arm @ rates[-1])
+    return p + (R - R_end) @ inputs.lever_m + v_sensor * T_s + dp + 0.5 * T_s * dv_gravity, v_end
 
 
-def _between(stamps_ns: IntArray, rows: FloatArray, k: int, t_ns: int) -> FloatArray:
-    """Return the interpolation between rows k - 1 and k; before the first and after the last row that row."""
+def _interpolate(stamps_ns: IntArray, rows: FloatArray, k: int, t_ns: int) -> FloatArray:
+    """Return the interpolation between rows k - 1 and k; before the first row the first, after the last the last."""
     if k == 0 or k == len(rows):
         return np.asarray(rows[max(k - 1, 0)])
     fraction = float(t_ns - stamps_ns[k - 1]) / float(stamps_ns[k] - stamps_ns[k - 1])

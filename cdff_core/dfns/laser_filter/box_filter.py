@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Removal of points inside or outside a box of the body, such as the robot's own parts."""
+"""Removal of points inside or outside a box fixed to the body, such as points on the robot itself."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_common.types import LaserRangeErrors, RigidBodyState
-from cdff_core.dfns.laser_filter._scan import checked, points_laser_m, without
+from cdff_core.dfns.laser_filter._scan import check_beam_geometry, points_laser_m, replace_ranges
 from cdff_core.dfns.laser_filter.interface import Inputs, Interface, Outputs
 
 Coordinate = Annotated[float, Field(ge=-1000, le=1000)]
@@ -31,7 +31,7 @@ class BoxFilterConfig(DfnConfig):
     remove: Literal["inside", "outside"] = Field(
         "inside",
         description=(
-            "Points to remove: those inside the box, its faces included (the robot itself), or those outside"
+            "Points to remove: those inside the box or on its faces (the robot itself), or those outside"
         ),
     )
 
@@ -45,29 +45,29 @@ class BoxFilterConfig(DfnConfig):
 
 
 class BoxFilter(Interface[BoxFilterConfig]):
-    """Test of each point in the body frame against a box along the body's axes."""
+    """Remove the points inside or outside a box along the body's axes."""
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Filter one scan.
+        """Return the filtered scan.
 
         Raises
         ------
         InputError
-            On a scan without beam geometry, or a transform that is not finite or whose quaternion has no unit
-            length.
+            If the scan has no beam geometry, or the transform is not finite or its quaternion not of unit length.
         """
-        scan = checked(inputs.scan_samples)
+        scan = inputs.scan_samples
+        check_beam_geometry(scan)
         points_m = se3.transform_points(_T_body_laser(inputs.laser_2_body_tf), points_laser_m(scan))
         inside = np.all(
             (points_m >= self.config.min_corner_m) & (points_m <= self.config.max_corner_m), axis=1
         )
-        chosen = inside if self.config.remove == "inside" else ~inside
-        removed = chosen & np.isfinite(points_m).all(axis=1)
-        return Outputs(filtered_scans=without(scan, removed, LaserRangeErrors.OTHER_RANGE_ERRORS))
+        selected = inside if self.config.remove == "inside" else ~inside
+        removed = selected & np.isfinite(points_m).all(axis=1)
+        return Outputs(filtered_scans=replace_ranges(scan, removed, LaserRangeErrors.OTHER_RANGE_ERRORS))
 
 
 def _T_body_laser(state: RigidBodyState) -> FloatArray:
-    """Return the 4x4 transform of a state: pose of its source (laser) in its target (body)."""
+    """Return the pose of the source frame (laser) of a state in its target frame (body), 4x4."""
     norm = float(np.linalg.norm(state.orient))
     if not np.isfinite(state.pos).all() or not abs(norm - 1) < _UNIT_TOLERANCE:
         raise InputError(

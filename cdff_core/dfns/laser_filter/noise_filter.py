@@ -11,27 +11,28 @@ from pydantic import Field
 from cdff_common.arrays import BoolArray, FloatArray
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_common.types import LaserRangeErrors, LaserScan
-from cdff_core.dfns.laser_filter._scan import checked, measured, ranges_m, without
+from cdff_core.dfns.laser_filter._scan import check_beam_geometry, is_measured, ranges_m, replace_ranges
 from cdff_core.dfns.laser_filter.interface import Inputs, Interface, Outputs
 
-#: Angle between beam and surface on both sides below which a range is a mixed pixel.
+#: Angle between beam and surface below which, on both sides, a range is a mixed pixel.
 _MIN_INCIDENCE_RAD = np.deg2rad(3.0)
 
 
 class NoiseFilterConfig(DfnConfig):
     """Parameters of NoiseFilter."""
 
-    half_window: int = Field(3, ge=1, le=50, description="Number of beams on each side to compare with")
+    half_window: int = Field(
+        3, ge=1, le=50, description="Number of beams on each side that a range is compared with"
+    )
     max_deviation_m: float = Field(
         0.5, gt=0, le=100, description="Distance from the median of the window above which a range is noise"
     )
 
 
 class NoiseFilter(Interface[NoiseFilterConfig]):
-    """Range limits, median in a window, mixed pixels.
+    """Remove ranges outside the limits, ranges far from the median of their window, and mixed pixels.
 
-    1. A range outside the limits that the scan itself states becomes too-near or too-far (``max_range`` 0: no
-      limit).
+    1. A range outside the limits stated in the scan becomes too-near or too-far (``max_range`` 0: no limit).
     2. A range that differs from the median of its window by more than ``max_deviation_m`` is noise.
     3. A range whose lines to the next measured beam on *both* sides meet its own beam at less than
        3 degrees is a mixed pixel between two surfaces hit by one beam. The last point of a
@@ -45,54 +46,54 @@ class NoiseFilter(Interface[NoiseFilterConfig]):
     References
     ----------
     .. [1] Tuley, J., Vandapel, N., Hebert, M. (2005). Analysis and removal of artifacts in 3-D LADAR data.
-       ICRA,
-       2203-2210.
+       ICRA, 2203-2210.
     """
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the filtered scan; raises InputError on a scan without beam geometry."""
-        scan = _within_limits(checked(inputs.scan_samples))
+        check_beam_geometry(inputs.scan_samples)
+        scan = _apply_limits(inputs.scan_samples)
         values_m = ranges_m(scan)
-        noise = self._speckle(values_m) | self._mixed(values_m, abs(scan.angular_resolution))
-        return Outputs(filtered_scans=without(scan, noise, LaserRangeErrors.MEASUREMENT_ERROR))
+        noise = self._is_speckle(values_m) | _is_mixed_pixel(values_m, abs(scan.angular_resolution))
+        return Outputs(filtered_scans=replace_ranges(scan, noise, LaserRangeErrors.MEASUREMENT_ERROR))
 
-    def _speckle(self, values_m: FloatArray) -> BoolArray:
+    def _is_speckle(self, values_m: FloatArray) -> BoolArray:
         """Return which ranges are far from the median of their window, shape (n,)."""
         k = self.config.half_window
         windows = sliding_window_view(np.pad(values_m, k, constant_values=np.nan), 2 * k + 1)
-        there = np.isfinite(values_m)
-        far = np.zeros(len(values_m), np.bool_)
-        far[there] = (
-            np.abs(values_m[there] - np.nanmedian(windows[there], axis=1)) > self.config.max_deviation_m
+        valid = np.isfinite(values_m)
+        is_far = np.zeros(len(values_m), np.bool_)
+        is_far[valid] = (
+            np.abs(values_m[valid] - np.nanmedian(windows[valid], axis=1)) > self.config.max_deviation_m
         )
-        return far
+        return is_far
 
-    @staticmethod
-    def _mixed(values_m: FloatArray, beam_angle_rad: float) -> BoolArray:
-        """Return which ranges have a grazing incidence on both sides, shape (n,)."""
-        there = np.flatnonzero(np.isfinite(values_m))
-        mixed = np.zeros(len(values_m), np.bool_)
-        if len(there) < 3:
-            return mixed
-        r = values_m[there]
-        delta = np.diff(there) * beam_angle_rad
-        after = _incidence_rad(r[:-1], r[1:], delta)
-        before = _incidence_rad(r[1:], r[:-1], delta)
-        mixed[there[1:-1]] = (before[:-1] < _MIN_INCIDENCE_RAD) & (after[1:] < _MIN_INCIDENCE_RAD)
-        return mixed
+
+def _is_mixed_pixel(values_m: FloatArray, beam_angle_rad: float) -> BoolArray:
+    """Return which ranges have a grazing incidence on both sides, shape (n,)."""
+    beams = np.flatnonzero(np.isfinite(values_m))
+    is_mixed = np.zeros(len(values_m), np.bool_)
+    if len(beams) < 3:
+        return is_mixed
+    r = values_m[beams]
+    delta = np.diff(beams) * beam_angle_rad
+    to_next = _incidence_rad(r[:-1], r[1:], delta)
+    to_previous = _incidence_rad(r[1:], r[:-1], delta)
+    is_mixed[beams[1:-1]] = (to_previous[:-1] < _MIN_INCIDENCE_RAD) & (to_next[1:] < _MIN_INCIDENCE_RAD)
+    return is_mixed
 
 
 def _incidence_rad(r: FloatArray, s: FloatArray, delta: FloatArray) -> FloatArray:
     """Return the angle between beam ``r`` and the line to the end of beam ``s``, shape (n,), in 0…π/2."""
     angle = np.arctan2(s * np.sin(delta), r - s * np.cos(delta))
-    nearer: FloatArray = np.minimum(np.abs(angle), np.pi - np.abs(angle))
-    return nearer
+    acute: FloatArray = np.minimum(np.abs(angle), np.pi - np.abs(angle))
+    return acute
 
 
-def _within_limits(scan: LaserScan) -> LaserScan:
-    """Return the scan with error codes instead of ranges outside its own limits."""
-    valid = measured(scan)
-    scan = without(scan, valid & (scan.ranges < scan.min_range), LaserRangeErrors.TOO_NEAR)
+def _apply_limits(scan: LaserScan) -> LaserScan:
+    """Return the scan with error codes instead of the ranges outside the limits that it states."""
+    valid = is_measured(scan)
+    scan = replace_ranges(scan, valid & (scan.ranges < scan.min_range), LaserRangeErrors.TOO_NEAR)
     if scan.max_range:
-        scan = without(scan, valid & (scan.ranges > scan.max_range), LaserRangeErrors.TOO_FAR)
+        scan = replace_ranges(scan, valid & (scan.ranges > scan.max_range), LaserRangeErrors.TOO_FAR)
     return scan

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled loop over points: linear initial value, refinement, angle, depth and covariance of each.
+"""Compiled loop over points: linear initial value, refinement, angle, depth and covariance of each point.
 
-Sums are kept in scalars and returned in tuples, since small arrays would be written to memory.
+Sums are scalars and tuples, which stay in registers; small arrays would be written to memory.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ Three = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
 
 #: Status of a point.
-FOUND, FEW_VIEWS, DEGENERATE, BEHIND, SMALL_ANGLE, LARGE_RESIDUAL = 0, 1, 2, 3, 4, 5
+VALID, FEW_VIEWS, DEGENERATE, BEHIND, SMALL_ANGLE, LARGE_RESIDUAL = 0, 1, 2, 3, 4, 5
 
 
 @njit(cache=True, inline="always", error_model="numpy", fastmath={"contract", "reassoc"})
-def _inverted(A: Six) -> tuple[bool, Six]:
-    """Return the inverse of a symmetric positive definite 3x3 matrix; False if it is singular."""
+def _inverse(A: Six) -> tuple[bool, Six]:
+    """Return True and the inverse of a symmetric positive definite 3x3 matrix; False if it is singular."""
     a, b, c, d, e, f = A
     x, y, z = d * f - e * e, c * e - b * f, b * e - c * d
     determinant = a * x + b * y + c * z
@@ -45,14 +45,16 @@ def _times(A: Six, b: Three) -> Three:
 
 @njit(cache=True, inline="always", error_model="numpy", fastmath={"contract", "reassoc"})
 def _linear(
-    lo: int, hi: int, cam: IntArray, xy: FloatArray, P: FloatArray, X: Three, weighed: bool
+    lo: int, hi: int, cam: IntArray, xy: FloatArray, P: FloatArray, X: Three, by_depth: bool
 ) -> tuple[bool, Three]:
-    """Return the least-squares point of the cross products, also weighted by depth; False if singular."""
+    """Return True and the least-squares solution of the cross products of observations ``lo`` to ``hi``; False if
+    it is not determined. With ``by_depth`` they are divided by the depth of X.
+    """
     a00 = a01 = a02 = a11 = a12 = a22 = b0 = b1 = b2 = 0.0
     for k in range(lo, hi):
         p = P[cam[k]]
         w = 1.0
-        if weighed:
+        if by_depth:
             w = p[2, 0] * X[0] + p[2, 1] * X[1] + p[2, 2] * X[2] + p[2, 3]
             w = 1.0 / max(w * w, 1e-18)
         for i in range(2):
@@ -68,21 +70,21 @@ def _linear(
             b0 += r0 * q
             b1 += r1 * q
             b2 += r2 * q
-    found, inverse = _inverted((a00, a01, a02, a11, a12, a22))
-    return found, _times(inverse, (b0, b1, b2))
+    determined, inverse = _inverse((a00, a01, a02, a11, a12, a22))
+    return determined, _times(inverse, (b0, b1, b2))
 
 
 @njit(cache=True, inline="always", error_model="numpy", fastmath={"contract", "reassoc"})
-def _normal(
+def _normal_equations(
     lo: int, hi: int, cam: IntArray, xy: FloatArray, P: FloatArray, f: FloatArray, X: Three
 ) -> tuple[float, float, Six, Three]:
     """Return the sum of squared reprojection errors at X, the smallest depth, normal matrix and gradient."""
     a00 = a01 = a02 = a11 = a12 = a22 = g0 = g1 = g2 = cost = 0.0
-    least = np.inf
+    min_depth = np.inf
     for k in range(lo, hi):
         p = P[cam[k]]
         z = p[2, 0] * X[0] + p[2, 1] * X[1] + p[2, 2] * X[2] + p[2, 3]
-        least = min(least, z)
+        min_depth = min(min_depth, z)
         if abs(z) < 1e-12:
             cost = np.inf
             break
@@ -103,19 +105,19 @@ def _normal(
             a11 += j1 * j1
             a12 += j1 * j2
             a22 += j2 * j2
-    return cost, least, (a00, a01, a02, a11, a12, a22), (g0, g1, g2)
+    return cost, min_depth, (a00, a01, a02, a11, a12, a22), (g0, g1, g2)
 
 
 @njit(cache=True, inline="always", error_model="numpy", fastmath={"contract", "reassoc"})
-def _refined(
+def _refine(
     lo: int, hi: int, cam: IntArray, xy: FloatArray, P: FloatArray, f: FloatArray, iterations: int, X: Three
 ) -> tuple[Three, float, float, Six]:
     """Return point, sum of squares, smallest depth and normal matrix after damped Gauss-Newton steps."""
-    cost, least, A, g = _normal(lo, hi, cam, xy, P, f, X)
+    cost, depth, A, g = _normal_equations(lo, hi, cam, xy, P, f, X)
     damping = 0.0
     for _ in range(iterations):
-        grown = 1.0 + damping
-        solved, inverse = _inverted((A[0] * grown, A[1], A[2], A[3] * grown, A[4], A[5] * grown))
+        factor = 1.0 + damping
+        solved, inverse = _inverse((A[0] * factor, A[1], A[2], A[3] * factor, A[4], A[5] * factor))
         if not solved:
             damping = max(10.0 * damping, 1e-6)
             if damping > 1e3:
@@ -124,24 +126,25 @@ def _refined(
         step = _times(inverse, g)
         Y = (X[0] - step[0], X[1] - step[1], X[2] - step[2])
         gain = step[0] * g[0] + step[1] * g[1] + step[2] * g[2]
-        tried, depth, B, h = _normal(lo, hi, cam, xy, P, f, Y)
-        if tried > cost * (1.0 + 1e-12) + 1e-20 or (depth <= 0.0 < least):
+        cost_y, depth_y, A_y, g_y = _normal_equations(lo, hi, cam, xy, P, f, Y)
+        if cost_y > cost * (1.0 + 1e-12) + 1e-20 or (depth_y <= 0.0 < depth):
             damping = max(10.0 * damping, 1e-4)
             if damping > 1e6:
                 break
             continue
-        X, A, g = Y, B, h
-        cost, least, damping = tried, depth, damping * 0.1 if damping > 1e-7 else 0.0
-        if gain <= 1e-5 * (
-            1.0 + cost
-        ):  # quadratic convergence: the next step is about the square of this one
+        X, A, g = Y, A_y, g_y
+        cost, depth, damping = cost_y, depth_y, damping * 0.1 if damping > 1e-7 else 0.0
+        # Convergence is quadratic: the next step is about the square of this one.
+        if gain <= 1e-5 * (1.0 + cost):
             break
-    return X, cost, least, A
+    return X, cost, depth, A
 
 
 @njit(cache=True, inline="always", error_model="numpy", fastmath={"contract", "reassoc"})
 def _angle_cosine(lo: int, hi: int, cam: IntArray, C: FloatArray, X: Three) -> float:
-    """Return the smallest cosine between rays: to the camera farthest from the first, then from that one."""
+    """Return the smallest cosine between two rays of a point, searched in two passes: the ray at the widest angle from
+    the first ray, then the ray at the widest angle from that one.
+    """
     at, cosine = lo, 1.0
     for _ in range(2):
         c = C[cam[at]]
@@ -160,7 +163,7 @@ def _angle_cosine(lo: int, hi: int, cam: IntArray, C: FloatArray, X: Three) -> f
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def triangulated(
+def triangulate(
     start: IntArray,
     cam: IntArray,
     xy: FloatArray,
@@ -172,12 +175,12 @@ def triangulated(
     max_residual_px: float,
     min_depth: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, ByteArray]:
-    """Return points ``(n, 3)``, inverse normal matrices ``(n, 3, 3)``, sums of squares, angles (rad) and
-    status of each.
+    """Return points ``(n, 3)``, inverse normal matrices ``(n, 3, 3)``, sums of squared residuals, angles (rad) and
+    status of the points.
 
-    ``start (n + 1,)`` is the first view of each point in ``cam`` and ``xy``; ``xy`` are on the plane z = 1,
-    ``P (k, 3, 4)`` are T_camera_frame, ``C (k, 3)`` the positions of the cameras, ``f (k, 2)`` the focal
-    lengths in pixels.
+    ``start (n + 1,)`` is the row of the first observation of each point in ``cam``, the camera, and ``xy``, the
+    position on the plane z = 1. ``P (k, 3, 4)`` are T_camera_frame, ``C (k, 3)`` the positions of the cameras,
+    ``f (k, 2)`` the focal lengths in pixels.
     """
     n = len(start) - 1
     points, covariances = np.full((n, 3), np.nan), np.full((n, 3, 3), np.nan)
@@ -193,13 +196,13 @@ def triangulated(
         if not solved:
             status[i] = DEGENERATE
             continue
-        X, cost, least, A = _refined(lo, hi, cam, xy, P, f, iterations, X)
+        X, cost, depth, A = _refine(lo, hi, cam, xy, P, f, iterations, X)
         points[i, 0], points[i, 1], points[i, 2] = X
         costs[i] = cost
         cosine = _angle_cosine(lo, hi, cam, C, X)
         angles[i] = np.arccos(min(max(cosine, -1.0), 1.0))
-        solved, S = _inverted(A)
-        if not least > min_depth:
+        solved, S = _inverse(A)
+        if not depth > min_depth:
             status[i] = BEHIND
         elif not solved:
             status[i] = DEGENERATE
@@ -207,7 +210,7 @@ def triangulated(
             status[i] = SMALL_ANGLE
         elif cost > max_residual_px * max_residual_px * (hi - lo):
             status[i] = LARGE_RESIDUAL
-        if status[i] in (FOUND, SMALL_ANGLE, LARGE_RESIDUAL):
+        if status[i] in (VALID, SMALL_ANGLE, LARGE_RESIDUAL):
             c = covariances[i]
             c[0, 0], c[0, 1], c[0, 2], c[1, 1], c[1, 2], c[2, 2] = S
             c[1, 0], c[2, 0], c[2, 1] = S[1], S[2], S[4]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Normals from the principal axes of each neighbourhood."""
+"""Normals from the principal axes of the neighbourhood of each point."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class PrincipalAxisConfig(DfnConfig):
     """Parameters of PrincipalAxis."""
 
     neighbours: int = Field(
-        12, ge=4, le=200, description="Number of points of a neighbourhood, with its centre"
+        12, ge=4, le=200, description="Number of points of a neighbourhood, including its centre"
     )
     viewpoint_m: tuple[float, float, float] = Field(
         (0.0, 0.0, 0.0), description="Point towards which normals are oriented"
@@ -35,6 +35,6 @@ class PrincipalAxis(Interface[PrincipalAxisConfig]):
         """Return unit normals and roughness; raises InputError on a malformed or too small cloud."""
         p = checked_points(inputs.points, least=self.config.neighbours)
         normals, _, variance = plane_fits(kd_tree(p), self.config.neighbours)
-        away = np.einsum("ni,ni->n", normals, np.asarray(self.config.viewpoint_m) - p) < 0.0
-        normals[away] *= -1.0
+        points_away = np.einsum("ni,ni->n", normals, np.asarray(self.config.viewpoint_m) - p) < 0.0
+        normals[points_away] *= -1.0
         return Outputs(normals=normals, roughness_m=np.sqrt(variance[:, 0]))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Odometry increment whose covariance is the growth of the covariance reported by the odometry."""
+"""Odometry increment whose covariance is the increase of the covariance reported by the odometry."""
 
 from __future__ import annotations
 
@@ -26,33 +26,39 @@ class CovarianceDifferenceConfig(DfnConfig):
 
 
 class CovarianceDifference(Interface[CovarianceDifferenceConfig]):
-    """For an odometry that compounds its covariance from increment to increment, as visual odometry does.
+    """Covariance model for an odometry that compounds its covariance from increment to increment, as visual odometry does.
 
     Notes
     -----
-    ``S2 = J1 S1 J1^T + J2 Q J2^T`` is the compounding of ``cdff_common.geometry.covariance``; it is solved
-    for Q. Where the difference is not positive (an odometry that reports one constant covariance) its
-    negative part is removed, and only the lower bound remains.
+    The compounding ``S2 = J1 S1 J1^T + J2 Q J2^T`` of ``cdff_common.geometry.covariance`` is solved for Q. If Q is
+    not positive semi-definite (an odometry that reports a constant covariance), its negative part is set to 0,
+    so that only the lower bound remains.
     """
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the increment between two poses; raises InputError on an input that is not rigid."""
+        """Return the increment between two poses; raises InputError for a transform that is not rigid or an invalid
+        covariance.
+        """
         first = UncertainTransform(inputs.first, inputs.first_covariance)
         second = UncertainTransform(inputs.second, inputs.second_covariance)
         mount = UncertainTransform(inputs.mount).matrix
-        step = se3.inverse(first.matrix) @ second.matrix
-        back = se3.inverse(mount)
-        body = mount @ step @ back
+        sensor_step = se3.inverse(first.matrix) @ second.matrix
+        T_sensor_body = se3.inverse(mount)
+        body_step = mount @ sensor_step @ T_sensor_body
         covariance = np.diag(np.square([self.config.floor_m] * 3 + [self.config.floor_rad] * 3))
         if first.covariance is not None and second.covariance is not None:
-            grown = _growth(first.matrix[:3, :3], first.covariance, second.covariance, step)
-            # Composition of exact mount, step and exact inverse mount.
-            J = compose_jacobians(mount @ step, back)[0] @ rotation_blocks(mount[:3, :3])
-            covariance += J @ grown @ J.T
-        return Outputs(increment=body, covariance=covariance, distance_m=float(np.linalg.norm(body[:3, 3])))
+            sensor_covariance = _increase(
+                first.matrix[:3, :3], first.covariance, second.covariance, sensor_step
+            )
+            # Composition of the exact mount, the uncertain step and the exact inverse of the mount.
+            J = compose_jacobians(mount @ sensor_step, T_sensor_body)[0] @ rotation_blocks(mount[:3, :3])
+            covariance += J @ sensor_covariance @ J.T
+        return Outputs(
+            increment=body_step, covariance=covariance, distance_m=float(np.linalg.norm(body_step[:3, 3]))
+        )
 
 
-def _growth(R: FloatArray, first: FloatArray, second: FloatArray, step: FloatArray) -> FloatArray:
-    """Return the positive part of Q, shape (6, 6), in the first frame of the sensor."""
+def _increase(R: FloatArray, first: FloatArray, second: FloatArray, step: FloatArray) -> FloatArray:
+    """Return the positive semi-definite part of Q (6, 6), the covariance of the step, in the first frame of the sensor."""
     J1, J2 = compose_jacobians(se3.transform(R, np.zeros(3)), step)
     return nearest_semidefinite(J2.T @ (second - J1 @ first @ J1.T) @ J2)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Odometry increment whose covariance grows with the distance, for wheels with slip."""
+"""Odometry increment whose covariance grows with the distance, for wheel odometry with slip."""
 
 from __future__ import annotations
 
@@ -19,27 +19,30 @@ Sigma = Annotated[float, Field(ge=0, le=10)]
 class DistanceModelConfig(DfnConfig):
     """Parameters of DistanceModel.
 
-    Slip is a scale error with a correlation length of some metres; as a random walk it is ``slip
-    sqrt(correlation length)`` per square root of a metre: 0.25 corresponds to 10 % over 6 m.
+    Slip is a scale error with a correlation length of some metres. As a random walk its standard deviation is
+    ``slip sqrt(correlation length)`` per square root of a metre: 0.25 corresponds to 10 % slip over 6 m.
     """
 
     along_m_sqrt_m: Sigma = Field(
-        0.25, description="Error along the motion after one metre; variances grow with the distance"
+        0.25,
+        description="Standard deviation along x of the body after one metre; variances grow with the distance",
     )
-    across_m_sqrt_m: Sigma = Field(0.08, description="Error across the motion after one metre")
-    up_m_sqrt_m: Sigma = Field(0.08, description="Error along the z axis of the body after one metre")
-    tilt_rad_sqrt_m: Sigma = Field(0.05, description="Error of roll and pitch, which are not observed")
-    yaw_rad_sqrt_m: Sigma = Field(0.02, description="Error of the heading after one metre")
+    across_m_sqrt_m: Sigma = Field(0.08, description="Standard deviation along y of the body after one metre")
+    up_m_sqrt_m: Sigma = Field(0.08, description="Standard deviation along z of the body after one metre")
+    tilt_rad_sqrt_m: Sigma = Field(
+        0.05, description="Standard deviation of roll and pitch, which are not observed, after one metre"
+    )
+    yaw_rad_sqrt_m: Sigma = Field(0.02, description="Standard deviation of the heading after one metre")
     yaw_fraction: float = Field(
-        0.05, ge=0, le=1, description="Error of the heading as a fraction of the turn"
+        0.05, ge=0, le=1, description="Standard deviation of the heading as a fraction of the rotation"
     )
 
 
 class DistanceModel(Interface[DistanceModelConfig]):
-    """Covariance model for wheels, independent of the reported covariances."""
+    """Covariance model for wheel odometry, independent of the reported covariances."""
 
     def setup(self) -> None:
-        """Compute the variances per metre."""
+        """Compute the variances after one metre, [x y z rx ry rz]."""
         c = self.config
         self._per_metre = np.square(
             [
@@ -53,7 +56,7 @@ class DistanceModel(Interface[DistanceModelConfig]):
         )
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the increment between two poses; raises InputError on an input that is not rigid."""
+        """Return the increment between two poses; raises InputError for a transform that is not rigid."""
         first, second = UncertainTransform(inputs.first).matrix, UncertainTransform(inputs.second).matrix
         mount = UncertainTransform(inputs.mount).matrix
         step = mount @ se3.inverse(first) @ second @ se3.inverse(mount)

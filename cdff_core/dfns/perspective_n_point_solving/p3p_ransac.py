@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Camera pose by RANSAC over three-point poses, with refinement on the inliers."""
+"""Camera pose by RANSAC over the poses of samples of three points."""
 
 from __future__ import annotations
 
@@ -22,9 +22,11 @@ class P3pRansacConfig(DfnConfig):
     max_iterations: int = Field(
         500, ge=1, le=100_000, description="Maximum number of samples of three points"
     )
-    confidence: float = Field(0.9999, gt=0, lt=1, description="Probability of a sample without outliers")
+    confidence: float = Field(
+        0.9999, gt=0, lt=1, description="Probability that at least one sample has no outliers"
+    )
     min_inliers: int = Field(12, ge=4, description="Minimum number of inliers; fewer are refused")
-    seed: int = Field(0, ge=0, description="Seed of the random samples; every call starts from it")
+    seed: int = Field(0, ge=0, description="Seed of the random samples; every call starts with it")
 
 
 class P3pRansac(Interface[P3pRansacConfig]):
@@ -36,8 +38,7 @@ class P3pRansac(Interface[P3pRansacConfig]):
     ----------
     .. [1] M. Fischler, R. Bolles, Random Sample Consensus, CACM 24(6), 1981, doi:10.1145/358669.358692
     .. [2] T. Ke, S. Roumeliotis, An Efficient Algebraic Solution to the Perspective-Three-Point Problem, CVPR
-       2017,
-       doi:10.1109/CVPR.2017.491
+       2017, doi:10.1109/CVPR.2017.491
     """
 
     def process(self, inputs: Inputs) -> Outputs:
@@ -48,45 +49,46 @@ class P3pRansac(Interface[P3pRansacConfig]):
         K = np.ascontiguousarray(inputs.camera_matrix, np.float64)
         if len(points) < c.min_inliers:
             reason = f"few_points:{len(points)}<{c.min_inliers}"
-            raise RefusedError(f"{len(points)} points, expected {c.min_inliers}", [reason])
+            raise RefusedError(f"{len(points)} points, expected at least {c.min_inliers}", [reason])
         best, inliers = np.eye(4), np.zeros(len(points), bool)
         if inputs.guess is not None:
             best = np.array(inputs.guess, np.float64)
             inliers = self._inliers(best, points, pixels, K)
-        generator, drawn = np.random.default_rng(c.seed), 0
-        while drawn < self._needed(inliers):
-            drawn += 1
+        generator, samples = np.random.default_rng(c.seed), 0
+        while samples < self._required_samples(inliers):
+            samples += 1
             sample = generator.choice(len(points), 3, replace=False)
             _, rotations, translations = cv2.solveP3P(
                 points[sample], pixels[sample], K, None, flags=cv2.SOLVEPNP_AP3P
             )
             for rvec, t in zip(rotations, translations, strict=True):
                 candidate = se3.transform(se3.exp_so3(rvec[:, 0]), t[:, 0])
-                agreeing = self._inliers(candidate, points, pixels, K)
-                if agreeing.sum() > inliers.sum():
-                    best, inliers = candidate, agreeing
+                candidate_inliers = self._inliers(candidate, points, pixels, K)
+                if candidate_inliers.sum() > inliers.sum():
+                    best, inliers = candidate, candidate_inliers
         if inliers.sum() < c.min_inliers:
             raise RefusedError(
-                f"{inliers.sum()} of {len(points)} points agree on a pose, expected {c.min_inliers}",
+                f"{inliers.sum()} of {len(points)} points agree on a pose, expected at least {c.min_inliers}",
                 [f"few_inliers:{inliers.sum()}<{c.min_inliers}"],
             )
         return Outputs(camera=best, inliers=inliers)
 
-    def _needed(self, inliers: BoolArray) -> int:
-        """Return the number of samples for one without outliers at the current inlier ratio."""
-        clean = float(inliers.mean()) ** 3
-        if clean <= 1e-9:
+    def _required_samples(self, inliers: BoolArray) -> int:
+        """Return the number of samples that contains one without outliers with the configured confidence."""
+        p_without_outliers = float(inliers.mean()) ** 3
+        if p_without_outliers <= 1e-9:
             return self.config.max_iterations
-        if clean >= 1.0 - 1e-12:
+        if p_without_outliers >= 1.0 - 1e-12:
             return 1
         return min(
             self.config.max_iterations,
-            int(np.ceil(np.log(1.0 - self.config.confidence) / np.log(1.0 - clean))),
+            int(np.ceil(np.log(1.0 - self.config.confidence) / np.log(1.0 - p_without_outliers))),
         )
 
     def _inliers(self, T: FloatArray, points: FloatArray, pixels: FloatArray, K: FloatArray) -> BoolArray:
-        moved = se3.transform_points(T, points)
-        depth = moved[:, 2]
-        image = (moved / np.where(depth > 1e-6, depth, np.inf)[:, None]) @ K.T
-        near: BoolArray = np.hypot(*(image[:, :2] - pixels).T) < self.config.threshold_px
+        """Return which points are in front of the camera and project near their pixels, shape (n,)."""
+        points_camera = se3.transform_points(T, points)
+        depth = points_camera[:, 2]
+        projected = (points_camera / np.where(depth > 1e-6, depth, np.inf)[:, None]) @ K.T
+        near: BoolArray = np.hypot(*(projected[:, :2] - pixels).T) < self.config.threshold_px
         return near & (depth > 1e-6)

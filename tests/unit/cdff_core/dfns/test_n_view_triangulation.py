@@ -35,19 +35,19 @@ def two_cameras(points: list[list[float]], pixels: list[list[float]] | None = No
 
 
 @pytest.mark.parametrize("views", [2, 3, 5])
-def test_errors_are_consistent_with_the_covariances_and_not_improved_by_least_squares(views: int) -> None:
+def test_errors_are_consistent_with_the_covariances(views: int) -> None:
     problem, truth = scene(views, (4.0, 30.0), 3000)
-    out = solve(problem, min_angle_deg=0.0)
-    assert out.valid.mean() > 0.99
-    error = (out.points - truth)[out.valid]
-    nees = np.einsum("ni,nij,nj->n", error, np.linalg.inv(out.covariances[out.valid]), error) / 3.0
+    outputs = solve(problem, min_angle_deg=0.0)
+    assert outputs.valid.mean() > 0.99
+    error = (outputs.points - truth)[outputs.valid]
+    nees = np.einsum("ni,nij,nj->n", error, np.linalg.inv(outputs.covariances[outputs.valid]), error) / 3.0
     assert 0.93 < nees.mean() < 1.07
-    assert 0.9 < out.unit_variance < 1.1
+    assert 0.9 < outputs.unit_variance < 1.1
 
 
 def test_the_reprojection_error_is_at_its_minimum() -> None:
     problem, _ = scene(3, (4.0, 30.0), 200)
-    out = solve(problem, min_angle_deg=0.0)
+    outputs = solve(problem, min_angle_deg=0.0)
     T = np.linalg.inv(problem.cameras.matrices)
     pixels = problem.observations.pixels[:, :2].reshape(-1, 3, 2)
 
@@ -60,22 +60,22 @@ def test_the_reprojection_error_is_at_its_minimum() -> None:
 
     for axis in range(3):
         for sign in (-1.0, 1.0):
-            assert (cost(out.points + sign * 1e-4 * np.eye(3)[axis]) >= cost(out.points) - 1e-6).all()
+            assert (cost(outputs.points + sign * 1e-4 * np.eye(3)[axis]) >= cost(outputs.points) - 1e-6).all()
 
 
-def test_each_omitted_point_has_a_reason() -> None:
+def test_each_invalid_point_has_a_status() -> None:
     problem = two_cameras(
         [[0.0, 0, 5], [0.0, 0, -5], [0.0, 0, 4000], [0.0, 0, 5]],
         [[320, 240], [180, 240], [320, 240], [460, 240], [320, 240], [319.8, 240], [320, 240], [180, 290]],
     )
-    out = solve(problem)
-    assert out.status.tolist() == [0, 3, 4, 5]
-    assert out.valid.tolist() == [True, False, False, False]
-    assert out.points[0] == pytest.approx([0.0, 0.0, 5.0])
-    assert out.points[1, 2] < 0.0
+    outputs = solve(problem)
+    assert outputs.status.tolist() == [0, 3, 4, 5]
+    assert outputs.valid.tolist() == [True, False, False, False]
+    assert outputs.points[0] == pytest.approx([0.0, 0.0, 5.0])
+    assert outputs.points[1, 2] < 0.0
 
 
-def test_points_observed_once_or_along_a_single_ray_are_refused() -> None:
+def test_a_problem_of_points_with_a_single_view_or_a_single_ray_is_refused() -> None:
     T = np.tile(np.eye(4), (2, 1, 1))
     problem = BundleProblem.from_arrays(
         T, CAMERA, np.zeros((2, 3)), ([0, 0, 1], [0, 1, 1]), [[320.0, 240]] * 3, frame="site"
@@ -109,4 +109,18 @@ def test_a_lens_without_focal_length_and_no_cameras_are_refused() -> None:
         [np.eye(4)], [0.0] * 4, [[0, 0, 0]], ([0], [0]), [[1.0, 2.0]], frame="site"
     )
     with pytest.raises(InputError, match="focal"):
+        solve(problem)
+
+
+def test_the_lens_without_focal_length_is_named() -> None:
+    problem = BundleProblem.from_arrays(
+        np.tile(np.eye(4), (2, 1, 1)),
+        [CAMERA, [0.0] * 4],
+        [[0, 0, 5]],
+        ([0, 1], [0, 0]),
+        [[320.0, 240.0]] * 2,
+        frame="site",
+        lens_of_camera=[0, 1],
+    )
+    with pytest.raises(InputError, match="lens 1"):
         solve(problem)

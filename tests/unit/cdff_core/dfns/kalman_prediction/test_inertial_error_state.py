@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Inertial Kalman prediction: accurate on smooth motions; errors propagate by the transition matrix."""
+"""Inertial Kalman prediction: integration of motions, propagation of errors and covariance, gaps."""
 
 from __future__ import annotations
 
@@ -30,28 +30,28 @@ def true_motion(t_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return se3.transform(R, p), v, a
 
 
-def readings(lever: np.ndarray, bias: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def readings(lever: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return stamps, specific forces and angular rates of ``true_motion`` at 100 Hz, at the lever arm."""
     stamps = np.arange(0, 401, 10, dtype=np.int64) * MS
     forces = []
     for t in stamps * 1e-9:
         T, _, a = true_motion(t)
         centripetal = np.cross(RATE, np.cross(RATE, lever))
         forces.append(T[:3, :3].T @ (a + np.array([0, 0, G])) + centripetal)
-    bias_or_zero = np.zeros(6) if bias is None else bias
-    return stamps, np.array(forces) + bias_or_zero[3:], np.tile(RATE, (len(stamps), 1)) + bias_or_zero[:3]
+    return stamps, np.array(forces), np.tile(RATE, (len(stamps), 1))
 
 
 def predict(
-    T: np.ndarray, v: np.ndarray, biases: np.ndarray, end_ms: int = 200, lever: np.ndarray = LEVER
+    T: np.ndarray, v: np.ndarray, biases: np.ndarray, lever: np.ndarray = LEVER
 ) -> KalmanPredictionOutputs:
     stamps, forces, rates = readings(lever)
-    return node().process(
+    return make_node().process(
         KalmanPredictionInputs(
             pose=T,
             velocity=v,
             biases=biases,
             covariance=1e-6 * np.eye(21),
-            interval_ns=np.array([0, end_ms * MS]),
+            interval_ns=np.array([0, 200 * MS]),
             stamps_ns=stamps,
             specific_force=forces,
             rates_rad_s=rates,
@@ -61,7 +61,7 @@ def predict(
     )
 
 
-def node(**config: float):  # type: ignore[no-untyped-def]
+def make_node(**config: float):  # type: ignore[no-untyped-def]
     dfn = Registry.default().make_dfn("kalman_prediction")
     dfn.configure(config)
     return dfn
@@ -69,11 +69,11 @@ def node(**config: float):  # type: ignore[no-untyped-def]
 
 def test_a_curved_motion_is_predicted_through_the_lever_arm_of_the_sensor() -> None:
     T0, v0, _ = true_motion(0.0)
-    out = predict(T0, v0, np.zeros(6))
+    outputs = predict(T0, v0, np.zeros(6))
     T1, v1, _ = true_motion(0.2)
-    np.testing.assert_allclose(out.pose, T1, atol=1e-5)
-    np.testing.assert_allclose(out.velocity, v1, atol=2e-5)
-    assert out.inertial
+    np.testing.assert_allclose(outputs.pose, T1, atol=1e-5)
+    np.testing.assert_allclose(outputs.velocity, v1, atol=2e-5)
+    assert outputs.inertial
 
 
 def test_an_interval_may_start_and_end_between_readings() -> None:
@@ -92,9 +92,9 @@ def test_an_interval_may_start_and_end_between_readings() -> None:
         gravity=G,
         lever_m=LEVER,
     )
-    out = node().process(inputs)
-    np.testing.assert_allclose(out.pose, T1, atol=1e-5)
-    np.testing.assert_allclose(out.velocity, v1, atol=2e-5)
+    outputs = make_node().process(inputs)
+    np.testing.assert_allclose(outputs.pose, T1, atol=1e-5)
+    np.testing.assert_allclose(outputs.velocity, v1, atol=2e-5)
 
 
 def test_a_rotation_about_a_rotating_axis_is_integrated() -> None:
@@ -113,12 +113,12 @@ def test_a_rotation_about_a_rotating_axis_is_integrated() -> None:
         stamps_ns=stamps,
         rates_rad_s=rate(stamps * 1e-9),
     )
-    error_rad = se3.rotation_angle(node().process(inputs).pose[:3, :3].T @ R)
+    error_rad = se3.rotation_angle(make_node().process(inputs).pose[:3, :3].T @ R)
     assert error_rad < 5e-4, "an integration without coning has an error of 5e-3 rad"
 
 
 @pytest.mark.parametrize("index", range(15))
-def test_an_initial_error_propagates_by_the_transition_matrix(index: int) -> None:
+def test_the_transition_matrix_propagates_an_initial_error(index: int) -> None:
     T0, v0, _ = true_motion(0.0)
     error = np.zeros(15)
     error[index] = 1e-3
@@ -128,16 +128,18 @@ def test_an_initial_error_propagates_by_the_transition_matrix(index: int) -> Non
         predict(T, v, b, lever=np.zeros(3))
         for T, v, b in ((T0, v0, np.zeros(6)), (perturbed_pose, v0 + error[6:9], error[9:15]))
     )
-    after = np.concatenate([pose_error(perturbed.pose, nominal.pose), perturbed.velocity - nominal.velocity])
-    np.testing.assert_allclose(after, (nominal.transition @ error)[:9], atol=4e-6)
+    error_after = np.concatenate(
+        [pose_error(perturbed.pose, nominal.pose), perturbed.velocity - nominal.velocity]
+    )
+    np.testing.assert_allclose(error_after, (nominal.transition @ error)[:9], atol=4e-6)
 
 
-def test_states_beyond_the_first_fifteen_are_kept_and_all_covariances_positive() -> None:
+def test_further_states_are_unchanged_and_the_covariance_stays_positive_definite() -> None:
     T0, v0, _ = true_motion(0.0)
-    out = predict(T0, v0, np.zeros(6))
-    np.testing.assert_array_equal(out.covariance[15:, 15:], 1e-6 * np.eye(6))
-    assert np.linalg.eigvalsh(out.covariance)[0] > 0.0
-    assert np.all(np.diagonal(out.covariance)[:9] > 1e-6)
+    outputs = predict(T0, v0, np.zeros(6))
+    np.testing.assert_array_equal(outputs.covariance[15:, 15:], 1e-6 * np.eye(6))
+    assert np.linalg.eigvalsh(outputs.covariance)[0] > 0.0
+    assert np.all(np.diagonal(outputs.covariance)[:9] > 1e-6)
 
 
 def test_without_readings_the_velocity_is_constant_and_its_variance_grows() -> None:
@@ -149,33 +151,33 @@ def test_without_readings_the_velocity_is_constant_and_its_variance_grows() -> N
         covariance=1e-6 * np.eye(15),
         interval_ns=np.array([0, 500 * MS]),
     )
-    out = node(unseen_acceleration_m_s2_sqrt_hz=0.4).process(inputs)
-    np.testing.assert_allclose(out.pose[:3, 3], T0[:3, 3] + 0.5 * v0)
-    assert not out.inertial
-    assert out.covariance[6, 6] == pytest.approx(1e-6 + 0.16 * 0.5)
+    outputs = make_node(unseen_acceleration_m_s2_sqrt_hz=0.4).process(inputs)
+    np.testing.assert_allclose(outputs.pose[:3, 3], T0[:3, 3] + 0.5 * v0)
+    assert not outputs.inertial
+    assert outputs.covariance[6, 6] == pytest.approx(1e-6 + 0.16 * 0.5)
 
 
-def test_a_gap_in_the_readings_is_not_bridged() -> None:
+def test_readings_with_a_gap_are_not_used() -> None:
     T0, v0, _ = true_motion(0.0)
     stamps, forces, rates = readings(LEVER)
-    keep = (stamps < 50 * MS) | (stamps > 350 * MS)
+    is_kept = (stamps < 50 * MS) | (stamps > 350 * MS)
     inputs = KalmanPredictionInputs(
         pose=T0,
         velocity=v0,
         biases=np.zeros(6),
         covariance=np.eye(15),
         interval_ns=np.array([0, 400 * MS]),
-        stamps_ns=stamps[keep],
-        specific_force=forces[keep],
-        rates_rad_s=rates[keep],
+        stamps_ns=stamps[is_kept],
+        specific_force=forces[is_kept],
+        rates_rad_s=rates[is_kept],
         gravity=G,
     )
-    assert not node(max_gap_s=0.15).process(inputs).inertial
+    assert not make_node(max_gap_s=0.15).process(inputs).inertial
 
 
 def test_an_end_before_the_start_is_refused() -> None:
     with pytest.raises(InputError, match="start <= end"):
-        node().process(
+        make_node().process(
             KalmanPredictionInputs(
                 pose=np.eye(4),
                 velocity=np.zeros(3),

@@ -53,13 +53,13 @@ def test_points_outside_the_box_are_removed_on_request() -> None:
     assert _removed(_scan([0.3, 2.0, 0.4, 3.0]), _pose(), remove="outside") == [1, 3]
 
 
-def test_box_is_fixed_to_the_body_not_to_the_laser() -> None:
+def test_the_box_is_fixed_to_the_body_and_not_to_the_laser() -> None:
     """The laser is 1 m ahead of the body's origin: a point 1 m behind the laser is inside the box."""
     assert _removed(_scan([1.0, 1.0, 1.0, 1.0]), _pose(pos=[1, 0, 0])) == [2]
 
 
 @pytest.mark.req("CDFF-CORE-060")
-def test_transform_is_the_pose_of_the_laser_in_the_body() -> None:
+def test_the_transform_is_the_pose_of_the_laser_in_the_body() -> None:
     """A laser rotated by +90° points its first beam to the left of the body: the transform is T_body_laser."""
     box = {"min_corner_m": (-0.1, 0.9, -0.1), "max_corner_m": (0.1, 1.1, 0.1)}
     assert _removed(_scan([1.0, 1.0, 1.0, 1.0]), _pose(orient=ROTATION_90_DEG_ABOUT_Z), **box) == [0]
@@ -100,7 +100,7 @@ def test_an_invalid_transform_is_refused(pose: RigidBodyState) -> None:
         _removed(_scan([1, 1, 1, 1]), pose)
 
 
-def test_scan_with_unknown_start_is_refused() -> None:
+def test_a_scan_with_an_unknown_start_angle_is_refused() -> None:
     with pytest.raises(InputError, match="start_angle nan"):
         _removed(_scan([1, 1, 1, 1], start_angle=np.nan), _pose())
 
@@ -108,6 +108,6 @@ def test_scan_with_unknown_start_is_refused() -> None:
 @pytest.mark.parametrize(
     "config", [{"min_corner_m": (1, 0, 0), "max_corner_m": (0, 1, 1)}, {"remove": "all"}, {"box": 1}]
 )
-def test_bad_configuration_is_refused(config: dict[str, object]) -> None:
+def test_an_invalid_configuration_is_refused(config: dict[str, object]) -> None:
     with pytest.raises(ConfigurationError, match="BoxFilter"):
         BoxFilter().configure(config)

@@ -31,7 +31,7 @@ def _removed(scan: LaserScan, **config: float) -> list[int]:
 
 
 def _wall(beams: int = 200, distance_m: float = 3.0) -> NDArray[np.float64]:
-    """Return the ranges to a straight wall perpendicular to x, from -1 rad on."""
+    """Return the ranges to a straight wall perpendicular to x; the first beam is at -1 rad."""
     angle = -1.0 + RESOLUTION_RAD * np.arange(beams)
     return distance_m / np.cos(angle)
 
@@ -55,20 +55,20 @@ def test_only_a_single_wrong_range_is_removed(spike_m: float) -> None:
     assert _removed(_scan(ranges)) == [120]
 
 
-def test_a_mixed_pixel_is_removed_and_both_edges_stay() -> None:
+def test_a_mixed_pixel_is_removed_and_both_edges_are_unchanged() -> None:
     ranges = np.full(60, 6.0)
     ranges[:30] = 2.0
     ranges[30] = 3.9
     assert _removed(_scan(ranges), max_deviation_m=10) == [30]
 
 
-def test_a_clean_step_between_two_surfaces_stays() -> None:
+def test_a_step_between_two_surfaces_is_unchanged() -> None:
     ranges = np.full(60, 6.0)
     ranges[:30] = 2.0
     assert _removed(_scan(ranges)) == []
 
 
-def test_thin_post_wider_than_half_the_window_stays() -> None:
+def test_a_post_wider_than_half_the_window_is_unchanged() -> None:
     ranges = np.full(60, 6.0)
     ranges[28:32] = 2.0
     assert _removed(_scan(ranges), half_window=3) == []
@@ -83,7 +83,7 @@ def test_a_range_beyond_the_limits_gets_its_error_code() -> None:
     assert np.delete(filtered.ranges, [10, 20]).tolist() == [5000] * 38
 
 
-def test_scan_without_a_maximum_range_has_no_far_limit() -> None:
+def test_a_scan_without_a_maximum_range_has_no_far_limit() -> None:
     assert _filter(_scan(np.full(40, 500.0), max_range=0)).ranges.tolist() == [500_000] * 40
 
 
@@ -100,7 +100,7 @@ def test_a_scan_of_only_errors_is_unchanged() -> None:
 
 
 @pytest.mark.req("CDFF-CORE-013")
-def test_geometry_and_time_are_kept_and_the_input_is_not_modified() -> None:
+def test_beam_geometry_and_time_are_preserved_and_the_input_is_not_modified() -> None:
     ranges = _wall()
     ranges[50] = 9.0
     scan = _scan(ranges, speed=2.5)
@@ -111,12 +111,12 @@ def test_geometry_and_time_are_kept_and_the_input_is_not_modified() -> None:
     assert filtered.ref_time == scan.ref_time
 
 
-def test_scan_without_angles_between_its_beams_is_refused() -> None:
+def test_a_scan_without_angles_between_its_beams_is_refused() -> None:
     with pytest.raises(InputError, match="angular_resolution 0"):
         _filter(_scan(_wall(), angular_resolution=0.0))
 
 
 @pytest.mark.parametrize("config", [{"half_window": 0}, {"max_deviation_m": -1}, {"window": 3}])
-def test_bad_configuration_is_refused(config: dict[str, object]) -> None:
+def test_an_invalid_configuration_is_refused(config: dict[str, object]) -> None:
     with pytest.raises(ConfigurationError):
         NoiseFilter().configure(config)

@@ -49,7 +49,7 @@ def test_an_unvisited_place_has_no_candidates(ground: Ground) -> None:
     assert len(detect(ground, pose_on_ground(ground, 200.0, 400.0, 0.0), 9, database).candidates) == 0
 
 
-def test_the_tilt_of_the_sensor_does_not_matter(ground: Ground) -> None:
+def test_a_place_is_recognised_with_a_tilted_sensor(ground: Ground) -> None:
     T = pose_on_ground(ground, 0.0, 0.0, 0.0)
     tilted = T @ se3.transform(se3.exp_so3([0.15, -0.1, 0.0]), np.zeros(3))
     result = detect(ground, tilted, 4, detect(ground, T, 3).descriptor[None])
@@ -65,10 +65,10 @@ def test_featureless_plains_are_not_compared() -> None:
     assert len(detect(flat_ground, T, 1, first.descriptor[None]).candidates) == 0
 
 
-def test_too_few_points_give_no_descriptor() -> None:
-    out = make_node().process(LoopDetectionInputs(points=np.zeros((3, 3))))
-    assert out.relief_m == 0.0
-    assert len(out.candidates) == 0
+def test_a_place_with_too_few_points_has_no_relief_and_no_candidates() -> None:
+    outputs = make_node().process(LoopDetectionInputs(points=np.zeros((3, 3))))
+    assert outputs.relief_m == 0.0
+    assert len(outputs.candidates) == 0
 
 
 def test_a_database_of_other_descriptors_is_refused(ground: Ground) -> None:

@@ -20,16 +20,16 @@ def make_node(**config: object) -> PrincipalAxis:
 
 def test_a_plane_below_the_sensor_has_normals_that_point_up(rng: np.random.Generator) -> None:
     points = np.c_[rng.uniform(-5, 5, (500, 2)), np.full(500, -1.0) + rng.normal(0, 0.001, 500)]
-    out = make_node().process(NormalsEstimationInputs(points=points))
-    assert np.all(out.normals[:, 2] > 0.99)
-    assert 0.0005 < np.median(out.roughness_m) < 0.0015
+    outputs = make_node().process(NormalsEstimationInputs(points=points))
+    assert np.all(outputs.normals[:, 2] > 0.99)
+    assert 0.0005 < np.median(outputs.roughness_m) < 0.0015
 
 
 def test_a_sphere_seen_from_inside_has_radial_normals(rng: np.random.Generator) -> None:
     radial = rng.normal(size=(5000, 3))
     radial /= np.linalg.norm(radial, axis=1, keepdims=True)
-    out = make_node().process(NormalsEstimationInputs(points=3.0 * radial))
-    assert np.median(np.einsum("ij,ij->i", out.normals, -radial)) > 0.999
+    outputs = make_node().process(NormalsEstimationInputs(points=3.0 * radial))
+    assert np.median(np.einsum("ij,ij->i", outputs.normals, -radial)) > 0.999
 
 
 def test_fewer_points_than_a_neighbourhood_are_refused() -> None:

@@ -50,16 +50,16 @@ def test_the_increment_is_independent_of_origin_and_mount(
     T_origin_site = se3.exp_se3(rng.standard_normal(6))
     first = T_origin_site @ T_site_body1 @ MOUNT
     second = T_origin_site @ T_site_body1 @ motion @ MOUNT
-    out = run(node, config, first, second, MOUNT, None, None)
-    np.testing.assert_allclose(out.increment, motion, atol=1e-12)
-    assert out.distance_m == pytest.approx(np.linalg.norm(motion[:3, 3]))
+    outputs = run(node, config, first, second, MOUNT, None, None)
+    np.testing.assert_allclose(outputs.increment, motion, atol=1e-12)
+    assert outputs.distance_m == pytest.approx(np.linalg.norm(motion[:3, 3]))
 
 
-def test_the_covariance_is_the_increase_of_a_compounding_odometry(rng: np.random.Generator) -> None:
+def test_the_covariance_of_one_compounded_step_is_restored(rng: np.random.Generator) -> None:
     first = UncertainTransform(se3.exp_se3(rng.standard_normal(6)), covariance(rng))
     step = UncertainTransform(se3.exp_se3(0.3 * rng.standard_normal(6)), covariance(rng))
     second = first @ step
-    out = run(
+    outputs = run(
         CovarianceDifference(),
         EXACT,
         first.matrix,
@@ -68,10 +68,10 @@ def test_the_covariance_is_the_increase_of_a_compounding_odometry(rng: np.random
         first.covariance,
         second.covariance,
     )
-    np.testing.assert_allclose(out.covariance, step.covariance, atol=1e-12)
+    np.testing.assert_allclose(outputs.covariance, step.covariance, atol=1e-12)
 
 
-def test_compounding_increments_restores_the_covariance_of_the_odometry(
+def test_compounded_increments_have_the_covariance_of_the_odometry(
     rng: np.random.Generator,
 ) -> None:
     mount = UncertainTransform.exact(MOUNT)
@@ -80,7 +80,7 @@ def test_compounding_increments_restores_the_covariance_of_the_odometry(
     for _ in range(5):
         step = UncertainTransform(se3.exp_se3(0.2 * rng.standard_normal(6)), covariance(rng))
         next_sensor = sensor @ step
-        out = run(
+        outputs = run(
             CovarianceDifference(),
             EXACT,
             sensor.matrix,
@@ -89,15 +89,17 @@ def test_compounding_increments_restores_the_covariance_of_the_odometry(
             sensor.covariance,
             next_sensor.covariance,
         )
-        body, sensor = body @ UncertainTransform(out.increment, out.covariance), next_sensor
+        body, sensor = body @ UncertainTransform(outputs.increment, outputs.covariance), next_sensor
     expected = mount @ sensor @ mount.inverse()
     np.testing.assert_allclose(body.matrix, expected.matrix, atol=1e-9)
     np.testing.assert_allclose(body.covariance, expected.covariance, atol=1e-9)
 
 
-def test_a_constant_covariance_gives_the_minimum_covariance(rng: np.random.Generator) -> None:
+def test_an_odometry_with_constant_covariance_gives_increments_with_the_minimum_covariance(
+    rng: np.random.Generator,
+) -> None:
     constant = 1e-4 * np.eye(6)
-    out = run(
+    outputs = run(
         CovarianceDifference(),
         {"floor_m": 0.01, "floor_rad": 0.002},
         np.eye(4),
@@ -106,10 +108,10 @@ def test_a_constant_covariance_gives_the_minimum_covariance(rng: np.random.Gener
         constant,
         constant,
     )
-    np.testing.assert_allclose(np.diag(out.covariance), [1e-4] * 3 + [4e-6] * 3)
+    np.testing.assert_allclose(np.diag(outputs.covariance), [1e-4] * 3 + [4e-6] * 3)
 
 
-def test_the_distance_model_grows_with_the_square_root_of_the_distance() -> None:
+def test_the_standard_deviations_of_the_distance_model_grow_with_the_square_root_of_the_distance() -> None:
     def sigma(distance_m: float) -> np.ndarray:
         second = se3.transform(np.eye(3), [distance_m, 0, 0])
         return np.sqrt(np.diag(run(DistanceModel(), {}, np.eye(4), second, np.eye(4), None, None).covariance))
