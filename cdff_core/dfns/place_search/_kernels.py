@@ -9,8 +9,8 @@ from numba import njit
 
 from cdff_common.arrays import FloatArray
 
-#: Number of points after which a position with a mean above this fraction of the cut-off is rejected.
-_GLANCE, _HOPELESS = 40, 0.6
+#: Number of points after which a pose is rejected if the mean difference is above this fraction of the cut-off.
+_EARLY_POINTS, _EARLY_LIMIT = 40, 0.6
 
 
 @njit(cache=True)
@@ -22,33 +22,33 @@ def residuals(
     rotations: FloatArray,
     points: FloatArray,
     cutoff: float,
-    least: float,
+    min_covered: float,
 ) -> FloatArray:  # pragma: no cover - compiled
-    """Return the mean limited height difference of each start and rotation, shape (s, t); infinite for little
-    coverage.
+    """Return the mean height difference, limited to ``cutoff``, at each start pose and rotation, shape (s, t);
+    infinite if less than the fraction ``min_covered`` of the points lies on known cells.
 
     Parameters
     ----------
     heights : ndarray, shape (rows, columns)
-        Values of cells along x and y from ``origin (2,)``; NaN if unknown.
+        Heights of the cells along x and y, the first at ``origin (2,)``; NaN if unknown.
     starts : ndarray, shape (s, 4, 4)
-        Poses of the ground below the robot.
+        T_map_foot: poses of the ground below the robot.
     rotations : ndarray, shape (t, 2)
         Cosine and sine of rotations about the ground's normal.
     points : ndarray, shape (m, 3)
-        About the foot of the robot, z along the ground's normal.
+        Points in the frame of the foot: origin on the ground below the robot, z along the normal of the ground.
     """
     out = np.full((len(starts), len(rotations)), np.inf)
     rows, columns = heights.shape
-    needed = least * len(points)
+    min_count = min_covered * len(points)
     for s in range(len(starts)):
         T = starts[s]
         for t in range(len(rotations)):
-            c, w = rotations[t, 0], rotations[t, 1]
+            cosine, sine = rotations[t, 0], rotations[t, 1]
             total, count = 0.0, 0
             for i in range(len(points)):
-                x = c * points[i, 0] - w * points[i, 1]
-                y = w * points[i, 0] + c * points[i, 1]
+                x = cosine * points[i, 0] - sine * points[i, 1]
+                y = sine * points[i, 0] + cosine * points[i, 1]
                 z = points[i, 2]
                 row = int(np.floor((T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3] - origin[0]) / cell))
                 column = int(np.floor((T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3] - origin[1]) / cell))
@@ -57,12 +57,12 @@ def residuals(
                 height = heights[row, column]
                 if np.isnan(height):
                     continue
-                off = abs(T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3] - height)
-                total += min(off, cutoff)
+                difference = abs(T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3] - height)
+                total += min(difference, cutoff)
                 count += 1
-                if count == _GLANCE and total > _HOPELESS * cutoff * count:
+                if count == _EARLY_POINTS and total > _EARLY_LIMIT * cutoff * count:
                     count = 0
                     break
-            if count >= needed and count > 0:
+            if count >= min_count and count > 0:
                 out[s, t] = total / count
     return out

@@ -19,12 +19,12 @@ from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.place_search._kernels import residuals
 from cdff_core.dfns.place_search.interface import Inputs, Interface, Outputs
 
-_LEAST_FOOT = 30
-_PLANE_ROUNDS = 4
-#: Angle between tested headings, which registration refines.
+#: Minimum number of points of the ground below the robot, and number of fits of its plane.
+_MIN_GROUND_POINTS, _PLANE_FITS = 30, 4
+#: Angle between tested headings.
 _HEADING_STEP_DEG = 10.0
 #: Minimum fraction of scan points over the map.
-_LEAST_COVERED = 0.5
+_MIN_COVERED = 0.5
 
 
 class ElevationCorrelationConfig(DfnConfig):
@@ -34,7 +34,10 @@ class ElevationCorrelationConfig(DfnConfig):
     step_m: float = Field(1.5, gt=0, le=100, description="Distance between tested positions")
     range_m: float = Field(18.0, gt=1, le=200, description="Largest range of the scan points used")
     foot_m: float = Field(
-        6.0, gt=0.5, le=20, description="Radius of the ground below the robot in scan and map"
+        6.0,
+        gt=0.5,
+        le=20,
+        description="Radius within which the tilt and height of the ground below the robot are estimated",
     )
     points: int = Field(300, ge=50, le=10_000, description="Number of scan points compared")
     cutoff_m: float = Field(
@@ -44,13 +47,13 @@ class ElevationCorrelationConfig(DfnConfig):
 
 
 class ElevationCorrelation(Interface[ElevationCorrelationConfig]):
-    """Search over position and heading; tilt and height of the robot follow from the ground of the map.
+    """Compare the scan with the map at all positions and headings; tilt and height follow from the ground of the map.
 
     Notes
     -----
-    Exhaustive, as planetary rovers are matched with orbital elevation models (Carle et al. 2010,
-    doi:10.1002/rob.20319, discuss why features are scarce there). The results are coarse and must be refined
-    by registration.
+    The search is exhaustive because distinctive features are scarce on planetary terrain (Carle et al. 2010,
+    doi:10.1002/rob.20319, match rover scans with orbital elevation models). The results are coarse and must be
+    refined by registration.
     """
 
     def setup(self) -> None:
@@ -60,34 +63,33 @@ class ElevationCorrelation(Interface[ElevationCorrelationConfig]):
         )
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return candidates; raises InputError, or RefusedError where the scan contains no ground."""
+        """Return the candidates; raises InputError, or RefusedError if the scan contains no ground."""
         cfg = self.config
-        ground = checked_points(inputs.map, "map", 1)
-        scan = checked_points(inputs.scan, "scan", _LEAST_FOOT)
-        T_foot_robot = foot(scan, cfg.foot_m)
+        map_points = checked_points(inputs.map, "map", 1)
+        scan = checked_points(inputs.scan, "scan", _MIN_GROUND_POINTS)
+        T_foot_robot = _locate_foot(scan, cfg.foot_m)
         near = scan[np.linalg.norm(scan, axis=1) <= cfg.range_m]
-        # Evenly over the area, so that the dense rings around the robot do not dominate farther points.
-        spread = voxel_means(se3.transform_points(T_foot_robot, near), 2.0 * cfg.cell_m)
-        points = spread[np.random.default_rng(0).permutation(len(spread))[: cfg.points]]
-        heights, origin = raster(ground, cfg.cell_m)
+        # Even density over the area, so that the dense rings around the robot do not outweigh distant points.
+        even = voxel_means(se3.transform_points(T_foot_robot, near), 2.0 * cfg.cell_m)
+        points = even[np.random.default_rng(0).permutation(len(even))[: cfg.points]]
+        heights, origin = _rasterise(map_points, cfg.cell_m)
         starts = self._starts(heights, origin)
         rotations = np.radians(np.arange(0.0, 360.0, _HEADING_STEP_DEG))
-        both = np.column_stack([np.cos(rotations), np.sin(rotations)])
-        cost = residuals(heights, origin, cfg.cell_m, starts, both, points, cfg.cutoff_m, _LEAST_COVERED)
-        chosen = self._apart(cost, starts, rotations)
-        spun = se3.exp_so3(np.column_stack([np.zeros((len(chosen), 2)), rotations[chosen[:, 1]]]))
-        poses = starts[chosen[:, 0]] @ se3.transform(spun, np.zeros(3)) @ T_foot_robot
-        return Outputs(transforms=poses, residuals_m=cost[chosen[:, 0], chosen[:, 1]], searched=cost.size)
+        cosine_sine = np.column_stack([np.cos(rotations), np.sin(rotations)])
+        cost = residuals(heights, origin, cfg.cell_m, starts, cosine_sine, points, cfg.cutoff_m, _MIN_COVERED)
+        best = self._separated_minima(cost, starts, rotations)
+        heading = se3.exp_so3(np.column_stack([np.zeros((len(best), 2)), rotations[best[:, 1]]]))
+        poses = starts[best[:, 0]] @ se3.transform(heading, np.zeros(3)) @ T_foot_robot
+        return Outputs(transforms=poses, residuals_m=cost[best[:, 0], best[:, 1]], searched=cost.size)
 
     def _starts(self, heights: FloatArray, origin: FloatArray) -> FloatArray:
-        """Return poses ``(s, 4, 4)`` of the ground, a step apart, where the map covers it."""
+        """Return T_map_foot ``(s, 4, 4)`` of the tested positions, a step apart, where the map has heights."""
         cfg = self.config
         width = 2 * max(1, round(0.5 * cfg.foot_m / cfg.cell_m)) + 1
-        known = np.isfinite(heights)
-        share = uniform_filter(known.astype(np.float64), width, mode="constant")
-        smooth = uniform_filter(np.where(known, heights, 0.0), width, mode="constant") / np.maximum(
-            share, 1e-9
-        )
+        is_known = np.isfinite(heights)
+        known_fraction = uniform_filter(is_known.astype(np.float64), width, mode="constant")
+        smooth = uniform_filter(np.where(is_known, heights, 0.0), width, mode="constant")
+        smooth /= np.maximum(known_fraction, 1e-9)
         slope = (
             np.stack(np.gradient(smooth, cfg.cell_m), axis=-1)
             if min(smooth.shape) > 1
@@ -102,69 +104,74 @@ class ElevationCorrelation(Interface[ElevationCorrelationConfig]):
                 indexing="ij",
             )
         )
-        kept = share[rows, columns] > 0.5
-        rows, columns = rows[kept], columns[kept]
+        is_covered = known_fraction[rows, columns] > 0.5
+        rows, columns = rows[is_covered], columns[is_covered]
         gradient = slope[rows, columns]
         normal = np.column_stack([-gradient, np.ones(len(rows))])
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        place = np.column_stack(
+        position = np.column_stack(
             [origin + cfg.cell_m * (np.column_stack([rows, columns]) + 0.5), smooth[rows, columns]]
         )
-        return se3.transform(np.swapaxes(rotations_to_z(normal), 1, 2), place)
+        return se3.transform(np.swapaxes(rotations_to_z(normal), 1, 2), position)
 
-    def _apart(self, cost: FloatArray, starts: FloatArray, rotations: FloatArray) -> IntArray:
-        """Return rows and columns ``(k, 2)`` of the smallest costs that are not adjacent to a smaller one."""
+    def _separated_minima(self, cost: FloatArray, starts: FloatArray, rotations: FloatArray) -> IntArray:
+        """Return rows and columns ``(k, 2)`` of the smallest costs that are not adjacent to a smaller one, best first."""
         cfg = self.config
         order = np.argsort(cost, axis=None)[: 50 * cfg.candidates]
-        chosen: list[tuple[int, int]] = []
+        minima: list[tuple[int, int]] = []
         for flat in order:
             s, t = divmod(int(flat), len(rotations))
-            if not np.isfinite(cost[s, t]) or len(chosen) == cfg.candidates:
+            if not np.isfinite(cost[s, t]) or len(minima) == cfg.candidates:
                 break
-            beside = any(
+            is_adjacent = any(
                 np.linalg.norm(starts[s, :2, 3] - starts[a, :2, 3]) < 1.6 * cfg.step_m
                 and abs(np.remainder(rotations[t] - rotations[b] + np.pi, 2 * np.pi) - np.pi)
                 < 1.6 * np.radians(_HEADING_STEP_DEG)
-                for a, b in chosen
+                for a, b in minima
             )
-            if not beside:
-                chosen.append((s, t))
-        return np.array(chosen, dtype=np.int64).reshape(-1, 2)
+            if not is_adjacent:
+                minima.append((s, t))
+        return np.array(minima, dtype=np.int64).reshape(-1, 2)
 
 
-def foot(scan: FloatArray, foot_m: float) -> FloatArray:
-    """``T_foot_robot``: z along the ground's normal below the robot, origin on the ground.
+def _locate_foot(scan: FloatArray, foot_m: float) -> FloatArray:
+    """Return T_foot_robot; the foot is the frame on the ground below the robot, z along the normal of the ground.
 
     Raises
     ------
     RefusedError
-        If too few points lie within ``foot_m``, in twice that either.
+        If too few points lie within twice ``foot_m``.
     """
-    flat = np.linalg.norm(scan[:, :2], axis=1)
+    distance_m = np.linalg.norm(scan[:, :2], axis=1)
     near = next(
-        (scan[flat < r] for r in (foot_m, 2.0 * foot_m) if np.count_nonzero(flat < r) >= _LEAST_FOOT), None
+        (
+            scan[distance_m < radius_m]
+            for radius_m in (foot_m, 2.0 * foot_m)
+            if np.count_nonzero(distance_m < radius_m) >= _MIN_GROUND_POINTS
+        ),
+        None,
     )
     if near is None:
         raise RefusedError(
-            f"fewer than {_LEAST_FOOT} points within {2 * foot_m:g} m of the robot", ["no_ground"]
+            f"fewer than {_MIN_GROUND_POINTS} points within {2 * foot_m:g} m of the robot", ["no_ground"]
         )
-    # The plane is fitted again without the points above the ground.
-    kept = near
-    for _ in range(_PLANE_ROUNDS):
-        A = np.column_stack([kept[:, :2], np.ones(len(kept))])
-        plane = np.linalg.lstsq(A, kept[:, 2], rcond=None)[0]
-        off = near[:, 2] - near[:, :2] @ plane[:2] - plane[2]
-        width = 2.0 * max(median_sigma(off), 1e-3)
-        kept = near[np.abs(off) < width]
+    # The plane is fitted repeatedly, each time without the points that lie above or below the previous one.
+    ground = near
+    for _ in range(_PLANE_FITS):
+        A = np.column_stack([ground[:, :2], np.ones(len(ground))])
+        plane = np.linalg.lstsq(A, ground[:, 2], rcond=None)[0]
+        residual_m = near[:, 2] - near[:, :2] @ plane[:2] - plane[2]
+        limit_m = 2.0 * max(median_sigma(residual_m), 1e-3)
+        ground = near[np.abs(residual_m) < limit_m]
     normal = np.array([-plane[0], -plane[1], 1.0]) / np.sqrt(plane[0] ** 2 + plane[1] ** 2 + 1.0)
     R = rotations_to_z(normal[None])[0]
     return se3.transform(R, [0.0, 0.0, -normal[2] * plane[2]])
 
 
-def raster(points: FloatArray, cell_m: float) -> tuple[FloatArray, FloatArray]:
-    """Return the mean height of each cell, shape (cells along x, cells along y), metres, and a corner.
+def _rasterise(points: FloatArray, cell_m: float) -> tuple[FloatArray, FloatArray]:
+    """Return the mean height of each cell, shape (cells along x, cells along y), and the origin (2,), metres.
 
-    Empty cells are NaN. The corner ``(2,)`` is that of the first cell with the smallest x and y, metres.
+    Empty cells are NaN. The origin is the corner of the grid with the smallest x and y.
     """
     origin = np.floor(points[:, :2].min(axis=0) / cell_m) * cell_m
     index = np.floor((points[:, :2] - origin) / cell_m).astype(np.int64)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks of both clouds and cropping to the view."""
+"""Validation of both clouds, and cropping to the view."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from cdff_common.geometry.points import checked_points
 from cdff_core.dfns.point_cloud_assembly.interface import Inputs
 
 
-def in_view(inputs: Inputs) -> tuple[FloatArray, FloatArray]:
-    """Return both clouds within the view; raises InputError if they are malformed or no point remains."""
+def crop_to_view(inputs: Inputs) -> tuple[FloatArray, FloatArray]:
+    """Return the points of both clouds within the view; raises InputError if one is malformed or no point remains."""
     first = checked_points(inputs.first_points, "first_points", 0)
     second = checked_points(inputs.second_points, "second_points", 0)
     if inputs.view_radius_m is not None:

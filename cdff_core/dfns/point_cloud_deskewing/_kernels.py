@@ -23,12 +23,14 @@ def deskew(
     phi: FloatArray,
     cov: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
-    """Transform point i by the pose at ``fraction[i]`` of ``interval[i]``.
+    """Return the points in the fixed frame (n, 3) and the variances of their z (n,).
 
-    Rotation ``R_k Exp(f phi_k)`` (Rodrigues), translation and covariance linearly. The variance of z is
-    ``J C J^T`` with J = [0 0 1 y -x 0] at the lever arm (x, y) of the point in the fixed frame.
+    Point i is transformed by the pose at the fraction f = ``fraction[i]`` between pose k = ``interval[i]`` and
+    pose k + 1. Its rotation is ``R_k Exp(f phi_k)`` (Rodrigues' formula); translation and covariance are
+    interpolated linearly. The variance of z is ``J C J^T`` with J = [0 0 1 y -x 0] for the lever arm (x, y) of
+    the point in the fixed frame.
     """
-    out, variance = np.empty((len(points), 3)), np.empty(len(points))
+    fixed, variance = np.empty((len(points), 3)), np.empty(len(points))
     for i in range(len(points)):
         k, f = interval[i], fraction[i]
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
@@ -44,9 +46,9 @@ def deskew(
         qx, qy, qz = px + s * cx + c * dx, py + s * cy + c * dy, pz + s * cz + c * dz
         ax, ay, az = rotated(R[k], qx, qy, qz)
         g = 1.0 - f
-        out[i, 0] = ax + g * t[k, 0] + f * t[k + 1, 0]
-        out[i, 1] = ay + g * t[k, 1] + f * t[k + 1, 1]
-        out[i, 2] = az + g * t[k, 2] + f * t[k + 1, 2]
+        fixed[i, 0] = ax + g * t[k, 0] + f * t[k + 1, 0]
+        fixed[i, 1] = ay + g * t[k, 1] + f * t[k + 1, 1]
+        fixed[i, 2] = az + g * t[k, 2] + f * t[k + 1, 2]
         czz = g * cov[k, 2, 2] + f * cov[k + 1, 2, 2]
         czr = g * cov[k, 2, 3] + f * cov[k + 1, 2, 3]
         czp = g * cov[k, 2, 4] + f * cov[k + 1, 2, 4]
@@ -54,5 +56,5 @@ def deskew(
         crp = g * cov[k, 3, 4] + f * cov[k + 1, 3, 4]
         cpp = g * cov[k, 4, 4] + f * cov[k + 1, 4, 4]
         v = czz + 2.0 * ay * czr - 2.0 * ax * czp + ay * ay * crr - 2.0 * ax * ay * crp + ax * ax * cpp
-        variance[i] = 0.0 if v < 0.0 else v  # NaN, for an unknown covariance, passes
-    return out, variance
+        variance[i] = 0.0 if v < 0.0 else v  # NaN (unknown covariance) is not changed
+    return fixed, variance

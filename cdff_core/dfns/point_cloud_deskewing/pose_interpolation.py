@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Deskewing by poses interpolated to the time of each point."""
+"""Deskewing with the pose interpolated to the time of each point."""
 
 from __future__ import annotations
 
@@ -18,16 +18,17 @@ from cdff_core.dfns.point_cloud_deskewing.interface import Inputs, Interface, Ou
 class PoseInterpolationConfig(DfnConfig):
     """Parameters of PoseInterpolation."""
 
-    max_gap_s: float = Field(1.0, gt=0, le=1e6, description="Longest interpolated time between two samples")
+    max_gap_s: float = Field(
+        1.0, gt=0, le=1e6, description="Longest interval between poses that is interpolated"
+    )
 
 
 class PoseInterpolation(Interface[PoseInterpolationConfig]):
-    """Linear interpolation of the translation and geodesic interpolation of the rotation.
+    """Transform each point by a pose with linearly interpolated translation and geodesically interpolated rotation.
 
     Errors of neighbouring poses are treated as fully correlated: the covariance is interpolated linearly.
-    Only
-    the variance of z is propagated, since an error in x or y moves a height to a neighbouring cell, where it
-    is visible in the variance of the heights.
+    Only the variance of z is propagated: an error in x or y moves a height to a neighbouring cell of a map, where
+    it increases the variance of the heights.
     """
 
     def setup(self) -> None:
@@ -47,33 +48,35 @@ class PoseInterpolation(Interface[PoseInterpolationConfig]):
         """
         points = checked_points(inputs.points, least=0, finite=False)
         stamps = np.asarray(inputs.stamps_ns, dtype=np.int64)
-        knots, T, C = inputs.pose_stamps_ns, inputs.poses, inputs.pose_covariances
-        if len(knots) == 0:
+        pose_ns, T, C = inputs.pose_stamps_ns, inputs.poses, inputs.pose_covariances
+        if len(pose_ns) == 0:
             raise InputError("poses: none, expected at least one")
         if len(points) == 0:
             return Outputs(points=np.empty((0, 3)), height_variance=np.empty(0))
-        if stamps.min() < knots[0] or stamps.max() > knots[-1]:
+        if stamps.min() < pose_ns[0] or stamps.max() > pose_ns[-1]:
             raise ExtrapolationError(
-                f"points from {stamps.min()} to {stamps.max()}, poses from {knots[0]} to {knots[-1]}: "
+                f"points from {stamps.min()} to {stamps.max()}, poses from {pose_ns[0]} to {pose_ns[-1]}: "
                 "expected poses that enclose the points"
             )
-        if len(knots) == 1:  # all points at the one pose's stamp
-            knots, T = np.repeat(knots, 2), np.repeat(T, 2, axis=0)
+        if len(pose_ns) == 1:  # all points have the time of this pose
+            pose_ns, T = np.repeat(pose_ns, 2), np.repeat(T, 2, axis=0)
             C = None if C is None else np.repeat(C, 2, axis=0)
-        interval = np.clip(np.searchsorted(knots, stamps, side="right") - 1, 0, len(knots) - 2)
-        length_ns = np.diff(knots)
-        exact = stamps == knots[interval]
+        interval = np.clip(np.searchsorted(pose_ns, stamps, side="right") - 1, 0, len(pose_ns) - 2)
+        length_ns = np.diff(pose_ns)
+        at_pose = stamps == pose_ns[interval]
         too_long = (
-            (length_ns[interval] > self.config.max_gap_s * 1e9) & ~exact & (stamps != knots[interval + 1])
+            (length_ns[interval] > self.config.max_gap_s * 1e9) & ~at_pose & (stamps != pose_ns[interval + 1])
         )
         if np.any(too_long):
             gap_s = length_ns[interval][too_long].max() / 1e9
-            raise ExtrapolationError(f"poses {gap_s:.3f} s apart: expected at most {self.config.max_gap_s} s")
-        fraction = np.where(exact, 0.0, (stamps - knots[interval]) / np.maximum(length_ns[interval], 1))
+            raise ExtrapolationError(
+                f"poses {gap_s:.3f} s apart: expected at most {self.config.max_gap_s:g} s"
+            )
+        fraction = np.where(at_pose, 0.0, (stamps - pose_ns[interval]) / np.maximum(length_ns[interval], 1))
         R = np.ascontiguousarray(T[:, :3, :3])
         phi = np.ascontiguousarray(se3.log_so3(np.swapaxes(R[:-1], 1, 2) @ R[1:]))
-        covariance = np.full((len(knots), 6, 6), np.nan) if C is None else np.array(C, dtype=np.float64)
-        moved, variance = deskew(
+        covariance = np.full((len(pose_ns), 6, 6), np.nan) if C is None else np.array(C, dtype=np.float64)
+        fixed, variance = deskew(
             points, interval.astype(np.int64), fraction, R, np.ascontiguousarray(T[:, :3, 3]), phi, covariance
         )
-        return Outputs(points=moved, height_variance=variance)
+        return Outputs(points=fixed, height_variance=variance)

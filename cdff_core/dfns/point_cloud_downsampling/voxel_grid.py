@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""One mean point per occupied voxel."""
+"""Downsampling to the mean point of each occupied voxel."""
 
 from __future__ import annotations
 
@@ -18,22 +18,25 @@ class VoxelGridConfig(DfnConfig):
 
     voxel_m: float | None = Field(None, gt=0, description="Edge of a voxel; absent: from max_points")
     max_points: int = Field(
-        25_000, ge=10, le=10_000_000, description="Desired number of points without voxel_m, within 10 %"
+        25_000,
+        ge=10,
+        le=10_000_000,
+        description="Desired number of points if voxel_m is absent, reached within 10 %",
     )
 
 
 class VoxelGrid(Interface[VoxelGridConfig]):
-    """Average the points of each voxel of a grid on multiples of its edge from the cloud's lowest corner."""
+    """Average the points of each voxel of a grid that starts at the lowest corner of the cloud."""
 
     def setup(self) -> None:
-        """Compile the kernels, also for read-only arrays, which are another type to the compiler."""
+        """Compile the kernels for writeable and for read-only arrays, which the compiler treats as two types."""
         for writeable in (True, False):
             points = np.zeros((1, 3))
             points.setflags(write=writeable)
             voxel_means(points, 1.0)
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the thinned cloud and the voxel size; raises InputError on a malformed cloud."""
+        """Return the downsampled cloud and the voxel size; raises InputError on a malformed cloud."""
         p = checked_points(inputs.points)
         voxel_m = inputs.edge_m or self.config.voxel_m
         if voxel_m is not None:

@@ -16,8 +16,8 @@ from cdff_core.dfns.point_cloud_filtering.interface import Inputs, Interface, Ou
 class RangeFilterConfig(DfnConfig):
     """Parameters of RangeFilter."""
 
-    min_range_m: float = Field(0.0, ge=0, description="Smallest range that is kept")
-    max_range_m: float = Field(1e6, gt=0, description="Largest range that is kept")
+    min_range_m: float = Field(0.0, ge=0, description="Minimum range of the remaining points")
+    max_range_m: float = Field(1e6, gt=0, description="Maximum range of the remaining points")
     self_mask_m: tuple[float, float, float, float, float, float] | None = Field(
         None,
         description=(
@@ -29,26 +29,26 @@ class RangeFilterConfig(DfnConfig):
     @model_validator(mode="after")
     def _in_order(self) -> RangeFilterConfig:
         if self.min_range_m >= self.max_range_m:
-            raise ValueError(f"min_range_m {self.min_range_m} is not below max_range_m {self.max_range_m}")
+            raise ValueError(f"min_range_m {self.min_range_m}: expected below max_range_m {self.max_range_m}")
         box = self.self_mask_m
         if box is not None and any(low >= high for low, high in zip(box[:3], box[3:], strict=True)):
-            raise ValueError(f"self_mask_m {box}: each minimum must lie below its maximum")
+            raise ValueError(f"self_mask_m {box}: expected each minimum below its maximum")
         return self
 
 
 class RangeFilter(Interface[RangeFilterConfig]):
-    """Keep finite points within a range of the origin and outside the robot's box."""
+    """Remove points that are not finite, outside the limits of the range from the origin, or inside the robot's box."""
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the points within the limits; raises InputError if none is left."""
+        """Return the remaining points; raises InputError if none remains."""
         p = checked_points(inputs.points, finite=False)
         with np.errstate(invalid="ignore", over="ignore"):
             range_m = np.sqrt(np.einsum("ij,ij->i", p, p))
-            keep = (range_m >= self.config.min_range_m) & (range_m <= self.config.max_range_m)
+            is_valid = (range_m >= self.config.min_range_m) & (range_m <= self.config.max_range_m)
             if self.config.self_mask_m is not None:
                 low, high = np.array(self.config.self_mask_m[:3]), np.array(self.config.self_mask_m[3:])
-                keep &= ~np.all((p >= low) & (p <= high), axis=1)
-        kept = np.flatnonzero(keep)
+                is_valid &= ~np.all((p >= low) & (p <= high), axis=1)
+        kept = np.flatnonzero(is_valid)
         if not len(kept):
             raise InputError(f"points: none of {len(p)} is finite and within the limits {self.config}")
         points = p if len(kept) == len(p) else p[kept]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Removal of points whose mean distance to their neighbours is an outlier."""
+"""Removal of points whose mean distance to their neighbours is unusually large."""
 
 from __future__ import annotations
 
@@ -20,23 +20,26 @@ class StatisticalOutlierRemovalConfig(DfnConfig):
 
     neighbours: int = Field(8, ge=1, le=200, description="Number of neighbours whose mean distance is tested")
     deviations: float = Field(
-        6.0, gt=0, le=100, description="Robust standard deviations above the median of an outlier"
+        6.0,
+        gt=0,
+        le=100,
+        description="Robust standard deviations above the median at which a point is an outlier",
     )
 
 
 class StatisticalOutlierRemoval(Interface[StatisticalOutlierRemovalConfig]):
-    """Test of the mean distance of each point to its nearest neighbours.
+    """Remove points with a large mean distance to their nearest neighbours.
 
     Notes
     -----
-    As Rusu et al. (2008), "Towards 3D point cloud based object maps", doi:10.1016/j.robot.2008.08.005,
+    After Rusu et al. (2008), "Towards 3D point cloud based object maps", doi:10.1016/j.robot.2008.08.005,
     section 4, with median and median absolute deviation of the logarithm in place of mean and standard
-    deviation, so that the decreasing density of a lidar with range causes no outliers and outliers do not
-    widen the gate.
+    deviation, so that points are not outliers because the density of a lidar cloud decreases with range, and
+    outliers do not widen the gate.
     """
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the points with neighbours; raises InputError if none is left."""
+        """Return the remaining points; raises InputError if the cloud has too few finite points."""
         p = checked_points(inputs.points, finite=False)
         finite = np.flatnonzero(np.all(np.isfinite(p), axis=1))
         k = self.config.neighbours
@@ -44,10 +47,9 @@ class StatisticalOutlierRemoval(Interface[StatisticalOutlierRemovalConfig]):
             raise InputError(f"points: {len(finite)} finite of {len(p)}, expected more than neighbours={k}")
         tree = kd_tree(p[finite])
         distance_m, _ = neighbours(tree, tree.points, k + 1)
-        isolation = np.empty(len(finite))
-        isolation[tree.order] = np.log(np.maximum(distance_m[:, 1:].mean(axis=1), 1e-12))
-        centre = np.median(isolation)
-        kept = finite[
-            isolation <= centre + self.config.deviations * max(median_sigma(isolation - centre), 1e-3)
-        ]
+        log_distance = np.empty(len(finite))
+        log_distance[tree.order] = np.log(np.maximum(distance_m[:, 1:].mean(axis=1), 1e-12))
+        median = np.median(log_distance)
+        limit = median + self.config.deviations * max(median_sigma(log_distance - median), 1e-3)
+        kept = finite[log_distance <= limit]
         return Outputs(filtered_points=p[kept], kept=kept.astype(np.int64))

@@ -11,10 +11,10 @@ from cdff_core.dfns.point_cloud_transformation.interface import Inputs, Interfac
 
 
 class CartesianSystemTransform(Interface[DfnConfig]):
-    """``p_a = T_a_b p_b`` for each point."""
+    """Transform each point by ``p_a = T_a_b p_b``."""
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the points in frame a; raises InputError on malformed points or transform."""
+        """Return the points in frame a; raises InputError if the points or the transform are malformed."""
         T_a_b = checked_transform(inputs.transform)
         return Outputs(
             transformed_points=se3.transform_points(T_a_b, checked_points(inputs.points, finite=False))

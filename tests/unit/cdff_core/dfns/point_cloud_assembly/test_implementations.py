@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""PointCloudAssembly merges clouds without duplicates, drops points outside the view, refuses bad input."""
+"""PointCloudAssembly merges clouds without duplicates, crops them to the view, refuses malformed input."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def assemble(
 ) -> np.ndarray:
     node = Registry.default().make_dfn("point_cloud_assembly", implementation)
     node.configure(config)
-    out = node.process(
+    outputs = node.process(
         PointCloudAssemblyInputs(
             first_points=np.array(first),
             second_points=np.array(second),
@@ -29,10 +29,10 @@ def assemble(
             view_radius_m=None if view is None else float(view[1]),
         )
     )
-    return np.asarray(out.assembled_points)
+    return np.asarray(outputs.assembled_points)
 
 
-def test_points_of_both_clouds_are_merged_into_one() -> None:
+def test_nearby_points_of_both_clouds_are_averaged_and_the_others_retained() -> None:
     first, second = [[0.0, 0, 0], [5.0, 0, 0]], [[0.02, 0, 0], [9.0, 0, 0]]
     expected = [[0.01, 0, 0], [5.0, 0, 0], [9.0, 0, 0]]
     np.testing.assert_allclose(assemble("VoxelBinning", first, second, voxel_m=0.1), expected)
@@ -40,7 +40,7 @@ def test_points_of_both_clouds_are_merged_into_one() -> None:
 
 
 @pytest.mark.parametrize("implementation", IMPLEMENTATIONS)
-def test_points_outside_the_view_are_dropped(implementation: str) -> None:
+def test_points_outside_the_view_are_removed(implementation: str) -> None:
     result = assemble(implementation, [[0.0, 0, 0], [50.0, 0, 0]], [[1.0, 0, 0]], ([0.0, 0, 0], 2.0))
     np.testing.assert_allclose(result, [[0.0, 0, 0], [1.0, 0, 0]])
     with pytest.raises(InputError, match="within the view"):
@@ -48,7 +48,7 @@ def test_points_outside_the_view_are_dropped(implementation: str) -> None:
 
 
 @pytest.mark.parametrize("implementation", IMPLEMENTATIONS)
-def test_one_cloud_may_be_empty_and_a_malformed_one_is_refused_by_name(implementation: str) -> None:
+def test_one_cloud_may_be_empty_and_a_malformed_one_is_refused_with_its_name(implementation: str) -> None:
     np.testing.assert_allclose(assemble(implementation, np.zeros((0, 3)), [[1.0, 2, 3]]), [[1.0, 2, 3]])
     with pytest.raises(InputError, match="second_points"):
         assemble(implementation, [[1.0, 2, 3]], [[1.0, 2]])

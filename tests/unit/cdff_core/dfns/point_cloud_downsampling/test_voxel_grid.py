@@ -18,11 +18,11 @@ def make_node(**config: object) -> VoxelGrid:
     return node
 
 
-def test_each_voxel_gives_the_mean_of_its_points() -> None:
+def test_the_points_of_a_voxel_are_replaced_by_their_mean() -> None:
     points = np.array([[0.0, 0, 0], [0.4, 0.2, 0.2], [1.5, 0, 0]])
-    out = make_node(voxel_m=1.0).process(PointCloudDownsamplingInputs(points=points))
-    np.testing.assert_allclose(out.points, [[0.2, 0.1, 0.1], [1.5, 0, 0]])
-    assert out.voxel_m == 1.0
+    outputs = make_node(voxel_m=1.0).process(PointCloudDownsamplingInputs(points=points))
+    np.testing.assert_allclose(outputs.points, [[0.2, 0.1, 0.1], [1.5, 0, 0]])
+    assert outputs.voxel_m == 1.0
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
@@ -30,18 +30,18 @@ def test_the_requested_number_of_points_is_reached_at_any_scale(
     rng: np.random.Generator, scale: float
 ) -> None:
     points = rng.normal(size=(20_000, 3)) * scale
-    out = make_node(max_points=2000).process(PointCloudDownsamplingInputs(points=points))
-    assert 1900 <= len(out.points) <= 2100
+    outputs = make_node(max_points=2000).process(PointCloudDownsamplingInputs(points=points))
+    assert 1900 <= len(outputs.points) <= 2100
 
 
 def test_a_small_cloud_is_unchanged(rng: np.random.Generator) -> None:
     points = rng.normal(size=(50, 3))
-    out = make_node(max_points=100).process(PointCloudDownsamplingInputs(points=points))
-    np.testing.assert_array_equal(out.points, points)
-    assert out.voxel_m == 0.0
+    outputs = make_node(max_points=100).process(PointCloudDownsamplingInputs(points=points))
+    np.testing.assert_array_equal(outputs.points, points)
+    assert outputs.voxel_m == 0.0
 
 
-def test_too_many_voxels_are_refused() -> None:
+def test_voxels_too_small_for_the_extent_are_refused() -> None:
     with pytest.raises(InputError, match="too small"):
         make_node(voxel_m=1e-9).process(
             PointCloudDownsamplingInputs(points=np.array([[0.0, 0, 0], [1e6, 1e6, 1e6]]))

@@ -22,20 +22,20 @@ def make_node(**config: object) -> RangeFilter:
     return node
 
 
-def test_points_outside_the_limits_are_dropped_and_the_rest_keeps_its_order() -> None:
-    out = make_node(min_range_m=0.5, max_range_m=4.0).process(PointCloudFilteringInputs(points=POINTS))
-    np.testing.assert_array_equal(out.kept, [1, 4])
-    np.testing.assert_array_equal(out.filtered_points, POINTS[[1, 4]])
+def test_points_outside_the_limits_are_removed_and_the_others_keep_their_order() -> None:
+    outputs = make_node(min_range_m=0.5, max_range_m=4.0).process(PointCloudFilteringInputs(points=POINTS))
+    np.testing.assert_array_equal(outputs.kept, [1, 4])
+    np.testing.assert_array_equal(outputs.filtered_points, POINTS[[1, 4]])
 
 
-def test_points_on_the_robot_are_dropped() -> None:
-    out = make_node(self_mask_m=[0.5, -0.2, -0.2, 1.5, 0.2, 0.2]).process(
+def test_points_on_the_robot_are_removed() -> None:
+    outputs = make_node(self_mask_m=[0.5, -0.2, -0.2, 1.5, 0.2, 0.2]).process(
         PointCloudFilteringInputs(points=POINTS)
     )
-    np.testing.assert_array_equal(out.kept, [0, 2, 4])
+    np.testing.assert_array_equal(outputs.kept, [0, 2, 4])
 
 
-def test_a_cloud_without_remaining_points_is_an_error_with_the_limits() -> None:
+def test_limits_that_exclude_all_points_are_refused() -> None:
     with pytest.raises(InputError, match="min_range_m=100"):
         make_node(min_range_m=100.0).process(PointCloudFilteringInputs(points=POINTS))
 

@@ -31,21 +31,21 @@ def fuse(
 
 
 def test_equal_covariances_get_equal_weights_in_their_informative_directions() -> None:
-    out = fuse(np.eye(4), WIDE_X, se3.transform(np.eye(3), [0.4, 0.4, 0]), WIDE_Y)
-    assert out.weight == pytest.approx(0.5)
-    np.testing.assert_allclose(out.pose[:3, 3], [0.4 / 1.01, 0.4 * 0.01 / 1.01, 0.0], atol=1e-9)
-    assert out.covariance[0, 0] == pytest.approx(2 / 101)
+    outputs = fuse(np.eye(4), WIDE_X, se3.transform(np.eye(3), [0.4, 0.4, 0]), WIDE_Y)
+    assert outputs.weight == pytest.approx(0.5)
+    np.testing.assert_allclose(outputs.pose[:3, 3], [0.4 / 1.01, 0.4 * 0.01 / 1.01, 0.0], atol=1e-9)
+    assert outputs.covariance[0, 0] == pytest.approx(2 / 101)
 
 
 def test_an_estimate_worse_in_every_direction_gets_no_weight() -> None:
     T = se3.exp_se3([0.1, 0, 0, 0, 0, 0.1])
-    out = fuse(T, 0.5 * WIDE_X, np.eye(4), WIDE_X)
-    assert out.weight == 1.0
-    np.testing.assert_allclose(out.pose, T, atol=1e-12)
+    outputs = fuse(T, 0.5 * WIDE_X, np.eye(4), WIDE_X)
+    assert outputs.weight == 1.0
+    np.testing.assert_allclose(outputs.pose, T, atol=1e-12)
     assert fuse(np.eye(4), WIDE_X, T, 0.5 * WIDE_X).weight == 0.0
 
 
-def test_the_weight_has_the_smallest_determinant(rng: np.random.Generator) -> None:
+def test_the_weight_minimises_the_determinant_of_the_covariance(rng: np.random.Generator) -> None:
     A, B = rng.normal(size=(2, 6, 6))
     C1, C2 = A @ A.T + 0.1 * np.eye(6), B @ B.T + 0.1 * np.eye(6)
 
@@ -56,15 +56,15 @@ def test_the_weight_has_the_smallest_determinant(rng: np.random.Generator) -> No
     assert fuse(np.eye(4), C1, np.eye(4), C2).weight == pytest.approx(best.x, abs=1e-5)
 
 
-def test_a_common_error_is_not_reduced_by_averaging(rng: np.random.Generator) -> None:
+def test_the_covariance_is_consistent_for_estimates_with_a_common_error(rng: np.random.Generator) -> None:
     C = np.diag(np.square([0.1, 0.1, 0.1, 0.01, 0.01, 0.01]))
     nees = []
     for _ in range(300):
         common, independent = rng.normal(size=(2, 6)) * np.sqrt(np.diagonal(C))
         T1, T2 = se3.exp_se3(common), se3.exp_se3(0.9 * common + np.sqrt(1 - 0.81) * independent)
-        out = fuse(T1, C, T2, C)
-        e = pose_error(np.eye(4), out.pose)
-        nees.append(e @ np.linalg.solve(out.covariance, e))
+        outputs = fuse(T1, C, T2, C)
+        e = pose_error(np.eye(4), outputs.pose)
+        nees.append(e @ np.linalg.solve(outputs.covariance, e))
     assert 5.0 < np.mean(nees) < 6.4
 
 
