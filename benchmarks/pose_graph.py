@@ -34,8 +34,8 @@ from cdff_common.geometry import se3
 from cdff_common.geometry.covariance import rotate_covariance, swap_rotation_translation
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import PoseGraph
-from cdff_core.dfns.pose_graph_optimization._chordal import chordal
-from cdff_core.dfns.pose_graph_optimization._problem import problem_of
+from cdff_core.dfns.pose_graph_optimization._chordal import chordal_poses
+from cdff_core.dfns.pose_graph_optimization._problem import make_problem
 from cdff_core.dfns.pose_graph_optimization.chordal_gauss_newton import ChordalGaussNewtonConfig
 from cdff_core.dfns.pose_graph_optimization.interface import (
     PoseGraphOptimizationInputs,
@@ -63,12 +63,12 @@ def solve_with_cdff(
 
 def gtsam_factors(graph: PoseGraph) -> gtsam.NonlinearFactorGraph:
     """Return the prior of the first pose, then the edges in their order; keys are rows of vertices."""
-    problem, factors = problem_of(graph), gtsam.NonlinearFactorGraph()
+    problem, factors = make_problem(graph), gtsam.NonlinearFactorGraph()
     fixed = gtsam.noiseModel.Isotropic.Sigma(6, FIXED_SIGMA)
-    row = int(problem.held[0])
+    row = int(problem.fixed[0])
     factors.add(gtsam.PriorFactorPose3(row, gtsam.Pose3(graph.vertices.matrices[row]), fixed))
     information = swap_rotation_translation(problem.information) + 1e-9 * np.eye(6)
-    for a, b, T, edge in zip(problem.first, problem.second, problem.measured, information, strict=True):
+    for a, b, T, edge in zip(problem.vertex_a, problem.vertex_b, problem.measured, information, strict=True):
         noise = gtsam.noiseModel.Gaussian.Information(edge)
         factors.add(gtsam.BetweenFactorPose3(int(a), int(b), gtsam.Pose3(T), noise))
     return factors
@@ -99,9 +99,9 @@ def _poses(values: gtsam.Values, count: int) -> np.ndarray:
 
 def chi2(graph: PoseGraph, poses: np.ndarray) -> float:
     """Return the objective of poses: the sum of the squared normalised errors of all edges."""
-    problem = problem_of(graph)
+    problem = make_problem(graph)
     rigid = se3.transform(se3.normalise_rotation(poses[:, :3, :3]), poses[:, :3, 3])
-    return float(problem.squared(problem.errors(rigid)).sum())
+    return float(problem.squared_errors(problem.errors(rigid)).sum())
 
 
 def covariances(graph: PoseGraph, trials: int) -> dict[str, Any]:
@@ -145,9 +145,9 @@ def robust(graph: PoseGraph, seeds: int) -> dict[str, Any]:
 
 def gtsam_gnc(graph: PoseGraph) -> tuple[np.ndarray, float]:
     """Return the weights of the edges by GTSAM's graduated non-convexity, and CPU seconds."""
-    problem, factors = problem_of(graph), gtsam_factors(graph)
+    problem, factors = make_problem(graph), gtsam_factors(graph)
     odometry = np.where(problem.is_loop, 0.0, 1.0)
-    values = gtsam_values(chordal(problem, graph.vertices.matrices, odometry))
+    values = gtsam_values(chordal_poses(problem, graph.vertices.matrices, odometry))
     parameters = gtsam.GncLMParams()
     parameters.setKnownInliers([0, *(np.flatnonzero(~problem.is_loop) + 1).tolist()])
     start_s = time.process_time()
@@ -162,7 +162,7 @@ def gtsam_gnc(graph: PoseGraph) -> tuple[np.ndarray, float]:
 def compare_solvers(path: Path, trials: int, seeds: int) -> dict[str, Any]:
     """Return the results of all solvers on one graph."""
     graph = read_pose_graph(path, frame="map")
-    is_spatial = len(problem_of(graph).rows) == 6
+    is_spatial = len(make_problem(graph).rows) == 6
     runs: dict[str, Any] = {"cdff": lambda: _solved(graph)}
     if is_spatial:
         # GTSAM has different factors for planar graphs; only spatial graphs are the same problem.

@@ -16,63 +16,62 @@ from cdff_common.geometry import se3
 from cdff_common.types import PoseGraph
 from cdff_common.types.pose_graph_ext import LOOP_CLOSURE
 
-#: Rows of a plane graph in x y z rx ry rz.
-_PLANE = np.array([0, 1, 5])
-_SPACE = np.arange(6)
-#: Ratio to the largest eigenvalue below which a negative eigenvalue is rounding noise.
+#: Unknowns of a pose in a planar and in a spatial graph, rows of x y z rx ry rz.
+_PLANAR, _SPATIAL = np.array([0, 1, 5]), np.arange(6)
+#: Ratio to the largest eigenvalue below which a negative eigenvalue is a rounding error.
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """Arrays of the optimisation problem.
+    """Pose graph as arrays, one row for each edge or vertex.
 
     Attributes
     ----------
-    first, second : ndarray of int64, shape (m,)
+    vertex_a, vertex_b : ndarray of int64, shape (m,)
         Rows of the vertices a and b of each edge; equal for a prior.
     measured : ndarray, shape (m, 4, 4)
-        ``T_a_b``, of a prior ``T_frame_a``.
+        ``T_a_b``; for a prior ``T_frame_a``.
     information : ndarray, shape (m, d, d)
         Information of ``Log(measured^-1 X_a^-1 X_b)``, positive semi-definite.
     is_loop : ndarray of bool, shape (m,)
-    held : ndarray of int64, shape (g,)
+    fixed : ndarray of int64, shape (g,)
         Rows of the fixed vertices.
     rows : ndarray of int64, shape (d,)
-        The unknowns of a pose in x y z rx ry rz: three in the plane, else all.
+        Unknowns of a pose, rows of x y z rx ry rz: three in a planar graph, else all.
     components, repaired : int
         Number of connected components and of repaired information matrices.
     """
 
-    first: IntArray
-    second: IntArray
+    vertex_a: IntArray
+    vertex_b: IntArray
     measured: FloatArray
     information: FloatArray
     is_loop: BoolArray
-    held: IntArray
+    fixed: IntArray
     rows: IntArray
     components: int
     repaired: int
 
     @property
     def is_prior(self) -> BoolArray:
-        """Return which edges measure one pose in the graph's frame."""
-        return np.asarray(self.first == self.second)
+        """Mask of the edges that measure a pose in the frame of the graph."""
+        return np.asarray(self.vertex_a == self.vertex_b)
 
     def errors(self, poses: FloatArray) -> FloatArray:
-        """Errors ``(m, 6)`` of the edges at poses ``(n, 4, 4)``."""
-        between = se3.inverse(poses[self.first]) @ poses[self.second]
-        between[self.is_prior] = poses[self.first[self.is_prior]]
+        """Return the errors ``(m, 6)`` of the edges at poses ``(n, 4, 4)``."""
+        between = se3.inverse(poses[self.vertex_a]) @ poses[self.vertex_b]
+        between[self.is_prior] = poses[self.vertex_a[self.is_prior]]
         return se3.log_se3(se3.inverse(self.measured) @ between)
 
-    def squared(self, errors: FloatArray) -> FloatArray:
-        """``e' Omega e`` of each edge ``(m,)``."""
+    def squared_errors(self, errors: FloatArray) -> FloatArray:
+        """Return ``e' Omega e`` of each edge ``(m,)``."""
         e = errors[:, self.rows]
         return np.asarray(np.einsum("mi,mij,mj->m", e, self.information, e))
 
 
-def problem_of(graph: PoseGraph) -> Problem:
-    """Return the arrays of a graph.
+def make_problem(graph: PoseGraph) -> Problem:
+    """Return the optimisation problem of a graph.
 
     Raises
     ------
@@ -81,88 +80,89 @@ def problem_of(graph: PoseGraph) -> Problem:
     """
     ids, ends = graph.vertices.ids, graph.edges.ends
     if not len(ids):
-        raise InputError("pose graph: no vertices, expected some")
+        raise InputError("pose graph: no vertices, expected at least one")
     order = np.argsort(ids)
-    first, second = (order[np.searchsorted(ids[order], ends[:, i])] for i in (0, 1))
+    a, b = (order[np.searchsorted(ids[order], ends[:, i])] for i in (0, 1))
     measured = graph.edges.matrices
-    # The message has the information of an error in a, the solver of one in b: rotate by the measured
-    # rotation.
+    # The information of the message is in the axes of a, that of the solver in the axes of b: it is rotated by the
+    # measured rotation.
     J = np.zeros((len(ends), 6, 6))
     J[:, :3, :3] = J[:, 3:, 3:] = measured[:, :3, :3]
-    given = _checked(graph.edges.information_matrices, ends)
-    information = np.swapaxes(J, 1, 2) @ given @ J
+    information_a = graph.edges.information_matrices
+    _check_information(information_a, ends)
+    information = np.swapaxes(J, 1, 2) @ information_a @ J
     information = 0.5 * (information + np.swapaxes(information, 1, 2))
-    rows = _PLANE if _is_plane(graph, information) else _SPACE
-    repaired, count = _repaired(information[:, rows[:, None], rows])
-    parts, label = _parts(len(ids), first, second)
+    rows = _PLANAR if _is_planar(graph, information) else _SPATIAL
+    information, repaired = _repair_information(information[:, rows[:, None], rows])
+    components, label = connected_components(
+        coo_matrix((np.ones(len(a)), (a, b)), shape=(len(ids), len(ids))), directed=False
+    )
     return Problem(
-        first,
-        second,
-        measured,
-        repaired,
-        graph.edges.kinds == LOOP_CLOSURE,
-        _held(graph, first, second, parts, label),
-        rows,
-        parts,
-        count,
+        vertex_a=a,
+        vertex_b=b,
+        measured=measured,
+        information=information,
+        is_loop=graph.edges.kinds == LOOP_CLOSURE,
+        fixed=_fixed_rows(graph, a[a == b], int(components), label),
+        rows=rows,
+        components=int(components),
+        repaired=repaired,
     )
 
 
-def _checked(information: FloatArray, ends: IntArray) -> FloatArray:
+def _check_information(information: FloatArray, ends: IntArray) -> None:
+    """Raise InputError if an information matrix is not finite or not symmetric."""
     scale = np.abs(information).max(axis=(1, 2), initial=0.0)
-    skewed = np.abs(information - np.swapaxes(information, 1, 2)).max(axis=(1, 2), initial=0.0)
-    bad = ~np.isfinite(scale) | (skewed > 1e-6 * scale)
-    if bad.any():
-        a, b = ends[int(np.argmax(bad))]
+    asymmetry = np.abs(information - np.swapaxes(information, 1, 2)).max(axis=(1, 2), initial=0.0)
+    is_invalid = ~np.isfinite(scale) | (asymmetry > 1e-6 * scale)
+    if is_invalid.any():
+        a, b = ends[int(np.argmax(is_invalid))]
         raise InputError(f"information of the edge {a} to {b}: expected a finite symmetric 6x6 matrix")
-    return information
 
 
-def _is_plane(graph: PoseGraph, information: FloatArray) -> bool:
+def _is_planar(graph: PoseGraph, information: FloatArray) -> bool:
     """Return whether poses, measurements and information all lie in the plane z = 0."""
-    out = np.array([2, 3, 4])
+    out_of_plane = np.array([2, 3, 4])
     scale = np.abs(information).max(initial=0.0)
     return bool(
-        np.abs(information[:, out]).max(initial=0.0) <= 1e-12 * scale
+        np.abs(information[:, out_of_plane]).max(initial=0.0) <= 1e-12 * scale
         and np.abs(graph.edges.poses[:, 2:5]).max(initial=0.0) < 1e-9
         and np.abs(graph.vertices.poses[:, 2:5]).max(initial=0.0) < 1e-9
     )
 
 
-def _repaired(information: FloatArray) -> tuple[FloatArray, int]:
-    """Return positive semi-definite matrices and the number of repaired ones.
+def _repair_information(information: FloatArray) -> tuple[FloatArray, int]:
+    """Return positive semi-definite information matrices and the number of repaired ones.
 
-    In published graphs the coupling of translation and rotation is the usual cause of indefinite matrices,
-    and is removed. Remaining negative eigenvalues are set to 0.
+    The coupling of translation and rotation, the usual cause of indefinite matrices in published graphs, is
+    removed. Remaining negative eigenvalues are set to 0.
     """
     if not len(information):
         return information, 0
-    least, largest = np.linalg.eigvalsh(information)[:, [0, -1]].T
-    bad = least < -_ROUNDING * np.maximum(largest, 0.0)
-    if not bad.any():
+    smallest, largest = np.linalg.eigvalsh(information)[:, [0, -1]].T
+    is_indefinite = smallest < -_ROUNDING * np.maximum(largest, 0.0)
+    if not is_indefinite.any():
         return information, 0
-    fixed = information.copy()
+    repaired = information.copy()
     split = 3 if information.shape[1] == 6 else 2
-    blocks = fixed[bad]
+    blocks = repaired[is_indefinite]
     blocks[:, :split, split:] = blocks[:, split:, :split] = 0.0
     values, vectors = np.linalg.eigh(blocks)
-    fixed[bad] = (vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
-    return fixed, int(bad.sum())
+    repaired[is_indefinite] = (vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+    return repaired, int(is_indefinite.sum())
 
 
-def _parts(n: int, first: IntArray, second: IntArray) -> tuple[int, IntArray]:
-    graph = coo_matrix((np.ones(len(first)), (first, second)), shape=(n, n))
-    count, label = connected_components(graph, directed=False)
-    return int(count), label
+def _fixed_rows(graph: PoseGraph, with_prior: IntArray, components: int, label: IntArray) -> IntArray:
+    """Return the rows of the fixed vertices; in a component without a fixed vertex and prior, the smallest id is
+    fixed.
 
-
-def _held(graph: PoseGraph, first: IntArray, second: IntArray, parts: int, label: IntArray) -> IntArray:
-    """Return fixed vertices, and the smallest id of each component without a fixed vertex or prior."""
-    fixed = graph.vertices.fixed
-    held = np.flatnonzero(fixed) if len(fixed) else np.zeros(0, np.int64)
-    tied = np.zeros(parts, np.bool_)
-    tied[label[held]] = True
-    tied[label[first[first == second]]] = True
+    ``with_prior`` are the rows of the vertices with a prior, ``label (n,)`` the component of each vertex.
+    """
+    is_fixed = graph.vertices.fixed
+    fixed = np.flatnonzero(is_fixed) if len(is_fixed) else np.zeros(0, np.int64)
+    has_gauge = np.zeros(components, np.bool_)
+    has_gauge[label[fixed]] = True
+    has_gauge[label[with_prior]] = True
     order = np.argsort(graph.vertices.ids, kind="stable")
-    leading = order[np.unique(label[order], return_index=True)[1]]  # the least id of each part
-    return np.sort(np.concatenate([held, leading[~tied]]))
+    smallest_id = order[np.unique(label[order], return_index=True)[1]]  # row of the smallest id per component
+    return np.sort(np.concatenate([fixed, smallest_id[~has_gauge]]))

@@ -16,13 +16,13 @@ from cdff_common.geometry.covariance import rotate_covariance
 from cdff_common.geometry.robust import GNC_GROWTH, chi_squared_quantile, truncated_weights
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_common.types import PoseGraph
-from cdff_core.dfns.pose_graph_optimization._chordal import chordal, factorised
-from cdff_core.dfns.pose_graph_optimization._least_squares import Solution, minimised, normal_equations
-from cdff_core.dfns.pose_graph_optimization._problem import Problem, problem_of
+from cdff_core.dfns.pose_graph_optimization._chordal import chordal_poses, factorise
+from cdff_core.dfns.pose_graph_optimization._least_squares import Solution, minimise, normal_equations
+from cdff_core.dfns.pose_graph_optimization._problem import Problem, make_problem
 from cdff_core.dfns.pose_graph_optimization.interface import Inputs, Interface, Outputs
 
-_GNC_ROUNDS = 100
-_GNC_INNER = 3
+#: Maximum number of weight updates, and of Gauss-Newton iterations for each.
+_GNC_UPDATES, _GNC_ITERATIONS = 100, 3
 
 
 class ChordalGaussNewtonConfig(DfnConfig):
@@ -31,123 +31,129 @@ class ChordalGaussNewtonConfig(DfnConfig):
     initialise: Literal["auto", "given", "chordal"] = Field(
         "auto",
         description=(
-            "Initial poses: those of the graph (given), from the measurements alone (chordal), or the "
-            "better fit of both (auto)"
+            "Initial poses: those of the graph (given), from the measurements alone (chordal), or those of both "
+            "with the smaller cost (auto)"
         ),
     )
     robust: Literal["none", "gnc"] = Field("none", description="gnc rejects wrong loop closures")
     inlier_probability: float = Field(
-        0.999, gt=0.5, lt=1, description="Probability that a correct loop closure is kept"
+        0.999, gt=0.5, lt=1, description="Probability that a correct loop closure is accepted"
     )
     max_iterations: int = Field(100, ge=1, le=10_000, description="Maximum number of normal equations solved")
     tolerance: float = Field(1e-10, gt=0, lt=1e-2, description="Relative change of chi2 at convergence")
 
 
 class ChordalGaussNewton(Interface[ChordalGaussNewtonConfig]):
-    """Sparse Gauss-Newton, damped where needed, from initial poses of the measurements themselves.
+    """Sparse Gauss-Newton, damped if necessary, with initial poses computed from the measurements.
 
     Notes
     -----
-    The objective is ``sum e' Omega e`` with ``e = Log(T_ab^-1 X_a^-1 X_b)``. Started from odometry,
-    Gauss-Newton
-    ends in local minima for long loops; with the chordal relaxation it does not (Carlone et al. 2015,
-    doi:10.1109/ICRA.2015.7139836). Possibly wrong loop closures are weighted by graduated non-convexity of
-    truncated least squares (Yang et al. 2020, doi:10.1109/LRA.2020.2965893); odometry and priors keep their
-    weight.
+    The objective is ``sum e' Omega e`` with ``e = Log(T_ab^-1 X_a^-1 X_b)``. From initial poses of odometry,
+    Gauss-Newton converges to local minima for long loops, from those of the chordal relaxation it does not
+    (Carlone et al. 2015, doi:10.1109/ICRA.2015.7139836). Loop closures that may be wrong are weighted by
+    graduated non-convexity of truncated least squares (Yang et al. 2020, doi:10.1109/LRA.2020.2965893);
+    odometry and priors always have weight 1.
 
-    A graph extended by a few vertices can start from its previous poses (``initialise: given``); where no new
-    edge contradicts them no equation is solved.
+    A graph extended by a few vertices can start from its previous poses (``initialise: given``); no equation is
+    solved if no new edge contradicts them.
     """
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the optimised graph; raises InputError and DegenerateGeometryError."""
         cfg = self.config
-        problem = problem_of(inputs.graph)
+        problem = make_problem(inputs.graph)
         given = inputs.graph.vertices.matrices
-        wanted = _rows_of(inputs)
-        weights = np.ones(len(problem.first))
+        wanted_rows = _wanted_rows(inputs)
+        weights = np.ones(len(problem.vertex_a))
         if cfg.robust == "gnc" and problem.is_loop.any():
-            found, weights = self._robust(problem, given)
+            solution, weights = self._solve_robust(problem, given)
         else:
-            found = self._minimised(problem, self._start(problem, given, np.inf), weights)
-        self.reasons = _reasons(problem, found, weights)
+            solution = self._minimise(problem, self._initial_poses(problem, given, np.inf), weights)
+        self.reasons = _reasons(problem, solution, weights)
         self.metrics = {
-            f"chi2_{when}": float(weights @ problem.squared(problem.errors(poses)))
-            for when, poses in (("initial", given), ("final", found.poses))
+            f"chi2_{name}": float(weights @ problem.squared_errors(problem.errors(poses)))
+            for name, poses in (("initial", given), ("final", solution.poses))
         }
         return Outputs(
-            graph=_with_poses(inputs.graph, found.poses, problem.held),
-            iterations=found.iterations,
-            converged=found.converged,
-            gauge=inputs.graph.vertices.ids[problem.held],
+            graph=_with_poses(inputs.graph, solution.poses, problem.fixed),
+            iterations=solution.iterations,
+            converged=solution.converged,
+            gauge=inputs.graph.vertices.ids[problem.fixed],
             weights=weights,
-            covariances=_covariances(problem, found.poses, weights, wanted),
+            covariances=_covariances(problem, solution.poses, weights, wanted_rows),
         )
 
-    def _minimised(
-        self, problem: Problem, poses: FloatArray, weights: FloatArray, most: int | None = None
+    def _minimise(
+        self, problem: Problem, poses: FloatArray, weights: FloatArray, max_iterations: int | None = None
     ) -> Solution:
-        return minimised(problem, poses, weights, most or self.config.max_iterations, self.config.tolerance)
+        return minimise(
+            problem, poses, weights, max_iterations or self.config.max_iterations, self.config.tolerance
+        )
 
-    def _start(self, problem: Problem, given: FloatArray, limit: float) -> FloatArray:
-        """Return the initial poses of smallest truncated cost among the configured ones."""
-        ones = np.ones(len(problem.first))
+    def _initial_poses(self, problem: Problem, given: FloatArray, limit: float) -> FloatArray:
+        """Return the configured initial poses with the smallest cost; errors of edges are truncated at ``limit``."""
+        ones = np.ones(len(problem.vertex_a))
         candidates = [] if self.config.initialise == "chordal" else [given]
         if self.config.initialise != "given":
-            candidates.append(chordal(problem, given, ones))
+            candidates.append(chordal_poses(problem, given, ones))
             if np.isfinite(limit):
-                candidates.append(chordal(problem, given, np.where(problem.is_loop, 0.0, 1.0)))
-        costs = [np.minimum(problem.squared(problem.errors(poses)), limit).sum() for poses in candidates]
+                candidates.append(chordal_poses(problem, given, np.where(problem.is_loop, 0.0, 1.0)))
+        costs = [
+            np.minimum(problem.squared_errors(problem.errors(poses)), limit).sum() for poses in candidates
+        ]
         return candidates[int(np.argmin(costs))]
 
-    def _robust(self, problem: Problem, given: FloatArray) -> tuple[Solution, FloatArray]:
-        """Solve with weights of loop closures that change from equal ones to 0 or 1."""
+    def _solve_robust(self, problem: Problem, given: FloatArray) -> tuple[Solution, FloatArray]:
+        """Return the solution and the weights of the edges; those of loop closures change from 1 to either 0 or 1."""
         limit = chi_squared_quantile(self.config.inlier_probability, len(problem.rows))
-        weights = np.ones(len(problem.first))
-        found = self._minimised(problem, self._start(problem, given, limit), weights, 2 * _GNC_INNER)
-        iterations = found.iterations
-        r2 = problem.squared(problem.errors(found.poses))[problem.is_loop]
+        weights = np.ones(len(problem.vertex_a))
+        solution = self._minimise(
+            problem, self._initial_poses(problem, given, limit), weights, 2 * _GNC_ITERATIONS
+        )
+        iterations = solution.iterations
+        r2 = problem.squared_errors(problem.errors(solution.poses))[problem.is_loop]
         mu = limit / max(2.0 * float(r2.max()) - limit, 1e-9 * limit)
-        for _ in range(_GNC_ROUNDS):
+        for _ in range(_GNC_UPDATES):
             if r2.max() <= limit or mu > 1e6:
                 break
-            weights[problem.is_loop] = loops = truncated_weights(r2, limit, mu)
-            found = self._minimised(problem, found.poses, weights, _GNC_INNER)
-            iterations += found.iterations
-            r2 = problem.squared(problem.errors(found.poses))[problem.is_loop]
-            if np.all((loops < 1e-4) | (loops > 1.0 - 1e-4)):
+            weights[problem.is_loop] = loop_weights = truncated_weights(r2, limit, mu)
+            solution = self._minimise(problem, solution.poses, weights, _GNC_ITERATIONS)
+            iterations += solution.iterations
+            r2 = problem.squared_errors(problem.errors(solution.poses))[problem.is_loop]
+            if np.all((loop_weights < 1e-4) | (loop_weights > 1.0 - 1e-4)):
                 break
             mu *= GNC_GROWTH
         weights[problem.is_loop] = (r2 <= limit).astype(np.float64)
-        last = self._minimised(problem, found.poses, weights)
-        return Solution(last.poses, last.chi2, iterations + last.iterations, last.converged), weights
+        final = self._minimise(problem, solution.poses, weights)
+        return Solution(final.poses, final.chi2, iterations + final.iterations, final.converged), weights
 
 
-def _rows_of(inputs: Inputs) -> IntArray:
-    """Return the rows of the vertices whose covariance is requested; raises InputError for a missing one."""
+def _wanted_rows(inputs: Inputs) -> IntArray:
+    """Return the rows of the vertices whose covariance is requested; raises InputError for an unknown id."""
     ids = inputs.graph.vertices.ids
     wanted = np.asarray(() if inputs.wanted is None else inputs.wanted, np.int64).reshape(-1)
     missing = np.setdiff1d(wanted, ids)
     if missing.size:
-        raise InputError(f"wanted: vertex {missing[0]} is not in the graph of {len(ids)}")
+        raise InputError(f"wanted: vertex {missing[0]} is not in the graph of {len(ids)} vertices")
     order = np.argsort(ids)
     return order[np.searchsorted(ids[order], wanted)]
 
 
-def _reasons(problem: Problem, found: Solution, weights: FloatArray) -> tuple[str, ...]:
+def _reasons(problem: Problem, solution: Solution, weights: FloatArray) -> tuple[str, ...]:
     rejected = int(np.count_nonzero(weights == 0.0))
     reasons = {
         f"information_repaired:{problem.repaired}": problem.repaired > 0,
         f"components:{problem.components}": problem.components > 1,
         f"loops_rejected:{rejected}": rejected > 0,
-        "not_converged": not found.converged,
+        "not_converged": not solution.converged,
     }
     return tuple(reason for reason, applies in reasons.items() if applies)
 
 
-def _with_poses(graph: PoseGraph, poses: FloatArray, held: IntArray) -> PoseGraph:
-    fixed = np.zeros(len(poses), np.bool_)
-    fixed[held] = True
+def _with_poses(graph: PoseGraph, poses: FloatArray, fixed: IntArray) -> PoseGraph:
+    """Return the graph with other poses; ``fixed`` are the rows of the fixed vertices."""
+    is_fixed = np.zeros(len(poses), np.bool_)
+    is_fixed[fixed] = True
     vertices, edges = graph.vertices, graph.edges
     return PoseGraph.from_arrays(
         vertices.ids,
@@ -158,27 +164,27 @@ def _with_poses(graph: PoseGraph, poses: FloatArray, held: IntArray) -> PoseGrap
         edges.information_matrices,
         edges.kinds,
         frame=graph.frame,
-        fixed=fixed,
+        fixed=is_fixed,
         producer=graph.metadata.producer_id,
     )
 
 
-def _covariances(problem: Problem, poses: FloatArray, weights: FloatArray, wanted: IntArray) -> FloatArray:
-    """Return marginal covariances ``(k, 6, 6)``: blocks of the inverse Hessian; 0 for fixed poses."""
-    out = np.zeros((len(wanted), 6, 6))
-    free = np.setdiff1d(np.arange(len(poses)), problem.held)
-    if not len(wanted) or not len(free):
-        return out
+def _covariances(problem: Problem, poses: FloatArray, weights: FloatArray, rows: IntArray) -> FloatArray:
+    """Return the marginal covariances ``(k, 6, 6)`` of these rows: blocks of the inverse Hessian; 0 for fixed poses."""
+    covariances = np.zeros((len(rows), 6, 6))
+    free = np.setdiff1d(np.arange(len(poses)), problem.fixed)
+    if not len(rows) or not len(free):
+        return covariances
     d = len(problem.rows)
-    factors = factorised(normal_equations(problem, poses, weights)[0])
-    for k, row in enumerate(wanted):
+    factors = factorise(normal_equations(problem, poses, weights)[0])
+    for k, row in enumerate(rows):
         at = np.searchsorted(free, row)
         if at == len(free) or free[at] != row:
             continue
         unit = np.zeros((len(free) * d, d))
         unit[at * d : (at + 1) * d] = np.eye(d)
         block = factors.solve(unit)[at * d : (at + 1) * d]
-        whole = np.zeros((6, 6))
-        whole[np.ix_(problem.rows, problem.rows)] = 0.5 * (block + block.T)
-        out[k] = rotate_covariance(whole, poses[row][:3, :3])
-    return out
+        covariance = np.zeros((6, 6))
+        covariance[np.ix_(problem.rows, problem.rows)] = 0.5 * (block + block.T)
+        covariances[k] = rotate_covariance(covariance, poses[row][:3, :3])
+    return covariances

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sub-cell refinement of position, rotation and height of points on a height grid by least squares."""
+"""Refinement of position, rotation and height of points on a height grid to sub-cell precision, by least squares."""
 
 from __future__ import annotations
 
@@ -14,35 +14,38 @@ from cdff_common.geometry.robust import median_sigma
 
 _ITERATIONS = 12
 _CONVERGED_CELLS = 1e-4
-#: Huber's bound in robust standard deviations: 95 % efficient where errors are normal.
+#: Bound of the Huber weights in robust standard deviations: 95 % efficient for normal errors.
 _HUBER = 1.345
-#: Cells of a block within which residuals may be correlated.
+#: Edge of the blocks within which residuals may be correlated, cells.
 _BLOCK_CELLS = 4
+#: Row, column, rotation, height and two tilts.
 _PARAMETERS = 6
-#: Cells over which heights are smoothed for slopes: noise in slopes would count as information on the
-#: translation.
+#: Standard deviation of the smoothing of heights for slopes, cells: noise of slopes would count as information on
+#: the translation.
 _SLOPE_CELLS = 1.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ground:
-    """Heights between the centres of cells, by cubic splines; indices are cells.
+class HeightSurface:
+    """Interpolated heights (cubic splines) and slopes between the centres of the cells of a grid.
+
+    Positions are rows and columns, 0 at the centre of the first cell.
 
     Attributes
     ----------
     coefficients, slope_row, slope_col : FloatArray, shape (rows, cols)
-    seen : BoolArray
-        Cells whose value no hole touches.
+    observed : BoolArray, shape (rows, cols)
+        Cells with a height.
     """
 
     coefficients: FloatArray
     slope_row: FloatArray
     slope_col: FloatArray
-    seen: BoolArray
+    observed: BoolArray
 
     @classmethod
-    def of(cls, heights_m: FloatArray) -> Ground:
-        """Return the surface of a grid; holes (NaN) are filled for the splines but not used."""
+    def from_grid(cls, heights_m: FloatArray) -> HeightSurface:
+        """Return the surface of a grid; holes (NaN) are filled for the splines, but are not observed."""
         hole = ~np.isfinite(heights_m)
         filled = heights_m
         if hole.any():
@@ -52,37 +55,44 @@ class Ground:
         return cls(spline_filter(filled, order=3, mode="nearest"), row, col, ~hole)
 
     def at(self, row: FloatArray, col: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
-        """Return heights, slopes along rows and columns, and which are of observed cells; each ``(n,)``."""
-        at = np.stack([row, col])
-        rows, cols = self.seen.shape
+        """Return heights, slopes along rows and columns, and the mask of observed positions; each ``(n,)``."""
+        position = np.stack([row, col])
+        rows, cols = self.observed.shape
         inside = (row >= 0) & (row <= rows - 1) & (col >= 0) & (col <= cols - 1)
         r, c = (np.clip(np.rint(v), 0, n - 1).astype(int) for v, n in ((row, rows), (col, cols)))
-        z = map_coordinates(self.coefficients, at, order=3, mode="nearest", prefilter=False)
-        slopes = [map_coordinates(s, at, order=1, mode="nearest") for s in (self.slope_row, self.slope_col)]
-        return z, slopes[0], slopes[1], inside & self.seen[r, c]
+        z = map_coordinates(self.coefficients, position, order=3, mode="nearest", prefilter=False)
+        slopes = [
+            map_coordinates(s, position, order=1, mode="nearest") for s in (self.slope_row, self.slope_col)
+        ]
+        return z, slopes[0], slopes[1], inside & self.observed[r, c]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placement:
-    """Position of the points on the surface.
+    """Estimated position of points on a surface, relative to their given position.
 
     Attributes
     ----------
     row, col : float
         Translation of the middle, cells.
-    turn_rad : float
-        About it, from columns towards falling rows (counter-clockwise seen from above, row 0 at the top).
+    rotation_rad : float
+        Rotation about the middle, from columns towards decreasing rows (counter-clockwise seen from above, with row
+        0 at the top).
     height_m : float
         Height of the surface above the points at the middle.
     covariance : FloatArray, shape (4, 4)
         Covariance of column, row, height and rotation: cells, metres, radians; not inflated.
     residual_m : float
-        Robust standard deviation of the heights.
+        Root mean square of the height differences.
+    relief_m : float
+        Root mean square deviation of the points from their mean plane.
+    cells : int
+        Number of points on observed cells.
     """
 
     row: float
     col: float
-    turn_rad: float
+    rotation_rad: float
     height_m: float
     covariance: FloatArray
     residual_m: float
@@ -90,11 +100,10 @@ class Placement:
     cells: int
 
 
-def place(
-    ground: Ground, row: FloatArray, col: FloatArray, z_m: FloatArray, middle: tuple[float, float]
+def refine_placement(
+    surface: HeightSurface, row: FloatArray, col: FloatArray, z_m: FloatArray, middle: tuple[float, float]
 ) -> Placement | None:
-    """Least squares of the height differences over translation, rotation, height and tilt, with Huber
-    weights.
+    """Minimise the height differences over translation, rotation, height and tilt, with Huber weights.
 
     Parameters
     ----------
@@ -106,24 +115,22 @@ def place(
     Returns
     -------
     Placement or None
-        None if the points leave the grid or a direction is unconstrained. The covariance is a sandwich
-        over
-        blocks of cells, since errors of neighbours depend on one another.
+        None if too many points leave the grid or a direction is unconstrained. The covariance is a sandwich
+        estimate over blocks of cells, since the errors of neighbouring cells are correlated.
     """
     y, x = row - middle[0], col - middle[1]
-    p = np.zeros(_PARAMETERS)  # row, col, turn, height, tilts
+    p = np.zeros(_PARAMETERS)  # row, column, rotation, height, tilts along rows and columns
     for _ in range(_ITERATIONS):
         c, s = np.cos(p[2]), np.sin(p[2])
         r, k = middle[0] + p[0] + c * y - s * x, middle[1] + p[1] + c * x + s * y
-        z, slope_row, slope_col, usable = ground.at(r, k)
+        z, slope_row, slope_col, usable = surface.at(r, k)
         if np.count_nonzero(usable) < max(4 * _PARAMETERS, len(z_m) // 3):
             return None
-        turn = slope_row * (-s * y - c * x) + slope_col * (-s * x + c * y)
-        J = np.column_stack([slope_row, slope_col, turn, np.ones_like(x), -y, -x])[usable]
-        J[:, 3] = -1.0
+        by_rotation = slope_row * (-s * y - c * x) + slope_col * (-s * x + c * y)
+        J = np.column_stack([slope_row, slope_col, by_rotation, -np.ones_like(x), -y, -x])[usable]
         e = (z - z_m)[usable] - p[3] - p[4] * y[usable] - p[5] * x[usable]
-        spread = max(median_sigma(e - np.median(e)), 1e-9)
-        w = np.minimum(1.0, _HUBER * spread / np.maximum(np.abs(e), 1e-12))
+        sigma_m = max(median_sigma(e - np.median(e)), 1e-9)
+        w = np.minimum(1.0, _HUBER * sigma_m / np.maximum(np.abs(e), 1e-12))
         H = J.T @ (w[:, None] * J)
         scale = np.sqrt(np.maximum(np.diag(H), 1e-30))
         if np.linalg.cond(H / np.outer(scale, scale)) > 1e8:
@@ -141,8 +148,16 @@ def place(
     inverse = np.linalg.inv(H)
     order = [1, 0, 3, 2]
     covariance = (inverse @ (scores.T @ scores) @ inverse)[np.ix_(order, order)]
-    left = float(np.sqrt(np.mean(e**2)))
+    residual_m = float(np.sqrt(np.mean(e**2)))
     plane = np.column_stack([np.ones_like(x), x, y])[usable]
-    rest = z_m[usable] - plane @ np.linalg.lstsq(plane, z_m[usable], rcond=None)[0]
-    relief = float(np.sqrt(np.mean(rest**2)))
-    return Placement(float(p[0]), float(p[1]), float(p[2]), float(p[3]), covariance, left, relief, len(e))
+    deviation = z_m[usable] - plane @ np.linalg.lstsq(plane, z_m[usable], rcond=None)[0]
+    return Placement(
+        row=float(p[0]),
+        col=float(p[1]),
+        rotation_rad=float(p[2]),
+        height_m=float(p[3]),
+        covariance=covariance,
+        residual_m=residual_m,
+        relief_m=float(np.sqrt(np.mean(deviation**2))),
+        cells=len(e),
+    )

@@ -58,7 +58,9 @@ def match(
     "T", [upright(0.0, 3.0, -5.0, 0.0), upright(6.3, -8.37, 6.71, 250.0), upright(-9.0, 0, 0, -3)]
 )
 @pytest.mark.parametrize("holes", [0.0, 0.5])
-def test_shift_rotation_and_height_are_estimated_to_subcell_precision(T: np.ndarray, holes: float) -> None:
+def test_translation_rotation_and_height_are_estimated_to_subcell_precision(
+    T: np.ndarray, holes: float
+) -> None:
     matches = match(template(T, noise_m=0.02, holes=holes))
     point = np.array([5.0, -2.0, 0.0])
     error = (matches.transforms[0] - T)[:3, :3] @ point + (matches.transforms[0] - T)[:3, 3]
@@ -75,11 +77,11 @@ def test_a_tilt_of_the_template_has_no_effect() -> None:
     level = template(T)
     x, _ = level.geometry.centres_m()
     tilted = elevation(level.geometry, level.layer("mean") + 0.05 * x)
-    first, second = match(level), match(tilted)
-    np.testing.assert_allclose(second.transforms[0][:2, 3], first.transforms[0][:2, 3], atol=0.05)
+    of_level, of_tilted = match(level), match(tilted)
+    np.testing.assert_allclose(of_tilted.transforms[0][:2, 3], of_level.transforms[0][:2, 3], atol=0.05)
 
 
-def test_the_search_is_centred_on_the_guess_within_its_stated_range() -> None:
+def test_the_search_covers_only_the_stated_range_around_the_guess() -> None:
     T = upright(100.0, -20.0, 15.0, 0.0)
     matches = match(template(T), upright(95.0, -16.0, 12.0, 3.0))
     np.testing.assert_allclose(matches.transforms[0][:2, 3], T[:2, 3], atol=0.1)
@@ -103,20 +105,13 @@ def test_the_covariance_grows_with_the_noise_of_the_reference() -> None:
     noisy = elevation(WIDE, RELIEF + np.random.default_rng(2).normal(0.0, 0.2, RELIEF.shape))
     node = MaskedGradientCorrelation()
     node.configure({"search_m": 10.0, "floor_cells": 0.0})
-    sigma = [
-        float(
-            np.sqrt(
-                np.trace(
-                    node.process(RasterMatchingInputs(reference=r, template=template(T))).covariances[0][
-                        :2, :2
-                    ]
-                )
-            )
-        )
-        for r in (REFERENCE, noisy)
+    results = [
+        node.process(RasterMatchingInputs(reference=reference, template=template(T)))
+        for reference in (REFERENCE, noisy)
     ]
-    assert sigma[1] > 2.0 * sigma[0]
-    assert sigma[1] < 1.0
+    sigma_m, sigma_noisy_m = (np.sqrt(np.trace(result.covariances[0][:2, :2])) for result in results)
+    assert sigma_noisy_m > 2.0 * sigma_m
+    assert sigma_noisy_m < 1.0
 
 
 @pytest.mark.req("CDFF-CORE-089")
@@ -148,7 +143,7 @@ def test_holes_of_the_reference_are_ignored() -> None:
     np.testing.assert_allclose(outputs.transforms[0][:2, 3], T[:2, 3], atol=0.1)
 
 
-def test_a_template_of_larger_cells_and_a_wrong_parameter_are_refused() -> None:
+def test_a_template_of_larger_cells_and_an_invalid_parameter_are_refused() -> None:
     with pytest.raises(InputError, match="cells of 2"):
         match(template(np.eye(4), cell_m=2.0))
     with pytest.raises(ConfigurationError, match="search_m"):
