@@ -16,7 +16,8 @@ from cdff_common.arrays import FloatArray
 def strapdown(
     t_s: FloatArray, readings: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:  # pragma: no cover - compiled
-    """Integrate inertial readings by the trapezoidal rule in the body frame at the start, with coning to second order.
+    """Integrate inertial readings by the trapezoidal rule in the body frame at the start, with coning to
+    second order.
 
     Parameters
     ----------

@@ -47,9 +47,9 @@ class InertialErrorState(Interface[InertialErrorStateConfig]):
 
     Notes
     -----
-    Rotation errors are in the world frame, ``R_true = Exp(phi) R``, as for all covariances of CDFF; chapter 7 of
-    Solà (2017), arXiv:1711.02508, derives the transition matrix. Intervals should not exceed some tenths of a
-    second, since coning of higher order is neglected.
+    Rotation errors are in the world frame, ``R_true = Exp(phi) R``, as for all covariances of CDFF; chapter 7
+    of Solà (2017), arXiv:1711.02508, derives the transition matrix. Intervals should not exceed some tenths
+    of a second, since coning of higher order is neglected.
     """
 
     def setup(self) -> None:
@@ -57,7 +57,7 @@ class InertialErrorState(Interface[InertialErrorStateConfig]):
         strapdown(np.zeros(1), np.zeros((1, 6)))
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the propagated state; raises InputError for fewer than 15 states or an end before the start."""
+        """Return the propagated state; raises InputError if inputs are inconsistent."""
         start, end = (int(t) for t in inputs.interval_ns)
         if end < start or len(inputs.covariance) < 15:
             raise InputError(
@@ -117,8 +117,8 @@ class InertialErrorState(Interface[InertialErrorStateConfig]):
         return Q
 
     def _readings(self, inputs: Inputs, start: int, end: int) -> tuple[FloatArray, FloatArray] | None:
-        """Return the readings of the interval: times (k,), s from the start, and rates and forces (k, 6) without
-        biases; None if the readings have a gap.
+        """Return the readings of the interval: times (k,), s from the start, and rates and forces (k, 6)
+        without biases; None if the readings have a gap.
 
         Readings at the start and at the end are interpolated. Without measured forces the forces are invalid.
         """
@@ -157,7 +157,8 @@ def _propagate(
 ) -> tuple[FloatArray, FloatArray]:
     """Return position and velocity of the body at the end; the forces are measured at the lever arm.
 
-    ``dv`` and ``dp`` are the integrals of the specific force in the world, ``rates`` the angular rates (k, 3).
+    ``dv`` and ``dp`` are the integrals of the specific force in the world, ``rates`` the angular rates (k,
+    3).
     """
     R, p, v = inputs.pose[:3, :3], inputs.pose[:3, 3], inputs.velocity
     dv_gravity = np.array([0.0, 0.0, -gravity * T_s])
@@ -170,7 +171,9 @@ def _propagate(
 
 
 def _interpolate(stamps_ns: IntArray, rows: FloatArray, k: int, t_ns: int) -> FloatArray:
-    """Return the interpolation between rows k - 1 and k; before the first row the first, after the last the last."""
+    """Return the interpolation between rows k - 1 and k; before the first row the first, after the last the
+    last.
+    """
     if k == 0 or k == len(rows):
         return np.asarray(rows[max(k - 1, 0)])
     fraction = float(t_ns - stamps_ns[k - 1]) / float(stamps_ns[k] - stamps_ns[k - 1])

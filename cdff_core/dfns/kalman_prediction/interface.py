@@ -36,24 +36,24 @@ class KalmanPredictionInputs:
     Attributes
     ----------
     pose : ndarray of float64, shape (4,4)
-        T_world_body at the start; world z against gravity.
+        T_world_body at the start; z of the world points up, against gravity.
     velocity : ndarray of float64, shape (3)
         Velocity of the body's origin in the world, m/s.
     biases : ndarray of float64, shape (6)
         Biases of gyroscope (rad/s) and accelerometer (m/s^2), in the body's axes.
     covariance : ndarray of float64, shape (n,n)
         Covariance of the errors x y z, rx ry rz (in the world), velocity, gyroscope bias, accelerometer
-        bias, then of further states; n is at least 15.
+        bias, then further states, which stay constant; n is at least 15.
     interval_ns : ndarray of int64, shape (2)
         Start and end, nanoseconds.
     stamps_ns : ndarray of int64, shape (k), optional
-        Ascending times of the readings, including those around the interval.
+        Ascending times of the readings, including the last one before and the first one after the interval.
     specific_force : ndarray of float64, shape (k,3), optional
         Specific force in the body's axes at the sensor, m/s^2.
     rates_rad_s : ndarray of float64, shape (k,3), optional
         Angular rates in the body's axes, rad/s.
     gravity : float, optional
-        Magnitude of gravity, m/s^2; without it forces are not used.
+        Magnitude of gravity, m/s^2; without it the forces are not used.
     lever_m : ndarray of float64, shape (3), optional
         Position of the sensor in the body, metres.
     """
@@ -82,9 +82,9 @@ class KalmanPredictionOutputs:
     pose : ndarray of float64, shape (4,4)
         T_world_body at the end.
     velocity : ndarray of float64, shape (3)
-        At the end, m/s.
+        Velocity of the body's origin at the end, m/s.
     covariance : ndarray of float64, shape (n,n)
-        At the end.
+        Covariance at the end.
     transition : ndarray of float64, shape (15,15)
         Derivative of the errors at the end with respect to those at the start.
     inertial : bool
@@ -99,8 +99,8 @@ class KalmanPredictionOutputs:
 
 
 class KalmanPredictionInterface(Dfn[ConfigT, KalmanPredictionInputs, KalmanPredictionOutputs]):
-    """Propagate a robot's pose, velocity and their covariance to a later time by inertial readings, or
-    with constant velocity if there are no readings.
+    """Propagate a robot's pose, velocity and their covariance to a later time with inertial readings,
+    or with constant velocity if there are no readings.
     """
 
 

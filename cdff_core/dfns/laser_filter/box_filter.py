@@ -53,7 +53,8 @@ class BoxFilter(Interface[BoxFilterConfig]):
         Raises
         ------
         InputError
-            If the scan has no beam geometry, or the transform is not finite or its quaternion not of unit length.
+            If the scan has no beam geometry, or the transform is not finite or its quaternion not of unit
+            length.
         """
         scan = inputs.scan_samples
         check_beam_geometry(scan)

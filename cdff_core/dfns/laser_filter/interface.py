@@ -18,9 +18,9 @@ class LaserFilterInputs:
     Attributes
     ----------
     scan_samples : LaserScan
-        Samples of a laser scan.
+        Laser scan.
     laser_2_body_tf : RigidBodyState
-        Laser frame to body frame.
+        T_body_laser: target frame body, source frame laser.
     """
 
     scan_samples: LaserScan
@@ -34,7 +34,7 @@ class LaserFilterOutputs:
     Attributes
     ----------
     filtered_scans : LaserScan
-        Filtered laser scans.
+        Laser scan with error codes instead of the removed ranges.
     """
 
     filtered_scans: LaserScan

@@ -43,16 +43,17 @@ class HeightContextConfig(DfnConfig):
 
 
 class HeightContext(Interface[HeightContextConfig]):
-    """Describe a place by mean heights above the ground plane in rings and sectors, correlated at all rotations at once.
+    """Describe a place by mean heights above the ground plane in rings and sectors, correlated at all
+    rotations at once.
 
     Notes
     -----
     Kim, Kim (2018), "Scan Context", doi:10.1109/IROS.2018.8593953, with two changes for open terrain, where
     the highest point of a cell has little information: a cell has the mean height of its points, and heights
-    are relative to the plane through all points, so that the tilt of the sensor has no effect. The correlation
-    at all rotations is computed by Fourier transforms along the sectors, over the cells observed from both
-    places. A row of the database contains the heights (NaN if a cell has no points), then the plane: slopes
-    along x and y, height at the origin.
+    are relative to the plane through all points, so that the tilt of the sensor has no effect. The
+    correlation at all rotations is computed by Fourier transforms along the sectors, over the cells observed
+    from both places. A row of the database contains the heights (NaN if a cell has no points), then the
+    plane: slopes along x and y, height at the origin.
     """
 
     def process(self, inputs: Inputs) -> Outputs:
@@ -91,7 +92,9 @@ class HeightContext(Interface[HeightContextConfig]):
         )
 
     def _describe(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the heights above the plane (rings, sectors), NaN in cells without points, and the plane (3,)."""
+        """Return the heights above the plane (rings, sectors), NaN in cells without points, and the plane
+        (3,).
+        """
         cfg = self.config
         range_m = np.hypot(points[:, 0], points[:, 1])
         points = points[range_m < cfg.radius_m]
@@ -140,7 +143,9 @@ class HeightContext(Interface[HeightContextConfig]):
 
 
 def _levelling(plane: FloatArray) -> FloatArray:
-    """Return the transform with the smallest rotation that makes the plane horizontal and its height 0 at the place."""
+    """Return the transform with the smallest rotation that makes the plane horizontal and its height 0 at the
+    place.
+    """
     normal = np.array([-plane[0], -plane[1], 1.0])
     normal /= np.linalg.norm(normal)
     return se3.transform(rotations_to_z(normal[None])[0], np.array([0.0, 0.0, -plane[2] * normal[2]]))

@@ -23,7 +23,7 @@ class LoopDetectionInputs:
     Attributes
     ----------
     points : ndarray of float64, shape (n,3)
-        Points observed from the place, in the frame of the place, z approximately up, metres.
+        Points observed from the place, in the frame of the robot there, z approximately up, metres.
     database : ndarray of float32, shape (m,d), optional
         Descriptors of other places; without it no comparison is made.
     """
@@ -44,7 +44,8 @@ class LoopDetectionOutputs:
     descriptor : ndarray of float32, shape (d)
         Descriptor of this place, to be stored by the caller.
     relief_m : float
-        Standard deviation of the described heights, metres; no comparison below minReliefM.
+        Standard deviation of the described heights, metres; places are not compared if it is below
+        min_relief_m.
     candidates : ndarray of int64, shape (c)
         Rows of similar places in the database, most similar first.
     similarity : ndarray of float64, shape (c)

@@ -47,8 +47,8 @@ def _times(A: Six, b: Three) -> Three:
 def _linear(
     lo: int, hi: int, cam: IntArray, xy: FloatArray, P: FloatArray, X: Three, by_depth: bool
 ) -> tuple[bool, Three]:
-    """Return True and the least-squares solution of the cross products of observations ``lo`` to ``hi``; False if
-    it is not determined. With ``by_depth`` they are divided by the depth of X.
+    """Return True and the least-squares solution of the cross products of observations ``lo`` to ``hi``;
+    False if it is not determined. With ``by_depth`` they are divided by the depth of X.
     """
     a00 = a01 = a02 = a11 = a12 = a22 = b0 = b1 = b2 = 0.0
     for k in range(lo, hi):
@@ -142,8 +142,8 @@ def _refine(
 
 @njit(cache=True, inline="always", error_model="numpy", fastmath={"contract", "reassoc"})
 def _angle_cosine(lo: int, hi: int, cam: IntArray, C: FloatArray, X: Three) -> float:
-    """Return the smallest cosine between two rays of a point, searched in two passes: the ray at the widest angle from
-    the first ray, then the ray at the widest angle from that one.
+    """Return the smallest cosine between two rays of a point, searched in two passes: the ray at the widest
+    angle from the first ray, then the ray at the widest angle from that one.
     """
     at, cosine = lo, 1.0
     for _ in range(2):
@@ -175,12 +175,12 @@ def triangulate(
     max_residual_px: float,
     min_depth: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, ByteArray]:
-    """Return points ``(n, 3)``, inverse normal matrices ``(n, 3, 3)``, sums of squared residuals, angles (rad) and
-    status of the points.
+    """Return points ``(n, 3)``, inverse normal matrices ``(n, 3, 3)``, sums of squared residuals, angles
+    (rad) and status of the points.
 
-    ``start (n + 1,)`` is the row of the first observation of each point in ``cam``, the camera, and ``xy``, the
-    position on the plane z = 1. ``P (k, 3, 4)`` are T_camera_frame, ``C (k, 3)`` the positions of the cameras,
-    ``f (k, 2)`` the focal lengths in pixels.
+    ``start (n + 1,)`` is the row of the first observation of each point in ``cam``, the camera, and ``xy``,
+    the position on the plane z = 1. ``P (k, 3, 4)`` are T_camera_frame, ``C (k, 3)`` the positions of the
+    cameras, ``f (k, 2)`` the focal lengths in pixels.
     """
     n = len(start) - 1
     points, covariances = np.full((n, 3), np.nan), np.full((n, 3, 3), np.nan)

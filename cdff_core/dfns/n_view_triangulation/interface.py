@@ -34,11 +34,12 @@ class NViewTriangulationOutputs:
     Attributes
     ----------
     points : ndarray of float64, shape (n,3)
-        Metres, in the frame of the poses; NaN if undefined.
+        Positions in the frame of the poses, metres; NaN if undefined.
     covariances : ndarray of float64, shape (n,3,3)
-        Formal, square metres: sigma_px^2 (J'J)^-1, enlarged by the residuals.
+        Formal covariance, square metres: sigma_px^2 (J'J)^-1, multiplied by unitVariance if that is above
+        1.
     valid : ndarray of bool, shape (n)
-        Points that passed every gate.
+        True for points with status 0.
     status : ndarray of uint8, shape (n)
         0 valid, 1 fewer than two views, 2 degenerate, 3 behind a camera, 4 angle too small, 5 residual too
         large.

@@ -36,9 +36,9 @@ class LinearThenReprojection(Interface[LinearThenReprojectionConfig]):
     """Least squares on the cross products [1]_, weighted by depth, then Gauss-Newton on the reprojection
     error.
 
-    For two views the minimum equals that of optimal triangulation in closed form [2]_; for more views it is the
-    maximum-likelihood point under equal Gaussian noise. The covariance follows from the last normal matrix,
-    multiplied by the variance of unit weight if that is above 1.
+    For two views the minimum equals that of optimal triangulation in closed form [2]_; for more views it is
+    the maximum-likelihood point under equal Gaussian noise. The covariance follows from the last normal
+    matrix, multiplied by the variance of unit weight if that is above 1.
 
     References
     ----------
@@ -119,7 +119,7 @@ def _undistorted(tracks: BundleProblem) -> FloatArray:
 
 
 def _group_by_point(tracks: BundleProblem) -> tuple[IntArray, IntArray | slice]:
-    """Return the row of the first observation of each point (n + 1,) in the order by point, and that order."""
+    """Return the row of the first observation of each point after sorting by point, and the order."""
     rows = tracks.observations.points.astype(np.int64)
     order = slice(None) if (rows[1:] >= rows[:-1]).all() else np.argsort(rows, kind="stable")
     counts = np.bincount(rows, minlength=len(tracks.points.ids))

@@ -26,18 +26,19 @@ class CovarianceDifferenceConfig(DfnConfig):
 
 
 class CovarianceDifference(Interface[CovarianceDifferenceConfig]):
-    """Covariance model for an odometry that compounds its covariance from increment to increment, as visual odometry does.
+    """Covariance model for an odometry that compounds its covariance from increment to increment, as visual
+    odometry does.
 
     Notes
     -----
-    The compounding ``S2 = J1 S1 J1^T + J2 Q J2^T`` of ``cdff_common.geometry.covariance`` is solved for Q. If Q is
-    not positive semi-definite (an odometry that reports a constant covariance), its negative part is set to 0,
-    so that only the lower bound remains.
+    The compounding ``S2 = J1 S1 J1^T + J2 Q J2^T`` of ``cdff_common.geometry.covariance`` is solved for Q. If
+    Q is not positive semi-definite (an odometry that reports a constant covariance), its negative part is set
+    to 0, so that only the lower bound remains.
     """
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the increment between two poses; raises InputError for a transform that is not rigid or an invalid
-        covariance.
+        """Return the increment between two poses; raises InputError for a transform that is not rigid or an
+        invalid covariance.
         """
         first = UncertainTransform(inputs.first, inputs.first_covariance)
         second = UncertainTransform(inputs.second, inputs.second_covariance)
@@ -59,6 +60,8 @@ class CovarianceDifference(Interface[CovarianceDifferenceConfig]):
 
 
 def _increase(R: FloatArray, first: FloatArray, second: FloatArray, step: FloatArray) -> FloatArray:
-    """Return the positive semi-definite part of Q (6, 6), the covariance of the step, in the first frame of the sensor."""
+    """Return the positive semi-definite part of Q (6, 6), the covariance of the step, in the first frame of
+    the sensor.
+    """
     J1, J2 = compose_jacobians(se3.transform(R, np.zeros(3)), step)
     return nearest_semidefinite(J2.T @ (second - J1 @ first @ J1.T) @ J2)

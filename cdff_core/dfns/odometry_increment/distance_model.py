@@ -25,7 +25,7 @@ class DistanceModelConfig(DfnConfig):
 
     along_m_sqrt_m: Sigma = Field(
         0.25,
-        description="Standard deviation along x of the body after one metre; variances grow with the distance",
+        description="Standard deviation along x of the body after one metre; variances grow linearly",
     )
     across_m_sqrt_m: Sigma = Field(0.08, description="Standard deviation along y of the body after one metre")
     up_m_sqrt_m: Sigma = Field(0.08, description="Standard deviation along z of the body after one metre")

@@ -40,7 +40,7 @@ class OdometryIncrementInputs:
     first_covariance : ndarray of float64, shape (6,6), optional
         Covariance of first, [x y z rx ry rz] in the frame of the origin; absent if unknown.
     second_covariance : ndarray of float64, shape (6,6), optional
-        Covariance of second, [x y z rx ry rz] in the frame of the origin.
+        Covariance of second, [x y z rx ry rz] in the frame of the origin; absent if unknown.
     """
 
     first: NDArray[np.float64]
@@ -74,7 +74,7 @@ class OdometryIncrementOutputs:
 
 class OdometryIncrementInterface(Dfn[ConfigT, OdometryIncrementInputs, OdometryIncrementOutputs]):
     """Compute the motion of the body between two poses of an odometry, with the covariance of this
-    motion. The mount of the sensor relates the sensor poses to the body.
+    motion. The mount of the sensor relates the poses of the sensor to those of the body.
     """
 
 

@@ -35,9 +35,9 @@ class PerspectiveNPointSolvingInputs:
     projections : ndarray of float64, shape (n,2)
         Column and row of the projection of each point, pixels.
     camera_matrix : ndarray of float64, shape (3,3)
-        Undistorted camera, pixels.
+        Intrinsic matrix of the undistorted camera, pixels.
     guess : ndarray of float64, shape (4,4), optional
-        T_camera_reference tried first.
+        T_camera_reference that is tested first.
     """
 
     points: NDArray[np.float64]
@@ -68,7 +68,9 @@ class PerspectiveNPointSolvingOutputs:
 class PerspectiveNPointSolvingInterface(
     Dfn[ConfigT, PerspectiveNPointSolvingInputs, PerspectiveNPointSolvingOutputs]
 ):
-    """Estimate the pose of a camera from points in space and their projections, with outliers."""
+    """Estimate the pose of a camera from points in space and their projections; some of the pairs may
+    be wrong.
+    """
 
 
 #: Short names for the implementations.

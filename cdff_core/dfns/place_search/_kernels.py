@@ -9,7 +9,8 @@ from numba import njit
 
 from cdff_common.arrays import FloatArray
 
-#: Number of points after which a pose is rejected if the mean difference is above this fraction of the cut-off.
+#: Number of points after which a pose is rejected if the mean difference is above this fraction of the
+#: cut-off.
 _EARLY_POINTS, _EARLY_LIMIT = 40, 0.6
 
 
@@ -24,8 +25,8 @@ def residuals(
     cutoff: float,
     min_covered: float,
 ) -> FloatArray:  # pragma: no cover - compiled
-    """Return the mean height difference, limited to ``cutoff``, at each start pose and rotation, shape (s, t);
-    infinite if less than the fraction ``min_covered`` of the points lies on known cells.
+    """Return the mean height difference, limited to ``cutoff``, at each start pose and rotation, shape (s,
+    t); infinite if less than the fraction ``min_covered`` of the points lies on known cells.
 
     Parameters
     ----------
@@ -36,7 +37,8 @@ def residuals(
     rotations : ndarray, shape (t, 2)
         Cosine and sine of rotations about the ground's normal.
     points : ndarray, shape (m, 3)
-        Points in the frame of the foot: origin on the ground below the robot, z along the normal of the ground.
+        Points in the frame of the foot: origin on the ground below the robot, z along the normal of the
+        ground.
     """
     out = np.full((len(starts), len(rotations)), np.inf)
     rows, columns = heights.shape

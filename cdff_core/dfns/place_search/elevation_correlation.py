@@ -47,13 +47,14 @@ class ElevationCorrelationConfig(DfnConfig):
 
 
 class ElevationCorrelation(Interface[ElevationCorrelationConfig]):
-    """Compare the scan with the map at all positions and headings; tilt and height follow from the ground of the map.
+    """Compare the scan with the map at all positions and headings; tilt and height follow from the ground of
+    the map.
 
     Notes
     -----
     The search is exhaustive because distinctive features are scarce on planetary terrain (Carle et al. 2010,
-    doi:10.1002/rob.20319, match rover scans with orbital elevation models). The results are coarse and must be
-    refined by registration.
+    doi:10.1002/rob.20319, match rover scans with orbital elevation models). The results are coarse and must
+    be refined by registration.
     """
 
     def setup(self) -> None:
@@ -83,7 +84,7 @@ class ElevationCorrelation(Interface[ElevationCorrelationConfig]):
         return Outputs(transforms=poses, residuals_m=cost[best[:, 0], best[:, 1]], searched=cost.size)
 
     def _starts(self, heights: FloatArray, origin: FloatArray) -> FloatArray:
-        """Return T_map_foot ``(s, 4, 4)`` of the tested positions, a step apart, where the map has heights."""
+        """Return T_map_foot ``(s, 4, 4)`` of positions a step apart where the map has heights."""
         cfg = self.config
         width = 2 * max(1, round(0.5 * cfg.foot_m / cfg.cell_m)) + 1
         is_known = np.isfinite(heights)
@@ -115,7 +116,9 @@ class ElevationCorrelation(Interface[ElevationCorrelationConfig]):
         return se3.transform(np.swapaxes(rotations_to_z(normal), 1, 2), position)
 
     def _separated_minima(self, cost: FloatArray, starts: FloatArray, rotations: FloatArray) -> IntArray:
-        """Return rows and columns ``(k, 2)`` of the smallest costs that are not adjacent to a smaller one, best first."""
+        """Return rows and columns ``(k, 2)`` of the smallest costs that are not adjacent to a smaller one,
+        best first.
+        """
         cfg = self.config
         order = np.argsort(cost, axis=None)[: 50 * cfg.candidates]
         minima: list[tuple[int, int]] = []
@@ -135,7 +138,8 @@ class ElevationCorrelation(Interface[ElevationCorrelationConfig]):
 
 
 def _locate_foot(scan: FloatArray, foot_m: float) -> FloatArray:
-    """Return T_foot_robot; the foot is the frame on the ground below the robot, z along the normal of the ground.
+    """Return T_foot_robot; the foot is the frame on the ground below the robot, z along the normal of the
+    ground.
 
     Raises
     ------

@@ -25,7 +25,7 @@ class PlaceSearchInputs:
     map : ndarray of float64, shape (n,3)
         Points of the map, z up, metres.
     scan : ndarray of float64, shape (m,3)
-        Points around the robot, z approximately up, metres.
+        Points around the robot in its frame, z approximately up, metres.
     """
 
     map: NDArray[np.float64]
@@ -46,7 +46,7 @@ class PlaceSearchOutputs:
     residuals_m : ndarray of float64, shape (k)
         Mean height difference between scan and map of each candidate, limited by cutoff_m, metres.
     searched : int
-        Number of compared positions and headings.
+        Number of compared pairs of position and heading.
     """
 
     transforms: NDArray[np.float64]

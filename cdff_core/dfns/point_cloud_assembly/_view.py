@@ -13,7 +13,9 @@ from cdff_core.dfns.point_cloud_assembly.interface import Inputs
 
 
 def crop_to_view(inputs: Inputs) -> tuple[FloatArray, FloatArray]:
-    """Return the points of both clouds within the view; raises InputError if one is malformed or no point remains."""
+    """Return the points of both clouds within the view; raises InputError if one is malformed or no point
+    remains.
+    """
     first = checked_points(inputs.first_points, "first_points", 0)
     second = checked_points(inputs.second_points, "second_points", 0)
     if inputs.view_radius_m is not None:

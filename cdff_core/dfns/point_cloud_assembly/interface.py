@@ -32,7 +32,7 @@ class PointCloudAssemblyInputs:
     second_points : ndarray of float64, shape (m,3)
         Finite points in the same frame, metres.
     view_centre_m : ndarray of float64, shape (3), optional
-        Centre of the sphere, metres.
+        Centre of the sphere, metres; default: the origin.
     view_radius_m : float, optional
         Radius of the sphere, metres; points outside are removed; default: no limit.
     """
@@ -60,8 +60,8 @@ class PointCloudAssemblyOutputs:
 
 
 class PointCloudAssemblyInterface(Dfn[ConfigT, PointCloudAssemblyInputs, PointCloudAssemblyOutputs]):
-    """Join two clouds in the same frame without duplicating common surfaces; optionally crop the
-    result to a sphere.
+    """Join two clouds in the same frame without duplicating common surfaces; optionally crop both to a
+    sphere (the view).
     """
 
 

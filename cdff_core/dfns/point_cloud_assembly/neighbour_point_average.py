@@ -20,12 +20,14 @@ class NeighbourPointAverageConfig(DfnConfig):
 
 
 class NeighbourPointAverage(Interface[NeighbourPointAverageConfig]):
-    """Replace each point of the first cloud by its mean with the points of the second cloud that are nearest to it, and
-    add the other points of the second cloud.
+    """Replace each point of the first cloud by its mean with the points of the second cloud that are nearest
+    to it, and add the other points of the second cloud.
     """
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the joined cloud, the points of the first cloud first; raises InputError as ``crop_to_view``."""
+        """Return the joined cloud, the points of the first cloud first; raises InputError as
+        ``crop_to_view``.
+        """
         first, second = crop_to_view(inputs)
         if not len(first) or not len(second):
             return Outputs(assembled_points=first if len(first) else second)

@@ -25,10 +25,10 @@ def deskew(
 ) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
     """Return the points in the fixed frame (n, 3) and the variances of their z (n,).
 
-    Point i is transformed by the pose at the fraction f = ``fraction[i]`` between pose k = ``interval[i]`` and
-    pose k + 1. Its rotation is ``R_k Exp(f phi_k)`` (Rodrigues' formula); translation and covariance are
-    interpolated linearly. The variance of z is ``J C J^T`` with J = [0 0 1 y -x 0] for the lever arm (x, y) of
-    the point in the fixed frame.
+    Point i is transformed by the pose at the fraction f = ``fraction[i]`` between pose k = ``interval[i]``
+    and pose k + 1. Its rotation is ``R_k Exp(f phi_k)`` (Rodrigues' formula); translation and covariance are
+    interpolated linearly. The variance of z is ``J C J^T`` with J = [0 0 1 y -x 0] for the lever arm (x, y)
+    of the point in the fixed frame.
     """
     fixed, variance = np.empty((len(points), 3)), np.empty(len(points))
     for i in range(len(points)):

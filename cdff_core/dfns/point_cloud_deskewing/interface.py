@@ -32,7 +32,7 @@ class PointCloudDeskewingInputs:
     Attributes
     ----------
     points : ndarray of float64, shape (n,3)
-        Points, each in the body frame at its own time, metres.
+        Points, each in the body frame at its time, metres.
     stamps_ns : ndarray of int64, shape (n)
         Measurement time of each point, nanoseconds.
     poses : ndarray of float64, shape (k,4,4)
@@ -40,7 +40,7 @@ class PointCloudDeskewingInputs:
     pose_stamps_ns : ndarray of int64, shape (k)
         Ascending times of the poses, nanoseconds; they must enclose the stamps of the points.
     pose_covariances : ndarray of float64, shape (k,6,6), optional
-        [x y z rx ry rz], in the fixed frame.
+        Covariances of the poses, [x y z rx ry rz], error in the fixed frame.
     """
 
     points: NDArray[np.float64]
@@ -71,8 +71,8 @@ class PointCloudDeskewingOutputs:
 
 
 class PointCloudDeskewingInterface(Dfn[ConfigT, PointCloudDeskewingInputs, PointCloudDeskewingOutputs]):
-    """Transform points measured one by one from a moving body into the fixed frame, each by the pose
-    of the body at its own time.
+    """Transform points measured one after another from a moving body into a fixed frame, each by the
+    pose of the body at its time.
     """
 
 

@@ -24,11 +24,12 @@ class PoseInterpolationConfig(DfnConfig):
 
 
 class PoseInterpolation(Interface[PoseInterpolationConfig]):
-    """Transform each point by a pose with linearly interpolated translation and geodesically interpolated rotation.
+    """Transform each point by a pose with linearly interpolated translation and geodesically interpolated
+    rotation.
 
     Errors of neighbouring poses are treated as fully correlated: the covariance is interpolated linearly.
-    Only the variance of z is propagated: an error in x or y moves a height to a neighbouring cell of a map, where
-    it increases the variance of the heights.
+    Only the variance of z is propagated: an error in x or y moves a height to a neighbouring cell of a map,
+    where it increases the variance of the heights.
     """
 
     def setup(self) -> None:

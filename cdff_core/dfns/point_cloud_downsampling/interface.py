@@ -25,7 +25,8 @@ class PointCloudDownsamplingInputs:
     points : ndarray of float64, shape (n,3)
         Finite points, metres.
     edge_m : float, optional
-        Edge of a voxel, metres; overrides the configuration, for clouds with a common voxel size.
+        Edge of a voxel, metres; overrides the configuration, for example to give two clouds the same voxel
+        size.
     """
 
     points: NDArray[np.float64]
@@ -44,7 +45,7 @@ class PointCloudDownsamplingOutputs:
     points : ndarray of float64, shape (m,3)
         Mean of the points of each occupied voxel, ordered by voxel, metres.
     voxel_m : float
-        Edge of the voxels, metres; 0 if the cloud was small enough and remained unchanged.
+        Edge of the voxels, metres; 0 if the cloud has few enough points and is unchanged.
     """
 
     points: NDArray[np.float64]

@@ -29,7 +29,7 @@ class VoxelGrid(Interface[VoxelGridConfig]):
     """Average the points of each voxel of a grid that starts at the lowest corner of the cloud."""
 
     def setup(self) -> None:
-        """Compile the kernels for writeable and for read-only arrays, which the compiler treats as two types."""
+        """Compile the kernels for writeable and for read-only arrays, which are different types for numba."""
         for writeable in (True, False):
             points = np.zeros((1, 3))
             points.setflags(write=writeable)

@@ -37,7 +37,9 @@ class RangeFilterConfig(DfnConfig):
 
 
 class RangeFilter(Interface[RangeFilterConfig]):
-    """Remove points that are not finite, outside the limits of the range from the origin, or inside the robot's box."""
+    """Remove points that are not finite, outside the limits of the range from the origin, or inside the
+    robot's box.
+    """
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the remaining points; raises InputError if none remains."""

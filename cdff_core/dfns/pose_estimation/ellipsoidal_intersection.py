@@ -39,8 +39,8 @@ class EllipsoidalIntersection(Interface[EllipsoidalIntersectionConfig]):
     """
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the combined pose; raises InputError, or RefusedError if prediction and measurement contradict each
-        other.
+        """Return the combined pose; raises InputError, or RefusedError if prediction and measurement
+        contradict each other.
         """
         cfg = self.config
         T_prediction, C_prediction = _pose_and_covariance(inputs.prediction, inputs.prediction_covariance)
@@ -52,7 +52,8 @@ class EllipsoidalIntersection(Interface[EllipsoidalIntersectionConfig]):
             raise RefusedError(
                 f"the measurement lies {np.linalg.norm(z[:3]):.3g} m and "
                 f"{np.degrees(np.linalg.norm(z[3:])):.3g} deg "
-                f"from the prediction, squared Mahalanobis distance {innovation:.3g}, expected at most {limit:.3g}",
+                f"from the prediction, squared Mahalanobis distance {innovation:.3g}, "
+                f"expected at most {limit:.3g}",
                 [f"innovation:{innovation:.3g}>{limit:.3g}"],
             )
         # In the coordinates y with W y = x, the covariance of the prediction is the identity, that of the

@@ -55,9 +55,10 @@ class PoseEstimationOutputs:
     Attributes
     ----------
     pose : ndarray of float64, shape (4,4)
-        T_map_body.
+        Combined T_map_body.
     covariance : ndarray of float64, shape (6,6)
-        Covariance of the pose: along each direction the smaller of both variances.
+        Covariance of the pose: along each common direction the smaller of both variances, [x y z rx ry rz],
+        perturbation in the map's frame.
     innovation : float
         Squared Mahalanobis distance between prediction and measurement; its expected value is 6.
     measured_directions : int

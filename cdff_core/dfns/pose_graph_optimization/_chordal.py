@@ -21,15 +21,16 @@ def chordal_poses(problem: Problem, poses: FloatArray, weights: FloatArray) -> F
     Martinec and Pajdla (2007), doi:10.1109/CVPR.2007.383115, compared by Carlone et al. (2015),
     doi:10.1109/ICRA.2015.7139836: ``sum kappa |R_b - R_a R_ab|^2`` is linear in the entries of the rotations;
     its solution is projected to the nearest rotations, and ``sum tau |t_b - t_a - R_a t_ab|^2`` is minimised
-    over the translations. kappa and tau are isotropic approximations of the information. Edges of weight 0 are
-    ignored.
+    over the translations. kappa and tau are isotropic approximations of the information. Edges of weight 0
+    are ignored.
     """
     kappa, tau = (weights * w for w in _isotropic(problem))
     n = len(poses)
     prior = problem.is_prior
     a, b = problem.vertex_a[~prior], problem.vertex_b[~prior]
     Z = problem.measured[~prior]
-    # Row i of R_b is row i of R_a times R_ab: three unknowns for each pose, and one right-hand side for each row.
+    # Row i of R_b is row i of R_a times R_ab: three unknowns for each pose, and one right-hand side for each
+    # row.
     blocks = np.swapaxes(Z[:, :3, :3], 1, 2)
     fixed_rotations = poses[problem.fixed, :3, :3]
     rows = _solve_linear(

@@ -75,8 +75,8 @@ def minimise(
 def normal_equations(
     problem: Problem, poses: FloatArray, weights: FloatArray
 ) -> tuple[csc_matrix, FloatArray]:
-    """Return the Gauss-Newton Hessian and the gradient with respect to the poses that are not fixed, ``d`` rows for
-    each pose.
+    """Return the Gauss-Newton Hessian and the gradient with respect to the poses that are not fixed, ``d``
+    rows for each pose.
     """
     n, d = len(poses), len(problem.rows)
     prior = problem.is_prior

@@ -84,8 +84,8 @@ def make_problem(graph: PoseGraph) -> Problem:
     order = np.argsort(ids)
     a, b = (order[np.searchsorted(ids[order], ends[:, i])] for i in (0, 1))
     measured = graph.edges.matrices
-    # The information of the message is in the axes of a, that of the solver in the axes of b: it is rotated by the
-    # measured rotation.
+    # The information of the message is in the axes of a, that of the solver in the axes of b: it is rotated
+    # by the measured rotation.
     J = np.zeros((len(ends), 6, 6))
     J[:, :3, :3] = J[:, 3:, 3:] = measured[:, :3, :3]
     information_a = graph.edges.information_matrices
@@ -153,8 +153,8 @@ def _repair_information(information: FloatArray) -> tuple[FloatArray, int]:
 
 
 def _fixed_rows(graph: PoseGraph, with_prior: IntArray, components: int, label: IntArray) -> IntArray:
-    """Return the rows of the fixed vertices; in a component without a fixed vertex and prior, the smallest id is
-    fixed.
+    """Return the rows of the fixed vertices; in a component without a fixed vertex and prior, the smallest id
+    is fixed.
 
     ``with_prior`` are the rows of the vertices with a prior, ``label (n,)`` the component of each vertex.
     """

@@ -31,8 +31,8 @@ class ChordalGaussNewtonConfig(DfnConfig):
     initialise: Literal["auto", "given", "chordal"] = Field(
         "auto",
         description=(
-            "Initial poses: those of the graph (given), from the measurements alone (chordal), or those of both "
-            "with the smaller cost (auto)"
+            "Initial poses: those of the graph (given), from the measurements alone (chordal), or those of "
+            "the smaller cost (auto)"
         ),
     )
     robust: Literal["none", "gnc"] = Field("none", description="gnc rejects wrong loop closures")
@@ -54,8 +54,8 @@ class ChordalGaussNewton(Interface[ChordalGaussNewtonConfig]):
     graduated non-convexity of truncated least squares (Yang et al. 2020, doi:10.1109/LRA.2020.2965893);
     odometry and priors always have weight 1.
 
-    A graph extended by a few vertices can start from its previous poses (``initialise: given``); no equation is
-    solved if no new edge contradicts them.
+    A graph extended by a few vertices can start from its previous poses (``initialise: given``); no equation
+    is solved if no new edge contradicts them.
     """
 
     def process(self, inputs: Inputs) -> Outputs:
@@ -91,7 +91,9 @@ class ChordalGaussNewton(Interface[ChordalGaussNewtonConfig]):
         )
 
     def _initial_poses(self, problem: Problem, given: FloatArray, limit: float) -> FloatArray:
-        """Return the configured initial poses with the smallest cost; errors of edges are truncated at ``limit``."""
+        """Return the configured initial poses with the smallest cost; errors of edges are truncated at
+        ``limit``.
+        """
         ones = np.ones(len(problem.vertex_a))
         candidates = [] if self.config.initialise == "chordal" else [given]
         if self.config.initialise != "given":
@@ -104,7 +106,9 @@ class ChordalGaussNewton(Interface[ChordalGaussNewtonConfig]):
         return candidates[int(np.argmin(costs))]
 
     def _solve_robust(self, problem: Problem, given: FloatArray) -> tuple[Solution, FloatArray]:
-        """Return the solution and the weights of the edges; those of loop closures change from 1 to either 0 or 1."""
+        """Return the solution and the weights of the edges; those of loop closures change from 1 to either 0
+        or 1.
+        """
         limit = chi_squared_quantile(self.config.inlier_probability, len(problem.rows))
         weights = np.ones(len(problem.vertex_a))
         solution = self._minimise(
@@ -170,7 +174,9 @@ def _with_poses(graph: PoseGraph, poses: FloatArray, fixed: IntArray) -> PoseGra
 
 
 def _covariances(problem: Problem, poses: FloatArray, weights: FloatArray, rows: IntArray) -> FloatArray:
-    """Return the marginal covariances ``(k, 6, 6)`` of these rows: blocks of the inverse Hessian; 0 for fixed poses."""
+    """Return the marginal covariances ``(k, 6, 6)`` of these rows: blocks of the inverse Hessian; 0 for fixed
+    poses.
+    """
     covariances = np.zeros((len(rows), 6, 6))
     free = np.setdiff1d(np.arange(len(poses)), problem.fixed)
     if not len(rows) or not len(free):

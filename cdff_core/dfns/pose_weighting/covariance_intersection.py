@@ -24,9 +24,9 @@ class CovarianceIntersection(Interface[DfnConfig]):
     Notes
     -----
     Julier and Uhlmann (1997), doi:10.1109/ACC.1997.609105: C is an upper bound for any correlation of the two
-    errors. The weight of the smallest determinant does not depend on the units of translation and rotation. In
-    coordinates in which C1 is the identity and C2 diagonal, the derivative of log det C^-1 with respect to w is a
-    sum of six decreasing terms; its root is found by bisection.
+    errors. The weight of the smallest determinant does not depend on the units of translation and rotation.
+    In coordinates in which C1 is the identity and C2 diagonal, the derivative of log det C^-1 with respect to
+    w is a sum of six decreasing terms; its root is found by bisection.
     """
 
     def process(self, inputs: Inputs) -> Outputs:

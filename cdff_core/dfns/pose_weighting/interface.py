@@ -57,7 +57,7 @@ class PoseWeightingOutputs:
     pose : ndarray of float64, shape (4,4)
         Combined T_a_b.
     covariance : ndarray of float64, shape (6,6)
-        Covariance of the pose.
+        Covariance of the pose, [x y z rx ry rz], perturbation in a.
     weight : float
         Weight of the first pose, 0 to 1; the weight of the second is 1 - weight.
     """

@@ -50,8 +50,8 @@ def transform_field(gradient: tuple[FloatArray, FloatArray], shape: tuple[int, i
 
 
 def correlation(template: Field, reference: Field, shape: tuple[int, int], min_cells: float) -> FloatArray:
-    """Return the correlation of two vector fields about their means, at every translation; equation numbers are those
-    of [1]_.
+    """Return the correlation of two vector fields about their means, at every translation; equation numbers
+    are those of [1]_.
 
     Parameters
     ----------
@@ -63,8 +63,8 @@ def correlation(template: Field, reference: Field, shape: tuple[int, int], min_c
     Returns
     -------
     FloatArray, of ``shape``
-        Element ``[s]`` is the correlation of ``template[r]`` with ``reference[r + s]``, indices modulo the shape;
-        NaN if too few cells are observed in both.
+        Element ``[s]`` is the correlation of ``template[r]`` with ``reference[r + s]``, indices modulo the
+        shape; NaN if too few cells are observed in both.
     """
 
     def sums(a: Complex, b: Complex) -> FloatArray:

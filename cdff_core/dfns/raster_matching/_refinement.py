@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Refinement of position, rotation and height of points on a height grid to sub-cell precision, by least squares."""
+"""Refinement of position, rotation and height of points on a height grid to sub-cell precision, by least
+squares.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +22,8 @@ _HUBER = 1.345
 _BLOCK_CELLS = 4
 #: Row, column, rotation, height and two tilts.
 _PARAMETERS = 6
-#: Standard deviation of the smoothing of heights for slopes, cells: noise of slopes would count as information on
-#: the translation.
+#: Standard deviation of the smoothing of heights for slopes, cells: noise of slopes would count as
+#: information on the translation.
 _SLOPE_CELLS = 1.2
 
 
@@ -55,7 +57,7 @@ class HeightSurface:
         return cls(spline_filter(filled, order=3, mode="nearest"), row, col, ~hole)
 
     def at(self, row: FloatArray, col: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
-        """Return heights, slopes along rows and columns, and the mask of observed positions; each ``(n,)``."""
+        """Return heights, slopes along rows and columns, and which positions are observed; each ``(n,)``."""
         position = np.stack([row, col])
         rows, cols = self.observed.shape
         inside = (row >= 0) & (row <= rows - 1) & (col >= 0) & (col <= cols - 1)
@@ -76,8 +78,8 @@ class Placement:
     row, col : float
         Translation of the middle, cells.
     rotation_rad : float
-        Rotation about the middle, from columns towards decreasing rows (counter-clockwise seen from above, with row
-        0 at the top).
+        Rotation about the middle, from columns towards decreasing rows (counter-clockwise seen from above,
+        with row 0 at the top).
     height_m : float
         Height of the surface above the points at the middle.
     covariance : FloatArray, shape (4, 4)

@@ -55,7 +55,8 @@ class MaskedGradientCorrelationConfig(DfnConfig):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Template:
-    """Template rotated by one yaw and resampled to the cells of the window, with its middle at the guessed position.
+    """Template rotated by one yaw and resampled to the cells of the window, with its middle at the guessed
+    position.
 
     ``row``, ``col`` (cells of the window) and ``z_m`` (n,) are the mean position and height in each cell;
     ``gradient`` is a grid whose cell (0, 0) is cell ``corner`` of the window, and ``cells`` are the rows and
@@ -81,12 +82,13 @@ class _Candidate:
 
 
 class MaskedGradientCorrelation(Interface[MaskedGradientCorrelationConfig]):
-    """Correlate the gradient fields of both maps at all rotations, which does not depend on height offset and tilt.
+    """Correlate the gradient fields of both maps at all rotations, which does not depend on height offset and
+    tilt.
 
-    For each rotation the heights of the template are averaged over the cells of the reference. Peaks are refined
-    by least squares of the heights, with estimated offset and tilt. The likelihood of a candidate follows from
-    the fraction of the template's relief that the reference explains: places with similar slopes by chance
-    rarely have the same heights.
+    For each rotation the heights of the template are averaged over the cells of the reference. Peaks are
+    refined by least squares of the heights, with estimated offset and tilt. The likelihood of a candidate
+    follows from the fraction of the template's relief that the reference explains: places with similar slopes
+    by chance rarely have the same heights.
     """
 
     def process(self, inputs: Inputs) -> Outputs:
@@ -203,7 +205,8 @@ class MaskedGradientCorrelation(Interface[MaskedGradientCorrelationConfig]):
 
     def _outputs(self, candidates: list[_Candidate], centre: FloatArray) -> Outputs:
         explained = np.array([candidate.explained for candidate in candidates])
-        # Profile likelihood of the heights given the reference, with unknown noise that is correlated over some cells.
+        # Profile likelihood of the heights given the reference, with unknown noise that is correlated over
+        # some cells.
         samples = np.array([candidate.cells for candidate in candidates]) / _CELLS_PER_SAMPLE
         bounded = np.clip(explained, None, _MAX_EXPLAINED)
         self.metrics = {
@@ -268,7 +271,9 @@ def _resample(
     window: GridGeometry,
     min_points: float,
 ) -> _Template:
-    """Return the template rotated by ``yaw``: mean position and height in each cell of the window, and gradient."""
+    """Return the template rotated by ``yaw``: mean position and height in each cell of the window, and
+    gradient.
+    """
     cos, sin = np.cos(yaw), np.sin(yaw)
     x, y = points[:, 0] - centre[0], points[:, 1] - centre[1]
     cell = window.resolution_m
@@ -306,7 +311,7 @@ def _gradient(heights: FloatArray, cell_m: float) -> tuple[FloatArray, FloatArra
 
 
 def _peaks(volume: FloatArray, count: int) -> list[tuple[int, int, int]]:
-    """Return rotation, row and column of the highest correlations, highest first, at least some cells apart."""
+    """Return rotation, row and column of the highest correlations that are not adjacent, best first."""
     best = np.nan_to_num(volume, nan=-2.0)
     highest, rotation = best.max(axis=0), best.argmax(axis=0)
     rows, cols = np.indices(highest.shape)

@@ -35,9 +35,9 @@ class RectificationRefinementInputs:
     disparities : ndarray of float64, shape (n)
         Disparity of each point, pixels.
     row_offsets : ndarray of float64, shape (n), optional
-        Row in the right minus row in the left image, pixels; used for estimation if given.
+        Row in the right minus row in the left image, pixels; if absent, the previous estimate is used.
     camera_matrix : ndarray of float64, shape (3,3)
-        Rectified left camera, pixels.
+        Intrinsic matrix of the rectified left camera, pixels.
     """
 
     features: NDArray[np.float64]
@@ -56,12 +56,12 @@ class RectificationRefinementOutputs:
     Attributes
     ----------
     corrections : ndarray of float64, shape (n)
-        Corrections to add to the disparities, pixels: the part observable in rows.
+        Corrections to add to the disparities, pixels, as far as they are observable in rows.
     basis : ndarray of float64, shape (n,2)
-        Derivatives of the disparity by the two unobservable parameters, an offset (px) and the decentring
-        (px).
+        Derivatives of the disparities with respect to the two parameters that are not observable in rows,
+        an offset (px) and the decentring (px).
     row_residuals : ndarray of float64, shape (n)
-        Unexplained row offsets, pixels; NaN without row offsets.
+        Row offsets minus their estimate, pixels; NaN without row offsets.
     coefficients : ndarray of float64, shape (4)
         Coefficients of 1, x, y and xy (normalised coordinates) in the row offset, pixels.
     open_covariance : ndarray of float64, shape (2,2)

@@ -14,7 +14,8 @@ from cdff_common.geometry.kdtree import KdTree, kd_tree
 from cdff_common.geometry.plane_fits import eigen
 from cdff_common.geometry.voxels import voxel_rows
 
-#: Ratio of the middle to the largest variance below which points lie along a line (a lidar ring), not on a surface.
+#: Ratio of the middle to the largest variance below which points lie along a line (a lidar ring), not on a
+#: surface.
 _LINE_RATIO = 0.02
 
 
@@ -40,10 +41,11 @@ class Cells:
 def fit_cells(
     points_m: FloatArray, cell_m: float, min_points: int, min_variance_ratio: float
 ) -> Cells | None:
-    """Return the distributions of the cells with at least ``min_points`` points on a surface; None if no cell has.
+    """Return the distributions of the cells with at least ``min_points`` points on a surface; None if no cell
+    has.
 
-    Variances are no smaller than ``min_variance_ratio`` times the largest variance of the cell (Magnusson 2009, The
-    three-dimensional normal-distributions transform, section 6.1).
+    Variances are no smaller than ``min_variance_ratio`` times the largest variance of the cell (Magnusson
+    2009, The three-dimensional normal-distributions transform, section 6.1).
     """
     row, keys = voxel_rows(points_m, cell_m)
     means, information, normals, is_surface = _fit_distributions(
@@ -59,8 +61,8 @@ def fit_cells(
 def _fit_distributions(
     points: FloatArray, row: IntArray, m: int, min_points: int, min_variance_ratio: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:  # pragma: no cover - compiled
-    """Return means (m, 3), information (m, 3, 3) and normals (m, 3) of the ``m`` cells, and which cells are on a
-    surface (m,); ``row`` is the cell of each point.
+    """Return means (m, 3), information (m, 3, 3) and normals (m, 3) of the ``m`` cells, and which cells are
+    on a surface (m,); ``row`` is the cell of each point.
     """
     count, means, scatter = np.zeros(m), np.zeros((m, 3)), np.zeros((m, 3, 3))
     information, normals, is_surface = np.zeros((m, 3, 3)), np.zeros((m, 3)), np.zeros(m, np.bool_)

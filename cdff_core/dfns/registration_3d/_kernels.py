@@ -19,8 +19,8 @@ KERNELS = {"none": 0, "tukey": 1, "huber": 2, "cauchy": 3, "geman_mcclure": 4}
 def pair(
     tree: KdTree, source: FloatArray, T: FloatArray, gate: float, row: IntArray, moved: FloatArray
 ) -> int:  # pragma: no cover
-    """Transform the source, and pair each point with the nearest one of the target within a gate; return the number
-    of pairs.
+    """Transform the source, and pair each point with the nearest one of the target within a gate; return the
+    number of pairs.
 
     Parameters
     ----------
@@ -32,8 +32,8 @@ def pair(
     gate : float
         Largest distance of a pair, metres.
     row : ndarray of int64, shape (n,)
-        Input: row in the tree where the search of each point starts (its pair of the previous iteration), or -1.
-        Output: row of the nearest point, or -1.
+        Input: row in the tree where the search of each point starts (its pair of the previous iteration), or
+        -1. Output: row of the nearest point, or -1.
     moved : ndarray, shape (n, 3)
         Output: the transformed source.
     """
@@ -60,8 +60,8 @@ def pair(
 def plane_distances(
     points: FloatArray, normals: FloatArray, row: IntArray, moved: FloatArray
 ) -> FloatArray:  # pragma: no cover - compiled
-    """Return the signed distances ``n . (p - q)`` of the paired points p from the planes at q, in the order of the
-    source, metres.
+    """Return the signed distances ``n . (p - q)`` of the paired points p from the planes at q, in the order
+    of the source, metres.
     """
     out = np.empty(len(row))
     count = 0

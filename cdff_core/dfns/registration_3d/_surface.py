@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Steps that all registrations share: downsampling, normals, initial gate, update of the pose, convergence."""
+"""Steps common to all registrations: downsampling, normals, initial gate, pose update, convergence."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def prepare_clouds(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return source, target and guess; raises InputError if one is malformed or has too few points.
 
-    Without given normals both clouds are downsampled to even density: otherwise the dense rings around the two
-    sensors match each other at the identity.
+    Without given normals both clouds are downsampled to even density: otherwise the dense rings around the
+    two sensors match each other at the identity.
     """
     source = checked_points(inputs.source, "source", max(MIN_PAIRS, min_source))
     target = checked_points(inputs.target, "target", max(MIN_PAIRS, min_target))
@@ -64,14 +64,16 @@ def prepare_clouds(
 
 
 def tree_normals(tree: KdTree, neighbours: int, given: FloatArray | None) -> FloatArray:
-    """Return unit normals (n, 3) in the order of the tree: the given ones, else of planes through neighbours."""
+    """Return unit normals (n, 3) in the order of the tree: given, or of planes through neighbours."""
     if given is None:
         return np.ascontiguousarray(plane_fits(tree, neighbours)[0][tree.order])
     return np.ascontiguousarray(given[tree.order], np.float64)
 
 
 def initial_gate_m(tree: KdTree, moved: FloatArray, radii: float) -> float:
-    """Return the larger of a multiple of the median pair distance at the guess and ``radii`` radii of the target."""
+    """Return the larger of a multiple of the median pair distance at the guess and ``radii`` radii of the
+    target.
+    """
     distance_m, _ = nearest(tree, moved)
     offset = tree.points - np.median(tree.points, axis=0)
     radius_m = float(np.sqrt(np.mean(np.einsum("ij,ij->i", offset, offset))))
@@ -81,8 +83,8 @@ def initial_gate_m(tree: KdTree, moved: FloatArray, radii: float) -> float:
 def apply_step(
     T: FloatArray, H: FloatArray, g: FloatArray, centre: FloatArray, radius: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the transform after one Gauss-Newton step, and the step (6,): translation, and rotation about the
-    centre times the radius, metres.
+    """Return the transform after one Gauss-Newton step, and the step (6,): translation, and rotation about
+    the centre times the radius, metres.
 
     The damping avoids singular equations along unconstrained directions.
     """
@@ -94,7 +96,9 @@ def apply_step(
 
 
 def has_converged(steps: list[FloatArray], tolerance_m: float) -> bool:
-    """Return whether the last step, or the sum of the last few (pairs that repeat in a cycle), is below the tolerance."""
+    """Return whether the last step, or the sum of the last few (pairs that repeat in a cycle), is below the
+    tolerance.
+    """
     for count in range(1, min(_LONGEST_CYCLE, len(steps)) + 1):
         total = np.sum(steps[-count:], axis=0)
         if np.linalg.norm(total[:3]) + np.linalg.norm(total[3:]) < tolerance_m:

@@ -20,7 +20,8 @@ from cdff_core.dfns.registration_3d.interface import Inputs, Interface, Outputs
 
 #: Default edge of the finest cells in point spacings of the target.
 _CELL_SPACINGS = 3.0
-#: Minimum number of points of a cell, and minimum ratio of its variances to the largest (Magnusson 2009, section 6.1).
+#: Minimum number of points of a cell, and minimum ratio of its variances to the largest (Magnusson 2009,
+#: section 6.1).
 _MIN_POINTS, _MIN_VARIANCE_RATIO = 5, 1e-3
 #: Final gate in edges of the cells, and factor on the gate per iteration.
 _GATE_CELLS, _ANNEALING = 1.2, 0.7
@@ -48,9 +49,10 @@ class Ndt(Interface[NdtConfig]):
     Notes
     -----
     Biber and Strasser (2003), doi:10.1109/IROS.2003.1249285; Magnusson (2009), The three-dimensional
-    normal-distributions transform. The score ``exp(-d^2 / (2 width^2))`` acts as a robust kernel; its Hessian is
-    approximated by the positive semi-definite one of Gauss-Newton. Cells along a single lidar ring are excluded:
-    they would constrain the source across the ring, where nothing was measured. Given normals are not used.
+    normal-distributions transform. The score ``exp(-d^2 / (2 width^2))`` acts as a robust kernel; its Hessian
+    is approximated by the positive semi-definite one of Gauss-Newton. Cells along a single lidar ring are
+    excluded: they would constrain the source across the ring, where nothing was measured. Given normals are
+    not used.
     """
 
     def setup(self) -> None:

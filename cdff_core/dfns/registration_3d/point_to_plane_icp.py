@@ -53,7 +53,8 @@ class PointToPlaneIcpConfig(_surface.RegistrationConfig):
 
 
 class PointToPlaneIcp(Interface[PointToPlaneIcpConfig]):
-    """Alternate the search for nearest neighbours with one Gauss-Newton step on the distances to the target's planes.
+    """Alternate the search for nearest neighbours with one Gauss-Newton step on the distances to the target's
+    planes.
 
     Notes
     -----
@@ -90,8 +91,8 @@ class PointToPlaneIcp(Interface[PointToPlaneIcpConfig]):
                 raise _surface.too_few_pairs_error(count, len(source), gate_m)
             distances_m = _kernels.plane_distances(tree.points, normals, row, moved)
             scale_m = max(median_sigma(distances_m), 1e-9)
-            # The kernel is wide while the gate is wide: otherwise rings on the ground that match each other would
-            # outweigh the structures of the scene.
+            # The kernel is wide while the gate is wide: otherwise rings on the ground that match each other
+            # would outweigh the structures of the scene.
             width_m = max(cfg.kernel_scales * scale_m, cfg.kernel_gates * gate_m)
             centre, radius_m = _kernels.centre_and_radius(row, moved)
             kernel = _kernels.KERNELS[cfg.kernel]

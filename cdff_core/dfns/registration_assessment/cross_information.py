@@ -16,60 +16,64 @@ from cdff_common.geometry.robust import median_sigma
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.registration_assessment.interface import Inputs, Interface, Outputs
 
-_LEAST_PAIRS = 20
+_MIN_PAIRS = 20
 
 
 class CrossInformationConfig(DfnConfig):
     """Parameters of CrossInformation."""
 
     gate_m: float | None = Field(
-        None, gt=0, description="Distance of overlapping points; absent: from gate_spacings"
+        None, gt=0, description="Distance below which points overlap; absent: from gate_spacings"
     )
-    gate_spacings: float = Field(2.5, ge=1, le=50, description="Gate in the sparser cloud's point spacings")
-    tukey: float = Field(3.0, ge=1, le=10, description="Tukey constant in robust standard deviations")
+    gate_spacings: float = Field(2.5, ge=1, le=50, description="Gate in point spacings of the sparser cloud")
+    tukey: float = Field(
+        3.0, ge=1, le=10, description="Width of the Tukey kernel in robust standard deviations"
+    )
     cell_gates: float = Field(
-        4.0, ge=1, le=100, description="Edge in gates of a cell that counts as one measurement"
+        4.0, ge=1, le=100, description="Edge of a cell whose residuals count as one measurement, in gates"
     )
     covariance_inflation: float = Field(
         4.0, ge=0.01, le=1e4, description="Factor on the variance of translations"
     )
     rotation_inflation: float = Field(4.0, ge=0.01, le=1e4, description="Factor on the variance of rotations")
     floor_spacings: float = Field(
-        0.02, ge=0, le=1, description="Lower bound of a standard deviation in spacings"
+        0.02, ge=0, le=1, description="Lower bound of the standard deviations, in point spacings"
     )
 
 
 class CrossInformation(Interface[CrossInformationConfig]):
-    """Overlap from both sides, clustered covariance, and agreement of the two clouds along each direction of
-    the pose.
+    """Compute the overlap in both directions, a clustered covariance, and the agreement of the two clouds
+    along each direction of the pose.
 
     Notes
     -----
     The information of point-to-plane pairs is ``H = E[J J^T]``, ``J = [n, (p-c)/r x n]``. On flat terrain
-    noise of the normals appears as information in the unconstrained directions. Noise of two clouds is
-    independent,
-    so the cross-information ``X = E[J_target J_source^T]``, with each cloud's own normals, is free of it:
-    along an eigenvector v of H the ratio ``v^T X v / v^T H v`` is near 1 for structure in both clouds, near 0
-    for an unconstrained direction and for a wrong alignment along it. The covariance is the sandwich ``H^-1 B
-    H^-1`` with B summed over cells, since neighbouring residuals are not independent (Liang and Zeger 1986,
-    doi:10.1093/biomet/73.1.13), inflated: translations of the centre and turns about it by a factor each.
+    the noise of the normals appears as information along the unconstrained directions. The noise of the two
+    clouds is independent, so it does not contribute to the cross-information ``X = E[J_target J_source^T]``,
+    in which each Jacobian has the normals of its cloud. Along an eigenvector v of H the ratio ``v^T X v / v^T
+    H v`` is near 1 for structure in both clouds, near 0 for an unconstrained direction or a wrong alignment.
+    The covariance is the sandwich ``H^-1 B H^-1`` with B summed over cells, since neighbouring residuals are
+    not independent (Liang and Zeger 1986, doi:10.1093/biomet/73.1.13). It is inflated by one factor for
+    translations of the centre and one for rotations about it.
     """
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the assessment; raises InputError, or RefusedError (no_overlap)."""
+        """Return the assessment; raises InputError, or RefusedError (``no_overlap``) if too few points
+        overlap.
+        """
         cfg = self.config
-        target = checked_points(inputs.target, "target", _LEAST_PAIRS)
+        target = checked_points(inputs.target, "target", _MIN_PAIRS)
         target_normals = checked_points(inputs.target_normals, "target_normals", len(target))
         T = checked_transform(inputs.transform)
-        source = se3.transform_points(T, checked_points(inputs.source, "source", _LEAST_PAIRS))
+        source = se3.transform_points(T, checked_points(inputs.source, "source", _MIN_PAIRS))
         source_normals = checked_points(inputs.source_normals, "source_normals", len(source)) @ T[:3, :3].T
         target_tree, source_tree = kd_tree(target), kd_tree(source)
         spacing_m = max(spacing(target_tree), spacing(source_tree))
         gate_m = cfg.gate_m or cfg.gate_spacings * spacing_m
         distance_m, match = nearest(target_tree, source, gate_m)
-        back_m, _ = nearest(source_tree, target, gate_m)
+        target_distance_m, _ = nearest(source_tree, target, gate_m)
         paired = np.isfinite(distance_m)
-        if np.count_nonzero(paired) < _LEAST_PAIRS:
+        if np.count_nonzero(paired) < _MIN_PAIRS:
             raise RefusedError(
                 f"{np.count_nonzero(paired)} of {len(source)} points overlap within {gate_m:.3g} m",
                 ["no_overlap"],
@@ -78,7 +82,7 @@ class CrossInformation(Interface[CrossInformationConfig]):
         n_target, n_source = target_normals[match], source_normals[paired]
         n_source = n_source * np.where(np.einsum("ij,ij->i", n_source, n_target) < 0.0, -1.0, 1.0)[:, None]
         residual_m = np.einsum("ij,ij->i", p - target[match], n_target)
-        weight = _tukey(residual_m, cfg.tukey)
+        weight = _tukey_weights(residual_m, cfg.tukey)
         centre = np.average(p, axis=0, weights=weight)
         offset = p - centre
         radius_m = max(float(np.sqrt(np.average(np.sum(offset**2, axis=1), weights=weight))), 1e-9)
@@ -91,7 +95,7 @@ class CrossInformation(Interface[CrossInformationConfig]):
         return Outputs(
             covariance=_about_origin(covariance, centre, radius_m, T),
             overlap_source=float(np.mean(paired)),
-            overlap_target=float(np.mean(np.isfinite(back_m))),
+            overlap_target=float(np.mean(np.isfinite(target_distance_m))),
             inlier_ratio=float(np.mean(weight > 0.0)),
             rms_m=float(np.sqrt(np.average(residual_m**2, weights=weight))),
             gate_m=gate_m,
@@ -103,24 +107,27 @@ class CrossInformation(Interface[CrossInformationConfig]):
         )
 
 
-def _tukey(residual_m: FloatArray, constant: float) -> FloatArray:
+def _tukey_weights(residual_m: FloatArray, constant: float) -> FloatArray:
+    """Return Tukey weights for a kernel of ``constant`` robust standard deviations."""
     scale_m = max(median_sigma(residual_m), 1e-9)
     u = residual_m / (constant * scale_m)
     return np.where(np.abs(u) < 1.0, (1.0 - u * u) ** 2, 0.0)
 
 
 def _jacobian(offset: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return rows ``[n, offset x n]`` (n, 6): derivatives by translation and rotation."""
+    """Return rows ``[n, offset x n]`` (n, 6): derivatives with respect to translation and rotation."""
     return np.hstack([normals, np.cross(offset, normals)])
 
 
 def _agreement(
     J_target: FloatArray, J_source: FloatArray, weight: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return eigenvalues of the information, eigenvectors as rows, and the fraction common to both."""
-    share = weight / weight.sum()
-    mean = 0.5 * ((J_target * share[:, None]).T @ J_target + (J_source * share[:, None]).T @ J_source)
-    cross = (J_target * share[:, None]).T @ J_source
+    """Return the eigenvalues of the information, its eigenvectors as rows, and the agreement of both clouds
+    along them.
+    """
+    w = (weight / weight.sum())[:, None]
+    mean = 0.5 * ((J_target * w).T @ J_target + (J_source * w).T @ J_source)
+    cross = (J_target * w).T @ J_source
     information, vectors = np.linalg.eigh(mean)
     information = np.maximum(information, 1e-12)
     agreement = np.einsum("ij,ik,kj->j", vectors, cross, vectors) / information
@@ -135,18 +142,19 @@ def _clustered_covariance(
     cells = np.floor((points - points.min(axis=0)) / cell_m).astype(np.int64)
     _, cell = np.unique(cells, axis=0, return_inverse=True)
     score = J * (weight * residual_m)[:, None]
-    summed = np.stack([np.bincount(cell.ravel(), weights=score[:, column]) for column in range(6)], axis=1)
+    by_cell = np.stack([np.bincount(cell.ravel(), weights=score[:, column]) for column in range(6)], axis=1)
     H_inverse = np.linalg.inv(H + 1e-9 * np.trace(H) * np.eye(6))
-    return np.asarray(H_inverse @ (summed.T @ summed) @ H_inverse)
+    return np.asarray(H_inverse @ (by_cell.T @ by_cell) @ H_inverse)
 
 
 def _about_origin(covariance: FloatArray, centre: FloatArray, radius_m: float, T: FloatArray) -> FloatArray:
-    """Return the covariance of ``[t, phi]`` of the transform from that of a motion about the centre.
+    """Return the covariance of the transform, given that of a motion about the centre with rotations in
+    radii.
 
-    A translation d and rotation phi about c move the translation by ``d + phi x (t - c)``.
+    A translation d and a rotation phi about c change the translation t by ``d + phi x (t - c)``.
     """
     S = np.diag([1.0, 1.0, 1.0, 1.0 / radius_m, 1.0 / radius_m, 1.0 / radius_m])
     A = np.eye(6)
     A[:3, 3:] = -se3.skew(T[:3, 3] - centre)
-    full = A @ S @ covariance @ S @ A.T
-    return np.asarray(0.5 * (full + full.T))
+    about_origin = A @ S @ covariance @ S @ A.T
+    return np.asarray(0.5 * (about_origin + about_origin.T))

@@ -59,7 +59,8 @@ class RegistrationAssessmentOutputs:
     Attributes
     ----------
     covariance : ndarray of float64, shape (6,6)
-        Covariance of the transform, [x y z rx ry rz], perturbation in the target's frame; formal, inflated.
+        Covariance of the transform, [x y z rx ry rz], perturbation in the target's frame; formal, inflated
+        by configured factors.
     overlap_source : float
         Fraction of source points with a target point within the gate.
     overlap_target : float
@@ -71,8 +72,7 @@ class RegistrationAssessmentOutputs:
     gate_m : float
         Distance below which points overlap, metres.
     centre_m : ndarray of float64, shape (3)
-        Centre of the overlap in the target's frame, metres; the rotations in directions are about this
-        point.
+        Centre of the overlap in the target's frame, metres; rotations in directions are about this point.
     radius_m : float
         Root mean square distance of the overlap from its centre: the unit of the rotations, metres.
     information : ndarray of float64, shape (6)

@@ -26,9 +26,9 @@ class RouteSearchInputs:
     map : NavigationMap
         Layers class and cost.
     start : ndarray of float64, shape (2)
-        X and y in the map's frame, metres.
+        Start, x and y in the map's frame, metres.
     goal : ndarray of float64, shape (2), optional
-        X and y in the map's frame, metres.
+        Goal, x and y in the map's frame, metres.
     """
 
     map: NavigationMap
@@ -46,8 +46,8 @@ class RouteSearchOutputs:
     Attributes
     ----------
     costs_m : ndarray of float64, shape (rows,cols)
-        Cost of reaching each cell, in metres of path on terrain of cost 0; infinite if the cell cannot be
-        reached.
+        Cost of reaching each cell as the equivalent path length on terrain of cost 0, metres; infinite if
+        the cell cannot be reached.
     route : ndarray of float64, shape (n,2)
         Centres of the cells from start to goal, metres; empty without a goal.
     """

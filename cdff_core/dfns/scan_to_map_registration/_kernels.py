@@ -27,15 +27,17 @@ _NEIGHBOURS = np.array(
     [[i, j, k] for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1)], dtype=np.int64
 )
 _NEIGHBOURS = _NEIGHBOURS[np.argsort(np.abs(_NEIGHBOURS).sum(axis=1), kind="stable")]
-#: Number of voxels searched for a plane: that of the point and those that share a face with it.
+#: Number of voxels searched for a plane: the voxel of the point and those with a common face.
 _SEARCHED_VOXELS = 7
 
 
 @njit(cache=True)
-def deskew_point(point, fraction, theta, rho, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Write the point ``Exp(f theta) p + f rho`` to ``out``: its position in the sensor frame at the end of the
-    sweep, for its time ``f`` from -1 (start) to 0 (end) and the rotation ``theta`` and translation ``rho`` during
-    the sweep.
+def deskew_point(
+    point: FloatArray, fraction: float, theta: FloatArray, rho: FloatArray, out: FloatArray
+) -> None:  # pragma: no cover - compiled
+    """Write the point ``Exp(f theta) p + f rho`` to ``out``: its position in the sensor frame at the end of
+    the sweep, for its time ``f`` from -1 (start) to 0 (end) and the rotation ``theta`` and translation
+    ``rho`` during the sweep.
     """
     wx, wy, wz = fraction * theta[0], fraction * theta[1], fraction * theta[2]
     a2 = wx * wx + wy * wy + wz * wz
@@ -52,17 +54,20 @@ def deskew_point(point, fraction, theta, rho, out):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True)
-def nearest_plane(keys, planes, voxel, x, y, z, reach):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Return the row of the plane with the nearest mean among the first ``reach`` voxels around the point; -1 if
-    none of them has a plane.
+def nearest_plane(
+    table: VoxelTable, voxel: float, x: float, y: float, z: float, reach: int
+) -> int:  # pragma: no cover - compiled
+    """Return the row of the plane with the nearest mean among the first ``reach`` voxels around the point; -1
+    if none of them has a plane.
     """
     i, j, k = int(np.floor(x / voxel)), int(np.floor(y / voxel)), int(np.floor(z / voxel))
     best, row_best = 1e300, -1
     for d in range(reach):
-        row = row_of(keys, pack(i + _NEIGHBOURS[d, 0], j + _NEIGHBOURS[d, 1], k + _NEIGHBOURS[d, 2]))
-        if keys[row] < 0 or planes[row, VARIANCE] < 0.0:
+        row = row_of(table.keys, pack(i + _NEIGHBOURS[d, 0], j + _NEIGHBOURS[d, 1], k + _NEIGHBOURS[d, 2]))
+        plane = table.planes[row]
+        if table.keys[row] < 0 or plane[VARIANCE] < 0.0:
             continue
-        dx, dy, dz = planes[row, MEAN] - x, planes[row, MEAN + 1] - y, planes[row, MEAN + 2] - z
+        dx, dy, dz = plane[MEAN] - x, plane[MEAN + 1] - y, plane[MEAN + 2] - z
         d2 = dx * dx + dy * dy + dz * dz
         if d2 < best:
             best, row_best = d2, row
@@ -70,7 +75,9 @@ def nearest_plane(keys, planes, voxel, x, y, z, reach):  # type: ignore[no-untyp
 
 
 @njit(cache=True, inline="always")
-def weighted_distance(plane, x, y, z, kernel, noise):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def weighted_distance(
+    plane: FloatArray, x: float, y: float, z: float, kernel: float, noise: float
+) -> tuple[float, float]:  # pragma: no cover - compiled
     """Return the signed distance of a point from a plane, and its weight.
 
     The weight is that of the Geman-McClure kernel of width ``kernel`` times
@@ -98,9 +105,9 @@ def normal_equations(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:  # pragma: no cover - compiled
     """Gauss-Newton system of pose and motion during the sweep.
 
-    The 12 unknowns are the translation and rotation of the sensor at the end of the sweep, in axes of the map,
-    and the change of the translation and rotation during the sweep, in axes of the sensor. The weights are
-    those of ``weighted_distance``.
+    The 12 unknowns are the translation and rotation of the sensor at the end of the sweep, in axes of the
+    map, and the change of the translation and rotation during the sweep, in axes of the sensor. The weights
+    are those of ``weighted_distance``.
 
     Returns
     -------
@@ -115,7 +122,7 @@ def normal_equations(
         deskew_point(points[p], f, theta, rho, q)
         ax, ay, az = rotated(R, q[0], q[1], q[2])
         x, y, z = ax + t[0], ay + t[1], az + t[2]
-        row = nearest_plane(table.keys, table.planes, voxel, x, y, z, _SEARCHED_VOXELS)
+        row = nearest_plane(table, voxel, x, y, z, _SEARCHED_VOXELS)
         if row < 0:
             continue
         plane = table.planes[row]
@@ -155,8 +162,8 @@ def common_information(
     radius: float,
     min_plane_points: int,
 ) -> tuple[FloatArray, FloatArray, float]:  # pragma: no cover - compiled
-    """Return the information on translation and rotation times ``radius``, and the part of it on which the normals
-    of both halves of the map agree.
+    """Return the information on translation and rotation times ``radius``, and the part of it on which the
+    normals of both halves of the map agree.
 
     Parameters
     ----------
@@ -179,7 +186,7 @@ def common_information(
         q = points[p]
         ax, ay, az = rotated(R, q[0], q[1], q[2])
         x, y, z = ax + t[0], ay + t[1], az + t[2]
-        row = nearest_plane(table.keys, table.planes, voxel, x, y, z, _SEARCHED_VOXELS)
+        row = nearest_plane(table, voxel, x, y, z, _SEARCHED_VOXELS)
         if row < 0 or table.counts[row, 0] + table.counts[row, 1] < min_plane_points:
             continue
         plane = table.planes[row]

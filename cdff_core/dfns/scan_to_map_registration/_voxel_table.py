@@ -20,11 +20,11 @@ _OFFSET = 1 << 20  # cells count from -2^20 to 2^20 along each axis: 21 bits
 #: 2^64 divided by the golden ratio: multiplicative (Fibonacci) hashing.
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIN_PLANE_POINTS = 6
-#: A voxel has a plane if the middle eigenvalue of its points' covariance is at least this fraction of the squared
-#: edge, and the smallest eigenvalue at most this fraction of the middle one.
+#: A voxel has a plane if the middle eigenvalue of its points' covariance is at least this fraction of the
+#: squared edge, and the smallest eigenvalue at most this fraction of the middle one.
 _MIN_MIDDLE_VARIANCE, _MAX_THICKNESS_RATIO = 0.0025, 0.2
-#: First columns in ``planes`` of: mean, normal of all points, normals of the first and second half of the points,
-#: variance along the normal (negative: no plane).
+#: First columns in ``planes`` of: mean, normal of all points, normals of the first and second half of the
+#: points, variance along the normal (negative: no plane).
 MEAN, NORMAL, FIRST_NORMAL, SECOND_NORMAL, VARIANCE = 0, 3, 6, 9, 12
 
 
@@ -105,8 +105,8 @@ def first_in_voxels(points: FloatArray, voxel: float) -> IntArray:  # pragma: no
 def add(
     table: VoxelTable, points: FloatArray, voxel: float, max_points: int
 ) -> None:  # pragma: no cover - compiled
-    """Add points to the moments of their voxels, up to ``max_points`` per voxel, and fit planes again where the
-    number of points has grown by a quarter since the last fit.
+    """Add points to the moments of their voxels, up to ``max_points`` per voxel, and fit planes again where
+    the number of points has grown by a quarter since the last fit.
     """
     keys, counts, sums, planes, used = table
     rows_to_fit = np.empty(len(points), np.int64)
@@ -151,7 +151,16 @@ def add(
 
 
 @njit(cache=True)
-def _fit_planes(counts, sums, plane, key, voxel, m, values, vectors):  # type: ignore[no-untyped-def] # pragma: no cover
+def _fit_planes(
+    counts: IntArray,
+    sums: FloatArray,
+    plane: FloatArray,
+    key: int,
+    voxel: float,
+    m: FloatArray,
+    values: FloatArray,
+    vectors: FloatArray,
+) -> None:  # pragma: no cover - compiled
     """Fit planes through all points of a voxel and through each half; lines and clusters have none.
 
     ``m``, ``values`` and ``vectors`` are scratch arrays for the covariance and its eigenvalue decomposition.
@@ -182,7 +191,9 @@ def _fit_planes(counts, sums, plane, key, voxel, m, values, vectors):  # type: i
 
 
 @njit(cache=True)
-def _mean_and_covariance(s, n, m, plane):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def _mean_and_covariance(
+    s: FloatArray, n: float, m: FloatArray, plane: FloatArray
+) -> None:  # pragma: no cover - compiled
     """Write the mean to the first columns of ``plane``, and the lower half of the covariance to ``m``."""
     x, y, z = s[0] / n, s[1] / n, s[2] / n
     plane[0], plane[1], plane[2] = x, y, z

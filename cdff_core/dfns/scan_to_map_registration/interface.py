@@ -55,15 +55,15 @@ class ScanToMapRegistrationInputs:
     guess : ndarray of float64, shape (4,4), optional
         Initial T_map_sensor at the end of the sweep.
     sweep_guess : ndarray of float64, shape (4,4), optional
-        Initial T_end_begin, motion during the sweep; default: identity.
+        Initial T_end_start, motion of the sensor during the sweep; default: identity.
     guess_covariance : ndarray of float64, shape (6,6), optional
         Covariance of the guess, [x y z rx ry rz], error in the frame of the map.
     sweep_covariance : ndarray of float64, shape (6,6), optional
         Covariance of the motion during the sweep, [x y z rx ry rz].
     before : ndarray of float64, shape (4,4), optional
-        T_map_sensor at the end of the previous sweep; if given with sweepFraction, the prior of the motion
-        during the sweep is this fraction of the estimated motion since then, and sweepGuess is only the
-        initial value.
+        T_map_sensor at the end of the previous sweep; if it and sweepFraction are given, the prior of the
+        motion during the sweep is sweepFraction times the motion since this pose, and sweepGuess is only
+        the initial value.
     sweep_fraction : float, optional
         Ratio of the duration of the sweep to the time since the end of the previous sweep.
     """
@@ -91,9 +91,10 @@ class ScanToMapRegistrationOutputs:
     transform : ndarray of float64, shape (4,4)
         T_map_sensor at the end of the sweep.
     sweep : ndarray of float64, shape (4,4)
-        T_end_begin, motion during the sweep.
+        T_end_start, motion of the sensor during the sweep.
     covariance : ndarray of float64, shape (6,6)
-        Covariance of transform, [x y z rx ry rz], error in the frame of the map, including the guess.
+        Covariance of transform, [x y z rx ry rz], error in the frame of the map; the information of the
+        guess is included.
     directions : ndarray of float64, shape (6,6)
         Eigenvectors of the information as rows: translation of the sensor, then rotation about the sensor
         times radiusM, in the axes of the map.
@@ -130,7 +131,7 @@ class ScanToMapRegistrationOutputs:
 class ScanToMapRegistrationInterface(Dfn[ConfigT, ScanToMapRegistrationInputs, ScanToMapRegistrationOutputs]):
     """Align the sweep of a moving lidar with a local map, estimate the pose together with the motion
     during the sweep, and identify the directions that the map does not constrain. The DFN stores
-    the map; surfaces are added, distant parts removed.
+    the map; surfaces are added, distant parts are removed.
     """
 
 

@@ -76,8 +76,8 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
     doi:10.1109/LRA.2022.3187250. Pose and motion during the sweep are estimated together (Dellenbach et al.
     2022, "CT-ICP", doi:10.1109/ICRA46639.2022.9811849), with the guesses as prior information. If the
     previous pose is given, the prior of the motion during the sweep is a fraction of the motion since that
-    pose, so that acceleration does not distort the sweep. A ring that coincides with one of the previous sweep
-    does not constrain the pose, since a voxel with points along a line has no plane.
+    pose, so that acceleration does not distort the sweep. A ring that coincides with one of the previous
+    sweep does not constrain the pose, since a voxel with points along a line has no plane.
     """
 
     def setup(self) -> None:
@@ -213,12 +213,12 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         radius_m: float,
         variance: float,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the directions of the information, the agreement of both halves of the map along them, and the
-        standard deviations along them.
+        """Return the directions of the information, the agreement of both halves of the map along them, and
+        the standard deviations along them.
 
         One point per voxel is used, since points on the same plane share its noise, and only planes of enough
-        points: the normals of planes through a few distant points of a new map are noisy, and their long lever
-        arm would hide the information of the near ground on rotations.
+        points: the normals of planes through a few distant points of a new map are noisy, and their long
+        lever arm would hide the information of the near ground on rotations.
         """
         cfg = self.config
         selected = self._tables.first_in_voxels(points, cfg.voxel_m)
@@ -245,7 +245,8 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
     def _grow(self, surface: FloatArray, centre: FloatArray) -> None:
         """Add a surface, downsampled, to the map.
 
-        Voxels beyond the radius are removed when the table is full; if it is still full, its capacity is doubled.
+        Voxels beyond the radius are removed when the table is full; if it is still full, its capacity is
+        doubled.
         """
         cfg = self.config
         points = surface[self._tables.first_in_voxels(surface, cfg.surface_voxel_m)]
@@ -278,24 +279,22 @@ def _information(covariance: FloatArray | None) -> FloatArray:
 
 
 def _previous_pose(inputs: Inputs) -> tuple[FloatArray | None, float]:
-    """Return the previous pose, None if not given, and the fraction of the motion since then that happens during
-    the sweep.
+    """Return the previous pose, None if not given, and the fraction of the motion since then that happens
+    during the sweep.
     """
     if inputs.before is None or inputs.sweep_fraction is None:
         return None, 0.0
     fraction = inputs.sweep_fraction
     if not 0.0 <= fraction <= 1.0:
-        raise InputError(
-            f"sweep_fraction {fraction:g}: expected 0 to 1, since the previous sweep ends before this one starts"
-        )
+        raise InputError(f"sweep_fraction {fraction:g}: expected 0 to 1, since sweeps do not overlap in time")
     return checked_transform(inputs.before, "before"), fraction
 
 
 def _fraction_of_motion(
     T_previous: FloatArray, T: FloatArray, fraction: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return a fraction of the motion from the previous pose to ``T`` (6,), in sensor axes, and its derivative
-    (6, 6) with respect to a change of ``T`` in map axes.
+    """Return a fraction of the motion from the previous pose to ``T`` (6,), in sensor axes, and its
+    derivative (6, 6) with respect to a change of ``T`` in map axes.
     """
     R = T[:3, :3]
     J = fraction * rotation_blocks(R.T)

@@ -12,14 +12,14 @@ from cdff_core.imaging.resizing import BlockConfig, shrunk
 
 
 class AreaAverage(Interface[BlockConfig]):
-    """Mean of each block, which avoids aliasing and reduces noise."""
+    """Average the pixels of each block, which avoids aliasing and reduces noise."""
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the smaller pair; raises InputError if its images differ or are too small."""
+        """Return the smaller pair; raises InputError if its images differ in size or are too small."""
         pair = inputs.pair
         if pair.left.image.shape != pair.right.image.shape:
             raise InputError(
-                f"left {pair.left.image.shape}, right {pair.right.image.shape}: expected one size"
+                f"left {pair.left.image.shape}, right {pair.right.image.shape}: expected the same size"
             )
         left, right = (shrunk(image, self.config) for image in (pair.left, pair.right))
         return Outputs(pair=replace(pair, left=left, right=right))

@@ -31,14 +31,14 @@ class StereoDegradationOutputs:
     Attributes
     ----------
     pair : FramePair
-        Both images reduced as by ImageDegradation, same baseline.
+        Both images, reduced as by ImageDegradation, with the same baseline.
     """
 
     pair: FramePair
 
 
 class StereoDegradationInterface(Dfn[ConfigT, StereoDegradationInputs, StereoDegradationOutputs]):
-    """Reduce the resolution of a stereo pair; a rectified pair stays rectified."""
+    """Reduce the resolution of a stereo pair; a rectified pair remains rectified."""
 
 
 #: Short names for the implementations.

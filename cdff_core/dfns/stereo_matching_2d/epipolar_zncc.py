@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Correlation along the epipolar line, sub-pixel alignment and backward test."""
+"""Matching of points by correlation along the epipolar line, sub-pixel alignment and a backward test."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from cdff_core.dfns.stereo_matching_2d.interface import Inputs, Interface, Outpu
 from cdff_core.imaging.patch_alignment import align_patches, align_slanted, search_rows
 from cdff_core.imaging.pyramid import smoothed
 
-#: Smallest disparity accepted: below it the depth has an error of its own size.
+#: Minimum disparity of a match; below it the error of the depth is about as large as the depth.
 _MIN_DISPARITY_PX = 1.0
-#: Half widths of the search around a guess, and of a patch without its centre pixel.
+#: Half width of the search around a guess, and half width of a patch (without its centre pixel).
 _SEARCH_PX, _HALF_WINDOW_PX = 3, 7
-#: Minimum correlation of the patches of a match, and minimum ratio of 1 - second best to 1 - best.
-_MIN_CORRELATION, _AMBIGUITY = 0.85, 2.0
-#: Largest change of the disparity per pixel: at 1 the surface is seen edge-on by the right camera.
+#: Minimum correlation of the patches of a match, and minimum ratio of 1 - correlation of the second best
+#: position to that of the best.
+_MIN_CORRELATION, _MIN_DISTINCTNESS = 0.85, 2.0
+#: Largest change of the disparity per pixel; at 1 the right camera sees the surface edge-on.
 _MAX_SLOPE = 0.8
 #: Largest distance from the epipolar line.
 _MAX_ROW_OFFSET_PX = 1.0
@@ -32,13 +33,15 @@ class EpipolarZnccConfig(DfnConfig):
 
 
 class EpipolarZncc(Interface[EpipolarZnccConfig]):
-    """Normalised cross-correlation over whole disparities [1]_, then Gauss-Newton in both directions [2]_.
+    """Match points by normalised cross-correlation at integer disparities [1]_, then align the patches by
+    Gauss-Newton in both directions [2]_.
 
-    The refinement estimates the gradient of the disparity across the patch with its centre, unless given: the
-    ground ahead of a car or rover is seen at such a grazing angle that its patches are sheared by pixels.
+    The alignment estimates the gradient of the disparity across the patch, unless given, together with the
+    position: the ground ahead of a car or rover is seen at such a grazing angle that its patches are sheared
+    by pixels.
 
-    The refinement may leave the row: residual errors of the rectification (up to half a pixel on real rovers
-    and cars) would otherwise cause a disparity error on every slanted edge.
+    The alignment also estimates a row offset: residual errors of the rectification (up to half a pixel on
+    real rovers and cars) would otherwise cause a disparity error on every slanted edge.
 
     References
     ----------
@@ -56,7 +59,7 @@ class EpipolarZncc(Interface[EpipolarZnccConfig]):
         align_slanted(image, image, point, point, 3, 1, 0.1, 0.5)
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Match every point; raises InputError on images that are too small."""
+        """Return a match for every point; raises InputError if the images are too small."""
         c = self.config
         points = np.array(inputs.features, np.float64)
         n = len(points)
@@ -65,16 +68,20 @@ class EpipolarZncc(Interface[EpipolarZnccConfig]):
         if inputs.guess is not None:
             centre = np.rint(np.clip(inputs.guess, 0.0, c.max_disparity_px)).astype(np.int64)
             lowest, highest = np.maximum(centre - _SEARCH_PX, 0), centre + _SEARCH_PX
-        whole, best, second = search_rows(left, right, points, lowest, highest, min(_HALF_WINDOW_PX, 5))
-        unique = (1.0 - second) >= _AMBIGUITY * (1.0 - best) if inputs.guess is None else np.ones(n, bool)
-        start = points - np.column_stack([np.nan_to_num(whole), np.zeros(n)])
-        found, slopes, scores = self._align(left, right, points, start, inputs.slopes)
-        back, returned = align_patches(
-            right, left, found, points, np.linalg.inv(_sheared(slopes)), _HALF_WINDOW_PX, 20, 0.005
+        coarse, best, second = search_rows(left, right, points, lowest, highest, min(_HALF_WINDOW_PX, 5))
+        unique = (
+            (1.0 - second) >= _MIN_DISTINCTNESS * (1.0 - best) if inputs.guess is None else np.ones(n, bool)
         )
-        disparities, row_offsets = points[:, 0] - found[:, 0], found[:, 1] - points[:, 1]
-        valid = unique & np.isfinite(whole) & (scores >= _MIN_CORRELATION) & (returned >= _MIN_CORRELATION)
-        valid &= np.abs(found[:, 0] - start[:, 0]) <= 1.5
+        start = points - np.column_stack([np.nan_to_num(coarse), np.zeros(n)])
+        matches, slopes, scores = self._align(left, right, points, start, inputs.slopes)
+        back, back_scores = align_patches(
+            right, left, matches, points, np.linalg.inv(_shear_warps(slopes)), _HALF_WINDOW_PX, 20, 0.005
+        )
+        disparities, row_offsets = points[:, 0] - matches[:, 0], matches[:, 1] - points[:, 1]
+        valid = (
+            unique & np.isfinite(coarse) & (scores >= _MIN_CORRELATION) & (back_scores >= _MIN_CORRELATION)
+        )
+        valid &= np.abs(matches[:, 0] - start[:, 0]) <= 1.5
         valid &= (np.abs(row_offsets) <= _MAX_ROW_OFFSET_PX) & (disparities >= _MIN_DISPARITY_PX)
         valid &= np.hypot(*(back - points).T) <= 0.5
         return Outputs(disparities=disparities, row_offsets=row_offsets, slopes=slopes, valid=valid)
@@ -85,27 +92,35 @@ class EpipolarZncc(Interface[EpipolarZnccConfig]):
         right: Float32Array,
         points: FloatArray,
         start: FloatArray,
-        known: FloatArray | None,
+        given_slopes: FloatArray | None,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the positions of the patches in the right image, their slopes and correlations."""
-        if known is not None:
-            found, scores = align_patches(
-                left, right, points, start, _sheared(known), _HALF_WINDOW_PX, 20, 0.005
+        if given_slopes is not None:
+            matches, scores = align_patches(
+                left, right, points, start, _shear_warps(given_slopes), _HALF_WINDOW_PX, 20, 0.005
             )
-            return found, known, scores
-        found, slopes, scores = align_slanted(
+            return matches, given_slopes, scores
+        matches, slopes, scores = align_slanted(
             left, right, points, start, _HALF_WINDOW_PX, 20, 0.005, _MAX_SLOPE
         )
-        lost = scores < 0.0  # slope not observable: treated as facing the camera
-        slopes[lost] = 0.0
-        found[lost], scores[lost] = align_patches(
-            left, right, points[lost], start[lost], _sheared(slopes[lost]), _HALF_WINDOW_PX, 20, 0.005
+        # If the slope is not observable, the surface is assumed to be parallel to the image.
+        without_slope = scores < 0.0
+        slopes[without_slope] = 0.0
+        matches[without_slope], scores[without_slope] = align_patches(
+            left,
+            right,
+            points[without_slope],
+            start[without_slope],
+            _shear_warps(slopes[without_slope]),
+            _HALF_WINDOW_PX,
+            20,
+            0.005,
         )
-        return found, slopes, scores
+        return matches, slopes, scores
 
 
-def _sheared(slopes: FloatArray) -> FloatArray:
-    """Return warps ``(n, 3, 3)`` from left to right patch, sheared by the disparity's gradient."""
+def _shear_warps(slopes: FloatArray) -> FloatArray:
+    """Return the warps ``(n, 3, 3)`` from left to right patch for a gradient of the disparity."""
     warps = np.tile(np.eye(3), (len(slopes), 1, 1))
     warps[:, 0, :2] -= slopes
     return warps

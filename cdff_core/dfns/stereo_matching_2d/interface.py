@@ -32,7 +32,7 @@ class StereoMatching2DInputs:
     Attributes
     ----------
     left : ndarray of uint8, shape (r,c)
-        Rectified grey image.
+        Rectified grey image of the left camera.
     right : ndarray of uint8, shape (r,c)
         Rectified grey image of the right camera.
     features : ndarray of float64, shape (n,2)
@@ -40,7 +40,7 @@ class StereoMatching2DInputs:
     guess : ndarray of float64, shape (n), optional
         Expected disparities, pixels; without it the whole range is searched.
     slopes : ndarray of float64, shape (n,2), optional
-        Derivatives of the disparity by column and row across each patch; default: estimated.
+        Derivatives of the disparity with respect to column and row across each patch; default: estimated.
     """
 
     left: NDArray[np.uint8]
@@ -64,7 +64,7 @@ class StereoMatching2DOutputs:
     row_offsets : ndarray of float64, shape (n)
         Row in the right minus row in the left image, pixels: residual error of the rectification.
     slopes : ndarray of float64, shape (n,2)
-        Derivatives of the disparity by column and row across each patch, 0 if not observable.
+        Derivatives of the disparity with respect to column and row across each patch, 0 if not observable.
     valid : ndarray of bool, shape (n)
         True for a unique match.
     """

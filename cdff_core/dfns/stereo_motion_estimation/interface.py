@@ -35,17 +35,17 @@ class StereoMotionEstimationInputs:
     Attributes
     ----------
     reference : ndarray of float64, shape (n,3)
-        Column, row and disparity in the reference pair, pixels.
+        Column, row and disparity of each point in the reference pair, pixels.
     current : ndarray of float64, shape (n,3)
-        Column, row and disparity in the current pair, pixels.
+        Column, row and disparity of each point in the current pair, pixels.
     camera_matrix : ndarray of float64, shape (3,3)
-        Rectified left camera, pixels.
+        Intrinsic matrix of the rectified left camera, pixels.
     baseline : float
         Distance between the cameras, metres.
     guess : ndarray of float64, shape (4,4)
         Initial T_reference_current.
     reference_basis : ndarray of float64, shape (n,k), optional
-        Derivatives of the reference disparities with respect to calibration parameters, which are then
+        Derivatives of the reference disparities with respect to k calibration parameters, which are then
         estimated too.
     current_basis : ndarray of float64, shape (n,k), optional
         Derivatives of the current disparities with respect to the same parameters.
@@ -83,8 +83,8 @@ class StereoMotionEstimationOutputs:
     noise_covariance : ndarray of float64, shape (6,6)
         Part of the covariance due to the noise of these two pairs.
     common_response : ndarray of float64, shape (6,5)
-        Effect on the motion of one standard deviation of each error common to all points: offsets of
-        column, row and disparity, magnification, stretch of rows.
+        Effect on the motion, [x y z rx ry rz], of one standard deviation of each error common to all
+        points: offsets of column, row and disparity, magnification, stretch of rows.
     calibration_response : ndarray of float64, shape (6,k)
         Derivatives of the motion with respect to the calibration parameters, per pixel.
     inliers : ndarray of bool, shape (n)
@@ -95,7 +95,7 @@ class StereoMotionEstimationOutputs:
         Variance of unit weight: 1 if the residuals agree with the noise model.
     conditioning : float
         Ratio of the largest to the smallest eigenvalue of the normal matrix, with rotations scaled by the
-        median distance of the points.
+        effective distance of the points.
     calibration : ndarray of float64, shape (k)
         Calibration parameters after this pair, pixels.
     calibration_covariance : ndarray of float64, shape (k,k)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""ReprojectionLm: the motion that minimises the reprojection error in both images of two stereo pairs."""
+"""Motion between two stereo pairs by minimisation of the reprojection error in both images."""
 
 from __future__ import annotations
 
@@ -41,15 +41,22 @@ class ReprojectionLmConfig(DfnConfig):
     sigma_common_disparity_px: float = Field(
         0.015, ge=0, le=5, description="Standard deviation of a common error of disparities"
     )
-    noise_factor: float = Field(2.7, ge=1, le=100, description="Factor on the variance, for dependent points")
-    gate: float = Field(3.4, gt=1, le=100, description="Standard deviations of three components of an inlier")
+    noise_factor: float = Field(
+        2.7,
+        ge=1,
+        le=100,
+        description="Factor on the covariance of the noise, since points are not independent",
+    )
+    gate: float = Field(
+        3.4, gt=1, le=100, description="Largest Mahalanobis distance of the residual of an inlier"
+    )
     max_iterations: int = Field(30, ge=1, le=200, description="Maximum number of Levenberg-Marquardt steps")
     max_conditioning: float = Field(1e7, gt=1, description="Largest condition number of an observable motion")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Problem:
-    """Inputs with their shapes checked; without calibration parameters the bases have no columns."""
+    """Inputs with matching shapes; without calibration parameters the bases have no columns."""
 
     camera: RectifiedCamera
     reference: FloatArray
@@ -60,30 +67,34 @@ class _Problem:
     prior_information: FloatArray
 
     @classmethod
-    def of(cls, inputs: Inputs) -> _Problem:
-        """Check the shapes; raises InputError."""
+    def from_inputs(cls, inputs: Inputs) -> _Problem:
+        """Return the problem; raises InputError if shapes do not match."""
         reference, current = np.asarray(inputs.reference, np.float64), np.asarray(inputs.current, np.float64)
         n = len(reference)
         mean = np.zeros(0) if inputs.calibration is None else np.asarray(inputs.calibration, np.float64)
         k = len(mean)
-        first, second = (
-            np.zeros((n, 0)) if b is None else b for b in (inputs.reference_basis, inputs.current_basis)
-        )
+        bases = [
+            np.zeros((n, 0)) if basis is None else basis
+            for basis in (inputs.reference_basis, inputs.current_basis)
+        ]
         covariance = (
             np.zeros((0, 0)) if inputs.calibration_covariance is None else inputs.calibration_covariance
         )
-        if first.shape != (n, k) or second.shape != (n, k) or covariance.shape != (k, k):
-            text = f"bases {first.shape} and {second.shape}, calibration covariance {covariance.shape}"
+        if any(basis.shape != (n, k) for basis in bases) or covariance.shape != (k, k):
+            text = f"bases {bases[0].shape} and {bases[1].shape}, calibration covariance {covariance.shape}"
             raise InputError(f"{text}: expected ({n}, {k}), ({k}, {k})")
         camera = RectifiedCamera.from_matrix(inputs.camera_matrix, inputs.baseline)
-        return cls(
-            camera, reference, current, first, second, mean, np.asarray(np.linalg.inv(covariance), np.float64)
-        )
+        information = np.asarray(np.linalg.inv(covariance), np.float64)
+        return cls(camera, reference, current, bases[0], bases[1], mean, information)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _System:
-    """The linearised problem at one estimate: residuals, weights, normal equations, robust cost."""
+    """Linearised problem at an estimate.
+
+    ``squared`` are the squared Mahalanobis distances of the residuals, ``common`` the weighted sums of the
+    common modes (``_common_modes``), ``cost`` is the robust cost.
+    """
 
     residuals: FloatArray
     squared: FloatArray
@@ -95,43 +106,44 @@ class _System:
 
 
 class ReprojectionLm(Interface[ReprojectionLmConfig]):
-    """Motion-only adjustment with the points' own uncertainty carried along.
+    """Estimate the motion by weighted least squares; the uncertainty of the reference points is in the
+    weights.
 
     The residual of a point is its measured minus predicted ``(u, v, d)`` in the current pair. Its covariance
-    is the measurement's plus that of the triangulated reference point, projected: to first order this is
-    two-view bundle adjustment with the structure eliminated, and it weighs near and far points as their
-    geometry. Cauchy weights; Levenberg-Marquardt on ``R3 x SO(3)``; covariance ``s2 (J^T W J)^-1``
-    [1]_, plus what an error common to all points does (``_common_modes``), which more points do not average
-    out: pixel locking and the perspective of patches leave 0.002 to 0.015 px. ``noise_factor`` is what the
-    points of one pair, whose patches overlap and whose reference disparities are measured in the same images,
-    lack in independence.
+    is that of the measurement plus the projected one of the triangulated reference point: to first order this
+    is two-view bundle adjustment with the structure eliminated. The cost is robust (Cauchy) and minimised by
+    Levenberg-Marquardt on ``R3 x SO(3)``.
+
+    The covariance is ``s2 (J^T W J)^-1`` [1]_ times ``noise_factor``, plus the effect of errors common to all
+    points (``_common_modes``), which more points do not average out: pixel locking and the perspective of
+    patches cause 0.002 to 0.015 px. ``noise_factor`` accounts for the correlation of the points of a pair:
+    their patches overlap, and their reference disparities are measured in the same images.
 
     Residual calibration errors affect near and far depths differently and are therefore observable in the
-    motion itself [2]_: parameters with the derivatives of the two bases are estimated together with the
-    motion
-    from their prior, and the motion's covariance includes their remaining uncertainty.
+    motion itself [2]_: the calibration parameters are estimated together with the motion, from their prior
+    and the derivatives in the two bases, and the covariance of the motion includes their remaining
+    uncertainty.
 
     References
     ----------
     .. [1] B. Triggs et al., Bundle Adjustment - A Modern Synthesis, 2000, doi:10.1007/3-540-44480-7_21, §4
       and §6
     .. [2] I. Kreso, S. Segvic, Improving the Egomotion Estimation by Correcting the Calibration Bias, VISAPP
-       2015,
-       doi:10.5220/0005316103470356
+       2015, doi:10.5220/0005316103470356
     """
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the motion; raises RefusedError or DegenerateGeometryError."""
-        problem = _Problem.of(inputs)
+        problem = _Problem.from_inputs(inputs)
         if len(problem.reference) < 4:
             n = len(problem.reference)
             raise RefusedError(f"{n} points, expected at least 4", [f"few_inliers:{n}<4"])
         T = se3.inverse(inputs.guess)  # T_current_reference
-        T[:3, :3] = se3.normalise_rotation(T[:3, :3])  # products of many estimates drift off the manifold
+        T[:3, :3] = se3.normalise_rotation(T[:3, :3])  # rounding errors accumulate in products of estimates
         theta = problem.prior_mean.copy()
         system = self._linearise(problem, T, theta)
         if not system.weights.sum() * 3.0 > 6.0:
-            raise RefusedError("no point agrees with the guess, even loosely", ["diverged"])
+            raise RefusedError("almost no point agrees with the guess", ["diverged"])
         damping = 1e-6
         for _ in range(self.config.max_iterations):
             step = np.linalg.solve(
@@ -144,15 +156,15 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
                 if damping > 1e6:
                     break
                 continue
-            settled = (
-                float(step @ system.normal @ step) < 1e-8
-            )  # a ten-thousandth of the estimate's own sigma
+            # Step below 1e-4 of the standard deviation of the estimate.
+            has_converged = float(step @ system.normal @ step) < 1e-8
             T, theta, system, damping = candidate, theta + step[6:], trial, max(damping * 0.1, 1e-9)
-            if settled:
+            if has_converged:
                 break
         return self._outputs(problem, T, theta, system)
 
     def _linearise(self, problem: _Problem, T: FloatArray, theta: FloatArray) -> _System:
+        """Return the linearised problem at T_current_reference and the calibration parameters."""
         c, camera = self.config, problem.camera
         reference, current = problem.reference.copy(), problem.current.copy()
         reference[:, 2] = np.maximum(reference[:, 2] + problem.reference_basis @ theta, 0.05)
@@ -163,10 +175,11 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
         moved[behind, 2] = 0.05
         residuals = current - camera.project(moved)
         J_point = camera.projection_jacobian(moved)
-        # How the prediction follows the reference disparity: the depth error of the point, seen from here.
+        # Derivative of the prediction with respect to the reference disparity, through the depth of the
+        # point.
         J_depth = (J_point @ T[:3, :3] @ camera.triangulation_jacobian(reference)[:, :, 2:])[:, :, 0]
-        measured = np.diag([c.sigma_track_px**2, c.sigma_track_px**2, c.sigma_disparity_px**2])
-        W = np.linalg.inv(measured + c.sigma_disparity_px**2 * J_depth[:, :, None] * J_depth[:, None, :])
+        noise = np.diag([c.sigma_track_px**2, c.sigma_track_px**2, c.sigma_disparity_px**2])
+        W = np.linalg.inv(noise + c.sigma_disparity_px**2 * J_depth[:, :, None] * J_depth[:, None, :])
         squared = np.einsum("ni,nij,nj->n", residuals, W, residuals)
         squared[behind] = 1e12
         weights = 1.0 / (1.0 + squared / _ROBUST_SCALE**2)
@@ -175,43 +188,43 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
         J = np.concatenate([J_point, -J_point @ se3.skew(rotated), J_calibration], axis=2)
         JW = np.swapaxes(J, 1, 2) @ (W * weights[:, None, None])
         normal, gradient = (JW @ J).sum(axis=0), -(JW @ residuals[:, :, None]).sum(axis=0)[:, 0]
-        surprise = theta - problem.prior_mean
+        prior_error = theta - problem.prior_mean
         normal[6:, 6:] += problem.prior_information
-        gradient[6:] += problem.prior_information @ surprise
+        gradient[6:] += problem.prior_information @ prior_error
         cost = float(np.sum(np.log1p(squared / _ROBUST_SCALE**2))) * _ROBUST_SCALE**2
-        cost += float(surprise @ problem.prior_information @ surprise)
-        return _System(
-            residuals, squared, weights, normal, gradient, (JW @ _common_modes(reference)).sum(axis=0), cost
-        )
+        cost += float(prior_error @ problem.prior_information @ prior_error)
+        common = (JW @ _common_modes(reference)).sum(axis=0)
+        return _System(residuals, squared, weights, normal, gradient, common, cost)
 
     def _outputs(self, problem: _Problem, T: FloatArray, theta: FloatArray, system: _System) -> Outputs:
         c = self.config
         inliers = system.squared < c.gate**2
         if inliers.sum() < 4 or not np.all(np.isfinite(T)):
             raise RefusedError(
-                f"{inliers.sum()} points agree on a motion", [f"few_inliers:{inliers.sum()}<4"]
+                f"{inliers.sum()} points agree on a motion, expected at least 4",
+                [f"few_inliers:{inliers.sum()}<4"],
             )
-        conditioning, direction = self._conditioning(system.normal)
+        conditioning, direction = self._weakest_direction(system.normal)
         if conditioning > c.max_conditioning:
-            text = f"the points leave {direction} free (condition {conditioning:.3g})"
+            text = f"the points do not constrain {direction} (condition number {conditioning:.3g})"
             raise DegenerateGeometryError(text, [direction])
         freedom = max(3.0 * float(system.weights.sum()) - len(system.normal), 1.0)
         unit_variance = float((system.weights * system.squared).sum()) / freedom
-        scale = max(unit_variance, _MIN_UNIT_VARIANCE)  # of the measurements' covariances, not of the prior's
+        scale = max(unit_variance, _MIN_UNIT_VARIANCE)  # applies to the measurements, not to the prior
         information = system.normal / scale
         information[6:, 6:] += (1.0 - 1.0 / scale) * problem.prior_information
         inverse = np.linalg.inv(information)
         inverse = 0.5 * (inverse + inverse.T)
-        J = cov.inverse_jacobian(T)  # from T_current_reference, which was estimated, to the motion
+        J = cov.inverse_jacobian(T)  # from the estimated T_current_reference to the motion
         sigmas = [c.sigma_common_px, c.sigma_common_px, c.sigma_common_disparity_px, *[c.sigma_common_px] * 2]
         common = J @ ((inverse @ system.common)[:6] / scale) * sigmas
         by_calibration = -J @ np.linalg.solve(information[:6, :6], information[:6, 6:])
         noise = c.noise_factor * J @ np.linalg.inv(information[:6, :6]) @ J.T
         noise = 0.5 * (noise + noise.T)
-        shared = by_calibration @ inverse[6:, 6:] @ by_calibration.T + common @ common.T
+        systematic = by_calibration @ inverse[6:, 6:] @ by_calibration.T + common @ common.T
         return Outputs(
             motion=se3.inverse(T),
-            covariance=noise + 0.5 * (shared + shared.T),
+            covariance=noise + 0.5 * (systematic + systematic.T),
             noise_covariance=noise,
             common_response=common,
             calibration_response=by_calibration,
@@ -224,14 +237,15 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
         )
 
     @staticmethod
-    def _conditioning(normal: FloatArray) -> tuple[float, str]:
-        """Return condition number of the 6x6 normal matrix, rotations scaled, and weakest direction."""
+    def _weakest_direction(normal: FloatArray) -> tuple[float, str]:
+        """Return the condition number of the normal matrix of the motion, with scaled rotations, and the
+        direction that is constrained least.
+        """
         H = normal[:6, :6]
         if len(normal) > 6:
             H = H - normal[:6, 6:] @ np.linalg.solve(normal[6:, 6:], normal[6:, :6])
-        distance = np.sqrt(
-            np.trace(H[3:, 3:]) / max(np.trace(H[:3, :3]), 1e-300)
-        )  # the points' effective distance
+        # Effective distance of the points.
+        distance = np.sqrt(np.trace(H[3:, 3:]) / max(np.trace(H[:3, :3]), 1e-300))
         scale = np.array([1.0, 1.0, 1.0, *[1.0 / distance] * 3])
         values, vectors = np.linalg.eigh(H * np.outer(scale, scale))
         weakest = _DIRECTIONS[int(np.argmax(np.abs(vectors[:, 0])))]
@@ -239,10 +253,11 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
 
 
 def _common_modes(reference: FloatArray) -> FloatArray:
-    """Errors that all points can share, as residuals ``(n, 3, 5)``: shifts of u, v and d, a magnification, a
-    stretch.
+    """Return the residuals ``(n, 3, 5)`` due to errors common to all points: offsets of column, row and
+    disparity, magnification, and stretch of rows.
 
-    The stretch is along columns alone: patches of the ground ahead grow more towards the camera than across.
+    The rows can be stretched alone, because patches of the ground ahead grow more in height than in width
+    when the camera approaches them.
     """
     modes = np.zeros((len(reference), 3, 5))
     modes[:, 0, 0] = modes[:, 1, 1] = modes[:, 2, 2] = 1.0

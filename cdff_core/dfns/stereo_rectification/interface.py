@@ -31,9 +31,9 @@ class StereoRectificationOutputs:
     Attributes
     ----------
     pair : FramePair
-        Same size, depth and stamps; both images have the same camera matrix; baseline in metres; a point is
-        on the same row in both images, points at infinity have disparity 0; the frames are named
-        {frame}_rectified.
+        Pair with the same size, depth and stamps and its baseline in metres; both images have the same
+        camera matrix; a point is on the same row in both images, and points at infinity have disparity 0;
+        the frames are named {frame}_rectified.
     """
 
     pair: FramePair

@@ -27,9 +27,9 @@ class StereoTriangulationInputs:
     features : ndarray of float64, shape (n,2)
         Column and row in the left image, pixels.
     disparities : ndarray of float64, shape (n)
-        Pixels, above 0.
+        Disparities, pixels, above 0.
     camera_matrix : ndarray of float64, shape (3,3)
-        Rectified left camera, pixels.
+        Intrinsic matrix of the rectified left camera, pixels.
     baseline : float
         Distance between the cameras, metres.
     """

@@ -21,7 +21,7 @@ class RectifiedTriangulationConfig(DfnConfig):
 
 
 class RectifiedTriangulation(Interface[RectifiedTriangulationConfig]):
-    """``z = fx b / d``, and first-order propagation of the pixels' noise.
+    """Triangulate points with depth ``z = fx b / d``, and propagate the noise of the pixels to first order.
 
     References
     ----------

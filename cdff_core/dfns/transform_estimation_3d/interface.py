@@ -52,13 +52,14 @@ class TransformEstimation3DOutputs:
     transform : ndarray of float64, shape (4,4)
         T_sink_source, metres.
     covariance : ndarray of float64, shape (6,6)
-        [x y z rx ry rz], perturbation in the sink frame, formal: from the residuals of the agreeing pairs.
+        Covariance of the transform, [x y z rx ry rz], perturbation in the sink frame; formal, from the
+        residuals of the inliers.
     inliers : ndarray of bool, shape (n)
-        Pairs that agree; all of them for LeastSquares.
+        True for the pairs used; all pairs for LeastSquares.
     residuals : ndarray of float64, shape (n)
         Distance of each transformed point from its match, metres.
     unit_variance : float
-        Variance of unit weight of the agreeing pairs; square metres if no sigmas are given.
+        Variance of unit weight of the inliers; square metres if no sigmas are given.
     """
 
     transform: NDArray[np.float64]

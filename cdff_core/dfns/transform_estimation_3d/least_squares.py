@@ -11,7 +11,7 @@ from cdff_core.dfns.transform_estimation_3d._rigid import RigidConfig, RigidEsti
 
 
 class LeastSquares(RigidEstimation[RigidConfig]):
-    """Closed form of Umeyama (1991), doi:10.1109/34.88573, over all pairs."""
+    """Estimate the transform in closed form (Umeyama 1991, doi:10.1109/34.88573) from all pairs."""
 
-    def _agreeing(self, source: FloatArray, sink: FloatArray, sigmas: FloatArray) -> BoolArray:
+    def _select_inliers(self, source: FloatArray, sink: FloatArray, sigmas: FloatArray) -> BoolArray:
         return np.ones(len(source), bool)

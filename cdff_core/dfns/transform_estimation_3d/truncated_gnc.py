@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Truncated least squares by graduated non-convexity: up to about seven in ten pairs may be wrong."""
+"""Truncated least squares by graduated non-convexity; up to about 70 % of the pairs may be wrong."""
 
 from __future__ import annotations
 
@@ -19,13 +19,15 @@ class TruncatedGncConfig(RigidConfig):
         gt=0,
         le=1e6,
         description=(
-            "Distance above which a pair is an outlier: metres, or standard deviations where sigmas are given"
+            "Distance above which a pair is an outlier: metres, or standard deviations if sigmas are given"
         ),
     )
 
 
 class TruncatedGnc(RigidEstimation[TruncatedGncConfig]):
-    """Truncated least squares by graduated non-convexity (Yang et al. 2020), without random samples."""
+    """Select the inliers by graduated non-convexity (Yang et al. 2020, doi:10.1109/LRA.2020.2965893), without
+    random samples.
+    """
 
-    def _agreeing(self, source: FloatArray, sink: FloatArray, sigmas: FloatArray) -> BoolArray:
+    def _select_inliers(self, source: FloatArray, sink: FloatArray, sigmas: FloatArray) -> BoolArray:
         return graduated_fit(source, sink, self.config.threshold, sigmas)[1] <= self.config.threshold**2

@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled plane fits, single-threaded, so that replay does not depend on the number of threads."""
+"""Plane fits around every cell of a grid; compiled, single-threaded, so that results do not depend on
+threads.
+"""
 
 from __future__ import annotations
 
@@ -11,25 +13,27 @@ from numba import njit
 
 from cdff_common.arrays import FloatArray
 
-#: Smallest ratio of product to squared mean of the two eigenvalues of the footprint's second moments: below
-#: it the observed cells lie along a line and leave the slope across it free.
-_MIN_SPREAD = 0.05
+#: Minimum ratio of the product to the squared mean of the two eigenvalues of the second moments of the
+#: observed cells: below it the cells lie along a line and do not constrain the slope across it.
+_MIN_EIGENVALUE_RATIO = 0.05
 
 
 @njit(cache=True)
 def fit_planes(
-    z: FloatArray, half: int, least: int
+    z: FloatArray, half: int, min_cells: int
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:  # pragma: no cover - compiled
-    """Least-squares plane of the observed heights in the square of ``2 half + 1`` cells around each cell.
+    """Fit planes to the observed heights in the square of ``2 half + 1`` cells around each cell, by least
+    squares.
 
-    Sums run along columns and then along the row, so that the cost does not depend on the size of the square.
+    Sums are updated from row to row and from cell to cell, so that the cost does not depend on the size of
+    the square.
 
     Returns
     -------
-    gradient : height per cell, NaN where fewer than ``least`` cells are observed or they lie along a line
-    rms : root mean square distance of the heights from the plane, measured along z
-    middle : height of the plane at the cell
-    leverage : variance of that height where every height has variance 1; infinite where there is no plane
+    gradient, rms, middle, leverage : ndarray, shape (rows, cols)
+        Slope of the plane (height per cell), root mean square distance of the heights from the plane along z,
+        height of the plane at the cell, and variance of that height if every height has variance 1. NaN, the
+        leverage infinite, if fewer than ``min_cells`` cells are observed or they lie along a line.
     """
     rows, cols = z.shape
     gradient, rms = np.full((rows, cols), np.nan), np.full((rows, cols), np.nan)
@@ -64,12 +68,12 @@ def fit_planes(
                     sxx += m * k * k
                     sxy += sign * column[k, 3] * k
                     sxz += sign * column[k, 1] * k
-            if c < 0 or n < least:
+            if c < 0 or n < min_cells:
                 continue
             xx, yy, xy = sxx - sx * sx / n, syy - sy * sy / n, sxy - sx * sy / n
             xz, yz, zz = sxz - sx * sz / n, syz - sy * sz / n, szz - sz * sz / n
             det, mean = xx * yy - xy * xy, 0.5 * (xx + yy)
-            if det <= _MIN_SPREAD * mean * mean:
+            if det <= _MIN_EIGENVALUE_RATIO * mean * mean:
                 continue
             a, b = (xz * yy - yz * xy) / det, (yz * xx - xz * xy) / det
             gradient[r, c] = math.sqrt(a * a + b * b)

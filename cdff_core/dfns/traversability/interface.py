@@ -18,8 +18,8 @@ class TraversabilityInputs:
     Attributes
     ----------
     dem : ElevationMap
-        Elevation map with the layer mean; with the layer variance, safe cells are below the limits by some
-        standard deviations; with the layer overhang_m, overhangs lower than the rover's height are hazards.
+        Elevation map with the layer mean; with the layer variance, safe cells are below the limits by
+        sigmas standard deviations; with the layer overhang_m, overhangs lower than the rover are hazards.
     """
 
     dem: ElevationMap
@@ -40,8 +40,8 @@ class TraversabilityOutputs:
 
 
 class TraversabilityInterface(Dfn[ConfigT, TraversabilityInputs, TraversabilityOutputs]):
-    """Classify where a rover may stand on an elevation map, by slope and roughness under its footprint
-    and steps within reach; unobserved terrain is never rated safe.
+    """Classify the cells of an elevation map on which a rover can stand, by slope and roughness under
+    its footprint and nearby steps; unobserved terrain is never classified as safe.
     """
 
 

@@ -39,42 +39,42 @@ def stereo_observations(
     return reference, current
 
 
-def estimator(**config: float) -> ReprojectionLm:
+def make_node(**config: float) -> ReprojectionLm:
     dfn = ReprojectionLm()
     dfn.configure(dict(config))
     return dfn
 
 
-def test_exact_measurements_give_the_exact_motion_from_a_distant_start(rng: np.random.Generator) -> None:
+def test_exact_measurements_give_the_exact_motion_from_a_distant_guess(rng: np.random.Generator) -> None:
     reference, current = stereo_observations(rng, scene(rng), 0.0)
-    out = estimator().process(
+    outputs = make_node().process(
         StereoMotionEstimationInputs(
             reference=reference, current=current, camera_matrix=CAMERA, baseline=BASELINE_M, guess=np.eye(4)
         )
     )
-    np.testing.assert_allclose(out.motion, T_REFERENCE_CURRENT, atol=1e-7)
-    assert out.inliers.all()
+    np.testing.assert_allclose(outputs.motion, T_REFERENCE_CURRENT, atol=1e-7)
+    assert outputs.inliers.all()
 
 
 def test_outliers_are_rejected_and_do_not_affect_the_result(rng: np.random.Generator) -> None:
     reference, current = stereo_observations(rng, scene(rng), 0.1)
     current[:40, :2] += rng.uniform(5.0, 30.0, (40, 2))
-    out = estimator().process(
+    outputs = make_node().process(
         StereoMotionEstimationInputs(
             reference=reference, current=current, camera_matrix=CAMERA, baseline=BASELINE_M, guess=np.eye(4)
         )
     )
-    assert not out.inliers[:40].any()
-    assert out.inliers[40:].mean() > 0.97
-    assert np.linalg.norm(cov.pose_error(T_REFERENCE_CURRENT, out.motion)[:3]) < 0.005
+    assert not outputs.inliers[:40].any()
+    assert outputs.inliers[40:].mean() > 0.97
+    assert np.linalg.norm(cov.pose_error(T_REFERENCE_CURRENT, outputs.motion)[:3]) < 0.005
 
 
 def test_errors_are_consistent_with_the_covariance(rng: np.random.Generator) -> None:
     """The 99.9 % interval of the mean NEES of 150 trials is 5.1 to 6.9; Cauchy weights widen it slightly."""
-    dfn, nees = estimator(sigma_common_px=0.0, sigma_common_disparity_px=0.0, noise_factor=1.0), []
+    dfn, nees = make_node(sigma_common_px=0.0, sigma_common_disparity_px=0.0, noise_factor=1.0), []
     for _ in range(150):
         reference, current = stereo_observations(rng, scene(rng), 0.2)
-        out = dfn.process(
+        outputs = dfn.process(
             StereoMotionEstimationInputs(
                 reference=reference,
                 current=current,
@@ -83,8 +83,8 @@ def test_errors_are_consistent_with_the_covariance(rng: np.random.Generator) -> 
                 guess=np.eye(4),
             )
         )
-        error = cov.pose_error(T_REFERENCE_CURRENT, out.motion)
-        nees.append(float(error @ np.linalg.solve(out.covariance, error)))
+        error = cov.pose_error(T_REFERENCE_CURRENT, outputs.motion)
+        nees.append(float(error @ np.linalg.solve(outputs.covariance, error)))
     assert 4.6 < np.mean(nees) < 7.0
 
 
@@ -92,15 +92,17 @@ def test_errors_are_consistent_with_the_covariance(rng: np.random.Generator) -> 
 def test_a_common_error_of_all_points_changes_the_motion_by_its_stated_response(
     rng: np.random.Generator, mode: int
 ) -> None:
-    """The modes: shifts of columns, of rows and of disparities, a magnification, and a stretch of rows."""
+    """The modes are offsets of columns, rows and disparities, a magnification, and a stretch of rows."""
     reference, current = stereo_observations(rng, scene(rng), 0.0)
     u, v = ((c - c.mean()) / c.std() for c in reference[:, :2].T)
     one, none = np.ones(len(u)), np.zeros(len(u))
-    shared = [(one, none, none), (none, one, none), (none, none, one), (u, v, none), (none, v, none)][mode]
+    mode_errors = [(one, none, none), (none, one, none), (none, none, one), (u, v, none), (none, v, none)][
+        mode
+    ]
     sigma_px = 0.015 if mode == 2 else 0.003
-    observations = [current, current + sigma_px * np.column_stack(shared)]
+    observations = [current, current + sigma_px * np.column_stack(mode_errors)]
     nominal, perturbed = (
-        estimator().process(
+        make_node().process(
             StereoMotionEstimationInputs(
                 reference=reference, current=c, camera_matrix=CAMERA, baseline=BASELINE_M, guess=np.eye(4)
             )
@@ -118,7 +120,7 @@ def test_the_noise_factor_scales_independent_but_not_common_errors(rng: np.rando
     inputs = StereoMotionEstimationInputs(
         reference=reference, current=current, camera_matrix=CAMERA, baseline=BASELINE_M, guess=np.eye(4)
     )
-    once, thrice = (estimator(noise_factor=factor).process(inputs) for factor in (1.0, 3.0))
+    once, thrice = (make_node(noise_factor=factor).process(inputs) for factor in (1.0, 3.0))
     np.testing.assert_allclose(thrice.noise_covariance, 3.0 * once.noise_covariance, rtol=1e-6, atol=1e-15)
     np.testing.assert_allclose(
         thrice.covariance - once.covariance, 2.0 * once.noise_covariance, rtol=1e-6, atol=1e-15
@@ -126,11 +128,13 @@ def test_the_noise_factor_scales_independent_but_not_common_errors(rng: np.rando
     np.testing.assert_array_equal(thrice.common_response, once.common_response)
 
 
-def test_another_calibration_changes_the_motion_by_its_stated_response(rng: np.random.Generator) -> None:
+def test_an_error_of_the_calibration_changes_the_motion_by_its_stated_response(
+    rng: np.random.Generator,
+) -> None:
     reference, current = stereo_observations(rng, scene(rng), 0.0)
     basis, variance = np.ones((len(reference), 1)), np.array([[1e-12]])
     nominal, perturbed = (
-        estimator().process(
+        make_node().process(
             StereoMotionEstimationInputs(
                 reference=reference,
                 current=current,
@@ -155,11 +159,11 @@ def test_another_calibration_changes_the_motion_by_its_stated_response(rng: np.r
 def test_a_common_disparity_offset_is_estimated_only_if_present(
     rng: np.random.Generator, offset_px: float
 ) -> None:
-    dfn, calibration, variance = estimator(), np.zeros(1), np.array([[0.25]])
+    dfn, calibration, variance = make_node(), np.zeros(1), np.array([[0.25]])
     for _ in range(20):
         reference, current = stereo_observations(rng, scene(rng, 300, 0.8), 0.1, offset_px)
         basis = np.ones((len(reference), 1))
-        out = dfn.process(
+        outputs = dfn.process(
             StereoMotionEstimationInputs(
                 reference=reference,
                 current=current,
@@ -172,12 +176,12 @@ def test_a_common_disparity_offset_is_estimated_only_if_present(
                 calibration_covariance=variance,
             )
         )
-        calibration, variance = out.calibration, out.calibration_covariance
+        calibration, variance = outputs.calibration, outputs.calibration_covariance
     assert variance[0, 0] < 0.05**2
     assert abs(calibration[0] - offset_px) < 4.0 * np.sqrt(variance[0, 0])
 
 
-def test_points_at_infinity_leave_the_translation_unconstrained(rng: np.random.Generator) -> None:
+def test_too_few_points_and_points_on_a_single_ray_are_refused(rng: np.random.Generator) -> None:
     points = scene(rng, 100, 1e5, 2e5)
     reference, current = stereo_observations(rng, points, 0.0)
     dfn = ReprojectionLm()
@@ -193,18 +197,22 @@ def test_points_at_infinity_leave_the_translation_unconstrained(rng: np.random.G
                 guess=np.eye(4),
             )
         )
-    line = np.repeat(reference[:1], 50, axis=0)
-    with pytest.raises(DegenerateGeometryError, match="free"):
+    single_ray = np.repeat(reference[:1], 50, axis=0)
+    with pytest.raises(DegenerateGeometryError, match="do not constrain"):
         dfn.process(
             StereoMotionEstimationInputs(
-                reference=line, current=line, camera_matrix=CAMERA, baseline=BASELINE_M, guess=np.eye(4)
+                reference=single_ray,
+                current=single_ray,
+                camera_matrix=CAMERA,
+                baseline=BASELINE_M,
+                guess=np.eye(4),
             )
         )
 
 
 def test_inconsistent_shapes_are_refused() -> None:
     with pytest.raises(InputError, match="n=5 of reference"):
-        estimator().process(
+        make_node().process(
             StereoMotionEstimationInputs(
                 reference=np.ones((5, 3)),
                 current=np.ones((4, 3)),

@@ -11,10 +11,12 @@ from cdff_core.dfns.stereo_triangulation.rectified_triangulation import Rectifie
 from tests.support.corridor import BASELINE_M, CAMERA
 
 
-def test_depth_is_inversely_proportional_to_disparity_and_its_sigma_grows_with_depth_squared() -> None:
+def test_the_depth_is_inversely_proportional_to_the_disparity_and_its_sigma_grows_with_depth_squared() -> (
+    None
+):
     dfn = RectifiedTriangulation()
     dfn.configure({"sigma_disparity_px": 0.1})
-    out = dfn.process(
+    outputs = dfn.process(
         StereoTriangulationInputs(
             features=np.full((2, 2), [159.5, 119.5]),
             disparities=np.array([10.0, 20.0]),
@@ -22,8 +24,8 @@ def test_depth_is_inversely_proportional_to_disparity_and_its_sigma_grows_with_d
             baseline=BASELINE_M,
         )
     )
-    np.testing.assert_allclose(out.points, [[0, 0, 5.2], [0, 0, 2.6]], atol=1e-12)
-    np.testing.assert_allclose(np.sqrt(out.covariances[:, 2, 2]), [0.052, 0.013], rtol=1e-9)
+    np.testing.assert_allclose(outputs.points, [[0, 0, 5.2], [0, 0, 2.6]], atol=1e-12)
+    np.testing.assert_allclose(np.sqrt(outputs.covariances[:, 2, 2]), [0.052, 0.013], rtol=1e-9)
 
 
 def test_a_disparity_of_zero_is_refused() -> None:

@@ -18,8 +18,8 @@ from cdff_core.dfns.transform_estimation_3d.truncated_gnc import TruncatedGnc
 T_TRUE = se3.transform(se3.exp_so3([0.4, -1.1, 2.0]), [3.0, -1.0, 0.5])
 
 
-def make_node(kind: Any, **config: Any) -> Any:
-    dfn = kind()
+def make_node(implementation: Any, **config: Any) -> Any:
+    dfn = implementation()
     dfn.configure(config)
     return dfn
 
@@ -33,38 +33,41 @@ def pairs(
     return source, sink
 
 
-@pytest.mark.parametrize("kind", [LeastSquares, TruncatedGnc])
-def test_exact_pairs_give_the_exact_transform_also_on_a_plane(kind: Any, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("implementation", [LeastSquares, TruncatedGnc])
+def test_exact_pairs_give_the_exact_transform_also_if_they_are_coplanar(
+    implementation: Any, rng: np.random.Generator
+) -> None:
     source, sink = pairs(rng, 4, sigma_m=0.0)
     planar = source * [1.0, 1.0, 0.0]
     for a, b in ((source, sink), (planar, se3.transform_points(T_TRUE, planar))):
-        out = make_node(kind).process(TransformEstimation3DInputs(source=a, sink=b))
-        assert out.transform == pytest.approx(T_TRUE, abs=1e-9)
-        assert out.inliers.all()
+        outputs = make_node(implementation).process(TransformEstimation3DInputs(source=a, sink=b))
+        assert outputs.transform == pytest.approx(T_TRUE, abs=1e-9)
+        assert outputs.inliers.all()
 
 
-@pytest.mark.parametrize("kind", [LeastSquares, TruncatedGnc])
-def test_errors_are_consistent_with_the_covariance(kind: Any) -> None:
+@pytest.mark.parametrize("implementation", [LeastSquares, TruncatedGnc])
+def test_errors_are_consistent_with_the_covariance(implementation: Any) -> None:
     nees = []
     for seed in range(200):
         source, sink = pairs(np.random.default_rng(seed), 20)
-        out = make_node(kind).process(TransformEstimation3DInputs(source=source, sink=sink))
-        error = cov.pose_error(T_TRUE, out.transform)
-        nees.append(error @ np.linalg.solve(out.covariance, error) / 6.0)
-    # The F distribution with 6 and 54 degrees of freedom has mean 54 / 52; the mean of 200 draws varies by 5 %.
+        outputs = make_node(implementation).process(TransformEstimation3DInputs(source=source, sink=sink))
+        error = cov.pose_error(T_TRUE, outputs.transform)
+        nees.append(error @ np.linalg.solve(outputs.covariance, error) / 6.0)
+    # The F distribution with 6 and 54 degrees of freedom has mean 54 / 52; the mean of 200 draws varies by 5
+    # %.
     assert np.mean(nees) == pytest.approx(54.0 / 52.0, abs=0.15)
 
 
 @pytest.mark.req("CDFF-CORE-093")
 def test_half_of_the_pairs_may_be_outliers(rng: np.random.Generator) -> None:
     source, sink = pairs(rng, 200, 100)
-    out = make_node(TruncatedGnc, threshold=0.05).process(
+    outputs = make_node(TruncatedGnc, threshold=0.05).process(
         TransformEstimation3DInputs(source=source, sink=sink)
     )
-    assert out.inliers[100:].all()
-    assert out.inliers[:100].sum() <= 1
-    assert np.linalg.norm(cov.pose_error(T_TRUE, out.transform)) < 0.01
-    assert out.unit_variance == pytest.approx(1e-4, rel=0.3)
+    assert outputs.inliers[100:].all()
+    assert outputs.inliers[:100].sum() <= 1
+    assert np.linalg.norm(cov.pose_error(T_TRUE, outputs.transform)) < 0.01
+    assert outputs.unit_variance == pytest.approx(1e-4, rel=0.3)
 
 
 def test_pairs_are_weighted_by_their_sigmas(rng: np.random.Generator) -> None:
@@ -73,15 +76,15 @@ def test_pairs_are_weighted_by_their_sigmas(rng: np.random.Generator) -> None:
     sigmas = np.repeat([0.5, 0.01], 50)
     errors = {}
     for name, pair_sigmas in (("equal", None), ("weighted", sigmas)):
-        out = make_node(LeastSquares).process(
+        outputs = make_node(LeastSquares).process(
             TransformEstimation3DInputs(source=source, sink=sink, sigmas=pair_sigmas)
         )
-        errors[name] = np.linalg.norm(cov.pose_error(T_TRUE, out.transform))
+        errors[name] = np.linalg.norm(cov.pose_error(T_TRUE, outputs.transform))
     assert errors["weighted"] < 0.3 * errors["equal"]
-    assert out.unit_variance == pytest.approx(1.0, abs=0.3)
+    assert outputs.unit_variance == pytest.approx(1.0, abs=0.3)
 
 
-def test_degenerate_pairs_are_refused(rng: np.random.Generator) -> None:
+def test_degenerate_inconsistent_and_malformed_pairs_are_refused(rng: np.random.Generator) -> None:
     line = np.linspace(0.0, 1.0, 10)[:, None] * [[1.0, 2.0, 3.0]]
     with pytest.raises(DegenerateGeometryError):
         make_node(LeastSquares).process(TransformEstimation3DInputs(source=line, sink=line))
@@ -103,5 +106,5 @@ def test_degenerate_pairs_are_refused(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("alias", ["Transform3DEstimation", "LeastSquaresMinimization", "CeresEstimation"])
-def test_infuse_names_select_the_dfn(alias: str) -> None:
+def test_the_names_of_infuse_select_the_dfn(alias: str) -> None:
     assert Registry.default().make_dfn(alias).configure() is None

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""EllipsoidalIntersection: the estimate with the smaller variance in each direction, gate on the innovation."""
+"""EllipsoidalIntersection: selection of the smaller variance in each direction, gate on the innovation."""
 
 from __future__ import annotations
 

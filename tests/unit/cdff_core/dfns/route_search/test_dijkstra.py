@@ -39,18 +39,18 @@ def wall(gap_row: int | None) -> np.ndarray:
 
 
 @pytest.mark.req("CDFF-CORE-073")
-def test_open_ground_costs_the_path_length() -> None:
-    results = search(np.ones(GRID.shape), (0.25, 0.25), (5.25, 0.25))
+def test_the_cost_is_the_path_length_weighted_by_the_cost_of_the_terrain() -> None:
+    result = search(np.ones(GRID.shape), (0.25, 0.25), (5.25, 0.25))
     row, col, _ = GRID.cells_of([5.25], [0.25])
-    assert results.costs_m[row[0], col[0]] == pytest.approx(5.0)
-    np.testing.assert_allclose(results.route[[0, -1]], [[0.25, 0.25], [5.25, 0.25]])
+    assert result.costs_m[row[0], col[0]] == pytest.approx(5.0)
+    np.testing.assert_allclose(result.route[[0, -1]], [[0.25, 0.25], [5.25, 0.25]])
     costly = search(np.ones(GRID.shape), (0.25, 0.25), (5.25, 0.25), cost=0.5, cost_weight=4.0)
     assert costly.costs_m[row[0], col[0]] == pytest.approx(15.0)
 
 
-def test_a_wall_is_passed_only_through_its_gap() -> None:
-    results = search(wall(3), (0.25, 0.25), (9.75, 0.25))
-    crossing = results.route[np.isclose(results.route[:, 0], 5.25)]
+def test_a_path_crosses_a_wall_only_through_a_gap() -> None:
+    result = search(wall(3), (0.25, 0.25), (9.75, 0.25))
+    crossing = result.route[np.isclose(result.route[:, 0], 5.25)]
     np.testing.assert_allclose(crossing, [[5.25, 6.25]])
     corner = np.ones(GRID.shape)
     corner[:8, 10], corner[8:, 11] = 3, 3  # the two halves of the wall touch at a corner
@@ -63,10 +63,10 @@ def test_a_wall_is_passed_only_through_its_gap() -> None:
 def test_unknown_ground_is_impassable_like_a_hazard(blocked: int) -> None:
     classes = np.ones(GRID.shape)
     classes[:, 10] = blocked
-    results = search(classes, (0.25, 0.25))
-    assert np.isinf(results.costs_m[:, 10:]).all()
-    assert np.isfinite(results.costs_m[:, :10]).all()
-    assert results.route.shape == (0, 2)
+    result = search(classes, (0.25, 0.25))
+    assert np.isinf(result.costs_m[:, 10:]).all()
+    assert np.isfinite(result.costs_m[:, :10]).all()
+    assert result.route.shape == (0, 2)
 
 
 def test_caution_cells_are_used_only_if_allowed() -> None:
@@ -97,7 +97,7 @@ def test_costs_agree_with_an_exhaustive_search(rng: np.random.Generator) -> None
     np.testing.assert_allclose(costs, best)
 
 
-def test_ends_outside_or_blocked_are_refused() -> None:
+def test_a_start_outside_the_map_a_blocked_goal_and_an_invalid_weight_are_refused() -> None:
     with pytest.raises(InputError, match="start"):
         search(np.ones(GRID.shape), (-1.0, 0.0))
     with pytest.raises(RefusedError) as refusal:

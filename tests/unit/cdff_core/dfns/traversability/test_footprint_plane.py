@@ -47,7 +47,7 @@ def test_a_plane_is_rated_by_its_slope_in_any_direction(
     assert np.nanmax(rating.layer("roughness_m")[inner]) < 2e-4
 
 
-def test_unobserved_ground_is_unknown_and_has_no_value(rng: np.random.Generator) -> None:
+def test_unobserved_ground_is_unknown_and_has_no_value() -> None:
     heights = np.where(X < 0, 0.0, np.nan)
     rating = rate(heights)
     unobserved = np.isnan(heights)
@@ -57,10 +57,10 @@ def test_unobserved_ground_is_unknown_and_has_no_value(rng: np.random.Generator)
     assert (rating.layer("class")[:, :30] == SAFE).mean() > 0.9
 
 
-CENTRAL = (np.abs(X) < 3.0) & (
-    np.abs(Y) < 2.5
-)  # at the edges of the map, too little of the footprint is observed
-LEDGE = (np.abs(X) < 0.4) & (np.abs(Y) < 0.4)  # the centres of the outermost cells are at 0.35 m
+# Without the edges of the map, where too little of the footprint is observed.
+CENTRAL = (np.abs(X) < 3.0) & (np.abs(Y) < 2.5)
+# The centres of the outermost cells of the ledge are at 0.35 m.
+LEDGE = (np.abs(X) < 0.4) & (np.abs(Y) < 0.4)
 
 
 def rate_under_ledge(
@@ -87,10 +87,10 @@ def test_ground_under_a_ledge_lower_than_the_rover_is_a_hazard(
     result = rate_under_ledge(1.1, datum_m=datum_m, height_m=1.5)
     classes = result.layer("class")
     distance_m = np.hypot(np.maximum(np.abs(X) - 0.35, 0.0), np.maximum(np.abs(Y) - 0.35, 0.0))
-    assert (classes[distance_m < 0.38] == HAZARD).all()  # half the rover's width and the margin
-    assert (
-        classes[(distance_m > 0.42) & (distance_m < 0.65)] == CAUTION
-    ).all()  # the rover may pass but not rotate
+    # Half the width of the rover and the margin.
+    assert (classes[distance_m < 0.38] == HAZARD).all()
+    # The rover may pass but not rotate.
+    assert (classes[(distance_m > 0.42) & (distance_m < 0.65)] == CAUTION).all()
     assert (classes[(distance_m > 0.8) & CENTRAL] == SAFE).all()
     assert (result.layer("cost")[LEDGE] == 1.0).all()
     assert (result.layer("confidence")[LEDGE] < 1e-6).all()
@@ -128,8 +128,8 @@ def test_a_rock_is_a_hazard_within_the_half_width_and_caution_within_the_turning
     assert (classes[distance < 0.15 + 0.3 + 0.1] == HAZARD).all()
     turning = 0.15 + 0.5 * np.hypot(1.0, 0.6) + 0.1
     assert (classes[distance < turning] >= CAUTION).all()
-    far = (distance > turning + 0.5) & (np.abs(X) < 4.4) & (np.abs(Y) < 3.4)
-    assert (classes[far] == SAFE).all()
+    outside = (distance > turning + 0.5) & (np.abs(X) < 4.4) & (np.abs(Y) < 3.4)
+    assert (classes[outside] == SAFE).all()
 
 
 def test_a_step_inside_one_cell_is_detected_completely() -> None:
@@ -148,14 +148,14 @@ def test_roughness_is_the_distance_of_the_heights_from_their_plane(rng: np.rando
     assert np.median(rating.layer("class")[10:-10, 10:-10]) == HAZARD
 
 
-def test_the_cost_is_the_largest_ratio_to_a_limit() -> None:
+def test_the_cost_is_the_largest_ratio_of_a_value_to_its_limit() -> None:
     rating = rate(np.tan(np.radians(10.0)) * X, max_step_m=1.0)
     assert rating.layer("cost")[40, 50] == pytest.approx(0.5, abs=0.01)
     assert rating.layer("cost").dtype == np.float32
     assert rating.layer("class").dtype == np.uint8
 
 
-def test_cells_and_times_are_those_of_the_elevation_map() -> None:
+def test_the_navigation_map_has_the_geometry_and_times_of_the_elevation_map() -> None:
     rating = rate(np.zeros(GRID.shape))
     assert (rating.geometry, rating.t0_ns, rating.t1_ns) == (GRID, 1000, 2000)
 
@@ -189,7 +189,7 @@ INNER = (slice(10, -10), slice(10, -10))
 
 
 @pytest.mark.req("CDFF-CORE-073")
-def test_noise_of_the_stated_variance_is_not_rated_as_steps(rng: np.random.Generator) -> None:
+def test_noise_of_the_stated_variance_is_not_classified_as_steps(rng: np.random.Generator) -> None:
     result = rate_with_noise(0.02, rng)
     assert (result.layer("class")[INNER] == SAFE).mean() > 0.97
     assert np.nanmedian(result.layer("step_m")[INNER]) < 0.03
@@ -198,7 +198,7 @@ def test_noise_of_the_stated_variance_is_not_rated_as_steps(rng: np.random.Gener
 
 @pytest.mark.req("CDFF-CORE-073")
 @pytest.mark.parametrize("sigma_m", [0.03, 0.06])
-def test_the_values_of_safe_cells_are_three_standard_deviations_below_the_limits(
+def test_cells_less_than_three_standard_deviations_below_a_limit_are_not_safe(
     sigma_m: float, rng: np.random.Generator
 ) -> None:
     block = np.where((np.abs(X) < 0.35) & (np.abs(Y) < 0.35), 0.19, 0.0)  # a step slightly above the limit

@@ -21,15 +21,17 @@ def voxelise(points: Any, leaf_m: float) -> Any:
 
 
 def test_points_of_one_leaf_are_counted_and_averaged() -> None:
-    out = voxelise([[0.1, 0.1, 0.1], [0.3, 0.1, 0.1], [-0.1, 0.6, 0.1]], 0.5)
-    np.testing.assert_array_equal(out.counts, [1, 2])
-    np.testing.assert_allclose(out.centres, [[-0.25, 0.75, 0.25], [0.25, 0.25, 0.25]])
-    np.testing.assert_allclose(out.means[1], [0.2, 0.1, 0.1])
-    np.testing.assert_allclose(out.origin_m, [-0.5, 0.0, 0.0])
-    assert out.depth == 1
+    outputs = voxelise([[0.1, 0.1, 0.1], [0.3, 0.1, 0.1], [-0.1, 0.6, 0.1]], 0.5)
+    np.testing.assert_array_equal(outputs.counts, [1, 2])
+    np.testing.assert_allclose(outputs.centres, [[-0.25, 0.75, 0.25], [0.25, 0.25, 0.25]])
+    np.testing.assert_allclose(outputs.means[1], [0.2, 0.1, 0.1])
+    np.testing.assert_allclose(outputs.origin_m, [-0.5, 0.0, 0.0])
+    assert outputs.depth == 1
 
 
-def test_morton_codes_interleave_bits_and_prefixes_are_parents(rng: np.random.Generator) -> None:
+def test_morton_codes_interleave_the_bits_of_the_indices_and_start_with_the_code_of_the_parent(
+    rng: np.random.Generator,
+) -> None:
     points = rng.uniform(-20, 20, (3000, 3))
     fine, coarse = voxelise(points, 0.5), voxelise(points, 1.0)
     cell = np.round((fine.centres - fine.origin_m) / 0.5 - 0.5).astype(int)
