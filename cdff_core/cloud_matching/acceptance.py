@@ -14,11 +14,19 @@ from cdff_core.cloud_matching.configuration import AcceptanceGates, MatchingGate
 from cdff_core.cloud_matching.matcher import Registration
 from cdff_core.dfns.registration_assessment.interface import RegistrationAssessmentOutputs
 
-_TANGENT = ("translation_x", "translation_y", "translation_z", "rotation_x", "rotation_y", "rotation_z")
+#: Names of the components of a change of a pose, in the order of its covariance.
+_POSE_COMPONENTS = (
+    "translation_x",
+    "translation_y",
+    "translation_z",
+    "rotation_x",
+    "rotation_y",
+    "rotation_z",
+)
 
 
 def registration_quality(registration: Registration, overlap: float, gates: MatchingGates) -> Quality:
-    """Return FAILED, DEGRADED or OK; ``overlap`` is the ratio of points that is compared with the gates."""
+    """Return FAILED, DEGRADED or OK; the gates of the overlap apply to ``overlap``."""
     chance = registration.metrics.get("expected_by_chance", 0.0)
     by_chance = [f"matches_by_chance:{chance:.1g}>{gates.max_chance:g}"] if chance > gates.max_chance else []
     failed, degraded = gate_reasons(
@@ -42,9 +50,9 @@ def gate_reasons(
     failed: Sequence[str] = (),
     direction_names: Callable[[NDArray[np.float64]], list[str]],
 ) -> tuple[list[str], list[str]]:
-    """Return the reasons for FAILED, with those in ``failed``, and for DEGRADED.
+    """Return the reasons for FAILED, which end with those in ``failed``, and the reasons for DEGRADED.
 
-    ``direction_names`` returns the names of directions ``(k, 6)``.
+    ``direction_names`` names the rows of an array of directions ``(k, 6)``.
     """
     a = assessment
     failures, degraded = [], []
@@ -67,8 +75,8 @@ def gate_reasons(
 
 
 def main_components(directions: NDArray[np.float64]) -> list[str]:
-    """Return the names of the largest component of each direction ``(k, 6)``, without repetition."""
-    return list(dict.fromkeys(_TANGENT[int(np.argmax(np.abs(d)))] for d in directions))
+    """Return the name of the largest component of each direction ``(k, 6)``, without repetition."""
+    return list(dict.fromkeys(_POSE_COMPONENTS[int(np.argmax(np.abs(d)))] for d in directions))
 
 
 def _assessment_metrics(registration: Registration) -> dict[str, float]:

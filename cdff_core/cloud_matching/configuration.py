@@ -16,34 +16,41 @@ Radii = tuple[Annotated[float, Field(ge=2.0, le=100.0)], ...]
 class AcceptanceGates(StrictModel):
     """Gates that the assessment of a registration must pass."""
 
-    min_overlap: float = Field(default=0.2, gt=0, le=1, description="Larger overlap: FAILED below")
-    good_overlap: float = Field(default=0.3, gt=0, le=1, description="Larger overlap: DEGRADED below")
+    min_overlap: float = Field(default=0.2, gt=0, le=1, description="Overlap: FAILED below")
+    good_overlap: float = Field(default=0.3, gt=0, le=1, description="Overlap: DEGRADED below")
     min_inlier_ratio: float = Field(
-        default=0.5, gt=0, le=1, description="Ratio of point pairs that the kernel accepts: FAILED below"
+        default=0.5,
+        gt=0,
+        le=1,
+        description="Ratio of point pairs that the robust kernel accepts: FAILED below",
     )
     max_rms_gates: float = Field(
         default=0.25, gt=0, le=1, description="RMS residual in units of the overlap gate: FAILED above"
     )
     min_agreement: float = Field(
-        default=0.5, ge=0, le=1, description="Agreement along a direction: FAILED below"
+        default=0.5, ge=0, le=1, description="Agreement of both clouds along a direction: FAILED below"
     )
     good_agreement: float = Field(
-        default=0.7, ge=0, le=1, description="Agreement along a direction: DEGRADED below"
+        default=0.7, ge=0, le=1, description="Agreement of both clouds along a direction: DEGRADED below"
     )
 
 
 class MatchingGates(AcceptanceGates):
-    """Scales of the search, in voxels of the matched clouds, and gates."""
+    """Scales of the search in voxels of the matched clouds, and the gates of its result."""
 
     keypoint_voxels: float = Field(default=1.5, ge=1.0, le=50.0, description="Scale of keypoints, in voxels")
     support_voxels: Radii = Field(
         default=(11.0, 8.0),
         min_length=1,
         max_length=8,
-        description="Radii of the descriptors, in voxels, tried in turn",
+        description="Radii of the descriptors, in voxels, in the order of their use",
     )
-    candidates: int = Field(default=3, ge=1, le=20, description="Cliques of matches tried per radius")
-    noise_voxels: float = Field(default=1.0, gt=0.0, le=20.0, description="Noise of correct matches, voxels")
+    candidates: int = Field(default=3, ge=1, le=20, description="Cliques of matches registered per radius")
+    noise_voxels: float = Field(
+        default=1.0, gt=0.0, le=20.0, description="Largest position error of a correct match, voxels"
+    )
     max_chance: float = Field(
-        default=1e-3, gt=0, description="Cliques of this size expected among random matches: FAILED above"
+        default=1e-3,
+        gt=0,
+        description="Expected number of cliques of this size among random matches: FAILED above",
     )

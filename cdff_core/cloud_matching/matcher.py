@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 Float = NDArray[np.float64]
 Pairs = tuple[Float, Float]
 
-_LEAST_POINTS = 100
+_MIN_POINTS = 100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +46,7 @@ class Cloud:
 
     points_m: Float  # (n, 3)
     normals: Float  # (n, 3)
-    #: Voxel size for feature matching, as this cloud alone requires; the larger value of both clouds is used.
+    #: Voxel size for feature matching that this cloud requires; the larger one of two clouds is used.
     voxel_m: float
 
 
@@ -85,12 +85,12 @@ class Registration:
 
     step: Registration3DOutputs
     assessment: RegistrationAssessmentOutputs
-    refinement_m: float  # displacement by the refinement of points at the overlap's radius
-    metrics: Mapping[str, float]  # counts of the matching; empty for a registration from a guess
+    refinement_m: float  # largest displacement of a point of the overlap by the refinement
+    metrics: Mapping[str, float]  # counts of the feature matching; empty for a registration from a guess
 
     @property
     def T_target_source(self) -> Float:
-        """Transform (4, 4)."""
+        """Refined transform (4, 4)."""
         return self.step.transform
 
     @property
@@ -100,14 +100,15 @@ class Registration:
 
     @property
     def overlap(self) -> float:
-        """The larger of both overlaps."""
+        """Larger of the overlaps of source and target."""
         return max(self.assessment.overlap_source, self.assessment.overlap_target)
 
 
 class CloudMatcher:
-    """Steps of a registration by the DFNs of a compound.
+    """Runs the steps of a registration with the DFNs of a compound.
 
-    It has the slots filter, thin, outliers, normals, keypoints, describe, match, solve, refine and assess.
+    The compound has the slots filter, thin, outliers, normals, keypoints, describe, match, solve, refine and
+    assess.
     """
 
     def __init__(self, dfpc: Dfpc, gates: MatchingGates) -> None:
@@ -127,8 +128,8 @@ class CloudMatcher:
         from cdff_common.geometry.voxels import voxel_for
 
         filtered = self._filter.process(PointCloudFilteringInputs(points=points_m)).filtered_points
-        if len(filtered) < _LEAST_POINTS:
-            raise InputError(f"{name}: {len(filtered)} points remain, expected at least {_LEAST_POINTS}")
+        if len(filtered) < _MIN_POINTS:
+            raise InputError(f"{name}: {len(filtered)} points remain, expected at least {_MIN_POINTS}")
         thinned = self._thin.process(PointCloudDownsamplingInputs(points=filtered)).points
         points = self._outliers.process(PointCloudFilteringInputs(points=thinned)).filtered_points
         voxel_m = voxel_choice.process(PointCloudDownsamplingInputs(points=points)).voxel_m
@@ -143,7 +144,7 @@ class CloudMatcher:
             points = self._thin.process(
                 PointCloudDownsamplingInputs(points=cloud.points_m, edge_m=voxel_m)
             ).points
-            if len(points) < _LEAST_POINTS:
+            if len(points) < _MIN_POINTS:
                 raise InputError(
                     f"{len(points)} points remain of {len(cloud.points_m)} in voxels of {voxel_m:.3g} m"
                 )
@@ -185,7 +186,7 @@ class CloudMatcher:
         }
 
     def solve(self, pairs: Pairs, voxel_m: float) -> GlobalRegistration3DOutputs:
-        """Prune the matches and solve; raises RefusedError or DegenerateGeometryError if inconsistent."""
+        """Prune and solve; raises RefusedError or DegenerateGeometryError for inconsistent matches."""
         source, target = pairs
         noise_m = self._gates.noise_voxels * voxel_m
         solution: GlobalRegistration3DOutputs = self._solve.process(
@@ -197,10 +198,10 @@ class CloudMatcher:
         self, source: Surface, target: Surface, T_target_source: Float, metrics: Mapping[str, float]
     ) -> Registration:
         """Register from a candidate pose and assess the result; raises RefusedError without overlap."""
-        return refined(self._refine, self._assess, source, target, T_target_source, metrics)
+        return refine_and_assess(self._refine, self._assess, source, target, T_target_source, metrics)
 
 
-def refined(
+def refine_and_assess(
     refine: Dfn[Any, Any, Any],
     assess: Dfn[Any, Any, Any],
     source: Surface,
@@ -217,7 +218,7 @@ def refined(
             guess=T_target_source,
         )
     )
-    a = assess.process(
+    assessment = assess.process(
         RegistrationAssessmentInputs(
             source=source.points_m,
             source_normals=source.normals,
@@ -226,12 +227,12 @@ def refined(
             transform=step.transform,
         )
     )
-    refinement_m = displacement_m(T_target_source, step.transform, a.centre_m, a.radius_m)
-    return Registration(step, a, refinement_m, metrics)
+    refinement_m = displacement_m(T_target_source, step.transform, assessment.centre_m, assessment.radius_m)
+    return Registration(step, assessment, refinement_m, metrics)
 
 
 def solution_metrics(solution: GlobalRegistration3DOutputs) -> dict[str, float]:
-    """Return the support of a global registration as metrics."""
+    """Return the number of consistent matches and their significance as metrics."""
     return {
         "match_inliers": float(np.count_nonzero(solution.inliers)),
         "clique": float(solution.clique_size),
@@ -240,9 +241,9 @@ def solution_metrics(solution: GlobalRegistration3DOutputs) -> dict[str, float]:
 
 
 def displacement_m(T_first: Float, T_second: Float, centre_m: Float, radius_m: float) -> float:
-    """Return the largest displacement between two transforms of points, metres.
+    """Return a bound on the distance between the images of a point under two transforms, metres.
 
-    The points are within ``radius_m`` of a centre (3,), as mapped by ``T_second``.
+    It holds for all points whose images under ``T_second`` are within ``radius_m`` of ``centre_m`` (3,).
     """
     change = T_first @ se3.inverse(T_second)
     translation = change[:3, :3] @ centre_m + change[:3, 3] - centre_m

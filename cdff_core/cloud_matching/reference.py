@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Cloud that other clouds are registered with."""
+"""Reference cloud, with which other clouds are registered."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PreparedT = TypeVar("PreparedT", bound=PreparedCloud)
 
 
 class ReferenceCloud(Generic[PreparedT]):
-    """A reference, prepared once, and the sample that waits for the first one.
+    """A reference cloud, prepared once, and the sample that waits for the first reference.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class ReferenceCloud(Generic[PreparedT]):
 
     @property
     def id(self) -> str:
-        """Id of its sample; empty without one."""
+        """Id of the reference's sample; empty without a reference."""
         return "" if self.sample is None else self.sample.id
 
     def replace(self, sample: Sample) -> Sample | None:

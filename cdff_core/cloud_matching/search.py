@@ -42,7 +42,7 @@ class AlignmentSearch:
         self._voxel_m = max(source.voxel_m, target.voxel_m)
         self._coarse = matcher.extract_keypoints(self._fine, self._voxel_m)
         self._described: dict[float, tuple[DescribedKeypoints, DescribedKeypoints]] = {}
-        #: Reasons against the first refused candidate, the one with most matches.
+        #: Reasons for the refusal of the first refused candidate, which has most matches.
         self.refusals: tuple[str, ...] = ()
 
     def acceptable(self) -> Iterator[AssessedRegistration]:
@@ -57,12 +57,14 @@ class AlignmentSearch:
         explained = kd_tree(se3.transform_points(registration.T_target_source, self._coarse[0].points_m))
         for voxels in self._gates.support_voxels:
             source, target = self._describe(voxels)
-            is_left = nearest(explained, target.keypoints_m)[0] > _EXPLAINED_VOXELS * self._voxel_m
-            rest = DescribedKeypoints(target.keypoints_m[is_left], target.descriptors[is_left])
-            yield from self._candidates(source, rest)
+            is_unexplained = nearest(explained, target.keypoints_m)[0] > _EXPLAINED_VOXELS * self._voxel_m
+            unexplained = DescribedKeypoints(
+                target.keypoints_m[is_unexplained], target.descriptors[is_unexplained]
+            )
+            yield from self._candidates(source, unexplained)
 
     def _describe(self, voxels: float) -> tuple[DescribedKeypoints, DescribedKeypoints]:
-        """Return the described keypoints of both clouds for a support radius, computed once."""
+        """Return the described keypoints of both clouds for a support radius, cached."""
         if voxels not in self._described:
             source, target = (self._matcher.describe(c, voxels * self._voxel_m) for c in self._coarse)
             self._described[voxels] = source, target
@@ -71,6 +73,7 @@ class AlignmentSearch:
     def _candidates(
         self, source: DescribedKeypoints, target: DescribedKeypoints
     ) -> Iterator[AssessedRegistration]:
+        """Yield an acceptable registration for each clique of consistent matches, largest first."""
         pairs, metrics = self._matcher.match(source, target)
         for _ in range(self._gates.candidates):
             try:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Cells of a growing map: statistics of the heights and auxiliary layers."""
+"""Cells of a map to which patches are added: statistics of the heights, and auxiliary layers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cdff_common.types import ElevationMap
 
 @dataclass(slots=True, eq=False)
 class MapCells:
-    """Statistics and auxiliary layers of one grid."""
+    """Statistics of the heights and auxiliary layers on one grid."""
 
     statistics: CellStatistics
     auxiliary: AuxiliaryLayers
@@ -30,9 +30,7 @@ class MapCells:
 
     @classmethod
     def of_map(cls, dem: ElevationMap, resolution_m: float | None = None) -> MapCells:
-        """Return a map's cells, optionally pooled into larger ones; raises InputError if they do not fit
-        into these.
-        """
+        """Return the cells of a map, optionally in larger cells; raises InputError if these do not fit."""
         layers = {name: dem.layer(name) for name in dem.layer_names}
         fine = cls(CellStatistics.from_layers(dem.geometry, layers, dem.t1_ns), AuxiliaryLayers.of_map(dem))
         if resolution_m is None or resolution_m == dem.geometry.resolution_m:
@@ -54,12 +52,12 @@ class MapCells:
         return int(sum(a.nbytes for a in arrays))
 
     def add(self, other: MapCells) -> None:
-        """Pool cells of the same size; those outside the grid are ignored."""
+        """Add the measurements in cells of the same size; cells outside the grid are ignored."""
         self.statistics.add(other.statistics)
         self.auxiliary.add(other.auxiliary)
 
     def window(self, geometry: GridGeometry) -> MapCells:
-        """Return a copy in another window of the same cells."""
+        """Return a copy of the cells in another window."""
         return MapCells(self.statistics.window(geometry), self.auxiliary.window(geometry))
 
     def coarsened(self, factor: int) -> MapCells:
@@ -68,8 +66,8 @@ class MapCells:
             return self
         return MapCells(aggregate(self.statistics, factor), self.auxiliary.coarsened(factor))
 
-    def forget(self, cells: NDArray[np.bool_]) -> None:
-        """Clear cells ``(rows, cols)``."""
+    def clear(self, cells: NDArray[np.bool_]) -> None:
+        """Make the cells of a mask ``(rows, cols)`` unobserved."""
         s = self.statistics
         for array in (s.count, s.mean, s.m2):
             array[cells] = 0.0

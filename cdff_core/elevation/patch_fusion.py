@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Windows, and common part of moving and tiled maps."""
+"""Grid windows of moving and tiled maps."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from cdff_common.raster import GridGeometry
 
 
 def middle_of(geometry: GridGeometry) -> NDArray[np.float64]:
-    """Return the position of a grid's middle, x and y, metres."""
+    """Return the centre (x, y) of a grid, metres."""
     b = geometry.bounds
     return np.array([0.5 * (b.xmin + b.xmax), 0.5 * (b.ymin + b.ymax)])
 
 
 def bounds_of(bounds: NDArray[np.float64]) -> tuple[float, float, float, float]:
-    """Return finite xmin, ymin, xmax, ymax of an array ``(4,)``."""
+    """Return an array ``(4,)`` of xmin, ymin, xmax, ymax as a tuple."""
     xmin, ymin, xmax, ymax = (float(v) for v in bounds)
     return xmin, ymin, xmax, ymax
 
 
 def window_around(frame: str, resolution_m: float, xy_m: NDArray[np.float64], size_m: float) -> GridGeometry:
-    """Return the square grid of cells aligned in the frame whose middle is nearest to a position."""
+    """Return the square grid, aligned with the cells of the frame, whose centre is nearest to a position."""
     cells = max(1, round(size_m / resolution_m))
     left = floor(xy_m[0] / resolution_m) - cells // 2
     top = floor(xy_m[1] / resolution_m) + 1 + (cells - 1) // 2

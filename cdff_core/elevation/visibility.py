@@ -1,12 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Removal of cells that rays of a later capture passed through [1]_.
+"""Removal of cells through which rays of a later capture passed [1]_.
 
 References
 ----------
 .. [1] Fankhauser, P., Bloesch, M., Hutter, M. (2018). Probabilistic terrain mapping for mobile robots with
-   uncertain
-   localization. IEEE RA-L 3(4). doi:10.1109/LRA.2018.2849506 (visibility clean-up)
+   uncertain localization. IEEE RA-L 3(4). doi:10.1109/LRA.2018.2849506 (visibility clean-up)
 """
 
 from __future__ import annotations
@@ -20,36 +19,42 @@ from cdff_core.elevation.map_cells import MapCells
 
 Array = NDArray[np.float64]
 
-#: Cells by which a ray is shortened before its end point: adjacent cells belong to the same surface.
+#: Cells by which a ray ends before the measured point, since adjacent cells belong to the same surface.
 _BEFORE_HIT_CELLS = 3
 
 
 def clear_seen_through(cells: MapCells, rays_m: Array, since_ns: int, margin_m: float) -> int:
-    """Clear cells that later rays passed below and return their number.
+    """Clear the cells below whose lowest height later rays passed; return their number.
 
     Parameters
     ----------
     cells : MapCells
         Changed in place.
     rays_m : ndarray, shape (n, 6)
-        From the sensor (x y z) to the point that was hit, metres.
+        Position of the sensor (x y z) and of the measured point (x y z), metres.
     since_ns : int
-        Cells measured at this time or later stay.
+        Cells that were measured at this time or later are kept.
     margin_m : float
-        Distance below a cell's lowest height that two rays must pass: above the errors of poses and noise.
+        Distance below the lowest height of a cell at which two rays must pass, to allow for errors.
     """
     g, s = cells.geometry, cells.statistics
-    lowest, second = np.full(g.shape, np.inf), np.full(g.shape, np.inf)
+    lowest, second_lowest = np.full(g.shape, np.inf), np.full(g.shape, np.inf)
     _lowest_rays(
-        np.ascontiguousarray(rays_m), g.resolution_m, g.xmin_m, g.ymax_m, _BEFORE_HIT_CELLS, lowest, second
+        np.ascontiguousarray(rays_m),
+        g.resolution_m,
+        g.xmin_m,
+        g.ymax_m,
+        _BEFORE_HIT_CELLS,
+        lowest,
+        second_lowest,
     )
-    gone = s.observed & (second < s.minimum - margin_m) & (s.newest_ns < since_ns)
-    cells.forget(gone)
-    return int(np.count_nonzero(gone))
+    crossed = s.observed & (second_lowest < s.minimum - margin_m) & (s.newest_ns < since_ns)
+    cells.clear(crossed)
+    return int(np.count_nonzero(crossed))
 
 
 def compile_now(resolution_m: float) -> None:
-    """Compile the kernel."""
+    """Compile the kernel, so that the first patch is not delayed."""
     clear_seen_through(
         MapCells.empty(GridGeometry("map", resolution_m, 0.0, resolution_m, 1, 1)), np.zeros((1, 6)), 0, 1.0
     )
@@ -57,9 +62,9 @@ def compile_now(resolution_m: float) -> None:
 
 @njit(cache=True)
 def _lowest_rays(
-    rays: Array, resolution: float, xmin: float, ymax: float, before: int, lowest: Array, second: Array
+    rays: Array, resolution: float, xmin: float, ymax: float, before: int, lowest: Array, second_lowest: Array
 ) -> None:
-    """Heights of the lowest and second lowest ray over each cell, in steps of a cell along each ray."""
+    """Set the heights of the lowest and second lowest ray over each cell, sampled once per cell."""
     rows, cols = lowest.shape
     for i in range(len(rays)):
         dx, dy, dz = rays[i, 3] - rays[i, 0], rays[i, 4] - rays[i, 1], rays[i, 5] - rays[i, 2]
@@ -71,6 +76,6 @@ def _lowest_rays(
             if 0 <= row < rows and 0 <= col < cols:
                 z = rays[i, 2] + f * dz
                 if z < lowest[row, col]:
-                    lowest[row, col], second[row, col] = z, lowest[row, col]
-                elif z < second[row, col]:
-                    second[row, col] = z
+                    lowest[row, col], second_lowest[row, col] = z, lowest[row, col]
+                elif z < second_lowest[row, col]:
+                    second_lowest[row, col] = z

@@ -16,16 +16,15 @@ from cdff_common.geometry import UncertainTransform
 from cdff_common.types import Array3D, Frame, FrameCameraModelT, FrameModeT, TransformWithCovariance
 
 
-def check_straight(*images: Frame) -> None:
+def check_undistorted(*images: Frame) -> None:
     """Raise InputError if an image has lens distortion or is not of a pinhole camera."""
     for image in images:
         intrinsic = image.intrinsic
         if intrinsic.camera_model is FrameCameraModelT.CAM_FISHEYE or np.any(intrinsic.dist_coeffs):
             lens = f"{intrinsic.camera_model.name}, distortion {intrinsic.dist_coeffs.tolist()}"
             raise InputError(
-                f"image of {image.frame or 'a camera'} as its lens made it ({lens}): expected one "
-                "without distortion, "
-                "by image_undistortion or, of a pair, stereo_rectification"
+                f"image of {image.frame or 'a camera'} has lens distortion ({lens}): expected an undistorted "
+                "image, by image_undistortion or, for a stereo pair, stereo_rectification"
             )
 
 

@@ -12,6 +12,7 @@ from cdff_common.types import Frame, FrameModeT
 
 #: Weights of red, green and blue in luma (ITU-R BT.601-7 §2.5.1).
 _LUMA = np.array([0.299, 0.587, 0.114], np.float32)
+#: Channels of red, green and blue by colour mode.
 _ORDERS = {
     FrameModeT.MODE_RGB: (0, 1, 2),
     FrameModeT.MODE_RGBA: (0, 1, 2),
@@ -21,7 +22,7 @@ _ORDERS = {
 
 
 def grey_image(frame: Frame) -> ByteArray:
-    """Return the luma of a frame, shape (rows, cols), uint8; a view if it is already grey.
+    """Return the luma of a frame, shape (rows, cols), uint8; a grey image is returned without a copy.
 
     Raises
     ------
@@ -30,7 +31,7 @@ def grey_image(frame: Frame) -> ByteArray:
     """
     image = frame.image
     if image.dtype != np.uint8:
-        raise InputError(f"image {image.dtype}: expected uint8; convert deeper images before")
+        raise InputError(f"image {image.dtype}: expected uint8; convert images of other depth first")
     if image.ndim == 2:
         return image
     order = _ORDERS.get(frame.metadata.mode)
@@ -43,7 +44,7 @@ def grey_image(frame: Frame) -> ByteArray:
 
 
 def checked_image(image: ByteArray) -> ByteArray:
-    """Return an image as a contiguous array; raises InputError unless it is grey, uint8 and large enough."""
+    """Return a contiguous image; raises InputError unless it is grey, uint8 and at least 32 x 32."""
     if image.ndim != 2 or image.dtype != np.uint8 or min(image.shape) < 32:
         raise InputError(f"image {image.shape} {image.dtype}: expected (rows, cols) uint8, at least 32 x 32")
     return np.ascontiguousarray(image)

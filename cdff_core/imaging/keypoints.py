@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Conversion of OpenCV key points to arrays and back; the octave follows from the size."""
+"""Conversion of OpenCV keypoints to arrays and back; the octave follows from the size."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def arrays_of(points: Sequence[cv2.KeyPoint]) -> tuple[FloatArray, FloatArray, F
 
 
 def sift_keypoints(points: FloatArray, sizes: FloatArray, angles: FloatArray) -> list[cv2.KeyPoint]:
-    """Return key points at which SIFT computes descriptors, numbered by ``class_id``.
+    """Return the keypoints at which SIFT computes descriptors, numbered by ``class_id``.
 
     OpenCV reads the octave from the low byte of the octave field and the layer from the next byte.
     """
@@ -35,7 +35,7 @@ def sift_keypoints(points: FloatArray, sizes: FloatArray, angles: FloatArray) ->
 
 
 def orb_keypoints(points: FloatArray, sizes: FloatArray, angles: FloatArray) -> list[cv2.KeyPoint]:
-    """Return key points at which ORB computes descriptors, numbered by ``class_id``."""
+    """Return the keypoints at which ORB computes descriptors, numbered by ``class_id``."""
     ratio = np.maximum(sizes, ORB_PATCH_PX) / ORB_PATCH_PX
     level = np.rint(np.log(ratio) / np.log(ORB_SCALE)).astype(np.int64)
     return _keypoints(points, sizes, angles, np.clip(level, 0, ORB_LEVELS - 1))

@@ -25,16 +25,20 @@ class InlierConfig(DfnConfig):
     """Parameters of the test for inliers."""
 
     threshold_px: float = Field(
-        1.0, gt=0, le=50, description="Upper bound of the standard deviation of inliers"
+        1.0, gt=0, le=50, description="Upper bound of the standard deviation of inliers, pixels"
     )
-    gate_sigmas: float = Field(3.0, ge=1, le=10, description="Residual of an outlier in standard deviations")
+    gate_sigmas: float = Field(
+        3.0, ge=1, le=10, description="Least residual of an outlier, in standard deviations"
+    )
 
 
 class MagsacConfig(InlierConfig):
-    """Common parameters of the models; MAGSAC++ marginalises over noise of up to ``threshold_px``."""
+    """Common parameters of the models; MAGSAC++ marginalises over noise up to ``threshold_px``."""
 
     max_iterations: int = Field(10_000, ge=10, le=1_000_000, description="Maximum number of samples drawn")
-    confidence: float = Field(0.9999, gt=0, lt=1, description="Probability of a sample without outliers")
+    confidence: float = Field(
+        0.9999, gt=0, lt=1, description="Probability that at least one drawn sample contains no outlier"
+    )
     min_inliers: int = Field(12, ge=8, description="Minimum number of inliers; fewer are refused")
     max_log10_false_alarms: float = Field(
         -3.0, le=0, description="Largest log10 of the expected number of models by chance"
@@ -51,20 +55,22 @@ def parameters(config: MagsacConfig) -> cv2.UsacParams:
     return p
 
 
-def pairs(source: ArrayLike, sink: ArrayLike, least: int) -> tuple[FloatArray, FloatArray]:
-    """Return both as ``(n, 2)`` float64; raises RefusedError if there are too few."""
+def pairs(source: ArrayLike, sink: ArrayLike, minimum: int) -> tuple[FloatArray, FloatArray]:
+    """Return both arrays of points as ``(n, 2)`` float64; raises RefusedError if there are too few pairs."""
     a, b = np.ascontiguousarray(source, np.float64), np.ascontiguousarray(sink, np.float64)
-    if len(a) < least:
-        raise RefusedError(f"{len(a)} pairs, expected at least {least}", [f"few_matches:{len(a)}<{least}"])
+    if len(a) < minimum:
+        raise RefusedError(
+            f"{len(a)} pairs, expected at minimum {minimum}", [f"few_matches:{len(a)}<{minimum}"]
+        )
     return a, b
 
 
-def refuse_few_inliers(inliers: BoolArray, least: int) -> None:
-    """Raise RefusedError if there are fewer than ``least`` inliers."""
+def refuse_few_inliers(inliers: BoolArray, minimum: int) -> None:
+    """Raise RefusedError if there are fewer than ``minimum`` inliers."""
     n = int(inliers.sum())
-    if n < least:
-        text = f"{n} of {len(inliers)} pairs agree on a model, expected {least}"
-        raise RefusedError(text, [f"few_inliers:{n}<{least}"])
+    if n < minimum:
+        text = f"{n} of {len(inliers)} pairs agree on a model, expected {minimum}"
+        raise RefusedError(text, [f"few_inliers:{n}<{minimum}"])
 
 
 def checked_matrix(matrix: Any, pairs: int) -> FloatArray:
@@ -77,12 +83,12 @@ def checked_matrix(matrix: Any, pairs: int) -> FloatArray:
 def outputs_of(
     fit: Fit, config: MagsacConfig, sink: FloatArray, minimal: int, *, is_line: bool = True
 ) -> dict[str, Any]:
-    """Return the common outputs of the models; raises RefusedError for a model that may be due to chance."""
+    """Return the common outputs of the models; raises RefusedError if chance may explain the model."""
     refuse_few_inliers(fit.inliers, config.min_inliers)
     inliers = int(fit.inliers.sum())
     width, height = np.maximum(np.ptp(sink, axis=0), 1.0)
-    reach = max(config.gate_sigmas * fit.sigma_px, 0.25)
-    chance = 2.0 * reach * np.hypot(width, height) if is_line else np.pi * 2.0 * reach**2
+    band_px = max(config.gate_sigmas * fit.sigma_px, 0.25)
+    chance = 2.0 * band_px * np.hypot(width, height) if is_line else np.pi * 2.0 * band_px**2
     alarms = log10_false_alarms(len(sink), inliers, float(chance / (width * height)), minimal)
     if alarms > config.max_log10_false_alarms:
         chance_text = f"as expected by chance (log10 of false alarms {alarms:.1f})"

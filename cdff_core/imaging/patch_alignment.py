@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sub-pixel alignment of small patches, one compiled loop per point, for trackers and stereo matchers.
+"""Sub-pixel alignment of small patches for trackers and stereo matchers, compiled by numba.
 
 Patches are compared by zero-mean normalised cross-correlation and aligned after removing their mean and gain,
 so that exposure and vignetting do not shift the result.
@@ -33,7 +33,7 @@ def _bilinear(image, x, y):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True, fastmath={"reassoc", "contract", "arcp", "nsz"})
 def align_patches(reference, image, points, start, warps, half, iterations, tolerance_px):  # type: ignore[no-untyped-def]
-    """Find the patches around ``points`` of ``reference`` in ``image`` by inverse-compositional Gauss-Newton
+    """Locate patches around ``points`` of ``reference`` in ``image`` by inverse-compositional Gauss-Newton
     [1]_.
 
     Parameters
@@ -54,14 +54,14 @@ def align_patches(reference, image, points, start, warps, half, iterations, tole
 
     Returns
     -------
-    found : FloatArray, shape (n, 2)
+    positions : FloatArray, shape (n, 2)
         Final positions, pixels.
     score : FloatArray, shape (n,)
         Normalised cross-correlation there; -1 if the patch left the image, is flat, or the search did not
         converge.
     """
     n = len(points)
-    found, score = start.copy(), np.full(n, -1.0)
+    positions, score = start.copy(), np.full(n, -1.0)
     width = 2 * half + 1
     m = width * width
     T, gx, gy, patch = np.empty(m), np.empty(m), np.empty(m), np.empty(m)
@@ -101,35 +101,35 @@ def align_patches(reference, image, points, start, warps, half, iterations, tole
         determinant = hxx * hyy - hxy * hxy
         if energy < _FLAT or determinant <= 1e-6 * (hxx + hyy) ** 2:
             continue
-        x, y, settled = start[i, 0], start[i, 1], False
-        least = 1.0 - half * (abs(wx) + abs(wy))
-        if least < 0.5:
+        x, y, converged = start[i, 0], start[i, 1], False
+        min_depth = 1.0 - half * (abs(wx) + abs(wy))
+        if min_depth < 0.5:
             continue
-        reach = half * max(abs(axx) + abs(axy), abs(ayx) + abs(ayy)) / least + 2.0
+        extent = half * max(abs(axx) + abs(axy), abs(ayx) + abs(ayy)) / min_depth + 2.0
         for _ in range(iterations + 1):
-            if not (reach <= x < image.shape[1] - reach - 1 and reach <= y < image.shape[0] - reach - 1):
-                settled = False
+            if not (extent <= x < image.shape[1] - extent - 1 and extent <= y < image.shape[0] - extent - 1):
+                converged = False
                 break
-            level, k = 0.0, 0
+            patch_mean, k = 0.0, 0
             for v in range(-half, half + 1):
                 for u in range(-half, half + 1):
-                    near = 1.0 / (1.0 + wx * u + wy * v)
+                    scale = 1.0 / (1.0 + wx * u + wy * v)
                     patch[k] = _bilinear(
-                        image, x + near * (axx * u + axy * v), y + near * (ayx * u + ayy * v)
+                        image, x + scale * (axx * u + axy * v), y + scale * (ayx * u + ayy * v)
                     )
-                    level += patch[k]
+                    patch_mean += patch[k]
                     k += 1
-            level /= m
-            cross, other = 0.0, 0.0
+            patch_mean /= m
+            cross, patch_energy = 0.0, 0.0
             for k in range(m):
-                patch[k] -= level
+                patch[k] -= patch_mean
                 cross += patch[k] * T[k]
-                other += patch[k] * patch[k]
-            if other < _FLAT or cross <= 0.0:
-                settled = False
+                patch_energy += patch[k] * patch[k]
+            if patch_energy < _FLAT or cross <= 0.0:
+                converged = False
                 break
-            score[i] = cross / np.sqrt(other * energy)
-            if settled:
+            score[i] = cross / np.sqrt(patch_energy * energy)
+            if converged:
                 break
             gain = energy / cross
             bx, by = 0.0, 0.0
@@ -142,15 +142,15 @@ def align_patches(reference, image, points, start, warps, half, iterations, tole
             if length > _MAX_STEP_PX:
                 dx, dy = dx * _MAX_STEP_PX / length, dy * _MAX_STEP_PX / length
             x, y = x - axx * dx - axy * dy, y - ayx * dx - ayy * dy
-            settled = length < tolerance_px
-        if not settled:
+            converged = length < tolerance_px
+        if not converged:
             score[i] = -1.0
-        found[i, 0], found[i, 1] = x, y
-    return found, score
+        positions[i, 0], positions[i, 1] = x, y
+    return positions, score
 
 
 @nb.njit(cache=True, fastmath={"reassoc", "contract", "arcp", "nsz"})
-def align_slanted(left, right, points, start, half, iterations, tolerance_px, steepest):  # type: ignore[no-untyped-def]
+def align_slanted(left, right, points, start, half, iterations, tolerance_px, max_slope):  # type: ignore[no-untyped-def]
     """Align patches of the left image of a rectified pair in the right one, with the slope of the disparity.
 
     The pixel ``(u, v)`` from the centre of a patch lies at ``(x + u - a u - b v, y + v)``: a plane in space
@@ -164,20 +164,20 @@ def align_slanted(left, right, points, start, half, iterations, tolerance_px, st
     points, start : FloatArray, shape (n, 2)
         Patch centres in ``left`` and initial positions in ``right``, pixels.
     half, iterations, tolerance_px
-        Like in ``align_patches``.
-    steepest : float
+        As in ``align_patches``.
+    max_slope : float
         The search fails at a slope beyond this.
 
     Returns
     -------
-    found : FloatArray, shape (n, 2)
+    positions : FloatArray, shape (n, 2)
     slopes : FloatArray, shape (n, 2)
         ``a, b``: derivatives of the disparity by column and row.
     score : FloatArray, shape (n,)
-        Like in ``align_patches``.
+        As in ``align_patches``.
     """
     n = len(points)
-    found, slopes, score = start.copy(), np.zeros((n, 2)), np.full(n, -1.0)
+    positions, slopes, score = start.copy(), np.zeros((n, 2)), np.full(n, -1.0)
     width = 2 * half + 1
     m = width * width
     T, patch, G = np.empty(m), np.empty(m), np.empty((4, m))
@@ -218,31 +218,32 @@ def align_slanted(left, right, points, start, half, iterations, tolerance_px, st
         for j in range(2, 4):
             H[j, j] += _SLOPE_DAMPING * H[0, 0]
         inverse = np.linalg.inv(H)
-        x, y, a, b, settled = start[i, 0], start[i, 1], 0.0, 0.0, False
+        x, y, a, b, converged = start[i, 0], start[i, 1], 0.0, 0.0, False
         for _ in range(iterations + 1):
-            reach_x, reach_y = half * (abs(1.0 - a) + abs(b)) + 2.0, half + 2.0
+            extent_x, extent_y = half * (abs(1.0 - a) + abs(b)) + 2.0, half + 2.0
             if not (
-                reach_x <= x < right.shape[1] - reach_x - 1 and reach_y <= y < right.shape[0] - reach_y - 1
+                extent_x <= x < right.shape[1] - extent_x - 1
+                and extent_y <= y < right.shape[0] - extent_y - 1
             ):
-                settled = False
+                converged = False
                 break
-            level, k = 0.0, 0
+            patch_mean, k = 0.0, 0
             for v in range(-half, half + 1):
                 for u in range(-half, half + 1):
                     patch[k] = _bilinear(right, x + (1.0 - a) * u - b * v, y + v)
-                    level += patch[k]
+                    patch_mean += patch[k]
                     k += 1
-            level /= m
-            cross, other = 0.0, 0.0
+            patch_mean /= m
+            cross, patch_energy = 0.0, 0.0
             for k in range(m):
-                patch[k] -= level
+                patch[k] -= patch_mean
                 cross += patch[k] * T[k]
-                other += patch[k] * patch[k]
-            if other < _FLAT or cross <= 0.0:
-                settled = False
+                patch_energy += patch[k] * patch[k]
+            if patch_energy < _FLAT or cross <= 0.0:
+                converged = False
                 break
-            score[i] = cross / np.sqrt(other * energy)
-            if settled:
+            score[i] = cross / np.sqrt(patch_energy * energy)
+            if converged:
                 break
             gain = energy / cross
             for j in range(4):
@@ -265,14 +266,14 @@ def align_slanted(left, right, points, start, half, iterations, tolerance_px, st
             across = -b - along * db
             x, y = x - along * dx - across * dy, y - dy
             a, b = 1.0 - along, -across
-            if abs(a) > steepest or abs(b) > steepest:
-                settled = False
+            if abs(a) > max_slope or abs(b) > max_slope:
+                converged = False
                 break
-            settled = length < tolerance_px and half * (abs(da) + abs(db)) < 4.0 * tolerance_px
-        if not settled:
+            converged = length < tolerance_px and half * (abs(da) + abs(db)) < 4.0 * tolerance_px
+        if not converged:
             score[i] = -1.0
-        found[i, 0], found[i, 1], slopes[i, 0], slopes[i, 1] = x, y, a, b
-    return found, slopes, score
+        positions[i, 0], positions[i, 1], slopes[i, 0], slopes[i, 1] = x, y, a, b
+    return positions, slopes, score
 
 
 @nb.njit(cache=True, fastmath={"reassoc", "contract", "arcp", "nsz"})
@@ -330,9 +331,9 @@ def search_rows(left, right, points, lowest, highest, half):  # type: ignore[no-
                     total += w
                     squares += w * w
                     cross += w * T[v, u]
-            other = squares - total * total / np.float32(m)
-            if other > _FLAT:
-                scores[d - first] = cross / np.sqrt(other * energy)
+            patch_energy = squares - total * total / np.float32(m)
+            if patch_energy > _FLAT:
+                scores[d - first] = cross / np.sqrt(patch_energy * energy)
         top = np.argmax(scores)
         disparity[i], best[i] = first + top, scores[top]
         for j in range(len(scores)):

@@ -1,14 +1,13 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps from distorted to ideal images [1]_ [2]_, computed once per calibration.
+"""Undistortion and stereo rectification by maps from ideal to real images [1]_ [2]_, cached per calibration.
 
 References
 ----------
 .. [1] Zhang, Z. (2000). A flexible new technique for camera calibration. IEEE TPAMI 22(11).
   doi:10.1109/34.888718
 .. [2] Fusiello, A., Trucco, E., Verri, A. (2000). A compact algorithm for rectification of stereo pairs.
-   Machine Vision
-   and Applications 12. doi:10.1007/s001380050120
+   Machine Vision and Applications 12. doi:10.1007/s001380050120
 """
 
 from __future__ import annotations
@@ -31,15 +30,15 @@ Interpolation = Literal["nearest", "linear", "cubic"]
 _INTERPOLATIONS = {"nearest": cv2.INTER_NEAREST, "linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC}
 #: Number of cached pairs of maps: 1920 x 1200 pixels take 14 MB.
 _CACHED_MAPS = 8
-#: Points along each side of an image for its outline in the ideal camera.
+#: Number of points along each side of an image that define its outline in the ideal camera.
 _OUTLINE = 64
-#: Decimals, metres and of the rotation, to which poses of the right camera are equal. On a rotating mast the
-#: relative pose follows from two poses and differs in its last bits.
+#: Decimals (metres, and elements of the rotation) up to which poses of the right camera count as equal: on a
+#: rotating mast the relative pose is computed from two poses and differs in its last bits.
 _DECIMALS = 9
 
 
 class LensMapConfig(DfnConfig):
-    """Parameters of the ideal image."""
+    """Parameters of the undistorted image."""
 
     keep: float = Field(
         0.0, ge=0, le=1, description="0 crops to observed pixels, 1 keeps every pixel of the input"
@@ -49,7 +48,7 @@ class LensMapConfig(DfnConfig):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rectified:
-    """An ideal camera and the maps of its pixels to those of the real one.
+    """An ideal (undistorted) camera, and the maps from its pixels to those of the real camera.
 
     Attributes
     ----------
@@ -58,7 +57,7 @@ class Rectified:
     R : ndarray, shape (3, 3)
         Rotation from the real to the ideal camera.
     maps : tuple of ndarray
-        Fixed-point maps of OpenCV.
+        Fixed-point maps for ``cv2.remap``.
     """
 
     camera: CameraModel
@@ -66,7 +65,7 @@ class Rectified:
     maps: tuple[NDArray[Any], NDArray[Any]]
 
     def apply(self, image: NDArray[Any], interpolation: Interpolation = "linear") -> NDArray[Any]:
-        """Return the image of the ideal camera, 0 outside the view; raises InputError for another size."""
+        """Return the image of the ideal camera, 0 outside the view; raises InputError for a wrong size."""
         if (self.camera.rows, self.camera.cols) != image.shape[:2]:
             size = f"{self.camera.rows} x {self.camera.cols}"
             raise InputError(
@@ -97,14 +96,14 @@ def undistorted(camera: CameraModel, keep: float) -> Rectified:
 
 @dataclass(frozen=True, slots=True)
 class _StereoPose:
-    """Pose of the left camera in the right one; equal and hashed as ``rounded``."""
+    """Pose of the left camera in the right one; compared and hashed by ``rounded``."""
 
     rounded: bytes
     T_right_left: FloatArray = field(compare=False)
 
     @classmethod
     def of(cls, T_right_left: FloatArray) -> _StereoPose:
-        # Adding 0 makes -0 a 0.
+        # Adding 0 changes -0 to 0, whose bytes differ.
         return cls((np.round(T_right_left, _DECIMALS) + 0.0).tobytes(), T_right_left)
 
 
@@ -121,11 +120,10 @@ def _rectified_pair(
 
 
 def rectified(stereo: StereoCalibration, keep: float = 0.0) -> tuple[Rectified, Rectified, float]:
-    """Return two equal ideal cameras, the right one displaced along x of the left one, and the baseline,
-    metres.
+    """Return two equal ideal cameras, the right one displaced along x of the left one, and the baseline (m).
 
-    Both are rotated by half of their relative rotation, then onto the baseline, which distorts both images
-    equally [2]_. ``keep`` is as for ``undistorted``, for both images together.
+    Each camera is rotated by half of the relative rotation, and then so that x is along the baseline, which
+    distorts both images equally [2]_. ``keep`` is as for ``undistorted``, for both images together.
 
     Raises
     ------
@@ -139,9 +137,9 @@ def rectified(stereo: StereoCalibration, keep: float = 0.0) -> tuple[Rectified, 
 
 
 def _common_rotations(T_right_left: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the rotations of both cameras to a common orientation across the baseline."""
+    """Return the rotations of both cameras to a common orientation with x along the baseline."""
     half, _ = cv2.Rodrigues(cv2.Rodrigues(T_right_left[:3, :3])[0] * 0.5)
-    # Position of the right camera in the camera halfway between.
+    # Position of the right camera, in the orientation halfway between both cameras.
     to_right = -half.T @ T_right_left[:3, 3]
     x = to_right / np.linalg.norm(to_right)
     if x[0] < 0.5:
@@ -155,7 +153,7 @@ def _common_rotations(T_right_left: FloatArray) -> tuple[FloatArray, FloatArray]
 
 
 def _bounds(camera: CameraModel, R: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return inner and outer box of a camera's view on the rotated camera's plane z = 1."""
+    """Return the inner and the outer box of a camera's view on the plane z = 1 of the rotated camera."""
     if not camera.rows or not camera.cols:
         raise InputError("camera without an image size: the calibration has none")
     u, v = np.linspace(0.0, camera.cols - 1.0, _OUTLINE), np.linspace(0.0, camera.rows - 1.0, _OUTLINE)
@@ -179,7 +177,7 @@ def _bounds(camera: CameraModel, R: FloatArray) -> tuple[FloatArray, FloatArray]
 def _ideal_cameras(
     camera: CameraModel, bounds: list[tuple[FloatArray, FloatArray]], keep: float
 ) -> list[CameraModel]:
-    """Return ideal cameras of one focal length and one row of the horizon, each centred on its view."""
+    """Return ideal cameras with a common focal length and principal point, centred on their views."""
     inner, outer = (np.array(boxes) for boxes in zip(*bounds, strict=True))
     inner_limits = np.array([inner[:, 1].max(), inner[:, 3].min(), (inner[:, 2] - inner[:, 0]).min()])
     outer_limits = np.array([outer[:, 1].min(), outer[:, 3].max(), (outer[:, 2] - outer[:, 0]).max()])
@@ -200,6 +198,7 @@ def _ideal_cameras(
 
 
 def _with_maps(camera: CameraModel, R: FloatArray, ideal: CameraModel) -> Rectified:
+    """Return an ideal camera, rotated by ``R`` (3, 3) from a real camera, with its maps."""
     cols, rows = np.meshgrid(np.arange(ideal.cols, dtype=np.float64), np.arange(ideal.rows, dtype=np.float64))
     x, y = (cols.ravel() - ideal.cx) / ideal.fx, (rows.ravel() - ideal.cy) / ideal.fy
     rays = np.column_stack([x, y, np.ones(cols.size)])

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rectified stereo camera: points in the left camera's frame to ``(u, v, d)`` and back, with derivatives.
+"""Rectified stereo camera: projection of points to ``(u, v, d)`` and triangulation, with derivatives.
 
-The camera's frame is x right, y down, z forward. ``u, v`` are pixels of the left image, the disparity is ``d
-= u - u_right = fx b / z``.
+The frame of the left camera is x right, y down, z forward. ``u, v`` are pixels of the left image; the
+disparity is ``d = u - u_right = fx b / z``.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rotation and direction of translation of an essential matrix, and pairs behind a camera."""
+"""Relative pose of two cameras from an essential matrix, and tests for points behind a camera."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cdff_core.imaging.two_view import Fit, fit_essential, homogeneous
 
 
 def checked_cameras(source: ArrayLike, sink: ArrayLike | None) -> tuple[FloatArray, FloatArray]:
-    """Return both camera matrices, equal if the second is absent; raises InputError on invalid ones."""
+    """Return both camera matrices, equal if ``sink`` is None; raises InputError if one is invalid."""
     first = np.asarray(source, np.float64)
     second = first if sink is None else np.asarray(sink, np.float64)
     for K in (first, second):
@@ -30,7 +30,7 @@ def rays(points: FloatArray, K: FloatArray) -> FloatArray:
 
 
 def angles(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the angles ``(n,)`` between vectors ``(n, 3)``, radians; exact for small ones."""
+    """Return the angles ``(n,)`` between vectors ``(n, 3)``, radians; small angles are exact."""
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ij,ij->i", a, b)))
 
 
@@ -48,20 +48,19 @@ def depths(
 def decomposed(
     E: FloatArray, source: FloatArray, sink: FloatArray
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return R, unit t of ``x_sink = R x_source + t``, and which pairs of rays intersect in front of both
-    cameras.
+    """Return R and unit t of ``x_sink = R x_source + t``, and the mask of pairs in front of both cameras.
 
-    Of the four solutions (Hartley and Zisserman 2004, §9.6.2) that with most pairs in front.
+    Of the four solutions (Hartley and Zisserman 2004, §9.6.2) the one with most pairs in front is returned.
     """
     U, _, Vt = np.linalg.svd(E)
     U, Vt = U * np.sign(np.linalg.det(U)), Vt * np.sign(np.linalg.det(Vt))
     W = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     best = np.eye(3), U[:, 2], np.zeros(len(source), bool)
-    for turn in (W, W.T):
-        R = U @ turn @ Vt
+    for quarter_rotation in (W, W.T):
+        R = U @ quarter_rotation @ Vt
         for t in (U[:, 2], -U[:, 2]):
-            first, second = depths(R, t, source, sink)
-            front = (first > 0.0) & (second > 0.0)
+            depth_source, depth_sink = depths(R, t, source, sink)
+            front = (depth_source > 0.0) & (depth_sink > 0.0)
             if front.sum() > best[2].sum():
                 best = R, t, front
     return best
@@ -76,16 +75,16 @@ def fit_in_front(
     gate_sigmas: float,
     floor_px: float,
 ) -> tuple[Fit, FloatArray, FloatArray]:
-    """Refine with ``fit_essential`` over the pairs that do not intersect behind a camera; half of the
-    outliers do.
+    """Refine with ``fit_essential`` over the pairs whose rays do not intersect behind a camera.
 
-    A pair whose rays are parallel within three standard deviations has no depth sign and is used.
+    Half of the outliers do. The sign of the depth is unknown for rays that are parallel within three standard
+    deviations: these pairs are used.
     """
     fit, R, t = fit_essential(R, t, K, source, sink, gate_sigmas, floor_px)
     a, b = rays(source, K[0]), rays(sink, K[1])
-    first, second = depths(R, t, a, b)
+    depth_source, depth_sink = depths(R, t, a, b)
     sigma_rad = fit.sigma_px * np.sqrt(1.0 / (K[0][0, 0] * K[0][1, 1]) + 1.0 / (K[1][0, 0] * K[1][1, 1]))
-    behind = ((first < 0.0) | (second < 0.0)) & (angles(a @ R.T, b) > 3.0 * sigma_rad)
+    behind = ((depth_source < 0.0) | (depth_sink < 0.0)) & (angles(a @ R.T, b) > 3.0 * sigma_rad)
     in_front = ~behind
     if not (behind & fit.inliers).any() or in_front.sum() < 5:
         return fit, R, t

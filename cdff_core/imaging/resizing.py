@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reduction of images by whole blocks, with the matching camera matrix."""
+"""Reduction of images by averaging blocks of pixels, with the camera matrix of the result."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class BlockConfig(DfnConfig):
 
 
 def shrunk(frame: Frame, block: BlockConfig) -> Frame:
-    """Return the mean of every block of pixels; incomplete blocks are removed.
+    """Return the image of the means of all blocks of pixels; incomplete blocks are cut off.
 
-    Pixel centres lie on whole numbers: the new pixel 0 has its centre at ``(columns - 1) / 2`` of the old
-    ones. Distortion is in units of the focal length and unchanged. Raises InputError if the image is
-    smaller than a block.
+    Pixel centres have whole coordinates: the centre of the new pixel 0 is at ``(columns - 1) / 2`` in old
+    coordinates. Distortion coefficients are in units of the focal length and therefore unchanged. Raises
+    InputError if the image is smaller than a block.
     """
     image, columns, rows = frame.image, block.columns_per_pixel, block.rows_per_pixel
     height, width = image.shape[0] // rows, image.shape[1] // columns
@@ -38,7 +38,7 @@ def shrunk(frame: Frame, block: BlockConfig) -> Frame:
         )
     cropped = np.ascontiguousarray(image[: height * rows, : width * columns])
     reduced = with_image(frame, cv2.resize(cropped, (width, height), interpolation=cv2.INTER_AREA))
-    # Old pixel coordinates to new ones, for the focal lengths and for the principal point.
+    # Transform from old to new pixel coordinates.
     to_new = np.array(
         [
             [1.0 / columns, 0.0, (1.0 / columns - 1.0) / 2.0],

@@ -2,25 +2,21 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Two-view models: residuals, refinement, covariance and significance.
 
-Points are homogeneous or plain pixels ``(n, 2)``, source before sink; ``F`` is such that ``sink' F source =
-0``.
+Points are pixels ``(n, 2)`` of the first image (source) and the second image (sink). The fundamental matrix
+satisfies ``sink' F source = 0`` for homogeneous points.
 
 References
 ----------
 .. [1] R. Hartley, A. Zisserman, Multiple View Geometry, 2nd ed., 2004, doi:10.1017/CBO9780511811685, §4.2,
-   §5.2,
-   §11.4
+   §5.2, §11.4
 .. [2] A. Bartoli, P. Sturm, Nonlinear Estimation of the Fundamental Matrix with Minimal Parameters, PAMI
-   26(3), 2004,
-   doi:10.1109/TPAMI.2004.1262342
+   26(3), 2004, doi:10.1109/TPAMI.2004.1262342
 .. [3] L. Moisan, B. Stival, A Probabilistic Criterion to Detect Rigid Point Matches Between Two Images, IJCV
-   57(3),
-   2004, doi:10.1023/B:VISI.0000013094.38752.54
+   57(3), 2004, doi:10.1023/B:VISI.0000013094.38752.54
 .. [4] R. D. Cook, Detection of Influential Observation in Linear Regression, Technometrics 19(1), 1977,
    doi:10.1080/00401706.1977.10489493
 .. [5] J. G. MacKinnon, H. White, Some heteroskedasticity-consistent covariance matrix estimators with
-   improved finite
-   sample properties, Journal of Econometrics 29(3), 1985, doi:10.1016/0304-4076(85)90158-7
+   improved finite sample properties, Journal of Econometrics 29(3), 1985, doi:10.1016/0304-4076(85)90158-7
 """
 
 from __future__ import annotations
@@ -35,12 +31,12 @@ from cdff_common.arrays import BoolArray, FloatArray
 from cdff_common.geometry import se3
 
 Function = Callable[[FloatArray], FloatArray]
-#: Median absolute deviation of a Gaussian to its standard deviation.
+#: Ratio of the standard deviation of a Gaussian to its median absolute deviation.
 _MAD = 1.4826
+#: Maximum number of Gauss-Newton steps.
 _STEPS = 20
-#: Excess of squared errors over the sandwich covariance, times the number of inliers, due to outliers within
-#: the
-#: gate; calibrated on simulated views of 60 to 900 pairs with 30 % outliers.
+#: Relative excess of squared errors over the sandwich covariance due to outliers within the gate, times the
+#: number of inliers; calibrated on simulated views of 60 to 900 pairs with 30 % outliers.
 _WRONG_PAIRS = 25.0
 
 
@@ -71,12 +67,12 @@ class Fit:
 
 
 def homogeneous(points: FloatArray) -> FloatArray:
-    """Return ``(n, 3)`` of ``(n, 2)``."""
+    """Return homogeneous points ``(n, 3)`` of points ``(n, 2)``."""
     return np.column_stack([points, np.ones(len(points))])
 
 
 def sampson(F: FloatArray, source: FloatArray, sink: FloatArray) -> FloatArray:
-    """Return signed Sampson distances ``(n,)``, pixels: first order to the epipolar geometry ([1]_)."""
+    """Return signed Sampson distances ``(n,)``, pixels: first-order distances from the geometry ([1]_)."""
     x, y = homogeneous(source), homogeneous(sink)
     Fx, Fy = x @ F.T, y @ F
     norm = np.sqrt(Fx[:, 0] ** 2 + Fx[:, 1] ** 2 + Fy[:, 0] ** 2 + Fy[:, 1] ** 2)
@@ -85,13 +81,13 @@ def sampson(F: FloatArray, source: FloatArray, sink: FloatArray) -> FloatArray:
 
 def transfer(H: FloatArray, points: FloatArray) -> FloatArray:
     """Return points ``(n, 2)`` mapped by a homography; NaN at its horizon."""
-    moved = homogeneous(points) @ H.T
+    mapped = homogeneous(points) @ H.T
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(moved[:, :2] / moved[:, 2:])
+        return np.asarray(mapped[:, :2] / mapped[:, 2:])
 
 
 def homography_residuals(H: FloatArray, source: FloatArray, sink: FloatArray) -> FloatArray:
-    """Return transfer errors ``(n, 2)`` in the sink, scaled as if split over both images."""
+    """Return transfer errors ``(n, 2)`` in the sink, scaled as if distributed over both images."""
     with np.errstate(invalid="ignore"):
         error = (transfer(H, source) - sink) / np.sqrt(2.0)
     return np.where(np.isfinite(error), error, 1e6)
@@ -105,7 +101,7 @@ def fit_fundamental(
     U, s, Vt = np.linalg.svd(np.linalg.inv(second).T @ F @ np.linalg.inv(first))
     state = [U * np.sign(np.linalg.det(U)), float(np.arctan2(s[1], s[0])), Vt.T * np.sign(np.linalg.det(Vt))]
 
-    def moved(d: FloatArray) -> FloatArray:
+    def matrix_at(d: FloatArray) -> FloatArray:
         R, V = state[0] @ se3.exp_so3(d[:3]), state[2] @ se3.exp_so3(d[3:6])
         angle = state[1] + d[6]
         M = second.T @ R @ np.diag([np.cos(angle), np.sin(angle), 0.0]) @ V.T @ first
@@ -115,7 +111,7 @@ def fit_fundamental(
         state[0], state[2] = state[0] @ se3.exp_so3(d[:3]), state[2] @ se3.exp_so3(d[3:6])
         state[1] += float(d[6])
 
-    return _fit(moved, accept, lambda M: sampson(M, source, sink)[:, None], 7, gate_sigmas, floor_px)
+    return _fit(matrix_at, accept, lambda M: sampson(M, source, sink)[:, None], 7, gate_sigmas, floor_px)
 
 
 def fit_essential(
@@ -127,11 +123,10 @@ def fit_essential(
     gate_sigmas: float,
     floor_px: float,
 ) -> tuple[Fit, FloatArray, FloatArray]:
-    """Refine rotation and direction of translation (five parameters); the fit's matrix is E, residuals are
-    pixels.
+    """Refine the relative pose; return the fit, R and unit t of ``x_sink = R x_source + t``.
 
-    Returns the fit, R and unit t of ``x_sink = R x_source + t``; ``parameters`` is 5x5: three of the rotation
-    (perturbation on the left), two of t along the columns of ``tangents(t)``.
+    The matrix of the fit is E, its residuals are pixels. The five ``parameters`` are three of the rotation
+    (perturbation on the left) and two of t along the columns of ``tangents(t)``.
     """
     state = [np.array(R), np.array(t) / np.linalg.norm(t)]
     inverse = np.linalg.inv(K[0]), np.linalg.inv(K[1])
@@ -140,7 +135,7 @@ def fit_essential(
         direction = state[1] + tangents(state[1]) @ d[3:5]
         return se3.exp_so3(d[:3]) @ state[0], direction / np.linalg.norm(direction)
 
-    def moved(d: FloatArray) -> FloatArray:
+    def matrix_at(d: FloatArray) -> FloatArray:
         rotation, direction = pose(d)
         return np.asarray(se3.skew(direction) @ rotation)
 
@@ -150,34 +145,34 @@ def fit_essential(
     def residuals(E: FloatArray) -> FloatArray:
         return sampson(inverse[1].T @ E @ inverse[0], source, sink)[:, None]
 
-    fit = _fit(moved, accept, residuals, 5, gate_sigmas, floor_px)
+    fit = _fit(matrix_at, accept, residuals, 5, gate_sigmas, floor_px)
     return fit, se3.normalise_rotation(state[0]), state[1]
 
 
 def fit_homography(
     H: FloatArray, source: FloatArray, sink: FloatArray, gate_sigmas: float, floor_px: float
 ) -> Fit:
-    """Refine a homography on the eight directions that change it; unit norm."""
+    """Refine a homography of unit norm along the eight directions that change it."""
     first, second = _conditioning(source), _conditioning(sink)
     state = [second @ H @ np.linalg.inv(first)]
     state[0] /= np.linalg.norm(state[0])
 
-    def turned(d: FloatArray) -> FloatArray:
+    def perturbed(d: FloatArray) -> FloatArray:
         basis = np.linalg.svd(state[0].reshape(1, 9))[2][1:].T
         return np.asarray(state[0] + (basis @ d).reshape(3, 3))
 
-    def moved(d: FloatArray) -> FloatArray:
-        M = np.linalg.inv(second) @ turned(d) @ first
+    def matrix_at(d: FloatArray) -> FloatArray:
+        M = np.linalg.inv(second) @ perturbed(d) @ first
         return np.asarray(M / np.linalg.norm(M))
 
     def accept(d: FloatArray) -> None:
-        state[0] = turned(d) / np.linalg.norm(turned(d))
+        state[0] = perturbed(d) / np.linalg.norm(perturbed(d))
 
-    return _fit(moved, accept, lambda M: homography_residuals(M, source, sink), 8, gate_sigmas, floor_px)
+    return _fit(matrix_at, accept, lambda M: homography_residuals(M, source, sink), 8, gate_sigmas, floor_px)
 
 
 def _conditioning(points: FloatArray) -> FloatArray:
-    """Return translation and scale that normalise points to the origin at unit distance ([1]_ §4.4.4)."""
+    """Return the matrix (3, 3) that centres points and scales them to unit distance ([1]_ §4.4.4)."""
     centre = points.mean(axis=0)
     scale = 1.0 / max(float(np.sqrt(np.mean((points - centre) ** 2))), 1e-9)
     return np.array([[scale, 0.0, -scale * centre[0]], [0.0, scale, -scale * centre[1]], [0.0, 0.0, 1.0]])
@@ -189,19 +184,19 @@ def tangents(direction: FloatArray) -> FloatArray:
 
 
 def _fit(
-    moved: Function,
+    matrix_at: Function,
     accept: Callable[[FloatArray], None],
     residuals: Function,
     dimension: int,
     gate: float,
     floor_px: float,
 ) -> Fit:
-    """Minimise by Gauss-Newton, selecting inliers at each step by ``gate`` times the residuals' standard
-    deviation.
+    """Minimise by Gauss-Newton; each step selects the inliers by ``gate`` standard deviations.
 
-    A pair is tested by its distance from the model of the other inliers: an outlier with large leverage
-    attracts the model, and its own residual is small ([4]_). ``moved`` gives the matrix after a small change
-    of the parameters ``(d,)``, ``residuals`` those ``(n, k)`` of a matrix.
+    A pair is tested by its distance from the model of the other inliers, since an outlier with large leverage
+    attracts the model, so that its own residual is small ([4]_). ``matrix_at`` returns the matrix after a
+    small change ``(d,)`` of the parameters, ``accept`` applies this change, and ``residuals`` returns those
+    ``(n, k)`` of a matrix.
     """
     zero, steps = np.zeros(dimension), 1e-6 * np.eye(dimension)
 
@@ -209,7 +204,7 @@ def _fit(
         return np.stack([(of(d) - of(-d)) / 2e-6 for d in steps], axis=-1)
 
     def distances(d: FloatArray) -> FloatArray:
-        return residuals(moved(d))
+        return residuals(matrix_at(d))
 
     inliers, sigma, leverage = np.zeros(0, bool), floor_px, np.zeros(0)
     for iteration in range(_STEPS):
@@ -232,7 +227,7 @@ def _fit(
             break
     r = distances(zero)
     inliers = _size(r) / (1.0 - leverage) < gate * sigma
-    return _with_covariance(moved(zero), derivative(moved), derivative(distances), r, inliers, sigma)
+    return _with_covariance(matrix_at(zero), derivative(matrix_at), derivative(distances), r, inliers, sigma)
 
 
 def _size(r: FloatArray) -> FloatArray:
@@ -241,7 +236,7 @@ def _size(r: FloatArray) -> FloatArray:
 
 
 def _leverage(J: FloatArray, A: FloatArray) -> FloatArray:
-    """Return the leverage ``(n,)`` of each pair on itself; A ``(m, d)`` are the inliers' derivatives."""
+    """Return the leverage ``(n,)`` of each pair; ``A`` (m, d) are the derivatives of the inliers."""
     inverse = np.linalg.pinv(A.T @ A, rcond=1e-15, hermitian=True)
     return np.asarray(np.minimum(np.einsum("nki,ij,nkj->n", J, inverse, J) / J.shape[1], 0.99))
 
@@ -256,9 +251,9 @@ def _with_covariance(
 ) -> Fit:
     """Return the fit with its covariance from leave-one-out residuals.
 
-    ``(J'J)^-1 sum(s s') (J'J)^-1`` with ``s = J' r / (1 - h)`` of each pair, h its leverage ([5]_), which is
-    consistent for pairs of different noise. Enlarged for outliers within the gate of a line, and propagated
-    to the nine matrix entries.
+    It is ``(J'J)^-1 sum(s s') (J'J)^-1`` with ``s = J' r / (1 - h)`` of each pair and its leverage h ([5]_),
+    which is consistent for pairs of different noise. It is enlarged for outliers within the gate of a line,
+    and propagated to the nine matrix entries; ``slope`` (3, 3, d) are the derivatives of the matrix.
     """
     dimension = J.shape[-1]
     size = _size(r)
@@ -269,11 +264,10 @@ def _with_covariance(
     variance = float((r[inliers] ** 2).sum()) / freedom
     A = J[inliers].reshape(-1, dimension)
     inverse = np.linalg.pinv(A.T @ A, rcond=1e-15, hermitian=True)
-    own = np.einsum("nki,nk->ni", J, r)[inliers] / (1.0 - _leverage(J[inliers], A))[:, None]
-    passed = (
-        _WRONG_PAIRS / inliers.sum() if r.shape[1] == 1 else 0.0
-    )  # many outliers within the gate of a line, few within that of a point
-    parameters = (1.0 + passed) * inverse @ (own.T @ own) @ inverse
+    scores = np.einsum("nki,nk->ni", J, r)[inliers] / (1.0 - _leverage(J[inliers], A))[:, None]
+    # Many outliers are within the gate of a line, few within that of a point.
+    excess = _WRONG_PAIRS / inliers.sum() if r.shape[1] == 1 else 0.0
+    parameters = (1.0 + excess) * inverse @ (scores.T @ scores) @ inverse
     D = slope.reshape(9, dimension)
     return Fit(matrix, D @ parameters @ D.T, inliers, size, float(np.sqrt(variance)), parameters)
 
@@ -297,8 +291,8 @@ def log10_false_alarms(pairs: int, inliers: int, chance: float, minimal: int) ->
 def inlier_probabilities(
     residuals: FloatArray, sigma_px: float, inlier_fraction: float, span_px: float
 ) -> FloatArray:
-    """Return inlier probabilities: Gaussian residuals against ones uniform over ``span_px``."""
+    """Return inlier probabilities: Gaussian residuals against residuals uniform over ``span_px``."""
     sigma = max(sigma_px, 1e-6)
-    right = inlier_fraction * np.exp(-0.5 * (residuals / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
-    wrong = (1.0 - inlier_fraction) / span_px
-    return np.asarray(right / (right + wrong + 1e-300))
+    inlier = inlier_fraction * np.exp(-0.5 * (residuals / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
+    outlier = (1.0 - inlier_fraction) / span_px
+    return np.asarray(inlier / (inlier + outlier + 1e-300))

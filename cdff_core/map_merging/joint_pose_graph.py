@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Joint pose graph of all robots, and the anchor of each map that follows from it."""
+"""Joint pose graph of all robots, from which the anchor of each map follows."""
 
 from __future__ import annotations
 
@@ -23,28 +23,29 @@ from cdff_core.dfns.pose_graph_optimization.interface import (
 )
 from cdff_core.map_merging.robot_maps import Closure, Float, KeyframeId, RobotMap
 
-#: Ids of a robot's vertices in the joint graph start at its index among the robots times this.
+#: Number of ids reserved for each robot: the vertices of robot i in the joint graph start at i times this.
 ROBOT_IDS = 1_000_000
 SITE = "site"
 PRODUCER = "map_merging"
-_LEAST_SIGMA = 1e-4
+#: Minimum standard deviation of an edge, so that its covariance can be inverted.
+_MIN_SIGMA = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MergedMaps:
     """Result of the optimisation of the joint graph."""
 
-    graph: PoseGraph  # Keyframes of all robots in the site, without the closures that contradict the rest
+    graph: PoseGraph  # keyframes of all robots in the site, without the rejected closures
     anchors: Mapping[str, UncertainTransform]  # ``T_site_map`` of each robot
-    #: Largest displacement of a keyframe that the rigid anchor does not express
+    #: Largest displacement of a keyframe of each robot that its anchor, a rigid transform, does not describe.
     deformation_m: Mapping[str, float]
-    rejected: tuple[Closure, ...]
+    rejected: tuple[Closure, ...]  # closures that contradict the other edges
 
 
 class MapMerger:
-    """Optimisation of the joint graph: measurements of each robot, a survey of each map, closures.
+    """Optimises the joint graph: edges of each robot's map, surveyed pose of each map, closures between maps.
 
-    The order of all robots of the mission determines the ids in the graph.
+    The order of the names of all robots of the mission determines the ids in the graph.
     """
 
     def __init__(self, config: MergingConfig, robots: Sequence[str]) -> None:
@@ -55,7 +56,7 @@ class MapMerger:
         self._optimise.configure(config.optimise)
 
     def merge(self, maps: Sequence[RobotMap], closures: Sequence[Closure]) -> MergedMaps:
-        """Optimise; a map without a closure to another one stays at its survey."""
+        """Optimise the joint graph; a map without a closure to another map keeps its surveyed pose."""
         ids = {
             keyframe: self._first_id[m.robot] + row for m in maps for row, keyframe in enumerate(m.keyframes)
         }
@@ -63,23 +64,23 @@ class MapMerger:
         graph = _joint_graph(maps, linked, ids)
         roots = np.array([self._first_id[m.robot] + m.root for m in maps], dtype=np.int64)
         solution = self._optimise.process(PoseGraphOptimizationInputs(graph=graph, wanted=roots))
-        is_kept = solution.weights > 0.5
+        is_accepted = solution.weights > 0.5
         solved = dict(
             zip(solution.graph.vertices.ids.tolist(), solution.graph.vertices.matrices, strict=True)
         )
         anchors, deformation_m = {}, {}
         for m, root, covariance in zip(maps, roots.tolist(), solution.covariances, strict=True):
-            inside = np.array(list(m.keyframes.values()))
-            outside = np.array([solved[ids[keyframe]] for keyframe in m.keyframes])
-            T = fit_rigid_transform(outside, inside)
-            deformation_m[m.robot] = float(np.linalg.norm((T @ inside - outside)[:, :3, 3], axis=1).max())
+            in_map = np.array(list(m.keyframes.values()))
+            in_site = np.array([solved[ids[keyframe]] for keyframe in m.keyframes])
+            T = fit_rigid_transform(in_site, in_map)
+            deformation_m[m.robot] = float(np.linalg.norm((T @ in_map - in_site)[:, :3, 3], axis=1).max())
             T_map_root = UncertainTransform.exact(m.graph.vertices.matrices[m.root])
             at_root = UncertainTransform(solved[root], covariance)
             anchors[m.robot] = UncertainTransform(T, (at_root @ T_map_root.inverse()).covariance)
         rejected = tuple(
-            c for c, ok in zip(linked, is_kept[len(is_kept) - len(linked) :], strict=True) if not ok
+            c for c, ok in zip(linked, is_accepted[len(is_accepted) - len(linked) :], strict=True) if not ok
         )
-        return MergedMaps(_without(solution.graph, is_kept), anchors, deformation_m, rejected)
+        return MergedMaps(_with_edges(solution.graph, is_accepted), anchors, deformation_m, rejected)
 
 
 def first_ids(robots: Sequence[str]) -> dict[str, int]:
@@ -87,18 +88,18 @@ def first_ids(robots: Sequence[str]) -> dict[str, int]:
     return {robot: ROBOT_IDS * number for number, robot in enumerate(sorted(robots))}
 
 
-def fit_rigid_transform(outside: Float, inside: Float) -> Float:
-    """Return the ``T`` that best maps poses ``inside`` to ``outside``, both (n, 4, 4).
+def fit_rigid_transform(in_parent: Float, in_child: Float) -> Float:
+    """Return ``T_parent_child`` from the same poses in both frames, (n, 4, 4) each.
 
-    Mean rotation first, then mean translation.
+    It is the mean rotation and, with this rotation, the mean translation.
     """
-    R = se3.normalise_rotation((outside[:, :3, :3] @ np.swapaxes(inside[:, :3, :3], 1, 2)).mean(axis=0))
-    translation = (outside[:, :3, 3] - inside[:, :3, 3] @ R.T).mean(axis=0)
+    R = se3.normalise_rotation((in_parent[:, :3, :3] @ np.swapaxes(in_child[:, :3, :3], 1, 2)).mean(axis=0))
+    translation = (in_parent[:, :3, 3] - in_child[:, :3, 3] @ R.T).mean(axis=0)
     return se3.transform(R, translation)
 
 
 def closures_in_graph(graph: PoseGraph, robots: Sequence[str]) -> list[Closure]:
-    """Return the closures between the robots of a joint graph."""
+    """Return the closures between different robots in a joint graph."""
     names = {first: robot for robot, first in first_ids(robots).items()}
     keyframe = {
         i: KeyframeId(names[i - i % ROBOT_IDS], t)
@@ -121,9 +122,9 @@ def _joint_graph(
     ends, Ts, information, kinds = [], [], [], []
     for m in maps:
         ids_of_map = [ids[keyframe] for keyframe in m.keyframes]
-        of_key = dict(zip(m.graph.vertices.ids.tolist(), ids_of_map, strict=True))
+        joint_ids = dict(zip(m.graph.vertices.ids.tolist(), ids_of_map, strict=True))
         e = m.graph.edges
-        ends += [(of_key[a], of_key[b]) for a, b in e.ends.tolist()]
+        ends += [(joint_ids[a], joint_ids[b]) for a, b in e.ends.tolist()]
         Ts += list(e.matrices)
         information += list(e.information_matrices)
         kinds += e.kinds.tolist()
@@ -152,17 +153,17 @@ def _joint_graph(
     )
 
 
-def _without(graph: PoseGraph, is_kept: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> PoseGraph:
-    """Return the graph with the given edges only."""
+def _with_edges(graph: PoseGraph, is_accepted: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> PoseGraph:
+    """Return the graph with the edges of a mask only."""
     v, e = graph.vertices, graph.edges
     return PoseGraph.from_arrays(
         v.ids,
         v.stamps_ns,
         v.matrices,
-        e.ends[is_kept],
-        e.matrices[is_kept],
-        e.information_matrices[is_kept],
-        e.kinds[is_kept],
+        e.ends[is_accepted],
+        e.matrices[is_accepted],
+        e.information_matrices[is_accepted],
+        e.kinds[is_accepted],
         frame=graph.frame,
         fixed=v.fixed,
         producer=PRODUCER,
@@ -171,4 +172,4 @@ def _without(graph: PoseGraph, is_kept: np.ndarray[tuple[int], np.dtype[np.bool_
 
 def _information(T: UncertainTransform) -> Float:
     covariance = np.zeros((6, 6)) if T.covariance is None else T.covariance
-    return information_from_covariance(covariance, _LEAST_SIGMA)
+    return information_from_covariance(covariance, _MIN_SIGMA)

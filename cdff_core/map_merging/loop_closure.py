@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Loop closures between robots: selection of keyframe pairs and their registration."""
+"""Loop closures between robots: selection of pairs of keyframes, and their registration."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Pair = tuple[KeyframeId, KeyframeId]
 
 
 class InterRobotCloser:
-    """Selection of keyframe pairs by the anchors, and registration of their clouds without a guess.
+    """Selects pairs of keyframes by the anchors of the maps, and registers their clouds without a guess.
 
     Since ``point_cloud_matching`` needs no guess, an anchor may be wrong by metres.
     """
@@ -30,11 +30,13 @@ class InterRobotCloser:
         self._config = config
         self._matching = Registry.default().make_dfpc("point_cloud_matching")
         self._matching.configure(config.matching)
+        #: Number of keyframes in both maps at the last comparison of a pair.
         self._compared: dict[Pair, int] = {}
+        #: Number of refused pairs by reason.
         self.refusals: Counter[str] = Counter()
 
     def pairs(self, maps: Sequence[RobotMap], closures: Iterable[Closure]) -> list[Pair]:
-        """Return the pairs to compare, nearest first, at most ``trials``.
+        """Return the pairs to compare, nearest first, at most ``trials`` of the configuration.
 
         A refused pair is compared again when both maps together have grown by two keyframes.
         """
@@ -75,6 +77,6 @@ class InterRobotCloser:
 
 
 def _sigma_m(robot_map: RobotMap) -> float:
-    """Return the largest standard deviation of the anchor's position."""
+    """Return the largest standard deviation of the position of a map's anchor."""
     covariance = robot_map.anchor.covariance
     return 0.0 if covariance is None else float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))

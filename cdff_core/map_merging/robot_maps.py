@@ -18,7 +18,7 @@ Float = NDArray[np.float64]
 
 
 class KeyframeId(NamedTuple):
-    """A keyframe of a robot, identified by its time: ids of keyframes may change with a restart."""
+    """A keyframe of a robot, identified by its time, since its id may change with a restart."""
 
     robot: str
     stamp_ns: int
@@ -26,11 +26,11 @@ class KeyframeId(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RobotMap:
-    """A robot's map."""
+    """The map of a robot."""
 
     robot: str
-    graph: PoseGraph  # Keyframes in the map frame and the measurements between them
-    #: ``T_site_map`` before any closure: the start of the map as the mission states it
+    graph: PoseGraph  # keyframes in the map frame, and the measurements between them
+    #: ``T_site_map`` as surveyed: the start pose of the map in the profile of the mission.
     survey: UncertainTransform
     anchor: UncertainTransform  # ``T_site_map`` as currently published
 
@@ -42,14 +42,14 @@ class RobotMap:
 
     @property
     def root(self) -> int:
-        """Row of the fixed vertex, or else of the first one."""
+        """Row of the fixed vertex in the graph; of the first vertex if none is fixed."""
         fixed = self.graph.vertices.fixed
         return int(np.argmax(fixed)) if len(fixed) else 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Closure:
-    """A verified ``T_first_second`` of the keyframes of two robots."""
+    """A verified loop closure ``T_first_second`` between keyframes of two robots."""
 
     first: KeyframeId
     second: KeyframeId

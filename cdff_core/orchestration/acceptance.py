@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from cdff_common.clock import NS_PER_S
 from cdff_core.orchestration.request import ProductRequest
 
-#: Factor within which a resolution counts as the requested one.
+#: Ratio up to which two resolutions count as equal.
 RESOLUTION_TOLERANCE = 1.001
 #: Coverage above which a region counts as covered.
 _FULL_COVERAGE = 0.9995
@@ -25,14 +25,14 @@ AHEAD_TOLERANCE_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class ProductCandidate:
-    """Metadata of a product, or of a window fused from several, that may answer a request."""
+    """Metadata of a stored product, or of a window fused from several, that may answer a request."""
 
     id: str
     robot: str
-    t1_ns: int  # End of capture, of the newest part if there are several.
-    oldest_t1_ns: int  # End of capture of the oldest part
+    t1_ns: int  # end of capture of the newest part
+    oldest_t1_ns: int  # end of capture of the oldest part
     resolution_m: float | None = None
-    coverage: float | None = None  # Fraction of the region that holds data, 0 to 1; None without a region.
+    coverage: float | None = None  # fraction of the region that holds data, 0 to 1; None without a region
     status: str = "OK"  # OK, DEGRADED or FAILED
 
     def age_s(self, now_ns: int) -> float:
@@ -48,11 +48,11 @@ class ProductCandidate:
 class Assessment:
     """Differences between a candidate and a request, as texts."""
 
-    #: Unmet mandatory requirements; the candidate may be delivered if there is none.
+    #: Unmet mandatory requirements; the candidate may be delivered if there are none.
     violations: tuple[str, ...] = ()
     #: Unmet optional requirements that a new product may meet; stated in the reply.
     shortfalls: tuple[str, ...] = ()
-    remarks: tuple[str, ...] = ()  # Differences that no new product would remove; stated in the reply.
+    remarks: tuple[str, ...] = ()  # differences that no new product would remove; stated in the reply
 
     @property
     def differences(self) -> list[str]:
@@ -61,12 +61,12 @@ class Assessment:
 
     @property
     def unmet(self) -> str:
-        """Requirements that a better product would meet, as one line."""
+        """Unmet requirements that a new product may meet, as one line."""
         return "; ".join([*self.violations, *self.shortfalls])
 
     @property
     def satisfies(self) -> bool:
-        """True if no better product is worth waiting for."""
+        """True if a new product would not meet the request better."""
         return not self.violations and not self.shortfalls
 
     @property
@@ -78,6 +78,7 @@ class Assessment:
 def assess(candidate: ProductCandidate, request: ProductRequest, now_ns: int) -> Assessment:
     """Compare a candidate with a request at mission time ``now_ns``, or at the requested time."""
     violations, shortfalls, remarks = [], [], []
+    # A pose at a requested time is interpolated: its age does not matter.
     is_timed = request.t_ns is None or request.product != "pose"
     if request.t_ns is not None and is_timed:
         now_ns = request.t_ns
@@ -104,14 +105,14 @@ def assess(candidate: ProductCandidate, request: ProductRequest, now_ns: int) ->
         if actual_m > requested_m * RESOLUTION_TOLERANCE:
             shortfalls.append(difference)
         elif actual_m * RESOLUTION_TOLERANCE < requested_m:
-            remarks.append(f"{difference}: it is no multiple of the finer cells")
+            remarks.append(f"{difference}, which is not a multiple of the finer cells")
     return Assessment(tuple(violations), tuple(shortfalls), tuple(remarks))
 
 
 def best_candidate(
     candidates: Iterable[ProductCandidate], request: ProductRequest, now_ns: int
 ) -> tuple[ProductCandidate, Assessment] | None:
-    """Return the candidate with the fewest violations, then shortfalls, then by coverage and age."""
+    """Return the candidate with fewest violations, then fewest shortfalls, largest coverage, lowest age."""
     return min(
         ((c, assess(c, request, now_ns)) for c in candidates),
         key=lambda ca: (
@@ -128,7 +129,7 @@ def best_candidate(
 def delivery_summary(
     candidate: ProductCandidate, assessment: Assessment, now_ns: int, frame: str
 ) -> dict[str, object]:
-    """Return the ``delivered`` map of a reply: properties of the product and differences to the request."""
+    """Return the ``delivered`` map of a reply: properties of the product and differences from the request."""
     return {
         "robot": candidate.robot,
         "frame": frame,

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Planner world from DFPC descriptions, measured resource usage and the mission profile."""
+"""World of the planner, from DFPC descriptions, measured resource usage and the mission profile."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 from cdff_common.contract.wiring import Wiring, mode_names
 from cdff_common.errors import InputError
 from cdff_common.interfaces.description import DfpcDescription
-from cdff_common.interfaces.profile import DfpcEntry, Profile, Robot
+from cdff_common.interfaces.profile import DfpcEntry, Profile, Robot, Sensor
 from cdff_core.orchestration.leases import Leases
 from cdff_core.orchestration.reconciliation import ObservedState
 from cdff_core.orchestration.world import (
@@ -38,11 +38,11 @@ _ENOUGH_SAMPLES = 20
 class ResourceUsage:
     """Resource usage reported in the status of a DFPC."""
 
-    samples: int = 0  # Samples since configuration
-    cpu_s: float = 0.0  # Mean CPU time of a sample
-    load: float = 0.0  # CPU seconds per second since the previous status; 0 while inactive.
-    latency_s: float = 0.0  # Duration of the last step
-    memory_mb: float = 0.0  # Memory of the process
+    samples: int = 0  # number of samples since configuration
+    cpu_s: float = 0.0  # mean CPU time of a sample
+    load: float = 0.0  # CPU seconds per second since the previous status; 0 while inactive
+    latency_s: float = 0.0  # duration of the last step
+    memory_mb: float = 0.0  # memory of the process
 
     def describe(self) -> dict[str, float]:
         """Return plain data for the catalogue."""
@@ -50,7 +50,7 @@ class ResourceUsage:
 
     @classmethod
     def of(cls, status: Mapping[str, Any], previous: ResourceUsage | None, since_s: float) -> ResourceUsage:
-        """Return the usage in a status; ``previous`` is the usage ``since_s`` ago. Raises InputError."""
+        """Return the usage in a status; raises InputError. ``previous`` is the usage ``since_s`` ago."""
         try:
             samples, cpu_s = int(status.get("samples", 0)), float(status.get("mean_step_cpu_s", 0.0))
             latency_s, memory_mb = float(status.get("last_step_s", 0.0)), float(status.get("rss_mb", 0.0))
@@ -63,7 +63,7 @@ class ResourceUsage:
 
 
 def frames_of(profile: Profile) -> frozenset[str]:
-    """Return the frames of a mission, with or without a known pose."""
+    """Return the names of all frames of a mission."""
     frames = {"site"}
     for robot in profile.robots:
         frames |= {f"{robot.id}/{name}" for name in (*_ROBOT_FRAMES, *robot.sensors)}
@@ -73,7 +73,7 @@ def frames_of(profile: Profile) -> frozenset[str]:
 
 
 def description_of(robot: Robot, entry: DfpcEntry, description: DfpcDescription) -> dict[str, Any]:
-    """Return the description of a DFPC without its state: ports, needs, cost and performance."""
+    """Return the description of a DFPC on a robot: ports, modes, cost and performance."""
     return {
         "name": entry.name,
         "robot": robot.id,
@@ -116,6 +116,7 @@ def description_of(robot: Robot, entry: DfpcEntry, description: DfpcDescription)
 
 
 def _resolution_m(entry: DfpcEntry, description: DfpcDescription) -> float | None:
+    """Return the configured resolution of a DFPC, else the declared one, else None."""
     configured_m = entry.parameters.get("resolution_m")
     if isinstance(configured_m, (int, float)) and configured_m > 0:
         return float(configured_m)
@@ -135,8 +136,8 @@ def provider_of(
 ) -> Provider:
     """Return the provider for a result of ``description_of``; raises InputError if a field is malformed.
 
-    ``rates_hz`` are the sample rates of the sensors in the required modes, ``wired`` the current source of
-    each port, ``measured`` the usage in the last status.
+    ``alive`` states that its process runs. ``rates_hz`` are the sample rates of the sensors in the required
+    modes, ``wired`` the current source of each port, ``measured`` the usage in the last status.
     """
     try:
         robot = str(description["robot"])
@@ -184,10 +185,11 @@ def world_of(
     priority: int = -1,
     measured: Mapping[ProviderId, ResourceUsage] | None = None,
 ) -> World:
-    """Return the current world for a request.
+    """Return the current world for a request of a priority.
 
-    ``optimistic`` treats every DFPC of the profile as available, also without a running process. A request
-    may take sensors from requests of lower ``priority``, by default from none.
+    ``refused`` are the modes that the instrument control unit refused. With ``optimistic``, every DFPC of the
+    profile counts as available, also without a running process. A request may take sensors from requests of
+    lower ``priority``, by default from none.
     """
     providers = {}
     rates_hz = _rates_hz(profile, observed)
@@ -211,36 +213,40 @@ def world_of(
             held = leases.held_mode(sensor_id)
             serving = leases.serving_modes(sensor_id, priority)
             sensors[sensor_id] = SensorState(
-                sensor_id,
-                {m: mode.on for m, mode in sensor.modes.items()},
-                current,
-                held,
-                serving if serving is not None or held is None else frozenset(sensor.modes),
-                leases.serving_modes(sensor_id),
-                refused.get(sensor_id, frozenset()),
-                observed.lost.get(sensor_id, ""),
-                {
-                    m: sum(s for _, s in path)
-                    for m in sensor.modes
-                    if (path := sensor.mode_path(current, m)) is not None
-                }
-                if current in sensor.modes
-                else {},
+                id=sensor_id,
+                modes={name: mode.on for name, mode in sensor.modes.items()},
+                current=current,
+                held=held,
+                priority_modes=serving if serving is not None or held is None else frozenset(sensor.modes),
+                shared_modes=leases.serving_modes(sensor_id),
+                refused=refused.get(sensor_id, frozenset()),
+                lost=observed.lost.get(sensor_id, ""),
+                switch_s=_switch_durations_s(sensor, current),
             )
     reserved = frozenset(leases.wanted | observed.active) & providers.keys()
     return World(
         providers,
         sensors,
-        _remaining(profile, "memory_mb", {m: providers[m].memory_mb for m in reserved}),
-        _remaining(profile, "cpu_cores", {m: providers[m].cpu for m in reserved}),
-        reserved,
+        memory_free_mb=_remaining(profile, "memory_mb", {p: providers[p].memory_mb for p in reserved}),
+        cpu_free=_remaining(profile, "cpu_cores", {p: providers[p].cpu for p in reserved}),
+        reserved=reserved,
     )
 
 
-def _remaining(profile: Profile, limit: str, reserved: Mapping[ProviderId, float]) -> dict[str, float]:
-    """Return the remaining budget of each robot with a limit."""
+def _switch_durations_s(sensor: Sensor, current: str) -> dict[str, float]:
+    """Return the duration of the switch to each mode that can be reached; empty for an unknown mode."""
+    if current not in sensor.modes:
+        return {}
+    paths = {mode: sensor.mode_path(current, mode) for mode in sensor.modes}
     return {
-        robot.id: robot.limits[limit] - sum(x for m, x in reserved.items() if m.robot == robot.id)
+        mode: sum(duration_s for _, duration_s in path) for mode, path in paths.items() if path is not None
+    }
+
+
+def _remaining(profile: Profile, limit: str, reserved: Mapping[ProviderId, float]) -> dict[str, float]:
+    """Return the remaining budget of each robot with a limit; ``reserved`` is the usage of each provider."""
+    return {
+        robot.id: robot.limits[limit] - sum(usage for p, usage in reserved.items() if p.robot == robot.id)
         for robot in profile.robots
         if limit in robot.limits
     }
@@ -260,7 +266,7 @@ def _rates_hz(profile: Profile, observed: ObservedState) -> dict[SensorId, float
 def _rates_needed(
     profile: Profile, robot: str, description: Mapping[str, Any], rates_hz: Mapping[SensorId, float | None]
 ) -> dict[SensorId, float | None]:
-    """Return the sample rates for one DFPC: of sensors with required modes, that of the fastest mode."""
+    """Return the sample rates for one DFPC; for a sensor with required modes that of the fastest one."""
     rates = dict(rates_hz)
     for name, modes in dict(description.get("modes", {})).items():
         sensor = profile.robot(robot).sensors.get(str(name))
@@ -273,7 +279,7 @@ def _rates_needed(
 
 
 def _rate_hz(inputs: tuple[Input, ...], rates_hz: Mapping[SensorId, float | None]) -> float:
-    """Return the samples per second of a provider: the sum over inputs of the fastest source."""
+    """Return the samples per second of a provider: the rate of the fastest source, summed over its inputs."""
     total = 0.0
     for port in inputs:
         sensor_rates_hz = [
@@ -287,28 +293,35 @@ def _rate_hz(inputs: tuple[Input, ...], rates_hz: Mapping[SensorId, float | None
 def upstream_providers(
     world: World, chosen_sources: Mapping[ProviderId, Mapping[str, str]] | None = None
 ) -> dict[ProviderId, frozenset[ProviderId]]:
-    """Return the providers whose products each provider takes: as planned, else as wired."""
+    """Return for each provider those that provide its inputs: the planned sources, else all wired ones."""
     upstream: dict[ProviderId, frozenset[ProviderId]] = {}
-    for m in world.providers.values():
-        selected = (chosen_sources or {}).get(m.id)
+    for provider in world.providers.values():
+        selected = (chosen_sources or {}).get(provider.id)
         sources = [
             s
-            for port in m.inputs
+            for port in provider.inputs
             for s in port.sources
             if selected is None or (port.port in selected and s.wiring == selected[port.port])
         ]
-        upstream[m.id] = frozenset(ProviderId(s.robot, s.owner) for s in sources if s.kind == "product")
+        upstream[provider.id] = frozenset(
+            ProviderId(s.robot, s.owner) for s in sources if s.kind == "product"
+        )
     return upstream
 
 
 def sensors_used(world: World) -> dict[ProviderId, frozenset[SensorId]]:
-    """Return the sensors from which each provider takes samples or needs a mode."""
+    """Return for each provider the sensors whose samples or modes it needs."""
     return {
-        m.id: frozenset(
-            {SensorId(s.robot, s.owner) for port in m.inputs for s in port.sources if s.kind == "sensor"}
-            | {SensorId(m.id.robot, s) for s in m.modes}
+        provider.id: frozenset(
+            {
+                SensorId(s.robot, s.owner)
+                for port in provider.inputs
+                for s in port.sources
+                if s.kind == "sensor"
+            }
+            | {SensorId(provider.id.robot, s) for s in provider.modes}
         )
-        for m in world.providers.values()
+        for provider in world.providers.values()
     }
 
 

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Conversion of products to the requested frame, extent, resolution and type (paper §2.2, function 2).
 
-Covariance is transformed with the frame; a reason code states a dropped covariance. A product that
-cannot be expressed exactly in the requested frame (a grid in a rotated frame) is refused, not resampled.
+The covariance is transformed with the frame; a reason code states that a part of it was dropped. A product
+that cannot be expressed exactly in the requested frame (a grid in a rotated frame) is refused, not resampled.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ from cdff_common.types import (
 FloatArray = NDArray[np.float64]
 MapT = TypeVar("MapT", ElevationMap, NavigationMap)
 
-#: Reason code of a RigidBodyState: its type has no covariance between position and orientation.
+#: Reason code of a RigidBodyState, which has no covariance between position and orientation.
 CROSS_COVARIANCE_DROPPED = "cross_covariance_dropped"
-#: Cosine of the largest tilt between two frames, 10 degrees, for converting a plane region.
+#: Cosine of the largest tilt (10 degrees) between two frames for the conversion of a plane region.
 _MIN_COS_TILT = 0.985
 #: Largest rows and columns of an InFuse ``Map`` (Array3D); a larger DEM is delivered by reference as tif.
 MAP_MAX_ROWS, MAP_MAX_COLS = 1080, 1920
@@ -50,7 +50,7 @@ MAP_MAX_ROWS, MAP_MAX_COLS = 1080, 1920
 def pose_as(
     T: UncertainTransform, parent: str, child: str, stamp_ns: int, type_name: str, producer: str
 ) -> tuple[TransformWithCovariance | RigidBodyState, tuple[str, ...]]:
-    """Return ``T_parent_child`` as the requested type, and reason codes for information that the type drops.
+    """Return ``T_parent_child`` as the requested type, with reason codes for information that is dropped.
 
     A ``RigidBodyState`` has the parent as target frame and the child as source frame; its velocities are
     unknown and therefore NaN.
@@ -71,7 +71,7 @@ def pose_as(
 def trajectory_in(
     trajectory: PoseTrajectory, T_frame_parent: UncertainTransform, frame: str
 ) -> PoseTrajectory:
-    """Return a trajectory, covariances included, in another parent frame that is fixed to the old one."""
+    """Return a trajectory with its covariances in another parent frame, fixed relative to the old one."""
     if frame == trajectory.parent_frame:
         return trajectory
     matrices = T_frame_parent.matrix @ trajectory.matrices
@@ -85,6 +85,7 @@ def trajectory_in(
 
 
 def _composed(T: UncertainTransform, matrix: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return the covariance (6, 6) of ``T @ matrix``; NaN if one covariance is unknown."""
     if not np.all(np.isfinite(covariance)):
         return np.full((6, 6), np.nan)
     result = (T @ UncertainTransform(matrix, covariance)).covariance
@@ -94,13 +95,13 @@ def _composed(T: UncertainTransform, matrix: FloatArray, covariance: FloatArray)
 def region_in(region: Region, T_frame_region: FloatArray) -> Region:
     """Return a resolved region in another frame by ``T_frame_region`` (4, 4).
 
-    Raises InputError if the frames are tilted against each other: the region is not plane in the other.
+    Raises InputError if the frames are tilted relative to each other, so that the region is not horizontal.
     """
     if np.allclose(T_frame_region, np.eye(4), atol=1e-12):
         return region
     if T_frame_region[2, 2] < _MIN_COS_TILT:
         raise InputError(
-            f"region={region.text!r}: its frame is tilted against the product's; name a level one"
+            f"region={region.text!r}: its frame is tilted relative to that of the product; use a level frame"
         )
     if region.kind == "circle":
         x, y, r = region.values
@@ -115,7 +116,7 @@ def region_in(region: Region, T_frame_region: FloatArray) -> Region:
 
 
 def cloud_in(cloud: Pointcloud, T_frame_cloud: UncertainTransform, frame: str) -> Pointcloud:
-    """Return a cloud with its points in another frame; the sensor pose keeps its frame."""
+    """Return a cloud with its points in another frame; the sensor pose in its metadata is unchanged."""
     if frame == cloud.frame:
         return cloud
     return _rebuilt(
@@ -131,7 +132,7 @@ def cropped_cloud(cloud: Pointcloud, region: Region) -> Pointcloud:
 
 
 def thinned_cloud(cloud: Pointcloud, resolution_m: float) -> Pointcloud:
-    """Return a cloud with one point per voxel of ``resolution_m``: the point nearest to the voxel mean."""
+    """Return a cloud with one point per voxel of ``resolution_m``: the point nearest to the mean."""
     p = cloud.points_m
     if len(p) == 0:
         return cloud
@@ -140,10 +141,10 @@ def thinned_cloud(cloud: Pointcloud, resolution_m: float) -> Pointcloud:
     voxel = voxel.reshape(-1)
     mean = np.stack([np.bincount(voxel, p[:, i]) for i in range(3)], axis=1) / counts[:, None]
     order = np.lexsort((np.linalg.norm(p - mean[voxel], axis=1), voxel))
-    first = np.searchsorted(voxel[order], np.arange(len(counts)))
-    is_kept = np.zeros(len(p), dtype=bool)
-    is_kept[order[first]] = True
-    return _rebuilt(cloud, p, is_kept, cloud.frame)
+    nearest = order[np.searchsorted(voxel[order], np.arange(len(counts)))]
+    is_nearest = np.zeros(len(p), dtype=bool)
+    is_nearest[nearest] = True
+    return _rebuilt(cloud, p, is_nearest, cloud.frame)
 
 
 def merged_clouds(clouds: Sequence[Pointcloud]) -> Pointcloud:
@@ -168,7 +169,7 @@ def merged_clouds(clouds: Sequence[Pointcloud]) -> Pointcloud:
 
 
 def _rebuilt(cloud: Pointcloud, points_m: FloatArray, keep: NDArray[np.bool_], frame: str) -> Pointcloud:
-    """Return the points of ``keep`` with their attributes; poses in the metadata keep their frames."""
+    """Return the points of a mask with their attributes; poses in the metadata are unchanged."""
     n = int(keep.sum())
     metadata = replace(cloud.metadata, frame_id=frame, height=1, width=n, is_ordered=False)
     data = PointCloudData(
@@ -184,14 +185,15 @@ def elevation_as_map(
 ) -> Map:
     """Return the mean heights as an InFuse ``Map`` of type DEM with its pose in ``frame``.
 
-    The cells are unchanged: only the pose of the outer corner is composed with ``T_frame_map_frame``,
-    covariance included, so that any frame is exact. Raises InputError for more cells than a ``Map`` may have.
+    The cells are unchanged: only the pose of the outer corner, with its covariance, is composed with
+    ``T_frame_map_frame``, which is exact for any frame. Raises InputError for more cells than a ``Map`` may
+    have.
     """
     g = elevation.geometry
     if g.rows > MAP_MAX_ROWS or g.cols > MAP_MAX_COLS:
         raise InputError(
-            f"a DEM of {g.rows} x {g.cols} cells is no InFuse Map (at most {MAP_MAX_ROWS} x {MAP_MAX_COLS}): "
-            "ask for format=tif, a smaller region or a larger resolution_m"
+            f"a DEM of {g.rows} x {g.cols} cells exceeds an InFuse Map ({MAP_MAX_ROWS} x {MAP_MAX_COLS}): "
+            "request format=tif, a smaller region or a larger resolution_m"
         )
     corner = UncertainTransform.exact(se3.transform(np.eye(3), [g.xmin_m, g.ymax_m, 0.0]))
     mean = np.ascontiguousarray(elevation.layer("mean"), dtype="<f4")
@@ -223,7 +225,7 @@ def elevation_as_map(
 def box_in(
     box_m: tuple[float, float, float, float, float, float] | None, T_frame_box: UncertainTransform
 ) -> tuple[float, float, float, float, float, float] | None:
-    """Return the box, along the axes of another frame, around a box ``(x0, y0, z0, x1, y1, z1)``."""
+    """Return the bounding box, in another frame, of a box ``(x0, y0, z0, x1, y1, z1)``."""
     if box_m is None:
         return None
     corners = np.array([[x, y, z] for x in box_m[0::3] for y in box_m[1::3] for z in box_m[2::3]])
@@ -261,7 +263,7 @@ def merged_maps(maps: Sequence[NavigationMap]) -> NavigationMap:
 
 
 def coarser_map(value: NavigationMap, resolution_m: float | None) -> NavigationMap:
-    """Return a map in the largest cells that are no larger than requested, with the worst class in each cell.
+    """Return a map in the largest cells up to ``resolution_m``, with the worst class in each cell.
 
     A cell is unknown if all its parts are; slope, step, roughness and cost are the largest in the cell.
     """
@@ -274,12 +276,12 @@ def coarser_map(value: NavigationMap, resolution_m: float | None) -> NavigationM
 
 
 def masked_map(value: MapT, region: Region) -> MapT:
-    """Return a map cropped to a region; cells with the centre outside the region are unobserved."""
+    """Return a map cropped to a region; cells whose centre is outside the region become unobserved."""
     old = value.geometry
     region_geometry = GridGeometry.aligned(old.frame, old.resolution_m, region.bounds)
     window = old.intersection(region_geometry)
     if window is None:
-        raise InputError(f"region {region.text} does not meet the map {old.bounds} in {old.frame}")
+        raise InputError(f"region {region.text} does not overlap the map {old.bounds} in {old.frame}")
     rows, cols = old.slices_of(window)
     outside = ~region.contains(*window.centres_m())
     layers = {}
@@ -298,7 +300,7 @@ def observed_cells(value: ElevationMap | NavigationMap) -> NDArray[np.bool_]:
 
 
 def grid_coverage(geometry: GridGeometry, observed: NDArray[np.bool_], region: Region) -> float:
-    """Return the fraction of the cells with the centre in a region that are observed; 0 off the grid."""
+    """Return the observed fraction of the cells whose centre is in a region; 0 outside the grid."""
     region_grid = GridGeometry.aligned(geometry.frame, geometry.resolution_m, region.bounds)
     inside = region.contains(*region_grid.centres_m())
     total = int(inside.sum())
@@ -309,7 +311,7 @@ def grid_coverage(geometry: GridGeometry, observed: NDArray[np.bool_], region: R
 
 
 def cloud_coverage(cloud: Pointcloud, region: Region, cell_m: float) -> float:
-    """Return the fraction of the cells of ``cell_m`` in a region that hold a point of the cloud."""
+    """Return the fraction of the cells of edge ``cell_m`` in a region that contain a point of the cloud."""
     grid = GridGeometry.aligned(cloud.frame, cell_m, region.bounds)
     rows, cols, inside = grid.cells_of(cloud.points_m[:, 0], cloud.points_m[:, 1])
     observed = np.zeros(grid.shape, dtype=bool)

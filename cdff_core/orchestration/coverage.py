@@ -1,10 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Coverage of a requested region: stored cells, cells that robots can observe, and plans for the missing
-ones.
+"""Coverage of a requested region: stored cells, cells that robots can observe, plans for the missing cells.
 
-The region is divided into a few hundred coarse cells, each a bit of an integer. A cell counts as stored or
-reachable if any part of it is, so that no feasible product is refused.
+The region is divided into a few hundred coarse cells, each represented by a bit of an integer. A cell counts
+as stored or reachable if any part of it is, so that no feasible product is refused.
 """
 
 from __future__ import annotations
@@ -26,11 +25,11 @@ from cdff_core.orchestration.world import ProviderId, World
 
 #: Number of coarse cells along the longer side of a region.
 CELLS = 24
-#: Number of robots up to which all combinations are planned; of more robots, single ones and all together.
+#: Number of robots up to which all teams are planned; for more robots only single robots and all together.
 MOST_COMBINED = 10
 #: Kinds of sensors that observe the terrain.
 _TERRAIN_SENSORS = ("stereo_camera", "camera", "lidar")
-#: Largest distance between a sensor and the base of its robot, metres.
+#: Assumed largest distance between a sensor and the base of its robot, metres.
 _REACH_MARGIN_M = 2.0
 
 
@@ -38,17 +37,17 @@ _REACH_MARGIN_M = 2.0
 class RegionCoverage:
     """Requested, stored and reachable cells of a region, one bit for each coarse cell."""
 
-    wanted: int  # Cells of the region
-    held: int  # Cells with data in the DPM
-    required_count: int  # Number of cells that the product must cover
+    requested: int  # cells of the region
+    stored: int  # cells with data in the DPM
+    required_count: int  # number of cells that the product must cover
     #: Robot to the cells that it can observe in time; robots not listed can observe all.
     reach: Mapping[str, int] = field(default_factory=dict)
-    pooled: bool = False  # True if products of several robots are combined
+    pooled: bool = False  # true if products of several robots are combined
 
     @property
     def missing(self) -> int:
         """Cells of the region without data."""
-        return self.wanted & ~self.held
+        return self.requested & ~self.stored
 
     def reachable(self, robots: Iterable[str]) -> int:
         """Return the missing cells that any of ``robots`` can observe."""
@@ -58,22 +57,22 @@ class RegionCoverage:
         return bits & self.missing
 
     def is_sufficient(self, robots: Iterable[str]) -> bool:
-        """Return True if ``robots`` can observe missing cells, and enough of them."""
+        """Return whether ``robots`` can observe missing cells, and enough of them for the product."""
         added = self.reachable(robots).bit_count()
-        return added > 0 and (self.wanted & self.held).bit_count() + added >= self.required_count
+        return added > 0 and (self.requested & self.stored).bit_count() + added >= self.required_count
 
     def fraction(self, bits: int) -> float:
-        """Return the fraction of the region in some cells, 0 to 1."""
-        return (bits & self.wanted).bit_count() / max(self.wanted.bit_count(), 1)
+        """Return the fraction of the region that some cells cover, 0 to 1."""
+        return (bits & self.requested).bit_count() / max(self.requested.bit_count(), 1)
 
 
 @dataclass(frozen=True, slots=True)
 class RegionCells:
     """Coarse cells of a region."""
 
-    #: (n, 2), centres inside the region, in its frame; the centre of its box if there is none.
+    #: (n, 2), centres of the cells in the frame of the region; the centre of its box if none is inside.
     centres_m: NDArray[np.float64]
-    half_m: float  # Half the diagonal of a cell
+    half_diagonal_m: float  # half the diagonal of a cell
 
     @classmethod
     def of(cls, region: Region, min_size_m: float = 0.0) -> RegionCells:
@@ -99,26 +98,24 @@ class RegionCells:
     def near(self, xy_m: tuple[float, float], radius_m: float) -> int:
         """Return the cells that are partly within ``radius_m`` of a point."""
         distance_m = np.hypot(self.centres_m[:, 0] - xy_m[0], self.centres_m[:, 1] - xy_m[1])
-        return self.bits(distance_m <= radius_m + self.half_m)
+        return self.bits(distance_m <= radius_m + self.half_diagonal_m)
 
     def containing(self, points_m: NDArray[np.float64]) -> int:
         """Return the cells that contain any of the points, shape ``(k, 2)``."""
         if not len(points_m):
             return 0
-        cell_m = self.half_m / math.sqrt(0.5)
+        cell_m = self.half_diagonal_m / math.sqrt(0.5)
         origin = self.centres_m.min(axis=0)
         occupied = {
             (int(i), int(j))
             for i, j in np.unique(np.rint((points_m - origin) / cell_m).astype(np.int64), axis=0)
         }
-        own_cells = np.rint((self.centres_m - origin) / cell_m).astype(np.int64)
-        return self.bits(
-            np.fromiter(((int(i), int(j)) in occupied for i, j in own_cells), np.bool_, len(own_cells))
-        )
+        cells = np.rint((self.centres_m - origin) / cell_m).astype(np.int64)
+        return self.bits(np.fromiter(((int(i), int(j)) in occupied for i, j in cells), np.bool_, len(cells)))
 
 
 def reach_m(robot: Robot, horizon_s: float) -> float | None:
-    """Return the distance from the robot that it can observe within ``horizon_s`` seconds.
+    """Return the distance up to which a robot can observe the terrain within ``horizon_s`` seconds.
 
     None unless every terrain sensor has a ``range_m`` and the robot a limit ``max_speed_m_s``.
     """
@@ -130,7 +127,7 @@ def reach_m(robot: Robot, horizon_s: float) -> float | None:
 
 
 def observed_points(value: ElevationMap | NavigationMap | Pointcloud) -> NDArray[np.float64]:
-    """Return the positions with data in a product, shape ``(n, 2)``, metres, in its frame."""
+    """Return the horizontal positions ``(n, 2)`` of the data of a product, metres, in its frame."""
     if isinstance(value, Pointcloud):
         return np.asarray(value.points_m[:, :2])
     x, y = value.geometry.centres_m()
@@ -147,10 +144,10 @@ def plan_coverage(
     exclude: frozenset[ProviderId] = frozenset(),
     roots: frozenset[ProviderId] | None = None,
 ) -> Plan | NoPlan:
-    """Return the cheapest plan for the missing cells, with one robot or (``pooled``) several.
+    """Return the cheapest plan for the missing cells, with one robot or, if ``pooled``, with several.
 
-    ``exclude`` and ``roots`` are as for ``plan``. Robots share no DFPC, sensor or budget, so the cheapest
-    plan of several robots combines the cheapest plan of each.
+    ``exclude`` and ``roots`` are as for ``plan``. Robots share no DFPC, sensor or budget, so that the
+    cheapest plan of several robots combines the cheapest plan of each.
     """
     robots = sorted(set(robots))
     results = {robot: plan(world, product, [robot], exclude, roots) for robot in robots}
@@ -169,11 +166,11 @@ def plan_coverage(
     if sufficient:
         best = min(sufficient, key=lambda team: (sum(plans[r].cost for r in team), len(team), team))
         return combine_plans([plans[r] for r in best])
-    reasons = [f"the DPM holds {coverage.fraction(coverage.held):.0%} of the region"]
+    reasons = [f"the DPM holds {coverage.fraction(coverage.stored):.0%} of the region"]
     for robot in sorted(plans):
         reachable = coverage.fraction(coverage.reachable([robot]))
-        reasons.append(f"{robot} can see {reachable:.0%} more of it in time")
+        reasons.append(f"{robot} can observe {reachable:.0%} more of it in time")
     reasons += [reason for p in results.values() if isinstance(p, NoPlan) for reason in p.reasons]
-    largest_fraction = max(coverage.fraction(coverage.held | coverage.reachable(team)) for team in teams)
+    largest_fraction = max(coverage.fraction(coverage.stored | coverage.reachable(team)) for team in teams)
     nearest = (f"{product} of {largest_fraction:.0%} of the region",) if largest_fraction > 0.0 else ()
     return NoPlan(tuple(dict.fromkeys(reasons)), nearest)

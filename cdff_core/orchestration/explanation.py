@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Explanation of a request: the plan, its alternatives and costs, and refused providers; nothing is run."""
+"""Explanation of a request without its execution: the plan, its alternatives and costs, refused providers."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from cdff_core.orchestration.world import World
 
 
 def explain(world: World, product: str, robots: Iterable[str], chosen: Plan | NoPlan) -> dict[str, Any]:
-    """Return the plan of a request, and plans with each other provider of the product, as plain data.
+    """Return, as plain data, the plan of a request and a plan with each other provider of the product.
 
     ``plan`` is None if the product is unavailable; alternatives are sorted by cost, and ``refused`` lists the
     unavailable providers with the reason.
     """
     robots = tuple(robots)
-    roots = {m.id for m in world.providers.values() if m.id.robot in robots and product in m.products}
+    roots = {p.id for p in world.providers.values() if p.id.robot in robots and product in p.products}
     if isinstance(chosen, Plan):
         roots.discard(chosen.provider)
     results = {root: plan(world, product, robots, roots=frozenset({root})) for root in sorted(roots)}
@@ -42,24 +42,24 @@ def plan_with_costs(selected: Plan, world: World) -> dict[str, Any]:
     """Return a plan as plain data with the cost of each part.
 
     ``cpu_cores`` and ``memory_mb`` are declared or measured; running DFPCs add nothing. ``changes`` lists the
-    sensors with a mode change: current and new mode.
+    current and the new mode of each sensor that changes its mode.
     """
-    parts = [world.providers[m] for m in selected.order]
-    new = [m for m in parts if not m.active]
+    parts = [world.providers[provider_id] for provider_id in selected.order]
+    inactive = [provider for provider in parts if not provider.active]
     return {
         **selected.describe(),
         "parts": [
             {
-                "dfpc": str(m.id),
-                "implementation": m.implementation,
-                "active": m.active,
-                "cpu_cores": m.cpu,
-                "memory_mb": m.memory_mb,
+                "dfpc": str(provider.id),
+                "implementation": provider.implementation,
+                "active": provider.active,
+                "cpu_cores": provider.cpu,
+                "memory_mb": provider.memory_mb,
             }
-            for m in parts
+            for provider in parts
         ],
-        "added_cpu_cores": round(sum(m.cpu for m in new), 6),
-        "added_memory_mb": round(sum(m.memory_mb for m in new), 3),
+        "added_cpu_cores": round(sum(provider.cpu for provider in inactive), 6),
+        "added_memory_mb": round(sum(provider.memory_mb for provider in inactive), 3),
         "changes": {
             str(s): [world.sensors[s].current, mode]
             for s, mode in sorted(selected.modes.items())

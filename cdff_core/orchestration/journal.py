@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Records of the orchestrator's journal, and recovery of its state from them after a restart."""
+"""Recovery of the orchestrator's state from the records of its journal after a restart."""
 
 from __future__ import annotations
 
@@ -11,44 +11,44 @@ from typing import Any
 from cdff_core.orchestration.lifecycle import FINAL_STATES
 from cdff_core.orchestration.world import ProviderId, SensorId
 
-#: Number of ended jobs that survive a restart.
+#: Maximum number of ended jobs that are restored.
 _ENDED_JOBS = 200
 
 
 @dataclass(slots=True)
 class RecoveredState:
-    """State recovered from the records."""
+    """State of the orchestrator recovered from its records."""
 
-    #: Jobs without a final state, by id, with their last record
+    #: Last record of each job without a final state, by its id.
     open_jobs: dict[str, Mapping[str, Any]] = field(default_factory=dict)
-    held: set[ProviderId] = field(default_factory=set)  # Providers with an unreleased lease
-    #: Providers activated and not deactivated by the orchestrator
+    held: set[ProviderId] = field(default_factory=set)  # providers with an unreleased lease
+    #: Providers that the orchestrator has activated and not deactivated.
     owned: set[ProviderId] = field(default_factory=set)
-    modes: set[SensorId] = field(default_factory=set)  # Sensors with a changed mode
-    jobs: int = 0  # Number of accepted jobs
-    #: Last ended jobs, oldest first, in the form of job lists
+    modes: set[SensorId] = field(default_factory=set)  # sensors whose mode was changed
+    jobs: int = 0  # number of accepted jobs
+    #: Last ended jobs, oldest first, as entries of a job list.
     ended: list[dict[str, Any]] = field(default_factory=list)
 
     def interrupted_jobs(self, reason: str) -> list[dict[str, Any]]:
-        """Return the open jobs as failed for ``reason``."""
+        """Return the open jobs as entries of a job list, failed for ``reason``."""
         return [
             _job_summary({**record, "job": job, "state": "failed", "reason": reason})
             for job, record in self.open_jobs.items()
         ]
 
     def records(self) -> list[dict[str, Any]]:
-        """Return records of the same state, for a compacted journal."""
+        """Return the records of this state for a compacted journal."""
         jobs = [{**record, "kind": "job", "job": job} for job, record in self.open_jobs.items()]
         owned = [
-            {"kind": "activation", "dfpc": str(m), "action": "activate", "ok": True}
-            for m in sorted(self.owned)
+            {"kind": "activation", "dfpc": str(provider), "action": "activate", "ok": True}
+            for provider in sorted(self.owned)
         ]
         modes = [{"kind": "mode", "sensor": str(s), "ok": True} for s in sorted(self.modes)]
         return [*jobs, *owned, *modes]
 
 
 def recover(records: Iterable[Mapping[str, Any]]) -> RecoveredState:
-    """Replay records in order; records of unknown kinds, as of a newer version, are skipped."""
+    """Return the state after all records in order; records of unknown kinds are skipped."""
     state = RecoveredState()
     leases: dict[str, set[ProviderId]] = {}
     for record in records:
@@ -60,12 +60,12 @@ def recover(records: Iterable[Mapping[str, Any]]) -> RecoveredState:
                 state.ended.append(_job_summary({**state.open_jobs.pop(job, {}), **record}))
                 del state.ended[:-_ENDED_JOBS]
             else:
-                first_ns = state.open_jobs.get(job, record).get("accepted_ns", record.get("at_ns"))
-                state.open_jobs[job] = {**state.open_jobs.get(job, {}), **record, "accepted_ns": first_ns}
+                accepted_ns = state.open_jobs.get(job, record).get("accepted_ns", record.get("at_ns"))
+                state.open_jobs[job] = {**state.open_jobs.get(job, {}), **record, "accepted_ns": accepted_ns}
         elif kind == "lease":
             if record["action"] == "acquire":
                 leases.setdefault(str(record["holder"]), set()).update(
-                    parse_provider_id(m) for m in record["providers"]
+                    parse_provider_id(text) for text in record["providers"]
                 )
             else:
                 leases.pop(str(record["holder"]), None)
@@ -76,7 +76,7 @@ def recover(records: Iterable[Mapping[str, Any]]) -> RecoveredState:
                 state.owned.discard(parse_provider_id(str(record["dfpc"])))
         elif kind == "mode" and record.get("ok"):
             state.modes.add(SensorId(*parse_provider_id(str(record["sensor"]))))
-    state.held = {m for providers in leases.values() for m in providers}
+    state.held = {provider for providers in leases.values() for provider in providers}
     return state
 
 

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Leases of DFPCs and sensor modes, with linger times and priorities.
 
-A provider is wanted while it has a holder, and for its linger time after the last release, so that successive
-requests do not switch it off and on. A sensor is in one mode: one that serves all holders if there is any,
-else one that serves those of the highest priority; the other holders are displaced. Times are those of the
-monotonic clock, passed by the caller.
+A provider is wanted while it has a holder, and for its linger time after the last release, so that it is not
+deactivated between successive requests. A sensor is in one mode: a mode that serves all holders if there is
+one, otherwise a mode that serves the holders of the highest priority; the others are displaced. The caller
+passes times of the monotonic clock.
 """
 
 from __future__ import annotations
@@ -14,16 +14,18 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from cdff_core.orchestration.request import DEFAULT_PRIORITY
 from cdff_core.orchestration.world import ProviderId, SensorId
 
-#: Holder of the DFPCs with ``activation: always``; no request takes anything from it.
+#: Holder of the DFPCs with ``activation: always``; no request can take a sensor mode from it.
 ALWAYS = "always"
 ALWAYS_PRIORITY = 10
-DEFAULT_PRIORITY = 5
 
 
 @dataclass(slots=True)
 class _Lease:
+    """Holders of a provider; without a holder, the end of its linger time."""
+
     holders: set[str] = field(default_factory=set)
     linger_until_s: float | None = None
 
@@ -41,14 +43,15 @@ class _Demand(NamedTuple):
 class Leases:
     """Holders of providers and of sensor modes."""
 
-    #: Time that a provider stays wanted after the last release; default 0 s.
+    #: Time for which a provider stays wanted after the last release; default 0 s.
     linger_s: Mapping[ProviderId, float] = field(default_factory=dict)
     _provider_leases: dict[ProviderId, _Lease] = field(default_factory=dict)
-    _demands: dict[SensorId, dict[str, _Demand]] = field(default_factory=dict)
-    _mode: dict[SensorId, str] = field(default_factory=dict)
+    _demands: dict[SensorId, dict[str, _Demand]] = field(default_factory=dict)  # by sensor and holder
+    _mode: dict[SensorId, str] = field(default_factory=dict)  # held mode of each sensor
+    #: Modes of the sensors that each wanted provider uses.
     _mode_of: dict[ProviderId, dict[SensorId, str]] = field(default_factory=dict)
     _chosen_sources: dict[ProviderId, Mapping[str, str]] = field(default_factory=dict)
-    _count: int = 0
+    _count: int = 0  # number of acquisitions
 
     def acquire(
         self,
@@ -62,10 +65,10 @@ class Leases:
     ) -> None:
         """Add providers and sensor modes to the lease of ``holder``.
 
-        Providers of the same robot keep the modes through their linger time, since they use the samples. The
-        higher priority gets a sensor that cannot be shared; of equals, the earlier holder. ``accepts`` lists
-        all acceptable modes, by default only the one in ``modes``; ``chosen_sources`` the selected source of
-        each port, for all holders of a provider.
+        Providers of the same robot use the samples, so that the modes stay wanted during their linger time. A
+        sensor that cannot be shared is in the mode of the holder with the highest priority, among equals of
+        the earliest holder. ``accepts`` lists all acceptable modes, by default only the one in ``modes``;
+        ``chosen_sources`` are the selected sources of the ports of a provider, for all its holders.
         """
         self._count += 1
         for provider in providers:
@@ -98,8 +101,8 @@ class Leases:
     def expire(self, now_s: float) -> tuple[ProviderId, ...]:
         """Remove the providers with an expired linger time and return them."""
         expired = tuple(
-            m
-            for m, lease in self._provider_leases.items()
+            provider
+            for provider, lease in self._provider_leases.items()
             if not lease.holders and lease.linger_until_s is not None and lease.linger_until_s <= now_s
         )
         for provider in expired:
@@ -123,9 +126,7 @@ class Leases:
         return self._chosen_sources.get(provider, {})
 
     def held_mode(self, sensor: SensorId) -> str | None:
-        """Return the held mode of a sensor; None if it may change, also while only lingering providers use
-        it.
-        """
+        """Return the held mode of a sensor; None if it may change: no holder, or lingering providers only."""
         return self._mode.get(sensor)
 
     def serving_modes(self, sensor: SensorId, priority: int = -1) -> frozenset[str] | None:
@@ -134,7 +135,7 @@ class Leases:
         return None if not accepted_modes else frozenset.intersection(*accepted_modes)
 
     def displaced(self, holder: str) -> dict[SensorId, str]:
-        """Return the sensors that a holder lost to one of higher priority, with the mode of each."""
+        """Return the sensors that are in a mode unacceptable to a holder, with this mode."""
         return {
             s: self._mode[s]
             for s, demands in self._demands.items()
@@ -150,23 +151,23 @@ class Leases:
         return modes
 
     def next_expiry_s(self) -> float | None:
-        """Return when the next linger time ends; None if nothing lingers."""
+        """Return the end of the next linger time; None if no provider lingers."""
         times = [
-            x.linger_until_s
-            for x in self._provider_leases.values()
-            if not x.holders and x.linger_until_s is not None
+            lease.linger_until_s
+            for lease in self._provider_leases.values()
+            if not lease.holders and lease.linger_until_s is not None
         ]
         return min(times, default=None)
 
     def describe(self) -> list[dict[str, Any]]:
         """Return the leases as plain data for job lists and the catalogue."""
         return [
-            {"dfpc": str(m), "holders": sorted(x.holders), "lingering": not x.holders}
-            for m, x in sorted(self._provider_leases.items())
+            {"dfpc": str(provider), "holders": sorted(lease.holders), "lingering": not lease.holders}
+            for provider, lease in sorted(self._provider_leases.items())
         ]
 
     def _compatible_demands(self, sensor: SensorId) -> list[_Demand]:
-        """Return the compatible demands by descending priority; incompatible ones are omitted."""
+        """Return the demands that one mode can serve, by descending priority; others are omitted."""
         common: frozenset[str] | None = None
         compatible = []
         for demand in sorted(self._demands.get(sensor, {}).values(), key=lambda d: (-d.priority, d.number)):
@@ -177,7 +178,7 @@ class Leases:
         return compatible
 
     def _select_mode(self, sensor: SensorId) -> None:
-        """Select the mode: the current one if it serves, else the last planned one, else any that serves."""
+        """Select a mode that serves the demands: the current one, else the last planned one, else any."""
         compatible = self._compatible_demands(sensor)
         if not compatible:
             del self._demands[sensor]

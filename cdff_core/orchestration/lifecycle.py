@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""State machines of a job and of a DFPC as tables, from which the documentation is generated."""
+"""State machines of a job and of a DFPC as tables, which are also the source of their documentation."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class JobState(StrEnum):
 
 _J = JobState
 _ENDS = frozenset({_J.FAILED, _J.CANCELLED})
-#: State -> states that may follow. PREPARING and WAITING may go back to PLANNING when a DFPC or sensor fails.
+#: State -> states that may follow. PREPARING and WAITING return to PLANNING when a DFPC or sensor fails.
 JOB_TRANSITIONS: Mapping[JobState, frozenset[JobState]] = {
     _J.RECEIVED: frozenset({_J.LOOKING}) | _ENDS,
     _J.LOOKING: frozenset({_J.PLANNING, _J.DELIVERING}) | _ENDS,
@@ -58,7 +58,7 @@ DFPC_TRANSITIONS: Mapping[tuple[str, str], str] = {
 
 
 def next_job_state(state: JobState, to: JobState) -> JobState:
-    """Return ``to`` if the transition is allowed; raises ConflictError."""
+    """Return ``to`` if the transition from ``state`` is allowed; raises ConflictError otherwise."""
     if to not in JOB_TRANSITIONS[state]:
         raise ConflictError(f"job is {state}: it cannot become {to}")
     return to

@@ -29,17 +29,17 @@ MODE_TRANSITIONS: Mapping[tuple[str, str], str] = {
 
 @dataclass(slots=True)
 class ModeMachine:
-    """The modes of one sensor."""
+    """State machine of the modes of one sensor."""
 
     name: str
-    sensor: Sensor  # Entry of the profile: modes, transitions, refused modes
-    mode: str = ""  # Last confirmed mode
-    target: str | None = None  # Target mode of the current switch
-    #: Remaining modes up to the target, and when each is reached, monotonic seconds
+    sensor: Sensor  # entry of the profile: modes, transitions, refused modes
+    mode: str = ""  # last confirmed mode
+    target: str | None = None  # target mode of the current switch
+    #: Remaining modes up to the target with the time when each is reached, monotonic seconds.
     steps: tuple[tuple[str, float], ...] = ()
-    holder: str = ""  # Client of the last demand
-    refusal: str = ""  # Reason why the last switch was refused; empty otherwise.
-    lost: str = ""  # Reason why the sensor is unavailable; empty otherwise.
+    holder: str = ""  # client of the last demand
+    refusal: str = ""  # reason why the last switch was refused; empty otherwise
+    lost: str = ""  # reason why the sensor is unavailable; empty otherwise
 
     def __post_init__(self) -> None:
         self.mode = self.mode or self.sensor.initial_mode
@@ -52,11 +52,11 @@ class ModeMachine:
         return "steady" if self.target is None else "switching"
 
     def demand(self, mode: str, holder: str, now_s: float, slowness: float = 1.0) -> bool:
-        """Demand a mode; return True if a switch is in progress afterwards.
+        """Demand a mode; return whether a switch is in progress afterwards.
 
-        ``slowness`` is a factor on the declared durations, varied by a simulated unit. Raises
-        ProductNotFoundError without such a mode, DeniedError if the sensor refuses it or cannot reach it from
-        the current one, UnavailableError if it is lost.
+        ``slowness`` is a factor on the declared durations, which a simulated unit varies. Raises
+        ProductNotFoundError for an unknown mode, DeniedError if the sensor refuses it or cannot reach it from
+        the current mode, UnavailableError if the sensor is lost.
         """
         if mode not in self.sensor.modes:
             mode_names = ", ".join(self.sensor.modes)
@@ -74,7 +74,7 @@ class ModeMachine:
             raise DeniedError(
                 f"sensor {self.name} cannot switch from mode {self.mode} to {mode}; it stays in {self.mode}"
             )
-        # Reversing an unfinished switch takes as long as a switch.
+        # The reversal of an unfinished switch (an empty path) takes as long as a switch.
         at_s, steps = now_s, []
         for step, duration_s in path or ((mode, self.sensor.switch_s),):
             at_s += slowness * duration_s
@@ -83,22 +83,22 @@ class ModeMachine:
         return True
 
     def settle(self, now_s: float) -> bool:
-        """Confirm the next mode if its time has come; return True if the mode changed."""
+        """Confirm the next mode if its time is reached; return whether the mode changed."""
         if not self.steps or now_s < self.steps[0][1]:
             return False
-        (self.mode, _), *rest = self.steps
-        self.steps = tuple(rest)
-        if not rest:
+        (self.mode, _), *remaining_steps = self.steps
+        self.steps = tuple(remaining_steps)
+        if not remaining_steps:
             self.target = None
         return True
 
     def refuse(self, reason: str) -> None:
-        """End a switch: the sensor stays in the last confirmed mode."""
+        """End a switch with a reason; the sensor stays in the last confirmed mode."""
         if self.target is not None:
             self.target, self.steps, self.refusal = None, (), reason
 
     def fail(self, reason: str) -> None:
-        """Mark the sensor as lost."""
+        """Mark the sensor as lost for a reason."""
         self.target, self.steps, self.lost = None, (), reason
 
     def recover(self) -> None:

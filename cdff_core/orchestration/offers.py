@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Offers of the catalogue: for each product and robot, the providers, plans and obstacles."""
+"""Offers of the catalogue: the providers of each product on each robot, with plans or obstacles."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ def product_offers(
 ) -> list[dict[str, Any]]:
     """Return one offer for each product and robot: plan and providers, or the reasons against it.
 
-    In the ``optimistic`` world all processes run; ``waits_for`` names the missing ones. Products without a
-    provider get an offer, too.
+    In the ``optimistic`` world all processes run; ``waits_for`` names the missing processes. Products without
+    a provider have an offer, too.
     """
     return [_offer(world, optimistic, product, robot) for product in products for robot in robots]
 
 
 def _offer(world: World, optimistic: World, product: str, robot: str) -> dict[str, Any]:
     providers = sorted(
-        (m for m in world.providers.values() if m.id.robot == robot and product in m.products),
-        key=lambda m: m.id,
+        (p for p in world.providers.values() if p.id.robot == robot and product in p.products),
+        key=lambda p: p.id,
     )
     current = plan(world, product, [robot])
     entry: dict[str, Any] = {
@@ -38,9 +38,9 @@ def _offer(world: World, optimistic: World, product: str, robot: str) -> dict[st
     }
     if isinstance(current, Plan):
         return entry | {"plan": plan_with_costs(current, world)}
-    later = plan(optimistic, product, [robot])
-    if isinstance(later, Plan):
-        entry["waits_for"] = [str(m) for m in later.order if not world.providers[m].available]
+    if_all_run = plan(optimistic, product, [robot])
+    if isinstance(if_all_run, Plan):
+        entry["waits_for"] = [str(p) for p in if_all_run.order if not world.providers[p].available]
     return entry | {"why_not": current.text, "nearest": _nearest(world, product, robot)}
 
 
@@ -58,15 +58,15 @@ def _provider_offer(world: World, product: str, provider: Provider) -> dict[str,
     }
     if isinstance(result, Plan):
         return offer | {
-            "needs": [str(m) for m in result.order],
-            "modes": {str(s): m for s, m in result.modes.items()},
+            "needs": [str(provider_id) for provider_id in result.order],
+            "modes": {str(sensor): mode for sensor, mode in result.modes.items()},
         }
     return offer | {"why_not": list(result.reasons)}
 
 
 def _nearest(world: World, product: str, robot: str) -> list[str]:
-    """Return available products: the same product of other robots first, then others of this robot."""
-    others = sorted({m.robot for m in world.providers} - {robot})
+    """Return available products: the same product of other robots, then other products of this robot."""
+    others = sorted({provider_id.robot for provider_id in world.providers} - {robot})
     same_product = [text for text in possible_products(world, others) if text.startswith(f"{product} of ")]
     return [*same_product, *possible_products(world, [robot])]
 
@@ -84,25 +84,25 @@ def describe_world(
         if robot in world.memory_free_mb or robot in world.cpu_free
     }
     dfpcs = [
-        {**descriptions[m], "cpu_cores": round(provider.cpu, 4), "memory_mb": provider.memory_mb}
-        for m, provider in sorted(world.providers.items())
-        if m.robot in robots
+        {**descriptions[provider_id], "cpu_cores": round(provider.cpu, 4), "memory_mb": provider.memory_mb}
+        for provider_id, provider in sorted(world.providers.items())
+        if provider_id.robot in robots
     ]
     sensors = [
         {
-            "robot": s.id.robot,
-            "sensor": s.id.sensor,
+            "robot": state.id.robot,
+            "sensor": state.id.sensor,
             "kind": sensor.kind,
-            "mode": s.current,
-            "held": s.held,
-            "lost": s.lost,
-            "modes": sorted(s.modes),
+            "mode": state.current,
+            "held": state.held,
+            "lost": state.lost,
+            "modes": sorted(state.modes),
             "mode_table": {name: mode.model_dump() for name, mode in sensor.modes.items()},
-            "refused": sorted(s.refused),
+            "refused": sorted(state.refused),
             "range_m": sensor.range_m,
         }
-        for s in world.sensors.values()
-        if s.id.robot in robots
-        for sensor in [profile.robot(s.id.robot).sensors[s.id.sensor]]
+        for state in world.sensors.values()
+        if state.id.robot in robots
+        for sensor in [profile.robot(state.id.robot).sensors[state.id.sensor]]
     ]
     return {"dfpcs": dfpcs, "sensors": sensors, "left": remaining}

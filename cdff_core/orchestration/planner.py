@@ -2,19 +2,24 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Search for the cheapest set of DFPCs and sensor modes that provides a product.
 
-A plan is *sound* if one of its providers has the product; every mandatory input has a source (a sensor in a
-streaming mode, a provider of the plan or a stored product); each provider with inputs wired in the profile
-has a source for at least one of them; each sensor is in one mode that serves all providers of the plan and
-all holders of at least the priority of the request; there is no loop; and no robot exceeds its budget of
-memory or CPU. The cost is the sum of the providers that do not run yet, ``MODE_COST`` for each mode change,
-``TAKE_COST`` for each sensor taken from a request of lower priority, ``REWIRE_COST`` for each changed source
-of a running provider, and ``OMITTED_INPUT_COST`` for each wired optional input that the plan omits.
+A plan is *sound* if
 
-The search is depth first over the open inputs, cheapest alternative first, and pruned once the cost reaches
-that of the best plan; it is exact, as tests check against enumeration. Pruning by the lower bound of the
-remaining cost is exact too: a plan has no loops, so the providers upstream of an input are different from
-those downstream of it, and their costs add up. The mode of a sensor stays open until the end: each provider
-narrows the acceptable modes, so the cheapest of them is a lower bound.
+* one of its providers has the product;
+* every mandatory input has a source (a sensor in a streaming mode, a provider of the plan or a stored
+  product), and each provider with inputs wired in the profile has a source for at least one of them;
+* each sensor is in one mode that serves all providers of the plan and all holders of at least the priority
+  of the request;
+* there is no loop, and no robot exceeds its budget of memory or CPU.
+
+The cost of a plan is the sum of the costs of the providers that do not run yet, ``MODE_COST`` for each mode
+change, ``TAKE_COST`` for each sensor taken from a request of lower priority, ``REWIRE_COST`` for each changed
+source of a running provider, and ``OMITTED_INPUT_COST`` for each wired optional input that the plan omits.
+
+The search is depth first over the unconnected inputs, cheapest source first. A branch is pruned once its cost
+reaches that of the best plan, or the cost on the path from the product to an input plus a lower bound of the
+cost upstream of this input does: a plan has no loops, so that these providers are different and their costs
+add up. The mode of a sensor is selected at the end: each provider restricts the acceptable modes, and the
+cost of the cheapest of them is a lower bound. The search is exact; tests compare it with enumeration.
 """
 
 from __future__ import annotations
@@ -39,7 +44,7 @@ MODE_COST = 0.5
 TAKE_COST = 50.0
 REWIRE_COST = 1.0
 OMITTED_INPUT_COST = 100.0
-#: Search steps after which the best plan so far is returned; missions of 100 DFPCs need fewer.
+#: Maximum number of search steps, after which the best plan so far is returned; 100 DFPCs need fewer.
 MAX_STEPS = 20_000
 
 
@@ -47,28 +52,30 @@ MAX_STEPS = 20_000
 class Plan:
     """Providers to run and sensor modes to set."""
 
-    provider: ProviderId  # Provider of the product; the first one in a plan for several robots.
-    port: str  # Its output port
-    order: tuple[ProviderId, ...]  # All providers, upstream ones first
-    modes: Mapping[SensorId, str]  # Required mode of each sensor
+    provider: ProviderId  # provider of the product; in a plan for several robots, of the first robot
+    port: str  # its output port
+    order: tuple[ProviderId, ...]  # all providers, upstream ones first
+    modes: Mapping[SensorId, str]  # required mode of each sensor
     cost: float
-    omitted_inputs: tuple[str, ...] = ()  # Omitted optional inputs, ``robot/dfpc.port``
-    #: All acceptable modes of each sensor
+    omitted_inputs: tuple[str, ...] = ()  # omitted optional inputs, ``robot/dfpc.port``
+    #: All acceptable modes of each sensor.
     accepts: Mapping[SensorId, tuple[str, ...]] = field(default_factory=dict)
-    #: Selected source of each connected port, e.g. ``sensor/lidar/scan``
+    #: Selected source of each connected port, e.g. ``sensor/lidar/scan``.
     chosen_sources: Mapping[ProviderId, Mapping[str, str]] = field(default_factory=dict)
-    ready_s: float = 0.0  # Time until the product is reliable: mode switches and warm-up in sequence, seconds
+    ready_s: float = (
+        0.0  # time until the product is reliable: mode switches and warm-ups in sequence, seconds
+    )
 
     def describe(self) -> dict[str, object]:
         """Return plain data for the journal and for replies."""
         return {
             "provider": str(self.provider),
             "port": self.port,
-            "order": [str(m) for m in self.order],
+            "order": [str(provider) for provider in self.order],
             "modes": {str(s): mode for s, mode in sorted(self.modes.items())},
             "cost": round(self.cost, 6),
             "omitted_inputs": list(self.omitted_inputs),
-            "sources": {str(m): dict(ports) for m, ports in sorted(self.chosen_sources.items()) if ports},
+            "sources": {str(p): dict(ports) for p, ports in sorted(self.chosen_sources.items()) if ports},
             "ready_s": round(self.ready_s, 3),
         }
 
@@ -77,17 +84,16 @@ def combine_plans(plans: Sequence[Plan]) -> Plan:
     """Return plans of different robots as one."""
     if len(plans) == 1:
         return plans[0]
-    first = plans[0]
     return Plan(
-        first.provider,
-        first.port,
-        tuple(m for p in plans for m in p.order),
-        {s: mode for p in plans for s, mode in p.modes.items()},
-        sum(p.cost for p in plans),
-        tuple(text for p in plans for text in p.omitted_inputs),
-        {s: modes for p in plans for s, modes in p.accepts.items()},
-        {m: ports for p in plans for m, ports in p.chosen_sources.items()},
-        max(p.ready_s for p in plans),
+        provider=plans[0].provider,
+        port=plans[0].port,
+        order=tuple(provider for p in plans for provider in p.order),
+        modes={sensor: mode for p in plans for sensor, mode in p.modes.items()},
+        cost=sum(p.cost for p in plans),
+        omitted_inputs=tuple(text for p in plans for text in p.omitted_inputs),
+        accepts={sensor: modes for p in plans for sensor, modes in p.accepts.items()},
+        chosen_sources={provider: ports for p in plans for provider, ports in p.chosen_sources.items()},
+        ready_s=max(p.ready_s for p in plans),
     )
 
 
@@ -100,7 +106,7 @@ class NoPlan:
 
     @property
     def text(self) -> str:
-        """One line for an error's detail."""
+        """Reasons and available products as one line for the detail of an error."""
         line = "; ".join(self.reasons) or "no DFPC provides it"
         return line + (f"; available: {', '.join(self.nearest)}" if self.nearest else "")
 
@@ -110,8 +116,8 @@ class _PartialPlan:
     """A partial plan during the search.
 
     ``accepts`` holds the acceptable modes of each sensor, cheapest first; ``cost`` includes the cheapest one.
-    ``path_cost`` is the cost of the providers from the product to a provider, ``connected`` its number of
-    connected inputs.
+    ``path_cost`` is the cost of the providers on the path from the product to a provider, including this one,
+    ``connected`` the number of its connected inputs, ``used`` the allocated memory and CPU by robot and unit.
     """
 
     providers: dict[ProviderId, Provider] = field(default_factory=dict)
@@ -138,27 +144,27 @@ class _PartialPlan:
         )
 
     def depends(self, on: ProviderId, provider: ProviderId) -> bool:
-        """Return True if ``provider`` is ``on`` or upstream of it."""
-        stack, seen = [on], set()
+        """Return whether ``provider`` is ``on`` or upstream of it."""
+        stack, visited = [on], set()
         while stack:
-            m = stack.pop()
-            if m == provider:
+            current = stack.pop()
+            if current == provider:
                 return True
-            if m not in seen:
-                seen.add(m)
-                stack.extend(self.upstream.get(m, ()))
+            if current not in visited:
+                visited.add(current)
+                stack.extend(self.upstream.get(current, ()))
         return False
 
 
 def mode_cost(sensor: SensorState, mode: str) -> float:
-    """Return the cost of a sensor in a mode."""
+    """Return the cost of using a sensor in a mode."""
     return MODE_COST * (mode != sensor.current) + TAKE_COST * sensor.takes_from_others(mode)
 
 
 class _LowerBound:
-    """Lower bound of the cost of a provider with its upstream: the most expensive of its input chains.
+    """Lower bound of the cost of a provider and its upstream: the cost along its most expensive input chain.
 
-    A source that leads back to a provider under evaluation counts 0, so that the result is a lower bound.
+    In a loop, a provider that is being evaluated counts 0, so that the result remains a lower bound.
     """
 
     def __init__(self, world: World) -> None:
@@ -166,9 +172,9 @@ class _LowerBound:
         self._bounds: dict[ProviderId, float] = {}
 
     def of_provider(self, provider_id: ProviderId) -> float:
-        known_bound = self._bounds.get(provider_id)
-        if known_bound is not None:
-            return known_bound
+        cached_bound = self._bounds.get(provider_id)
+        if cached_bound is not None:
+            return cached_bound
         provider = self._world.providers.get(provider_id)
         bound = math.inf
         if provider is not None and provider.available:
@@ -189,6 +195,8 @@ class _LowerBound:
 
 
 class _Search:
+    """Depth-first search with the best plan so far, and the reasons why partial plans were refused."""
+
     def __init__(self, world: World) -> None:
         self.world = world
         self.best: _PartialPlan | None = None
@@ -198,6 +206,7 @@ class _Search:
         self.lower_bound = _LowerBound(world)
 
     def search_root(self, provider: Provider, port: str) -> None:
+        """Search the plans in which an output port of a provider provides the product."""
         state = _PartialPlan()
         todo: list[tuple[ProviderId, Input]] = []
         if self.best is not None and self.lower_bound.of_provider(provider.id) >= self.best.cost:
@@ -209,13 +218,14 @@ class _Search:
     def _extend(
         self, state: _PartialPlan, todo: list[tuple[ProviderId, Input]], root: tuple[ProviderId, str]
     ) -> None:
+        """Search all complete plans that extend a partial plan; ``todo`` are its unconnected inputs."""
         self.steps += 1
         if self.steps > MAX_STEPS or (self.best is not None and state.cost >= self.best.cost):
             return
         if not todo:
             self._finish(state, root)
             return
-        (owner, port), rest = todo[0], todo[1:]
+        (owner, port), remaining = todo[0], todo[1:]
         if (
             self.best is not None
             and state.path_cost[owner] + self.lower_bound.of_input(port) >= self.best.cost
@@ -224,21 +234,21 @@ class _Search:
         for source in (
             sorted(port.sources, key=self.lower_bound.of_source) if len(port.sources) > 1 else port.sources
         ):
-            for next_state, next_todo in self._connect(state, rest, owner, port.port, source):
+            for next_state, next_todo in self._connect(state, remaining, owner, port.port, source):
                 self._extend(next_state, next_todo, root)
         if port.optional:
             skipped = state.copy()
             if port.sources:
                 skipped.cost += OMITTED_INPUT_COST
                 skipped.omitted_inputs = (*skipped.omitted_inputs, f"{owner}.{port.port}")
-            self._extend(skipped, rest, root)
+            self._extend(skipped, remaining, root)
         elif not port.sources:
             self.reasons[f"input {port.port} of {owner} is not wired"] = None
 
     def _finish(self, state: _PartialPlan, root: tuple[ProviderId, str]) -> None:
         """Keep a complete plan if it is sound and cheaper than the best one."""
         unconnected = next(
-            (m for m in state.providers.values() if state.connected[m.id] == 0 and _wired(m)), None
+            (p for p in state.providers.values() if state.connected[p.id] == 0 and _is_wired(p)), None
         )
         if unconnected is not None:
             self.reasons[f"none of the inputs of {unconnected.id} can be connected"] = None
@@ -248,13 +258,13 @@ class _Search:
     def _connect(
         self,
         state: _PartialPlan,
-        rest: list[tuple[ProviderId, Input]],
+        remaining: list[tuple[ProviderId, Input]],
         owner: ProviderId,
         port: str,
         source: InputSource,
     ) -> Iterator[tuple[_PartialPlan, list[tuple[ProviderId, Input]]]]:
         """Yield the partial plan with ``source`` connected to an input, or nothing if that is impossible."""
-        state, todo = state.copy(), list(rest)
+        state, todo = state.copy(), list(remaining)
         state.connected[owner] += 1
         state.chosen_sources[owner] = {**state.chosen_sources[owner], port: source.wiring}
         current_source = state.providers[owner].wired.get(port)
@@ -279,6 +289,7 @@ class _Search:
     def _add_provider(
         self, state: _PartialPlan, todo: list[tuple[ProviderId, Input]], provider: Provider
     ) -> bool:
+        """Add a provider with its inputs and modes to a partial plan; return False if that is impossible."""
         if not provider.available:
             self.reasons[f"{provider.id} is not available: {provider.unavailable_reason or 'no answer'}"] = (
                 None
@@ -298,9 +309,7 @@ class _Search:
         )
 
     def _fits(self, state: _PartialPlan, provider: Provider) -> bool:
-        """Allocate memory and CPU of a provider within the budgets of its robot; return False if they do not
-        fit.
-        """
+        """Allocate memory and CPU of a provider; return False if they exceed the budgets of its robot."""
         robot = provider.id.robot
         if provider.id in self.world.reserved:
             return True
@@ -337,9 +346,9 @@ class _Search:
         obstacles = {m: candidate.obstacle(m) for m in common}
         possible = [m for m in common if obstacles[m] is None]
         if not possible:
-            known_obstacles = [o for o in obstacles.values() if o is not None]
+            texts = [obstacle for obstacle in obstacles.values() if obstacle is not None]
             self.reasons |= dict.fromkeys(
-                known_obstacles or [f"sensor {sensor} cannot be set to any mode that streams"]
+                texts or [f"sensor {sensor} cannot be set to any mode that streams"]
             )
             return False
         state.cost -= 0.0 if accepted is None else mode_cost(candidate, accepted[0])
@@ -357,16 +366,18 @@ def plan(
 ) -> Plan | NoPlan:
     """Return the cheapest sound plan for ``product`` on one of ``robots``, or the reasons if there is none.
 
-    ``exclude`` are providers that failed for this request; ``roots``, by default all, are those allowed for
-    the product itself.
+    ``exclude`` are providers that failed for this request; ``roots``, by default all, are the providers that
+    may provide the product itself.
     """
     robot_ids = set(robots)
-    usable = replace(world, providers={k: m for k, m in world.providers.items() if k not in exclude})
+    usable = replace(world, providers={id_: p for id_, p in world.providers.items() if id_ not in exclude})
     search = _Search(usable)
     candidates = [
-        (m, port) for m, port in _sources_of(usable, product, robot_ids) if roots is None or m.id in roots
+        (provider, port)
+        for provider, port in _outputs_of(usable, product, robot_ids)
+        if roots is None or provider.id in roots
     ]
-    candidates.sort(key=lambda r: (0.0 if r[0].active else r[0].cost, r[0].id))
+    candidates.sort(key=lambda pair: (0.0 if pair[0].active else pair[0].cost, pair[0].id))
     for provider, port in candidates:
         search.search_root(provider, port)
     if search.best is None or search.best_root is None:
@@ -374,21 +385,23 @@ def plan(
             f"no DFPC of {', '.join(sorted(robot_ids)) or 'any robot'} provides {product}",
         )
         excluded = tuple(
-            f"{m} failed for this request" for m in sorted(exclude) if product in world.providers[m].products
+            f"{failed} failed for this request"
+            for failed in sorted(exclude)
+            if product in world.providers[failed].products
         )
         return NoPlan(reasons + excluded, possible_products(usable, robot_ids))
     state = search.best
     order = _dependency_order(state.upstream)
     return Plan(
-        search.best_root[0],
-        search.best_root[1],
-        order,
-        {sensor: modes[0] for sensor, modes in state.accepts.items()},
-        state.cost,
-        state.omitted_inputs,
-        dict(state.accepts),
-        {m: dict(ports) for m, ports in state.chosen_sources.items()},
-        _ready_s(usable, order, state),
+        provider=search.best_root[0],
+        port=search.best_root[1],
+        order=order,
+        modes={sensor: modes[0] for sensor, modes in state.accepts.items()},
+        cost=state.cost,
+        omitted_inputs=state.omitted_inputs,
+        accepts=dict(state.accepts),
+        chosen_sources={provider: dict(ports) for provider, ports in state.chosen_sources.items()},
+        ready_s=_ready_s(usable, order, state),
     )
 
 
@@ -396,18 +409,18 @@ def possible_products(world: World, robots: Iterable[str]) -> tuple[str, ...]:
     """Return ``product of robot`` for each product with a sound plan."""
     possible = []
     for robot in sorted(robots):
-        products = {p for m in world.providers.values() if m.id.robot == robot for p in m.products}
+        products = {name for p in world.providers.values() if p.id.robot == robot for name in p.products}
         for product in sorted(products):
             search = _Search(world)
-            for provider, port in _sources_of(world, product, {robot}):
+            for provider, port in _outputs_of(world, product, {robot}):
                 search.search_root(provider, port)
             if search.best is not None:
                 possible.append(f"{product} of {robot}")
     return tuple(possible)
 
 
-def _sources_of(world: World, product: str, robots: Container[str]) -> Iterator[tuple[Provider, str]]:
-    """Yield the providers of a product on some robots, with the output port."""
+def _outputs_of(world: World, product: str, robots: Container[str]) -> Iterator[tuple[Provider, str]]:
+    """Yield the providers of a product on some robots, each with its output port."""
     for provider in world.providers.values():
         for port, output in sorted(provider.outputs.items()):
             if output == product and provider.id.robot in robots:
@@ -415,28 +428,28 @@ def _sources_of(world: World, product: str, robots: Container[str]) -> Iterator[
 
 
 def _ready_s(world: World, order: Sequence[ProviderId], state: _PartialPlan) -> float:
-    """Return the longest chain of mode switches and warm-ups, seconds; running providers are warm."""
-    until_s: dict[ProviderId, float] = {}
-    for m in order:
-        provider = state.providers[m]
+    """Return the duration of the longest chain of mode switches and warm-ups; running providers are warm."""
+    ready_s: dict[ProviderId, float] = {}
+    for provider_id in order:
+        provider = state.providers[provider_id]
         sensors = {
             SensorId(s.robot, s.owner) for i in provider.inputs for s in i.sources if s.kind == "sensor"
         }
-        sensors |= {SensorId(m.robot, s) for s in provider.modes}
+        sensors |= {SensorId(provider_id.robot, s) for s in provider.modes}
         switches = [
             world.sensors[s].switch_s.get(state.accepts[s][0], 0.0) for s in sensors & state.accepts.keys()
         ]
-        before_s = max([*switches, *(until_s[f] for f in state.upstream[m])], default=0.0)
-        until_s[m] = before_s + (0.0 if provider.active else provider.ready_s)
-    return max(until_s.values(), default=0.0)
+        start_s = max([*switches, *(ready_s[p] for p in state.upstream[provider_id])], default=0.0)
+        ready_s[provider_id] = start_s + (0.0 if provider.active else provider.ready_s)
+    return max(ready_s.values(), default=0.0)
 
 
-def _wired(provider: Provider) -> bool:
+def _is_wired(provider: Provider) -> bool:
     return any(port.sources for port in provider.inputs)
 
 
 def _dependency_order(upstream: Mapping[ProviderId, frozenset[ProviderId]]) -> tuple[ProviderId, ...]:
-    """Return providers in upstream order; names decide among equals."""
+    """Return the providers, upstream ones first; among equals in the order of their names."""
     order: list[ProviderId] = []
     sorter = TopologicalSorter(upstream)
     sorter.prepare()

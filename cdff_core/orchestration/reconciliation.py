@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reconciliation of the running system with the wanted one: a pure step, repeated until nothing is left to
-do.
+"""Reconciliation of the running system with the wanted one, repeated until there are no more actions.
 
 Sensor modes are set before the activations that need them; upstream providers are configured, active and warm
-before those that take their products; deactivations follow the reverse order. Failures are retried after a
-back-off. A provider in error is configured again before its activation, and cleaned up if it is not wanted.
+before the providers that use their products; deactivations follow the reverse order. Failed actions are
+repeated after a back-off. A provider in error is configured again before its activation, and cleaned up if it
+is not wanted.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class SetMode:
 
 @dataclass(frozen=True, slots=True)
 class Configure:
-    """Configure an unconfigured DFPC or one in error."""
+    """Configure a DFPC that is unconfigured or in error."""
 
     provider: ProviderId
 
@@ -64,7 +64,7 @@ Action = SetMode | Configure | Activate | Deactivate | CleanUp
 
 @dataclass(slots=True)
 class FailureHistory:
-    """Consecutive failures, their last reason, and the time of the next attempt (monotonic seconds)."""
+    """Number of consecutive failures, the last reason, and the time of the next attempt (monotonic s)."""
 
     failures: int = 0
     reason: str = ""
@@ -72,8 +72,8 @@ class FailureHistory:
 
     def add(self, reason: str, now_s: float) -> None:
         """Count a failure and set the time of the next attempt."""
-        first, factor, longest = BACK_OFF_S
-        self.not_before_s = now_s + min(first * factor**self.failures, longest)
+        first_s, factor, longest_s = BACK_OFF_S
+        self.not_before_s = now_s + min(first_s * factor**self.failures, longest_s)
         self.failures += 1
         self.reason = reason
 
@@ -82,19 +82,19 @@ class FailureHistory:
 class ObservedState:
     """Observed state of the system."""
 
-    alive: set[ProviderId] = field(default_factory=set)  # Providers with a running process
-    active: set[ProviderId] = field(default_factory=set)  # Active providers
+    alive: set[ProviderId] = field(default_factory=set)  # providers with a running process
+    active: set[ProviderId] = field(default_factory=set)  # active providers
     #: Providers activated by this orchestrator; it deactivates no others.
     owned: set[ProviderId] = field(default_factory=set)
-    modes: dict[SensorId, str] = field(default_factory=dict)  # Confirmed modes
-    lost: dict[SensorId, str] = field(default_factory=dict)  # Unavailable sensors with the reason
-    #: Last reported states: unconfigured, inactive, active or error
+    modes: dict[SensorId, str] = field(default_factory=dict)  # confirmed modes
+    lost: dict[SensorId, str] = field(default_factory=dict)  # unavailable sensors with the reason
+    #: Last reported states: unconfigured, inactive, active or error.
     states: dict[ProviderId, str] = field(default_factory=dict)
-    #: When the output of an active provider becomes reliable, monotonic seconds; default: at once.
+    #: Time when the output of an active provider becomes reliable, monotonic seconds; default: at once.
     warm_at_s: dict[ProviderId, float] = field(default_factory=dict)
-    #: Current source of each port of active providers
+    #: Current source of each port of active providers.
     wired: dict[ProviderId, Mapping[str, str]] = field(default_factory=dict)
-    #: Failures of providers and sensors
+    #: Failures of providers and sensors.
     failures: dict[ProviderId | SensorId, FailureHistory] = field(default_factory=dict)
 
     def add_failure(self, subject: ProviderId | SensorId, reason: str, now_s: float) -> None:
@@ -115,10 +115,10 @@ def next_actions(
     now_s: float,
     chosen_sources: Mapping[ProviderId, Mapping[str, str]] | None = None,
 ) -> list[Action]:
-    """Return the actions that are possible now; empty if all is as wanted or has to wait.
+    """Return the actions that are possible now; empty if all is as wanted or must wait.
 
-    ``wanted`` lists the wanted providers, upstream ones first, and ``wanted_modes`` the modes they need;
-    ``uses`` and ``upstream`` are the sensors and the providers from which each provider takes samples,
+    ``wanted`` lists the wanted providers, upstream ones first; ``wanted_modes`` are the modes that they need,
+    ``uses`` and ``upstream`` the sensors and providers from which each provider takes samples, and
     ``chosen_sources`` the planned source of each of its ports. ``now_s`` is monotonic.
     """
 
@@ -126,20 +126,24 @@ def next_actions(
         history = observed.failures.get(subject)
         return history is None or history.not_before_s <= now_s
 
-    # No provider waits for a lost sensor: it may work without it.
-    pending = {s for s, m in wanted_modes.items() if observed.modes.get(s) != m and s not in observed.lost}
+    # No provider waits for a lost sensor, since it may work without this sensor.
+    pending = {
+        sensor
+        for sensor, mode in wanted_modes.items()
+        if observed.modes.get(sensor) != mode and sensor not in observed.lost
+    }
     actions: list[Action] = [SetMode(s, wanted_modes[s]) for s in sorted(pending) if is_due(s)]
     wanted_set = set(wanted)
-    # A failed or missing upstream provider delays no other: the input may be optional.
-    starting = {m for m in wanted_set & observed.alive - observed.active if m not in observed.failures}
-    starting |= {m for m in wanted_set & observed.active if observed.warm_at_s.get(m, now_s) > now_s}
+    # No provider waits for a failed or missing upstream provider, since the input may be optional.
+    starting = {p for p in wanted_set & observed.alive - observed.active if p not in observed.failures}
+    starting |= {p for p in wanted_set & observed.active if observed.warm_at_s.get(p, now_s) > now_s}
     visited: set[ProviderId] = set()
     for provider in wanted:
         if provider not in observed.alive or not is_due(provider):
             visited.add(provider)
             continue
         inputs = tuple(sorted((chosen_sources or {}).get(provider, {}).items()))
-        # Only for those earlier in the order: a loop of optional inputs must not wait for itself.
+        # A provider waits only for providers earlier in the order, so that a loop cannot block itself.
         waits = (uses.get(provider, frozenset()) & pending) or (
             upstream.get(provider, frozenset()) & starting & visited
         )
@@ -154,27 +158,27 @@ def next_actions(
             actions.append(Activate(provider, inputs))
     surplus = (observed.active & observed.alive & observed.owned) - wanted_set
     for provider in sorted(surplus):
-        in_use = any(provider in upstream.get(m, frozenset()) for m in surplus)
+        in_use = any(provider in upstream.get(other, frozenset()) for other in surplus)
         if not in_use and is_due(provider):
             actions.append(Deactivate(provider))
     in_error = {
-        m for m in (observed.alive & observed.owned) - wanted_set if observed.states.get(m) == "error"
+        p for p in (observed.alive & observed.owned) - wanted_set if observed.states.get(p) == "error"
     }
-    actions.extend(CleanUp(m) for m in sorted(in_error) if is_due(m))
+    actions.extend(CleanUp(provider) for provider in sorted(in_error) if is_due(provider))
     return actions
 
 
 def dependency_order(
     providers: Sequence[ProviderId], upstream: Mapping[ProviderId, frozenset[ProviderId]]
 ) -> list[ProviderId]:
-    """Return providers in upstream order; a loop of optional inputs is cut at its first name."""
+    """Return the providers, upstream ones first; a loop of optional inputs is cut at its first name."""
     order: list[ProviderId] = []
-    seen: set[ProviderId] = set()
+    visited_providers: set[ProviderId] = set()
 
     def visit(provider: ProviderId) -> None:
-        if provider in seen:
+        if provider in visited_providers:
             return
-        seen.add(provider)
+        visited_providers.add(provider)
         for source in sorted(upstream.get(provider, frozenset()) & set(providers)):
             visit(source)
         order.append(provider)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A request of the autonomy framework as one validated value."""
+"""Request of the autonomy framework (OG2) as a validated value."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cdff_common.contract.queries import RequestParameters
 from cdff_common.errors import InputError
 from cdff_common.geometry.region import Region
 
-#: Default timeout of a Zenoh query, seconds; a longer deadline implies a client with its own timeout.
+#: Default timeout of a Zenoh query, seconds; a client with a longer deadline must set its own timeout.
 _ZENOH_TIMEOUT_S = 10.0
 DEFAULT_PRIORITY = 5
 
@@ -27,32 +27,31 @@ DEFAULT_PRIORITY = 5
 class ProductRequest:
     """A validated request, with the defaults resolved; the fields are those of ``RequestParameters``."""
 
-    id: str  # Name from the client, else a new UUID
-    product: str  # Name of a requestable product type
-    robot: str  # Robot id or ``any``
-    #: frame, child: Frame of the product; of a pose the parent and the child (None: ``{robot}/base``).
-    frame: str = "site"
-    child: str | None = None
-    region: Region | None = None  # In ``region_frame``; None: unrestricted.
+    id: str  # id from the client, else a new UUID
+    product: str  # name of a requestable product type
+    robot: str  # robot id or ``any``
+    frame: str = "site"  # frame of the product; for a pose its parent
+    child: str | None = None  # child of a pose; None: ``{robot}/base``
+    region: Region | None = None  # in ``region_frame``; None: unrestricted
     region_frame: str = "site"
-    t_ns: int | None = None  # Mission time of a pose, or latest capture time of other products; None: now.
+    t_ns: int | None = None  # mission time of a pose, or latest capture time of other products; None: now
     #: Largest age, from the end of capture to the mission time; infinite if not requested.
     max_age_s: float = math.inf
     #: Resolution to which finer data are aggregated; coarser data are delivered as they are.
     resolution_m: float | None = None
-    min_coverage: float = 0.0  # Least fraction of the region that must hold data, 0 to 1; 0: any.
+    min_coverage: float = 0.0  # minimum fraction of the region that must hold data, 0 to 1; 0: any
     type_name: str = ""  # ASN.1 type to deliver
-    format: str = "uper"  # Codec or file format
+    format: str = "uper"  # codec or file format
     deliver: str = "auto"  # ``auto`` (inline up to 1 MB), ``inline`` or ``reference``
-    deadline_s: float = DEFAULT_DEADLINE_MS / 1000  # Time until the final reply, seconds
-    explain: bool = False  # Explain the request instead of executing it
-    #: 0 to 9; the highest is admitted first and may take sensor modes from lower ones.
+    deadline_s: float = DEFAULT_DEADLINE_MS / 1000  # time until the final reply, seconds
+    explain: bool = False  # explain the request instead of executing it
+    #: 0 to 9; higher priorities are admitted first and may take sensor modes from lower ones.
     priority: int = DEFAULT_PRIORITY
-    #: Least time between two replies of a standing request, 0 for each change; its deadline is a renewable
+    #: Minimum time between two replies of a standing request, 0: at each change. Its deadline is a renewable
     #: lease. None: one reply.
     every_s: float | None = None
-    #: Send progress replies. By default only with a deadline beyond the Zenoh default timeout, since a client
-    #: that keeps the last reply only would receive progress together with a late error.
+    #: Send progress replies. By default only if the deadline is beyond the default timeout of Zenoh: a client
+    #: that keeps only the last reply could otherwise receive a progress reply instead of a late error.
     progress: bool = True
 
     @property
@@ -62,7 +61,7 @@ class ProductRequest:
 
     @property
     def frames(self) -> frozenset[str]:
-        """Frames named in the request."""
+        """Frames that the request names."""
         near = None if self.region is None else self.region.near_frame
         region_frame = self.region_frame if self.region is not None else None
         return frozenset(f for f in (self.frame, self.child, region_frame, near) if f is not None)
@@ -132,7 +131,7 @@ def parse_request(parameters: Mapping[str, str], scope: str) -> ProductRequest:
 
 
 def parse_robot(robot: str | None, scope: str, *, any_robot: bool = False) -> str:
-    """Return the robot selected by ``robot=`` under ``scope``; raises InputError.
+    """Return the robot that ``robot=`` selects under ``scope``; raises InputError.
 
     ``any_robot`` allows ``any`` under ``ground``.
     """
@@ -159,6 +158,7 @@ def requested_type(name: str) -> ProductType:
 
 
 def _type_and_format(product: ProductType, requested_name: str | None, file_format: str) -> tuple[str, str]:
+    """Return ASN.1 type and format to deliver; raises InputError if the product does not have them."""
     if file_format not in product.formats:
         raise InputError(f"format={file_format!r}: a {product.name} comes as {', '.join(product.formats)}")
     if requested_name is not None and requested_name not in product.types:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Planner world as plain data: providers (DFPCs on robots), their input sources, sensors and modes."""
+"""World of the planner as plain data: providers (DFPCs on robots), their input sources, sensors and modes."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ class InputSource(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Input:
-    """An input port with its wiring in the mission."""
+    """An input port with its wiring in the profile."""
 
     port: str
     #: Alternative sources, of which one is used; empty if the port is not wired.
     sources: tuple[InputSource, ...]
-    optional: bool = False  # True if the DFPC also works without it
+    optional: bool = False  # true if the DFPC also works without it
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,21 +65,21 @@ class Provider:
     """A DFPC on a robot with its outputs, inputs and cost."""
 
     id: ProviderId
-    outputs: Mapping[str, str | None]  # Output port to its product; None for an internal stream.
+    outputs: Mapping[str, str | None]  # output port to its product; None for an internal stream
     inputs: tuple[Input, ...] = ()
-    #: Sensor of the same robot to the required modes, ``|``-separated alternatives
+    #: Sensor of the same robot to the required modes, alternatives separated by ``|``.
     modes: Mapping[str, str] = field(default_factory=dict)
     implementation: str = ""
-    cost: float = 1.0  # Cost for the comparison of plans, usually CPU seconds per second
+    cost: float = 1.0  # cost in the comparison of plans, usually CPU seconds per second
     cpu: float = 0.0  # CPU load on its robot, CPU seconds per second
     memory_mb: float = 0.0
-    ready_s: float = 0.0  # Time from activation to reliable output, seconds
-    resolution_m: float | None = None  # Resolution of its product; None if not declared.
-    available: bool = True  # True if its process answers and it can be activated
-    active: bool = False  # True if it is running, so that its use adds no cost
+    ready_s: float = 0.0  # time from activation to reliable output, seconds
+    resolution_m: float | None = None  # resolution of its product; None if not declared
+    available: bool = True  # true if its process answers and it can be activated
+    active: bool = False  # true if it is running, so that its use adds no cost
     #: Current source of each port while active; another source costs ``REWIRE_COST``.
     wired: Mapping[str, InputSource] = field(default_factory=dict)
-    unavailable_reason: str = ""  # Reason if it is not available
+    unavailable_reason: str = ""  # reason why it is not available
 
     @property
     def products(self) -> frozenset[str]:
@@ -92,17 +92,17 @@ class SensorState:
     """State of a sensor for the planner."""
 
     id: SensorId
-    modes: Mapping[str, bool]  # Mode to True if the sensor streams in it
-    current: str  # Current mode
-    held: str | None = None  # Mode required by a lease; None if the mode may change.
+    modes: Mapping[str, bool]  # mode to whether the sensor streams in it
+    current: str  # current mode
+    held: str | None = None  # mode required by a lease; None if the mode may change
     #: If held: modes that serve all holders of at least the priority of the request. None: only ``held``.
     priority_modes: frozenset[str] | None = None
     #: If held: modes that serve all holders; any other takes the sensor from holders of lower priority. None:
     #: the same as ``priority_modes``.
     shared_modes: frozenset[str] | None = None
-    refused: frozenset[str] = frozenset()  # Modes refused by the instrument control unit
-    lost: str = ""  # Reason why the sensor is unavailable; empty otherwise.
-    #: Time to reach a mode from the current one, seconds; absent modes cannot be reached. Empty: unknown.
+    refused: frozenset[str] = frozenset()  # modes refused by the instrument control unit
+    lost: str = ""  # reason why the sensor is unavailable; empty otherwise
+    #: Time to reach each mode from the current one, seconds; others cannot be reached. Empty: unknown.
     switch_s: Mapping[str, float] = field(default_factory=dict)
 
     def obstacle(self, mode: str) -> str | None:
@@ -121,25 +121,25 @@ class SensorState:
         return None
 
     def takes_from_others(self, mode: str) -> bool:
-        """Return True if ``mode`` would take the sensor from holders of lower priority."""
+        """Return whether ``mode`` would take the sensor from holders of lower priority."""
         shared = self.priority_modes if self.shared_modes is None else self.shared_modes
         return self.held is not None and shared is not None and mode not in shared
 
     def streaming_modes(self) -> tuple[str, ...]:
-        """Return the streaming modes: the held mode, the current mode, then in the order of the profile."""
+        """Return the streaming modes: the held mode, the current mode, then the others as in the profile."""
         named = dict.fromkeys(m for m in (self.held, self.current, *self.modes) if m is not None)
         return tuple(m for m in named if self.modes.get(m))
 
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """Providers, sensors and budgets available to a plan."""
+    """Providers, sensors and budgets that a plan may use."""
 
     providers: Mapping[ProviderId, Provider]
     sensors: Mapping[SensorId, SensorState] = field(default_factory=dict)
-    #: Robot to the free memory besides the ``reserved`` providers; absent robots have no budget.
+    #: Robot to the free memory in addition to the ``reserved`` providers; robots not listed have no limit.
     memory_free_mb: Mapping[str, float] = field(default_factory=dict)
-    #: Robot to the free CPU, CPU seconds per second; absent robots have no budget.
+    #: Robot to the free CPU, CPU seconds per second; robots not listed have no limit.
     cpu_free: Mapping[str, float] = field(default_factory=dict)
-    #: Providers with allocated memory and CPU: running ones and those in plans of other requests
+    #: Providers with allocated memory and CPU: running providers, and those in plans of other requests.
     reserved: frozenset[ProviderId] = frozenset()

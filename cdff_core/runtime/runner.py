@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The loop that orders samples and steps a DFPC: the same for the host process and for replay.
+"""Runner that orders samples and steps a DFPC, the same for the host process and for replay.
 
-Samples are stepped in (stamp_ns, port, seq) order as far as they have arrived. Within a port time only goes
-forward: an older or repeated sample is dropped and counted; a port that is described as ``ordered: false``
-takes older ones, and drops repeated ones alone. Across ports a sample that comes after newer ones were
-stepped is stepped all the same and counted as out of order, since delayed measurements are normal on a
-robot. Several consecutive ascending samples of a port that are much older than its newest one indicate a
-mission clock that was set back: the port continues from there.
+Samples that have arrived are stepped in the order (stamp_ns, port, seq). Within a port, a sample that is not
+newer than the last one is dropped and counted as late; a port described as ``ordered: false`` accepts older
+samples and drops only repeated ones. Across ports, a sample that arrives after newer samples were stepped is
+stepped nevertheless and counted as out of order, since delayed measurements are normal on a robot. Several
+consecutive ascending samples of a port that are much older than its newest one indicate that the mission
+clock was set back: the port continues from there.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from cdff_common.errors import CdffError, ConfigurationError
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.interfaces.product import Header, Product, Status, product_id
 
-#: Age relative to the newest sample of the port from which a clock was set back, nanoseconds, and the number
-#: of samples that confirm it.
+#: Evidence that the clock was set back: age of samples relative to the newest one of their port, nanoseconds,
+#: and number of such samples.
 _BACK_NS, _BACK_SAMPLES = 10_000_000_000, 3
-#: Number of samples per unordered port that are remembered to detect repetitions.
-_KNOWN = 1024
+#: Number of samples per unordered port that are stored to detect repetitions.
+_HISTORY_LENGTH = 1024
 
 
 @dataclass(slots=True)
@@ -49,7 +49,7 @@ class Counters:
 
 
 class Runner:
-    """Steps one configured DFPC and gives its outputs their identity."""
+    """Steps one configured DFPC and adds ids and headers to its outputs."""
 
     def __init__(self, dfpc: Dfpc) -> None:
         self._dfpc = dfpc
@@ -60,11 +60,12 @@ class Runner:
         self._producer = f"{dfpc.name}/{dfpc.implementation}/{dfpc.description.version}"
         self._heap: list[tuple[int, str, int, int, Sample]] = []
         self._arrivals = 0
-        self._newest_ns: dict[str, int] = {}
+        self._newest_ns: dict[str, int] = {}  # newest accepted sample of each port
+        #: Number of consecutive much older samples of each port, and the stamp of the last one.
         self._behind: dict[str, tuple[int, int]] = {}
-        self._known: dict[str, dict[tuple[int, int], None]] = {}
-        self._stepped_ns = -(1 << 62)
-        self._stepping_ns: int | None = None
+        self._received: dict[str, dict[tuple[int, int], None]] = {}  # stamps and numbers, oldest first
+        self._stepped_ns = -(1 << 62)  # newest stepped sample
+        self._stepping_ns: int | None = None  # sample that is being stepped
         self._next_seq: dict[str, int] = {}
         self.counters = Counters()
 
@@ -75,13 +76,13 @@ class Runner:
 
     @property
     def oldest_ns(self) -> int | None:
-        """Capture time of the current sample, else of the next one; None without any."""
+        """Capture time of the sample that is being stepped, else of the next one; None without samples."""
         if self._stepping_ns is not None:
             return self._stepping_ns
         return self._heap[0][0] if self._heap else None
 
     def push(self, sample: Sample) -> bool:
-        """Queue a sample; return False if it is not newer than the newest of its port, or repeated.
+        """Queue a sample; return False if it is dropped as late or repeated.
 
         Raises ConfigurationError if the DFPC has no such port.
         """
@@ -89,8 +90,9 @@ class Runner:
             raise ConfigurationError(
                 f"{self._dfpc.name} has no input port {sample.port!r}; it has {sorted(self._inputs)}"
             )
-        newer = self._newer(sample)
-        if not newer if self._inputs[sample.port].ordered else self._repeated(sample):
+        is_newer = self._is_newer(sample)
+        is_accepted = is_newer if self._inputs[sample.port].ordered else not self._is_repeated(sample)
+        if not is_accepted:
             self.counters.late += 1
             return False
         heapq.heappush(self._heap, (sample.stamp_ns, sample.port, sample.seq, self._arrivals, sample))
@@ -98,11 +100,10 @@ class Runner:
         return True
 
     def step_one(self) -> list[Product]:
-        """Step the earliest queued sample and return the products it leads to; nothing queued, nothing
-        returned.
+        """Step the earliest queued sample and return its products; empty if no sample is queued.
 
-        A ``CdffError`` of the DFPC is counted and kept as ``last_error``: one bad sample does not end a
-        mission. Any other exception is a bug and passes through.
+        A ``CdffError`` of the DFPC is counted and stored as ``last_error``, so that one unusable sample does
+        not end a mission. Any other exception is a programming error and propagates.
         """
         if not self._heap:
             return []
@@ -124,7 +125,7 @@ class Runner:
             self._stepping_ns = None
 
     def drain(self) -> Iterator[Product]:
-        """Step all queued samples."""
+        """Step all queued samples and yield their products."""
         while self._heap:
             yield from self.step_one()
 
@@ -133,7 +134,7 @@ class Runner:
         return [*self.drain(), *(self._product(output) for output in self._dfpc.finish())]
 
     def provenance(self, name: str, value: Any) -> dict[str, Any]:
-        """Header fields of a value that was asked for: an item of the store, the result of an operation.
+        """Return the header fields of a requested value: a store item or the result of an operation.
 
         Fields that the value does not have (time, frame) are omitted.
         """
@@ -161,39 +162,40 @@ class Runner:
             return header.to_dict()
         return fields
 
-    def _newer(self, sample: Sample) -> bool:
-        """Return whether a sample is newer than all of its port, or from a clock that was set back."""
+    def _is_newer(self, sample: Sample) -> bool:
+        """Return whether a sample is newer than all others of its port, or the clock was set back."""
         port, stamp_ns = sample.port, sample.stamp_ns
         newest_ns = self._newest_ns.get(port)
         if newest_ns is not None and stamp_ns <= newest_ns:
             count, last_ns = self._behind.get(port, (0, -(1 << 62)))
-            much = stamp_ns < newest_ns - _BACK_NS
-            count = (count + 1 if stamp_ns > last_ns else 1) if much else 0
+            is_far_behind = stamp_ns < newest_ns - _BACK_NS
+            count = (count + 1 if stamp_ns > last_ns else 1) if is_far_behind else 0
             self._behind[port] = (count, stamp_ns)
             if count < _BACK_SAMPLES:
                 return False
             self._stepped_ns = -(1 << 62)
-            self._known.clear()  # a repeated log has the same times and numbers
+            self._received.clear()  # a repeated log has the same times and numbers
         self._behind.pop(port, None)
         self._newest_ns[port] = stamp_ns
         return True
 
-    def _repeated(self, sample: Sample) -> bool:
+    def _is_repeated(self, sample: Sample) -> bool:
         """Return whether a sample of this time and number was already received on its port."""
-        known = self._known.setdefault(sample.port, {})
+        received = self._received.setdefault(sample.port, {})
         key = (sample.stamp_ns, sample.seq)
-        if key in known:
+        if key in received:
             return True
-        known[key] = None
-        if len(known) > _KNOWN:
-            del known[next(iter(known))]
+        received[key] = None
+        if len(received) > _HISTORY_LENGTH:
+            del received[next(iter(received))]
         return False
 
     def _product(self, output: Output) -> Product:
+        """Return the product of an output; raises ConfigurationError if it contradicts the description."""
         port = self._ports.get(output.port)
         if port is None:
             raise ConfigurationError(
-                f"{self._dfpc.name} emitted on {output.port!r}, which its description does not have"
+                f"{self._dfpc.name}: output on port {output.port!r}, which is not in its description"
             )
         status = output.quality.status
         if (output.value is None) != (status is Status.FAILED):

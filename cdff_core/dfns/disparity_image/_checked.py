@@ -17,7 +17,7 @@ from cdff_common.errors import ConfigurationError, InputError
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_common.types import Frame
 from cdff_core.dfns.disparity_image.interface import Inputs, Interface, Outputs
-from cdff_core.imaging.frames import check_straight
+from cdff_core.imaging.frames import check_undistorted
 
 _TO_GREY = {
     "MODE_RGB": cv2.COLOR_RGB2GRAY,
@@ -97,7 +97,7 @@ class CheckedMatcher(Interface[MatcherConfigT]):
 
         Raises InputError if an image is not rectified or the images differ in size or depth.
         """
-        check_straight(inputs.left, inputs.right)
+        check_undistorted(inputs.left, inputs.right)
         left, right = grey_pair(inputs.left, inputs.right)
         disparity = self._match(left, right)
         rotated = self._match(right[::-1, ::-1], left[::-1, ::-1])[::-1, ::-1]

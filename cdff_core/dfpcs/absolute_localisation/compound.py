@@ -22,14 +22,15 @@ from cdff_core.dfpcs.absolute_localisation.interface import AbsoluteLocalisation
 from cdff_core.dfpcs.absolute_localisation.quality import assess
 from cdff_core.dfpcs.absolute_localisation.segment import Segment, centre
 
-#: Rows of a pose's covariance for x, y, z and yaw.
-_LEVEL = np.array([0, 1, 2, 5])
+#: Rows of x, y, z and yaw in the covariance of a pose.
+_XYZ_YAW = np.array([0, 1, 2, 5])
+#: Range of the search in standard deviations of the prior.
 _SEARCH_SIGMAS = 3.0
 #: Standard deviation of roll and pitch of poses without covariance.
 _TILT_DEG = 1.0
-#: Poses that are older than the newest by more belong to another run.
+#: A pose older than the newest one by more than this belongs to another run.
 _CLOCK_BACK_NS = 10_000_000_000
-#: Candidates within so many orbital cells are one position.
+#: Candidates closer than this, in cells of the orbital model, count as one position.
 _SEPARATION_CELLS = 3.0
 
 
@@ -85,7 +86,7 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
         return ()
 
     def on_dem(self, sample: Sample) -> Iterable[Output]:
-        """Pool the patch; match the segment if it is long enough. A patch begun before a jump is skipped."""
+        """Fuse the patch unless it began before a jump; match the segment if it is long enough."""
         if sample.value is None or sample.value.t0_ns < self._jump_ns:
             return ()
         try:
@@ -99,7 +100,7 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
         """Return ``T_orbital_map``; raises ProductNotFoundError before the first match and after a jump."""
         if self._correction is None:
             raise ProductNotFoundError(
-                f"{self.name}: nothing has been matched yet, or not since the frame of poses jumped; drive "
+                f"{self.name}: no segment was matched yet, or none since the frame of poses jumped; drive "
                 f"{self.config.segment_m:g} m"
             )
         return self._correction
@@ -140,7 +141,7 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
         return [output]
 
     def _locate(self, sample: Sample, orbital: ElevationMap, segment: ElevationMap) -> Output:
-        """Predict, match, fuse, accept."""
+        """Predict the hypotheses, match the segment, fuse, assess; return the pose of the best hypothesis."""
         cell_m = float(orbital.geometry.resolution_m)
         prior = self._predict(centre(segment))
         try:
@@ -161,25 +162,25 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
         kind = CovarianceKind.FORMAL if self.slot_parameters("match") else CovarianceKind.CALIBRATED
         quality, best = assess(self._hypotheses, cell_m, metrics, kind), self._hypotheses[0]
         if best.matches and not best.explained:
-            self._hypotheses = ()  # earlier matches are doubtful: the next prior is the pose
+            self._hypotheses = ()  # earlier matches are contradicted: the next prior is the robot's pose
         return self._output(None if quality.status is Status.FAILED else best, quality, sample)
 
     def _predict(self, point: FloatArray) -> tuple[Hypothesis, ...]:
-        """Return the hypotheses at a point of the segment; initially one by the robot's own pose."""
+        """Return the hypotheses at a point of the segment; without any, one from the robot's own pose."""
         c = self.config
         if self._hypotheses:
             path_m = max(self._path_length_m - 0.5 * self._segment.length_m - self._matched_m, 0.0)
             return tuple(h.at(point, self._drift(path_m)) for h in self._hypotheses)
         covariance = np.diag([c.prior_m**2, c.prior_m**2, 0.0, np.radians(c.prior_deg) ** 2])
-        at = point
+        covariance_point = point
         if self._pose is not None and self._pose.value.transform.covariance is not None:
-            covariance = self._pose.value.transform.covariance[np.ix_(_LEVEL, _LEVEL)].copy()
-            at = self._pose.value.transform.matrix[:3, 3]
+            covariance = self._pose.value.transform.covariance[np.ix_(_XYZ_YAW, _XYZ_YAW)].copy()
+            covariance_point = self._pose.value.transform.matrix[:3, 3]
         covariance[2, 2] += c.datum_m**2
-        return (Hypothesis(np.eye(4), covariance, at).at(point, np.zeros(4)),)
+        return (Hypothesis(np.eye(4), covariance, covariance_point).at(point, np.zeros(4)),)
 
     def _search_range(self, prior: tuple[Hypothesis, ...], cell_m: float) -> FloatArray:
-        """Return translation (m) and rotation (rad) around the best hypothesis that cover all of them."""
+        """Return the search range, in metres and radians, around the best hypothesis that covers all."""
         c, best = self.config, prior[0]
         spacing_m = max(float(np.hypot(*(h.position - best.position)[:2])) for h in prior)
         range_m = _SEARCH_SIGMAS * best.sigma_m + spacing_m + _SEPARATION_CELLS * cell_m
@@ -199,8 +200,8 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
         if best is not None:
             T_map_base = np.eye(4) if pose is None else pose.transform.matrix
             path_m = 0.0 if pose is None else 0.5 * self._segment.length_m
-            now = best.at(T_map_base[:3, 3], self._drift(path_m))
-            T = UncertainTransform(best.transform @ T_map_base, self._with_tilt(now.covariance))
+            at_base = best.at(T_map_base[:3, 3], self._drift(path_m))
+            T = UncertainTransform(best.transform @ T_map_base, self._with_tilt(at_base.covariance))
             self._published = best
             self._set_correction(best, stamp_ns)
         return Output.of_pose(
@@ -216,7 +217,7 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
         )
 
     def _set_correction(self, best: Hypothesis, stamp_ns: int) -> None:
-        """Set ``T_orbital_map`` in the present frame of the map."""
+        """Set ``T_orbital_map`` for the current frame of the robot's poses."""
         assert self._orbital is not None  # a hypothesis needs a match with it
         covariance = self._with_tilt(best.at(np.zeros(3), np.zeros(4)).covariance)
         self._correction = TransformWithCovariance.from_transform(
@@ -227,13 +228,12 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
             producer=self.name,
         )
 
-    def _with_tilt(self, level: FloatArray) -> FloatArray:
-        """Return the covariance (6, 6) from that of x, y, z, yaw; roll and pitch are of the own pose."""
-        tilt = np.radians(_TILT_DEG) ** 2 * np.eye(2)
-        own = None if self._pose is None else self._pose.value.transform.covariance
+    def _with_tilt(self, xyz_yaw: FloatArray) -> FloatArray:
+        """Return the covariance (6, 6) from that of x, y, z and yaw, with the tilt of the robot's pose."""
+        pose = None if self._pose is None else self._pose.value.transform.covariance
         covariance = np.zeros((6, 6))
-        covariance[3:5, 3:5] = tilt if own is None else own[3:5, 3:5]
-        covariance[np.ix_(_LEVEL, _LEVEL)] = level
+        covariance[3:5, 3:5] = np.radians(_TILT_DEG) ** 2 * np.eye(2) if pose is None else pose[3:5, 3:5]
+        covariance[np.ix_(_XYZ_YAW, _XYZ_YAW)] = xyz_yaw
         return covariance
 
     def _check_frame(self, frame: str) -> None:

@@ -10,12 +10,14 @@ from cdff_common.interfaces.dfpc import DfpcConfig
 
 
 class AbsoluteLocalisationConfig(DfpcConfig):
-    """Segments, search, drift and jumps. Standard deviations are one sigma."""
+    """Segments, search, drift and jumps. Drift is a random walk, given by its standard deviation."""
 
     segment_m: float = Field(30.0, gt=0.0, le=10_000.0, description="Path length of a segment, metres")
     map_m: float = Field(80.0, gt=0.0, le=10_000.0, description="Edge of the square map of a segment, metres")
-    max_search_m: float = Field(60.0, gt=0.0, le=100_000.0, description="Largest translation, metres")
-    max_search_deg: float = Field(20.0, gt=0.0, le=180.0, description="Largest rotation, degrees")
+    max_search_m: float = Field(
+        60.0, gt=0.0, le=100_000.0, description="Largest searched translation, metres"
+    )
+    max_search_deg: float = Field(20.0, gt=0.0, le=180.0, description="Largest searched rotation, degrees")
     prior_m: float = Field(
         10.0, gt=0.0, description="Standard deviation of the first position without poses, metres"
     )
@@ -25,12 +27,14 @@ class AbsoluteLocalisationConfig(DfpcConfig):
     datum_m: float = Field(
         100.0, ge=0.0, description="Standard deviation of the orbital model's height datum, metres"
     )
-    drift_m: float = Field(0.05, ge=0.0, description="Drift of x and y per metre of path, metres")
-    drift_height_m: float = Field(0.004, ge=0.0, description="Drift of the height per metre of path, metres")
-    drift_deg: float = Field(0.12, ge=0.0, description="Drift of the yaw per metre of path, degrees")
+    drift_m: float = Field(0.05, ge=0.0, description="Drift of x and y over a path of one metre, metres")
+    drift_height_m: float = Field(
+        0.004, ge=0.0, description="Drift of the height over a path of one metre, metres"
+    )
+    drift_deg: float = Field(0.12, ge=0.0, description="Drift of the yaw over a path of one metre, degrees")
     jump_m: float = Field(
         0.2, gt=0.0, description="Least translation of a jump of the frame of poses, beyond slip, metres"
     )
     jump_deg: float = Field(
-        2.5, gt=0.0, le=180.0, description="Least yaw of such a jump, above that of skidding wheels, degrees"
+        2.5, gt=0.0, le=180.0, description="Least yaw of such a jump, beyond that of skidding wheels, degrees"
     )

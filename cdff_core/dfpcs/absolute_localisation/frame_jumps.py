@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Detection of jumps of the frame of the robot's poses, as a filter makes them when it uses a fix."""
+"""Detection of jumps of the frame of the robot's poses, which occur when a filter uses an absolute fix."""
 
 from __future__ import annotations
 
@@ -11,11 +11,14 @@ import numpy as np
 from cdff_common.geometry import OdometryBuffer, UncertainTransform, se3
 from cdff_common.geometry.se3 import FloatArray
 
-#: Extrapolation of the odometry, and time for which it is kept, nanoseconds.
+#: Maximum extrapolation of poses and odometry, and their retention, nanoseconds.
 _EXTRAPOLATION_NS, _MEMORY_NS = 500_000_000, 60_000_000_000
-#: Slip relative to a step of the odometry. Faster wheels count from a new origin.
-_SLIP_RATIO, _MAX_SPEED_M_S, _MIN_INTERVAL_S = 0.2, 5.0, 0.1
-#: Without odometry: change of a step by steering and braking, and by starting within 1 s.
+#: Slip relative to a step of the odometry.
+_SLIP_RATIO = 0.2
+#: Speed of the odometry above which its origin has changed, and the shortest interval of this test.
+_MAX_SPEED_M_S, _MIN_INTERVAL_S = 5.0, 0.1
+#: Without odometry, allowed change between two steps: by steering and braking, as a ratio of the step, and by
+#: starting from rest, within 1 s.
 _STEERING_RATIO, _STARTING_M = 0.7, 1.0
 
 
@@ -23,17 +26,20 @@ _STEERING_RATIO, _STARTING_M = 0.7, 1.0
 class Step:
     """Step from one pose to the next."""
 
-    distance_m: float  # Distance travelled, without the jump
+    distance_m: float  # distance travelled, without the jump
     jumped: bool = False
-    #: (4, 4), jump of the frame by odometry: a translation and a rotation about z
+    #: (4, 4), jump of the frame as measured by odometry: a translation and a rotation about z; else None.
     T_new_old: FloatArray | None = None
 
 
 class FrameJumpDetector:
-    """Separates the motion of the robot from jumps of the frame of its poses; smaller ones count as drift."""
+    """Separates the motion of the robot from jumps of the frame of its poses.
 
-    def __init__(self, floor_m: float, floor_rad: float) -> None:
-        self._floor_m, self._floor_rad = floor_m, floor_rad
+    Jumps below ``min_jump_m`` and ``min_jump_rad`` count as drift.
+    """
+
+    def __init__(self, min_jump_m: float, min_jump_rad: float) -> None:
+        self._min_jump_m, self._min_jump_rad = min_jump_m, min_jump_rad
         self._odometry = OdometryBuffer(_MEMORY_NS, _EXTRAPOLATION_NS)
         self._poses = OdometryBuffer(_MEMORY_NS, _EXTRAPOLATION_NS)
         self._previous: tuple[int, FloatArray] | None = None
@@ -49,7 +55,7 @@ class FrameJumpDetector:
         self._odometry.insert(stamp_ns, UncertainTransform(T_odom_base))
 
     def step(self, stamp_ns: int, T_map_base: FloatArray) -> Step:
-        """Return the step to the next pose."""
+        """Return the step from the previous pose to this one."""
         previous, self._previous = self._previous, (stamp_ns, T_map_base)
         step = Step(0.0) if previous is None else self._compare(*previous, stamp_ns, T_map_base)
         if step.jumped:
@@ -58,7 +64,7 @@ class FrameJumpDetector:
         return step
 
     def _compare(self, start_ns: int, T_start: FloatArray, end_ns: int, T_end: FloatArray) -> Step:
-        """Compare a step with the odometry, or without odometry with the previous step."""
+        """Compare a step with the odometry or, without odometry, with the previous step."""
         distance_m = _distance(T_start, T_end)
         measured = self._odometry.motion(start_ns, end_ns)
         expected = self._poses.motion(2 * start_ns - end_ns, start_ns) if measured is None else measured
@@ -72,8 +78,8 @@ class FrameJumpDetector:
             jumped = error_m > started_m + _STEERING_RATIO * expected_m
             return Step(expected_m, True) if jumped else Step(distance_m)
         error_rad = _yaw(T_end[:3, :3] @ T_expected[:3, :3].T)
-        allowed_rad = self._floor_rad + _SLIP_RATIO * abs(_yaw(expected[:3, :3]))
-        if error_m <= self._floor_m + _SLIP_RATIO * expected_m and abs(error_rad) <= allowed_rad:
+        allowed_rad = self._min_jump_rad + _SLIP_RATIO * abs(_yaw(expected[:3, :3]))
+        if error_m <= self._min_jump_m + _SLIP_RATIO * expected_m and abs(error_rad) <= allowed_rad:
             return Step(distance_m)
         R = se3.exp_so3(np.array([0.0, 0.0, error_rad]))
         return Step(expected_m, True, se3.transform(R, T_end[:3, 3] - R @ T_expected[:3, 3]))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Gaussian hypotheses of the pose of one map on another, fused over the segments of a traverse.
+"""Gaussian hypotheses of the pose of the robot's map on the orbital model, fused over a traverse.
 
 References
 ----------
@@ -20,7 +20,7 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_core.dfns.raster_matching.interface import RasterMatchingOutputs
 
 #: 99.9 % quantile of chi2 with 4 degrees of freedom.
-_GATE = 18.47
+_CHI2_GATE = 18.47
 _MAX_HYPOTHESES = 16
 
 
@@ -29,16 +29,16 @@ class Hypothesis:
     """One pose of the map on the orbital model [1]_."""
 
     transform: FloatArray  # (4, 4), ``T_orbital_map``: translation and rotation about z
-    covariance: FloatArray  # (4, 4), of x, y, z and yaw at ``point``, in the orbital model's frame
+    covariance: FloatArray  # (4, 4), of x, y, z at ``point`` and of yaw, in the orbital model's frame
     point: FloatArray  # (3,), in the map's frame
     log_weight: float = 0.0
-    matches: int = 0  # Number of segments that agree with it
-    explained: float = 0.0  # Of the last match, 0 without; so is ``correlation``
-    correlation: float = 0.0
+    matches: int = 0  # number of segments that agree with it
+    explained: float = 0.0  # fraction of the relief that the last segment's match explains; 0 without a match
+    correlation: float = 0.0  # of the gradients at the last segment's match; 0 without a match
 
     @property
     def position(self) -> FloatArray:
-        """Position (3,) of the point in the orbital model's frame."""
+        """Position (3,) of ``point`` in the orbital model's frame."""
         return np.asarray(self.transform[:3, :3] @ self.point + self.transform[:3, 3])
 
     @property
@@ -64,24 +64,24 @@ class Hypothesis:
         return replace(self, transform=self.transform @ se3.inverse(T_new_old), point=point)
 
     def updated(self, candidates: RasterMatchingOutputs, index: int) -> Hypothesis | None:
-        """Return the Kalman update with a candidate matched at ``point``; None if it contradicts this one."""
-        other = replace(self, transform=candidates.transforms[index])
-        yaw_rad = (other.yaw_rad - self.yaw_rad + np.pi) % (2.0 * np.pi) - np.pi
-        innovation = np.append(other.position - self.position, yaw_rad)
+        """Return the Kalman update by a candidate matched at ``point``; None if it contradicts this one."""
+        candidate = replace(self, transform=candidates.transforms[index])
+        yaw_rad = (candidate.yaw_rad - self.yaw_rad + np.pi) % (2.0 * np.pi) - np.pi
+        innovation = np.append(candidate.position - self.position, yaw_rad)
         noise = candidates.covariances[index]
         S = self.covariance + noise
         distance = float(innovation @ np.linalg.solve(S, innovation))
-        if distance > _GATE:
+        if distance > _CHI2_GATE:
             return None
         gain = np.linalg.solve(S, self.covariance).T
-        left = np.eye(4) - gain
+        I_minus_gain = np.eye(4) - gain
         correction = gain @ innovation
         R = se3.exp_so3(np.array([0.0, 0.0, correction[3]])) @ self.transform[:3, :3]
         t = self.position + correction[:3] - R @ self.point
         return replace(
             self,
             transform=se3.transform(R, t),
-            covariance=left @ self.covariance @ left.T + gain @ noise @ gain.T,
+            covariance=I_minus_gain @ self.covariance @ I_minus_gain.T + gain @ noise @ gain.T,
             log_weight=self.log_weight + (float(candidates.log_likelihoods[index]) - 0.5 * distance),
             matches=self.matches + 1,
             explained=float(candidates.explained[index]),
@@ -92,10 +92,10 @@ class Hypothesis:
 def fuse(
     prior: Sequence[Hypothesis], candidates: RasterMatchingOutputs, separation_m: float
 ) -> tuple[Hypothesis, ...]:
-    """Return every hypothesis with every candidate that agrees, and without any; most probable first.
+    """Update every hypothesis by every compatible candidate and by none; return the most probable first.
 
-    The likelihood that no candidate is correct is that of a template of a plane with noise. Of hypotheses
-    within ``separation_m`` of one another only the most probable stays.
+    If no candidate is correct, the likelihood is that of a plane with noise. Of hypotheses within
+    ``separation_m`` of one another only the most probable is returned.
     """
     hypotheses: list[Hypothesis] = []
     for hypothesis in prior:
@@ -116,6 +116,6 @@ def _prune(hypotheses: Iterable[Hypothesis], separation_m: float) -> tuple[Hypot
 
 
 def probability(hypotheses: Sequence[Hypothesis]) -> float:
-    """Return the probability of the first hypothesis."""
+    """Return the probability of the first hypothesis among all."""
     weights = np.exp([h.log_weight - hypotheses[0].log_weight for h in hypotheses])
     return float(1.0 / weights.sum())

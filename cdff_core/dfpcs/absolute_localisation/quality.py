@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
 from cdff_core.dfpcs.absolute_localisation.hypotheses import Hypothesis, probability
 
-#: Least probability of the best hypothesis, fraction of the relief explained, and correlation of gradients.
+#: Minimum probability of the best hypothesis, fraction of the relief explained, and correlation of gradients.
 _MIN_PROBABILITY, _MIN_EXPLAINED, _GOOD_EXPLAINED, _MIN_CORRELATION = 0.999, 0.45, 0.6, 0.52
-#: Factor of the gates of relief and correlation if an earlier segment agrees.
+#: Factor on the minima of explained relief and correlation if an earlier segment agrees.
 _CONFIRMED_RATIO = 0.7
 #: Largest standard deviation of the position, in cells of the orbital model.
 _MAX_SIGMA_CELLS = 0.4

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Map of the path since the last match."""
+"""Segment of the path: the map since the last match."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _MAX_INPUTS = 256
 
 
 class Segment:
-    """Patches pooled into one map by a new DemFusion, from a path length on."""
+    """Patches fused into one map by a new DemFusion, from the path length ``start_m`` on."""
 
     def __init__(self, fusion: Dfn[Any, Any, Any], start_m: float) -> None:
         self._fusion, self._start_m = fusion, start_m
@@ -30,9 +30,9 @@ class Segment:
         self.length_m = 0.0
 
     def add(self, sample: Sample, path_length_m: float | None) -> None:
-        """Pool a patch; raises InputError if it does not fit the map.
+        """Fuse a patch; raises InputError if it does not fit the map.
 
-        Without ``path_length_m``, the length is that of the extent of the map.
+        Without ``path_length_m`` the length of the segment is the extent of its map.
         """
         self.map = self._fusion.process(DemFusionInputs(patch=sample.value)).map
         self.patch = sample
@@ -45,7 +45,7 @@ class Segment:
 
 
 def centre(elevation: ElevationMap) -> FloatArray:
-    """Return the mean (3,) of the observed cells."""
+    """Return the mean position (3,) of the observed cells."""
     z = elevation.layer("mean")
     row, col = np.nonzero(np.isfinite(z))
     g = elevation.geometry

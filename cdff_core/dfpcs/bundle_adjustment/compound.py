@@ -17,7 +17,7 @@ from cdff_core.dfns.bundle_optimization.interface import BundleOptimizationInput
 from cdff_core.dfpcs.bundle_adjustment.configuration import BundleAdjustmentConfig
 from cdff_core.dfpcs.bundle_adjustment.interface import BundleAdjustmentInterface
 
-#: Variance of unit weight relative to ``sigma_px`` squared: DEGRADED above, residuals of three sigma.
+#: Variance of unit weight in units of ``sigma_px`` squared: DEGRADED above (residuals of three sigma).
 _MAX_UNIT_VARIANCE = 9.0
 
 
@@ -38,7 +38,7 @@ class BundleAdjustment(BundleAdjustmentInterface):
         self._problem: BundleProblem | None = None
 
     def on_problem(self, sample: Sample) -> Iterable[Output]:
-        """Adjust one problem."""
+        """Adjust the problem; publish it with the trajectory and the landmarks."""
         frame = sample.value.frame or sample.frame or "site"
         try:
             adjusted = self._adjust.process(BundleOptimizationInputs(problem=sample.value))
@@ -63,9 +63,11 @@ class BundleAdjustment(BundleAdjustmentInterface):
             ids = np.array([int(word) for word in cameras.split(",")], np.int64)
         except ValueError as error:
             raise InputError(f"cameras={cameras!r}: expected ids separated by commas") from error
-        node = self.dfn("adjust")
-        node.configure(node.config.model_copy(update={"max_iterations": 0, "covariances": "none"}))
-        remaining: BundleProblem | None = node.process(
+        marginaliser = self.dfn("adjust")
+        marginaliser.configure(
+            marginaliser.config.model_copy(update={"max_iterations": 0, "covariances": "none"})
+        )
+        remaining: BundleProblem | None = marginaliser.process(
             BundleOptimizationInputs(problem=self._problem, dropped=ids)
         ).remaining
         assert remaining is not None

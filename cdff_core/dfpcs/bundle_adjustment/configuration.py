@@ -10,7 +10,7 @@ from cdff_common.interfaces.dfpc import DfpcConfig
 
 
 class BundleAdjustmentConfig(DfpcConfig):
-    """Parameters of the DFN and its noise."""
+    """Parameters of the DFN slot, and the noise of the observations."""
 
     sigma_px: float = Field(
         1.0, gt=0, le=100, description="Standard deviation of an observed column or row, pixels"

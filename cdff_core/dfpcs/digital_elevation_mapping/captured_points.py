@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Points of captures in the frame of the map, each with its own variance."""
+"""Projection of captures into the frame of the map, with a variance for each point."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from cdff_core.dfpcs.digital_elevation_mapping.stereo_pair_gate import StereoPai
 Points = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
-#: Range of points in a patch: in cells for a sweep, in metres for others.
+#: Default range of points in a patch: in cells for a sweep, in metres for clouds and stereo pairs.
 _SWEEP_RANGE_CELLS = 240
 _RANGE_M = 100.0
-#: Fraction of a disparity's standard deviation that it has in common with its neighbours.
+#: Fraction of the standard deviation of a disparity that is common to neighbouring disparities.
 _STEREO_COMMON = 0.3
 
 
@@ -48,7 +48,7 @@ class CaptureProjector:
         self.pairs = StereoPairGate(config)
 
     def without_pose(self, sample: Sample) -> CapturePoints:
-        """Return the points of a cloud in the map's frame, without gates and variance of a pose."""
+        """Return the points of a cloud in the map's frame, without gates and without pose variance."""
         points = sample.value.points_m
         finite = np.isfinite(points).all(axis=1)
         n = int(np.count_nonzero(finite))
@@ -86,8 +86,10 @@ class CaptureProjector:
             a[in_range] for a in (points, stamps, sigma_m, intensity, range_m)
         )
         if len(points) == 0:
-            none, frame = np.empty(0), self._poses.map_frame
-            return CapturePoints(points, stamps, none, none, none, none > 0, sample, [], raw_points, frame)
+            empty, frame = np.empty(0), self._poses.map_frame
+            return CapturePoints(
+                points, stamps, empty, empty, empty, empty > 0, sample, [], raw_points, frame
+            )
         pose_stamps = stamps if at_ns is None else np.full(len(points), at_ns, dtype=np.int64)
         poses = self._poses.around(int(pose_stamps.min()), int(pose_stamps.max()))
         deskewed = self._deskewing.process(
@@ -141,7 +143,7 @@ class CaptureProjector:
             return stated
 
     def _sensor_points(self, sample: Sample) -> tuple[Points, Stamps, Points, Points]:
-        """Return points ``(n, 3)`` in the sensor's frame, stamps, noise along the ray (metres), intensity."""
+        """Return points ``(n, 3)`` in the sensor's frame, stamps, noise along the ray (m) and intensity."""
         value = sample.value
         if sample.port == "scan":
             age_ns = (value.t1_ns - value.t0_ns) - value.time_offset_us.astype(np.int64) * 1000
@@ -164,9 +166,9 @@ class CaptureProjector:
         return points, np.full(len(points), sample.stamp_ns, dtype=np.int64), sigma_m, intensity
 
     def _ranges_m(self, sample: Sample) -> tuple[float, float]:
-        """Return the range of points of patches, and of the far map.
+        """Return the maximum range of points of a patch, and of points of the far map.
 
-        Distant rings of a sweep are many cells apart: a patch that contained them would be mostly empty.
+        Distant rings of a sweep are many cells apart: a patch with them would consist mostly of gaps.
         """
         c = self._config
         if c.max_range_m is not None:
@@ -176,13 +178,13 @@ class CaptureProjector:
 
 
 def _covariances(poses: list[Sample]) -> NDArray[np.float64] | None:
-    """Return the covariances ``(n, 6, 6)`` of poses; None if one has none."""
+    """Return the covariances ``(n, 6, 6)`` of poses; None if one of them has no covariance."""
     covariances = [p.value.transform.covariance for p in poses]
     return None if any(c is None for c in covariances) else np.array(covariances)
 
 
 def _intensity(intensity: Any, points: int) -> Points:
-    """Return the intensity of each point; NaN without intensities."""
+    """Return the intensity of each point; NaN if intensities are missing or malformed."""
     if intensity is None or len(intensity) != points:
         return np.full(points, np.nan)
     return np.asarray(intensity, dtype=np.float64)

@@ -33,10 +33,10 @@ from cdff_core.dfpcs.digital_elevation_mapping.pose_history import PoseHistory
 class DigitalElevationMapping(DigitalElevationMappingInterface):
     """Elevation patches from captures and the poses around them.
 
-    Each measurement is part of exactly one patch, so that pooled patches equal a map of all measurements.
-    ``variance`` of a cell is the variance of its heights plus the mean of the variances by the covariance of
-    the poses and by the noise along the ray; with many heights their variance also contains the noise, so
-    that the sum is conservative. A cell without points is NaN.
+    Each measurement is part of exactly one patch, so that fused patches equal a map of all measurements.
+    The layer ``variance`` of a cell is the variance of its heights, plus the mean variance of these heights
+    due to the covariance of the poses and the noise along the ray. The variance of many heights already
+    contains the noise, so that the sum is conservative. A cell without points is NaN.
     """
 
     Config = DigitalElevationMappingConfig
@@ -67,7 +67,7 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
         self.store.offer("patch", lambda: self._maps.patch)
 
     def on_cloud(self, sample: Sample) -> Iterable[Output]:
-        """Queue a capture until poses enclose it, and process those that are enclosed."""
+        """Queue the capture; process the queued captures that the poses enclose."""
         if sample.value is None:
             return []
         self._newest_ns = max(self._newest_ns, sample.stamp_ns)
@@ -83,7 +83,7 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
     on_scan = on_stereo = on_cloud
 
     def on_poses(self, sample: Sample) -> Iterable[Output]:
-        """Add the pose and process the captures that it covers; poses in another frame end the patch."""
+        """Add the pose, process the captures enclosed now; a pose in another frame ends the patch."""
         if sample.value is None or sample.quality.status is Status.FAILED:
             self._patch.drops["failed_poses"] += 1
             return []
@@ -94,7 +94,7 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
         return [*outputs, *self._process_queue()]
 
     def finish(self) -> Iterable[Output]:
-        """Process the queued captures as far as possible, and publish the last patch."""
+        """Process the queued captures with the poses so far, and publish the last patch."""
         outputs = list(self._process_queue())
         only_ns = self._poses.only_pose_ns
         while self._queue:
@@ -113,17 +113,17 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
         return outputs
 
     def get_map(self, resolution_m: float) -> ElevationMap:
-        """Return the local map, pooled to larger cells on request; raises ProductNotFoundError."""
+        """Return the local map, in larger cells on request; raises ProductNotFoundError without a patch."""
         local = self._local_map()
         return local if resolution_m <= 0.0 else self._maps.pooled(local, resolution_m)
 
     def get_whole_map(self) -> ElevationMap:
-        """Return all cells of the fusion, in larger cells above its limit; raises ProductNotFoundError."""
+        """Return the whole fused map; raises ProductNotFoundError without a patch."""
         self._local_map()
         return self._maps.whole()
 
     def publish_patch(self) -> None:
-        """End the patch with the next sample."""
+        """End the patch at the next sample."""
         self._patch_requested = True
 
     def _local_map(self) -> ElevationMap:
@@ -152,7 +152,7 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
         return outputs
 
     def _add(self, sample: Sample, *, in_map_frame: bool = False, at_ns: int | None = None) -> None:
-        """Project, align and add a capture to the patch, or count the reason against it."""
+        """Project, align and add a capture to the patch, or count it as dropped by its reason."""
         try:
             if in_map_frame:
                 points: CapturePoints | None = self._projector.without_pose(sample)
@@ -216,12 +216,13 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
         return Pointcloud.from_points(thin[::step], frame=frame, stamp_ns=stamp_ns)
 
     def _report_missing_poses(self) -> list[Output]:
-        """Report once a period that captures arrive without poses."""
+        """Report once per period that captures arrive without poses."""
         last_ns, period_ns = self._last_output_ns, self.config.patch_period_s * 1e9
         is_due = last_ns is None or self._newest_ns - last_ns >= period_ns
         return self._failed() if is_due else []
 
     def _failed(self, patch: Patch | None = None, reason: str = "") -> list[Output]:
+        """Return FAILED outputs with the reasons of a patch (default: the current one); start a new patch."""
         patch = patch or self._patch
         reasons = [f"dropped_{drop}:{count}" for drop, count in sorted(patch.drops.items())]
         reasons.append(reason or ("no_points_within_gates" if patch.raw_points else "no_measurements"))

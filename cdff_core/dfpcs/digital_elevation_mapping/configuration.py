@@ -13,9 +13,13 @@ class DigitalElevationMappingConfig(DfpcConfig):
     """Cells, gates and periods."""
 
     resolution_m: float = Field(0.05, gt=0.0, le=1000.0, description="Edge of a cell, metres")
-    patch_period_s: float = Field(2.0, gt=0.0, description="Mission time of a patch, seconds")
-    patch_distance_m: float = Field(2.0, gt=0.0, description="Distance travelled in a patch, metres")
-    max_patch_points: int = Field(2_000_000, ge=1, description="Points of a patch at which it is published")
+    patch_period_s: float = Field(
+        2.0, gt=0.0, description="Mission time after which a patch is published, seconds"
+    )
+    patch_distance_m: float = Field(
+        2.0, gt=0.0, description="Motion after which a patch is published, metres"
+    )
+    max_patch_points: int = Field(2_000_000, ge=1, description="Points after which a patch is published")
     min_range_m: float = Field(0.5, ge=0.0, description="Smallest range of a point, metres")
     max_range_m: float | None = Field(
         None,
@@ -40,10 +44,14 @@ class DigitalElevationMappingConfig(DfpcConfig):
         1.0, gt=0.0, description="Empty height in a cell below an overhang, metres; absent: no overhangs"
     )
     max_rays: int = Field(
-        20_000, ge=0, description="Rays of a patch that clear cells which they pass through; 0: none"
+        20_000,
+        ge=0,
+        description="Maximum number of rays per patch that clear the cells they pass through; 0: none",
     )
     far_factor: int = Field(
         4, ge=0, le=64, description="Size of the far map's cells, in cells of the map; 0: no far map"
     )
-    max_waiting: int = Field(40, ge=1, le=10_000, description="Length of the queue of captures without poses")
+    max_waiting: int = Field(
+        40, ge=1, le=10_000, description="Length of the queue of captures that wait for poses"
+    )
     max_cloud_points: int = Field(100_000, ge=1, description="Greatest number of points of a published cloud")

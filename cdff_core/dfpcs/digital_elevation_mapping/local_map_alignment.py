@@ -20,13 +20,14 @@ from cdff_core.dfpcs.digital_elevation_mapping.patch import CapturePoints
 class LocalMapAligner:
     """Aligns captures with the local map by a DemRegistration.
 
-    An aligned capture has the map's error, which is that of the first pose and grows with the distance from
-    it by the tilt, plus the variance of the alignment and the variance that earlier alignments added to the
-    cells.
+    The error of an aligned capture is that of the map. Its height variance has three parts: that of the first
+    pose in this frame (the anchor), which by the tilt grows with the distance; that of the alignment; and the
+    part that earlier alignments have added to the cells.
     """
 
     def __init__(self, registration: Dfn[Any, Any, Any]) -> None:
         self._registration = registration
+        #: Frame of the map, position (3,) and covariance (6, 6) of the first pose in it.
         self._anchor: tuple[str, NDArray[np.float64], NDArray[np.float64]] | None = None
 
     def align(self, capture: CapturePoints, local_map: ElevationMap | None) -> CapturePoints:
@@ -73,19 +74,19 @@ class LocalMapAligner:
         )
 
     def _anchor_variance(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the height variance of points ``(n, 3)`` due to the covariance of the anchor."""
         _, centre, covariance = self._anchor or ("", np.zeros(3), np.zeros((6, 6)))
         return _height_variance(points - centre, covariance)
 
     def _map_variance(self, points: NDArray[np.float64], local_map: ElevationMap) -> float:
         """Return the mean variance of the cells beyond that of the anchor, square metres."""
         row, col, inside = local_map.geometry.cells_of(points[:, 0], points[:, 1])
-        below = local_map.layer("pose_variance")[row[inside], col[inside]] - self._anchor_variance(
-            points[inside]
-        )
-        return max(float(np.nanmean(below)), 0.0) if np.isfinite(below).any() else 0.0
+        cell_variance = local_map.layer("pose_variance")[row[inside], col[inside]]
+        excess = cell_variance - self._anchor_variance(points[inside])
+        return max(float(np.nanmean(excess)), 0.0) if np.isfinite(excess).any() else 0.0
 
 
 def _height_variance(arm: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the variance of the heights of points at lever arms ``(n, 3)`` by a pose's covariance."""
+    """Return the variance of the heights of points at lever arms ``(n, 3)`` due to a pose's covariance."""
     J = np.column_stack([np.ones(len(arm)), arm[:, 1], -arm[:, 0]])
     return np.asarray(np.einsum("ni,ij,nj->n", J, covariance[2:5, 2:5], J))

@@ -35,7 +35,7 @@ class LocalMaps:
     def add(
         self, patch: Patch, points: MapPoints, frame: str, position: NDArray[np.float64] | None
     ) -> tuple[ElevationMap, DemFusionOutputs]:
-        """Rasterise a patch and pool it into the maps around a position (2,); raises InputError."""
+        """Rasterise a patch and fuse it into the maps around a position (2,); raises InputError."""
         raster = self._rasterise(points.select(points.near), frame, 1)
         rays = patch.rays(self._config.max_rays) if self._config.max_rays else None
         fused: DemFusionOutputs = self._fusion.process(
@@ -49,7 +49,7 @@ class LocalMaps:
         return raster, fused
 
     def pooled(self, local: ElevationMap, resolution_m: float) -> ElevationMap:
-        """Return the local or far map in cells of a multiple of its cell size, up to a resolution."""
+        """Return the local or the far map in the largest cells, by whole factors, up to ``resolution_m``."""
         if self.far is not None and resolution_m >= self.far.geometry.resolution_m:
             local = self.far
         cell_m = delivered_resolution([local.geometry.resolution_m], resolution_m)

@@ -22,14 +22,16 @@ class MapPoints:
 
     points_m: NDArray[np.float64]  # (n, 3)
     stamps_ns: NDArray[np.int64]  # (n,)
-    #: (n,), variance of z by the pose's covariance, square metres; NaN if unknown.
+    #: (n,), variance of z due to the covariance of the pose, square metres; NaN if unknown.
     pose_variance_m2: NDArray[np.float64]
-    noise_variance_m2: NDArray[np.float64]  # (n,), variance of z by the sensor's noise, square metres
+    noise_variance_m2: NDArray[
+        np.float64
+    ]  # (n,), variance of z due to the noise of the sensor, square metres
     intensity: NDArray[np.float64]  # (n,), NaN if unknown
-    near: NDArray[np.bool_]  # (n,), true for points of the patch; the others enter only the far map.
+    near: NDArray[np.bool_]  # (n,), true for points of the patch; the others are only in the far map
 
     def select(self, keep: NDArray[np.bool_]) -> MapPoints:
-        """Return the points of a mask ``(n,)``."""
+        """Return the points that a mask ``(n,)`` selects."""
         return MapPoints(*(getattr(self, f.name)[keep] for f in fields(MapPoints)))
 
 
@@ -38,13 +40,13 @@ class CapturePoints(MapPoints):
     """Points of one capture."""
 
     sample: Sample
-    poses: list[Sample]
-    raw_points: int  # Number of points before the gates
-    frame: str  # Of the points
+    poses: list[Sample]  # poses that enclose the capture
+    raw_points: int  # number of points before the gates
+    frame: str  # frame of the points
     #: ``T_map_body`` at the end of capture; None if the capture was in the frame of the map.
     pose: UncertainTransform | None = None
     origin_m: NDArray[np.float64] | None = None  # (3,), position of the sensor at that time
-    correction_m: float = 0.0  # Translation of the capture by its alignment with the map
+    correction_m: float = 0.0  # translation of the capture by its alignment with the map
 
 
 @dataclass(slots=True)
@@ -52,12 +54,12 @@ class Patch:
     """Captures not yet published."""
 
     captures: list[CapturePoints] = field(default_factory=list)
-    drops: Counter[str] = field(default_factory=Counter)  # Captures that were not used, by reason
-    notes: set[str] = field(default_factory=set)
-    raw_points: int = 0  # Number of points before the gates
+    drops: Counter[str] = field(default_factory=Counter)  # number of unused captures and poses by reason
+    notes: set[str] = field(default_factory=set)  # further reasons for DEGRADED
+    raw_points: int = 0  # number of points before the gates
 
     def add(self, points: CapturePoints) -> None:
-        """Add a capture; one without points within the gates is only counted."""
+        """Add a capture; without points within the gates only its raw points are counted."""
         self.raw_points += points.raw_points
         if len(points.points_m):
             self.captures.append(points)
@@ -84,7 +86,7 @@ class Patch:
         return tuple(dict.fromkeys(s.id for s in samples if s.id))
 
     def joined(self) -> MapPoints:
-        """Return the points of all captures; an unknown variance of the pose is 0 (see ``quality``)."""
+        """Return all points; an unknown pose variance becomes 0, which ``quality`` reports."""
         arrays = {
             f.name: np.concatenate([getattr(c, f.name) for c in self.captures]) for f in fields(MapPoints)
         }
@@ -98,7 +100,7 @@ class Patch:
         return np.concatenate(rays) if rays else np.empty((0, 6))
 
     def quality(self, cells: int, cleared: int = 0, tiles_removed: int = 0) -> Quality:
-        """Return the quality: DEGRADED by dropped captures, degraded poses, or tiles removed from the map."""
+        """Return the quality: DEGRADED with dropped captures, degraded poses or removed tiles."""
         poses = [p for c in self.captures for p in c.poses]
         variance = np.concatenate([c.pose_variance_m2 for c in self.captures])
         known = variance[np.isfinite(variance)]

@@ -10,6 +10,7 @@ from cdff_common.geometry import PoseTrack, UncertainTransform
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.product import CovarianceKind, Status
 
+#: Kinds of covariance, least certain first.
 _CERTAINTY = [CovarianceKind.NONE, CovarianceKind.FORMAL, CovarianceKind.CALIBRATED]
 
 #: Age at which poses are removed, nanoseconds.
@@ -26,7 +27,7 @@ class PoseHistory:
         self.body_frame = ""
 
     def insert(self, sample: Sample) -> bool:
-        """Insert a pose; return True if its frames differ from the earlier ones, which are then removed."""
+        """Insert a pose; return True if its frames are new, which removes the earlier poses."""
         pose = sample.value
         frames = pose.parent_frame, pose.child_frame
         is_restarted = self.map_frame != "" and frames != (self.map_frame, self.body_frame)
@@ -36,14 +37,14 @@ class PoseHistory:
         self._track.insert(sample.stamp_ns, pose.transform)
         self._samples[sample.stamp_ns] = sample
         self._track.evict_before(sample.stamp_ns - _MAX_AGE_NS)
-        first = self._track.stamps_ns[0]
-        for old in [s for s in self._samples if s < first]:
+        oldest_ns = self._track.stamps_ns[0]
+        for old in [s for s in self._samples if s < oldest_ns]:
             del self._samples[old]
         return is_restarted
 
     @property
     def stamps_ns(self) -> list[int]:
-        """Stamps of the poses, rising."""
+        """Stamps of the poses, ascending."""
         return self._track.stamps_ns
 
     @property

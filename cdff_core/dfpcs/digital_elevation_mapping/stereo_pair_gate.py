@@ -25,7 +25,7 @@ class StereoPairGate:
         self._last = None
 
     def is_due(self, stamp_ns: int, position_m: NDArray[np.float64]) -> bool:
-        """Return True and store time and position (3,) if a pair is to be processed."""
+        """Return True if a pair is to be processed, and store its time and position (3,) in that case."""
         if self._last is not None:
             last_ns, last_m = self._last
             elapsed_s, moved_m = (stamp_ns - last_ns) / 1e9, float(np.linalg.norm(position_m - last_m))

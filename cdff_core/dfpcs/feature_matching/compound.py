@@ -50,7 +50,7 @@ class FeatureMatching(FeatureMatchingInterface):
         variant = next(i for i in self.description.implementations if i.name == self.implementation)
         slots = {d.dfn_id: self.dfn(d.dfn_id) for d in variant.dfns}
         self._matcher = FeatureMatcher(slots)
-        self._lines, self._plane = slots["fundamental"], slots["homography"]
+        self._fundamental, self._homography = slots["fundamental"], slots["homography"]
         self._essential, self._decompose = slots["essential"], slots["decompose"]
         self._models: dict[str, FloatArray] = {}
         self.forget()
@@ -81,32 +81,34 @@ class FeatureMatching(FeatureMatchingInterface):
             self._waiting = sample
             return []
         self._models = {}
-        used = (self._left.sample.id, sample.id)
+        input_ids = (self._left.sample.id, sample.id)
         try:
             right = self._matcher.view(sample)
             verified = self._match(self._left, right)
         except InputError as error:
-            return [self._failed(sample, used, f"bad_right:{error}")]
+            return [self._failed(sample, input_ids, f"bad_right:{error}")]
         except RefusedError as refusal:
-            return [self._failed(sample, used, "no_common_scene", *refusal.reasons)]
-        outputs = [self._matches(sample, used, verified)]
-        return [*outputs, *self._transform(self._left, right, used, verified)]
+            return [self._failed(sample, input_ids, "no_common_scene", *refusal.reasons)]
+        outputs = [self._matches(sample, input_ids, verified)]
+        return [*outputs, *self._transform(self._left, right, input_ids, verified)]
 
     def _match(self, left: FeatureView, right: FeatureView) -> VerifiedPairs:
-        """Return the pairs with their geometry; raises RefusedError if they agree on none."""
-        first = self._verify(self._matcher.match(left, right))
-        guided = self._matcher.match_along_lines(left, right, first.fundamental_matrix)
-        if guided is None or len(guided) <= first.count:
-            return first
-        second = self._verify(guided, first.planar)
-        return second if second.count > first.count else first
+        """Return the pairs verified by their common geometry; raises RefusedError if there is none."""
+        verified = self._verify(self._matcher.match(left, right))
+        guided = self._matcher.match_along_lines(left, right, verified.fundamental_matrix)
+        if guided is None or len(guided) <= verified.count:
+            return verified
+        verified_guided = self._verify(guided, verified.planar)
+        return verified_guided if verified_guided.count > verified.count else verified
 
     def _verify(self, pairs: PointPairs, planar: bool | None = None) -> VerifiedPairs:
-        """Fit fundamental matrix and homography, and verify the pairs by one of them."""
-        lines = self._lines.process(FundamentalMatrixComputationInputs(source=pairs.left, sink=pairs.right))
+        """Fit fundamental matrix and homography, and verify the pairs by the homography if ``planar``."""
+        lines = self._fundamental.process(
+            FundamentalMatrixComputationInputs(source=pairs.left, sink=pairs.right)
+        )
         self._store_model("fundamental", lines.fundamental_matrix, lines.covariance)
         try:
-            plane = self._plane.process(HomographyComputationInputs(source=pairs.left, sink=pairs.right))
+            plane = self._homography.process(HomographyComputationInputs(source=pairs.left, sink=pairs.right))
         except RefusedError:
             return VerifiedPairs.from_model(pairs, lines, lines.fundamental_matrix, 0.0)
         self._store_model("homography", plane.homography, plane.covariance)
@@ -115,7 +117,7 @@ class FeatureMatching(FeatureMatchingInterface):
         ratio = 1.0 if planar else float((plane.inliers & lines.inliers).sum() / lines.inliers.sum())
         return VerifiedPairs.from_model(pairs, plane if planar else lines, lines.fundamental_matrix, ratio)
 
-    def _matches(self, sample: Sample, used: tuple[str, ...], v: VerifiedPairs) -> Output:
+    def _matches(self, sample: Sample, input_ids: tuple[str, ...], v: VerifiedPairs) -> Output:
         inliers, span = v.inliers, float(np.hypot(*np.ptp(v.pairs.right, axis=0)))
         probabilities = inlier_probabilities(v.residuals[v.agrees], v.sigma_px, float(v.agrees.mean()), span)
         reasons = [f"few_inliers:{v.count}<{_GOOD_INLIERS}"] if v.count < _GOOD_INLIERS else []
@@ -127,10 +129,12 @@ class FeatureMatching(FeatureMatchingInterface):
             "log10_false_alarms": v.log_false_alarms,
         }
         value = CorrespondenceMap2D.from_arrays(inliers.left, inliers.right, probabilities)
-        return self._output("matches", sample, used, value, Quality.from_reasons(reasons, metrics=metrics))
+        return self._output(
+            "matches", sample, input_ids, value, Quality.from_reasons(reasons, metrics=metrics)
+        )
 
     def _transform(
-        self, left: FeatureView, right: FeatureView, used: tuple[str, ...], v: VerifiedPairs
+        self, left: FeatureView, right: FeatureView, input_ids: tuple[str, ...], v: VerifiedPairs
     ) -> Iterable[Output]:
         """Return the relative pose of the cameras if both are known; FAILED if it is undetermined."""
         K, inliers = (left.camera, right.camera), v.inliers
@@ -153,7 +157,7 @@ class FeatureMatching(FeatureMatchingInterface):
                 )
             )
         except RefusedError as refusal:
-            return [self._output("transform", right.sample, used, None, Quality.from_error(refusal))]
+            return [self._output("transform", right.sample, input_ids, None, Quality.from_error(refusal))]
         has_plane = v.planar_ratio > _MAX_PLANAR_RATIO
         planar = (f"planar:{v.planar_ratio:.3f}>{_MAX_PLANAR_RATIO:g}",) if has_plane else ()
         metrics = {"inliers": float(pose.inliers.sum()), "parallax_deg": pose.parallax_deg}
@@ -166,18 +170,18 @@ class FeatureMatching(FeatureMatchingInterface):
         )
         status = Status.DEGRADED if has_plane else Status.OK
         quality = Quality(status, ("scale_unknown", *planar), CovarianceKind.CALIBRATED, metrics)
-        return [self._output("transform", right.sample, used, value, quality)]
+        return [self._output("transform", right.sample, input_ids, value, quality)]
 
     def _output(
-        self, port: str, sample: Sample, used: tuple[str, ...], value: Any, quality: Quality
+        self, port: str, sample: Sample, input_ids: tuple[str, ...], value: Any, quality: Quality
     ) -> Output:
         t0_ns = min(sample.stamp_ns, self._left.sample.stamp_ns if self._left else sample.stamp_ns)
         frame = self._frame(self._left.sample if self._left else sample, "left")
         child = self._frame(sample, "right") if port == "transform" else None
-        return Output(port, value, t0_ns, sample.stamp_ns, frame, child, quality, used)
+        return Output(port, value, t0_ns, sample.stamp_ns, frame, child, quality, input_ids)
 
-    def _failed(self, sample: Sample, used: tuple[str, ...], *reasons: str) -> Output:
-        return self._output("matches", sample, used, None, Quality.failed(*reasons))
+    def _failed(self, sample: Sample, input_ids: tuple[str, ...], *reasons: str) -> Output:
+        return self._output("matches", sample, input_ids, None, Quality.failed(*reasons))
 
     def _frame(self, sample: Sample, side: str) -> str:
         return sample.frame or f"{self.context.robot}/navcam_{side}"

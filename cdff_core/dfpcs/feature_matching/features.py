@@ -15,7 +15,7 @@ from cdff_core.dfns.features_description_2d.interface import FeaturesDescription
 from cdff_core.dfns.features_extraction_2d.interface import FeaturesExtraction2DInputs
 from cdff_core.dfns.features_matching_2d.interface import FeaturesMatching2DInputs
 from cdff_core.dfns.features_tracking_2d.interface import FeaturesTracking2DInputs
-from cdff_core.imaging.frames import check_straight
+from cdff_core.imaging.frames import check_undistorted
 from cdff_core.imaging.grey import grey_image
 
 FloatArray = NDArray[np.float64]
@@ -23,7 +23,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FeatureView:
-    """Image with its points; without descriptors if points are tracked."""
+    """Image with its points ``(n, 2)`` and their descriptors ``(n, d)``; d is 0 if points are tracked."""
 
     sample: Sample
     image: NDArray[np.uint8]
@@ -52,14 +52,14 @@ class PointPairs:
 
 
 class FeatureMatcher:
-    """Extracts, describes and matches points (blobs, corners, describe, match, guide, track)."""
+    """Extracts, describes and matches points with the DFNs of the slots that the implementation has."""
 
     def __init__(self, slots: dict[str, Any]) -> None:
         self._slots = slots
 
     def view(self, sample: Sample) -> FeatureView:
-        """Return points and descriptors of every detector of the implementation; raises InputError."""
-        check_straight(sample.value)
+        """Detect and describe the points of an image; raises InputError on distortion or another type."""
+        check_undistorted(sample.value)
         image = grey_image(sample.value)
         points, descriptors = [], []
         for slot in ("blobs", "corners"):
@@ -92,7 +92,7 @@ class FeatureMatcher:
         return PointPairs(left.points[matched.matches[:, 0]], right.points[matched.matches[:, 1]])
 
     def match_along_lines(self, left: FeatureView, right: FeatureView, F: FloatArray) -> PointPairs | None:
-        """Return the pairs with similar descriptors near epipolar lines; None if the slot is not used."""
+        """Return the pairs with similar descriptors near epipolar lines; None without the slot guide."""
         if "guide" not in self._slots:
             return None
         inputs = FeaturesMatching2DInputs(

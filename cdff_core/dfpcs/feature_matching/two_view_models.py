@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Verification of pairs by epipolar lines, or by a plane if it explains all of them."""
+"""Verification of pairs by their epipolar lines, or by a homography if all points are on one plane."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ _OUTLIER_SIGMAS = 8.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VerifiedPairs:
-    """Pairs with their inliers and residuals."""
+    """Pairs with their inliers and residuals for one model: a fundamental matrix or a homography."""
 
     pairs: PointPairs
-    agrees: NDArray[np.bool_]  # (n,)
+    agrees: NDArray[np.bool_]  # (n,), inliers of the model
     residuals: FloatArray  # (n,), distances from the model, pixels
-    sigma_px: float  # Noise of the model
-    log_false_alarms: float  # Significance of the model
-    planar: bool  # True if the model is a plane
-    planar_ratio: float  # Ratio of the pairs on epipolar lines that one plane explains
+    sigma_px: float  # standard deviation of the residuals of inliers
+    log_false_alarms: float  # decimal logarithm of the expected number of such models among random pairs
+    planar: bool  # true if the model is a homography
+    planar_ratio: float  # ratio of the pairs on epipolar lines that one plane explains
     fundamental_matrix: FloatArray  # (3, 3)
 
     @classmethod
@@ -39,7 +39,7 @@ class VerifiedPairs:
         fundamental_matrix: FloatArray,
         planar_ratio: float,
     ) -> VerifiedPairs:
-        """Return the verification by the distances from epipolar lines or from the projections of a plane."""
+        """Return the pairs with the inliers and residuals of a fundamental matrix or homography."""
         return cls(
             pairs=pairs,
             agrees=model.inliers,
@@ -65,16 +65,17 @@ class VerifiedPairs:
 def is_planar(
     pairs: PointPairs, lines: FundamentalMatrixComputationOutputs, plane: HomographyComputationOutputs
 ) -> bool:
-    """True if chance explains the pairs that are on epipolar lines but not on the plane.
+    """Return whether chance explains the pairs that are on epipolar lines but not on the plane.
 
-    A wrong pair deviates from the plane in any direction, and is on its epipolar line with the probability
-    that a vector of that length ends in the band. Two pairs off the plane determine the epipolar geometry
-    that the plane leaves undetermined, so only further ones count (a contrario, as in two_view).
+    The residual of a wrong pair from the plane has a random direction: the pair is on its epipolar line with
+    the probability that a vector of that length ends in the band around the line. Two pairs off the plane
+    determine the epipolar geometry that the plane leaves undetermined, so only further ones count (a
+    contrario, as in two_view).
     """
-    off = plane.residuals > _OUTLIER_SIGMAS * plane.sigma_px
-    if not off.any():
+    off_plane = plane.residuals > _OUTLIER_SIGMAS * plane.sigma_px
+    if not off_plane.any():
         return True
-    on_lines = int((lines.inliers & off).sum())
-    reach = max(3.0 * lines.sigma_px, 0.25)
-    chance = np.arcsin(np.minimum(reach / plane.residuals[off], 1.0)) / (0.5 * np.pi)
-    return log10_false_alarms(int(off.sum()), on_lines, float(chance.mean()), 2) > -3.0
+    on_lines = int((lines.inliers & off_plane).sum())
+    band_px = max(3.0 * lines.sigma_px, 0.25)
+    chance = np.arcsin(np.minimum(band_px / plane.residuals[off_plane], 1.0)) / (0.5 * np.pi)
+    return log10_false_alarms(int(off_plane.sum()), on_lines, float(chance.mean()), 2) > -3.0

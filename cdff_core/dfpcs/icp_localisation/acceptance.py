@@ -40,17 +40,17 @@ class Alignment:
 
     @property
     def overlap(self) -> float:
-        """The larger of both overlaps."""
+        """Larger of the overlaps of model and scene."""
         return max(self.assessment.overlap_source, self.assessment.overlap_target)
 
     @property
     def merit(self) -> float:
-        """Score that restarts are compared by: overlap times the least agreement."""
+        """Score for the comparison of restarts: overlap times the least agreement."""
         return self.overlap * float(self.assessment.agreement.min())
 
 
 def alignment_quality(alignment: Alignment, config: IcpLocalisationConfig, kind: CovarianceKind) -> Quality:
-    """Return FAILED, DEGRADED or OK; ``kind`` is that of the covariance of an accepted alignment."""
+    """Return FAILED, DEGRADED or OK; ``kind`` is the covariance kind of an accepted alignment."""
     jump = alignment.jump
     failed, degraded = gate_reasons(
         alignment.assessment,
@@ -83,8 +83,8 @@ def _metrics(alignment: Alignment) -> dict[str, float]:
 def direction_names(directions: Float) -> list[str]:
     """Return names of directions that span the same space as the rows ``(k, 6)``, along axes where possible.
 
-    Eigenvectors of nearly equal eigenvalues are an arbitrary basis of their space: on flat ground x, y and
-    the rotation about z are named for any mixture of the three.
+    Eigenvectors of nearly equal eigenvalues are an arbitrary basis of their space: on flat ground the names
+    are x, y and the rotation about z, even if each row is a mixture of the three.
     """
     projector = directions.T @ directions
     names = []
@@ -99,11 +99,11 @@ def direction_names(directions: Float) -> list[str]:
 
 
 def direction_name(direction: Float) -> str:
-    """Return ``translation_x``, ``rotation_z``, … or, along no axis, a name with components."""
+    """Return ``translation_x``, ``rotation_z``, … or, if the direction is along no axis, its components."""
     translation, rotation = direction[:3], direction[3:]
     is_translation = np.linalg.norm(translation) >= np.linalg.norm(rotation)
-    kind, part = ("translation", translation) if is_translation else ("rotation", rotation)
-    unit = part / max(float(np.linalg.norm(part)), 1e-12)
+    kind, vector = ("translation", translation) if is_translation else ("rotation", rotation)
+    unit = vector / max(float(np.linalg.norm(vector)), 1e-12)
     axis = int(np.argmax(np.abs(unit)))
     along_axis = abs(unit[axis]) >= _ALONG_AXIS
     return f"{kind}_{_AXES[axis]}" if along_axis else f"{kind}{_components(unit)}"
@@ -115,7 +115,10 @@ def _components(unit: Float) -> str:
 
 
 def displace(T: Float, direction: Float, distance_m: float, centre_m: Float, radius_m: float) -> Float:
-    """Return a transform displaced along a direction (6,), rotations in units of the radius."""
-    x = direction * distance_m
-    R = se3.exp_so3(x[3:] / radius_m)
-    return se3.transform(R, x[:3] + centre_m - R @ centre_m) @ T
+    """Return a transform displaced along a direction (6,): translation, and rotation about ``centre_m`` (3,).
+
+    Rotations are in units of metres at the distance ``radius_m`` from the centre.
+    """
+    step_m = direction * distance_m
+    R = se3.exp_so3(step_m[3:] / radius_m)
+    return se3.transform(R, step_m[:3] + centre_m - R @ centre_m) @ T

@@ -15,7 +15,7 @@ Float = NDArray[np.float64]
 
 
 class Level:
-    """One level of detail; normals and statistics are computed on first use."""
+    """A cloud at one level of detail; normals and statistics are computed on first use."""
 
     def __init__(self, points_m: Float, normals_of: Callable[[Float], Float]) -> None:
         self.points_m = points_m

@@ -29,15 +29,16 @@ from cdff_core.dfpcs.icp_localisation.interface import IcpLocalisationInterface
 
 Float = NDArray[np.float64]
 
-_LEAST_POINTS = 100
+_MIN_POINTS = 100
+#: Gate for two poses that count as equal, in point spacings.
 _GATE_SPACINGS = 2.5
-#: Slots whose parameters the calibration of the covariance depends on.
+#: Slots on whose parameters the calibration of the covariance depends.
 _CALIBRATED_SLOTS = ("thin_fine", "normals", "register_coarse", "register_fine", "assess")
-#: Least constrained directions along which restarts are displaced.
+#: Number of least constrained directions along which restarts are displaced.
 _RESTART_DIRECTIONS = 3
 #: Displacement of restarts, in radii of the overlap.
 _RESTART_RADII = 0.2
-#: Ratio of residuals of equally good poses.
+#: Ratio of residuals up to which two poses count as equally good.
 _AMBIGUITY = 1.15
 
 
@@ -104,13 +105,13 @@ class IcpLocalisation(IcpLocalisationInterface):
 
     @property
     def _covariance_kind(self) -> CovarianceKind:
-        """Calibrated for the default DFN parameters only."""
+        """CALIBRATED with the default DFN parameters, otherwise FORMAL."""
         is_changed = any(self.slot_parameters(slot) for slot in _CALIBRATED_SLOTS)
         return CovarianceKind.FORMAL if is_changed else CovarianceKind.CALIBRATED
 
     def _localise(self, scene: Pyramid, model: Pyramid) -> tuple[Alignment, Quality]:
         """Register coarse to fine from the guess, restart after a failure, confirm the result."""
-        alignment = self._coarse_to_fine(scene, model, self._start())
+        alignment = self._coarse_to_fine(scene, model, self._initial_guess())
         quality = alignment_quality(alignment, self.config, self._covariance_kind)
         if quality.status is Status.FAILED:
             alignment, quality = self._restart(scene, model, alignment, quality)
@@ -119,6 +120,7 @@ class IcpLocalisation(IcpLocalisationInterface):
         return alignment, quality
 
     def _coarse_to_fine(self, scene: Pyramid, model: Pyramid, T: Float, levels: int = 3) -> Alignment:
+        """Register on the first ``levels`` levels from a start ``T_scene_model``, and assess the result."""
         iterations, jump = 0, 0.0
         for index in range(levels):
             s, m = scene.levels[index], model.levels[index]
@@ -154,11 +156,11 @@ class IcpLocalisation(IcpLocalisationInterface):
         )
 
     def _restart(
-        self, scene: Pyramid, model: Pyramid, first: Alignment, quality: Quality
+        self, scene: Pyramid, model: Pyramid, failed: Alignment, quality: Quality
     ) -> tuple[Alignment, Quality]:
         """Restart on the coarse level along the least constrained directions; refine the best alignment."""
         best: Alignment | None = None
-        for T in self._displaced_starts(first, self.config.restarts):
+        for T in self._displaced_starts(failed, self.config.restarts):
             try:
                 coarse = self._coarse_to_fine(scene, model, T, levels=1)
             except RefusedError:
@@ -166,13 +168,13 @@ class IcpLocalisation(IcpLocalisationInterface):
             if best is None or coarse.merit > best.merit:
                 best = coarse
         if best is None:
-            return first, quality
+            return failed, quality
         refined = self._coarse_to_fine(scene, model, best.T_scene_model)
         refined_quality = alignment_quality(refined, self.config, self._covariance_kind)
-        return (first, quality) if refined_quality.status is Status.FAILED else (refined, refined_quality)
+        return (failed, quality) if refined_quality.status is Status.FAILED else (refined, refined_quality)
 
     def _is_confirmed(self, scene: Pyramid, model: Pyramid, alignment: Alignment) -> bool:
-        """Return whether no displaced start leads to another alignment as good on the medium level."""
+        """Return whether no displaced start leads to another, equally good alignment (medium level)."""
         if not self.config.confirmations:
             return True
         a = alignment.assessment
@@ -213,10 +215,8 @@ class IcpLocalisation(IcpLocalisationInterface):
         filtered = self._filter.process(
             PointCloudFilteringInputs(points=sample.value.points_m)
         ).filtered_points
-        if len(filtered) < _LEAST_POINTS:
-            raise InputError(
-                f"{sample.port}: {len(filtered)} points remain, expected at least {_LEAST_POINTS}"
-            )
+        if len(filtered) < _MIN_POINTS:
+            raise InputError(f"{sample.port}: {len(filtered)} points remain, expected at least {_MIN_POINTS}")
         thinned = self._thin[-1].process(PointCloudDownsamplingInputs(points=filtered)).points
         fine = self._outliers.process(PointCloudFilteringInputs(points=thinned)).filtered_points
         clouds = [thin.process(PointCloudDownsamplingInputs(points=fine)).points for thin in self._thin[:-1]]
@@ -226,8 +226,8 @@ class IcpLocalisation(IcpLocalisationInterface):
         normals: Float = self._normals.process(NormalsEstimationInputs(points=points_m)).normals
         return normals
 
-    def _start(self) -> Float:
-        """Return the guess if it is newer than the last alignment, else that one, else the identity."""
+    def _initial_guess(self) -> Float:
+        """Return the newer of guess and last alignment; the identity without either."""
         last = self._last
         if self._guess is not None and (last is None or self._guess.stamp_ns >= last.stamp_ns):
             guess: Float = self._guess.value.transform.matrix

@@ -24,15 +24,18 @@ from cdff_core.dfpcs.lidar_localisation.relocaliser import Relocaliser
 from cdff_core.dfpcs.lidar_localisation.sweep_matcher import Sweep, SweepMatcher
 from cdff_core.dfpcs.lidar_localisation.tiled_map import TiledMap
 
-_LEAST_POINTS = 200
+_MIN_POINTS = 200
 #: Standard deviations of a guess without covariance.
 _GUESS_SIGMA_M, _GUESS_SIGMA_DEG = 1.0, 10.0
-#: Odometry older than this is stale: sweeps do not wait for more.
+#: Age of the newest odometry above which sweeps do not wait for more.
 _STALE_NS = 2_000_000_000
 
 
 class LidarLocalisation(LidarLocalisationInterface):
-    """Localisation of each sweep in the map."""
+    """Localisation of each sweep in the map.
+
+    Docstrings name the steps of the InFuse control sequence, such as ``PointcloudMatcher.doICP``.
+    """
 
     Config = LidarLocalisationConfig
     config: LidarLocalisationConfig
@@ -52,31 +55,31 @@ class LidarLocalisation(LidarLocalisationInterface):
         self.store.offer("last_pose", lambda: self._last)
 
     def forget_map(self) -> None:
-        """Clear map and estimate."""
+        """Clear map, keyframes and estimate."""
         c, matcher = self.config, self._matcher
-        self._map = TiledMap(c.voxel_m, c.local_radius_m, matcher.normals, matcher.coarse)
+        self._map = TiledMap(c.voxel_m, c.local_radius_m, matcher.normals, matcher.thin_coarse)
         self._keyframes = Keyframes(c.keyframe_distance_m)
-        self._used: dict[str, str] = {}
+        self._input_ids: dict[str, str] = {}
         self._child = ""
         self._last: TransformWithCovariance | None = None
         self.relocalise()
 
     def relocalise(self) -> None:
-        """Clear the estimate."""
+        """Clear the estimate: the next sweep is searched in the whole map."""
         self._pose: UncertainTransform | None = None
         self._pose_ns = 0
         self._motion.clear_poses()
 
     def get_local_map(self) -> Pointcloud:
         """Return the map around the estimate; raises ProductNotFoundError without either."""
-        local = None if self._pose is None else self._map.local(self._pose.matrix[:3, 3], _LEAST_POINTS)
+        local = None if self._pose is None else self._map.local(self._pose.matrix[:3, 3], _MIN_POINTS)
         if local is None:
             raise ProductNotFoundError("no local map: there is no estimate, or no map around it")
         return Pointcloud.from_points(local.points_m, frame=self._map.frame, stamp_ns=self._pose_ns)
 
     def on_map(self, sample: Sample) -> Iterable[Output]:
         """Add a piece of the map."""
-        return self._grow(sample, sample.value.points_m, sample.value.frame)
+        return self._add_to_map(sample, sample.value.points_m, sample.value.frame)
 
     def on_dem(self, sample: Sample) -> Iterable[Output]:
         """Add the cells of an elevation map."""
@@ -85,39 +88,39 @@ class LidarLocalisation(LidarLocalisationInterface):
         rows, columns = np.nonzero(np.isfinite(height))
         x = geometry.xmin_m + (columns + 0.5) * geometry.resolution_m
         y = geometry.ymax_m - (rows + 0.5) * geometry.resolution_m
-        return self._grow(sample, np.column_stack([x, y, height[rows, columns]]), geometry.frame)
+        return self._add_to_map(sample, np.column_stack([x, y, height[rows, columns]]), geometry.frame)
 
     def on_graph_map(self, sample: Sample) -> Iterable[Output]:
         """Replace the map by the clouds of the keyframes; store the graph."""
         if sample.value.frame == self._map.frame:
-            self._map.clear()  # the same map with corrected keyframes: the estimate stays
-        self._grow(sample, sample.value.points_m, sample.value.frame)
+            self._map.clear()  # the same map with corrected keyframes: the estimate remains valid
+        self._add_to_map(sample, sample.value.points_m, sample.value.frame)
         self._keyframes.set_map(sample.value.graph)
         return ()
 
     def on_guess(self, sample: Sample) -> Iterable[Output]:
-        """Start the next sweep from this pose."""
+        """Use the pose as the prediction for the next sweep."""
         T: UncertainTransform = sample.value.transform
         if T.covariance is None:
             sigma = np.repeat([_GUESS_SIGMA_M, np.radians(_GUESS_SIGMA_DEG)], 3)
             T = UncertainTransform(T.matrix, np.diag(sigma**2))
         self.relocalise()
         self._pose, self._pose_ns = T, sample.stamp_ns
-        self._used["guess"] = sample.id
+        self._input_ids["guess"] = sample.id
         return ()
 
     def on_odometry(self, sample: Sample) -> Iterable[Output]:
         """Store the odometry; process the sweep that waited for it."""
         mount, _ = self._mount(sample.value.child_frame, sample.stamp_ns)
         self._motion.insert(sample.stamp_ns, sample.value, mount)
-        if self._waiting is not None and not self._is_early(self._waiting):
+        if self._waiting is not None and not self._is_awaiting_odometry(self._waiting):
             return self.finish()
         return ()
 
     def on_scan(self, sample: Sample) -> Iterable[Output]:
         """Localise the sweep, once the odometry, if any, reaches its end."""
         outputs = list(self.finish())
-        if self._is_early(sample):
+        if self._is_awaiting_odometry(sample):
             self._waiting = sample
             return outputs
         return [*outputs, self._localise(sample)]
@@ -127,15 +130,15 @@ class LidarLocalisation(LidarLocalisationInterface):
         waiting, self._waiting = self._waiting, None
         return () if waiting is None else [self._localise(waiting)]
 
-    def _grow(self, sample: Sample, points_m: se3.FloatArray, frame: str) -> Iterable[Output]:
+    def _add_to_map(self, sample: Sample, points_m: se3.FloatArray, frame: str) -> Iterable[Output]:
         if self._map and frame != self._map.frame:
             self.forget_map()
         self._map.add(points_m, frame)
-        self._used["map"] = sample.id
+        self._input_ids["map"] = sample.id
         return ()
 
-    def _is_early(self, scan: Sample) -> bool:
-        """Return whether odometry for the sweep is still expected."""
+    def _is_awaiting_odometry(self, scan: Sample) -> bool:
+        """Return whether odometry up to the end of the sweep is still expected."""
         last_ns = self._motion.last_ns
         wait_ns = self.config.odometry_wait_s * 1e9
         return (
@@ -145,7 +148,7 @@ class LidarLocalisation(LidarLocalisationInterface):
         )
 
     def _localise(self, sample: Sample) -> Output:
-        """The control sequence for one sweep."""
+        """Run the control sequence for one sweep."""
         scan: LidarScan = sample.value
         T_base_lidar, self._child = self._mount(scan.frame, scan.t1_ns)
         predicted = self._predict(scan.t1_ns)
@@ -163,21 +166,21 @@ class LidarLocalisation(LidarLocalisationInterface):
         return self._output(sample, predicted, pose, quality)
 
     def _predict(self, stamp_ns: int) -> UncertainTransform | None:
-        """Return the last pose moved by the motion since."""
+        """Return the last pose with the motion since then; None without a pose."""
         if self._pose is None or stamp_ns < self._pose_ns:
             return self._pose
         return self._pose @ self._motion.between(self._pose_ns, stamp_ns)
 
     def _prepare(self, scan: LidarScan, T_base_lidar: se3.FloatArray) -> Sweep:
-        """Select points in range, transform them into the base at the end of the sweep, thin them."""
+        """Select points in range, deskew them into the base's frame at the end of the sweep, thin them."""
         near = self._range.process(PointCloudFilteringInputs(points=scan.points_m.astype(np.float64)))
         points, is_near = near.filtered_points, near.kept
-        if len(points) < _LEAST_POINTS:
-            raise InputError(f"scan: {len(points)} points within range, expected at least {_LEAST_POINTS}")
+        if len(points) < _MIN_POINTS:
+            raise InputError(f"scan: {len(points)} points within range, expected at least {_MIN_POINTS}")
         if scan.t1_ns > scan.t0_ns:
             stamps_ns = scan.t0_ns + scan.time_offset_us[is_near].astype(np.int64) * 1000
             t0_ns = min(scan.t0_ns, int(stamps_ns.min()))
-            pose_stamps_ns, poses = self._motion.sweep(t0_ns, scan.t1_ns, T_base_lidar)
+            pose_stamps_ns, poses = self._motion.lidar_poses(t0_ns, scan.t1_ns, T_base_lidar)
             points = self._deskew.process(
                 PointCloudDeskewingInputs(
                     points=points,
@@ -188,17 +191,20 @@ class LidarLocalisation(LidarLocalisationInterface):
             ).points
         else:
             points = se3.transform_points(T_base_lidar, points)
-        return self._matcher.sweep(points)
+        return self._matcher.prepare(points)
 
     def _track(
         self, sweep: Sweep, predicted: UncertainTransform
     ) -> tuple[UncertainTransform | None, Quality]:
-        """Run getLocalMap, PointcloudMatcher.doICP from the prediction, PoseEstimator.estimatePose."""
-        local = self._map.local(predicted.matrix[:3, 3], _LEAST_POINTS)
+        """Run getLocalMap, PointcloudMatcher.doICP from the prediction and PoseEstimator.estimatePose.
+
+        Return None as the pose if no match is accepted.
+        """
+        local = self._map.local(predicted.matrix[:3, 3], _MIN_POINTS)
         if local is None:
             return None, Quality.failed("no_map_here")
         quality = Quality(Status.FAILED)
-        for register in (self._matcher.near, self._matcher.far):
+        for register in (self._matcher.register, self._matcher.register_coarse_to_fine):
             match = register(sweep, local, predicted.matrix, allow_degenerate=True)
             quality = match.quality
             if match.accepted is not None:
@@ -230,7 +236,7 @@ class LidarLocalisation(LidarLocalisationInterface):
         )
 
     def _search(self, sweep: Sweep, tracking: Quality) -> tuple[UncertainTransform | None, Quality]:
-        """Search the whole map; FAILED lost without a match."""
+        """Search the whole map; without a match the quality is FAILED, with reason ``lost``."""
         match = self._relocaliser.search(sweep, self._map, self._keyframes.positions_m)
         if match.accepted is None:
             return None, Quality.failed("lost", *match.quality.reasons, *tracking.reasons)
@@ -246,6 +252,7 @@ class LidarLocalisation(LidarLocalisationInterface):
         pose: UncertainTransform | None,
         quality: Quality,
     ) -> Output:
+        """Update the estimate and return the output of a sweep."""
         scan: LidarScan = sample.value
         if pose is not None:
             self._motion.add_pose(scan.t1_ns, pose.matrix)
@@ -260,14 +267,14 @@ class LidarLocalisation(LidarLocalisationInterface):
             frame=self._map.frame or "map",
             child=self._child,
             quality=quality,
-            inputs=(*self._used.values(), sample.id),
+            inputs=(*self._input_ids.values(), sample.id),
             producer=self.name,
         )
         self._last = output.value or self._last
         return output
 
     def _mount(self, frame: str, stamp_ns: int) -> tuple[se3.FloatArray, str]:
-        """Return ``T_base_frame`` and the base; the identity and the frame itself without a known mount."""
+        """Return ``T_base_frame`` and the base; for an unknown mount the identity and the frame itself."""
         base = f"{self.context.robot}/base"
         try:
             return self.context.frames.lookup(base, frame, stamp_ns).matrix, base

@@ -13,7 +13,7 @@ from cdff_common.types.pose_graph_ext import PRIOR
 
 
 class Keyframes:
-    """Poses in the map; those of the run at a minimum distance from each other."""
+    """Keyframes of the map, and keyframes of the run at a minimum distance from each other."""
 
     def __init__(self, distance_m: float) -> None:
         self._distance_m = distance_m
@@ -38,7 +38,7 @@ class Keyframes:
         return np.zeros((0, 3)) if self._map is None else self._map.vertices.poses[:, :3]
 
     def trajectory(self, frame: str, child: str) -> PoseTrajectory | None:
-        """Return the keyframes of the run; None before the first."""
+        """Return the keyframes of the run; None before the first one."""
         if not self._poses:
             return None
         covariances = np.array([p.covariance for p in self._poses])
@@ -46,11 +46,11 @@ class Keyframes:
         return PoseTrajectory.from_arrays(self._stamps, matrices, covariances, parent=frame, child=child)
 
     def graph(self, frame: str) -> PoseGraph | None:
-        """Return the keyframes and edges of the map, and those of the run, each with a prior in the map."""
+        """Return keyframes and edges of the map, and the keyframes of the run with priors in the map."""
         if self._map is None and not self._poses:
             return None
         n = len(self._poses)
-        own = np.array([p.matrix for p in self._poses]).reshape(-1, 4, 4)
+        run_poses = np.array([p.matrix for p in self._poses]).reshape(-1, 4, 4)
         information = information_from_covariance(
             np.array([p.covariance for p in self._poses]).reshape(-1, 6, 6)
         )
@@ -59,14 +59,16 @@ class Keyframes:
         ends = np.column_stack([ids, ids])
         kinds = np.full(n, PRIOR)
         if self._map is None:
-            return PoseGraph.from_arrays(ids, self._stamps, own, ends, own, information, kinds, frame=frame)
+            return PoseGraph.from_arrays(
+                ids, self._stamps, run_poses, ends, run_poses, information, kinds, frame=frame
+            )
         v, e = self._map.vertices, self._map.edges
         return PoseGraph.from_arrays(
             np.concatenate([v.ids, ids]),
             np.concatenate([v.stamps_ns, np.array(self._stamps, dtype=np.int64)]),
-            np.concatenate([v.matrices, own]),
+            np.concatenate([v.matrices, run_poses]),
             np.concatenate([e.ends, ends]),
-            np.concatenate([e.matrices, own]),
+            np.concatenate([e.matrices, run_poses]),
             np.concatenate([e.information_matrices, information]),
             np.concatenate([e.kinds, kinds]),
             frame=frame,

@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from cdff_core.dfpcs.lidar_localisation.configuration import LidarLocalisationConfig
     from cdff_core.dfpcs.lidar_localisation.tiled_map import TiledMap
 
-_LEAST_POINTS = 500
-#: Ratio of residuals of equally good poses.
+_MIN_POINTS = 500
+#: Ratio of residuals up to which two poses count as equally good.
 _AMBIGUITY = 1.5
 
 
 class Relocaliser:
-    """Candidate poses of a sweep in the whole map, registered and assessed."""
+    """Registers a sweep at candidate poses in the whole map and assesses the results."""
 
     def __init__(self, dfpc: Dfpc, matcher: SweepMatcher, config: LidarLocalisationConfig) -> None:
         self._search, self._matcher, self._config = dfpc.dfn("search"), matcher, config
@@ -38,7 +38,8 @@ class Relocaliser:
     def search(self, sweep: Sweep, scan_map: TiledMap, keyframes_m: se3.FloatArray) -> Match:
         """Return the best acceptable match; FAILED without one, or with two equally good ones.
 
-        Descriptors are compared around the first keyframe (n, 3), without any around the centre of the map.
+        Descriptors are compared around the first of the keyframe positions ``keyframes_m`` (n, 3) or, without
+        keyframes, around the mean of the map's points.
         """
         refusals: list[tuple[str, ...]] = []
         accepted: list[AssessedRegistration] = []
@@ -69,7 +70,7 @@ class Relocaliser:
     def _by_descriptors(
         self, sweep: Sweep, scan_map: TiledMap, keyframes_m: se3.FloatArray
     ) -> Iterator[se3.FloatArray]:
-        """Yield poses by matching descriptors around the first keyframe."""
+        """Yield poses by matching descriptors around the first keyframe or the mean of the map's points."""
         cfg = self._config
         centres = keyframes_m if len(keyframes_m) else scan_map.points_m.mean(axis=0)[None]
         around_m = scan_map.around(centres[0], cfg.local_radius_m)
@@ -83,23 +84,23 @@ class Relocaliser:
     def _register(
         self, sweep: Sweep, scan_map: TiledMap, T: se3.FloatArray, accepted: list[AssessedRegistration]
     ) -> Match | None:
-        """Return the match from a candidate; None if it leads to a pose already accepted."""
-        local = scan_map.local(T[:3, 3], _LEAST_POINTS)
+        """Return the match from a candidate pose; None if it leads to a pose that was already accepted."""
+        local = scan_map.local(T[:3, 3], _MIN_POINTS)
         if local is None:
             return Match(None, Quality.failed("map_too_thin"))
         try:
-            near = self._matcher.approach(sweep, local, T)
+            T_coarse = self._matcher.register_coarse(sweep, local, T)
         except RefusedError as error:
             return Match(None, Quality.from_error(error))
-        if any(_is_same(registration, near) for registration, _ in accepted):
+        if any(_is_same(registration, T_coarse) for registration, _ in accepted):
             return None
-        return self._matcher.near(sweep, local, near, allow_degenerate=False)
+        return self._matcher.register(sweep, local, T_coarse, allow_degenerate=False)
 
     def _rough_quality(self, registration: Registration) -> Quality:
         return registration_quality(registration, registration.assessment.overlap_source, self._config)
 
     def _best(self, accepted: list[AssessedRegistration]) -> Match:
-        """Return the match with the smallest residuals; FAILED if one elsewhere is nearly as good."""
+        """Return the match with the smallest residuals; FAILED if another pose is nearly as good."""
         (best, quality), *others = sorted(accepted, key=lambda match: match[0].assessment.rms_m)
         limit_m = _AMBIGUITY * best.assessment.rms_m
         for other, _ in others:

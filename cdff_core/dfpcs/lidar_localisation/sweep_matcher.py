@@ -13,7 +13,7 @@ from cdff_common.errors import RefusedError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
 from cdff_core.cloud_matching.acceptance import registration_quality
-from cdff_core.cloud_matching.matcher import Registration, refined
+from cdff_core.cloud_matching.matcher import Registration, refine_and_assess
 from cdff_core.dfns.normals_estimation.interface import NormalsEstimationInputs
 from cdff_core.dfns.point_cloud_downsampling.interface import PointCloudDownsamplingInputs
 from cdff_core.dfns.registration_3d.interface import Registration3DInputs
@@ -24,17 +24,17 @@ if TYPE_CHECKING:
     from cdff_core.dfpcs.lidar_localisation.tiled_map import LocalMap
 
 
-#: Robust distance of an accepted sweep from the map, and after the coarse registration, metres.
+#: Largest RMS residual of an accepted registration, and largest residual scale of a coarse one, metres.
 _MAX_RESIDUAL_M, _MAX_COARSE_RESIDUAL_M = 0.03, 0.06
 #: Standard deviation along degenerate directions, metres.
 _DEGENERATE_SIGMA_M = 10.0
-#: Reasons that make an answer DEGRADED at most.
+#: Prefixes of reasons that make a match DEGRADED at most.
 _DEGRADED = ("weak:", "not_converged")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
-    """A sweep in the base's frame at its end."""
+    """Points of a sweep in the base's frame at the end of the sweep."""
 
     whole_m: se3.FloatArray  # (m, 3), all points within range
     points_m: se3.FloatArray  # (n, 3), thinned
@@ -56,7 +56,7 @@ class Match:
 
 
 class SweepMatcher:
-    """The DFNs of the slots thin_scan, thin_coarse, normals, register_coarse, refine and assess."""
+    """Registers sweeps by the DFNs thin_scan, thin_coarse, normals, register_coarse, refine and assess."""
 
     def __init__(self, dfpc: Dfpc, config: LidarLocalisationConfig) -> None:
         self._config = config
@@ -69,31 +69,31 @@ class SweepMatcher:
         normals: se3.FloatArray = self._normals.process(NormalsEstimationInputs(points=points_m)).normals
         return normals
 
-    def coarse(self, points_m: se3.FloatArray) -> se3.FloatArray:
+    def thin_coarse(self, points_m: se3.FloatArray) -> se3.FloatArray:
         """Return points thinned for the coarse registration."""
         points: se3.FloatArray = self._thin_coarse.process(
             PointCloudDownsamplingInputs(points=points_m)
         ).points
         return points
 
-    def sweep(self, points_m: se3.FloatArray) -> Sweep:
-        """Thin a sweep to both levels."""
+    def prepare(self, points_m: se3.FloatArray) -> Sweep:
+        """Return a sweep, given as points (n, 3), thinned for the coarse and the fine registration."""
         points = self._thin.process(PointCloudDownsamplingInputs(points=points_m)).points
-        return Sweep(points_m, points, self.normals(points), self.coarse(points))
+        return Sweep(points_m, points, self.normals(points), self.thin_coarse(points))
 
-    def near(self, sweep: Sweep, local: LocalMap, T: se3.FloatArray, *, allow_degenerate: bool) -> Match:
-        """PointcloudMatcher.doICP from a nearly correct pose.
+    def register(self, sweep: Sweep, local: LocalMap, T: se3.FloatArray, *, allow_degenerate: bool) -> Match:
+        """Run PointcloudMatcher.doICP from a nearly correct pose ``T_map_base``.
 
-        ``allow_degenerate`` accepts degenerate directions, which a prediction constrains.
+        With ``allow_degenerate``, degenerate directions are accepted, since a prediction constrains them.
         """
         try:
-            registration = refined(self._refine, self._assess, sweep, local, T, {})
+            registration = refine_and_assess(self._refine, self._assess, sweep, local, T, {})
         except RefusedError as error:
             return Match(None, Quality.from_error(error))
         return Match(registration, self._quality(registration, allow_degenerate=allow_degenerate))
 
-    def approach(self, sweep: Sweep, local: LocalMap, T: se3.FloatArray) -> se3.FloatArray:
-        """Return the pose ``(4, 4)`` of the coarse registration, from up to metres and tens of degrees away.
+    def register_coarse(self, sweep: Sweep, local: LocalMap, T: se3.FloatArray) -> se3.FloatArray:
+        """Return the pose ``(4, 4)`` of the coarse registration from a pose metres and tens of degrees away.
 
         Raises RefusedError if sweep and map do not match in that pose.
         """
@@ -108,13 +108,15 @@ class SweepMatcher:
         T_coarse: se3.FloatArray = step.transform
         return T_coarse
 
-    def far(self, sweep: Sweep, local: LocalMap, T: se3.FloatArray, *, allow_degenerate: bool) -> Match:
-        """PointcloudMatcher.doICP from coarse to fine: ``approach``, then ``near``."""
+    def register_coarse_to_fine(
+        self, sweep: Sweep, local: LocalMap, T: se3.FloatArray, *, allow_degenerate: bool
+    ) -> Match:
+        """Run PointcloudMatcher.doICP from coarse to fine: ``register_coarse``, then ``register``."""
         try:
-            first = self.approach(sweep, local, T)
+            T_coarse = self.register_coarse(sweep, local, T)
         except RefusedError as error:
             return Match(None, Quality.from_error(error))
-        return self.near(sweep, local, first, allow_degenerate=allow_degenerate)
+        return self.register(sweep, local, T_coarse, allow_degenerate=allow_degenerate)
 
     def pose(self, registration: Registration) -> UncertainTransform:
         """Return ``T_map_base`` with calibrated covariance, large along degenerate directions."""
@@ -123,13 +125,14 @@ class SweepMatcher:
         map_sigma = np.array([cfg.map_sigma_xy_m, cfg.map_sigma_xy_m, cfg.map_sigma_z_m, tilt, tilt, yaw])
         C = a.covariance + np.diag(map_sigma**2)
         for direction in a.directions[a.agreement < cfg.min_agreement]:
-            # Translation and rotation about the centre of the overlap, as a change of the pose.
+            # Convert translation and rotation about the centre of the overlap to a change of the pose.
             rotation = direction[3:] / a.radius_m
-            v = np.concatenate([direction[:3] + np.cross(rotation, T[:3, 3] - a.centre_m), rotation])
-            C = C + _DEGENERATE_SIGMA_M**2 * np.outer(v, v)
+            change = np.concatenate([direction[:3] + np.cross(rotation, T[:3, 3] - a.centre_m), rotation])
+            C = C + _DEGENERATE_SIGMA_M**2 * np.outer(change, change)
         return UncertainTransform(T, C)
 
     def _quality(self, registration: Registration, *, allow_degenerate: bool) -> Quality:
+        """Return the quality by the shared gates and the residuals; degenerate directions may be allowed."""
         cfg = self._config
         quality = registration_quality(registration, registration.assessment.overlap_source, cfg)
         allowed = (*_DEGRADED, "degenerate:") if allow_degenerate else _DEGRADED

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The map in tiles, and the local map around a position."""
+"""Map of points in tiles, and the local map around a position."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _TILE_M, _REUSE_M = 10.0, 3.0
 
 
 class LocalMap:
-    """Part of the map (n, 3) that a sweep is registered with; derived clouds are computed on first use."""
+    """Part of the map with which a sweep is registered; derived clouds are computed on first use."""
 
     def __init__(
         self, points_m: Float, normals: Callable[[Float], Float], coarse: Callable[[Float], Float]
@@ -46,7 +46,7 @@ class LocalMap:
 class TiledMap:
     """Points in tiles, one mean point per voxel.
 
-    ``normals`` returns the normals (n, 3) of points, ``coarse`` the points for the coarse registration.
+    ``normals`` computes the normals (n, 3) of points, ``coarse`` thins points for the coarse registration.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class TiledMap:
         self._voxel_m, self._radius_m = voxel_m, radius_m
         self._normals, self._coarse = normals, coarse
         self._tiles: dict[tuple[int, int], Float] = {}
-        self._local: tuple[Float, LocalMap | None] | None = None
+        self._local: tuple[Float, LocalMap] | None = None
         self.frame = ""
 
     def add(self, points_m: Float, frame: str) -> None:
@@ -71,11 +71,10 @@ class TiledMap:
         points = points_m[np.isfinite(points_m).all(axis=1)]
         index = np.floor(points[:, :2] / _TILE_M).astype(np.int64)
         order = np.lexsort((index[:, 1], index[:, 0]))
-        keys, first = np.unique(index[order], axis=0, return_index=True)
-        for (x, y), rows in zip(keys.tolist(), np.split(order, first[1:]), strict=True):
-            existing = self._tiles.get((x, y))
-            both = points[rows] if existing is None else np.vstack([existing, points[rows]])
-            self._tiles[x, y] = voxel_means(both, self._voxel_m)
+        tiles, starts = np.unique(index[order], axis=0, return_index=True)
+        for (x, y), rows in zip(tiles.tolist(), np.split(order, starts[1:]), strict=True):
+            existing = self._tiles.get((x, y), np.zeros((0, 3)))
+            self._tiles[x, y] = voxel_means(np.vstack([existing, points[rows]]), self._voxel_m)
 
     def clear(self) -> None:
         """Remove all points."""
@@ -92,7 +91,7 @@ class TiledMap:
         )
 
     def around(self, centre_m: Float, radius_m: float) -> Float:
-        """Return the points ``(n, 3)`` within a horizontal radius."""
+        """Return the points ``(n, 3)`` within a horizontal radius around a position (3,)."""
         low = np.floor((centre_m[:2] - radius_m) / _TILE_M).astype(int)
         high = np.floor((centre_m[:2] + radius_m) / _TILE_M).astype(int)
         inside = [
@@ -107,11 +106,10 @@ class TiledMap:
         is_inside: NDArray[np.bool_] = np.sum((points[:, :2] - centre_m[:2]) ** 2, axis=1) <= radius_m**2
         return points[is_inside]
 
-    def local(self, centre_m: Float, least: int) -> LocalMap | None:
-        """Return the map around a position, cached; None with fewer than ``least`` points."""
-        if self._local is not None and np.linalg.norm(self._local[0] - centre_m[:2]) <= _REUSE_M:
-            return self._local[1]
-        points = self.around(centre_m, self._radius_m + _REUSE_M)
-        local = LocalMap(points, self._normals, self._coarse) if len(points) >= least else None
-        self._local = (centre_m[:2].copy(), local)
-        return local
+    def local(self, centre_m: Float, min_points: int) -> LocalMap | None:
+        """Return the map around a position, cached; None with fewer than ``min_points`` points."""
+        if self._local is None or np.linalg.norm(self._local[0] - centre_m[:2]) > _REUSE_M:
+            points = self.around(centre_m, self._radius_m + _REUSE_M)
+            self._local = (centre_m[:2].copy(), LocalMap(points, self._normals, self._coarse))
+        local = self._local[1]
+        return local if len(local.points_m) >= min_points else None

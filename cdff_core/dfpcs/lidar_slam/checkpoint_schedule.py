@@ -9,7 +9,7 @@ _CHECKPOINT_PATH_M = 1.0
 
 
 class CheckpointSchedule:
-    """A checkpoint every metre and after 1, 2, 4, … sweeps, since the first ones add most to a map."""
+    """Checkpoints every metre and after 1, 2, 4, … sweeps: the first sweeps add most to a map."""
 
     def __init__(self) -> None:
         self._sweeps = 0

@@ -87,7 +87,7 @@ class LidarSlam(LidarSlamInterface):
             yield from self._products.reports(sample.stamp_ns)
 
     def on_map(self, sample: Sample) -> Iterable[Output]:
-        """Import a map; into an empty map it is taken over, otherwise a loop closure must connect it."""
+        """Import a map: an empty map is replaced by it; otherwise loop closures with it are searched."""
         keys = tuple(self._import(sample.value).values())
         if self.keyframes.root in keys:
             return ()
@@ -116,13 +116,13 @@ class LidarSlam(LidarSlamInterface):
         return self._products.trajectory(t0_ns, t1_ns)
 
     def state(self) -> LidarMap | None:
-        """Return the map; None without one."""
+        """Return the map with the position of the lidar; None before the first sweep."""
         return self.export_map() if len(self.keyframes) else None
 
     def resume(self, state: Any) -> None:
-        """Import a map of a previous run; raises InputError if the state is none.
+        """Import the map of a previous run; raises InputError if ``state`` is not a LidarMap.
 
-        Its last position counts once the first sweep matches the map.
+        The relocalisation starts at the last position of that run.
         """
         if not isinstance(state, LidarMap):
             raise InputError(f"{self.name}: state of type {type(state).__name__}, expected LidarMap")
@@ -143,7 +143,7 @@ class LidarSlam(LidarSlamInterface):
     def _restart_on_map(self, key: int, scan: LidarScan) -> TrackingResult | None:
         """Register the first sweep after a restart with the stored map, which becomes the local map.
 
-        Return None if it does not match; the tracker then keeps the local map that began with this sweep.
+        Return None if it does not match; the tracker then keeps its local map, which started with this sweep.
         """
         T_map_keyframe = self.keyframes.poses[key]
         tracker = self._new_tracker(self._tracker.predictor)
@@ -162,7 +162,7 @@ class LidarSlam(LidarSlamInterface):
         return ScanTracker(self.config, self.dfn("deskewing"), self.dfn("tracking"), predictor)
 
     def _T_base_lidar(self) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """Return the mount of the lidar; the identity if unknown: the odometry is taken as the lidar's."""
+        """Return the mount of the lidar; the identity if unknown: odometry is then that of the lidar."""
         robot = self.context.robot
         try:
             return self.context.frames.lookup(f"{robot}/base", f"{robot}/lidar", 0).matrix

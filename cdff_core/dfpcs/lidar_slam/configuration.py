@@ -17,13 +17,13 @@ class MotionPrediction(StrictModel):
         default=0.08,
         ge=0.0,
         le=1.0,
-        description="Standard deviation of a translation by the odometry: ratio of the path length",
+        description="Standard deviation of a translation by the odometry, per metre of path length",
     )
     odometry_max_age_s: float = Field(
         default=0.3,
         ge=0.0,
         le=10.0,
-        description="Maximum extrapolation of the odometry to the end of a sweep",
+        description="Maximum extrapolation of the odometry to the end of a sweep, seconds",
     )
 
 
@@ -36,10 +36,17 @@ class PoseNoise(StrictModel):
         le=100.0,
         description="Factor from the registration's covariance to that of the pose",
     )
-    floor_m: float = Field(default=0.0018, ge=0.0, description="Minimum sigma of a translation")
-    floor_rad: float = Field(default=0.00025, ge=0.0, description="Minimum sigma of a rotation")
+    floor_m: float = Field(
+        default=0.0018, ge=0.0, description="Minimum standard deviation of a translation, metres"
+    )
+    floor_rad: float = Field(
+        default=0.00025, ge=0.0, description="Minimum standard deviation of a rotation, radians"
+    )
     drift_ratio: float = Field(
-        default=0.01, ge=0.0, le=100.0, description="Drift per metre, as a factor on the covariance of a pose"
+        default=0.01,
+        ge=0.0,
+        le=100.0,
+        description="Covariance of the drift over one metre, relative to the covariance of a pose",
     )
 
 
@@ -49,10 +56,10 @@ class TrackingGates(StrictModel):
     degenerate_sigma_m: float = Field(
         default=0.09,
         gt=0.0,
-        description="Standard deviation from which a direction is degenerate: DEGRADED above",
+        description="Standard deviation above which a direction is degenerate, metres: DEGRADED",
     )
     min_inlier_ratio: float = Field(
-        default=0.25, gt=0.0, le=1.0, description="Ratio of points on the map: DEGRADED below"
+        default=0.25, gt=0.0, le=1.0, description="Fraction of the points on the local map: DEGRADED below"
     )
 
 
@@ -63,25 +70,34 @@ class LoopGates(StrictModel):
         default=12.0,
         gt=0.0,
         le=500.0,
-        description="Keyframes within this distance in the graph are compared, metres",
+        description="Keyframes closer than this in the map are loop candidates, metres",
     )
-    candidates: int = Field(default=2, ge=1, le=20, description="Comparisons per completed keyframe")
+    candidates: int = Field(
+        default=2, ge=1, le=20, description="Maximum number of candidates verified per completed keyframe"
+    )
 
 
 class LidarSlamConfig(DfpcConfig):
     """Parameters of the DFN slots, tracking, keyframes and loop closure."""
 
-    min_range_m: float = Field(0.5, ge=0.0, le=100.0, description="Closer points are ignored (robot body)")
+    min_range_m: float = Field(
+        0.5, ge=0.0, le=100.0, description="Closer points are ignored (robot body), metres"
+    )
     max_range_m: float = Field(60.0, gt=0.0, le=500.0, description="Farther points are ignored, metres")
     keyframe_distance_m: float = Field(
         5.0, gt=0.0, le=200.0, description="Distance after which a new keyframe starts, metres"
     )
     keyframe_range_m: float = Field(30.0, gt=0.0, le=500.0, description="Range of stored points, metres")
     merge_distance_m: float = Field(
-        3.0, ge=0.0, le=200.0, description="Keyframes closer than this to an older one are replaced by it"
+        3.0,
+        ge=0.0,
+        le=200.0,
+        description="Keyframes closer than this to an older one are replaced by it, metres",
     )
-    report_keyframes: bool = Field(False, description="Publish trajectory and graph with each keyframe, too")
+    report_keyframes: bool = Field(
+        False, description="Publish trajectory and graph with each keyframe, not only after loop closures"
+    )
     prediction: MotionPrediction = Field(MotionPrediction(), description="Prediction of the motion")
     noise: PoseNoise = Field(PoseNoise(), description="Covariance of a registered pose")
     gates: TrackingGates = Field(TrackingGates(), description="Bounds on the registration of a sweep")
-    loops: LoopGates = Field(LoopGates(), description="Selection of loops")
+    loops: LoopGates = Field(LoopGates(), description="Selection of loop candidates")

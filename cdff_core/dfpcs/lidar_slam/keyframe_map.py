@@ -22,7 +22,8 @@ Float = NDArray[np.float64]
 #: Keyframe a, keyframe b and kind of an edge ``T_a_b``.
 EdgeKey = tuple[int, int, int]
 
-_LEAST_SIGMA = 1e-4
+#: Minimum standard deviation of an edge in the exported graph, so that its covariance can be inverted.
+_MIN_SIGMA = 1e-4
 #: Weight below which the robust optimisation has rejected an edge.
 _REJECTED_WEIGHT = 0.5
 
@@ -94,14 +95,14 @@ class KeyframeMap:
         return key
 
     def add_loop(self, a: int, b: int, T_a_b: UncertainTransform) -> None:
-        """Add a loop closure; a component that it connects with the root's is moved to fit."""
-        rooted = self.component(self.root)
-        if (a in rooted) != (b in rooted):
-            inner, outer, T_in_out = (
-                (a, b, T_a_b.matrix) if a in rooted else (b, a, se3.inverse(T_a_b.matrix))
+        """Add a loop closure; a component that it connects with the root's is transformed to satisfy it."""
+        root_component = self.component(self.root)
+        if (a in root_component) != (b in root_component):
+            fixed, moved, T_fixed_moved = (
+                (a, b, T_a_b.matrix) if a in root_component else (b, a, se3.inverse(T_a_b.matrix))
             )
-            correction = self.poses[inner] @ T_in_out @ se3.inverse(self.poses[outer])
-            for key in self.component(outer):
+            correction = self.poses[fixed] @ T_fixed_moved @ se3.inverse(self.poses[moved])
+            for key in self.component(moved):
                 self.poses[key] = se3.normalise_transform(correction @ self.poses[key])
         self._add_loop_edge(a, b, T_a_b)
 
@@ -125,7 +126,7 @@ class KeyframeMap:
         self._distances = None
 
     def component(self, key: int | None) -> set[int]:
-        """Return the keyframes connected with one, itself included; empty for None."""
+        """Return the keyframes connected with a keyframe, including itself; empty for None."""
         return set() if key is None else set(self.path_lengths_m(key))
 
     def path_lengths_m(self, key: int) -> dict[int, float]:
@@ -137,7 +138,7 @@ class KeyframeMap:
         return {k: float(lengths[row]) for k, row in rows.items() if np.isfinite(lengths[row])}
 
     def optimise(self, optimiser: Dfn[Any, Any, Any]) -> int:
-        """Optimise the root's component; remove and count the loop closures that contradict the rest."""
+        """Optimise the root's component; remove and count the loop closures that contradict other edges."""
         keys = sorted(self.component(self.root))
         solution = optimiser.process(
             PoseGraphOptimizationInputs(graph=self.to_graph(keys), wanted=np.array(keys, dtype=np.int64))
@@ -167,7 +168,7 @@ class KeyframeMap:
             np.array([self.poses[k] for k in keys]).reshape(-1, 4, 4),
             np.array([e[:2] for e in edges], dtype=np.int64).reshape(-1, 2),
             np.array([T.matrix for T in edges.values()]).reshape(-1, 4, 4),
-            information_from_covariance(covariances.reshape(-1, 6, 6), _LEAST_SIGMA),
+            information_from_covariance(covariances.reshape(-1, 6, 6), _MIN_SIGMA),
             np.array([e[2] for e in edges], dtype=np.int64),
             frame=frame,
             fixed=[k == self.root for k in keys],
@@ -191,19 +192,19 @@ class KeyframeMap:
         In an empty map the fixed vertex of the message, or else its first one, becomes the root.
         """
         vertices, edges = message.graph.vertices, message.graph.edges
-        new: dict[int, int] = {}
+        new_ids: dict[int, int] = {}
         columns = zip(vertices.ids, vertices.stamps_ns, vertices.matrices, message.clouds_m, strict=True)
         for key, stamp_ns, T, points_m in columns:
-            new[int(key)] = self._add(int(stamp_ns), np.array(points_m), T, np.zeros((6, 6)))
+            new_ids[int(key)] = self._add(int(stamp_ns), np.array(points_m), T, np.zeros((6, 6)))
         values = zip(edges.ends, edges.matrices, edges.information_matrices, edges.kinds, strict=True)
         for (a, b), T, information, kind in values:
-            self.edges[new[int(a)], new[int(b)], int(kind)] = UncertainTransform(
+            self.edges[new_ids[int(a)], new_ids[int(b)], int(kind)] = UncertainTransform(
                 T, np.linalg.inv(information)
             )
-        if self.root is None and new:
+        if self.root is None and new_ids:
             fixed = vertices.ids[vertices.fixed > 0] if len(vertices.fixed) else vertices.ids[:1]
-            self.root = new[int(fixed[0] if len(fixed) else vertices.ids[0])]
-        return new
+            self.root = new_ids[int(fixed[0] if len(fixed) else vertices.ids[0])]
+        return new_ids
 
     def _add(self, stamp_ns: int, points_m: NDArray[np.float32], T: Float, covariance: Float) -> int:
         key, self._next_id = self._next_id, self._next_id + 1

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Map under construction: the current keyframe, loop closure and the trajectory."""
+"""Map under construction: the current keyframe, its loop closures and the trajectory."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ class KeyframeMapper:
     current : int or None
         Id of the keyframe under construction; None before the first sweep.
     T_keyframe_lidar : UncertainTransform
-        Pose of the lidar relative to it, with accumulated drift.
+        Pose of the lidar relative to the current keyframe, with accumulated drift.
     path_length_m : float
-        Since the first sweep.
+        Path length since the first sweep.
     """
 
     def __init__(self, dfpc: Dfpc, config: LidarSlamConfig) -> None:
@@ -76,7 +76,7 @@ class KeyframeMapper:
 
     @property
     def is_keyframe_complete(self) -> bool:
-        """The lidar has left the current keyframe."""
+        """True if the lidar is farther from the current keyframe than ``keyframe_distance_m``."""
         distance_m = np.linalg.norm(self.T_keyframe_lidar.matrix[:3, 3])
         return float(distance_m) > self._config.keyframe_distance_m
 
@@ -113,7 +113,7 @@ class KeyframeMapper:
         self.trajectory.append(stamp_ns, self.current, tracking.with_noise(self.T_keyframe_lidar))
 
     def complete_keyframe(self) -> bool:
-        """Describe the current keyframe and close its loops; return whether there were any."""
+        """Describe the current keyframe and close its loops; return whether a loop was found."""
         assert self.current is not None  # a sweep has been added
         self.update_cloud()
         return self.close_loops(self.current)
@@ -135,10 +135,10 @@ class KeyframeMapper:
         self.keyframes.keyframes[self.current] = self.closer.describe(keyframe) if describe else keyframe
 
     def close_loops(self, key: int, *, excluded: Collection[int] | None = None, merge: bool = True) -> bool:
-        """Find and verify loops of a keyframe, add them, optimise; replace it by a very near older keyframe.
+        """Add the verified loops of a keyframe and optimise; return whether a loop was found.
 
-        Keyframes in ``excluded``, by default those of the last metres, are not compared. Return whether there
-        were loops.
+        Keyframes in ``excluded``, by default those of the last metres, are no candidates. With ``merge``, the
+        keyframe is replaced by an older one that is closer than ``merge_distance_m``.
         """
         if excluded is None:
             since_m = self.path_length_m - 2.0 * self._config.loops.search_radius_m
@@ -151,14 +151,14 @@ class KeyframeMapper:
         if key in self.linked:
             self.keyframes.optimise(self._optimiser)
         nearest = min(loops, key=lambda loop: loop.distance_m)
-        is_kept = any({nearest.old, nearest.new} == set(e[:2]) for e in self.keyframes.edges)
+        is_accepted = any({nearest.old, nearest.new} == set(e[:2]) for e in self.keyframes.edges)
         is_near = nearest.distance_m < self._config.merge_distance_m
-        if merge and is_kept and is_near and key != self.keyframes.root:
+        if merge and is_accepted and is_near and key != self.keyframes.root:
             self._replace_by_older(key, nearest.old, nearest.T)
         return True
 
     def replace_loops(self, loops: Iterable[Loop]) -> None:
-        """Replace the loops of the current keyframe by better ones and optimise."""
+        """Replace the loops of the current keyframe and optimise."""
         assert self.current is not None  # a sweep has been added
         self.keyframes.remove_loops(self.current)
         for loop in loops:
@@ -167,15 +167,15 @@ class KeyframeMapper:
 
     def import_map(self, message: LidarMap) -> dict[int, int]:
         """Add a map; it stays a separate component until a loop closure connects it. Return the new ids."""
-        new = self.keyframes.add_message(message)
-        for key in new.values():
+        new_ids = self.keyframes.add_message(message)
+        for key in new_ids.values():
             self.keyframes.keyframes[key] = self.closer.describe(self.keyframes.keyframes[key])
-        if self.keyframes.root in new.values():
+        if self.keyframes.root in new_ids.values():
             self.keyframes.optimise(self._optimiser)
-        return new
+        return new_ids
 
     def connect(self, keys: Collection[int]) -> None:
-        """Search loops of imported keyframes until one connects them with the root."""
+        """Search for loops of imported keyframes until one connects them with the root."""
         for key in keys:
             self.close_loops(key, excluded=keys)
             if key in self.linked:
@@ -198,16 +198,17 @@ class KeyframeMapper:
     def local_points(self, radius_m: float) -> Float:
         """Return the map points (n, 3) of other keyframes within a radius of the current one."""
         assert self.current is not None  # a sweep has been added
-        here = self.keyframes.poses[self.current][:3, 3]
+        position_m = self.keyframes.poses[self.current][:3, 3]
         return np.concatenate(
             [
                 se3.transform_points(self.keyframes.poses[key], self.keyframes.keyframes[key].points_m)
                 for key in self.linked - {self.current}
-                if self.keyframes.distance_m(key, here) < radius_m
+                if self.keyframes.distance_m(key, position_m) < radius_m
             ]
         )
 
     def _replace_by_older(self, key: int, older: int, T_older_key: UncertainTransform) -> None:
+        """Replace a keyframe by an older one in graph and trajectory."""
         self.keyframes.replace_by(key, older, T_older_key)
         self.closer.evict(key)
         self._start_lengths_m.pop(key, None)

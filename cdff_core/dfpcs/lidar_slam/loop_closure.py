@@ -27,9 +27,9 @@ Float = NDArray[np.float64]
 
 #: Gates of the registration of two keyframes: a registration that would be DEGRADED closes no loop.
 MATCHING_GATES = MatchingGates(candidates=2, min_overlap=0.4, good_overlap=0.4, good_agreement=0.5)
-#: Clouds of keyframes cached in the form prepared for registration.
+#: Number of prepared clouds of keyframes in the cache.
 _CACHED_CLOUDS = 16
-#: Tolerances of a loop against the graph: constant part, metres and radians, and part by the loop's length.
+#: Tolerances between a loop and the graph: a constant part and a part per metre of the loop's length.
 _TRANSLATION_M, _TRANSLATION_RATIO, _ROTATION_RAD, _ROTATION_RAD_PER_M = 0.5, 0.03, 0.05, 0.001
 
 
@@ -48,17 +48,18 @@ class Loop:
 
 
 class LoopCloser:
-    """Description of keyframes, detection of loop candidates and their verification."""
+    """Describes keyframes, detects loop candidates and verifies them."""
 
     def __init__(self, dfpc: Dfpc, gates: LoopGates) -> None:
         self._gates = gates
         self._detect, self._voxel_choice = dfpc.dfn("detect"), dfpc.dfn("voxel_choice")
         self._matcher = CloudMatcher(dfpc, MATCHING_GATES)
         self._clouds: dict[int, Cloud] = {}
+        #: Number of refused candidates by reason.
         self.refusals: Counter[str] = Counter()
 
     def clear(self) -> None:
-        """Remove all cached clouds and counts."""
+        """Remove all cached clouds and reset the counts."""
         self._clouds.clear()
         self.refusals.clear()
 
@@ -71,9 +72,9 @@ class LoopCloser:
         return replace(keyframe, descriptor=self._detect_in(keyframe, None).descriptor)
 
     def close(self, keyframes: KeyframeMap, key: int, excluded: Collection[int] = ()) -> Iterator[Loop]:
-        """Yield verified loops of a completed keyframe: first with near ones, then with similar ones.
+        """Yield verified loops of a completed keyframe: with near keyframes first, then with similar ones.
 
-        Keyframes in ``excluded`` are not compared, such as those just left.
+        Keyframes in ``excluded``, such as the last ones, are no candidates.
         """
         path_lengths_m = keyframes.path_lengths_m(key)
         is_closed = False
@@ -91,16 +92,17 @@ class LoopCloser:
                 return
 
     def relocalise(self, keyframes: KeyframeMap, key: int, candidates: Iterable[int]) -> list[Loop]:
-        """Return the loops of a keyframe with candidates, registered without a guess."""
+        """Return the loops between a keyframe and candidates, registered without a guess."""
         loops = (self._search(keyframes, old, key, {}) for old in candidates)
         return [loop for loop in loops if loop is not None]
 
     def verify(
         self, keyframes: KeyframeMap, old: int, key: int, guess: Float, path_lengths_m: dict[int, float]
     ) -> Loop | None:
-        """Register from a guess of ``T_old_key``; None if the clouds do not match or the graph contradicts.
+        """Return the loop from a guess of ``T_old_key``; None if clouds or graph contradict it.
 
-        ``path_lengths_m`` are those from ``key``; keyframes without one are not compared with the graph.
+        ``path_lengths_m`` are the lengths of the paths from ``key`` along edges; a loop with a keyframe
+        that is not connected with ``key`` is not compared with the graph.
         """
         source, target = self._cloud(keyframes, key), self._cloud(keyframes, old)
         if source is None or target is None:
@@ -116,9 +118,9 @@ class LoopCloser:
         self, keyframes: KeyframeMap, key: int, path_lengths_m: dict[int, float], excluded: Collection[int]
     ) -> list[int]:
         """Return the nearest completed keyframes within the search radius."""
-        here = keyframes.poses[key][:3, 3]
+        position_m = keyframes.poses[key][:3, 3]
         distances = {
-            k: keyframes.distance_m(k, here)
+            k: keyframes.distance_m(k, position_m)
             for k in path_lengths_m
             if k != key and k not in excluded and keyframes.keyframes[k].descriptor is not None
         }
@@ -132,24 +134,25 @@ class LoopCloser:
 
         Connected keyframes farther away than the drift along the path explains are omitted.
         """
-        described = {
+        descriptors = {
             k: keyframe.descriptor
             for k, keyframe in keyframes.keyframes.items()
             if k != key and k not in excluded and keyframe.descriptor is not None
         }
-        here = keyframes.poses[key][:3, 3]
+        position_m = keyframes.poses[key][:3, 3]
         for k, length_m in path_lengths_m.items():
-            reach_m = _TRANSLATION_M + _TRANSLATION_RATIO * length_m + self._gates.search_radius_m
-            if keyframes.distance_m(k, here) >= reach_m:
-                described.pop(k, None)
-        if not described:
+            range_m = _TRANSLATION_M + _TRANSLATION_RATIO * length_m + self._gates.search_radius_m
+            if keyframes.distance_m(k, position_m) >= range_m:
+                descriptors.pop(k, None)
+        if not descriptors:
             return []
-        detected = self._detect_in(keyframes.keyframes[key], np.stack(list(described.values())))
+        detected = self._detect_in(keyframes.keyframes[key], np.stack(list(descriptors.values())))
         rows = zip(detected.candidates, detected.transforms, strict=True)
-        keys = list(described)
+        keys = list(descriptors)
         return [(keys[int(row)], T) for row, T in rows][: self._gates.candidates]
 
     def _detect_in(self, keyframe: Keyframe, database: NDArray[np.float32] | None) -> LoopDetectionOutputs:
+        """Describe a keyframe and compare it with a database of descriptors (n, d)."""
         points_m = np.asarray(keyframe.points_m, dtype=np.float64)
         detected: LoopDetectionOutputs = self._detect.process(
             LoopDetectionInputs(points=points_m, database=database)
@@ -159,7 +162,7 @@ class LoopCloser:
     def _search(
         self, keyframes: KeyframeMap, old: int, key: int, path_lengths_m: dict[int, float]
     ) -> Loop | None:
-        """Register without a guess."""
+        """Return the loop registered without a guess; None if clouds or graph contradict it."""
         source, target = self._cloud(keyframes, key), self._cloud(keyframes, old)
         if source is None or target is None:
             return None
@@ -197,7 +200,7 @@ class LoopCloser:
     def _agrees(
         self, keyframes: KeyframeMap, old: int, key: int, T_old_key: Float, loop_length_m: float
     ) -> bool:
-        """Return whether drift along the loop explains the difference between a loop and the graph."""
+        """Return whether drift over the length of the loop explains its difference from the graph."""
         T_old_key_graph = se3.inverse(keyframes.poses[old]) @ keyframes.poses[key]
         difference_m = float(np.linalg.norm((T_old_key_graph - T_old_key)[:3, 3]))
         R_difference = (T_old_key @ se3.inverse(keyframes.poses[key]) @ keyframes.poses[old])[:3, :3]

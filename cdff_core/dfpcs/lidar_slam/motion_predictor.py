@@ -17,11 +17,11 @@ from cdff_core.dfpcs.lidar_slam.configuration import MotionPrediction
 Float = NDArray[np.float64]
 
 _HISTORY_NS = 60 * NS_PER_S
-#: Interval to the previous sweep that is assumed for the first one.
+#: Interval since the previous sweep that is assumed for the first sweep.
 _FIRST_INTERVAL_S = 0.1
 #: Standard deviations of a motion predicted by constant velocity: translation, metres, and rotation, radians.
 _VELOCITY_SIGMA = np.array([0.2] * 3 + [0.05] * 3)
-#: Constant parts by the odometry: of the translation, and of the rotation about z.
+#: Constant standard deviations of a motion by the odometry: of translation, and of rotation about z.
 _ODOMETRY_SIGMA_M, _ODOMETRY_YAW_SIGMA_RAD = 0.02, 0.01
 
 
@@ -33,17 +33,17 @@ class Prediction:
     covariance: Float  # (6, 6) of this motion, in the lidar's axes
     T_end_start: Float  # (4, 4), motion during the sweep
     interval_s: float  # since the end of the previous sweep
-    sweep_ratio: float | None  # duration of the sweep by the interval; None without a previous sweep
+    sweep_ratio: float | None  # duration of the sweep over ``interval_s``; None without a previous sweep
     used_odometry: bool
 
 
 class MotionPredictor:
-    """Motion by the odometry of the base if available, otherwise at constant velocity."""
+    """Predicts motion by the odometry of the base if available, otherwise at constant velocity."""
 
     def __init__(self, config: MotionPrediction, T_base_lidar: Float) -> None:
         self._config, self._T_base_lidar = config, T_base_lidar
         self._odometry = OdometryBuffer(_HISTORY_NS, int(config.odometry_max_age_s * NS_PER_S))
-        self._last: Float | None = None
+        self._last_odometry: Float | None = None  # ``T_odom_lidar`` at the last increment
 
     def insert(self, stamp_ns: int, T_odom_base: UncertainTransform) -> None:
         """Add a pose of the odometry."""
@@ -55,11 +55,18 @@ class MotionPredictor:
         It starts where the previous increment ended, so that errors of extrapolation do not accumulate.
         """
         pose = self._odometry.pose(stamp_ns)
-        previous, self._last = self._last, None if pose is None else pose.matrix @ self._T_base_lidar
-        return None if previous is None or self._last is None else se3.inverse(previous) @ self._last
+        previous, self._last_odometry = (
+            self._last_odometry,
+            None if pose is None else pose.matrix @ self._T_base_lidar,
+        )
+        return (
+            None
+            if previous is None or self._last_odometry is None
+            else se3.inverse(previous) @ self._last_odometry
+        )
 
     def velocity(self, stamp_ns: int) -> Float | None:
-        """Return translation and rotation vector (6,) of the lidar per second, in its axes, or None."""
+        """Return the lidar's twist (6,) per second in its axes, by odometry; None without odometry."""
         window_ns = NS_PER_S // 5
         motion = self._odometry.motion(stamp_ns - window_ns, stamp_ns)
         if motion is None:
@@ -80,7 +87,7 @@ class MotionPredictor:
             sweep_ratio = min(1.0, duration_ns / NS_PER_S / interval_s)
         variance = np.square(_VELOCITY_SIGMA)
         if increment is not None:
-            if previous_ns is not None:  # else it is zero, as the same sweep was predicted before a restart
+            if previous_ns is not None:  # else it is zero: the same sweep was predicted before the restart
                 velocity = se3.vector_from_transform(increment) / interval_s
             path_m = float(np.linalg.norm(increment[:3, 3]))
             variance[:3] = _ODOMETRY_SIGMA_M**2 + (self._config.odometry_sigma_ratio * path_m) ** 2

@@ -27,7 +27,7 @@ from cdff_core.dfpcs.lidar_slam.scan_tracker import TrackingResult
 
 
 class ProductBuilder:
-    """Products in the frames ``{robot}/slam``, ``{robot}/lidar_odom`` and ``{robot}/lidar``."""
+    """Builds the outputs, in the frames ``{robot}/slam``, ``{robot}/lidar_odom`` and ``{robot}/lidar``."""
 
     def __init__(
         self,
@@ -39,7 +39,11 @@ class ProductBuilder:
     ) -> None:
         self._producer, self._gates = producer, gates
         self._mapper, self._relocaliser = mapper, relocaliser
-        self._map, self._odom, self._lidar = f"{robot}/slam", f"{robot}/lidar_odom", f"{robot}/lidar"
+        self._map_frame, self._odom_frame, self._lidar_frame = (
+            f"{robot}/slam",
+            f"{robot}/lidar_odom",
+            f"{robot}/lidar",
+        )
         self.clear()
 
     def clear(self) -> None:
@@ -49,7 +53,7 @@ class ProductBuilder:
         self._inputs: tuple[str, ...] = ()
 
     def poses(self, scan: LidarScan, sample_id: str, tracking: TrackingResult) -> Iterator[Output]:
-        """Yield odometry and pose of a sweep."""
+        """Yield odometry and pose of the lidar at the end of a sweep."""
         self._inputs = (sample_id,)
         reasons = degradation_reasons(tracking, self._gates)
         self._degraded_sweeps += bool(reasons)
@@ -59,18 +63,18 @@ class ProductBuilder:
         }
         if tracking.is_lost:
             failed = Quality.failed("lost", *reasons, metrics=metrics)
-            yield self._pose("odometry", self._odom, None, scan, failed)
-            yield self._pose("pose", self._map, None, scan, failed)
+            yield self._pose("odometry", self._odom_frame, None, scan, failed)
+            yield self._pose("pose", self._map_frame, None, scan, failed)
             return
         quality = Quality.from_reasons(reasons, CovarianceKind.FORMAL, metrics)
         odometry = self._accumulate(tracking)
-        yield self._pose("odometry", self._odom, tracking.with_noise(odometry), scan, quality)
+        yield self._pose("odometry", self._odom_frame, tracking.with_noise(odometry), scan, quality)
         T_map_lidar = self._mapper.T_map_lidar
         if T_map_lidar is None or self._relocaliser.is_uncertain:
             failed = Quality.failed("not_localised_in_map", *reasons, metrics=metrics)
-            yield self._pose("pose", self._map, None, scan, failed)
+            yield self._pose("pose", self._map_frame, None, scan, failed)
         else:
-            yield self._pose("pose", self._map, tracking.with_noise(T_map_lidar), scan, quality)
+            yield self._pose("pose", self._map_frame, tracking.with_noise(T_map_lidar), scan, quality)
 
     def reports(self, stamp_ns: int | None = None) -> Iterator[Output]:
         """Yield the current trajectory and graph."""
@@ -78,22 +82,29 @@ class ProductBuilder:
         stamp_ns = self._mapper.newest_ns if stamp_ns is None else stamp_ns
         if (trajectory := self.stored_trajectory()) is not None:
             yield Output(
-                "trajectory", trajectory, first_ns, stamp_ns, self._map, self._lidar, quality, self._inputs
+                "trajectory",
+                trajectory,
+                first_ns,
+                stamp_ns,
+                self._map_frame,
+                self._lidar_frame,
+                quality,
+                self._inputs,
             )
-        yield Output("graph", self.graph(), first_ns, stamp_ns, self._map, None, quality, self._inputs)
+        yield Output("graph", self.graph(), first_ns, stamp_ns, self._map_frame, None, quality, self._inputs)
 
     def cloud_output(self) -> Output:
         """Return the whole map as an output."""
         cloud = self.cloud(0.0)
         return Output(
-            "cloud", cloud, self._mapper.first_ns, cloud.stamp_ns, self._map, None, self.map_quality()
+            "cloud", cloud, self._mapper.first_ns, cloud.stamp_ns, self._map_frame, None, self.map_quality()
         )
 
     def cloud(self, voxel_m: float) -> Pointcloud:
-        """Return the whole map; raises ProductNotFoundError without one."""
+        """Return the whole map as a cloud; raises ProductNotFoundError without a map."""
         self._require_map()
         points_m = self._mapper.cloud(voxel_m)
-        return Pointcloud.from_points(points_m, frame=self._map, stamp_ns=self._mapper.newest_ns)
+        return Pointcloud.from_points(points_m, frame=self._map_frame, stamp_ns=self._mapper.newest_ns)
 
     def lidar_map(self) -> LidarMap:
         """Return all keyframes and the position of the lidar; raises ProductNotFoundError without a map."""
@@ -103,12 +114,14 @@ class ProductBuilder:
             mapper.update_cloud(describe=False)
             position = position or (mapper.current, mapper.T_keyframe_lidar.matrix)
         return mapper.keyframes.to_message(
-            frame=self._map, sensor=self._lidar, producer=self._producer, position=position
+            frame=self._map_frame, sensor=self._lidar_frame, producer=self._producer, position=position
         )
 
     def graph(self) -> PoseGraph:
-        """Return the linked keyframes; the poses of others in the map are unknown."""
-        return self._mapper.keyframes.to_graph(self._mapper.linked, frame=self._map, producer=self._producer)
+        """Return the pose graph of the linked keyframes; the poses of others in the map are unknown."""
+        return self._mapper.keyframes.to_graph(
+            self._mapper.linked, frame=self._map_frame, producer=self._producer
+        )
 
     def trajectory(self, t0_ns: int, t1_ns: int) -> PoseTrajectory:
         """Return ``T_slam_lidar`` between two times; raises ProductNotFoundError without a pose there."""
@@ -116,7 +129,12 @@ class ProductBuilder:
         if not len(stamps):
             raise ProductNotFoundError(f"{self._producer}: no pose between {t0_ns} and {t1_ns}")
         return PoseTrajectory.from_arrays(
-            stamps, poses, covariances, parent=self._map, child=self._lidar, producer=self._producer
+            stamps,
+            poses,
+            covariances,
+            parent=self._map_frame,
+            child=self._lidar_frame,
+            producer=self._producer,
         )
 
     def stored_trajectory(self) -> PoseTrajectory | None:
@@ -159,7 +177,7 @@ class ProductBuilder:
             t0_ns=scan.t0_ns,
             stamp_ns=scan.t1_ns,
             frame=parent,
-            child=self._lidar,
+            child=self._lidar_frame,
             quality=quality,
             inputs=self._inputs,
             producer=self._producer,

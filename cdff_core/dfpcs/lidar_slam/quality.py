@@ -10,7 +10,7 @@ from cdff_core.dfpcs.lidar_slam.scan_tracker import TrackingResult
 
 
 def degradation_reasons(tracking: TrackingResult, gates: TrackingGates) -> tuple[str, ...]:
-    """Return the reasons for which a pose is DEGRADED; degenerate directions are named in axes of the map."""
+    """Return the reasons for DEGRADED; degenerate directions are named in axes of the odometry frame."""
     registration = tracking.registration
     if registration is None:
         return ()

@@ -14,15 +14,15 @@ from cdff_core.dfpcs.lidar_slam.checkpoint_schedule import is_power_of_two
 if TYPE_CHECKING:
     from cdff_core.dfpcs.lidar_slam.keyframe_mapper import KeyframeMapper
 
-#: Sweeps after which a position that was relocalised is precise enough.
+#: Number of sweeps after which a relocalised position is precise enough, so that the search ends.
 _LAST_SWEEP = 16
 
 
 class Relocaliser:
-    """Search of the position after a restart.
+    """Search for the position after a restart.
 
-    The sweeps since the restart are compared with ``candidates`` keyframes around the last position after
-    1, 2, 4, … sweeps: more sweeps give a more reliable and more precise connection.
+    After 1, 2, 4, … sweeps, the sweeps since the restart are compared with ``candidates`` keyframes around
+    the last position: more sweeps make the registration more reliable and more precise.
     """
 
     def __init__(self, candidates: int) -> None:
@@ -36,21 +36,21 @@ class Relocaliser:
 
     @property
     def last_position(self) -> tuple[int, NDArray[np.float64]] | None:
-        """Keyframe and ``T_keyframe_lidar`` before the restart; None without a search."""
+        """Keyframe and ``T_keyframe_lidar`` before the restart; None outside a search."""
         return self._last_position
 
     @property
     def is_uncertain(self) -> bool:
-        """True while only one sweep has been compared with the map: its position is not yet published."""
+        """True while only one sweep has been compared with the map: the position is not yet published."""
         return self._last_position is not None and self._sweeps == 1
 
     def resume(self, key: int, T_keyframe_lidar: NDArray[np.float64]) -> None:
-        """Start at the last position in a resumed map."""
+        """Start the search at the last position in a resumed map."""
         self.clear()
         self._last_position = (key, T_keyframe_lidar)
 
     def update(self, mapper: KeyframeMapper) -> bool:
-        """Count a sweep and, if due, compare it with the map; return whether a loop was found."""
+        """Count a sweep and, if due, compare the sweeps with the map; return whether a loop was found."""
         if self._last_position is None or mapper.current is None:
             return False
         self._sweeps += 1
@@ -67,7 +67,7 @@ class Relocaliser:
         return bool(loops)
 
     def _nearest_keyframes(self, mapper: KeyframeMapper, *, is_linked: bool) -> list[int]:
-        """Return the imported keyframes nearest to the position, or to the last one until it is known."""
+        """Return the imported keyframes nearest to the position or, while unknown, to the last one."""
         assert self._last_position is not None  # in a search
         assert mapper.current is not None
         key, T_keyframe_lidar = self._last_position

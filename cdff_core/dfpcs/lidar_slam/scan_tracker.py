@@ -28,13 +28,13 @@ Float = NDArray[np.float64]
 
 #: Standard deviations of the predicted motion during a sweep: translation, metres, and rotation, radians.
 _SWEEP_SIGMA = np.array([0.03] * 3 + [0.012] * 3)
-#: Ratio of points on the map below which a sweep does not match.
+#: Fraction of points on the local map below which a sweep does not match.
 _LOST_INLIER_RATIO = 0.05
-#: Path length over which a local map constrains poses poorly, since all its sweeps are from one place.
+#: Path length over which a new local map constrains poses poorly, since all its sweeps are from one place.
 _INITIAL_PATH_M = 5.0
-#: Covariance of a pose at the start of that path, as a multiple of the later one, in addition to it.
+#: Additional covariance of a pose at the start of that path, relative to the covariance of later poses.
 _INITIAL_NOISE = 60.0
-#: Drift per metre on that path, in covariances of a pose, in addition to the later one.
+#: Additional covariance of the drift per metre on that path, relative to the covariance of a pose.
 _INITIAL_DRIFT = 0.75
 
 
@@ -50,16 +50,16 @@ class TrackingResult:
     noise: Float
     points_m: Float  # (n, 3), deskewed, in the lidar's frame at the end of the sweep
     registration: ScanToMapRegistrationOutputs | None  # None for the first sweep, and without overlap
-    is_lost: bool  # The sweep does not match the map: the pose is the prediction
-    used_odometry: bool  # The motion was predicted by the odometry port
+    is_lost: bool  # true if the sweep does not match the map: the pose is the prediction
+    used_odometry: bool  # true if the motion was predicted by the odometry port
 
     def with_noise(self, T: UncertainTransform) -> UncertainTransform:
-        """Return a pose of the lidar with the noise of this sweep."""
+        """Return a pose of the lidar with the noise of this sweep added to its covariance."""
         return T @ UncertainTransform(np.eye(4), self.noise)
 
 
 class ScanTracker:
-    """Lidar odometry; the local map is part of the registration DFN."""
+    """Estimates lidar odometry; the registration DFN contains the local map."""
 
     def __init__(
         self,
@@ -74,16 +74,16 @@ class ScanTracker:
         self._stamp_ns: int | None = None
         self._velocity = np.zeros(6)  # of the lidar in its own axes, per second
         self._unconstrained_sweeps = 0  # successive sweeps with a degenerate direction
-        self._path_length_m = 0.0  # on the local map
-        self._surface: Float | None = None  # of the previous sweep, added to the local map with the next one
+        self._path_length_m = 0.0  # since the start of the local map
+        self._surface: Float | None = None  # points that the next registration adds to the local map
 
     def start_on_map(self, T_odom_lidar: Float, points_m: Float) -> None:
-        """Start at a pose in a known local map, given as points (n, 3) in the odometry frame."""
+        """Start at a pose in an existing map, given as points (n, 3) in the odometry frame."""
         self._T, self._surface = T_odom_lidar.copy(), points_m
         self._path_length_m = _INITIAL_PATH_M
 
     def track(self, scan: LidarScan) -> TrackingResult:
-        """Register a sweep; one without points within range is lost."""
+        """Register a sweep with the local map; a sweep without points within range is lost."""
         is_first = self._stamp_ns is None and self._surface is None
         points_m, fraction = self._select(scan)
         prediction = self._predict(scan)
@@ -118,9 +118,11 @@ class ScanTracker:
     def _select(self, scan: LidarScan) -> tuple[Float, Float]:
         """Return the points within range and their times: -1 at the start of the sweep, 0 at its end."""
         points = np.asarray(scan.points_m, dtype=np.float64)
-        range2 = np.einsum("ij,ij->i", points, points)
-        # NaN fails both comparisons
-        is_near = (range2 > self._config.min_range_m**2) & (range2 < self._config.max_range_m**2)
+        squared_range_m2 = np.einsum("ij,ij->i", points, points)
+        # NaN fails both comparisons.
+        is_near = (squared_range_m2 > self._config.min_range_m**2) & (
+            squared_range_m2 < self._config.max_range_m**2
+        )
         duration_us = (scan.t1_ns - scan.t0_ns) / 1000.0
         if duration_us <= 0.0:
             return points[is_near], np.zeros(int(is_near.sum()))
@@ -128,7 +130,7 @@ class ScanTracker:
         return points[is_near], np.minimum(fraction, 0.0)
 
     def _predict(self, scan: LidarScan) -> Prediction:
-        """Predict the motion; the robot may already move during its first sweep."""
+        """Predict the motion to the end of a sweep; the robot may already move during its first sweep."""
         if self._stamp_ns is None and (velocity := self.predictor.velocity(scan.t1_ns)) is not None:
             self._velocity = velocity
         return self.predictor.predict(scan, self._stamp_ns, self._velocity)
@@ -176,10 +178,11 @@ class ScanTracker:
     ) -> tuple[Float, Float]:
         """Return the drift by a sweep and the noise of its pose, both in axes of the odometry frame.
 
-        Constrained directions have the registration's covariance times ``noise.ratio`` plus a floor, and
-        drift by ``noise.drift_ratio`` of it per metre. Degenerate directions add the covariance of the
-        prediction, whose error is the same ratio from sweep to sweep: its standard deviation grows with the
-        path length, not with its root. A new local map has larger covariances until the lidar has moved.
+        Constrained directions have the registration's covariance times ``noise.ratio`` plus a floor as noise,
+        and ``noise.drift_ratio`` of this noise per metre as drift. Degenerate directions drift by the
+        covariance of the prediction, whose relative error is constant from sweep to sweep: its standard
+        deviation grows with the path length, not with its square root. With a new local map, both are larger
+        until the lidar has moved.
         """
         c = self._config
         if registration is None:

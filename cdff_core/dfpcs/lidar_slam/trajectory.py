@@ -18,7 +18,7 @@ _CAPACITY = 20_000
 
 
 class Trajectory:
-    """Stamps with keyframe and ``T_keyframe_lidar``."""
+    """Trajectory of the lidar: for each stamp the keyframe and ``T_keyframe_lidar``."""
 
     def __init__(self, capacity: int = _CAPACITY) -> None:
         self._capacity = capacity
@@ -40,7 +40,7 @@ class Trajectory:
         return not keyframes.component(keyframes.root).isdisjoint(self._keys)
 
     def append(self, stamp_ns: int, key: int, T_keyframe_lidar: UncertainTransform) -> None:
-        """Add the newest pose."""
+        """Append the newest pose; above the capacity, first remove every second pose of the older half."""
         assert T_keyframe_lidar.covariance is not None  # every increment has one
         if len(self) >= self._capacity:
             half = len(self) // 2
@@ -51,20 +51,20 @@ class Trajectory:
         self._poses.append(np.array(T_keyframe_lidar.matrix))
         self._covariances.append(np.array(T_keyframe_lidar.covariance))
 
-    def move(self, key: int, into: int, T_into_key: Float) -> None:
-        """Express the poses at one keyframe relative to another."""
-        for i, at in enumerate(self._keys):
-            if at == key:
-                self._keys[i], self._poses[i] = into, T_into_key @ self._poses[i]
-                self._covariances[i] = rotate_covariance(self._covariances[i], T_into_key[:3, :3])
+    def move(self, key: int, new_key: int, T_new_key: Float) -> None:
+        """Express the poses relative to one keyframe relative to another, by ``T_new_key`` (4, 4)."""
+        for i, keyframe in enumerate(self._keys):
+            if keyframe == key:
+                self._keys[i], self._poses[i] = new_key, T_new_key @ self._poses[i]
+                self._covariances[i] = rotate_covariance(self._covariances[i], T_new_key[:3, :3])
 
     def in_map(
         self, keyframes: KeyframeMap, t0_ns: int, t1_ns: int
     ) -> tuple[NDArray[np.int64], Float, Float]:
         """Return stamps (n,), poses (n, 4, 4) and covariances (n, 6, 6) in the map frame.
 
-        Only poses from ``t0_ns`` to ``t1_ns`` (a negative time is no bound) at keyframes connected with the
-        root.
+        Only poses from ``t0_ns`` to ``t1_ns`` (negative: unbounded), relative to keyframes connected with the
+        root, are returned.
         """
         linked = keyframes.component(keyframes.root)
         rows = [

@@ -17,5 +17,5 @@ class NavigationMappingConfig(DfpcConfig):
         0.1,
         gt=0.0,
         le=100.0,
-        description="Largest cell size, metres; it is a multiple of that of the patches",
+        description="Largest cell size, metres; the actual one is a multiple of the cell size of the patches",
     )

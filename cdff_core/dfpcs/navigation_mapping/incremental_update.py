@@ -28,10 +28,10 @@ def update_rating(
     reach_m: float,
     rate: Callable[[ElevationMap], NavigationMap],
 ) -> NavigationMap:
-    """Return the rating of a map, copied from the previous one where nothing within reach has changed.
+    """Return the rating of an elevation map, copied from the previous rating where nothing has changed.
 
-    ``reach_m`` is the distance over which a cell's height affects the rating of others. A previous map with
-    another cell size or frame is not used.
+    ``previous`` is the previous elevation map with its rating, which is not used if its cell size or frame
+    differs. ``reach_m`` is the distance over which the height of a cell affects the rating of others.
     """
     geometry = dem.geometry
     common = None
@@ -43,44 +43,45 @@ def update_rating(
     affected = _dilated(_changed(dem, previous[0], common), cells)
     if affected.mean() > _MAX_PARTIAL:
         return rate(dem)
-    here, there = geometry.slices_of(common), previous[0].geometry.slices_of(common)
+    previous_dem, previous_rating = previous
+    in_new, in_previous = geometry.slices_of(common), previous_dem.geometry.slices_of(common)
     layers = {}
-    for name in previous[1].layer_names:
-        old = previous[1].layer(name)
-        layers[name] = np.full(geometry.shape, 0 if name == "class" else np.nan, old.dtype)
-        layers[name][here] = old[there]
+    for name in previous_rating.layer_names:
+        layer = previous_rating.layer(name)
+        layers[name] = np.full(geometry.shape, 0 if name == "class" else np.nan, layer.dtype)
+        layers[name][in_new] = layer[in_previous]
     for box in _boxes(affected):
-        around = _grown(box, cells, geometry)
-        window = _window(dem, around)
-        inner = tuple(slice(p.start - a.start, p.stop - a.start) for p, a in zip(box, around, strict=True))
-        rated = rate(window)
+        window = _grown(box, cells, geometry)
+        box_in_window = tuple(
+            slice(b.start - w.start, b.stop - w.start) for b, w in zip(box, window, strict=True)
+        )
+        rated = rate(_crop(dem, window))
         for name in layers:
-            layers[name][box] = rated.layer(name)[inner]
+            layers[name][box] = rated.layer(name)[box_in_window]
     return NavigationMap.from_layers(geometry, layers, t0_ns=dem.t0_ns, t1_ns=dem.t1_ns)
 
 
 def _changed(dem: ElevationMap, previous: ElevationMap, common: GridGeometry) -> Mask:
-    """Return the mask of cells that are new or changed, or at an edge beyond which cells were lost."""
-    geometry = dem.geometry
-    here, there = geometry.slices_of(common), previous.geometry.slices_of(common)
+    """Return the mask of cells that are new or changed, or at an edge beyond which cells were removed."""
+    geometry, old = dem.geometry, previous.geometry
+    in_new, in_previous = geometry.slices_of(common), old.slices_of(common)
     changed: Mask = np.isfinite(dem.layer("mean"))
     same = np.ones(common.shape, dtype=np.bool_)
     for name in _RATED_LAYERS:
-        a, b = _layer(dem, name)[here], _layer(previous, name)[there]
+        a, b = _layer(dem, name)[in_new], _layer(previous, name)[in_previous]
         same &= (a == b) | (np.isnan(a) & np.isnan(b))
-    changed[here] = ~same
-    old = previous.geometry
-    for side, moved in (
+    changed[in_new] = ~same
+    for side, is_cut_off in (
         (np.s_[0, :], old.top > geometry.top),
         (np.s_[-1, :], old.top - old.rows < geometry.top - geometry.rows),
         (np.s_[:, 0], old.left < geometry.left),
         (np.s_[:, -1], old.left + old.cols > geometry.left + geometry.cols),
     ):
-        if moved:
+        if is_cut_off:
             changed[side] = True
-    # The border of the previous map counted as observed. Where it is inside the map now, unobserved cells
-    # beyond it count as holes, so that its cells are rated again.
-    rows, cols = here
+    # Beyond the border of the previous map no cell counted as a hole. Where this border is now inside the
+    # map, unobserved cells beyond it are holes: the cells at the border are rated again.
+    rows, cols = in_new
     for side, is_inside in (
         (np.s_[rows.start, cols], rows.start > 0),
         (np.s_[rows.stop - 1, cols], rows.stop < geometry.rows),
@@ -93,7 +94,7 @@ def _changed(dem: ElevationMap, previous: ElevationMap, common: GridGeometry) ->
 
 
 def _layer(dem: ElevationMap, name: str) -> NDArray[np.float32]:
-    """Return a layer; NaN if the map lacks it (no overhang)."""
+    """Return a layer; NaN if the map does not have it (no overhangs)."""
     return dem.layer(name) if name in dem.layer_names else np.full(dem.geometry.shape, np.nan, np.float32)
 
 
@@ -103,13 +104,14 @@ def _dilated(changed: Mask, cells: int) -> Mask:
 
 
 def _boxes(affected: Mask) -> Iterator[Window]:
-    """Yield boxes around connected affected cells."""
+    """Yield the bounding box of each group of connected affected cells."""
     count, _, boxes, _ = cv2.connectedComponentsWithStats(affected.astype(np.uint8), connectivity=8)
     for left, top, width, height, _ in boxes[1:count]:
         yield slice(int(top), int(top + height)), slice(int(left), int(left + width))
 
 
 def _grown(box: Window, cells: int, geometry: GridGeometry) -> Window:
+    """Return a box enlarged by a number of cells on each side, within the map."""
     rows, cols = (
         slice(max(p.start - cells, 0), min(p.stop + cells, n))
         for p, n in zip(box, geometry.shape, strict=True)
@@ -117,10 +119,11 @@ def _grown(box: Window, cells: int, geometry: GridGeometry) -> Window:
     return rows, cols
 
 
-def _window(dem: ElevationMap, box: Window) -> ElevationMap:
+def _crop(dem: ElevationMap, box: Window) -> ElevationMap:
+    """Return the part of an elevation map in a box, with the layers that determine the rating."""
     rows, cols = box
     g = dem.geometry
-    inner = GridGeometry.from_cells(
+    geometry = GridGeometry.from_cells(
         g.frame,
         g.resolution_m,
         left=g.left + cols.start,
@@ -129,4 +132,4 @@ def _window(dem: ElevationMap, box: Window) -> ElevationMap:
         cols=cols.stop - cols.start,
     )
     layers = {name: dem.layer(name)[box] for name in _RATED_LAYERS if name in dem.layer_names}
-    return ElevationMap.from_layers(inner, layers, t0_ns=dem.t0_ns, t1_ns=dem.t1_ns)
+    return ElevationMap.from_layers(geometry, layers, t0_ns=dem.t0_ns, t1_ns=dem.t1_ns)

@@ -20,7 +20,7 @@ from cdff_core.dfpcs.point_cloud_matching.interface import PointCloudMatchingInt
 
 
 class PointCloudMatching(PointCloudMatchingInterface):
-    """Registration of each source with the target, without a guess."""
+    """Registration of each source cloud with the target cloud, without a guess."""
 
     Config = PointCloudMatchingConfig
     config: PointCloudMatchingConfig
@@ -73,11 +73,11 @@ class PointCloudMatching(PointCloudMatchingInterface):
         return self._matcher.prepare(sample.value.points_m, sample.port, self._voxel_choice)
 
     def _match(self, target: Cloud, sample: Sample) -> tuple[Registration | None, Quality]:
-        """Return the first acceptable alignment."""
+        """Return the first acceptable registration and its quality; None and FAILED without one."""
         search = AlignmentSearch(self._matcher, self._prepare(sample), target, self.config, self._quality)
         accepted = next(search.acceptable(), None)
         return accepted or (None, Quality.failed("no_overlap", *search.refusals))
 
     def _quality(self, registration: Registration) -> Quality:
-        """Compare the larger overlap with the gates: the clouds may have different sizes."""
+        """Return the quality by the gates; the larger overlap counts, since the clouds may differ in size."""
         return registration_quality(registration, registration.overlap, self.config)

@@ -9,4 +9,4 @@ from cdff_core.cloud_matching.configuration import MatchingGates
 
 
 class PointCloudMatchingConfig(MatchingGates, DfpcConfig):
-    """Matching gates and DFN slots."""
+    """Matching gates, and the parameters of the DFN slots."""

@@ -26,12 +26,12 @@ from cdff_core.dfpcs.position_manager.source_monitor import SourceMonitor
 from cdff_core.dfpcs.position_manager.transform_query import TransformQuery
 
 _NS = 1e9
-#: Wheel poses that follow sooner are skipped, nanoseconds.
+#: Minimum interval of wheel poses, nanoseconds; poses that follow sooner are skipped.
 _WHEEL_PERIOD_NS = 45_000_000
 
 
 class PositionManager(PositionManagerInterface):
-    """One timeline of ``T_site_base``, corrected backwards as far as late measurements reach."""
+    """Timeline of ``T_site_base``; a late measurement corrects all estimates after its time."""
 
     Config = PositionManagerConfig
     config: PositionManagerConfig
@@ -57,7 +57,7 @@ class PositionManager(PositionManagerInterface):
         self.store.offer("pins", lambda: self.get_pins() if self._timeline.pins else None)
 
     def step(self, sample: Sample) -> Iterator[Output]:
-        """Process a sample unless its time is doubtful; start again if the mission clock jumped back."""
+        """Process a sample unless its stamp is implausible; reset if the mission clock jumped."""
         admission = self._mission_time.admit(sample)
         for refused in admission.refused:
             self._sources.count_refusal(refused.port)
@@ -70,7 +70,7 @@ class PositionManager(PositionManagerInterface):
             yield from super().step(accepted)
 
     def on_imu(self, sample: Sample) -> Iterable[Output]:
-        """Buffer the reading; estimate by it alone if no other source measures."""
+        """Buffer the reading; estimate from the IMU alone if no other source has measured for a while."""
         if self._imu.T_base_imu is None:
             self._imu.T_base_imu = self._frames.mount(f"{self.context.robot}/imu", sample.stamp_ns)
         self._imu.insert(sample.stamp_ns, sample.value.acc, sample.value.gyro)
@@ -90,7 +90,7 @@ class PositionManager(PositionManagerInterface):
         yield from self.on_visual_odometry(sample)
 
     def on_visual_odometry(self, sample: Sample) -> Iterable[Output]:
-        """Process a pose of any source; after a FAILED one no increment is formed."""
+        """Process a pose of any source; after a FAILED pose the next increment is omitted."""
         if not self._history.is_started:
             yield from self._initialise(sample)
         elif sample.value is None or sample.quality.status is Status.FAILED:
@@ -101,14 +101,14 @@ class PositionManager(PositionManagerInterface):
     on_lidar_odometry = on_fix = on_absolute_fix = on_visual_odometry
 
     def on_joints(self, sample: Sample) -> Iterable[Output]:
-        """Move the frames below the base."""
+        """Move the frames of the joints below the base."""
         oldest_ns = sample.stamp_ns - int(self.config.timeline.history_s * _NS)
         self._frames.set_joints(sample.value, sample.stamp_ns, oldest_ns, self._timeline.pins)
         self.state_revision += 1
         return ()
 
     def finish(self) -> Iterable[Output]:
-        """Start with the buffered samples if the input was short; yield the whole trajectory."""
+        """Start with the buffered samples if the input was too short for it; yield the whole trajectory."""
         if not self._history.is_started and self._initialiser.has_samples:
             yield from self._start()
         if self._history.is_started:
@@ -122,7 +122,7 @@ class PositionManager(PositionManagerInterface):
     def get_transform(
         self, parent: str, parent_t_ns: int, child: str, child_t_ns: int
     ) -> TransformWithCovariance:
-        """Return ``T_parent(t1)_child(t2)``."""
+        """Return the transform from the child at one time to the parent at another time."""
         return self._query.get_transform(parent, parent_t_ns, child, child_t_ns)
 
     def get_trajectory(self, t0_ns: int, t1_ns: int) -> PoseTrajectory:
@@ -130,12 +130,12 @@ class PositionManager(PositionManagerInterface):
         return self._query.get_trajectory(t0_ns, t1_ns)
 
     def pin(self, t_ns: int) -> TransformWithCovariance:
-        """Keep a time permanently and return ``T_site_base``."""
+        """Keep the pose at a time permanently and return this ``T_site_base``."""
         self.state_revision += 1
         return self._query.pin(t_ns)
 
     def unpin(self, t_ns: int) -> None:
-        """Stop keeping a time."""
+        """Release a pinned time."""
         self.state_revision += 1
         self._query.unpin(t_ns)
 
@@ -144,7 +144,7 @@ class PositionManager(PositionManagerInterface):
         return self._query.get_pins()
 
     def state(self) -> PositionState | None:
-        """Return timeline, pins, joints and the filter's newest estimate; None before the start."""
+        """Return timeline, pins, joints and the newest estimate of the filter; None before the start."""
         if not self._history.is_started:
             return None
         return Checkpoint(
@@ -157,7 +157,7 @@ class PositionManager(PositionManagerInterface):
         ).to_message(self._frames.base, self.name)
 
     def resume(self, state: Any) -> None:
-        """Continue from a state; raises InputError if it is no consistent PositionState."""
+        """Continue from a state; raises InputError if it is not a consistent PositionState."""
         if not isinstance(state, PositionState):
             raise InputError(f"{self.name}: state of type {type(state).__name__}, expected PositionState")
         stored = Checkpoint.from_message(state)
@@ -166,21 +166,21 @@ class PositionManager(PositionManagerInterface):
         self._frames.restore(stored.joints)
         self._mission_time.start(stored.estimate.stamp_ns)
         self._publisher.published_ns = stored.estimate.stamp_ns
-        self._begin(InitialState(stored.estimate, stored.T_odom_base, stored.gravity_m_s2, ("resumed",)))
+        self._start_from(InitialState(stored.estimate, stored.T_odom_base, stored.gravity_m_s2, ("resumed",)))
 
     def _initialise(self, sample: Sample) -> Iterator[Output]:
-        """Buffer a sample; start when the start pose can be levelled or the wait is over."""
+        """Buffer a sample; start if the start pose can be levelled or the waiting time is over."""
         if self._initialiser.add(sample):
             yield from self._start()
 
     def _start(self) -> Iterator[Output]:
         """Start at the first buffered pose, then process the buffered samples."""
         initial, samples = self._initialiser.finish()
-        self._begin(initial)
+        self._start_from(initial)
         for sample in samples:
             yield from self.step(sample)
 
-    def _begin(self, initial: InitialState) -> None:
+    def _start_from(self, initial: InitialState) -> None:
         stamp_ns = initial.estimate.stamp_ns
         self._query.T_odom_base, self._estimator.gravity_m_s2 = initial.T_odom_base, initial.gravity_m_s2
         self._history.start(initial.estimate)
@@ -188,7 +188,7 @@ class PositionManager(PositionManagerInterface):
         self._publisher.start(stamp_ns, initial.reasons)
 
     def _estimate(self, sample: Sample, measurement: Measurement) -> Iterator[Output]:
-        """Insert a measurement by its time, process all later ones again, publish."""
+        """Insert a measurement by its time, process it and all later ones, publish the pose."""
         if measurement.stamp_ns < self._history.oldest.stamp_ns:
             self._sources.count_refusal(sample.port)
             return

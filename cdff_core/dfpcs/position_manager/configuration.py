@@ -17,52 +17,57 @@ Sigma = Annotated[float, Field(ge=0, le=10)]
 
 
 class StartParameters(StrictModel):
-    """Standard deviations of the first estimate."""
+    """Parameters of the first estimate, all standard deviations."""
 
     tilt_sigma_rad: float = Field(
-        default=0.05, ge=0, le=1, description="roll and pitch of a start that is not levelled"
+        default=0.05, ge=0, le=1, description="roll and pitch of a start pose that is not levelled, rad"
     )
-    gyro_bias_sigma_rad_s: Sigma = Field(default=3e-3, description="gyro bias of a start in motion")
-    acc_bias_sigma_m_s2: Sigma = Field(default=0.008, description="accelerometer bias")
+    gyro_bias_sigma_rad_s: Sigma = Field(default=3e-3, description="gyro bias of a start in motion, rad/s")
+    acc_bias_sigma_m_s2: Sigma = Field(default=0.008, description="accelerometer bias, m/s^2")
 
 
 class WheelParameters(StrictModel):
     """Slip model of the wheel odometry: a first-order Gauss-Markov process."""
 
     slip_sigma: tuple[Sigma, Sigma, Sigma] = Field(
-        default=(0.09, 0.025, 0.03), description="slip forward, left and up per metre of path length"
+        default=(0.09, 0.025, 0.03),
+        description="standard deviation of slip forward, left and up, metres per metre of path length",
     )
 
 
 class OdometryParameters(StrictModel):
     """Visual and lidar odometry."""
 
-    visual_scale: Scale = Field(default=1.0, description="factor of visual odometry's variances")
-    lidar_scale: Scale = Field(default=1.45, description="factor of lidar odometry's variances")
+    visual_scale: Scale = Field(default=1.0, description="factor on the variances of visual odometry")
+    lidar_scale: Scale = Field(default=1.45, description="factor on the variances of lidar odometry")
     correlated: tuple[Literal["visual_odometry", "lidar_odometry"], ...] = Field(
-        default=(), description="odometries with common errors: combined by covariance intersection"
+        default=(), description="odometries with common errors, which are combined by covariance intersection"
     )
-    max_gap_s: Seconds = Field(default=2.0, description="longest interval of an increment, s")
+    max_gap_s: Seconds = Field(
+        default=2.0, description="longest interval between the poses of an increment, s"
+    )
     timeout_s: Seconds = Field(
-        default=1.2, description="silence after which poses from wheels or IMU are published, s"
+        default=1.2,
+        description="silence of accurate sources after which poses from wheels or IMU are published, s",
     )
 
 
 class FixParameters(StrictModel):
-    """Absolute poses."""
+    """Correction by absolute poses."""
 
     weighting: Literal["intersection", "kalman"] = Field(
         default="intersection",
-        description="intersection for fixes with shared errors (one map), kalman for independent ones",
+        description="intersection for fixes with common errors (of one map), kalman for independent fixes",
     )
-    scale: Scale = Field(default=1.0, description="factor of a fix's variances")
+    scale: Scale = Field(default=1.0, description="factor on the variances of a fix")
 
 
 class ClockParameters(StrictModel):
     """Detection of wrong stamps and of jumps of the mission clock."""
 
     max_ahead_s: Seconds = Field(
-        default=5.0, description="a stamp further ahead of the newest is refused until confirmed, s"
+        default=5.0,
+        description="a stamp further ahead of the newest one is refused until other samples confirm it, s",
     )
     max_silence_s: Seconds = Field(
         default=30.0, description="silence of all sources after which position and velocity are unknown, s"
@@ -72,10 +77,12 @@ class ClockParameters(StrictModel):
 class TimelineParameters(StrictModel):
     """Resolution and length of the timeline."""
 
-    memory_s: Seconds = Field(default=20.0, description="greatest delay of a measurement, s")
+    memory_s: Seconds = Field(default=20.0, description="greatest delay of a measurement that is used, s")
     dense_s: Seconds = Field(default=60.0, description="age up to which every estimate is kept, s")
-    thin_s: Seconds = Field(default=1.0, description="interval of older estimates, s")
-    history_s: Seconds = Field(default=3600.0, description="age of the oldest estimate; pins stay, s")
+    thin_s: Seconds = Field(default=1.0, description="interval of the older estimates that are kept, s")
+    history_s: Seconds = Field(
+        default=3600.0, description="age at which estimates are removed, except pinned ones, s"
+    )
     imu_period_s: Seconds = Field(default=0.5, description="interval of estimates from the IMU alone, s")
     extrapolation_s: float = Field(
         default=0.2, ge=0, le=10, description="prediction beyond the newest estimate on request, s"
@@ -96,7 +103,10 @@ class PublicationParameters(StrictModel):
 
     trajectory_period_s: Seconds = Field(default=5.0, description="least time between trajectories, s")
     trajectory_growth: float = Field(
-        default=0.02, ge=0, le=1, description="relative growth since the last published trajectory"
+        default=0.02,
+        ge=0,
+        le=1,
+        description="relative growth of the trajectory after which it is published again",
     )
 
 

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""State of the error-state filter: the robot's motion, cloned poses, and their joint covariance.
+"""State of the error-state filter: motion of the robot, cloned poses, and their joint covariance.
 
 Order of the errors: position and rotation of ``T_site_base`` (perturbation in the site), velocity in the
 site, gyro bias, accelerometer bias (base axes), slip forward, left and up relative to the path length; then
-six for each clone. A clone is the pose at the last measurement of an odometry [1]_: an increment is measured
-between two poses and corrects both.
+six for each clone. A clone is a copy of the pose at the last measurement of an odometry [1]_: the next
+increment is measured between the clone and the current pose, and corrects both.
 
 References
 ----------
@@ -35,7 +35,7 @@ class Clone:
     """Pose of the robot at the last measurement of a source."""
 
     pose: FloatArray  # (4, 4), ``T_site_base`` at that time
-    measured: UncertainTransform  # Measurement ``T_origin_sensor`` at that time
+    measured: UncertainTransform  # measurement ``T_origin_sensor`` at that time
     stamp_ns: int
 
 
@@ -51,8 +51,8 @@ class Estimate:
     covariance: FloatArray  # (18 + 6 c, 18 + 6 c)
     #: (18 + 6 c, 9), covariance of these errors with the ``TIMELINE_ERRORS`` of the previous estimate
     cross_covariance: FloatArray
-    clones: dict[str, Clone]  # In the order of their errors
-    consecutive_refusals: int = 0  # Increments refused one after the other
+    clones: dict[str, Clone]  # in the order of their errors
+    consecutive_refusals: int = 0  # number of increments refused one after the other
 
     @classmethod
     def at_start(
@@ -63,7 +63,7 @@ class Estimate:
         biases: FloatArray,
         sigmas: FloatArray,
     ) -> Estimate:
-        """Return an estimate at rest without clones; ``sigmas`` (9,) of biases and slip."""
+        """Return an estimate at rest without clones; ``sigmas`` (9,) are those of biases and slip."""
         P = np.zeros((CORE_SIZE, CORE_SIZE))
         P[POSE, POSE] = 0.0 if pose.covariance is None else pose.covariance
         P[6:, 6:] = np.diag(np.square(np.concatenate([np.full(3, speed_sigma_m_s), sigmas])))
@@ -71,12 +71,12 @@ class Estimate:
         return cls(stamp_ns, pose.matrix, zero, biases, zero, P, P[:, TIMELINE_ERRORS].copy(), {})
 
     def clone_errors(self, name: str) -> slice:
-        """Return the errors of a clone."""
+        """Return the indices of the errors of a clone."""
         first = CORE_SIZE + 6 * list(self.clones).index(name)
         return slice(first, first + 6)
 
     def relative_motion(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """Return ``T_clone_base`` (4, 4) and the Jacobian (6, n) of its error by those of the state."""
+        """Return ``T_clone_base`` (4, 4) and the Jacobian (6, n) of its error with respect to the errors."""
         clone = self.clones[name].pose
         H = np.zeros((6, len(self.covariance)))
         H[:, self.clone_errors(name)], H[:, POSE] = relative_jacobians(clone, self.pose)
@@ -99,19 +99,19 @@ class Estimate:
         )
 
     def with_clone(self, name: str, measured: UncertainTransform) -> Estimate:
-        """Return the estimate with its pose as the clone ``name``."""
+        """Return the estimate with a clone ``name`` of its pose, which replaces an earlier one."""
         clones = {**self.clones, name: Clone(self.pose, measured, self.stamp_ns)}
         n, size = len(self.covariance), CORE_SIZE + 6 * len(clones)
         covariance, cross = np.empty((size, size)), np.empty((size, len(TIMELINE_ERRORS)))
         covariance[:n, :n], cross[:n] = self.covariance, self.cross_covariance
         first = CORE_SIZE + 6 * list(clones).index(name)
-        at = slice(first, first + 6)
-        covariance[at], cross[at] = covariance[POSE], cross[POSE]
-        covariance[:, at] = covariance[:, POSE]
+        clone_errors = slice(first, first + 6)
+        covariance[clone_errors], cross[clone_errors] = covariance[POSE], cross[POSE]
+        covariance[:, clone_errors] = covariance[:, POSE]
         return replace(self, covariance=covariance, cross_covariance=cross, clones=clones)
 
     def with_velocity_sigma(self, sigma_m_s: float) -> Estimate:
-        """Return the estimate with an uncorrelated velocity of a standard deviation, and no refusals."""
+        """Return the estimate with an uncorrelated velocity of standard deviation ``sigma_m_s``."""
         P, cross = self.covariance.copy(), self.cross_covariance.copy()
         P[VELOCITY] = P[:, VELOCITY] = 0.0
         P[VELOCITY, VELOCITY] = sigma_m_s**2 * np.eye(3)

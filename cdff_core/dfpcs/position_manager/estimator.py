@@ -27,19 +27,19 @@ from cdff_core.dfpcs.position_manager.imu_buffer import ImuBuffer
 
 #: Ports whose measurements are absolute poses.
 FIXES = ("fix", "absolute_fix")
-#: Standard deviation of the velocity without IMU, or after contradictions: that of a car.
+#: Standard deviation of an unknown velocity (without IMU, or after refused increments): that of a car.
 UNKNOWN_SPEED_SIGMA_M_S = 15.0
-#: Time constant of slip; speed of wheels above which their origin was reset.
+#: Time constant of slip; speed of the wheel odometry above which its origin was reset.
 _SLIP_TIME_S, _MAX_WHEEL_SPEED_M_S = 6.0, 5.0
 #: Longest step of the strapdown integration, nanoseconds.
 _STEP_NS = 200_000_000
-#: Bounds of the standard deviation after a silence: beyond them digits are lost, and a heading is unknown.
+#: Bounds after a silence on the standard deviations of position (numerical precision) and rotation (unknown).
 _LOST_M, _LOST_RAD = 1e4, math.pi / math.sqrt(3.0)
-#: Standard deviation of a wheel increment also at rest (x, y, z, yaw).
+#: Standard deviation of a wheel increment at rest, added to that of the motion (x, y, z, yaw).
 _WHEEL_FLOOR = np.array([1e-3, 1e-3, 1e-3, 3e-4])
-#: Standard deviation of an increment of an odometry that states no covariance.
+#: Standard deviation of an increment of an odometry without covariance.
 _UNSTATED_SIGMA = np.array([0.02] * 3 + [0.005] * 3)
-#: Increments refused in a row after which the velocity is taken as unknown.
+#: Number of consecutive refused increments after which the velocity counts as unknown.
 _MAX_REFUSALS = 3
 _IDENTITY = UncertainTransform.identity()
 _JITTER = 1e-14 * np.eye(6)
@@ -50,12 +50,12 @@ class Measurement:
     """Measurement of one source at one time."""
 
     stamp_ns: int
-    source: str  # Input port; a measurement of ``imu`` is only a time at which to estimate.
+    source: str  # input port; a measurement of ``imu`` is only a time at which to estimate
     T_origin_sensor: UncertainTransform = _IDENTITY
-    frame: str = ""  # Origin
-    child: str = ""  # Sensor
-    scale: float = 1.0  # Factor of its variances
-    #: True if no increment may be formed, since the previous pose is missing or counts from another origin
+    frame: str = ""  # frame of the origin
+    child: str = ""  # frame of the sensor
+    scale: float = 1.0  # factor on its variances
+    #: True if no increment may be formed, since the previous pose is missing or has another origin.
     restart: bool = False
 
 
@@ -73,7 +73,7 @@ class MeasurementResult:
 
 
 class Estimator:
-    """Computes estimates from estimates and measurements; stateless except for gravity and the DFNs."""
+    """Computes the next estimate from an estimate and a measurement; its only state is gravity."""
 
     def __init__(
         self,
@@ -105,7 +105,7 @@ class Estimator:
         return self._correct_by_increment(estimate, measurement)
 
     def extrapolate(self, estimate: Estimate, stamp_ns: int) -> Estimate:
-        """Return the estimate at a later time with its correlation to this one."""
+        """Return the estimate predicted to a later time, with its correlation with the given one."""
         return self._predict(
             replace(estimate, cross_covariance=estimate.covariance[:, TIMELINE_ERRORS]), stamp_ns
         )
@@ -118,7 +118,7 @@ class Estimator:
         return estimate
 
     def _predict_over_silence(self, estimate: Estimate, end_ns: int) -> Estimate:
-        """Predict in one step a robot at rest whose pose is nearly unknown."""
+        """Predict in one step: the robot is assumed to be at rest, and its pose becomes nearly unknown."""
         previous = estimate.covariance[POSE, POSE]
         at_rest = replace(estimate, velocity=np.zeros(3)).with_velocity_sigma(0.0)
         predicted = self._integrate(at_rest, end_ns)
@@ -128,7 +128,7 @@ class Estimator:
         return replace(predicted, covariance=P).with_velocity_sigma(UNKNOWN_SPEED_SIGMA_M_S)
 
     def _integrate(self, estimate: Estimate, end_ns: int) -> Estimate:
-        """Integrate the IMU to a time (prediction)."""
+        """Integrate the IMU readings to a time (prediction)."""
         stamps, forces, rates = self._imu.around(estimate.stamp_ns, end_ns)
         out = self._prediction.process(
             KalmanPredictionInputs(
@@ -180,9 +180,9 @@ class Estimator:
         return corrected.with_clone(m.source, m.T_origin_sensor), result
 
     def _is_origin_lost(self, m: Measurement, clone: Clone) -> bool:
-        """True if a source may count from a new origin: it was silent, or the wheels moved impossibly far.
+        """Return whether the origin of a source may have changed: it was silent, or its wheels moved too far.
 
-        Silence of the wheels does not matter, since they keep counting.
+        Silence of the wheel odometry does not matter, since its origin remains the same.
         """
         elapsed_s = (m.stamp_ns - clone.stamp_ns) * 1e-9
         if m.source != "odometry":
@@ -192,15 +192,15 @@ class Estimator:
 
     def _apply_increment(self, estimate: Estimate, m: Measurement, clone: Clone) -> Estimate:
         """Correct by an increment; raises RefusedError if it contradicts the estimate."""
-        now, previous = m.T_origin_sensor, clone.measured
+        current, previous = m.T_origin_sensor, clone.measured
         mount = self._frames.mount(m.child, m.stamp_ns)
         step = self._increments[m.source].process(
             OdometryIncrementInputs(
                 first=previous.matrix,
-                second=now.matrix,
+                second=current.matrix,
                 mount=mount,
                 first_covariance=previous.covariance,
-                second_covariance=now.covariance,
+                second_covariance=current.covariance,
             )
         )
         expected, H = estimate.relative_motion(m.source)
@@ -210,7 +210,7 @@ class Estimator:
             return kalman_corrected(
                 estimate, self._correction, *_wheel_observation(estimate, expected, H, residual, noise)
             )
-        if now.covariance is None or previous.covariance is None:
+        if current.covariance is None or previous.covariance is None:
             noise = np.diag(np.square(_UNSTATED_SIGMA))
         if m.source in self._config.odometry.correlated:
             # Covariance intersection with equal weights multiplies the variances of k sources by k.
@@ -227,10 +227,10 @@ class Estimator:
         H: FloatArray,
         noise: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
-        """Return residual and derivatives about the corrected estimate (iterated Kalman filter).
+        """Return residual and Jacobian at the corrected estimate (iterated Kalman filter).
 
-        Two sources of one motion must be linearised at one point: otherwise the correction by the second
-        reads the correction by the first as information on the tilt.
+        Two sources of one motion must be linearised at one point: otherwise the second correction would take
+        the effect of the first one for information about the tilt.
         """
         out = self._correction.process(
             KalmanCorrectionInputs(residual=residual, jacobian=H, noise=noise, covariance=estimate.covariance)
@@ -239,16 +239,16 @@ class Estimator:
         return pose_error(increment, expected) + H @ out.correction, H
 
     def _count_correlated(self, estimate: Estimate, m: Measurement) -> int:
-        """Return the number of odometries with errors common to this one and may measure the same motion.
+        """Return the number of odometries with common errors that measure the motion of this measurement.
 
-        Sources count by the stamp of their clone, so that the order of arrival has no effect.
+        A source counts if its clone is recent, so that the order of arrival has no effect.
         """
         since_ns = m.stamp_ns - int(self._config.odometry.max_gap_s * 1e9)
         others = {*self._config.odometry.correlated} - {m.source}
         return 1 + sum(s in estimate.clones and estimate.clones[s].stamp_ns >= since_ns for s in others)
 
     def _correct_by_fix(self, estimate: Estimate, m: Measurement) -> tuple[Estimate, MeasurementResult]:
-        """Correct by an absolute pose; the first pose in an unknown frame defines where that frame is."""
+        """Correct by an absolute pose; the first pose in an unknown frame locates that frame in the site."""
         if m.T_origin_sensor.covariance is None:
             return estimate, MeasurementResult(False, ("fix_refused", "no_covariance"))
         mount = self._frames.mount(m.child, m.stamp_ns)
@@ -286,7 +286,7 @@ class Estimator:
         H: FloatArray,
         noise: FloatArray,
     ) -> Estimate:
-        """Intersect the measured quantity; the other errors follow by their correlation with it."""
+        """Correct by covariance intersection of the measured pose; other errors follow by correlation."""
         P = estimate.covariance
         PH = P @ H.T
         S = symmetrised(H @ PH)
@@ -327,12 +327,15 @@ def kalman_corrected(
 def _wheel_observation(
     estimate: Estimate, expected: FloatArray, H: FloatArray, residual: FloatArray, noise: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return residual, derivatives and noise of wheels with slip: translation and yaw, four of the six."""
-    d = expected[:3, 3]
+    """Return residual, Jacobian and noise of a wheel increment with slip: translation and yaw (4 rows).
+
+    The slip per metre of path length acts on the forward motion.
+    """
+    forward_m = expected[0, 3]
     slipping = np.eye(3)
     slipping[:, 0] += estimate.slip
     H[:3] = slipping @ H[:3]
-    H[:3, SLIP] = d[0] * np.eye(3)
-    residual[:3] -= estimate.slip * d[0]
+    H[:3, SLIP] = forward_m * np.eye(3)
+    residual[:3] -= estimate.slip * forward_m
     rows = np.array([0, 1, 2, 5])
     return residual[rows], H[rows], noise[np.ix_(rows, rows)] + np.diag(_WHEEL_FLOOR**2)

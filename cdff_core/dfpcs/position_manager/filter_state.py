@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checkpoint of the position manager, to and from its message PositionState."""
+"""Checkpoint of the position manager, and its conversion to and from PositionState."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class Checkpoint:
 
     estimate: Estimate
     nodes: list[Node]
-    pins: set[int]  # Pinned times, nanoseconds
-    T_odom_base: UncertainTransform  # Pose at the start of the timeline
+    pins: set[int]  # pinned times, nanoseconds
+    T_odom_base: UncertainTransform  # pose at the start of the timeline
     gravity_m_s2: float | None
     joints: Mapping[str, JointValues]
 
@@ -72,7 +72,7 @@ class Checkpoint:
 
     @classmethod
     def from_message(cls, message: PositionState) -> Checkpoint:
-        """Return the content of a message; raises InputError if its sizes are inconsistent."""
+        """Return the checkpoint in a message; raises InputError if field sizes are inconsistent."""
         _check_sizes(message)
         trajectory, links, f = message.line, message.links, message.filter
         n, size = len(trajectory.stamps_ns), CORE_SIZE + 6 * len(f.names)
@@ -111,7 +111,7 @@ class Checkpoint:
 
 
 def _check_sizes(message: PositionState) -> None:
-    """Raise InputError if the sizes of a message are inconsistent."""
+    """Raise InputError if the field sizes of a message are inconsistent."""
     links, f = message.links, message.filter
     n, c = len(message.line.stamps_ns), len(f.names)
     sizes = {
@@ -131,7 +131,7 @@ def _check_sizes(message: PositionState) -> None:
         if size != expected:
             raise InputError(f"PositionState.{name}: size {size}, expected {expected} by the other fields")
     if not n:
-        raise InputError("PositionState.line: got no poses, expected at least one")
+        raise InputError("PositionState.line: no poses, expected at least one")
 
 
 def _joints_to_message(joints: Mapping[str, JointValues]) -> PositionStateJoints:

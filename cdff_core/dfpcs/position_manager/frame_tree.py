@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Frame tree around the moving base: fixed frames of the site above it, mounts and joints below it."""
+"""Frame tree around the moving base: fixed frames of the site, and mounts and joints of the robot."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ _HOLD_NS = 3_600_000_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointValues:
-    """Values of a joint over time."""
+    """Values of one joint over time."""
 
     stamps_ns: NDArray[np.int64]  # (n,)
     values: FloatArray  # (n,), radians or metres
-    gaps_ns: set[int]  # Stamps before which values were removed
+    gaps_ns: set[int]  # stamps before which values were removed
 
 
 class RobotFrames:
-    """Two trees, of the site and of the base; the timeline joins them.
+    """Two frame trees, of the site and of the base, which the timeline connects.
 
-    ``context`` has the mounts below ``{robot}/base``, and ``site`` to ``{robot}/odom`` if surveyed; the URDF
-    document, which may be empty, describes the internal joints.
+    ``context`` has the mounts below ``{robot}/base`` and, if surveyed, the transform from ``{robot}/odom`` to
+    ``site``; the URDF document, which may be empty, describes the joints.
     """
 
     def __init__(self, robot: str, context: FrameGraph, urdf: str) -> None:
@@ -45,7 +45,7 @@ class RobotFrames:
                 self._graph.set_static(parent, child, context.lookup(parent, child, 0))
         if self.odom not in self._graph.frames:
             self._graph.set_static("site", self.odom, UncertainTransform.identity())
-        #: Movable joints: track in the tree and model; and their values by time.
+        #: Movable joints by name: track in the tree and model; and their values by time.
         self._joints: dict[str, tuple[PoseTrack, Joint]] = {}
         self._values: dict[str, dict[int, float]] = {}
         if not urdf:
@@ -65,38 +65,38 @@ class RobotFrames:
         return tuple(sorted(self._joints))
 
     def is_on_robot(self, frame: str) -> bool:
-        """True if a frame is below the base; raises FrameNotFoundError if it is in neither tree."""
+        """Return whether a frame is in the base's tree; raises FrameNotFoundError if it is in neither."""
         if frame == self.base:
             return True
         if frame != "site" and frame not in self._graph.frames:
             known = ", ".join(sorted({*self._graph.frames, self.base}))
             raise FrameNotFoundError(f"frame {frame!r}: unknown, expected one of {known}")
-        above = frame
-        while (parent := self._graph.parent_of(above)) is not None:
-            above = parent
-        return above == self.base
+        root = frame
+        while (parent := self._graph.parent_of(root)) is not None:
+            root = parent
+        return root == self.base
 
     def mount(self, frame: str, stamp_ns: int) -> FloatArray:
         """Return ``T_base_frame`` (4, 4) at a time."""
         return self.on_robot(self.base, frame, stamp_ns).matrix
 
     def site_pose(self, frame: str) -> FloatArray | None:
-        """Return ``T_site_frame`` (4, 4) of a fixed frame; None if it is unknown or on the robot."""
+        """Return ``T_site_frame`` (4, 4); None if the frame is unknown or in the tree of the base."""
         is_known = frame in ("site", self.base) or frame in self._graph.frames
         return self.fixed("site", frame).matrix if is_known and not self.is_on_robot(frame) else None
 
     def fixed(self, parent: str, child: str) -> UncertainTransform:
-        """Return ``T_parent_child`` of two frames of the site's tree."""
+        """Return ``T_parent_child`` of two frames in the tree of the site."""
         return UncertainTransform.identity() if parent == child else self._graph.lookup(parent, child, 0)
 
     def on_robot(self, parent: str, child: str, stamp_ns: int) -> UncertainTransform:
-        """Return ``T_parent_child`` of two frames of the base's tree; raises ExtrapolationError."""
+        """Return ``T_parent_child`` of two frames in the tree of the base; raises ExtrapolationError."""
         return (
             UncertainTransform.identity() if parent == child else self._graph.lookup(parent, child, stamp_ns)
         )
 
     def set_joints(self, joints: Joints, stamp_ns: int, oldest_ns: int, pins_ns: Iterable[int] = ()) -> None:
-        """Insert joint values; remove those before ``oldest_ns`` except around pins.
+        """Insert values of joints at a time; remove values before ``oldest_ns`` except around pins.
 
         Raises InputError if a joint is not movable in the URDF, or a value outside its limits.
         """
@@ -113,12 +113,12 @@ class RobotFrames:
                 continue
             self._set(name, stamp_ns, value)
             track.evict_before(oldest_ns, pins_ns)
-            # In blocks, since every value is copied.
+            # Old values are removed in blocks, since this copies all others.
             if len(self._values[name]) > 2 * len(track.poses) + 64:
                 self._values[name] = {t: self._values[name][t] for t in track.stamps_ns}
 
     def joint_values(self) -> dict[str, JointValues]:
-        """Return the values of each joint that has any."""
+        """Return the values of each joint that has moved."""
         values_of = {}
         for name, (track, _) in self._joints.items():
             if track.stamps_ns:
@@ -129,7 +129,7 @@ class RobotFrames:
         return values_of
 
     def restore(self, joints: Mapping[str, JointValues]) -> None:
-        """Insert stored values; joints that the URDF lacks and values outside its limits are skipped."""
+        """Insert stored values; joints missing in the URDF and values outside its limits are skipped."""
         for name, joint in joints.items():
             if name not in self._joints:
                 continue

@@ -13,7 +13,7 @@ from cdff_common.geometry.se3 import FloatArray
 
 
 class ImuBuffer:
-    """Readings in rising order of time, each kept for at least ``memory_ns``."""
+    """IMU readings in ascending order of time, each kept for at least ``memory_ns``."""
 
     def __init__(self, memory_ns: int) -> None:
         self._memory_ns = memory_ns
@@ -33,7 +33,7 @@ class ImuBuffer:
         return self._stamps_ns[-1] - self._stamps_ns[0] if self._stamps_ns else 0
 
     def insert(self, stamp_ns: int, force_m_s2: FloatArray, rate_rad_s: FloatArray) -> None:
-        """Insert specific force and rate (3,) in the IMU's axes by time; repeated times are ignored."""
+        """Insert specific force and rate (3,) in the axes of the IMU by time; repeated times are ignored."""
         assert self.T_base_imu is not None  # set by the caller before the first reading
         R = self.T_base_imu[:3, :3]
         stamps, reading = self._stamps_ns, np.concatenate([R @ force_m_s2, R @ rate_rad_s])
@@ -42,9 +42,9 @@ class ImuBuffer:
             return
         stamps.insert(k, stamp_ns)
         self._readings.insert(k, reading)
-        if self.span_ns > 2 * self._memory_ns:  # in blocks, since removal from the front moves the rest
-            cut = bisect_left(stamps, stamps[-1] - self._memory_ns)
-            del stamps[:cut], self._readings[:cut]
+        if self.span_ns > 2 * self._memory_ns:  # in blocks, since removal from the front moves all others
+            start = bisect_left(stamps, stamps[-1] - self._memory_ns)
+            del stamps[:start], self._readings[:start]
 
     def all(self) -> tuple[FloatArray, FloatArray]:
         """Return forces and rates (n, 3) of all readings."""

@@ -21,9 +21,9 @@ from cdff_core.dfpcs.position_manager.estimator import UNKNOWN_SPEED_SIGMA_M_S
 from cdff_core.dfpcs.position_manager.frame_tree import RobotFrames
 from cdff_core.dfpcs.position_manager.imu_buffer import ImuBuffer
 
-#: Span of the IMU readings that level the start, and longest wait for them, nanoseconds.
+#: Duration of the IMU readings that level the start pose, and longest wait for them, nanoseconds.
 _LEVELLING_NS, _MAX_WAIT_NS = 500_000_000, 1_000_000_000
-#: Standard deviations by levelling: speed in motion and at rest, gyro bias at rest.
+#: Standard deviations after levelling: speed in motion and at rest, gyro bias at rest.
 _MOVING_SPEED_M_S, _REST_SPEED_M_S, _REST_BIAS_RAD_S = 0.5, 0.02, 2.2e-4
 
 
@@ -33,12 +33,12 @@ class InitialState:
 
     estimate: Estimate
     T_odom_base: UncertainTransform
-    gravity_m_s2: float | None  # Strength of gravity; None without IMU.
-    reasons: tuple[str, ...]  # Deficiencies of the start
+    gravity_m_s2: float | None  # strength of gravity; None without IMU
+    reasons: tuple[str, ...]  # deficiencies of the start pose
 
 
 class Initialiser:
-    """Buffers samples until the start can be levelled."""
+    """Buffers samples until the start pose can be levelled."""
 
     def __init__(
         self,
@@ -51,7 +51,7 @@ class Initialiser:
         self._samples: list[Sample] = []
 
     def add(self, sample: Sample) -> bool:
-        """Buffer a sample; return True if the start can be computed."""
+        """Buffer a sample; return True if the start pose can be levelled or the waiting time is over."""
         self._samples.append(sample)
         waited_ns = sample.stamp_ns - self._samples[0].stamp_ns
         return self._imu.span_ns >= _LEVELLING_NS or waited_ns >= _MAX_WAIT_NS
@@ -66,7 +66,8 @@ class Initialiser:
         samples, self._samples = self._samples, []
         poses = [s for s in samples if s.port != "imu" and s.value is not None] or samples[:1]
         wheels = next(
-            (s.value.transform for s in samples if s.port == "odometry"), UncertainTransform.identity()
+            (s.value.transform for s in samples if s.port == "odometry" and s.value is not None),
+            UncertainTransform.identity(),
         )
         state = self._initial_state(min(s.stamp_ns for s in poses), wheels)
         return state, [s for s in samples if s.port != "imu"]
@@ -102,7 +103,7 @@ class Initialiser:
 
 
 def _levelled(wheels: UncertainTransform, tilt: FloatArray, sigma_rad: float) -> UncertainTransform:
-    """Return the wheels' pose with roll and pitch replaced by a levelled tilt."""
+    """Return the pose by the wheels with its roll and pitch replaced by the levelled tilt (3, 3)."""
     forward = wheels.matrix[:3, 0]
     R = se3.exp_so3([0.0, 0.0, float(np.arctan2(forward[1], forward[0]))]) @ tilt
     covariance = np.zeros((6, 6)) if wheels.covariance is None else wheels.covariance.copy()
@@ -113,10 +114,10 @@ def _levelled(wheels: UncertainTransform, tilt: FloatArray, sigma_rad: float) ->
 
 
 def _rotation_by_tilt(R: FloatArray) -> FloatArray:
-    """Return the rotation error (3, 3) caused by an error of the tilt (x, y, unused) at a fixed heading.
+    """Return the Jacobian (3, 3) of the rotation error by a tilt error (x, y, unused) at fixed heading.
 
-    The heading is that of the base's x axis a. If a climbs, an error w about its horizontal part moves a
-    sideways, and only a rotation about z preserves the heading:
+    The heading is that of the x axis ``a`` of the base. If ``a`` is inclined, a tilt error ``w`` about its
+    horizontal part also changes its heading; a rotation about z compensates this:
     ``w_z = a_z (w_x a_x + w_y a_y) / (a_x^2 + a_y^2)``.
     """
     a = R[:, 0]

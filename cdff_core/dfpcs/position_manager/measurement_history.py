@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Latest measurements in order of time with the estimate after each."""
+"""The last measurements in order of time, with the estimate after each."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from cdff_core.dfpcs.position_manager.pose_timeline import PoseTimeline
 
 
 class MeasurementHistory:
-    """Takes measurements in any order, delayed by up to ``memory_ns``.
+    """Accepts measurements in any order of arrival, delayed by up to ``memory_ns``.
 
-    A late one causes all later ones to be processed again and replaces the end of the timeline.
+    After a late measurement, all later ones are processed again, which replaces the end of the timeline.
     """
 
     def __init__(self, estimator: Estimator, timeline: PoseTimeline, memory_ns: int) -> None:
@@ -37,7 +37,7 @@ class MeasurementHistory:
 
     @property
     def oldest(self) -> Estimate:
-        """Estimate before all measurements that may be processed again."""
+        """Estimate before the measurements that may be processed again."""
         assert self._base is not None  # callers check is_started
         return self._base
 
@@ -48,25 +48,25 @@ class MeasurementHistory:
         return self._estimates[-1] if self._estimates else self.oldest
 
     def extrapolate(self, stamp_ns: int, limit_ns: int) -> Estimate | None:
-        """Return an estimate beyond the newest by the IMU; None inside the history and beyond the limit."""
+        """Return an estimate after the newest one; None inside the history or beyond the limit."""
         if not self.is_started or not 0 < stamp_ns - self.newest.stamp_ns <= limit_ns:
             return None
         return self._estimator.extrapolate(self.newest, stamp_ns)
 
     def invalidate(self, stamp_ns: int) -> None:
-        """Mark the estimates after a time as outdated, since an IMU reading came late."""
+        """Mark the estimates after a time as outdated, because a late IMU reading was inserted."""
         if self._estimates and stamp_ns < self._estimates[-1].stamp_ns:
             self._outdated_ns = stamp_ns if self._outdated_ns is None else min(self._outdated_ns, stamp_ns)
 
     def refresh(self) -> None:
         """Compute outdated estimates again."""
         if self._outdated_ns is not None:
-            first = bisect_left(self._stamps, self._outdated_ns)
+            index = bisect_left(self._stamps, self._outdated_ns)
             self._outdated_ns = None
-            self._process(first)
+            self._process(index)
 
     def insert(self, measurement: Measurement) -> MeasurementResult:
-        """Insert a measurement not older than ``oldest`` by its time and process it and all later ones."""
+        """Insert a measurement, not older than ``oldest``, by its time; process it and all later ones."""
         self.refresh()
         stamp_ns = measurement.stamp_ns
         k = bisect_right(self._stamps, stamp_ns)
@@ -79,13 +79,13 @@ class MeasurementHistory:
         self._remove_before(self._stamps[-1] - self._memory_ns)
         return result
 
-    def _process(self, first: int) -> MeasurementResult:
-        """Process the measurements from an index on; return the result of that one."""
-        estimate = self._estimates[first - 1] if first else self.oldest
-        del self._estimates[first:]
+    def _process(self, index: int) -> MeasurementResult:
+        """Process the measurements from an index on; return the result of the measurement at that index."""
+        estimate = self._estimates[index - 1] if index else self.oldest
+        del self._estimates[index:]
         self._timeline.remove_after(estimate.stamp_ns)
         results = []
-        for measurement in self._measurements[first:]:
+        for measurement in self._measurements[index:]:
             estimate, result = self._estimator.update(estimate, measurement)
             results.append(result)
             self._estimates.append(estimate)
@@ -94,6 +94,6 @@ class MeasurementHistory:
 
     def _remove_before(self, stamp_ns: int) -> None:
         cut = bisect_left(self._stamps, stamp_ns)
-        if cut > 64:  # in blocks, since removal from the front moves the rest
+        if cut > 64:  # in blocks, since removal from the front moves all others
             self._base = self._estimates[cut - 1]
             del self._stamps[:cut], self._measurements[:cut], self._estimates[:cut]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Mission time by the samples' stamps: distinguishes a wrong stamp from a jump of the mission clock."""
+"""Mission time from the stamps of the samples: distinguishes wrong stamps from jumps of the mission clock."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from cdff_core.dfpcs.position_manager.configuration import PositionManagerConfig
 from cdff_core.dfpcs.position_manager.estimator import FIXES
 
 _NS = 1e9
-#: Least number of samples that confirm a jump.
+#: Minimum number of samples that confirm a jump.
 _MIN_CONFIRMING = 3
-#: Span of samples that confirms a jump.
+#: Minimum time from the first to the last of these samples, nanoseconds.
 _CONFIRM_NS = 1_000_000_000
-#: Number of samples of another time, with none of the present one, that confirm a jump back by any source.
+#: Number of consecutive samples of another time that confirm a jump back, whichever sources they are from.
 _CONFIRMING_BY_NUMBER = 200
-#: Greatest number of buffered samples of another time.
+#: Maximum number of buffered samples of another time.
 _CAPACITY = 4096
 #: Sources that publish irregularly: their silence carries no information.
 _IRREGULAR = (*FIXES, "joints")
@@ -38,9 +38,10 @@ class MissionTime:
     """Distinguishes a wrong stamp from a jump of the mission clock.
 
     A sample more than ``max_ahead_s`` after the newest one, or more than ``memory_s`` before it, belongs to
-    another time. It is buffered, and refused as soon as a sample of the present time follows. Three in a row
-    that span a second confirm a jump, and all are accepted. A delayed burst of one source looks the
-    same, so a jump back also needs a sample of the other time from every source that was publishing.
+    another time. It is buffered, and refused as soon as a sample of the current time follows. Three such
+    samples in a row, over at least a second, confirm a jump, and all are accepted. A delayed burst of one
+    source looks the same, so a jump back also needs a sample of the other time from every source that was
+    publishing.
     """
 
     def __init__(self, config: PositionManagerConfig) -> None:
@@ -52,7 +53,7 @@ class MissionTime:
         self._buffer: deque[Sample] = deque(maxlen=_CAPACITY)
 
     def start(self, stamp_ns: int) -> None:
-        """Set the present time."""
+        """Set the current time."""
         self._newest_ns = stamp_ns
 
     def admit(self, sample: Sample) -> Admission:
@@ -63,7 +64,7 @@ class MissionTime:
         if newest_ns is None or -self._back_ns <= ahead_ns <= self._ahead_ns:
             refused = tuple(self._buffer)
             self._buffer.clear()
-            self._note(sample)
+            self._record_stamp(sample)
             return Admission((sample,), refused)
         refused = self._add_to_buffer(sample, ahead_ns > 0)
         if not self._is_jump_confirmed(ahead_ns > 0):
@@ -72,17 +73,17 @@ class MissionTime:
         self._buffer.clear()
         if ahead_ns < 0:
             self._newest_ns, self._newest_of_port_ns = None, {}
-        for other in accepted:
-            self._note(other)
+        for buffered in accepted:
+            self._record_stamp(buffered)
         return Admission(accepted, refused, jumped_back=ahead_ns < 0, jumped_ahead=ahead_ns > 0)
 
-    def _note(self, sample: Sample) -> None:
+    def _record_stamp(self, sample: Sample) -> None:
         stamp_ns, newest = sample.stamp_ns, self._newest_of_port_ns
         self._newest_ns = max(stamp_ns, self._newest_ns or stamp_ns)
         newest[sample.port] = max(stamp_ns, newest.get(sample.port, stamp_ns))
 
     def _add_to_buffer(self, sample: Sample, ahead: bool) -> tuple[Sample, ...]:
-        """Buffer a sample with those of its own time; return the samples that it displaces."""
+        """Buffer a sample with others of about the same time; return the samples removed from the buffer."""
         refused: tuple[Sample, ...] = ()
         if self._buffer:
             low, high = self._buffer_span()

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Poses of the robot over time: interpolated, thinned with age, pinned on request."""
+"""Timeline of the robot's poses: interpolated, thinned with age, pinned on request."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ class Node:
     pose: FloatArray  # (4, 4), ``T_site_base``
     covariance: FloatArray  # (9, 9), of pose and gyro bias
     cross_covariance: FloatArray  # (9, 9), covariance of its errors (rows) with those of the previous node
-    #: True if the time since the previous node was removed, or no source measured in it
+    #: True if nodes between the previous one and this one were removed, or no source measured in between.
     after_gap: bool = False
 
     @classmethod
     def from_estimate(cls, estimate: Estimate) -> Node:
-        """Return the node of an estimate."""
+        """Return the node with the errors of an estimate that the timeline stores."""
         cross = estimate.cross_covariance[TIMELINE_ERRORS]
         return cls(estimate.stamp_ns, estimate.pose, estimate.covariance[_BLOCK], cross)
 
@@ -52,10 +52,11 @@ class _InterpolatedPose:
 
 
 class PoseTimeline:
-    """Nodes in rising order of time, without interpolation over longer silences than ``max_silence_ns``.
+    """Nodes in ascending order of time, without interpolation over silences longer than ``max_silence_ns``.
 
-    Errors of neighbouring nodes are correlated, and those of any two through the nodes between them (a Markov
-    chain): the covariance of a motion between two times does not contain the error of its start.
+    The errors of successive nodes are correlated; the correlation of any two nodes follows from those of the
+    nodes between them (a Markov chain). The covariance of a motion therefore does not contain the error of
+    its start.
     """
 
     def __init__(self, interpolation: Dfn[Any, Any, Any], max_silence_ns: int) -> None:
@@ -66,7 +67,7 @@ class PoseTimeline:
         self._interpolation, self._max_silence_ns = interpolation, max_silence_ns
 
     def restore(self, nodes: list[Node], pins: set[int]) -> None:
-        """Set nodes and pins."""
+        """Set nodes and pins of an earlier run."""
         self.nodes, self.stamps_ns, self.pins = nodes, [node.stamp_ns for node in nodes], pins
 
     def append(self, estimate: Estimate) -> None:
@@ -89,11 +90,11 @@ class PoseTimeline:
 
         Raises ExtrapolationError if the time is outside the timeline or was removed.
         """
-        return self._interpolate(self._with(prediction), stamp_ns).pose
+        return self._interpolate(self._nodes_with(prediction), stamp_ns).pose
 
     def motion(self, start_ns: int, end_ns: int, prediction: Estimate | None = None) -> UncertainTransform:
         """Return ``T_base(start)_base(end)`` and its covariance; raises ExtrapolationError."""
-        nodes = self._with(prediction)
+        nodes = self._nodes_with(prediction)
         if start_ns > end_ns:
             return self.motion(end_ns, start_ns, prediction).inverse()
         a, b = self._interpolate(nodes, start_ns), self._interpolate(nodes, end_ns)
@@ -106,13 +107,16 @@ class PoseTimeline:
         return UncertainTransform(T, nearest_semidefinite(Ja @ Ca @ Ja.T + Jb @ Cb @ Jb.T + X + X.T))
 
     def thin(self, dense_ns: int, period_ns: int, oldest_ns: int) -> None:
-        """Keep a node per period before ``dense_ns``, before ``oldest_ns`` only the first and the pinned."""
-        kept: list[Node] = self.nodes[:1]
+        """Thin nodes before ``dense_ns`` to one per period; remove those before ``oldest_ns``.
+
+        The first node, the newest node and those around pinned times are kept.
+        """
+        remaining: list[Node] = self.nodes[:1]
         pinned = self._pinned_nodes()
         for k in range(1, len(self.nodes)):
-            last, node = kept[-1], self.nodes[k]
+            last, node = remaining[-1], self.nodes[k]
             if node.stamp_ns >= dense_ns or k in pinned or k == len(self.nodes) - 1:
-                kept.append(node)
+                remaining.append(node)
             elif node.stamp_ns < oldest_ns:
                 self.nodes[k + 1] = _bypass(node, self.nodes[k + 1], after_gap=True)
             elif (
@@ -121,12 +125,12 @@ class PoseTimeline:
             ):
                 self.nodes[k + 1] = _bypass(node, self.nodes[k + 1], after_gap=node.after_gap)
             else:
-                kept.append(node)
-        self.nodes = kept
-        self.stamps_ns = [node.stamp_ns for node in kept]
+                remaining.append(node)
+        self.nodes = remaining
+        self.stamps_ns = [node.stamp_ns for node in remaining]
 
     def trajectory(self, t0_ns: int, t1_ns: int, base: str, producer: str) -> PoseTrajectory:
-        """Return ``T_site_base`` between two times, -1 for no limit; raises ExtrapolationError."""
+        """Return ``T_site_base`` between two times (-1: unbounded); raises ExtrapolationError if empty."""
         nodes = [
             n for n in self.nodes if (t0_ns < 0 or n.stamp_ns >= t0_ns) and (t1_ns < 0 or n.stamp_ns <= t1_ns)
         ]
@@ -143,7 +147,7 @@ class PoseTimeline:
             pinned |= {k - 1} if k and self.stamps_ns[k - 1] == pin else {k - 1, k}
         return pinned
 
-    def _with(self, prediction: Estimate | None) -> list[Node]:
+    def _nodes_with(self, prediction: Estimate | None) -> list[Node]:
         return self.nodes if prediction is None else [*self.nodes, Node.from_estimate(prediction)]
 
     def _interpolate(self, nodes: list[Node], stamp_ns: int) -> _InterpolatedPose:
@@ -184,7 +188,7 @@ class PoseTimeline:
 def to_trajectory(
     stamps_ns: Sequence[int], poses: Sequence[UncertainTransform], base: str, producer: str
 ) -> PoseTrajectory:
-    """Return the message of poses ``T_site_base``."""
+    """Return poses ``T_site_base`` as a trajectory."""
     return PoseTrajectory.from_arrays(
         np.array(stamps_ns, dtype=np.int64),
         np.array([p.matrix for p in poses]).reshape(-1, 4, 4),
@@ -196,7 +200,7 @@ def to_trajectory(
 
 
 def _bypass(removed: Node, node: Node, *, after_gap: bool) -> Node:
-    """Return the node after ``removed`` correlated with the node that precedes it."""
+    """Return the node after ``removed``, correlated with the node before ``removed``."""
     gain = np.linalg.solve(removed.covariance + _JITTER, removed.cross_covariance)
     return replace(node, cross_covariance=node.cross_covariance @ gain, after_gap=node.after_gap or after_gap)
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Outputs of the position manager: the pose at new times, the trajectory at a bounded rate."""
+"""Outputs of the position manager: each new pose, and the trajectory at a limited rate."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NS = 1e9
 
 
 class Publisher:
-    """Makes outputs from the timeline and thins it."""
+    """Builds the outputs from the timeline, and thins the timeline."""
 
     def __init__(
         self,
@@ -28,9 +28,9 @@ class Publisher:
     ) -> None:
         self._config, self._timeline, self._sources = config, timeline, sources
         self._base, self._producer = base, producer
-        #: Reasons of every pose: deficiencies of the start.
+        #: Deficiencies of the start pose, which are reasons of every pose.
         self.start_reasons: tuple[str, ...] = ()
-        #: Time of the last pose; earlier ones are not published.
+        #: Time of the last published pose; no pose at an earlier time is published.
         self.published_ns = -1
         self._trajectory_ns = self._thinned_ns = 0
 
@@ -40,9 +40,9 @@ class Publisher:
         self.start_reasons = reasons
 
     def publish(self, sample: Sample, reasons: tuple[str, ...], oldest_ns: int) -> Iterator[Output]:
-        """Yield the pose at a sample's time, unless a later one is published, and the trajectory if due.
+        """Yield the pose at a sample's time, unless a later one was published; the trajectory if due.
 
-        ``oldest_ns`` is the time from which measurements may be processed again: it is not thinned.
+        ``oldest_ns`` is the time from which measurements may be processed again: later nodes are not thinned.
         """
         t_ns = sample.stamp_ns
         if t_ns <= self.published_ns:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Monitor of the sources: time of the last use, scale of the variances, quality of the pose."""
+"""Monitor of the sources: their last use, the weight of their measurements, and the quality of the pose."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cdff_common.types import TransformWithCovariance
 from cdff_core.dfpcs.position_manager.configuration import PositionManagerConfig
 from cdff_core.dfpcs.position_manager.estimator import FIXES, Measurement, MeasurementResult
 
-#: Sources in order of precedence, with their names in quality reasons and metrics.
+#: Sources in order of precedence, with their names in the reasons and metrics of the quality.
 _NAMES = {
     "visual_odometry": "vo",
     "lidar_odometry": "lidar",
@@ -23,15 +23,15 @@ _NAMES = {
     "imu": "imu",
 }
 _ODOMETRIES = ("visual_odometry", "lidar_odometry")
-#: Frequent sources: while one is used, poses from wheels and IMU are not published.
+#: Frequent accurate sources: while one of them is used, poses from wheels and IMU are not published.
 _FREQUENT = (*_ODOMETRIES, "fix")
 _ACCURATE = (*_FREQUENT, "absolute_fix")
-#: Factor of the variances of a DEGRADED measurement.
+#: Factor on the variances of a DEGRADED measurement.
 _DEGRADED_SCALE = 25.0
 
 
 class SourceMonitor:
-    """Times and refusals of each source."""
+    """Records use, failures and refusals of each source."""
 
     def __init__(self, config: PositionManagerConfig) -> None:
         odometry = config.odometry
@@ -51,7 +51,7 @@ class SourceMonitor:
         self._start_ns = stamp_ns
 
     def mark_failed(self, source: str) -> None:
-        """Record that a source FAILED: its next pose begins a new increment."""
+        """Record that a source FAILED: no increment ends at its next pose."""
         self._failed.add(source)
 
     def measurement(self, sample: Sample, base: str) -> Measurement:
@@ -85,7 +85,10 @@ class SourceMonitor:
         self._refusals[source] = self._refusals.get(source, 0) + 1
 
     def is_published(self, measurement: Measurement, newest_ns: int) -> bool:
-        """True if a pose is published: always for accurate sources, for others while those are silent."""
+        """Return whether a measurement leads to a published pose.
+
+        This is always so for accurate sources, and for the others while the frequent ones are silent.
+        """
         if measurement.source in _ACCURATE:
             return True
         is_silent = all(
@@ -94,7 +97,7 @@ class SourceMonitor:
         return is_silent and measurement.stamp_ns == newest_ns
 
     def quality(self, stamp_ns: int, T: UncertainTransform, reasons: tuple[str, ...]) -> Quality:
-        """Return the quality of the pose at a time."""
+        """Return the quality of a pose and count it if it is DEGRADED."""
         source = next((s for s in _NAMES if self._is_recent(s, stamp_ns)), None)
         at_start = source is None and stamp_ns - self._start_ns <= self._timeout_ns
         name = _NAMES[source] if source else "start" if at_start else "none"

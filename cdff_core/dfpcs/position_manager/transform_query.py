@@ -14,7 +14,7 @@ from cdff_core.dfpcs.position_manager.pose_timeline import PoseTimeline, to_traj
 
 
 class TransformQuery:
-    """Joins the site's tree and the robot's tree over the timeline."""
+    """Connects the frame trees of site and robot by the timeline."""
 
     def __init__(
         self,
@@ -32,7 +32,7 @@ class TransformQuery:
     def get_transform(
         self, parent: str, parent_t_ns: int, child: str, child_t_ns: int
     ) -> TransformWithCovariance:
-        """Return ``T_parent(t1)_child(t2)``, stamped with the child's time; a time of -1 is the newest.
+        """Return ``T_parent(t1)_child(t2)``, stamped with the child's time; -1 is the newest time.
 
         Raises FrameNotFoundError for an unknown frame, ExtrapolationError for a time outside the timeline by
         more than the limit, or removed from it.
@@ -50,14 +50,14 @@ class TransformQuery:
         return self._timeline.trajectory(t0_ns, t1_ns, self._frames.base, self._producer)
 
     def pin(self, t_ns: int) -> TransformWithCovariance:
-        """Keep a time permanently; raises ExtrapolationError if it is not in the timeline."""
+        """Keep the pose at a time permanently; raises ExtrapolationError if it is not in the timeline."""
         t_ns = self._newest_ns() if t_ns < 0 else t_ns // 1000 * 1000
         pose = self.get_transform("site", t_ns, self._frames.base, t_ns)
         self._timeline.pins.add(t_ns)
         return pose
 
     def unpin(self, t_ns: int) -> None:
-        """Stop keeping a time; raises ProductNotFoundError if it is not pinned."""
+        """Release a pinned time; raises ProductNotFoundError if it is not pinned."""
         t_ns, pins = t_ns // 1000 * 1000, self._timeline.pins
         if t_ns not in pins:
             raise ProductNotFoundError(f"t={t_ns} is not pinned; pinned are {sorted(pins) or 'none'}")
@@ -84,7 +84,7 @@ class TransformQuery:
         if not parent_moves:
             T_base_child = f.on_robot(f.base, child, child_t_ns)
             if parent == f.odom:
-                # The anchor's error is part of every pose but not of the motion since the start.
+                # The error of the site's anchor is part of every pose but not of the motion since the start.
                 start_ns = next(iter(self._timeline.stamps_ns), child_t_ns)
                 return self.T_odom_base @ self._motion(start_ns, child_t_ns) @ T_base_child
             return f.fixed(parent, "site") @ self._pose(child_t_ns) @ T_base_child

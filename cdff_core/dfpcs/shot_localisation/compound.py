@@ -19,12 +19,12 @@ from cdff_core.cloud_matching.search import AlignmentSearch
 from cdff_core.dfpcs.shot_localisation.configuration import ShotLocalisationConfig
 from cdff_core.dfpcs.shot_localisation.interface import ShotLocalisationInterface
 
-#: Ratio of residuals of equally good poses.
+#: Ratio of residuals up to which two poses count as equally good.
 _AMBIGUITY = 1.5
 
 
 class ShotLocalisation(ShotLocalisationInterface):
-    """Localisation of the model in each scene, without or with a guess."""
+    """Localisation of the model in each scene, with or without a guess."""
 
     Config = ShotLocalisationConfig
     config: ShotLocalisationConfig
@@ -86,17 +86,17 @@ class ShotLocalisation(ShotLocalisationInterface):
     def _localise(
         self, model: Cloud, scene: Cloud, guess: Sample | None
     ) -> tuple[Registration | None, Quality]:
-        """Register from the guess if that is acceptable, otherwise by descriptors."""
+        """Return the registration from the guess if it is acceptable, otherwise by descriptors."""
         if guess is not None:
             with suppress(RefusedError):
-                near = self._matcher.refine(model, scene, guess.value.transform.matrix, {})
-                quality = self._quality(near)
+                registration = self._matcher.refine(model, scene, guess.value.transform.matrix, {})
+                quality = self._quality(registration)
                 if quality.status is not Status.FAILED:
-                    return near, quality
+                    return registration, quality
         return self._search(model, scene)
 
     def _search(self, model: Cloud, scene: Cloud) -> tuple[Registration | None, Quality]:
-        """Return the better of the first acceptable alignment and one elsewhere, unless ambiguous."""
+        """Return the better of two registrations at different poses; FAILED if both are equally good."""
         search = AlignmentSearch(self._matcher, model, scene, self.config, self._quality)
         first = next(search.acceptable(), None)
         if first is None:
@@ -112,11 +112,12 @@ class ShotLocalisation(ShotLocalisationInterface):
         return better
 
     def _quality(self, registration: Registration) -> Quality:
-        """Compare the visible ratio of the model with the gates: a scene is larger than the model."""
+        """Return the quality by the gates; the overlap of the model counts, since the scene is larger."""
         return registration_quality(registration, registration.assessment.overlap_source, self.config)
 
 
 def _is_elsewhere(registration: Registration, other: Registration) -> bool:
+    """Return whether two poses differ by more than the radius of the overlap."""
     a = registration.assessment
     return (
         displacement_m(other.T_target_source, registration.T_target_source, a.centre_m, a.radius_m)

@@ -11,14 +11,16 @@ from cdff_core.cloud_matching.configuration import MatchingGates, Radii
 
 
 class ShotLocalisationConfig(MatchingGates, DfpcConfig):
-    """Matching gates, with scales and overlaps for a model in a larger scene, and DFN slots."""
+    """Matching gates for a model in a larger scene, and the parameters of the DFN slots."""
 
     support_voxels: Radii = Field(
         (12.0, 20.0, 8.0),
         min_length=1,
         max_length=8,
-        description="Radii of the descriptors, in voxels, tried in turn",
+        description="Radii of the descriptors, in voxels, in the order of their use",
     )
-    noise_voxels: float = Field(1.5, gt=0.0, le=20.0, description="Noise of correct matches, voxels")
-    min_overlap: float = Field(0.4, gt=0, le=1, description="Visible ratio of the model: FAILED below")
-    good_overlap: float = Field(0.6, gt=0, le=1, description="Visible ratio of the model: DEGRADED below")
+    noise_voxels: float = Field(
+        1.5, gt=0.0, le=20.0, description="Largest position error of a correct match, voxels"
+    )
+    min_overlap: float = Field(0.4, gt=0, le=1, description="Visible fraction of the model: FAILED below")
+    good_overlap: float = Field(0.6, gt=0, le=1, description="Visible fraction of the model: DEGRADED below")

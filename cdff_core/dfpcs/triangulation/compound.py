@@ -19,14 +19,14 @@ from cdff_core.dfns.n_view_triangulation.interface import NViewTriangulationInpu
 from cdff_core.dfpcs.triangulation.configuration import TriangulationConfig
 from cdff_core.dfpcs.triangulation.interface import TriangulationInterface
 
-#: Least fraction of valid points and largest variance of unit weight of landmarks that are not DEGRADED.
+#: Minimum fraction of valid points and maximum variance of unit weight: landmarks are DEGRADED otherwise.
 _MIN_VALID_FRACTION, _MAX_UNIT_VARIANCE = 0.5, 4.0
-#: Least number of points of a stereo cloud.
+#: Minimum number of points of a stereo cloud.
 _MIN_POINTS = 100
 
 
 class Triangulation(TriangulationInterface):
-    """Points in space from images at known poses."""
+    """Triangulation of points from images at known poses, or from a stereo pair."""
 
     Config = TriangulationConfig
     config: TriangulationConfig
@@ -50,20 +50,20 @@ class Triangulation(TriangulationInterface):
 
     def on_tracks(self, sample: Sample) -> Iterable[Output]:
         """Triangulate all points of the tracks."""
-        return self._sparse(sample.value, sample, (sample.id,), sample.value.frame or "site")
+        return self._triangulate_tracks(sample.value, sample, (sample.id,), sample.value.frame or "site")
 
     def on_matches(self, sample: Sample) -> Iterable[Output]:
         """Store the matches; triangulate them if there is a pose."""
         self._matches = sample
-        return self._two_views()
+        return self._triangulate_matches()
 
     def on_pose(self, sample: Sample) -> Iterable[Output]:
         """Store the pose; triangulate the stored matches."""
         self._pose = sample
-        return self._two_views()
+        return self._triangulate_matches()
 
     def on_stereo(self, sample: Sample) -> Iterable[Output]:
-        """Compute the dense cloud of a pair."""
+        """Compute the dense cloud of a stereo pair."""
         pair = sample.value
         frame = sample.frame or f"{self.context.robot}/navcam_left"
         try:
@@ -93,16 +93,18 @@ class Triangulation(TriangulationInterface):
         quality = Quality(covariance_kind=CovarianceKind.FORMAL, metrics=metrics)
         return [self._output("cloud", sample, (sample.id,), frame, self._cloud, quality)]
 
-    def _two_views(self) -> Iterable[Output]:
-        """Triangulate stored matches as a problem of two cameras, the first at the origin."""
+    def _triangulate_matches(self) -> Iterable[Output]:
+        """Triangulate the stored matches with two cameras, the first at the origin, once there is a pose."""
         if self._matches is None or self._pose is None:
             return []
         matches, pose = self._matches, self._pose
         self._matches = None
-        used, frame = (matches.id, pose.id), pose.value.parent_frame
+        input_ids, frame = (matches.id, pose.id), pose.value.parent_frame
         if self.config.camera is None:
             return [
-                self._failed("landmarks", matches, used, frame, "no_camera: configure camera = fx fy cx cy")
+                self._failed(
+                    "landmarks", matches, input_ids, frame, "no_camera: configure camera = fx fy cx cy"
+                )
             ]
         n = len(matches.value.items)
         pixels = np.stack([matches.value.sources_px, matches.value.sinks_px], axis=1).reshape(-1, 2)
@@ -114,17 +116,18 @@ class Triangulation(TriangulationInterface):
             pixels,
             frame=frame,
         )
-        return self._sparse(problem, matches, used, frame)
+        return self._triangulate_tracks(problem, matches, input_ids, frame)
 
-    def _sparse(
-        self, problem: BundleProblem, sample: Sample, used: tuple[str, ...], frame: str
+    def _triangulate_tracks(
+        self, problem: BundleProblem, sample: Sample, input_ids: tuple[str, ...], frame: str
     ) -> Iterable[Output]:
+        """Triangulate points observed by cameras with known poses; publish landmarks and their cloud."""
         try:
             triangulated = self._triangulate.process(NViewTriangulationInputs(tracks=problem))
         except InputError as error:
-            return [self._failed("landmarks", sample, used, frame, f"bad_input:{error}")]
+            return [self._failed("landmarks", sample, input_ids, frame, f"bad_input:{error}")]
         except RefusedError as refusal:
-            return [self._failed("landmarks", sample, used, frame, *refusal.reasons)]
+            return [self._failed("landmarks", sample, input_ids, frame, *refusal.reasons)]
         quality = self._quality(triangulated)
         valid = triangulated.valid
         counts = np.bincount(problem.observations.points, minlength=len(valid)).astype(np.uint32)
@@ -142,8 +145,8 @@ class Triangulation(TriangulationInterface):
             triangulated.points[valid][thin], frame=frame, stamp_ns=sample.stamp_ns
         )
         return [
-            self._output("landmarks", sample, used, frame, self._landmarks, quality),
-            self._output("cloud", sample, used, frame, self._cloud, quality),
+            self._output("landmarks", sample, input_ids, frame, self._landmarks, quality),
+            self._output("cloud", sample, input_ids, frame, self._cloud, quality),
         ]
 
     def _quality(self, triangulated: NViewTriangulationOutputs) -> Quality:
@@ -161,10 +164,12 @@ class Triangulation(TriangulationInterface):
         }
         return Quality.from_reasons(reasons, CovarianceKind.FORMAL, metrics)
 
-    def _failed(self, port: str, sample: Sample, used: tuple[str, ...], frame: str, *reasons: str) -> Output:
-        return self._output(port, sample, used, frame, None, Quality.failed(*reasons))
+    def _failed(
+        self, port: str, sample: Sample, input_ids: tuple[str, ...], frame: str, *reasons: str
+    ) -> Output:
+        return self._output(port, sample, input_ids, frame, None, Quality.failed(*reasons))
 
     def _output(
-        self, port: str, sample: Sample, used: tuple[str, ...], frame: str, value: Any, quality: Quality
+        self, port: str, sample: Sample, input_ids: tuple[str, ...], frame: str, value: Any, quality: Quality
     ) -> Output:
-        return Output(port, value, sample.stamp_ns, sample.stamp_ns, frame, None, quality, used)
+        return Output(port, value, sample.stamp_ns, sample.stamp_ns, frame, None, quality, input_ids)

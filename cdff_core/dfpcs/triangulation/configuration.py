@@ -12,11 +12,11 @@ from cdff_common.interfaces.dfpc import DfpcConfig
 
 
 class TriangulationConfig(DfpcConfig):
-    """The camera of matches and the size of clouds."""
+    """Camera of matched images, size of clouds, and parameters of the DFN slots."""
 
     camera: tuple[float, float, float, float] | None = Field(
-        None, description="fx fy cx cy of the camera of matches, pixels"
+        None, description="fx fy cx cy of the camera of matched images, pixels"
     )
     max_points: Annotated[int, Field(ge=1, le=400_000)] = Field(
-        400_000, description="Greatest number of points of a cloud"
+        400_000, description="Maximum number of points of a cloud"
     )

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Estimate of the disparity field that stereo rows leave undetermined."""
+"""Estimate of the part of the disparity field that the row offsets of a stereo pair do not determine."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import numpy as np
 
 from cdff_common.geometry.se3 import FloatArray
 
-#: Growth of the standard deviation from keyframe to keyframe, pixels.
+#: Standard deviation of the change from keyframe to keyframe, pixels.
 _SIGMA_WALK_PX = 0.002
 
 
 class DisparityCalibration:
-    """Gaussian over the undetermined part of the disparity field (see RectificationRefinement).
+    """Gaussian estimate of the undetermined part of the disparity field (see RectificationRefinement).
 
-    The motion estimator narrows it. Its result becomes the prior only with the next keyframe, since estimates
-    against one keyframe share the noise of that keyframe.
+    The motion estimator refines it. The result becomes the prior only with the next keyframe, since all
+    motions from one keyframe share the noise of that keyframe.
     """
 
     def __init__(self) -> None:
@@ -33,7 +33,7 @@ class DisparityCalibration:
         self._latest = (mean_px, covariance_px2)
 
     def update(self, open_covariance: FloatArray) -> None:
-        """Use the stored result as prior of a new keyframe; start with what the rows leave undetermined."""
+        """Use the stored result as the prior of a keyframe; the first prior is ``open_covariance`` (2, 2)."""
         if self.covariance_px2 is None:
             self.covariance_px2 = open_covariance
         if self._latest is not None:

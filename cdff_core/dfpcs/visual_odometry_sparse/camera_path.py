@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Path of the camera and its prediction."""
+"""Path of the camera, and prediction of its next pose."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_common.types import PoseTrajectory
 from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import Increment
 
-#: Number of poses kept.
+#: Maximum number of stored poses.
 _LENGTH = 100_000
-#: Standard deviations across a gap without other sensors: constant parts, and rotation per second.
+#: Standard deviations of the motion in a gap without other sensors: constant parts, and rotation per second.
 _BLIND_M, _BLIND_RAD, _BLIND_RAD_S = 0.1, 0.05, 0.1
 #: The same with wheels (constant part, slip relative to the distance) and with a gyro (constant part, bias).
 _WHEEL_M, _SLIP_RATIO, _GYRO_RAD, _GYRO_RAD_S = 0.02, 0.2, 0.01, 0.003
@@ -39,7 +39,7 @@ class CameraPath:
         return not self._poses
 
     def add(self, stamp_ns: int, pose: UncertainTransform, *, after_gap: bool = False) -> None:
-        """Add a measured pose; it updates the velocity except after a gap."""
+        """Add a measured pose and, except after a gap, update the velocity."""
         if self._measured is not None and not after_gap:
             previous_ns, previous = self._measured
             step = se3.log_se3(se3.inverse(previous.matrix) @ pose.matrix)
@@ -48,23 +48,23 @@ class CameraPath:
         self._append(stamp_ns, pose)
 
     def repeat(self, stamp_ns: int) -> UncertainTransform:
-        """Add the last pose again, with the covariance of the motion expected since."""
+        """Add the last pose again, with the covariance of the unobserved motion since then."""
         pose = UncertainTransform(self._poses[-1].matrix, self.across_gap(stamp_ns).covariance)
         self._append(stamp_ns, pose)
         return pose
 
     def predict(self, stamp_ns: int) -> FloatArray:
-        """Return ``T_vo_left`` (4, 4) expected by other sensors, else at constant velocity for 1 s."""
+        """Return ``T_vo_left`` (4, 4) by other sensors, otherwise at constant velocity for at most 1 s."""
         last_ns, last = self._last()
         increment = self._prior(last_ns, stamp_ns)
         return last.matrix @ self._expected(increment, 1e-9 * (stamp_ns - last_ns))
 
     def has_prior(self, stamp_ns: int) -> bool:
-        """True if other sensors measured motion up to a time."""
+        """Return whether other sensors measured the motion up to a time."""
         return any(part is not None for part in self._prior(self._last()[0], stamp_ns))
 
     def across_gap(self, stamp_ns: int) -> UncertainTransform:
-        """Return the expected pose with the covariance of an unobserved motion."""
+        """Return the predicted pose with the covariance of the motion unobserved by the camera."""
         last_ns, last = self._last()
         elapsed_s = 1e-9 * (stamp_ns - last_ns)
         translation, rotation = self._prior(last_ns, stamp_ns)
@@ -80,7 +80,7 @@ class CameraPath:
         return UncertainTransform(last.matrix @ expected, covariance + growth)
 
     def trajectory(self, parent: str, child: str) -> PoseTrajectory | None:
-        """Return all poses; None without any."""
+        """Return all poses; None before the first one."""
         if not self._poses:
             return None
         unknown = np.full((6, 6), np.nan)
@@ -98,11 +98,11 @@ class CameraPath:
 
     def _last(self) -> tuple[int, UncertainTransform]:
         if self._measured is None:
-            raise RefusedError("nothing measured yet", ["no_pose"])
+            raise RefusedError("no pose was measured yet", ["no_pose"])
         return self._measured
 
     def _expected(self, increment: Increment, elapsed_s: float) -> FloatArray:
-        """Return ``T_left1_left2`` after a time."""
+        """Return ``T_left1_left2`` after ``elapsed_s``: measured parts, and the rest at constant velocity."""
         translation, rotation = increment
         T = se3.exp_se3(self._twist * min(elapsed_s, 1.0))
         return se3.transform(

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Controller of VisualOdometrySparse: assess, initialise or predict, locate, accept, renew the keyframe."""
+"""Controller of VisualOdometrySparse: assess, initialise or predict, locate, accept, replace the keyframe."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import MotionPrior
 from cdff_core.dfpcs.visual_odometry_sparse.quality import blur_reasons, check_images
 from cdff_core.dfpcs.visual_odometry_sparse.stereo_view import StereoView
 
-#: Pairs refused in a row after which a new keyframe is made across the gap.
+#: Number of consecutive refused pairs after which a keyframe is made at the predicted pose.
 _MAX_REFUSED = 2
 
 
@@ -51,12 +51,14 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         self._path = CameraPath(self._prior.increment)
         self._keyframes = KeyframeWindow(self.config.window)
         self._last: StereoView | None = None
-        self._refused, self._gaps, self._gap_open = 0, 0, False
+        self._refused_pairs = 0  # consecutive refused pairs
+        self._gaps = 0  # gaps bridged by a prediction
+        self._gap_open = False  # true from a gap to the next located pair
         self.store.offer("keyframe", lambda: self._keyframes.newest and self._keyframes.newest.view.pair)
         self.store.offer("trajectory", lambda: self._path.trajectory(self._parent, self._child))
 
     def on_odometry(self, sample: Sample) -> Iterable[Output]:
-        """Buffer a pose of the wheels for the prediction."""
+        """Buffer a pose by the wheels for the prediction."""
         self._prior.add_pose(sample.stamp_ns, sample.value.transform)
         return ()
 
@@ -66,15 +68,15 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         return ()
 
     def on_stereo(self, sample: Sample) -> Iterable[Output]:
-        """Locate the camera at one pair; one output, FAILED if the pair is refused."""
+        """Locate the camera at a pair; the output is FAILED if the pair is refused."""
         try:
-            view = self._take(sample)
+            view = self._view_of(sample)
             is_repeated, sharpness = self._assess(view)
             if is_repeated and not self._path.is_empty:
                 return [self._repeat(view)]
             if self._keyframes.newest is None:
                 return [self._initialise(view, sharpness)]
-            return [self._follow(view, self._keyframes.newest, sharpness)]
+            return [self._track_keyframe(view, self._keyframes.newest, sharpness)]
         except RefusedError as refusal:
             quality = Quality.from_error(refusal)
         except InputError as error:
@@ -86,23 +88,23 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         trajectory: PoseTrajectory = self.store.get("trajectory")
         return trajectory
 
-    def _take(self, sample: Sample) -> StereoView:
-        """Return the view of a sample; a change of the camera keeps only the path."""
+    def _view_of(self, sample: Sample) -> StereoView:
+        """Return the view of a sample; after a change of the camera only the path is kept."""
         if not isinstance(sample.value, FramePair):
             raise InputError(f"stereo: got a {type(sample.value).__name__}, expected a FramePair")
         view, last = StereoView.from_sample(sample), self._last
         if last is not None and view.stamp_ns <= last.stamp_ns:
-            raise RefusedError("stamps must rise", [f"stamp_not_after:{last.stamp_ns}"])
+            raise RefusedError("stamps must increase", [f"stamp_not_after:{last.stamp_ns}"])
         if last is not None and not view.has_same_camera(last):
             self._keyframes.restart(None)
             self._calibration.reset()
-            self._last, self._refused, self._gap_open = None, 0, False
+            self._last, self._refused_pairs, self._gap_open = None, 0, False
         mount = view.pair.left.T_robot_sensor
         self._prior.set_mounts(self.context.frames, self.context.robot, mount, view.stamp_ns)
         return view
 
     def _assess(self, view: StereoView) -> tuple[bool, float]:
-        """Return True for a repeated pair, and the sharpness; raises RefusedError if it is unusable."""
+        """Return whether the pair repeats the previous one, and its sharpness; raises RefusedError."""
         last, self._last = self._last, view
         previous = (None, None) if last is None else (last.left, last.right)
         left, right = (
@@ -113,7 +115,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         return left.change == 0.0, min(left.sharpness, right.sharpness)
 
     def _repeat(self, view: StereoView) -> Output:
-        """Repeat the last pose for identical images: the camera is frozen, or simulated at rest."""
+        """Publish the last pose again for identical images: the camera is frozen, or simulated at rest."""
         metrics = {"gaps": self._gaps}
         quality = Quality(Status.DEGRADED, ("repeated_image",), CovarianceKind.FORMAL, metrics)
         return self._output(view.stamp_ns, (view.sample_id,), self._path.repeat(view.stamp_ns), quality)
@@ -132,12 +134,12 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         metrics = {"features": len(keyframe.features), "sharpness": sharpness, "gaps": self._gaps}
         return self._output(view.stamp_ns, (view.sample_id,), pose, self._quality(reasons, metrics))
 
-    def _follow(self, view: StereoView, keyframe: Keyframe, sharpness: float) -> Output:
-        """Locate the camera against the keyframe; after repeated refusals make a new one across the gap."""
+    def _track_keyframe(self, view: StereoView, keyframe: Keyframe, sharpness: float) -> Output:
+        """Locate the camera relative to the keyframe; bridge a gap after repeated refusals."""
         has_prior = self._path.has_prior(view.stamp_ns)
         try:
-            T_now_key = se3.inverse(self._path.predict(view.stamp_ns)) @ keyframe.pose.matrix
-            refined, metrics, reasons = self._tracker.locate(view, keyframe, T_now_key)
+            T_current_keyframe = se3.inverse(self._path.predict(view.stamp_ns)) @ keyframe.pose.matrix
+            refined, metrics, reasons = self._tracker.locate(view, keyframe, T_current_keyframe)
         except RefusedError:
             self._bridge_gap(view, sharpness)
             raise
@@ -152,7 +154,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         pose = located.to_transform(refined.calibration_covariance)
         self._calibration.store(refined.calibration, refined.calibration_covariance)
         self._path.add(view.stamp_ns, pose, after_gap=self._gap_open)
-        self._refused, self._gap_open = 0, False
+        self._refused_pairs, self._gap_open = 0, False
         if is_renewed:
             try:
                 self._keyframes.advance(self._builder.build(view, located, sharpness)[0], motion)
@@ -164,24 +166,26 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         inputs = (keyframe.view.sample_id, view.sample_id)
         return self._output(view.stamp_ns, inputs, pose, self._quality(reasons, metrics))
 
-    def _locate(self, view: StereoView, keyframe: Keyframe, T_key_now: FloatArray) -> ConsiderState | None:
+    def _locate(
+        self, view: StereoView, keyframe: Keyframe, T_keyframe_current: FloatArray
+    ) -> ConsiderState | None:
         """Return the motion from an older keyframe; None if it has deficiencies."""
-        refined, _, reasons = self._tracker.locate(view, keyframe, se3.inverse(T_key_now))
+        refined, _, reasons = self._tracker.locate(view, keyframe, se3.inverse(T_keyframe_current))
         return None if reasons else ConsiderState.from_motion(refined)
 
     def _bridge_gap(self, view: StereoView, sharpness: float) -> None:
-        """Count a refused pair; after ``_MAX_REFUSED`` in a row, make a keyframe at the predicted pose."""
-        self._refused += 1
-        if self._refused >= _MAX_REFUSED:
+        """Count a refused pair; after ``_MAX_REFUSED`` in a row make a keyframe at the predicted pose."""
+        self._refused_pairs += 1
+        if self._refused_pairs >= _MAX_REFUSED:
             pose = self._independent(self._path.across_gap(view.stamp_ns))
             self._keyframes.restart(self._builder.build(view, pose, sharpness)[0])
-            self._gaps, self._gap_open, self._refused = self._gaps + 1, True, 0
+            self._gaps, self._gap_open, self._refused_pairs = self._gaps + 1, True, 0
 
     def _independent(self, pose: UncertainTransform) -> ConsiderState:
         return ConsiderState.independent(pose, len(self._calibration.mean_px))
 
     def _quality(self, reasons: list[str], metrics: dict[str, float]) -> Quality:
-        # The covariance of a gap is an assumption, never calibrated.
+        # The covariance of a motion in a gap is assumed, not calibrated.
         kind = CovarianceKind.FORMAL if self._gaps else CovarianceKind(self.config.covariance_kind)
         return Quality.from_reasons(reasons, kind, metrics)
 

@@ -12,18 +12,19 @@ from cdff_common.interfaces.dfpc import DfpcConfig
 
 
 class VisualOdometrySparseConfig(DfpcConfig):
-    """Parameters of VisualOdometrySparse: its own, and per DFN slot a mapping with that DFN's."""
+    """Parameters of keyframes and covariance, and the parameters of the DFN slots."""
 
     keyframe_survival: Annotated[
         float, Field(gt=0, lt=1, description="fraction of a keyframe's points below which it is replaced")
     ] = 0.6
     window: Annotated[
-        int, Field(ge=1, le=8, description="number of keyframes that locate a new keyframe")
+        int, Field(ge=1, le=8, description="number of keyframes relative to which a new keyframe is located")
     ] = 1
     covariance_kind: Annotated[
         Literal["formal", "calibrated"],
         Field(
-            description="calibrated only if poses of this camera and configuration were compared with truth"
+            description="calibrated only if poses of this camera and configuration were compared with ground "
+            "truth"
         ),
     ] = "formal"
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Poses with correlated errors, after Schmidt's consider filter."""
+"""Transforms with correlated errors, as in Schmidt's consider filter."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ COMMON = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConsiderState:
-    """Transform whose error is independent noise plus ``response`` times errors common to all motions.
+    """Transform whose error is independent noise plus the effect of errors common to all motions.
 
-    With independent motions the covariance of a path would grow with the root of the number of keyframes.
-    Errors common to all points of a pair (pixel locking, perspective of patches on the ground) and errors of
-    the calibration recur in every keyframe and add up linearly. They are considered without being estimated
-    [1]_, except for the calibration: a later estimate of it corrects the earlier path.
+    If the errors of motions were independent, the standard deviation of a path would grow with the square
+    root of the number of keyframes. But errors common to all points of a pair (pixel locking, perspective of
+    patches on the ground) and errors of the calibration recur in every keyframe, so that they add up
+    linearly. Their covariance is considered without estimating them [1]_, except for the calibration: a later
+    estimate of it corrects the path.
 
     References
     ----------
     .. [1] S. F. Schmidt, Application of State-Space Methods to Navigation Problems, Advances in Control
-    Systems 3,
-       1966, doi:10.1016/B978-1-4831-6716-9.50011-4
+       Systems 3, 1966, doi:10.1016/B978-1-4831-6716-9.50011-4
     """
 
     matrix: FloatArray  # (4, 4)
     noise: FloatArray  # (6, 6), covariance of the independent part
-    #: (6, COMMON + k), derivatives by the common errors, of unit variance, and by k parameters of the
-    #: calibration, pixels
+    #: (6, COMMON + k), derivatives by the common errors (of unit variance) and by k parameters of the
+    #: calibration (pixels).
     response: FloatArray
 
     @classmethod
@@ -47,12 +47,12 @@ class ConsiderState:
 
     @classmethod
     def from_motion(cls, refined: StereoMotionEstimationOutputs) -> ConsiderState:
-        """Return an estimated motion."""
+        """Return the state of an estimated motion."""
         response = np.hstack([refined.common_response, refined.calibration_response])
         return cls(refined.motion, refined.noise_covariance, response)
 
     def __matmul__(self, motion: ConsiderState) -> ConsiderState:
-        """``T_a_c = T_a_b @ T_b_c``."""
+        """Return ``T_a_c = T_a_b @ T_b_c``; the effects of common errors are added."""
         J1, J2 = cov.compose_jacobians(self.matrix, motion.matrix)
         noise = J1 @ self.noise @ J1.T + J2 @ motion.noise @ J2.T
         response = J1 @ self.response + J2 @ motion.response
@@ -63,18 +63,18 @@ class ConsiderState:
         return ConsiderState(self._moved(self.response[:, COMMON:] @ change_px), self.noise, self.response)
 
     def fused(self, other: ConsiderState) -> ConsiderState:
-        """Return the mean with another estimate of the same transform, weighted by independent noise."""
+        """Return the mean with another estimate of the same transform, weighted by the independent noise."""
         gain = np.linalg.solve((self.noise + other.noise).T, self.noise.T).T
         matrix = self._moved(gain @ cov.pose_error(other.matrix, self.matrix))
         noise = cov.symmetrised(self.noise - gain @ self.noise)
         return ConsiderState(matrix, noise, self.response + gain @ (other.response - self.response))
 
     def to_transform(self, calibration_covariance: FloatArray) -> UncertainTransform:
-        """Return the pose with its whole covariance."""
+        """Return the transform with its whole covariance, given that of the calibration (k, k)."""
         common, calibration = self.response[:, :COMMON], self.response[:, COMMON:]
         correlated = common @ common.T + calibration @ calibration_covariance @ calibration.T
         return UncertainTransform(self.matrix, self.noise + cov.symmetrised(correlated))
 
     def _moved(self, error: FloatArray) -> FloatArray:
-        """Return the matrix with an error (6,) added."""
+        """Return the matrix with a pose error (6,) applied."""
         return se3.transform(se3.exp_so3(error[3:]) @ self.matrix[:3, :3], self.matrix[:3, 3] + error[:3])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Keyframes: stereo pairs with triangulated points, and a window of the latest ones."""
+"""Keyframes: stereo pairs with triangulated points, and a window of the last keyframes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from cdff_core.dfpcs.visual_odometry_sparse.stereo_view import StereoView
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Keyframe:
-    """Stereo pair whose points are tracked."""
+    """Stereo pair whose points are tracked in later images."""
 
     view: StereoView
     pose: ConsiderState  # ``T_vo_keyframe``
@@ -36,7 +36,7 @@ class Keyframe:
 
 
 class KeyframeBuilder:
-    """Makes keyframes (extraction, stereo_matching, refinement, triangulation)."""
+    """Makes keyframes by the DFNs extraction, stereo_matching, refinement and triangulation."""
 
     def __init__(self, dfn: Callable[[str], Dfn[Any, Any, Any]], calibration: DisparityCalibration) -> None:
         self._extraction, self._stereo_matching = dfn("extraction"), dfn("stereo_matching")
@@ -44,7 +44,7 @@ class KeyframeBuilder:
         self._calibration = calibration
 
     def build(self, view: StereoView, pose: ConsiderState, sharpness: float) -> tuple[Keyframe, list[str]]:
-        """Return a keyframe and its deficiencies; raises RefusedError if the images do not match."""
+        """Return a keyframe and its deficiencies; raises RefusedError if its two images do not match."""
         detected = self._extraction.process(FeaturesExtraction2DInputs(image=view.left)).features
         matched = self._stereo_matching.process(
             StereoMatching2DInputs(left=view.left, right=view.right, features=detected)
@@ -86,7 +86,7 @@ class KeyframeBuilder:
 
 
 class KeyframeWindow:
-    """Newest keyframe, and older ones with the motion from each to the next."""
+    """The newest keyframe, and older keyframes with the motion from each to the next."""
 
     def __init__(self, size: int) -> None:
         self._size = size
@@ -98,7 +98,7 @@ class KeyframeWindow:
         self.newest, self._older = keyframe, []
 
     def advance(self, keyframe: Keyframe, motion: ConsiderState) -> None:
-        """Add a keyframe and the motion to it from the previous newest one."""
+        """Add a keyframe and the motion to it from the previous keyframe."""
         if self.newest is not None and self._size > 1:
             self._older = [*self._older, (self.newest, motion)][1 - self._size :]
         self.newest = keyframe
@@ -109,10 +109,11 @@ class KeyframeWindow:
         calibration_change: FloatArray,
         locate: Callable[[Keyframe, FloatArray], ConsiderState | None],
     ) -> ConsiderState | None:
-        """Return ``T_vo_now`` by all older keyframes that still show enough; None without older ones.
+        """Return ``T_vo_current`` relative to the older keyframes in view; None without older keyframes.
 
-        From the newest to the oldest, the chained motion is fused with the motion that ``locate`` measures
-        directly, given the keyframe and the expected ``T_keyframe_now``; it returns None if it is unusable.
+        From the newest to the oldest, the chained motion is fused with a direct measurement:
+        ``locate(keyframe, T_keyframe_current)`` returns the motion measured near the given one, or None if it
+        is unusable.
         """
         if not self._older:
             return None

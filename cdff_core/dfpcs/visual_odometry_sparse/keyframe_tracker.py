@@ -34,13 +34,13 @@ from cdff_core.dfpcs.visual_odometry_sparse.calibration import DisparityCalibrat
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe import Keyframe
 from cdff_core.dfpcs.visual_odometry_sparse.stereo_view import StereoView
 
-#: Motion, its metrics, and its deficiencies.
+#: Motion, its metrics, and its deficiencies as reasons.
 Located = tuple[StereoMotionEstimationOutputs, dict[str, float], list[str]]
 Indices = NDArray[np.int64]
 
 
 class KeyframeTracker:
-    """Locates views against keyframes."""
+    """Locates views relative to keyframes."""
 
     def __init__(self, dfn: Callable[[str], Dfn[Any, Any, Any]], calibration: DisparityCalibration) -> None:
         self._extraction, self._description = dfn("extraction"), dfn("description")
@@ -53,35 +53,43 @@ class KeyframeTracker:
         """Set the seed of the outlier rejection."""
         self._pnp.configure(self._pnp.config.model_copy(update={"seed": seed}))
 
-    def locate(self, view: StereoView, keyframe: Keyframe, T_now_key: FloatArray) -> Located:
-        """Return the motion since a keyframe, searched near the prediction ``T_now_key`` (4, 4).
+    def locate(self, view: StereoView, keyframe: Keyframe, T_current_keyframe: FloatArray) -> Located:
+        """Return the motion since a keyframe, searched near the prediction ``T_current_keyframe`` (4, 4).
 
         Raises RefusedError if it cannot be estimated.
         """
-        tracked, matches, visible = self._track(view, keyframe, T_now_key)
+        tracked, matches, visible = self._track(view, keyframe, T_current_keyframe)
         try:
-            T_now_key, inliers = self._solve_pose(view, keyframe, tracked, matches, T_now_key)
+            T_current_keyframe, inliers = self._solve_pose(
+                view, keyframe, tracked, matches, T_current_keyframe
+            )
         except RefusedError:
-            T_now_key = self._search(view, keyframe)
-            tracked, matches, visible = self._track(view, keyframe, T_now_key)
-            T_now_key, inliers = self._solve_pose(view, keyframe, tracked, matches, T_now_key)
+            T_current_keyframe = self._search(view, keyframe)
+            tracked, matches, visible = self._track(view, keyframe, T_current_keyframe)
+            T_current_keyframe, inliers = self._solve_pose(
+                view, keyframe, tracked, matches, T_current_keyframe
+            )
         if len(tracked) < 0.5 * visible:
-            more, more_matches, _ = self._track(view, keyframe, T_now_key)
-            if len(more) > len(tracked):
-                tracked, matches = more, more_matches
-                T_now_key, inliers = self._solve_pose(view, keyframe, tracked, matches, T_now_key)
-        refined, disparities = self._refine(view, keyframe, tracked[inliers], matches[inliers], T_now_key)
+            retracked, retracked_matches, _ = self._track(view, keyframe, T_current_keyframe)
+            if len(retracked) > len(tracked):
+                tracked, matches = retracked, retracked_matches
+                T_current_keyframe, inliers = self._solve_pose(
+                    view, keyframe, tracked, matches, T_current_keyframe
+                )
+        refined, disparities = self._refine(
+            view, keyframe, tracked[inliers], matches[inliers], T_current_keyframe
+        )
         counts = {"features": len(keyframe.features), "visible": visible, "tracked": len(tracked)}
         metrics = quality.motion_metrics(refined, disparities, counts)
         return refined, metrics, quality.motion_reasons(metrics)
 
     def _predict(
-        self, view: StereoView, keyframe: Keyframe, T_now_key: FloatArray
+        self, view: StereoView, keyframe: Keyframe, T_current_keyframe: FloatArray
     ) -> FeaturesPrediction2DOutputs:
         out: FeaturesPrediction2DOutputs = self._prediction.process(
             FeaturesPrediction2DInputs(
                 points=keyframe.points,
-                pose=T_now_key,
+                pose=T_current_keyframe,
                 camera_matrix=view.camera_matrix,
                 baseline=view.baseline,
                 image=view.left,
@@ -91,10 +99,10 @@ class KeyframeTracker:
         return out
 
     def _track(
-        self, view: StereoView, keyframe: Keyframe, T_now_key: FloatArray
+        self, view: StereoView, keyframe: Keyframe, T_current_keyframe: FloatArray
     ) -> tuple[Indices, FloatArray, int]:
-        """Return indices of the tracked points, their pixels, and the number expected to be visible."""
-        expected = self._predict(view, keyframe, T_now_key)
+        """Return indices and pixels of the tracked points, and the number of points in view."""
+        expected = self._predict(view, keyframe, T_current_keyframe)
         visible = np.flatnonzero(expected.visible)
         out = self._tracking.process(
             FeaturesTracking2DInputs(
@@ -115,7 +123,7 @@ class KeyframeTracker:
         matches: FloatArray,
         guess: FloatArray | None,
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return ``T_now_key`` and the tracked points that agree with it."""
+        """Return ``T_current_keyframe`` and the mask of the tracked points that agree with it."""
         out = self._pnp.process(
             PerspectiveNPointSolvingInputs(
                 points=keyframe.points[tracked],
@@ -127,7 +135,7 @@ class KeyframeTracker:
         return out.camera, out.inliers
 
     def _search(self, view: StereoView, keyframe: Keyframe) -> FloatArray:
-        """Return ``T_now_key`` without a prediction, by descriptors: after a jolt or dropped images."""
+        """Return ``T_current_keyframe`` by descriptors, without a prediction."""
         detected = self._extraction.process(FeaturesExtraction2DInputs(image=view.left)).features
         reference = self._description.process(
             FeaturesDescription2DInputs(image=keyframe.view.left, features=keyframe.features)
@@ -147,10 +155,13 @@ class KeyframeTracker:
         keyframe: Keyframe,
         candidates: Indices,
         matches: FloatArray,
-        T_now_key: FloatArray,
+        T_current_keyframe: FloatArray,
     ) -> tuple[StereoMotionEstimationOutputs, FloatArray]:
-        """Measure disparities around their prediction, then refine motion, covariance and calibration."""
-        predicted = self._predict(view, keyframe, T_now_key)
+        """Measure disparities around their prediction, then refine motion, covariance and calibration.
+
+        Return the result, and the disparities (k,) of its points in the keyframe.
+        """
+        predicted = self._predict(view, keyframe, T_current_keyframe)
         expected = predicted.disparities[candidates]
         field = self._refinement.process(
             RectificationRefinementInputs(
@@ -167,21 +178,23 @@ class KeyframeTracker:
                 slopes=predicted.slopes[candidates],
             )
         )
-        ok = matched.valid
-        least = max(quality.MIN_INLIERS, int(quality.MIN_PAIRING_FRACTION * len(candidates)))
-        quality.require(int(ok.sum()), least, "stereo_mismatch")
-        kept = candidates[ok]
+        valid = matched.valid
+        min_matched = max(quality.MIN_INLIERS, int(quality.MIN_PAIRING_FRACTION * len(candidates)))
+        quality.require(int(valid.sum()), min_matched, "stereo_mismatch")
+        points = candidates[valid]
         refined = self._motion.process(
             StereoMotionEstimationInputs(
-                reference=np.column_stack([keyframe.features[kept], keyframe.disparities[kept]]),
-                current=np.column_stack([matches[ok], matched.disparities[ok] + field.corrections[ok]]),
+                reference=np.column_stack([keyframe.features[points], keyframe.disparities[points]]),
+                current=np.column_stack(
+                    [matches[valid], matched.disparities[valid] + field.corrections[valid]]
+                ),
                 camera_matrix=view.camera_matrix,
                 baseline=view.baseline,
-                guess=se3.inverse(T_now_key),
-                reference_basis=keyframe.basis[kept],
-                current_basis=field.basis[ok],
+                guess=se3.inverse(T_current_keyframe),
+                reference_basis=keyframe.basis[points],
+                current_basis=field.basis[valid],
                 calibration=self._calibration.mean_px,
                 calibration_covariance=self._calibration.covariance_px2,
             )
         )
-        return refined, keyframe.disparities[kept]
+        return refined, keyframe.disparities[points]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Camera motion between two images predicted by wheels and gyro; it is no part of the estimate."""
+"""Prediction of the camera motion between two images by wheels and gyro; it is not part of the estimate."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfn import Dfn
 from cdff_core.dfns.gyro_integration.interface import GyroIntegrationInputs
 
-#: Time for which samples are kept, and for which the wheels' motion is extrapolated, nanoseconds.
+#: Time for which samples are kept, and maximum extrapolation of the motion by the wheels, nanoseconds.
 _MEMORY_NS, _EXTRAPOLATION_NS = 10_000_000_000, 300_000_000
 
 #: Translation (3,) and rotation (3, 3) of ``T_left1_left2``; None if no sensor measured it.
@@ -23,7 +23,7 @@ Increment = tuple[FloatArray | None, FloatArray | None]
 
 
 class MotionPrior:
-    """Wheel poses and angular rates of the last seconds."""
+    """Wheel poses and angular rates of the last seconds, and the motion by them."""
 
     def __init__(self, gyro: Dfn[Any, Any, Any]) -> None:
         self._gyro = gyro
@@ -36,7 +36,7 @@ class MotionPrior:
     def set_mounts(
         self, frames: FrameGraph, robot: str, T_base_left: UncertainTransform | None, stamp_ns: int
     ) -> None:
-        """Set the mounts of camera and IMU as far as they are known; a source without mount is not used."""
+        """Set the mounts of camera and IMU that are known; a sensor without a mount is not used."""
         base = f"{robot}/base"
         try:
             T_base_left = T_base_left or frames.lookup(base, f"{robot}/navcam_left", stamp_ns)
@@ -47,19 +47,21 @@ class MotionPrior:
             return
 
     def add_pose(self, stamp_ns: int, T_odom_base: UncertainTransform) -> None:
-        """Add a pose of the wheels."""
+        """Add a pose by the wheels."""
         self._odometry.insert(stamp_ns, T_odom_base)
 
     def add_rate(self, stamp_ns: int, rate_rad_s: FloatArray) -> None:
-        """Add an angular rate (3,) about the gyro's axes; one that is not newer than the last is ignored."""
+        """Add an angular rate (3,) about the axes of the gyro if it is newer than the last one."""
         stamps = self._rate_stamps_ns
         if stamps and stamp_ns <= stamps[-1]:
             return
         stamps.append(stamp_ns)
         self._rates.append(rate_rad_s)
-        if stamps[-1] - stamps[0] > 2 * _MEMORY_NS:  # in blocks, since removal from the front moves the rest
-            cut = bisect_left(stamps, stamp_ns - _MEMORY_NS)
-            del stamps[:cut], self._rates[:cut]
+        if (
+            stamps[-1] - stamps[0] > 2 * _MEMORY_NS
+        ):  # in blocks, since removal from the front moves all others
+            start = bisect_left(stamps, stamp_ns - _MEMORY_NS)
+            del stamps[:start], self._rates[:start]
 
     def increment(self, start_ns: int, end_ns: int) -> Increment:
         """Return the translation by the wheels, and the rotation by the gyro or else by the wheels."""
@@ -68,7 +70,7 @@ class MotionPrior:
         if T is None or self._T_left_base is None:
             return None, R
         if R is not None:
-            # The camera's lever arm rotates by the gyro, not by the wheels.
+            # The lever arm of the camera rotates by the rotation of the gyro, not by that of the wheels.
             T = T.copy()
             R_base_left = self._T_left_base[:3, :3].T
             T[:3, :3] = R_base_left @ R @ R_base_left.T

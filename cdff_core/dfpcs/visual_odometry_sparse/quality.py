@@ -11,31 +11,35 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_core.dfns.image_assessment.interface import ImageAssessmentOutputs
 from cdff_core.dfns.stereo_motion_estimation.interface import StereoMotionEstimationOutputs
 
-#: Contrast of an image: twice the range of noise of 1 DN; less is a black or flat image.
+#: Contrast of an image, twice the range of noise of 1 DN; an image with less contrast is black or flat.
 MIN_CONTRAST_DN = 10.0
+#: Fraction of saturated pixels.
 MAX_SATURATION = 0.5
-#: Sharpness by BandEnergy; less is a blur of 2 px or more. Relative to the keyframe: without the finest
-#: octave.
+#: Sharpness by BandEnergy: below, the blur is 2 px or more. Sharpness relative to that of the keyframe:
+#: below, the finest octave is missing.
 GOOD_SHARPNESS, GOOD_SHARPNESS_RATIO = 0.25, 0.6
+#: Number of points of a keyframe with a disparity.
 MIN_STEREO, GOOD_STEREO = 30, 80
-#: Fraction of the detected points with a disparity; two scenes agree by chance in a few per cent.
+#: Fraction of the detected points with a disparity; in two different scenes it is a few per cent by chance.
 MIN_STEREO_FRACTION, GOOD_STEREO_FRACTION = 0.15, 0.3
 #: Fraction of the tracked points with the predicted disparity.
 MIN_PAIRING_FRACTION = 0.4
+#: Number of inliers of a motion, and their fraction of the tracked points.
 MIN_INLIERS, GOOD_INLIERS, GOOD_INLIER_FRACTION = 15, 50, 0.4
-#: Disparity of a usable point: five times its noise; more distant points add nothing to the rotation.
+#: Disparity of a usable point: five times its noise; more distant points add no information on the rotation.
 MIN_DISPARITY_PX = 1.0
 #: Disparity of a near point: with noise of 0.2 px its distance is accurate to 2 %.
 NEAR_DISPARITY_PX = 10.0
+#: Number of near points.
 MIN_NEAR, GOOD_NEAR = 4, 12
-#: Residuals of three times the noise model.
+#: Variance of unit weight of the residuals: three times the standard deviation of the noise model.
 MAX_UNIT_VARIANCE = 9.0
-#: Standard deviation of a translation relative to the distance from the keyframe, and its lower bound.
+#: Standard deviation of a translation relative to the distance from the keyframe, and the least gate.
 GOOD_SIGMA_FRACTION, GOOD_SIGMA_M = 0.1, 0.05
 
 
 def require(value: float, least: float, reason: str) -> None:
-    """Raise RefusedError with ``reason:value<least`` if a count or fraction is too small."""
+    """Raise RefusedError with ``reason:value<least`` if a count or fraction is less than ``least``."""
     if reasons := _below(value, least, reason):
         raise RefusedError(f"{reason}: {value:.2g}, expected at least {least:g}", reasons)
 
@@ -56,7 +60,7 @@ def check_images(left: ImageAssessmentOutputs, right: ImageAssessmentOutputs) ->
 
 
 def blur_reasons(sharpness: float, reference: float = 0.0) -> list[str]:
-    """Return ``blurred`` without the finest octave, absolutely or relative to the keyframe."""
+    """Return the reason ``blurred`` if an image is blurred, absolutely or relative to the keyframe."""
     return _below(sharpness, max(GOOD_SHARPNESS, GOOD_SHARPNESS_RATIO * reference), "blurred")
 
 
@@ -95,7 +99,7 @@ def motion_reasons(metrics: dict[str, float]) -> list[str]:
 def motion_metrics(
     refined: StereoMotionEstimationOutputs, disparities: FloatArray, counts: dict[str, int]
 ) -> dict[str, float]:
-    """Return the metrics of a motion; ``counts`` are features, visible, tracked."""
+    """Return the metrics of a motion; ``counts`` are the numbers of features, visible and tracked points."""
     inliers = int(refined.inliers.sum())
     return {name: float(count) for name, count in counts.items()} | {
         "inliers": float(inliers),
@@ -111,11 +115,11 @@ def motion_metrics(
 
 
 def _largest_sigma(covariance: FloatArray) -> float:
-    """Return the square root of the largest eigenvalue."""
+    """Return the largest standard deviation in any direction."""
     return float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0)))
 
 
 def _below(value: float, least: float, reason: str, digits: int = 2) -> list[str]:
-    """Return ``reason:value<least`` if a value is too small; counts are written without digits."""
+    """Return ``reason:value<least`` if a value is less than ``least``; counts have no decimals."""
     digits = 0 if isinstance(value, int) else digits
     return [f"{reason}:{value:.{digits}f}<{least:.{digits}f}"] if value < least else []

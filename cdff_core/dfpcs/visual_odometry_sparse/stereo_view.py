@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rectified stereo pair as arrays."""
+"""Rectified stereo pair as grey images with its calibration."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.types import FramePair
-from cdff_core.imaging.frames import check_straight
+from cdff_core.imaging.frames import check_undistorted
 from cdff_core.imaging.grey import grey_image
 from cdff_core.imaging.rectified_camera import RectifiedCamera
 
@@ -22,7 +22,7 @@ _SAME_CAMERA = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StereoView:
-    """Grey images of a stereo pair with the camera's calibration."""
+    """Grey images of a stereo pair with the calibration of the camera."""
 
     pair: FramePair
     stamp_ns: int
@@ -34,9 +34,9 @@ class StereoView:
 
     @classmethod
     def from_sample(cls, sample: Sample) -> StereoView:
-        """Return the view of a sample; raises InputError on distortion or a wrong calibration."""
+        """Return the view of a sample; raises InputError on lens distortion or an invalid calibration."""
         pair: FramePair = sample.value
-        check_straight(pair.left, pair.right)
+        check_undistorted(pair.left, pair.right)
         RectifiedCamera.from_matrix(pair.left.camera_matrix, pair.baseline)
         return cls(
             pair=pair,
@@ -49,7 +49,7 @@ class StereoView:
         )
 
     def has_same_camera(self, other: StereoView) -> bool:
-        """True if image size, camera matrix and baseline agree."""
+        """Return whether image size, camera matrix and baseline agree."""
         return self.left.shape == other.left.shape and all(
             np.allclose(a, b, rtol=_SAME_CAMERA, atol=0.0)
             for a, b in ((self.camera_matrix, other.camera_matrix), (self.baseline, other.baseline))

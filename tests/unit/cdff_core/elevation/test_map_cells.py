@@ -53,7 +53,7 @@ def test_a_single_height_has_the_uncertainty_of_the_local_relief() -> None:
     assert abs(extra - (0.4 * 0.5) ** 2 / 12) < 1e-4
 
 
-def test_an_overhang_is_not_ground() -> None:
+def test_an_overhang_is_stored_in_its_own_layer() -> None:
     points = np.array([[0.1, 0.1, 0.0], [0.2, 0.2, 0.3], [0.1, 0.2, 2.0], [0.3, 0.1, 2.5], [0.7, 0.1, 2.0]])
     result = raster(points, overhang_gap_m=1.0)
     np.testing.assert_allclose(result.layer("max"), [[0.3, 2.0]], atol=1e-6)
@@ -61,31 +61,33 @@ def test_an_overhang_is_not_ground() -> None:
     np.testing.assert_array_equal(result.layer("overhang_m"), [[2.0, np.nan]])
 
 
-def test_an_isolated_point_above_the_ground_is_noise() -> None:
+def test_an_isolated_point_above_the_ground_is_removed_as_noise() -> None:
     result = raster(np.array([[0.1, 0.1, 0.0], [0.2, 0.2, 0.1], [0.2, 0.1, 1.4]]), overhang_gap_m=1.0)
     np.testing.assert_allclose(result.layer("max"), [[0.1]], atol=1e-6)
     assert "overhang_m" not in result.layer_names
 
 
-def test_tiles_keep_cells_outside_a_moving_window_and_give_the_same_window(rng: np.random.Generator) -> None:
+def test_tiles_store_cells_outside_a_moving_window_and_contain_the_same_cells_inside(
+    rng: np.random.Generator,
+) -> None:
     window, tiles = RollingWindow(), TiledMap()
     for node in (window, tiles):
         node.configure({"size_m": 20.0})
     for k, x0 in enumerate((0.0, 4.0, 2.0)):
         inputs = DemFusionInputs(patch=raster(ground(rng, x0), k * S), centre=np.array([x0 + 5.0, 5.0]))
-        first, second = window.process(inputs).map, tiles.process(inputs).map
-    assert first.geometry == second.geometry
-    observed = np.isfinite(first.layer("mean"))
+        in_window, in_tiles = window.process(inputs).map, tiles.process(inputs).map
+    assert in_window.geometry == in_tiles.geometry
+    observed = np.isfinite(in_window.layer("mean"))
     for name in ("mean", "variance", "count", "pose_variance", "intensity"):
         np.testing.assert_allclose(
-            second.layer(name)[observed], first.layer(name)[observed], rtol=1e-5, err_msg=name
+            in_tiles.layer(name)[observed], in_window.layer(name)[observed], rtol=1e-5, err_msg=name
         )
     distant = DemFusionInputs(patch=raster(ground(rng, 60.0), 9 * S))
-    first = window.process(distant).map
+    in_window = window.process(distant).map
     tiles.process(distant)
     whole = tiles.process(DemFusionInputs(bounds=np.full(4, np.nan))).map
     assert np.nansum(whole.layer("count")) == 16000
-    assert np.nansum(first.layer("count")) < 16000
+    assert np.nansum(in_window.layer("count")) < 16000
 
 
 def test_memory_grows_with_the_observed_area_not_with_the_path_length(rng: np.random.Generator) -> None:

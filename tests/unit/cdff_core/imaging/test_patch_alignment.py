@@ -30,7 +30,7 @@ POINTS = np.stack(np.meshgrid(np.arange(40.0, 216.0, 16.0), np.arange(40.0, 216.
 
 
 @pytest.mark.parametrize("fraction", [0.0, 0.25, 0.5, 0.8])
-def test_a_shift_is_estimated_to_a_few_hundredths_of_a_pixel(fraction: float) -> None:
+def test_a_translation_is_estimated_to_a_few_hundredths_of_a_pixel(fraction: float) -> None:
     image = cv2.GaussianBlur(texture(1, 256), (0, 0), 1.0)
     first, second = smoothed(shifted(image, 0.0, 0.0)), smoothed(shifted(image, 2.0 + fraction, -1.0))
     start = POINTS + np.array([2.0, -1.0])
@@ -41,7 +41,7 @@ def test_a_shift_is_estimated_to_a_few_hundredths_of_a_pixel(fraction: float) ->
     assert np.percentile(np.abs(error), 95) < 0.06
 
 
-def test_exposure_gain_and_offset_do_not_affect_the_result() -> None:
+def test_gain_and_offset_of_the_grey_values_do_not_affect_the_result() -> None:
     image = smoothed(shifted(texture(2, 256), 0.0, 0.0))
     result, score = align_patches(
         image, 0.4 * image + 30.0, POINTS, POINTS + 0.7, magnifications(len(POINTS)), 7, 20, 0.005
@@ -64,7 +64,7 @@ def test_a_patch_of_known_magnification_is_located() -> None:
 
 
 def test_a_patch_on_a_slope_is_located_and_its_slope_estimated() -> None:
-    """The disparity grows by 0.3 px per row and falls by 0.1 px per column, as it does on ground."""
+    """The disparity increases by 0.3 px per row and decreases by 0.1 px per column, as on the ground."""
     image = cv2.GaussianBlur(texture(4, 256), (0, 0), 1.5).astype(np.float32)
     slope = np.array([-0.1, 0.3])
     M = np.array([[1.0 - slope[0], -slope[1], -20.0 + slope @ [128.0, 128.0]], [0.0, 1.0, 0.0]])

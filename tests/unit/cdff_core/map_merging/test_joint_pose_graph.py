@@ -32,10 +32,10 @@ def test_without_a_closure_each_map_keeps_its_surveyed_anchor() -> None:
 
 
 def test_a_closure_makes_the_anchor_more_precise() -> None:
-    before, after = (
+    surveyed, merged = (
         MapMerger(MergingConfig(), ROBOTS).merge(maps(), c).anchors for c in ([], [closure(1, 1)])
     )
-    assert np.trace(after["minnie"].covariance) < 0.01 * np.trace(before["minnie"].covariance)
+    assert np.trace(merged["minnie"].covariance) < 0.01 * np.trace(surveyed["minnie"].covariance)
 
 
 def test_a_wrong_closure_is_rejected_and_reported() -> None:
@@ -66,5 +66,5 @@ def test_a_closure_of_a_removed_keyframe_is_ignored() -> None:
 
 def test_the_rigid_transform_of_poses_on_a_line_is_recovered() -> None:
     T = se3.exp_se3([3.0, -2.0, 1.0, 0.1, 0.2, 2.0])
-    inside = np.array([se3.transform(np.eye(3), [i, 0.0, 0.0]) for i in range(4)])
-    np.testing.assert_allclose(fit_rigid_transform(T @ inside, inside), T, atol=1e-12)
+    in_child = np.array([se3.transform(np.eye(3), [i, 0.0, 0.0]) for i in range(4)])
+    np.testing.assert_allclose(fit_rigid_transform(T @ in_child, in_child), T, atol=1e-12)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Selection and registration of keyframe pairs of two robots."""
+"""Selection and registration of pairs of keyframes of two robots."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def ground(rng: np.random.Generator, T: FloatArray) -> Pointcloud:
         z += terrain_rng.uniform(-0.5, 0.7) * np.exp(-np.sum((xy - centre) ** 2, axis=1) / width**2)
     points = np.column_stack([xy, z + rng.normal(0.0, 0.01, len(z))])
     return Pointcloud.from_points(
-        se3.transform_points(se3.inverse(T), points), frame="mana/place", stamp_ns=1000
+        se3.transform_points(se3.inverse(T), points), frame="mana/keyframe", stamp_ns=1000
     )
 
 
@@ -72,7 +72,7 @@ def test_keyframes_with_a_closure_are_not_compared_again() -> None:
 
 
 @pytest.mark.req("CDFF-SUP-191")
-def test_clouds_of_one_place_close_without_a_guess(rng: np.random.Generator) -> None:
+def test_clouds_of_the_same_terrain_are_registered_without_a_guess(rng: np.random.Generator) -> None:
     closer = InterRobotCloser(MergingConfig())
     pair = (KeyframeId("mana", 1000), KeyframeId("minnie", 1000))
     loop = closer.compare(pair, ground(rng, np.eye(4)), ground(rng, T_FIRST_SECOND), 2)
@@ -86,7 +86,9 @@ def test_a_refused_pair_is_compared_again_only_when_the_maps_have_grown(
     closer = InterRobotCloser(MergingConfig(search_radius_m=100.0))
     maps = [robot_map("mana", [0.0]), robot_map("minnie", [1.0])]
     (pair,) = closer.pairs(maps, [])
-    noise = Pointcloud.from_points(rng.uniform(-10.0, 10.0, (5000, 3)), frame="minnie/place", stamp_ns=1000)
+    noise = Pointcloud.from_points(
+        rng.uniform(-10.0, 10.0, (5000, 3)), frame="minnie/keyframe", stamp_ns=1000
+    )
     assert closer.compare(pair, ground(rng, np.eye(4)), noise, 2) is None
     assert sum(closer.refusals.values()) == 1
     assert not closer.pairs(maps, [])

@@ -27,7 +27,7 @@ def test_a_candidate_that_meets_every_criterion_is_accepted() -> None:
     assert assess(GOOD, REQUEST, NOW_NS).satisfies
 
 
-def test_the_age_of_a_map_is_that_of_its_newest_patch_and_the_oldest_is_stated() -> None:
+def test_the_age_of_a_map_is_that_of_its_newest_patch_and_the_oldest_age_is_stated() -> None:
     summary = delivery_summary(GOOD, assess(GOOD, REQUEST, NOW_NS), NOW_NS, "site")
     assert (summary["age_s"], summary["oldest_age_s"]) == (10.0, 90.0)
     assert summary["differences"] == []
@@ -60,12 +60,12 @@ def test_a_degraded_product_may_be_delivered() -> None:
 def test_candidates_are_ranked_by_violations_then_coverage_then_age() -> None:
     stale = replace(GOOD, id="stale", t1_ns=NOW_NS - 100_000_000_000)
     wide = replace(GOOD, id="wide", coverage=0.9)
-    young = replace(GOOD, id="young", t1_ns=NOW_NS)
+    recent = replace(GOOD, id="recent", t1_ns=NOW_NS)
     coarse = replace(GOOD, id="coarse", resolution_m=1.0, coverage=1.0)
     cases: tuple[tuple[list[ProductCandidate], str], ...] = (
         ([stale, GOOD, coarse], "a"),
-        ([GOOD, wide, young], "wide"),
-        ([GOOD, young], "young"),
+        ([GOOD, wide, recent], "wide"),
+        ([GOOD, recent], "recent"),
         ([stale, coarse], "coarse"),
     )
     for candidates, expected_id in cases:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The world of the planner is made from a profile, descriptions, observations and leases."""
+"""World of the planner from a profile, descriptions, observations and leases."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_running_and_leased_dfpcs_use_the_memory_budget_of_their_robot() -> None
     leases = Leases()
     leases.acquire("request", [A], {})
     observed = ObservedState(alive={A, B, C, OTHER}, active={A, B, OTHER})
-    world = world_of(profile, {m: describe(m) for m in (A, B, C, OTHER)}, observed, leases, {})
+    world = world_of(profile, {p: describe(p) for p in (A, B, C, OTHER)}, observed, leases, {})
     assert world.memory_free_mb == {"mana": 150.0}
     assert world.reserved == {A, B, OTHER}
 
@@ -66,14 +66,14 @@ def test_running_dfpcs_use_the_declared_or_measured_cpu() -> None:
         "0.1 s per sample at no more than 10 samples per second"
     )
     assert world.cpu_free == {"mana": pytest.approx(1.0)}
-    before = ResourceUsage.of({"samples": 100, "mean_step_cpu_s": 0.02, "last_step_s": 0.3}, None, 1.0)
-    now = ResourceUsage.of({"samples": 110, "mean_step_cpu_s": 0.02, "last_step_s": 0.3}, before, 2.0)
-    assert now.load == pytest.approx(0.1)
-    measured = world_of(profile, {A: with_lidar}, observed, Leases(), {}, measured={A: now})
+    previous = ResourceUsage.of({"samples": 100, "mean_step_cpu_s": 0.02, "last_step_s": 0.3}, None, 1.0)
+    current = ResourceUsage.of({"samples": 110, "mean_step_cpu_s": 0.02, "last_step_s": 0.3}, previous, 2.0)
+    assert current.load == pytest.approx(0.1)
+    measured = world_of(profile, {A: with_lidar}, observed, Leases(), {}, measured={A: current})
     assert measured.cpu_free == {"mana": pytest.approx(1.9)}
     assert measured.providers[A].ready_s == 0.3
     idle = provider_of(
-        with_lidar, alive=True, active=False, measured=now, rates_hz={SensorId("mana", "lidar"): 10.0}
+        with_lidar, alive=True, active=False, measured=current, rates_hz={SensorId("mana", "lidar"): 10.0}
     )
     assert idle.cpu == pytest.approx(0.2), "the measured time per sample precedes the declared one"
     with pytest.raises(InputError, match="status of a DFPC"):
@@ -86,7 +86,7 @@ def test_the_cost_is_that_of_the_active_implementation() -> None:
     assert (result.cost, result.memory_mb) == (0.1, 10.0)
 
 
-def test_a_sensor_is_reported_as_leased_firmly_or_by_lower_priorities() -> None:
+def test_a_leased_sensor_can_be_taken_only_by_a_request_of_higher_priority() -> None:
     modes = {"off": {"on": False}, "slow": {}, "fast": {}}
     wheels = {
         "kind": "wheels",

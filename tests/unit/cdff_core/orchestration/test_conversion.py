@@ -54,7 +54,7 @@ def test_a_pose_as_rigid_body_state_names_its_frames_and_the_dropped_parts(
     assert np.isnan(value.velocity).all()
 
 
-def test_an_unknown_covariance_is_unknown_after_the_conversion(rng: np.random.Generator) -> None:
+def test_an_unknown_covariance_remains_unknown_in_the_conversion(rng: np.random.Generator) -> None:
     T = UncertainTransform(some_transform(rng).matrix)
     value, reasons = conversion.pose_as(T, "a", "b", STAMP_NS, "RigidBodyState", "me")
     assert isinstance(value, RigidBodyState)
@@ -62,7 +62,9 @@ def test_an_unknown_covariance_is_unknown_after_the_conversion(rng: np.random.Ge
     assert np.isnan(value.cov_position).all()
 
 
-def test_a_trajectory_in_another_frame_includes_both_errors(rng: np.random.Generator) -> None:
+def test_a_trajectory_in_another_frame_includes_the_errors_of_poses_and_frame(
+    rng: np.random.Generator,
+) -> None:
     T_site_odom, poses = some_transform(rng), [some_transform(rng) for _ in range(3)]
     t = PoseTrajectory.from_arrays(
         [STAMP_NS + i * 1000 for i in range(3)],
@@ -123,9 +125,9 @@ def test_a_dem_as_infuse_map_has_the_position_of_its_first_cell(rng: np.random.G
 
 def test_a_dem_too_large_for_an_infuse_map_is_refused_with_alternatives() -> None:
     g = GridGeometry("site", 1.0, 0.0, 0.0, 1081, 2)
-    big = ElevationMap.from_layers(g, {"mean": np.zeros(g.shape, np.float32)}, t0_ns=0, t1_ns=0)
+    too_large = ElevationMap.from_layers(g, {"mean": np.zeros(g.shape, np.float32)}, t0_ns=0, t1_ns=0)
     with pytest.raises(InputError, match="tif"):
-        conversion.elevation_as_map(big, UncertainTransform.identity(), "site", "me")
+        conversion.elevation_as_map(too_large, UncertainTransform.identity(), "site", "me")
 
 
 def test_cells_outside_the_region_are_unobserved_and_inside_ones_are_kept() -> None:

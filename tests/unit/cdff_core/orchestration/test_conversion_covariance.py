@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The covariance of a converted product equals that of many draws of the transform."""
+"""The covariance of a converted product agrees with Monte Carlo samples of the transform."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def draws(T: UncertainTransform, rng: np.random.Generator) -> FloatArray:
     return drawn
 
 
-def spread(drawn: FloatArray, mean: FloatArray) -> FloatArray:
+def sample_covariance(drawn: FloatArray, mean: FloatArray) -> FloatArray:
     """Return the covariance of samples around a transform, errors in the parent frame."""
     phi = np.stack([se3.log_so3(R @ mean[:3, :3].T) for R in drawn[:, :3, :3]])
     errors = np.column_stack([drawn[:, :3, 3] - mean[:3, 3], phi])
@@ -62,7 +62,7 @@ def rng() -> np.random.Generator:
 def test_a_composed_pose_includes_the_errors_of_both_edges(rng: np.random.Generator) -> None:
     T_frame_home, T_home_base = uncertain(rng), uncertain(rng)
     composed = T_frame_home @ T_home_base
-    drawn = spread(draws(T_frame_home, rng) @ draws(T_home_base, rng), composed.matrix)
+    drawn = sample_covariance(draws(T_frame_home, rng) @ draws(T_home_base, rng), composed.matrix)
     value, reasons = conversion.pose_as(composed, "frame", "base", S, "TransformWithCovariance", "")
     assert isinstance(value, TransformWithCovariance)
     assert value.transform.covariance is not None
@@ -92,7 +92,9 @@ def test_a_transformed_trajectory_includes_the_error_of_the_frame(
     frames = draws(T_frame_home, rng)
     for i, pose in enumerate(poses):
         assert transformed.covariances is not None
-        assert_close(transformed.covariances[i], spread(frames @ draws(pose, rng), transformed.matrices[i]))
+        assert_close(
+            transformed.covariances[i], sample_covariance(frames @ draws(pose, rng), transformed.matrices[i])
+        )
 
 
 @pytest.mark.req("CDFF-SUP-021")
@@ -105,7 +107,7 @@ def test_the_corner_of_a_map_includes_the_frame_error_with_its_lever_arm(rng: np
         elevation, T_frame_home, "frame", ""
     ).metadata.pose_fixed_frame_map_frame
     corner = se3.transform(np.eye(3), [-30.0, 40.0, 0.0])
-    drawn = spread(draws(T_frame_home, rng) @ corner, corner_pose.transform.matrix)
+    drawn = sample_covariance(draws(T_frame_home, rng) @ corner, corner_pose.transform.matrix)
     assert corner_pose.transform.covariance is not None
     assert_close(corner_pose.transform.covariance, drawn)
     assert np.sqrt(drawn[0, 0]) > 0.05, "the rotation error has no lever arm of 50 m"

@@ -37,31 +37,35 @@ def robot_world(costs: dict[str, float], **fields: object) -> World:
         for r, c in costs.items()
     ]
     sensors = [SensorState(SensorId(r, "lidar"), {"off": False, "on": True}, "on") for r in costs]
-    return World({m.id: m for m in providers}, {s.id: s for s in sensors}, **fields)  # type: ignore[arg-type]
+    return World({p.id: p for p in providers}, {s.id: s for s in sensors}, **fields)  # type: ignore[arg-type]
 
 
 def robots_of(result: Plan | NoPlan) -> list[str]:
     assert isinstance(result, Plan), result
-    return [m.robot for m in result.order]
+    return [provider.robot for provider in result.order]
 
 
 @pytest.mark.req("CDFF-SUP-142")
 def test_the_robot_that_covers_the_remaining_region_is_selected_even_if_more_expensive() -> None:
     w = robot_world({"mana": 1.0, "minnie": 5.0})
-    cover = RegionCoverage(
-        wanted=0b1111, held=0b0011, required_count=4, reach={"mana": 0b0011, "minnie": 0b1100}, pooled=True
+    coverage = RegionCoverage(
+        requested=0b1111,
+        stored=0b0011,
+        required_count=4,
+        reach={"mana": 0b0011, "minnie": 0b1100},
+        pooled=True,
     )
-    assert robots_of(plan_coverage(w, "dem", ["mana", "minnie"], cover)) == ["minnie"]
+    assert robots_of(plan_coverage(w, "dem", ["mana", "minnie"], coverage)) == ["minnie"]
 
 
-def test_two_robots_produce_one_half_each_if_maps_can_be_fused() -> None:
+def test_two_robots_observe_one_half_each_if_their_maps_can_be_fused() -> None:
     w = robot_world({"mana": 1.0, "minnie": 5.0})
     reach = {"mana": 0b0011, "minnie": 0b1100}
     both = RegionCoverage(0b1111, 0, 4, reach, pooled=True)
     assert robots_of(plan_coverage(w, "dem", ["mana", "minnie"], both)) == ["mana", "minnie"]
     alone = plan_coverage(w, "dem", ["mana", "minnie"], RegionCoverage(0b1111, 0, 4, reach))
     assert isinstance(alone, NoPlan)
-    assert "mana can see 50% more" in alone.text
+    assert "mana can observe 50% more" in alone.text
     assert "available: dem of 50% of the region" in alone.text
 
 
@@ -88,29 +92,29 @@ def test_generated_partial_coverages_are_planned_at_the_optimal_cost(block: int)
         costs = {robot: float(r.randint(1, 9)) for robot in ROBOTS[: r.randint(1, 3)]}
         free = {robot: r.choice([0.0, 10.0]) for robot in costs if r.random() < 0.2}
         w = robot_world(costs, cpu_free=free)
-        providers = {
-            m: Provider(x.id, x.outputs, x.inputs, cost=x.cost, cpu=1.0) for m, x in w.providers.items()
+        providers = {  # each needs one core
+            id_: Provider(p.id, p.outputs, p.inputs, cost=p.cost, cpu=1.0) for id_, p in w.providers.items()
         }
         w = World(providers, w.sensors, cpu_free=free)
-        wanted = r.getrandbits(8) | 1
-        cover = RegionCoverage(
-            wanted,
+        requested = r.getrandbits(8) | 1
+        coverage = RegionCoverage(
+            requested,
             r.getrandbits(8) & r.getrandbits(8),
-            r.randint(1, wanted.bit_count()),
+            r.randint(1, requested.bit_count()),
             {robot: r.getrandbits(8) for robot in costs if r.random() < 0.8},
             pooled=r.random() < 0.6,
         )
         able = [robot for robot in costs if free.get(robot, 10.0) >= 1.0]
         best = None
-        for size in range(1, (len(able) if cover.pooled else 1) + 1):
+        for size in range(1, (len(able) if coverage.pooled else 1) + 1):
             for team in itertools.combinations(able, size):
-                cells = [i for i in range(8) if wanted >> i & 1]
-                observable = {i for i in cells for t in team if cover.reach.get(t, 0xFF) >> i & 1}
-                stored = {i for i in cells if cover.held >> i & 1}
-                if observable - stored and len(observable | stored) >= cover.required_count:
+                cells = [i for i in range(8) if requested >> i & 1]
+                observable = {i for i in cells for t in team if coverage.reach.get(t, 0xFF) >> i & 1}
+                stored = {i for i in cells if coverage.stored >> i & 1}
+                if observable - stored and len(observable | stored) >= coverage.required_count:
                     cost = sum(costs[t] for t in team)
                     best = cost if best is None else min(best, cost)
-        planned = plan_coverage(w, "dem", list(costs), cover)
+        planned = plan_coverage(w, "dem", list(costs), coverage)
         if best is None:
             assert isinstance(planned, NoPlan), seed
             assert planned.reasons, seed
@@ -119,7 +123,7 @@ def test_generated_partial_coverages_are_planned_at_the_optimal_cost(block: int)
             assert planned.cost == pytest.approx(best), seed
 
 
-def test_cells_of_a_region_are_marked_as_near_or_covered() -> None:
+def test_cells_near_a_point_or_containing_points_are_returned_as_bits() -> None:
     cells = RegionCells.of(parse_region("bbox:0,0,24,12"))
     assert len(cells.centres_m) == 24 * 12
     assert cells.near((12.0, 6.0), 100.0) == cells.all

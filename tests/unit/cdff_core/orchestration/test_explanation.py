@@ -44,9 +44,9 @@ def test_the_plan_its_alternatives_and_refused_providers_are_reported_cheapest_f
 
 
 def test_running_dfpcs_add_nothing_to_the_reported_cost() -> None:
-    (other,) = explanation_of(WORLD, "pose")["alternatives"]
-    assert (other["added_cpu_cores"], other["added_memory_mb"]) == (2.0, 20.0)
-    assert [p["active"] for p in other["parts"]] == [True, False]
+    (alternative,) = explanation_of(WORLD, "pose")["alternatives"]
+    assert (alternative["added_cpu_cores"], alternative["added_memory_mb"]) == (2.0, 20.0)
+    assert [p["active"] for p in alternative["parts"]] == [True, False]
 
 
 def test_a_product_without_provider_is_reported_with_reasons_and_available_types() -> None:

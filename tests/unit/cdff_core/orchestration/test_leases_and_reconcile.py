@@ -26,14 +26,14 @@ from cdff_core.orchestration.world import ProviderId, SensorId
 
 DEM, POSE, VO = ProviderId("mana", "dem"), ProviderId("mana", "pose"), ProviderId("mana", "vo")
 LIDAR = SensorId("mana", "lidar")
-FEEDS = {DEM: frozenset({POSE}), POSE: frozenset({VO}), VO: frozenset[ProviderId]()}
+UPSTREAM = {DEM: frozenset({POSE}), POSE: frozenset({VO}), VO: frozenset[ProviderId]()}
 USES = {DEM: frozenset({LIDAR})}
 
 
 @pytest.mark.req("CDFF-SUP-025")
-def test_reconciliation_only_activates_and_deactivates_dfpcs() -> None:
-    verbs = {a.__name__ for a in get_args(Action)}
-    assert verbs == {"SetMode", "Configure", "Activate", "Deactivate", "CleanUp"}
+def test_reconciliation_has_actions_for_modes_and_the_life_cycle_of_dfpcs_only() -> None:
+    names = {action.__name__ for action in get_args(Action)}
+    assert names == {"SetMode", "Configure", "Activate", "Deactivate", "CleanUp"}
 
 
 def test_a_released_lease_keeps_the_dfpc_active_for_other_holders() -> None:
@@ -46,7 +46,7 @@ def test_a_released_lease_keeps_the_dfpc_active_for_other_holders() -> None:
     assert leases.holders(DEM) == {"b"}
 
 
-def test_a_provider_lingers_after_its_last_holder_and_a_new_one_keeps_it_on() -> None:
+def test_a_provider_lingers_after_its_last_holder_and_stays_active_for_a_new_one() -> None:
     leases = Leases({DEM: 30.0})
     leases.acquire("a", [DEM], {LIDAR: "on"})
     leases.release("a", 10.0)
@@ -62,13 +62,13 @@ def test_a_provider_lingers_after_its_last_holder_and_a_new_one_keeps_it_on() ->
     assert leases.wanted_modes() == {}
 
 
-def test_modes_are_set_first_then_suppliers_and_consumers_are_activated() -> None:
+def test_modes_are_set_first_then_upstream_providers_are_activated_before_downstream_ones() -> None:
     observed = ObservedState(alive={DEM, POSE, VO}, modes={LIDAR: "off"})
-    order = dependency_order([DEM, POSE, VO], FEEDS)
+    order = dependency_order([DEM, POSE, VO], UPSTREAM)
     assert order == [VO, POSE, DEM]
 
     def step() -> list[object]:
-        return list(next_actions(order, {LIDAR: "on"}, USES, FEEDS, observed, 0.0))
+        return list(next_actions(order, {LIDAR: "on"}, USES, UPSTREAM, observed, 0.0))
 
     assert step() == [SetMode(LIDAR, "on"), Activate(VO)]
     observed.modes[LIDAR] = "on"
@@ -80,20 +80,22 @@ def test_modes_are_set_first_then_suppliers_and_consumers_are_activated() -> Non
     assert step() == []
 
 
-def test_deactivation_is_in_reverse_order_and_only_of_own_activations() -> None:
+def test_dfpcs_are_deactivated_in_reverse_order_and_only_if_activated_by_this_orchestrator() -> None:
     observed = ObservedState(alive={DEM, POSE, VO}, active={DEM, POSE, VO}, owned={DEM, POSE})
-    assert next_actions([], {}, USES, FEEDS, observed, 0.0) == [Deactivate(DEM)]
+    assert next_actions([], {}, USES, UPSTREAM, observed, 0.0) == [Deactivate(DEM)]
     observed.active.discard(DEM)
-    assert next_actions([], {}, USES, FEEDS, observed, 0.0) == [Deactivate(POSE)]
+    assert next_actions([], {}, USES, UPSTREAM, observed, 0.0) == [Deactivate(POSE)]
     observed.active.discard(POSE)
-    assert next_actions([], {}, USES, FEEDS, observed, 0.0) == [], "another client activated visual odometry"
+    assert next_actions([], {}, USES, UPSTREAM, observed, 0.0) == [], (
+        "another client activated visual odometry"
+    )
 
 
-def test_a_failed_action_is_repeated_with_growing_pauses_and_does_not_block_consumers() -> None:
+def test_a_failed_action_is_repeated_with_growing_pauses_and_does_not_block_downstream_providers() -> None:
     observed = ObservedState(alive={DEM, POSE})
     observed.add_failure(POSE, "the process hangs", 0.0)
-    assert next_actions([POSE, DEM], {}, {}, FEEDS, observed, 0.1) == [Activate(DEM)]
-    assert Activate(POSE) in next_actions([POSE, DEM], {}, {}, FEEDS, observed, BACK_OFF_S[0])
+    assert next_actions([POSE, DEM], {}, {}, UPSTREAM, observed, 0.1) == [Activate(DEM)]
+    assert Activate(POSE) in next_actions([POSE, DEM], {}, {}, UPSTREAM, observed, BACK_OFF_S[0])
     for _ in range(20):
         observed.add_failure(POSE, "the process hangs", 0.0)
     assert observed.failures[POSE].not_before_s == BACK_OFF_S[2]
@@ -109,7 +111,7 @@ def test_a_restarted_dfpc_is_activated_again() -> None:
 
 
 def test_in_random_histories_nothing_runs_without_a_lease_and_no_lease_waits_forever() -> None:
-    providers = list(FEEDS)
+    providers = list(UPSTREAM)
     for seed in range(60):
         r = random.Random(seed)
         leases, observed = (
@@ -127,8 +129,8 @@ def test_in_random_histories_nothing_runs_without_a_lease_and_no_lease_waits_for
             """Execute actions, of which some fail, until there are none."""
             for _ in range(200):
                 leases.expire(until_s)
-                order = dependency_order(sorted(leases.wanted), FEEDS)
-                actions = next_actions(order, leases.wanted_modes(), USES, FEEDS, observed, until_s)
+                order = dependency_order(sorted(leases.wanted), UPSTREAM)
+                actions = next_actions(order, leases.wanted_modes(), USES, UPSTREAM, observed, until_s)
                 if not actions:
                     return
                 for action in actions:
@@ -175,20 +177,20 @@ def test_in_random_histories_nothing_runs_without_a_lease_and_no_lease_waits_for
 @pytest.mark.req("CDFF-SUP-144")
 def test_an_unconfigured_or_failed_dfpc_is_configured_before_activation() -> None:
     observed = ObservedState(alive={VO, POSE}, states={VO: "error", POSE: "unconfigured"})
-    assert next_actions([VO, POSE], {}, {}, FEEDS, observed, 0.0) == [Configure(VO), Configure(POSE)]
+    assert next_actions([VO, POSE], {}, {}, UPSTREAM, observed, 0.0) == [Configure(VO), Configure(POSE)]
     observed.states = {VO: "inactive", POSE: "inactive"}
-    assert next_actions([VO, POSE], {}, {}, FEEDS, observed, 0.0) == [Activate(VO)]
+    assert next_actions([VO, POSE], {}, {}, UPSTREAM, observed, 0.0) == [Activate(VO)]
 
 
-def test_a_failed_dfpc_without_lease_is_cleaned_up_if_activated_here() -> None:
+def test_a_dfpc_in_error_without_lease_is_cleaned_up_if_activated_by_this_orchestrator() -> None:
     observed = ObservedState(alive={VO, POSE}, owned={VO}, states={VO: "error", POSE: "error"})
-    assert next_actions([], {}, {}, FEEDS, observed, 0.0) == [CleanUp(VO)]
+    assert next_actions([], {}, {}, UPSTREAM, observed, 0.0) == [CleanUp(VO)]
 
 
-def test_a_consumer_waits_until_its_supplier_is_warmed_up() -> None:
+def test_a_provider_waits_until_its_upstream_provider_is_warm() -> None:
     observed = ObservedState(alive={VO, POSE}, active={VO}, warm_at_s={VO: 5.0})
-    assert next_actions([VO, POSE], {}, {}, FEEDS, observed, 4.9) == []
-    assert next_actions([VO, POSE], {}, {}, FEEDS, observed, 5.0) == [Activate(POSE)]
+    assert next_actions([VO, POSE], {}, {}, UPSTREAM, observed, 4.9) == []
+    assert next_actions([VO, POSE], {}, {}, UPSTREAM, observed, 5.0) == [Activate(POSE)]
 
 
 def test_mutually_dependent_providers_do_not_wait_forever() -> None:

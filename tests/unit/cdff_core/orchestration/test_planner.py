@@ -33,7 +33,7 @@ from tests.support.planner_worlds import (
 LIDAR = SensorId("mana", "lidar")
 
 
-def test_a_dem_needs_clouds_and_poses_and_suppliers_are_first() -> None:
+def test_a_plan_for_a_dem_contains_the_providers_of_its_inputs_upstream_ones_first() -> None:
     w = world(
         provider(
             "dem",
@@ -54,7 +54,7 @@ def test_a_dem_needs_clouds_and_poses_and_suppliers_are_first() -> None:
     assert planned.cost == pytest.approx(3.0 + 2 * MODE_COST)
 
 
-def test_stored_products_supply_an_input_at_no_cost_and_an_optional_feedback_input_is_omitted() -> None:
+def test_a_stored_product_can_be_an_input_and_an_optional_input_that_closes_a_loop_is_omitted() -> None:
     stored = Input("orbital", (InputSource("dpm", "mana", "orbiter", "dem"),))
     w = world(
         provider(
@@ -88,7 +88,7 @@ def test_the_cheaper_provider_is_selected_and_running_ones_cost_nothing() -> Non
     assert names(plan(world(*parts, sensor("lidar")), "pose", ["mana"])) == ["a"]
 
 
-def test_an_optional_input_is_supplied_if_possible_and_omitted_otherwise() -> None:
+def test_an_optional_input_is_connected_if_possible_and_omitted_otherwise() -> None:
     position = provider(
         "position",
         "pose",
@@ -103,7 +103,7 @@ def test_an_optional_input_is_supplied_if_possible_and_omitted_otherwise() -> No
     assert without.omitted_inputs == ("mana/position.visual_odometry",)
 
 
-def test_a_provider_without_connectable_inputs_gives_no_plan() -> None:
+def test_a_provider_without_connectable_inputs_yields_no_plan() -> None:
     planned = plan(
         world(provider("position", "pose", from_provider("odometry", "gone", optional=True))),
         "pose",
@@ -113,7 +113,7 @@ def test_a_provider_without_connectable_inputs_gives_no_plan() -> None:
     assert "position" in planned.text
 
 
-def test_circular_providers_give_no_plan() -> None:
+def test_providers_that_depend_on_each_other_yield_no_plan() -> None:
     w = world(provider("a", "pose", from_provider("x", "b")), provider("b", None, from_provider("y", "a")))
     planned = plan(w, "pose", ["mana"])
     assert isinstance(planned, NoPlan)
@@ -254,10 +254,6 @@ def test_a_plan_is_ready_after_the_slowest_chain_of_modes_and_warm_up() -> None:
     assert planned.ready_s == 6.0
 
 
-# -- comparison with an exhaustive search
-# ----------------------------------------------------------------------------------------
-
-
 def cheapest_by_enumeration(w: World, product: str) -> float | None:
     """Return the cost of the cheapest valid plan over all subsets of providers, sources and modes."""
     best: float | None = None
@@ -274,20 +270,21 @@ def cheapest_by_enumeration(w: World, product: str) -> float | None:
 
 
 def costs_of(w: World, chosen: set[ProviderId], product: str) -> Iterator[float]:
+    """Yield the costs of all valid plans with exactly the chosen providers."""
     if not any(product in w.providers[m].products for m in chosen):
         return
     ports = [(m, i) for m in sorted(chosen) for i in w.providers[m].inputs]
     choices = [[*i.sources, *([None] if i.optional else [])] for _, i in ports]
     for chosen_sources in itertools.product(*choices):
         pairs = [(m, i, s) for (m, i), s in zip(ports, chosen_sources, strict=True)]
-        suppliers = {
+        upstream = {
             m: {ProviderId(s.robot, s.owner) for n, _, s in pairs if n == m and s and s.kind == "product"}
             for m in chosen
         }
         if (
-            any(f - chosen for f in suppliers.values())
-            or not acyclic(suppliers)
-            or not connected(w, suppliers, product)
+            any(f - chosen for f in upstream.values())
+            or not acyclic(upstream)
+            or not connected(w, upstream, product)
         ):
             continue
         if any(
@@ -303,6 +300,7 @@ def costs_of(w: World, chosen: set[ProviderId], product: str) -> Iterator[float]
 
 
 def mode_costs(w: World, chosen: set[ProviderId], streams: set[SensorId]) -> Iterator[float]:
+    """Yield the costs of all valid combinations of sensor modes; sensors in ``streams`` must stream."""
     requirements = [
         (SensorId("mana", s), modes.split("|")) for m in chosen for s, modes in w.providers[m].modes.items()
     ]
@@ -332,8 +330,8 @@ def is_taken(s: SensorState, mode: str) -> bool:
     return s.held is not None and s.shared_modes is not None and mode not in s.shared_modes
 
 
-def acyclic(suppliers: dict[ProviderId, set[ProviderId]]) -> bool:
-    remaining = {m: set(f) for m, f in suppliers.items()}
+def acyclic(upstream: dict[ProviderId, set[ProviderId]]) -> bool:
+    remaining = {m: set(f) for m, f in upstream.items()}
     while remaining:
         ready = {m for m, f in remaining.items() if not f & set(remaining)}
         if not ready:
@@ -343,16 +341,16 @@ def acyclic(suppliers: dict[ProviderId, set[ProviderId]]) -> bool:
     return True
 
 
-def connected(w: World, suppliers: dict[ProviderId, set[ProviderId]], product: str) -> bool:
-    """Return True if all providers are upstream of a provider of the product, so that none is unused."""
-    for root in (m for m in suppliers if product in w.providers[m].products):
+def connected(w: World, upstream: dict[ProviderId, set[ProviderId]], product: str) -> bool:
+    """Return whether all providers are upstream of a provider of the product, so that none is unused."""
+    for root in (m for m in upstream if product in w.providers[m].products):
         reached, stack = set(), [root]
         while stack:
             m = stack.pop()
             if m not in reached:
                 reached.add(m)
-                stack.extend(suppliers[m])
-        if reached == set(suppliers):
+                stack.extend(upstream[m])
+        if reached == set(upstream):
             return True
     return False
 

@@ -36,7 +36,7 @@ NAVCAM = Sensor(
 )
 
 
-def test_every_job_can_fail_be_cancelled_and_reach_an_end() -> None:
+def test_every_open_job_can_fail_or_be_cancelled_and_every_job_state_can_be_reached() -> None:
     for state in JobState:
         if state not in FINAL_STATES:
             assert {JobState.FAILED, JobState.CANCELLED} <= JOB_TRANSITIONS[state]
@@ -69,7 +69,7 @@ def test_hosts_follow_the_dfpc_table_and_every_state_can_be_entered_and_left() -
             reached.add(state)
             stack.extend(to for (a, _), to in DFPC_TRANSITIONS.items() if a == state)
     assert reached == {str(s) for s in DfpcState}
-    assert all(("unconfigured" in _following(str(s))) or s is DfpcState.ACTIVE for s in DfpcState)
+    assert all("unconfigured" in _following(str(s)) or s is DfpcState.ACTIVE for s in DfpcState)
 
 
 def _following(state: str) -> set[str]:
@@ -173,9 +173,9 @@ def test_every_sensor_event_is_in_the_transition_table() -> None:
     }
     verbs = ["demand", "refuse", "demand", "demand", "pass", "confirm", "fail", "recover", "demand", "fail"]
     for verb in verbs:
-        before = machine.state
+        previous_state = machine.state
         actions[verb]()
-        assert MODE_TRANSITIONS[before, verb] == machine.state, verb
+        assert MODE_TRANSITIONS[previous_state, verb] == machine.state, verb
     assert {verb for _, verb in MODE_TRANSITIONS} == set(verbs)
 
 
@@ -203,8 +203,8 @@ def test_a_journal_restores_open_jobs_leases_and_activations() -> None:
     assert result.owned == {pose}
     assert result.jobs == 2
     assert dem not in result.owned
-    second = recover(result.records())
-    assert (set(second.open_jobs), second.owned, second.modes) == (
+    recovered_again = recover(result.records())
+    assert (set(recovered_again.open_jobs), recovered_again.owned, recovered_again.modes) == (
         set(result.open_jobs),
         result.owned,
         result.modes,

@@ -40,7 +40,7 @@ def sample(stamp_ns: int, child: str = "mana/base", port: str = "poses", seq: in
     return Sample(port, stamp_ns, seq, value, id="in", frame="site", child=child)
 
 
-def test_samples_are_stepped_in_the_order_of_their_stamps(dfpc: Dfpc) -> None:
+def test_queued_samples_are_stepped_once(dfpc: Dfpc) -> None:
     runner = Runner(dfpc)
     runner.push(sample(1000))
     runner.push(sample(3000))
@@ -72,18 +72,18 @@ def test_an_unordered_port_accepts_older_samples_and_drops_repeated_ones(
 
 
 def test_a_port_accepts_samples_after_a_backward_jump_of_the_mission_clock(dfpc: Dfpc) -> None:
-    runner, hour = Runner(dfpc), 3_600_000_000_000
-    assert runner.push(sample(hour))
+    runner, hour_ns = Runner(dfpc), 3_600_000_000_000
+    assert runner.push(sample(hour_ns))
     assert [runner.push(sample(t)) for t in (1000, 2000, 3000, 4000)] == [False, False, True, True]
-    assert [p.header.t1_ns for p in runner.drain()] == [3000, 4000, hour]
+    assert [p.header.t1_ns for p in runner.drain()] == [3000, 4000, hour_ns]
 
 
 def test_one_future_stamp_and_some_late_ones_do_not_reset_a_port(dfpc: Dfpc) -> None:
-    runner, hour = Runner(dfpc), 3_600_000_000_000
-    assert runner.push(sample(hour))
+    runner, hour_ns = Runner(dfpc), 3_600_000_000_000
+    assert runner.push(sample(hour_ns))
     for late in (1000, 2000):
         assert not runner.push(sample(late))
-    assert runner.push(sample(hour + 1000))
+    assert runner.push(sample(hour_ns + 1000))
     assert not runner.push(sample(3000))
 
 
@@ -108,7 +108,7 @@ def test_an_output_has_a_deterministic_id_and_the_ids_of_its_inputs(dfpc: Dfpc) 
     assert product.header.box_m == (0.0,) * 6
 
 
-def test_a_refused_sample_is_counted_and_the_next_one_stepped(dfpc: Dfpc) -> None:
+def test_an_error_of_the_dfpc_is_counted_and_the_next_sample_is_stepped(dfpc: Dfpc) -> None:
     runner = Runner(dfpc)
     runner.push(sample(1000, "trouble/refuse"))
     runner.push(sample(2000))
@@ -139,7 +139,7 @@ def test_an_unknown_port_is_refused(dfpc: Dfpc) -> None:
         Runner(dfpc).push(sample(1000, port="clouds"))
 
 
-def test_two_runs_give_the_same_ids(dfpc: Dfpc) -> None:
+def test_two_runs_yield_the_same_ids(dfpc: Dfpc) -> None:
     ids = []
     for _ in range(2):
         dfpc.reset()

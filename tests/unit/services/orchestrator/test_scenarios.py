@@ -194,7 +194,7 @@ def test_an_unobservable_region_is_refused_at_once_with_the_stored_coverage(stag
     assert isinstance(error, UnavailableError)
     assert not isinstance(error, DeadlineError)
     assert "the DPM holds 0% of the region" in str(error)
-    assert "mana can see 0% more of it in time" in str(error)
+    assert "mana can observe 0% more of it in time" in str(error)
     assert received[-1] - start_s < 1.0
 
 

@@ -17,6 +17,7 @@ from cdff_core.dfpcs.absolute_localisation.compound import AbsoluteLocalisation
 from evaluation.scenes.orbital import Ground, PatchRun, patch
 
 DATUM_M, PATH_LENGTH_M = 40.0, 75.0
+PATCH_PERIOD_NS = 10_000_000_000
 
 
 @pytest.fixture(scope="module")
@@ -47,13 +48,14 @@ def run(node: AbsoluteLocalisation, samples: Iterator[Sample], orbital: Elevatio
 
 
 def errors_m(output: Output, drive: PatchRun) -> np.ndarray:
-    true = drive.true_poses[output.t1_ns // 10_000_000_000 - 1]
+    """Return the position error (3,) of a fix; the heights of the orbital model are DATUM_M larger."""
+    true = drive.true_poses[output.t1_ns // PATCH_PERIOD_NS - 1]
     error: np.ndarray = output.value.transform.matrix[:3, 3] - true[:3, 3] - [0.0, 0.0, DATUM_M]
     return error
 
 
 @pytest.mark.req("CDFF-CORE-088")
-def test_each_segment_with_relief_gives_a_fix_of_the_stated_accuracy(
+def test_each_segment_with_relief_yields_a_fix_of_the_stated_accuracy(
     ground: Ground, orbital: ElevationMap, drive: PatchRun
 ) -> None:
     node = localisation()
@@ -68,9 +70,8 @@ def test_each_segment_with_relief_gives_a_fix_of_the_stated_accuracy(
         P = output.value.transform.covariance
         assert 0.05 < np.sqrt(P[0, 0] + P[1, 1]) < 1.0
     assert outputs[1].quality.metrics["matches"] == 2
-    assert (
-        np.hypot(*(drive.estimated_poses[-1] - drive.true_poses[-1])[:2, 3]) > 3.0
-    )  # error of the robot's own pose
+    error_without_fixes = (drive.estimated_poses[-1] - drive.true_poses[-1])[:2, 3]
+    assert np.hypot(*error_without_fixes) > 3.0
 
 
 @pytest.mark.req("CDFF-CORE-088")
@@ -95,30 +96,29 @@ def test_without_a_model_nothing_is_published_and_forget_clears_the_map(
     with pytest.raises(ProductNotFoundError):
         node.call("get_correction", {})
     assert node.call("get_map", {}) is node.store.get("rover_map")
-    first = list(node.step(Sample("orbital", 0, 0, orbital)))
-    assert len(first) == 1  # the segment was long enough; only the model was missing
-    assert first[0].value is not None
+    (output,) = node.step(Sample("orbital", 0, 0, orbital))  # the segment was long enough before
+    assert output.value is not None
     node.call("forget", {})
     with pytest.raises(ProductNotFoundError):
         node.call("get_map", {})
     assert node.store.get("orbital") is orbital
 
 
-def test_the_correction_transforms_the_robots_frame_into_the_model(
+def test_the_correction_transforms_the_frame_of_the_robots_poses_into_the_orbital_frame(
     ground: Ground, orbital: ElevationMap, drive: PatchRun
 ) -> None:
     node = localisation()
     outputs = run(node, drive.samples(ground, 2), orbital)
     correction = node.call("get_correction", {})
     assert (correction.parent_frame, correction.child_frame) == ("site", "mana/map")
-    last = drive.estimated_poses[outputs[-1].t1_ns // 10_000_000_000 - 1]
+    last = drive.estimated_poses[outputs[-1].t1_ns // PATCH_PERIOD_NS - 1]
     np.testing.assert_allclose(
         correction.transform.matrix @ last, outputs[-1].value.transform.matrix, atol=1e-6
     )
     assert node.store.get("correction") is correction
 
 
-def test_without_poses_a_fix_follows_the_extent_of_the_map_and_has_the_pose_of_the_map(
+def test_without_poses_the_extent_of_the_map_ends_a_segment_and_the_fix_is_the_pose_of_the_map(
     ground: Ground, orbital: ElevationMap, drive: PatchRun
 ) -> None:
     node = localisation(prior_m=12.0, segment_m=45.0)
@@ -132,7 +132,7 @@ def test_without_poses_a_fix_follows_the_extent_of_the_map_and_has_the_pose_of_t
 
 
 def pose_sample(port: str, T: np.ndarray, i: int) -> Sample:
-    stamp_ns = (i + 1) * 10_000_000_000
+    stamp_ns = (i + 1) * PATCH_PERIOD_NS
     pose = TransformWithCovariance.from_transform(
         UncertainTransform(T, np.diag([133.0, 133.0, 1.0, 1e-5, 1e-5, 7e-4])),
         parent="site",
@@ -149,11 +149,11 @@ def drive_with_jumps(
     jump: Callable[[Output, np.ndarray], np.ndarray],
     odometry: bool = False,
 ) -> Iterator[Output]:
-    """Yield the outputs of a drive; after each, the frame of the poses jumps by ``jump(output, pose)``."""
+    """Yield the outputs of a drive; each fix sets ``T_new_old`` to ``jump(output, odometry_pose)``."""
     rng = np.random.default_rng([2, 10])
     T_new_old = np.eye(4)
     for i, (true, odometry_pose) in enumerate(zip(drive.true_poses, drive.estimated_poses, strict=True)):
-        stamp_ns, pose = (i + 1) * 10_000_000_000, T_new_old @ odometry_pose
+        stamp_ns, pose = (i + 1) * PATCH_PERIOD_NS, T_new_old @ odometry_pose
         for port, T in (("odometry", odometry_pose), ("poses", pose))[0 if odometry else 1 :]:
             assert list(node.step(pose_sample(port, T, i))) == []
         for output in node.step(Sample("dem", stamp_ns, i, patch(ground, true, pose, stamp_ns, rng))):
@@ -220,7 +220,7 @@ def test_a_new_orbital_model_clears_earlier_matches(
     assert list(node.step(Sample("orbital", 0, 0, orbital))) == []
     fix = next(drive_with_jumps(node, ground, drive, lambda o, odometry_pose: JUMP, odometry=True))
     assert list(node.step(Sample("orbital", fix.t1_ns, 1, orbital))) == []
-    i = fix.t1_ns // 10_000_000_000
+    i = fix.t1_ns // PATCH_PERIOD_NS
     for port, T in (("odometry", drive.estimated_poses[i]), ("poses", JUMP @ drive.estimated_poses[i])):
         assert list(node.step(pose_sample(port, T, i))) == []
     with pytest.raises(ProductNotFoundError, match="since the frame of poses jumped"):

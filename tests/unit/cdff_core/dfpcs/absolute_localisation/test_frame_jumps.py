@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Jumps of the pose frame are distinguished from slip, starts, rotations and odometry resets."""
+"""Jumps of the frame of poses are distinguished from slip, starts, rotations and odometry resets."""
 
 from __future__ import annotations
 

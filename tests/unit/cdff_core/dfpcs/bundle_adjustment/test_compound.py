@@ -29,16 +29,16 @@ def test_a_problem_gives_poses_and_landmarks_with_covariances_and_reports_its_ga
     problem, *_ = ring(8, 60, 6)
     stamped = replace(problem, cameras=replace(problem.cameras, stamps=np.arange(8) * 1000))
     dfpc = make_configured_dfpc(implementation)
-    answer, trajectory, landmarks = dfpc.step(Sample("problem", 8_000_000, 0, stamped, id="p"))
-    assert answer.quality.status is Status.OK
-    assert answer.quality.covariance_kind is CovarianceKind.FORMAL
-    assert any(reason.startswith("scale_kept") for reason in answer.quality.reasons)
-    assert cost(answer.value) < 0.01 * cost(problem)
-    assert answer.quality.metrics["cost_final"] == pytest.approx(cost(answer.value))
+    adjusted, trajectory, landmarks = dfpc.step(Sample("problem", 8_000_000, 0, stamped, id="p"))
+    assert adjusted.quality.status is Status.OK
+    assert adjusted.quality.covariance_kind is CovarianceKind.FORMAL
+    assert any(reason.startswith("scale_kept") for reason in adjusted.quality.reasons)
+    assert cost(adjusted.value) < 0.01 * cost(problem)
+    assert adjusted.quality.metrics["cost_final"] == pytest.approx(cost(adjusted.value))
     assert trajectory.value.covariances.shape == (8, 6, 6)
     assert landmarks.value.covariances.shape == (60, 3, 3)
     assert np.linalg.eigvalsh(landmarks.value.covariances).min() > 0.0
-    assert dfpc.store.get("last_problem") is answer.value
+    assert dfpc.store.get("last_problem") is adjusted.value
 
 
 def test_marginalise_returns_the_remaining_problem_with_a_prior() -> None:
@@ -58,21 +58,21 @@ def test_marginalise_returns_the_remaining_problem_with_a_prior() -> None:
 
 def test_a_problem_with_a_prior_has_a_gauge_and_covariances() -> None:
     dfpc = make_configured_dfpc()
-    (before, *_) = dfpc.step(Sample("problem", 0, 0, ring(8, 60, 6)[0]))
+    (first, *_) = dfpc.step(Sample("problem", 0, 0, ring(8, 60, 6)[0]))
     remaining = dfpc.call("marginalise", {"cameras": "7"})
-    answer, *_, landmarks = dfpc.step(Sample("problem", 1, 1, remaining))
-    assert answer.quality.status is Status.OK
-    assert answer.quality.covariance_kind is CovarianceKind.FORMAL
-    assert answer.quality.reasons == before.quality.reasons == ("scale_kept:camera 0 to camera 4",)
-    assert answer.quality.metrics["gauge_directions"] == 7.0
-    assert answer.quality.metrics["gauge_distance_camera"] == 4.0
+    adjusted, *_, landmarks = dfpc.step(Sample("problem", 1, 1, remaining))
+    assert adjusted.quality.status is Status.OK
+    assert adjusted.quality.covariance_kind is CovarianceKind.FORMAL
+    assert adjusted.quality.reasons == first.quality.reasons == ("scale_kept:camera 0 to camera 4",)
+    assert adjusted.quality.metrics["gauge_directions"] == 7.0
+    assert adjusted.quality.metrics["gauge_distance_camera"] == 4.0
     assert np.isfinite(landmarks.value.covariances).all()
 
 
 def test_more_noise_than_stated_is_degraded_and_an_empty_problem_fails() -> None:
-    (answer, *_) = make_configured_dfpc(sigma_px=0.1).step(Sample("problem", 0, 0, ring(8, 60, 6)[0]))
-    assert answer.quality.status is Status.DEGRADED
-    assert answer.quality.reasons[0].startswith("residuals_exceed_noise")
+    (adjusted, *_) = make_configured_dfpc(sigma_px=0.1).step(Sample("problem", 0, 0, ring(8, 60, 6)[0]))
+    assert adjusted.quality.status is Status.DEGRADED
+    assert adjusted.quality.reasons[0].startswith("residuals_exceed_noise")
     (failed,) = make_configured_dfpc().step(Sample("problem", 0, 0, BundleProblem()))
     assert failed.quality.status is Status.FAILED
     assert failed.quality.reasons[0].startswith("bad_problem")

@@ -25,9 +25,9 @@ def run_dfpc(problem: BundleProblem, **config: object) -> Output:
 
 
 def test_a_solution_that_has_not_converged_is_degraded() -> None:
-    answer = run_dfpc(ring(8, 60, 6)[0], adjust={"max_iterations": 1})
-    assert answer.quality.status is Status.DEGRADED
-    assert answer.quality.reasons[0] == "not_converged"
+    adjusted = run_dfpc(ring(8, 60, 6)[0], adjust={"max_iterations": 1})
+    assert adjusted.quality.status is Status.DEGRADED
+    assert adjusted.quality.reasons[0] == "not_converged"
 
 
 def test_a_point_behind_its_cameras_is_degraded_and_counted() -> None:
@@ -35,10 +35,10 @@ def test_a_point_behind_its_cameras_is_degraded_and_counted() -> None:
     behind = BundleProblem.from_arrays(
         TWO_CAMERAS, LENS, [[0.0, 0.0, -4.0]], ([0, 1], [0, 0]), pixels, frame="site", fixed=[1.0, 1.0]
     )
-    answer = run_dfpc(behind)
-    assert answer.quality.status is Status.DEGRADED
-    assert answer.quality.reasons == ("behind_camera:2",)
-    assert answer.value.points.positions[0] == pytest.approx([0.0, 0.0, -5.0], abs=1e-6)
+    adjusted = run_dfpc(behind)
+    assert adjusted.quality.status is Status.DEGRADED
+    assert adjusted.quality.reasons == ("behind_camera:2",)
+    assert adjusted.value.points.positions[0] == pytest.approx([0.0, 0.0, -5.0], abs=1e-6)
 
 
 def test_fewer_residuals_than_unknowns_are_degraded_and_nan_fails() -> None:

@@ -161,8 +161,8 @@ def test_the_next_scene_starts_from_the_last_alignment_until_forget_is_called(
     second = localise(dfpc, cloud("scene", surfaces.terrain(rng), 2000))
     assert second.quality.status is Status.OK
     dfpc.call("forget", {})
-    lost = localise(dfpc, cloud("scene", surfaces.terrain(rng), 3000))
-    assert lost.quality.status is Status.FAILED
+    third = localise(dfpc, cloud("scene", surfaces.terrain(rng), 3000))
+    assert third.quality.status is Status.FAILED
 
 
 def test_the_store_has_the_model_and_the_last_alignment(rng: np.random.Generator) -> None:

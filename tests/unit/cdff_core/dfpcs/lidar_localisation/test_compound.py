@@ -65,6 +65,7 @@ def outputs(dfpc: Dfpc, *samples: Sample) -> list[Output]:
 
 
 def error(output: Output, T: np.ndarray) -> tuple[float, float]:
+    """Return the position error in metres and the rotation error in degrees."""
     E = se3.inverse(T) @ output.value.transform.matrix
     return float(np.linalg.norm(E[:3, 3])), float(np.degrees(se3.rotation_angle(E[:3, :3])))
 
@@ -77,11 +78,11 @@ def assert_accurate(output: Output, T: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_an_error_of_two_metres_and_twenty_degrees_is_corrected(seed: int, ground: np.ndarray) -> None:
+def test_a_guess_wrong_by_two_metres_and_twenty_degrees_is_corrected(seed: int, ground: np.ndarray) -> None:
     rng = np.random.default_rng(seed)
     T = HILLS.pose(*rng.uniform(-15, 15, 2), rng.uniform(-np.pi, np.pi))
-    shift, axis = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
-    inaccurate = se3.transform(se3.exp_so3(np.radians(20) * axis) @ T[:3, :3], T[:3, 3] + 2.0 * shift)
+    direction, axis = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
+    inaccurate = se3.transform(se3.exp_so3(np.radians(20) * axis) @ T[:3, :3], T[:3, 3] + 2.0 * direction)
     (output,) = outputs(make_configured_dfpc(), map_of(ground), pose_sample("guess", inaccurate), scan_at(T))
     assert_accurate(output, T)
     assert output.quality.status is Status.OK
@@ -166,8 +167,8 @@ def test_a_run_is_tracked_with_drifting_odometry(ground: np.ndarray) -> None:
 def test_a_sweep_waits_for_the_odometry_of_its_time(ground: np.ndarray) -> None:
     T = HILLS.pose(0, 0, 0)
     dfpc = make_configured_dfpc()
-    before = pose_sample("odometry", np.eye(4), STEP_NS - 100_000_000, "rover/odom")
-    assert outputs(dfpc, map_of(ground), pose_sample("guess", T), before, scan_at(T, STEP_NS)) == []
+    earlier = pose_sample("odometry", np.eye(4), STEP_NS - 100_000_000, "rover/odom")
+    assert outputs(dfpc, map_of(ground), pose_sample("guess", T), earlier, scan_at(T, STEP_NS)) == []
     (output,) = outputs(dfpc, pose_sample("odometry", np.eye(4), STEP_NS, "rover/odom"))
     assert_accurate(output, T)
     outputs(dfpc, scan_at(T, 2 * STEP_NS - 300_000_000))
@@ -245,11 +246,10 @@ def test_with_a_known_mount_the_pose_is_that_of_the_base(ground: np.ndarray) -> 
     dfpc = Registry.default().make_dfpc("lidar_localisation")
     dfpc.configure({}, DfpcContext(robot="rover", frames=frames))
     T = HILLS.pose(1, 2, 0.3)
-    lidar = scan_at(T)  # the lidar is at T, hence the base at T @ inverse(T_base_lidar)
-    guess = T @ se3.inverse(T_base_lidar)
-    (output,) = outputs(dfpc, map_of(ground), pose_sample("guess", guess), lidar)
+    T_site_base = T @ se3.inverse(T_base_lidar)
+    (output,) = outputs(dfpc, map_of(ground), pose_sample("guess", T_site_base), scan_at(T))
     assert output.child == "rover/base"
-    assert_accurate(output, T @ se3.inverse(T_base_lidar))
+    assert_accurate(output, T_site_base)
 
 
 def test_a_sweep_without_a_map_is_refused() -> None:
@@ -293,8 +293,8 @@ def test_a_map_of_keyframes_can_be_the_map_and_its_vertices_are_kept_in_the_grap
     clouds = [ground[::2], se3.transform_points(se3.inverse(T_second), ground[1::2])]
     value = LidarMap.from_parts(graph, clouds, sensor="rover/lidar", stamp_ns=0)
     first, second = (
-        outputs(dfpc, Sample("graph_map", 0, 0, value, id="graph"), *before, scan_at(T, stamp_ns))
-        for before, stamp_ns in (([pose_sample("guess", T)], 0), ([], STEP_NS))
+        outputs(dfpc, Sample("graph_map", 0, 0, value, id="graph"), *guesses, scan_at(T, stamp_ns))
+        for guesses, stamp_ns in (([pose_sample("guess", T)], 0), ([], STEP_NS))
     )
     assert_accurate(first[0], T)
     assert second[0].quality.reasons == ()  # the same map again: the estimate is kept

@@ -45,9 +45,8 @@ class Rover:
         for i, T in enumerate(poses):
             self.now_ns += PERIOD_NS
             previous = poses[max(i - 1, 0)]
-            start = previous @ se3.exp_se3(
-                0.8 * se3.log_se3(se3.inverse(previous) @ T)
-            )  # the sweep covers the last fifth of the path since the previous one
+            # The sweep covers the last fifth of the path since the previous one.
+            start = previous @ se3.exp_se3(0.8 * se3.log_se3(se3.inverse(previous) @ T))
             self.true_poses[self.now_ns] = T
             if wheels:
                 value = TransformWithCovariance.from_transform(
@@ -69,6 +68,7 @@ class Rover:
 
 
 def of(outputs: list[Output], port: str) -> list[Output]:
+    """Return the outputs of a port."""
     return [o for o in outputs if o.port == port]
 
 
@@ -117,9 +117,9 @@ def test_a_lap_closes_loops_and_ends_with_trajectory_graph_and_cloud(
     assert graph.quality.metrics["loops"] >= 1
     assert graph.value.frame == "mana/slam"
     (trajectory,) = of(end, "trajectory")
-    first = se3.inverse(rover.true_poses[min(rover.true_poses)])
+    T_map_site = se3.inverse(rover.true_poses[min(rover.true_poses)])
     for stamp, T in zip(trajectory.value.stamps_ns, trajectory.value.matrices, strict=True):
-        assert np.linalg.norm((first @ rover.true_poses[int(stamp)])[:3, 3] - T[:3, 3]) < 0.15
+        assert np.linalg.norm((T_map_site @ rover.true_poses[int(stamp)])[:3, 3] - T[:3, 3]) < 0.15
     (cloud,) = of(end, "cloud")
     site = se3.transform_points(rover.true_poses[min(rover.true_poses)], cloud.value.points_m)
     height = site[:, 2] - rover.ground(site[:, 0], site[:, 1])
@@ -142,11 +142,11 @@ def test_each_optimisation_of_the_graph_is_reported(ground: Ground, monkeypatch:
     optimised_ns: list[int] = []
     optimise = KeyframeMap.optimise
 
-    def recorded(keyframes: KeyframeMap, optimiser: Any) -> int:
+    def record_and_optimise(keyframes: KeyframeMap, optimiser: Any) -> int:
         optimised_ns.append(rover.now_ns)
         return optimise(keyframes, optimiser)
 
-    monkeypatch.setattr(KeyframeMap, "optimise", recorded)
+    monkeypatch.setattr(KeyframeMap, "optimise", record_and_optimise)
     rover.drive(laps(ground, 2.6))
     assert len(optimised_ns) > 3
     assert {o.t1_ns for o in of(rover.outputs, "graph")} == set(optimised_ns)
@@ -156,9 +156,9 @@ def test_the_odometry_does_not_jump_when_a_loop_closes(rover_after_lap: tuple[Ro
     rover, _ = rover_after_lap
     odometry = of(rover.outputs, "odometry")
     assert {o.frame for o in odometry} == {"mana/lidar_odom"}
-    for previous, now in itertools.pairwise(odometry[2:]):
-        step = se3.inverse(previous.value.transform.matrix) @ now.value.transform.matrix
-        true = se3.inverse(rover.true_poses[previous.t1_ns]) @ rover.true_poses[now.t1_ns]
+    for previous, current in itertools.pairwise(odometry[2:]):
+        step = se3.inverse(previous.value.transform.matrix) @ current.value.transform.matrix
+        true = se3.inverse(rover.true_poses[previous.t1_ns]) @ rover.true_poses[current.t1_ns]
         assert np.linalg.norm((se3.inverse(true) @ step)[:3, 3]) < 0.06
 
 
@@ -175,9 +175,8 @@ def test_the_position_manager_accepts_the_odometry(rover_after_lap: tuple[Rover,
     T_first_current = se3.inverse(first) @ rover.true_poses[last.t1_ns]
     assert (last.frame, last.child) == ("site", "mana/base")
     assert "source:vo" in last.quality.reasons
-    assert (
-        abs(np.linalg.norm(last.value.transform.matrix[:3, 3]) - np.linalg.norm(T_first_current[:3, 3])) < 0.2
-    )
+    distance_m = np.linalg.norm(last.value.transform.matrix[:3, 3])
+    assert abs(distance_m - np.linalg.norm(T_first_current[:3, 3])) < 0.2
 
 
 @pytest.mark.req("CDFF-CORE-076")
@@ -202,8 +201,8 @@ def test_in_degenerate_directions_sigma_grows_linearly_with_the_path_length() ->
     sigma_m = np.array([np.sqrt(o.value.transform.covariance[0, 0]) for o in outputs])
     assert sigma_m[23] > 1.7 * sigma_m[12] > 0.3
     assert 0.06 * 11.5 < sigma_m[23] < 0.12 * 11.5  # odometry_sigma_ratio is 8 %
-    up_m = np.sqrt(outputs[-1].value.transform.covariance[2, 2])
-    assert up_m < 0.1 * sigma_m[23]  # the ground constrains the height
+    sigma_z_m = np.sqrt(outputs[-1].value.transform.covariance[2, 2])
+    assert sigma_z_m < 0.1 * sigma_m[23]  # the ground constrains the height
 
 
 @pytest.mark.req("CDFF-CORE-077")
@@ -218,9 +217,8 @@ def test_a_restart_continues_in_the_same_map(
     path = laps(ground, 1.5)[len(previous.true_poses) :]
     outputs = rover.drive(path)
     poses = of(outputs, "pose")
-    assert (
-        poses[0].quality.reasons[0] == "not_localised_in_map"
-    )  # a single sweep may have an error of a decimetre
+    # The position from a single sweep, which may have an error of a decimetre, is not published.
+    assert poses[0].quality.reasons[0] == "not_localised_in_map"
     assert poses[1].quality.status is not Status.FAILED
     assert max(rover.error_m(o) for o in poses[1:]) < 0.2
     assert rover.node.export_map().frame == "mana/slam"
@@ -292,7 +290,7 @@ def test_without_relocalisation_no_pose_in_the_map_is_published(
     assert stamp_of[exported.last_position[0]] in set(state.graph.vertices.stamps_ns.tolist())
 
 
-def test_a_new_map_is_checkpointed_each_time_its_sweeps_have_doubled(ground: Ground) -> None:
+def test_a_new_map_is_checkpointed_whenever_its_number_of_sweeps_has_doubled(ground: Ground) -> None:
     rover, revisions = Rover(ground), list[int]()
     for T in [laps(ground, 0.1)[0]] * 9:  # at rest
         rover.drive([T])
@@ -322,11 +320,11 @@ def test_the_map_of_another_rover_is_connected_by_a_loop(ground: Ground) -> None
     second.drive([path[half - 8]] * 3 + path[half - 8 :])
     for rover in (first, second):
         list(rover.node.finish())
-    keys = len(first.node.keyframes)
+    own_keyframes = len(first.node.keyframes)
     outputs = list(first.node.step(Sample("map", first.now_ns, 0, second.node.export_map())))
     keyframes = first.node.keyframes
     assert keyframes.component(keyframes.root) == set(keyframes.keyframes)
-    assert len(keyframes) > keys
+    assert len(keyframes) > own_keyframes
     assert not any(r.startswith("keyframes_not_linked") for r in of(outputs, "graph")[0].quality.reasons)
     cloud = first.node.get_map(0.5)
     assert isinstance(cloud, Pointcloud)
@@ -343,7 +341,7 @@ def test_a_map_without_overlap_is_reported_as_not_linked(ground: Ground) -> None
     assert of(outputs, "graph")[0].quality.reasons[-1].startswith("keyframes_not_linked:")
 
 
-def test_an_imported_map_replaces_an_empty_one(
+def test_a_map_imported_into_an_empty_map_becomes_the_map(
     ground: Ground, rover_after_lap: tuple[Rover, list[Output]]
 ) -> None:
     rover = Rover(ground)

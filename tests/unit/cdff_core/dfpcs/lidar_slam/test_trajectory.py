@@ -13,7 +13,7 @@ def pose_at(x_m: float) -> UncertainTransform:
     return UncertainTransform(se3.transform(np.eye(3), [x_m, 0.0, 0.0]), 1e-4 * np.eye(6))
 
 
-def test_poses_move_with_their_keyframe() -> None:
+def test_poses_move_with_the_keyframe_they_are_relative_to() -> None:
     keyframes, trajectory = KeyframeMap(), Trajectory()
     key = keyframes.start_component(0, np.eye(4))
     trajectory.append(1000, key, pose_at(1.0))

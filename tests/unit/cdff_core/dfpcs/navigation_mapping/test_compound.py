@@ -69,7 +69,7 @@ def test_limits_of_the_configuration_precede_those_of_the_profile_and_the_defaul
     assert (classes_of(out) == expected).all()
 
 
-def test_cell_size_is_a_multiple_of_that_of_the_patches() -> None:
+def test_the_cell_size_is_a_multiple_of_the_cell_size_of_the_patches() -> None:
     assert step(navigation(resolution_m=0.12), patch())[0].value.geometry.resolution_m == pytest.approx(0.1)
     assert step(navigation(resolution_m=0.1), patch(resolution_m=0.2))[0].value.geometry.resolution_m == 0.2
 
@@ -165,16 +165,16 @@ def test_incremental_rating_equals_rating_of_the_whole_map() -> None:
     patches = [rough(0), rough(1), rough(2, 1.0), rough(3, 1.5), rough(4, lump_m=0.4)]
     partial_patches = [
         patches[0],
-        _only(patches[1], 0.5),
+        _observed_near(patches[1], 0.5),
         patches[2],
-        _only(patches[3], 2.0),
-        _only(patches[4], 1.0),
+        _observed_near(patches[3], 2.0),
+        _observed_near(patches[4], 1.0),
     ]
     node, whole = navigation(size_m=14.0), navigation(size_m=14.0)
-    for part in partial_patches:
-        step(node, part)
+    for partial_patch in partial_patches:
+        step(node, partial_patch)
         whole._dem = None  # forces a new rating of the whole map
-        step(whole, part)
+        step(whole, partial_patch)
         a, b = node.get_map(), whole.get_map()
         assert a.geometry == b.geometry
         np.testing.assert_array_equal(a.layer("class"), b.layer("class"))
@@ -182,8 +182,8 @@ def test_incremental_rating_equals_rating_of_the_whole_map() -> None:
             np.testing.assert_allclose(a.layer(name), b.layer(name), rtol=1e-4, atol=1e-5, err_msg=name)
 
 
-def _only(dem: ElevationMap, half_m: float) -> ElevationMap:
-    """Return a patch observed only around (1, 1)."""
+def _observed_near(dem: ElevationMap, half_m: float) -> ElevationMap:
+    """Return the patch with only the cells within ``half_m`` of (1, 1) in x and y observed."""
     x, y = dem.geometry.centres_m()
     near = (np.abs(x - 1.0) < half_m) & (np.abs(y - 1.0) < half_m)
     layers = {n: np.where(near, dem.layer(n), 0.0 if n == "count" else np.nan) for n in dem.layer_names}

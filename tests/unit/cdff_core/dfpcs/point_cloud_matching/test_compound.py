@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Point cloud matching: registration from any heading, and refusal without overlap."""
+"""Point cloud matching: registration at any relative heading, and refusal without overlap."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def source_of(points: surfaces.Points) -> surfaces.Points:
     return se3.transform_points(se3.inverse(T_TRUE), points)
 
 
-def test_two_parts_of_a_surface_are_registered_from_any_heading(
+def test_two_overlapping_parts_of_a_surface_are_registered_without_a_guess(
     rng: np.random.Generator,
 ) -> None:
     left, right = surfaces.terrain(rng, 9000), surfaces.terrain(rng, 9000)

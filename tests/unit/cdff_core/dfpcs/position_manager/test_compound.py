@@ -88,7 +88,7 @@ def test_a_start_without_imu_is_reported_as_not_levelled_with_a_large_tilt_covar
     assert out[0].value.transform.covariance[3, 3] == pytest.approx(0.06**2 + VARIANCES[3], rel=0.01)
 
 
-def test_wheels_and_gyro_alone_give_degraded_poses() -> None:
+def test_wheels_and_imu_alone_yield_degraded_poses() -> None:
     samples = [wheels(t) for t in times(10, 6)] + [imu(t, np.eye(3)) for t in times(100, 6)]
     out = poses(feed(manager(), samples))
     assert max(map(error_m, out)) < 1e-2
@@ -96,7 +96,7 @@ def test_wheels_and_gyro_alone_give_degraded_poses() -> None:
     assert all("source:wheels" in o.quality.reasons for o in out)
 
 
-def test_wheels_follow_a_tilted_plane_when_levelled() -> None:
+def test_with_a_levelled_start_the_wheels_follow_a_tilted_plane() -> None:
     samples = [wheels(t) for t in times(10, 6)] + [imu(t) for t in times(100, 6)]
     out = poses(feed(manager(), samples))
     assert max(error_m(o, TILTED_ROTATION) for o in out) < 1e-2
@@ -113,8 +113,8 @@ def test_wheels_replace_missing_visual_odometry_without_a_jump() -> None:
         for a, b in itertools.pairwise(out)
     ]
     assert max(steps) < 0.4 * slip + 0.01
-    drivers = [o.quality.reasons[0] for o in out]
-    assert drivers[0] == "source:start"
+    first_reasons = [o.quality.reasons[0] for o in out]
+    assert first_reasons[0] == "source:start"
     output_at = {round((o.t1_ns - T0) * 1e-9, 1): o for o in out}
     assert output_at[3.0].quality.status is Status.OK
     assert output_at[6.0].quality.status is Status.DEGRADED
@@ -123,7 +123,7 @@ def test_wheels_replace_missing_visual_odometry_without_a_jump() -> None:
     assert error_m(out[-1]) < 0.3 * (slip - 1) * 0.4 * 4.0
 
 
-def test_visual_odometry_that_starts_late_attaches_at_its_first_pose() -> None:
+def test_visual_odometry_that_starts_late_continues_from_the_estimated_pose() -> None:
     samples = [wheels(t) for t in times(10, 8)] + [visual(t, first_s=3.17) for t in [3.17, *times(5, 8, 3.4)]]
     samples += [imu(t, np.eye(3)) for t in times(100, 8)]
     out = poses(feed(manager(), samples))
@@ -148,18 +148,18 @@ def test_a_visual_increment_that_contradicts_the_wheels_is_refused() -> None:
     jump = se3.transform(np.eye(3), [0.0, 0.0, 3.0])
     samples: list[Sample] = [wheels(t) for t in times(10, 6)] + [imu(t, np.eye(3)) for t in times(100, 6)]
     for t in times(5, 6):
-        v = visual(t)
+        sample = visual(t)
         if t >= 3.0:
-            v = pose(
+            sample = pose(
                 "visual_odometry",
                 t,
-                v.value.transform.matrix @ jump,
+                sample.value.transform.matrix @ jump,
                 None,
                 "mana/vo",
                 "mana/navcam_left",
                 Status.OK,
             )
-        samples.append(v)
+        samples.append(sample)
     out = poses(feed(manager(), samples))
     assert any("visual_odometry_refused" in o.quality.reasons for o in out)
     # After the jump, the increments are those of a camera 3 m further ahead.
@@ -171,11 +171,11 @@ def test_degraded_visual_odometry_has_a_lower_weight_and_is_reported() -> None:
         samples = [visual(t, status=status if t > 2.0 else Status.OK) for t in times(5, 4)]
         return poses(feed(manager(), samples))[-1]
 
-    degraded, fine = run(Status.DEGRADED), run(Status.OK)
+    degraded, ok = run(Status.DEGRADED), run(Status.OK)
     assert error_m(degraded) < 5e-3
     assert degraded.quality.status is Status.DEGRADED
     assert "odometry_degraded" in degraded.quality.reasons
-    sigma = [np.sqrt(np.trace(o.value.transform.covariance[:3, :3])) for o in (degraded, fine)]
+    sigma = [np.sqrt(np.trace(o.value.transform.covariance[:3, :3])) for o in (degraded, ok)]
     assert sigma[0] > sigma[1]
 
 
@@ -189,6 +189,13 @@ def test_failed_visual_odometry_is_skipped_until_it_recovers() -> None:
     out = poses(feed(manager(), samples))
     assert max(map(error_m, out)) < 5e-3
     assert out[-1].quality.status is Status.OK
+
+
+def test_failed_wheel_odometry_before_the_start_is_ignored() -> None:
+    failed = Sample("odometry", wheels(0.0).stamp_ns, 0, None, quality=Quality(Status.FAILED))
+    samples = [failed] + [wheels(t) for t in times(10, 4, 0.1)] + [imu(t, np.eye(3)) for t in times(100, 4)]
+    out = poses(feed(manager(), samples))
+    assert max(map(error_m, out)) < 5e-3
 
 
 def test_covariance_grows_with_path_length_and_never_shrinks_at_a_change_of_source() -> None:
@@ -263,8 +270,8 @@ def test_a_trajectory_is_published_again_when_it_has_grown_by_a_fraction() -> No
     published = [o for o in feed(dfpc, [visual(t) for t in times(5, 30)]) if o.port == "trajectory"]
     pose_count = len(dfpc.get_trajectory(-1, -1).stamps_ns)
     assert sum(len(o.value.stamps_ns) for o in published) < pose_count / 0.25 + pose_count
-    for before, after in itertools.pairwise(o.t1_ns - T0 for o in published):
-        assert after <= 1.34 * before + 400 * MS
+    for previous_ns, current_ns in itertools.pairwise(o.t1_ns - T0 for o in published):
+        assert current_ns <= 1.34 * previous_ns + 400 * MS
 
 
 @pytest.mark.parametrize(

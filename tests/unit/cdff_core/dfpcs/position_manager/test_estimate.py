@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Filter state of the position manager: corrections of clones and correlation with earlier estimates."""
+"""Filter state of the position manager: corrections of clones, and correlation with earlier estimates."""
 
 from __future__ import annotations
 
@@ -54,18 +54,18 @@ def estimate_after_fix(
 
 @pytest.fixture
 def estimate(rng: np.random.Generator) -> Estimate:
-    """Return two clones, all errors correlated with each other and with those of the previous estimate."""
+    """Return an estimate with two clones, all errors correlated, also with the previous estimate."""
     T = UncertainTransform(se3.exp_se3(rng.standard_normal(6)))
     first = Estimate.at_start(0, T, 1.0, np.zeros(6), np.ones(9))
-    both = (
+    with_clones = (
         first.with_clone("odometry", IDENTITY)
         .with_correction(np.full(CORE_SIZE + 6, 0.1))
         .with_clone("visual_odometry", IDENTITY)
     )
-    n = len(both.covariance)
+    n = len(with_clones.covariance)
     root = rng.standard_normal((n + len(TIMELINE_ERRORS), n + len(TIMELINE_ERRORS)))
     joint = root @ root.T
-    return replace(both, covariance=joint[:n, :n], cross_covariance=joint[:n, n:])
+    return replace(with_clones, covariance=joint[:n, :n], cross_covariance=joint[:n, n:])
 
 
 def test_a_correction_transforms_every_clone_by_its_own_errors(
@@ -103,9 +103,9 @@ def test_a_correction_updates_the_correlation_with_the_previous_estimate(
     corrected = kalman_corrected(estimate, dfn("correction"), 0.1 * np.ones(6), H, noise)
     P0 = 100.0 * np.eye(len(TIMELINE_ERRORS))
     joint = np.block([[estimate.covariance, estimate.cross_covariance], [estimate.cross_covariance.T, P0]])
-    wide = np.hstack([H, np.zeros((6, len(TIMELINE_ERRORS)))])
-    K = joint @ wide.T @ np.linalg.inv(wide @ joint @ wide.T + noise)
-    expected = joint - K @ wide @ joint
+    H_joint = np.hstack([H, np.zeros((6, len(TIMELINE_ERRORS)))])
+    K = joint @ H_joint.T @ np.linalg.inv(H_joint @ joint @ H_joint.T + noise)
+    expected = joint - K @ H_joint @ joint
     np.testing.assert_allclose(corrected.cross_covariance, expected[:n, n:], rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(corrected.covariance, expected[:n, :n], rtol=1e-6, atol=1e-9)
 
@@ -129,9 +129,12 @@ def test_an_intersected_fix_leaves_a_valid_joint_covariance() -> None:
 
 
 def test_thinning_does_not_change_the_covariance_of_a_motion() -> None:
-    line, step = PoseTimeline(dfn("interpolation"), 30_000_000_000), np.diag([1.0, 2.0, 3.0, 0.1, 0.2, 0.3])
+    timeline, step = (
+        PoseTimeline(dfn("interpolation"), 30_000_000_000),
+        np.diag([1.0, 2.0, 3.0, 0.1, 0.2, 0.3]),
+    )
     estimate = Estimate.at_start(0, UncertainTransform(np.eye(4), step), 1.0, np.zeros(6), np.ones(9))
-    line.append(estimate)
+    timeline.append(estimate)
     for k in range(1, 9):
         grown = estimate.covariance.copy()
         grown[POSE, POSE] += step
@@ -141,9 +144,9 @@ def test_thinning_does_not_change_the_covariance_of_a_motion() -> None:
             covariance=grown,
             cross_covariance=estimate.covariance[:, TIMELINE_ERRORS],
         )
-        line.append(estimate)
-    before_thinning = line.motion(0, estimate.stamp_ns).covariance
-    line.thin(estimate.stamp_ns, 1_000_000_000, 0)
-    assert line.stamps_ns == [0, 1_000_000_000, 2_000_000_000]
-    np.testing.assert_allclose(line.motion(0, estimate.stamp_ns).covariance, before_thinning, rtol=1e-6)
+        timeline.append(estimate)
+    before_thinning = timeline.motion(0, estimate.stamp_ns).covariance
+    timeline.thin(estimate.stamp_ns, 1_000_000_000, 0)
+    assert timeline.stamps_ns == [0, 1_000_000_000, 2_000_000_000]
+    np.testing.assert_allclose(timeline.motion(0, estimate.stamp_ns).covariance, before_thinning, rtol=1e-6)
     np.testing.assert_allclose(np.diagonal(before_thinning), 8.0 * np.diagonal(step), rtol=1e-6)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Joints of the position manager: kept over restarts and at pinned times."""
+"""Joints of the position manager: stored over restarts and at pinned times."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def pan(t_s: float) -> Sample:
     return Sample("joints", stamp_ns, 0, value)
 
 
-def drive(end_s: float, begin_s: float = 0.0) -> list[Sample]:
-    return [s for t in times(5, end_s, begin_s) for s in (visual(t), pan(t))]
+def drive(end_s: float, start_s: float = 0.0) -> list[Sample]:
+    return [s for t in times(5, end_s, start_s) for s in (visual(t), pan(t))]
 
 
 def head(dfpc: PositionManager, t_s: float, parent: str = "site") -> np.ndarray:
@@ -40,18 +40,18 @@ def head(dfpc: PositionManager, t_s: float, parent: str = "site") -> np.ndarray:
 
 
 def test_joints_are_restored_after_a_restart() -> None:
-    before = manager_with_head()
-    feed(before, drive(4.0))
-    after = manager_with_head()
-    after.resume(decode("PositionState", encode(before.state(), "uper"), "uper"))
+    stopped = manager_with_head()
+    feed(stopped, drive(4.0))
+    restarted = manager_with_head()
+    restarted.resume(decode("PositionState", encode(stopped.state(), "uper"), "uper"))
     for t_s in (1.3, 2.0, 4.0):
-        np.testing.assert_allclose(head(after, t_s), head(before, t_s), atol=1e-9)
+        np.testing.assert_allclose(head(restarted, t_s), head(stopped, t_s), atol=1e-9)
     np.testing.assert_allclose(
-        head(after, 4.0, "mana/base"), se3.transform(se3.exp_so3([0, 0, 0.16]), [0, 0, 1])
+        head(restarted, 4.0, "mana/base"), se3.transform(se3.exp_so3([0, 0, 0.16]), [0, 0, 1])
     )
 
 
-def test_a_pinned_time_keeps_its_joints_also_over_a_restart() -> None:
+def test_joint_values_at_a_pinned_time_remain_available_also_after_a_restart() -> None:
     dfpc = manager_with_head(
         timeline={"memory_s": 1.0, "dense_s": 2.0, "history_s": 6.0}, publication={"trajectory_period_s": 1.0}
     )

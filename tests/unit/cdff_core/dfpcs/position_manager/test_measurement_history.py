@@ -26,13 +26,13 @@ from tests.support.position_manager_samples import (
 def test_samples_of_one_source_in_swapped_order_are_all_processed() -> None:
     """The runner is that of the host and of the replay; samples are processed in the order of arrival."""
     samples = sorted(wheels_imu_and_vision(0.0, 6.0), key=lambda s: (s.stamp_ns, s.port))
-    swapped = [s for s in samples if s.port != "visual_odometry"]
+    in_swapped_order = [s for s in samples if s.port != "visual_odometry"]
     vision = [s for s in samples if s.port == "visual_odometry"]
     for earlier, later in zip(vision[::2], vision[1::2], strict=False):
-        after = next(i for i, s in enumerate(swapped) if s.stamp_ns > later.stamp_ns)
-        swapped[after:after] = [later, earlier]
+        after = next(i for i, s in enumerate(in_swapped_order) if s.stamp_ns > later.stamp_ns)
+        in_swapped_order[after:after] = [later, earlier]
     results = []
-    for order in (samples, swapped):
+    for order in (samples, in_swapped_order):
         dfpc = manager()
         runner = Runner(dfpc)
         for sample in order:

@@ -37,7 +37,7 @@ from tests.support.position_manager_samples import (
 )
 
 
-def predictions(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+def count_predictions(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Return a list that grows with each step of the strapdown integration."""
     steps: list[int] = []
     process = InertialErrorState.process
@@ -82,7 +82,7 @@ def test_after_a_forward_jump_of_the_mission_clock_the_wheels_bridge_the_gap(
 ) -> None:
     dfpc = manager()
     feed(dfpc, wheels_imu_and_vision(0.0, 4.0))
-    steps = predictions(monkeypatch)
+    steps = count_predictions(monkeypatch)
     out = poses(feed(dfpc, [delayed(s, HOUR_NS) for s in wheels_imu_and_vision(6.0, 10.0)]))
     assert len(steps) < 2_000
     assert out[0].t1_ns <= T0 + HOUR_NS + 6_500 * MS
@@ -135,24 +135,25 @@ def test_a_delayed_burst_of_one_source_is_not_a_backward_jump() -> None:
 
 @pytest.mark.parametrize("period_s", [6, 31, 300])
 def test_a_single_source_with_a_long_period_is_accepted(period_s: int) -> None:
-    time, arrivals = MissionTime(PositionManagerConfig()), []
+    mission_time, arrivals = MissionTime(PositionManagerConfig()), []
     jitter_ms = np.random.default_rng(1).integers(-2000, 2000, 60)
     for k, late_ms in enumerate(jitter_ms):
-        arrivals.append(time.admit(delayed(visual(0.0), (k * period_s * 1000 + int(late_ms)) * MS)))
+        arrivals.append(mission_time.admit(delayed(visual(0.0), (k * period_s * 1000 + int(late_ms)) * MS)))
     assert sum(len(a.accepted) for a in arrivals) >= 58
     assert not any(a.refused or a.jumped_back for a in arrivals)
 
 
 def test_late_visual_odometry_while_only_joints_are_published_is_not_a_backward_jump() -> None:
-    time = MissionTime(PositionManagerConfig())
+    mission_time = MissionTime(PositionManagerConfig())
     joints = replace(wheels(0.0), port="joints")
     parked = [*wheels_imu_and_vision(0.0, 90.0), *(delayed(joints, t * 1000 * MS) for t in (93, 97, 101))]
     for sample in sorted(parked, key=lambda s: s.stamp_ns):
-        time.admit(sample)
-    late = [time.admit(visual(t)) for t in (70.0, 74.0, 77.0)]
+        mission_time.admit(sample)
+    late = [mission_time.admit(visual(t)) for t in (70.0, 74.0, 77.0)]
     assert not any(a.accepted or a.jumped_back for a in late)
     jumps_back = [
-        time.admit(s).jumped_back for s in sorted(wheels_imu_and_vision(0.0, 5.0), key=lambda s: s.stamp_ns)
+        mission_time.admit(s).jumped_back
+        for s in sorted(wheels_imu_and_vision(0.0, 5.0), key=lambda s: s.stamp_ns)
     ]
     assert sum(jumps_back) == 1
 
@@ -166,29 +167,29 @@ def test_a_first_sample_with_a_future_stamp_does_not_set_the_time() -> None:
 
 
 def test_a_restart_after_a_day_needs_few_prediction_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = manager()
-    feed(before, wheels_imu_and_vision(0.0, 4.0))
-    before.pin(T0 + 2_000 * MS)
-    after = manager()
-    after.resume(before.state())
-    steps = predictions(monkeypatch)
+    stopped = manager()
+    feed(stopped, wheels_imu_and_vision(0.0, 4.0))
+    stopped.pin(T0 + 2_000 * MS)
+    restarted = manager()
+    restarted.resume(stopped.state())
+    steps = count_predictions(monkeypatch)
     out: list[Output] = poses(
-        feed(after, [delayed(s, 24 * HOUR_NS) for s in wheels_imu_and_vision(6.0, 9.0)])
+        feed(restarted, [delayed(s, 24 * HOUR_NS) for s in wheels_imu_and_vision(6.0, 9.0)])
     )
     assert len(steps) < 2_000
     assert np.linalg.norm(out[-1].value.transform.matrix - T_SITE_ODOM @ true_pose(9.0)) < 0.1
-    np.testing.assert_array_equal(after.get_pins().stamps_ns, [T0 + 2_000 * MS])
+    np.testing.assert_array_equal(restarted.get_pins().stamps_ns, [T0 + 2_000 * MS])
 
 
 def test_the_buffer_of_a_stopped_clock_is_bounded() -> None:
-    time = MissionTime(PositionManagerConfig())
+    mission_time = MissionTime(PositionManagerConfig())
     for sample in wheels_imu_and_vision(0.0, 2.0):
-        time.admit(sample)
+        mission_time.admit(sample)
     value = TransformWithCovariance.from_transform(
         UncertainTransform(np.eye(4)), parent="mana/odom", child="mana/base", stamp_ns=T0 + HOUR_NS
     )
     stuck = Sample("odometry", T0 + HOUR_NS, 0, value)
-    admissions = [time.admit(stuck) for _ in range(5_000)]
+    admissions = [mission_time.admit(stuck) for _ in range(5_000)]
     assert not any(a.accepted for a in admissions)
     assert sum(len(a.refused) for a in admissions) == 5_000 - 4_096
-    assert time.admit(wheels_imu_and_vision(2.0, 3.0)[-1]).accepted
+    assert mission_time.admit(wheels_imu_and_vision(2.0, 3.0)[-1]).accepted

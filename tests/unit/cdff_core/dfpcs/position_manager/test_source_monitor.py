@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Position manager: fixes, lidar, joints, late measurements, relative poses, pins and restarts."""
+"""Position manager: fixes, lidar odometry, joints, late measurements, relative poses, pins and restarts."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_fixes_correct_the_drift_of_the_wheels() -> None:
     assert out[-1].quality.status is Status.OK
 
 
-def test_fixes_with_common_errors_are_not_averaged_but_independent_ones_are() -> None:
+def test_independent_fixes_are_averaged_but_fixes_with_common_errors_are_not() -> None:
     fixes = [fix(t, np.zeros(3)) for t in times(2, 8, 2.0)]
     sigma = {}
     for weighting in ("intersection", "kalman"):
@@ -76,18 +76,18 @@ def test_fixes_in_a_frame_that_the_first_fix_defines_limit_the_drift() -> None:
     assert error_m(corrected) < 0.25 * error_m(drifting)
 
 
-def test_an_absolute_fix_is_used_together_with_map_poses_and_replaces_no_source() -> None:
-    first = fix(2.0, np.zeros(3), 0.01, "mana/slam")
-    of_map = [first, *[fix(t, np.array([0.5, 0, 0]), 0.2, "mana/slam") for t in times(2, 8, 2.5)]]
+def test_an_absolute_fix_is_fused_with_poses_in_a_map_and_poses_are_published_between_its_samples() -> None:
+    first_in_map = fix(2.0, np.zeros(3), 0.01, "mana/slam")
+    in_map = [first_in_map, *[fix(t, np.array([0.5, 0, 0]), 0.2, "mana/slam") for t in times(2, 8, 2.5)]]
     absolute = [replace(fix(t, np.zeros(3), 0.02), port="absolute_fix") for t in (4.0, 8.0)]
     drifting, corrected = (
-        poses(feed(manager(), wheels_and_imu(8) + of_map + more))[-1] for more in ([], absolute)
+        poses(feed(manager(), wheels_and_imu(8) + in_map + more))[-1] for more in ([], absolute)
     )
     assert error_m(corrected) < 0.5 * error_m(drifting)
     assert "refused_absolute_fix" not in corrected.quality.metrics
-    alone = poses(feed(manager(), wheels_and_imu(8, 1.3) + absolute[:1]))
-    after = [o.t1_ns for o in alone if T0 + 4_000 * MS <= o.t1_ns < T0 + 5_000 * MS]
-    assert len(after) > 8  # poses from the wheels are still published
+    out = poses(feed(manager(), wheels_and_imu(8, 1.3) + absolute[:1]))
+    after_the_fix = [o for o in out if T0 + 4_000 * MS <= o.t1_ns < T0 + 5_000 * MS]
+    assert len(after_the_fix) > 8
 
 
 def test_lidar_odometry_is_used_without_vision() -> None:
@@ -103,25 +103,25 @@ CORRELATED = {
 }
 
 
-def visual_and_lidar(begin_s: float = 0.0) -> list[Sample]:
-    """Return visual odometry; from ``begin_s`` on, the same poses also as lidar odometry."""
+def visual_and_lidar(start_s: float = 0.0) -> list[Sample]:
+    """Return visual odometry; from ``start_s`` on, the same poses also as lidar odometry."""
     return [visual(t) for t in times(5, 6)] + [
-        replace(visual(t), port="lidar_odometry") for t in times(5, 6, begin_s)
+        replace(visual(t), port="lidar_odometry") for t in times(5, 6, start_s)
     ]
 
 
-@pytest.mark.parametrize("begin_s", [0.0, 3.0])
-def test_a_source_given_twice_adds_no_information_if_declared_correlated(
-    begin_s: float,
+@pytest.mark.parametrize("start_s", [0.0, 3.0])
+def test_a_source_used_twice_adds_no_information_if_declared_correlated(
+    start_s: float,
 ) -> None:
     def covariance_of(samples: list[Sample], **config: object) -> np.ndarray:
         return np.asarray(poses(feed(manager(**config), samples))[-1].value.transform.covariance)
 
     alone = covariance_of([visual(t) for t in times(5, 6)])
-    both = covariance_of(visual_and_lidar(begin_s), **CORRELATED)
+    both = covariance_of(visual_and_lidar(start_s), **CORRELATED)
     assert np.linalg.eigvalsh(both - alone)[0] > -0.005 * np.trace(alone)
     as_if_independent = covariance_of(
-        visual_and_lidar(begin_s), **{**CORRELATED, "odometry": {"lidar_scale": 1.0}}
+        visual_and_lidar(start_s), **{**CORRELATED, "odometry": {"lidar_scale": 1.0}}
     )
     assert np.trace(as_if_independent[:3, :3]) < np.trace(alone[:3, :3])
 
@@ -230,25 +230,25 @@ def test_old_estimates_are_thinned_then_removed_but_pinned_ones_are_kept() -> No
 
 @pytest.mark.req("CDFF-CORE-077")
 def test_a_restart_continues_and_wheels_bridge_the_time_in_between() -> None:
-    before = manager()
-    feed(before, [*wheels_and_imu(5, 1.05), *[visual(t) for t in times(5, 5)]])
-    before.pin(T0 + 2_000 * MS)
-    state = decode("PositionState", encode(before.state(), "uper"), "uper")
-    after = manager()
-    after.resume(state)
+    stopped = manager()
+    feed(stopped, [*wheels_and_imu(5, 1.05), *[visual(t) for t in times(5, 5)]])
+    stopped.pin(T0 + 2_000 * MS)
+    state = decode("PositionState", encode(stopped.state(), "uper"), "uper")
+    restarted = manager()
+    restarted.resume(state)
     motions = [
         d.get_transform("mana/base", T0 + 2_000 * MS, "mana/base", T0 + 4_000 * MS).transform
-        for d in (before, after)
+        for d in (stopped, restarted)
     ]
     np.testing.assert_allclose(motions[0].matrix, motions[1].matrix, atol=1e-9)
     np.testing.assert_allclose(motions[0].covariance, motions[1].covariance, atol=1e-12)
-    np.testing.assert_array_equal(after.get_pins().stamps_ns, [T0 + 2_000 * MS])
+    np.testing.assert_array_equal(restarted.get_pins().stamps_ns, [T0 + 2_000 * MS])
     after_gap = [s for s in wheels_and_imu(12, 1.05) if s.stamp_ns > T0 + 8_000 * MS]
-    out = poses(feed(after, after_gap))
+    out = poses(feed(restarted, after_gap))
     assert error_m(out[-1]) < 0.25
     assert "resumed" in out[-1].quality.reasons
     with pytest.raises(InputError, match="PositionState"):
-        after.resume(Joints())
+        restarted.resume(Joints())
 
 
 def test_an_inconsistent_state_is_refused() -> None:
@@ -260,7 +260,7 @@ def test_an_inconsistent_state_is_refused() -> None:
         manager().resume(broken)
 
 
-def test_an_imu_alone_gives_degraded_poses_for_a_while() -> None:
+def test_an_imu_alone_yields_degraded_poses() -> None:
     out = poses(feed(manager(), [imu(t, LEVEL_ROTATION) for t in times(100, 4)]))
     assert out[-1].quality.reasons[0] == "source:imu"
     assert out[-1].quality.status is Status.DEGRADED

@@ -59,7 +59,9 @@ def error_of(output: Output) -> np.ndarray:
     return se3.log_se3(se3.inverse(T_TRUE) @ output.value.transform.matrix)
 
 
-def test_a_model_is_found_without_a_guess_with_covariance_and_provenance(rng: np.random.Generator) -> None:
+def test_a_model_is_localised_without_a_guess_with_covariance_and_provenance(
+    rng: np.random.Generator,
+) -> None:
     output = localise(make_configured_dfpc(), cloud("model", model(rng)), cloud("scene", scene(rng)))
     assert output.quality.status is not Status.FAILED, output.quality.reasons
     assert output.quality.covariance_kind is CovarianceKind.FORMAL
@@ -95,7 +97,7 @@ def test_a_scene_received_before_its_model_is_processed_with_the_model(rng: np.r
     assert dfpc.store.get("model").frame == "model"
 
 
-def test_a_missing_model_is_not_found(rng: np.random.Generator) -> None:
+def test_a_model_that_is_not_in_the_scene_is_refused(rng: np.random.Generator) -> None:
     other = surfaces.terrain(rng)[:, [1, 0, 2]] * [1, 1, -2]
     output = localise(make_configured_dfpc(), cloud("model", other), cloud("scene", scene(rng)))
     assert output.value is None

@@ -75,9 +75,9 @@ def test_a_stereo_pair_becomes_a_cloud_with_grey_values_and_the_uncertainty_of_i
     pair = FramePair.from_images(left, right, baseline_m=0.2, camera_matrix=K, stamp_ns=1000)
     dfpc = make_configured_dfpc(disparity={"num_disparities": 32})
     (cloud,) = process(dfpc, stereo=pair)
-    z = K[0, 0] * 0.2 / 12.0
+    depth_m = K[0, 0] * 0.2 / 12.0
     points = cloud.value.points_m
-    assert np.median(points[:, 2]) == pytest.approx(z, rel=0.01)
+    assert np.median(points[:, 2]) == pytest.approx(depth_m, rel=0.01)
     sigmas = dfpc.store.get("depth_sigmas").values
     assert np.allclose(sigmas, points[:, 2] ** 2 / (K[0, 0] * 0.2) * 0.3)
     pixels = np.rint(points[:, :2] / points[:, 2:] * [K[0, 0], K[1, 1]] + [K[0, 2], K[1, 2]]).astype(int)
@@ -99,7 +99,7 @@ def test_unusable_input_fails_with_the_reason_and_much_noise_is_degraded() -> No
     assert failed.quality.reasons == ("no_points", "mostly:large_residual")
 
 
-def test_one_wrong_view_of_most_points_is_degraded_and_a_lens_without_focal_length_fails() -> None:
+def test_many_wrong_observations_degrade_the_landmarks_and_a_lens_without_focal_length_fails() -> None:
     problem, _ = scene(3, (4.0, 20.0), 300)
     o = problem.observations
     pixels = o.pixels.copy()

@@ -93,7 +93,7 @@ def test_the_number_of_opencv_threads_does_not_change_a_byte(pairs: list[FramePa
     assert results[0] == results[1]
 
 
-def test_the_other_implementation_agrees(pairs: list[FramePair]) -> None:
+def test_the_implementation_with_opencv_agrees_with_the_true_motion(pairs: list[FramePair]) -> None:
     dfpc = Registry.default().make_dfpc("visual_odometry_sparse")
     dfpc.configure(None, DfpcContext(robot="mana"), "KeyframeOpenCv")
     T = run(dfpc, pairs)[-1].value.transform.matrix
@@ -132,17 +132,17 @@ FAILURES = [
 
 @pytest.mark.req("CDFF-SUP-014")
 @pytest.mark.parametrize(("corrupt", "reason"), FAILURES, ids=[f[0].__name__ for f in FAILURES])
-def test_an_unusable_pair_fails_and_the_next_good_one_recovers(
+def test_an_unusable_pair_fails_and_the_next_usable_pair_is_located(
     pairs: list[FramePair], corrupt: Callable[[Images], Images], reason: str
 ) -> None:
     dfpc = make_configured_dfpc()
     run(dfpc, pairs[:3])
-    bad = step(dfpc, pair_of(corrupt(images(pairs[3])), 3), 3)
-    assert bad.quality.status is Status.FAILED
-    assert any(r.startswith(reason) for r in bad.quality.reasons)
-    good = step(dfpc, pairs[4], 4)
-    assert good.quality.status is Status.OK
-    assert np.linalg.norm(good.value.transform.matrix[:3, 3] - TRUE_POSES[4, :3, 3]) < 0.01
+    failed = step(dfpc, pair_of(corrupt(images(pairs[3])), 3), 3)
+    assert failed.quality.status is Status.FAILED
+    assert any(r.startswith(reason) for r in failed.quality.reasons)
+    located = step(dfpc, pairs[4], 4)
+    assert located.quality.status is Status.OK
+    assert np.linalg.norm(located.value.transform.matrix[:3, 3] - TRUE_POSES[4, :3, 3]) < 0.01
 
 
 def test_a_blurred_pair_is_reported(pairs: list[FramePair]) -> None:
@@ -156,15 +156,15 @@ def test_a_blurred_pair_is_reported(pairs: list[FramePair]) -> None:
         assert np.linalg.norm(output.value.transform.matrix[:3, 3] - TRUE_POSES[3, :3, 3]) < 0.02
 
 
-def test_a_repeated_pair_repeats_the_pose_with_the_covariance_of_the_motion_since(
+def test_a_repeated_pair_repeats_the_pose_with_the_covariance_of_the_unobserved_motion(
     pairs: list[FramePair],
 ) -> None:
     dfpc = make_configured_dfpc()
-    before = run(dfpc, pairs[:4])[-1]
+    last = run(dfpc, pairs[:4])[-1]
     repeated = step(dfpc, pair_of(images(pairs[3]), 4), 4)
     assert repeated.quality.status is Status.DEGRADED
     assert repeated.quality.reasons == ("repeated_image",)
-    np.testing.assert_array_equal(repeated.value.transform.matrix, before.value.transform.matrix)
+    np.testing.assert_array_equal(repeated.value.transform.matrix, last.value.transform.matrix)
     assert repeated.value.transform.covariance[2, 2] > 0.08**2
     assert step(dfpc, pairs[5], 5).quality.status is Status.OK
 
@@ -218,7 +218,9 @@ def test_a_keyframe_is_replaced_when_too_few_of_its_points_are_tracked(
     assert (key != "pair0") == renewed
 
 
-def test_a_longer_loss_is_reported_as_a_gap_with_a_consistent_covariance(pairs: list[FramePair]) -> None:
+def test_after_several_unusable_pairs_a_gap_is_reported_with_a_consistent_covariance(
+    pairs: list[FramePair],
+) -> None:
     dfpc = make_configured_dfpc()
     run(dfpc, pairs[:3])
     for i in (3, 4):
@@ -295,15 +297,15 @@ def test_a_window_of_keyframes_reduces_the_effect_of_a_noisy_one(
     assert np.all(
         disturbance(pairs, outputs[6], window) < np.array([0.6, rotation_ratio]) * without_window[1]
     )
-    with_window, of_chain = (o.value.transform.covariance.trace() for o in (outputs[6], without_window[0]))
-    assert with_window < 0.9 * of_chain
+    with_window, without = (o.value.transform.covariance.trace() for o in (outputs[6], without_window[0]))
+    assert with_window < 0.9 * without
 
 
 @pytest.mark.parametrize("with_descriptors", [True, False])
 def test_pairs_dropped_during_a_rotation_are_bridged_by_descriptors(
     pairs: list[FramePair], with_descriptors: bool
 ) -> None:
-    """Four pairs are missing while the camera rotates by 17 degrees, which the prediction lacks."""
+    """Four pairs are missing while the camera rotates by 17 degrees; the prediction contains no rotation."""
     dfpc = make_configured_dfpc(matching={} if with_descriptors else {"max_ratio": 1e-6})
     rotated_poses = [
         TRUE_POSES[1] @ se3.transform(se3.exp_so3([0.0, 0.3, 0.0]), [0.05, 0.0, z]) for z in (0.25, 0.33)
@@ -327,7 +329,7 @@ def test_stamps_must_increase(pairs: list[FramePair]) -> None:
     assert step(dfpc, pairs[1], 1).quality.reasons[0].startswith("stamp_not_after")
 
 
-def test_the_local_store_and_the_operation_return_the_path(pairs: list[FramePair]) -> None:
+def test_the_store_and_get_trajectory_return_the_poses_so_far(pairs: list[FramePair]) -> None:
     dfpc = make_configured_dfpc()
     outputs = run(dfpc, pairs[:4])
     trajectory = dfpc.call("get_trajectory", {})

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Poses of visual odometry with correlated errors: covariances agree with sampling."""
+"""Poses of visual odometry with correlated errors: covariances agree with Monte Carlo sampling."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ def motion(rng: np.random.Generator, noise: float = 1e-6) -> ConsiderState:
     return ConsiderState(STEP, noise * np.eye(6), 1e-3 * rng.normal(size=(6, COMMON + 2)))
 
 
-def test_common_errors_add_up_as_in_a_monte_carlo_run(rng: np.random.Generator) -> None:
+def test_the_covariance_with_common_errors_agrees_with_a_monte_carlo_simulation(
+    rng: np.random.Generator,
+) -> None:
     steps = [motion(rng) for _ in range(8)]
     pose = ConsiderState.independent(UncertainTransform.identity(), 2)
     for step in steps:
@@ -51,17 +53,19 @@ def test_a_later_calibration_corrects_the_earlier_path(rng: np.random.Generator)
 
 def test_the_mean_of_two_equal_estimates_has_half_the_noise(rng: np.random.Generator) -> None:
     first = motion(rng)
-    off = np.array([1e-3, 0.0, -2e-3, 0.0, 1e-3, 0.0])
+    difference = np.array([1e-3, 0.0, -2e-3, 0.0, 1e-3, 0.0])
     second = ConsiderState(
-        se3.transform(se3.exp_so3(off[3:]) @ STEP[:3, :3], STEP[:3, 3] + off[:3]), first.noise, first.response
+        se3.transform(se3.exp_so3(difference[3:]) @ STEP[:3, :3], STEP[:3, 3] + difference[:3]),
+        first.noise,
+        first.response,
     )
     mean = first.fused(second)
     np.testing.assert_allclose(mean.noise, 0.5 * first.noise, atol=1e-15)
-    np.testing.assert_allclose(cov.pose_error(mean.matrix, first.matrix), 0.5 * off, atol=1e-8)
+    np.testing.assert_allclose(cov.pose_error(mean.matrix, first.matrix), 0.5 * difference, atol=1e-8)
     assert mean.response == pytest.approx(first.response)
 
 
-def test_one_motion_has_the_covariance_of_its_estimate(rng: np.random.Generator) -> None:
+def test_a_single_motion_has_the_covariance_of_the_motion_estimator(rng: np.random.Generator) -> None:
     z = rng.uniform(1.5, 12.0, 100)
     points = np.column_stack([rng.uniform(-0.5, 0.5, 100) * z, rng.uniform(-0.4, 0.4, 100) * z, z])
     camera = RectifiedCamera.from_matrix(CAMERA, BASELINE_M)
