@@ -18,9 +18,9 @@ class LaserFilterInputs:
     Attributes
     ----------
     scan_samples : LaserScan
-        Laser scan.
+        Samples of a laser scan.
     laser_2_body_tf : RigidBodyState
-        T_body_laser: target frame body, source frame laser.
+        Laser frame to body frame.
     """
 
     scan_samples: LaserScan
@@ -34,7 +34,7 @@ class LaserFilterOutputs:
     Attributes
     ----------
     filtered_scans : LaserScan
-        Laser scan with error codes instead of the removed ranges.
+        Filtered laser scans.
     """
 
     filtered_scans: LaserScan
