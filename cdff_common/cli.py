@@ -67,7 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _report(error)
     run: Callable[[argparse.Namespace], int] | None = getattr(parsed, "run", None)
     if run is None:
-        (getattr(parsed, "parser", None) or parser).print_help(sys.stderr)
+        (getattr(parsed, "help_parser", None) or parser).print_help(sys.stderr)
         return EXIT_USAGE
     return run_safely(lambda: run(parsed))
 

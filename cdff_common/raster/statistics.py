@@ -201,7 +201,7 @@ class CellStatistics:
         Raises
         ------
         InputError
-            If the two do not share cells.
+            If the two grids differ in frame or cell size.
         """
         common = self.geometry.intersection(other.geometry)
         if common is None:

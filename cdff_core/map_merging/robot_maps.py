@@ -30,7 +30,7 @@ class RobotMap:
 
     robot: str
     graph: PoseGraph  # keyframes in the map frame, and the measurements between them
-    #: ``T_site_map`` as surveyed: the start pose of the map in the profile of the mission.
+    #: ``T_site_map`` before merging: from the profile of the mission, or set over HTTP.
     survey: UncertainTransform
     anchor: UncertainTransform  # ``T_site_map`` as currently published
 

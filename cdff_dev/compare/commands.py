@@ -18,7 +18,7 @@ Results = tuple[Mapping[str, Any], Callable[[Any], str]]
 def register(nouns: Any) -> None:
     """Add ``cdff eval`` with its verbs."""
     parser = nouns.add_parser("eval", help="compare results with ground truth")
-    parser.set_defaults(parser=parser)
+    parser.set_defaults(help_parser=parser)  # prints its help if no verb is given
     verbs = parser.add_subparsers(metavar="VERB")
     for add_parser, compare in (
         (_add_dem, _dem),

@@ -22,7 +22,7 @@ _LOG_HELP = "a .msg file, a folder or pattern of them, or a KITTI folder"
 def register(nouns: Any) -> None:
     """Add the parser of ``cdff log``."""
     parser = nouns.add_parser("log", help="show, cut and merge logs")
-    parser.set_defaults(parser=parser)
+    parser.set_defaults(help_parser=parser)  # prints its help if no verb is given
     verbs = parser.add_subparsers(metavar="VERB")
 
     info = verbs.add_parser("info", help="streams, types, counts, times, and deviations from the format")

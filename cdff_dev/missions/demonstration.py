@@ -13,7 +13,7 @@ from cdff_common.clock import NS_PER_S, MissionClock
 from cdff_common.errors import FrameNotFoundError, InputError, UnavailableError
 from cdff_common.resources import resolve
 from cdff_dev.missions.map_sharing import assess_shared_map
-from cdff_dev.missions.report import Report, elevation_around, processes_under, write_report
+from cdff_dev.missions.report import Report, elevation_around, resource_usage, write_report
 from cdff_dev.missions.requests import Outcome, counts_over_http, run_requests, wait_for_clock
 from cdff_dev.missions.script import Script, load_script
 from cdff_dev.missions.stage import Stage
@@ -101,7 +101,7 @@ def demonstrate(
             tracks=tracks,
             ground=elevation_around(bus, tracks),
             outcomes=outcomes,
-            processes=processes_under(stage.supervisor_pid),
+            processes=resource_usage(stage.supervisor_pid),
         )
         write_report(report, page)
         print_line(f"the report is in {report}")

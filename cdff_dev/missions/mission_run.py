@@ -18,7 +18,7 @@ from cdff_common.errors import CdffError, ProductNotFoundError
 from cdff_common.types import ElevationMap
 from cdff_dev.missions.autonomy import Arrival, Autonomy
 from cdff_dev.missions.orbital_map import simulate_orbital_model, store_orbital_model
-from cdff_dev.missions.report import Report, elevation_around, processes_under
+from cdff_dev.missions.report import Report, elevation_around, resource_usage
 from cdff_dev.missions.requests import Outcome, run_requests, wait_for_clock
 from cdff_dev.missions.score import Score, goal_results, position_errors
 from cdff_dev.missions.script import Mission
@@ -83,7 +83,7 @@ def run(
     mission_s, run_s = (clock.now_ns() - start_ns) / NS_PER_S, time.monotonic() - start_s
     print_line(f"{mission_s:.0f} s of mission time in {run_s:.0f} s; comparing with the ground truth")
     stage.check_running()
-    processes = processes_under(stage.supervisor_pid)
+    processes = resource_usage(stage.supervisor_pid)  # before end_drive(), while all services still run
     stage.end_drive()
     truths = transform_to_site(read_truth(truth_log, list(mission.robots)), profile)
     remarks, faults = _relative_position(mission, stage, truths)

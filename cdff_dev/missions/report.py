@@ -62,10 +62,10 @@ class Report:
     guidance_requests: Sequence[RequestRecord] = ()
 
 
-def processes_under(pid: int) -> list[Process]:
-    """Return the services of a supervisor in descending order of CPU time."""
+def resource_usage(supervisor_pid: int) -> list[Process]:
+    """Return CPU time and memory of each service of a supervisor, in descending order of CPU time."""
     services = []
-    for child in psutil.Process(pid).children():
+    for child in psutil.Process(supervisor_pid).children():
         try:
             line, times = child.cmdline(), child.cpu_times()
             memory_mb = child.memory_info().rss / 1e6

@@ -95,13 +95,13 @@ def _loops(row: dict[str, Any]) -> list[str]:
     detection, near, far = row["detection"], row["verification"]["near"], row["verification"]["far"]
     recall, precision = detection["recall_95"], detection["precision_95"]
     return [
-        f"**Loops**, all {row['pairs']} pairs of {row['keyframes']} keyframes. Detection by appearance "
-        f"alone: of {detection['pairs_within_5_m']} pairs within 5 m {detection['proposed']} proposed "
-        f"({100 * recall[0]:.1f} to {100 * recall[1]:.1f} %); of {detection['proposed_in_total']} proposed "
+        f"**Loops**, all {row['pairs']} pairs of {row['keyframes']} keyframes (95 % intervals). Detection by appearance "
+        f"alone: of {detection['pairs_within_5_m']} pairs within 5 m, {detection['proposed']} were proposed "
+        f"({100 * recall[0]:.1f} to {100 * recall[1]:.1f} %); of {detection['proposed_in_total']} proposed, "
         f"{detection['of_these_within_10_m']} lie within 10 m ({100 * precision[0]:.1f} to "
-        f"{100 * precision[1]:.1f} %). Verification without the graph: of {near['trials']} pairs within 5 "
-        f"m {near['correct']} correct, {near['wrong']} wrong, {near['refused']} refused; of {far['trials']} "
-        f"pairs more than 20 m apart {far['wrong']} accepted ({100 * far['wrong_95'][0]:.1f} to "
+        f"{100 * precision[1]:.1f} %). Verification without the graph: of {near['trials']} pairs within "
+        f"5 m, {near['correct']} were matched correctly, {near['wrong']} wrongly, {near['refused']} refused; "
+        f"of {far['trials']} pairs more than 20 m apart, {far['wrong']} were accepted ({100 * far['wrong_95'][0]:.1f} to "
         f"{100 * far['wrong_95'][1]:.2f} %).",
         "",
     ]

@@ -122,15 +122,16 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
 
     def _initialise(self, view: StereoView, sharpness: float) -> Output:
         """Make the first keyframe, at the origin; after a change of the camera, at the predicted pose."""
-        is_changed = not self._path.is_empty
-        pose = self._path.across_gap(view.stamp_ns) if is_changed else UncertainTransform.identity()
+        # Only a change of the camera restarts an existing path.
+        after_camera_change = not self._path.is_empty
+        pose = self._path.across_gap(view.stamp_ns) if after_camera_change else UncertainTransform.identity()
         keyframe, reasons = self._builder.build(view, self._independent(pose), sharpness)
         self._keyframes.restart(keyframe)
         reasons += blur_reasons(sharpness)
-        if is_changed:
+        if after_camera_change:
             self._gaps += 1
             reasons.append("camera_changed")
-        self._path.add(view.stamp_ns, pose, after_gap=is_changed)
+        self._path.add(view.stamp_ns, pose, after_gap=after_camera_change)
         metrics = {"features": len(keyframe.features), "sharpness": sharpness, "gaps": self._gaps}
         return self._output(view.stamp_ns, (view.sample_id,), pose, self._quality(reasons, metrics))
 

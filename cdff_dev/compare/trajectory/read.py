@@ -70,8 +70,10 @@ def _columns(source: Source) -> int:
 def _kitti(source: Source) -> Track:
     try:
         table = np.loadtxt(source.data.decode().splitlines(), ndmin=2)
-        if table.shape[1] != 12 or not np.isfinite(table).all():
-            raise ValueError(f"lines of {table.shape[1]} numbers, or numbers that are not finite")
+        if table.shape[1] != 12:
+            raise ValueError(f"{table.shape[1]} numbers per line")
+        if not np.isfinite(table).all():
+            raise ValueError("numbers that are not finite")
     except ValueError as error:
         raise source.error(f"{error}; expected 12 numbers per line: the upper rows of a 4x4 pose") from error
     rows = table.reshape(-1, 3, 4)
