@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
-from cdff_common.arrays import BoolArray, FloatArray, IntArray
+from cdff_common.arrays import FloatArray, IntArray
 from cdff_common.geometry.points import checked_points
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_common.raster import CellStatistics, GridGeometry
@@ -20,6 +20,7 @@ from cdff_common.raster.auxiliary_layers import (
     AuxiliaryLayers,
 )
 from cdff_common.types import ElevationMap
+from cdff_core.dfns.dem_rasterisation._overhangs import overhanging
 from cdff_core.dfns.dem_rasterisation.interface import Inputs, Interface, Outputs
 
 
@@ -32,7 +33,8 @@ class CellStatisticsRasterConfig(DfnConfig):
         None,
         gt=0,
         description=(
-            "Height of empty space above which points are an overhang; absent: overhangs are not separated"
+            "Height of empty space above which points are an overhang, at least half of the edge of a cell; "
+            "absent: overhangs are not separated"
         ),
     )
 
@@ -43,8 +45,8 @@ class CellStatisticsRaster(Interface[CellStatisticsRasterConfig]):
     ``variance`` is the variance of the heights in the cell (divided by their number) plus the mean of their
     own variances, if given. This is the variance of their mixture and pools exactly.
 
-    With ``overhang_gap_m`` the heights of a cell above the lowest gap of that size are excluded, and the
-    lowest of them is in the layer ``overhang_m`` if there are at least two. In a cell where only the
+    With ``overhang_gap_m`` the heights of a cell above the lowest empty space are excluded, and the lowest of
+    them is in the layer ``overhang_m`` if there are at least two. In a cell where only the
     overhang was observed it is treated as ground.
     """
 
@@ -85,7 +87,7 @@ class CellStatisticsRaster(Interface[CellStatisticsRasterConfig]):
             cell = _cells(grid, points)
             auxiliary = AuxiliaryLayers.empty(grid)
             if self.config.overhang_gap_m is not None:
-                is_overhang = overhanging(cell, points[:, 2], self.config.overhang_gap_m)
+                is_overhang = overhanging(cell, points, self.config.overhang_gap_m, resolution_m)
                 # A single point is noise: neither ground nor overhang.
                 real = (
                     is_overhang & (np.bincount(cell[is_overhang], minlength=grid.rows * grid.cols) > 1)[cell]
@@ -111,26 +113,6 @@ def _cells(grid: GridGeometry, points: FloatArray) -> IntArray:
     finite = np.isfinite(points).all(axis=1)
     row, col, inside = grid.cells_of(*np.where(finite, points[:, :2].T, 0.0))
     return np.where(finite & inside, row * grid.cols + col, -1).astype(np.int64)
-
-
-def overhanging(cell: IntArray, z_m: FloatArray, gap_m: float) -> BoolArray:
-    """Return which points ``(n,)`` lie above the lowest gap of ``gap_m`` in their cell; -1 is ignored."""
-    cells = int(cell.max(initial=0)) + 1
-    low, high = np.full(cells, np.inf), np.full(cells, -np.inf)
-    use = cell >= 0
-    np.minimum.at(low, cell[use], z_m[use])
-    np.maximum.at(high, cell[use], z_m[use])
-    tall = np.flatnonzero(use & ((high - low)[cell] >= gap_m))
-    is_overhang = np.zeros(len(cell), dtype=np.bool_)
-    order = tall[np.lexsort((z_m[tall], cell[tall]))]
-    c, z = cell[order], z_m[order]
-    starts_cell = np.r_[True, c[1:] != c[:-1]] if len(c) else np.zeros(0, dtype=np.bool_)
-    jump = np.r_[False, (z[1:] - z[:-1] >= gap_m) & ~starts_cell[1:]] if len(c) else starts_cell
-    jumps = np.cumsum(jump)
-    is_overhang[order] = (
-        jumps > jumps[np.maximum.accumulate(np.where(starts_cell, np.arange(len(c)), 0))] if len(c) else False
-    )
-    return is_overhang
 
 
 def _sum(first: FloatArray | None, second: FloatArray | None) -> FloatArray | None:
