@@ -47,7 +47,7 @@ class MaskedGradientCorrelationConfig(DfnConfig):
     min_relief: float = Field(0.01, ge=0, le=10, description="Minimum root mean square slope about its mean")
     covariance_inflation: float = Field(1.0, gt=0, le=1000, description="Calibrated factor on the covariance")
     floor_cells: float = Field(
-        0.002,
+        0.001,
         ge=0,
         le=10,
         description="Standard deviation of the translation due to interpolation, added to that of the fit",
