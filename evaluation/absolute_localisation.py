@@ -223,7 +223,7 @@ def mola(path: Path, progress: Callable[[str], None]) -> dict[str, Any]:
 
 
 def mola_covariance(path: Path, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Return errors and squared errors by covariance, two degrees of freedom, of the DFPC on two plain grids."""
+    """Return errors and squared errors (two degrees of freedom) of the DFPC on two plain grids."""
     globe = read_mola(path)
     dfpc = Registry.default().make_dfpc("absolute_localisation")
     figures: dict[str, Any] = {}
@@ -329,7 +329,8 @@ def table(figures: dict[str, Any]) -> str:
         f"refused: median {cells['median']:.3f}, 95 % {cells['p95']:.3f}, maximum {cells['max']:.3f} "
         f"cells; within 0.2 cells {rate_text(figures['mola']['within_0.2_cells'])}.",
         "",
-        "| two grids of MOLA | answered | false | error median, 95 %, maximum | squared error mean, median (2 expected) |",
+        "| two grids of MOLA | answered | false | error median, 95 %, maximum "
+        "| squared error mean, median (2 expected) |",
         "|---" * 5 + "|",
     ]
     for name, row in figures["mola_covariance"].items():

@@ -18,9 +18,9 @@ def overhanging(cell: IntArray, points_m: FloatArray, gap_m: float, edge_m: floa
     """Return which points lie above the lowest empty space in their cell.
 
     An empty space is a vertical gap of at least ``gap_m`` and at least half of the edge of a cell. On steep
-    ground, the heights of scattered points have such gaps too. The horizontal distance between the points below
-    and above a gap distinguishes them, as in the slope-based filter of Vosselman (2000), ISPRS Archives 33(B3):
-    the gap must be steeper than ground of 60° over the smallest distance.
+    ground, the heights of scattered points have such gaps too. The horizontal distance between the points
+    below and above a gap distinguishes them, as in the slope-based filter of Vosselman (2000), ISPRS Archives
+    33(B3): the gap must be steeper than ground of 60° over the smallest distance.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ _SEARCH_SIGMAS = 3.0
 _TILT_DEG = 1.0
 #: Poses that are older than the newest by more belong to another run.
 _CLOCK_BACK_NS = 10_000_000_000
-#: Default standard deviation of the first position, and largest translation: cells of the orbital model, metres.
+#: Default standard deviation of the first position, and largest translation: orbital cells, metres.
 _PRIOR_CELLS, _PRIOR_M = 10.0, 10.0
 _MAX_SEARCH_CELLS, _MAX_SEARCH_M = 60.0, 60.0
 #: Candidates within so many orbital cells are one position.

@@ -68,7 +68,7 @@ def shift_cells(
 ) -> tuple[float, float]:
     """Return columns and rows to add to the indices of the rover map's cells to reach the orbital map's.
 
-    With rotation or different cell sizes they are those of the cell at ``point`` (3,), in the rover map's frame.
+    With rotation or different cell sizes they are those of the cell at ``point`` (3,) of the rover map.
     """
     at = T_orbital_map[:3, :3] @ point + T_orbital_map[:3, 3]
     columns = (at[0] - orbital.xmin_m) / orbital.resolution_m - (point[0] - rover.xmin_m) / rover.resolution_m
